@@ -55,7 +55,7 @@ SAMPLES = is_in("pipe", "serial port", "file")
 
 NEEDS = (
     # windows and split
-    Need("onset rest_ms onset_deviations", "align", is_in("onset"), "without `align='onset'`", OR_GIVE),
+    Need("rest_ms onset_deviations", "align", is_in("onset"), "without `align='onset'`", OR_GIVE),
     Need("fold", "folds", is_given, "without `folds`, the number of folds", OR_GIVE),
     Need("split_seed", "order", is_absent, "with `order`, which draws nothing at random"),
     Need("nested", "test_where", is_given, "without `test_where`", OR_GIVE),
@@ -68,6 +68,7 @@ NEEDS = (
     Need("workers", "device", is_in("cpu"), "with a `device` other than cpu, which trains all networks at once"),
     Need("workers", "scheduler", is_absent, "with `scheduler`, whose cluster has the workers that have joined it"),
     Need("scheduler", "device", is_in("cpu"), "with a `device` other than cpu, which trains all networks at once"),
+    Need("step_ms", "clock_ms", is_given, "with this reader, whose files have no events"),
     Need("force", "out", is_given, "without `out`, since nothing is written", OR_GIVE),
     # fine_tune, export
     Need("seed", "epochs", lambda epochs: epochs != 0, "with `epochs=0`, which only rounds"),

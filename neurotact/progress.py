@@ -3,7 +3,7 @@
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar
 
 from rich.console import Console
@@ -80,22 +80,24 @@ def time_left(seconds: float) -> str:
     return f"{seconds / 60:.0f} min left" if seconds >= 90 else f"{seconds:.0f} s left"
 
 
-def counting(advance: Advance) -> Callable[[int, int], None]:
-    """`advance` as a function that takes the number done so far: `progress(done, total)`.
+@contextmanager
+def tracked(what: str) -> Iterator[Callable[[int, int], None]]:
+    """As `track`, of work that says how much it is: yield `progress(done, total)`.
 
-    >>> steps = []
-    >>> progress = counting(lambda n, note: steps.append(n))
-    >>> progress(2, 5), progress(5, 5), steps
-    (None, None, [2, 3])
+    >>> with tracked("simulate") as progress:
+    ...     progress(1, 2)
+    ...     progress(2, 2)
     """
-    shown = 0
+    with ExitStack() as stack:
+        advance, before = None, 0
 
-    def progress(done: int, _total: int) -> None:
-        nonlocal shown
-        advance(done - shown, "")
-        shown = done
+        def progress(done: int, total: int) -> None:
+            nonlocal advance, before
+            advance = advance or stack.enter_context(track(what, total))
+            advance(done - before, "")
+            before = done
 
-    return progress
+        yield progress
 
 
 def silent(n: int, note: str) -> None:

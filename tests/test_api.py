@@ -14,8 +14,6 @@ import torch
 from in_process import typed
 
 import neurotact as nt
-from neurotact.cli import deploy, networks, studies
-from neurotact.cli.options import split_table
 from neurotact.errors import InputError
 from neurotact.spec import to_toml
 
@@ -104,31 +102,6 @@ def test_the_command_line_prints_as_json_what_train_returns(saved, tmp_path):
     assert json.loads(done.out) == [row]
 
 
-RENAMED = {"out": "folder", "set_": "settings", "window_ms": "length_ms", "tolerance": "exit_tolerance"}
-GROUPED = {*inspect.signature(split_table).parameters} - {"seed"} | {"rest_ms", "onset_deviations"}
-"""Options that Python takes together, as `split` and `onset`."""
-
-
-@pytest.mark.parametrize(
-    ("command", "call", "own"),
-    [
-        (networks.train_command, nt.train, {"as_json", "repeats"}),
-        (networks.tune, nt.tune, {"as_json"}),
-        (networks.infer, nt.infer, {"as_json", "out", "force"}),
-        (deploy.fine_tune, nt.fine_tune, {"as_json"}),
-        (studies.study_run, nt.run_study, {"as_json", "repeats", "length_ms"}),
-    ],
-)
-def test_an_option_has_the_default_of_its_argument(command, call, own):
-    """`own`: what the command line has alone, such as how it prints."""
-    options, arguments = inspect.signature(command).parameters, inspect.signature(call).parameters
-    for name, option in options.items():
-        if name not in own | GROUPED:
-            argument = arguments[RENAMED.get(name, name)]
-            nothing = name in ("stratify", "workers")  # absent on the command line, () or 2 in Python
-            assert argument.default == option.default or (nothing and option.default is None), name
-
-
 def test_a_trained_network_decides_and_is_loaded(saved, spikes, tmp_path):
     nt.train(saved, tmp_path / "run", "rsnn", QUICK, length_ms=100.0)
     table = nt.infer(tmp_path / "run", spikes, test_only=True)
@@ -170,7 +143,7 @@ def test_settings_are_a_mapping_of_keys(touches):
         lambda: nt.simulate("gratings", ["trials"]),
         lambda: nt.encode(touches, settings=["sa1.t_ref_ms=5"]),
         lambda: nt.encode(touches, settings={1: 5}),
-        lambda: nt.calibrate(touches, split="group"),
+        lambda: nt.calibrate(touches, settings="group"),
     ):
         with pytest.raises(InputError, match="settings: must map dotted keys to values"):
             call()
@@ -263,7 +236,7 @@ def test_calibrate_compares_baselines_if_asked(touches):
 def test_a_condition_is_tested_alike_from_python_and_the_command_line(saved, tmp_path):
     """All trials at one force are tested, no other is, and the network remembers them as its test trials."""
     force = sorted(nt.load(saved).conditions["force_N"].unique())[-1]
-    nt.train(saved, tmp_path / "mine", "rsnn", QUICK, split={"test_where": {"force_N": force}}, align="onset")
+    nt.train(saved, tmp_path / "mine", "rsnn", QUICK, test_where={"force_N": force}, align="onset")
     changes = [word for key, value in QUICK.items() for word in ("--set", f"{key}={value}")]
     command = ["train", str(saved), "--network", "rsnn", *changes, "-o", str(tmp_path / "theirs")]
     where = ["--test-where", f"force_N={force}", "--align", "onset"]
@@ -286,8 +259,8 @@ def test_gains_know_nothing_of_the_condition_that_is_tested(touches):
         for signal, held_out in zip(touches.signals, table["force_N"] == force, strict=True)
     ]
     other = nt.Recordings(wild, touches.sampling_rate_Hz, touches.unit, table, touches.channels)
-    split = {"test_where": {"force_N": force}}
+    where = {"force_N": force}
     changes = {"conditioning.baseline": "start"}
-    mine, theirs = (nt.calibrate(each, settings=changes, split=split) for each in (touches, other))
+    mine, theirs = (nt.calibrate(each, settings=changes, test_where=where) for each in (touches, other))
     assert mine == theirs
     assert nt.calibrate(other, settings=changes) != nt.calibrate(touches, settings=changes)

@@ -48,6 +48,13 @@ OPTIONS_ALLOWED = {
     "deploy/proof.py": "calls compilers",
 }
 
+OF_CLI = {"api", "errors", "files", "interrupt", "plugins", "progress", "spec", "tables"}
+"""What the command line may import besides its own modules: the API, and how options are read and results printed."""
+OF_CLI_ALONE = {
+    "live": {"data", "deploy", "effects", "encoders", "live", "metrics", "networks"},  # a page, which Python has not
+    "deploy": {"effects"},  # `export` is two functions and a check, and knows which options belong to which
+}
+
 each_module = pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
 
 
@@ -88,6 +95,11 @@ def test_a_module_imports_from_lower_floors_alone(path):
         return
     same_or_higher = {used for used in parts_used(path) if used != part and FLOOR[used] >= FLOOR[part]}
     assert not same_or_higher
+
+
+def test_the_command_line_calls_the_api_alone():
+    used = {path.stem: parts_used(path) - {"cli", *OF_CLI} for path in MODULES if part_of(path) == "cli"}
+    assert {name: parts for name, parts in used.items() if parts} == OF_CLI_ALONE
 
 
 def test_no_module_imports_itself_in_a_circle():

@@ -19,11 +19,13 @@ from levels import thinned
 from typer.main import get_command
 
 from neurotact import __version__, cli, files, plugins, spec
-from neurotact.cli import commands, encoding, options, studies
+from neurotact.api import encoding
+from neurotact.cli import commands
 from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec
 from neurotact.networks.training import fitting, trained
+from neurotact.studies import runner
 
 ROOT = Path(__file__).parents[1]
 RATE_Hz = 1000.0
@@ -74,16 +76,6 @@ def touch(n_trials=N_TRIALS, n_taxels=N_TAXELS, seconds=SECONDS, rate_Hz=RATE_Hz
     labels = [("coarse", "fine")[i % 2] for i in range(n_trials)]
     forces_N = [(3, 6)[i // 2 % 2] for i in range(n_trials)]
     return Recordings(signals, rate_Hz, unit, pd.DataFrame({"label": labels, "force_N": forces_N}))
-
-
-def test_options_that_divide_trials_change_a_study():
-    found = options.split_changes(["speed=450"], ["subject"], None, 3, None)
-    assert found == {
-        "split.test_where": {"speed": [450]}, "split.group": ["subject"], "split.folds": 3,
-        "sweep.split.fold": [0, 1, 2],
-    }  # fmt: skip
-    assert options.split_changes(None, None, "day", None, 2) == {"split.order": "day", "sweep.split.seed": [0, 1]}
-    assert options.split_changes(None, None, None, None, None) == {}
 
 
 @pytest.fixture(scope="session")
@@ -237,17 +229,16 @@ def test_a_raster_is_drawn(neurotact, made, tmp_path, suffix, magic):
     assert out.read_bytes().startswith(magic)
 
 
-def test_a_raster_without_its_recordings_says_so(neurotact, made, tmp_path):
+def test_a_raster_without_its_recordings_says_so(neurotact, made, tmp_path, caplog):
     with h5py.File(tmp_path / "moved.h5", "w") as target, h5py.File(made / "spikes.h5") as source:
         for name in source:
             source.copy(name, target)
         target.attrs.update({**source.attrs, "source": "gone.h5"})
-    code, _, err = neurotact("raster", tmp_path / "moved.h5", "-o", tmp_path / "raster.svg")
-    assert code == 0
-    assert err == (
-        f"neurotact: the signal is left out: 'gone.h5', from which {tmp_path / 'moved.h5'} was encoded, is neither "
-        "beside it nor in the current folder; name it with --recordings\n"
-    )
+    assert neurotact("raster", tmp_path / "moved.h5", "-o", tmp_path / "raster.svg")[0] == 0
+    assert caplog.messages == [
+        f"the signal is left out: 'gone.h5', from which {tmp_path / 'moved.h5'} was encoded, is neither beside it nor "
+        "in the current folder; name it with `recordings`"
+    ]
 
 
 def test_events_are_written_as_a_table(neurotact, made, tmp_path):
@@ -417,12 +408,11 @@ def test_the_command_begins_where_ctrl_c_is_heard():
         ((), []),
     ],
 )
-def test_a_gain_that_silences_or_saturates_is_said(neurotact, made, tmp_path, changes, expected):
+def test_a_gain_that_silences_or_saturates_is_said(neurotact, made, tmp_path, caplog, changes, expected):
     options = [word for change in changes for word in ("--set", change)]
-    code, _, err = neurotact("encode", made / "touch.h5", *options, "-o", tmp_path / "s.h5")
-    said = [line for line in err.splitlines() if line.startswith("neurotact: ")]
-    assert (code, len(said)) == (0, len(expected))
-    for line, words in zip(said, expected, strict=True):
+    caplog.clear()
+    assert neurotact("encode", made / "touch.h5", *options, "-o", tmp_path / "s.h5")[0] == 0
+    for line, words in zip(caplog.messages, expected, strict=True):
         assert words in line
         assert line.endswith("or find gains for this sensor with neurotact calibrate")
 
@@ -440,7 +430,7 @@ def test_ctrl_c_ends_with_one_line(neurotact, monkeypatch, made, tmp_path):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(encoding, "encode_file", interrupted)
+    monkeypatch.setattr(encoding, "write_encoded", interrupted)
     assert neurotact("encode", made / "touch.h5", "-o", tmp_path / "s.h5") == (130, "", "neurotact: interrupted\n")
     assert not list(tmp_path.iterdir())
 
@@ -452,7 +442,7 @@ def test_the_end_of_a_time_limit_leaves_nothing_half_written(neurotact, monkeypa
             draft.write_text("half")
             os.kill(os.getpid(), signal.SIGTERM)
 
-    monkeypatch.setattr(encoding, "encode_file", ended)
+    monkeypatch.setattr(encoding, "write_encoded", ended)
     before = signal.signal(signal.SIGINT, ctrl_c_does)
     try:
         assert neurotact("encode", made / "touch.h5", "-o", tmp_path / "s.h5") == (130, "", "neurotact: interrupted\n")
@@ -465,7 +455,7 @@ def test_a_fault_of_ours_is_not_hidden(monkeypatch, made, tmp_path):
     def broken(*_):
         raise ZeroDivisionError
 
-    monkeypatch.setattr(encoding, "encode_file", broken)
+    monkeypatch.setattr(encoding, "write_encoded", broken)
     monkeypatch.setattr(sys, "argv", ["neurotact", "encode", str(made / "touch.h5"), "-o", str(tmp_path / "s.h5")])
     with pytest.raises(ZeroDivisionError):
         cli.main()
@@ -676,7 +666,7 @@ def test_two_outputs_of_a_command_are_two_files(refused, made, tmp_path):
 
 
 def test_a_name_that_is_too_long_is_refused_before_any_work(refused, made, tmp_path, monkeypatch):
-    monkeypatch.setattr(encoding, "encode_file", lambda *_: pytest.fail("it worked"))
+    monkeypatch.setattr(encoding, "write_encoded", lambda *_: pytest.fail("it worked"))
     refused(("encode", made / "touch.h5", "-o", tmp_path / ("x" * 300)), "File name too long")
 
 
@@ -988,7 +978,7 @@ def test_a_wrong_study_file_is_refused_before_anything_runs(refused, tmp_path, c
 def test_a_study_divides_trials_as_train_does(neurotact, monkeypatch, tmp_path):
     asked = []
     save_recordings(touch(), tmp_path / "touch.h5")
-    monkeypatch.setattr(studies, "_run_study", lambda what, *_: asked.append(what))
+    monkeypatch.setattr(runner, "run", lambda what, *_: asked.append(what) or sys.exit(0))
     words = ("study", "run", "own-recordings", "--data", tmp_path / "touch.h5", "-o", tmp_path / "run")
     ways = ((), ("--test-where", "force_N=3,6"), ("--group", "force_N"), ("--order", "trial"), ("--folds", "3"))
     for further in ways:
@@ -1006,7 +996,7 @@ def test_a_study_divides_trials_as_train_does(neurotact, monkeypatch, tmp_path):
     assert asked[-1].sweep["split.fold"] == [0, 1, 2]
 
 
-def test_a_file_of_ones_own_is_one_command_for_ways_to_save(neurotact, tmp_path):
+def test_a_file_of_ones_own_is_one_command_for_ways_to_save(neurotact, tmp_path, caplog):
     save_recordings(touch(), tmp_path / "touch.h5")
     small = (
         "--set", "ways={pruning=[{prune=0.5}]}", "--set", "network={recipe='default',hidden=4,training={epochs=1}}",
@@ -1015,7 +1005,7 @@ def test_a_file_of_ones_own_is_one_command_for_ways_to_save(neurotact, tmp_path)
     words = ("study", "run", "ways-to-save", "--data", tmp_path / "touch.h5", "-o", tmp_path / "run", "--quick")
     code, out, err = neurotact(*words, *small, "--workers", "1")
     assert code == 0, out + err
-    assert "Window: 100 ms (as given)" in err
+    assert "Window: 100 ms (as given)" in caplog.text
     assert "a first look" in err
     assert "nothing saved" in out
     assert out.endswith(f"{tmp_path / 'run' / 'report.html'}\n")
@@ -1110,7 +1100,7 @@ def test_info_says_when_the_touch_begins(neurotact, tmp_path):
     for begin, path in ((45, tmp_path / "rest.h5"), (0, tmp_path / "contact.h5")):
         signals[:, begin:] += rng.normal(0, 5, (12, 1, 2))
         save_recordings(Recordings(signals, 100.0, "mV", {"label": ["felt", "silk"] * 6}), path)
-    said = "the touch begins about 450 ms after the start of a trial (train --start-ms)\n"
+    said = "the touch begins about 450 ms after the start of a trial (neurotact train ... --start-ms ...)\n"
     assert said in neurotact("info", tmp_path / "rest.h5")[1]
     assert "the touch begins" not in neurotact("info", tmp_path / "contact.h5")[1]
 

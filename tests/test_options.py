@@ -22,7 +22,9 @@ from typer.main import get_group
 
 import neurotact as nt
 from neurotact import cli
+from neurotact.cli import words
 from neurotact.networks.definition.specs import given_keys
+from neurotact.networks.training import train_run
 from neurotact.studies import loading, study
 
 ROOT = Path(__file__).parents[1]
@@ -123,6 +125,8 @@ OF_NIR = {
 MOVED = "tests/data/test_encoded_from.py"
 STUDY = "tests/studies/test_interrupted.py"
 SPLITS = "tests/papers/comparison/test_own_set.py"
+SHARES = ("validation", "test", "nested")
+"""Keywords of Python alone, of a split."""
 
 WAYS = {
     "list": [Way("list")],
@@ -787,34 +791,74 @@ def test_the_same_command_has_the_same_outcome(words, runner):
 
 # --- Python ------------------------------------------------------------------------------------------------
 
+FUNCTIONS = [name for name in vars(nt)["__all__"] if inspect.isfunction(getattr(nt, name))]
 AS_COMMAND = {
-    "calibrate": "calibrate", "encode": "encode", "export_c": "export", "fine_tune": "fine-tune", "infer": "infer",
-    "plot_raster": "raster", "read_arrays": "import arrays", "read_events": "import events",
-    "read_folder": "import folder", "read_nwb": "import nwb", "read_raster": "import raster",
-    "read_table": "import table", "run_study": "study run", "simulate": "simulate gratings", "to_nir": "export",
-    "train": "train", "tune": "tune", "windows": "train",
-}  # fmt: skip
+    name: command
+    for name in FUNCTIONS
+    if (command := words._command(name).partition(" --")[0]) in COMMANDS
+} | {"windows": "train", "simulate": "simulate gratings", "read": "import braille-letters"}  # fmt: skip
 """Functions that do what a command does: a keyword is the option of its name."""
-NAMES = {
-    "settings": "--set", "length_ms": "--window-ms", "onset": "--rest-ms", "split": "--test-where", "folder": "-o",
-    "naming": "--levels", "path": "-o", "parameters": "--set", "windows": "--window-ms",
-}  # fmt: skip
-INPUTS = {"spikes", "run", "recordings", "name", "path", "what", "source", "block", "parts", "network", "folder"}
-"""What a function works on."""
+NO_FUNCTION = {"list", "show", "copy", "live"}
+"""Commands without a function: of specs, which are files, and of a page."""
+OF_COMMANDS = {"as_json", "full_window", "to", "check"}
+"""Options of commands alone: how they print, `early_exit=False`, and which function `export` calls."""
+SAVED = {"out", "force"}
+"""Options of commands that save what a function returns, and of `export`, where `out` is a folder or a file."""
+NAMES = {"settings": "--set", "length_ms": "--window-ms", "folder": "-o", "path": "-o", "parameters": "--set",
+         "out": "-o",
+    "leave_out_units": "--units",
+    "source": "--from",}  # fmt: skip
+INPUTS = {"spikes", "run", "recordings", "name", "path", "what", "source", "block", "parts", "network", "folder",
+          "file", "decisions", "tell", "check"}  # fmt: skip
+"""What a function works on, and whom it tells."""
 HERE, NWB, NEO = "tests/test_options.py", "tests/data/readers/test_nwb.py", "tests/data/test_neo_blocks.py"
-SNNTORCH = "tests/networks/test_snntorch_exchange.py"
+SNNTORCH, API = "tests/networks/test_snntorch_exchange.py", "tests/test_api.py"
 ELSEWHERE = {
     **dict.fromkeys(("encode.progress", "simulate.progress", "infer.test_only", "to_nwb.force"), HERE),
     **dict.fromkeys(("from_neo.leave_out", "from_nir.backend"), HERE),
-    **dict.fromkeys(("save.force", "save_network.force"), "tests/test_api.py"),
-    **dict.fromkeys(("read.where", "read.leave_out"), "tests/data/test_trial_choice.py"),
-    **dict.fromkeys(("read_nwb.settings", "to_nwb.session_start", "to_nwb.about"), NWB),
+    **dict.fromkeys((f"{name}.{key}" for name in ("calibrate", "train", "tune") for key in SHARES), HERE),
+    **dict.fromkeys(("export_c.early_exit", "stream.early_exit"), "tests/stream/test_stream_cli.py"),
+    **dict.fromkeys(("save.force", "save_network.force"), API),
+    **dict.fromkeys(("to_nwb.session_start", "to_nwb.about"), NWB),
     **dict.fromkeys(("from_nir.dt_s", "from_nir.sampling_rate_Hz"), "tests/export/test_nir.py"),
     **dict.fromkeys(("from_snntorch.sampling_rate_Hz", "from_snntorch.backend"), SNNTORCH),
     **dict.fromkeys((f"from_neo.{key}" for key in ("step_ms", "label", "merge_events", "unobserved", "where")), NEO),
-    "read_events.settings": "tests/data/readers/test_event_files.py",
 }  # fmt: skip
-FUNCTIONS = [name for name in vars(nt)["__all__"] if inspect.isfunction(getattr(nt, name))]
+
+
+def no_value(value: Any) -> bool:
+    return value is None or value == ()
+
+
+def test_an_option_is_a_keyword_with_its_default():
+    """What the command line can do, Python can; every option is a keyword, none hides in others."""
+    of_command: dict[str, list[str]] = {}
+    for name, command in AS_COMMAND.items():
+        of_command.setdefault(command, []).append(name)
+    others = {same: of_command[command] for same, command in SAME.items() if same.startswith("simulate")}
+    of_command |= others | {name: ["read"] for name in SAME if name.startswith("import")}
+    assert {*COMMANDS} - {*of_command} == NO_FUNCTION
+    for command, names in of_command.items():
+        keywords = [inspect.signature(getattr(nt, name)).parameters for name in names]
+        for option in COMMANDS[command].params:
+            if option.name in OF_COMMANDS or (option.name in SAVED and not any("out" in each for each in keywords)):
+                continue
+            defaults = [each[option.name].default for each in keywords if option.name in each]
+            assert defaults, f"{command}: {option.name}"
+            given = option.default
+            is_same = any(given == default or (no_value(given) and no_value(default)) for default in defaults)
+            assert is_same or option.required or (command == "export" and given is None), f"{command}: {option.name}"
+
+
+def test_a_public_function_names_all_its_keywords():
+    """Besides `simulate`, whose further keywords are the keys of its spec."""
+    swallowing = [
+        name
+        for name in FUNCTIONS
+        if any(each.kind == each.VAR_KEYWORD for each in inspect.signature(getattr(nt, name)).parameters.values())
+    ]
+    assert swallowing == ["simulate"]
+    assert not any(each.kind == each.VAR_KEYWORD for each in inspect.signature(nt.Stream).parameters.values())
 
 
 def test_every_keyword_of_every_function_is_in_a_table():
@@ -834,13 +878,14 @@ def test_the_tests_of_keywords_name_them():
 
 NO_EFFECT = {
     "train": [
-        {"onset": {"rest_ms": 20}},
-        {"split_seed": 0, "split": {"order": "trial"}},
-        {"split": {"fold": 0}},
-        {"split": {"nested": False}},
-        {"split": {"test": 0.2, "folds": 3}},
-        {"split": {"test": 0.2, "test_where": {"speed": 450}}},
-        {"stratify": ["speed"], "split": {"test_where": {"day": 0}}},
+        {"rest_ms": 20},
+        {"onset_deviations": 3},
+        {"split_seed": 0, "order": "trial"},
+        {"fold": 0},
+        {"nested": False},
+        {"test": 0.2, "folds": 3},
+        {"test": 0.2, "test_where": {"speed": 450}},
+        {"stratify": ["speed"], "test_where": {"day": 0}},
         {"settings": {"model": "snn", "recurrent_weight_scale": 0.1}},
         {"settings": {"model": "snn", "recurrent_delay_steps": 0}},
         {"settings": {"readout": "integrator", "readout_surrogate_scale": 3.0}},
@@ -853,7 +898,7 @@ NO_EFFECT = {
         {"sops_weight": 0.1},
         {"start_epoch": 10, "assessor": "none"},
         {"workers": 2, "device": "cuda"},
-        {"onset": {"rest_ms": 20}},
+        {"rest_ms": 20},
         {"settings": {"training.readout_dropout": 0.1}},
     ],
     "export_c": [
@@ -902,6 +947,21 @@ def test_a_key_of_a_file_that_has_no_effect_there_is_refused(inputs, tmp_path):
 @pytest.mark.parametrize("name", ["rsnn", "snn", "default"])
 def test_a_shipped_network_is_not_refused_for_another_model(name):
     assert given_keys(name, {"model": "snn"}) == (["model"] if name != "default" else ["model", "recipe", "hidden"])
+
+
+class AskedError(Exception):
+    """Carries the task of a training out of it."""
+
+
+def test_keywords_of_a_split_that_no_option_has(inputs, tmp_path, monkeypatch):
+    def ask(_spikes: Path, _folder: Path, _network: Any, task: Any, **_options: Any) -> None:
+        raise AskedError(task.split)
+
+    monkeypatch.setattr(train_run, "run", ask)
+    for beside in ({"validation": 0.3}, {"test": 0.3}, {"nested": False, "test_where": {"day": 0}}):
+        with pytest.raises(AskedError) as asked:
+            nt.train(inputs / "spikes.h5", tmp_path, length_ms=40, start_ms=80, **beside)
+        assert all(getattr(asked.value.args[0], key) == value for key, value in beside.items())
 
 
 def test_keywords_that_no_option_has(inputs):

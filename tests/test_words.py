@@ -1,6 +1,7 @@
 """Messages name parameters; the command line shows them as the options of the command that was typed."""
 
 import ast
+import inspect
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,12 +9,14 @@ from pathlib import Path
 import pytest
 from typer.main import get_command
 
-import neurotact
-from neurotact import api
+import neurotact as nt
 from neurotact.cli import words
 from neurotact.cli.commands import app
 
-PACKAGE = Path(neurotact.__file__).parent
+PACKAGE = Path(nt.__file__).parent
+PUBLIC = vars(nt)["__all__"]
+ALONE = {"to", "port", "save_to"}
+"""Parameters of a command alone: the target of `export`, and the page of `live`."""
 OTHERS = {"published", "honest", "paper", "skipped", "accuracy_class_means", "task", "X"}
 """Names in backquotes that are no parameters: ways of protocols, and the place of a name."""
 
@@ -28,6 +31,20 @@ def commands(group=None, before: tuple[str, ...] = ()) -> Iterator[tuple[str, ..
 PARAMETERS = {name for command in commands() for name in words.options_of(command)}
 
 
+def parameters() -> Iterator[str]:
+    """Those of all that Python users call."""
+    for name in PUBLIC:
+        found = getattr(nt, name)
+        if inspect.isclass(found):
+            for method in (each for each, value in vars(found).items() if inspect.isfunction(value)):
+                yield from inspect.signature(getattr(found, method)).parameters
+        elif callable(found):
+            yield from inspect.signature(found).parameters
+
+
+KEYWORDS = {*parameters()} | ALONE | OTHERS
+
+
 def messages(path: Path) -> Iterator[str]:
     """The texts of a module that are no docstrings, with `X` in place of values."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
@@ -40,7 +57,7 @@ def messages(path: Path) -> Iterator[str]:
             yield node.value
 
 
-def test_a_name_in_backquotes_is_a_parameter_of_a_command():
+def test_a_name_in_backquotes_is_a_parameter_of_a_command_and_of_python():
     for path in sorted(PACKAGE.rglob("*.py")):
         if path.is_relative_to(PACKAGE / "cli") or path == PACKAGE / "report" / "details.py":
             continue
@@ -48,10 +65,11 @@ def test_a_name_in_backquotes_is_a_parameter_of_a_command():
         for mark in marked:
             call = re.match(r"nt\.(\w+)", mark)
             if call:
-                assert call[1] in {*vars(api), "to_nir"}, f"{path}: {mark}"
+                assert call[1] in PUBLIC, f"{path}: {mark}"
             else:
                 name = re.match(r"\w+", mark)
                 assert name, f"{path}: {mark}"
+                assert name[0] in KEYWORDS, f"{path}: {mark}"
                 assert name[0] in PARAMETERS | OTHERS | {words.LEFT_OUT}, f"{path}: {mark}"
 
 

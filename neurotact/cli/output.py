@@ -1,5 +1,6 @@
 """The output of commands: tables for people or, as JSON, for programs."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -8,22 +9,36 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from neurotact.data import hdf5
-from neurotact.data.recordings import Recordings
+from neurotact.api import recordings as api
+from neurotact.api.recordings import Recordings, SpikeTrains
+from neurotact.cli.words import as_typed
+from neurotact.tables import to_json
 
 console = Console(soft_wrap=True, highlight=False)
 
 
-def save_recordings(recordings: Recordings, out: Path) -> None:
-    """Save recordings and print a summary."""
-    hdf5.save_recordings(recordings, out)
-    print(f"{out}: {recordings.summary()}")
+def show(what: str | pd.DataFrame) -> None:
+    """Print what a function of `neurotact.api` tells: a line, in the words of the command line, or a table."""
+    if isinstance(what, str):
+        print(as_typed(what))
+    else:
+        print_table(what)
 
 
-def print_line(line: str | None) -> None:
-    """Print a line, if there is one."""
-    if line:
-        print(line)
+def save(found: Recordings | SpikeTrains, out: Path) -> None:
+    """Save recordings or spike trains, in place of a file, and print a summary."""
+    api.save(found, out, force=True)
+    print(f"{out}: {found.summary()}")
+
+
+def unless(as_json: bool) -> Callable[[str | pd.DataFrame], None]:
+    """`show`; with JSON, which is printed alone, nothing."""
+    return (lambda what: None) if as_json else show
+
+
+def print_json(table: pd.DataFrame) -> None:
+    """Print a table as a list of records."""
+    print(to_json(table))
 
 
 def print_table(frame: pd.DataFrame, title: str | None = None, least_width: int = 0) -> None:

@@ -1,14 +1,14 @@
 """The commands that simulate an experiment: one for each installed simulator."""
 
 from collections.abc import Callable
-from typing import Any
 
 from neurotact import files, spec
+from neurotact.api import recordings as api
+from neurotact.api.recordings import Simulator, simulator
 from neurotact.cli.lazy import add_plugins, new_app
 from neurotact.cli.options import Force, OutFile, SetOption
-from neurotact.cli.output import save_recordings
-from neurotact.data.sources import Simulator, simulator
-from neurotact.progress import counting, track
+from neurotact.cli.output import save
+from neurotact.progress import tracked
 
 app = new_app("Simulate an experiment.")
 
@@ -16,10 +16,9 @@ app = new_app("Simulate an experiment.")
 def _command(name: str, experiment: Simulator) -> Callable[..., None]:
     def run(out: OutFile, settings: SetOption = None, force: Force = False) -> None:
         files.check_new(out, force=force)
-        what: Any = experiment.build(spec.parse_assignments(settings or []), f"simulate {name}")
-        with track("simulate", what.n_trials) as advance:
-            recordings = experiment.simulate(what, counting(advance))
-        save_recordings(recordings, out)
+        with tracked("simulate") as progress:
+            recordings = api.simulate(name, spec.parse_assignments(settings or []), progress=progress)
+        save(recordings, out)
 
     keys = spec.leaves(experiment.model().model_dump(mode="json"))
     lines = [

@@ -2,37 +2,19 @@
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import pandas as pd
 import typer
 
-from neurotact import files, spec
+from neurotact.api import studies as api
 from neurotact.cli.lazy import new_app
-from neurotact.cli.options import (
-    Group,
-    Json,
-    LeaveOut,
-    Order,
-    OutFolder,
-    PopulationDevice,
-    SchedulerOption,
-    SetOption,
-    StudyFolder,
-    TestWhere,
-    Where,
-    WorkersOption,
-    choice_table,
-    say_if_seconds,
-    split_changes,
-)  # fmt: skip
+from neurotact.cli.options import ON_DEVICE, Json, StudyFolder, calling, flag, option
 from neurotact.cli.output import print_table
 from neurotact.cli.words import as_typed, say
 from neurotact.errors import INTERRUPTED
-from neurotact.report import report
-from neurotact.report.page import ANSWER
-from neurotact.studies import loading, runner
 
 WIDE = 110
 """Characters of a line of a table, at least: its rows are read across."""
@@ -41,89 +23,56 @@ app = new_app("Run, resume and report studies.")
 
 
 @app.command("run")
-def study_run(
-    name: Annotated[str, typer.Argument(help="Name or path of a study spec.")],
-    out: OutFolder,
-    quick: Annotated[bool, typer.Option("--quick", help="A smaller sweep of the same kind.")] = False,
-    data: Annotated[
-        Path | None,
-        typer.Option(help="A file of recordings of your own, for own-recordings and ways-to-save."),
-    ] = None,
-    length_ms: Annotated[
-        float | None,
-        typer.Option("--window-ms", min=0, help="Length of the windows, as --set window.length_ms=300 gives it."),
-    ] = None,
-    where: Where = None,
-    leave_out: LeaveOut = None,
-    test_where: TestWhere = None,
-    group: Group = None,
-    order: Order = None,
-    folds: Annotated[
-        int | None,
-        typer.Option("--folds", min=2, help="Divide the trials into this many folds and test on each in turn."),
-    ] = None,
-    repeats: Annotated[
-        int | None,
-        typer.Option("--repeats", min=2, max=1000, help="Number of random splits; results are means over them."),
-    ] = None,
-    settings: SetOption = None,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    device: PopulationDevice = "cpu",
-    as_json: Json = False,
-) -> None:
+@calling(
+    api.run_study,
+    name=Annotated[str, typer.Argument(help="Name or path of a study spec.")],
+    quick=flag("--quick", "A smaller sweep of the same kind."),
+    data=option(Path | None, "A file of recordings of your own, for own-recordings and ways-to-save."),
+    length_ms=option(
+        float | None, "Length of the windows, as --set window.length_ms=300 gives it.", "--window-ms", min=0
+    ),
+    folds=option(int | None, "Divide the trials into this many folds and test on each in turn.", min=2),
+    repeats=option(int | None, "Number of random splits; results are means over them.", min=2, max=1000),
+    device=ON_DEVICE,
+)
+def study_run(given: dict[str, Any], as_json: Json = False) -> None:
     """Run a study and write its report.
 
     With --folds or --repeats every network is trained for each split, and results are means over the splits.
     """
-    say_if_seconds(length_ms)
-    changes = spec.parse_assignments(settings or []) | ({} if length_ms is None else {"window.length_ms": length_ms})
-    changes |= split_changes(test_where, group, order, folds, repeats)
-    changes |= loading.choice_changes(**choice_table(where, leave_out))
-    what = loading.resolve(name, changes, quick=quick, data=data)
-    for note in getattr(what, "notes", ()):
-        say(note)
-    _run_study(what, out, (workers, scheduler, device), as_json)
+    _run(api.run_study, given, as_json)
 
 
 @app.command("resume")
-def study_resume(
-    folder: StudyFolder,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    device: PopulationDevice = "cpu",
-    as_json: Json = False,
-) -> None:
+@calling(api.resume_study, folder=StudyFolder, device=ON_DEVICE)
+def study_resume(given: dict[str, Any], as_json: Json = False) -> None:
     """Continue an interrupted study."""
-    _run_study(runner.load(folder), folder, (workers, scheduler, device), as_json)
+    _run(api.resume_study, given, as_json)
 
 
 @app.command("report")
 def study_report(folder: StudyFolder, as_json: Json = False) -> None:
     """Rewrite the tables, figures and report of a study."""
-    runner.write_tables(folder)
-    _print_report(report.write(folder), as_json)
+    api.report_study(folder)
+    _print_answer(folder, as_json)
 
 
-def _run_study(what: loading.Study, out: Path, where: tuple[int | None, str | None, str], as_json: bool) -> None:
-    workers, scheduler, device = where
+def _run(function: Callable[..., Any], given: dict[str, Any], as_json: bool) -> None:
+    folder: Path = given["folder"]
     try:
-        runner.run(what, out, workers, scheduler, device)
-        page = report.write(out)
+        function(**given)
     except KeyboardInterrupt:
-        is_begun = (out / runner.STUDY).is_file()
-        go_on = f"go on with: neurotact study resume {out}" if is_begun else "the study had not begun; nothing is saved"
-        say(f"interrupted; {go_on}")
+        go_on = f"go on with: neurotact study resume {folder}"
+        say(f"interrupted; {go_on if api.is_begun(folder) else 'the study had not begun; nothing is saved'}")
         sys.exit(INTERRUPTED)
-    _print_report(page, as_json)
+    _print_answer(folder, as_json)
 
 
-def _print_report(page: Path, as_json: bool) -> None:
+def _print_answer(folder: Path, as_json: bool) -> None:
     """What a study answers, and where its report is; of a study without an answer in words the report alone."""
-    path = page.parent / ANSWER
-    found = files.read_json(path) if path.is_file() else {"answers": [], "cautions": []}
+    found = api.study_answer(folder)
     if as_json:
-        print(json.dumps(found | {"report": str(page)}, indent=1, ensure_ascii=False))
+        print(json.dumps(found, indent=1, ensure_ascii=False))
         return
     for one in found["answers"]:
         before = f"{one['dataset']}: " if len(found["answers"]) > 1 else ""
@@ -134,5 +83,5 @@ def _print_report(page: Path, as_json: bool) -> None:
     for caution in found["cautions"]:
         say(caution)
     if found["answers"]:
-        print(f"tables and figures in {page.parent}; open the report in a browser:")
-    print(page)
+        print(f"tables and figures in {folder}; open the report in a browser:")
+    print(found["report"])

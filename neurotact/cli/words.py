@@ -19,11 +19,17 @@ from neurotact.cli.commands import app
 MARKED = re.compile(r"`([^`]+)`")
 COMMANDS = {
     "read": "import",
+    "describe": "info",
+    "encode_file": "encode",
     "run_study": "study run",
+    "resume_study": "study resume",
     "report_study": "study report",
     "plot_raster": "raster",
+    "save_raster": "raster",
     "export_c": "export --to c",
+    "export_nir": "export --to nir",
     "to_nir": "export --to nir",
+    "check_chip": "export",
 }
 """Commands that are not called as their function; that of `read_x` is `import x`."""
 

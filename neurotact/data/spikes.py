@@ -120,6 +120,15 @@ class SpikeTrains:
             f"({rate_Hz:.3g} Hz per afferent), clock {self.sampling_rate_Hz:g} Hz, {len(self.classes)} classes)"
         )
 
+    def summary(self) -> str:
+        """Sizes and rate in words, with the afferents of each population."""
+        counts = {name: len(rows) for name, rows in self.populations.items()}
+        shares = f" ({', '.join(f'{n} {name}' for name, n in counts.items())})" if len(counts) > 1 else ""
+        return (
+            f"{len(self)} trials of {len(self.classes)} classes, {sum(map(len, self.steps))} spikes of "
+            f"{len(self.afferents)} afferents{shares}, {self.trial_steps[0]} steps at {self.sampling_rate_Hz:g} Hz"
+        )
+
     def _repr_html_(self) -> str:
         periods = {
             name: f"{self.encoder[name]['t_ref_ms']:g} ms"

@@ -6,7 +6,7 @@ No trial is on two sides and, if groups are named, no group is. Windows follow t
 
 import logging
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -77,6 +77,30 @@ class SplitSpec(Spec):
             hint = f"be 0 to {self.folds - 1}" if self.folds else "be given together with folds, the number of folds"
             raise ValueError(f"fold must {hint}; got {self.fold}")
         return self
+
+
+def split_table(
+    split_seed: int | None = None,
+    test_where: Mapping[str, Any] | None = None,
+    group: str | Sequence[str] = (),
+    order: str | None = None,
+    folds: int | None = None,
+    fold: int | None = None,
+    validation: float | None = None,
+    test: float | None = None,
+    nested: bool | None = None,
+) -> dict[str, Any]:
+    """Keys of `SplitSpec` from the arguments of a call; None means not given.
+
+    >>> split_table(folds=5, group=["subject"])
+    {'seed': 0, 'test_where': {}, 'group': ['subject'], 'order': None, 'folds': 5, 'fold': 0}
+    """
+    effects.check(split_seed=split_seed, order=order, fold=fold, folds=folds)
+    others = {"validation": validation, "test": test, "nested": nested}
+    given = {key: value for key, value in others.items() if value is not None}
+    effects.check_keys(given, [effects.voids(order=order, folds=folds, test_where=test_where)], "split")
+    table = {"seed": split_seed or 0, "test_where": test_where or {}, "group": group}
+    return {**table, "order": order, "folds": folds, "fold": fold or 0, **given}
 
 
 class Split(NamedTuple):

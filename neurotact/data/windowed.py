@@ -3,18 +3,17 @@
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from neurotact import effects
 from neurotact.data.notebook import html_of
 from neurotact.data.recordings import chosen
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_touches
 from neurotact.data.window_choice import ARGUMENTS, suited_window
-from neurotact.data.windows import WindowSpec
+from neurotact.data.windows import Align, WindowSpec, window_table
 from neurotact.errors import InputError
 from neurotact.spec import build
 
@@ -142,8 +141,9 @@ def windows(
     *,
     hop_ms: float | None = None,
     per_trial: int | None = None,
-    align: Literal["trial", "onset"] = "trial",
-    onset: Mapping[str, float] | None = None,
+    align: Align = "trial",
+    rest_ms: float | None = None,
+    onset_deviations: float | None = None,
 ) -> WindowedSpikes:
     """Cut the trials of spike trains into windows.
 
@@ -153,7 +153,8 @@ def windows(
     hop_ms: time between the starts of windows; the window's length when None.
     per_trial: at most this many windows per trial; all that fit when it is None and the length is given.
     align: "onset" makes `start_ms` count from the onset of contact, which `data.contact.OnsetSpec` defines.
-    onset: keys of that rule: rest_ms, bin_ms, deviations. Warns of trials without an onset.
+    rest_ms, onset_deviations: with align="onset", the rest at the start of each trial (50), and how many of its
+        standard deviations contact exceeds it by (3). Warns of trials without an onset.
     Raises InputError when a trial holds no window, or for values out of range.
 
     >>> import pandas as pd
@@ -166,11 +167,7 @@ def windows(
     """
     if not isinstance(spikes, SpikeTrains):
         raise InputError(f"spikes: must be spike trains, as nt.encode returns them; got {type(spikes).__name__}")
-    effects.check(align=align, onset=onset)
-    given = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
-    table = {key: value for key, value in given.items() if value is not None}
-    if onset:
-        table["onset"] = dict(onset)
+    table = window_table(length_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
     spec = suited_window(spikes, build(WindowSpec, table, source="windows"), ARGUMENTS)
     complaint = spikes.onset_complaint(spec)
     if complaint:

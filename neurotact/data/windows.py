@@ -1,20 +1,26 @@
 """Windows of trials, with the trial of each."""
 
+import logging
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
 
+from neurotact import effects
 from neurotact.data.contact import OnsetSpec
 from neurotact.errors import InputError
 from neurotact.files import check_size
 from neurotact.spec import Spec
 
+log = logging.getLogger("neurotact")
+
+Align = Literal["trial", "onset"]
 LONGEST_STEPS = 2**40
 """Longest trial or window: at 1 MHz twelve days. A larger number is damaged, and would overflow."""
 BYTES_PER_WINDOW = 40
 """Memory per window while they are cut."""
+SHORTEST_STEP_MS, SHORTEST_TOUCH_MS = 1.0, 5.0
 
 
 class WindowSpec(Spec):
@@ -28,9 +34,41 @@ class WindowSpec(Spec):
     """Time between the starts of windows; the window's length when absent."""
     per_trial: int | None = Field(default=None, ge=1)
     """Maximum number of windows per trial, the first ones; all that fit when absent."""
-    align: Literal["trial", "onset"] = "trial"
+    align: Align = "trial"
     """`start_ms` counts from the trial's beginning, or from the onset of contact."""
     onset: OnsetSpec = OnsetSpec()
+
+
+def window_table(
+    length_ms: float | None = None,
+    start_ms: float | None = None,
+    hop_ms: float | None = None,
+    per_trial: int | None = None,
+    align: str = "trial",
+    rest_ms: float | None = None,
+    onset_deviations: float | None = None,
+) -> dict[str, Any]:
+    """Keys of `WindowSpec` from the arguments of a call; None means not given.
+
+    >>> window_table(length_ms=150, align="onset", rest_ms=5)
+    {'length_ms': 150, 'align': 'onset', 'onset': {'rest_ms': 5, 'bin_ms': 5}}
+    """
+    effects.check(align=align, rest_ms=rest_ms, onset_deviations=onset_deviations)
+    check_not_seconds(length_ms)
+    given = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
+    bin_ms = rest_ms if isinstance(rest_ms, (int, float)) and rest_ms < OnsetSpec().bin_ms else None
+    onset = {"rest_ms": rest_ms, "bin_ms": bin_ms, "deviations": onset_deviations}
+    table = {key: value for key, value in given.items() if value is not None}
+    onset = {key: value for key, value in onset.items() if value is not None}
+    return table | ({"onset": onset} if onset else {})
+
+
+def check_not_seconds(length_ms: float | None) -> None:
+    """Log a window of a few milliseconds, which is likely meant in seconds; `steps_of` refuses a shorter one."""
+    if isinstance(length_ms, (int, float)) and SHORTEST_STEP_MS <= length_ms < SHORTEST_TOUCH_MS:
+        log.warning(
+            "`length_ms=%g`: a window of %g ms is shorter than a touch; is it meant in seconds?", length_ms, length_ms
+        )
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from neurotact import effects
 from neurotact.backend import Backend, use_native
 from neurotact.data.conditioning import Conditioner
 from neurotact.data.recordings import unit_factor
@@ -41,7 +42,10 @@ class Stream:
     hold_ms: for how long a missing value is replaced by the last valid one; at least one sample.
     backend: the compiled step or the reference, which decide the same.
     watch: called with a `Trace` of the processed steps, block by block; the decisions are the same.
-    options: of `chain_of`: sampling_rate_Hz, early_exit, and the windows.
+    sampling_rate_Hz: of the samples; needed if the encoder resamples. early_exit: decide as soon as the run's validated
+        rule allows; otherwise at the end of a window.
+    length_ms, start_ms, hop_ms: of the windows; None: as in training. contact: start a window at the first spike after
+        `quiet_ms` without one (`deploy.windows.QUIET_MS` if None). Not for a `Chain`, which has them.
 
     Decisions equal those of `encode` and `infer` on the whole trial, spike for spike, for any blocks.
     InputError for an encoder with a baseline of the whole trial, and for samples with another number of taxels.
@@ -61,14 +65,25 @@ class Stream:
         hold_ms: float = 5.0,
         backend: Backend = "auto",
         watch: Callable[[Trace], None] | None = None,
-        **options,
+        sampling_rate_Hz: float | None = None,
+        early_exit: bool = True,
+        length_ms: float | None = None,
+        start_ms: float | None = None,
+        hop_ms: float | None = None,
+        contact: bool = False,
+        quiet_ms: float | None = None,
     ) -> None:
+        options: dict[str, Any] = {
+            "sampling_rate_Hz": sampling_rate_Hz, "length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms,
+            "contact": contact, "quiet_ms": quiet_ms,
+        }  # fmt: skip
         if isinstance(source, Chain):
-            if options:
-                raise InputError(f"{next(iter(options))}: is an option of chain_of; give it there")
+            given = [key for key, value in {**options, "early_exit": not early_exit}.items() if effects.is_given(value)]
+            if given:
+                raise InputError(f"{given[0]}: is an option of chain_of; give it there")
             self.chain = source
         else:
-            self.chain = chain_of(source, **options)
+            self.chain = chain_of(source, early_exit=early_exit, **options)
         self._options: dict[str, Any] = {"unit": unit, "hold_ms": hold_ms, "backend": backend, "watch": watch}
         encoder, rate_Hz = self.chain.encoder, self.chain.sampling_rate_Hz
         factor = unit_factor(unit or encoder.unit, encoder.unit, "samples")

@@ -22,7 +22,7 @@ from neurotact.studies.claims import Verdict, judge
 from neurotact.studies.loading import Study
 from neurotact.studies.study import to_toml
 
-ANSWER = "answer.json"
+ANSWER, PAGE = "answer.json", "report.html"
 """The first screen of a report for programs, where its study has an answer in words."""
 NETWORKS = ("marks.js", "plotly.js", "state.js", "cell.js", "trade_off.js", "compare.js", "table.js", "main.js")
 PROTOCOL = ("marks.js", "plotly.js", "state.js", "table.js", "protocol.js")
@@ -96,8 +96,8 @@ def write(
         versions=if_there(folder / "versions.json"),
         **shown,
     )
-    write_text(folder / "report.html", page)
-    return folder / "report.html"
+    write_text(folder / PAGE, page)
+    return folder / PAGE
 
 
 def parts(data: dict[str, Any], scripts: Sequence[str]) -> Parts:

@@ -397,7 +397,7 @@ def cells(study: StudySpec) -> Iterator[Cell]:
 def _void_keys(cell: Cell) -> dict[str, str]:
     """The keys of a study that have no effect in a cell, and why."""
     split = effects.voids(folds=cell.split.folds, test_where=cell.split.test_where, order=cell.split.order)
-    onset = effects.voids(align=cell.window.align)["onset"] if cell.window.align == "trial" else None
+    onset = effects.voids(align=cell.window.align)["rest_ms"] if cell.window.align == "trial" else None
     network = {} if cell.network is None or cell.search is not None else recipe.void_keys(cell.network)
     return {
         **({f"window.onset.{key}": onset for key in OnsetSpec.model_fields} if onset else {}),

@@ -410,11 +410,10 @@ def test_ctrl_c_says_how_to_go_on(monkeypatch, capsys, spikes, folder):
         assert told in out
     done = rf"train {N_EPOCHS}/{N_EPOCHS}  loss .*, validation accuracy .*\n"
     assert re.fullmatch(rf"{done}(neurotact: .*\n)*", err)
-    assert typed("--resume") == (
-        0,
-        f"{folder}: this training is done already; its result is in {folder / RESULT}\n",
-        "",
-    )
+    again, more, _ = typed("--resume")
+    told, then, _ = more.split("\n", 2)
+    assert (again, told) == (0, f"{folder}: this training is done already; its result is in {folder / RESULT}")
+    assert then == f"next: neurotact infer {folder} {spikes} --early-exit"
 
 
 TRAIN = """

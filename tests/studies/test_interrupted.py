@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 from processes import workers_of
 
-from neurotact import api, files
+from neurotact import files
+from neurotact.api import networks as api
 from neurotact.data import hdf5
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError

@@ -9,7 +9,7 @@ from neurotact.data.conditioning import acausal_note
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
-from neurotact.networks.training import cautions, tasks
+from neurotact.networks.training import cautions, comparison, tasks
 from neurotact.networks.training.comparison import Comparison, Trials, compare
 from neurotact.networks.training.fitting import Trained
 from neurotact.networks.training.tasks import Sides, Task
@@ -41,6 +41,12 @@ class Outcome(NamedTuple):
             "compared": self.compared._asdict(),
             "cautions": self.cautions,
         }
+
+    def lines(self) -> list[str]:
+        """The accuracy, the cost and the confusions in words."""
+        costs = comparison.costs(self.row, self.step_ms)
+        confused = comparison.confused(self.confusion, self.classes)
+        return [*comparison.lines(self.compared), costs, confused, *([self.acausal] if self.acausal else [])]
 
 
 def summary_of(result: Mapping[str, Any]) -> dict[str, Any]:

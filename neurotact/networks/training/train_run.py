@@ -264,6 +264,11 @@ def _holds(folder: Path, *names: str) -> bool:
     return any((folder / name).is_file() for name in names)
 
 
+def saved_in(folder: Path) -> str:
+    """What the folder of a training holds, in one line."""
+    return f"saved in {folder}: the network, {RESULT} with all numbers, {trained.LOG}"
+
+
 def line_of(epoch: Epoch) -> str:
     """An epoch in words, next to a progress bar."""
     return f"loss {epoch.validation_loss:.3f}, validation accuracy {epoch.validation_accuracy:.3f}"

@@ -82,6 +82,12 @@ class _Extra(Spec):
     exit_margin: float | None = Field(default=None, gt=0)
 
 
+def files_of(folder: str | Path) -> list[Path]:
+    """The files of a network, which no output may replace."""
+    found = files.existing(Path(folder), "folder").glob("*")
+    return [path for path in found if path.is_file() and path.suffix in (".json", ".safetensors")]
+
+
 def restore(
     folder: str | Path, *, device: str = "cpu", backend: Backend = "auto", spikes: str | Path | None = None
 ) -> Restored:

@@ -36,20 +36,20 @@ def structured(folder: Path, stamps: np.ndarray, unit: str, spec: dict) -> nt.Sp
         array = np.zeros(len(stamps), [("t", stamps.dtype), ("x", "<u2"), ("y", "<u2"), ("p", "?")])
         array["t"] = stamps
         np.save(folder / label / "0.npy", array)
-    return nt.read_events(folder, {**spec, "time_unit": unit})
+    return nt.read_events(folder, **spec, time_unit=unit)
 
 
 def arrays(folder: Path, stamps: np.ndarray, unit: str, spec: dict) -> nt.SpikeTrains:
     twice, trial = np.concatenate([stamps, stamps]), np.repeat([0, 1], len(stamps))
     np.savez(folder / "e.npz", **{f"event_time_{unit}": twice, "trial": trial, "unit": 0 * trial, "label": ["a", "b"]})
-    return nt.read_events(folder / "e.npz", spec)
+    return nt.read_events(folder / "e.npz", **spec)
 
 
 def table(folder: Path, stamps: np.ndarray, unit: str, spec: dict) -> nt.SpikeTrains:
     rows = {f"time_{unit}": np.concatenate([stamps, stamps]), "trial": np.repeat([0, 1], len(stamps)), "channel": 0}
     made = pd.DataFrame(rows).assign(label=lambda t: np.where(t["trial"], "b", "a"))
     made.to_csv(folder / "e.csv", index=False)
-    return nt.read_events(folder / "e.csv", spec)
+    return nt.read_events(folder / "e.csv", **spec)
 
 
 def heidelberg(folder: Path, stamps: np.ndarray, unit: str, spec: dict) -> nt.SpikeTrains:
@@ -59,7 +59,7 @@ def heidelberg(folder: Path, stamps: np.ndarray, unit: str, spec: dict) -> nt.Sp
         for trial in (0, 2):  # the second is silent
             times[trial], units[trial] = stamps, np.zeros(len(stamps), np.uint16)
         file["labels"] = np.array([0, 1, 1], np.uint8)
-    return nt.read_events(folder / "e.h5", {**spec, "time_unit": unit})
+    return nt.read_events(folder / "e.h5", **spec, time_unit=unit)
 
 
 LAYOUTS = {"structured": structured, "arrays": arrays, "table": table, "heidelberg": heidelberg}
@@ -98,7 +98,7 @@ def test_spikes_of_sessions_keep_their_steps(tmp_path, rate_Hz, kind):
         file["units/id"], file["units/spike_times"], file["units/spike_times_index"] = [0], time_s, [600]
         file["intervals/trials/id"], file["intervals/trials/label"] = [0], np.array(["a"], h5py.string_dtype())
         file["intervals/trials/start_time"], file["intervals/trials/stop_time"] = [start_s], [start_s + 600 / rate_Hz]
-    found = nt.read_nwb(tmp_path / "s.nwb", {"step_ms": 1e3 / rate_Hz})
+    found = nt.read_nwb(tmp_path / "s.nwb", step_ms=1e3 / rate_Hz)
     assert isinstance(found, nt.SpikeTrains)
     assert (found.steps[0].tolist(), found.trial_steps.tolist()) == (ticks.tolist(), [600])
     neo = pytest.importorskip("neo", reason="neo is not installed")
@@ -137,7 +137,7 @@ def test_written_spikes_come_back_as_events(tmp_path):
     written = pd.read_csv(tmp_path / "spikes.csv")
     written.assign(label=conditions["label"][written["trial"]].to_numpy()).to_csv(tmp_path / "e.csv", index=False)
     names = {"channel": "afferent", "population": "type"}
-    again = nt.read_events(tmp_path / "e.csv", {"step_ms": 1 / 30, "polarity": "merge"}, names=names)
+    again = nt.read_events(tmp_path / "e.csv", step_ms=1 / 30, polarity="merge", names=names)
     assert [each.tolist() for each in again.steps] == [each.tolist() for each in steps]
     assert again.trial_steps.tolist() == [300] * 4
 
@@ -215,7 +215,7 @@ OPTIONS = [
     ("names", {}, {"trial": "block"}, {}, ("csv",), "must hold 0 to 1|drop `names={'trial': ...}`"),
     ("levels", {}, {}, {"levels": "cloth", "pattern": "F{label}"}, FOLDERS, "are for a folder"),
     ("pattern", {}, {}, {"pattern": "F{force}"}, FOLDERS, "are for a folder"),
-    ("conditions", {}, {}, {"table": "..."}, FOLDERS, "are for a folder"),
+    ("conditions", {}, {}, {"conditions": "..."}, FOLDERS, "are for a folder"),
     ("where", {}, {}, {"where": {"label": "a"}}, ALL, ""),
     ("leave_out", {}, {}, {"leave_out": {"label": "a"}}, ALL, ""),
 ]  # fmt: skip
@@ -236,23 +236,22 @@ def content(trains: nt.SpikeTrains) -> tuple:
 def test_every_option_changes_the_spikes_or_is_refused(layouts, option):
     _, spec, names, naming, acting, refusal = option
     for layout, path in layouts.items():
-        if "table" in naming:
-            naming = {"table": f"{path}.csv"}
-        choice: dict[str, Any] = {key: naming[key] for key in ("where", "leave_out") if key in naming}
-        given: dict[str, Any] = {"names": names} | (choice or {"naming": naming})
+        if "conditions" in naming:
+            naming = {"conditions": f"{path}.csv"}
+        given: dict[str, Any] = {"names": names, **naming}
         if layout in acting:
-            plain, other = nt.read_events(path), nt.read_events(path, spec, **given)
+            plain, other = nt.read_events(path), nt.read_events(path, **spec, **given)
             assert content(plain) != content(other), layout
             continue
         with pytest.raises(InputError, match=refusal) as refused:
-            nt.read_events(path, spec, **given)
+            nt.read_events(path, **spec, **given)
         assert str(refused.value).count("; ") >= 1, layout  # what to do follows what is wrong
 
 
 def test_the_table_of_options_is_whole():
     """Each key of the spec and each option of the command is tried above, or below."""
     tried = {option[0] for option in OPTIONS} | {"merge_events"}
-    given = set(inspect.signature(recordings_commands.import_events).parameters) - {"source", "out", "force"}
+    given = set(inspect.signature(recordings_commands.import_events).parameters) - {"path", "out", "force"}
     assert tried == given
     keys = {*EventSpec.model_fields, *NamingSpec.model_fields} - {"table"}
     assert keys | {"names", "conditions", "where", "leave_out"} == tried
@@ -269,28 +268,28 @@ def test_options_of_polarity_are_refused_without_one(tmp_path, layouts, layout):
     path = layouts["h5"] if layout == "h5" else tmp_path / f"e.{layout}"
     for spec in ({"polarity": "merge"}, {"polarity": "on"}, {"polarities": "OFF,ON"}):
         with pytest.raises(InputError, match=r"polarit"):
-            nt.read_events(path, spec)
+            nt.read_events(path, **spec)
 
 
 def test_named_channels_and_populations_take_no_numbers(tmp_path):
     rows = pd.DataFrame({"time": [0.1, 0.2], "unit": ["left", "right"], "kind": ["PC", "RA"], "label": "a"})
     rows.to_csv(tmp_path / "e.csv", index=False)
-    assert nt.read_events(tmp_path / "e.csv", {"channels": "right,left"}).afferents[0] == "PC right"
+    assert nt.read_events(tmp_path / "e.csv", channels="right,left").afferents[0] == "PC right"
     for spec, message in (
         ({"n_channels": 2}, "channels have names"),
         ({"polarities": "a,b"}, "its populations have names"),
         ({"channels": "left,left"}, "'left' is there twice"),
     ):
         with pytest.raises(InputError, match=message):
-            nt.read_events(tmp_path / "e.csv", spec)
+            nt.read_events(tmp_path / "e.csv", **spec)
 
 
 def test_polarities_of_three_values_can_be_merged(tmp_path):
     rows = pd.DataFrame({"time": [0.1, 0.2, 0.3], "channel": 0, "p": [-1, 0, 1], "label": "a"})
     rows.to_csv(tmp_path / "e.csv", index=False)
-    assert nt.read_events(tmp_path / "e.csv", {"polarity": "merge"}).afferents == ("channel0",)
+    assert nt.read_events(tmp_path / "e.csv", polarity="merge").afferents == ("channel0",)
     with pytest.raises(InputError, match=r"has 3 populations, not two polarities; drop `polarity`"):
-        nt.read_events(tmp_path / "e.csv", {"polarity": "on"})
+        nt.read_events(tmp_path / "e.csv", polarity="on")
 
 
 def test_a_name_is_given_once():
@@ -306,7 +305,7 @@ def test_options_of_spikes_are_refused_with_a_series(tmp_path, option):
     assert isinstance(refused, InputError)
     assert f"`{option[0].strip('-').replace('-', '_')}` is for spikes of units; drop it" in str(refused)
     with pytest.raises(InputError, match="`unit` is for a time series"):
-        nt.read_nwb(source, {"unit": "V"})
+        nt.read_nwb(source, unit="V")
 
 
 # --- nothing goes unsaid ----------------------------------------------------------------------------
@@ -327,12 +326,12 @@ def test_events_that_become_one_spike_are_counted_and_beyond_one_percent_refused
     with pytest.raises(InputError, match=r"3 of 200 events \(1\.5 %\) .* shorter `step_ms`, .* `merge_events=True`"):
         nt.read_events(many)
     with pytest.raises(InputError, match=r"check the unit of the times"):
-        nt.read_events(many, {"time_unit": "us"})
+        nt.read_events(many, time_unit="us")
     caplog.clear()
-    assert len(nt.read_events(many, {"merge_events": True}).steps[0]) == 197
+    assert len(nt.read_events(many, merge_events=True).steps[0]) == 197
     assert len(caplog.messages) == 1
     caplog.clear()
-    assert len(nt.read_events(many, {"step_ms": 0.25}).steps[0]) == 200
+    assert len(nt.read_events(many, step_ms=0.25).steps[0]) == 200
     assert not caplog.messages
 
 
@@ -354,7 +353,7 @@ def test_the_command_merges_with_a_flag(tmp_path):
 
 def test_events_after_the_given_length_are_counted(tmp_path, caplog):
     path = of_times(tmp_path, [0, 1, 2, 30, 30.5])
-    assert nt.read_events(path, {"duration_ms": 20}).trial_steps.tolist() == [20]
+    assert nt.read_events(path, duration_ms=20).trial_steps.tolist() == [20]
     assert caplog.messages == [f"{path}: 2 of 5 events are after `duration_ms` and left out"]
 
 
@@ -366,7 +365,7 @@ def test_stamps_that_go_back_and_counters_that_begin_again_are_named(tmp_path, c
     events = np.zeros(6, GRID)
     events["t"] = (2**32 - 3000 + 1000 * np.arange(6)) % 2**32
     np.save(tmp_path / "e.npy", events)
-    found = nt.read_events(tmp_path / "e.npy", {"origin": "first"})
+    found = nt.read_events(tmp_path / "e.npy", origin="first")
     assert found.steps[0].tolist() == [0, 1, 2, 3, 4, 5]
     assert "a counter of 31 or 32 bits begins again 1 times" in caplog.messages[0]
 
@@ -453,4 +452,4 @@ def test_files_of_other_kinds_are_known_by_their_content(tmp_path, name, begin, 
         nt.read_events(tmp_path / "in" / name)
     if name not in ("e.h5", "e.mat"):
         with pytest.raises(InputError, match=message):
-            nt.read_events(tmp_path / "in", naming={"pattern": "{label}"})
+            nt.read_events(tmp_path / "in", pattern="{label}")

@@ -57,8 +57,8 @@ def test_a_table_and_arrays_are_the_same_events(tmp_path_factory, seed, step_ms)
     per_trial = table.drop_duplicates("trial").sort_values("trial")
     np.savez(place / "events.npz", **columns, letter=per_trial["label"].to_numpy(str), force_N=per_trial["force_N"])
     spec = {"step_ms": step_ms, "merge_events": True}
-    one = nt.read_events(place / "events.csv", spec)
-    other = nt.read_events(place / "events.npz", spec, names={"label": "letter"})
+    one = nt.read_events(place / "events.csv", **spec)
+    other = nt.read_events(place / "events.npz", **spec, names={"label": "letter"})
     for found in (one, other):
         np.testing.assert_array_equal(raster_of(found), expected_of(table, step_ms))
         assert found.afferents[:5] == ("OFF channel0", "OFF channel1", "OFF channel2", "OFF channel3", "ON channel0")
@@ -74,7 +74,7 @@ def test_a_polarity_is_chosen_or_both_are_one(tmp_path, polarity, chosen):
     table = made()
     table.to_csv(tmp_path / "e.csv", index=False)
     found = nt.read_events(
-        tmp_path / "e.csv", {"polarity": polarity, "channels": "a,b,c,d", "duration_ms": 500, "merge_events": True}
+        tmp_path / "e.csv", polarity=polarity, channels="a,b,c,d", duration_ms=500, merge_events=True
     )
     assert found.afferents == (("a", "b", "c", "d"))
     expected = np.zeros((N_TRIALS, 500, N_CHANNELS), bool)
@@ -136,7 +136,7 @@ def test_a_heidelberg_file_loads_as_it_is(tmp_path, caplog):
     for (time, unit), steps, units in zip(trials, found.steps, found.units, strict=True):
         expected = {(int(np.floor(t * 1000.0 + 1e-9)), int(u)) for t, u in zip(time.astype(float), unit, strict=True)}
         assert set(zip(steps.tolist(), units.tolist(), strict=True)) == expected
-    coarse = nt.read_events(tmp_path / "shd.h5", {"step_ms": 100, "n_channels": 700})
+    coarse = nt.read_events(tmp_path / "shd.h5", step_ms=100, n_channels=700)
     assert (coarse.trial_steps[0], len(coarse.afferents)) == (10, 700)
 
 
@@ -161,14 +161,14 @@ def test_structured_arrays_of_a_grid(tmp_path):
     for label, x in (("felt", 2), ("silk", 0)):
         (tmp_path / label).mkdir()
         np.save(tmp_path / label / "0.npy", np.array([(x, 1, 10**9, True), (0, 0, 10**9 + 3500, False)], kind))
-    found = nt.read_events(tmp_path, {"origin": "first", "sensor": "3x2"})
+    found = nt.read_events(tmp_path, origin="first", sensor="3x2")
     assert found.conditions["label"].tolist() == ["felt", "silk"]
     assert [found.afferents[unit] for unit in found.units[0]] == ["ON x2y1", "OFF x0y0"]
     assert [found.afferents[unit] for unit in found.units[1]] == ["ON x0y1", "OFF x0y0"]
     assert found.steps[0].tolist() == [0, 3]
     assert len(found.afferents) == 12
     with pytest.raises(InputError, match=r"a grid of 3x2, but `sensor` is 2x2"):
-        nt.read_events(tmp_path, {"origin": "first", "sensor": "2x2"})
+        nt.read_events(tmp_path, origin="first", sensor="2x2")
 
 
 def test_populations_are_those_of_the_data(tmp_path):
@@ -214,7 +214,7 @@ def test_a_pickle_is_never_opened(tmp_path):
 def test_events_that_cannot_be_read_are_named(tmp_path, text, options, message):
     (tmp_path / "e.csv").write_text(text)
     with pytest.raises(InputError, match=message) as refusal:
-        nt.read_events(tmp_path / "e.csv", options)
+        nt.read_events(tmp_path / "e.csv", **options)
     assert "\n" not in str(refusal.value)
 
 
@@ -228,7 +228,7 @@ def test_braille_letters_are_ordinary_events():
     path = DATA / "braille-th10" / "events.npz"
     if not path.is_file():
         pytest.skip(f"{path} is not there")
-    found = nt.read_events(path, {"step_ms": 5, "polarities": "ON,OFF", "n_channels": 12}, names={"label": "letter"})
+    found = nt.read_events(path, step_ms=5, polarities="ON,OFF", n_channels=12, names={"label": "letter"})
     published = nt.read("braille-letters", path)
     assert found.conditions["label"].tolist() == published.conditions["label"].tolist()
     for steps, units, theirs, its in zip(found.steps, found.units, published.steps, published.units, strict=True):

@@ -171,14 +171,14 @@ def test_what_nwb_cannot_hold_is_refused(tmp_path, monkeypatch):
 def test_units_are_cut_into_trials_by_hand(tmp_path):
     minimal(tmp_path / "theirs.nwb")
     with pytest.raises(InputError, match=r"theirs.nwb: 1 of 6 events \(16\.7 %\) share a step of 1 ms and a channel"):
-        nt.read_nwb(tmp_path / "theirs.nwb", {"label": "cloth"})
-    found = nt.read_nwb(tmp_path / "theirs.nwb", {"label": "cloth", "merge_events": True})
+        nt.read_nwb(tmp_path / "theirs.nwb", label="cloth")
+    found = nt.read_nwb(tmp_path / "theirs.nwb", label="cloth", merge_events=True)
     assert isinstance(found, SpikeTrains)
     assert (found.afferents, found.sampling_rate_Hz, found.encoder) == (("unit7", "unit9"), 1000.0, {})
     assert found.conditions["label"].tolist() == ["felt", "silk"]
     assert [each.tolist() for each in found.steps] == [[0, 3, 9], [0, 2]]  # two spikes of unit9 stand in one step
     assert [each.tolist() for each in found.units] == [[0, 0, 1], [0, 1]]
-    fine = nt.read_nwb(tmp_path / "theirs.nwb", {"label": "cloth", "step_ms": 0.1})
+    fine = nt.read_nwb(tmp_path / "theirs.nwb", label="cloth", step_ms=0.1)
     assert fine.steps[1].tolist() == [0, 21, 24]
 
 
@@ -186,14 +186,14 @@ def test_a_spike_where_one_trial_ends_belongs_to_the_next_and_overlapping_trials
     asked = {"label": "cloth", "merge_events": True}  # three spikes of a unit are at 0
     times = {"intervals__trials__start_time": [0.0, 0.003], "intervals__trials__stop_time": [0.003, 0.012]}
     minimal(tmp_path / "one.nwb", units__spike_times=[0.003, 0.0051, 0.02, 0.0, 0.0, 0.0], **times)
-    found = nt.read_nwb(tmp_path / "one.nwb", asked)
+    found = nt.read_nwb(tmp_path / "one.nwb", **asked)
     assert "1 of 6 spikes are in no trial and left out" in caplog.text
     assert "2 of 5 events (40 %) share a step of 1 ms and a channel with another and are one spike" in caplog.text
     assert [each.tolist() for each in found.steps] == [[0], [0, 2]]
     assert found.trial_steps.tolist() == [3, 9]
     times["intervals__trials__stop_time"] = [0.006, 0.012]
     minimal(tmp_path / "two.nwb", units__spike_times=[0.003, 0.0051, 0.02, 0.0, 0.0, 0.0], **times)
-    found = nt.read_nwb(tmp_path / "two.nwb", asked)
+    found = nt.read_nwb(tmp_path / "two.nwb", **asked)
     assert [each.tolist() for each in found.steps] == [[0, 3, 5], [0, 2]]
 
 
@@ -211,7 +211,7 @@ def test_pynwb_s_own_tables_are_read(tmp_path):
     made.add_time_intervals(touches)
     with pynwb.NWBHDF5IO(str(tmp_path / "a.nwb"), "w") as file:
         file.write(made)
-    found = nt.read_nwb(tmp_path / "a.nwb", {"trials": "touches", "label": "kind", "name": "unit_name", "step_ms": 5})
+    found = nt.read_nwb(tmp_path / "a.nwb", trials="touches", label="kind", name="unit_name", step_ms=5)
     assert found.afferents == ("left", "right", "both")
     assert [each.tolist() for each in found.steps] == [[0, 1], [10]]
     assert found.conditions.to_dict("list") == {"label": ["1", "0"], "strong": [1, 0]}
@@ -224,12 +224,12 @@ def test_pynwb_s_own_tables_are_read(tmp_path):
 
 def test_a_time_series_is_cut_into_recordings(tmp_path):
     minimal(tmp_path / "a.nwb")
-    found = nt.read_nwb(tmp_path / "a.nwb", {"label": "cloth", "series": "touch"})
+    found = nt.read_nwb(tmp_path / "a.nwb", label="cloth", series="touch")
     assert isinstance(found, Recordings)
     assert (found.unit, found.sampling_rate_Hz, found.n_channels) == ("V", 1000.0, 2)
     assert found.lengths.tolist() == [10, 10]
     np.testing.assert_allclose(found.signals[1][:2], [[3000 / 2 + 1, 3001 / 2 + 1], [3002 / 2 + 1, 3003 / 2 + 1]])
-    again = nt.read_nwb(tmp_path / "a.nwb", {"label": "cloth", "series": "acquisition/touch", "unit": "mV"})
+    again = nt.read_nwb(tmp_path / "a.nwb", label="cloth", series="acquisition/touch", unit="mV")
     assert again.unit == "mV"
 
 
@@ -238,7 +238,7 @@ def test_stamped_samples_come_to_a_clock(tmp_path):
     time_s[1::2] += 0.0002  # jitter
     minimal(tmp_path / "a.nwb", acquisition__touch__starting_time=None, acquisition__touch__timestamps=time_s,
             acquisition__touch__data=time_s)  # fmt: skip
-    found = nt.read_nwb(tmp_path / "a.nwb", {"label": "cloth", "series": "touch"})
+    found = nt.read_nwb(tmp_path / "a.nwb", label="cloth", series="touch")
     assert isinstance(found, Recordings)
     assert found.sampling_rate_Hz == pytest.approx(1000.0, rel=0.03)
     since_s = (found.signals[0][:, 0] - 1.0) / 0.5
@@ -255,7 +255,7 @@ def stamped_at(path, time_s, data=None):
 
 def test_samples_that_share_a_stamp_are_kept_and_counted(tmp_path, caplog):
     path = stamped_at(tmp_path / "a.nwb", np.arange(80) // 10 * 1.0)
-    found = nt.read_nwb(path, {"label": "cloth", "series": "touch"})
+    found = nt.read_nwb(path, label="cloth", series="touch")
     assert isinstance(found, Recordings)
     assert (found.sampling_rate_Hz, found.lengths.tolist()) == (10, [30, 30])
     np.testing.assert_allclose((found.signals[0][:, 0] - 1.0) / 0.5, np.arange(5, 35))
@@ -269,9 +269,9 @@ def test_samples_that_were_written_twice_are_dropped_if_asked_for(tmp_path):
     with pytest.raises(
         InputError, match=r"60 of 120 rows repeat the row before them with its time stamp .*`drop_repeats=True`"
     ):
-        nt.read_nwb(path, asked)
+        nt.read_nwb(path, **asked)
     for options, expected in (({"drop_repeats": True}, [30, 30]), ({"sampling_rate_Hz": 20.0}, [60, 60])):
-        found = nt.read_nwb(path, {**asked, **options})
+        found = nt.read_nwb(path, **asked, **options)
         assert isinstance(found, Recordings)
         assert found.lengths.tolist() == expected
 
@@ -289,7 +289,7 @@ def test_samples_that_were_written_twice_are_dropped_if_asked_for(tmp_path):
 def test_options_of_stamps_without_stamps_are_refused(tmp_path, settings, message):
     minimal(tmp_path / "a.nwb")
     with pytest.raises(InputError, match=message):
-        nt.read_nwb(tmp_path / "a.nwb", {"label": "cloth", **settings})
+        nt.read_nwb(tmp_path / "a.nwb", **{"label": "cloth", **settings})
 
 
 # --- what is refused --------------------------------------------------------------------------------
@@ -321,7 +321,7 @@ def test_a_file_that_cannot_be_read_is_refused_in_a_sentence(tmp_path, changes, 
     minimal(tmp_path / "other.h5")
     minimal(tmp_path / "a.nwb", **changes)
     with pytest.raises(InputError, match=message) as error:
-        nt.read_nwb(tmp_path / "a.nwb", {"label": "cloth", **settings})
+        nt.read_nwb(tmp_path / "a.nwb", **{"label": "cloth", **settings})
     assert "\n" not in str(error.value)
 
 
@@ -331,7 +331,7 @@ def test_declared_sizes_are_refused_before_they_are_read(tmp_path):
         with h5py.File(tmp_path / "a.nwb", "a") as file:
             file.create_dataset(place, (10**12,), "f8", chunks=(1000,))
         with pytest.raises(InputError, match=r"MB|NEUROTACT_MAX"):
-            nt.read_nwb(tmp_path / "a.nwb", {"label": "cloth", "series": "touch" if "touch" in place else None})
+            nt.read_nwb(tmp_path / "a.nwb", label="cloth", series="touch" if "touch" in place else None)
 
 
 @pytest.mark.parametrize("content", [b"", b"no NWB", b"\x89HDF\r\n\x1a\n" + bytes(40)])
@@ -352,7 +352,7 @@ def test_spoilt_files_end_in_a_sentence(tmp_path_factory, data):
     place.write_bytes(bytes(content))
     for series in (None, "touch"):
         try:
-            found = nt.read_nwb(place, {"label": "cloth", "series": series})
+            found = nt.read_nwb(place, label="cloth", series=series)
         except InputError:
             continue
         assert len(found) == 2

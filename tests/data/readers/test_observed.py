@@ -62,7 +62,7 @@ def session(path, observed=(), invalid=(), **more):
 
 
 def read(path, where=None, **settings) -> nt.SpikeTrains:
-    found = nt.read_nwb(path, {"label": "cloth", "step_ms": 10, **settings}, where=where)
+    found = nt.read_nwb(path, label="cloth", step_ms=10, **settings, where=where)
     assert isinstance(found, nt.SpikeTrains)
     return found
 
@@ -124,12 +124,12 @@ def test_trials_that_touch_invalid_times_are_left_out(tmp_path, series, caplog):
         file["acquisition/touch/starting_time"] = 0.0
         file["acquisition/touch/starting_time"].attrs["rate"] = 50.0
     asked = {"label": "cloth"} | ({"step_ms": 10} if series is None else {"series": series, "unit": "V"})
-    found = nt.read_nwb(path, asked)
+    found = nt.read_nwb(path, **asked)
     assert len(found) == N_TRIALS - 2
     assert f"{path}: 2 of 20 trials are left out: 2 touch invalid times" in caplog.messages
-    assert len(nt.read_nwb(path, {**asked, "unobserved": "silent"})) == N_TRIALS
+    assert len(nt.read_nwb(path, **asked, unobserved="silent")) == N_TRIALS
     with pytest.raises(InputError, match=r"more than 10 %: 20 touch invalid times; read what was not observed as s"):
-        nt.read_nwb(session(tmp_path / "b.nwb", invalid=[[0.0, 99.0]]), {"label": "cloth"})
+        nt.read_nwb(session(tmp_path / "b.nwb", invalid=[[0.0, 99.0]]), label="cloth")
 
 
 def test_units_are_chosen_by_their_columns_and_those_of_their_electrodes(tmp_path, caplog):
@@ -153,7 +153,7 @@ def test_units_are_chosen_by_their_columns_and_those_of_their_electrodes(tmp_pat
     with pytest.raises(InputError, match="`units`: there is no column 'qualty'; did you mean 'quality'"):
         read(path, units={"qualty": "good"})
     with pytest.raises(InputError, match="`units` is for spikes of units; drop it"):
-        nt.read_nwb(path, {"label": "cloth", "series": "touch", "units": {"quality": "good"}})
+        nt.read_nwb(path, label="cloth", series="touch", units={"quality": "good"})
     words = ["import", "nwb", str(path), "--label", "cloth", "--step-ms", "10", "--units", "quality=good"]
     words += ["--units", "name!=unit0", "--where", "cloth=silk", "--where", "phase=late", "-o", str(tmp_path / "a.h5")]
     done = CliRunner().invoke(app, words)
@@ -188,11 +188,11 @@ def test_columns_of_a_series_have_the_names_of_its_electrodes(tmp_path):
         file["acquisition/touch/starting_time"] = 0.0
         file["acquisition/touch/starting_time"].attrs["rate"] = 50.0
     asked = {"label": "cloth", "series": "touch", "unit": "V"}
-    found = nt.read_nwb(path, asked)
+    found = nt.read_nwb(path, **asked)
     assert isinstance(found, nt.Recordings)
     assert found.channels == ("electrode9", "electrode7")
     with h5py.File(path, "r+") as file:
         file["general/extracellular_ephys/electrodes/label"] = np.array(["tip", "palm", "nail"], h5py.string_dtype())
-    named = nt.read_nwb(path, asked)
+    named = nt.read_nwb(path, **asked)
     assert isinstance(named, nt.Recordings)
     assert named.channels == ("nail", "tip")

@@ -1,0 +1,236 @@
+"""A trained chain in use: exported, fine-tuned for it, checked against a chip."""
+
+import logging
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import pandas as pd
+
+from neurotact import effects, files
+from neurotact.api.arguments import Tell, silent
+from neurotact.api.networks import result
+from neurotact.data import hdf5
+from neurotact.deploy import c_export, export, fine_tuning, proving, sources, targets
+from neurotact.deploy.chain import chain_of
+from neurotact.deploy.export import Exported
+from neurotact.deploy.nir_exchange import exchange, execute, note
+from neurotact.deploy.stream import Decision as Decision
+from neurotact.deploy.stream import Stream
+from neurotact.errors import InputError
+from neurotact.networks.training import train_run, trained
+
+log = logging.getLogger("neurotact")
+
+
+class Flow(NamedTuple):
+    """A stream of samples: its decisions, as they are taken, and what became of the samples so far, in words."""
+
+    decisions: Iterator[Decision]
+    summary: Callable[[], str]
+
+
+def stream(
+    run: str | Path,
+    source: str | Path = "-",
+    *,
+    format: str | None = None,
+    baud: int | None = None,
+    rate: str = "fast",
+    sampling_rate_Hz: float | None = None,
+    unit: str | None = None,
+    time_column: str | None = None,
+    lsb: float | None = None,
+    zero: float | None = None,
+    length_ms: float | None = None,
+    start_ms: float | None = None,
+    hop_ms: float | None = None,
+    contact: bool = False,
+    quiet_ms: float | None = None,
+    early_exit: bool = True,
+    hold_ms: float = 5.0,
+    stall_s: float | None = None,
+) -> Flow:
+    """Decide samples as they arrive from a pipe, a device or a file, as `neurotact stream` does; see also `Stream`.
+
+    source: "-" (standard input), a device file, "serial:/dev/ttyUSB0", FILE.csv, or FILE.h5, whose rate and unit count.
+    format: of other sources than .h5: "csv" (if None), "float32" or "int16", with the signal `zero` (0) + `lsb` (1) x.
+    baud: of a serial port; 115200 if None. time_column: the unit of time stamps in the first column of CSV.
+    rate: "fast", or "real" for a file at its own rate.
+    sampling_rate_Hz, unit, length_ms, start_ms, hop_ms, contact, quiet_ms, early_exit, hold_ms: as for `Stream`.
+    stall_s: a pipe without input for so long counts as a gap; 1 if None.
+    Raises InputError for a source that cannot be read, and for a chain that cannot run sample by sample.
+    """
+    if rate not in ("fast", "real"):
+        raise InputError(f"`rate={rate!r}`: is unknown; choose one of fast, real")
+    began, source = time.perf_counter(), str(source)
+    kind = sources.kind_of(source)
+    effects.check(
+        source=kind, format=format, baud=baud, sampling_rate_Hz=sampling_rate_Hz, time_column=time_column, lsb=lsb,
+        zero=zero, stall_s=stall_s,
+    )  # fmt: skip
+    if kind == "recordings":
+        with hdf5.open_recordings(source) as stored:
+            sampling_rate_Hz, unit = stored.sampling_rate_Hz, unit or stored.unit
+    chain = chain_of(
+        run, sampling_rate_Hz=sampling_rate_Hz, early_exit=early_exit, length_ms=length_ms, start_ms=start_ms,
+        hop_ms=hop_ms, contact=contact, quiet_ms=quiet_ms,
+    )  # fmt: skip
+    flow, noted = Stream(chain, unit=unit, hold_ms=hold_ms), sources.Noted()
+    block = max(1, round(0.01 * chain.sampling_rate_Hz))
+    if kind == "recordings":
+        samples = sources.recorded(Path(source), chain.n_taxels, block)
+    else:
+        layout = sources.Layout.of(format, time_column, lsb, zero)
+        parser = layout.parser(source, chain.n_taxels, chain.sampling_rate_Hz, noted)
+        samples = sources.live(source, parser, noted, stall_s or sources.STALL_S, baud=baud or sources.DEFAULT_BAUD)
+    if rate == "real":
+        samples = sources.at_its_rate(samples, chain.sampling_rate_Hz, noted, block)
+
+    def summary() -> str:
+        tally, trouble = flow.tally, sources.trouble_of(flow.tally, noted)
+        took = f"in {time.perf_counter() - began:.1f} s; {trouble or 'every sample was used unchanged'}"
+        return f"{tally.samples} samples, {tally.decisions} decisions, {took}"
+
+    return Flow(sources.decide(flow, samples), summary)
+
+
+def export_c(
+    run: str | Path,
+    folder: str | Path,
+    *,
+    variant: Literal["integer", "float"] = "integer",
+    weight_bits: int | None = None,
+    state_bits: int | None = None,
+    lsb: float | None = None,
+    recordings: str | Path | None = None,
+    spikes: str | Path | None = None,
+    name: str = "touch",
+    sampling_rate_Hz: float | None = None,
+    early_exit: bool = True,
+    length_ms: float | None = None,
+    start_ms: float | None = None,
+    hop_ms: float | None = None,
+    contact: bool = False,
+    quiet_ms: float | None = None,
+    prove: int = 0,
+    force: bool = False,
+    tell: Tell = silent,
+) -> Exported:
+    """Write the chain in the run folder `run` as C99, from a raw sample to a decision, as `neurotact export` does.
+
+    variant: "integer", whose formats are chosen from the run's training trials, or "float". recordings, spikes: that
+    the run was trained on, where they moved since. weight_bits: 2 to 8; when None those of `fine_tune`, else 8.
+    state_bits: 8 to 16, or 24; chosen when None. lsb: of a sample of 16 bits; from the recorded range when None.
+    name: prefix of every name in C.
+    sampling_rate_Hz, early_exit, length_ms, start_ms, hop_ms, contact, quiet_ms: as for `Stream`.
+    prove: compile the export, run it here and in QEMU, and compare this many test trials spike by spike.
+    force: replace files. tell: called with what the command prints.
+    Returns the chain and its formats. Raises InputError for files that exist, and for a chain that cannot run in C.
+    """
+    effects.check(
+        variant=variant, weight_bits=weight_bits, state_bits=state_bits, lsb=lsb,
+        ranges=variant == "integer" or prove, recordings=recordings, spikes=spikes,
+    )  # fmt: skip
+    if variant not in ("integer", "float"):
+        raise InputError(f"variant: '{variant}' is unknown; choose integer or float")
+    for path in c_export.paths(Path(folder), name):
+        files.check_new(path, force=force)
+    found = export.prepared(
+        run, integer=variant == "integer", recordings=recordings, spikes=spikes, weight_bits=weight_bits,
+        state_bits=state_bits, lsb=lsb, sampling_rate_Hz=sampling_rate_Hz, early_exit=early_exit, length_ms=length_ms,
+        start_ms=start_ms, hop_ms=hop_ms, contact=contact, quiet_ms=quiet_ms,
+    )  # fmt: skip
+    c_export.write(found.chain, Path(folder), found.formats, name=name)
+    tell(f"{folder}: {c_export.title_of(found.chain, found.formats)}")
+    if prove:
+        tell(proving.prove(run, found.chain, found.formats, prove, recordings, spikes, say=log.warning))
+    return found
+
+
+def export_nir(
+    run: str | Path,
+    path: str | Path,
+    *,
+    plain: bool = False,
+    lower_refractory: bool = False,
+    network_only: bool = False,
+    dt_s: float | None = None,
+    prove: int = 0,
+    recordings: str | Path | None = None,
+    spikes: str | Path | None = None,
+    force: bool = False,
+    tell: Tell = silent,
+) -> Any:
+    """Write the afferents and the network of a run as a NIR graph, as `neurotact export` does; returns it.
+
+    plain, lower_refractory, network_only, dt_s: as of `to_nir`.
+    prove: run the graph in the interpreter, snnTorch and Norse, and compare this many test trials spike by spike.
+    recordings, spikes: for that, those that the run was trained on, where they moved since.
+    force: replace a file. tell: called with what the command prints.
+    Raises InputError for a file that exists, and for a chain that NIR cannot express.
+    """
+    effects.check(ranges=prove, recordings=recordings, spikes=spikes)
+    made = exchange.to_nir(
+        run, path, plain=plain, lower_refractory=lower_refractory, network_only=network_only, dt_s=dt_s, force=force
+    )
+    said = note.of(made, str(path))
+    assert said is not None
+    tell(f"{path}: {len(execute.flat(made)[0])} nodes, steps of {said.dt_s:g} s, {said.form}")
+    for difference in said.differences:
+        tell(f"  differs: {difference}")
+    if prove:
+        for line in exchange.summary(exchange.proved(run, made, prove, recordings, spikes, say=log.warning)):
+            tell(line)
+    return made
+
+
+def check_chip(run: str | Path, check: str, *, tell: Tell = silent) -> pd.DataFrame:
+    """The limits of a chip ("xyloaudio2", "loihi2", "spinnaker2") for the network of a run.
+
+    One row per limit: what, here, limit, fits, and the cost of making it fit. tell: called with what the command
+    prints. Raises InputError for an unknown chip.
+    """
+    restored = trained.restore(run)
+    found = targets.check(restored.network, restored.encoder, restored.rule, check)
+    tell(targets.title(check))
+    for row in found.itertuples(index=False):
+        parts = filter(None, (f"{'fits' if row.fits else 'NOT'}  {row.what}: {row.here}", row.limit, row.cost))
+        tell("; ".join(parts))
+    return found
+
+
+def fine_tune(
+    run: str | Path,
+    folder: str | Path,
+    *,
+    weight_bits: int = 8,
+    state_bits: int | None = None,
+    epochs: int = fine_tuning.EPOCHS,
+    seed: int | None = None,
+    spikes: str | Path | None = None,
+    force: bool = False,
+    tell: Tell = silent,
+) -> dict[str, Any]:
+    """Train the network in the run folder `run` on with rounded weights, as `neurotact fine-tune` does.
+
+    It is saved in `folder` as a run of its own, which `export_c` writes with these bits. weight_bits: 2 to 8.
+    state_bits: 8 to 16, or 24; chosen when None. epochs: 0 rounds alone. seed: of the order of windows, 0 if
+    None. Training and validation trials are used alone.
+    spikes: that the run was trained on, where they moved since. force: replace a training that is in the folder.
+    tell: called with what the command prints. Returns what it came to, as `train` does.
+    Raises InputError for a folder that is not free, and for spikes that are no longer those of the run.
+    """
+    place = Path(folder)
+    outcome, training = fine_tuning.run(
+        run, place, weight_bits=weight_bits, state_bits=state_bits, epochs=epochs, seed=seed, spikes=spikes, force=force
+    )
+    rounded, best = (100 * epoch.validation_accuracy for epoch in (training.epochs[0], training.best))
+    tuned = (
+        f"validation accuracy with {weight_bits}-bit weights: {rounded:.1f} % rounded, {best:.1f} % fine-tuned "
+        f"(epoch {training.best.epoch} of {epochs})"
+    )
+    for line in (*outcome.lines(), tuned, train_run.saved_in(place)):
+        tell(line)
+    return result(place)

@@ -1,0 +1,281 @@
+"""From recordings to spikes: calibrate an encoder, encode, and draw."""
+
+import logging
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from neurotact import effects, files, spec
+from neurotact.api.arguments import Conditions, LeftOut, Settings, Tell, check_instance, silent
+from neurotact.data import encoded_from, hdf5
+from neurotact.data.conditioning import acausal_note
+from neurotact.data.digests import recorded_trials
+from neurotact.data.nwb_output import to_nwb
+from neurotact.data.recordings import Recordings, Trials
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import SplitSpec, check_stratify, split_table, training_touches
+from neurotact.data.trial_choice import TrialChoice, chosen_trials
+from neurotact.encoders import alternatives, calibration, firing, resting, specs
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.encoding import Encoded, encode_recordings
+from neurotact.encoders.encoding import encode_file as write_encoded
+from neurotact.encoders.gain_search import CalibrationRule
+from neurotact.encoders.specs import EncoderSpec
+from neurotact.errors import InputError
+from neurotact.figures import raster
+from neurotact.figures.calibration import draw_calibration
+from neurotact.figures.style import save as save_figure
+from neurotact.progress import Advance, track
+from neurotact.progress import silent as silently
+
+log = logging.getLogger("neurotact")
+
+RETURNED = "nt.simulate, nt.load or nt.read_folder returns them"
+COMPARED = ["baseline", "polarity", "accuracy", "separation_sa", "separation_ra", "acausal", "chosen"]
+"""The columns of a comparison that are told."""
+
+
+def encode(
+    recordings: Recordings,
+    encoder: str | Path | EncoderSpec = "sa1-ra1-lif",
+    settings: Settings | None = None,
+    *,
+    where: Conditions | None = None,
+    leave_out: LeftOut = None,
+    progress: Callable[[int], None] | None = None,
+) -> SpikeTrains:
+    """Spikes of SA-I and RA-I afferents for whole trials.
+
+    encoder: a spec, or the name or path of one. settings: changes of it, dotted keys.
+    where, leave_out: the trials to encode, as of `read`.
+    progress: called with the number of trials done since its last call.
+    Raises InputError for an unknown encoder, key, condition or value. Warns (`FiringWarning`) of a population that is
+    silent, or whose every firing afferent is saturated.
+
+    >>> spikes = encode(simulate("gratings", trials=1, duration_s=0.3), "sa1-ra1-lif", {"sa1.t_ref_ms": 5})
+    >>> spikes.afferents[0], spikes.encoder["sa1"]["t_ref_ms"]
+    ('SA-I taxel1', 5.0)
+    """
+    check_instance("recordings", recordings, Recordings, RETURNED)
+    recordings = chosen_trials(recordings, TrialChoice.of(where, leave_out), recordings.source or "recordings")
+    what = specs.resolve(encoder, settings)
+    trains = encode_recordings(recordings, what, progress)
+    counts = np.bincount(np.concatenate(trains.units), minlength=len(trains.afferents))
+    for complaint in firing.complaints(counts, int(trains.trial_steps.sum()), trains.sampling_rate_Hz, what):
+        warnings.warn(complaint, firing.FiringWarning, stacklevel=2)
+    return trains
+
+
+def encode_file(
+    recordings: str | Path,
+    out: str | Path,
+    encoder: str | Path | EncoderSpec = "sa1-ra1-lif",
+    settings: Settings | None = None,
+    *,
+    where: Conditions | None = None,
+    leave_out: LeftOut = None,
+    force: bool = False,
+    tell: Tell = silent,
+) -> Encoded:
+    """Write the spikes of a file of recordings to the file `out`: those of `encode`, with little memory.
+
+    encoder, settings, where, leave_out: as of `encode`. force: replace a file. tell: called with what
+    `neurotact encode` prints.
+    Returns the numbers of trials, of spikes of each afferent `(afferent,)` and of steps, and the clock in Hz.
+    Raises InputError for a file that exists, and as `encode` does; logs of what it warns.
+    """
+    out = Path(out)
+    files.check_new(out, force=force, inputs=_paths(recordings, encoder))
+    what = specs.resolve(encoder, settings)
+    with hdf5.open_recordings(recordings) as stored:
+        data = chosen_trials(stored, TrialChoice.of(where, leave_out), str(recordings))
+        with track("encode", len(data)) as advance:
+            found = write_encoded(data, what, out, lambda n: advance(n, ""))
+    for complaint in firing.complaints(found.fired, found.steps, found.clock_Hz, what):
+        log.warning("%s", complaint)
+    tell(
+        f"{out}: {found.trials} trials, {found.fired.sum()} spikes of {len(found.fired)} afferents "
+        f"in {found.steps / found.clock_Hz:.1f} s"
+    )
+    if note := acausal_note(what.model_dump(mode="json")):
+        tell(note)
+    return found
+
+
+def calibrate(
+    recordings: Recordings | str | Path,
+    encoder: str | Path | AfferentSpec = "sa1-ra1-lif",
+    settings: Settings | None = None,
+    *,
+    split_seed: int | None = None,
+    stratify: Sequence[str] = (),
+    where: Conditions | None = None,
+    leave_out: LeftOut = None,
+    test_where: Conditions | None = None,
+    group: str | Sequence[str] = (),
+    order: str | None = None,
+    folds: int | None = None,
+    fold: int | None = None,
+    validation: float | None = None,
+    test: float | None = None,
+    nested: bool | None = None,
+    compare: bool = False,
+    rest_ms: float = resting.REST_MS,
+    out: str | Path | None = None,
+    figure: str | Path | None = None,
+    force: bool = False,
+    tell: Tell = silent,
+) -> AfferentSpec:
+    """An encoder with gains for a sensor, from the training trials of a split: `neurotact calibrate`.
+
+    recordings: in memory, or the path of a file of them.
+    settings: changes of the encoder, dotted keys. A baseline that knows the whole trial gives way to one that knows the
+        past alone, and a moving average is chosen, unless `settings` name `conditioning.baseline` and
+        `conditioning.ema_cutoff_Hz`.
+    split_seed, stratify, test_where, group, order, folds, fold, validation, test, nested: how trials are divided, as
+        for `train`; the gains know nothing of its validation and test trials.
+    where, leave_out: the trials that are divided, as of `read`.
+    compare: try every baseline and polarity, and use the best that knows the past alone.
+    rest_ms: length of the rest at the start of each trial; afferents that fire in it are named in a line.
+    out, figure: files for the encoder (.toml) and for a drawing of how its gains were chosen (.png, .svg, .pdf); one
+        that exists is refused unless `force`. tell: called with what the command prints.
+    Raises InputError for less than two classes, for constant signals, and as `train` does for the split.
+    """
+    began, rule = perf_counter(), CalibrationRule()
+    _check_outputs([Path(each) for each in (out, figure) if each], force, _paths(recordings, encoder))
+    asked = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
+    start = spec.resolve(AfferentSpec, encoder, settings)
+    fit, times = calibration.way_of(start, settings or {})
+    if compare:
+        spec.refuse(settings or {}, alternatives.COMPARED)
+    n_steps = alternatives.n_steps(rule) if compare else times * rule.candidates
+    with _opened(recordings) as (stored, is_file), _tracked("calibrate", n_steps if is_file else 0) as advance:
+        source = stored.source or "recordings"
+        data = chosen_trials(stored, TrialChoice.of(where, leave_out), source)
+        split = spec.build(SplitSpec, asked, source="calibrate")
+        check_stratify(data.conditions, stratify, split)
+        training = data.select(training_touches(data, stratify, split))
+        compared = alternatives.compare(training, start, advance, rule) if compare else None
+        found = fit(training, start, advance, rule) if compared is None else compared.best
+        at_rest = resting.resting_table(training, found.encoder, rest_ms)
+    trials = f"{len(training)} training trials"
+    if out:
+        about = f"{trials} (split seed {split.seed}) of {Path(source).name}"
+        origin = encoder if isinstance(encoder, (str, Path)) else "an encoder"
+        saved = spec.to_toml(found.encoder.model_dump(mode="json", exclude_none=True))
+        files.write_text(out, f"# Calibrated from {origin} on the {about}.\n{saved}")
+    if figure:
+        save_figure(draw_calibration(found.table, found.isi), figure)
+    if compared is not None:
+        tell(compared.table[COMPARED])
+    gains = f"sa1.gain = {found.encoder.sa1.gain:g}, ra1.gain = {found.encoder.ra1.gain:g}"
+    tell(f"{out or 'encoder'}: {gains}, from {trials} in {perf_counter() - began:.1f} s")
+    if complaint := resting.complaint(at_rest, rest_ms, found.encoder.conditioning.baseline):
+        log.warning("%s: %s", source, complaint)
+    return found.encoder
+
+
+def plot_raster(
+    spikes: SpikeTrains,
+    trial: int = 0,
+    recordings: Recordings | None = None,
+    *,
+    start_s: float = 0.0,
+    stop_s: float | None = None,
+) -> Figure:
+    """The spikes of one trial as a matplotlib figure, under the signals of `recordings` where they are given.
+
+    start_s, stop_s: the part that is drawn; up to the trial's end when None.
+    Raises InputError for a trial that does not exist, and for recordings that do not hold it.
+    """
+    check_instance("spikes", spikes, SpikeTrains, "nt.encode returns them")
+    signal = None
+    if recordings is not None:
+        found = recorded_trials(recordings, spikes, np.array([raster.existing_trial(spikes, trial)]))
+        if found is None:
+            raise InputError(f"recordings: do not hold trial {trial} of the spikes; give those that were encoded")
+        signal = (recordings.signals[found[0]], recordings.sampling_rate_Hz, recordings.unit)
+    return raster.draw_raster(spikes, trial, signal, start_s, stop_s)
+
+
+def save_raster(
+    spikes: str | Path,
+    out: str | Path,
+    *,
+    trial: int | None = None,
+    start_s: float | None = None,
+    stop_s: float | None = None,
+    recordings: str | Path | None = None,
+    force: bool = False,
+) -> None:
+    """Draw a trial of a file of spikes (.png, .svg, .pdf), or write the spikes of all (.csv, .nwb): `neurotact raster`.
+
+    trial: the one that is drawn, 0 if None. start_s, stop_s: the part that is drawn; the whole trial if None.
+    recordings: the file that was encoded, where it moved since; without one the signal is left out, which is logged.
+    force: replace a file.
+    Raises InputError for a file that exists, another suffix, and a trial that does not exist.
+    """
+    out = Path(out)
+    kind = "events" if out.suffix in (".csv", ".nwb") else "picture"
+    effects.check(file=kind, trial=trial, start_s=start_s, stop_s=stop_s, recordings=recordings)
+    files.check_new(out, force=force, inputs=[spikes, recordings])
+    trains = hdf5.load_spikes(spikes)
+    files.check_new(out, force=force, inputs=[trains.source or None])
+    trial = trial or 0
+    if trial >= len(trains):
+        raise InputError(f"`trial={trial}`: {spikes} holds trials 0 to {len(trains) - 1}; choose one of them")
+    if out.suffix == ".csv":
+        raster.write_events(trains, out)
+    elif out.suffix == ".nwb":
+        to_nwb(trains, out, force=force)
+    else:
+        signal = _signal_of(trains, trial, recordings, spikes)
+        raster.write_raster(trains, trial, out, signal=signal, start_s=start_s or 0.0, stop_s=stop_s)
+
+
+@contextmanager
+def _opened(recordings: Recordings | str | Path) -> Iterator[tuple[Trials, bool]]:
+    """Recordings, and whether they are in a file."""
+    if isinstance(recordings, (str, Path)):
+        with hdf5.open_recordings(recordings) as stored:
+            yield stored, True
+    else:
+        check_instance("recordings", recordings, Recordings, RETURNED)
+        yield recordings, False
+
+
+def _tracked(what: str, total: int) -> AbstractContextManager[Advance]:
+    """`track`, unless there is nothing to show."""
+    return track(what, total) if total else nullcontext(silently)
+
+
+def _paths(*inputs: object) -> list[str | Path]:
+    return [each for each in inputs if isinstance(each, (str, Path))]
+
+
+def _check_outputs(outputs: list[Path], force: bool, inputs: list[str | Path]) -> None:
+    """Refuse outputs that exist or are inputs, and two outputs that are one file."""
+    for out in outputs:
+        files.check_new(out, force=force, inputs=inputs)
+    if len({out.resolve() for out in outputs}) < len(outputs):
+        raise InputError(f"{outputs[-1]}: is the path of two outputs of this command; give each its own file")
+
+
+def _signal_of(
+    trains: SpikeTrains, trial: int, given: str | Path | None, spikes: str | Path
+) -> tuple[np.ndarray, float, str] | None:
+    """The recorded signal of one trial, its sampling rate and unit; None if the recordings are not available."""
+    try:
+        path, (recorded,) = encoded_from.find(spikes, trains, np.array([trial]), given)
+    except encoded_from.AbsentError as error:
+        log.warning("the signal is left out: %s", error)
+        return None
+    with hdf5.open_recordings(path) as data:
+        n_samples = int(data.lengths[recorded])
+        files.check_size(f"{path}, trial {recorded}", 4 * n_samples * data.n_channels)
+        return data.piece(int(recorded), 0, n_samples), data.sampling_rate_Hz, data.unit

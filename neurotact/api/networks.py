@@ -1,0 +1,334 @@
+"""Networks: train one, search one, decide with one, count what it costs."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import torch
+
+from neurotact import effects, files, spec
+from neurotact.api.arguments import Conditions, LeftOut, Settings, Tell, check_instance, path_of, silent
+from neurotact.data import hdf5
+from neurotact.data.conditioning import acausal_note
+from neurotact.data.copies import copies_of
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import split_table
+from neurotact.data.trial_choice import TrialChoice, chosen_trials
+from neurotact.data.window_choice import ARGUMENTS
+from neurotact.data.windows import Align, window_table
+from neurotact.figures.search import save_found
+from neurotact.metrics import synops
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec, given_keys
+from neurotact.networks.search import journal, search, search_tables
+from neurotact.networks.training import cautions, checkpoint, population, repeated, tasks, train_run, trained
+from neurotact.networks.training.outcome import summary_of
+from neurotact.networks.training.tasks import ExitBy, Task
+from neurotact.networks.training.train_run import Interrupted as Interrupted
+from neurotact.networks.use import inference, ledger
+from neurotact.progress import track
+from neurotact.tables import write_table
+
+REPEATED = ["folder", "accuracy_validation", "accuracy_test", "baseline", "sops_total", "exit_steps"]
+COSTS = ["name", "macs", "acs", "parameters", "signal_ms", "energy_estimate_nJ"]
+"""The columns of tables that are told; the files hold all of them."""
+
+
+def train(
+    spikes: str | Path,
+    folder: str | Path,
+    network: str | Path | RSNNSpec = "default",
+    settings: Settings | None = None,
+    *,
+    length_ms: float | None = None,
+    start_ms: float | None = None,
+    hop_ms: float | None = None,
+    per_trial: int | None = None,
+    align: Align = "trial",
+    rest_ms: float | None = None,
+    onset_deviations: float | None = None,
+    where: Conditions | None = None,
+    leave_out: LeftOut = None,
+    test_where: Conditions | None = None,
+    group: str | Sequence[str] = (),
+    order: str | None = None,
+    folds: int | None = None,
+    fold: int | None = None,
+    repeats: int = 1,
+    stratify: Sequence[str] = (),
+    split_seed: int | None = None,
+    validation: float | None = None,
+    test: float | None = None,
+    nested: bool | None = None,
+    exit_tolerance: float = 0.01,
+    exit_by: ExitBy = "stability",
+    seed: int = 0,
+    device: str = "cpu",
+    resume: bool = False,
+    force: bool = False,
+    tell: Tell = silent,
+) -> dict[str, Any]:
+    """Train a network on windows of a file of spikes and save it in `folder`, as `neurotact train` does.
+
+    Returns what it came to: `accuracy_test` with its 95 % interval (`low`, `high`, over `trials` test trials);
+    `chance`, `commonest` and `baseline_accuracy` (of `baseline`, the best of eight classifiers on the same spikes) to
+    compare it with; SOPs and steps, also with early exit (`exit_...`); and `cautions`, the list of what may be wrong.
+    With all folds or with repeats, one network is trained per split, in a folder of its own: then the means
+    `accuracy_test` (`low`, `high`), `baseline_accuracy` and `sops_total`, `cautions`, and `splits`, a table with a row
+    per split.
+
+    network: a spec, or the name or path of one. settings: changes of it, dotted keys.
+    length_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations: as for `windows`.
+    where, leave_out: the trials that are used at all, as of `read`.
+    test_where, group, order, validation, test, nested: how trials are divided, as for the method `split` of `windows`,
+        such as `test_where={"speed": 450}`. stratify: conditions that are balanced. split_seed: of the division, 0 if
+        None.
+    folds: divide the trials into this many folds and test on each in turn, or on `fold` alone. repeats: number of
+        random splits, with seeds from `split_seed` upwards.
+    exit_tolerance: validation accuracy that early exit may lose.
+    exit_by: "stability", the leading class unchanged for long enough, or "margin", a lead that is large enough.
+    seed: of the weights and of the order of windows. device: a torch device.
+    resume: go on with a training that was interrupted. force: replace one that is in the folder.
+    tell: called with what the command prints.
+    The spikes stay in their file, by whose content `resume` knows them; `save` writes one.
+    Raises InputError for a folder that is not free, for spikes that cannot be used and for unknown keys; `Interrupted`,
+    a KeyboardInterrupt with the number of saved `epochs`, on Ctrl-C.
+    """
+    window = window_table(length_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
+    split = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
+    trains, task = _task("train", spikes, window, split, stratify, exit_tolerance, exit_by, where, leave_out)
+    place, spikes = Path(folder), Path(spikes)
+    what, given = spec.resolve(RSNNSpec, network, settings), given_keys(network, settings)
+    population.device_of(device, torch.float32)
+    options = {"given": given, "seed": seed, "device": device, "force": force, "resume": resume, "tell": tell}
+    every_fold = folds is not None and fold is None
+    if every_fold or repeats > 1:
+        each = repeated.tasks_of(task, every_fold=every_fold, repeats=repeats)
+        return _of_repeated(repeated.run(spikes, place, what, each, **options), place, trains, tell)
+    done = train_run.run(spikes, place, what, task, **options)
+    if done is None:
+        tell(f"{place}: this training is done already; its result is in {place / train_run.RESULT}")
+    else:
+        for line in (*done.lines(), train_run.saved_in(place)):
+            tell(line)
+    return result(place)
+
+
+def _task(
+    source: str, spikes: str | Path, window: Settings, split: Settings, stratify: Sequence[str], exit_tolerance: float,
+    exit_by: str, where: Conditions | None, leave_out: LeftOut,
+) -> tuple[SpikeTrains, Task]:  # fmt: skip
+    """The spike trains of a file and what a network does with them, with windows that suit them."""
+    path = path_of(spikes)
+    task = tasks.task_of(source, window, split, stratify, exit_tolerance, exit_by, where=where, leave_out=leave_out)
+    trains = tasks.load_spikes(path, task, tell=True)
+    return trains, tasks.with_suited_window(task, trains, ARGUMENTS)
+
+
+def _of_repeated(found: repeated.Repeated, folder: Path, trains: SpikeTrains, tell: Tell) -> dict[str, Any]:
+    tell(found.table[REPEATED])
+    tell(f"{folder / repeated.TABLE}: {repeated.line(found)}")
+    return {
+        "accuracy_test": found.accuracy.mean, "low": found.accuracy.low, "high": found.accuracy.high,
+        "baseline_accuracy": found.table["baseline"].mean(), "sops_total": found.table["sops_total"].mean(),
+        "splits": found.table, "cautions": [*cautions.copies(len(copies_of(trains).trials), len(trains))],
+    }  # fmt: skip
+
+
+def result(run: str | Path) -> dict[str, Any]:
+    """What the training in the run folder `run` came to, as `train` returns it.
+
+    Raises InputError where there is none.
+    """
+    return summary_of(files.read_json(Path(run) / train_run.RESULT))
+
+
+def tune(
+    spikes: str | Path,
+    folder: str | Path,
+    space: str | Path | Mapping[str, Any] | None = None,
+    network: str | Path | RSNNSpec = "default",
+    settings: Settings | None = None,
+    *,
+    trials: int = 100,
+    seed: int = 0,
+    objective: str = "accuracy",
+    sops_weight: float | None = None,
+    max_sops: float | None = None,
+    tuner: str = "tpe",
+    batch: int = 8,
+    assessor: str = "median-stop",
+    start_epoch: int | None = None,
+    length_ms: float | None = None,
+    start_ms: float | None = None,
+    hop_ms: float | None = None,
+    per_trial: int | None = None,
+    align: Align = "trial",
+    rest_ms: float | None = None,
+    onset_deviations: float | None = None,
+    where: Conditions | None = None,
+    leave_out: LeftOut = None,
+    test_where: Conditions | None = None,
+    group: str | Sequence[str] = (),
+    order: str | None = None,
+    folds: int | None = None,
+    fold: int | None = None,
+    stratify: Sequence[str] = (),
+    split_seed: int | None = None,
+    validation: float | None = None,
+    test: float | None = None,
+    nested: bool | None = None,
+    exit_tolerance: float = 0.01,
+    exit_by: ExitBy = "stability",
+    workers: int | None = None,
+    device: str = "cpu",
+    resume: bool = False,
+    tell: Tell = silent,
+) -> pd.DataFrame:
+    """Search a network's hyperparameters on validation windows, as `neurotact tune` does: one row per trial.
+
+    space: name or path of a search space in NNI's terms, or the space itself; when None, around the choices of the
+    network's recipe. trials: networks to train; the first is the network as given. The best has the highest value and,
+    of equal ones, the fewest SOPs.
+    objective: "accuracy", or "accuracy-sops", which is accuracy - `sops_weight` (0.1) log10(SOPs). max_sops: budget of
+    the best network, in mean SOPs per window.
+    tuner: "tpe", "random" or "grid". assessor: "median-stop" stops trials below the median early, from `start_epoch`
+    (10) on; "none" trains all to the end.
+    batch: trials that are proposed together. device: another torch device than "cpu", such as "cuda", trains each
+    batch at once, in place of `workers` processes (2).
+    Windows, split, where, leave_out, exit_tolerance and exit_by: as for `train`; of `folds`, the `fold` (0) is tested.
+    The journal, tables, figure, `best.toml` and the best network, `best`, are saved in `folder`; given the same folder
+    again, the search continues there. resume: with more `trials` than before, too, as if all had been asked for at
+    once. tell: called with what the command prints.
+    Raises InputError for an unknown space, for a folder with another search, and as `train` does.
+    """
+    effects.check(workers=workers, device=device)
+    window = window_table(length_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
+    split = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
+    trains, task = _task("tune", spikes, window, split, stratify, exit_tolerance, exit_by, where, leave_out)
+    place, spikes = Path(folder), Path(spikes)
+    table = {
+        "trials": trials, "seed": seed, "objective": objective, "sops_weight": sops_weight, "max_sops": max_sops,
+        "tuner": tuner, "assessor": assessor, "start_epoch": start_epoch, "batch": batch,
+    }  # fmt: skip
+    what, given = spec.resolve(RSNNSpec, network, settings), given_keys(network, settings)
+    source = f"`nt.tune(space={str(space)!r})`" if isinstance(space, (str, Path)) else "tune"
+    asked = search.asked(source, space, what, table, trains, task, given)
+    problem = search.problem_of(trains, asked, what, task, device)
+    with files.locked(place):
+        with search.runner(problem, spikes, workers or 2, device) as run, track("tune", trials) as advance:
+            found, timing = search.search(problem, place, run, advance, resume=resume)
+        save_found(problem, found, place)
+        outcome = search.save_best(problem, spikes, place, found, device)
+    best = journal.best_of(found)
+    tell(f"trial {best.id} of {len(found)} is the best; {timing.seconds:.1f} s, proposals {timing.proposals:.1f} s")
+    if problem.search.first is not None:
+        tell(journal.beside_given(found))
+    saved = f"its settings: {place / 'best.toml'}; every trial: {place / 'trials.csv'}; figure: {place / 'search.png'}"
+    for line in (*outcome.lines(), saved, train_run.saved_in(place / "best")):
+        tell(line)
+    return search_tables.trials_table(found)
+
+
+def infer(
+    run: str | Path,
+    spikes: SpikeTrains | str | Path,
+    *,
+    early_exit: bool = False,
+    test_only: bool = False,
+    where: Conditions | None = None,
+    leave_out: LeftOut = None,
+    allow_other_encoder: bool = False,
+    device: str = "cpu",
+    out: str | Path | None = None,
+    force: bool = False,
+    tell: Tell = silent,
+) -> pd.DataFrame:
+    """Decide every window of spike trains, or of a file of them, with the network in the run folder `run`.
+
+    One row per window, with its spikes and SOPs. Columns: trial, side (training, validation, test, unseen), label,
+    predicted, steps, input_spikes, hidden_spikes and sops_*. `summarise` gives their means.
+    early_exit: stop where the validated rule says so. test_only: the network's own test trials alone.
+    where, leave_out: the trials to decide, as of `read`; they are numbered anew in the column trial.
+    device: a torch device. out: a file to write (.csv, .json, .md); one that exists is refused unless `force`.
+    tell: called with a note where windows know samples after them.
+    Raises InputError for spikes of another encoder, unless `allow_other_encoder`.
+    """
+    effects.check(force=force, out=out)
+    is_file = isinstance(spikes, (str, Path))
+    if out:
+        files.check_new(out, force=force, inputs=[*trained.files_of(run), *([spikes] if is_file else [])])
+    restored = trained.restore(run, device=str(population.device_of(device, torch.float32)))
+    trains = hdf5.load_spikes(spikes) if is_file else spikes
+    check_instance("spikes", trains, SpikeTrains, "nt.encode and nt.load return them")
+    trains = chosen_trials(trains, TrialChoice.of(where, leave_out), str(spikes) if is_file else "spikes")
+    table = inference.infer(
+        restored, trains, early_exit=early_exit, test_only=test_only, allow_other_encoder=allow_other_encoder
+    )
+    if out:
+        write_table(table, out)
+    _tell_note(trains, tell)
+    return table
+
+
+def _tell_note(trains: SpikeTrains, tell: Tell) -> None:
+    if note := acausal_note(trains.encoder):
+        tell(note)
+
+
+def sops(
+    run: str | Path,
+    out: str | Path,
+    *,
+    spikes: str | Path | None = None,
+    early_exit: bool = False,
+    allow_other_encoder: bool = False,
+    force: bool = False,
+    tell: Tell = silent,
+) -> pd.DataFrame:
+    """Write the synaptic operations of each test window of a run to `out` (.csv, .json, .md); returns the rows.
+
+    spikes: that the run was trained on, where they moved since. early_exit: count with early exit. force: replace a
+    file. tell: called with what `neurotact sops` prints beside the means. Columns as of `infer`.
+    Raises InputError for a file that exists, and for spikes of another encoder, unless `allow_other_encoder`.
+    """
+    run, out = Path(run), Path(out)
+    files.check_new(out, force=force, inputs=[*trained.files_of(run), spikes])
+    restored = trained.restore(run, spikes=spikes)
+    files.check_new(out, force=force, inputs=[restored.spikes_path])
+    trains = trained.load_spikes_of(restored)
+    table = inference.infer(
+        restored, trains, early_exit=early_exit, test_only=True, allow_other_encoder=allow_other_encoder
+    )
+    means = summarise(table)
+    what = f"{run.resolve().name}, {'early exit' if early_exit else 'full window'}"
+    write_table(table, out, about=synops.summary_markdown(means, what))
+    _tell_note(trains, tell)
+    tell(f"saved in {out}, a row per window")
+    network = restored.network
+    sizes = len(trains.afferents), network.n_classes
+    costs = ledger.decision_ledger(network.spec, *sizes, trains.sampling_rate_Hz, means, encoder=trains.encoder)
+    tell(costs[COSTS])
+    return table
+
+
+def summarise(decisions: pd.DataFrame) -> pd.DataFrame:
+    """Means of what `infer` or `sops` returned, for each side and class, and for `all` windows of a side.
+
+    Columns: side, label, windows (how many), accuracy, and the means of steps, spikes and SOPs.
+    Raises InputError for a table without these columns.
+    """
+    return synops.summary(decisions)
+
+
+def save_network(network: RSNN, folder: str | Path, *, force: bool = False) -> None:
+    """Save a network as safetensors and JSON in `folder`; an existing network is refused unless `force`."""
+    check_instance("network", network, RSNN, "a SpikingClassifier has one in network_")
+    files.check_new(Path(folder) / checkpoint.NETWORK, force=force)
+    checkpoint.save(network, folder)
+
+
+def load_network(folder: str | Path) -> RSNN:
+    """The network in a folder that `save_network`, `train` or the command line wrote."""
+    return checkpoint.load(folder)[0]

@@ -1,0 +1,390 @@
+"""Recordings and spike trains: simulated, read, loaded and saved."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from neurotact import effects, files, spec
+from neurotact.api.arguments import Conditions, LeftOut, Settings, Tell, check_text
+from neurotact.data import description, doubtful, hdf5, sources
+from neurotact.data import fetch as public
+from neurotact.data.description import MOST_TAXELS as MOST_TAXELS
+from neurotact.data.onset import common_onset_s
+from neurotact.data.readers import arrays, event_files, folder, nwb, raster, sample_table
+from neurotact.data.readers.clock import Unit as Unit
+from neurotact.data.recordings import Recordings
+from neurotact.data.sources import Reader as Reader
+from neurotact.data.sources import Simulator as Simulator
+from neurotact.data.sources import reader as reader
+from neurotact.data.sources import simulator as simulator
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.trial_choice import TrialChoice, chosen_trials
+from neurotact.data.window_choice import timing_of
+from neurotact.errors import InputError, some
+from neurotact.progress import track
+
+ARRAY_NAMES = [arrays.SIGNALS, *arrays.ALIASES]
+EVENT_NAMES = [*event_files.ALIASES, event_files.POLARITY]
+"""What `names` of a file of arrays, and of one of events, may call by another name."""
+
+
+def simulate(
+    name: str, settings: Settings | None = None, *, progress: sources.Progress | None = None, **parameters: Any
+) -> Recordings:
+    """Simulate an experiment, such as "gratings"; InputError names the nearest for an unknown name or key.
+
+    settings, parameters: changes of its spec: dotted keys in `settings`, plain ones as keywords.
+    progress: called as `progress(done, total)` with numbers of trials.
+
+    >>> simulate("gratings", trials=1, duration_s=0.3)
+    Recordings(48 trials x 8 taxels, 600 samples at 2000 Hz (0.3 s), mV, 8 classes)
+    """
+    found = sources.simulator(check_text("name", name))
+    changes = {**parameters, **spec.checked_settings(settings)}
+    return found.simulate(found.build(changes, f"simulate {name}"), progress)
+
+
+def read(
+    name: str,
+    path: str | Path,
+    *,
+    step_ms: float | None = None,
+    where: Conditions | None = None,
+    leave_out: LeftOut = None,
+) -> Recordings | SpikeTrains:
+    """Read recordings, or spikes, as they were published; `name` is a reader's, such as "fabricslide".
+
+    step_ms: of the clock of spikes, for a reader of events; its own when None.
+    where: conditions of the trials to keep, such as `{"speed": 300, "force_N": [3, 6]}`, one or several values each.
+    leave_out: conditions of trials to leave out, or classes. A line says how many trials are kept.
+    Raises InputError for a condition or a value that no trial has.
+    """
+    choice = TrialChoice.of(where, leave_out)
+    reader = sources.reader(check_text("name", name))
+    effects.check(step_ms=step_ms, clock_ms=reader.step_ms)
+    found = reader.read(Path(path)) if step_ms is None else reader.read(Path(path), step_ms)
+    return chosen_trials(found, choice, str(path))
+
+
+def read_folder(
+    path: str | Path,
+    sampling_rate_Hz: float | None = None,
+    unit: str = "",
+    *,
+    levels: str | Sequence[str] = (),
+    pattern: str | None = None,
+    conditions: str | Path | None = None,
+    columns: str | Sequence[str] = (),
+    time_column: str | None = None,
+    time_unit: Unit | None = None,
+    max_gap_ms: float | None = None,
+    drop_repeats: bool = False,
+    decimal: Literal[".", ","] = ".",
+    header_lines: int | None = None,
+    array: str | None = None,
+    transpose: bool = False,
+    where: Conditions | None = None,
+    leave_out: LeftOut = None,
+) -> Recordings:
+    """Read a folder of CSV, NPZ or MATLAB files, a row per sample and a column per taxel: `neurotact import folder`.
+
+    sampling_rate_Hz: samples per second; found from the time stamps when None. unit: of the signals, such as "count".
+    levels: what the sub-folders are, from the top, such as "label,speed"; "label" when nothing else gives the label.
+    pattern: conditions in the file names, such as "{label}_F{force}_{repetition}.csv".
+    conditions: a CSV file with the column `file` and one column per condition.
+    columns: the taxels, by numbers from 1 or by names, such as "1-5"; all but the time column when empty.
+    time_column, time_unit, max_gap_ms: the stamps, by default a column, or in files of arrays an array, with a name
+        like time, timestamp or t, whole seconds and the rest of the second (as in "sec,nanosec"), else a column of
+        times of day; their unit ("s", "ms", "us", "ns"), by default that of the name, else the one that fits touch; and
+        their longest interval.
+    drop_repeats: drop every row with the time stamp of the row before it, in place of spreading such rows evenly.
+    decimal: "." or ",". header_lines: lines before the first sample; found out when None.
+    array: the array of each NPZ or MATLAB file that is its trial; each is one when None. transpose: whether arrays are
+        (taxel, time).
+    where, leave_out: the trials to keep and to leave out, as of `read`.
+    Raises InputError, which names the file, the line and the fix.
+    """
+    choice = TrialChoice.of(where, leave_out)
+    naming = {"levels": levels, "pattern": pattern, "table": None if conditions is None else str(conditions)}
+    layout = {
+        "columns": columns, "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
+        "drop_repeats": drop_repeats, "decimal": decimal, "header_lines": header_lines, "array": array,
+        "transpose": transpose,
+    }  # fmt: skip
+    found = folder.read(path, sampling_rate_Hz, unit, naming=naming, layout=layout)
+    return chosen_trials(found, choice, str(path))
+
+
+def read_table(
+    path: str | Path,
+    sampling_rate_Hz: float | None = None,
+    unit: str = "",
+    *,
+    label: str | None = None,
+    trial: str | Sequence[str] = (),
+    segments: bool = False,
+    annotations: str | Path | None = None,
+    where: Conditions | None = None,
+    leave_out: LeftOut = None,
+    columns: str | Sequence[str] = (),
+    time_column: str | None = None,
+    time_unit: Unit | None = None,
+    max_gap_ms: float | None = None,
+    drop_repeats: bool = False,
+    decimal: Literal[".", ","] = ".",
+    header_lines: int | None = None,
+) -> Recordings:
+    """Read one CSV file with a row per sample of all trials: `neurotact import table`.
+
+    label: the column of classes; one named label, class, y or target when None. trial: the columns that tell trials
+    apart, such as "subject,repetition"; one named trial, recording or touch when empty. segments: whether each stretch
+    of samples of one class is a trial, as in a continuous recording. annotations: a CSV file with the columns begin,
+    end and label, a row per touch, in place of both. columns: the taxels; all columns of numbers that change within
+    trials when empty; those that are constant within each trial are conditions.
+    where, leave_out: the trials to keep, and to leave out, such as the class "rest", which is no touch; as of `read`.
+    sampling_rate_Hz, unit, time_column, time_unit, max_gap_ms, drop_repeats, decimal, header_lines: as of
+    `read_folder`.
+    Raises InputError, which names the file, the line or the column, and the fix.
+    """
+    spec = {
+        "label": label, "trial": trial, "segments": segments,
+        "annotations": None if annotations is None else str(annotations), **TrialChoice.of(where, leave_out)._asdict(),
+        "columns": columns, "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
+        "drop_repeats": drop_repeats, "decimal": decimal, "header_lines": header_lines,
+    }  # fmt: skip
+    return sample_table.read(path, sampling_rate_Hz, unit, spec)
+
+
+def read_arrays(
+    path: str | Path,
+    sampling_rate_Hz: float | None = None,
+    unit: str = "",
+    *,
+    names: Mapping[str, str] | None = None,
+    axes: str | None = None,
+    conditions: str | Path | None = None,
+    where: Conditions | None = None,
+    leave_out: LeftOut = None,
+) -> Recordings:
+    """Read one NPZ, NPY, MATLAB or HDF5 file with the signals of all trials in one array: `neurotact import arrays`.
+
+    sampling_rate_Hz: that which the file says (`fs`, `sampling_rate`) when None. names: what the file calls signals,
+    label and channels, such as `{"label": "gesture"}`; signals are the only array with three or four axes, unless
+    named. axes: theirs, in their order, such as "trial,taxel,time" or of a grid "trial,time,row,column". conditions: a
+    CSV file with a row per trial, or an .npy file with the class of each. Other arrays of one value a trial become
+    conditions.
+    where, leave_out: the trials to keep and to leave out, as of `read`.
+    Raises InputError, which names the file, the array and the fix.
+    """
+    choice = TrialChoice.of(where, leave_out)
+    found = arrays.read(path, sampling_rate_Hz, unit, names=names, axes=axes, conditions=conditions)
+    return chosen_trials(found, choice, str(path))
+
+
+def read_raster(
+    path: str | Path,
+    sampling_rate_Hz: float | None = None,
+    *,
+    names: Mapping[str, str] | None = None,
+    axes: str | None = None,
+    conditions: str | Path | None = None,
+    levels: str | Sequence[str] = (),
+    pattern: str | None = None,
+    array: str | None = None,
+    transpose: bool = False,
+    merge_events: bool = False,
+    where: Conditions | None = None,
+    leave_out: LeftOut = None,
+) -> SpikeTrains:
+    """Read rasters of 0 and 1, or of counts, `(trial, time, afferent)`: `neurotact import raster`.
+
+    The file is as of `read_arrays`, with afferents in place of taxels: sampling_rate_Hz, names, axes, conditions. A
+    folder has a raster `(time, afferent)` per trial: levels, pattern, conditions, array, transpose as of `read_folder`.
+    merge_events: whether more than 1 % of the spikes may be lost where a step counts several.
+    where, leave_out: the trials to keep and to leave out, as of `read`.
+    Raises InputError, which names the file and the fix.
+    """
+    choice = TrialChoice.of(where, leave_out)
+    found = raster.read(
+        path, sampling_rate_Hz, names=names, axes=axes, conditions=conditions,
+        naming={"levels": levels, "pattern": pattern}, layout={"array": array, "transpose": transpose},
+        merge_events=merge_events,
+    )  # fmt: skip
+    return chosen_trials(found, choice, str(path))
+
+
+def read_events(
+    path: str | Path,
+    *,
+    step_ms: float = 1.0,
+    time_unit: Unit | None = None,
+    origin: Literal["zero", "first"] = "zero",
+    duration_ms: float | None = None,
+    polarity: Literal["separate", "merge", "on", "off"] = "separate",
+    polarities: str | Sequence[str] = (),
+    channels: str | Sequence[str] = (),
+    n_channels: int | None = None,
+    sensor: str | None = None,
+    names: Mapping[str, str] | None = None,
+    levels: str | Sequence[str] = (),
+    pattern: str | None = None,
+    conditions: str | Path | None = None,
+    merge_events: bool = False,
+    where: Conditions | None = None,
+    leave_out: LeftOut = None,
+) -> SpikeTrains:
+    """Read a file of events (CSV, NPZ, NPY, HDF5), or a folder of one file per trial: `neurotact import events`.
+
+    step_ms: of the clock; events of a channel within one step are one spike. time_unit: of the times ("s", "ms", "us",
+        "ns"); when None that of the file (as in `time_us`), else s, or us for arrays of x, y, t, p.
+    origin: the start of a trial: time zero, or its first event. duration_ms: of every trial; up to the last event when
+        None.
+    polarity: a population for each, one for both ("merge"), or the events of one alone. polarities: their names, from
+        the lowest value; OFF and ON when empty.
+    channels: names of the channels, from channel 0. n_channels: how many there are; up to the last event's when None.
+    sensor: columns and rows of the grid of x, y, t, p events, such as "34x34".
+    names: what the file calls time, channel, polarity (or population), trial and label.
+    levels, pattern, conditions: of a folder, as of `read_folder`.
+    merge_events: whether more than 1 % of the events may become one spike with another.
+    where, leave_out: the trials to keep and to leave out, as of `read`.
+    Raises InputError, which names the file, the place and the fix.
+    """
+    choice = TrialChoice.of(where, leave_out)
+    asked = {
+        "step_ms": step_ms, "time_unit": time_unit, "origin": origin, "duration_ms": duration_ms, "polarity": polarity,
+        "polarities": polarities, "channels": channels, "n_channels": n_channels, "sensor": sensor,
+        "merge_events": merge_events,
+    }  # fmt: skip
+    naming = {"levels": levels, "pattern": pattern, "table": None if conditions is None else str(conditions)}
+    return chosen_trials(event_files.read(path, asked, names=names, naming=naming), choice, str(path))
+
+
+def read_nwb(
+    path: str | Path,
+    *,
+    trials: str = "trials",
+    label: str = "label",
+    step_ms: float | None = None,
+    name: str = nwb.AFFERENT,
+    series: str | None = None,
+    unit: str | None = None,
+    sampling_rate_Hz: float | None = None,
+    max_gap_ms: float | None = None,
+    drop_repeats: bool = False,
+    units: Conditions | None = None,
+    leave_out_units: Conditions | None = None,
+    unobserved: Literal["leave-out", "silent"] | None = None,
+    merge_events: bool = False,
+    where: Conditions | None = None,
+    leave_out: LeftOut = None,
+) -> Recordings | SpikeTrains:
+    """Read the spike trains of the units of an NWB file, or a time series, cut into trials: `neurotact import nwb`.
+
+    trials: the table of intervals whose rows are trials. label: its column with the class of each.
+    step_ms: of the clock of spikes; the file's resolution when None, else 1. name: the column of units with their
+        names; their ids if there is none.
+    series: a time series, whose columns are taxels, that is read in place of the units; unit: its unit, when None as
+        the file says. sampling_rate_Hz, max_gap_ms, drop_repeats: of a series with time stamps, as of `read_folder`.
+    units, leave_out_units: the units to read and to leave out, by columns of theirs or of their electrodes, such as
+        `{"quality": "good"}`.
+    unobserved: of trials that touch invalid times, or that a unit does not observe whole, leave all out or read them as
+        silent; at most 10 % of the trials are left out when None.
+    merge_events: whether more than 1 % of the spikes may become one with another.
+    where, leave_out: the trials to keep and to leave out, by the columns of the table of trials, as of `read`.
+    Raises InputError, which names the file and the fix.
+    """
+    asked = {
+        "trials": trials, "label": label, "step_ms": step_ms, "name": name, "series": series, "unit": unit,
+        "sampling_rate_Hz": sampling_rate_Hz, "max_gap_ms": max_gap_ms, "drop_repeats": drop_repeats,
+        "units": units or {}, "leave_out_units": leave_out_units or {}, "unobserved": unobserved,
+        "merge_events": merge_events,
+    }  # fmt: skip
+    return nwb.read(path, asked, TrialChoice.of(where, leave_out))
+
+
+def fetch(name: str | None = None, out: str | Path | None = None, *, tell: Tell = print) -> None:
+    """Download a public tactile data set to the folder `out`, as `neurotact fetch` does; without a name, list the sets.
+
+    out: its name in $NEUROTACT_DATA if None. Licence, size and citation are told first; files that exist are kept.
+    Raises InputError for an unknown set, and where it cannot be downloaded, with the steps by hand.
+    """
+    effects.check(out=out, name=name)
+    if name is None:
+        for each, about in public.SETS.items():
+            tell(f"{each}: {about.about}")
+        return
+    about = public.public_set(name)
+    folder = Path(out) if out else sources.expand(f"$NEUROTACT_DATA/{name}")
+    tell(f"{name}: {about.about}")
+    facts = {"licence": about.licence, "size": about.size, "cite": about.citation, "page": about.page}
+    for what, fact in facts.items():
+        tell(f"{what}: {fact}")
+    with track("fetch", max(1, len(public.missing(name, folder)))) as advance:
+        n_files = public.fetch(name, folder, advance)
+    n_there = len(public.registry_of(name)) - n_files
+    tell(f"{folder}: {n_files} files downloaded, {n_there} existed; neurotact import {about.reader} reads them")
+
+
+def describe(file: str | Path, *, all: bool = False, tell: Tell = print) -> None:
+    """Tell what a file of recordings or spikes holds, as `neurotact info` does, in lines and tables.
+
+    Classes and conditions, the length and rate of trials, when the touch begins, and the range of each taxel or the
+    rate of each population. all: a row for each taxel, however many there are.
+    Raises InputError for a file that is neither.
+    """
+    kind = hdf5.kind_of(file)
+    effects.check(all=all, content=kind)
+    if kind == "recordings":
+        with hdf5.open_recordings(file) as data:
+            size = f"{len(data)} trials of {len(data.classes)} classes, {data.n_channels} taxels, in {data.unit}"
+            _describe(f"{file}: {size}", data, data.lengths, common_onset_s(data), tell)
+            taxels = description.taxels_table(data)
+            is_short = all or len(taxels) <= MOST_TAXELS
+            tell(taxels if is_short else description.taxels_summary(taxels))
+            if dead := description.constant_taxels(taxels):
+                tell(f"constant within every trial: {some(dead)}")
+            if not is_short:
+                tell("`all=True` prints a row for each taxel")
+            lines = doubtful.lines(data)
+    else:
+        spikes = hdf5.load_spikes(file)
+        _describe(f"{file}: {spikes!r}", spikes, np.asarray(spikes.trial_steps), timing_of(spikes).touch_s, tell)
+        tell(description.afferents_table(spikes))
+        lines = doubtful.lines(spikes)
+    for line in lines:
+        tell(line)
+
+
+def _describe(
+    title: str, data: hdf5.StoredRecordings | SpikeTrains, lengths: np.ndarray, onset_s: float, tell: Tell
+) -> None:
+    tell(title)
+    tell(description.lengths_line(lengths, data.sampling_rate_Hz))
+    if onset_s:
+        tell(
+            f"the touch begins about {1e3 * onset_s:.0f} ms after the start of a trial (`nt.train(..., start_ms=...)`)"
+        )
+    tell(description.conditions_table(data.conditions))
+
+
+def load(path: str | Path) -> Recordings | SpikeTrains:
+    """Load an HDF5 file of recordings or of spike trains."""
+    return hdf5.load(path)
+
+
+def save(what: Recordings | SpikeTrains, path: str | Path, *, force: bool = False) -> None:
+    """Save recordings or spike trains as HDF5; an existing file is refused unless `force`.
+
+    Warns of copies among recordings and among events of a sensor; raises InputError for copies with two classes.
+    """
+    files.check_new(path, force=force)
+    if isinstance(what, Recordings) or (isinstance(what, SpikeTrains) and not what.encoder):
+        doubtful.check(what, what.source or str(path))
+    if isinstance(what, Recordings):
+        hdf5.save_recordings(what, path)
+    elif isinstance(what, SpikeTrains):
+        hdf5.save_spikes(what, path)
+    else:
+        raise InputError(f"save: takes recordings or spike trains; got {type(what).__name__}")

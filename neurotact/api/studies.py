@@ -1,0 +1,118 @@
+"""Studies: run, go on with, report."""
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from neurotact import files, spec, tables
+from neurotact.api.arguments import Conditions, LeftOut, Settings
+from neurotact.data.trial_choice import TrialChoice
+from neurotact.data.windows import check_not_seconds
+from neurotact.report import report
+from neurotact.report.page import ANSWER, PAGE
+from neurotact.studies import loading, runner
+
+log = logging.getLogger("neurotact")
+
+
+def run_study(
+    name: str | Path,
+    folder: str | Path,
+    settings: Settings | None = None,
+    *,
+    quick: bool = False,
+    data: str | Path | None = None,
+    length_ms: float | None = None,
+    where: Conditions | None = None,
+    leave_out: LeftOut = None,
+    test_where: Conditions | None = None,
+    group: str | Sequence[str] = (),
+    order: str | None = None,
+    folds: int | None = None,
+    repeats: int | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    device: str = "cpu",
+) -> pd.DataFrame:
+    """Run a study, shipped or your own, in `folder`; its results, one row per trained network.
+
+    settings: changes of the study, dotted keys that name the part first: `{"network.hidden": 40}`.
+    quick: a smaller sweep of the same kind.
+    data: a file of recordings of your own, for a study that takes one: `run_study("own-recordings", "mine",
+        data="touches.h5")`, or "ways-to-save".
+    length_ms: of the windows. where, leave_out: the trials that are used, as of `read`. test_where, group, order: how
+        they are divided, as for `train`. folds, repeats: every network is trained for each fold, or for this many
+        random splits, and results are means over them.
+    workers: processes on this machine, 2 if None. scheduler: address of a Dask scheduler, in their place. device:
+        another torch device than "cpu", such as "cuda", trains all networks at once.
+    The folder holds all tables, the figures and `report.html`; what was done before is not done again.
+    Raises InputError for an unknown study or key, and for a folder with another study.
+    """
+    check_not_seconds(length_ms)
+    changes = {**spec.checked_settings(settings), **({} if length_ms is None else {"window.length_ms": length_ms})}
+    changes |= _split_changes(test_where, group, order, folds, repeats)
+    changes |= loading.choice_changes(**TrialChoice.of(where, leave_out)._asdict())
+    study = loading.resolve(name, changes, quick=quick, data=data)
+    for note in getattr(study, "notes", ()):
+        log.warning("%s", note)
+    return _run(study, Path(folder), workers, scheduler, device)
+
+
+def resume_study(
+    folder: str | Path, *, workers: int | None = None, scheduler: str | None = None, device: str = "cpu"
+) -> pd.DataFrame:
+    """Go on with the study in `folder`, as `neurotact study resume` does; arguments and results as of `run_study`."""
+    return _run(runner.load(Path(folder)), Path(folder), workers, scheduler, device)
+
+
+def report_study(folder: str | Path) -> pd.DataFrame:
+    """Write the tables, figures and `report.html` of a study from what is done; its results."""
+    runner.write_tables(Path(folder))
+    return _reported(Path(folder))
+
+
+def study_answer(folder: str | Path) -> dict[str, Any]:
+    """What the study in `folder` answers, as `neurotact study` prints it as JSON.
+
+    Keys: answers (each with dataset, headline and details), cautions, tables (each with caption, columns and rows; not
+    of every study), and report, the path of the page.
+    """
+    path = Path(folder) / ANSWER
+    found = files.read_json(path) if path.is_file() else {"answers": [], "cautions": []}
+    return found | {"report": str(Path(folder) / PAGE)}
+
+
+def is_begun(folder: str | Path) -> bool:
+    """Whether a study in `folder` was begun, so that `resume_study` can go on with it."""
+    return (Path(folder) / runner.STUDY).is_file()
+
+
+def _run(study: loading.Study, folder: Path, workers: int | None, scheduler: str | None, device: str) -> pd.DataFrame:
+    runner.run(study, folder, workers, scheduler, device)
+    return _reported(folder)
+
+
+def _reported(folder: Path) -> pd.DataFrame:
+    """Write the figures and the page from the tables of a study; its results."""
+    report.write(folder)
+    return tables.read_table(folder / "results.csv")
+
+
+def _split_changes(
+    test_where: Conditions | None,
+    group: str | Sequence[str],
+    order: str | None,
+    folds: int | None,
+    repeats: int | None,
+) -> dict[str, Any]:
+    """Changes of a study for its split; what is not given keeps the study's value.
+
+    >>> _split_changes({"speed": 450}, ["subject"], None, 3, None)["sweep.split.fold"]
+    [0, 1, 2]
+    """
+    given = {"split.test_where": test_where, "split.group": group, "split.order": order, "split.folds": folds}
+    given |= {"sweep.split.fold": folds and [*range(folds)], "sweep.split.seed": repeats and [*range(repeats)]}
+    return {key: value for key, value in given.items() if value}
