@@ -142,6 +142,7 @@ def test_workers_are_forked_from_one_server_with_one_thread_and_know_the_environ
     assert (server == os.getpid(), threads) == (False, 1)  # a fork of a process with more threads may hang
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is no server")
 def test_a_server_that_dies_is_replaced():
     with workers.pool(1) as run:

@@ -63,6 +63,7 @@ def test_networks_and_classifiers_on_signals_and_spikes_leave_a_row(rows):
     assert len({row["signal_ms"] for row in rows}) == 1
 
 
+@pytest.mark.thorough
 def test_a_network_without_recurrence_has_no_recurrent_operations(rows):
     assert rows[1]["sops_recurrent"] == 0 < rows[0]["sops_recurrent"]
     assert rows[0]["parameters"] - rows[1]["parameters"] == 6 * 6
