@@ -166,6 +166,7 @@ struct StreamPlan {
     float sa_gain, ra_gain, decay, v_rest, v_reset, v_threshold;
     int32_t sa_silent, ra_silent;
     int64_t length, start, hop, quiet;   // of windows, in steps; hop 0: at a contact
+    int64_t bin;                         // steps of the encoder's clock in one of the network's
     int at_once;                         // windows that overlap at most
     ExitRule rule;
     Net<float> net;

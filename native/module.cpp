@@ -329,16 +329,16 @@ void add_stream(nb::module_& m) {
                 double smooth_kept, bool resampled, double samples_per_step, int baseline, int64_t start_steps,
                 double base_new, double base_kept, Address offset, Address scale, bool rectify, double sa_gain,
                 double ra_gain, double decay, double v_rest, double v_reset, double v_threshold, int sa_silent,
-                int ra_silent, int64_t length, int64_t start, int64_t hop, int64_t quiet, int at_once, int64_t patience,
-                bool from_first_spike, double margin, NT_PARAMETERS, Address bias, int64_t most_samples,
+                int ra_silent, int64_t length, int64_t start, int64_t hop, int64_t quiet, int64_t bin, int at_once,
+                int64_t patience, bool from_first_spike, double margin, NT_PARAMETERS, Address bias, int64_t most_samples,
                 int64_t most_decisions) {
-                 if (shape.is_double || shape.sizes.inputs != 2 * taxels || taxels < 1 || at_once < 1 || length < 1)
+                 if (shape.is_double || shape.sizes.inputs != 2 * taxels || taxels < 1 || at_once < 1 || length < 1 || bin < 1)
                      throw std::invalid_argument("stream: needs a network in float32 with two inputs a taxel");
                  const StreamPlan plan{taxels, float(factor), smooth, resampled, rectify, float(smooth_new),
                                        float(smooth_kept), samples_per_step, Baseline(baseline), start_steps,
                                        float(base_new), float(base_kept), nullptr, nullptr, float(sa_gain),
                                        float(ra_gain), float(decay), float(v_rest), float(v_reset), float(v_threshold),
-                                       sa_silent, ra_silent, length, start, hop, quiet, at_once,
+                                       sa_silent, ra_silent, length, start, hop, quiet, bin, at_once,
                                        {patience, from_first_spike, margin}, {}};
                  new (self) Stream(plan, shape, {w_in, w_rec, w_out, alpha, beta, threshold}, bias, offset, scale,
                                    most_samples, most_decisions);
@@ -346,9 +346,8 @@ void add_stream(nb::module_& m) {
              "shape"_a, nb::kw_only(), "taxels"_a, "factor"_a, "smooth"_a, "smooth_new"_a, "smooth_kept"_a, "resampled"_a,
              "samples_per_step"_a, "baseline"_a, "start_steps"_a, "base_new"_a, "base_kept"_a, "offset"_a, "scale"_a,
              "rectify"_a, "sa_gain"_a, "ra_gain"_a, "decay"_a, "v_rest"_a, "v_reset"_a, "v_threshold"_a, "sa_silent"_a,
-             "ra_silent"_a, "length"_a, "start"_a, "hop"_a, "quiet"_a, "at_once"_a, "patience"_a, "from_first_spike"_a,
-             "margin"_a, NT_PARAMETERS_NAMES, "bias"_a, "most_samples"_a,
-             "most_decisions"_a)
+             "ra_silent"_a, "length"_a, "start"_a, "hop"_a, "quiet"_a, "bin"_a, "at_once"_a, "patience"_a,
+             "from_first_spike"_a, "margin"_a, NT_PARAMETERS_NAMES, "bias"_a, "most_samples"_a, "most_decisions"_a)
         .def("push",
              [](Stream& self, const Samples& samples, bool held) {
                  if ((int64_t)samples.shape(1) != self.taxels()) throw std::invalid_argument("samples: another width");

@@ -18,13 +18,26 @@ using V = VectorOf<T, kLanes>::type;
 template <class Readout>
 struct Window {
     InferState<T, Readout> net;
+    uint64_t* waiting;  // input spikes since the network's last step, as bits
     typename Readout::Value* counts;
     Leader<typename Readout::Value> leader;
     int64_t numbers[6];  // window, start, steps, input spikes, hidden spikes, steps on repeated samples
 
     Window(const Net<T>& of, const ForwardTables<T>& tables, Carver& carver)
-        : net(of, tables, carver), counts(carver.take<typename Readout::Value>(of.sizes.classes)),
+        : net(of, tables, carver), waiting(carver.take<uint64_t>(words(of.sizes.inputs))),
+          counts(carver.take<typename Readout::Value>(of.sizes.classes)),
           leader{counts, of.sizes.classes} {}
+    // Of the afferents that spike now, the number of those that have not done so since the network's last step.
+    NT_INLINE int64_t wait(const uint32_t* arriving, int n) {
+        int64_t n_new = 0;
+        for (int e = 0; e < n; e++) {
+            uint64_t& word = waiting[arriving[e] / 64];
+            const uint64_t bit = 1ull << (arriving[e] % 64);
+            n_new += !(word & bit);
+            word |= bit;
+        }
+        return n_new;
+    }
 };
 
 // Of the whole stream: samples and steps taken, the windows' clock and their number.
@@ -91,6 +104,7 @@ struct Streaming {
     void start_window(const StreamPlan& plan, Window<Readout>& window) {
         window.net.start(plan.net, tables, window.counts);
         window.leader = {window.counts, plan.net.sizes.classes};
+        std::memset(window.waiting, 0, words(plan.net.sizes.inputs) * sizeof(uint64_t));
         for (int64_t& number : window.numbers) number = 0;
         window.numbers[0] = at.n_windows;
         window.numbers[1] = at.steps;
@@ -173,19 +187,18 @@ struct Streaming {
         for (int64_t i = 0; i < at.under_way; i++) {
             const int64_t slot = order[i];
             Window<Readout>& window = *windows[slot];
-            std::memcpy(window.net.rows, arriving, n_arriving * sizeof(uint32_t));
-            const int n_sent = plan.net.adaptation.on
-                                   ? window.net.template step<true>(plan.net, tables, n_arriving, window.leader)
-                                   : window.net.template step<false>(plan.net, tables, n_arriving, window.leader);
+            window.numbers[2]++;
+            window.numbers[3] += window.wait(arriving, n_arriving);
+            window.numbers[5] += held;
+            const bool is_over = window.numbers[2] >= plan.length;
+            const bool is_due = is_over || window.numbers[2] % plan.bin == 0;
+            const int n_sent = is_due ? advance(plan, window) : 0;
             if (trace && i == 0) {
                 trace->window[trace->steps - 1] = window.numbers[0];
                 mark(window.net.rows, n_sent, trace->hidden + (trace->steps - 1) * words(plan.net.sizes.hidden));
             }
             window.numbers[4] += n_sent;
-            window.numbers[3] += n_arriving;
-            window.numbers[2]++;
-            window.numbers[5] += held;
-            if (window.numbers[2] >= plan.length || window.leader.exits(plan.rule)) {
+            if (is_over || (is_due && window.leader.exits(plan.rule))) {
                 const int64_t* n = window.numbers;
                 to[n_decided++] = {n[0], n[1], n[2], window.leader.index, n[3], n[4], n[5], window.leader.heard};
             } else {
@@ -194,6 +207,15 @@ struct Streaming {
         }
         at.under_way = left;
         return n_decided;
+    }
+
+    // One step of the network, from the spikes that wait; how many hidden neurons spike.
+    NT_INLINE int advance(const StreamPlan& plan, Window<Readout>& window) {
+        const int64_t n_words = words(plan.net.sizes.inputs);
+        const int n_rows = list_rows(window.waiting, n_words, 0, window.net.rows, 0);
+        std::memset(window.waiting, 0, n_words * sizeof(uint64_t));
+        return plan.net.adaptation.on ? window.net.template step<true>(plan.net, tables, n_rows, window.leader)
+                                      : window.net.template step<false>(plan.net, tables, n_rows, window.leader);
     }
 
     // A step's afferents, and room for what the oldest window makes of them.
@@ -261,6 +283,7 @@ struct Streaming {
             Window<Readout>& window = *windows[order[i]];
             const Sizes& n = plan.net.sizes;
             part("numbers", window.numbers, sizeof window.numbers);
+            part("waiting", window.waiting, words(n.inputs) * sizeof(uint64_t));
             part("current", window.net.current, n.hidden * sizeof(T));
             part("membrane", window.net.membrane, n.hidden * sizeof(T));
             part("spikes", window.net.spikes.now, words(n.hidden) * sizeof(uint64_t));

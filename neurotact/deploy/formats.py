@@ -256,7 +256,7 @@ def record(network: RSNN, rasters: Tensor, signals: Sequence[np.ndarray]) -> Ran
 def record_states(network: RSNN, rasters: Tensor) -> tuple[float, float]:
     """The largest |I| or |U| of the hidden layer and of the readout over windows `(window, time, afferent)`."""
     chosen = torch.linspace(0, len(rasters) - 1, min(len(rasters), WINDOWS)).long()
-    spikes = rasters[chosen].to(network.w_in.dtype)
+    spikes = network.binned(rasters[chosen]).to(network.w_in.dtype)
     states = [cuba_lif_start(len(spikes), n, network.w_in) for n in (network.spec.hidden, network.n_classes)]
     largest = [0.0, 0.0]
     layers = ((network.w_in, network.w_rec), (network.w_out, None))

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 
 from neurotact.deploy.formats import FRACTION, Formats, FrontEnd, Integrator, Layer, Weight
+from neurotact.networks.definition.clock import binned
 from neurotact.networks.exit.early_exit import ExitRule, Leader
 from neurotact.neurons import CubaLIF
 
@@ -154,9 +155,14 @@ def n_steps(n_samples: int, front: FrontEnd) -> int:
     return max((n_samples - 1) * sample // stride + 1, (2 * n_samples * sample + stride) // (2 * stride))
 
 
-def infer(windows: np.ndarray, formats: Formats, neuron: CubaLIF, rule: ExitRule) -> Decided:
-    """Decide windows of spikes `(window, time, afferent)`."""
-    n_windows, n_steps, _ = windows.shape
+def infer(windows: np.ndarray, formats: Formats, neuron: CubaLIF, rule: ExitRule, steps_per_bin: int = 1) -> Decided:
+    """Decide windows of spikes `(window, time, afferent)`.
+
+    steps_per_bin: steps of the encoder's clock in one of the network's. The steps of the decisions are the encoder's.
+    """
+    n_windows, length, _ = windows.shape
+    windows, rule = binned(torch.from_numpy(windows), steps_per_bin).numpy(), rule.in_bins(steps_per_bin)
+    n_steps = windows.shape[1]
     hidden, readout = formats.hidden, formats.readout
     state = _Neurons.start(n_windows, hidden.w)
     out, counts = _Neurons.start(n_windows, readout.w), np.zeros((n_windows, readout.w.shape[1]), np.int64)
@@ -175,7 +181,7 @@ def infer(windows: np.ndarray, formats: Formats, neuron: CubaLIF, rule: ExitRule
             increments = spikes @ readout.w
         else:
             increments, out = _step(readout, neuron, spikes, out)
-        decided.steps[running] += 1
+        decided.steps[running] = min((t + 1) * steps_per_bin, length)
         decided.input_spikes[running] += inputs[running].sum(axis=1)
         decided.hidden_spikes[running] += spikes[running].sum(axis=1)
         hidden_raster[running, t] = spikes[running]

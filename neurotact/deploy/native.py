@@ -63,8 +63,8 @@ class CompiledStream:
             rectify=spec.rectify, sa_gain=encoder.sa1.gain, ra_gain=encoder.ra1.gain * chain.clock_Hz * 1e-3,
             decay=sa1.decay, v_rest=sa1.v_rest_mV, v_reset=sa1.v_reset_mV, v_threshold=sa1.v_threshold_mV,
             sa_silent=sa1.refractory_steps, ra_silent=ra1.refractory_steps, length=plan.length, start=plan.start,
-            hop=plan.hop, quiet=plan.quiet, at_once=plan.at_once,
-            **networks.exits_at(chain.rule), **networks.addresses_of(network),
+            hop=plan.hop, quiet=plan.quiet, bin=network.steps_per_bin, at_once=plan.at_once,
+            **networks.exits_at(chain.rule.in_bins(network.steps_per_bin)), **networks.addresses_of(network),
             bias=0 if bias is None else bias.ctypes.data, most_samples=most_samples,
             most_decisions=self._most_steps + plan.at_once + 1,
         )  # fmt: skip
@@ -184,6 +184,7 @@ class CompiledStream:
             return torch.from_numpy(values[None])
 
         window, start, steps, input_spikes, hidden_spikes, held = read(np.int64).tolist()
+        waiting = _bits(read(np.uint64), network.n_inputs).astype(bool)
         current, membrane = (row(read(np.float32)) for _ in range(2))
         spikes, before = (row(_bits(read(np.uint64), n_hidden)) for _ in range(2))
         adaptation = torch.zeros(1, n_hidden) if network.adaptation is None else row(read(np.float32))
@@ -198,13 +199,13 @@ class CompiledStream:
         counts = row(read(np.int64 if spiking else np.float64))
         index, standing, since = (torch.tensor([each]) for each in read(np.int64).tolist())
         leader = Leader(counts, index, standing, since, torch.tensor([bool(next(parts)[1][0])]), leaky)
-        return Running(window, start, steps, hidden, readout, leader, input_spikes, hidden_spikes, held)
+        return Running(window, start, steps, hidden, readout, leader, waiting, input_spikes, hidden_spikes, held)
 
 
 def _parts_of(window: Running, *, adapts: bool) -> list[bytes]:
     numbers = (window.window, window.start, window.steps, window.input_spikes, window.hidden_spikes, window.held)
     hidden, readout, leader = window.hidden, window.readout, window.leader
-    parts = [np.array(numbers, np.int64).tobytes()]
+    parts = [np.array(numbers, np.int64).tobytes(), _words(window.waiting)]
     parts += [_bytes(hidden.current), _bytes(hidden.membrane), _words(hidden.spikes), _words(hidden.spikes_before)]
     if adapts:
         parts.append(_bytes(hidden.adaptation))
@@ -231,6 +232,6 @@ def _rows(words: bytes, n: int, n_steps: int) -> np.ndarray:
     return np.unpackbits(rows, axis=1, count=n, bitorder="little").astype(bool)
 
 
-def _words(spikes: torch.Tensor) -> bytes:
-    bits = np.packbits(spikes.numpy().ravel() != 0, bitorder="little").tobytes()
+def _words(spikes: torch.Tensor | np.ndarray) -> bytes:
+    bits = np.packbits(np.asarray(spikes).ravel() != 0, bitorder="little").tobytes()
     return bits.ljust(-(-len(bits) // 8) * 8, b"\0")

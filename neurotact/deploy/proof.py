@@ -257,18 +257,20 @@ def _call(command: list[str], folder: Path, data: bytes = b"") -> bytes:
     return done.stdout
 
 
-def spoken_of(rasters: np.ndarray, starts: np.ndarray, hidden: np.ndarray, decided: np.ndarray) -> Spoken:
+def spoken_of(
+    rasters: np.ndarray, starts: np.ndarray, hidden: np.ndarray, decided: np.ndarray, steps_per_bin: int = 1
+) -> Spoken:
     """The output of a twin for a trial, in the format of a chain in C.
 
-    rasters: afferents `(step, afferent)`; starts: of windows; hidden: `(window, step, hidden)`; decided: label, steps,
-    input spikes, hidden spikes and whether the readout changed, of each window.
+    rasters: afferents `(step, afferent)`; starts: of windows; hidden: `(window, bin, hidden)`; decided: label, steps,
+    input spikes, hidden spikes and whether the readout changed, of each window. steps_per_bin: steps in a bin.
     """
     rows = [tuple(np.flatnonzero(row).tolist()) for row in rasters]
     windows = {}
     decisions = []
     for window, (start, raster, row) in enumerate(zip(starts.tolist(), hidden, decided.tolist(), strict=True)):
         label, steps, input_spikes, hidden_spikes, heard = row
-        windows[window] = [tuple(np.flatnonzero(step).tolist()) for step in raster[:steps]]
+        windows[window] = [tuple(np.flatnonzero(step).tolist()) for step in raster[: -(-steps // steps_per_bin)]]
         decisions.append((window, start, steps, input_spikes, hidden_spikes, heard, label))
     return Spoken(rows, windows, decisions)
 

@@ -15,6 +15,7 @@ class Running(NamedTuple):
     """An open window: the state of both layers, the leading class, and the counts so far.
 
     window: its number. start: its first step. readout: None for an integrator.
+    waiting: afferents that have spiked since the network's last step, `(afferent,)` bool.
     """
 
     window: int
@@ -23,6 +24,7 @@ class Running(NamedTuple):
     hidden: CubaLIFState
     readout: CubaLIFState | None
     leader: Leader
+    waiting: np.ndarray
     input_spikes: int = 0
     hidden_spikes: int = 0
     held: int = 0
@@ -32,16 +34,35 @@ def begin(network: RSNN, window: int, start: int) -> Running:
     """The state before a window's first step."""
     readout = None if network.bias is not None else cuba_lif_start(1, network.n_classes, network.w_out)
     leader = Leader.start(1, network.n_classes, network.w_in.device, network.integration)
-    return Running(window, start, 0, cuba_lif_start(1, network.spec.hidden, network.w_in), readout, leader)
+    hidden = cuba_lif_start(1, network.spec.hidden, network.w_in)
+    return Running(window, start, 0, hidden, readout, leader, np.zeros(network.n_inputs, bool))
 
 
-def step(network: RSNN, arriving: np.ndarray, state: Running) -> Running:
-    """One step; `arriving` contains the numbers of the afferents that spike, in ascending order.
+def step(network: RSNN, arriving: np.ndarray, state: Running, length: int) -> Running:
+    """One step of the encoder's clock; `arriving` contains the numbers of the afferents that spike.
+
+    length: of the window. The network is computed at the end of each of its own steps, and at the end of the window.
+    """
+    waiting = state.waiting.copy()
+    waiting[arriving] = True
+    n_new = int(waiting.sum() - state.waiting.sum())
+    state = state._replace(steps=state.steps + 1, waiting=waiting, input_spikes=state.input_spikes + n_new)
+    return _computed(network, state) if is_due(network, state, length) else state
+
+
+def is_due(network: RSNN, state: Running, length: int) -> bool:
+    """Whether the network's step ends with the last step of the encoder's clock."""
+    return state.steps >= length or state.steps % network.steps_per_bin == 0
+
+
+def _computed(network: RSNN, state: Running) -> Running:
+    """The state after a step of the network, from the spikes that wait.
 
     The current adds decay, then inputs, then recurrence in ascending order, as the native kernels and the `ordered`
     mode of the reference do. Spikes are therefore equal to the last bit.
     """
     recurrent = _spiking(recurrent_spikes(network.neuron, state.hidden))
+    arriving = np.flatnonzero(state.waiting)
     spikes, hidden = _layer(network, 0, network.w_in, arriving, network.w_rec, recurrent, state.hidden)
     hidden_spikes = _spiking(spikes)
     readout = state.readout
@@ -51,23 +72,25 @@ def step(network: RSNN, arriving: np.ndarray, state: Running) -> Running:
         readout_spikes, readout = _layer(network, 1, network.w_out, hidden_spikes, None, hidden_spikes, readout)
         increments = readout_spikes.to(torch.int64)
     return state._replace(
-        steps=state.steps + 1,
         hidden=hidden,
         readout=readout,
         leader=state.leader.after(increments, network.integration),
-        input_spikes=state.input_spikes + len(arriving),
+        waiting=np.zeros_like(state.waiting),
         hidden_spikes=state.hidden_spikes + len(hidden_spikes),
     )
 
 
 def sent(network: RSNN, state: Running) -> np.ndarray:
-    """Spikes that the hidden layer sent to the readout in the last step, `(hidden,)` bool."""
+    """Spikes that the hidden layer sent to the readout in the network's last step, `(hidden,)` bool."""
     return transmitted_spikes(network.neuron, state.hidden)[0].numpy() != 0
 
 
-def has_decided(state: Running, rule: ExitRule, length: int) -> bool:
+def has_decided(network: RSNN, state: Running, rule: ExitRule, length: int) -> bool:
     """Whether the window is over, or the rule stops it."""
-    return state.steps >= length or bool(state.leader.exits(rule))
+    if state.steps >= length:
+        return True
+    rule = rule.in_bins(network.steps_per_bin)
+    return is_due(network, state, length) and bool(state.leader.exits(rule))
 
 
 def _layer(

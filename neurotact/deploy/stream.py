@@ -324,7 +324,7 @@ class Stream:
 
     def _step(self, inputs: np.ndarray, held: bool, oldest: list[tuple[np.ndarray, int]]) -> list[Decision]:
         """One step; with `watch`, the hidden spikes of the oldest window, and its number, are added to `oldest`."""
-        state, chain = self._state, self.chain
+        state, chain, length = self._state, self.chain, self.chain.windows.length
         at = state.opening.step
         opens, state.opening = state.opening.after(len(inputs) > 0)
         windows = state.windows
@@ -333,9 +333,9 @@ class Stream:
             state.n_windows += 1
         decisions, still_open = [], []
         for window in windows:
-            after = running.step(chain.network, inputs, window)
+            after = running.step(chain.network, inputs, window, length)
             after = after._replace(held=after.held + 1) if held else after
-            if running.has_decided(after, chain.rule, chain.windows.length):
+            if running.has_decided(chain.network, after, chain.rule, length):
                 leader = after.leader
                 decisions.append(
                     self._decision(
@@ -346,7 +346,8 @@ class Stream:
             else:
                 still_open.append(after)
             if self._watch is not None and window is windows[0]:
-                oldest.append((running.sent(chain.network, after), after.window))
+                is_due = running.is_due(chain.network, after, length)
+                oldest.append((running.sent(chain.network, after) & is_due, after.window))
         if self._watch is not None and not windows:
             oldest.append((np.zeros(chain.network.spec.hidden, bool), -1))
         state.windows = tuple(still_open)

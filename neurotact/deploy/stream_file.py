@@ -114,6 +114,7 @@ def _parts(chain: Chain, state: StreamState) -> tuple[dict[str, Any], Arrays]:
                 known = _fields(chain, name) if isinstance(layer, CubaLIFState) else layer._fields
                 parts = ((key, getattr(layer, key)) for key in known)
                 arrays |= {f"window{number}.{name}.{key}": each.numpy() for key, each in parts if each is not None}
+        arrays[f"window{number}.waiting"] = window.waiting
         windows.append({key: value for key, value in window._asdict().items() if isinstance(value, int)})
     table = {
         "n_samples": done.n_samples, "n_steps": done.n_steps, "n_carried": done.carried and done.carried[1],
@@ -196,5 +197,6 @@ def _window(chain: Chain, numbers: dict[str, int], prefix: str, take: Any) -> Ru
         hidden=layer("hidden", network.spec.hidden),
         readout=None if integrates else layer("readout", network.n_classes),
         leader=leader,
+        waiting=take(f"{prefix}waiting", (network.n_inputs,), np.bool_),
         **{key: int(value) for key, value in numbers.items()},
     )

@@ -92,7 +92,7 @@ def _xylo(asked: Asked) -> Iterator[Finding]:
         "train again: `nt.train(..., settings={'recurrent_delay_steps': 0})`",
     )
     for name, tau_ms in (("current", spec.tau_syn_ms), ("membrane", spec.tau_mem_ms)):
-        yield _shift(name, tau_ms, network.sampling_rate_Hz)
+        yield _shift(name, tau_ms, network.clock_Hz)
     yield from _weights(network, 8)
     fan_out = (spec.hidden if spec.recurrent else 0) + network.n_classes
     yield _at_most("fan-out of a hidden neuron, on average", fan_out, 32, "prune the recurrent weights")
@@ -124,7 +124,7 @@ def _loihi(asked: Asked) -> Iterator[Finding]:
     delay = spec.recurrent_delay_steps if spec.recurrent else 0
     yield _is("recurrent delay", str(delay), "0", "a projection with delays, or train again without a recurrent delay")
     for name, tau_ms in (("current", spec.tau_syn_ms), ("membrane", spec.tau_mem_ms)):
-        steps = tau_ms * 1e-3 * network.sampling_rate_Hz
+        steps = tau_ms * 1e-3 * network.clock_Hz
         change = abs(round(4096 * (1 - math.exp(-1 / steps))) / 4096 / (1 - math.exp(-1 / steps)) - 1)
         cost = f"12 bits change the time constant by {100 * change:.1f} %: train again with a shorter one"
         yield Finding(f"decay of the {name}", f"{steps:.1f} steps", "12 bits, to within 5 %", change <= 0.05, cost)

@@ -24,12 +24,12 @@ def said_in_whole_numbers(chain: Chain, formats: Formats, trials: Sequence[np.nd
         raster[: integer.n_steps(n_samples, formats.front)]
         for raster, n_samples in zip(rasters, lengths.tolist(), strict=True)
     ]
-    cut = [_windows(chain, raster) for raster in spikes]
-    found = integer.infer(np.concatenate([windows for _, windows in cut]), formats, chain.network.neuron, chain.rule)
+    cut, n = [_windows(chain, raster) for raster in spikes], chain.network.steps_per_bin
+    found = integer.infer(np.concatenate([windows for _, windows in cut]), formats, chain.network.neuron, chain.rule, n)
     decided = np.stack([found.labels, found.steps, found.input_spikes, found.hidden_spikes, found.heard], axis=1)
     ends = np.cumsum([len(starts) for starts, _ in cut])[:-1]
     parts = zip(spikes, cut, np.split(found.hidden, ends), np.split(decided, ends), strict=True)
-    return [spoken_of(raster, starts, hidden, rows) for raster, (starts, _), hidden, rows in parts]
+    return [spoken_of(raster, starts, hidden, rows, n) for raster, (starts, _), hidden, rows in parts]
 
 
 @torch.no_grad()
@@ -40,10 +40,11 @@ def said_in_float(chain: Chain, trial: np.ndarray) -> Spoken:
     starts, windows = _windows(chain, raster)
     inputs = torch.from_numpy(windows)
     found, (hidden, readout) = chain.network.infer(inputs, chain.rule), chain.network.simulate(inputs)
-    is_simulated = torch.arange(inputs.shape[1]) < found.steps[:, None]
+    n = chain.network.steps_per_bin
+    is_simulated = torch.arange(hidden.shape[1]) * n < found.steps[:, None]
     heard = ((readout != 0).any(dim=2) & is_simulated).any(dim=1).long()
     decided = torch.stack([found.labels, found.steps, found.input_spikes, found.hidden_spikes, heard], dim=1)
-    return spoken_of(raster, starts, hidden.numpy(), decided.numpy())
+    return spoken_of(raster, starts, hidden.numpy(), decided.numpy(), n)
 
 
 def _windows(chain: Chain, raster: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -340,10 +340,10 @@ class Session:
         if not state.windows:
             return None
         window = state.windows[0]
-        leader = window.leader
+        leader, n = window.leader, self.stream.chain.network.steps_per_bin
         return {
             "window": window.window, "steps": window.steps, "counts": leader.counts[0].tolist(),
-            "leader": int(leader.index[0]), "standing": int(leader.standing_since_spike[0]),
+            "leader": int(leader.index[0]), "standing": int(leader.standing_since_spike[0]) * n,
             "heard": bool(leader.heard[0]), "begin_s": self._now_s() - window.steps / clock_Hz,
         }  # fmt: skip
 

@@ -14,6 +14,7 @@ from neurotact.data.hdf5 import load_spikes
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.windows import Windows
 from neurotact.figures.encoding import Classes
+from neurotact.networks.definition import clock
 from neurotact.networks.training import checkpoint, tasks, trained
 from neurotact.networks.training.trained import LOG, Restored
 from neurotact.networks.training.training import Epoch, Examples
@@ -144,7 +145,10 @@ def _raster(
     n_steps = round(restored.task.window.length_ms * 1e-3 * trains.sampling_rate_Hz)
     window = trains.raster(Windows(np.array([trial]), np.array([start]), n_steps))
     network = restored.network
-    hidden, readout = (spikes[0].numpy() for spikes in network.simulate(torch.from_numpy(window)))
+    hidden, readout = (
+        clock.spread(spikes, network.steps_per_bin, n_steps)[0].numpy()
+        for spikes in network.simulate(torch.from_numpy(window))
+    )
     whole = network.infer(torch.from_numpy(window))
     readout = readout if network.bias is None else np.zeros_like(readout)  # an integrator does not spike
     early = network.infer(torch.from_numpy(window), restored.rule)

@@ -41,6 +41,7 @@ CONDITIONED = {
 }
 ENCODED = {"several afferents a taxel": {"sa1.grades": [0.5, 1.0]}}
 NETWORKS = {
+    "clock of the network": {"step_ms": 3.0},
     "recurrence": {"model": "rsnn"},
     "recurrent delay": {"recurrent_delay_steps": 1},
     "membrane eq4": {"membrane": "eq4"},
@@ -151,10 +152,11 @@ def in_a_population(feature: str) -> None:
     other = copy.deepcopy(network)
     with torch.no_grad():
         other.w_in *= 0.5
-    batches = [Batch(each, windows(network.n_inputs)) for each in (network, other)]
+    spikes = windows(network.n_inputs)
+    batches = [Batch(each, each.binned(spikes)) for each in (network, other)]
     for batch, found in zip(batches, population.counts_of(batches), strict=True):
         with torch.no_grad():
-            expected = batch.network(batch.spikes)
+            expected = batch.network(spikes)
         assert expected.hidden.any()
         torch.testing.assert_close(found.hidden, expected.hidden)
         torch.testing.assert_close(found.readout, expected.readout)

@@ -1,6 +1,7 @@
 """The rules by which a network is trained unless told otherwise."""
 
 import math
+import warnings
 
 import pytest
 import torch
@@ -22,6 +23,7 @@ from neurotact.networks.definition.recipe import (
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.search import tuning
+from neurotact.networks.training.fitting import begin
 from neurotact.neurons import CubaLIF
 
 DEFAULT = RSNNSpec(recipe="default")
@@ -216,6 +218,16 @@ def test_what_is_chosen_is_told_line_by_line():
     assert len(told) == len(choices(at))
     assert "tau_mem_ms = 50.0 (a twentieth of the window, at least one step)" in told
     assert list(recipe.described(RSNNSpec(), at)) == []
+
+
+def test_a_slower_clock_that_is_asked_for_says_what_it_merges():
+    spikes = torch.zeros(4, 400, 2, dtype=torch.uint8)
+    spikes[:, ::4] = 1
+    with pytest.warns(UserWarning, match=r"training: 50 % of the input spikes .* step_ms = 4 merges none"):
+        begin(spikes, 2, RSNNSpec(step_ms=8.0), 1000.0, torch.Generator())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        begin(spikes, 2, RSNNSpec(step_ms=4.0), 1000.0, torch.Generator())
 
 
 def test_the_default_network_has_the_recipe_and_little_else():

@@ -61,11 +61,25 @@ def fitting(decisions, n_steps: int, length: int) -> list:
     readout=st.sampled_from([*READOUTS]),
     model=st.sampled_from(["rsnn", "snn"]),
     adapting=st.sampled_from([{}, ADAPTING]),
+    step_ms=st.sampled_from([None, 3.0, 7.0]),
     backend=st.sampled_from(BACKENDS),
 )
 @examples(60)
 def test_a_stream_decides_what_the_whole_trial_decides(
-    seed, n_samples, sizes, conditioning, rate_Hz, windows, rule, kind, delay, readout, model, adapting, backend
+    seed,
+    n_samples,
+    sizes,
+    conditioning,
+    rate_Hz,
+    windows,
+    rule,
+    kind,
+    delay,
+    readout,
+    model,
+    adapting,
+    step_ms,
+    backend,
 ):
     if rate_Hz:
         high_enough = {"ema_cutoff_Hz": 0.2 * rate_Hz} if "ema_cutoff_Hz" in conditioning else {}
@@ -73,7 +87,8 @@ def test_a_stream_decides_what_the_whole_trial_decides(
     n_samples = min(n_samples, 20) if rate_Hz == 35.6 else n_samples
     chain = make_chain(
         conditioning, rate_Hz=rate_Hz or 1000.0, **rule, windows=windows, seed=seed,
-        membrane=kind[0], reset=kind[1], recurrent_delay_steps=delay, readout=readout, model=model, **adapting,
+        membrane=kind[0], reset=kind[1], recurrent_delay_steps=delay, readout=readout, model=model, step_ms=step_ms,
+        **adapting,
     )  # fmt: skip
     signal = make_signal(n_samples, seed=seed)
     raster, expected = offline(chain, signal)

@@ -28,15 +28,17 @@ BACKENDS = ["reference", *(["native"] if native else [])]
     kind=st.sampled_from(MEMBRANES),
     readout=st.sampled_from([*READOUTS]),
     adapting=st.sampled_from([{}, ADAPTING]),
+    step_ms=st.sampled_from([None, 3.0]),
     backends=st.tuples(st.sampled_from(BACKENDS), st.sampled_from(BACKENDS)),
 )
 @examples(25)
 def test_a_saved_stream_goes_on_as_if_nothing_had_happened(
-    tmp_path, seed, at, conditioning, rate_Hz, windows, kind, readout, adapting, backends
+    tmp_path, seed, at, conditioning, rate_Hz, windows, kind, readout, adapting, step_ms, backends
 ):
     conditioning = conditioning | ({} if rate_Hz is None else {"resample_Hz": 1000.0})
     settings = {"rate_Hz": rate_Hz or 1000.0, "windows": windows, "patience": 4, "seed": seed}
-    chain = make_chain(conditioning, membrane=kind[0], reset=kind[1], readout=readout, **adapting, **settings)
+    network = {"membrane": kind[0], "reset": kind[1], "step_ms": step_ms, **adapting}
+    chain = make_chain(conditioning, readout=readout, **network, **settings)
     signal = make_signal(260, seed=seed)
     signal[at // 2] = np.nan
     whole = Stream(chain, backend="reference")

@@ -61,15 +61,17 @@ def test_a_trace_holds_the_spikes_that_were_decided_on(
 @pytest.mark.skipif(not native, reason="no compiled kernels")
 @given(
     seed=st.integers(0, 30), size=st.integers(1, 50), n_taxels=st.sampled_from([1, 3, 9, 33]),
-    hidden=st.sampled_from([6, 70]), spoilt=st.lists(st.integers(0, 120), max_size=3),
+    hidden=st.sampled_from([6, 70]), step_ms=st.sampled_from([None, 4.0]),
+    spoilt=st.lists(st.integers(0, 120), max_size=3),
 )  # fmt: skip
 @examples(8)
-def test_the_compiled_step_shows_what_the_reference_shows(seed, size, n_taxels, hidden, spoilt):
+def test_the_compiled_step_shows_what_the_reference_shows(seed, size, n_taxels, hidden, step_ms, spoilt):
     """With values that are held, gaps, and more neurons than a word has bits."""
     chain = make_chain(
         {"baseline": "running"},
         n_taxels=n_taxels,
         hidden=hidden,
+        step_ms=step_ms,
         windows={"length_ms": 30, "hop_ms": 9},
         patience=5,
         seed=seed,

@@ -116,6 +116,9 @@ FEATURES: dict[str, Feature] = {
     "Poisson afferents": Feature(
         "encoder", ("model",), lambda s: s.encoder is not None and s.encoder.model == "poisson", LIF_INSTEAD
     ),
+    "clock of the network": Feature(
+        "network", ("step_ms",), lambda s: s.network.steps_per_bin > 1, "train without step_ms"
+    ),
     "recurrence": Feature(
         "network", ("model", "recurrent_weight_scale"), _of_spec("model", "rsnn"), "train with model = 'snn'"
     ),
@@ -181,6 +184,7 @@ _IN_INTEGERS = {
 }
 _IN_C = {"several afferents a taxel": "C has one SA-I and one RA-I under each taxel"}
 _NOT_IN_NIR = {
+    "clock of the network": "it has no node that puts spikes into bins",
     "Izhikevich afferents": "it has no nodes for them; the network alone can be exported",
     "Poisson afferents": "it has no nodes for them; the network alone can be exported",
     "adaptive thresholds": "it has no neuron whose threshold adapts",
@@ -205,6 +209,7 @@ EXECUTORS: dict[str, Executor] = {
         "snnTorch",
         ("network", "readout"),
         {
+            "clock of the network": "its networks step with their input",
             "reset hard": "its neurons have only 'zero' and 'subtract'",
             "adaptive thresholds": "its Synaptic has fixed thresholds",
             "double precision": "its spikes are float32",

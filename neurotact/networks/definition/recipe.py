@@ -218,7 +218,7 @@ def start(network: RSNN, spikes: Tensor, generator: torch.Generator) -> None:
     """
     if network.spec.input_deviation is None:
         return
-    sample = spikes[:: max(1, math.ceil(len(spikes) / LOOKED_AT))].to(network.w_in.device)
+    sample = network.binned(spikes[:: max(1, math.ceil(len(spikes) / LOOKED_AT))].to(network.w_in.device))
     scale_weights(network, sample)
     if sample.any():
         _redraw_silent(network, sample, generator)
@@ -230,7 +230,7 @@ def start(network: RSNN, spikes: Tensor, generator: torch.Generator) -> None:
 def scale_weights(network: RSNN, spikes: Tensor) -> None:
     """Scale each hidden neuron's input weights so that its free membrane deviates by `input_deviation` thresholds.
 
-    A neuron without input keeps its weights.
+    spikes: on the network's clock. A neuron without input keeps its weights.
     """
     assert network.spec.input_deviation is not None
     alpha, beta = float(network.alpha[0]), float(network.beta[0])
@@ -244,7 +244,7 @@ def scale_weights(network: RSNN, spikes: Tensor) -> None:
 def scale_readout(network: RSNN, spikes: Tensor) -> None:
     """Scale an integrator's weights so that its classes deviate by 1 over the windows, on average."""
     if network.bias is not None:
-        deviation = network(spikes).readout.std(dim=0, correction=0).mean()
+        deviation = network.counts(spikes).readout.std(dim=0, correction=0).mean()
         if deviation > 0:
             network.w_out /= deviation
 
@@ -252,7 +252,7 @@ def scale_readout(network: RSNN, spikes: Tensor) -> None:
 @torch.no_grad()
 def _redraw_silent(network: RSNN, spikes: Tensor, generator: torch.Generator) -> None:
     """Redraw the input weights of hidden neurons that never spike, a few times at most."""
-    silent = ~network(spikes).hidden.any(dim=0)
+    silent = ~network.counts(spikes).hidden.any(dim=0)
     redrawn = int(silent.sum())
     for _ in range(ATTEMPTS):
         if not silent.any():
@@ -260,7 +260,7 @@ def _redraw_silent(network: RSNN, spikes: Tensor, generator: torch.Generator) ->
         drawn = torch.randn(network.w_in.shape, generator=generator).to(network.w_in)
         network.w_in[:, silent] = drawn[:, silent]
         scale_weights(network, spikes)
-        silent = ~network(spikes).hidden.any(dim=0)
+        silent = ~network.counts(spikes).hidden.any(dim=0)
     if redrawn > len(silent) / 2:
         warnings.warn(
             f"training: {redrawn} of {len(silent)} hidden neurons were silent; their weights were redrawn, "
@@ -293,6 +293,6 @@ def _weaken_recurrence(network: RSNN, spikes: Tensor) -> None:
 
 def _gradient_norm(network: RSNN, spikes: Tensor) -> float:
     """Norm of the gradient of the readout's variance over windows, by the input weights."""
-    readout = network(spikes[:BATCH]).readout
+    readout = network.counts(spikes[:BATCH]).readout
     (gradient,) = torch.autograd.grad(readout.var(dim=0, correction=0).sum(), network.w_in)
     return float(gradient.double().norm())

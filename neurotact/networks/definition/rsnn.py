@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from neurotact.checks import at_least
 from neurotact.data.recordings import check_sampling_rate
 from neurotact.errors import InputError
-from neurotact.networks.definition import executors, kernels, native, reference
+from neurotact.networks.definition import clock, executors, kernels, native, reference
 from neurotact.networks.definition.kernels import Backend
 from neurotact.networks.definition.readouts import Integration
 from neurotact.networks.definition.specs import RSNNSpec
@@ -40,7 +40,7 @@ class Counts(NamedTuple):
 
 
 class Rasters(NamedTuple):
-    """Spikes per step: `hidden` `(trial, time, hidden)` and `readout` `(trial, time, class)`.
+    """Spikes per step of the network: `hidden` `(trial, bin, hidden)` and `readout` `(trial, bin, class)`.
 
     `readout` of an integrator is its input at each step, in float64; `RSNN.integration` adds it up.
     """
@@ -53,8 +53,9 @@ class Inference(NamedTuple):
     """The decisions of a network and their cost, one row per trial.
 
     labels: index of the largest readout count or value, ties to the lowest, `(trial,)` int64.
-    steps: simulated steps, `(trial,)` int64.
-    input_spikes, hidden_spikes: spikes in those steps, summed over neurons, `(trial,)` int64.
+    steps: simulated steps of the input's clock, `(trial,)` int64.
+    input_spikes, hidden_spikes: spikes in those steps, summed over neurons, `(trial,)` int64; input spikes that a bin
+        merges are one.
     readout: spikes of each readout neuron in those steps, `(trial, class)` int64; values of an integrator, float64.
     """
 
@@ -71,8 +72,9 @@ class RSNN(nn.Module):
     Weights are `(presynaptic, postsynaptic)`: `w_in`, `w_rec`, `w_out`; a feed-forward network's `w_rec` is None.
     `alpha`, `beta` and `threshold` hold one value for the hidden layer and one for the readout, which an integrator
     does not use. An integrator has a `bias` `(class,)`; it is None if the readout spikes. Input spikes are
-    `(trial, time, afferent)` of any type with the values 0 and 1; `backend` chooses the implementation (see
-    `kernels.use_native`).
+    `(trial, time, afferent)` of any type with the values 0 and 1, `sampling_rate_Hz` steps a second; with
+    `spec.step_ms` the network puts them into bins, and is computed once a bin (`clock`). `backend` chooses the
+    implementation (see `kernels.use_native`).
 
     Give a complete spec, or its keys: `RSNN(16, 8, hidden=30, tau_mem_ms=40, sampling_rate_Hz=2000.0)`; keys that are
     not given have the spec's defaults. InputError names an unknown key.
@@ -106,11 +108,13 @@ class RSNN(nn.Module):
         table = {} if spec is None else spec.model_dump(mode="json")
         self.spec = spec = build(RSNNSpec, override(table, keys), source="RSNN") if keys or spec is None else spec
         self.sampling_rate_Hz = sampling_rate_Hz
+        self.steps_per_bin = clock.steps_per_bin(spec.step_ms, sampling_rate_Hz)
+        self.clock_Hz = sampling_rate_Hz / self.steps_per_bin
         self.backend: Backend = backend
         self.neuron = CubaLIF(spec.membrane, spec.reset, spec.recurrent_delay_steps)
         self.adaptation: Adaptation | None = None
         if spec.threshold_adaptation:
-            decay = decay_per_step(spec.tau_adaptation_ms, sampling_rate_Hz)
+            decay = decay_per_step(spec.tau_adaptation_ms, self.clock_Hz)
             self.adaptation = Adaptation(spec.threshold_adaptation, decay)
         self.spike: SpikeFunction = FastSigmoid(spec.surrogate_scale)
 
@@ -122,8 +126,8 @@ class RSNN(nn.Module):
         self.w_rec = normal(spec.hidden, spec.hidden, recurrent / math.sqrt(spec.hidden)) if spec.recurrent else None
         self.w_out = normal(spec.hidden, n_classes, forward / math.sqrt(spec.hidden))
         self.bias = nn.Parameter(torch.zeros(n_classes, dtype=dtype)) if spec.integrates else None
-        self.alpha = self._dynamics("alpha", decay_per_step(spec.tau_syn_ms, sampling_rate_Hz), dtype)
-        self.beta = self._dynamics("beta", decay_per_step(spec.tau_mem_ms, sampling_rate_Hz), dtype)
+        self.alpha = self._dynamics("alpha", decay_per_step(spec.tau_syn_ms, self.clock_Hz), dtype)
+        self.beta = self._dynamics("beta", decay_per_step(spec.tau_mem_ms, self.clock_Hz), dtype)
         self.threshold = self._dynamics("threshold", 1.0, dtype)
 
     def _dynamics(self, name: str, value: float, dtype: torch.dtype) -> nn.Parameter:
@@ -139,7 +143,7 @@ class RSNN(nn.Module):
             )
         return (
             f"RSNN({self.n_inputs} afferents, {self.spec.hidden} hidden ({kind}), {self.n_classes} classes, "
-            f"clock {self.sampling_rate_Hz:g} Hz, tau_mem {self.spec.tau_mem_ms:g} ms, "
+            f"clock {self.clock_Hz:g} Hz, tau_mem {self.spec.tau_mem_ms:g} ms, "
             f"tau_syn {self.spec.tau_syn_ms:g} ms, {adapts}{n_weights:,} weights)"
         )
 
@@ -191,7 +195,7 @@ class RSNN(nn.Module):
     def readout_decay(self) -> float:
         """The factor per step of what an integrator has added up; 1 without a leak."""
         leak_ms = self.spec.readout_leak_ms
-        return 1.0 if leak_ms is None else decay_per_step(leak_ms, self.sampling_rate_Hz)
+        return 1.0 if leak_ms is None else decay_per_step(leak_ms, self.clock_Hz)
 
     @property
     def leaks(self) -> bool:
@@ -203,6 +207,15 @@ class RSNN(nn.Module):
 
         heard: factors of the input from each hidden neuron to an integrator that leaks, `(hidden,)`; by default all 1.
         """
+        return self.counts(self.binned(spikes), heard)
+
+    def binned(self, spikes: Tensor) -> Tensor:
+        """Input spikes on the network's clock, `(trial, bin, afferent)`."""
+        self._check(spikes)
+        return clock.binned(spikes, self.steps_per_bin)
+
+    def counts(self, spikes: Tensor, heard: Tensor | None = None) -> Counts:
+        """`forward` for spikes that are `binned`."""
         self._check(spikes)
         if not self._native():
             return Counts(*reference.counts(self.model, spikes, heard))
@@ -232,7 +245,9 @@ class RSNN(nn.Module):
 
     def simulate(self, spikes: Tensor, *, ordered: bool = False) -> Rasters:
         """Every spike of every neuron; differentiable. `ordered`: by the reference, adding in the kernels' order."""
-        self._check(spikes)
+        return self._simulate(self.binned(spikes), ordered)
+
+    def _simulate(self, spikes: Tensor, ordered: bool = False) -> Rasters:
         if not ordered and self._native():
             hidden = self._native_layer(spikes, self.w_in, self.w_rec, 0)
             spiking = self.bias is None
@@ -253,7 +268,12 @@ class RSNN(nn.Module):
 
         For an integrator, the reference simulates full windows and ignores the steps after the exit.
         """
-        self._check(spikes)
+        n_steps, spikes = spikes.shape[1], self.binned(spikes)
+        found = self._infer(spikes, rule.in_bins(self.steps_per_bin))
+        return found._replace(steps=(found.steps * self.steps_per_bin).clamp(max=n_steps))
+
+    def _infer(self, spikes: Tensor, rule: ExitRule) -> Inference:
+        """`infer` for spikes that are `binned`; its steps are the network's."""
         if self._native():
             return Inference(*native.rsnn_infer(spikes, self, rule))
         if (integration := self.integration) is not None:
@@ -272,7 +292,7 @@ class RSNN(nn.Module):
             sums = self.added(hidden) + integration.level
             n_input, n_hidden = (part.sum(dim=1).to(torch.int64) for part in (spikes.flatten(1), hidden))
             return Inference(sums.argmax(dim=1), steps, n_input, n_hidden, sums)
-        hidden, gained = self.simulate(spikes)
+        hidden, gained = self._simulate(spikes)
         leader = Leader.start(n_trials, self.n_classes, spikes.device, integration)
         labels, sums, running = leader.counts.argmax(dim=1), leader.counts.clone(), steps > 0
         for t in range(n_steps):

@@ -1,7 +1,7 @@
 """Early exit: stop a trial when its leading class is stable (texture paper, Algorithm 1), or leads by a margin."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import torch
@@ -18,9 +18,10 @@ class ExitRule:
     The leading class has the largest count of readout spikes so far or, if the readout is an integrator, the largest
     value.
 
-    patience: steps. from_first_spike: count from the first step at which the trial's readout changes (`validated`): its
-        first spike, or the first hidden spike that an integrator adds. Otherwise count from the first step, as in the
-        paper's Algorithm 1, where class 0 leads a silent readout.
+    patience: steps of the input's clock; a network on a slower clock counts whole steps of its own (`in_bins`).
+    from_first_spike: count from the first step at which the trial's readout changes (`validated`): its first spike, or
+        the first hidden spike that an integrator adds. Otherwise count from the first step, as in the paper's
+        Algorithm 1, where class 0 leads a silent readout.
     margin: by how much the leading class exceeds every other class in count or value; it replaces the patience.
     Without patience and margin no trial exits: the full window is simulated.
     """
@@ -41,6 +42,14 @@ class ExitRule:
     def never(self) -> bool:
         """Whether no trial exits."""
         return self.patience is None and self.margin is None
+
+    def in_bins(self, n: int) -> "ExitRule":
+        """The rule of a network that is computed once in `n` steps: a patience of whole bins, at least one.
+
+        >>> ExitRule(20).in_bins(5).patience, ExitRule(2).in_bins(5).patience
+        (4, 1)
+        """
+        return self if self.patience is None else replace(self, patience=max(1, self.patience // n))
 
 
 FULL_WINDOW = ExitRule()

@@ -148,9 +148,12 @@ def steady(validation: Tensor, n_validation: int, training: Tensor, n_training: 
     return int(worst[-1]) + 1 if len(worst) else 0
 
 
-def patience_rule(place: int) -> ExitRule:
-    """The rule of a column of `exits`, counted from the first step at which the readout changes."""
-    return ExitRule(place + 1, from_first_spike=True)
+def patience_rule(place: int, steps_per_bin: int = 1) -> ExitRule:
+    """The rule of a column of `exits`, counted from the first step at which the readout changes.
+
+    steps_per_bin: steps of the input's clock for one of the rasters.
+    """
+    return ExitRule((place + 1) * steps_per_bin, from_first_spike=True)
 
 
 def margin_rule(margins: Tensor, place: int) -> ExitRule:

@@ -23,9 +23,9 @@ AT_ONCE = 256
 class SimulatedWindows(NamedTuple):
     """Simulated windows of a network.
 
-    readout: spikes, or the input of an integrator, `(window, time, class)`; integration: of an integrator, None if
-    spikes are counted; input, hidden: spikes of all neurons up to and including each step `(window, time)` int64;
-    labels: the true classes `(window,)`.
+    readout: spikes, or the input of an integrator, `(window, time, class)`, on the network's clock; integration: of an
+    integrator, None if spikes are counted; input, hidden: spikes of all neurons up to and including each step
+    `(window, time)` int64; labels: the true classes `(window,)`.
     """
 
     readout: Tensor
@@ -42,7 +42,7 @@ def simulate_windows(network: RSNN, examples: Examples) -> SimulatedWindows:
     for spikes in examples.spikes.split(AT_ONCE):
         rasters = network.simulate(spikes.to(network.w_in.device))
         readout.append(rasters.readout.cpu() if network.bias is not None else rasters.readout.cpu().to(torch.uint8))
-        inputs.append(_until(spikes))
+        inputs.append(_until(network.binned(spikes)))
         hidden.append(_until(rasters.hidden.cpu()))
     integration = None if network.integration is None else network.integration.detach().cpu()
     return SimulatedWindows(torch.cat(readout), torch.cat(inputs), torch.cat(hidden), examples.labels, integration)
@@ -55,7 +55,7 @@ def cut_short(network: RSNN, heard: SimulatedWindows, cuts_ms: Sequence[float]) 
     """
     rows = []
     for cut_ms in cuts_ms:
-        n_steps = round(cut_ms * 1e-3 * network.sampling_rate_Hz)
+        n_steps = round(cut_ms * 1e-3 * network.clock_Hz)
         if 1 <= n_steps <= heard.readout.shape[1]:
             until = heard.readout[:, :n_steps]
             chosen = (until.sum(dim=1) if heard.integration is None else heard.integration.of(until)).argmax(dim=1)
@@ -73,28 +73,29 @@ def exit_curve(
     patience in steps, accuracy_validation with the same patience,
     accuracy_test, exit_steps, exit_steps_sd (deviation over windows), exit_steps_right (mean over windows with the
     right label at exit), sops_* as in results.csv; compared with the full window, accuracy_lost, and the shares
-    steps_saved and sops_saved. A patience of the window's length never exits.
+    steps_saved and sops_saved. Steps are those of the input's clock; of the patiences, those that are whole steps of
+    the network are tried. A patience of the window's length never exits.
     """
-    n_steps = test.readout.shape[1]
-    within = [patience for patience in patiences if patience <= n_steps]
-    (whole,) = cut_short(network, test, [1e3 * n_steps / network.sampling_rate_Hz])
+    n_bins, n = test.readout.shape[1], network.steps_per_bin
+    within = [patience // n for patience in patiences if not patience % n and patience <= n_bins * n]
+    (whole,) = cut_short(network, test, [1e3 * n_bins / network.clock_Hz])
     rows = []
     for mode, decide in (("validated", _validated), ("oracle", _oracle), ("printed", _printed)):
         on_test, on_validation = decide(test, within), decide(validation, within)
         for patience, (steps, chosen), (_, decided) in zip(within, on_test, on_validation, strict=True):
             found = judged(network, test, steps, chosen)
-            mean = float(steps.double().mean())
+            mean = n * float(steps.double().mean())
             rows.append(
                 {
                     "mode": mode,
-                    "patience": patience,
+                    "patience": patience * n,
                     "accuracy_validation": _share(decided == validation.labels),
                     "exit_steps": mean,
-                    "exit_steps_sd": float(steps.double().std(correction=0)),
-                    "exit_steps_right": _mean_where(chosen == test.labels, steps),
+                    "exit_steps_sd": n * float(steps.double().std(correction=0)),
+                    "exit_steps_right": _mean_where(chosen == test.labels, steps * n),
                     **found,
                     "accuracy_lost": whole["accuracy_test"] - found["accuracy_test"],
-                    "steps_saved": 1.0 - mean / n_steps,
+                    "steps_saved": 1.0 - mean / (n * n_bins),
                     "sops_saved": 1.0 - found["sops_total"] / max(whole["sops_total"], 1.0),
                 }
             )

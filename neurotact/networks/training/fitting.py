@@ -9,7 +9,7 @@ from torch import Tensor
 
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
-from neurotact.networks.definition import recipe
+from neurotact.networks.definition import clock, recipe
 from neurotact.networks.definition.kernels import Backend
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
@@ -115,8 +115,21 @@ def begin(
     """An untrained network for training windows `(window, time, afferent)`, with the choices of its recipe for them."""
     chosen = recipe.resolve(spec, recipe.Seen.of(training, sampling_rate_Hz))
     network = RSNN(training.shape[2], n_classes, chosen, sampling_rate_Hz, backend=backend, generator=generator)
+    _warn_of_merged(network, training)
     recipe.start(network, training, generator)
     return network
+
+
+def _warn_of_merged(network: RSNN, training: Tensor) -> None:
+    """Warn of input spikes that the network's clock is too slow for."""
+    share = clock.merged(training, network.steps_per_bin)
+    if share:
+        most_ms = 1e3 * clock.apart(training) / network.sampling_rate_Hz
+        warnings.warn(
+            f"training: {100 * share:.2g} % of the input spikes lie in one step of the network with another of the "
+            f"same afferent, and count once; step_ms = {most_ms:g} merges none",
+            stacklevel=4,
+        )
 
 
 @torch.no_grad()
@@ -143,7 +156,9 @@ def exit_rule(
     else:
         right_in_training = _right(network, training, margins)
         place = exit_choice.steady(right, len(validation.labels), right_in_training, len(training.labels), tolerance)
-    return exit_choice.patience_rule(place) if margins is None else exit_choice.margin_rule(margins, place)
+    if margins is None:
+        return exit_choice.patience_rule(place, network.steps_per_bin)
+    return exit_choice.margin_rule(margins, place)
 
 
 def _right(network: RSNN, examples: Examples, margins: Tensor | None) -> Tensor:

@@ -21,6 +21,10 @@ class Examples(NamedTuple):
     spikes: Tensor
     labels: Tensor
 
+    def binned(self, network: RSNN) -> "Examples":
+        """The same on the clock of a network."""
+        return self._replace(spikes=network.binned(self.spikes))
+
 
 class Epoch(NamedTuple):
     """One line of the training log; accuracies are shares of trials."""
@@ -60,7 +64,8 @@ class Checkpoint:
 class Batch(NamedTuple):
     """Windows that a training is to be given the `Counts` of.
 
-    spikes, heard: as `RSNN.forward` takes them. learns: whether gradients are asked for afterwards.
+    spikes, heard: as `RSNN.counts` takes them, on the network's clock.
+    learns: whether gradients are asked for afterwards.
     """
 
     network: RSNN
@@ -88,7 +93,7 @@ def alone(course: Course[T]) -> T:
             answer = None
         else:
             with torch.set_grad_enabled(asked.learns):
-                answer = asked.network(asked.spikes, asked.heard)
+                answer = asked.network.counts(asked.spikes, asked.heard)
 
 
 STATE = {"adam": ("step", "exp_avg", "exp_avg_sq"), "adamax": ("step", "exp_avg", "exp_inf")}
@@ -152,6 +157,7 @@ def course(
     keep: called after each epoch with a checkpoint for `start`.
     Raises InputError if a weight is no longer finite: its neurons would become silent without an error.
     """
+    training, validation = _on_its_clock(network, training), validation.binned(network)
     optimiser = _optimiser(network)
     rates = [group["lr"] for group in optimiser.param_groups]
     log: list[Epoch] = []
@@ -315,6 +321,20 @@ def _warn_of_explosion(norms: Sequence[Tensor], epoch: int) -> None:
         )
 
 
+def _jitter_steps(network: RSNN) -> int:
+    return round(network.spec.training.input_jitter_ms * 1e-3 * network.sampling_rate_Hz)
+
+
+def _disturbs(network: RSNN) -> bool:
+    """Whether training drops or moves input spikes, anew in each step."""
+    return bool(network.spec.training.input_dropout or _jitter_steps(network))
+
+
+def _on_its_clock(network: RSNN, training: Examples) -> Examples:
+    """Training windows in bins, once for all; where spikes are dropped or moved, each batch is put into bins later."""
+    return training if _disturbs(network) else training.binned(network)
+
+
 def _pass(
     network: RSNN,
     training: Examples,
@@ -325,14 +345,13 @@ def _pass(
 ) -> Course[tuple[float, float]]:
     """Train on every trial once, in this order; `(loss, accuracy)`, of each batch before its step."""
     spec, device = network.spec.training, network.w_in.device
-    jitter_steps = round(spec.input_jitter_ms * 1e-3 * network.sampling_rate_Hz)
     batches, norms, losses, right = order.split(spec.batch), [], [], []
     for number, batch in enumerate(batches):
         rates.set(optimiser, number / len(batches))
         # copies whole windows, where indexing with a tensor copies byte by byte: a tenth of the time
         spikes, labels = training.spikes.index_select(0, batch), training.labels[batch].to(device)
-        if spec.input_dropout or jitter_steps:
-            spikes = disturbed(spikes, spec.input_dropout, jitter_steps, generator)
+        if _disturbs(network):
+            spikes = network.binned(disturbed(spikes, spec.input_dropout, _jitter_steps(network), generator))
         spikes = spikes.to(device)
         optimiser.zero_grad()
         counts = yield from _counts_with_dropout(network, spikes, generator)
@@ -390,11 +409,11 @@ def _copied(tensors: Mapping[Any, Tensor]) -> dict[Any, Tensor]:
 
 def evaluate(network: RSNN, examples: Examples) -> tuple[float, float]:
     """`(loss, accuracy)` over the full window."""
-    return alone(judge(network, examples))
+    return alone(judge(network, examples.binned(network)))
 
 
 def judge(network: RSNN, examples: Examples) -> Course[tuple[float, float]]:
-    """`evaluate`, as a course that runs alone or with others."""
+    """`evaluate`, as a course that runs alone or with others; the examples are on the network's clock."""
     spec, device = network.spec.training, network.w_in.device
     batches, losses, right = examples.labels.split(spec.batch), [], []
     for spikes, labels in zip(examples.spikes.split(spec.batch), batches, strict=True):

@@ -24,8 +24,11 @@ from neurotact.tables import NETWORK, means_over
 
 SOPS = ("sops_input", "sops_recurrent", "sops_readout")
 MODEL = "network.model"
+STEPS_PER_BIN = "steps_per_bin"
+"""Column of results: steps of the encoder's clock in one of the network's."""
 ABOUT = (
-    "Conditioning and encoding are counted for both populations of every taxel, on every step of the window. "
+    "Conditioning and encoding are counted for both populations of every taxel, on every step of the encoder's clock; "
+    "neurons on every step of the network's clock. "
     "Energy is an estimate of the arithmetic alone, without memory: 4.6 pJ per MAC and 0.9 pJ per other operation, "
     "32-bit floating point at 45 nm (Horowitz, ISSCC 2014)."
 )
@@ -38,13 +41,15 @@ def network_cost(
 
     spec: of the network: its hidden neurons, recurrence and readout count.
     measured: mean SOPs of the projections, with the names of `SOPS`.
-    steps: simulated steps of a decision, a mean under early exit.
+    steps, signal_ms: of a decision, a mean under early exit; steps are of the encoder's clock, of which a network with
+        a `step_ms` computes one in several.
 
     >>> measured = {"sops_input": 900, "sops_recurrent": 300, "sops_readout": 80}
     >>> found = network_cost(RSNNSpec(hidden=30), 16, 8, measured, steps=300, signal_ms=150)
     >>> found.macs, found.acs, found.parameters
     (22800, 1280, 1620)
     """
+    steps = steps if spec.step_ms is None else signal_ms / spec.step_ms
     into_hidden, into_readout = measured["sops_input"] + measured["sops_recurrent"], measured["sops_readout"]
     leaky_steps = 0.0 if spec.readout_leak_ms is None else steps
     readout = (
@@ -115,7 +120,7 @@ def study_ledger(
             (f"conditioning and encoding alone, {window_ms:g} ms", encoding_cost(n_taxels, steps, window_ms, encoder))
         )
     by = [*NETWORK, *([MODEL] if MODEL in results else [])]
-    for _, row in means_over(results, by, [*SOPS, "window_steps"], "seeds").iterrows():
+    for _, row in means_over(results, by, [*SOPS, "window_steps", *({STEPS_PER_BIN} & {*results})], "seeds").iterrows():
         name = f"spiking: {row['setting']}, t_ref {row['pair']} ms, N = {row['hidden']}"
         sizes: dict[str, Any] = {"n_afferents": n_afferents, "n_classes": n_classes}
         rows.append((name, row_cost(spec, row, **sizes, rate_Hz=rate_Hz, encoder=encoder)))
@@ -142,7 +147,10 @@ def row_cost(
     steps = float(row["exit_steps"]) if early else window_steps
     signal_ms = 1e3 * steps / rate_Hz
     chosen = recipe.resolve(spec, recipe.Seen(1, round(window_steps), rate_Hz, 1.0))
-    own = chosen.model_copy(update={"hidden": int(row["hidden"]), "model": row.get(MODEL, chosen.model)})
+    step_ms = 1e3 * row.get(STEPS_PER_BIN, 1) / rate_Hz
+    own = chosen.model_copy(
+        update={"hidden": int(row["hidden"]), "model": row.get(MODEL, chosen.model), "step_ms": step_ms}
+    )
     measured = {name: row[f"exit_{name}" if early else name] for name in SOPS}
     network = network_cost(own, n_afferents, n_classes, measured, steps=steps, signal_ms=signal_ms)
     return network + encoding_cost(taxels_of(n_afferents, encoder), steps, signal_ms, encoder) if encoding else network

@@ -42,6 +42,7 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
         **({} if trained.rule.margin is None else {"exit_margin": trained.rule.margin}),
         **_oracle(network, test),
         "window_steps": test.spikes.shape[1],
+        "steps_per_bin": network.steps_per_bin,
         "epochs": len(trained.training.epochs),
     }
     matrix = confusion_matrix(test.labels, full.labels.cpu(), labels=range(network.n_classes))
@@ -83,12 +84,12 @@ def mean_sops(network: RSNN, examples: Examples) -> float:
 
 def _oracle(network: RSNN, test: Examples) -> dict[str, float]:
     """Steps, accuracy and SOPs of the paper's early exit, which knows the true labels (Algorithm 1)."""
-    windows = truncated.simulate_windows(network, test)
-    patience = min(ORACLE_PATIENCE, test.spikes.shape[1])
+    windows, n = truncated.simulate_windows(network, test), network.steps_per_bin
+    patience = min(max(1, ORACLE_PATIENCE // n), windows.readout.shape[1])
     steps, labels, _ = oracle_exit(windows.readout, windows.labels, patience, windows.integration)
     found = truncated.judged(network, windows, steps, labels)
     return {
-        "oracle_steps": float(steps.double().mean()),
+        "oracle_steps": n * float(steps.double().mean()),
         "oracle_accuracy": found["accuracy_test"],
         "oracle_sops_total": found["sops_total"],
     }

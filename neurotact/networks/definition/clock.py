@@ -1,0 +1,93 @@
+"""The network's clock: spikes of the encoder's clock, put into bins of one step of the network each.
+
+An afferent whose spikes are at least `n` steps apart has at most one spike in `n` steps. The bins then lose no spike,
+and the network is computed once a bin.
+"""
+
+from functools import reduce
+
+import torch
+from torch import Tensor
+
+from neurotact.errors import InputError
+
+NEARLY = 1e-6
+"""How far a network's step may be from a whole number of the encoder's, of it: rates are not exact in decimals."""
+
+
+def steps_per_bin(step_ms: float | None, sampling_rate_Hz: float) -> int:
+    """Steps of the encoder's clock in one step of the network; 1 if `step_ms` is None.
+
+    Raises InputError unless they are a whole number, at least 1.
+
+    >>> steps_per_bin(5.0, 1000.0), steps_per_bin(None, 1000.0)
+    (5, 1)
+    """
+    if step_ms is None:
+        return 1
+    wanted = step_ms * 1e-3 * sampling_rate_Hz
+    n = max(1, round(wanted))
+    if abs(wanted - n) > NEARLY * n:
+        raise InputError(
+            f"`step_ms`: {step_ms:g} ms is not a whole number of steps at {sampling_rate_Hz:g} Hz; "
+            f"{n * 1e3 / sampling_rate_Hz:.6g} ms is"
+        )
+    return n
+
+
+def binned(spikes: Tensor, n: int) -> Tensor:
+    """Spikes `(trial, time, afferent)` in bins of `n` steps, `(trial, bin, afferent)` of the same type.
+
+    An afferent that spikes in a bin has one spike there, however many it had. The last bin may be shorter. Of graded
+    input a bin has the largest value.
+
+    >>> binned(torch.tensor([[[0], [1], [0], [0], [1]]]), 2).flatten().tolist()
+    [1, 0, 1]
+    """
+    if n == 1:
+        return spikes
+    n_trials, n_steps, n_afferents = spikes.shape
+    n_bins = -(-n_steps // n)
+    if n_steps % n:
+        spikes = torch.cat([spikes, spikes.new_zeros(n_trials, n_bins * n - n_steps, n_afferents)], dim=1)
+    if spikes.dtype in (torch.uint8, torch.bool):
+        return reduce(torch.bitwise_or, (spikes[:, k::n] for k in range(n)))
+    return spikes.unflatten(1, (n_bins, n)).amax(dim=2)
+
+
+def spread(spikes: Tensor, n: int, n_steps: int) -> Tensor:
+    """Spikes `(trial, bin, neuron)` of a network at the last step of each bin, `(trial, time, neuron)`.
+
+    >>> spread(torch.tensor([[[1], [0], [1]]]), 2, 5).flatten().tolist()
+    [0, 1, 0, 0, 1]
+    """
+    if n == 1:
+        return spikes
+    n_trials, n_bins, n_neurons = spikes.shape
+    fine = spikes.new_zeros(n_trials, n_steps, n_neurons)
+    fine[:, (torch.arange(1, n_bins + 1) * n).clamp(max=n_steps) - 1] = spikes
+    return fine
+
+
+def merged(spikes: Tensor, n: int) -> float:
+    """The share of spikes that bins of `n` steps merge with another of the same afferent.
+
+    >>> merged(torch.tensor([[[1], [1], [0], [0]]]), 2)
+    0.5
+    """
+    n_spikes = int(spikes.count_nonzero())
+    return 1 - int(binned(spikes, n).count_nonzero()) / n_spikes if n_spikes else 0.0
+
+
+def apart(spikes: Tensor) -> int:
+    """The least distance between two spikes of one afferent in windows `(trial, time, afferent)`, in steps.
+
+    The number of steps of a window if no afferent spikes twice in one: bins of so many steps merge no spikes.
+
+    >>> apart(torch.tensor([[[1], [0], [0], [1], [0]]])), apart(torch.zeros(1, 5, 1))
+    (3, 5)
+    """
+    trial, afferent, step = spikes.transpose(1, 2).nonzero(as_tuple=True)
+    same = (trial[1:] == trial[:-1]) & (afferent[1:] == afferent[:-1])
+    distances = (step[1:] - step[:-1])[same]
+    return int(distances.min()) if len(distances) else max(1, spikes.shape[1])

@@ -1,0 +1,116 @@
+"""A network on its own clock: bins lose no spike while afferents rest as long, and all steps are the encoder's."""
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from neurotact.errors import InputError
+from neurotact.networks.definition import clock
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.training import fitting, training
+from neurotact.networks.training.training import Examples
+
+RATE_Hz = 1000.0
+READOUTS = ({"readout": "count"}, {"readout": "integrator"}, {"readout": "integrator", "readout_tau_ms": 9.0})
+
+
+def resting(seed: int, n_steps: int, rest: int, n_afferents: int = 5) -> torch.Tensor:
+    """Windows in which an afferent rests for `rest` steps after a spike."""
+    generator = torch.Generator().manual_seed(seed)
+    wants = torch.rand(3, n_steps, n_afferents, generator=generator) < 0.3
+    left, spikes = torch.zeros(3, n_afferents), torch.zeros(3, n_steps, n_afferents, dtype=torch.uint8)
+    for t in range(n_steps):
+        fires = wants[:, t] & (left == 0)
+        spikes[:, t] = fires
+        left = torch.where(fires, float(rest), (left - 1).clamp(min=0))
+    return spikes
+
+
+def network(step_ms: float | None = 5.0, **keys) -> RSNN:
+    generator = torch.Generator().manual_seed(0)
+    keys = {"hidden": 6, "forward_weight_scale": 3.0, "recurrent_weight_scale": 0.4, **keys}
+    return RSNN(5, 3, sampling_rate_Hz=RATE_Hz, generator=generator, step_ms=step_ms, **keys)
+
+
+@given(seed=st.integers(0, 200), rest=st.integers(0, 9), n_steps=st.integers(1, 60), n=st.integers(1, 12))
+def test_bins_up_to_the_rest_and_a_step_lose_no_spike(seed, rest, n_steps, n):
+    spikes = resting(seed, n_steps, rest)
+    within = clock.binned(spikes, n)
+    assert within.shape[1] == -(-n_steps // n)
+    assert set(within.unique().tolist()) <= {0, 1}
+    if n <= rest + 1:
+        assert within.sum() == spikes.sum()
+        assert clock.merged(spikes, n) == 0
+    assert clock.apart(spikes) >= min(rest + 1, n_steps)
+    assert clock.merged(spikes, clock.apart(spikes)) == 0
+
+
+@given(seed=st.integers(0, 200), n_steps=st.integers(1, 60), n=st.integers(1, 12))
+def test_a_bin_has_a_spike_where_one_of_its_steps_has(seed, n_steps, n):
+    spikes = resting(seed, n_steps, 0)
+    for dtype in (torch.uint8, torch.bool, torch.float32):
+        within = clock.binned(spikes.to(dtype), n)
+        assert within.dtype == dtype
+        for k in range(within.shape[1]):
+            assert torch.equal(within[:, k] > 0, (spikes[:, k * n : (k + 1) * n] > 0).any(dim=1))
+
+
+@given(
+    seed=st.integers(0, 50), n_steps=st.integers(1, 60), readout=st.sampled_from(READOUTS),
+    rule=st.sampled_from([FULL_WINDOW, ExitRule(10, from_first_spike=True), ExitRule(margin=1.0)]),
+)  # fmt: skip
+def test_a_network_on_its_clock_is_the_network_of_that_clock_on_bins(seed, n_steps, readout, rule):
+    spikes, own = resting(seed, n_steps, 4), network(**readout)
+    slow = RSNN(5, 3, own.spec.model_copy(update={"step_ms": None}), RATE_Hz / 5)
+    slow.load_state_dict(own.state_dict())
+    ours, theirs = own.infer(spikes, rule), slow.infer(clock.binned(spikes, 5), rule.in_bins(5))
+    assert torch.equal(ours.steps, (theirs.steps * 5).clamp(max=n_steps))
+    for part in ("labels", "input_spikes", "hidden_spikes", "readout"):
+        assert torch.equal(getattr(ours, part), getattr(theirs, part))
+    for ours, theirs in zip(own(spikes), slow(clock.binned(spikes, 5)), strict=True):
+        assert torch.equal(ours, theirs)
+
+
+def test_time_constants_stay_in_ms():
+    assert float(network(5.0).beta[0].detach()) == pytest.approx(float(network(None).beta[0].detach()) ** 5, rel=1e-5)
+
+
+def test_a_patience_is_in_steps_of_the_encoder_and_counts_whole_bins():
+    own, spikes = network(readout="integrator", forward_weight_scale=9.0), resting(1, 200, 4)
+    found = own.infer(spikes, ExitRule(20, from_first_spike=True))
+    assert (found.steps % 5 == 0).all()
+    assert (found.steps >= 25).all()
+    assert (found.steps < 200).any()
+    later = own.infer(spikes, ExitRule(24, from_first_spike=True))  # the same whole bins
+    assert torch.equal(later.steps, found.steps)
+
+
+def test_the_chosen_exit_saves_whole_steps_of_the_network_and_keeps_its_word():
+    own, spikes = network(readout="integrator"), resting(2, 100, 4)
+    examples = Examples(spikes, own.infer(spikes).labels)
+    rule = fitting.exit_rule(own, examples, 0.0)
+    assert rule.patience is not None
+    assert rule.patience % 5 == 0
+    assert torch.equal(own.infer(spikes, rule).labels, examples.labels)
+
+
+def test_a_network_learns_on_its_clock():
+    spikes = torch.cat([resting(k, 60, 4) * torch.tensor([1, 1, k, 1 - k, 0], dtype=torch.uint8) for k in (0, 1)])
+    labels = torch.tensor([0, 0, 0, 1, 1, 1])
+    own = network(training={"epochs": 40, "batch": 6, "learning_rate": 0.02, "patience": 40})
+    done = training.train(
+        own, Examples(spikes, labels), Examples(spikes, labels), generator=torch.Generator().manual_seed(0)
+    )
+    assert done.best.train_accuracy == 1.0
+
+
+@pytest.mark.parametrize("step_ms", [0.4, 2.5, 4.9])
+def test_a_step_between_two_of_the_encoder_is_refused(step_ms):
+    with pytest.raises(InputError, match=r"`step_ms`: .* is not a whole number of steps at 1000 Hz"):
+        network(step_ms)
+
+
+def test_a_whole_number_of_steps_is_taken_at_a_rate_that_is_no_round_number():
+    assert clock.steps_per_bin(3 * 1e3 / 93.0, 93.0) == 3
