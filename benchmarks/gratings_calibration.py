@@ -19,7 +19,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
 from neurotact.papers.texture.simulator import GratingsSpec, simulate
-from neurotact.progress import counting, track
+from neurotact.progress import tracked
 from neurotact.spec import build, load, parse_assignments
 from neurotact.tables import write_table
 
@@ -56,8 +56,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _simulated(spec: GratingsSpec) -> Recordings:
-    with track("simulate", spec.n_trials) as advance:
-        return simulate(spec, counting(advance))
+    with tracked("simulate") as progress:
+        return simulate(spec, progress)
 
 
 if __name__ == "__main__":

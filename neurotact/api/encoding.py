@@ -57,7 +57,8 @@ def encode(
     Raises InputError for an unknown encoder, key, condition or value. Warns (`FiringWarning`) of a population that is
     silent, or whose every firing afferent is saturated.
 
-    >>> spikes = encode(simulate("gratings", trials=1, duration_s=0.3), "sa1-ra1-lif", {"sa1.t_ref_ms": 5})
+    >>> import neurotact as nt
+    >>> spikes = nt.encode(nt.simulate("gratings", trials=1, duration_s=0.3), "sa1-ra1-lif", {"sa1.t_ref_ms": 5})
     >>> spikes.afferents[0], spikes.encoder["sa1"]["t_ref_ms"]
     ('SA-I taxel1', 5.0)
     """
