@@ -114,6 +114,7 @@ def test_a_trained_network_decides_and_is_loaded(saved, spikes, tmp_path):
         nt.save_network(net, tmp_path / "copy")
 
 
+@pytest.mark.thorough
 def test_a_search_goes_on_where_it_was_and_leaves_what_the_command_leaves(saved, tmp_path):
     space = {"hidden": {"_type": "choice", "_value": [4, 5]}}
     given = {"trials": 2, "length_ms": 100.0, "workers": 1, "settings": {"training.epochs": 1}}

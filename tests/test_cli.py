@@ -996,6 +996,7 @@ def test_a_study_divides_trials_as_train_does(neurotact, monkeypatch, tmp_path):
     assert asked[-1].sweep["split.fold"] == [0, 1, 2]
 
 
+@pytest.mark.thorough
 def test_a_file_of_ones_own_is_one_command_for_ways_to_save(neurotact, tmp_path, caplog):
     save_recordings(touch(), tmp_path / "touch.h5")
     small = (

@@ -78,6 +78,7 @@ def lay_traps(folder: Path) -> None:
         (folder / f"{name}.py").write_text(f"raise RuntimeError('{name}.py of the current folder')")
 
 
+@pytest.mark.thorough
 def test_a_warning_of_a_worker_is_one_line_and_no_module_is_that_of_the_current_folder(tmp_path):
     script, here = tmp_path / "warning.py", tmp_path / "here"
     here.mkdir()
@@ -102,6 +103,7 @@ assert os.environ == environment
 """
 
 
+@pytest.mark.thorough
 def test_a_notebook_beside_modules_of_its_own_has_them_but_never_in_place_of_pythons(tmp_path):
     lay_traps(tmp_path)
     (tmp_path / "mine.py").write_text("")

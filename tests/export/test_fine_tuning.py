@@ -167,6 +167,7 @@ def test_the_same_seed_gives_the_same_network(spiking, tmp_path):
     assert {*one} == {*other}
 
 
+@pytest.mark.thorough
 def test_test_trials_are_not_seen(spiking, tmp_path):
     """Another signal on a test trial changes no weight; on a training trial it does."""
     sides = tasks.trials_of(trained.load_spikes_of(trained.restore(spiking)), trained.restore(spiking).task)

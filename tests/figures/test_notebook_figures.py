@@ -37,6 +37,7 @@ assert bundle["image/png"][:8] == b"\\x89PNG\\r\\n\\x1a\\n", bundle.keys()
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("with_pyplot", [False, True])
 def test_a_cell_that_ends_in_a_figure_shows_it(with_pyplot, tmp_path):
     pytest.importorskip("IPython", reason="the test extra installs IPython")

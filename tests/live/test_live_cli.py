@@ -130,6 +130,7 @@ def test_trials_are_known_by_their_content_as_infer_knows_them(made, tmp_path, c
     assert "8 training, 2 validation, 2 test, 1 unseen trials" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_a_visit_to_standard_input(made):
     text = io.StringIO()
     np.savetxt(text, make_signal(200, seed=3), delimiter=",", fmt="%.9g")

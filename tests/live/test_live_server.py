@@ -325,6 +325,7 @@ def test_decisions_over_the_socket_are_those_of_the_whole_trial(patience):
             assert late.until(lambda me: me.rows).told() == expected
 
 
+@pytest.mark.thorough
 def test_a_page_that_reads_nothing_stalls_nobody(monkeypatch):
     """Megabytes of frames, more than the system's buffers hold: they are dropped, the decisions are not."""
     monkeypatch.setattr(sessions, "FRAME_S", 0.0)

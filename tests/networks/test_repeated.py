@@ -33,6 +33,7 @@ def task_of(**split) -> Task:
     return Task(window=WindowSpec(length_ms=60), split=SplitSpec(**split))
 
 
+@pytest.mark.thorough
 def test_every_trial_is_tested_once_in_each_repetition(spikes, tmp_path):
     tasks = repeated.tasks_of(task_of(folds=3, seed=4), every_fold=True, repeats=2)
     found = repeated.run(spikes, tmp_path / "run", SMALL, tasks)

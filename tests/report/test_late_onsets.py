@@ -35,6 +35,7 @@ def squeezes(tmp_path):
     return tmp_path / "touches.h5"
 
 
+@pytest.mark.thorough
 def test_a_study_of_late_touches_names_options_that_its_spec_takes(squeezes, tmp_path):
     runner.run(loading.resolve("own-recordings", SMALL, data=squeezes), tmp_path / "run")
     report.write(tmp_path / "run")

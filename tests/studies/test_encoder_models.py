@@ -29,6 +29,7 @@ def in_this_process(workers, scheduler, device):
     )
 
 
+@pytest.mark.thorough
 @thinned(("encoder", "gain"), [("izhikevich", "gain_mV_per_ms"), ("poisson", "gain_Hz")])
 def test_a_study_of_other_afferents_reports(encoder, gain, tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "executor", in_this_process)
