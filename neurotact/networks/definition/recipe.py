@@ -246,7 +246,7 @@ def scale_readout(network: RSNN, spikes: Tensor) -> None:
     if network.bias is not None:
         deviation = network.counts(spikes).readout.std(dim=0, correction=0).mean()
         if deviation > 0:
-            network.w_out /= deviation
+            network.w_out.div_(deviation)
 
 
 @torch.no_grad()
