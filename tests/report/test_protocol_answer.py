@@ -144,7 +144,7 @@ def test_the_table_has_the_best_of_each_kind_and_guessing():
     ]
 
 
-SHARES = st.floats(0.0, 1.0)
+SHARES = st.integers(0, 2520).map(lambda right: right / 2520)  # of trials
 
 
 @given(st.lists(st.tuples(SHARES, SHARES, st.floats(1.0, 1e6)), min_size=1, max_size=8))
