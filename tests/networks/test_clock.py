@@ -108,7 +108,7 @@ def test_a_network_learns_on_its_clock():
 
 @pytest.mark.parametrize("step_ms", [0.4, 2.5, 4.9])
 def test_a_step_between_two_of_the_encoder_is_refused(step_ms):
-    with pytest.raises(InputError, match=r"`step_ms`: .* is not a whole number of steps at 1000 Hz"):
+    with pytest.raises(InputError, match=r"step_ms: .* is not a whole number of steps at 1000 Hz"):
         network(step_ms)
 
 

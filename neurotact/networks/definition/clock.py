@@ -29,7 +29,7 @@ def steps_per_bin(step_ms: float | None, sampling_rate_Hz: float) -> int:
     n = max(1, round(wanted))
     if abs(wanted - n) > NEARLY * n:
         raise InputError(
-            f"`step_ms`: {step_ms:g} ms is not a whole number of steps at {sampling_rate_Hz:g} Hz; "
+            f"step_ms: {step_ms:g} ms is not a whole number of steps at {sampling_rate_Hz:g} Hz; "
             f"{n * 1e3 / sampling_rate_Hz:.6g} ms is"
         )
     return n
