@@ -1,16 +1,23 @@
 """A network on its own clock: bins lose no spike while afferents rest as long, and all steps are the encoder's."""
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from neurotact.deploy import formats
 from neurotact.errors import InputError
 from neurotact.networks.definition import clock
 from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.exit import truncated
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.training import fitting, training
+from neurotact.networks.training.tasks import Sides
 from neurotact.networks.training.training import Examples
+from neurotact.networks.use import measuring
+from neurotact.networks.use.ledger import network_cost
 
 RATE_Hz = 1000.0
 READOUTS = ({"readout": "count"}, {"readout": "integrator"}, {"readout": "integrator", "readout_tau_ms": 9.0})
@@ -32,6 +39,13 @@ def network(step_ms: float | None = 5.0, **keys) -> RSNN:
     generator = torch.Generator().manual_seed(0)
     keys = {"hidden": 6, "forward_weight_scale": 3.0, "recurrent_weight_scale": 0.4, **keys}
     return RSNN(5, 3, sampling_rate_Hz=RATE_Hz, generator=generator, step_ms=step_ms, **keys)
+
+
+def slow_network(own: RSNN) -> RSNN:
+    """The same network, whose input comes on its own clock."""
+    slow = RSNN(5, 3, own.spec.model_copy(update={"step_ms": None}), RATE_Hz / 5)
+    slow.load_state_dict(own.state_dict())
+    return slow
 
 
 @given(seed=st.integers(0, 200), rest=st.integers(0, 9), n_steps=st.integers(1, 60), n=st.integers(1, 12))
@@ -63,8 +77,7 @@ def test_a_bin_has_a_spike_where_one_of_its_steps_has(seed, n_steps, n):
 )  # fmt: skip
 def test_a_network_on_its_clock_is_the_network_of_that_clock_on_bins(seed, n_steps, readout, rule):
     spikes, own = resting(seed, n_steps, 4), network(**readout)
-    slow = RSNN(5, 3, own.spec.model_copy(update={"step_ms": None}), RATE_Hz / 5)
-    slow.load_state_dict(own.state_dict())
+    slow = slow_network(own)
     ours, theirs = own.infer(spikes, rule), slow.infer(clock.binned(spikes, 5), rule.in_bins(5))
     assert torch.equal(ours.steps, (theirs.steps * 5).clamp(max=n_steps))
     for part in ("labels", "input_spikes", "hidden_spikes", "readout"):
@@ -94,6 +107,59 @@ def test_the_chosen_exit_saves_whole_steps_of_the_network_and_keeps_its_word():
     assert rule.patience is not None
     assert rule.patience % 5 == 0
     assert torch.equal(own.infer(spikes, rule).labels, examples.labels)
+
+
+def test_what_is_measured_is_that_of_the_network_of_that_clock_with_longer_steps(monkeypatch):
+    """Accuracy, SOPs, both early exits and the curve over patience; a window is a whole number of bins."""
+    own = network(readout="integrator", forward_weight_scale=9.0)
+    slow = slow_network(own)
+    spikes = resting(5, 100, 4)
+    sides = [Examples(each, torch.tensor([0, 1, 2])) for each in (spikes, clock.binned(spikes, 5))]
+    rule = ExitRule(15, from_first_spike=True)
+    rows = []
+    for net, examples, patience in ((own, sides[0], 50), (slow, sides[1], 10)):
+        monkeypatch.setattr(measuring, "ORACLE_PATIENCE", patience)
+        done = training.Training((training.Epoch(1, 0.0, 0.0, 0.0, 0.0),), training.Epoch(1, 0.0, 0.0, 0.0, 0.0))
+        trained = fitting.Trained(net, done, rule if net is own else rule.in_bins(5))
+        rows.append(measuring.measure(trained, Sides(examples, examples, examples), {"SA-I": np.array([0])})["row"])
+    ours, theirs = rows
+    in_steps = {"exit_steps", "exit_steps_sd", "oracle_steps", "window_steps", "exit_patience", "steps_per_bin"}
+    assert ours["exit_steps"] < 100
+    for key, value in theirs.items():
+        assert ours[key] == pytest.approx(5 * value if key in in_steps else value), key
+    windows = [truncated.simulate_windows(net, each) for net, each in zip((own, slow), sides, strict=True)]
+    curves = [
+        truncated.exit_curve(net, each, each, patiences)
+        for net, each, patiences in zip((own, slow), windows, ([5, 7, 10, 50, 200], [1, 2, 10, 40]), strict=True)
+    ]
+    in_steps = {"patience", "exit_steps", "exit_steps_sd", "exit_steps_right"}
+    for one, other in zip(*curves, strict=True):
+        for key, value in other.items():
+            expected = (
+                value
+                if value is None or isinstance(value, str)
+                else pytest.approx(5 * value if key in in_steps else value)
+            )
+            assert one[key] == expected, key
+    cuts = [truncated.cut_short(net, each, [25.0, 100.0]) for net, each in zip((own, slow), windows, strict=True)]
+    assert cuts[0] == cuts[1]
+    assert formats.record_states(own, spikes) == formats.record_states(slow, clock.binned(spikes, 5))
+
+
+def test_neurons_are_counted_on_their_clock_and_afferents_on_theirs():
+    measured = {"sops_input": 900, "sops_recurrent": 300, "sops_readout": 80}
+    for how in ({}, {"readout": "integrator", "readout_tau_ms": 30.0}, {"threshold_adaptation": 0.2}):
+        every, fifth = (RSNNSpec.model_validate({"hidden": 30, "step_ms": step_ms, **how}) for step_ms in (None, 5.0))
+        of = {"measured": measured, "signal_ms": 150.0}
+        assert network_cost(fifth, 16, 8, steps=150, **of) == network_cost(every, 16, 8, steps=30, **of)
+
+
+def test_spikes_of_bins_are_shown_at_their_last_step():
+    hidden = network(readout="integrator").simulate(resting(3, 23, 4)).hidden
+    fine = clock.spread(hidden, 5, 23)
+    assert fine.sum() == hidden.sum() > 0
+    assert torch.equal(clock.binned(fine, 5), hidden)
+    assert set(fine.any(dim=2).nonzero()[:, 1].tolist()) <= {4, 9, 14, 19, 22}
 
 
 def test_a_network_learns_on_its_clock():
