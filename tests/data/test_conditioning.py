@@ -193,6 +193,18 @@ def test_the_mean_of_the_start_is_the_mean_so_far_until_it_is_kept(signal, start
     np.testing.assert_allclose(taken_off(signal, "start", start_ms=start_ms), signal - level, atol=1e-3)
 
 
+BASELINES_OF_THE_PAST = ({"baseline": "start", "start_ms": 20.0}, {"baseline": "high-pass", "high_pass_Hz": 2.0})
+
+
+@given(SIGNALS, RATES, st.sampled_from(BASELINES_OF_THE_PAST))
+def test_a_baseline_counts_time_on_the_encoders_clock(signal, rate_Hz, how):
+    """As if the signal had been recorded on that clock."""
+    resampled = resample(signal, rate_Hz, 500.0)
+    found = condition(skin([signal], rate_Hz), ConditioningSpec(resample_Hz=500.0, **how)).signals[0]
+    expected = condition(skin([resampled], 500.0), ConditioningSpec(**how)).signals[0]
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+
+
 @given(SIGNALS)
 def test_the_start_lies_between_the_first_sample_and_the_mean_so_far(signal):
     np.testing.assert_array_equal(taken_off(signal, "start", start_ms=1.0), taken_off(signal, "first"))
