@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, settings
 # not to count while they do. The kernels and torch share a library that reads this when the first of them is loaded.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+from neurotact import progress
 from neurotact.backend import hold_torch_to_avx2
 
 hold_torch_to_avx2()  # before torch is imported: as the command line does
@@ -31,6 +32,13 @@ for name, n_examples in (("quick", levels.QUICK), ("thorough", levels.THOROUGH),
         suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
     )
 settings.load_profile("quick")
+
+
+@pytest.fixture(autouse=True)
+def progress_is_shown() -> Iterator[None]:
+    """A command with --quiet that ran in this process hides it from those that come after."""
+    yield
+    progress.show(True)
 
 
 @pytest.fixture
