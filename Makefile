@@ -20,7 +20,7 @@ export NEUROTACT_REQUIRE_EXTRAS = 1
 # Half of what collecting the tests takes is compiling them: it is kept for the next run.
 export PYTHONDONTWRITEBYTECODE =
 # Tests of a file share what they make: a file stays with a worker.
-PYTEST := $(BIN)/pytest -n 2 --dist loadfile
+PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 .PHONY: study test test-rest test-all test-slow wheel lint docs bench device clean
 

@@ -34,6 +34,14 @@ for name, n_examples in (("quick", levels.QUICK), ("thorough", levels.THOROUGH),
 settings.load_profile("quick")
 
 
+LONG = ("live", "report", "studies", "papers", "export", "test_cli.py", "test_workers.py", "test_options.py")
+"""Folders and files with tests that take seconds: they begin first, so that no worker is alone with them at the end."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: not set(LONG) & set(item.path.parts))
+
+
 @pytest.fixture(autouse=True)
 def progress_is_shown() -> Iterator[None]:
     """A command with --quiet that ran in this process hides it from those that come after."""

@@ -100,6 +100,7 @@ def told(tmp_path_factory):
     return what, folder
 
 
+@pytest.mark.thorough
 def test_the_tables_of_cells_are_written_once_each_with_the_sweep(told):
     what, folder = told
     cut, curve, results = (pd.read_csv(folder / f"{name}.csv") for name in ("cut_short", "exit_curve", "results"))
@@ -112,11 +113,13 @@ def test_the_tables_of_cells_are_written_once_each_with_the_sweep(told):
     assert set(kept) == {"cut_short", "exit_curve"}
 
 
+@pytest.mark.thorough
 def test_the_tables_of_recordings_are_written(told):
     assert len(pd.read_csv(told[1] / "signals.csv")) == 2
     assert set(pd.read_csv(told[1] / "same_drive.csv").drive) == {"constant", "recorded"}
 
 
+@pytest.mark.thorough
 def test_each_table_has_its_figure_and_its_download(told):
     drawn = {path.stem for path in (told[1] / "figures").glob("*.svg")}
     assert {"cut-short", "exit-curves", "signals", "same-drive"} <= drawn

@@ -45,6 +45,7 @@ def results_of(what, folder):
         yield cell, json.loads((cell_folder(folder, cell) / "result.json").read_text())
 
 
+@pytest.mark.thorough
 def test_shares_of_trials_add_up_to_the_accuracies(run):
     what, folder = run
     for _, result in results_of(what, folder):
@@ -56,6 +57,7 @@ def test_shares_of_trials_add_up_to_the_accuracies(run):
         np.testing.assert_allclose(its.groupby("baseline")["right"].mean(), table[f"accuracy_{side}"])
 
 
+@pytest.mark.thorough
 def test_the_answer_pairs_the_trials_of_each_split(run):
     what, folder = run
     (found,) = json.loads((folder / "answer.json").read_text())["answers"]
@@ -82,6 +84,7 @@ def test_the_answer_pairs_the_trials_of_each_split(run):
     assert f"{expected.n} test trials" in found["headline"] or found["kind"] in ("nothing learned", "unclear")
 
 
+@pytest.mark.thorough
 def test_where_single_trials_are_unknown_the_shares_are_compared(run):
     _, folder = run
     table = folder / "baselines_trials.csv"

@@ -48,6 +48,7 @@ def searched(tmp_path_factory):
     return what, networks.write(what, folder)
 
 
+@pytest.mark.thorough
 def test_every_trial_stands_in_one_table_beside_its_cell(searched):
     what, path = searched
     table = pd.read_csv(path.parent / "searches.csv")
@@ -62,6 +63,7 @@ def test_every_trial_stands_in_one_table_beside_its_cell(searched):
     assert "searches.csv" in Page(path).downloads
 
 
+@pytest.mark.thorough
 def test_the_page_knows_each_cells_search(searched):
     for index, cell in enumerate(json.loads(Page(searched[1]).json)["cells"]):
         found = cell["search"]
@@ -73,6 +75,7 @@ def test_the_page_knows_each_cells_search(searched):
         assert cell["row"]["seed"] == index % 2
 
 
+@pytest.mark.thorough
 def test_the_page_shows_figures_and_what_was_chosen(searched):
     page = Page(searched[1])
     assert {"figure-searches", "figure-search-winners", "searches", "cell-search"} <= set(page.ids)
@@ -81,6 +84,7 @@ def test_the_page_shows_figures_and_what_was_chosen(searched):
     assert "4/1" in page.text  # finished and stopped
 
 
+@pytest.mark.thorough
 def test_a_study_without_a_search_says_nothing_of_searches(tmp_path):
     what = make_study(sweep={"network.hidden": [20]}, claims=())
     page = Page(networks.write(what, make_run(what, tmp_path, grating_conditions())))

@@ -74,6 +74,7 @@ def test_a_wrong_setting_is_not_taken_for_absent_recordings():
         all_ways.load(TaskSpec(task="fabrics", settings={"fabrics": {"lenght_ms": 5}}))
 
 
+@pytest.mark.thorough
 def test_figures_hold_a_panel_a_task(arrays):
     rows = [
         {"task": task, "seed": seed, **row}

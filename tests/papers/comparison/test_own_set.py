@@ -217,6 +217,7 @@ def test_the_bytes_are_the_same_for_any_number_of_workers(run, tmp_path):
     assert content(tmp_path / "run") == content(folder)
 
 
+@pytest.mark.thorough
 def test_a_run_goes_on_from_its_folder_alone(run, tmp_path):
     path, folder = run
     shutil.copytree(folder, tmp_path / "run")
