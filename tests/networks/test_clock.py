@@ -6,9 +6,9 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from neurotact.deploy import formats
+from neurotact.deploy import formats, targets
 from neurotact.errors import InputError
-from neurotact.networks.definition import clock
+from neurotact.networks.definition import clock, recipe
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit import truncated
@@ -160,6 +160,30 @@ def test_spikes_of_bins_are_shown_at_their_last_step():
     assert fine.sum() == hidden.sum() > 0
     assert torch.equal(clock.binned(fine, 5), hidden)
     assert set(fine.any(dim=2).nonzero()[:, 1].tolist()) <= {4, 9, 14, 19, 22}
+
+
+@pytest.mark.parametrize("dropout", [0.0, 0.2])
+def test_a_batch_is_put_into_bins_once(dropout):
+    own = network(training={"input_dropout": dropout})
+    examples = Examples(resting(1, 60, 4), torch.tensor([0, 1, 2]))
+    batch = next(training.course(own, examples, examples, generator=torch.Generator().manual_seed(0)))
+    assert isinstance(batch, training.Batch)
+    assert batch.spikes.shape[1] == 12
+
+
+def test_initial_weights_are_scaled_on_bins():
+    own, spikes = network(input_deviation=1.0, model="snn"), resting(4, 200, 4)
+    recipe.start(own, spikes, torch.Generator().manual_seed(0))
+    dynamics = float(own.alpha[0]), float(own.beta[0])
+    deviation = recipe.free_deviation(own.binned(spikes), own.w_in.detach(), own.neuron, *dynamics)
+    torch.testing.assert_close(deviation, torch.ones_like(deviation))
+
+
+@pytest.mark.parametrize("chip", ["xyloaudio2", "loihi2"])
+def test_a_chip_steps_with_the_network(chip):
+    own = network()
+    ours, theirs = (targets.check(net, None, FULL_WINDOW, chip) for net in (own, slow_network(own)))
+    assert ours.equals(theirs)
 
 
 def test_a_network_learns_on_its_clock():

@@ -116,6 +116,34 @@ def test_a_window_as_long_as_the_trial_is_decided_at_its_end(backend, rate_Hz, n
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("rule", [{}, {"patience": 14}])
+def test_a_slower_clock_merges_spikes_and_ends_with_the_window_and_the_rule(backend, rule):
+    """Windows of five bins and a part of one, in which afferents spike more than once a bin."""
+    windows = {"length_ms": 40, "hop_ms": 13}
+    chain = make_chain({}, step_ms=7.0, windows=windows, readout="integrator", model="snn", **rule)
+    signal = make_signal(400, seed=3)
+    raster, expected = offline(chain, signal)
+    found = list(Stream(chain, backend=backend).decide([signal]))
+    assert told(fitting(found, len(raster), chain.windows.length)) == expected
+    starts, _, steps, inputs, _ = zip(*expected, strict=True)
+    assert sum(raster[at : at + n].sum() for at, n in zip(starts, steps, strict=True)) > sum(inputs)
+    assert max(steps) == 40  # which is no whole number of bins
+    assert not rule or min(steps) < 40
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_spikes_that_wait_for_the_clock_are_part_of_the_state(backend, tmp_path):
+    chain, signal = make_chain({}, step_ms=7.0, windows={"length_ms": 40}), make_signal(200, seed=3)
+    whole = list(Stream(chain, backend=backend).decide([signal]))
+    for at in range(60, 67):
+        first, second = Stream(chain, backend=backend), Stream(chain, backend=backend)
+        decided = first.push(signal[:at])
+        first.save(tmp_path / f"state{at}")
+        second.load(tmp_path / f"state{at}")
+        assert [*decided, *second.push(signal[at:]), *second.finish()] == whole
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize(("model", "of_hidden"), [("rsnn", 6 + 3), ("snn", 3)])
 def test_operations_are_those_counted_by_hand(model, of_hidden, backend):
     """Six hidden neurons and three classes: an input spike reaches 6, a hidden one 3, or with recurrence 6 + 3."""
