@@ -13,7 +13,6 @@ from hypothesis import HealthCheck, settings
 # not to count while they do. The kernels and torch share a library that reads this when the first of them is loaded.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-from neurotact import progress
 from neurotact.backend import hold_torch_to_avx2
 
 hold_torch_to_avx2()  # before torch is imported: as the command line does
@@ -40,13 +39,6 @@ LONG = ("live", "report", "studies", "papers", "export", "test_cli.py", "test_wo
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: not set(LONG) & set(item.path.parts))
-
-
-@pytest.fixture(autouse=True)
-def progress_is_shown() -> Iterator[None]:
-    """A command with --quiet that ran in this process hides it from those that come after."""
-    yield
-    progress.show(True)
 
 
 @pytest.fixture

@@ -3,6 +3,8 @@
 import io
 import re
 
+from in_process import typed
+
 from neurotact import progress
 
 
@@ -58,3 +60,11 @@ def test_a_bar_on_a_terminal_begins_where_the_work_does(monkeypatch):
         advance(2, "loss 0.5")
     assert "92/100" in terminal.getvalue()
     assert "at most" in terminal.getvalue()
+
+
+def test_a_quiet_command_hides_its_own_progress_alone(capsys, monkeypatch):
+    assert typed("--quiet", "info", "nothing.h5").code == 2
+    monkeypatch.setattr(progress, "SECONDS_BETWEEN_LINES", 0.0)
+    with progress.track("tune", 1) as advance:
+        advance(1, "")
+    assert capsys.readouterr().err == "tune 1/1\n"

@@ -3,6 +3,7 @@
 import logging
 import sys
 import warnings
+from contextvars import copy_context
 from io import TextIOWrapper
 
 import typer
@@ -25,7 +26,9 @@ def main() -> None:
         for word in sys.argv[1:]:
             files.check_text(word)
         with terminated_as_interrupted():
-            code = app(sys.argv[1:] or ["--help"], prog_name="neurotact", standalone_mode=False)
+            words = sys.argv[1:] or ["--help"]
+            # What --quiet hides is hidden of this command alone, also where the process lives on.
+            code = copy_context().run(app, words, prog_name="neurotact", standalone_mode=False)
     except InputError as error:
         say(error)
         sys.exit(2)
