@@ -87,10 +87,9 @@ def sent(network: RSNN, state: Running) -> np.ndarray:
 
 def has_decided(network: RSNN, state: Running, rule: ExitRule, length: int) -> bool:
     """Whether the window is over, or the rule stops it."""
-    if state.steps >= length:
-        return True
-    rule = rule.in_bins(network.steps_per_bin)
-    return is_due(network, state, length) and bool(state.leader.exits(rule))
+    if not is_due(network, state, length):
+        return False
+    return state.steps >= length or bool(state.leader.exits(rule.in_bins(network.steps_per_bin)))
 
 
 def _layer(

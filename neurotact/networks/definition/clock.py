@@ -75,7 +75,7 @@ def merged(spikes: Tensor, n: int) -> float:
     >>> merged(torch.tensor([[[1], [1], [0], [0]]]), 2)
     0.5
     """
-    n_spikes = int(spikes.count_nonzero())
+    n_spikes = 0 if n == 1 else int(spikes.count_nonzero())
     return 1 - int(binned(spikes, n).count_nonzero()) / n_spikes if n_spikes else 0.0
 
 

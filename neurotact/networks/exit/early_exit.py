@@ -49,7 +49,7 @@ class ExitRule:
         >>> ExitRule(20).in_bins(5).patience, ExitRule(2).in_bins(5).patience
         (4, 1)
         """
-        return self if self.patience is None else replace(self, patience=max(1, self.patience // n))
+        return self if n == 1 or self.patience is None else replace(self, patience=max(1, self.patience // n))
 
 
 FULL_WINDOW = ExitRule()
