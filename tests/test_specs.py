@@ -14,7 +14,7 @@ from neurotact import spec
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.encoders import specs as encoders
-from neurotact.encoders.afferents import afferent_names
+from neurotact.encoders.specs import afferent_names
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.search import tuning

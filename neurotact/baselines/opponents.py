@@ -20,8 +20,8 @@ from neurotact.data.recordings import Recordings, select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.data.windows import Windows
-from neurotact.encoders.afferents import taxels_of
 from neurotact.encoders.cost import encoding_cost
+from neurotact.encoders.specs import taxels_of
 from neurotact.metrics import paired
 from neurotact.metrics.flops import Cost, Moments, Standardise, cost
 from neurotact.metrics.signal_flops import Averaging, BandPowers, StandardisedSteps

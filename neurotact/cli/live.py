@@ -34,7 +34,7 @@ from neurotact.data.recordings import default_channels
 from neurotact.data.sources import simulator
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.deploy.sources import DEFAULT_BAUD, STALL_S, Layout, kind_of, trouble_of
-from neurotact.encoders.afferents import afferent_names
+from neurotact.encoders.specs import afferent_names
 from neurotact.errors import InputError
 from neurotact.live.feeds import ByHand, Device, Feed, Replay
 from neurotact.live.messages import FASTEST, SLOWEST

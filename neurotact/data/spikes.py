@@ -130,12 +130,13 @@ class SpikeTrains:
         )
 
     def _repr_html_(self) -> str:
+        parts = {"": self.encoder, **{f" of {name}": part for name, part in self.encoder.items()}}
         periods = {
-            name: f"{self.encoder[name]['t_ref_ms']:g} ms"
-            for name in ("sa1", "ra1")
-            if isinstance(self.encoder.get(name), Mapping) and "t_ref_ms" in self.encoder[name]
+            f"t_ref{name}": f"{part['t_ref_ms']:g} ms"
+            for name, part in parts.items()
+            if isinstance(part, Mapping) and "t_ref_ms" in part
         }
-        return html_of(self, {f"t_ref of {name}": period for name, period in periods.items()})
+        return html_of(self, periods)
 
     @property
     def classes(self) -> tuple[str, ...]:

@@ -6,7 +6,6 @@ have several afferents of a type: grades, with the same drive times a factor, an
 """
 
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -123,7 +122,7 @@ def encode(
     out: np.ndarray | None = None,
     backend: Backend = "auto",
 ) -> tuple[np.ndarray, EncoderState]:
-    """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, afferent)` uint8, as `afferent_names`.
+    """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, afferent)` uint8, SA-I first.
 
     The state is an argument and a result, so that a recording encoded in pieces gives the spikes of the whole. The
     arithmetic is done in the signal's float type. At the very first sample the derivative is 0.
@@ -191,20 +190,6 @@ def _encode_by_steps(
     return spikes, EncoderState(sa1, ra1, last)
 
 
-def afferent_names(taxels: Sequence[str], encoder: Mapping[str, Any] = MappingProxyType({})) -> tuple[str, ...]:
-    """Names in the order of every encoder's output: SA-I of every taxel, then RA-I of every taxel.
-
-    encoder: its spec as a table. If a taxel has several afferents of a type, the first of every taxel come first.
-
-    >>> afferent_names(("taxel1", "taxel2"))
-    ('SA-I taxel1', 'SA-I taxel2', 'RA-I taxel1', 'RA-I taxel2')
-    >>> afferent_names(("taxel1",), {"sa1": {"grades": [0.5, 1.0]}})
-    ('SA-I taxel1 x0.5', 'SA-I taxel1 x1', 'RA-I taxel1')
-    """
-    kinds = [(name, marks(encoder.get(part) or {})) for part, name in POPULATIONS.items()]
-    return tuple(f"{name} {taxel}{mark}" for name, its in kinds for mark in its for taxel in taxels)
-
-
 def marks(kind: Mapping[str, Any]) -> tuple[str, ...]:
     """The suffixes of the names of a taxel's afferents of one type, by its table; all have equally many words.
 
@@ -215,15 +200,6 @@ def marks(kind: Mapping[str, Any]) -> tuple[str, ...]:
     ends = [f" x{float(grade)!r}".removesuffix(".0") for grade in grades] if len(grades) > 1 else [""]
     poles = (" rising", " falling") if kind.get("opposite") else ("",)
     return tuple(pole + end for pole in poles for end in ends)
-
-
-def taxels_of(n_afferents: int, encoder: Mapping[str, Any]) -> int:
-    """The number of taxels for a number of afferents, by the encoder's spec as a table; at least one.
-
-    >>> taxels_of(16, {}), taxels_of(50, {"sa1": {"grades": [0.5, 1.0, 2.0, 4.0]}})
-    (8, 10)
-    """
-    return max(1, n_afferents // len(afferent_names(("",), encoder)))
 
 
 def drives(signal: np.ndarray, gains: Gains, last: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:

@@ -15,8 +15,7 @@ from neurotact.data.onset import common_onset_s
 from neurotact.data.recordings import Recordings, Trials
 from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials, spikes_of
 from neurotact.encoders import firing
-from neurotact.encoders.afferents import afferent_names
-from neurotact.encoders.specs import EncoderSpec, encode
+from neurotact.encoders.specs import EncoderSpec, afferent_names, encode
 
 Progress = Callable[[int], None]
 IN_MEMORY_BLOCK = 8

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from neurotact.encoders.afferents import POPULATIONS, marks
-from neurotact.encoders.specs import EncoderSpec
+from neurotact.data.spikes import populations_of
+from neurotact.encoders.specs import EncoderSpec, afferent_names, described, populations, taxels_of
 from neurotact.errors import InputError
 from neurotact.spec import Spec
 
@@ -26,44 +26,52 @@ def check_periods(encoder: EncoderSpec, trial_s: float) -> None:
     Traceback (most recent call last):
     neurotact.errors.InputError: sa1.t_ref_ms: 20 ms is not shorter than the shortest trial, which lasts 10 ms; shorten it
     """  # noqa: E501
-    for part in POPULATIONS:
-        t_ref_ms = getattr(encoder, part).t_ref_ms
+    for population in populations(encoder):
+        t_ref_ms = described(encoder, population).t_ref_ms
         if t_ref_ms >= 1e3 * trial_s:
+            key = _key(population.part, "t_ref_ms")
             raise InputError(
-                f"{part}.t_ref_ms: {t_ref_ms:g} ms is not shorter than the shortest trial, which lasts "
-                f"{1e3 * trial_s:g} ms; shorten it"
+                f"{key}: {t_ref_ms:g} ms is not shorter than the shortest trial, which lasts {1e3 * trial_s:g} ms; "
+                "shorten it"
             )
 
 
 def complaints(counts: np.ndarray, n_steps: int, clock_Hz: float, encoder: EncoderSpec) -> Iterator[str]:
     """A sentence for each population that is silent, or all of whose firing afferents are saturated.
 
-    counts: spikes of each afferent in `n_steps` steps of the clock, SA-I before RA-I, `(afferent,)`.
+    counts: spikes of each afferent in `n_steps` steps of the clock, `(afferent,)`, in the order of its output.
 
     >>> from neurotact.encoders.specs import load
     >>> list(complaints(np.array([0, 3]), n_steps=1000, clock_Hz=1000.0, encoder=load("sa1-ra1-lif")))
     ['no SA-I afferent fires in any trial; raise sa1.gain, or find gains for this sensor with neurotact calibrate']
     """
     table = encoder.model_dump()
-    n_each = [len(marks(table[part])) for part in POPULATIONS]
-    n_sa1 = len(counts) * n_each[0] // sum(n_each)
-    for (part, name), fired in zip(POPULATIONS.items(), (counts[:n_sa1], counts[n_sa1:]), strict=True):
-        population = getattr(encoder, part)
-        silent_steps = max(0, math.ceil(population.t_ref_ms * 1e-3 * clock_Hz - 1e-9))
+    n_taxels = taxels_of(len(counts), table)
+    of_each = populations_of(afferent_names([""] * n_taxels, table))
+    for population in populations(encoder):
+        name, part, fired = population.name, population.part, counts[of_each[population.name]]
+        kind = described(encoder, population)
+        silent_steps = max(0, math.ceil(kind.t_ref_ms * 1e-3 * clock_Hz - 1e-9))
         highest_Hz = clock_Hz / (silent_steps + 1)
         rates_Hz = fired[fired > 0] * clock_Hz / n_steps
         if not len(rates_Hz):
-            yield f"no {name} afferent fires in any trial; {_remedy('raise', part, population)}"
+            yield f"no {name} afferent fires in any trial; {_remedy('raise', part, kind)}"
         elif rates_Hz.min() > SATURATED * highest_Hz:
             yield (
                 f"every {name} afferent that fires does so at over {SATURATED:.0%} of the {highest_Hz:g} Hz that its "
-                f"t_ref allows; {_remedy('lower', part, population)}"
+                f"t_ref allows; {_remedy('lower', part, kind)}"
             )
 
 
-def _remedy(verb: str, part: str, population: Spec) -> str:
-    """The remedy for a population that fires too little or too much; not every model has a gain."""
-    gain = next((key for key in type(population).model_fields if key.startswith("gain")), None)
-    if gain is None:
-        return f"change the keys of {part}"
-    return f"{verb} {part}.{gain}, or find gains for this sensor with neurotact calibrate"
+def _remedy(verb: str, part: str, kind: Spec) -> str:
+    """The remedy for a population that fires too little or too much; not every model has a gain or a threshold."""
+    key = next((key for key in type(kind).model_fields if key.startswith(("gain", "threshold"))), None)
+    if key is None:
+        return f"change the keys of {part}" if part else "change the keys of the encoder"
+    if key.startswith("threshold"):
+        verb = {"raise": "lower", "lower": "raise"}[verb]
+    return f"{verb} {_key(part, key)}, or find gains for this sensor with neurotact calibrate"
+
+
+def _key(part: str, key: str) -> str:
+    return f"{part}.{key}" if part else key

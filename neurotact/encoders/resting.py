@@ -7,7 +7,7 @@ import pandas as pd
 
 from neurotact.data.conditioning import Baseline, condition_pieces
 from neurotact.data.recordings import Trials
-from neurotact.encoders.afferents import AfferentSpec, afferent_names, encode
+from neurotact.encoders.specs import EncoderSpec, afferent_names, encode
 from neurotact.errors import some
 
 REST_MS, SEEN_MS = 100.0, 2000.0
@@ -19,7 +19,7 @@ LEAST_Hz = 1.0
 SMOOTH = "smooth the signal (conditioning.ema_cutoff_Hz)"
 
 
-def resting_table(recordings: Trials, spec: AfferentSpec, rest_ms: float = REST_MS) -> pd.DataFrame:
+def resting_table(recordings: Trials, spec: EncoderSpec, rest_ms: float = REST_MS) -> pd.DataFrame:
     """The spikes of each afferent in the first `rest_ms` of trials and afterwards, until `SEEN_MS`.
 
     Columns: afferent, rest_Hz, later_Hz, rest_share (of its spikes, on the resting part), share (of all spikes of all
@@ -66,7 +66,7 @@ def complaint(table: pd.DataFrame, rest_ms: float = REST_MS, baseline: Baseline 
     return f"fire in the first {rest_ms:g} ms of trials nearly as much as afterwards: {some(shown, 4)}; {remedy}"
 
 
-def _encoded(recordings: Trials, spec: AfferentSpec, rest_ms: float) -> Iterator[tuple[np.ndarray, int]]:
+def _encoded(recordings: Trials, spec: EncoderSpec, rest_ms: float) -> Iterator[tuple[np.ndarray, int]]:
     """The raster `(time, afferent)` of the beginning of each trial, and the number of its steps at rest."""
     clock_Hz = spec.conditioning.resample_Hz or recordings.sampling_rate_Hz
     n_rest, n_seen = (max(1, round(ms * 1e-3 * clock_Hz)) for ms in (rest_ms, SEEN_MS))

@@ -1,7 +1,8 @@
 """The encoder specs (`encoders/*.toml`): `model` selects the neurons of the afferents."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -10,25 +11,45 @@ from pydantic import Discriminator, Tag
 from neurotact import spec as specs
 from neurotact.data.conditioning import check_used
 from neurotact.encoders import afferents, izhikevich, poisson
-from neurotact.encoders.afferents import POPULATIONS, AfferentSpec, EncoderState, marks
+from neurotact.encoders.afferents import AfferentSpec, EncoderState, marks
 from neurotact.encoders.izhikevich import IzhikevichEncoderState, IzhikevichSpec
 from neurotact.encoders.poisson import PoissonSpec, PoissonState
 from neurotact.errors import InputError, nearest
 from neurotact.metrics.flops import Afferents, Layer, PoissonAfferents
+from neurotact.spec import Spec
+
+
+class Population(NamedTuple):
+    """A population of an encoder.
+
+    name: the first word of its afferents' names. part: the key of the spec that describes it; empty if the keys of the
+    whole spec do.
+    """
+
+    name: str
+    part: str = ""
+
+
+SA_RA = Population("SA-I", "sa1"), Population("RA-I", "ra1")
+ON_OFF = Population("ON"), Population("OFF")
 
 
 class Model(NamedTuple):
     """An encoder model: its spec, its state, and `encode(signal, sampling_rate_Hz, spec, state)`.
 
+    title: its afferents, as the table of executors names them.
     layer: its layer in the cost ledger, `layer(spec as a table, taxels, steps, step_ms)`.
     is_random: whether its `encode` also takes `trials`, the numbers that seed it.
+    populations: in the order of its output. One whose part of the spec is optional has no afferents without it.
     """
 
+    title: str
     spec: Any
     state: type
     encode: Callable[..., tuple[np.ndarray, Any]]
     layer: Callable[[Mapping[str, Any], int, int, float], Layer]
     is_random: bool = False
+    populations: tuple[Population, ...] = SA_RA
 
 
 def _of_size(layer: Callable[[int, int], Layer]) -> Callable[[Mapping[str, Any], int, int, float], Layer]:
@@ -38,14 +59,18 @@ def _of_size(layer: Callable[[int, int], Layer]) -> Callable[[Mapping[str, Any],
 
 def _lif_layer(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> Layer:
     del step_ms
-    n_sa1, n_ra1 = (len(marks(spec.get(part) or {})) for part in POPULATIONS)
+    n_sa1, n_ra1 = (len(marks(spec.get(population.part) or {})) for population in SA_RA)
     return Afferents(taxels, steps, n_sa1, n_ra1)
 
 
 MODELS = {
-    "lif": Model(AfferentSpec, EncoderState, afferents.encode, _lif_layer),
-    "izhikevich": Model(IzhikevichSpec, IzhikevichEncoderState, izhikevich.encode, izhikevich.layer),
-    "poisson": Model(PoissonSpec, PoissonState, poisson.encode, _of_size(PoissonAfferents), is_random=True),
+    "lif": Model("LIF afferents", AfferentSpec, EncoderState, afferents.encode, _lif_layer),
+    "izhikevich": Model(
+        "Izhikevich afferents", IzhikevichSpec, IzhikevichEncoderState, izhikevich.encode, izhikevich.layer
+    ),
+    "poisson": Model(
+        "Poisson afferents", PoissonSpec, PoissonState, poisson.encode, _of_size(PoissonAfferents), is_random=True
+    ),
 }
 
 
@@ -61,6 +86,84 @@ EncoderSpec = Annotated[
     Discriminator(_model_of),
 ]
 AnyState = EncoderState | IzhikevichEncoderState | PoissonState
+
+
+def populations(encoder: Mapping[str, Any] | Spec) -> tuple[Population, ...]:
+    """The populations of an encoder, a spec or a table of one, in the order of its output.
+
+    Spikes of a model that is not among `MODELS` are taken for SA-I and RA-I.
+
+    >>> [population.name for population in populations(load("poisson"))]
+    ['SA-I', 'RA-I']
+    """
+    model = MODELS.get(_model_of(encoder))
+    if model is None:
+        return SA_RA
+    table = encoder if isinstance(encoder, Mapping) else dict(encoder)
+
+    def is_there(part: str) -> bool:
+        return not part or model.spec.model_fields[part].is_required() or table.get(part) is not None
+
+    return tuple(population for population in model.populations if is_there(population.part))
+
+
+def described(encoder: Spec, population: Population) -> Any:
+    """The keys of a population: its part of the spec, or the whole spec.
+
+    >>> encoder = load("poisson")
+    >>> [described(encoder, population).t_ref_ms for population in populations(encoder)]
+    [0.0, 0.0]
+    """
+    return getattr(encoder, population.part) if population.part else encoder
+
+
+def t_ref_pair_ms(encoder: Spec) -> tuple[float, float]:
+    """The refractory periods of the first two populations, which results name t_ref_sa_ms and t_ref_ra_ms.
+
+    Both are the same where a refractory period holds for a whole channel.
+
+    >>> t_ref_pair_ms(load("sa1-ra1-lif", {"ra1.t_ref_ms": 5}))
+    (1.0, 5.0)
+    """
+    periods = [described(encoder, population).t_ref_ms for population in populations(encoder)]
+    return periods[0], periods[min(1, len(periods) - 1)]
+
+
+def with_t_refs(encoder: Any, other: Spec) -> Any:
+    """An encoder with the refractory periods of another one of its model.
+
+    >>> with_t_refs(load("sa1-ra1-lif"), load("sa1-ra1-lif", {"ra1.t_ref_ms": 5})).ra1.t_ref_ms
+    5.0
+    """
+    for population in populations(encoder):
+        kind, period = described(encoder, population), {"t_ref_ms": described(other, population).t_ref_ms}
+        if "t_ref_ms" in type(kind).model_fields:
+            kind = kind.model_copy(update=period)
+            encoder = encoder.model_copy(update={population.part: kind}) if population.part else kind
+    return encoder
+
+
+def afferent_names(taxels: Sequence[str], encoder: Mapping[str, Any] = MappingProxyType({})) -> tuple[str, ...]:
+    """Names in the order of an encoder's output: its first population of every taxel, then the next one.
+
+    encoder: its spec as a table. If a taxel has several afferents of a population, the first of every taxel come first.
+
+    >>> afferent_names(("taxel1", "taxel2"))
+    ('SA-I taxel1', 'SA-I taxel2', 'RA-I taxel1', 'RA-I taxel2')
+    >>> afferent_names(("taxel1",), {"sa1": {"grades": [0.5, 1.0]}})
+    ('SA-I taxel1 x0.5', 'SA-I taxel1 x1', 'RA-I taxel1')
+    """
+    kinds = [(each.name, marks(encoder.get(each.part) or {})) for each in populations(encoder)]
+    return tuple(f"{name} {taxel}{mark}" for name, its in kinds for mark in its for taxel in taxels)
+
+
+def taxels_of(n_afferents: int, encoder: Mapping[str, Any]) -> int:
+    """The number of taxels for a number of afferents, by the encoder's spec as a table; at least one.
+
+    >>> taxels_of(16, {}), taxels_of(50, {"sa1": {"grades": [0.5, 1.0, 2.0, 4.0]}})
+    (8, 10)
+    """
+    return max(1, n_afferents // len(afferent_names(("",), encoder)))
 
 
 def load(name: str | Path, overrides: Mapping[str, Any] | None = None) -> EncoderSpec:

@@ -98,8 +98,7 @@ def left_by(
         result[decided] = paired.by_trial(trial, result[decided])
     result["row"] = {
         "dataset": cell.dataset,
-        "t_ref_ra_ms": cell.encoder.ra1.t_ref_ms,
-        "t_ref_sa_ms": cell.encoder.sa1.t_ref_ms,
+        **encoded.periods(cell),
         "hidden": fitted.network.spec.hidden,
         "seed": cell.seed,
         **result["row"],

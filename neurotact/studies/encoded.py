@@ -14,6 +14,7 @@ import pandas as pd
 
 from neurotact.data.recordings import LABEL, select_conditions
 from neurotact.data.spikes import SpikeTrains
+from neurotact.encoders.specs import t_ref_pair_ms
 from neurotact.files import scratch, write_json
 from neurotact.metrics import firing, isi_distributions
 from neurotact.studies.study import Cell
@@ -26,6 +27,12 @@ POPULATIONS = (("SA-I", "sa", "sa1"), ("RA-I", "ra", "ra1"))
 """Each population: its name, its name in columns, and its name in the encoder's spec."""
 
 
+def periods(cell: Cell) -> dict[str, float]:
+    """The columns of the refractory periods of a cell's encoder."""
+    first_ms, second_ms = t_ref_pair_ms(cell.encoder)
+    return {"t_ref_ra_ms": second_ms, "t_ref_sa_ms": first_ms}
+
+
 def run(cell: Cell, trains: SpikeTrains) -> dict[str, bytes]:
     """The files of a cell without a network: `result.json` with its row, `isi.csv`, `timing.json`."""
     began = perf_counter()
@@ -33,8 +40,7 @@ def run(cell: Cell, trains: SpikeTrains) -> dict[str, bytes]:
     touches = firing.touch_spikes(chosen, cell.window.start_ms)
     row: dict[str, Any] = {
         "dataset": cell.dataset,
-        "t_ref_ra_ms": cell.encoder.ra1.t_ref_ms,
-        "t_ref_sa_ms": cell.encoder.sa1.t_ref_ms,
+        **periods(cell),
         "seed": cell.seed,
     }
     parts = []
@@ -102,8 +108,8 @@ def encoding_table(trains: SpikeTrains, cell: Cell, by: Iterable[str]) -> pd.Dat
         of_touch = firing.firing_of(trains, touch, whole, columns).drop(columns=columns).add_prefix(TOUCH)
         table = firing.firing_of(trains, firing.windowed_spikes(trains, windows), windows.trial, columns).join(of_touch)
     table.insert(len(columns), "stretch", stretch)
-    table.insert(0, "t_ref_ra_ms", cell.encoder.ra1.t_ref_ms)
-    table.insert(1, "t_ref_sa_ms", cell.encoder.sa1.t_ref_ms)
+    for place, (column, t_ref_ms) in enumerate(periods(cell).items()):
+        table.insert(place, column, t_ref_ms)
     return table
 
 

@@ -25,7 +25,7 @@ from neurotact.encoders.calibration import CLOCK_HZ, way_of
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.same_drive import same_drive_table
 from neurotact.encoders.signals import signal_table
-from neurotact.encoders.specs import EncoderSpec
+from neurotact.encoders.specs import EncoderSpec, t_ref_pair_ms, with_t_refs
 from neurotact.errors import InputError
 from neurotact.files import write_json
 from neurotact.metrics import paired
@@ -130,7 +130,7 @@ def _fitted(
     trains, split = hdf5.load_spikes(folder / cell.given), {key: value_at(cell, key) for key in split_columns(study)}
     parts = split_touches(trains, study.dataset.stratify, cell.split)
     windows, first = trains.cut(cells[0].window), copies_of(trains).first
-    pair = cell.encoder.ra1.t_ref_ms, cell.encoder.sa1.t_ref_ms
+    pair = t_ref_pair_ms(cell.encoder)[::-1]
     for name, where in {cell.dataset: cell.subset for cell in cells}.items():
         cuts = opponents.cuts_of(recordings.conditions, windows, trains.sampling_rate_Hz, parts, where)
         of_signals = opponents.signal_inputs(recordings, cuts, study.baselines) if is_first else ()
@@ -223,12 +223,7 @@ def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, Affere
         if cell.split.folds:  # each fold has its own encoder, and its notes name the fold
             training = replace(training, source=f"{recordings.source}, fold {cell.split.fold}")
         calibrated[key] = fit(training, cell.calibrate).encoder
-    fitted = calibrated[key]
-    populations = {
-        name: getattr(fitted, name).model_copy(update={"t_ref_ms": getattr(cell.encoder, name).t_ref_ms})
-        for name in ("sa1", "ra1")
-    }
-    return fitted.model_copy(update=populations)
+    return with_t_refs(calibrated[key], cell.encoder)
 
 
 def _source(dataset: DatasetSpec) -> str | None:

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from neurotact.encoders.specs import t_ref_pair_ms
 from neurotact.studies.store import is_done, result_of
 from neurotact.studies.study import LENGTH, Cell, SelectionSpec
 
@@ -238,7 +239,8 @@ def _networks(table: pd.DataFrame) -> list[Network]:
 
 def _network(cell: Cell) -> Network:
     assert cell.network is not None
-    return Network(f"{cell.encoder.ra1.t_ref_ms:g}&{cell.encoder.sa1.t_ref_ms:g}", cell.network.hidden)
+    sa_ms, ra_ms = t_ref_pair_ms(cell.encoder)
+    return Network(f"{ra_ms:g}&{sa_ms:g}", cell.network.hidden)
 
 
 def _frame(done: list[Cell], rows: list[Row]) -> pd.DataFrame:

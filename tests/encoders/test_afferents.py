@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 
-from neurotact.encoders.afferents import AfferentSpec, AfferentType, afferent_names, encode
+from neurotact.encoders.afferents import AfferentSpec, AfferentType, encode
+from neurotact.encoders.specs import afferent_names
 from neurotact.errors import InputError
 from neurotact.neurons import lif_isi_steps
 

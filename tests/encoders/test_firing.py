@@ -10,17 +10,17 @@ from neurotact.encoders.specs import load
 from neurotact.spec import Spec
 
 
-class Thresholds(Spec):
-    """A population without a gain, as of a model of somebody's own."""
+class Crossing(Spec):
+    """A population without a gain or a threshold, as of a model of somebody's own."""
 
-    threshold: float = 1.0
+    level: float = 1.0
     t_ref_ms: float = 0.0
 
 
 class Crossings(Spec):
     model: Literal["crossings"] = "crossings"
-    sa1: Thresholds = Thresholds()
-    ra1: Thresholds = Thresholds()
+    sa1: Crossing = Crossing()
+    ra1: Crossing = Crossing()
 
 
 def said(counts, encoder, n_steps=100, clock_Hz=1000.0):

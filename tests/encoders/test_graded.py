@@ -16,11 +16,12 @@ from neurotact.backend import native
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import populations_of
 from neurotact.encoders import firing, grading, resting
-from neurotact.encoders.afferents import AfferentSpec, afferent_names, encode, taxels_of
+from neurotact.encoders.afferents import AfferentSpec, encode
 from neurotact.encoders.alternatives import compare
 from neurotact.encoders.calibration import calibrate
 from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
+from neurotact.encoders.specs import afferent_names, taxels_of
 from neurotact.errors import InputError
 
 load = partial(specs.load, AfferentSpec)

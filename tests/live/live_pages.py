@@ -13,7 +13,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from neurotact.deploy.chain import Chain
 from neurotact.deploy.sources import Arrived, Noted
-from neurotact.encoders.afferents import afferent_names
+from neurotact.encoders.specs import afferent_names
 from neurotact.live.server import Server
 from neurotact.live.session import Session
 

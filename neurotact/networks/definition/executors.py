@@ -12,7 +12,7 @@ import torch
 
 from neurotact.data.conditioning import ACAUSAL, ConditioningSpec
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.specs import EncoderSpec
+from neurotact.encoders.specs import MODELS, EncoderSpec
 from neurotact.errors import InputError
 from neurotact.networks.definition.native import Network
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
@@ -62,6 +62,11 @@ def _lif(subject: Subject) -> AfferentSpec | None:
     return subject.encoder if isinstance(subject.encoder, AfferentSpec) else None
 
 
+def _of_model(model: str) -> Callable[[Subject], bool]:
+    """Whether an encoder is of a model."""
+    return lambda subject: subject.encoder is not None and subject.encoder.model == model
+
+
 def _of_spec(key: str, *values: object) -> Callable[[Subject], bool]:
     """Whether a key of the network's spec has one of these values."""
     return lambda subject: getattr(subject.network.spec, key) in values
@@ -75,6 +80,12 @@ def _has_grades(subject: Subject) -> bool:
 CHAIN = ("conditioning", "encoder", "network", "readout", "exit")
 CAUSAL_INSTEAD = "encode and train with conditioning.baseline start, first, running, high-pass or none"
 LIF_INSTEAD = "encode and train with sa1-ra1-lif"
+OTHER_MODELS = {
+    row.title: Feature("encoder", ("model",), _of_model(model), LIF_INSTEAD)
+    for model, row in MODELS.items()
+    if model != "lif"
+}
+"""Every encoder model but LIF; one that is added to `MODELS` is among them."""
 FEATURES: dict[str, Feature] = {
     "moving average": Feature(
         "conditioning", ("ema_cutoff_Hz",), lambda s: s.conditioning.ema_cutoff_Hz is not None, "leave it out"
@@ -110,12 +121,7 @@ FEATURES: dict[str, Feature] = {
         _has_grades,
         "stream it or export it to NIR, or train without sa1.grades, sa1.opposite and ra1.grades",
     ),
-    "Izhikevich afferents": Feature(
-        "encoder", ("model",), lambda s: s.encoder is not None and s.encoder.model == "izhikevich", LIF_INSTEAD
-    ),
-    "Poisson afferents": Feature(
-        "encoder", ("model",), lambda s: s.encoder is not None and s.encoder.model == "poisson", LIF_INSTEAD
-    ),
+    **OTHER_MODELS,
     "clock of the network": Feature(
         "network", ("step_ms",), lambda s: s.network.steps_per_bin > 1, "train without step_ms"
     ),
@@ -172,8 +178,7 @@ SETTINGS = frozenset({
 """Keys of specs of networks, LIF afferents and conditioning that are sizes, constants or how a network is trained."""
 
 _STREAMED = {
-    "Izhikevich afferents": "a chain is deployed with LIF afferents",
-    "Poisson afferents": "a chain is deployed with LIF afferents",
+    **dict.fromkeys(OTHER_MODELS, "a chain is deployed with LIF afferents"),
     "baseline of the whole trial": "a stream has not received the whole trial yet",
     "double precision": "a chain is deployed in float32",
 }
@@ -185,8 +190,7 @@ _IN_INTEGERS = {
 _IN_C = {"several afferents a taxel": "C has one SA-I and one RA-I under each taxel"}
 _NOT_IN_NIR = {
     "clock of the network": "it has no node that puts spikes into bins",
-    "Izhikevich afferents": "it has no nodes for them; the network alone can be exported",
-    "Poisson afferents": "it has no nodes for them; the network alone can be exported",
+    **dict.fromkeys(OTHER_MODELS, "it has no nodes for them; the network alone can be exported"),
     "adaptive thresholds": "it has no neuron whose threshold adapts",
 }
 EXECUTORS: dict[str, Executor] = {
@@ -194,7 +198,7 @@ EXECUTORS: dict[str, Executor] = {
     "native": Executor(
         "the native kernels",
         ("encoder", "network", "readout", "exit"),
-        {"Izhikevich afferents": "NumPy computes them", "Poisson afferents": "NumPy draws them"},
+        dict.fromkeys(OTHER_MODELS, "NumPy computes them"),
     ),
     "stream": Executor("a stream", CHAIN, _STREAMED),
     "c-float": Executor("C in float32", CHAIN, {**_STREAMED, **_IN_C}),

@@ -9,8 +9,8 @@ from typing import Any
 
 import pandas as pd
 
-from neurotact.encoders.afferents import taxels_of
 from neurotact.encoders.cost import encoding_cost
+from neurotact.encoders.specs import taxels_of
 from neurotact.metrics.flops import (
     Cost,
     Integrator,

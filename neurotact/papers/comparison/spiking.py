@@ -10,10 +10,11 @@ from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.data.windows import Windows
-from neurotact.encoders.afferents import AfferentSpec, AfferentType, taxels_of
+from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.calibration import calibrate
 from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
+from neurotact.encoders.specs import taxels_of
 from neurotact.metrics.flops import Cost
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
