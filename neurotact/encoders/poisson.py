@@ -1,6 +1,5 @@
 """SA-I and RA-I afferents as Poisson processes whose rate is the drive (texture paper, Table I, its reference 18)."""
 
-from collections.abc import Iterator
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -8,12 +7,10 @@ from pydantic import Field
 
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders.afferents import checked, drives
+from neurotact.encoders.random_numbers import random_integers
 from neurotact.errors import InputError
 from neurotact.neurons import refractory_steps
 from neurotact.spec import Spec
-
-PER_BLOCK = 4
-"""Random numbers that Philox draws for one value of its counter."""
 
 
 class PoissonType(Spec):
@@ -95,32 +92,14 @@ def encode(
     gains = ((spec.sa1.gain_Hz,), (spec.ra1.gain_Hz * sampling_rate_Hz * 1e-3,))
     rates_Hz, last = drives(signal, gains, state.last)
     spikes = np.zeros(rates_Hz.shape, np.uint8)
-    for i, afferent, uniform in _uniforms(spec.seed, state, n_steps, n_taxels):
+    drawn = random_integers(spec.seed, state.trials, state.step, n_steps, n_taxels, n_copies=2)
+    for i, afferent, integers in drawn:
+        uniform = (integers >> np.uint64(11)) * 2.0**-53
         expected = np.maximum(rates_Hz[i, :, afferent], 0.0).astype(np.float64) / sampling_rate_Hz
         spikes[i, :, afferent] = uniform < -np.expm1(-expected)
     dead = [refractory_steps(kind.t_ref_ms, sampling_rate_Hz) for kind in (spec.sa1, spec.ra1)]
     silent_steps = _silence(spikes, np.repeat(dead, n_taxels), state.silent_steps) if any(dead) else state.silent_steps
     return spikes, PoissonState(state.trials, state.step + n_steps, silent_steps, last)
-
-
-def _uniforms(seed: int, state: PoissonState, n_steps: int, n_taxels: int) -> Iterator[tuple[int, int, np.ndarray]]:
-    """Uniform numbers in [0, 1), `(time,)`, of each trial and afferent.
-
-    A counter-based generator (Philox) starts at any step: seed and trial are its key; step, taxel and population
-    its counter.
-    """
-    generator = np.random.Philox(0)
-    table = generator.state
-    first, skipped = divmod(state.step, PER_BLOCK)
-    for i, trial in enumerate(state.trials.tolist()):
-        for afferent in range(2 * n_taxels):
-            population, taxel = divmod(afferent, n_taxels)
-            table["state"]["key"] = np.array([seed, trial], np.uint64)
-            table["state"]["counter"] = np.array([first, taxel, population, 0], np.uint64)
-            table["buffer_pos"] = PER_BLOCK  # discard the rest of an earlier block
-            generator.state = table
-            raw = generator.random_raw(skipped + n_steps)[skipped:]
-            yield i, afferent, (raw >> np.uint64(11)) * 2.0**-53
 
 
 def _silence(spikes: np.ndarray, dead_steps: np.ndarray, silent_steps: np.ndarray) -> np.ndarray:
