@@ -1,7 +1,8 @@
 """The neurons: each differential equation stands here once, as a pure step from state to state.
 
-Afferents are leaky integrate-and-fire or Izhikevich neurons stepped on numpy arrays; the neurons of networks are
-current-based LIF neurons stepped on torch tensors. Texture paper, Eqs. 1, 4, 5 and 6; Izhikevich 2003, Eqs. 1 to 3.
+Afferents are leaky integrate-and-fire neurons, Izhikevich neurons or fitted mechanoreceptors stepped on numpy arrays;
+the neurons of networks are current-based LIF neurons stepped on torch tensors. Texture paper, Eqs. 1, 4, 5 and 6;
+Izhikevich 2003, Eqs. 1 to 3; Saal et al. 2017.
 """
 
 import math
@@ -188,6 +189,84 @@ def izhikevich_step(
             u = u + peak * v.dtype.type(neuron.d_mV_per_ms)
             fired |= peak
     return fired, IzhikevichState(v, u)
+
+
+# --- fitted mechanoreceptors ------------------------------------------------------------------------
+
+FITTED_Hz = 5000.0
+"""The clock on which the mechanoreceptors were fitted; their constants hold there and nowhere else."""
+POST_SPIKE_STEPS = 190
+"""Steps after a spike in which its post-spike current flows."""
+
+
+@dataclass(frozen=True)
+class Mechanoreceptor:
+    """Integrate-and-fire neurons with a post-spike current, on a clock of 5 kHz (Saal et al. 2017, PNAS, TouchSim).
+
+    `V <- V - V / tau + I + H`, with H the post-spike current of the last spike alone. `V > 1` spikes if the last
+    spike is `least_steps` or more steps ago; then V <- 0. Below that distance V goes on, above 1 or not.
+    """
+
+    tau_steps: np.ndarray
+    """Time constants in steps, `(afferent,)`."""
+    post_spike: np.ndarray
+    """H in the steps after a spike, `(afferent, POST_SPIKE_STEPS + 1)`; the last is 0 (`post_spike_currents`)."""
+    least_steps: np.ndarray
+    """Least distance of two spikes in steps, `(afferent,)`."""
+
+
+class MechanoreceptorState(NamedTuple):
+    """Membrane V and the steps since the last spike (at most those that matter), both `(trial, afferent)`."""
+
+    membrane: np.ndarray
+    steps_since: np.ndarray
+
+
+def post_spike_currents(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """H for each afferent's two weights, `(afferent, POST_SPIKE_STEPS + 1)`.
+
+    The weights are those of two raised cosines of the logarithm of the time t since the spike, with peaks at 0 and
+    8 ms: `(1 + cos(clip(a - 3 pi j / 2, -pi, pi))) / 2` for j = 0, 1 with `a = 3 pi / 2 ln(1 + t / 1 ms) / ln 9`.
+
+    >>> post_spike_currents(np.array([1.0, 0.0]), np.array([0.0, 1.0]))[:, [0, 1, 10, 40, 190]].round(3).tolist()
+    [[1.0, 0.962, 0.146, 0.0, 0.0], [0.0, 0.0, 0.146, 1.0, 0.0]]
+    """
+    t_ms = np.arange(POST_SPIKE_STEPS + 1) * 1e3 / FITTED_Hz
+    angle = 1.5 * np.pi * np.log1p(t_ms) / np.log(9.0)
+    bumps = [(1 + np.cos(np.clip(angle - 1.5 * np.pi * j, -np.pi, np.pi))) / 2 for j in (0, 1)]
+    currents = np.outer(first, bumps[0]) + np.outer(second, bumps[1])
+    currents[:, POST_SPIKE_STEPS] = 0.0
+    return currents
+
+
+def mechanoreceptor_start(neuron: Mechanoreceptor, n_trials: int) -> MechanoreceptorState:
+    """The resting state, without an earlier spike."""
+    shape = (n_trials, len(neuron.tau_steps))
+    longest = max(POST_SPIKE_STEPS, int(neuron.least_steps.max(initial=0)))
+    return MechanoreceptorState(np.zeros(shape), np.full(shape, longest, np.int64))
+
+
+def mechanoreceptor_step(
+    neuron: Mechanoreceptor, current: np.ndarray, state: MechanoreceptorState
+) -> tuple[np.ndarray, MechanoreceptorState]:
+    """One step of 0.2 ms: `(spikes, next state)`; current: I, `(trial, afferent)`; spikes are boolean.
+
+    >>> post_spike = post_spike_currents(np.array([-1.0]), np.array([0.0]))
+    >>> neuron = Mechanoreceptor(np.array([50.0]), post_spike, np.array([6]))
+    >>> state, spikes = mechanoreceptor_start(neuron, n_trials=1), []
+    >>> for _ in range(60):
+    ...     fired, state = mechanoreceptor_step(neuron, np.array([[0.2]]), state)
+    ...     spikes.append(fired[0, 0])
+    >>> np.flatnonzero(spikes).tolist()
+    [5, 37]
+    """
+    columns = neuron.post_spike.shape[1]
+    at = np.minimum(state.steps_since, POST_SPIKE_STEPS) + columns * np.arange(len(neuron.tau_steps))
+    membrane = state.membrane - state.membrane / neuron.tau_steps + current + neuron.post_spike.ravel()[at]
+    longest = max(POST_SPIKE_STEPS, int(neuron.least_steps.max(initial=0)))
+    since = np.minimum(state.steps_since + 1, longest)
+    fired = (membrane > 1.0) & (since >= neuron.least_steps)
+    return fired, MechanoreceptorState(np.where(fired, 0.0, membrane), np.where(fired, 0, since))
 
 
 # --- current-based LIF ------------------------------------------------------------------------------

@@ -193,9 +193,12 @@ def _encode_by_steps(
 def marks(kind: Mapping[str, Any]) -> tuple[str, ...]:
     """The suffixes of the names of a taxel's afferents of one type, by its table; all have equally many words.
 
-    >>> marks({}), marks({"grades": [0.5, 2.0]}), marks({"opposite": True})
-    (('',), (' x0.5', ' x2'), (' rising', ' falling'))
+    >>> marks({}), marks({"grades": [0.5, 2.0]}), marks({"opposite": True}), marks({"fits": [1, 3]})
+    (('',), (' x0.5', ' x2'), (' rising', ' falling'), (' fit1', ' fit3'))
     """
+    fits = kind.get("fits") or ()
+    if len(fits) > 1:
+        return tuple(f" fit{fit}" for fit in fits)
     grades = kind.get("grades") or (1.0,)
     ends = [f" x{float(grade)!r}".removesuffix(".0") for grade in grades] if len(grades) > 1 else [""]
     poles = (" rising", " falling") if kind.get("opposite") else ("",)

@@ -68,6 +68,7 @@ def encode_trials(recordings: Trials, spec: EncoderSpec, progress: Progress | No
     from one piece to the next. The spikes are the same.
     """
     firing.check_periods(spec, recordings.lengths.min() / recordings.sampling_rate_Hz)
+    firing.check_rate(spec, recordings.sampling_rate_Hz)
     yield from with_touches(_encode_blocks(recordings, spec, progress), copies_of(recordings).first)
 
 

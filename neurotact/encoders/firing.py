@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from neurotact.data.spikes import populations_of
+from neurotact.encoders.mechanoreceptor import LEAST_PC_Hz
 from neurotact.encoders.specs import EncoderSpec, afferent_names, described, populations, taxels_of
 from neurotact.errors import InputError
 from neurotact.spec import Spec
@@ -34,6 +35,18 @@ def check_periods(encoder: EncoderSpec, trial_s: float) -> None:
                 f"{key}: {t_ref_ms:g} ms is not shorter than the shortest trial, which lasts {1e3 * trial_s:g} ms; "
                 "shorten it"
             )
+
+
+def check_rate(encoder: EncoderSpec, sampling_rate_Hz: float) -> None:
+    """InputError if an encoder has PC afferents and its recordings are too slow to contain what these feel.
+
+    Resampling to a faster clock adds nothing to them.
+    """
+    if getattr(encoder, "pc", None) is not None and sampling_rate_Hz < LEAST_PC_Hz:
+        raise InputError(
+            f"pc: PC afferents need recordings of {LEAST_PC_Hz:g} Hz or more; these have {sampling_rate_Hz:g} Hz; "
+            "leave pc out"
+        )
 
 
 def complaints(counts: np.ndarray, n_steps: int, clock_Hz: float, encoder: EncoderSpec) -> Iterator[str]:

@@ -10,9 +10,10 @@ from pydantic import Discriminator, Tag
 
 from neurotact import spec as specs
 from neurotact.data.conditioning import check_used
-from neurotact.encoders import afferents, izhikevich, poisson
+from neurotact.encoders import afferents, izhikevich, mechanoreceptor, poisson
 from neurotact.encoders.afferents import AfferentSpec, EncoderState, marks
 from neurotact.encoders.izhikevich import IzhikevichEncoderState, IzhikevichSpec
+from neurotact.encoders.mechanoreceptor import MechanoreceptorEncoderState, MechanoreceptorSpec
 from neurotact.encoders.poisson import PoissonSpec, PoissonState
 from neurotact.errors import InputError, nearest
 from neurotact.metrics.flops import Afferents, Layer, PoissonAfferents
@@ -71,6 +72,15 @@ MODELS = {
     "poisson": Model(
         "Poisson afferents", PoissonSpec, PoissonState, poisson.encode, _of_size(PoissonAfferents), is_random=True
     ),
+    "mechanoreceptor": Model(
+        "fitted mechanoreceptors",
+        MechanoreceptorSpec,
+        MechanoreceptorEncoderState,
+        mechanoreceptor.encode,
+        mechanoreceptor.layer,
+        is_random=True,
+        populations=(*SA_RA, Population("PC", "pc")),
+    ),
 }
 
 
@@ -82,10 +92,11 @@ def _model_of(value: Any) -> str:
 EncoderSpec = Annotated[
     Annotated[AfferentSpec, Tag("lif")]
     | Annotated[IzhikevichSpec, Tag("izhikevich")]
-    | Annotated[PoissonSpec, Tag("poisson")],
+    | Annotated[PoissonSpec, Tag("poisson")]
+    | Annotated[MechanoreceptorSpec, Tag("mechanoreceptor")],
     Discriminator(_model_of),
 ]
-AnyState = EncoderState | IzhikevichEncoderState | PoissonState
+AnyState = EncoderState | IzhikevichEncoderState | PoissonState | MechanoreceptorEncoderState
 
 
 def populations(encoder: Mapping[str, Any] | Spec) -> tuple[Population, ...]:

@@ -506,6 +506,37 @@ class PoissonAfferents(Layer):
 
 
 @dataclass(frozen=True)
+class MechanoreceptorAfferents(Layer):
+    """Fitted mechanoreceptors for `taxels` taxels, over `steps` steps of 0.2 ms.
+
+    Per taxel and step: the signal between two samples (a MAC) and its change (an AC). Per afferent and step: the change
+    times its constant, a low pass of order 3 (7 MACs), the change of that (an AC), two gains, one for each sign (2
+    comparisons, 2 MACs), the leak (a MAC), the current and the post-spike current (2 ACs), the comparisons with the
+    threshold and with the least distance of spikes, and the count of steps since the last spike (an AC). Where pressure
+    drives it too: 8 MACs, a comparison and a product more. Where it saturates: a comparison, an AC, a product and a
+    division. Noise is counted as in `PoissonAfferents`: a MAC for the number, and a MAC to add it.
+
+    afferents: under a taxel. pressed: those of them with a static drive. saturating: those that saturate.
+    """
+
+    taxels: int
+    steps: int
+    afferents: int
+    pressed: int
+    saturating: int
+    noisy: bool = True
+
+    def cost(self) -> Cost:
+        n, each = self.afferents, self.taxels * self.steps
+        macs = 1 + n * (7 + 2 + 1 + 2 * self.noisy) + 8 * self.pressed
+        acs = 1 + n * (1 + 2 + 1) + self.saturating
+        other = n * (1 + 2 + 2) + 2 * self.pressed + self.saturating * (2 + DIVISION)
+        # Two samples before; of each afferent a filter, its last value, V, the steps since a spike, a random number.
+        state = self.taxels * (2 + n * (3 + 1 + 2 + self.noisy) + 3 * self.pressed)
+        return _with_weights(n, state, macs=macs * each, acs=acs * each, other_flops=other * each)
+
+
+@dataclass(frozen=True)
 class Integrator(Layer):
     """A readout that adds up its weights of every spike that it hears, from its biases on.
 

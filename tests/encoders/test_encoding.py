@@ -21,6 +21,7 @@ OPTIONS = {
     "sa1-ra1-lif": {"conditioning.baseline": "first"},
     "izhikevich": {"conditioning.baseline": "none"},
     "poisson": {"conditioning.baseline": "median", "conditioning.resample_Hz": 1500.0, "sa1.t_ref_ms": 2.0},
+    "mechanoreceptor": {"conditioning.baseline": "first"},
 }
 
 

@@ -67,7 +67,7 @@ RULES = {
 def parts_with(feature: str) -> tuple[EncoderSpec, nt.RSNN, ExitRule]:
     """A small chain that has the feature, and spikes enough to decide."""
     encoder = make_encoder(ENCODED.get(feature), **CONDITIONED.get(feature, {"baseline": "first"}))
-    models = {"Izhikevich afferents": "izhikevich", "Poisson afferents": "poisson"}
+    models = {row.title: model for model, row in MODELS.items() if model != "lif"}
     if feature in models:
         encoder = load(models[feature], {"conditioning.baseline": "first"})
     per_taxel = encoder.n_per_taxel if isinstance(encoder, AfferentSpec) else 2

@@ -1,0 +1,393 @@
+"""SA-I, RA-I and PC afferents as fitted to recorded spikes (Saal et al. 2017, PNAS: TouchSim).
+
+A taxel is taken as a pin of 0.5 mm radius straight above its afferents: its conditioned signal times `gain` is the
+depth in mm to which the pin indents the skin. The static drive of an afferent is proportional to the depth, its dynamic
+drive to the rate of change, with the constants of the skin where the afferent ends. The equations are in
+`docs/equations.md`.
+"""
+
+import csv
+import math
+from collections.abc import Mapping
+from fractions import Fraction
+from functools import cache
+from pathlib import Path
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field, model_validator
+from scipy.signal import butter, lfilter
+from scipy.special import ndtri
+
+from neurotact.data.conditioning import ConditioningSpec
+from neurotact.encoders.afferents import checked
+from neurotact.encoders.random_numbers import random_integers
+from neurotact.errors import InputError
+from neurotact.metrics.flops import MechanoreceptorAfferents
+from neurotact.neurons import (
+    FITTED_Hz,
+    Mechanoreceptor,
+    MechanoreceptorState,
+    mechanoreceptor_start,
+    mechanoreceptor_step,
+    post_spike_currents,
+    refractory_steps,
+)
+from neurotact.spec import Spec
+
+KINDS = ("sa1", "ra1", "pc")
+FITS = Path(__file__).parent / "fitted_afferents.csv"
+LEAST_CLOCK_Hz = 1000.0
+"""In a longer step of the clock, two spikes would fall into one step."""
+LEAST_PC_Hz = 500.0
+"""A PC afferent feels best at about 250 Hz, which slower recordings do not contain."""
+STATIC = {"sa1": 0.0426143949, "ra1": 0.0, "pc": 0.0}
+"""Static drive per mm of depth. That of RA-I and PC has no gain in any fit."""
+DYNAMIC = {"sa1": 0.6613757, "ra1": 0.0232514886, "pc": 0.0148809527}
+"""Dynamic drive per mm/s."""
+DERIVED_LATE = 2
+"""Steps of the fits' clock by which currents come late: rate and acceleration of the fits look ahead, a step each."""
+ORDER = 3
+"""Of the low-pass filter."""
+MOST_VALUES = 4_000_000
+"""Currents in memory at once; a longer signal is encoded in pieces."""
+
+
+class MechanoreceptorType(Spec):
+    """The afferents of one type under each taxel: one for each fit."""
+
+    gain: float = Field(gt=0)
+    """Depth in mm for each unit of the conditioned signal."""
+    t_ref_ms: float = Field(default=1.2, ge=0)
+    """Least distance of two spikes; 1.2 in the fits."""
+    fits: tuple[int, ...] = Field(min_length=1)
+    """Numbers of fitted afferents, one of each under each taxel: SA-I has 1 to 4, RA-I 1 to 9, PC 1 to 4."""
+
+
+class MechanoreceptorSpec(Spec):
+    """Populations of fitted SA-I, RA-I and perhaps PC afferents over every taxel (`encoders/mechanoreceptor.toml`)."""
+
+    folder: ClassVar[str] = "encoders"
+
+    model: Literal["mechanoreceptor"] = "mechanoreceptor"
+    """Mechanoreceptors fitted to recorded spikes."""
+    unit: str = "mV"
+    """The unit of the recordings."""
+    noise: bool = True
+    """Add the noise of the fits to the currents."""
+    seed: int = Field(default=0, ge=0, lt=2**63)
+    """Random seed of the noise: the same spec and recordings give the same spikes."""
+    conduction: bool = True
+    """Delay spikes by the conduction times of the fits, 1.0 to 11.0 ms; otherwise by the 0.4 ms of the derivatives."""
+    conditioning: ConditioningSpec = ConditioningSpec()
+    sa1: MechanoreceptorType
+    """Driven by depth, and by its rate of change."""
+    ra1: MechanoreceptorType
+    """Driven by the depth's rate of change and by the change of that."""
+    pc: MechanoreceptorType | None = None
+    """As RA-I, and most sensitive at 200 to 300 Hz; needs recordings of 500 Hz or more."""
+
+    @model_validator(mode="after")
+    def _has_the_fits(self) -> "MechanoreceptorSpec":
+        for part, kind in self.populations.items():
+            known = sorted(fit for population, fit in fitted() if population == part)
+            for fit in kind.fits:
+                if fit not in known:
+                    raise ValueError(f"{part}.fits: there is no fit {fit}; known: {', '.join(map(str, known))}")
+            if list(kind.fits) != sorted(set(kind.fits)):
+                raise ValueError(f"{part}.fits must rise from each to the next")
+        return self
+
+    @property
+    def populations(self) -> dict[str, MechanoreceptorType]:
+        """The afferents of each type that there is, by its key."""
+        kinds = {"sa1": self.sa1, "ra1": self.ra1, "pc": self.pc}
+        return {part: kind for part, kind in kinds.items() if kind is not None}
+
+
+class Fit(NamedTuple):
+    """The constants of a fitted afferent, on the clock of the fits (`fitted_afferents.csv`).
+
+    Gains are those of drives at or above zero (up) and below (down). saturation: 0 for none.
+    """
+
+    lowpass_Hz: float
+    static_up: float
+    static_down: float
+    velocity_up: float
+    velocity_down: float
+    acceleration_up: float
+    acceleration_down: float
+    saturation: float
+    noise: float
+    tau_steps: float
+    post_spike_1: float
+    post_spike_2: float
+    delay_ms: float
+
+
+@cache
+def fitted() -> Mapping[tuple[str, int], Fit]:
+    """Every fitted afferent, by its population's key and its number.
+
+    >>> len(fitted()), fitted()["pc", 2].lowpass_Hz
+    (17, 369.96826171875)
+    """
+    with FITS.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    return {
+        (row["population"], int(row["fit"])): Fit(**{name: float(row[name]) for name in Fit._fields}) for row in rows
+    }
+
+
+class FilterState(NamedTuple):
+    """The filters of one fit between pieces.
+
+    static, dynamic: memories of the low passes, `(trial, ORDER, taxel)`. pressed, rate: the last filtered drives,
+    `(trial, taxel)`.
+    """
+
+    static: np.ndarray
+    dynamic: np.ndarray
+    pressed: np.ndarray
+    rate: np.ndarray
+
+    @classmethod
+    def at_rest(cls, n_trials: int, n_taxels: int) -> "FilterState":
+        """Before the first drive."""
+        memory, last = np.zeros((n_trials, ORDER, n_taxels)), np.zeros((n_trials, n_taxels))
+        return cls(memory, memory, last, last)
+
+
+class MechanoreceptorEncoderState(NamedTuple):
+    """The state of the encoder between pieces.
+
+    trials: numbers of the trials, which seed their noise, `(trial,)`. step: steps of the clock done.
+    last: the signal's last sample, `(trial, taxel)`, None before the first. before: the two last samples on the clock
+    of the fits, `(trial, 2, taxel)`. filters: of each fit. neurons: all afferents.
+    under_way: spikes that have not arrived, `(trial, steps of the longest delay, afferent)`.
+    """
+
+    trials: np.ndarray
+    step: int
+    last: np.ndarray | None
+    before: np.ndarray
+    filters: tuple[FilterState, ...]
+    neurons: MechanoreceptorState
+    under_way: np.ndarray
+
+
+class _Copy(NamedTuple):
+    """One fit under every taxel: its type, its constants and its gain in mm per unit of the signal."""
+
+    part: str
+    fit: Fit
+    gain: float
+    t_ref_ms: float
+
+
+def encode(
+    signal: np.ndarray,
+    sampling_rate_Hz: float,
+    spec: MechanoreceptorSpec,
+    state: MechanoreceptorEncoderState | None = None,
+    *,
+    trials: np.ndarray | None = None,
+) -> tuple[np.ndarray, MechanoreceptorEncoderState]:
+    """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, afferent)` uint8, as `afferent_names`.
+
+    The fits hold at 5 kHz. So the neurons run on that clock whatever the signal's: between its samples the signal is a
+    straight line, and a spike is put into the step of the signal's clock in which it arrives. The state is an argument
+    and a result, so that a recording encoded in pieces gives the spikes of the whole. All arithmetic is in float64.
+
+    trials: numbers of the trials, `(trial,)`, which seed their noise; 0, 1, ... when absent. A given state takes
+        precedence.
+    Raises InputError for a clock below 1 kHz.
+
+    >>> one = {"gain": 1.0, "fits": [1]}
+    >>> spec = MechanoreceptorSpec.model_validate({"sa1": one, "ra1": one, "unit": "mm", "noise": False})
+    >>> press = np.minimum(np.arange(1000) * 0.01, 0.5)[None, :, None]  # 10 mm/s, then held, at 1 kHz
+    >>> spikes, _ = encode(press, 1000.0, spec)
+    >>> spikes.shape, spikes[:, :100].sum(axis=1).tolist(), spikes[:, 100:].sum(axis=1).tolist()
+    ((1, 1000, 2), [[9, 3]], [[22, 0]])
+    """
+    signal = checked(signal)
+    if sampling_rate_Hz < LEAST_CLOCK_Hz * (1 - 1e-9):
+        raise InputError(
+            f"sampling_rate_Hz: mechanoreceptors need a clock of 1 kHz or more; got {sampling_rate_Hz:g} Hz; "
+            "set conditioning.resample_Hz = 1000.0"
+        )
+    n_trials, n_steps, n_taxels = signal.shape
+    copies = [
+        _Copy(part, fitted()[part, fit], kind.gain, kind.t_ref_ms)
+        for part, kind in spec.populations.items()
+        for fit in kind.fits
+    ]
+    neuron = _neurons(copies, n_taxels, sampling_rate_Hz)
+    delays = [_delay_steps(copy.fit, conduction=spec.conduction) for copy in copies]
+    if state is None:
+        numbers = np.arange(n_trials) if trials is None else np.asarray(trials)
+        state = _start(numbers, n_taxels, len(copies), neuron, max(delays))
+    if state.trials.shape != (n_trials,):
+        raise InputError(f"trials: {state.trials.size} numbers for {n_trials} trials; give one per trial")
+    spikes = np.zeros((n_trials, n_steps, len(copies) * n_taxels), np.uint8)
+    per_step = max(1, spikes.shape[0] * spikes.shape[2]) * FITTED_Hz / sampling_rate_Hz
+    n_at_once = max(1, int(MOST_VALUES / per_step))
+    for first in range(0, n_steps, n_at_once):
+        piece = signal[:, first : first + n_at_once].astype(np.float64)
+        out = spikes[:, first : first + n_at_once]
+        state = _encode_piece(piece, sampling_rate_Hz, spec, copies, delays, neuron, state, out)
+    return spikes, state
+
+
+def _encode_piece(
+    signal: np.ndarray,
+    rate_Hz: float,
+    spec: MechanoreceptorSpec,
+    copies: list[_Copy],
+    delays: list[int],
+    neuron: Mechanoreceptor,
+    state: MechanoreceptorEncoderState,
+    out: np.ndarray,
+) -> MechanoreceptorEncoderState:
+    """Write the spikes of a piece to `out`, `(trial, time, afferent)`; returns the state after it."""
+    n_taxels = signal.shape[2]
+    fine, step_of, first_fine = _at_fitted_clock(signal, rate_Hz, state)
+    before = state.before if state.last is not None else np.repeat(signal[:, :1], DERIVED_LATE, axis=1)
+    depth = np.concatenate([before, fine], axis=1)
+    current = np.empty((len(signal), len(step_of), len(copies) * n_taxels))
+    filters = []
+    for place, copy in enumerate(copies):
+        mine = current[:, :, place * n_taxels : (place + 1) * n_taxels]
+        static = depth[:, 1:-1] * (copy.gain * STATIC[copy.part])
+        dynamic = (depth[:, 2:] - depth[:, :-2]) * (copy.gain * DYNAMIC[copy.part] * FITTED_Hz / 2)
+        mine[...], following = currents(copy.fit, static, dynamic, state.filters[place])
+        filters.append(following)
+    if spec.noise:
+        _add_noise(current, spec.seed, state.trials, first_fine, [copy.fit.noise for copy in copies], n_taxels)
+    fired = np.empty(current.shape, bool)
+    neurons = state.neurons
+    for k in range(len(step_of)):
+        fired[:, k], neurons = mechanoreceptor_step(neuron, current[:, k], neurons)
+    on_the_way = np.concatenate([state.under_way, fired], axis=1)
+    longest = state.under_way.shape[1]
+    for place, delay in enumerate(delays):
+        block = slice(place * n_taxels, (place + 1) * n_taxels)
+        arrived = on_the_way[:, longest - delay : longest - delay + len(step_of), block]
+        trial, k, taxel = np.nonzero(arrived)
+        out[trial, step_of[k], block.start + taxel] = 1
+    return MechanoreceptorEncoderState(
+        state.trials, state.step + signal.shape[1], signal[:, -1], depth[:, len(step_of) :], tuple(filters), neurons,
+        on_the_way[:, len(step_of) :],
+    )  # fmt: skip
+
+
+def _at_fitted_clock(
+    signal: np.ndarray, rate_Hz: float, state: MechanoreceptorEncoderState
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """A piece on the clock of the fits, straight between samples; the piece's step of each value; their first number.
+
+    Sample k of that clock lies at k / FITTED_Hz, and belongs to the first step of the signal's clock that is not before
+    it: both are counted in whole numbers from the trial's start, so that pieces do not move them.
+    """
+    ratio = Fraction(FITTED_Hz) / Fraction(rate_Hz)
+    up, down = ratio.numerator, ratio.denominator
+    # Steps up to t contain the fine samples 0 to t * up / down.
+    before = (state.step - 1) * up // down + 1 if state.step else 0
+    number = np.arange(before, (state.step + signal.shape[1] - 1) * up // down + 1, dtype=object)
+    step = -(-number * down // up)
+    share = np.array((number * down - (step - 1) * up) / up, np.float64)
+    step = np.array(step - state.step, np.int64)
+    earlier = signal[:, :1] if state.last is None else state.last[:, None]
+    known = np.concatenate([earlier, signal], axis=1)  # one sample later than `signal`
+    low, high = known[:, step], known[:, step + 1]
+    return low + share[:, None] * (high - low), step, before
+
+
+def currents(fit: Fit, static: np.ndarray, dynamic: np.ndarray, state: FilterState) -> tuple[np.ndarray, FilterState]:
+    """The current of a fit from its two drives on the clock of the fits, each `(trial, time, taxel)`.
+
+    It comes a step late: the value at k is the current of step k - 1, since the acceleration of a step is the change of
+    the dynamic drive to the next one.
+    """
+    b, a = butter(ORDER, fit.lowpass_Hz / (FITTED_Hz / 2))
+    rate, rates, of_rate = _filtered(b, a, dynamic, state.dynamic, state.rate)
+    current = _two_sided(rate, fit.velocity_up, fit.velocity_down)
+    current += _two_sided(np.diff(rates, axis=1), fit.acceleration_up, fit.acceleration_down)
+    of_static = state.static, state.pressed
+    if fit.static_up or fit.static_down:
+        pressed, _, of_static = _filtered(b, a, static, *of_static)
+        current += _two_sided(pressed, fit.static_up, fit.static_down)
+    if fit.saturation > 0:
+        current = fit.saturation * current / (fit.saturation + np.abs(current))
+    return current, FilterState(of_static[0], of_rate[0], of_static[1], of_rate[1])
+
+
+def _filtered(
+    b: np.ndarray, a: np.ndarray, drive: np.ndarray, memory: np.ndarray, last: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """A drive after the low pass: a step late, with one value more at the end, and what to keep.
+
+    memory: of the filter, `(trial, ORDER, taxel)`. last: its last value, `(trial, taxel)`.
+    """
+    found: Any = lfilter(b, a, drive, axis=1, zi=memory) if drive.size else (drive, memory)
+    values = np.concatenate([last[:, None], found[0]], axis=1)
+    return values[:, :-1], values, (found[1], values[:, -1])
+
+
+def _two_sided(drive: np.ndarray, up: float, down: float) -> np.ndarray:
+    return np.where(drive >= 0, up * drive, -down * drive)
+
+
+def _add_noise(
+    current: np.ndarray, seed: int, trials: np.ndarray, first: int, sizes: list[float], n_taxels: int
+) -> None:
+    """Add normal numbers of a standard deviation for each copy to the currents, in place."""
+    drawn = random_integers(seed, trials, first, current.shape[1], n_taxels, len(sizes))
+    for i, afferent, integers in drawn:
+        uniform = ((integers >> np.uint64(11)) + 0.5) * 2.0**-53
+        current[i, :, afferent] += sizes[afferent // n_taxels] * ndtri(uniform)
+
+
+def _neurons(copies: list[_Copy], n_taxels: int, rate_Hz: float) -> Mechanoreceptor:
+    """All afferents; two spikes of one are at least a step of the signal's clock apart."""
+    step = math.ceil(FITTED_Hz / rate_Hz - 1e-9)
+    fits = [copy.fit for copy in copies]
+    post_spike = post_spike_currents(
+        np.array([fit.post_spike_1 for fit in fits]), np.array([fit.post_spike_2 for fit in fits])
+    )
+    least = [max(step, refractory_steps(copy.t_ref_ms, FITTED_Hz)) for copy in copies]
+    return Mechanoreceptor(
+        tau_steps=np.repeat([fit.tau_steps for fit in fits], n_taxels),
+        post_spike=np.repeat(post_spike, n_taxels, axis=0),
+        least_steps=np.repeat(least, n_taxels),
+    )
+
+
+def _delay_steps(fit: Fit, *, conduction: bool) -> int:
+    """Steps from the sample that the current of a spike knows last to its arrival; the fits count from a step's end."""
+    return round(fit.delay_ms * 1e-3 * FITTED_Hz) + 1 - DERIVED_LATE if conduction else 0
+
+
+def _start(
+    trials: np.ndarray, n_taxels: int, n_copies: int, neuron: Mechanoreceptor, longest: int
+) -> MechanoreceptorEncoderState:
+    n_trials = len(trials)
+    filters = (FilterState.at_rest(n_trials, n_taxels),) * n_copies
+    return MechanoreceptorEncoderState(
+        trials, 0, None, np.zeros((n_trials, DERIVED_LATE, n_taxels)), filters,
+        mechanoreceptor_start(neuron, n_trials), np.zeros((n_trials, longest, n_copies * n_taxels), bool),
+    )  # fmt: skip
+
+
+def layer(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> MechanoreceptorAfferents:
+    """The layer of the cost ledger for an encoder given as a table, over `steps` steps of `step_ms`."""
+    fits = [fitted()[part, fit] for part in KINDS if spec.get(part) for fit in spec[part]["fits"]]
+    return MechanoreceptorAfferents(
+        taxels,
+        steps=round(steps * step_ms * 1e-3 * FITTED_Hz),
+        afferents=len(fits),
+        pressed=sum(bool(fit.static_up or fit.static_down) for fit in fits),
+        saturating=sum(fit.saturation > 0 for fit in fits),
+        noisy=bool(spec.get("noise", True)),
+    )
