@@ -99,8 +99,9 @@ class Stream:
         self._rates_Hz = rate_Hz, self.chain.clock_Hz
         self._classes = self.chain.classes
         self._compiled: CompiledStream | None = None
-        compilable = self.chain.network.w_in.device.type == "cpu" and encoder.n_per_taxel == PAIR
-        if use_native(backend, compilable, "a network on the CPU, and one SA-I and one RA-I under each taxel"):
+        is_pair = encoder.n_per_taxel == PAIR and encoder.is_plain
+        compilable = self.chain.network.w_in.device.type == "cpu" and is_pair
+        if use_native(backend, compilable, "a network on the CPU, and one plain SA-I and RA-I under each taxel"):
             self._compiled = CompiledStream(self.chain, self.conditioner, self._most_samples)
         self._watch = watch
         if watch is not None and self._compiled is not None:

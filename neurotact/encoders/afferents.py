@@ -1,8 +1,10 @@
 """SA-I and RA-I afferents: LIF neurons driven by a taxel's signal and by its rate of change.
 
 Texture paper, Eqs. 1 to 3 and Tables II and III. The drive of SA-I is `gain x`, that of RA-I `gain |dx/dt|`. A taxel
-may
-have several afferents of a type: grades, with the same drive times a factor, and SA-I driven by the falling signal.
+may have several afferents of a type: grades, with the same drive times a factor, and SA-I driven by the falling signal.
+Two options make them more like recorded afferents: RA-I driven by the rise or by the fall alone, which follow a
+vibration with one spike a cycle; and SA-I driven by the signal's rise, too, which have an onset
+(`docs/afferent-validation.md`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,6 +27,10 @@ Gains = tuple[Sequence[float], Sequence[float]]
 """Drives in mV of the SA-I and of the RA-I under each taxel."""
 
 
+Change = Literal["rectified", "on", "off", "both"]
+"""What drives RA-I: rise and fall equally, the rise, the fall, or one afferent each."""
+
+
 class AfferentType(Spec):
     """The afferents of one type: one under each taxel, or one for each grade and polarity."""
 
@@ -36,6 +42,10 @@ class AfferentType(Spec):
     """One afferent per grade, with the gain times the grade: it fires from threshold / grade on."""
     opposite: bool = False
     """Add as many afferents that are driven by the signal below zero, with the same gains (SA-I only)."""
+    rate_ms: float = Field(default=0.0, ge=0)
+    """Add this many ms of the signal's rise to the signal, `x + rate_ms (dx/dt)+`: an onset (SA-I only)."""
+    change: Change = "rectified"
+    """`rectified`: |dx/dt|. `on`, `off`: its rise or its fall alone. `both`: an afferent of each (RA-I only)."""
 
     @field_validator("grades")
     @classmethod
@@ -50,7 +60,10 @@ class AfferentType(Spec):
     def gains(self) -> tuple[float, ...]:
         """The gain of each afferent under a taxel, in the order of `marks`; negative for the falling signal."""
         rising = tuple(self.gain * grade for grade in self.grades)
-        return rising + (tuple(-gain for gain in rising) if self.opposite else ())
+        falling = tuple(-gain for gain in rising)
+        if self.change == "off":
+            return falling
+        return rising + (falling if self.opposite or self.change == "both" else ())
 
 
 class AfferentSpec(Spec):
@@ -82,6 +95,10 @@ class AfferentSpec(Spec):
             raise ValueError("v_threshold_mV must be above v_rest_mV and v_reset_mV, else the neuron never rests")
         if self.ra1.opposite:
             raise ValueError("ra1.opposite must be false: rise and fall drive RA-I equally")
+        if self.ra1.rate_ms:
+            raise ValueError("ra1.rate_ms must be 0: the rate of change alone drives RA-I")
+        if self.sa1.change != "rectified":
+            raise ValueError("sa1.change must be left out: the signal drives SA-I; for its rise, set sa1.rate_ms")
         if self.sa1.opposite and self.conditioning.rectify:
             raise ValueError("sa1.opposite must be false if conditioning.rectify is true: no signal is below zero")
         return self
@@ -90,6 +107,11 @@ class AfferentSpec(Spec):
     def n_per_taxel(self) -> int:
         """The number of afferents per taxel; 2 for one SA-I and one RA-I."""
         return len(self.sa1.gains) + len(self.ra1.gains)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether the signal and its rectified rate of change are the drives, as in the texture paper."""
+        return not self.sa1.rate_ms and self.ra1.change == "rectified"
 
     def neuron(self, kind: AfferentType, sampling_rate_Hz: float) -> LIF:
         """The neuron of a population on a clock."""
@@ -138,11 +160,17 @@ def encode(
     signal = checked(signal)
     neurons = (spec.neuron(spec.sa1, sampling_rate_Hz), spec.neuron(spec.ra1, sampling_rate_Hz))
     # RA-I is driven by the change per ms; this is the factor per sample.
-    gains = (spec.sa1.gains, tuple(gain * sampling_rate_Hz * 1e-3 for gain in spec.ra1.gains))
+    per_ms = sampling_rate_Hz * 1e-3
+    gains = (spec.sa1.gains, tuple(gain * per_ms for gain in spec.ra1.gains))
     state = _start(signal, gains, neurons) if state is None else state
-    if use_native(backend, signal.dtype in (np.float32, np.float64), "signals in float32 or float64"):
+    compiled = use_native(backend, signal.dtype in (np.float32, np.float64), "signals in float32 or float64")
+    if compiled and spec.is_plain:
         return _encode_natively(signal, gains, neurons, state, out)
-    return _encode_by_steps(signal, gains, neurons, state, out)
+    half_wave = spec.ra1.change != "rectified"
+    drive, last = drives(signal, gains, state.last, rate_steps=spec.sa1.rate_ms * per_ms, half_wave=half_wave)
+    encode_drive = _encode_drive_natively if compiled else _encode_drive_by_steps
+    spikes = np.empty(drive.shape, np.uint8) if out is None else out
+    return spikes, encode_drive(drive, neurons, state, spikes)._replace(last=last)
 
 
 def _encode_natively(
@@ -176,18 +204,29 @@ def _encode_natively(
     return spikes, EncoderState(sa1, ra1, last)
 
 
-def _encode_by_steps(
-    signal: np.ndarray, gains: Gains, neurons: tuple[LIF, LIF], state: EncoderState, out: np.ndarray | None
-) -> tuple[np.ndarray, EncoderState]:
-    """The definition, step by step."""
-    drive, last = drives(signal, gains, state.last)
-    spikes = np.empty(drive.shape, np.uint8) if out is None else out
+def _encode_drive_natively(
+    drive: np.ndarray, neurons: tuple[LIF, LIF], state: EncoderState, spikes: np.ndarray
+) -> EncoderState:
+    """With the kernel, whose SA-I with a gain of 1 take any drive; its RA-I are computed, too, and dropped."""
+    n_sa1 = state.sa1.membrane_mV.shape[1]
+    blocks, following = (slice(n_sa1), slice(n_sa1, None)), []
+    for block, neuron, population in zip(blocks, neurons, (state.sa1, state.ra1), strict=True):
+        found, after, _ = native.encode(drive[..., block], (1.0, 1.0), (neuron, neuron), (population, population), None)
+        spikes[..., block] = found[..., : population.membrane_mV.shape[1]]
+        following.append(after[0])
+    return EncoderState(following[0], following[1], None)
+
+
+def _encode_drive_by_steps(
+    drive: np.ndarray, neurons: tuple[LIF, LIF], state: EncoderState, spikes: np.ndarray
+) -> EncoderState:
+    """The definition, step by step; writes to `spikes`."""
     sa1, ra1 = state.sa1, state.ra1
-    n_sa1 = signal.shape[2] * len(gains[0])
-    for t in range(signal.shape[1]):
+    n_sa1 = sa1.membrane_mV.shape[1]
+    for t in range(drive.shape[1]):
         spikes[:, t, :n_sa1], sa1 = lif_step(neurons[0], drive[:, t, :n_sa1], sa1)
         spikes[:, t, n_sa1:], ra1 = lif_step(neurons[1], drive[:, t, n_sa1:], ra1)
-    return spikes, EncoderState(sa1, ra1, last)
+    return EncoderState(sa1, ra1, None)
 
 
 def marks(kind: Mapping[str, Any]) -> tuple[str, ...]:
@@ -195,6 +234,8 @@ def marks(kind: Mapping[str, Any]) -> tuple[str, ...]:
 
     >>> marks({}), marks({"grades": [0.5, 2.0]}), marks({"opposite": True}), marks({"fits": [1, 3]})
     (('',), (' x0.5', ' x2'), (' rising', ' falling'), (' fit1', ' fit3'))
+    >>> marks({"change": "both"})
+    (' on', ' off')
     """
     fits = kind.get("fits") or ()
     if len(fits) > 1:
@@ -202,23 +243,38 @@ def marks(kind: Mapping[str, Any]) -> tuple[str, ...]:
     grades = kind.get("grades") or (1.0,)
     ends = [f" x{float(grade)!r}".removesuffix(".0") for grade in grades] if len(grades) > 1 else [""]
     poles = (" rising", " falling") if kind.get("opposite") else ("",)
+    poles = (" on", " off") if kind.get("change") == "both" else poles
     return tuple(pole + end for pole in poles for end in ends)
 
 
-def drives(signal: np.ndarray, gains: Gains, last: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
+def drives(
+    signal: np.ndarray, gains: Gains, last: np.ndarray | None, *, rate_steps: float = 0.0, half_wave: bool = False
+) -> tuple[np.ndarray, np.ndarray | None]:
     """The drives of the afferents, `(trial, time, afferent)`, and the signal's last sample (Eqs. 2 and 3).
 
     gains: of the SA-I under a taxel, per unit of the signal; of its RA-I, per unit of change between two samples.
+        Those that follow the falling signal are negative.
     last: the sample before the first, `(trial, taxel)`; None: the first change is 0.
+    rate_steps: how many times the rise between two samples is added to the signal that drives SA-I.
+    half_wave: RA-I are driven by the rise (gain above zero) or the fall (below), not by both.
 
     >>> drives(np.array([[[1.0], [3.0]]]), ((2.0, -2.0), (10.0,)), None)[0].tolist()
     [[[2.0, -2.0, 0.0], [6.0, -6.0, 20.0]]]
+    >>> drives(np.array([[[1.0], [3.0]]]), ((2.0,), (10.0, -10.0)), None, rate_steps=5.0, half_wave=True)[0].tolist()
+    [[[2.0, 0.0, 0.0], [26.0, 20.0, 0.0]]]
     """
     kind = signal.dtype.type
     before = signal[:, :1] if last is None else last[:, None]
-    change = np.abs(np.diff(signal, axis=1, prepend=before[:, : signal.shape[1]]))
-    driven = [kind(gain) * source for source, its in zip((signal, change), gains, strict=True) for gain in its]
-    return np.concatenate(driven, axis=2), signal[:, -1] if signal.shape[1] else last
+    change = np.diff(signal, axis=1, prepend=before[:, : signal.shape[1]])
+    sa1 = [kind(gain) * signal for gain in gains[0]]
+    if rate_steps:
+        rise = (np.maximum(kind(gain) * change, 0) for gain in gains[0])
+        sa1 = [level + kind(rate_steps) * each for level, each in zip(sa1, rise, strict=True)]
+    if half_wave:
+        ra1 = [np.maximum(kind(gain) * change, 0) for gain in gains[1]]
+    else:
+        ra1 = [kind(gain) * np.abs(change) for gain in gains[1]]
+    return np.concatenate([*sa1, *ra1], axis=2), signal[:, -1] if signal.shape[1] else last
 
 
 def checked(signal: np.ndarray) -> np.ndarray:

@@ -196,16 +196,27 @@ def _candidates(excerpts: Excerpts, spec: AfferentSpec, rule: CalibrationRule) -
 def drives(excerpts: Excerpts, spec: AfferentSpec) -> dict[str, tuple[Iterator[np.ndarray], int]]:
     """The drive of each type with a gain of 1, trial by trial `(time, taxel)`, and the number of values.
 
-    For SA-I of both polarities, the magnitude: it drives one of the two.
+    For SA-I of both polarities, and RA-I of both signs of change, the magnitude: it drives one of the two.
     """
     per_ms = excerpts.sampling_rate_Hz * 1e-3
     n_values = excerpts.n_channels * sum(excerpts.signals.lengths)
+
+    def of_sa1(x: np.ndarray) -> np.ndarray:
+        level = np.abs(x) if spec.sa1.opposite else x
+        if not spec.sa1.rate_ms:
+            return level
+        rise = np.maximum(np.diff(level, axis=0, prepend=level[:1]), 0)
+        return level + np.float32(spec.sa1.rate_ms * per_ms) * rise
+
+    def of_ra1(x: np.ndarray) -> np.ndarray:
+        change = np.diff(x, axis=0) * per_ms
+        if spec.ra1.change in ("on", "off"):
+            return np.maximum(change if spec.ra1.change == "on" else -change, 0)
+        return np.abs(change)
+
     return {
-        "sa1": ((np.abs(x) if spec.sa1.opposite else x for x in excerpts.signals), n_values),
-        "ra1": (
-            (np.abs(np.diff(x, axis=0)) * per_ms for x in excerpts.signals),
-            n_values - excerpts.n_channels * len(excerpts.signals),
-        ),
+        "sa1": (map(of_sa1, excerpts.signals), n_values),
+        "ra1": (map(of_ra1, excerpts.signals), n_values - excerpts.n_channels * len(excerpts.signals)),
     }
 
 

@@ -61,7 +61,8 @@ def _of_size(layer: Callable[[int, int], Layer]) -> Callable[[Mapping[str, Any],
 def _lif_layer(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> Layer:
     del step_ms
     n_sa1, n_ra1 = (len(marks(spec.get(population.part) or {})) for population in SA_RA)
-    return Afferents(taxels, steps, n_sa1, n_ra1)
+    onset = bool((spec.get("sa1") or {}).get("rate_ms"))
+    return Afferents(taxels, steps, n_sa1, n_ra1, onset=onset)
 
 
 MODELS = {

@@ -453,18 +453,21 @@ class Afferents(Layer):
     Per afferent and step: gain times drive and the membrane's decay (two MACs) and the comparison with the threshold;
     RA-I takes a difference and its absolute value beside, once a taxel. Refractory steps are counted as the others.
 
-    sa1, ra1: afferents of each type under a taxel.
+    sa1, ra1: afferents of each type under a taxel. onset: whether the signal's rise drives SA-I, too: the larger of the
+    change and zero, and a MAC to add it, once a taxel.
     """
 
     taxels: int
     steps: int
     sa1: int = 1
     ra1: int = 1
+    onset: bool = False
 
     def cost(self) -> Cost:
         each, n = self.taxels * self.steps, self.sa1 + self.ra1
         state = (2 * n + 1) * self.taxels  # membranes, refractory counters, the sample before
-        return _with_weights(n, state, macs=2 * n * each, acs=each, other_flops=(n + 1) * each)
+        macs, other = 2 * n + self.onset, n + 1 + self.onset
+        return _with_weights(n, state, macs=macs * each, acs=each, other_flops=other * each)
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,11 @@ CONDITIONED = {
     "standardisation": {"offset": [0.5] * TAXELS, "scale": [0.9] * TAXELS},
     "rectification": {"rectify": True},
 }
-ENCODED = {"several afferents a taxel": {"sa1.grades": [0.5, 1.0]}}
+ENCODED = {
+    "several afferents a taxel": {"sa1.grades": [0.5, 1.0]},
+    "half-wave rate of change": {"ra1.change": "both"},
+    "rise in SA-I": {"sa1.rate_ms": 20.0},
+}
 NETWORKS = {
     "clock of the network": {"step_ms": 3.0},
     "recurrence": {"model": "rsnn"},

@@ -121,6 +121,18 @@ FEATURES: dict[str, Feature] = {
         _has_grades,
         "stream it or export it to NIR, or train without sa1.grades, sa1.opposite and ra1.grades",
     ),
+    "half-wave rate of change": Feature(
+        "encoder",
+        ("change",),
+        lambda s: (lif := _lif(s)) is not None and lif.ra1.change != "rectified",
+        "stream it, or train without ra1.change",
+    ),
+    "rise in SA-I": Feature(
+        "encoder",
+        ("rate_ms",),
+        lambda s: (lif := _lif(s)) is not None and lif.sa1.rate_ms > 0,
+        "stream it, or train without sa1.rate_ms",
+    ),
     **OTHER_MODELS,
     "clock of the network": Feature(
         "network", ("step_ms",), lambda s: s.network.steps_per_bin > 1, "train without step_ms"
@@ -187,9 +199,15 @@ _IN_INTEGERS = {
     "readout that leaks": "a leak has no integer form; export it in float32",
     "readout max": "a leak has no integer form; export it in float32",
 }
-_IN_C = {"several afferents a taxel": "C has one SA-I and one RA-I under each taxel"}
+_IN_C = {
+    "several afferents a taxel": "C has one SA-I and one RA-I under each taxel",
+    "half-wave rate of change": "the RA-I of C are driven by rise and fall alike",
+    "rise in SA-I": "the SA-I of C are driven by the signal alone",
+}
 _NOT_IN_NIR = {
     "clock of the network": "it has no node that puts spikes into bins",
+    "half-wave rate of change": "its graph rectifies the rate of change",
+    "rise in SA-I": "its graph drives SA-I by the signal alone",
     **dict.fromkeys(OTHER_MODELS, "it has no nodes for them; the network alone can be exported"),
     "adaptive thresholds": "it has no neuron whose threshold adapts",
 }
