@@ -1,10 +1,11 @@
 """The neurons: each differential equation stands here once, as a pure step from state to state.
 
-Afferents are leaky integrate-and-fire neurons, Izhikevich neurons or fitted mechanoreceptors stepped on numpy arrays;
-the neurons of networks are current-based LIF neurons stepped on torch tensors. Texture paper, Eqs. 1, 4, 5 and 6;
-Izhikevich 2003, Eqs. 1 to 3; Saal et al. 2017.
+Afferents are leaky integrate-and-fire neurons, Izhikevich neurons, fitted mechanoreceptors or resonators stepped on
+numpy arrays; the neurons of networks are current-based LIF neurons stepped on torch tensors. Texture paper, Eqs. 1, 4,
+5 and 6; Izhikevich 2003, Eqs. 1 to 3; Saal et al. 2017; Izhikevich 2001, Eqs. 1 and 2.
 """
 
+import cmath
 import math
 import warnings
 from collections.abc import Callable, Sequence
@@ -267,6 +268,66 @@ def mechanoreceptor_step(
     since = np.minimum(state.steps_since + 1, longest)
     fired = (membrane > 1.0) & (since >= neuron.least_steps)
     return fired, MechanoreceptorState(np.where(fired, 0.0, membrane), np.where(fired, 0, since))
+
+
+# --- afferent resonator -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Resonator:
+    """A resonate-and-fire neuron on a clock (Izhikevich 2001, doi 10.1016/S0893-6080(01)00078-8, Eqs. 1 and 2).
+
+    `z' = (b + i w) z + I` with `b = -1 / tau`, `w = 2 pi f` and `I = gain x`; Re z is like a current, Im z like a
+    potential. `Im z >= 1` spikes: z <- i. A step is the exact solution for an I that is constant over it:
+    `z <- z e + I (e - 1) / (b + i w)` with `e = exp((b + i w) dt)`. For `refractory_steps` after a spike z goes on and
+    no spike is sent.
+    """
+
+    step_ms: float
+    tau_ms: float
+    frequency_Hz: float
+    gain_per_ms: float
+    refractory_steps: int = 0
+
+    @property
+    def factors(self) -> tuple[complex, complex]:
+        """The factors of z and of x in a step."""
+        rate = complex(-1 / self.tau_ms, 2e-3 * math.pi * self.frequency_Hz)
+        turn = cmath.exp(rate * self.step_ms)
+        return turn, self.gain_per_ms * (turn - 1) / rate
+
+
+class ResonatorState(NamedTuple):
+    """Re z and Im z, and the silent steps still to come, all of one shape."""
+
+    current: np.ndarray
+    potential: np.ndarray
+    silent_steps: np.ndarray
+
+
+def resonator_start(shape: tuple[int, ...], dtype: np.dtype) -> ResonatorState:
+    """The resting state of a group of resonators."""
+    return ResonatorState(np.zeros(shape, dtype), np.zeros(shape, dtype), np.zeros(shape, np.int32))
+
+
+def resonator_step(neuron: Resonator, x: np.ndarray, state: ResonatorState) -> tuple[np.ndarray, ResonatorState]:
+    """One step: `(spikes, next state)`; spikes are boolean, of the signal's shape and float type.
+
+    >>> neuron = Resonator(step_ms=1.0, tau_ms=50.0, frequency_Hz=100.0, gain_per_ms=1.6)
+    >>> state, spikes = resonator_start((1,), np.dtype(float)), []
+    >>> for x in (1.0, 0.0, 0.0, 0.0):  # a pulse; the oscillation is at its height a quarter of 10 ms later
+    ...     fired, state = resonator_step(neuron, np.array([x]), state)
+    ...     spikes.append(int(fired[0]))
+    >>> spikes
+    [0, 1, 0, 0]
+    """
+    kind, (turn, driven) = x.dtype.type, neuron.factors
+    current = kind(turn.real) * state.current - kind(turn.imag) * state.potential + kind(driven.real) * x
+    potential = kind(turn.imag) * state.current + kind(turn.real) * state.potential + kind(driven.imag) * x
+    fired = (potential >= 1) & (state.silent_steps == 0)
+    silent = np.where(fired, np.int32(neuron.refractory_steps), np.maximum(state.silent_steps - 1, 0))
+    current, potential = np.where(fired, kind(0), current), np.where(fired, kind(1), potential)
+    return fired, ResonatorState(current, potential, silent.astype(np.int32))
 
 
 # --- current-based LIF ------------------------------------------------------------------------------

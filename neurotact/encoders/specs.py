@@ -10,13 +10,41 @@ from pydantic import Discriminator, Tag
 
 from neurotact import spec as specs
 from neurotact.data.conditioning import check_used
-from neurotact.encoders import afferents, izhikevich, mechanoreceptor, poisson
+from neurotact.encoders import (
+    afferents,
+    bens_spiker,
+    burst,
+    izhikevich,
+    latency,
+    mechanoreceptor,
+    moving_window,
+    poisson,
+    resonate_and_fire,
+    send_on_delta,
+    sigma_delta,
+    step_forward,
+)
 from neurotact.encoders.afferents import AfferentSpec, EncoderState, marks
+from neurotact.encoders.bens_spiker import BensSpikerSpec, BensSpikerState
+from neurotact.encoders.burst import BurstSpec, BurstState
 from neurotact.encoders.izhikevich import IzhikevichEncoderState, IzhikevichSpec
+from neurotact.encoders.latency import LatencySpec, LatencyState
 from neurotact.encoders.mechanoreceptor import MechanoreceptorEncoderState, MechanoreceptorSpec
+from neurotact.encoders.moving_window import MovingWindowSpec, MovingWindowState
 from neurotact.encoders.poisson import PoissonSpec, PoissonState
+from neurotact.encoders.resonate_and_fire import ResonateAndFireSpec, ResonateAndFireState
+from neurotact.encoders.send_on_delta import SendOnDeltaSpec, SendOnDeltaState
+from neurotact.encoders.sigma_delta import SigmaDeltaSpec, SigmaDeltaState
+from neurotact.encoders.step_forward import StepForwardSpec, StepForwardState
 from neurotact.errors import InputError, nearest
-from neurotact.metrics.flops import Afferents, Layer, PoissonAfferents
+from neurotact.metrics.flops import (
+    Afferents,
+    DeltaEvents,
+    LatencyAfferents,
+    Layer,
+    PoissonAfferents,
+    ResonatorAfferents,
+)
 from neurotact.spec import Spec
 
 
@@ -82,7 +110,32 @@ MODELS = {
         is_random=True,
         populations=(*SA_RA, Population("PC", "pc")),
     ),
-}
+    "send-on-delta": Model(
+        "send-on-delta events", SendOnDeltaSpec, SendOnDeltaState, send_on_delta.encode, _of_size(DeltaEvents),
+        populations=ON_OFF,
+    ),
+    "sigma-delta": Model(
+        "sigma-delta pulses", SigmaDeltaSpec, SigmaDeltaState, sigma_delta.encode, _of_size(DeltaEvents),
+        populations=ON_OFF,
+    ),
+    "step-forward": Model(
+        "step-forward events", StepForwardSpec, StepForwardState, step_forward.encode, _of_size(DeltaEvents),
+        populations=ON_OFF,
+    ),
+    "moving-window": Model(
+        "moving-window events", MovingWindowSpec, MovingWindowState, moving_window.encode, moving_window.layer,
+        populations=ON_OFF,
+    ),
+    "bens-spiker": Model(
+        "Ben's spiker", BensSpikerSpec, BensSpikerState, bens_spiker.encode, bens_spiker.layer, populations=ON_OFF
+    ),
+    "latency": Model("latency afferents", LatencySpec, LatencyState, latency.encode, _of_size(LatencyAfferents)),
+    "burst": Model("burst afferents", BurstSpec, BurstState, burst.encode, burst.layer),
+    "resonate-and-fire": Model(
+        "resonate-and-fire afferents", ResonateAndFireSpec, ResonateAndFireState, resonate_and_fire.encode,
+        _of_size(ResonatorAfferents), populations=(Population("LOW", "low"), Population("HIGH", "high")),
+    ),
+}  # fmt: skip
 
 
 def _model_of(value: Any) -> str:
@@ -94,10 +147,31 @@ EncoderSpec = Annotated[
     Annotated[AfferentSpec, Tag("lif")]
     | Annotated[IzhikevichSpec, Tag("izhikevich")]
     | Annotated[PoissonSpec, Tag("poisson")]
-    | Annotated[MechanoreceptorSpec, Tag("mechanoreceptor")],
+    | Annotated[MechanoreceptorSpec, Tag("mechanoreceptor")]
+    | Annotated[SendOnDeltaSpec, Tag("send-on-delta")]
+    | Annotated[SigmaDeltaSpec, Tag("sigma-delta")]
+    | Annotated[StepForwardSpec, Tag("step-forward")]
+    | Annotated[MovingWindowSpec, Tag("moving-window")]
+    | Annotated[BensSpikerSpec, Tag("bens-spiker")]
+    | Annotated[LatencySpec, Tag("latency")]
+    | Annotated[BurstSpec, Tag("burst")]
+    | Annotated[ResonateAndFireSpec, Tag("resonate-and-fire")],
     Discriminator(_model_of),
 ]
-AnyState = EncoderState | IzhikevichEncoderState | PoissonState | MechanoreceptorEncoderState
+AnyState = (
+    EncoderState
+    | IzhikevichEncoderState
+    | PoissonState
+    | MechanoreceptorEncoderState
+    | SendOnDeltaState
+    | SigmaDeltaState
+    | StepForwardState
+    | MovingWindowState
+    | BensSpikerState
+    | LatencyState
+    | BurstState
+    | ResonateAndFireState
+)
 
 
 def populations(encoder: Mapping[str, Any] | Spec) -> tuple[Population, ...]:
@@ -217,7 +291,7 @@ def encode(
     *,
     trials: np.ndarray | None = None,
 ) -> tuple[np.ndarray, AnyState]:
-    """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, afferent)` uint8, SA-I first.
+    """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, afferent)` uint8, as `afferent_names`.
 
     The state is an argument and a result, so that a recording encoded in pieces gives the spikes of the whole.
     trials: numbers of the trials, `(trial,)`, which seed random encoders; 0, 1, ... when absent.

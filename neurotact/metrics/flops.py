@@ -540,6 +540,114 @@ class MechanoreceptorAfferents(Layer):
 
 
 @dataclass(frozen=True)
+class DeltaEvents(Layer):
+    """ON and OFF events of a change against a reference, or of an integral, for `taxels` taxels over `steps` steps.
+
+    Per taxel and step: a difference from the reference (or a sample added to the integral) and the comparisons with the
+    threshold above and below. What an event does to the reference is rare and not counted.
+    """
+
+    taxels: int
+    steps: int
+
+    def cost(self) -> Cost:
+        each = self.taxels * self.steps
+        state = 2 * self.taxels  # reference, refractory counter
+        return _with_weights(1, state, acs=each, other_flops=2 * each)
+
+
+@dataclass(frozen=True)
+class MovingWindowEvents(Layer):
+    """ON and OFF events of the difference from the mean of the last `window` samples, over `steps` steps.
+
+    Per taxel and step: the new sample is added to the sum and the oldest taken off, their mean is a product, the signal
+    minus it a difference, and then the comparisons with the threshold above and below.
+    """
+
+    taxels: int
+    steps: int
+    window: int
+
+    def cost(self) -> Cost:
+        each = self.taxels * self.steps
+        state = (self.window + 2) * self.taxels  # the samples, their sum, the refractory counter
+        return _with_weights(1, state, acs=3 * each, other_flops=3 * each)
+
+
+@dataclass(frozen=True)
+class BensSpiker(Layer):
+    """Ben's spiker with `taps` taps for the positive and the negative part of `taxels` taxels, over `steps` steps.
+
+    Per part and step: the gain is a product and the part a comparison; the error with the filter takes a difference, a
+    magnitude and a sum for each tap, that without it a magnitude and a sum; both are subtracted and compared with the
+    threshold. Taking the filter off at a spike is rare and not counted.
+    """
+
+    taxels: int
+    steps: int
+    taps: int
+
+    def cost(self) -> Cost:
+        parts, each = 2 * self.taxels, 2 * self.taxels * self.steps
+        acs, others = (3 * self.taps + 1) * each, (2 * self.taps + 3) * each
+        return _with_weights(2 + self.taps, parts * self.taps, acs=acs, other_flops=others)
+
+
+@dataclass(frozen=True)
+class LatencyAfferents(Layer):
+    """One spike a cycle of SA-I and RA-I for `taxels` taxels each, over `steps` steps.
+
+    Per afferent and step: gain times drive and the comparison with the falling threshold; RA-I takes a difference and
+    its absolute value beside. The threshold falls by one product a step, for all.
+    """
+
+    taxels: int
+    steps: int
+
+    def cost(self) -> Cost:
+        afferents, each = 2 * self.taxels, self.taxels * self.steps
+        state = afferents + self.taxels + 2  # fired or not, the sample before, the threshold and the cycle's step
+        return _with_weights(2, state, acs=each, other_flops=2 * 2 * each + each + self.steps)
+
+
+@dataclass(frozen=True)
+class BurstAfferents(Layer):
+    """Bursts of SA-I and RA-I for `taxels` taxels each, over `steps` steps, one burst in `cycle` steps.
+
+    Per afferent and step: the drive is added up and the time to the next spike compared; RA-I takes a difference and
+    its absolute value beside. Per afferent and cycle: gain, limits from 0 to 1 (two comparisons), number of spikes (a
+    product, rounded) and interval (a MAC, rounded).
+    """
+
+    taxels: int
+    steps: int
+    cycle: int
+
+    def cost(self) -> Cost:
+        afferents, each = 2 * self.taxels, self.taxels * self.steps
+        bursts = afferents * (self.steps / self.cycle)
+        state = 4 * afferents + self.taxels + 1  # sum, spikes left, interval, time to the next; sample before; step
+        return _with_weights(2, state, macs=bursts, acs=3 * each, other_flops=3 * each + 6 * bursts)
+
+
+@dataclass(frozen=True)
+class ResonatorAfferents(Layer):
+    """Two resonators under each of `taxels` taxels, over `steps` steps.
+
+    Per resonator and step: Re z and Im z take three MACs each, two for the turn and one for the signal, whose gain is
+    in its factor; then the comparison with the threshold. Resets are rare and not counted.
+    """
+
+    taxels: int
+    steps: int
+
+    def cost(self) -> Cost:
+        afferents = 2 * self.taxels
+        each = afferents * self.steps
+        return _with_weights(2, 3 * afferents, macs=6 * each, other_flops=each)
+
+
+@dataclass(frozen=True)
 class Integrator(Layer):
     """A readout that adds up its weights of every spike that it hears, from its biases on.
 

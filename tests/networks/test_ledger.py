@@ -100,6 +100,21 @@ def test_encoders_by_hand():
     izhikevich = encoding_cost(1, 10, 5.0, {"model": "izhikevich", "euler_step_ms": 0.1})
     assert (izhikevich.macs, izhikevich.acs) == (4 * 100, 3 * 100 + 10)
     assert izhikevich.other_flops == 2 * 100 + 3 * 10
+    delta, window, spiker, latency, burst, resonator = (
+        encoding_cost(1, 10, 10.0, {"model": model, **keys})
+        for model, keys in {
+            "step-forward": {}, "moving-window": {"window_ms": 3.0}, "bens-spiker": {"filter_ms": 4.0}, "latency": {},
+            "burst": {"cycle_ms": 5.0}, "resonate-and-fire": {},
+        }.items()
+    )  # fmt: skip
+    assert (delta.macs, delta.acs, delta.other_flops, delta.parameters) == (0, 10, 20, 1)
+    assert (window.acs, window.other_flops) == (30, 30)  # in, out, minus the mean; mean, above, below
+    # Two parts, 10 steps, 4 taps: a difference and two sums a tap, and one difference; two magnitudes a tap, the gain,
+    # the part, the comparison.
+    assert (spiker.acs, spiker.other_flops) == (20 * 13, 20 * 11)
+    assert (latency.acs, latency.other_flops) == (10, 40 + 10 + 10)
+    assert (burst.macs, burst.acs, burst.other_flops) == (4, 30, 30 + 4 * 6)  # two bursts of two afferents
+    assert (resonator.macs, resonator.other_flops) == (120, 20)
     poisson = encoding_cost(1, 10, 5.0, {"model": "poisson"})
     assert (poisson.macs, poisson.acs, poisson.other_flops) == (20, 10, 50)
     lif = encoding_cost(1, 10, 5.0, {"model": "lif"})

@@ -1,0 +1,102 @@
+"""Ben's spiker algorithm (BSA): a spike where taking a filter's response off the signal leaves it smaller.
+
+Schrauwen and Van Campenhout 2003, doi 10.1109/IJCNN.2003.1224019. The same filter decodes: the spikes, convolved with
+it, are the signal.
+"""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from neurotact.data.conditioning import ConditioningSpec
+from neurotact.encoders.afferents import checked
+from neurotact.encoders.stepping import both, over_time
+from neurotact.errors import InputError
+from neurotact.metrics.flops import BensSpiker
+from neurotact.spec import Spec
+
+MOST_TAPS = 2000
+
+
+class BensSpikerSpec(Spec):
+    """Spikes of the positive (ON) and of the negative part (OFF) of every taxel (`encoders/bens-spiker.toml`)."""
+
+    folder: ClassVar[str] = "encoders"
+
+    model: Literal["bens-spiker"] = "bens-spiker"
+    """Ben's spiker algorithm (BSA)."""
+    unit: str = "mV"
+    """The unit of the recordings."""
+    gain: float = Field(gt=0)
+    """Factor on the conditioned signal: 1 / gain is the signal that a spike in every step stands for."""
+    threshold: float = Field(default=0.955, gt=0, lt=1)
+    """By how much a spike must lessen the sum of the magnitudes, as a share of the most that it can."""
+    filter_ms: float = Field(default=40.0, gt=0)
+    """Length of the filter, a Hann window; the spikes come this much later."""
+    t_ref_ms: ClassVar[float] = 0.0
+    """There is none: two spikes may follow each other at once."""
+    conditioning: ConditioningSpec = ConditioningSpec()
+
+
+class BensSpikerState(NamedTuple):
+    """What earlier spikes have left of the last samples, of the positive and the negative part.
+
+    `(trial, tap, 2 taxel)`, the oldest first; zeros before the first sample.
+    """
+
+    remaining: np.ndarray
+
+
+def encode(
+    signal: np.ndarray, sampling_rate_Hz: float, spec: BensSpikerSpec, state: BensSpikerState | None = None
+) -> tuple[np.ndarray, BensSpikerState]:
+    """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, 2 taxel)` uint8, ON first.
+
+    s is the gain times the positive part of the signal (ON), or times its negative part (OFF). With a filter h of M
+    taps and sum 1, a spike is where `sum |s[j] - h[j]| <= sum |s[j]| - threshold` over the next M samples, and h is
+    taken off them. It must know these samples: the spike of a step comes M - 1 steps later, so that the encoder is
+    causal.
+
+    >>> spikes, _ = encode(np.full((1, 1000, 1), 2.0), 1000.0, BensSpikerSpec(gain=0.1))
+    >>> round(float(spikes[0, 200:, 0].mean()), 1)  # gain times signal
+    0.2
+    """
+    signal = checked(signal)
+    kind, (n_trials, _, n_taxels) = signal.dtype.type, signal.shape
+    taps = response(spec.filter_ms, 1e3 / sampling_rate_Hz).astype(kind)[:, None]
+    gain, threshold = kind(spec.gain), kind(spec.threshold)
+
+    def step(x: np.ndarray, state: BensSpikerState) -> tuple[np.ndarray, BensSpikerState]:
+        parts = gain * both(np.maximum(x, 0), np.maximum(-x, 0))
+        window = np.concatenate([state.remaining[:, 1:], parts[:, None]], axis=1)
+        without = window - taps
+        fired = np.abs(without).sum(axis=1) <= np.abs(window).sum(axis=1) - threshold
+        return fired, BensSpikerState(np.where(fired[:, None], without, window))
+
+    if state is None:
+        state = BensSpikerState(np.zeros((n_trials, len(taps), 2 * n_taxels), signal.dtype))
+    return over_time(signal, state, step, 2 * n_taxels)
+
+
+def response(filter_ms: float, step_ms: float) -> np.ndarray:
+    """The filter's taps, `(tap,)`, positive and of sum 1: a Hann window of that length.
+
+    >>> response(3.0, 1.0).round(9).tolist()
+    [0.25, 0.5, 0.25]
+    """
+    n_taps = _taps(filter_ms, step_ms)
+    if n_taps > MOST_TAPS:
+        raise InputError(f"filter_ms: {filter_ms:g} ms is {n_taps} steps, more than {MOST_TAPS}; shorten it")
+    window = np.sin(np.pi * np.arange(1, n_taps + 1) / (n_taps + 1)) ** 2
+    return window / window.sum()
+
+
+def layer(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> BensSpiker:
+    """The layer of the cost ledger for an encoder given as a table, over `steps` steps of `step_ms`."""
+    return BensSpiker(taxels, steps, _taps(spec["filter_ms"], step_ms) if step_ms else 1)
+
+
+def _taps(filter_ms: float, step_ms: float) -> int:
+    return max(1, round(filter_ms / step_ms))

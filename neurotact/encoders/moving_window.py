@@ -1,0 +1,95 @@
+"""Moving window: an event where the signal is a threshold above (ON) or below (OFF) the mean of its last samples.
+
+Kasabov et al. 2016, doi 10.1016/j.neunet.2015.09.011; compared with other encoders in Petro, Kasabov and Kiss 2020,
+doi 10.1109/TNNLS.2019.2906158.
+"""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from neurotact.data.conditioning import ConditioningSpec
+from neurotact.encoders.afferents import checked
+from neurotact.encoders.stepping import both, over_time, silenced
+from neurotact.metrics.flops import MovingWindowEvents
+from neurotact.neurons import refractory_steps
+from neurotact.spec import Spec
+
+
+class MovingWindowSpec(Spec):
+    """ON and OFF events of every taxel (`encoders/moving-window.toml`)."""
+
+    folder: ClassVar[str] = "encoders"
+
+    model: Literal["moving-window"] = "moving-window"
+    """An event where the signal differs from the mean of its last samples."""
+    unit: str = "mV"
+    """The unit of the recordings."""
+    threshold: float = Field(gt=0)
+    """Difference from the mean that gives an event, in the unit of the conditioned signal."""
+    window_ms: float = Field(default=50.0, gt=0, le=1e4)
+    """Length of the mean, at least one step of the clock."""
+    t_ref_ms: float = Field(default=0.0, ge=0)
+    """Dead time of a taxel after an event, ON or OFF."""
+    conditioning: ConditioningSpec = ConditioningSpec()
+
+
+class MovingWindowState(NamedTuple):
+    """The last samples of each taxel, their sum, and the silent steps still to come.
+
+    past: `(trial, window, taxel)`, a ring. total: `(trial, taxel)` float64. n_steps: steps done. silent_steps:
+    `(trial, taxel)`.
+    """
+
+    past: np.ndarray
+    total: np.ndarray
+    n_steps: int
+    silent_steps: np.ndarray
+
+
+def encode(
+    signal: np.ndarray, sampling_rate_Hz: float, spec: MovingWindowSpec, state: MovingWindowState | None = None
+) -> tuple[np.ndarray, MovingWindowState]:
+    """Events of conditioned signals, `(trial, time, taxel)` to `(trial, time, 2 taxel)` uint8, ON first.
+
+    ON where `x > base + threshold`, OFF where `x < base - threshold`; the base is the mean of the samples before this
+    one, as many as the window holds, of fewer at the beginning. The first sample gives no event.
+
+    >>> jump = np.array([0.0, 0.0, 7.0, 7.0, 7.0]).reshape(1, 5, 1)
+    >>> spikes, _ = encode(jump, 1000.0, MovingWindowSpec(threshold=3.0, window_ms=2.0))
+    >>> spikes[0, :, 0].tolist()
+    [0, 0, 1, 1, 0]
+    """
+    signal = checked(signal)
+    threshold = signal.dtype.type(spec.threshold)
+    n_silent = refractory_steps(spec.t_ref_ms, sampling_rate_Hz)
+    n_trials, _, n_taxels = signal.shape
+    n_window = window_steps(spec.window_ms, 1e3 / sampling_rate_Hz)
+
+    def step(x: np.ndarray, state: MovingWindowState) -> tuple[np.ndarray, MovingWindowState]:
+        n_held = min(state.n_steps, n_window)
+        base = (state.total / n_held).astype(x.dtype) if n_held else x
+        awake = state.silent_steps == 0
+        up, down = awake & (x > base + threshold), awake & (x < base - threshold)
+        place = state.n_steps % n_window
+        total = state.total + x - state.past[:, place]
+        state.past[:, place] = x
+        silent = silenced(state.silent_steps, up | down, n_silent)
+        return both(up, down), MovingWindowState(state.past, total, state.n_steps + 1, silent)
+
+    if state is None:
+        past = np.zeros((n_trials, n_window, n_taxels), signal.dtype)
+        state = MovingWindowState(past, np.zeros((n_trials, n_taxels)), 0, np.zeros((n_trials, n_taxels), np.int32))
+    return over_time(signal, state._replace(past=state.past.copy()), step, 2 * n_taxels)
+
+
+def window_steps(window_ms: float, step_ms: float) -> int:
+    """Steps of the clock in the window, at least one."""
+    return max(1, round(window_ms / step_ms))
+
+
+def layer(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> MovingWindowEvents:
+    """The layer of the cost ledger for an encoder given as a table, over `steps` steps of `step_ms`."""
+    return MovingWindowEvents(taxels, steps, window_steps(spec["window_ms"], step_ms) if step_ms else 1)

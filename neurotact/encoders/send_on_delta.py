@@ -1,0 +1,75 @@
+"""Send-on-delta: an event when the signal has changed by a threshold since the last one (ON: up, OFF: down).
+
+Miskowicz 2006, doi 10.3390/s6010049; an event-based sensor does it in the pixel (Lichtsteiner et al. 2008,
+doi 10.1109/JSSC.2007.914337), and so do the published Braille letters (Müller-Cleve et al. 2022,
+doi 10.3389/fnins.2022.951164).
+"""
+
+from typing import ClassVar, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from neurotact.data.conditioning import ConditioningSpec
+from neurotact.encoders.afferents import checked
+from neurotact.encoders.stepping import both, over_time, silenced
+from neurotact.neurons import refractory_steps
+from neurotact.spec import Spec
+
+
+class SendOnDeltaSpec(Spec):
+    """ON and OFF events of every taxel (`encoders/send-on-delta.toml`)."""
+
+    folder: ClassVar[str] = "encoders"
+
+    model: Literal["send-on-delta"] = "send-on-delta"
+    """An event when the signal has changed by a threshold since the last one."""
+    unit: str = "mV"
+    """The unit of the recordings."""
+    threshold: float = Field(gt=0)
+    """Change of the conditioned signal that gives an event, in its unit."""
+    t_ref_ms: float = Field(default=0.0, ge=0)
+    """Dead time of a taxel after an event, ON or OFF."""
+    conditioning: ConditioningSpec = ConditioningSpec()
+
+
+class SendOnDeltaState(NamedTuple):
+    """The reference of each taxel and its silent steps still to come, `(trial, taxel)`.
+
+    `reference` is None before the first sample, which is the first reference.
+    """
+
+    reference: np.ndarray | None
+    silent_steps: np.ndarray
+
+
+def encode(
+    signal: np.ndarray, sampling_rate_Hz: float, spec: SendOnDeltaSpec, state: SendOnDeltaState | None = None
+) -> tuple[np.ndarray, SendOnDeltaState]:
+    """Events of conditioned signals, `(trial, time, taxel)` to `(trial, time, 2 taxel)` uint8, ON first.
+
+    ON where `x - reference >= threshold`, OFF where `x - reference <= -threshold`; then the reference is x. So an event
+    stands for a change of the threshold or more: a change of several thresholds between two samples is one event, and a
+    finer clock (`conditioning.resample_Hz`) tells them apart. In the refractory period nothing is sent and the
+    reference stays, so that the change is sent after it, as one event.
+
+    >>> ramp = np.arange(12.0).reshape(1, 12, 1)
+    >>> spikes, _ = encode(ramp, 1000.0, SendOnDeltaSpec(threshold=3.0))
+    >>> spikes[0, :, 0].tolist(), int(spikes[0, :, 1].sum())
+    ([0, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0], 0)
+    """
+    signal = checked(signal)
+    threshold = signal.dtype.type(spec.threshold)
+    n_silent = refractory_steps(spec.t_ref_ms, sampling_rate_Hz)
+
+    def step(x: np.ndarray, state: SendOnDeltaState) -> tuple[np.ndarray, SendOnDeltaState]:
+        reference = x if state.reference is None else state.reference
+        change, awake = x - reference, state.silent_steps == 0
+        up, down = awake & (change >= threshold), awake & (change <= -threshold)
+        fired = up | down
+        after = SendOnDeltaState(np.where(fired, x, reference), silenced(state.silent_steps, fired, n_silent))
+        return both(up, down), after
+
+    n_trials, _, n_taxels = signal.shape
+    begin = SendOnDeltaState(None, np.zeros((n_trials, n_taxels), np.int32))
+    return over_time(signal, begin if state is None else state, step, 2 * n_taxels)

@@ -1,0 +1,73 @@
+"""Sigma-delta: the signal minus what the pulses already say is integrated; at a threshold a pulse is sent, ON or OFF.
+
+Inose and Yasuda 1963, doi 10.1109/PROC.1963.2622; that integrate-and-fire neurons do the same is in Yoon 2017,
+doi 10.1109/TNNLS.2016.2526029.
+"""
+
+from typing import ClassVar, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from neurotact.data.conditioning import ConditioningSpec
+from neurotact.encoders.afferents import checked
+from neurotact.encoders.stepping import both, over_time, silenced
+from neurotact.neurons import refractory_steps
+from neurotact.spec import Spec
+
+OVERLOAD = 4.0
+"""The integral is limited to this many thresholds: what a too strong signal leaves does not fire on for long."""
+
+
+class SigmaDeltaSpec(Spec):
+    """ON and OFF pulses of every taxel (`encoders/sigma-delta.toml`)."""
+
+    folder: ClassVar[str] = "encoders"
+
+    model: Literal["sigma-delta"] = "sigma-delta"
+    """A pulse when the integral of the error reaches a threshold."""
+    unit: str = "mV"
+    """The unit of the recordings."""
+    threshold_unit_ms: float = Field(gt=0)
+    """Integral of the conditioned signal over time that one pulse stands for, in its unit times ms."""
+    t_ref_ms: float = Field(default=0.0, ge=0)
+    """Dead time of a taxel after a pulse; the integral goes on."""
+    conditioning: ConditioningSpec = ConditioningSpec()
+
+
+class SigmaDeltaState(NamedTuple):
+    """The integral of the error of each taxel, in its unit times ms, and the silent steps to come, `(trial, taxel)`."""
+
+    integral: np.ndarray
+    silent_steps: np.ndarray
+
+
+def encode(
+    signal: np.ndarray, sampling_rate_Hz: float, spec: SigmaDeltaSpec, state: SigmaDeltaState | None = None
+) -> tuple[np.ndarray, SigmaDeltaState]:
+    """Pulses of conditioned signals, `(trial, time, taxel)` to `(trial, time, 2 taxel)` uint8, ON first.
+
+    `v <- v + x dt`; ON where `v >= threshold`, and v falls by the threshold; OFF where `v <= -threshold`, and it rises
+    by as much. So v is the integral of the signal minus that of the pulses: their error is pushed to high frequencies,
+    and a low-pass filter of the pulses gives the signal. A constant x fires at `x / threshold` per ms.
+
+    >>> spikes, _ = encode(np.full((1, 1000, 1), -2.0), 1000.0, SigmaDeltaSpec(threshold_unit_ms=20.0))
+    >>> spikes[0].sum(axis=0).tolist()  # 2 / 20 per ms, in 1000 ms
+    [0, 100]
+    """
+    signal = checked(signal)
+    kind = signal.dtype.type
+    threshold, limit = kind(spec.threshold_unit_ms), kind(OVERLOAD * spec.threshold_unit_ms)
+    step_ms, n_silent = kind(1e3 / sampling_rate_Hz), refractory_steps(spec.t_ref_ms, sampling_rate_Hz)
+
+    def step(x: np.ndarray, state: SigmaDeltaState) -> tuple[np.ndarray, SigmaDeltaState]:
+        integral = np.clip(state.integral + step_ms * x, -limit, limit)
+        awake = state.silent_steps == 0
+        up, down = awake & (integral >= threshold), awake & (integral <= -threshold)
+        integral = np.where(up, integral - threshold, np.where(down, integral + threshold, integral))
+        return both(up, down), SigmaDeltaState(integral, silenced(state.silent_steps, up | down, n_silent))
+
+    n_trials, _, n_taxels = signal.shape
+    shape = n_trials, n_taxels
+    begin = SigmaDeltaState(np.zeros(shape, signal.dtype), np.zeros(shape, np.int32))
+    return over_time(signal, begin if state is None else state, step, 2 * n_taxels)
