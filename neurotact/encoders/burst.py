@@ -80,12 +80,14 @@ def encode(
     """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, 2 taxel)` uint8, SA-I first.
 
     The intensity P is the gain times the mean drive of a cycle, from 0 to 1. The next cycle begins with a burst of
-    `ceil(most_spikes P)` spikes, `longest - (longest - shortest) P` apart, in whole steps. So a burst tells what came
-    before it, and the encoder is causal; cycles count from the first sample.
+    `most_spikes P` spikes, `longest - (longest - shortest) P` apart, both rounded (the number is rounded up in Guo et
+    al.; here a drive near zero is silent). So a burst tells what came before it: the encoder is causal. Cycles count
+    from the first sample.
 
     Raises InputError for a shortest interval below a step of the clock.
 
-    >>> spec = BurstSpec(cycle_ms=20.0, longest_isi_ms=4.0, sa1=BurstType(gain=0.5), ra1=BurstType(gain=1.0))
+    >>> kinds = {"sa1": BurstType(gain=0.5), "ra1": BurstType(gain=1.0)}
+    >>> spec = BurstSpec(cycle_ms=20.0, most_spikes=6, longest_isi_ms=3.9, **kinds)
     >>> spikes, _ = encode(np.ones((1, 60, 1)), 1000.0, spec)  # P = 0.5: three spikes, 3 ms apart
     >>> np.flatnonzero(spikes[0, :, 0]).tolist()
     [20, 23, 26, 40, 43, 46]
@@ -110,7 +112,7 @@ def encode(
         total, left, interval, wait = state.total, state.left, state.interval, state.wait
         if state.n_steps and state.n_steps % n_cycle == 0:
             intensity = np.clip(total / kind(n_cycle), 0, 1)
-            left = np.ceil(spec.most_spikes * intensity - kind(1e-5)).astype(np.int32)
+            left = np.rint(spec.most_spikes * intensity).astype(np.int32)
             interval = np.rint(longest - (longest - shortest) * intensity).astype(np.int32)
             total, wait = np.zeros_like(total), np.zeros_like(wait)
         fired = (left > 0) & (wait == 0)
