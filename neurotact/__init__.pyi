@@ -4,11 +4,13 @@ from .api.deployment import export_c as export_c
 from .api.deployment import export_nir as export_nir
 from .api.deployment import fine_tune as fine_tune
 from .api.deployment import stream as stream
+from .api.deployment import to_snntorch as to_snntorch
 from .api.encoding import calibrate as calibrate
 from .api.encoding import encode as encode
 from .api.encoding import encode_file as encode_file
 from .api.encoding import plot_raster as plot_raster
 from .api.encoding import save_raster as save_raster
+from .api.live import live as live
 from .api.networks import infer as infer
 from .api.networks import load_network as load_network
 from .api.networks import result as result
@@ -51,7 +53,6 @@ from .encoders.transformer import SpikeEncoder as SpikeEncoder
 from .errors import InputError as InputError
 from .networks.definition.rsnn import RSNN as RSNN
 from .networks.definition.snntorch_exchange import from_snntorch as from_snntorch
-from .networks.definition.snntorch_exchange import to_snntorch as to_snntorch
 from .networks.definition.specs import RSNNSpec as RSNNSpec
 from .networks.definition.specs import TrainingSpec as TrainingSpec
 from .networks.use.classifier import SpikingClassifier as SpikingClassifier

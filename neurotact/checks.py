@@ -1,7 +1,8 @@
 """Checks of parameters and examples that the estimators share."""
 
 import numbers
-from typing import Any
+from collections.abc import Collection, Mapping
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
@@ -50,6 +51,29 @@ def one_of(name: str, value: object, known: tuple[str, ...]) -> None:
         raise InputError(f"{name}: {value!r} is unknown; {nearest(str(value), known)}")
 
 
+class NestedSettings(BaseEstimator):
+    """An estimator whose parameter `settings` changes keys of a spec, and which a search can set one by one.
+
+    `sa1__t_ref_ms` in `set_params` is the key `sa1.t_ref_ms` of `settings`, so that a pipeline takes
+    `spikeencoder__sa1__t_ref_ms`. spec_keys: the keys at the top of the spec; those in tables are checked with it.
+    """
+
+    spec_keys: ClassVar[Collection[str]] = ()
+    settings: Mapping[str, Any] | None
+
+    def set_params(self, **params: Any) -> Self:
+        """Set parameters of the constructor, and keys of the spec by their names with `__` for each dot."""
+        own = self.get_params(deep=False)
+        nested = {
+            key: value for key, value in params.items() if key not in own and key.split("__")[0] in self.spec_keys
+        }
+        super().set_params(**{key: value for key, value in params.items() if key not in nested})
+        if nested:
+            changes = {key.replace("__", "."): value for key, value in nested.items()}
+            self.settings = {**(self.settings or {}), **changes}
+        return self
+
+
 def training_examples(estimator: BaseEstimator, X: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """X `(example, feature)` float64 and y `(example,)`, checked; the estimator records the features."""
     features, labels = validate_data(estimator, X, y, dtype=np.float64)
@@ -60,6 +84,27 @@ def further_examples(estimator: BaseEstimator, X: ArrayLike) -> np.ndarray:
     """X `(example, feature)` float64 for a fitted estimator, checked against the features it was fitted with."""
     check_is_fitted(estimator)
     return np.asarray(validate_data(estimator, X, dtype=np.float64, reset=False))
+
+
+def check_last_axis(values: np.ndarray, n_last: int, axes: str, name: str = "X") -> None:
+    """InputError unless the last axis has `n_last` entries; it says so where the last two axes are the other way round.
+
+    axes: the names of all axes, as for `sequences`.
+
+    >>> check_last_axis(np.zeros((5, 8, 300)), 8, "trial, time, taxel")
+    Traceback (most recent call last):
+    neurotact.errors.InputError: X: is (trial, taxel, time), as 8 is the number of taxels; give X.transpose(0, 2, 1)
+    """
+    *first, second, last = axes.split(", ")
+    if values.shape[-1] == n_last:
+        return
+    if values.shape[-2] == n_last:
+        order = ", ".join(map(str, [*range(len(first)), len(first) + 1, len(first)]))
+        swapped = ", ".join([*first, last, second])
+        raise InputError(
+            f"{name}: is ({swapped}), as {n_last} is the number of {last}s; give {name}.transpose({order})"
+        )
+    raise InputError(f"{name}: has {values.shape[-1]} {last}s, but training had {n_last}; give those")
 
 
 def sequences(X: ArrayLike, axes: str, dtype: DTypeLike | None = None) -> np.ndarray:

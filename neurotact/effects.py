@@ -95,6 +95,8 @@ NEEDS = (
     Need("training.readout_dropout", "readout", is_in("integrator", "max"), "with readout = 'count'"),
     Need("forward_weight_scale", "keeps_scale", bool, "with input_deviation, to which all weights are scaled"),
     Need("training.learning_rate", "has_others", bool, "with training.relative_learning_rate, the rate of all weights"),
+    # SpikingClassifier
+    Need("validation_fraction groups", "held_out", bool, "where validation windows are given, since none are held out"),
     # others
     Need("out", "name", is_given, "without the name of a set, since the sets are then only listed", OR_GIVE),
     Need("trial start_s stop_s recordings", "file", is_in("picture"), "in a file of events, which holds all of them"),

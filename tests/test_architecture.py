@@ -26,7 +26,7 @@ FLOORS = (
     ("figures", "deploy"),
     ("studies",),
     ("report",),
-    ("live",),
+    ("live_page",),
     ("papers",),
     ("api",),
     ("cli",),
@@ -51,7 +51,6 @@ OPTIONS_ALLOWED = {
 OF_CLI = {"api", "errors", "files", "interrupt", "plugins", "progress", "spec", "tables"}
 """What the command line may import besides its own modules: the API, and how options are read and results printed."""
 OF_CLI_ALONE = {
-    "live": {"data", "deploy", "effects", "encoders", "live", "metrics", "networks"},  # a page, which Python has not
     "deploy": {"effects"},  # `export` is two functions and a check, and knows which options belong to which
 }
 

@@ -18,6 +18,7 @@ import made_inputs
 import numpy as np
 import pandas as pd
 import pytest
+import torch
 from typer.main import get_group
 
 import neurotact as nt
@@ -798,8 +799,8 @@ AS_COMMAND = {
     if (command := words._command(name).partition(" --")[0]) in COMMANDS
 } | {"windows": "train", "simulate": "simulate gratings", "read": "import braille-letters"}  # fmt: skip
 """Functions that do what a command does: a keyword is the option of its name."""
-NO_FUNCTION = {"list", "show", "copy", "live"}
-"""Commands without a function: of specs, which are files, and of a page."""
+NO_FUNCTION = {"list", "show", "copy"}
+"""Commands without a function: of specs, which are files."""
 OF_COMMANDS = {"as_json", "full_window", "to", "check"}
 """Options of commands alone: how they print, `early_exit=False`, and which function `export` calls."""
 SAVED = {"out", "force"}
@@ -813,11 +814,13 @@ INPUTS = {"spikes", "run", "recordings", "name", "path", "what", "source", "bloc
 """What a function works on, and whom it tells."""
 HERE, NWB, NEO = "tests/test_options.py", "tests/data/readers/test_nwb.py", "tests/data/test_neo_blocks.py"
 SNNTORCH, API = "tests/networks/test_snntorch_exchange.py", "tests/test_api.py"
+FITTED = "tests/networks/test_fitted.py"
 ELSEWHERE = {
     **dict.fromkeys(("encode.progress", "simulate.progress", "infer.test_only", "to_nwb.force"), HERE),
     **dict.fromkeys(("from_neo.leave_out", "from_nir.backend"), HERE),
     **dict.fromkeys((f"{name}.{key}" for name in ("calibrate", "train", "tune") for key in SHARES), HERE),
-    **dict.fromkeys(("export_c.early_exit", "stream.early_exit"), "tests/stream/test_stream_cli.py"),
+    **dict.fromkeys(("export_c.early_exit", "stream.early_exit", "live.early_exit"), "tests/stream/test_stream_cli.py"),
+    "to_snntorch.time_first": FITTED,
     **dict.fromkeys(("save.force", "save_network.force"), API),
     **dict.fromkeys(("to_nwb.session_start", "to_nwb.about"), NWB),
     **dict.fromkeys(("from_nir.dt_s", "from_nir.sampling_rate_Hz"), "tests/export/test_nir.py"),
@@ -928,6 +931,118 @@ def test_a_keyword_without_effect_is_refused(name, keywords, inputs, tmp_path):
     with pytest.raises(nt.InputError, match="has no effect"):
         getattr(nt, name)(inputs / FIRST[name], tmp_path / "out", **usual | keywords)
     assert not any((tmp_path / "out").rglob("*")) if (tmp_path / "out").is_dir() else True
+
+
+CONSTRUCTED = ("RSNN", "SpikingClassifier", "SpikeEncoder", "Stream")
+KEYWORDS = {
+    "SpikingClassifier": {
+        "hidden": 10, "recurrent": False, "tau_mem_ms": 3.0, "tau_syn_ms": 1.5, "learning_rate": 0.5, "batch": 5,
+        "epochs": 1, "patience": 1, "network": "rsnn", "settings": {"readout": "max"}, "validation_fraction": 0.4,
+        "exit_tolerance": 0.9, "exit_by": "margin", "random_state": 4, "verbose": True,
+    },
+    "SpikeEncoder": {
+        "encoder": "izhikevich", "settings": {"sa1.t_ref_ms": 9}, "sampling_rate_Hz": 500.0, "unit": "V",
+        "calibrate": False,
+    },
+    "Stream": {
+        "unit": "V", "length_ms": 30, "start_ms": 7, "hop_ms": 9, "contact": True,
+    },
+    "RSNN": {"spec": nt.RSNNSpec(hidden=4), "sampling_rate_Hz": 500.0, "dtype": torch.float64, "hidden": 9},
+}  # fmt: skip
+"""Values of the keywords of constructors that change what an object computes, or prints."""
+OF_CONSTRUCTORS = {
+    "SpikingClassifier.sampling_rate_Hz": "tests/networks/test_classifier.py",
+    "SpikingClassifier.device": "tests/networks/test_classifier.py",
+    "RSNN.backend": "tests/networks/test_native.py",
+    "RSNN.generator": "tests/networks/test_reference.py",
+    "Stream.sampling_rate_Hz": "tests/stream/test_stream.py",
+    "Stream.hold_ms": "tests/stream/test_stream.py",
+    "Stream.backend": "tests/stream/test_stream.py",
+    "Stream.watch": "tests/stream/test_stream_watch.py",
+    "Stream.quiet_ms": "tests/stream/test_stream.py",
+    "Stream.early_exit": "tests/networks/test_fitted.py",
+}
+"""The tests of other keywords of constructors."""
+NO_EFFECT_THERE = [
+    (nt.RSNN, {"model": "snn", "recurrent_weight_scale": 0.3}),
+    (nt.RSNN, {"training": {"readout_dropout": 0.1}}),
+    (nt.SpikingClassifier, {"recurrent": False, "settings": {"recurrent_weight_scale": 0.3}}),
+    (nt.SpikingClassifier, {"network": "rsnn", "settings": {"training.readout_dropout": 0.1}}),
+    (nt.SpikeEncoder, {"encoder": "izhikevich", "calibrate": True}),
+    (nt.Stream, {"quiet_ms": 5.0}),
+    (nt.Stream, {"contact": True, "hop_ms": 5.0}),
+]
+
+
+def touches() -> tuple[np.ndarray, np.ndarray]:
+    """Signals `(trial, time, taxel)` of two classes."""
+    rng, y = np.random.default_rng(0), np.repeat(["felt", "silk"], 8)
+    strength = np.where(y == "felt", 30, 9)[:, None, None]
+    wave = strength * np.sin(np.linspace(0, 9, 80) + rng.uniform(0, 6, (16, 1)))[..., None]
+    return (wave + rng.normal(0, 1, (16, 80, 2))).astype(np.float32), y
+
+
+def computed(name: str, capsys: Any, **keywords: Any) -> list[Any]:
+    """What an object with these keywords computes and prints."""
+    X, y = touches()
+    if name == "SpikeEncoder":
+        given = {"sampling_rate_Hz": 1000.0, "settings": {"conditioning.baseline": "first"}} | keywords
+        if "encoder" in keywords:
+            given.pop("settings")
+        encoder = nt.SpikeEncoder(**given).fit(X, y)
+        return [np.asarray(encoder.transform(X)).tolist(), encoder.spec_.unit]
+    spikes = (np.abs(X) > 8).astype(np.uint8)
+    if name == "SpikingClassifier":
+        given = {"hidden": 12, "epochs": 12, "batch": 4, "random_state": 0, "sampling_rate_Hz": 1000.0}
+        clf = nt.SpikingClassifier(**given | keywords).fit(spikes, y)
+        return [clf.decision_function(spikes).tolist(), clf.exit_rule_, capsys.readouterr().out]
+    given = {"sampling_rate_Hz": 1000.0, "generator": torch.Generator().manual_seed(0)}
+    if name == "RSNN":
+        network = nt.RSNN(2, 2, **given | keywords)
+        return [network(torch.from_numpy(spikes)).hidden.tolist(), network.w_in.dtype]
+    conditioning = {"baseline": "first"}
+    encoder = nt.AfferentSpec.model_validate({"sa1": {"gain": 8}, "ra1": {"gain": 9}, "conditioning": conditioning})
+    network = nt.RSNN(4, 2, hidden=5, forward_weight_scale=3.0, **given)
+    usual = {"length_ms": 20.0} | ({} if "contact" in keywords else {"hop_ms": 20.0})
+    return [nt.Stream((encoder, network), **usual | keywords).push(X[0])]
+
+
+@pytest.mark.parametrize(("name", "keyword"), [(name, key) for name in KEYWORDS for key in KEYWORDS[name]])
+def test_a_keyword_of_a_constructor_changes_what_is_computed(name, keyword, capsys):
+    assert computed(name, capsys) != computed(name, capsys, **{keyword: KEYWORDS[name][keyword]})
+
+
+def test_every_keyword_of_a_constructor_is_in_a_table():
+    for name in CONSTRUCTED:
+        keywords = {*inspect.signature(getattr(nt, name)).parameters} - {"n_inputs", "n_classes", "source", "keys"}
+        told = {each.partition(".")[2] for each in OF_CONSTRUCTORS if each.startswith(f"{name}.")}
+        assert {*KEYWORDS[name]} - {"hidden"} | told | ({"hidden"} & keywords) == keywords, name
+    for name, path in OF_CONSTRUCTORS.items():
+        assert name.partition(".")[2] in (ROOT / path).read_text(), name
+
+
+@pytest.mark.parametrize(("made", "keywords"), NO_EFFECT_THERE)
+def test_a_keyword_of_a_constructor_without_effect_is_refused(made, keywords):
+    X, y = touches()
+    encoder = nt.AfferentSpec.model_validate({"sa1": {"gain": 8}, "ra1": {"gain": 9}})
+    uses = {
+        nt.RSNN: lambda: nt.RSNN(4, 2, sampling_rate_Hz=1000.0, **keywords),
+        nt.SpikingClassifier: lambda: nt.SpikingClassifier(sampling_rate_Hz=1000.0, **keywords).fit(np.abs(X) > 8, y),
+        nt.SpikeEncoder: lambda: nt.SpikeEncoder(sampling_rate_Hz=1000.0, **keywords).fit(X, y),
+        nt.Stream: lambda: nt.Stream((encoder, nt.RSNN(4, 2, sampling_rate_Hz=1000.0)), **keywords),
+    }
+    with pytest.raises(nt.InputError, match="has no effect"):
+        uses[made]()
+
+
+@pytest.mark.parametrize("beside", [{"groups": np.arange(16)}, {}])
+def test_what_holds_out_windows_is_refused_beside_validation_windows(beside):
+    X, y = touches()
+    spikes = (np.abs(X) > 8).astype(np.uint8)
+    fraction = None if beside else 0.2
+    clf = nt.SpikingClassifier(sampling_rate_Hz=1000.0, validation_fraction=fraction)
+    with pytest.raises(nt.InputError, match="has no effect where validation windows are given"):
+        clf.fit(spikes, y, validation=(spikes, y), **beside)
 
 
 def test_a_swept_key_is_refused_only_if_no_cell_uses_it(inputs):

@@ -15,8 +15,8 @@ from neurotact.cli.commands import app
 
 PACKAGE = Path(nt.__file__).parent
 PUBLIC = vars(nt)["__all__"]
-ALONE = {"to", "port", "save_to"}
-"""Parameters of a command alone: the target of `export`, and the page of `live`."""
+ALONE = {"to"}
+"""Parameters of a command alone: the target of `export`."""
 OTHERS = {"published", "honest", "paper", "skipped", "accuracy_class_means", "task", "X"}
 """Names in backquotes that are no parameters: ways of protocols, and the place of a name."""
 

@@ -38,6 +38,15 @@ def path_of(spikes: object) -> Path:
     return Path(spikes)
 
 
+def check_folder(run: object, function: str, why: str) -> None:
+    """InputError unless `run` is a path: the function needs more of a training than a fitted estimator keeps."""
+    if not isinstance(run, (str, Path)):
+        raise InputError(
+            f"run: {function} needs the folder of a training, {why}; got {type(run).__name__}; `nt.train(...)` makes "
+            "one"
+        )
+
+
 def check_instance(name: str, value: object, wanted: type, fix: str) -> None:
     """InputError unless `value` is of the wanted class; `fix` says what returns one."""
     if not isinstance(value, wanted):

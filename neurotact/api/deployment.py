@@ -9,9 +9,10 @@ from typing import Any, Literal, NamedTuple
 import pandas as pd
 
 from neurotact import effects, files
-from neurotact.api.arguments import Tell, silent
+from neurotact.api.arguments import Tell, check_folder, silent
 from neurotact.api.networks import result
 from neurotact.data import hdf5
+from neurotact.data.recordings import Recordings
 from neurotact.deploy import c_export, export, fine_tuning, proving, sources, targets
 from neurotact.deploy.chain import chain_of
 from neurotact.deploy.export import Exported
@@ -19,7 +20,11 @@ from neurotact.deploy.nir_exchange import exchange, execute, note
 from neurotact.deploy.stream import Decision as Decision
 from neurotact.deploy.stream import Stream
 from neurotact.errors import InputError
-from neurotact.networks.training import train_run, trained
+from neurotact.networks.definition import snntorch_exchange
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.training import train_run
+from neurotact.networks.use import fitted
+from neurotact.networks.use.fitted import Fitted
 
 log = logging.getLogger("neurotact")
 
@@ -32,7 +37,7 @@ class Flow(NamedTuple):
 
 
 def stream(
-    run: str | Path,
+    run: Fitted,
     source: str | Path = "-",
     *,
     format: str | None = None,
@@ -54,6 +59,7 @@ def stream(
 ) -> Flow:
     """Decide samples as they arrive from a pipe, a device or a file, as `neurotact stream` does; see also `Stream`.
 
+    run: a run folder that `train` wrote, or a fitted `SpikingClassifier` or a pipeline that ends in one.
     source: "-" (standard input), a device file, "serial:/dev/ttyUSB0", FILE.csv, or FILE.h5, whose rate and unit count.
     format: of other sources than .h5: "csv" (if None), "float32" or "int16", with the signal `zero` (0) + `lsb` (1) x.
     baud: of a serial port; 115200 if None. time_column: the unit of time stamps in the first column of CSV.
@@ -97,14 +103,14 @@ def stream(
 
 
 def export_c(
-    run: str | Path,
+    run: Fitted,
     folder: str | Path,
     *,
     variant: Literal["integer", "float"] = "integer",
     weight_bits: int | None = None,
     state_bits: int | None = None,
     lsb: float | None = None,
-    recordings: str | Path | None = None,
+    recordings: Recordings | str | Path | None = None,
     spikes: str | Path | None = None,
     name: str = "touch",
     sampling_rate_Hz: float | None = None,
@@ -120,8 +126,10 @@ def export_c(
 ) -> Exported:
     """Write the chain in the run folder `run` as C99, from a raw sample to a decision, as `neurotact export` does.
 
+    run: the folder, or a fitted `SpikingClassifier` or a pipeline that ends in one.
     variant: "integer", whose formats are chosen from the run's training trials, or "float". recordings, spikes: that
-    the run was trained on, where they moved since. weight_bits: 2 to 8; when None those of `fine_tune`, else 8.
+    the run was trained on, where they moved since; of a classifier, recordings (or a file of them) like those that it
+    was fitted on, which give the range of samples. weight_bits: 2 to 8; when None those of `fine_tune`, else 8.
     state_bits: 8 to 16, or 24; chosen when None. lsb: of a sample of 16 bits; from the recorded range when None.
     name: prefix of every name in C.
     sampling_rate_Hz, early_exit, length_ms, start_ms, hop_ms, contact, quiet_ms: as for `Stream`.
@@ -150,7 +158,7 @@ def export_c(
 
 
 def export_nir(
-    run: str | Path,
+    run: Fitted,
     path: str | Path,
     *,
     plain: bool = False,
@@ -158,16 +166,17 @@ def export_nir(
     network_only: bool = False,
     dt_s: float | None = None,
     prove: int = 0,
-    recordings: str | Path | None = None,
+    recordings: Recordings | str | Path | None = None,
     spikes: str | Path | None = None,
     force: bool = False,
     tell: Tell = silent,
 ) -> Any:
     """Write the afferents and the network of a run as a NIR graph, as `neurotact export` does; returns it.
 
+    run: as of `export_c`.
     plain, lower_refractory, network_only, dt_s: as of `to_nir`.
     prove: run the graph in the interpreter, snnTorch and Norse, and compare this many test trials spike by spike.
-    recordings, spikes: for that, those that the run was trained on, where they moved since.
+    recordings, spikes: for that, those that the run was trained on, where they moved since; of a classifier, others.
     force: replace a file. tell: called with what the command prints.
     Raises InputError for a file that exists, and for a chain that NIR cannot express.
     """
@@ -186,13 +195,34 @@ def export_nir(
     return made
 
 
-def check_chip(run: str | Path, check: str, *, tell: Tell = silent) -> pd.DataFrame:
+def to_snntorch(source: Fitted | RSNN, *, time_first: bool = False) -> snntorch_exchange.SnnTorchNetwork:
+    """The same network in snnTorch's neurons, as a `torch.nn.Module` with its own copy of the weights.
+
+    source: a network, a run folder that `train` wrote, or a fitted `SpikingClassifier` or a pipeline that ends in one.
+    The module takes spikes `(trial, time, afferent)` and returns the spikes of the hidden layer `(trial, time, hidden)`
+    and of the readout `(trial, time, class)`, from a state of zero; of an integrator, its value after each step.
+    time_first: take and return `(time, trial, ...)`, as most of snnTorch's examples do.
+    Raises InputError unless the network is float32, its reset is `zero` or `subtract`, its decays lie in [0, 1], and
+    its thresholds do not adapt.
+
+    >>> import torch
+    >>> net = RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0)
+    >>> hidden, readout = to_snntorch(net, time_first=True)(torch.ones(10, 2, 16))
+    >>> hidden.shape, readout.shape
+    (torch.Size([10, 2, 20]), torch.Size([10, 2, 8]))
+    """
+    network = source if isinstance(source, RSNN) else fitted.restore(source).network
+    return snntorch_exchange.to_snntorch(network, time_first=time_first)
+
+
+def check_chip(run: Fitted, check: str, *, tell: Tell = silent) -> pd.DataFrame:
     """The limits of a chip ("xyloaudio2", "loihi2", "spinnaker2") for the network of a run.
 
+    run: as of `export_c`.
     One row per limit: what, here, limit, fits, and the cost of making it fit. tell: called with what the command
     prints. Raises InputError for an unknown chip.
     """
-    restored = trained.restore(run)
+    restored = fitted.restore(run)
     found = targets.check(restored.network, restored.encoder, restored.rule, check)
     tell(targets.title(check))
     for row in found.itertuples(index=False):
@@ -222,6 +252,7 @@ def fine_tune(
     tell: called with what the command prints. Returns what it came to, as `train` does.
     Raises InputError for a folder that is not free, and for spikes that are no longer those of the run.
     """
+    check_folder(run, "fine_tune", "which it trains on from the spikes of that")
     place = Path(folder)
     outcome, training = fine_tuning.run(
         run, place, weight_bits=weight_bits, state_bits=state_bits, epochs=epochs, seed=seed, spikes=spikes, force=force

@@ -8,7 +8,7 @@ import pandas as pd
 import torch
 
 from neurotact import effects, files, spec
-from neurotact.api.arguments import Conditions, LeftOut, Settings, Tell, check_instance, path_of, silent
+from neurotact.api.arguments import Conditions, LeftOut, Settings, Tell, check_folder, check_instance, path_of, silent
 from neurotact.data import hdf5
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.copies import copies_of
@@ -17,6 +17,7 @@ from neurotact.data.splits import split_table
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.window_choice import ARGUMENTS
 from neurotact.data.windows import Align, window_table
+from neurotact.errors import InputError
 from neurotact.figures.search import save_found
 from neurotact.metrics import synops
 from neurotact.networks.definition.rsnn import RSNN
@@ -26,7 +27,8 @@ from neurotact.networks.training import cautions, checkpoint, population, repeat
 from neurotact.networks.training.outcome import summary_of
 from neurotact.networks.training.tasks import ExitBy, Task
 from neurotact.networks.training.train_run import Interrupted as Interrupted
-from neurotact.networks.use import inference, ledger
+from neurotact.networks.use import fitted, inference, ledger
+from neurotact.networks.use.fitted import Fitted
 from neurotact.progress import track
 from neurotact.tables import write_table
 
@@ -232,7 +234,7 @@ def tune(
 
 
 def infer(
-    run: str | Path,
+    run: Fitted,
     spikes: SpikeTrains | str | Path,
     *,
     early_exit: bool = False,
@@ -247,6 +249,8 @@ def infer(
 ) -> pd.DataFrame:
     """Decide every window of spike trains, or of a file of them, with the network in the run folder `run`.
 
+    run: the folder, or a fitted `SpikingClassifier` or a pipeline that ends in one, whose windows are cut as those that
+    it was fitted on; it does not know the trials of these (side "unknown").
     One row per window, with its spikes and SOPs. Columns: trial, side (training, validation, test, unseen), label,
     predicted, steps, input_spikes, hidden_spikes and sops_*. `summarise` gives their means.
     early_exit: stop where the validated rule says so. test_only: the network's own test trials alone.
@@ -258,8 +262,11 @@ def infer(
     effects.check(force=force, out=out)
     is_file = isinstance(spikes, (str, Path))
     if out:
-        files.check_new(out, force=force, inputs=[*trained.files_of(run), *([spikes] if is_file else [])])
-    restored = trained.restore(run, device=str(population.device_of(device, torch.float32)))
+        of_run = [] if fitted.is_in_memory(run) else trained.files_of(str(run))
+        files.check_new(out, force=force, inputs=[*of_run, *([spikes] if is_file else [])])
+    restored = fitted.restore(run, device=str(population.device_of(device, torch.float32)))
+    if test_only and fitted.is_in_memory(run):
+        raise InputError("test_only: an estimator does not know its test trials; give the spikes of these alone")
     trains = hdf5.load_spikes(spikes) if is_file else spikes
     check_instance("spikes", trains, SpikeTrains, "nt.encode and nt.load return them")
     trains = chosen_trials(trains, TrialChoice.of(where, leave_out), str(spikes) if is_file else "spikes")
@@ -293,6 +300,7 @@ def sops(
     file. tell: called with what `neurotact sops` prints beside the means. Columns as of `infer`.
     Raises InputError for a file that exists, and for spikes of another encoder, unless `allow_other_encoder`.
     """
+    check_folder(run, "sops", "whose test windows it counts (SpikingClassifier.sops counts those of any windows)")
     run, out = Path(run), Path(out)
     files.check_new(out, force=force, inputs=[*trained.files_of(run), spikes])
     restored = trained.restore(run, spikes=spikes)

@@ -18,11 +18,24 @@ from neurotact.errors import InputError
 from neurotact.spec import build
 
 
-class SpikeArray(np.ndarray):
-    """A raster of spikes with its clock: an ordinary NumPy array with the attribute `sampling_rate_Hz`.
+class Origin(NamedTuple):
+    """Where an array of spikes comes from, which an exported network needs as much as its weights.
 
-    Slices, indexed parts and reshaped views keep the clock, so that it reaches an estimator through scikit-learn's
-    splitters and pipelines. The result of arithmetic keeps it too; `np.asarray` drops it.
+    encoder: the table of its spec; None if the spikes were not encoded here. afferents: their names.
+    window: how it was cut from trials; None for whole trials.
+    """
+
+    encoder: Mapping[str, Any] | None
+    afferents: tuple[str, ...]
+    window: WindowSpec | None = None
+
+
+class SpikeArray(np.ndarray):
+    """A raster of spikes with its clock: an ordinary NumPy array with the attributes `sampling_rate_Hz` and `origin`.
+
+    Slices, indexed parts and reshaped views keep them, so that they reach an estimator through scikit-learn's
+    splitters and pipelines. The result of arithmetic keeps them too; `np.asarray` drops them. `origin` is an `Origin`,
+    or None where that is unknown.
 
     >>> spikes = SpikeArray.of(np.zeros((4, 300, 16), np.uint8), 2000.0)
     >>> spikes[:2].sampling_rate_Hz, np.asarray(spikes).shape
@@ -30,23 +43,25 @@ class SpikeArray(np.ndarray):
     """
 
     sampling_rate_Hz: float | None
+    origin: Origin | None
 
     @staticmethod
-    def of(spikes: np.ndarray, sampling_rate_Hz: float) -> "SpikeArray":
+    def of(spikes: np.ndarray, sampling_rate_Hz: float, origin: Origin | None = None) -> "SpikeArray":
         """`spikes` `(window, time, afferent)` on the clock `sampling_rate_Hz`, without a copy."""
         made = np.asarray(spikes).view(SpikeArray)
-        made.sampling_rate_Hz = float(sampling_rate_Hz)
+        made.sampling_rate_Hz, made.origin = float(sampling_rate_Hz), origin
         return made
 
     def __array_finalize__(self, obj: np.ndarray | None) -> None:
         self.sampling_rate_Hz = getattr(obj, "sampling_rate_Hz", None)
+        self.origin = getattr(obj, "origin", None)
 
     def __reduce__(self) -> tuple:
         rebuild, arguments, state = super().__reduce__()
-        return rebuild, arguments, (state, self.sampling_rate_Hz)
+        return rebuild, arguments, (state, self.sampling_rate_Hz, self.origin)
 
     def __setstate__(self, state: tuple) -> None:
-        whole, self.sampling_rate_Hz = state
+        whole, self.sampling_rate_Hz, self.origin = state
         super().__setstate__(whole)
 
 
@@ -54,7 +69,7 @@ class SpikeArray(np.ndarray):
 class WindowedSpikes:
     """Windows of equal length, cut from trials.
 
-    X: spikes `(window, time, afferent)` uint8, with the attribute `sampling_rate_Hz`.
+    X: spikes `(window, time, afferent)` uint8, with the attributes `sampling_rate_Hz` and `origin`.
     y: class names `(window,)`.
     groups: the trial of each window `(window,)` int64, for scikit-learn's group splitters.
     start_steps: the first step of each window in its trial `(window,)`.
@@ -78,7 +93,7 @@ class WindowedSpikes:
     def select(self, keep: ArrayLike) -> "WindowedSpikes":
         """The windows where the boolean `keep` is true, or the windows that an index array names."""
         index = chosen(keep, len(self), "windows")
-        X = SpikeArray.of(self.X[index], self.trains.sampling_rate_Hz)
+        X = SpikeArray.of(self.X[index], self.trains.sampling_rate_Hz, self.X.origin)
         return WindowedSpikes(X, self.y[index], self.groups[index], self.start_steps[index], self.trains)
 
     def split(
@@ -173,6 +188,7 @@ def windows(
     if complaint:
         warnings.warn(complaint, stacklevel=2)
     found = spikes.cut(spec)
-    X = SpikeArray.of(spikes.raster(found), spikes.sampling_rate_Hz)
+    origin = Origin(spikes.encoder or None, spikes.afferents, spec)
+    X = SpikeArray.of(spikes.raster(found), spikes.sampling_rate_Hz, origin)
     names = spikes.conditions["label"].to_numpy(dtype=str)
     return WindowedSpikes(X, names[found.trial], found.trial, found.start, spikes)

@@ -1,6 +1,5 @@
 """The deployed chain: an encoder with causal conditioning, a network and its exit rule."""
 
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,9 @@ from neurotact.errors import InputError
 from neurotact.networks.definition.executors import Subject, require
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.training import trained
+from neurotact.networks.training.trained import Restored
+from neurotact.networks.use import fitted
+from neurotact.networks.use.fitted import Fitted
 from neurotact.spec import build
 
 PAIR = 2
@@ -57,7 +58,7 @@ class Chain(NamedTuple):
 
 
 def chain_of(
-    source: str | Path | tuple[EncoderSpec, RSNN],
+    source: Fitted | tuple[EncoderSpec, RSNN],
     *,
     sampling_rate_Hz: float | None = None,
     early_exit: bool = True,
@@ -67,7 +68,7 @@ def chain_of(
     contact: bool = False,
     quiet_ms: float | None = None,
 ) -> Chain:
-    """The chain of a run folder that `train` wrote, or of an encoder and a network.
+    """The chain of a run folder that `train` wrote, of a fitted classifier or pipeline, or of an encoder and a network.
 
     sampling_rate_Hz: of the samples; required if the encoder resamples, otherwise equal to its clock.
     early_exit: decide as soon as the run's validated patience allows; otherwise at the end of a window.
@@ -79,10 +80,8 @@ def chain_of(
     if isinstance(source, tuple):
         encoder, network = source
     else:
-        restored = trained.restore(source)
-        if restored.encoder is None:
-            raise InputError(f"{source}: was saved without its encoder; train the network again")
-        encoder, network, classes = build_encoder(restored, source), restored.network, restored.classes
+        restored = fitted.restore(source)
+        encoder, network, classes = build_encoder(restored, fitted.name_of(source)), restored.network, restored.classes
         rule = restored.rule if early_exit else FULL_WINDOW
         trained_window = restored.task.window
         for key in settings:
@@ -97,9 +96,16 @@ def chain_of(
     return Chain(encoder, network.cpu(), rule, classes, windows, rate_Hz)
 
 
-def build_encoder(restored: trained.Restored, source: str | Path) -> EncoderSpec:
-    """The encoder that a network was trained with."""
-    table = dict(restored.encoder or {})
+def build_encoder(restored: Restored, source: object) -> EncoderSpec:
+    """The encoder that a network was trained with; InputError where it is not known."""
+    if restored.encoder is None and restored.spikes_path is None:
+        raise InputError(
+            f"{source}: was fitted on an array that does not say its encoder; fit it on `nt.windows(...).X` or, in a "
+            "pipeline, behind nt.SpikeEncoder"
+        )
+    if restored.encoder is None:
+        raise InputError(f"{source}: was saved without its encoder; train the network again")
+    table = dict(restored.encoder)
     model = str(table.get("model", "lif"))
     if model not in MODELS:
         raise InputError(f"{source}: its encoder model '{model}' is unknown; train the network again")

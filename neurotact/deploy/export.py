@@ -4,12 +4,18 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from torch import Tensor
 
 from neurotact.data import encoded_from, hdf5
+from neurotact.data.recordings import Recordings
 from neurotact.deploy import fine_tuning, formats
-from neurotact.deploy.chain import Chain, chain_of
-from neurotact.deploy.formats import Formats, Ranges, Steps
+from neurotact.deploy.chain import Chain, build_encoder, chain_of
+from neurotact.deploy.formats import Formats, Steps
+from neurotact.encoders.encoding import encode_recordings
+from neurotact.errors import InputError
 from neurotact.networks.training import tasks, trained
+from neurotact.networks.use import fitted
+from neurotact.networks.use.fitted import Fitted
 
 WEIGHT_BITS = 8
 """Default of a network that was not fine-tuned for other bits."""
@@ -28,40 +34,42 @@ class Recorded(NamedTuple):
     """The trials that give the ranges, and those on which an export is tested: signals and classes.
 
     training, test: signals `(sample, taxel)` in the encoder's unit. labels: class indices of the test trials.
-    sampling_rate_Hz: of the recordings.
+    sampling_rate_Hz: of the recordings. windows: of the training trials, `(window, time, afferent)`.
     """
 
     training: list[np.ndarray]
     test: list[np.ndarray]
     labels: np.ndarray
     sampling_rate_Hz: float
+    windows: Tensor
 
 
 def prepared(
-    run: str | Path,
+    run: Fitted,
     *,
     integer: bool = True,
-    recordings: str | Path | None = None,
+    recordings: Recordings | str | Path | None = None,
     spikes: str | Path | None = None,
     weight_bits: int | None = None,
     state_bits: int | None = None,
     lsb: float | None = None,
     **options: Any,
 ) -> Exported:
-    """The chain of a run folder, ready to be written as C; options as for `chain_of`.
+    """The chain of a run folder or a fitted classifier, ready to be written as C; options as for `chain_of`.
 
-    integer: computed in integers. recordings, spikes: those that the run was trained on, if they were moved.
+    integer: computed in integers. recordings, spikes: those that the run was trained on, if they were moved; of a
+    classifier, the recordings that give the ranges of samples and states.
     weight_bits, state_bits, lsb: as for `formats.choose`. By default, the weights of a fine-tuned run have the bits and
     steps of its fine-tuning, others 8 bits.
     """
     if not integer:
         return Exported(chain_of(run, **options), None)
-    restored = trained.restore(run, spikes=spikes)
+    restored = fitted.restore(run, spikes=spikes)
     signals = recorded(restored, recordings)
     if "sampling_rate_Hz" not in options or options["sampling_rate_Hz"] is None:
         options["sampling_rate_Hz"] = signals.sampling_rate_Hz if _resamples(restored) else None
     chain = chain_of(run, **options)
-    ranges = ranges_of(restored, chain, signals.training)
+    ranges = formats.record(chain.network, signals.windows, signals.training)
     return Exported(chain, formats.choose(chain, ranges, lsb=lsb, **_bits_and_steps(restored, weight_bits, state_bits)))
 
 
@@ -78,17 +86,15 @@ def _bits_and_steps(restored: trained.Restored, weight_bits: int | None, state_b
     return {**bits, "steps": Steps(*tuned.steps) if same_grid else None}
 
 
-def ranges_of(restored: trained.Restored, chain: Chain, training: list[np.ndarray]) -> Ranges:
-    """Ranges of samples and of states, from the training trials and windows of a run."""
-    trains = trained.load_spikes_of(restored)
-    return formats.record(chain.network, tasks.sides_of(trains, restored.task).train.spikes, training)
-
-
-def recorded(restored: trained.Restored, recordings: str | Path | None = None) -> Recorded:
+def recorded(restored: trained.Restored, recordings: Recordings | str | Path | None = None) -> Recorded:
     """The signals of a run's training and test trials, in the encoder's unit.
 
     Raises InputError if the run's spikes were not encoded from these recordings.
     """
+    if restored.spikes_path is None:
+        return _given(restored, recordings)
+    if isinstance(recordings, Recordings):
+        raise InputError("recordings: must be the file that the run was trained on; give its path, or leave it out")
     trains = trained.load_spikes_of(restored)
     trained.check_trials(restored, trains)
     unit = str((restored.encoder or {}).get("unit", "mV"))
@@ -98,7 +104,28 @@ def recorded(restored: trained.Restored, recordings: str | Path | None = None) -
     with hdf5.open_recordings(path) as stored:
         sides = trials[: len(chosen)], trials[len(chosen) :]
         parts = [list(stored.select(side).loaded().to_unit(unit).signals) for side in sides]
-        return Recorded(parts[0], parts[1], trains.labels[split.test], stored.sampling_rate_Hz)
+        labels, windows = trains.labels[split.test], tasks.sides_of(trains, restored.task).train.spikes
+        return Recorded(parts[0], parts[1], labels, stored.sampling_rate_Hz, windows)
+
+
+def _given(restored: trained.Restored, recordings: Recordings | str | Path | None) -> Recorded:
+    """All trials of some recordings as those of training and of the test, for a network that was fitted in memory."""
+    if recordings is None:
+        raise InputError(
+            "`recordings`: a classifier keeps none, and integers need the range of samples; give recordings like those "
+            "that it was fitted on, or `variant='float'`"
+        )
+    encoder = build_encoder(restored, "run")
+    data = recordings if isinstance(recordings, Recordings) else hdf5.load_recordings(recordings)
+    unknown = sorted({*data.classes} - {*restored.classes})
+    if unknown:
+        raise InputError(f"recordings: class '{unknown[0]}' is not a class of the network; leave its trials out")
+    chosen = data.select(np.linspace(0, len(data) - 1, min(len(data), MOST_TRIALS)).astype(int))
+    trains = encode_recordings(chosen, encoder)
+    examples, _ = tasks.examples_of(trains, np.arange(len(trains)), restored.task.window)
+    signals = list(chosen.to_unit(encoder.unit).signals)
+    labels = np.array([restored.classes.index(chosen.classes[label]) for label in chosen.labels])
+    return Recorded(signals, signals, labels, data.sampling_rate_Hz, examples.spikes)
 
 
 def _resamples(restored: trained.Restored) -> bool:

@@ -133,6 +133,7 @@ def run(
         train_run.check_place(folder, force=force)
         restored = trained.restore(source, spikes=spikes)
         trains = trained.load_spikes_of(restored)
+        assert restored.spikes_path is not None  # of a folder
         trained.check_trials(restored, trains)
         sides = tasks.sides_of(trains, restored.task)
         layers = layers_of(restored, sides, weight_bits=weight_bits, state_bits=state_bits)

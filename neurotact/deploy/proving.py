@@ -8,13 +8,15 @@ import numpy as np
 import pandas as pd
 
 from neurotact import files
+from neurotact.data.recordings import Recordings
 from neurotact.deploy import boards, c_export, export, proof, twin
 from neurotact.deploy.boards import Board
 from neurotact.deploy.chain import Chain
 from neurotact.deploy.formats import Formats
 from neurotact.deploy.proof import Spoken
 from neurotact.errors import InputError
-from neurotact.networks.training import trained
+from neurotact.networks.use import fitted
+from neurotact.networks.use.fitted import Fitted
 
 NAME = "touch"
 COUNTED = 5
@@ -34,8 +36,9 @@ class Trials(NamedTuple):
 
 
 def prove(
-    run: str | Path, chain: Chain, formats: Formats | None, n_trials: int, recordings: str | Path | None = None,
-    spikes: str | Path | None = None, *, say: Callable[[str], None] = print, emulate: int | None = None,
+    run: Fitted, chain: Chain, formats: Formats | None, n_trials: int,
+    recordings: Recordings | str | Path | None = None, spikes: str | Path | None = None, *,
+    say: Callable[[str], None] = print, emulate: int | None = None,
 ) -> pd.DataFrame:  # fmt: skip
     """Rows `what`, `value` of the proof; steps without their tools are reported and skipped.
 
@@ -59,15 +62,15 @@ def prove(
 
 
 def trials_of(
-    run: str | Path,
+    run: Fitted,
     chain: Chain,
     formats: Formats | None,
     n_trials: int,
-    recordings: str | Path | None = None,
+    recordings: Recordings | str | Path | None = None,
     spikes: str | Path | None = None,
 ) -> Trials:
     """Test trials of a run as input of a chain in C, and the output of its twin."""
-    restored = trained.restore(run, spikes=spikes)
+    restored = fitted.restore(run, spikes=spikes)
     found, learned = export.recorded(restored, recordings), restored.task.window.per_trial
     signals = [np.asarray(signal, np.float32) for signal in found.test[:n_trials]]
     if formats is None:

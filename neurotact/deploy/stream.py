@@ -9,7 +9,7 @@ shows whether it uses values that were not recorded.
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -29,6 +29,7 @@ from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.use.fitted import Fitted
 
 MOST_STEPS_AT_ONCE = 10_000
 """Of the encoder's clock: longer blocks are processed in parts, so that a fine clock needs no more memory."""
@@ -37,7 +38,8 @@ MOST_STEPS_AT_ONCE = 10_000
 class Stream:
     """A trained chain that processes samples as they arrive.
 
-    source: a run folder that `train` wrote, a `Chain`, or an encoder and a network.
+    source: a run folder that `train` wrote, a fitted `SpikingClassifier` or a pipeline that ends in one, a `Chain`, or
+        an encoder and a network.
     unit: of the samples; None: that of the encoder.
     hold_ms: for how long a missing value is replaced by the last valid one; at least one sample.
     backend: the compiled step or the reference, which decide the same.
@@ -59,7 +61,7 @@ class Stream:
 
     def __init__(
         self,
-        source: str | Path | Chain | tuple[EncoderSpec, RSNN],
+        source: Fitted | Chain | tuple[EncoderSpec, RSNN],
         *,
         unit: str | None = None,
         hold_ms: float = 5.0,
@@ -81,9 +83,10 @@ class Stream:
             given = [key for key, value in {**options, "early_exit": not early_exit}.items() if effects.is_given(value)]
             if given:
                 raise InputError(f"{given[0]}: is an option of chain_of; give it there")
-            self.chain = source
-        else:
-            self.chain = chain_of(source, early_exit=early_exit, **options)
+        # An estimator is of an untyped class, of which a type checker thinks that it may be a Chain, too.
+        self.chain = (
+            cast(Chain, source) if isinstance(source, Chain) else chain_of(source, early_exit=early_exit, **options)
+        )
         self._options: dict[str, Any] = {"unit": unit, "hold_ms": hold_ms, "backend": backend, "watch": watch}
         encoder, rate_Hz = self.chain.encoder, self.chain.sampling_rate_Hz
         factor = unit_factor(unit or encoder.unit, encoder.unit, "samples")
@@ -250,6 +253,8 @@ class Stream:
         except (TypeError, ValueError) as error:
             raise InputError(f"samples: are not a table of numbers ({error})") from error
         samples = samples[None] if samples.ndim == 1 else samples
+        if samples.ndim == 2 and samples.shape[0] == self.chain.n_taxels != samples.shape[1]:
+            raise InputError(f"samples: are (taxel, sample), as {len(samples)} is the number of taxels; give samples.T")
         if samples.ndim != 2 or samples.shape[1] != self.chain.n_taxels:
             raise InputError(
                 f"samples: have shape {samples.shape} where (sample, {self.chain.n_taxels}) is expected; give the "

@@ -14,8 +14,8 @@ from websockets.sync.client import ClientConnection, connect
 from neurotact.deploy.chain import Chain
 from neurotact.deploy.sources import Arrived, Noted
 from neurotact.encoders.specs import afferent_names
-from neurotact.live.server import Server
-from neurotact.live.session import Session
+from neurotact.live_page.server import Server
+from neurotact.live_page.session import Session
 
 PATIENCE_s = 60.0
 

@@ -12,11 +12,11 @@ from live_pages import has_ended, page_of
 from made_chains import make_run, make_signal, told
 
 import neurotact as nt
-import neurotact.live
+import neurotact.live_page
 from neurotact import cli
-from neurotact.cli import live as cli_live
+from neurotact.api import live as live_api
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.live.feeds import Replay
+from neurotact.live_page.feeds import Replay
 from neurotact.networks.training import trained
 
 
@@ -69,8 +69,8 @@ def test_input_without_a_sample_is_refused(made, refused, tmp_path):
 
 def test_without_its_packages_it_says_what_to_install(made, refused, monkeypatch):
     monkeypatch.setitem(sys.modules, "uvicorn", None)
-    monkeypatch.delitem(sys.modules, "neurotact.live.server", raising=False)
-    monkeypatch.delattr(neurotact.live, "server", raising=False)
+    monkeypatch.delitem(sys.modules, "neurotact.live_page.server", raising=False)
+    monkeypatch.delattr(neurotact.live_page, "server", raising=False)
     assert "pip install 'neurotact[live]'" in refused(made / "run", "--from", "gratings")
 
 
@@ -116,18 +116,18 @@ def test_a_visit_to_recordings(made, tmp_path):
     assert sum(one["labelled"] for one in state["sides"]) == len(expected)
 
 
-def test_trials_are_known_by_their_content_as_infer_knows_them(made, tmp_path, capsys):
+def test_trials_are_known_by_their_content_as_infer_knows_them(made, tmp_path, caplog):
     """In another file, in another order and beside new trials, each trial has the side that `infer` gives it."""
     skin = nt.load(made / "skin.h5")
     signals = [*skin.signals[::-1], make_signal(130, seed=99)]
     labels = [*skin.conditions["label"][::-1], "felt"]
     other = nt.Recordings(signals, 1000.0, "mV", labels, channels=("left", "right"))
     nt.save(other, tmp_path / "renamed.h5")
-    sides = cli_live._sides(made / "run", Replay(str(tmp_path / "renamed.h5"), 1.0, loops=False))
+    sides = live_api.sides_of(made / "run", Replay(str(tmp_path / "renamed.h5"), 1.0, loops=False))
     trains = nt.encode(other, AfferentSpec.model_validate(trained.restore(made / "run").encoder))
     assert sides == nt.infer(made / "run", trains).groupby("trial")["side"].first().tolist()
     assert sides[-1] == "unseen"
-    assert "8 training, 2 validation, 2 test, 1 unseen trials" in capsys.readouterr().err
+    assert "8 training, 2 validation, 2 test, 1 unseen trials" in caplog.text
 
 
 @pytest.mark.thorough

@@ -14,8 +14,8 @@ from neurotact.data.recordings import Recordings
 from neurotact.data.sources import Control, Finger, Simulator, simulator
 from neurotact.deploy.sources import Layout, Noted
 from neurotact.errors import InputError
-from neurotact.live import feeds, messages
-from neurotact.live.feeds import ByHand, Device, Replay
+from neurotact.live_page import feeds, messages
+from neurotact.live_page.feeds import ByHand, Device, Replay
 
 
 @pytest.fixture

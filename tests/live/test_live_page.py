@@ -10,8 +10,8 @@ from live_pages import Given, cut, serving, session_of
 from made_chains import make_chain, make_signal, offline
 
 from neurotact.data.sources import simulator
-from neurotact.live.feeds import ByHand
-from neurotact.live.server import Server
+from neurotact.live_page.feeds import ByHand
+from neurotact.live_page.server import Server
 
 ROWS = """[...document.querySelectorAll('#decisions tbody tr')].map(
     row => ['start', 'index', 'steps', 'spikes', 'hidden'].map(key => Number(row.dataset[key])))"""

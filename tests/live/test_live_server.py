@@ -15,10 +15,10 @@ from made_chains import make_chain, make_signal, offline
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from neurotact.errors import InputError
-from neurotact.live import connections
-from neurotact.live import server as servers
-from neurotact.live import session as sessions
-from neurotact.live.server import Allowance, Server, content_policy, page
+from neurotact.live_page import connections
+from neurotact.live_page import server as servers
+from neurotact.live_page import session as sessions
+from neurotact.live_page.server import Allowance, Server, content_policy, page
 
 
 @pytest.fixture

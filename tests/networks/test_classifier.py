@@ -13,7 +13,7 @@ from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from neurotact.data.splits import hold_out_groups
-from neurotact.data.windowed import SpikeArray
+from neurotact.data.windowed import Origin, SpikeArray
 from neurotact.encoders import specs
 from neurotact.encoders.transformer import SpikeEncoder
 from neurotact.errors import InputError
@@ -98,6 +98,67 @@ def test_it_exits_by_a_margin_and_reads_out_with_a_leak(readout):
         small(exit_by="luck").fit(X, y)
 
 
+def test_probabilities_are_those_of_the_loss():
+    X, y = touches()
+    clf = small(settings={"training.temperature": 0.5}).fit(X, y)
+    found = clf.predict_proba(X)
+    assert found.sum(axis=1) == pytest.approx(1.0)
+    assert (clf.classes_[found.argmax(axis=1)] == clf.predict(X)).all()
+    lead = clf.decision_function(X)
+    assert np.log(found[:, 1] / found[:, 0]) == pytest.approx(0.5 * lead)
+
+
+def test_a_weight_counts_as_in_the_loss():
+    """Equal weights are none, a weight of 0 leaves a window out, and a heavy class is found more often."""
+    X, y = touches()
+    plain, equal = (small().fit(X, y, sample_weight=w).network_.w_in for w in (None, np.full(40, 3.0)))
+    assert torch.equal(plain, equal)
+    keep = np.arange(40) % 5 > 0
+    fewer, left_out = small().fit(X[keep], y[keep]), small().fit(X, y, sample_weight=keep)
+    assert torch.equal(fewer.network_.w_in, left_out.network_.w_in)
+    rng = np.random.default_rng(0)
+    same = SpikeArray.of((rng.random((40, 60, 4)) < 0.1).astype(np.uint8), RATE_HZ)
+    heavy = [
+        small().fit(same, y, sample_weight=np.where(y == name, 20.0, 1.0)).predict(same) for name in ("hard", "soft")
+    ]
+    assert (heavy[0] == "hard").sum() > 20 < (heavy[1] == "soft").sum()
+
+
+@pytest.mark.parametrize(
+    ("weights", "words"), [([1.0], "has the shape"), ([-1.0] * 40, ">= 0"), ([0.0] * 40, "not all 0")]
+)
+def test_weights_that_cannot_be_used_are_refused(weights, words):
+    X, y = touches()
+    with pytest.raises(InputError, match=f"sample_weight: .*{words}"):
+        small().fit(X, y, sample_weight=weights)
+
+
+def test_verbose_prints_a_line_for_each_epoch(capsys):
+    X, y = touches()
+    clf = small(verbose=True).fit(X, y)
+    assert capsys.readouterr().out.count("epoch ") == len(clf.training_.epochs)
+    small().fit(X, y)
+    assert capsys.readouterr().out == ""
+
+
+def test_a_generator_is_a_source_of_seeds():
+    X, y = touches()
+    first, again = (small(random_state=np.random.default_rng(5)).fit(X, y).network_.w_in for _ in range(2))
+    assert torch.equal(first, again)
+    rng = np.random.default_rng(5)
+    assert not torch.equal(*(small(random_state=rng).fit(X, y).network_.w_in for _ in range(2)))
+
+
+def test_a_transposed_window_is_refused():
+    X, y = touches()
+    swapped = np.asarray(X).transpose(0, 2, 1)
+    with pytest.raises(InputError, match=r"X: is \(window, afferent, time\), as 4 is the number of afferents"):
+        small().fit(X, y).predict(swapped)
+    named = SpikeArray.of(swapped, RATE_HZ, Origin(None, ("a", "b", "c", "d")))
+    with pytest.raises(InputError, match=r"give X.transpose\(0, 2, 1\)"):
+        small().fit(named, y)
+
+
 def test_a_feed_forward_network_has_no_recurrent_operations():
     X, y = touches()
     clf = small(recurrent=False).fit(X, y)
@@ -161,7 +222,7 @@ def test_validation_windows_that_do_not_fit_are_refused(validation, words):
     ("name", "value"),
     [
         ("random_state", "luck"), ("random_state", -1), ("random_state", 1.5), ("random_state", 2**32),
-        ("random_state", np.random.default_rng(0)), ("exit_tolerance", 1.0), ("exit_tolerance", "small"),
+        ("random_state", [0]), ("exit_tolerance", 1.0), ("exit_tolerance", "small"),
         ("validation_fraction", 0), ("validation_fraction", "x"), ("device", "tpuu"), ("settings", "hidden=3"),
         ("network", 3), ("sampling_rate_Hz", "1000"),
     ],
@@ -208,8 +269,15 @@ def test_it_works_in_a_search_a_pipeline_and_cross_validation():
     scores = cross_val_score(small(), X, y, groups=np.arange(40) // 4, cv=GroupKFold(2))
     assert scores.shape == (2,)
     signals = np.where((y == "hard")[:, None, None], 12.0, 2.0) * np.ones((1, 200, 2))
-    chain = make_pipeline(SpikeEncoder(sampling_rate_Hz=2000.0), small(epochs=2))
+    chain = make_pipeline(SpikeEncoder(sampling_rate_Hz=2000.0, calibrate=False), small(epochs=2))
     assert chain.fit(signals, y).predict(signals).shape == (40,)
+    grid = {"spikeencoder__sa1__t_ref_ms": [0.5, 5], "spikingclassifier__training__rate_penalty": [0.1]}
+    found = GridSearchCV(chain, grid, cv=2).fit(signals, y).best_estimator_
+    assert found[0].spec_.sa1.t_ref_ms in (0.5, 5)
+    assert found[1].network_.spec.training.rate_penalty == 0.1
+    assert chain.get_params()["spikeencoder__settings"] is None
+    with pytest.raises(ValueError, match="Invalid parameter 'sa2'"):
+        chain.set_params(spikeencoder__sa2__t_ref_ms=5)
 
 
 def test_the_clock_comes_from_the_array_or_the_parameter():

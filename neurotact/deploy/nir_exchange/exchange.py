@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from neurotact.data.recordings import Recordings
 from neurotact.deploy import export
 from neurotact.deploy.chain import build_encoder
 from neurotact.deploy.nir_exchange import compare, file, graph, note, parse
@@ -20,11 +21,12 @@ from neurotact.networks.definition.executors import Subject, require
 from neurotact.networks.definition.kernels import Backend
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.exit.early_exit import FULL_WINDOW
-from neurotact.networks.training import trained
+from neurotact.networks.use import fitted
+from neurotact.networks.use.fitted import Fitted
 
 
 def to_nir(
-    source: str | Path | RSNN | tuple[EncoderSpec, RSNN],
+    source: Fitted | RSNN | tuple[EncoderSpec, RSNN],
     path: str | Path | None = None,
     *,
     plain: bool = False,
@@ -35,8 +37,9 @@ def to_nir(
 ) -> Any:
     """The graph of a network, or of an encoder and a network, in the Neuromorphic Intermediate Representation.
 
-    source: a run folder that `train` wrote (its encoder included unless `network_only`), a network, or an encoder and
-        a network. path: a file to write (HDF5); an existing one is refused unless `force`.
+    source: a run folder that `train` wrote, or a fitted `SpikingClassifier` or pipeline (its encoder included unless
+        `network_only`), a network, or an encoder and a network.
+    path: a file to write (HDF5); an existing one is refused unless `force`.
     plain: only CubaLIF and Linear, which snnTorch and Norse load; exact for membrane `immediate` with reset `hard`.
         For any other, the graph's note contains the differences. lower_refractory: afferents' refractory periods as
         nodes; by default they are only in the note, since NIR's neurons have none.
@@ -53,9 +56,9 @@ def to_nir(
     elif isinstance(source, tuple):
         encoder, network = source
     else:
-        restored = trained.restore(source)
+        restored = fitted.restore(source)
         network, rule, classes = restored.network, restored.rule, restored.classes
-        encoder = build_encoder(restored, source) if restored.encoder is not None else None
+        encoder = build_encoder(restored, fitted.name_of(source)) if restored.encoder is not None else None
     encoder = None if network_only else encoder
     require("nir-plain" if plain else "nir", Subject(encoder, network))
     assert encoder is None or isinstance(encoder, AfferentSpec)  # `require` refuses the others
@@ -90,10 +93,10 @@ def from_nir(
 
 
 def proved(
-    run: str | Path,
+    run: Fitted,
     made: Any,
     n_trials: int,
-    recordings: str | Path | None = None,
+    recordings: Recordings | str | Path | None = None,
     spikes: str | Path | None = None,
     say: Callable[[str], None] = lambda _: None,
 ) -> pd.DataFrame:
@@ -102,8 +105,8 @@ def proved(
     recordings, spikes: those that the run was trained on, if they were moved. Columns as `compare.first_differences`.
     A simulator that cannot run the graph is reported, with the reason.
     """
-    restored = trained.restore(run, spikes=spikes)
-    encoder = build_encoder(restored, run)
+    restored = fitted.restore(run, spikes=spikes)
+    encoder = build_encoder(restored, fitted.name_of(run))
     require("nir-plain", Subject(encoder, restored.network))
     assert isinstance(encoder, AfferentSpec)  # `require` refuses the others
     written = note.of(made, "graph")

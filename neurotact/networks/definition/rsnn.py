@@ -13,17 +13,18 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor, nn
 
+from neurotact import effects
 from neurotact.checks import at_least
 from neurotact.data.recordings import check_sampling_rate
 from neurotact.errors import InputError
 from neurotact.networks.definition import clock, executors, kernels, native, reference
 from neurotact.networks.definition.kernels import Backend
 from neurotact.networks.definition.readouts import Integration
-from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.definition.specs import RSNNSpec, void_keys
 from neurotact.networks.definition.surrogate import FastSigmoid
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule, Leader
 from neurotact.neurons import Adaptation, CubaLIF, SpikeFunction, cuba_lif_start, decay_per_step
-from neurotact.spec import build, override
+from neurotact.spec import build, leaves, override
 
 RASTER_VALUES = 2**25
 """Spikes and sums that the reference holds in memory for an integrator's early exit."""
@@ -77,7 +78,7 @@ class RSNN(nn.Module):
     implementation (see `kernels.use_native`).
 
     Give a complete spec, or its keys: `RSNN(16, 8, hidden=30, tau_mem_ms=40, sampling_rate_Hz=2000.0)`; keys that are
-    not given have the spec's defaults. InputError names an unknown key.
+    not given have the spec's defaults. InputError names an unknown key, and one that has no effect beside the others.
 
     >>> net = RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0, generator=torch.Generator().manual_seed(0))
     >>> net
@@ -107,6 +108,7 @@ class RSNN(nn.Module):
             at_least(name, number, 1, whole=True)
         table = {} if spec is None else spec.model_dump(mode="json")
         self.spec = spec = build(RSNNSpec, override(table, keys), source="RSNN") if keys or spec is None else spec
+        effects.check_keys(leaves(keys), [void_keys(spec)], "RSNN")
         self.sampling_rate_Hz = sampling_rate_Hz
         self.steps_per_bin = clock.steps_per_bin(spec.step_ms, sampling_rate_Hz)
         self.clock_Hz = sampling_rate_Hz / self.steps_per_bin

@@ -37,6 +37,8 @@ DYNAMICS = ("alpha", "beta", "threshold")
 class SnnTorchNetwork(nn.Module):
     """A network of snnTorch's neurons: `(trial, time, afferent)` to the rasters of both layers.
 
+    time_first: whether the axes are `(time, trial, ...)`, of what it takes and returns.
+
     fc_in, hidden, fc_out, readout: Linear, RSynaptic (Synaptic of a feed-forward network), Linear, Synaptic. If the
         readout does not spike, the last is None: the output of `fc_out` is added up from `level`, with `decay` per
         step; with `peak`, the value is the largest over time.
@@ -55,8 +57,10 @@ class SnnTorchNetwork(nn.Module):
         level: nn.Parameter | None = None,
         decay: float = 1.0,
         peak: bool = False,
+        time_first: bool = False,
     ) -> None:
         super().__init__()
+        self.time_first = time_first
         self.fc_in, self.hidden, self.fc_out, self.readout = fc_in, hidden, fc_out, readout
         self.level, self.decay, self.peak = level, decay, peak
         self.late, self.recurrent_delay = late, recurrent_delay
@@ -66,6 +70,20 @@ class SnnTorchNetwork(nn.Module):
 
         `readout` of an integrator is its value after each step.
         """
+        self._check(spikes)
+        if not self.time_first:
+            return self._run(spikes)
+        hidden, readout = self._run(spikes.transpose(0, 1))
+        return hidden.transpose(0, 1), readout.transpose(0, 1)
+
+    def _check(self, spikes: Tensor) -> None:
+        axes = "(time, trial, {})" if self.time_first else "(trial, time, {})"
+        if spikes.ndim != 3 or spikes.shape[2] != self.fc_in.in_features:
+            raise InputError(
+                f"spikes: have shape {tuple(spikes.shape)} where {axes.format(self.fc_in.in_features)} is expected"
+            )
+
+    def _run(self, spikes: Tensor) -> tuple[Tensor, Tensor]:
         # Layers receive `(trial, 1, ...)`, and the same tensor objects that other layers return: snnTorch's export to
         # NIR finds the connections by them, and sees one shape.
         hidden_spikes = self._hidden(spikes.float())
@@ -98,8 +116,8 @@ class SnnTorchNetwork(nn.Module):
         return hidden_spikes[:n_steps]
 
 
-def to_snntorch(network: RSNN) -> SnnTorchNetwork:
-    """The same network, in snnTorch's neurons, with its own copy of the weights.
+def to_snntorch(network: RSNN, *, time_first: bool = False) -> SnnTorchNetwork:
+    """The same network, in snnTorch's neurons, with its own copy of the weights; `time_first` as of `SnnTorchNetwork`.
 
     Raises InputError unless the network is float32, reset is `zero` or `subtract`, alpha and beta are in [0, 1], and
     thresholds do not adapt.
@@ -127,7 +145,7 @@ def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     integration = network.integration
     exported = SnnTorchNetwork(
         _linear(factors[0] * network.w_in), hidden, fc_out, readout, late, network.spec.recurrent_delay_steps, level,
-        network.readout_decay, integration is not None and integration.peak,
+        network.readout_decay, integration is not None and integration.peak, time_first,
     )  # fmt: skip
     return exported.to(network.w_in.device)
 

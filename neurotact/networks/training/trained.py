@@ -64,10 +64,11 @@ class Restored(NamedTuple):
     task: Task
     rule: ExitRule
     classes: tuple[str, ...]
-    spikes_path: Path
+    spikes_path: Path | None
+    """None of a network that was fitted in memory, to an array."""
     encoder: Mapping[str, Any] | None
     provenance: Provenance | None
-    """None if an earlier version saved the network, without it."""
+    """None if the network was fitted in memory, or if an earlier version saved it, without it."""
     fine_tuned: Any = None
     """What `deploy.fine_tuning` saved; None for a network that was not fine-tuned."""
 
@@ -135,13 +136,15 @@ def _has_trials(path: Path, task: Task, provenance: Provenance) -> bool:
 
 
 def recall(restored: Restored) -> Provenance | None:
-    """What a network was trained on; None, with a warning, if that is unknown.
+    """What a network was trained on; None, with a warning, if that is unknown; None of one that was fitted in memory.
 
     Earlier versions did not save it. It is then derived, with a warning, from the spikes file, if it still exists, and
     the split of the task.
     """
     if restored.provenance is not None:
         return restored.provenance
+    if restored.spikes_path is None:
+        return None
     about = "network: was saved without its trials"
     try:
         trains = load_spikes_of(restored)
@@ -163,6 +166,8 @@ def test_trials(restored: Restored, trains: SpikeTrains) -> np.ndarray:
 
 def load_spikes_of(restored: Restored) -> SpikeTrains:
     """The spikes that the network was trained on, of the trials that its task uses."""
+    if restored.spikes_path is None:
+        raise InputError("run: was fitted in memory, to an array that it did not keep; train it from a file of spikes")
     if not os.path.isfile(restored.spikes_path):
         raise InputError(
             f"{restored.spikes_path}: the spikes that the network was trained on are neither there nor in the current "

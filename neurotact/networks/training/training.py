@@ -16,10 +16,14 @@ from neurotact.networks.definition.specs import Keep, TrainingSpec
 
 
 class Examples(NamedTuple):
-    """Spikes `(trial, time, afferent)` uint8 and class indices `(trial,)` int64."""
+    """Spikes `(trial, time, afferent)` uint8 and class indices `(trial,)` int64.
+
+    weights: of each trial's cross-entropy, `(trial,)` float32 with the mean 1; None: all count alike.
+    """
 
     spikes: Tensor
     labels: Tensor
+    weights: Tensor | None = None
 
     def binned(self, network: RSNN) -> "Examples":
         """The same on the clock of a network."""
@@ -101,14 +105,18 @@ STATE = {"adam": ("step", "exp_avg", "exp_avg_sq"), "adamax": ("step", "exp_avg"
 square or its largest size."""
 
 
-def loss(counts: Counts, labels: Tensor, spec: TrainingSpec) -> Tensor:
+def loss(counts: Counts, labels: Tensor, spec: TrainingSpec, weights: Tensor | None = None) -> Tensor:
     """Cross-entropy of the readout counts times the temperature, and the two rate penalties of the Braille study.
 
     `rate_penalty` weights the spikes of a hidden neuron in a window, averaged over trials and neurons;
     `population_penalty` weights the squared spike count of a batch, averaged over neurons.
+    weights: of the cross-entropy of each trial, `(trial,)`.
     """
     logits = counts.readout if spec.temperature == 1 else counts.readout * spec.temperature
-    total = functional.cross_entropy(logits, labels)
+    if weights is None:
+        total = functional.cross_entropy(logits, labels)
+    else:
+        total = (functional.cross_entropy(logits, labels, reduction="none") * weights).mean()
     if spec.rate_penalty:
         total = total + spec.rate_penalty * counts.hidden.mean()
     if spec.population_penalty:
@@ -355,7 +363,7 @@ def _pass(
         spikes = spikes.to(device)
         optimiser.zero_grad()
         counts = yield from _counts_with_dropout(network, spikes, generator)
-        batch_loss = loss(counts, labels, spec)
+        batch_loss = loss(counts, labels, spec, _weights(training, batch, device))
         yield batch_loss
         norms.append(_relative_norm(network))
         optimiser.step()
@@ -364,6 +372,11 @@ def _pass(
         right.append((counts.readout.argmax(dim=1) == labels).sum())
     _warn_of_explosion(norms, rates.epochs_before + 1)
     return _mean(losses, right, batches)
+
+
+def _weights(examples: Examples, batch: Tensor, device: torch.device) -> Tensor | None:
+    """The weights of the trials of a batch."""
+    return None if examples.weights is None else examples.weights[batch].to(device)
 
 
 def _mean(losses: Sequence[Tensor], right: Sequence[Tensor], batches: Sequence[Tensor]) -> tuple[float, float]:
@@ -415,10 +428,10 @@ def evaluate(network: RSNN, examples: Examples) -> tuple[float, float]:
 def judge(network: RSNN, examples: Examples) -> Course[tuple[float, float]]:
     """`evaluate`, as a course that runs alone or with others; the examples are on the network's clock."""
     spec, device = network.spec.training, network.w_in.device
-    batches, losses, right = examples.labels.split(spec.batch), [], []
-    for spikes, labels in zip(examples.spikes.split(spec.batch), batches, strict=True):
-        counts = yield Batch(network, spikes.to(device))
-        losses.append(loss(counts, labels.to(device), spec))
+    batches, losses, right = torch.arange(len(examples.labels)).split(spec.batch), [], []
+    for spikes, batch in zip(examples.spikes.split(spec.batch), batches, strict=True):
+        counts, labels = (yield Batch(network, spikes.to(device))), examples.labels[batch]
+        losses.append(loss(counts, labels.to(device), spec, _weights(examples, batch, device)))
         right.append((counts.readout.argmax(dim=1) == labels.to(device)).sum())
     return _mean(losses, right, batches)
 

@@ -9,29 +9,34 @@ import numpy as np
 import pandas as pd
 import torch
 from numpy.typing import ArrayLike
-from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.base import ClassifierMixin
 from sklearn.utils.validation import check_is_fitted
 
-from neurotact.checks import class_labels, fraction, one_of, sequences, trial_labels
+from neurotact import effects
+from neurotact.checks import NestedSettings, check_last_axis, class_labels, fraction, one_of, sequences, trial_labels
 from neurotact.data.copies import equal_examples, joined
 from neurotact.data.recordings import check_sampling_rate
 from neurotact.data.splits import hold_out, hold_out_groups
+from neurotact.data.windowed import Origin
+from neurotact.data.windows import WindowSpec, whole_steps
 from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.networks.definition.rsnn import RSNN, Inference
-from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.definition.specs import RSNNSpec, given_keys, void_keys
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.training.fitting import begin, exit_rule
 from neurotact.networks.training.tasks import ExitBy
-from neurotact.networks.training.training import Examples, Training, train
+from neurotact.networks.training.training import Epoch, Examples, Training, train
 from neurotact.networks.use.measuring import synops_of
 from neurotact.spec import checked_settings, resolve
 
 AXES = "window, time, afferent"
 TRAINING = ("learning_rate", "batch", "epochs", "patience")
+VALIDATION = 0.15
+"""Share of the windows that are held out, if none is given."""
 
 
-class SpikingClassifier(ClassifierMixin, BaseEstimator):
+class SpikingClassifier(ClassifierMixin, NestedSettings):
     """A spiking network, recurrent by default, trained by surrogate gradients (texture paper, Eqs. 4 to 7).
 
     Parameters
@@ -43,20 +48,27 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
     network : name or path of a network spec (`networks/*.toml`), or an `RSNNSpec`; it gives every value that is None
         here. The default chooses them from the training windows (docs/default-recipe.md); "rsnn" is the network of the
         texture paper.
-    settings : further keys of that spec, dotted: `{"reset": "subtract", "training.rate_penalty": 0.0}`.
-    validation_fraction : share of the windows held out for early stopping when `fit` gets no validation windows.
+    settings : further keys of that spec, dotted: `{"reset": "subtract", "training.rate_penalty": 0.0}`. `set_params`
+        and grids take them one by one, too: `training__rate_penalty`.
+    validation_fraction : share of the windows held out for early stopping when `fit` gets no validation windows; 0.15
+        when None.
     exit_tolerance : accuracy on validation windows that early exit may lose.
     exit_by : "stability": a window exits when its leading class is unchanged for long enough; "margin": when it leads
         by enough.
     sampling_rate_Hz : clock of X; None takes it from X, where `nt.windows` and `SpikeEncoder` store it.
     random_state : random seed of the initial weights, the order of the windows and the windows that are held out: a
-        whole number, a `numpy.random.RandomState`, or None for a new seed at each fit.
+        whole number, a `numpy.random.Generator` or `RandomState`, or None for a new seed at each fit.
     device : a torch device.
+    verbose : whether `fit` prints a line for each epoch.
 
     Attributes
     ----------
     classes_ `(class,)`; network_, an `RSNN`, which is a `torch.nn.Module`; training_, with `epochs` (the log) and
-    `best`; exit_rule_, chosen on validation windows; n_features_in_, the number of afferents; sampling_rate_Hz_.
+    `best`; exit_rule_, chosen on validation windows; n_features_in_, the number of afferents; sampling_rate_Hz_;
+    window_, the windows of X; origin_, the encoder and the afferents that X carries, or None.
+
+    Once fitted it can be given to `nt.export_c`, `nt.Stream`, `nt.infer`, `nt.live`, `nt.to_nir` and `nt.to_snntorch`,
+    itself or in a pipeline behind a `SpikeEncoder`.
 
     Raises InputError for spikes that are not `(window, time, afferent)` zeros and ones, for a single class, for an
     unknown clock and for parameters out of range.
@@ -73,6 +85,8 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
     ['predicted', 'steps', 'ms']
     """
 
+    spec_keys = tuple(RSNNSpec.model_fields)
+
     def __init__(
         self,
         hidden: int | None = None,
@@ -86,12 +100,13 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
         patience: int | None = None,
         network: str | Path | RSNNSpec = "default",
         settings: Mapping[str, Any] | None = None,
-        validation_fraction: float = 0.15,
+        validation_fraction: float | None = None,
         exit_tolerance: float = 0.01,
         exit_by: ExitBy = "stability",
         sampling_rate_Hz: float | None = None,
-        random_state: int | np.random.RandomState | None = None,
+        random_state: int | np.random.RandomState | np.random.Generator | None = None,
         device: str = "cpu",
+        verbose: bool = False,
     ):
         self.hidden = hidden
         self.recurrent = recurrent
@@ -109,39 +124,51 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
         self.sampling_rate_Hz = sampling_rate_Hz
         self.random_state = random_state
         self.device = device
+        self.verbose = verbose
 
     def fit(
         self,
         X: ArrayLike,
         y: ArrayLike,
+        sample_weight: ArrayLike | None = None,
         *,
         validation: tuple[ArrayLike, ArrayLike] | None = None,
         groups: ArrayLike | None = None,
     ) -> "SpikingClassifier":
         """Train on X `(window, time, afferent)`, y `(window,)`.
 
+        sample_weight: of each window `(window,)`, in the cross-entropy of training and validation; a window of weight 0
+            is left out.
         validation: `(X, y)` for early stopping and for the exit rule; held out from X when None.
         groups: the trial of each window; windows of one trial are then held out together.
         """
         self._check_parameters()
-        rate_Hz = self._clock(X)
-        spikes = spike_windows(X)
-        classes, indices = np.unique(class_labels(y, len(spikes)), return_inverse=True)
+        effects.check(held_out=validation is None, validation_fraction=self.validation_fraction, groups=groups)
+        rate_Hz, origin = self._clock(X), getattr(X, "origin", None)
+        spikes = spike_windows(X, n_afferents=None if origin is None else len(origin.afferents))
+        labels, weights = class_labels(y, len(spikes)), None
+        if sample_weight is not None:
+            counted, weights = _weights(sample_weight, len(spikes))
+            spikes, labels = spikes[counted], labels[counted]
+            groups = None if groups is None else trial_labels(groups, len(counted), "groups")[counted]
+        classes, indices = np.unique(labels, return_inverse=True)
         if len(classes) < 2:
             raise InputError(f"y: holds one class, '{classes[0]}', where a classifier needs two; add another class")
         weights_seed, order_seed, split_seed = self._seeds()
         if validation is None:
             first = equal_examples(spikes, indices)
             inside, held = self._hold_out(classes[indices], groups, split_seed, first)
-            train_side = _examples(spikes[inside], indices[inside])
-            validation_side = _examples(spikes[held], indices[held])
+            train_side = _examples(spikes, indices, weights, inside)
+            validation_side = _examples(spikes, indices, weights, held)
         else:
-            train_side = _examples(spikes, indices)
+            train_side = _examples(spikes, indices, weights)
             validation_side = _validation(validation, classes, spikes.shape[1:])
         generator = torch.Generator().manual_seed(weights_seed)
         network = begin(train_side.spikes, len(classes), self.spec(), rate_Hz, generator).to(self.device)
+        effects.check_keys(given_keys(self.network, self.settings), [void_keys(network.spec)], "SpikingClassifier")
         order = torch.Generator().manual_seed(order_seed)
-        self.training_: Training = train(network, train_side, validation_side, generator=order)
+        progress = _print_epoch if self.verbose else None
+        self.training_: Training = train(network, train_side, validation_side, generator=order, progress=progress)
         self.network_: RSNN = network
         self.exit_rule_: ExitRule = exit_rule(
             network, validation_side, self.exit_tolerance, train_side, cast(ExitBy, self.exit_by)
@@ -149,6 +176,8 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
         self.classes_ = classes
         self.n_features_in_ = spikes.shape[2]
         self.sampling_rate_Hz_ = rate_Hz
+        self.origin_: Origin | None = origin
+        self.window_: WindowSpec = _window_of(origin, spikes.shape[1], rate_Hz)
         return self
 
     def spec(self) -> RSNNSpec:
@@ -164,6 +193,15 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
         """Class of each window over its full length, `(window,)`."""
         labels = self._infer(X, FULL_WINDOW).labels.cpu().numpy()
         return self.classes_[labels]
+
+    def predict_proba(self, X: ArrayLike) -> np.ndarray:
+        """Softmax of the readout over the full length, `(window, class)`: the probabilities that training fits.
+
+        Spike counts are first multiplied by `training.temperature`, as in the loss. They are as well calibrated as the
+        training made them; `sklearn.calibration` can do more.
+        """
+        readout = self._infer(X, FULL_WINDOW).readout.cpu().double() * self.network_.spec.training.temperature
+        return readout.softmax(dim=1).numpy()
 
     def decision_function(self, X: ArrayLike) -> np.ndarray:
         """Readout of each window `(window, class)`: spike counts, or the values of an integrator; for two classes their
@@ -220,7 +258,8 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
         """Refuse values that would fail only during or after a training; the spec checks its own keys."""
         one_of("exit_by", self.exit_by, get_args(ExitBy))
         fraction("exit_tolerance", self.exit_tolerance)
-        fraction("validation_fraction", self.validation_fraction, above=True)
+        if self.validation_fraction is not None:
+            fraction("validation_fraction", self.validation_fraction, above=True)
         try:
             torch.empty(0, device=self.device)
         except (AssertionError, RuntimeError) as error:  # an unknown name; a build of torch without CUDA; no such GPU
@@ -252,12 +291,14 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
             first = int(state.randint(2**31 - 2))
         elif state is None:
             first = int(np.random.default_rng().integers(2**31 - 2))
+        elif isinstance(state, np.random.Generator):
+            first = int(state.integers(2**31 - 2))
         elif isinstance(state, Integral) and 0 <= state < 2**32:
             first = int(state)
         else:
             raise InputError(
-                "random_state: must be None, a whole number from 0 to 2^32 - 1 or a numpy.random.RandomState; "
-                f"got {state!r}"
+                "random_state: must be None, a whole number from 0 to 2^32 - 1, a numpy.random.Generator or a "
+                f"numpy.random.RandomState; got {state!r}"
             )
         return first, first + 1, first
 
@@ -265,7 +306,8 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
         self, y: np.ndarray, groups: ArrayLike | None, seed: int, first: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """The windows to train on and those for validation; first: the first window that each one equals."""
-        share, first = self.validation_fraction, np.arange(len(y)) if first is None else first
+        share = VALIDATION if self.validation_fraction is None else self.validation_fraction
+        first = np.arange(len(y)) if first is None else first
         if groups is None:
             try:
                 held = hold_out(y, share, seed, first)
@@ -293,8 +335,8 @@ def spike_windows(X: ArrayLike, n_afferents: int | None = None) -> np.ndarray:
     values = sequences(X, AXES)
     if not ((values == 0) | (values == 1)).all():
         raise InputError("X: holds values other than 0 and 1; encode the signals first (nt.encode)")
-    if n_afferents is not None and values.shape[2] != n_afferents:
-        raise InputError(f"X: has {values.shape[2]} afferents, but training had {n_afferents}; give those")
+    if n_afferents is not None:
+        check_last_axis(values, n_afferents, AXES)
     return np.array(values, np.uint8, order="C")
 
 
@@ -314,5 +356,45 @@ def _validation(validation: tuple[ArrayLike, ArrayLike], classes: np.ndarray, sh
     return _examples(spikes, np.searchsorted(classes, labels))
 
 
-def _examples(spikes: np.ndarray, labels: np.ndarray) -> Examples:
-    return Examples(torch.from_numpy(spikes), torch.from_numpy(np.asarray(labels, np.int64)))
+def _examples(
+    spikes: np.ndarray, labels: np.ndarray, weights: np.ndarray | None = None, chosen: np.ndarray | None = None
+) -> Examples:
+    """The chosen windows, all by default; their weights have the mean 1."""
+    index = np.arange(len(labels)) if chosen is None else chosen
+    own = None if weights is None else weights[index] / weights[index].mean()
+    return Examples(
+        torch.from_numpy(spikes[index]),
+        torch.from_numpy(labels[index].astype(np.int64)),
+        None if own is None or (own == 1).all() else torch.from_numpy(own.astype(np.float32)),
+    )
+
+
+def _weights(sample_weight: ArrayLike, n_windows: int) -> tuple[np.ndarray, np.ndarray]:
+    """Which windows count, `(window,)` boolean, and the weights of these.
+
+    >>> _weights([0, 2, 1], 3)
+    (array([False,  True,  True]), array([2., 1.]))
+    """
+    weights = np.asarray(sample_weight, np.float64)
+    if weights.shape != (n_windows,):
+        raise InputError(
+            f"sample_weight: has the shape {weights.shape} where X has {n_windows} windows; give one weight per window"
+        )
+    if not (np.isfinite(weights).all() and (weights >= 0).all() and weights.any()):
+        raise InputError("sample_weight: must be finite numbers >= 0, not all 0")
+    return weights > 0, weights[weights > 0]
+
+
+def _window_of(origin: Origin | None, n_steps: int, rate_Hz: float) -> WindowSpec:
+    """How windows of this length were cut: as X says, else whole trials."""
+    known = None if origin is None else origin.window
+    if known is not None and whole_steps(known.length_ms, rate_Hz) == n_steps:
+        return known
+    return WindowSpec(length_ms=1e3 * n_steps / rate_Hz)
+
+
+def _print_epoch(epoch: Epoch) -> None:
+    print(
+        f"epoch {epoch.epoch}: loss {epoch.train_loss:.3f}, in validation {epoch.validation_loss:.3f}; "
+        f"accuracy {epoch.train_accuracy:.3f}, in validation {epoch.validation_accuracy:.3f}"
+    )

@@ -25,10 +25,10 @@ from neurotact.deploy.stream_state import Trace
 from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
 from neurotact.errors import InputError, nearest
 from neurotact.files import write_text
-from neurotact.live import messages
-from neurotact.live.feeds import TICK_S, ByHand, Feed, Replay
-from neurotact.live.frames import Audience, FrameBuilder, Mailbox
-from neurotact.live.scores import Scored, Scores
+from neurotact.live_page import messages
+from neurotact.live_page.feeds import TICK_S, ByHand, Feed, Replay
+from neurotact.live_page.frames import Audience, FrameBuilder, Mailbox
+from neurotact.live_page.scores import Scored, Scores
 from neurotact.metrics.synops import UNSEEN
 from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.spec import build, override, to_toml

@@ -27,10 +27,10 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from neurotact.errors import InputError
-from neurotact.live import messages
-from neurotact.live.connections import HttpConnection, PageConnection
-from neurotact.live.frames import Mailbox
-from neurotact.live.session import Session
+from neurotact.live_page import messages
+from neurotact.live_page.connections import HttpConnection, PageConnection
+from neurotact.live_page.frames import Mailbox
+from neurotact.live_page.session import Session
 
 HOST = "127.0.0.1"
 MOST_PAGES = 8
@@ -46,7 +46,7 @@ POLICY, TRY_LATER = 1008, 1013
 
 def page() -> bytes:
     """The page, with its script and style."""
-    return resources.files("neurotact.live").joinpath("page.html").read_bytes()
+    return resources.files("neurotact.live_page").joinpath("page.html").read_bytes()
 
 
 def content_policy(html: bytes, authority: str) -> str:
