@@ -74,7 +74,7 @@ def write(
 def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, Any]:
     """The variables of the templates."""
     require("c-float" if formats is None else "c-integer", chain.subject)
-    network, plan, encoder = chain.network, chain.windows, chain.encoder
+    network, plan, encoder = chain.network, chain.windows, chain.lif
     spec, conditioning = network.spec, encoder.conditioning
     n_taxels, integrator = chain.n_taxels, network.bias is not None
     if max(plan.length, plan.start, plan.hop, plan.quiet) > MOST_STEPS:
@@ -126,7 +126,7 @@ def title_of(chain: Chain, formats: Formats | None) -> str:
 
 
 def _in_float(chain: Chain) -> dict[str, Any]:
-    encoder, network = chain.encoder, chain.network
+    encoder, network = chain.lif, chain.network
     conditioning = encoder.conditioning
     conditioner = Conditioner(chain.sampling_rate_Hz, chain.encoder.conditioning)
     sa1, ra1 = encoder.neuron(encoder.sa1, chain.clock_Hz), encoder.neuron(encoder.ra1, chain.clock_Hz)

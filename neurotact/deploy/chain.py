@@ -9,9 +9,9 @@ from neurotact.data.conditioning import conditioned_length
 from neurotact.data.recordings import check_sampling_rate
 from neurotact.deploy.windows import WindowPlan
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.specs import MODELS, EncoderSpec
+from neurotact.encoders.specs import MODELS, EncoderSpec, n_per_taxel, populations
 from neurotact.errors import InputError
-from neurotact.networks.definition.executors import Subject, require
+from neurotact.networks.definition.executors import LIF_INSTEAD, Subject, require
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.training.trained import Restored
@@ -35,7 +35,7 @@ class Chain(NamedTuple):
     sampling_rate_Hz: of the input samples; equals the network's clock unless the encoder resamples.
     """
 
-    encoder: AfferentSpec
+    encoder: EncoderSpec
     network: RSNN
     rule: ExitRule
     classes: tuple[str, ...]
@@ -49,7 +49,16 @@ class Chain(NamedTuple):
 
     @property
     def n_taxels(self) -> int:
-        return self.network.n_inputs // self.encoder.n_per_taxel
+        return self.network.n_inputs // n_per_taxel(self.encoder)
+
+    @property
+    def lif(self) -> AfferentSpec:
+        """The encoder, for programs that have LIF afferents alone; InputError for another model."""
+        if not isinstance(self.encoder, AfferentSpec):
+            raise InputError(
+                f"encoder: must have LIF afferents here; its model is '{self.encoder.model}'; {LIF_INSTEAD}"
+            )
+        return self.encoder
 
     @property
     def subject(self) -> Subject:
@@ -87,7 +96,7 @@ def chain_of(
         for key in settings:
             settings[key] = getattr(trained_window, key) if settings[key] is None else settings[key]
     require("stream", Subject(encoder, network, rule))
-    encoder = _checked(encoder, network)
+    _check_taxels(encoder, network)
     _check_range(encoder, network.sampling_rate_Hz)
     clock_Hz = network.sampling_rate_Hz
     windows = WindowPlan.of(clock_Hz, contact=contact, quiet_ms=quiet_ms, **settings)
@@ -112,15 +121,17 @@ def build_encoder(restored: Restored, source: object) -> EncoderSpec:
     return build(MODELS[model].spec, table, source=f"{source}, encoder")
 
 
-def _checked(encoder: EncoderSpec, network: RSNN) -> AfferentSpec:
-    assert isinstance(encoder, AfferentSpec)  # `require` refuses the others
-    if network.n_inputs % encoder.n_per_taxel:
-        under = "an SA-I and an RA-I" if encoder.n_per_taxel == PAIR else f"{encoder.n_per_taxel}"
+def _check_taxels(encoder: EncoderSpec, network: RSNN) -> None:
+    """InputError if the network does not receive the encoder's afferents, or other taxels than it was fitted to."""
+    n_each = n_per_taxel(encoder)
+    if network.n_inputs % n_each:
+        names = [population.name for population in populations(encoder)]
+        under = f"{n_each}" if n_each > len(names) else " and ".join(f"one {name}" for name in names)
         raise InputError(
             f"network: receives {network.n_inputs} afferents, not {under} under each taxel; train it on spikes of this "
             "encoder"
         )
-    n_taxels = network.n_inputs // encoder.n_per_taxel
+    n_taxels = network.n_inputs // n_each
     for key in ("offset", "scale"):
         values = getattr(encoder.conditioning, key)
         if values is not None and len(values) != n_taxels:
@@ -128,14 +139,15 @@ def _checked(encoder: EncoderSpec, network: RSNN) -> AfferentSpec:
                 f"encoder: conditioning.{key} has {len(values)} values but the network receives {n_taxels} taxels; "
                 "give the encoder that the network was trained with"
             )
-    return encoder
 
 
-def _check_range(encoder: AfferentSpec, clock_Hz: float) -> None:
+def _check_range(encoder: EncoderSpec, clock_Hz: float) -> None:
     """InputError if the drive of the largest sample, in any unit, is not finite."""
     scales = np.abs(encoder.conditioning.scale or (1.0,))
     offsets = np.abs(encoder.conditioning.offset or (0.0,))
-    gains = [*encoder.sa1.gains, *(1e-3 * clock_Hz * gain for gain in encoder.ra1.gains)]
+    gains = [1.0]
+    if isinstance(encoder, AfferentSpec):
+        gains = [*encoder.sa1.gains, *(1e-3 * clock_Hz * gain for gain in encoder.ra1.gains)]
     with np.errstate(over="ignore"):
         drive = (4 * LARGEST * LARGEST_FACTOR + offsets.max()) / scales.min() * np.abs(gains).max()
     if not drive < np.finfo(np.float32).max:

@@ -285,7 +285,7 @@ def _raw(ranges: Ranges, lsb: float | None) -> Raw:
 
 def _front_end(chain: Chain, raw: Raw) -> FrontEnd:
     require("c-integer", chain.subject)
-    encoder, clock_Hz = chain.encoder, chain.clock_Hz
+    encoder, clock_Hz = chain.lif, chain.clock_Hz
     conditioning = encoder.conditioning
     conditioner = Conditioner(chain.sampling_rate_Hz, chain.encoder.conditioning)
     sa1, ra1 = encoder.neuron(encoder.sa1, clock_Hz), encoder.neuron(encoder.ra1, clock_Hz)

@@ -44,7 +44,7 @@ class CompiledStream:
     def __init__(self, chain: Chain, conditioner: Conditioner, most_samples: int) -> None:
         self.chain, self.conditioner = chain, conditioner
         self._most_steps = math.ceil(most_samples * max(1.0, chain.clock_Hz / chain.sampling_rate_Hz)) + 1
-        network, encoder, plan = chain.network, chain.encoder, chain.windows
+        network, encoder, plan = chain.network, chain.lif, chain.windows
         spec, n_taxels = conditioner.how, chain.n_taxels
         sa1, ra1 = (encoder.neuron(each, chain.clock_Hz) for each in (encoder.sa1, encoder.ra1))
         smoothing, level = conditioner.smoothing, conditioner.following or 0.0
@@ -129,7 +129,7 @@ class CompiledStream:
         parts = [np.array(counters, np.int64).tobytes()]
         parts += [self._lanes(each, np.float32) for each in (smoothed, level, last)]
         parts.append(self._lanes(total, np.float64))
-        at_rest = np.full(n, self.chain.encoder.v_rest_mV, np.float32)
+        at_rest = np.full(n, self.chain.lif.v_rest_mV, np.float32)
         membranes = [at_rest, at_rest] if encoder is None else [encoder.sa1.membrane_mV[0], encoder.ra1.membrane_mV[0]]
         silent = [None, None] if encoder is None else [encoder.sa1.silent_steps[0], encoder.ra1.silent_steps[0]]
         four = [self._lanes(each, np.float32) for each in membranes] + [self._lanes(each, np.int32) for each in silent]

@@ -22,9 +22,8 @@ from neurotact.deploy import running, stream_file
 from neurotact.deploy.chain import LARGEST, PAIR, Chain, chain_of
 from neurotact.deploy.native import CompiledStream, Decided, Remembered
 from neurotact.deploy.stream_state import Decision, StreamState, Tally, Trace, copied
-from neurotact.encoders import afferents
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.specs import EncoderSpec
+from neurotact.encoders.specs import EncoderSpec, encode
 from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.networks.definition.rsnn import RSNN
@@ -102,7 +101,7 @@ class Stream:
         self._rates_Hz = rate_Hz, self.chain.clock_Hz
         self._classes = self.chain.classes
         self._compiled: CompiledStream | None = None
-        is_pair = encoder.n_per_taxel == PAIR and encoder.is_plain
+        is_pair = isinstance(encoder, AfferentSpec) and encoder.n_per_taxel == PAIR and encoder.is_plain
         compilable = self.chain.network.w_in.device.type == "cpu" and is_pair
         if use_native(backend, compilable, "a network on the CPU, and one plain SA-I and RA-I under each taxel"):
             self._compiled = CompiledStream(self.chain, self.conditioner, self._most_samples)
@@ -189,18 +188,21 @@ class Stream:
             raise InputError("state: belongs to a stream of another chain; restore one of this chain")
         self._set_state(copied(state))
 
-    def changed(self, *, encoder: AfferentSpec | None = None, rule: ExitRule | None = None) -> "Stream":
+    def changed(self, *, encoder: EncoderSpec | None = None, rule: ExitRule | None = None) -> "Stream":
         """A stream of this chain with other afferents or another exit rule, which continues from the current state.
 
         The new values apply from the next sample on, also to open windows. Membranes and remaining refractory periods
         are carried over: the spikes are those of `encode` with the first encoder until now, and then, with the state
         that it returned, with the other. This stream is not changed.
-        InputError for another conditioning: the smoothed and averaged values so far would have another meaning.
+        InputError for another conditioning or model: the values so far would have another meaning.
         """
-        if encoder is not None and (encoder.conditioning, encoder.unit) != (
-            self.chain.encoder.conditioning, self.chain.encoder.unit,
+        own = self.chain.encoder
+        if encoder is not None and (encoder.conditioning, encoder.unit, encoder.model) != (
+            own.conditioning, own.unit, own.model,
         ):  # fmt: skip
-            raise InputError("encoder: has another conditioning or unit; a running stream can change only afferents")
+            raise InputError(
+                "encoder: has another conditioning, unit or model; a running stream can change only afferents"
+            )
         chain = self.chain._replace(encoder=encoder or self.chain.encoder, rule=rule or self.chain.rule)
         stream = Stream(chain, **self._options)
         stream.restore(self.state())
@@ -312,7 +314,7 @@ class Stream:
 
     def _encode(self, signal: np.ndarray, *, held: bool) -> list[Decision]:
         state, chain = self._state, self.chain
-        spikes, state.encoder = afferents.encode(signal[None], chain.clock_Hz, chain.encoder, state.encoder)
+        spikes, state.encoder = encode(signal[None], chain.clock_Hz, chain.encoder, state.encoder)
         decisions: list[Decision] = []
         first, oldest = state.opening.step, []
         with torch.inference_mode():

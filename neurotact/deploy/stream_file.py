@@ -20,11 +20,11 @@ from neurotact.deploy.chain import Chain
 from neurotact.deploy.running import Running
 from neurotact.deploy.stream_state import StreamState, Tally
 from neurotact.deploy.windows import Opening
-from neurotact.encoders.afferents import EncoderState
+from neurotact.encoders.specs import encode
 from neurotact.errors import InputError
 from neurotact.files import check_new, check_size, existing, read_bytes, whole
 from neurotact.networks.exit.early_exit import Leader
-from neurotact.neurons import CubaLIFState, LIFState
+from neurotact.neurons import CubaLIFState
 
 FIX = "save the state again"
 Arrays = dict[str, np.ndarray]
@@ -101,11 +101,9 @@ def _parts(chain: Chain, state: StreamState) -> tuple[dict[str, Any], Arrays]:
             arrays[f"conditioned.{name}"] = values
     if done.carried is not None:
         arrays["conditioned.carried"] = done.carried[0]
+    counters: dict[str, int] = {}
     if state.encoder is not None:
-        for name, population in (("sa1", state.encoder.sa1), ("ra1", state.encoder.ra1)):
-            arrays |= {f"encoder.{name}.{key}": values for key, values in population._asdict().items()}
-        assert state.encoder.last is not None
-        arrays["encoder.last"] = state.encoder.last
+        arrays |= _leaves(state.encoder, "encoder", counters)
     windows = []
     for number, window in enumerate(state.windows):
         layers = {"hidden": window.hidden, "readout": window.readout, "leader": window.leader}
@@ -119,9 +117,36 @@ def _parts(chain: Chain, state: StreamState) -> tuple[dict[str, Any], Arrays]:
     table = {
         "n_samples": done.n_samples, "n_steps": done.n_steps, "n_carried": done.carried and done.carried[1],
         "opening": [opening.step, opening.silent, opening.free_at], "windows": windows, "n_windows": state.n_windows,
-        "bad_in_a_row": state.bad_in_a_row, "origin": state.origin, "tally": asdict(state.tally),
+        "bad_in_a_row": state.bad_in_a_row, "origin": state.origin, "tally": asdict(state.tally), "encoder": counters,
     }  # fmt: skip
     return table, arrays
+
+
+def _leaves(part: Any, name: str, counters: dict[str, int]) -> Arrays:
+    """The arrays of a state and of the states in it, by dotted names; its numbers are added to `counters`."""
+    if isinstance(part, np.ndarray):
+        return {name: part}
+    if isinstance(part, int):
+        counters[name] = part
+        return {}
+    fields = part._asdict() if hasattr(part, "_asdict") else dict(enumerate(part))
+    return {
+        key: values
+        for field, each in fields.items()
+        for key, values in _leaves(each, f"{name}.{field}", counters).items()
+    }
+
+
+def _rebuilt(example: Any, name: str, take: Any, counters: dict[str, int]) -> Any:
+    """A state in the form of another one of the same encoder, of arrays that `take` gives by their names."""
+    if isinstance(example, np.ndarray):
+        return take(name, example.shape, example.dtype)
+    if isinstance(example, int):
+        return int(counters[name])
+    if hasattr(example, "_asdict"):
+        parts = example._asdict().items()
+        return type(example)(**{field: _rebuilt(each, f"{name}.{field}", take, counters) for field, each in parts})
+    return tuple(_rebuilt(each, f"{name}.{field}", take, counters) for field, each in enumerate(example))
 
 
 def _state(chain: Chain, table: dict[str, Any], arrays: Arrays) -> StreamState:
@@ -146,15 +171,9 @@ def _state(chain: Chain, table: dict[str, Any], arrays: Arrays) -> StreamState:
         None if carried is None else (carried, int(table["n_carried"])),
     )  # fmt: skip
     encoder = None
-    if "encoder.last" in remaining:
-        sa1, ra1 = (
-            LIFState(
-                take(f"encoder.{name}.membrane_mV", (1, n * copies), f32),
-                take(f"encoder.{name}.silent_steps", (1, n * copies), np.int32),
-            )
-            for name, copies in (("sa1", len(chain.encoder.sa1.gains)), ("ra1", len(chain.encoder.ra1.gains)))
-        )  # fmt: skip
-        encoder = EncoderState(sa1, ra1, take("encoder.last", (1, n), f32))
+    if any(name.startswith("encoder.") for name in remaining):
+        _, example = encode(np.zeros((1, 1, n), f32), chain.clock_Hz, chain.encoder)
+        encoder = _rebuilt(example, "encoder", take, table["encoder"])
     if len(table["windows"]) > chain.windows.at_once:
         raise ValueError(f"{len(table['windows'])} windows where {chain.windows.at_once} may overlap")
     windows = tuple(_window(chain, each, f"window{i}.", take) for i, each in enumerate(table["windows"]))

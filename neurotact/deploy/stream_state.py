@@ -8,7 +8,7 @@ import numpy as np
 from neurotact.data.conditioning import Conditioned
 from neurotact.deploy.running import Running
 from neurotact.deploy.windows import Opening
-from neurotact.encoders.afferents import EncoderState
+from neurotact.encoders.specs import AnyState
 
 
 class Decision(NamedTuple):
@@ -81,7 +81,7 @@ class StreamState:
 
     opening: Opening
     conditioned: Conditioned = field(default_factory=Conditioned)
-    encoder: EncoderState | None = None
+    encoder: AnyState | None = None
     windows: tuple[Running, ...] = ()
     n_windows: int = 0
     good: np.ndarray | None = None

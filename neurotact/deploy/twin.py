@@ -36,7 +36,7 @@ def said_in_whole_numbers(chain: Chain, formats: Formats, trials: Sequence[np.nd
 def said_in_float(chain: Chain, trial: np.ndarray) -> Spoken:
     """The output for a whole trial of samples `(sample, taxel)` float32, in the encoder's unit."""
     conditioner = Conditioner(chain.sampling_rate_Hz, chain.encoder.conditioning)
-    raster = afferents.encode(conditioner.whole(trial)[None], chain.clock_Hz, chain.encoder)[0][0]
+    raster = afferents.encode(conditioner.whole(trial)[None], chain.clock_Hz, chain.lif)[0][0]
     starts, windows = _windows(chain, raster)
     inputs = torch.from_numpy(windows)
     found, (hidden, readout) = chain.network.infer(inputs, chain.rule), chain.network.simulate(inputs)

@@ -243,6 +243,15 @@ def afferent_names(taxels: Sequence[str], encoder: Mapping[str, Any] = MappingPr
     return tuple(f"{name} {taxel}{mark}" for name, its in kinds for mark in its for taxel in taxels)
 
 
+def n_per_taxel(encoder: Spec) -> int:
+    """The number of an encoder's afferents under a taxel.
+
+    >>> n_per_taxel(load("sa1-ra1-lif")), n_per_taxel(load("sa1-ra1-lif-graded"))
+    (2, 5)
+    """
+    return len(afferent_names(("",), encoder.model_dump()))
+
+
 def taxels_of(n_afferents: int, encoder: Mapping[str, Any]) -> int:
     """The number of taxels for a number of afferents, by the encoder's spec as a table; at least one.
 

@@ -229,7 +229,7 @@ class Session:
         return done[type(message)](message)
 
     def _settings(self) -> dict[str, Any]:
-        encoder = self.stream.chain.encoder
+        encoder = self.stream.chain.lif
         found: dict[str, Any] = {}
         for key in POPULATIONS:
             kind = getattr(encoder, key)

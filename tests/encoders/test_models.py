@@ -8,13 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 
-from neurotact.encoders.bens_spiker import response
+from neurotact.encoders.bens_spiker import BensSpikerState, response
 from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.specs import MODELS, afferent_names, encode, load
 from neurotact.errors import InputError
 
 RATE_Hz = 1000.0
-NAMED = {"lif": "sa1-ra1-lif"}
 LIVELY = {
     "send-on-delta": {"threshold": 1.0, "t_ref_ms": 3.0},
     "sigma-delta": {"threshold_unit_ms": 15.0, "t_ref_ms": 2.0},
@@ -29,12 +28,16 @@ LIVELY = {
 SIGNALS = {**{name: {} for name in MODELS}, "latency contact": {"begins": "contact", "contact": 0.5, "quiet_ms": 5.0}}
 
 
+def shipped(model):
+    return "sa1-ra1-lif" if model == "lif" else model
+
+
 def spec_of(name):
     model = name.split()[0]
-    return load(NAMED.get(model, model), {**LIVELY.get(model, {}), **SIGNALS.get(name, {})})
+    return load(shipped(model), {**LIVELY.get(model, {}), **SIGNALS.get(name, {})})
 
 
-def waves(n_trials=2, n_steps=160, n_taxels=3, seed=0, kind=np.float32):
+def waves(n_trials=2, n_steps=160, n_taxels=3, seed=0, kind="f4"):
     """Sums of two sines of random frequencies and phases, of some 10 units."""
     rng, time_s = np.random.default_rng(seed), np.arange(n_steps) / RATE_Hz
     turns = rng.uniform(3, 40, (2, n_trials, 1, n_taxels)) * time_s[:, None] + rng.random((2, n_trials, 1, n_taxels))
@@ -45,7 +48,7 @@ def waves(n_trials=2, n_steps=160, n_taxels=3, seed=0, kind=np.float32):
 @given(cuts=st.lists(st.integers(0, 160), max_size=4), seed=st.integers(0, 99), kind=st.sampled_from(["f4", "f8"]))
 @examples(8)
 def test_pieces_equal_the_whole(name, cuts, seed, kind):
-    spec, signal = spec_of(name), waves(seed=seed, kind=np.dtype(kind))
+    spec, signal = spec_of(name), waves(seed=seed, kind=kind)
     whole, _ = encode(signal, RATE_Hz, spec)
     state, parts = None, []
     for first, last in pairwise([0, *sorted(cuts), signal.shape[1]]):
@@ -92,7 +95,7 @@ def test_a_taxel_is_silent_for_its_refractory_period(name, t_ref_ms):
 @pytest.mark.parametrize("model", MODELS)
 def test_a_model_costs_what_its_taxels_and_steps_cost(model):
     """Twice the taxels do twice the work, but for what all share."""
-    table = load(NAMED.get(model, model)).model_copy(update={"conditioning": load("sa1-ra1-lif").conditioning})
+    table = load(shipped(model)).model_copy(update={"conditioning": load("sa1-ra1-lif").conditioning})
     dumped = {**table.model_dump(mode="json", exclude_none=True), "conditioning": {}}
     one, two = (encoding_cost(n, 300, 150.0, dumped) for n in (4, 8))
     shared = 300 if model == "latency" else 0
@@ -174,6 +177,7 @@ def test_bens_spiker_gives_a_spike_where_the_filter_fits_and_sends_it_late():
     spikes, state = encode(signal[None, :, None], RATE_Hz, load("bens-spiker", {"gain": 1.0, "filter_ms": 5.0}))
     assert np.flatnonzero(spikes[0, :, 0]).tolist() == [14, 24]
     assert not spikes[..., 1].any()
+    assert isinstance(state, BensSpikerState)
     assert abs(state.remaining).max() < 1e-12
 
 

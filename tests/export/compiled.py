@@ -11,7 +11,7 @@ from neurotact.deploy.chain import Chain
 from neurotact.deploy.formats import Formats
 from neurotact.deploy.proof import Spoken
 from neurotact.deploy.twin import said_in_float, said_in_whole_numbers
-from neurotact.encoders import afferents
+from neurotact.encoders import specs
 
 
 def chosen(chain: Chain, signals: list[np.ndarray], **bits) -> Formats:
@@ -24,7 +24,7 @@ def chosen(chain: Chain, signals: list[np.ndarray], **bits) -> Formats:
 
 def raster_of(chain: Chain, signal: np.ndarray) -> np.ndarray:
     """Afferent spikes of a signal that is conditioned already; good enough to see how far states go."""
-    return afferents.encode(signal[None], chain.clock_Hz, chain.encoder)[0][0]
+    return specs.encode(signal[None], chain.clock_Hz, chain.encoder)[0][0]
 
 
 def compare(chain: Chain, folder: Path, formats_: Formats | None, *, flags=("-O1",), n: int = 3, n_samples: int = 150):

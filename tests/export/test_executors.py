@@ -21,7 +21,7 @@ from neurotact.deploy.stream import Stream
 from neurotact.encoders import afferents
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.encoders.specs import MODELS, EncoderSpec, load
+from neurotact.encoders.specs import MODELS, EncoderSpec, load, n_per_taxel
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import EXECUTORS, FEATURES, SETTINGS, Subject, require
 from neurotact.networks.definition.snntorch_exchange import to_snntorch
@@ -74,7 +74,9 @@ def parts_with(feature: str) -> tuple[EncoderSpec, nt.RSNN, ExitRule]:
     models = {row.title: model for model, row in MODELS.items() if model != "lif"}
     if feature in models:
         encoder = load(models[feature], {"conditioning.baseline": "first"})
-    per_taxel = encoder.n_per_taxel if isinstance(encoder, AfferentSpec) else 2
+        own = encoder.conditioning.model_copy(update={"resample_Hz": None})
+        encoder = encoder.model_copy(update={"conditioning": own})
+    per_taxel = n_per_taxel(encoder)
     settings = {"hidden": 6, "forward_weight_scale": 3.0, "recurrent_weight_scale": 0.4, **NETWORKS.get(feature, {})}
     network = nt.RSNN(
         per_taxel * TAXELS, CLASSES, sampling_rate_Hz=RATE_Hz, generator=torch.Generator().manual_seed(0),

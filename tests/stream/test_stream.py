@@ -192,7 +192,7 @@ def test_several_afferents_a_taxel_decide_in_a_stream_as_on_the_whole_trial(
 
 def test_several_afferents_a_taxel_have_no_compiled_step():
     chain = make_chain({}, afferents=SEVERAL[0])
-    with pytest.raises(InputError, match="'native' needs a network on the CPU, and one SA-I and one RA-I"):
+    with pytest.raises(InputError, match="'native' needs a network on the CPU, and one plain SA-I and RA-I"):
         Stream(chain, backend="native")
 
 
@@ -259,8 +259,8 @@ def test_a_baseline_of_the_whole_trial_is_refused_with_the_fix():
 @pytest.mark.parametrize(
     ("encoder", "n_inputs", "options", "message"),
     [
-        (specs.load("izhikevich"), 4, {}, "with LIF afferents"),
-        (make_encoder(), 3, {}, "receives 3 afferents, not an SA-I and an RA-I under each taxel"),
+        (specs.load("izhikevich"), 4, {}, "would make their integration unstable"),
+        (make_encoder(), 3, {}, "receives 3 afferents, not one SA-I and one RA-I under each taxel"),
         (make_encoder({"sa1.grades": [0.5, 1.0]}), 4, {}, "receives 4 afferents, not 3 under each taxel"),
         (make_encoder(offset=(1.0, 2.0, 3.0)), 4, {}, "offset has 3 values"),
         (make_encoder(), 4, {"sampling_rate_Hz": 500.0}, "come at 500 Hz but"),

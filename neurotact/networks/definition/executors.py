@@ -190,7 +190,7 @@ SETTINGS = frozenset({
 """Keys of specs of networks, LIF afferents and conditioning that are sizes, constants or how a network is trained."""
 
 _STREAMED = {
-    **dict.fromkeys(OTHER_MODELS, "a chain is deployed with LIF afferents"),
+    "Izhikevich afferents": "a sample far below rest would make their integration unstable",
     "baseline of the whole trial": "a stream has not received the whole trial yet",
     "double precision": "a chain is deployed in float32",
 }
@@ -200,6 +200,7 @@ _IN_INTEGERS = {
     "readout max": "a leak has no integer form; export it in float32",
 }
 _IN_C = {
+    **dict.fromkeys(OTHER_MODELS, "C has LIF afferents alone"),
     "several afferents a taxel": "C has one SA-I and one RA-I under each taxel",
     "half-wave rate of change": "the RA-I of C are driven by rise and fall alike",
     "rise in SA-I": "the SA-I of C are driven by the signal alone",
