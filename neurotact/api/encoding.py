@@ -20,12 +20,11 @@ from neurotact.data.recordings import Recordings, Trials
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, check_stratify, split_table, training_touches
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
-from neurotact.encoders import alternatives, calibration, firing, resting, specs
-from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders import alternatives, calibration, firing, gain_search, resting, specs
 from neurotact.encoders.encoding import Encoded, encode_recordings
 from neurotact.encoders.encoding import encode_file as write_encoded
 from neurotact.encoders.gain_search import CalibrationRule
-from neurotact.encoders.specs import EncoderSpec
+from neurotact.encoders.specs import Calibrated, EncoderSpec
 from neurotact.errors import InputError
 from neurotact.figures import raster
 from neurotact.figures.calibration import draw_calibration
@@ -110,7 +109,7 @@ def encode_file(
 
 def calibrate(
     recordings: Recordings | str | Path,
-    encoder: str | Path | AfferentSpec = "sa1-ra1-lif",
+    encoder: str | Path | Calibrated = "sa1-ra1-lif",
     settings: Settings | None = None,
     *,
     split_seed: int | None = None,
@@ -131,7 +130,7 @@ def calibrate(
     figure: str | Path | None = None,
     force: bool = False,
     tell: Tell = silent,
-) -> AfferentSpec:
+) -> Calibrated:
     """An encoder with gains for a sensor, from the training trials of a split: `neurotact calibrate`.
 
     recordings: in memory, or the path of a file of them.
@@ -147,10 +146,13 @@ def calibrate(
         that exists is refused unless `force`. tell: called with what the command prints.
     Raises InputError for less than two classes, for constant signals, and as `train` does for the split.
     """
-    began, rule = perf_counter(), CalibrationRule()
+    began = perf_counter()
     _check_outputs([Path(each) for each in (out, figure) if each], force, _paths(recordings, encoder))
     asked = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
-    start = spec.resolve(AfferentSpec, encoder, settings)
+    start = specs.resolve(encoder, settings)
+    if not isinstance(start, specs.CALIBRATED):
+        raise InputError(f"encoder: {specs.not_calibrated(start)}")
+    rule = CalibrationRule()
     fit, times = calibration.way_of(start, settings or {})
     if compare:
         spec.refuse(settings or {}, alternatives.COMPARED)
@@ -171,10 +173,11 @@ def calibrate(
         saved = spec.to_toml(found.encoder.model_dump(mode="json", exclude_none=True))
         files.write_text(out, f"# Calibrated from {origin} on the {about}.\n{saved}")
     if figure:
-        save_figure(draw_calibration(found.table, found.isi), figure)
+        save_figure(draw_calibration(found.table, found.isi, found.encoder.gain_units), figure)
     if compared is not None:
         tell(compared.table[COMPARED])
-    gains = f"sa1.gain = {found.encoder.sa1.gain:g}, ra1.gain = {found.encoder.ra1.gain:g}"
+    fitted = {part: getattr(found.encoder, part).gain for part in gain_search.types_of(found.encoder)}
+    gains = ", ".join(f"{part}.gain = {gain:g}" for part, gain in fitted.items())
     tell(f"{out or 'encoder'}: {gains}, from {trials} in {perf_counter() - began:.1f} s")
     if complaint := resting.complaint(at_rest, rest_ms, found.encoder.conditioning.baseline):
         log.warning("%s: %s", source, complaint)

@@ -23,6 +23,8 @@ from neurotact.spec import Spec
 POPULATIONS = {"sa1": "SA-I", "ra1": "RA-I"}
 """The key of each type in an encoder's spec and the first word of its afferents' names, in the order of the output."""
 MOST_GRADES = 16
+FLOOR_OF_TAU = 0.1
+"""Charging within this share of tau_mem takes 10.5 times the threshold drive: such an ISI is mostly t_ref."""
 Gains = tuple[Sequence[float], Sequence[float]]
 """Drives in mV of the SA-I and of the RA-I under each taxel."""
 
@@ -112,6 +114,62 @@ class AfferentSpec(Spec):
     def is_plain(self) -> bool:
         """Whether the signal and its rectified rate of change are the drives, as in the texture paper."""
         return not self.sa1.rate_ms and self.ra1.change == "rectified"
+
+    @property
+    def is_signed(self) -> bool:
+        """Whether the signal below zero drives afferents, too."""
+        return self.sa1.opposite
+
+    @property
+    def gain_units(self) -> dict[str, str]:
+        """The unit of each type's gain on standardised signals, by the type's name."""
+        return {"SA-I": "mV per sd", "RA-I": "mV per sd/ms"}
+
+    @property
+    def for_search(self) -> "AfferentSpec":
+        """The encoder whose spikes are counted in the search for gains."""
+        return self
+
+    def felt(self, part: str, signal: np.ndarray, sampling_rate_Hz: float) -> np.ndarray:
+        """The drive of a type at a gain of 1, of a signal `(time, taxel)`; of a change, there is one value less.
+
+        For SA-I of both polarities, and RA-I of both signs of change, the magnitude: it drives one of the two.
+        """
+        per_ms = sampling_rate_Hz * 1e-3
+        if part == "ra1":
+            change = np.diff(signal, axis=0) * per_ms
+            if self.ra1.change in ("on", "off"):
+                return np.maximum(change if self.ra1.change == "on" else -change, 0)
+            return np.abs(change)
+        level = np.abs(signal) if self.sa1.opposite else signal
+        if not self.sa1.rate_ms:
+            return level
+        rise = np.maximum(np.diff(level, axis=0, prepend=level[:1]), 0)
+        return level + signal.dtype.type(self.sa1.rate_ms * per_ms) * rise
+
+    def least_drive(self, part: str) -> float:
+        """The constant drive of a type at which it just fires."""
+        del part
+        return self.v_threshold_mV - self.v_rest_mV
+
+    def least_isi_steps(self, part: str, sampling_rate_Hz: float) -> int:
+        """The shortest inter-spike interval of a type."""
+        return self.neuron(getattr(self, part), sampling_rate_Hz).refractory_steps + 1
+
+    def floor_steps(self, part: str, sampling_rate_Hz: float) -> int:
+        """The longest interval that counts as at the refractory floor.
+
+        In it, charging takes one step, or at most `FLOOR_OF_TAU` of tau_mem.
+        """
+        neuron = self.neuron(getattr(self, part), sampling_rate_Hz)
+        with np.errstate(divide="ignore"):  # a membrane without leak gives an infinite share
+            charging = np.maximum(1.0, np.round(-FLOOR_OF_TAU / np.log(neuron.decay)))
+        return int(min(neuron.refractory_steps + charging, np.iinfo(np.int64).max))
+
+    def at_gain(self, part: str, gain: float) -> "AfferentSpec":
+        """With one afferent of a type under each taxel, of that gain."""
+        kind = getattr(self, part).model_copy(update={"gain": gain, "grades": (1.0,)})
+        return self.model_copy(update={part: kind})
 
     def neuron(self, kind: AfferentType, sampling_rate_Hz: float) -> LIF:
         """The neuron of a population on a clock."""

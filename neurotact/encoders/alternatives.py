@@ -2,15 +2,15 @@
 
 from collections.abc import Callable
 from itertools import product
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import pandas as pd
 
 from neurotact.data.conditioning import ACAUSAL, Baseline
 from neurotact.data.recordings import Trials
-from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.calibration import Calibration, calibrate
 from neurotact.encoders.gain_search import CalibrationRule, Progress
+from neurotact.encoders.specs import Calibrated
 from neurotact.errors import InputError
 
 BASELINES: tuple[Baseline, ...] = ("none", "start", "first", "running", "mean")
@@ -35,7 +35,7 @@ class Compared(NamedTuple):
     """
 
     table: pd.DataFrame
-    best: Calibration
+    best: Calibration[Any]
 
 
 def n_steps(rule: CalibrationRule) -> int:
@@ -45,7 +45,7 @@ def n_steps(rule: CalibrationRule) -> int:
 
 def compare(
     recordings: Trials,
-    spec: AfferentSpec,
+    spec: Calibrated,
     progress: Progress | None = None,
     rule: CalibrationRule = CalibrationRule(),
 ) -> Compared:
@@ -55,7 +55,7 @@ def compare(
     better separation by ISIs). RA-I responds to changes of either sign, so polarity does not affect it.
     Raises InputError if no alternative can be calibrated, and for an encoder with both polarities.
     """
-    if spec.sa1.opposite:
+    if spec.is_signed:
         raise InputError("compare: chooses a polarity, and this encoder has both (sa1.opposite); leave one of them out")
     coarse = rule.model_copy(update=COARSE)
     rows = []
@@ -88,20 +88,20 @@ def compare(
 
 def _with(
     recordings: Trials,
-    spec: AfferentSpec,
+    spec: Calibrated,
     baseline: Baseline,
     polarity: Polarity,
     progress: Progress | None,
     rule: CalibrationRule,
     *,
     tell: bool = True,
-) -> Calibration:
+) -> Calibration[Any]:
     conditioning = spec.conditioning.model_copy(update={"baseline": baseline, "rectify": polarity == "both"})
     changed = spec.model_copy(update={"conditioning": conditioning})
     return calibrate(recordings, changed, progress, rule, inverted=polarity == "falling", tell=tell)
 
 
-def _separation(found: Calibration, afferent: str) -> float:
+def _separation(found: Calibration[Any], afferent: str) -> float:
     table = found.table
     return float(table.separation[table.chosen & (table.afferent == afferent)].iloc[0])
 

@@ -10,7 +10,7 @@ import logging
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -18,16 +18,17 @@ import pandas as pd
 from neurotact.data.conditioning import ACAUSAL, Baseline, ConditioningSpec
 from neurotact.data.recordings import Trials
 from neurotact.data.spool import Spool
-from neurotact.encoders import grading
-from neurotact.encoders.afferents import POPULATIONS, AfferentSpec, AfferentType
+from neurotact.encoders import firing, grading
+from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.excerpts import Excerpts, cut, draw, liveliest, standardise
-from neurotact.encoders.gain_search import CalibrationRule, Progress, choose, drives, search
+from neurotact.encoders.gain_search import CalibrationRule, Progress, choose, drives, search, suited_rule, types_of
 from neurotact.encoders.scaling import REST_SD
 from neurotact.encoders.scaling import fit as fit_scaling
+from neurotact.encoders.specs import Calibrated
 from neurotact.errors import InputError, some
 from neurotact.metrics.linear import cross_validated_accuracy
 from neurotact.metrics.shares import standard_error
-from neurotact.spec import refuse
+from neurotact.spec import Spec, refuse
 
 CLOCK_HZ = 1000.0
 """A clock that can express a refractory period of 1 ms."""
@@ -36,23 +37,24 @@ PAST: tuple[Baseline, ...] = ("none", "start", "high-pass")
 WIDER, MOST_CUTOFFS = 4.0, 3
 """Cut-offs of the moving average that are tried: the encoder's own, `WIDER` times that, and none."""
 
-FITTED = ("unit", "sa1.gain", "ra1.gain", "conditioning.offset", "conditioning.scale")
+FITTED = ("unit", "sa1.gain", "ra1.gain", "pc.gain", "conditioning.offset", "conditioning.scale")
 """Keys of an encoder that calibration always sets."""
 BY_CALIBRATION = "calibration sets it from the training trials and would ignore a given value; leave it out"
 
 log = logging.getLogger("neurotact")
 
 Key = TypeVar("Key")
+Encoder = TypeVar("Encoder", bound=Calibrated)
 
 
 @dataclass(frozen=True)
-class Calibration:
+class Calibration(Generic[Encoder]):
     """An encoder for a sensor, and the search for its gains.
 
     encoder: the fitted spec, for recordings with the unit, taxels and rate of the training trials.
-    table: one row per population and candidate gain: `afferent` ("SA-I", "RA-I"), `gain` (mV per standard deviation, or
-        mV per standard deviation per ms), `silent_share`, `floor_share`, `separation` (bit), `spikes_per_s` (of one
-        afferent), `admissible`, `chosen`.
+    table: one row per population and candidate gain: `afferent` ("SA-I", "RA-I", "PC"), `gain` (of LIF mV per standard
+        deviation, and per ms for RA-I; of mechanoreceptors mm per standard deviation), `silent_share`, `floor_share`,
+        `separation` (bit), `spikes_per_s` (of one afferent), `admissible`, `chosen`.
     isi: one row per population, gain, label and bin: `afferent`, `gain`, `label`, `isi_ms` (the bin's geometric middle,
         infinite for trials without an interval), `share`, over trials and afferents.
     rates, rates_ra: of SA-I and RA-I at the chosen gains, in spikes per second, `(trial, afferent)`, of the taxels on
@@ -61,7 +63,7 @@ class Calibration:
     notes: the changes of the spec, and warnings.
     """
 
-    encoder: AfferentSpec
+    encoder: Encoder
     table: pd.DataFrame
     isi: pd.DataFrame
     rates: np.ndarray
@@ -85,19 +87,20 @@ class Calibration:
 
 def calibrate(
     recordings: Trials,
-    spec: AfferentSpec,
+    spec: Encoder,
     progress: Progress | None = None,
     rule: CalibrationRule = CalibrationRule(),
     *,
     inverted: bool = False,
     tell: bool = True,
-) -> Calibration:
+) -> Calibration[Encoder]:
     """Fit standardisation and gains of `spec` on recorded training trials of any unit and rate.
 
     The spec's smoothing, clock and baseline stay, but for what the recordings cannot take: an EMA whose cut-off is
     not below their Nyquist frequency is dropped, and a recording below 1 kHz without `resample_Hz` gets a 1 kHz clock.
     Then each taxel is scaled by its standard deviation, and the gain of each population is searched separately. The
-    same trials, spec and rule give the same encoder.
+    same trials, spec and rule give the same encoder. Mechanoreceptors are searched without their noise, with the first
+    fit of each type, on fewer trials and taxels (`suited_rule`): the gain is that of the whole population.
 
     progress: called with 1 and a note at each of the `rule.candidates` steps.
     inverted: SA-I is driven by the signal's fall instead of its rise: the scales are negative.
@@ -121,13 +124,15 @@ def calibrate(
             f"{_source(recordings)}: holds one class, '{''.join(recordings.classes)}', and gains are chosen by how "
             "well they separate classes; give training trials of at least two"
         )
+    firing.check_rate(spec, recordings.sampling_rate_Hz)
+    rule = suited_rule(spec, rule)
     rng = np.random.default_rng(rule.seed)
     conditioning, notes = _suited(spec.conditioning, recordings)
     drawn = recordings.select(draw(recordings.labels, rule.trials_per_class, rng))
     clock_Hz = conditioning.resample_Hz or recordings.sampling_rate_Hz
     excerpts = cut(drawn, conditioning, rule.excerpt_s, rng)
     # With both polarities the mean is the zero: the signal below it drives afferents, too.
-    rest_sd = 0.0 if spec.sa1.opposite else REST_SD
+    rest_sd = 0.0 if spec.is_signed else REST_SD
     scaling = fit_scaling(drawn, excerpts, conditioning.baseline, inverted=inverted, rest_sd=rest_sd)
     conditioning = conditioning.model_copy(update={"offset": scaling.offset, "scale": scaling.scale})
     fitted = spec.model_copy(update={"unit": recordings.unit, "conditioning": conditioning})
@@ -142,16 +147,15 @@ def calibrate(
     conditioned = Excerpts(Spool(standardised), drawn.labels, drawn.classes, clock_Hz, _source(recordings))
 
     table, isi, rates = search(conditioned, fitted, rule, rng, progress)
-    chosen = {}
-    for part, afferent in POPULATIONS.items():
+    chosen, types = {}, types_of(fitted)
+    for part, afferent in types.items():
         mine = table.afferent == afferent
         best = choose(table[mine], rule, f"{_source(recordings)}: {afferent}")
         table.loc[best, "chosen"] = True
         gain = float(table.gain[best])
         if not table.admissible[best]:
             notes.append(_on_silence(conditioned, rates[afferent, gain], afferent, rule))
-        chosen[part] = _graded(conditioned, fitted, part, gain)
-        n_lost = len(getattr(spec, part).grades) - len(chosen[part].grades)
+        chosen[part], n_lost = _at_gain(conditioned, fitted, part, gain)
         if n_lost:
             notes.append(f"{afferent}: {n_lost} of the grades would equal others, and are dropped")
         if gain == table.gain[mine].max():
@@ -166,19 +170,19 @@ def calibrate(
         notes.append(f"{own}: {some(scaling.small)}")
     if tell:
         _log(notes, recordings)
-    sa, ra = (rates[afferent, chosen[part].gain] for part, afferent in POPULATIONS.items())
+    sa, ra = (rates[afferent, chosen[part].gain] for part, afferent in [*types.items()][:2])
     return Calibration(fitted.model_copy(update=chosen), table, isi, sa, ra, conditioned.labels, tuple(notes))
 
 
 def calibrate_causally(
     recordings: Trials,
-    spec: AfferentSpec,
+    spec: Encoder,
     progress: Progress | None = None,
     rule: CalibrationRule = CalibrationRule(),
     *,
     choose_ema: bool = False,
     tell: bool = True,
-) -> Calibration:
+) -> Calibration[Encoder]:
     """`calibrate` with the baseline of `PAST` that gives the best separation of the classes by SA-I.
 
     Without a baseline, the static level drives SA-I, which separates many surfaces; the mean of each trial's start
@@ -204,9 +208,9 @@ def calibrate_causally(
     if smoothed and len(cutoffs_Hz) > 1:
         of_cutoffs = {at: one.accuracy_of_both for at, one in smoothed.items()}
         cutoff_Hz = _best_of(of_cutoffs, _n_trials(smoothed))
-    tried: dict[Baseline, AfferentSpec] = {each: _with(spec, each, cutoff_Hz) for each in PAST[1:]}
+    tried: dict[Baseline, Encoder] = {each: _with(spec, each, cutoff_Hz) for each in PAST[1:]}
     others, errors = _each(recordings, tried, progress, rule)
-    found: dict[Baseline, Calibration] = {first: smoothed[cutoff_Hz]} if cutoff_Hz in smoothed else {}
+    found: dict[Baseline, Calibration[Encoder]] = {first: smoothed[cutoff_Hz]} if cutoff_Hz in smoothed else {}
     found |= others
     if not found:
         raise errors[PAST[-1]]
@@ -218,7 +222,7 @@ def calibrate_causally(
     return replace(found[best], notes=notes)
 
 
-def _n_trials(found: Mapping[Any, Calibration]) -> int:
+def _n_trials(found: Mapping[Any, Calibration[Any]]) -> int:
     return len(next(iter(found.values())).labels)
 
 
@@ -249,14 +253,14 @@ def _cutoffs(own_Hz: float | None, sampling_rate_Hz: float) -> list[float | None
     return [own_Hz, *([WIDER * own_Hz] if WIDER * own_Hz < highest_Hz else []), None]
 
 
-def _with(spec: AfferentSpec, baseline: Baseline, cutoff_Hz: float | None) -> AfferentSpec:
+def _with(spec: Encoder, baseline: Baseline, cutoff_Hz: float | None) -> Encoder:
     change = {"baseline": baseline, "ema_cutoff_Hz": cutoff_Hz}
     return spec.model_copy(update={"conditioning": spec.conditioning.model_copy(update=change)})
 
 
 def _each(
-    recordings: Trials, specs: Mapping[Key, AfferentSpec], progress: Progress | None, rule: CalibrationRule
-) -> tuple[dict[Key, Calibration], dict[Key, InputError]]:
+    recordings: Trials, specs: Mapping[Key, Encoder], progress: Progress | None, rule: CalibrationRule
+) -> tuple[dict[Key, Calibration[Encoder]], dict[Key, InputError]]:
     """The calibrations of several encoders, and the errors of those that cannot be calibrated."""
     found, errors = {}, {}
     for key, spec in specs.items():
@@ -295,8 +299,8 @@ def _on_ema(accuracy: Mapping[float | None, float], chosen_Hz: float | None, own
 
 
 def way_of(
-    spec: AfferentSpec, given: Mapping[str, Any], *, choose_ema: bool = True
-) -> tuple[Callable[..., Calibration], int]:
+    spec: Calibrated, given: Mapping[str, Any], *, choose_ema: bool = True
+) -> tuple[Callable[..., Calibration[Any]], int]:
     """The calibration of an encoder, and how many times at most it goes through all candidates of its rule.
 
     A baseline that uses the whole trial is replaced by a causal one, and then the moving average is chosen, too
@@ -333,14 +337,15 @@ def _on_silence(conditioned: Excerpts, rates: np.ndarray, afferent: str, rule: C
     )
 
 
-def _graded(conditioned: Excerpts, spec: AfferentSpec, part: str, gain: float) -> AfferentType:
-    """The afferents of a type with the new gain, and as many new grades as they have (`grading`)."""
-    kind: AfferentType = getattr(spec, part)
-    n_grades = len(kind.grades)
-    if n_grades == 1:
-        return kind.model_copy(update={"gain": gain})
+def _at_gain(conditioned: Excerpts, spec: Calibrated, part: str, gain: float) -> tuple[Spec, int]:
+    """The afferents of a type with the new gain, with new grades (`grading`), and how many of the grades are lost."""
+    kind: Spec = getattr(spec, part)
+    if not isinstance(spec, AfferentSpec) or len(getattr(spec, part).grades) == 1:
+        return kind.model_copy(update={"gain": gain}), 0
+    n_grades = len(getattr(spec, part).grades)
     values = grading.sample(*drives(conditioned, spec)[part])
-    return kind.model_copy(update={"gain": gain, "grades": grading.fit(values, spec, gain, n_grades)})
+    grades = grading.fit(values, spec, gain, n_grades)
+    return kind.model_copy(update={"gain": gain, "grades": grades}), n_grades - len(grades)
 
 
 def _suited(conditioning: ConditioningSpec, recordings: Trials) -> tuple[ConditioningSpec, list[str]]:

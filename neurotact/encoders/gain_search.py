@@ -1,4 +1,4 @@
-"""The spikes of both populations at each candidate gain, and the choice of the gain.
+"""The spikes of each population at each candidate gain, and the choice of the gain.
 
 Too high, and all inter-spike intervals (ISIs) crowd at the refractory period; too low, and afferents fall silent.
 """
@@ -11,19 +11,21 @@ import pandas as pd
 from pydantic import Field
 
 from neurotact.data.conditioning import is_long
+from neurotact.data.spikes import populations_of
 from neurotact.data.spool import Spool
-from neurotact.encoders.afferents import POPULATIONS, AfferentSpec, encode
 from neurotact.encoders.excerpts import Excerpts
+from neurotact.encoders.mechanoreceptor import MechanoreceptorSpec
+from neurotact.encoders.specs import Calibrated, afferent_names, encode, populations
 from neurotact.errors import InputError
 from neurotact.metrics.isi_distributions import bin_edges, separation, shares_of
 from neurotact.metrics.spike_trains import Intervals, events_of_raster, isis_ms, spike_counts
-from neurotact.neurons import LIF
 from neurotact.spec import Spec
 
-FLOOR_OF_TAU = 0.1
-"""Charging within this share of tau_mem takes 10.5 times the threshold drive: such an ISI is mostly t_ref."""
 STRONGEST, STEPS_BELOW = 99.9, 3
 """The search begins `STEPS_BELOW` steps below the gain at which this percentile of the drive just reaches threshold."""
+
+SLOW_TRIALS, SLOW_TAXELS = 16, 16
+"""Trials of a class and taxels, at most, for neurons that run step by step in Python."""
 
 Progress = Callable[[int, str], None]
 
@@ -57,8 +59,21 @@ class CalibrationRule(Spec):
     """Random seed of trials, stretches and permutations."""
 
 
+def suited_rule(spec: Calibrated, rule: CalibrationRule) -> CalibrationRule:
+    """The rule with as few trials and taxels as an encoder of this speed can search with in minutes."""
+    if not isinstance(spec, MechanoreceptorSpec):
+        return rule
+    least = {"trials_per_class": min(rule.trials_per_class, SLOW_TRIALS), "taxels": min(rule.taxels, SLOW_TAXELS)}
+    return rule.model_copy(update=least)
+
+
+def types_of(spec: Calibrated) -> dict[str, str]:
+    """The names of an encoder's types of afferents, by their keys, in the order of its output."""
+    return {population.part: population.name for population in populations(spec)}
+
+
 class Searched(NamedTuple):
-    """Both populations at each candidate gain.
+    """Each population at each candidate gain.
 
     table: `Calibration.table`, before the choice. isi: `Calibration.isi`.
     rates: spikes per second of each trial and afferent, `(trial, afferent)`, by the afferent's name and its gain.
@@ -71,25 +86,22 @@ class Searched(NamedTuple):
 
 def search(
     excerpts: Excerpts,
-    spec: AfferentSpec,
+    spec: Calibrated,
     rule: CalibrationRule,
     rng: np.random.Generator,
     progress: Progress | None,
 ) -> Searched:
-    """The spikes of both populations at each candidate gain."""
+    """The spikes of each population at each candidate gain."""
     n_seconds = np.array(excerpts.signals.lengths) / excerpts.sampling_rate_Hz
     labels = excerpts.labels
     labellings = [labels, *(rng.permutation(labels) for _ in range(rule.shuffles))]
-    grids = _candidates(excerpts, spec, rule)
+    grids, types = _candidates(excerpts, spec, rule), types_of(spec)
     rows, isi, rates = [], [], {}
     for gains in zip(*grids.values(), strict=True):
-        tried = {
-            part: getattr(spec, part).model_copy(update={"gain": gain, "grades": (1.0,)})
-            for part, gain in zip(grids, gains, strict=True)
-        }
-        for (part, afferent), gain, fired in zip(
-            POPULATIONS.items(), gains, _fire(excerpts, spec.model_copy(update=tried)), strict=True
-        ):
+        tried: Calibrated = spec.for_search
+        for part, gain in zip(grids, gains, strict=True):
+            tried = tried.at_gain(part, gain)
+        for (part, afferent), gain, fired in zip(types.items(), gains, _fire(excerpts, tried), strict=True):
             row = {
                 "afferent": afferent,
                 "gain": gain,
@@ -103,8 +115,12 @@ def search(
             edges_ms = _edges(excerpts, spec, part) / excerpts.sampling_rate_Hz * 1e3
             isi.append(_isi_table(fired.shares, labels, excerpts.classes, edges_ms, afferent, gain))
         if progress:
-            progress(1, ", ".join(f"{a} {g:g}" for a, g in zip(POPULATIONS.values(), gains, strict=True)))
-    table = pd.DataFrame(rows).sort_values(["afferent", "gain"], ascending=[False, True], ignore_index=True)
+            progress(1, ", ".join(f"{a} {g:g}" for a, g in zip(types.values(), gains, strict=True)))
+    order = [*types.values()]
+    table = pd.DataFrame(rows).sort_values(
+        ["afferent", "gain"], key=lambda column: column.map(order.index) if column.name == "afferent" else column,
+        ignore_index=True,
+    )  # fmt: skip
     within = (table.silent_share <= rule.max_silent_share) & (table.floor_share <= rule.max_floor_share)
     return Searched(table.assign(admissible=within, chosen=False), pd.concat(isi, ignore_index=True), rates)
 
@@ -123,27 +139,29 @@ class Fired(NamedTuple):
     n_intervals: int
 
 
-def _fire(excerpts: Excerpts, spec: AfferentSpec) -> Iterator[Fired]:
-    """Both populations, in the order of `POPULATIONS`; trials are encoded in groups."""
-    parts: dict[str, list[Fired]] = {part: [] for part in POPULATIONS}
-    edges = {part: _edges(excerpts, spec, part) for part in POPULATIONS}
+def _fire(excerpts: Excerpts, spec: Calibrated) -> Iterator[Fired]:
+    """Each population, in the order of the encoder's output; trials are encoded in groups."""
+    types = types_of(spec)
+    parts: dict[str, list[Fired]] = {part: [] for part in types}
+    edges = {part: _edges(excerpts, spec, part) for part in types}
+    floors = {part: spec.floor_steps(part, excerpts.sampling_rate_Hz) for part in types}
+    of_each = populations_of(afferent_names([""] * excerpts.n_channels, spec.model_dump()))
+    ends = {part: (its[0], its[-1] + 1) for part, its in zip(types, of_each.values(), strict=True)}
     for signal, n_steps in _side_by_side(excerpts.signals):
         spikes, _ = encode(signal, excerpts.sampling_rate_Hz, spec)
         spikes[np.arange(signal.shape[1]) >= n_steps[:, None]] = 0
         events = events_of_raster(spikes)
         counts, isi = spike_counts(events), isis_ms(events, 1e3)  # at 1 kHz an ISI in ms is its number of steps
-        n_sa1 = excerpts.n_channels * len(spec.sa1.gains)
-        for part, first, last in zip(POPULATIONS, (0, n_sa1), (n_sa1, spikes.shape[2]), strict=True):
+        for part, (first, last) in ends.items():
             mine = (isi.afferent >= first) & (isi.afferent < last)
             isi_steps = Intervals(isi.trial[mine], isi.afferent[mine] - first, isi.isi_ms[mine])
             of_part = counts[:, first:last]
-            neuron = spec.neuron(getattr(spec, part), excerpts.sampling_rate_Hz)
             parts[part].append(
                 Fired(
                     shares=shares_of(isi_steps, of_part.shape, edges[part]),
                     counts=of_part,
                     n_firing=int(of_part.any(axis=1).sum()),
-                    n_at_floor=_n_at_floor(isi_steps.isi_ms, neuron),
+                    n_at_floor=int((isi_steps.isi_ms <= floors[part]).sum()),
                     n_intervals=len(isi_steps.isi_ms),
                 )
             )
@@ -172,52 +190,37 @@ def _padded(signals: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     return padded, n_steps
 
 
-def _edges(excerpts: Excerpts, spec: AfferentSpec, part: str) -> np.ndarray:
+def _edges(excerpts: Excerpts, spec: Calibrated, part: str) -> np.ndarray:
     """The bins of a population's ISIs, in steps."""
-    neuron = spec.neuron(getattr(spec, part), excerpts.sampling_rate_Hz)
-    return bin_edges(neuron.refractory_steps + 1, max(excerpts.signals.lengths))
+    return bin_edges(spec.least_isi_steps(part, excerpts.sampling_rate_Hz), max(excerpts.signals.lengths))
 
 
-def _candidates(excerpts: Excerpts, spec: AfferentSpec, rule: CalibrationRule) -> dict[str, list[float]]:
+def _candidates(excerpts: Excerpts, spec: Calibrated, rule: CalibrationRule) -> dict[str, list[float]]:
     """Candidate gains of each population, from slightly below the gain whose strongest drive reaches threshold."""
     grids = {}
     for part, (drive, n_values) in drives(excerpts, spec).items():
         strongest = _strongest((x.ravel() for x in drive), n_values)
         if strongest <= 0:
             raise InputError(
-                f"{excerpts.source}: the conditioned training trials never drive {POPULATIONS[part]} afferents; check "
-                "the encoder's baseline and the columns that were read"
+                f"{excerpts.source}: the conditioned training trials never drive {types_of(spec)[part]} afferents; "
+                "check the encoder's baseline and the columns that were read"
             )
-        first = (spec.v_threshold_mV - spec.v_rest_mV) / strongest / rule.step**STEPS_BELOW
+        first = spec.least_drive(part) / strongest / rule.step**STEPS_BELOW
         grids[part] = [float(f"{first * rule.step**k:.3g}") for k in range(rule.candidates)]
     return grids
 
 
-def drives(excerpts: Excerpts, spec: AfferentSpec) -> dict[str, tuple[Iterator[np.ndarray], int]]:
-    """The drive of each type with a gain of 1, trial by trial `(time, taxel)`, and the number of values.
+def drives(excerpts: Excerpts, spec: Calibrated) -> dict[str, tuple[Iterator[np.ndarray], int]]:
+    """The drive of each type with a gain of 1, trial by trial `(time, taxel)`, and the number of values."""
+    rate_Hz = excerpts.sampling_rate_Hz
 
-    For SA-I of both polarities, and RA-I of both signs of change, the magnitude: it drives one of the two.
-    """
-    per_ms = excerpts.sampling_rate_Hz * 1e-3
-    n_values = excerpts.n_channels * sum(excerpts.signals.lengths)
+    def of(part: str) -> tuple[Iterator[np.ndarray], int]:
+        first = excerpts.signals[0]
+        n_lost = len(first) - len(spec.felt(part, first, rate_Hz))
+        n_steps = sum(excerpts.signals.lengths) - n_lost * len(excerpts.signals)
+        return (spec.felt(part, x, rate_Hz) for x in excerpts.signals), excerpts.n_channels * n_steps
 
-    def of_sa1(x: np.ndarray) -> np.ndarray:
-        level = np.abs(x) if spec.sa1.opposite else x
-        if not spec.sa1.rate_ms:
-            return level
-        rise = np.maximum(np.diff(level, axis=0, prepend=level[:1]), 0)
-        return level + np.float32(spec.sa1.rate_ms * per_ms) * rise
-
-    def of_ra1(x: np.ndarray) -> np.ndarray:
-        change = np.diff(x, axis=0) * per_ms
-        if spec.ra1.change in ("on", "off"):
-            return np.maximum(change if spec.ra1.change == "on" else -change, 0)
-        return np.abs(change)
-
-    return {
-        "sa1": (map(of_sa1, excerpts.signals), n_values),
-        "ra1": (map(of_ra1, excerpts.signals), n_values - excerpts.n_channels * len(excerpts.signals)),
-    }
+    return {part: of(part) for part in types_of(spec)}
 
 
 def _strongest(drive: Iterable[np.ndarray], n_values: int) -> float:
@@ -265,13 +268,6 @@ def choose(table: pd.DataFrame, rule: CalibrationRule, where: str) -> int:
         good = good[good.silent_share == good.silent_share.min()]
     best = good.separation.max()
     return int(good.index[good.separation >= best - rule.tie * abs(best)][0])
-
-
-def _n_at_floor(isi_steps: np.ndarray, neuron: LIF) -> int:
-    """Number of intervals in which charging took one step, or at most FLOOR_OF_TAU of tau_mem."""
-    with np.errstate(divide="ignore"):  # a membrane without leak gives an infinite share
-        charging = np.maximum(1.0, np.round(-FLOOR_OF_TAU / np.log(neuron.decay)))
-    return int((isi_steps <= neuron.refractory_steps + charging).sum())
 
 
 def _isi_table(

@@ -45,6 +45,8 @@ STATIC = {"sa1": 0.0426143949, "ra1": 0.0, "pc": 0.0}
 """Static drive per mm of depth. That of RA-I and PC has no gain in any fit."""
 DYNAMIC = {"sa1": 0.6613757, "ra1": 0.0232514886, "pc": 0.0148809527}
 """Dynamic drive per mm/s."""
+LEAST = {"sa1": 0.1, "ra1": 5.0, "pc": 1.0}
+"""About the depth in mm (SA-I) and the rates of change in mm/s (RA-I, PC) at which the most sensitive fits fire."""
 DERIVED_LATE = 2
 """Steps of the fits' clock by which currents come late: rate and acceleration of the fits look ahead, a step each."""
 ORDER = 3
@@ -97,6 +99,49 @@ class MechanoreceptorSpec(Spec):
             if list(kind.fits) != sorted(set(kind.fits)):
                 raise ValueError(f"{part}.fits must rise from each to the next")
         return self
+
+    @property
+    def is_signed(self) -> bool:
+        """Whether the signal below zero drives afferents as the signal above does: less, in most fits."""
+        return False
+
+    @property
+    def gain_units(self) -> dict[str, str]:
+        """The unit of each type's gain on standardised signals, by the type's name."""
+        return dict.fromkeys(("SA-I", "RA-I", "PC"), "mm per sd")
+
+    @property
+    def for_search(self) -> "MechanoreceptorSpec":
+        """The encoder whose spikes are counted in the search for gains: without noise, and of the first fit."""
+        first = {part: kind.model_copy(update={"fits": kind.fits[:1]}) for part, kind in self.populations.items()}
+        return self.model_copy(update={"noise": False, **first})
+
+    def felt(self, part: str, signal: np.ndarray, sampling_rate_Hz: float) -> np.ndarray:
+        """The depth (SA-I) or its rate of change in mm/s at a gain of 1, of a signal `(time, taxel)`.
+
+        Both are magnitudes after the low pass of the first fit; of a change, there is one value less.
+        """
+        fit = fitted()[part, self.populations[part].fits[0]]
+        drive = signal if part == "sa1" else np.diff(signal, axis=0) * sampling_rate_Hz
+        b, a = butter(ORDER, fit.lowpass_Hz / (sampling_rate_Hz / 2))
+        found: Any = lfilter(b, a, drive, axis=0) if drive.size else drive
+        return np.abs(found).astype(signal.dtype)
+
+    def least_drive(self, part: str) -> float:
+        """About the depth in mm, or the rate of change in mm/s, at which a type just fires (`LEAST`)."""
+        return LEAST[part]
+
+    def least_isi_steps(self, part: str, sampling_rate_Hz: float) -> int:
+        """The shortest inter-spike interval of a type."""
+        return max(1, math.floor(getattr(self, part).t_ref_ms * 1e-3 * sampling_rate_Hz + 1e-9))
+
+    def floor_steps(self, part: str, sampling_rate_Hz: float) -> int:
+        """The longest interval that counts as at the refractory floor."""
+        return math.ceil(getattr(self, part).t_ref_ms * 1e-3 * sampling_rate_Hz - 1e-9)
+
+    def at_gain(self, part: str, gain: float) -> "MechanoreceptorSpec":
+        """With that gain of a type."""
+        return self.model_copy(update={part: getattr(self, part).model_copy(update={"gain": gain})})
 
     @property
     def populations(self) -> dict[str, MechanoreceptorType]:

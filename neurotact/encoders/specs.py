@@ -158,6 +158,14 @@ EncoderSpec = Annotated[
     | Annotated[ResonateAndFireSpec, Tag("resonate-and-fire")],
     Discriminator(_model_of),
 ]
+Calibrated = AfferentSpec | MechanoreceptorSpec
+"""Encoders whose gains calibration finds."""
+CALIBRATED = (AfferentSpec, MechanoreceptorSpec)
+CalibratedSpec = Annotated[
+    Annotated[AfferentSpec, Tag("lif")] | Annotated[MechanoreceptorSpec, Tag("mechanoreceptor")],
+    Discriminator(_model_of),
+]
+"""One of them, as a part of another spec."""
 AnyState = (
     EncoderState
     | IzhikevichEncoderState
@@ -227,6 +235,15 @@ def with_t_refs(encoder: Any, other: Spec) -> Any:
             kind = kind.model_copy(update=period)
             encoder = encoder.model_copy(update={population.part: kind}) if population.part else kind
     return encoder
+
+
+def not_calibrated(encoder: Spec) -> str:
+    """Why calibration refuses an encoder.
+
+    >>> not_calibrated(load("poisson"))
+    "calibrate needs LIF afferents or mechanoreceptors; the model is 'poisson'"
+    """
+    return f"calibrate needs LIF afferents or mechanoreceptors; the model is '{_model_of(encoder)}'"
 
 
 def afferent_names(taxels: Sequence[str], encoder: Mapping[str, Any] = MappingProxyType({})) -> tuple[str, ...]:

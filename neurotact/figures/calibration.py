@@ -1,6 +1,6 @@
 """The choice of a calibrated encoder's gains: limits and separation over the gain, with ISI distributions."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -9,32 +9,37 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from neurotact.figures.style import INK, MUTED, PALE, RA, SA, new_figure, printed
+from neurotact.figures.style import INK, MUTED, PALE, RA, SA, TOTAL, new_figure, printed
 from neurotact.tables import natural
 
-POPULATIONS = (("SA-I", SA, "mV per sd"), ("RA-I", RA, "mV per sd/ms"))
+COLOURS = {"SA-I": SA, "RA-I": RA}
+UNITS = {"SA-I": "mV per sd", "RA-I": "mV per sd/ms"}
 CMAPS = {"SA-I": "Blues", "RA-I": "Oranges"}
+FURTHER = TOTAL, "Greens"
+"""Colour and map of another population, such as PC."""
 BELOW, ABOVE = 1 / 2, 8
 """Gains drawn next to the chosen one, as multiples of it."""
 
 
 @printed
-def draw_calibration(table: pd.DataFrame, isi: pd.DataFrame) -> Figure:
-    """Both populations of a calibration, one row each.
+def draw_calibration(table: pd.DataFrame, isi: pd.DataFrame, units: Mapping[str, str] = UNITS) -> Figure:
+    """The populations of a calibration, one row each.
 
-    table, isi: of a `Calibration`. Left: share of silent trials and of intervals at the refractory floor, and the
-    classes' separation; the chosen gain is marked, gains outside a limit are shaded. Right: the ISI
-    distributions of the classes at half of the chosen gain, at it, and at eight times it (texture paper,
+    table, isi: of a `Calibration`. units: of the gain of each population. Left: share of silent trials and of intervals
+    at the refractory floor, and the classes' separation; the chosen gain is marked, gains outside a limit are shaded.
+    Right: the ISI distributions of the classes at half of the chosen gain, at it, and at eight times it (texture paper,
     Sec. III-A), over the intervals: one row per class, darker for more intervals; above them, the share of trials
     and afferents without an interval.
     """
     labels = sorted(set(isi["label"].astype(str)), key=natural)
-    figure = new_figure(max(5.2, 3.0 + 0.28 * len(labels)))
-    grid = figure.add_gridspec(4, 5, width_ratios=(1.6, 1, 1, 1, 0.06))
-    for row, (afferent, colour, unit) in enumerate(POPULATIONS):
+    afferents = list(dict.fromkeys(table["afferent"]))
+    figure = new_figure(max(5.2, 3.0 + 0.28 * len(labels)) * len(afferents) / 2)
+    grid = figure.add_gridspec(2 * len(afferents), 5, width_ratios=(1.6, 1, 1, 1, 0.06))
+    for row, afferent in enumerate(afferents):
+        colour, cmap = COLOURS.get(afferent, FURTHER[0]), CMAPS.get(afferent, FURTHER[1])
         rows = table[table["afferent"] == afferent].sort_values("gain")
         shares, separation = (figure.add_subplot(grid[2 * row + i, 0]) for i in range(2))
-        _draw_search(shares, separation, rows, colour, f"{afferent} gain ({unit})")
+        _draw_search(shares, separation, rows, colour, f"{afferent} gain ({units[afferent]})")
         shares.set_title(afferent, pad=14)
         gains = _gains_beside(rows)
         mine = isi[isi["afferent"] == afferent]
@@ -43,7 +48,7 @@ def draw_calibration(table: pd.DataFrame, isi: pd.DataFrame) -> Figure:
         for column, ((title, gain), found) in enumerate(zip(gains.items(), shown, strict=True)):
             axes = figure.add_subplot(grid[2 * row : 2 * row + 2, column + 1])
             isi_ms, shares_of, none = found
-            mesh = _draw_distributions(axes, isi_ms, shares_of, labels if column == 0 else [], darkest, CMAPS[afferent])
+            mesh = _draw_distributions(axes, isi_ms, shares_of, labels if column == 0 else [], darkest, cmap)
             axes.set_title(f"{title}: {gain:g}", pad=14)
             axes.text(0.5, 1.02, f"no interval: {none:.0%}", transform=axes.transAxes, ha="center", fontsize=6.5)
             axes.set_xlabel("ISI (ms)")

@@ -8,15 +8,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from neurotact.data.conditioning import ACAUSAL, check_used
-from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.calibration import BY_CALIBRATION, FITTED, PAST
+from neurotact.encoders.specs import Calibrated
 from neurotact.errors import InputError
 from neurotact.spec import leaves, refuse
 from neurotact.studies import sweeps
 
 ENCODER = "encoder."
 CONDITIONING = f"{ENCODER}conditioning"
-PERIODS = ("encoder.sa1.t_ref_ms", "encoder.ra1.t_ref_ms")
+PERIODS = ("encoder.sa1.t_ref_ms", "encoder.ra1.t_ref_ms", "encoder.pc.t_ref_ms")
 """Keys that can be swept without a new fit of the gains."""
 DECIDED = {f"{ENCODER}{key}": f"{BY_CALIBRATION}, or set calibrate=false" for key in FITTED}
 GRADES = ("encoder.sa1.grades", "encoder.ra1.grades")
@@ -32,7 +32,7 @@ def start(point: Mapping[str, Any]) -> dict[str, Any]:
     return {f"calibrate.{key.removeprefix(ENCODER)}": value for key, value in changed.items()}
 
 
-def check(given: Mapping[str, Any], sweep: Mapping[str, list[Any]], starts: Sequence[AfferentSpec]) -> None:
+def check(given: Mapping[str, Any], sweep: Mapping[str, list[Any]], starts: Sequence[Calibrated]) -> None:
     """InputError for a key that is set or swept and that calibration would ignore.
 
     given: dotted keys that are set. starts: the encoder from which each cell is calibrated; empty without calibration.

@@ -25,7 +25,7 @@ from neurotact.encoders.calibration import CLOCK_HZ, way_of
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.same_drive import same_drive_table
 from neurotact.encoders.signals import signal_table
-from neurotact.encoders.specs import EncoderSpec, t_ref_pair_ms, with_t_refs
+from neurotact.encoders.specs import Calibrated, EncoderSpec, t_ref_pair_ms, with_t_refs
 from neurotact.errors import InputError
 from neurotact.files import write_json
 from neurotact.metrics import paired
@@ -175,7 +175,7 @@ def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recor
     missing = [cell for cell in distinct.values() if store.flaws(place, _encoded(cell), made_from)]
     if missing:
         _check_windows(recordings, cells)
-    calibrated: dict[str, AfferentSpec] = {}
+    calibrated: dict[str, Calibrated] = {}
     for cell in missing:
         trains = encode_recordings(recordings, _encoder_of(cell, recordings, calibrated))
         write_table(encoding_table(trains, cell, study.dataset.stratify), place / f"{cell.spikes_name}.csv")
@@ -205,7 +205,7 @@ def _encoded(cell: Cell) -> list[str]:
     return [f"{cell.spikes_name}.csv", f"{cell.spikes_name}.h5"]
 
 
-def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, AfferentSpec]) -> EncoderSpec:
+def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, Calibrated]) -> EncoderSpec:
     """The cell's encoder, with gains fitted on the training trials if the study calibrates.
 
     If unknown conditions are tested, only training trials of the cell's own subset are used: gains must not depend on

@@ -22,7 +22,7 @@ from neurotact.data.windows import WindowSpec
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.same_drive import SameDriveSpec
-from neurotact.encoders.specs import EncoderSpec
+from neurotact.encoders.specs import CALIBRATED, CalibratedSpec, EncoderSpec, not_calibrated
 from neurotact.errors import InputError, nearest
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.seeds import drawn
@@ -202,8 +202,8 @@ class StudySpec(Spec):
                 raise ValueError(f"sweep.dataset: '{name}' is not a subset; {nearest(str(name), known)}")
         if self.test_every_condition and not self.dataset.stratify:
             raise ValueError("test_every_condition needs dataset.stratify, the conditions to test apart")
-        if self.calibrate and not isinstance(self.encoder, AfferentSpec):
-            raise ValueError(f"calibrate needs LIF afferents; the model is '{self.encoder.model}'; set calibrate=false")
+        if self.calibrate and not isinstance(self.encoder, CALIBRATED):
+            raise ValueError(f"{not_calibrated(self.encoder)}; set calibrate=false")
         if self.same_drive is not None and not isinstance(self.encoder, AfferentSpec):
             raise ValueError(f"same_drive needs LIF afferents; this encoder's model is '{self.encoder.model}'")
         return self
@@ -255,7 +255,7 @@ class Cell(Spec):
     split: SplitSpec
     early_exit: EarlyExitSpec
     encoder: EncoderSpec
-    calibrate: AfferentSpec | None = None
+    calibrate: CalibratedSpec | None = None
     """The encoder whose gains are fitted on the training trials; t_ref varies around it."""
     choose_ema: bool = False
     """Whether the cut-off of its moving average is chosen there, too."""

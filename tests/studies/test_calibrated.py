@@ -108,7 +108,10 @@ def test_baselines_stand_beside_the_networks_of_their_encoder(touches, monkeypat
             "the baseline 'first' ignores it",
         ),
         ({"sweep.encoder.sa1.grades": [[0.5, 1.0], [0.2, 1.0]]}, "lists of the same length give the same encoder"),
-        ({"encoder": "izhikevich"}, "calibrate needs LIF afferents; the model is 'izhikevich'; set calibrate=false"),
+        (
+            {"encoder": "izhikevich"},
+            "calibrate needs LIF afferents or mechanoreceptors; the model is 'izhikevich'; set calibrate=false",
+        ),
     ],
 )
 def test_a_key_that_would_be_ignored_is_refused(touches, changes, words):

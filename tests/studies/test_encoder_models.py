@@ -69,7 +69,7 @@ def test_a_calibrated_study_of_several_afferents_a_taxel_reports(tmp_path, monke
 
 def test_only_lif_encoders_are_calibrated(tmp_path):
     path = study_of(tmp_path, encoder="poisson", calibrate=True, sweep={"seed": [0, 1]}, quick={})
-    with pytest.raises(InputError, match="calibrate needs LIF afferents; the model is 'poisson'"):
+    with pytest.raises(InputError, match="calibrate needs LIF afferents or mechanoreceptors; the model is 'poisson'"):
         loading.resolve(path)
 
 
@@ -77,3 +77,21 @@ def test_a_refractory_period_that_the_model_lacks_is_refused(tmp_path):
     path = study_of(tmp_path, encoder="izhikevich")
     with pytest.raises(InputError, match=r"encoder\.(ra1|sa1)\.t_ref_ms: unknown key; known: gain_mV_per_ms"):
         loading.resolve(path)
+
+
+@pytest.mark.thorough
+def test_a_calibrated_study_of_mechanoreceptors_with_pc_reports(tmp_path, monkeypatch):
+    monkeypatch.setattr(runner, "executor", in_this_process)
+    monkeypatch.setattr(runner, "in_a_process", lambda function, *arguments: function(*arguments))
+    sweep = {"encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1.2, 1.2], [5, 10]], "seed": [0]}
+    path = study_of(tmp_path, sweep=sweep, calibrate=True, encoder="mechanoreceptor-pc", quick={})
+    out = tmp_path / "run"
+    runner.run(loading.resolve(path, {"network.hidden": 4, "network.training.epochs": 1}), out)
+    report.write(out)
+    results = pd.read_csv(out / "results.csv")
+    assert (results[["spikes_sa", "spikes_ra", "spikes_pc"]] > 0).all(axis=None)
+    assert results["t_ref_sa_ms"].tolist() == [1.2, 10.0]
+    assert (out / "report.html").is_file()
+    ledger = pd.read_csv(out / "ledger.csv")
+    # 8 taxels with three afferents each; of the encoder three gains and a scale of each taxel.
+    assert ledger["parameters"].iloc[-1] - (24 * 4 + 4 * 4 + 4 * 2 + 3) in (8, 16)
