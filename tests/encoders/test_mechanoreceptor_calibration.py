@@ -12,9 +12,13 @@ from neurotact.encoders.calibration import calibrate, way_of
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.gain_search import suited_rule
 from neurotact.encoders.mechanoreceptor import MechanoreceptorSpec
-from neurotact.encoders.specs import load
 from neurotact.errors import InputError
 from neurotact.figures.calibration import draw_calibration
+
+
+def load(name, changes=None) -> MechanoreceptorSpec:
+    return specs.load(MechanoreceptorSpec, name, changes)
+
 
 SPEC = load("mechanoreceptor", {"conditioning.resample_Hz": 1000.0})
 QUICK = RULE.model_copy(update={"candidates": 9, "step": 1.8, "trials_per_class": 4, "taxels": 2})
