@@ -71,6 +71,22 @@ def test_the_rise_gives_an_onset_and_the_hold_none():
     assert abs(int(quick[200:].sum()) - int(plain[200:].sum())) <= 1
 
 
+def pressed(depth_mm, speed_mm_per_s, seconds=0.8) -> np.ndarray:
+    """A ramp that is held, `(trial, time, taxel)`."""
+    time_s = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    return np.minimum(time_s * speed_mm_per_s, depth_mm)[None, :, None]
+
+
+def test_the_biological_spec_fires_as_its_comments_say():
+    encoder = specs.load("sa1-ra1-lif-biological", {"conditioning": {"baseline": "none"}})
+    held = encode(pressed(0.78, 72.0), RATE_HZ, encoder)[0][0, -1000:, :4]
+    assert held.sum() / 4 / 0.5 == pytest.approx(33, abs=4)
+    slow = encode(pressed(0.5, 6.0), RATE_HZ, encoder)[0][0, :, 4:].sum(axis=0)
+    assert slow.tolist() == [pytest.approx(4, abs=1), 0]
+    quick = encode(pressed(0.78, 72.0), RATE_HZ, encoder)[0][0]
+    assert np.flatnonzero(quick[:, 3])[0] <= 0.005 * RATE_HZ
+
+
 def test_the_rise_costs_a_mac_and_a_comparison_a_taxel_and_step():
     plain, quick = (encoding_cost(4, 100, 100.0, spec({"sa1.rate_ms": ms}).model_dump()) for ms in (0.0, 20.0))
     assert (quick.macs - plain.macs, quick.other_flops - plain.other_flops) == (400, 400)
