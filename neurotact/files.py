@@ -161,10 +161,10 @@ def locked(folder: str | Path) -> Iterator[None]:
     """
     folder = Path(folder)
     path = folder / LOCK
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file; name a folder")
-    made = [place for place in (folder, *folder.parents) if not place.exists()]
-    with _writable(path):
+    with _writable(path):  # `exists` raises, too, for a name that is too long
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"{folder}: is a file; name a folder")
+        made = [place for place in (folder, *folder.parents) if not place.exists()]
         folder.mkdir(parents=True, exist_ok=True)
         descriptor = _take(path)
     if descriptor is None:

@@ -668,6 +668,7 @@ def test_two_outputs_of_a_command_are_two_files(refused, made, tmp_path):
 def test_a_name_that_is_too_long_is_refused_before_any_work(refused, made, tmp_path, monkeypatch):
     monkeypatch.setattr(encoding, "write_encoded", lambda *_: pytest.fail("it worked"))
     refused(("encode", made / "touch.h5", "-o", tmp_path / ("x" * 300)), "File name too long")
+    refused(("train", made / "spikes.h5", *QUICK, "-o", tmp_path / ("x" * 300)), "File name too long")
 
 
 def test_a_file_that_is_not_there_is_named(refused, made, tmp_path):
