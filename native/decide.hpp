@@ -69,7 +69,7 @@ public:
         visit("readout_spikes", decided, words(classes) * sizeof(uint64_t));
     }
     // One step from the hidden neurons that spiked; whether a readout neuron is heard in it.
-    NT_INLINE bool step(const uint32_t* rows, int n_rows, Value* counts) {
+    NT_INLINE bool step(const uint32_t* rows, int n_rows, int64_t, Value* counts) {
         bool any = false;
         if (!neuron.emits_at_once()) any = count(counts);
         advance_layer(neuron, layer, {table, rows, n_rows, 0},
@@ -103,7 +103,7 @@ class IntegratingReadout {
 public:
     using Value = double;
     IntegratingReadout(const Net<T>& net, const ForwardTables<T>&, Carver& carver)
-        : weights(net.w_out), bias(net.bias), classes(net.sizes.classes), how(net.integration),
+        : weights(net.w_out), bias(net.bias), hidden(net.sizes.hidden), classes(net.sizes.classes), how(net.integration),
           gained(carver.take<double>(classes)), y(carver.take<double>(classes)) {}
     static Value* counts_of(const Decisions& to) { return to.sums; }
     bool leaks() const { return how.leaks; }
@@ -115,11 +115,14 @@ public:
         std::memcpy(sums, bias, classes * sizeof(double));
         std::memset(y, 0, classes * sizeof(double));
     }
-    NT_INLINE bool step(const uint32_t* rows, int n_rows, Value* sums) {
+    // now: the step of the window, from 0.
+    NT_INLINE bool step(const uint32_t* rows, int n_rows, int64_t now, Value* sums) {
         if (n_rows == 0 && !how.leaks) return false;
+        const T* table = weights;
+        if (how.stretches > 1) table += how.stretch_of(now) * hidden * classes;
         for (int c = 0; c < classes; c++) gained[c] = 0;
         for (int e = 0; e < n_rows; e++) {
-            const T* row = weights + (int64_t)rows[e] * classes;
+            const T* row = table + (int64_t)rows[e] * classes;
             for (int c = 0; c < classes; c++) gained[c] += row[c];
         }
         bool any = false;
@@ -134,7 +137,7 @@ public:
 private:
     const T* weights;
     const double* bias;
-    const int classes;
+    const int hidden, classes;
     const Integration how;
     double *gained, *y;
 
@@ -166,10 +169,10 @@ struct InferState {
         spikes.clear(net.sizes.hidden);
         readout.start(counts);
     }
-    // One step from the afferents that spike, of which the first `n_rows` of `rows` are the numbers; how many hidden
-    // neurons spike. Adapts: whether their thresholds do.
+    // Step `now` of a window, from 0, from the afferents that spike, of which the first `n_rows` of `rows` are the
+    // numbers; how many hidden neurons spike. Adapts: whether their thresholds do.
     template <bool Adapts>
-    NT_INLINE int step(const Net<T>& net, const ForwardTables<T>& tables, int n_rows, Leader<Value>& leader) {
+    NT_INLINE int step(const Net<T>& net, const ForwardTables<T>& tables, int n_rows, int64_t now, Leader<Value>& leader) {
         const int64_t hid_words = words(net.sizes.hidden);
         if (net.w_rec)
             n_rows = list_rows(spikes.recurrent(net.neuron.recurrent_delay), hid_words, net.sizes.inputs, rows, n_rows);
@@ -181,7 +184,7 @@ struct InferState {
             advance_layer<T>(net.neuron, tables.hidden, {tables.table, rows, n_rows, 0}, state, spikes.next);
         const uint64_t* emitted = net.neuron.emits_at_once() ? spikes.next : spikes.now;
         n_rows = list_rows(emitted, hid_words, 0, rows, 0);
-        const bool moved = readout.step(rows, n_rows, leader.sums);
+        const bool moved = readout.step(rows, n_rows, now, leader.sums);
         leader.after(moved, moved || readout.leaks());
         spikes.step();
         return n_rows;

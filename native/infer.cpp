@@ -21,7 +21,7 @@ bool infer_trial(const Net<T>& net, const ForwardTables<T>& tables, InferState<T
         binary &= pack_step(net.spikes, trial, steps, n.inputs, inputs);
         const int n_rows = list_rows(inputs, words(n.inputs), 0, s.rows, 0);
         input_spikes += n_rows;
-        hidden_spikes += s.template step<Adapts>(net, tables, n_rows, leader);
+        hidden_spikes += s.template step<Adapts>(net, tables, n_rows, steps, leader);
         steps++;
         if (leader.exits(rule)) break;
     }

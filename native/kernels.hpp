@@ -47,9 +47,17 @@ struct Adaptation {
 
 // A readout that does not spike: y[t+1] = decay y[t] + W s[t]; see networks/readouts.py. Where it leaks, or takes the
 // largest value over time, the network's own passes know it; a plain sum follows from the hidden layer's counts.
+// A window may be divided into stretches, each with its own w_out, one after the other; the last one has no end.
 struct Integration {
     bool leaks, peak;  // peak: leaks too
     double decay;
+    int64_t stretches = 1, stretch_steps = 1;
+    constexpr int64_t stretch_of(int64_t step) const {
+        const int64_t k = stretches > 1 ? step / stretch_steps : 0;
+        return k < stretches ? k : stretches - 1;
+    }
+    // Whether a stretch, and not the window, ends with this step.
+    constexpr bool ends(int64_t step) const { return stretches > 1 && stretch_of(step) != stretch_of(step + 1); }
 };
 
 // A network: one layer, recurrent where w_rec is given, and a readout where classes > 0.
@@ -71,7 +79,7 @@ struct Net {
 template <class T>
 struct Outputs {
     T* readout;  // (trial, class) counts, or the values of an integrator that leaks, without its bias
-    T* hidden;   // (trial, hidden) counts
+    T* hidden;   // (trial, hidden) counts, or of each stretch (trial, stretch, hidden)
     T* raster;   // (trial, time, hidden) of 0 and 1
 };
 

@@ -196,6 +196,14 @@ NT_INLINE void write_counts(Layer<S, N>& layer, bool last_is_sent, int n, T* to)
     std::memcpy(to, counts, n * sizeof(T));
 }
 
+// Counts of a stretch that ends here; from now on the layer counts for the next one.
+template <class S, int N, class T>
+NT_INLINE void next_stretch(Layer<S, N>& layer, bool last_is_sent, int n, T* to) {
+    write_counts(layer, last_is_sent, n, to);
+    for (int q = 0; q < N; q++)
+        layer.count[q] = last_is_sent ? typename S::V{} : S::only(layer.fired[q], typename S::V{} + 1);
+}
+
 template <class T, int HP, int OP, bool Adapts>
 void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, const uint64_t* inputs,
                     const Outputs<T>& out, const Tape<T>* tape) {
@@ -234,6 +242,10 @@ void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, c
     const auto write_readout = [&](int s, int64_t step) __attribute__((always_inline)) {
         if (readout_membrane) store_all(readout_membrane + (s * steps + step) * OP, readout[s].membrane);
         if (readout_current) store_all(readout_current + (s * steps + step) * OP, readout[s].current);
+    };
+    const auto counts_of = [&](int s, int64_t step) {
+        const int64_t row = (first + s) * net.integration.stretches + net.integration.stretch_of(step);
+        return out.hidden ? out.hidden + row * n.hidden : nullptr;
     };
     for (int64_t t = 0; t < steps; t++) {
         Vectors<SH, NH> before[N];
@@ -280,6 +292,9 @@ void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, c
                         raised[(s * steps + t) * HP + i] = net.adaptation.strength * adapting[s].adaptation[i];
             }
         }
+        if (net.integration.ends(t) && t < steps - 1)
+            for (int s = 0; s < N && first + s < n.trials; s++)
+                next_stretch(hidden[s], neuron.emits_at_once(), n.hidden, counts_of(s, t));
     }
     if (reads_out && lag && steps)
         for (int s = 0; s < N; s++) {
@@ -302,7 +317,7 @@ void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, c
         for (int s = 0; s < N; s++) store_all(tape->taken + (first + s) * OP, readout[s].count);
     const bool last_is_sent = neuron.emits_at_once() || steps == 0;
     for (int s = 0; s < N && first + s < n.trials; s++) {
-        if (out.hidden) write_counts(hidden[s], last_is_sent, n.hidden, out.hidden + (first + s) * n.hidden);
+        write_counts(hidden[s], last_is_sent, n.hidden, counts_of(s, steps ? steps - 1 : 0));
         if (leaks) readout[s].count = readout[s].membrane;
         if (out.readout) write_counts(readout[s], last_is_sent || leaks, n.classes, out.readout + (first + s) * n.classes);
     }
@@ -479,13 +494,22 @@ void backward_trials(const Net<T>& net, const Tables<T>& tables, const Tape<T>& 
     for (int s = 0; s < N; s++) {
         const int64_t trial = first + s;
         const bool real = trial < n.trials;
-        if (grad.hidden && real) std::memcpy(count_gradient[s], grad.hidden + trial * n.hidden, n.hidden * sizeof(T));
         if (grad.readout && real) std::memcpy(class_gradient[s], grad.readout + trial * n.classes, n.classes * sizeof(T));
         hidden[s].after = load_all<SH, NH>(membrane + (s * steps + last) * HP);
         if (leaks) readout[s].after = load_all<SO, NO>(tape.taken + trial * OP);
         else if (reads_out) readout[s].after = load_all<SO, NO>(readout_membrane + (s * steps + last) * OP);
         spike_gradient[s] = Vectors<SH, NH>{};
     }
+    int64_t stretch = -1;
+    // The gradient of the counts in which the spikes of this step are.
+    const auto count_at = [&](int64_t step) __attribute__((always_inline)) {
+        const int64_t now = net.integration.stretch_of(step < 0 ? 0 : step);
+        if (now == stretch || !grad.hidden) return;
+        stretch = now;
+        for (int s = 0; s < N && first + s < n.trials; s++)
+            std::memcpy(count_gradient[s], grad.hidden + ((first + s) * net.integration.stretches + now) * n.hidden,
+                        n.hidden * sizeof(T));
+    };
     const int out_rows = n.classes + n.classes % 2, hidden_rows = n.hidden + n.hidden % 2;
     Vectors<SO, NO> complete_out[N]{};
     const auto readout_back = [&](int s, int64_t step) __attribute__((always_inline)) {
@@ -506,9 +530,10 @@ void backward_trials(const Net<T>& net, const Tables<T>& tables, const Tape<T>& 
     const auto spikes_at = [&](int s, int64_t step) __attribute__((always_inline)) {
         return step > 0 ? spikes[s * steps + step - 1] : 0;
     };
-    // dL/ds[t-d], from where turn t took it: into the readout and, but for the turn after the last step, into the
-    // hidden layer.
-    const auto gather_spike_gradient = [&](bool into_hidden) __attribute__((always_inline)) {
+    // dL/ds[t-d], from where turn t took it: into the readout at `step` and, but for the turn after the last step, into
+    // the hidden layer.
+    const auto gather_spike_gradient = [&](int64_t step, bool into_hidden) __attribute__((always_inline)) {
+        count_at(step);
         Vectors<SH, NH> gathered[N];
         NT_EACH_TRIAL(s) gathered[s] = load_all<SH, NH>(count_gradient[s]);
         if (reads_out) add_product(gathered, g_out[0], OP, tables.w_out_transposed, out_rows);
@@ -527,7 +552,7 @@ void backward_trials(const Net<T>& net, const Tables<T>& tables, const Tape<T>& 
                         add_at<SO>(sums.events + event_row(n.inputs + i) * F::pitch + HP + q * SO::lanes,
                                    complete_out[s][q]);
         }
-        gather_spike_gradient(false);
+        gather_spike_gradient(last, false);
     }
     for (int64_t t = last; t >= 0; t--) {
         Vectors<SH, NH> complete[N];
@@ -558,7 +583,7 @@ void backward_trials(const Net<T>& net, const Tables<T>& tables, const Tape<T>& 
                     for (int q = 0; q < NO; q++) add_at<SO>(row + HP + q * SO::lanes, complete_out[s][q]);
                 }
         }
-        gather_spike_gradient(recurs);
+        gather_spike_gradient(t - lag, recurs);
     }
 }
 

@@ -214,8 +214,9 @@ struct Streaming {
         const int64_t n_words = words(plan.net.sizes.inputs);
         const int n_rows = list_rows(window.waiting, n_words, 0, window.net.rows, 0);
         std::memset(window.waiting, 0, n_words * sizeof(uint64_t));
-        return plan.net.adaptation.on ? window.net.template step<true>(plan.net, tables, n_rows, window.leader)
-                                      : window.net.template step<false>(plan.net, tables, n_rows, window.leader);
+        const int64_t now = (window.numbers[2] + plan.bin - 1) / plan.bin - 1;
+        return plan.net.adaptation.on ? window.net.template step<true>(plan.net, tables, n_rows, now, window.leader)
+                                      : window.net.template step<false>(plan.net, tables, n_rows, now, window.leader);
     }
 
     // A step's afferents, and room for what the oldest window makes of them.

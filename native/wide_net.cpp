@@ -54,8 +54,14 @@ struct ForwardLayer {
     }
     // Counts of the spikes that were sent: all, or all but the last ones.
     void write(const uint64_t* but, T* to) const {
-        for (int i = 0; i < neurons; i++) to[i] = counts[i] - (but ? (T)(but[i / 64] >> (i % 64) & 1) : T(0));
+        for (int i = 0; i < neurons; i++) to[i] = counts[i] - bit(but, i);
     }
+    // The same of a stretch that ends here; from now on the next one counts.
+    void next_stretch(const uint64_t* but, T* to) {
+        if (to) write(but, to);
+        for (int i = 0; i < neurons; i++) counts[i] = bit(but, i);
+    }
+    static T bit(const uint64_t* of, int i) { return of ? (T)(of[i / 64] >> (i % 64) & 1) : T(0); }
 };
 
 template <class T>
@@ -103,6 +109,10 @@ bool forward_trial(const Net<T>& net, const ForwardTables<T>& tables, TrialState
     T* current = row_of(tape ? tape->current : nullptr, s.hidden.pitch);
     T* readout_membrane = row_of(tape ? tape->readout_membrane : nullptr, s.readout.pitch);
     T* readout_current = row_of(tape ? tape->readout_current : nullptr, s.readout.pitch);
+    const auto counts_at = [&](int64_t step) {
+        const int64_t row = trial * net.integration.stretches + net.integration.stretch_of(step);
+        return out.hidden ? out.hidden + row * n.hidden : nullptr;
+    };
     bool binary = true;
     s.clear();
     if constexpr (Adapts) std::memset(s.adaptation, 0, s.hidden.pitch * sizeof(T));
@@ -139,9 +149,11 @@ bool forward_trial(const Net<T>& net, const ForwardTables<T>& tables, TrialState
         if (tape)
             for (int64_t k = 0; k < hid_words; k++) tape->spikes[row * hid_words + k] = s.spikes.next[k];
         s.spikes.step();
+        if (net.integration.ends(t) && t < n.steps - 1)
+            s.hidden.next_stretch(at_once ? nullptr : s.spikes.now, counts_at(t));
     }
     const bool all_sent = at_once || n.steps == 0;
-    if (out.hidden) s.hidden.write(all_sent ? nullptr : s.spikes.now, out.hidden + trial * n.hidden);
+    if (out.hidden) s.hidden.write(all_sent ? nullptr : s.spikes.now, counts_at(n.steps ? n.steps - 1 : 0));
     if (leaks) {
         if (out.readout) std::memcpy(out.readout + trial * n.classes, s.readout.membrane, n.classes * sizeof(T));
         if (tape) std::memcpy(tape->taken + trial * s.readout.pitch, s.readout.counts, s.readout.pitch * sizeof(T));
@@ -415,7 +427,7 @@ public:
             if (n.classes) readout_back(t, readout_history);
             if (net.neuron.emits_at_once()) add_emission(t, readout_history);
             hidden_back(t, history);
-            start_spike_gradient();
+            start_spike_gradient(t - net.neuron.emits_at_once());
             // dL/ds[t] through what comes back to the layer: in I[t+1+d]
             const T* returning = net.neuron.recurrent_delay ? later : history;
             if (net.w_rec && returning) add_product(returning, pitch, tables.recurrent, s.emitted, trials);
@@ -439,6 +451,7 @@ private:
     const int64_t in_words, hid_words;
     const bool one_list;
     int filled = 0;            // steps in the history
+    int64_t stretch = -1;      // whose counts' gradient is in use
     const T* later = nullptr;  // the history of step t+1
 
     static void clear(T* at, int64_t count) { std::memset(at, 0, count * sizeof(T)); }
@@ -456,16 +469,27 @@ private:
         clear(s.readout_membrane, (int64_t)trials * readout_pitch);
         clear(s.unheard, readout_pitch);
         std::memset(s.silent, 0, hid_words * sizeof(uint64_t));
-        copy_rows(grad.hidden ? grad.hidden + first_trial * n.hidden : nullptr, trials, n.hidden, s.count_gradient, pitch);
+        stretch = -1;
+        if (!grad.hidden) clear(s.count_gradient, (int64_t)trials * pitch);
         copy_rows(grad.readout ? grad.readout + first_trial * n.classes : nullptr, trials, n.classes, s.class_gradient,
                   readout_pitch);
         // s[T] is sent only where step T-1 emits it.
-        if (net.neuron.emits_at_once()) start_spike_gradient();
+        if (net.neuron.emits_at_once()) start_spike_gradient(n.steps - 1);
         else clear(s.emitted, (int64_t)trials * pitch);
         s.inputs.clear(), s.recurrent.clear(), s.sent.clear();
     }
-    // dL/ds through what the layer sends out: its share of the counts
-    void start_spike_gradient() { std::memcpy(s.emitted, s.count_gradient, (int64_t)trials * pitch * sizeof(T)); }
+    // dL/ds through what the layer sends out at this step: its share of the counts
+    void start_spike_gradient(int64_t step) {
+        const int64_t now = net.integration.stretch_of(step < 0 ? 0 : step), columns = net.integration.stretches * n.hidden;
+        if (grad.hidden && now != stretch)
+            for (int m = 0; m < trials; m++) {
+                T* to = s.count_gradient + (int64_t)m * pitch;
+                clear(to, pitch);
+                std::memcpy(to, grad.hidden + (first_trial + m) * columns + now * n.hidden, n.hidden * sizeof(T));
+            }
+        stretch = now;
+        std::memcpy(s.emitted, s.count_gradient, (int64_t)trials * pitch * sizeof(T));
+    }
     // and of the raster and of the readout's input at step t
     void add_emission(int64_t t, const T* readout_history) {
         if (grad.raster)

@@ -33,6 +33,11 @@ def is_in(*values: Any) -> Callable[[Any], bool]:
     return lambda value: value in values
 
 
+def more_than_one(value: Any) -> bool:
+    """Whether a number is above 1."""
+    return value > 1
+
+
 class Need(NamedTuple):
     """names: of parameters. beside: another parameter. suits: the values of it with which they have an effect.
 
@@ -93,6 +98,7 @@ NEEDS = (
     Need("recurrent_weight_scale recurrent_delay_steps", "model", is_in("rsnn"), "with model = 'snn'"),
     Need("readout_surrogate_scale", "readout", is_in("count"), "with a readout that does not spike"),
     Need("training.readout_dropout", "readout", is_in("integrator", "max"), "with readout = 'count'"),
+    Need("readout_stretch_ms training.stretch_rate", "readout_stretches", more_than_one, "with readout_stretches = 1"),
     Need("forward_weight_scale", "keeps_scale", bool, "with input_deviation, to which all weights are scaled"),
     Need("training.learning_rate", "has_others", bool, "with training.relative_learning_rate, the rate of all weights"),
     # SpikingClassifier

@@ -30,6 +30,7 @@ READOUTS: dict[str, dict] = {
     "integrator": {"readout": "integrator"},
     "leaky": {"readout": "integrator", "readout_tau_ms": 9.0},
     "max": {"readout": "max"},
+    "stretches": {"readout": "integrator", "readout_stretches": 3, "readout_stretch_ms": 12.0},
 }
 
 
@@ -44,11 +45,21 @@ def make_chain(
     """readout: of `READOUTS`; afferents: as for `make_encoder`."""
     encoder = make_encoder(afferents, **conditioning)
     settings = {"hidden": 6, "forward_weight_scale": 3.0, "recurrent_weight_scale": 0.4, **READOUTS[readout], **network}
+    if readout == "stretches" and (step_ms := network.get("step_ms")):
+        settings["readout_stretch_ms"] = 3 * step_ms
     clock_Hz = encoder.conditioning.resample_Hz or rate_Hz
     generator = torch.Generator().manual_seed(seed)
     net = RSNN(encoder.n_per_taxel * n_taxels, 3, sampling_rate_Hz=clock_Hz, generator=generator, **settings)
+    unequal_stretches(net)
     chain = chain_of((encoder, net), sampling_rate_Hz=rate_Hz, **(windows or {"length_ms": 40}))
     return chain._replace(rule=ExitRule(patience, from_first_spike=True, margin=margin))
+
+
+def unequal_stretches(network: RSNN) -> None:
+    """Give the stretches of a window, if it has any, weights that differ."""
+    if network.w_stretch is not None:
+        with torch.no_grad():
+            network.w_stretch.normal_(generator=torch.Generator().manual_seed(1))
 
 
 def make_run(folder: Path, n_trials: int = 12, channels: tuple[str, ...] | None = None) -> Path:

@@ -100,6 +100,9 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         "membrane_kind": spec.membrane, "reset": spec.reset,
         "delay": spec.recurrent and spec.recurrent_delay_steps,
         "bin": network.steps_per_bin,
+        "stretches": 1 if network.stretches is None else network.stretches.number,
+        "stretch_steps": 1 if network.stretches is None else network.stretches.steps,
+        "weight": "float" if formats is None else "int8_t",
         "patience": chain.rule.in_bins(network.steps_per_bin).patience, "from_first_spike": chain.rule.from_first_spike,
         "margin_words": chain.rule.margin and f"{chain.rule.margin:g}",
         "resampled": chain.sampling_rate_Hz != chain.clock_Hz, "baseline": conditioning.baseline,
@@ -131,7 +134,7 @@ def _in_float(chain: Chain) -> dict[str, Any]:
     conditioner = Conditioner(chain.sampling_rate_Hz, chain.encoder.conditioning)
     sa1, ra1 = encoder.neuron(encoder.sa1, chain.clock_Hz), encoder.neuron(encoder.ra1, chain.clock_Hz)
     alpha, beta, threshold = (np.asarray(p.detach()) for p in (network.alpha, network.beta, network.threshold))
-    matrices = {"w_in": network.w_in, "w_rec": network.w_rec, "w_out": network.w_out}
+    matrices = {"w_in": network.w_in, "w_rec": network.w_rec, "w_out": network.readout_weights}
     tables = [_floats(key, each.detach().numpy()) for key, each in matrices.items() if each is not None]
     offset, scale = conditioning.offset is not None, conditioning.scale is not None
     for key, values in (("offset", conditioning.offset), ("scale", conditioning.scale)):
@@ -247,7 +250,7 @@ def _layer(chain: Chain, index: int) -> dict[str, Any]:
 ABOUT = {
     "w_in": "Weights from afferents to hidden neurons, one row per afferent.",
     "w_rec": "Weights from hidden neurons to hidden neurons, one row per presynaptic neuron.",
-    "w_out": "Weights from hidden neurons to classes, one row per hidden neuron.",
+    "w_out": "Weights from hidden neurons to classes, one row per hidden neuron (of each stretch of a window).",
     "bias": "Initial values of the readout.",
     "offset": "Subtracted from each taxel's signal.",
     "scale": "Divisors of each taxel's signal.",

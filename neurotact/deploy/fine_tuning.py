@@ -64,7 +64,12 @@ def tuned_of(restored: Restored) -> FineTuned | None:
 
 
 def grids_of(network: RSNN, steps: Steps, weight_bits: int) -> dict[str, Grid]:
-    """The possible values of each matrix of weights; an integrator's bias has the steps of its weights, and 32 bits."""
+    """The possible values of each matrix of weights; an integrator's bias has the steps of its weights, and 32 bits.
+
+    Raises InputError for a network with `readout_stretches`: the sum of two weights on a grid may be too large for it.
+    """
+    if network.stretches is not None:
+        raise InputError("readout_stretches: fine-tuning rounds one readout; fine-tune with 0 epochs, or train with 1")
     most = 2 ** (weight_bits - 1) - 1
     grids = {name: Grid(step, most) for name, step in steps._asdict().items() if step is not None}
     return grids if network.bias is None else {**grids, "bias": Grid(steps.w_out, formats.LARGEST)}

@@ -18,6 +18,7 @@ from neurotact.deploy.chain import Chain
 from neurotact.errors import InputError
 from neurotact.networks.definition import reference
 from neurotact.networks.definition.executors import Subject, require
+from neurotact.networks.definition.readouts import Stretches
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.neurons import LIF, cuba_lif_start
 
@@ -128,11 +129,19 @@ def decay_bits(state_bits: int) -> int:
 
 
 class Integrator(NamedTuple):
-    """A readout that integrates: weights `(hidden, class)` and initial values, in one unit."""
+    """A readout that integrates: weights `(hidden, class)` and initial values, in one unit.
+
+    stretches: of a window, if each has weights of its own; w is then `(K, hidden, class)`.
+    """
 
     unit: float
     w: np.ndarray
     bias: np.ndarray
+    stretches: Stretches | None = None
+
+    def at(self, step: int) -> np.ndarray:
+        """The weights in a step of the network, `(hidden, class)`."""
+        return self.w if self.stretches is None else self.w[self.stretches.of_step(step)]
 
 
 class Steps(NamedTuple):
@@ -399,11 +408,11 @@ def _shift(step: float, least_unit: float, most_shift: int) -> int:
 
 def _integrator(network: RSNN, weight_bits: int, n_steps: int, step: float | None) -> Integrator:
     assert network.bias is not None
-    w, bias = (np.asarray(each.detach().double()) for each in (network.w_out, network.bias))
+    w, bias = (np.asarray(each.detach().double()) for each in (network.readout_weights, network.bias))
     top = 2 ** (weight_bits - 1) - 1
     unit = step or (float(np.abs(w).max()) or 1.0) / top
     integers = _integers(w, unit, top)
     initial = np.rint(bias / unit)
-    if np.abs(initial).max() + float(n_steps) * np.abs(integers).sum(axis=0).max() > LARGEST:
+    if np.abs(initial).max() + float(n_steps) * np.abs(integers).sum(axis=-2).max() > LARGEST:
         raise InputError("window: an integrator may overflow 32 bits in a window of this length; shorten it")
-    return Integrator(unit, integers, initial.astype(np.int64))
+    return Integrator(unit, integers, initial.astype(np.int64), network.stretches)

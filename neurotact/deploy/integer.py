@@ -165,7 +165,7 @@ def infer(windows: np.ndarray, formats: Formats, neuron: CubaLIF, rule: ExitRule
     n_steps = windows.shape[1]
     hidden, readout = formats.hidden, formats.readout
     state = _Neurons.start(n_windows, hidden.w)
-    out, counts = _Neurons.start(n_windows, readout.w), np.zeros((n_windows, readout.w.shape[1]), np.int64)
+    out, counts = _Neurons.start(n_windows, readout.w), np.zeros((n_windows, readout.w.shape[-1]), np.int64)
     if isinstance(readout, Integrator):
         counts = counts + readout.bias
     rule = replace(rule, margin=whole_margin(rule, readout))
@@ -178,7 +178,7 @@ def infer(windows: np.ndarray, formats: Formats, neuron: CubaLIF, rule: ExitRule
         inputs = windows[:, t].astype(np.int64)
         spikes, state = _step(hidden, neuron, inputs, state)
         if isinstance(readout, Integrator):
-            increments = spikes @ readout.w
+            increments = spikes @ readout.at(t)
         else:
             increments, out = _step(readout, neuron, spikes, out)
         decided.steps[running] = min((t + 1) * steps_per_bin, length)

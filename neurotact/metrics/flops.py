@@ -655,6 +655,7 @@ class Integrator(Layer):
     without a spike.
     leaky_steps: steps in which what was added up decays, a MAC per neuron and step; 0 without a leak.
     peak: whether the largest value over time counts: a comparison more per neuron and step, and a second state.
+    stretches: of a decision, each with weights of its own: more parameters, and the same operations.
     """
 
     inputs: int
@@ -662,6 +663,7 @@ class Integrator(Layer):
     sops: float
     leaky_steps: float = 0.0
     peak: bool = False
+    stretches: int = 1
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -671,7 +673,7 @@ class Integrator(Layer):
     def cost(self) -> Cost:
         updates, states = self.neurons * self.leaky_steps, self.neurons * (2 if self.peak else 1)
         return _with_weights(
-            self.neurons * (self.inputs + 1), states, macs=updates, acs=self.sops,
+            self.neurons * (self.stretches * self.inputs + 1), states, macs=updates, acs=self.sops,
             other_flops=updates if self.peak else 0, sops=self.sops,
         )  # fmt: skip
 

@@ -9,7 +9,7 @@ import pytest
 import torch
 from compiled import chosen
 from compiled import compare as compare_in_c
-from made_chains import READOUTS, make_encoder, make_signal, offline, told
+from made_chains import READOUTS, make_encoder, make_signal, offline, told, unequal_stretches
 
 import neurotact as nt
 from neurotact.data.conditioning import ConditioningSpec
@@ -61,6 +61,7 @@ NETWORKS = {
     "readout integrator": READOUTS["integrator"],
     "readout that leaks": READOUTS["leaky"],
     "readout max": READOUTS["max"],
+    "readout of stretches": READOUTS["stretches"],
 }
 RULES = {
     "exit by patience": ExitRule(5, from_first_spike=True),
@@ -82,6 +83,7 @@ def parts_with(feature: str) -> tuple[EncoderSpec, nt.RSNN, ExitRule]:
         per_taxel * TAXELS, CLASSES, sampling_rate_Hz=RATE_Hz, generator=torch.Generator().manual_seed(0),
         dtype=torch.float64 if feature == "double precision" else torch.float32, **settings,
     )  # fmt: skip
+    unequal_stretches(network)
     return encoder, network, RULES.get(feature, FULL_WINDOW)
 
 

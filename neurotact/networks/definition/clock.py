@@ -15,10 +15,10 @@ NEARLY = 1e-6
 """How far a network's step may be from a whole number of the encoder's, of it: rates are not exact in decimals."""
 
 
-def steps_per_bin(step_ms: float | None, sampling_rate_Hz: float) -> int:
+def steps_per_bin(step_ms: float | None, sampling_rate_Hz: float, name: str = "step_ms") -> int:
     """Steps of the encoder's clock in one step of the network; 1 if `step_ms` is None.
 
-    Raises InputError unless they are a whole number, at least 1.
+    Raises InputError, which calls the step `name`, unless they are a whole number, at least 1.
 
     >>> steps_per_bin(5.0, 1000.0), steps_per_bin(None, 1000.0)
     (5, 1)
@@ -29,7 +29,7 @@ def steps_per_bin(step_ms: float | None, sampling_rate_Hz: float) -> int:
     n = max(1, round(wanted))
     if abs(wanted - n) > NEARLY * n:
         raise InputError(
-            f"step_ms: {step_ms:g} ms is not a whole number of steps at {sampling_rate_Hz:g} Hz; "
+            f"{name}: {step_ms:g} ms is not a whole number of steps at {sampling_rate_Hz:g} Hz; "
             f"{n * 1e3 / sampling_rate_Hz:.6g} ms is"
         )
     return n

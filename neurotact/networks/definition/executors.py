@@ -178,6 +178,12 @@ FEATURES: dict[str, Feature] = {
         "train with another readout",
     ),
     "readout max": Feature("readout", ("readout",), _of_spec("readout", "max"), "train with readout = 'integrator'"),
+    "readout of stretches": Feature(
+        "readout",
+        ("readout_stretches", "readout_stretch_ms"),
+        lambda s: s.network.stretches is not None,
+        "train with readout_stretches = 1",
+    ),
     "exit by patience": Feature("exit", (), lambda s: s.rule.patience is not None, "decide at the end of a window"),
     "exit by margin": Feature("exit", (), lambda s: s.rule.margin is not None, "decide at the end of a window"),
 }
@@ -211,6 +217,7 @@ _NOT_IN_NIR = {
     "rise in SA-I": "its graph drives SA-I by the signal alone",
     **dict.fromkeys(OTHER_MODELS, "it has no nodes for them; the network alone can be exported"),
     "adaptive thresholds": "it has no neuron whose threshold adapts",
+    "readout of stretches": "it has no weights that change with time",
 }
 EXECUTORS: dict[str, Executor] = {
     "reference": Executor("the reference", CHAIN, {}),
@@ -236,6 +243,7 @@ EXECUTORS: dict[str, Executor] = {
             "reset hard": "its neurons have only 'zero' and 'subtract'",
             "adaptive thresholds": "its Synaptic has fixed thresholds",
             "double precision": "its spikes are float32",
+            "readout of stretches": "its networks have weights that do not change with time",
         },
     ),
     "population": Executor("a population", ("network", "readout"), {}),

@@ -13,7 +13,7 @@ from torch.autograd.function import once_differentiable
 
 from neurotact.errors import InputError
 from neurotact.networks.definition.kernels import native
-from neurotact.networks.definition.readouts import Integration
+from neurotact.networks.definition.readouts import Integration, Stretches
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.neurons import Adaptation, CubaLIF, Decay, Membrane, Reset
@@ -44,6 +44,10 @@ class Network(Protocol):
     def w_rec(self) -> Tensor | None: ...
     @property
     def w_out(self) -> Tensor: ...
+    @property
+    def readout_weights(self) -> Tensor: ...
+    @property
+    def stretches(self) -> Stretches | None: ...
     @property
     def alpha(self) -> Tensor: ...
     @property
@@ -156,7 +160,7 @@ def rsnn_infer(spikes: Tensor, network: Network, rule: ExitRule) -> tuple[Tensor
 
     A trial stops where `rule` says so; memory does not grow with the window.
     """
-    weights = _weights(network)
+    weights = _weights(network, network.readout_weights)
     dynamics = _same_kind(network.alpha, network.beta, network.threshold, like=network.w_in)
     spikes = _readable(spikes, weights[0])
     n_trials, n_steps, _ = spikes.shape
@@ -191,10 +195,12 @@ def layer(
     adaptation: Adaptation | None = None,
     *,
     counted: bool = False,
+    stretches: Stretches | None = None,
 ) -> Tensor:
     """Spikes of one layer, `(trial, time, postsynaptic)`, in the weights' float type; see `layer.cuba_lif_layer`.
 
-    counted: their counts over the window instead, `(trial, postsynaptic)`.
+    counted: their counts over the window instead, `(trial, postsynaptic)`, or with `stretches` over each of them,
+        `(trial, K, postsynaptic)`.
     """
     values = (alpha, beta, threshold)
     w, *rest = _same_kind(w) if v is None else _same_kind(w, v)
@@ -210,19 +216,22 @@ def layer(
         w.shape[0], w.shape[1], 0, neuron, adaptation, scale, scale, is_double=w.dtype is torch.float64,
         recurrent=v is not None,
         per_neuron=per_neuron, keep_currents=training and any(learns[1:]), with_inputs=training and learns[0],
-        with_raster=not counted,
+        with_raster=not counted, stretches=stretches,
     )  # fmt: skip
+    size = (x.shape[1] if not counted else 1 if stretches is None else stretches.number, w.shape[1])
     if training:
-        return _Layer.apply(x, w, v, *dynamics, shape, counted)  # pyright: ignore[reportReturnType]
-    return _layer(x, (w, v, None), dynamics, shape, None, counted)
+        output = _Layer.apply(x, w, v, *dynamics, shape, size, counted)
+    else:
+        output = _layer(x, (w, v, None), dynamics, shape, size, None, counted)
+    return output.squeeze(1) if counted and stretches is None else output  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def _layer(
-    x: Tensor, weights: Weights, dynamics: tuple[Tensor, ...], shape: Any, tape: Tensor | None, counted: bool
-) -> Tensor:
-    w = weights[0]
-    n_trials, n_steps, _ = x.shape
-    output = w.new_empty(n_trials, w.shape[1]) if counted else w.new_empty(n_trials, n_steps, w.shape[1])
+    x: Tensor, weights: Weights, dynamics: tuple[Tensor, ...], shape: Any, size: tuple[int, int],
+    tape: Tensor | None, counted: bool,
+) -> Tensor:  # fmt: skip
+    """size: of the output for a trial: steps or stretches, and neurons."""
+    output = (weights[0].new_zeros if counted else weights[0].new_empty)(len(x), *size)
     hidden, raster = (output.data_ptr(), 0) if counted else (0, output.data_ptr())
     _forward(x, weights, dynamics, shape, tape, readout=0, hidden=hidden, raster=raster)
     return output
@@ -230,12 +239,12 @@ def _layer(
 
 class _Layer(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, x, w, v, alpha, beta, threshold, shape, counted):  # pyright: ignore
+    def forward(ctx, x, w, v, alpha, beta, threshold, shape, size, counted):  # pyright: ignore
         n_trials, n_steps, _ = x.shape
         tape = native.new_tape(shape, trials=n_trials, steps=n_steps)
-        output = _layer(x, (w, v, None), (alpha, beta, threshold), shape, tape, counted)
+        output = _layer(x, (w, v, None), (alpha, beta, threshold), shape, size, tape, counted)
         ctx.save_for_backward(tape, w, v, alpha, beta, threshold)
-        ctx.shape, ctx.window, ctx.counted = shape, (n_trials, n_steps), counted
+        ctx.shape, ctx.window, ctx.size, ctx.counted = shape, (n_trials, n_steps), size, counted
         return output
 
     @staticmethod
@@ -245,17 +254,17 @@ class _Layer(torch.autograd.Function):
         n_hidden = w.shape[1]
         g_dynamics = w.new_empty(3, n_hidden) if any(ctx.needs_input_grad[3:6]) else None
         g_output = g_output.contiguous()
-        address = _at(g_output, ctx.window[0], *(() if ctx.counted else ctx.window[1:]), n_hidden)
+        address = _at(g_output, ctx.window[0], *ctx.size)
         g_hidden, g_raster = (address, 0) if ctx.counted else (0, address)
         g_x, g_w, g_v = _backward(
             ctx, tape, (w, v, None), tuple(dynamics),
             g_readout=0, g_hidden=g_hidden, g_raster=g_raster, g_w_out=0, g_dynamics=_at(g_dynamics),
         )  # fmt: skip
         if g_dynamics is None:
-            return g_x, g_w, g_v, None, None, None, None, None
+            return g_x, g_w, g_v, None, None, None, None, None, None
         if len(dynamics[0]) < n_hidden:  # all neurons share a value
             g_dynamics = g_dynamics.sum(dim=1, keepdim=True)
-        return g_x, g_w, g_v, *g_dynamics, None, None
+        return g_x, g_w, g_v, *g_dynamics, None, None, None
 
 
 def set_isa(name: str) -> None:
@@ -278,6 +287,7 @@ def _shape_of(network: Network, *, keep_currents: bool, with_inputs: bool) -> An
         spec.surrogate_scale, spec.readout_surrogate_scale or spec.surrogate_scale, decay, peak,
         is_double=network.w_in.dtype is torch.float64, recurrent=network.w_rec is not None, per_neuron=False,
         keep_currents=keep_currents, with_inputs=with_inputs, with_raster=False,
+        stretches=network.stretches,
     )  # fmt: skip
 
 
@@ -294,10 +304,10 @@ def shape_of(network: Network) -> Any:
     return _shape_of(network, keep_currents=False, with_inputs=False)
 
 
-def addresses_of(network: Network) -> dict[str, int]:
-    """Addresses of weights and dynamics, valid while the network exists and is not trained further."""
+def addresses_of(network: Network, readout_weights: Tensor) -> dict[str, int]:
+    """Addresses of weights and dynamics, valid while the network and its `readout_weights` exist and do not change."""
     dynamics = (network.alpha.detach(), network.beta.detach(), network.threshold.detach())
-    return _parameters(_weights(network), dynamics)
+    return _parameters(_weights(network, readout_weights), dynamics)
 
 
 @lru_cache(maxsize=256)
@@ -311,6 +321,7 @@ def _shape(
     readout_scale: float,
     decay: float | None = None,
     peak: bool = False,
+    stretches: Stretches | None = None,
     **more: bool,
 ) -> Any:
     return native.make_shape(
@@ -320,7 +331,9 @@ def _shape(
         adaptation=0.0 if adaptation is None else float(adaptation.strength),
         adaptation_decay=0.0 if adaptation is None else float(adaptation.decay),
         scale=scale, readout_scale=readout_scale,
-        leaks=decay is not None, peak=peak, decay=1.0 if decay is None else decay, **more,
+        leaks=decay is not None, peak=peak, decay=1.0 if decay is None else decay,
+        stretches=1 if stretches is None else stretches.number,
+        stretch_steps=1 if stretches is None else stretches.steps, **more,
     )  # fmt: skip
 
 
@@ -342,7 +355,7 @@ def _parameters(weights: Weights, dynamics: tuple[Tensor, ...]) -> dict[str, int
     alpha, beta, threshold = (_at(values, n_values) for values in dynamics)
     return {
         "w_in": _at(w_in, n_inputs, n_hidden), "w_rec": _at(w_rec, n_hidden, n_hidden),
-        "w_out": 0 if w_out is None else _at(w_out, n_hidden, w_out.shape[1]),
+        "w_out": 0 if w_out is None else _at(w_out, *w_out.shape[:-2], n_hidden, w_out.shape[-1]),
         "alpha": alpha, "beta": beta, "threshold": threshold,
     }  # fmt: skip
 

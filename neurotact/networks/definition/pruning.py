@@ -20,7 +20,7 @@ def prune(network: RSNN, share: float) -> None:
     """Set a share of each weight matrix to 0, the smallest magnitudes first (Han et al. 2015, NeurIPS).
 
     Among equal magnitudes, lower indices go first; an integrator's bias is not pruned. Raises InputError for a share
-    outside 0 to 1.
+    outside 0 to 1, and for a network with `readout_stretches`, whose synapses have a weight in each stretch.
 
     >>> net = RSNN(2, 2, hidden=4, sampling_rate_Hz=1000.0, generator=torch.Generator().manual_seed(0))
     >>> prune(net, 0.75)
@@ -29,6 +29,8 @@ def prune(network: RSNN, share: float) -> None:
     """
     if not 0 <= share <= 1:
         raise InputError(f"share: is a share of the weights, from 0 to 1; got {share}")
+    if network.stretches is not None:
+        raise InputError("readout_stretches: pruning removes a weight, not one of each stretch; train with 1")
     for weights in network.weights:
         smallest = weights.abs().flatten().argsort(stable=True)
         weights.view(-1)[smallest[: round(share * weights.numel())]] = 0.0

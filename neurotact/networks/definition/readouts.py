@@ -2,11 +2,55 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from neurotact.neurons import Decay
+
+
+class Stretches(NamedTuple):
+    """How a window is divided: an integrator has weights of its own in each stretch.
+
+    number: K. steps: of the network's clock in one stretch; the last stretch has no end.
+
+    >>> Stretches(2, 3).of_steps(5).tolist()
+    [0, 0, 0, 1, 1]
+    """
+
+    number: int
+    steps: int
+
+    def of_steps(self, n_steps: int) -> Tensor:
+        """The stretch of each step of a window, `(time,)` int64."""
+        return (torch.arange(n_steps) // self.steps).clamp(max=self.number - 1)
+
+    def of_step(self, step: int) -> int:
+        """The stretch of a step, which counts from 0."""
+        return min(step // self.steps, self.number - 1)
+
+    def counts(self, spikes: Tensor) -> Tensor:
+        """Spikes `(trial, time, neuron)` added up in each stretch, `(trial, K, neuron)`; differentiable.
+
+        >>> Stretches(2, 1).counts(torch.ones(1, 3, 1)).tolist()
+        [[[1.0], [2.0]]]
+        """
+        n_steps = spikes.shape[-2]
+        at = [min(k * self.steps, n_steps) for k in range(self.number)] + [n_steps]
+        lengths = [stop - start for start, stop in zip(at, at[1:], strict=False)]
+        return torch.stack([part.sum(dim=-2) for part in spikes.split(lengths, dim=-2)], dim=-2)
+
+    def sums(self, counts: Tensor, weights: Tensor) -> Tensor:
+        """What `counts`, `(trial, K, neuron)`, add through weights `(K, neuron, class)`: `(trial, class)`."""
+        return counts.flatten(-2) @ weights.flatten(-3, -2)
+
+    def gains(self, spikes: Tensor, weights: Tensor) -> Tensor:
+        """What spikes `(trial, time, neuron)` add in each step through weights `(K, neuron, class)`.
+
+        `(trial, time, class)`.
+        """
+        return torch.einsum("nth,thc->ntc", spikes, weights[self.of_steps(spikes.shape[1]).to(weights.device)])
 
 
 @dataclass(frozen=True)

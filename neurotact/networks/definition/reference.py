@@ -9,7 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from neurotact.networks.definition.readouts import Integration
+from neurotact.networks.definition.readouts import Integration, Stretches
 from neurotact.neurons import (
     Adaptation,
     CubaLIF,
@@ -34,7 +34,10 @@ class Layer(NamedTuple):
 
 
 class Model(NamedTuple):
-    """All that a network computes with: layers, weights, and the integration of a readout that does not spike."""
+    """All that a network computes with: layers, weights, and the integration of a readout that does not spike.
+
+    stretches: of its window, if the integrator has weights of its own in each; w_out is then `(K, hidden, class)`.
+    """
 
     hidden: Layer
     readout: Layer
@@ -42,24 +45,34 @@ class Model(NamedTuple):
     w_rec: Tensor | None
     w_out: Tensor
     integration: Integration | None
+    stretches: Stretches | None = None
 
 
 def counts(model: Model, spikes: Tensor, heard: Tensor | None = None) -> tuple[Tensor, Tensor]:
     """Readout counts or values `(trial, class)` and hidden counts `(trial, hidden)` over a window.
 
-    heard: factors of the input from each hidden neuron to an integrator that leaks, `(hidden,)`; by default all 1.
+    heard: factors of the input from each hidden neuron to an integrator that leaks, `(hidden,)`, or that has stretches,
+        `(trial, hidden)`; by default all 1.
     """
     sent, _ = cuba_lif_layer(spikes.to(model.w_in.dtype), model.w_in, model.w_rec, **model.hidden._asdict())
     hidden, integration = sent.sum(dim=-2), model.integration
     if integration is None:
         decided, _ = cuba_lif_layer(sent, model.w_out, None, **model.readout._asdict())
         return decided.sum(dim=-2), hidden
-    if integration.leaks:
+    if model.stretches is not None:
+        values = stretched(model.stretches, model.stretches.counts(sent), model.w_out, heard) + integration.level
+    elif integration.leaks:
         w_out = model.w_out if heard is None else model.w_out * heard[..., None]
         values = integration.of(product(sent.double(), w_out.double()))
     else:
         values = product(hidden.double(), model.w_out.double()) + integration.level
     return values.to(model.w_out.dtype), hidden
+
+
+def stretched(stretches: Stretches, counts: Tensor, w_out: Tensor, heard: Tensor | None) -> Tensor:
+    """What hidden spikes in each stretch, `(trial, K, hidden)`, add to the classes, `(trial, class)` float64."""
+    counts = counts if heard is None else counts * heard[..., None, :]
+    return stretches.sums(counts.double(), w_out.double())
 
 
 def product(x: Tensor, w: Tensor) -> Tensor:

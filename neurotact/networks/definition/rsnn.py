@@ -19,7 +19,7 @@ from neurotact.data.recordings import check_sampling_rate
 from neurotact.errors import InputError
 from neurotact.networks.definition import clock, executors, kernels, native, reference
 from neurotact.networks.definition.kernels import Backend
-from neurotact.networks.definition.readouts import Integration
+from neurotact.networks.definition.readouts import Integration, Stretches
 from neurotact.networks.definition.specs import RSNNSpec, void_keys
 from neurotact.networks.definition.surrogate import FastSigmoid
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule, Leader
@@ -67,12 +67,29 @@ class Inference(NamedTuple):
     readout: Tensor
 
 
+def stretches_of(spec: RSNNSpec, clock_Hz: float) -> Stretches | None:
+    """The stretches of a window with readout weights of their own, on the network's clock; None if there is one.
+
+    Raises InputError unless a stretch is a whole number of steps.
+
+    >>> keys = {"readout": "integrator", "readout_stretches": 4, "readout_stretch_ms": 50.0}
+    >>> stretches_of(RSNNSpec.model_validate(keys), 200.0)
+    Stretches(number=4, steps=10)
+    """
+    if spec.readout_stretches == 1:
+        return None
+    return Stretches(
+        spec.readout_stretches, clock.steps_per_bin(spec.readout_stretch_ms, clock_Hz, "readout_stretch_ms")
+    )
+
+
 class RSNN(nn.Module):
     """`n_inputs` afferents, `spec.hidden` hidden neurons, `n_classes` readout neurons.
 
     Weights are `(presynaptic, postsynaptic)`: `w_in`, `w_rec`, `w_out`; a feed-forward network's `w_rec` is None.
     `alpha`, `beta` and `threshold` hold one value for the hidden layer and one for the readout, which an integrator
-    does not use. An integrator has a `bias` `(class,)`; it is None if the readout spikes. Input spikes are
+    does not use. An integrator has a `bias` `(class,)`; it is None if the readout spikes. With `readout_stretches` K
+    above 1 its weights are `w_out` + `w_stretch`, the latter `(K, hidden, class)`, else None. Input spikes are
     `(trial, time, afferent)` of any type with the values 0 and 1, `sampling_rate_Hz` steps a second; with
     `spec.step_ms` the network puts them into bins, and is computed once a bin (`clock`). `backend` chooses the
     implementation (see `kernels.use_native`).
@@ -127,6 +144,11 @@ class RSNN(nn.Module):
         self.w_in = normal(n_inputs, spec.hidden, forward / math.sqrt(n_inputs))
         self.w_rec = normal(spec.hidden, spec.hidden, recurrent / math.sqrt(spec.hidden)) if spec.recurrent else None
         self.w_out = normal(spec.hidden, n_classes, forward / math.sqrt(spec.hidden))
+        self.stretches = stretches_of(spec, self.clock_Hz)
+        self.w_stretch: nn.Parameter | None = None
+        if self.stretches is not None:
+            shape = (self.stretches.number, spec.hidden, n_classes)
+            self.w_stretch = nn.Parameter(torch.zeros(shape, dtype=dtype))
         self.bias = nn.Parameter(torch.zeros(n_classes, dtype=dtype)) if spec.integrates else None
         self.alpha = self._dynamics("alpha", decay_per_step(spec.tau_syn_ms, self.clock_Hz), dtype)
         self.beta = self._dynamics("beta", decay_per_step(spec.tau_mem_ms, self.clock_Hz), dtype)
@@ -151,8 +173,13 @@ class RSNN(nn.Module):
 
     @property
     def weights(self) -> list[nn.Parameter]:
-        """The weight matrices: input, recurrent (if any) and readout."""
-        return [weights for weights in (self.w_in, self.w_rec, self.w_out) if weights is not None]
+        """The weight matrices: input, recurrent (if any), readout, and its deviations (if any)."""
+        return [weights for weights in (self.w_in, self.w_rec, self.w_out, self.w_stretch) if weights is not None]
+
+    @property
+    def readout_weights(self) -> Tensor:
+        """The weights from hidden neurons to classes, `(hidden, class)`, or of each stretch, `(K, hidden, class)`."""
+        return self.w_out if self.w_stretch is None else self.w_out + self.w_stretch
 
     @property
     def n_inputs(self) -> int:
@@ -184,7 +211,10 @@ class RSNN(nn.Module):
     @property
     def model(self) -> reference.Model:
         """All that this network computes with."""
-        return reference.Model(self.layer(0), self.layer(1), self.w_in, self.w_rec, self.w_out, self.integration)
+        layers = self.layer(0), self.layer(1)
+        return reference.Model(
+            *layers, self.w_in, self.w_rec, self.readout_weights, self.integration, self.stretches
+        )
 
     @property
     def integration(self) -> Integration | None:
@@ -207,7 +237,8 @@ class RSNN(nn.Module):
     def forward(self, spikes: Tensor, heard: Tensor | None = None) -> Counts:
         """Spike counts over the whole window, for training.
 
-        heard: factors of the input from each hidden neuron to an integrator that leaks, `(hidden,)`; by default all 1.
+        heard: factors of the input from each hidden neuron to an integrator that leaks, `(hidden,)`, or that has
+            stretches, `(trial, hidden)`; by default all 1.
         """
         return self.counts(self.binned(spikes), heard)
 
@@ -224,6 +255,10 @@ class RSNN(nn.Module):
         integration = self.integration
         if integration is None:
             return Counts(*native.rsnn_counts(spikes, self))
+        if self.stretches is not None:
+            hidden = self._hidden_counts(spikes, self.stretches)
+            values = reference.stretched(self.stretches, hidden, self.readout_weights, heard) + integration.level
+            return Counts(values.to(hidden), hidden.sum(dim=1))
         if not integration.leaks:
             hidden = self._hidden_counts(spikes)
             return Counts(self.sums(hidden), hidden)
@@ -231,14 +266,16 @@ class RSNN(nn.Module):
         values, hidden = native.rsnn_counts(spikes, self, w_out)
         return Counts(values + integration.level.to(values), hidden)
 
-    def _hidden_counts(self, spikes: Tensor) -> Tensor:
+    def _hidden_counts(self, spikes: Tensor, stretches: Stretches | None = None) -> Tensor:
         if self._native():
             dynamics = (self.alpha[0], self.beta[0], self.threshold[0])
             scale = self.spec.surrogate_scale
             return native.layer(
-                spikes, self.w_in, self.w_rec, *dynamics, self.neuron, scale, self.adaptation, counted=True
-            )
-        return self._layer(spikes.to(self.w_in.dtype), self.w_in, self.w_rec, 0, False)[0].sum(dim=1)
+                spikes, self.w_in, self.w_rec, *dynamics, self.neuron, scale, self.adaptation,
+                counted=True, stretches=stretches,
+            )  # fmt: skip
+        sent, _ = self._layer(spikes.to(self.w_in.dtype), self.w_in, self.w_rec, 0, False)
+        return sent.sum(dim=1) if stretches is None else stretches.counts(sent)
 
     def sums(self, hidden: Tensor) -> Tensor:
         """The values of an integrator without a leak at the end of a window, from the hidden neurons' counts."""
@@ -261,8 +298,18 @@ class RSNN(nn.Module):
         return Rasters(hidden, readout)
 
     def added(self, hidden: Tensor) -> Tensor:
-        """The input of an integrator from hidden spikes or their counts, `(..., class)`."""
+        """The input of an integrator from hidden spikes in each step of a window, `(trial, time, class)`.
+
+        Without stretches also from their counts, `(..., class)`.
+        """
+        if self.stretches is not None:
+            return self.stretches.gains(hidden.double(), self.readout_weights.double())
         return hidden.double() @ self.w_out.double()
+
+    def gained(self, hidden: Tensor, step: int) -> Tensor:
+        """The input of an integrator from the hidden spikes `(..., hidden)` of one step of a window, `(..., class)`."""
+        weights = self.readout_weights
+        return hidden.double() @ (weights if self.stretches is None else weights[self.stretches.of_step(step)]).double()
 
     @torch.no_grad()
     def infer(self, spikes: Tensor, rule: ExitRule = FULL_WINDOW) -> Inference:
@@ -289,7 +336,7 @@ class RSNN(nn.Module):
         """The decisions of an integrator."""
         n_trials, n_steps, _ = spikes.shape
         steps = torch.full((n_trials,), n_steps, device=spikes.device)
-        if rule.never and not integration.leaks:
+        if rule.never and not integration.leaks and self.stretches is None:
             hidden = self._hidden_counts(spikes)
             sums = self.added(hidden) + integration.level
             n_input, n_hidden = (part.sum(dim=1).to(torch.int64) for part in (spikes.flatten(1), hidden))

@@ -14,6 +14,8 @@ from neurotact.spec import Spec
 Keep = Literal["loss", "accuracy", "both"]
 MOST_HIDDEN = 1024
 """Neurons of the largest hidden layer."""
+MOST_STRETCHES = 64
+"""The most stretches of a window with readout weights of their own."""
 
 
 class TrainingSpec(Spec):
@@ -38,6 +40,8 @@ class TrainingSpec(Spec):
     """lambda2, on the mean over hidden neurons of the squared spike count of a batch."""
     temperature: float = Field(default=1.0, gt=0)
     """Factor of the readout before the cross-entropy: with counts of tens, softmax is a hard maximum."""
+    stretch_rate: float = Field(default=0.2, gt=0, le=1)
+    """Learning rate of the deviations of `readout_stretches`, as a share of the rate of the shared weights."""
     relative_learning_rate: float | None = Field(default=None, gt=0)
     """Adam's rate of each weight matrix in units of the standard deviation of its initial weights. It replaces
     `learning_rate`, which then applies only to biases and learned dynamics."""
@@ -116,6 +120,11 @@ class RSNNSpec(Spec):
     readout_tau_ms: float | None = Field(default=None, gt=0)
     """Time constant with which the sum of an integrator or a maximum decays. If absent, an integrator does not leak,
     and a maximum leaks with `tau_mem_ms`."""
+    readout_stretches: int = Field(default=1, ge=1, le=MOST_STRETCHES)
+    """K: stretches of a window, in each of which an integrator without a leak has weights of its own: shared ones plus
+    a deviation. 1: the same weights at all times."""
+    readout_stretch_ms: float | None = Field(default=None, gt=0)
+    """Length of a stretch, a whole number of steps of the network's clock; the last one has no end."""
     input_deviation: float | None = Field(default=None, gt=0)
     """Standard deviation, in thresholds, of each hidden neuron's free membrane (without reset or recurrence) over the
     training windows: its initial input weights are scaled to it, and the weights of an integrator to a deviation of 1
@@ -143,6 +152,16 @@ class RSNNSpec(Spec):
     def _leak_has_a_readout(self) -> "RSNNSpec":
         if self.readout_tau_ms is not None and self.readout == "count" and self.recipe is None:
             raise ValueError("readout_tau_ms needs readout = 'integrator' or 'max'; set that, or drop the key")
+        return self
+
+    @model_validator(mode="after")
+    def _stretches_have_a_sum(self) -> "RSNNSpec":
+        if self.readout_stretches == 1 or self.recipe is not None:
+            return self
+        if self.readout != "integrator" or self.readout_tau_ms is not None:
+            raise ValueError("readout_stretches needs readout = 'integrator' without readout_tau_ms; set that, or 1")
+        if self.readout_stretch_ms is None:
+            raise ValueError("readout_stretches needs readout_stretch_ms, the length of a stretch; set both")
         return self
 
     @model_validator(mode="after")
@@ -175,6 +194,7 @@ def void_keys(spec: RSNNSpec) -> dict[str, str]:
         readout=spec.readout,
         keeps_scale=not scales_all,
         has_others=not is_relative or spec.integrates or bool(spec.learn),
+        readout_stretches=spec.readout_stretches,
     )
 
 

@@ -107,7 +107,7 @@ def _shape(batch: Batch) -> Hashable:
     net = batch.network
     sizes = net.n_inputs, net.n_classes, _width(net), batch.spikes.shape[1], net.w_in.dtype
     spike = None if isinstance(net.spike, FastSigmoid) else net.spike
-    readout = net.spec.readout, net.readout_decay == 1
+    readout = net.spec.readout, net.readout_decay == 1, net.stretches
     return *sizes, net.neuron, spike, net.w_rec is None, net.adaptation is None, readout, batch.learns
 
 
@@ -161,17 +161,23 @@ def _stacked(networks: Sequence[RSNN], width: int) -> Model:
         decay = each(lambda net: net.readout_decay, torch.float64) if integration.leaks else 1.0
         integration = Integration(level, decay, integration.peak)
     w_rec = None if first.w_rec is None else stack("w_rec", 1, 1)
-    return Model(layer(0), layer(1), stack("w_in", 1), w_rec, stack("w_out", 0, 1), integration)
+    return Model(layer(0), layer(1), stack("w_in", 1), w_rec, stack("readout_weights", 0, 1), integration, first.stretches)
 
 
 def _heard(batches: Sequence[Batch], width: int) -> Tensor | None:
-    """The factors of the input to leaky integrators, `(network, hidden)`; None if all are 1."""
-    if all(batch.heard is None for batch in batches):
+    """The factors of the input to integrators, `(network, hidden)`, or of stretches `(network, trial, hidden)`.
+
+    None if all are 1.
+    """
+    factors = [batch.heard for batch in batches]
+    given = [each for each in factors if each is not None]
+    if not given:
         return None
-    rows = torch.ones(len(batches), width, dtype=batches[0].network.w_in.dtype, device=batches[0].network.w_in.device)
-    for row, batch in zip(rows, batches, strict=True):
-        if batch.heard is not None:
-            row[: len(batch.heard)] = batch.heard
+    n_trials = [max(map(len, given))] if given[0].ndim == 2 else []
+    rows = given[0].new_ones(len(batches), *n_trials, width)
+    for row, each in zip(rows, factors, strict=True):
+        if each is not None:
+            row[tuple(slice(size) for size in each.shape)] = each
     return rows
 
 

@@ -243,8 +243,11 @@ def rates_of(network: RSNN) -> dict[str, float]:
     spec = network.spec.training
     trained = {name: p.detach() for name, p in network.named_parameters() if p.requires_grad}
     if spec.relative_learning_rate is None:
-        return dict.fromkeys(trained, spec.learning_rate)
+        shares = {name: spec.stretch_rate if name == "w_stretch" else 1.0 for name in trained}
+        return {name: share * spec.learning_rate for name, share in shares.items()}
     deviation = {name: float(p.square().mean().sqrt()) if p.ndim == 2 else 0.0 for name, p in trained.items()}
+    if "w_stretch" in trained:  # it begins at 0
+        deviation["w_stretch"] = spec.stretch_rate * deviation["w_out"]
     return {name: spec.relative_learning_rate * size or spec.learning_rate for name, size in deviation.items()}
 
 
@@ -258,9 +261,9 @@ def rate_left(spec: TrainingSpec, epochs: float) -> float:
 
 
 def _groups(network: RSNN) -> list[dict[str, Any]]:
-    """The trained parameters: one group or, with relative rates, one group each, in the network's order."""
+    """The trained parameters: one group or, where their rates differ, one group each, in the network's order."""
     trained = [p for p in network.parameters() if p.requires_grad]
-    if network.spec.training.relative_learning_rate is None:
+    if network.spec.training.relative_learning_rate is None and network.w_stretch is None:
         return [{"params": trained}]
     return [{"params": [p], "lr": rate} for p, rate in zip(trained, rates_of(network).values(), strict=True)]
 
@@ -391,6 +394,9 @@ def _counts_with_dropout(network: RSNN, spikes: Tensor, generator: torch.Generat
     dropout = network.spec.training.readout_dropout
     if not dropout or network.bias is None:
         return (yield Batch(network, spikes, learns=True))
+    if network.stretches is not None:
+        heard = partly_heard(torch.ones(len(spikes), network.spec.hidden), dropout, generator).to(network.w_out)
+        return (yield Batch(network, spikes, heard, learns=True))
     if network.leaks:
         heard = partly_heard(torch.ones(network.spec.hidden), dropout, generator).to(network.w_out)
         return (yield Batch(network, spikes, heard, learns=True))

@@ -53,7 +53,10 @@ def network_cost(
     into_hidden, into_readout = measured["sops_input"] + measured["sops_recurrent"], measured["sops_readout"]
     leaky_steps = 0.0 if spec.readout_leak_ms is None else steps
     readout = (
-        Integrator(spec.hidden, n_classes, sops=into_readout, leaky_steps=leaky_steps, peak=spec.readout == "max")
+        Integrator(
+            spec.hidden, n_classes, sops=into_readout, leaky_steps=leaky_steps, peak=spec.readout == "max",
+            stretches=spec.readout_stretches,
+        )
         if spec.integrates
         else SpikingLayer(spec.hidden, n_classes, steps=steps, sops=into_readout, recurrent=False)
     )
