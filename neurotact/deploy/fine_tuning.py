@@ -132,7 +132,8 @@ def run(
     source, folder, seed = Path(source), Path(folder), seed or 0
     if not 0 <= epochs <= 100_000:
         raise InputError(f"epochs: must be from 0 to 100000; got {epochs}")
-    if folder.exists() and source.exists() and folder.samefile(source):
+    # os.path and not Path: a folder that may not be read counts as another one, and is refused when it is written.
+    if os.path.exists(folder) and os.path.exists(source) and folder.samefile(source):
         raise InputError(f"{folder}: is the run that is to be fine-tuned; choose another folder")
     with files.locked(folder):
         train_run.check_place(folder, force=force)

@@ -413,6 +413,7 @@ def spoil_npz(path: Path, rng: random.Random) -> None:
 def _odd_array(array: np.ndarray, rng: random.Random) -> np.ndarray:
     if array.dtype.names:
         array = array[array.dtype.names[0]]
+    array = np.atleast_1d(array)
     broken = array.astype("f8") if array.dtype.kind in "iufb" else np.zeros(max(1, len(array)))
     broken.reshape(-1)[:1] = rng.choice([np.nan, np.inf, 1e300])
     kinds = ["f2", "f8", ">f4", "i1", "?", "c8", "U3", "S2", "M8[s]", "V4", "u8", "g"]
