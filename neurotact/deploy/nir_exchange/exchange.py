@@ -43,6 +43,7 @@ def to_nir(
     plain: only CubaLIF and Linear, which snnTorch and Norse load; exact for membrane `immediate` with reset `hard`.
         For any other, the graph's note contains the differences. lower_refractory: afferents' refractory periods as
         nodes; by default they are only in the note, since NIR's neurons have none.
+    A network with a `step_ms` is exported alone, and takes spikes in bins of that length, `network.binned`.
     dt_s: seconds per step; None: 1 / clock. snnTorch requires 1e-4: time constants are scaled with it.
     Raises InputError for what a graph cannot represent: decays of 1, encoders other than LIF afferents.
 
@@ -63,7 +64,13 @@ def to_nir(
     require("nir-plain" if plain else "nir", Subject(encoder, network))
     assert encoder is None or isinstance(encoder, AfferentSpec)  # `require` refuses the others
     exported = graph.of(
-        network, encoder, rule=rule, classes=classes, dt_s=dt_s, plain=plain, lower_refractory=lower_refractory
+        network.on_own_clock(),
+        encoder,
+        rule=rule,
+        classes=classes,
+        dt_s=dt_s,
+        plain=plain,
+        lower_refractory=lower_refractory,
     )
     if path is not None:
         file.write(exported, path, force=force)

@@ -137,6 +137,12 @@ FEATURES: dict[str, Feature] = {
     "clock of the network": Feature(
         "network", ("step_ms",), lambda s: s.network.steps_per_bin > 1, "train without step_ms"
     ),
+    "clock slower than its encoder's": Feature(
+        "encoder",
+        ("step_ms",),
+        lambda s: s.encoder is not None and s.network.steps_per_bin > 1,
+        "export the network alone, on whose own clock spikes then arrive, or train without step_ms",
+    ),
     "recurrence": Feature(
         "network", ("model", "recurrent_weight_scale"), _of_spec("model", "rsnn"), "train with model = 'snn'"
     ),
@@ -212,7 +218,7 @@ _IN_C = {
     "rise in SA-I": "the SA-I of C are driven by the signal alone",
 }
 _NOT_IN_NIR = {
-    "clock of the network": "it has no node that puts spikes into bins",
+    "clock slower than its encoder's": "it has no node that puts spikes into bins",
     "half-wave rate of change": "its graph rectifies the rate of change",
     "rise in SA-I": "its graph drives SA-I by the signal alone",
     **dict.fromkeys(OTHER_MODELS, "it has no nodes for them; the network alone can be exported"),
@@ -239,11 +245,9 @@ EXECUTORS: dict[str, Executor] = {
         "snnTorch",
         ("network", "readout"),
         {
-            "clock of the network": "its networks step with their input",
             "reset hard": "its neurons have only 'zero' and 'subtract'",
             "adaptive thresholds": "its Synaptic has fixed thresholds",
             "double precision": "its spikes are float32",
-            "readout of stretches": "its networks have weights that do not change with time",
         },
     ),
     "population": Executor("a population", ("network", "readout"), {}),

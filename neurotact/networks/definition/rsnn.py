@@ -212,9 +212,7 @@ class RSNN(nn.Module):
     def model(self) -> reference.Model:
         """All that this network computes with."""
         layers = self.layer(0), self.layer(1)
-        return reference.Model(
-            *layers, self.w_in, self.w_rec, self.readout_weights, self.integration, self.stretches
-        )
+        return reference.Model(*layers, self.w_in, self.w_rec, self.readout_weights, self.integration, self.stretches)
 
     @property
     def integration(self) -> Integration | None:
@@ -246,6 +244,20 @@ class RSNN(nn.Module):
         """Input spikes on the network's clock, `(trial, bin, afferent)`."""
         self._check(spikes)
         return clock.binned(spikes, self.steps_per_bin)
+
+    def on_own_clock(self) -> "RSNN":
+        """The same network for spikes that are `binned`: its sampling rate is that of its own clock; a copy.
+
+        >>> RSNN(2, 2, hidden=3, step_ms=5.0, sampling_rate_Hz=1000.0).on_own_clock().sampling_rate_Hz
+        200.0
+        """
+        spec, dtype = self.spec.model_copy(update={"step_ms": None}), self.w_in.dtype
+        generator = torch.Generator()  # the weights are replaced: do not advance the global generator
+        sizes = self.n_inputs, self.n_classes
+        own = RSNN(*sizes, spec, self.clock_Hz, backend=self.backend, generator=generator, dtype=dtype)
+        own.load_state_dict(self.state_dict())
+        own.spike = self.spike
+        return own.to(self.w_in.device)
 
     def counts(self, spikes: Tensor, heard: Tensor | None = None) -> Counts:
         """`forward` for spikes that are `binned`."""

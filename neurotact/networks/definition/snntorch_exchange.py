@@ -21,9 +21,10 @@ from torch import Tensor, nn
 
 from neurotact.data.recordings import check_sampling_rate
 from neurotact.errors import InputError
+from neurotact.networks.definition import clock
 from neurotact.networks.definition.executors import Subject, require
 from neurotact.networks.definition.kernels import Backend
-from neurotact.networks.definition.readouts import Integration
+from neurotact.networks.definition.readouts import Integration, Stretches
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.definition.surrogate import FastSigmoid
@@ -42,6 +43,9 @@ class SnnTorchNetwork(nn.Module):
     fc_in, hidden, fc_out, readout: Linear, RSynaptic (Synaptic of a feed-forward network), Linear, Synaptic. If the
         readout does not spike, the last is None: the output of `fc_out` is added up from `level`, with `decay` per
         step; with `peak`, the value is the largest over time.
+    per_bin: steps of the input in one of the network: spikes are put into bins first, and rasters have one step a bin.
+    stretches, w_stretch: of an integrator with weights of its own in each stretch of a window, what it adds to those of
+        `fc_out`, `(K, hidden, class)`.
     late: steps by which layers respond late: 0 for `immediate`, 2 for `eq4` and `delayed`.
     recurrent_delay: additional delay of recurrent spikes, in steps.
     """
@@ -58,12 +62,16 @@ class SnnTorchNetwork(nn.Module):
         decay: float = 1.0,
         peak: bool = False,
         time_first: bool = False,
+        per_bin: int = 1,
+        stretches: Stretches | None = None,
+        w_stretch: nn.Parameter | None = None,
     ) -> None:
         super().__init__()
         self.time_first = time_first
         self.fc_in, self.hidden, self.fc_out, self.readout = fc_in, hidden, fc_out, readout
         self.level, self.decay, self.peak = level, decay, peak
         self.late, self.recurrent_delay = late, recurrent_delay
+        self.per_bin, self.stretches, self.w_stretch = per_bin, stretches, w_stretch
 
     def forward(self, spikes: Tensor) -> tuple[Tensor, Tensor]:
         """`hidden` `(trial, time, hidden)` and `readout` `(trial, time, class)` spikes, from a state of zero.
@@ -86,11 +94,13 @@ class SnnTorchNetwork(nn.Module):
     def _run(self, spikes: Tensor) -> tuple[Tensor, Tensor]:
         # Layers receive `(trial, 1, ...)`, and the same tensor objects that other layers return: snnTorch's export to
         # NIR finds the connections by them, and sees one shape.
-        hidden_spikes = self._hidden(spikes.float())
+        hidden_spikes = self._hidden(clock.binned(spikes, self.per_bin).float())
         hidden = torch.cat(hidden_spikes, dim=1)
         if self.readout is None:
             assert self.level is not None
             gained = torch.cat([self.fc_out(step) for step in hidden_spikes], dim=1)
+            if self.stretches is not None and self.w_stretch is not None:
+                gained = gained + self.stretches.gains(hidden, self.w_stretch)
             return hidden, torch.stack([*Integration(self.level, self.decay, self.peak).over(gained)], dim=1)
         zero = hidden.new_zeros(len(hidden), 1, self.fc_out.out_features)
         syn, mem, readout = zero, zero, [zero] * self.late
@@ -141,11 +151,14 @@ def to_snntorch(network: RSNN, *, time_first: bool = False) -> SnnTorchNetwork:
         readout, fc_out = None, _linear(network.w_out)
     _forget(hidden)
     late = 0 if network.spec.membrane == "immediate" else 2
-    level = None if network.bias is None else nn.Parameter(network.bias.detach().clone())
+    level, w_stretch = (
+        None if each is None else nn.Parameter(each.detach().clone()) for each in (network.bias, network.w_stretch)
+    )
     integration = network.integration
     exported = SnnTorchNetwork(
         _linear(factors[0] * network.w_in), hidden, fc_out, readout, late, network.spec.recurrent_delay_steps, level,
-        network.readout_decay, integration is not None and integration.peak, time_first,
+        network.readout_decay, integration is not None and integration.peak, time_first, network.steps_per_bin,
+        network.stretches, w_stretch,
     )  # fmt: skip
     return exported.to(network.w_in.device)
 
@@ -237,6 +250,8 @@ def _checked_layers(parts: nn.Module | Sequence[nn.Module]) -> _Layers:
     """The layers of a snnTorch network; InputError for what an RSNN does not have."""
     if isinstance(parts, SnnTorchNetwork) and (parts.late or parts.recurrent_delay):
         raise InputError("parts: these neurons receive input later than snnTorch's own; give an 'immediate' network")
+    if isinstance(parts, SnnTorchNetwork) and parts.per_bin > 1:
+        raise InputError("parts: this network puts spikes into bins first; give a network without step_ms")
     fc_in, hidden, fc_out, readout = _four(parts)
     recurrent = getattr(hidden, "recurrent", None)
     if not isinstance(recurrent, nn.Linear):
