@@ -251,6 +251,42 @@ def test_a_space_holds_what_is_chosen_and_nothing_that_a_network_cannot_have(see
 
 def test_what_is_given_is_not_searched_and_recurrence_only_where_it_is_chosen():
     asked = RSNNSpec.model_validate({"recipe": "default", "tau_mem_ms": 7.0, "training": {"input_dropout": 0.3}})
-    short, long = (recipe.space(asked, Seen(100, steps, 1000.0, 50.0)) for steps in (200, 2000))
+    short, long = (recipe.space(asked, Seen(100, steps, 1000.0, 3.0)) for steps in (200, 2000))
     assert not {"tau_mem_ms", "training.input_dropout"} & {*short, *long}
     assert {*short} - {*long} == {"model", "training.rate_penalty"}
+
+
+@pytest.mark.parametrize(
+    ("seen", "step_ms", "stretches", "model"),
+    [
+        (Seen(900, 1000, 1000.0, 50.0, apart=6), 5.0, 4, "snn"),  # 5 ms at most
+        (Seen(900, 1000, 1000.0, 50.0, apart=3), 3.0, 4, "snn"),  # no spike is lost
+        (Seen(900, 300, 2000.0, 20.0, apart=20), 5.0, 4, "snn"),
+        (Seen(900, 60, 1000.0, 20.0, apart=6), 2.0, 4, "snn"),  # 30 steps at least
+        (Seen(900, 260, 200.0, 2.0, apart=9), 5.0, 1, "rsnn"),  # few spikes: an order must be remembered
+        (Seen(900, 1300, 1000.0, 2.0, apart=1), 1.0, 1, "snn"),  # too many steps to remember
+    ],
+)
+def test_the_clock_the_stretches_and_recurrence_follow_the_spikes(seen, step_ms, stretches, model):
+    chosen = recipe.resolve(RSNNSpec(recipe="default"), seen)
+    assert (chosen.step_ms, chosen.readout_stretches, chosen.model) == (step_ms, stretches, model)
+
+
+@given(
+    steps=st.integers(1, 3000), rate=st.sampled_from([35.6, 93.0, 200.0, 1000.0, 2000.0, 2713.7]),
+    apart=st.integers(1, 40), spikes=st.floats(0, 100), keys=st.sampled_from([
+        {}, {"readout": "count"}, {"readout": "max"}, {"readout_tau_ms": 9.0}, {"readout_stretches": 7},
+        {"readout": "integrator", "readout_stretches": 1},
+    ]),
+)  # fmt: skip
+@examples(60)
+def test_what_is_chosen_beside_given_keys_is_a_network(steps, rate, apart, spikes, keys):
+    seen = Seen(100, steps, rate, spikes, apart)
+    chosen = recipe.resolve(RSNNSpec(recipe="default", **keys), seen)
+    network = RSNN(2, 2, chosen, rate)
+    assert network.steps_per_bin <= max(1, min(apart, steps // 30, 5e-3 * rate))
+    assert {key: getattr(chosen, key) for key in keys} == keys
+    if network.stretches is not None:
+        n_bins = -(-steps // network.steps_per_bin)
+        assert network.stretches.of_step(n_bins - 1) <= network.stretches.number - 1
+        assert network.stretches.steps * network.stretches.number >= n_bins

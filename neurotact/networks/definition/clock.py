@@ -79,15 +79,15 @@ def merged(spikes: Tensor, n: int) -> float:
     return 1 - int(binned(spikes, n).count_nonzero()) / n_spikes if n_spikes else 0.0
 
 
-def apart(spikes: Tensor) -> int:
+def apart(spikes: Tensor, most: int | None = None) -> int:
     """The least distance between two spikes of one afferent in windows `(trial, time, afferent)`, in steps.
 
     The number of steps of a window if no afferent spikes twice in one: bins of so many steps merge no spikes.
+    most: how far to look; a larger distance is given as this one.
 
-    >>> apart(torch.tensor([[[1], [0], [0], [1], [0]]])), apart(torch.zeros(1, 5, 1))
-    (3, 5)
+    >>> apart(torch.tensor([[[1], [0], [0], [1], [0]]])), apart(torch.zeros(1, 5, 1)), apart(torch.zeros(1, 5, 1), 2)
+    (3, 5, 2)
     """
-    trial, afferent, step = spikes.transpose(1, 2).nonzero(as_tuple=True)
-    same = (trial[1:] == trial[:-1]) & (afferent[1:] == afferent[:-1])
-    distances = (step[1:] - step[:-1])[same]
-    return int(distances.min()) if len(distances) else max(1, spikes.shape[1])
+    fired, n_steps = spikes != 0, spikes.shape[1]
+    last = max(1, n_steps if most is None else min(most, n_steps))
+    return next((n for n in range(1, last) if bool((fired[:, n:] & fired[:, :-n]).any())), last)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import torch
@@ -38,7 +39,7 @@ class Stretches(NamedTuple):
         """
         n_steps = spikes.shape[-2]
         at = [min(k * self.steps, n_steps) for k in range(self.number)] + [n_steps]
-        lengths = [stop - start for start, stop in zip(at, at[1:], strict=False)]
+        lengths = [stop - start for start, stop in pairwise(at)]
         return torch.stack([part.sum(dim=-2) for part in spikes.split(lengths, dim=-2)], dim=-2)
 
     def sums(self, counts: Tensor, weights: Tensor) -> Tensor:

@@ -7,13 +7,14 @@ read, changed and saved; given keys stay. `start` scales the initial weights and
 
 import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from neurotact import spec as specs
+from neurotact.networks.definition import clock
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.definition.specs import void_keys as of_network
@@ -21,6 +22,9 @@ from neurotact.networks.definition.surrogate import FastSigmoid
 from neurotact.neurons import CubaLIF, cuba_lif_start, cuba_lif_step
 
 BATCH, EPOCHS, LEAST_STEPS, MOST_STEPS = 32, 40, 3000, 10_000
+LONGEST_STEP_MS, FEWEST_BINS = 5.0, 30
+"""Of the network's clock: the longest step, and the fewest steps of a window."""
+STRETCHES = 4
 RECURRENT_STEPS = 300
 SPARSE = 5.0
 LOOKED_AT = 256
@@ -35,23 +39,36 @@ class Seen(NamedTuple):
     """The properties of training windows that the rules use.
 
     windows, steps, sampling_rate_Hz: number of training windows, their length in steps, and steps per second.
-    spikes: mean number per afferent and window.
+    spikes: mean number per afferent and window. apart: least distance between two spikes of an afferent, in steps.
     """
 
     windows: int
     steps: int
     sampling_rate_Hz: float
     spikes: float
+    apart: int = 1
 
     @classmethod
     def of(cls, training: Tensor, sampling_rate_Hz: float) -> "Seen":
         """Of the spikes of training windows, `(window, time, afferent)`.
 
         >>> Seen.of(torch.ones(4, 10, 3), 1000.0)
-        Seen(windows=4, steps=10, sampling_rate_Hz=1000.0, spikes=10.0)
+        Seen(windows=4, steps=10, sampling_rate_Hz=1000.0, spikes=10.0, apart=1)
         """
         n_windows, n_steps, n_afferents = training.shape
-        return cls(n_windows, n_steps, sampling_rate_Hz, float(training.sum()) / max(1, n_windows * n_afferents))
+        spikes = float(training.sum()) / max(1, n_windows * n_afferents)
+        longest = math.ceil(LONGEST_STEP_MS * 1e-3 * sampling_rate_Hz)
+        return cls(n_windows, n_steps, sampling_rate_Hz, spikes, clock.apart(training, longest))
+
+    @property
+    def steps_per_bin(self) -> int:
+        """Steps of the encoder's clock in one of the network's.
+
+        >>> Seen(900, 1000, 1000.0, 50.0, apart=6).steps_per_bin, Seen(900, 150, 1000.0, 50.0, apart=6).steps_per_bin
+        (5, 5)
+        """
+        longest = int(LONGEST_STEP_MS * 1e-3 * self.sampling_rate_Hz)
+        return max(1, min(self.apart, longest, self.steps // FEWEST_BINS))
 
 
 class Choice(NamedTuple):
@@ -62,8 +79,10 @@ class Choice(NamedTuple):
     why: str
 
 
-def choices(seen: Seen) -> list[Choice]:
+def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[Choice]:
     """The choices of the default recipe for training windows.
+
+    given: keys of the network that are given, and on which others depend: its clock and its readout.
 
     >>> {choice.key: choice.value for choice in choices(Seen(900, 1000, 1000.0, 50.0))}["tau_mem_ms"]
     50.0
@@ -73,18 +92,37 @@ def choices(seen: Seen) -> list[Choice]:
     batch = max(BATCH, math.ceil(seen.windows * EPOCHS / MOST_STEPS))
     batches = math.ceil(seen.windows / batch)
     epochs = max(EPOCHS, math.ceil(LEAST_STEPS / max(1, batches)))
-    recurrent, sparse = seen.steps <= RECURRENT_STEPS, seen.spikes < SPARSE
+    sparse = seen.spikes < SPARSE
+    given = given or {}
+    per_bin = clock.steps_per_bin(given["step_ms"], seen.sampling_rate_Hz) if "step_ms" in given else seen.steps_per_bin
+    bins, bin_ms = math.ceil(seen.steps / per_bin), per_bin * step_ms
+    recurrent = sparse and bins <= RECURRENT_STEPS
+    adds_up = given.get("readout", "integrator") == "integrator" and given.get("readout_tau_ms") is None
+    stretches = given.get("readout_stretches", 1 if sparse or not adds_up or bins < STRETCHES else STRETCHES)
+    stretch_ms = _exact(math.ceil(bins / stretches) * per_bin, seen.sampling_rate_Hz)
+    stretch = [Choice("readout_stretch_ms", stretch_ms, "a stretch of equal length")] if stretches > 1 else []
     scarce = f"against overfitting, if an afferent sends fewer than {SPARSE:g} spikes per window"
     return [
         Choice(
             "model",
             "rsnn" if recurrent else "snn",
-            f"recurrent up to {RECURRENT_STEPS} steps; beyond, its gradients become too large",
+            f"recurrent for fewer than {SPARSE:g} spikes per afferent and window, of {RECURRENT_STEPS} steps at most",
+        ),
+        Choice(
+            "step_ms",
+            _exact(per_bin, seen.sampling_rate_Hz),
+            f"at most {LONGEST_STEP_MS:g} ms and the least distance of two spikes of an afferent: none is lost",
         ),
         Choice("surrogate_scale", 20.0 if recurrent else 10.0, "steeper if recurrence multiplies gradients"),
         Choice("readout", "integrator", "it adds up hidden spikes and does not spike"),
-        Choice("tau_mem_ms", _short(max(window_ms / 20, step_ms)), "a twentieth of the window, at least one step"),
-        Choice("tau_syn_ms", _short(max(window_ms / 20, step_ms)), "a twentieth of the window, at least one step"),
+        Choice(
+            "readout_stretches",
+            stretches,
+            f"weights differ between {STRETCHES} stretches of the window, unless afferents send too few spikes",
+        ),
+        *stretch,
+        Choice("tau_mem_ms", _short(max(window_ms / 20, bin_ms)), "a twentieth of the window, at least one step"),
+        Choice("tau_syn_ms", _short(max(window_ms / 20, bin_ms)), "a twentieth of the window, at least one step"),
         Choice("input_deviation", 1.0, "deviation of free membranes on the training windows, in thresholds"),
         Choice("training.batch", batch, f"windows per step: {BATCH}, or more for at most {MOST_STEPS} steps"),
         Choice("training.epochs", epochs, f"{EPOCHS}, or more for at least {LEAST_STEPS} steps"),
@@ -137,8 +175,8 @@ def resolve(spec: RSNNSpec, seen: Seen) -> RSNNSpec:
     """
     if spec.recipe is None:
         return spec
-    chosen = {choice.key: choice.value for choice in choices(seen)}
     given = spec.model_dump(mode="json", exclude={"recipe"})
+    chosen = {choice.key: choice.value for choice in choices(seen, given)}
     training = given.pop("training", {})
     table = specs.override(given, {key: value for key, value in chosen.items() if key not in given})
     table["training"] = {**table.get("training", {}), **training}
@@ -153,9 +191,9 @@ def void_keys(spec: RSNNSpec) -> dict[str, str]:
     >>> "forward_weight_scale" in void_keys(RSNNSpec(recipe="default", model="snn"))
     True
     """
-    lengths = (1, 1 + RECURRENT_STEPS)
-    short, long = (of_network(resolve(spec, Seen(1, steps, 1000.0, 1.0))) for steps in lengths)
-    return {key: why for key, why in short.items() if key in long}
+    kinds = [Seen(1, steps, 1000.0, n) for steps in (STRETCHES, 1 + RECURRENT_STEPS) for n in (1.0, SPARSE)]
+    first, *others = (of_network(resolve(spec, seen)) for seen in kinds)
+    return {key: why for key, why in first.items() if all(key in other for other in others)}
 
 
 def training_of(spec: RSNNSpec) -> TrainingSpec:
@@ -173,7 +211,7 @@ def described(asked: RSNNSpec, seen: Seen) -> Iterator[str]:
         return
     given = asked.model_dump(mode="json")
     known = {*given, *(f"training.{key}" for key in given.get("training", {}))}
-    for choice in choices(seen):
+    for choice in choices(seen, given):
         if choice.key not in known:
             yield f"{choice.key} = {choice.value} ({choice.why})"
 
@@ -181,6 +219,11 @@ def described(asked: RSNNSpec, seen: Seen) -> Iterator[str]:
 def _around(value: float, factors: Sequence[float], least: float = 0.0) -> list[float]:
     """Multiples of a chosen value, none below `least`, each once."""
     return sorted({_short(max(factor * value, least)) for factor in factors})
+
+
+def _exact(steps: int, sampling_rate_Hz: float) -> float:
+    """The duration of so many steps in ms, exact enough to be a whole number of them."""
+    return float(f"{steps * 1e3 / sampling_rate_Hz:.9g}")
 
 
 def _short(value: float) -> float:

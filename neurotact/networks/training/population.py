@@ -161,7 +161,9 @@ def _stacked(networks: Sequence[RSNN], width: int) -> Model:
         decay = each(lambda net: net.readout_decay, torch.float64) if integration.leaks else 1.0
         integration = Integration(level, decay, integration.peak)
     w_rec = None if first.w_rec is None else stack("w_rec", 1, 1)
-    return Model(layer(0), layer(1), stack("w_in", 1), w_rec, stack("readout_weights", 0, 1), integration, first.stretches)
+    return Model(
+        layer(0), layer(1), stack("w_in", 1), w_rec, stack("readout_weights", 0, 1), integration, first.stretches
+    )
 
 
 def _heard(batches: Sequence[Batch], width: int) -> Tensor | None:

@@ -26,6 +26,8 @@ SOPS = ("sops_input", "sops_recurrent", "sops_readout")
 MODEL = "network.model"
 STEPS_PER_BIN = "steps_per_bin"
 """Column of results: steps of the encoder's clock in one of the network's."""
+STRETCHES = "readout_stretches"
+"""Column of results: stretches of a window with readout weights of their own."""
 ABOUT = (
     "Conditioning and encoding are counted for both populations of every taxel, on every step of the encoder's clock; "
     "neurons on every step of the network's clock. "
@@ -54,7 +56,11 @@ def network_cost(
     leaky_steps = 0.0 if spec.readout_leak_ms is None else steps
     readout = (
         Integrator(
-            spec.hidden, n_classes, sops=into_readout, leaky_steps=leaky_steps, peak=spec.readout == "max",
+            spec.hidden,
+            n_classes,
+            sops=into_readout,
+            leaky_steps=leaky_steps,
+            peak=spec.readout == "max",
             stretches=spec.readout_stretches,
         )
         if spec.integrates
@@ -123,7 +129,9 @@ def study_ledger(
             (f"conditioning and encoding alone, {window_ms:g} ms", encoding_cost(n_taxels, steps, window_ms, encoder))
         )
     by = [*NETWORK, *([MODEL] if MODEL in results else [])]
-    for _, row in means_over(results, by, [*SOPS, "window_steps", *({STEPS_PER_BIN} & {*results})], "seeds").iterrows():
+    for _, row in means_over(
+        results, by, [*SOPS, "window_steps", *({STEPS_PER_BIN, STRETCHES} & {*results})], "seeds"
+    ).iterrows():
         name = f"spiking: {row['setting']}, t_ref {row['pair']} ms, N = {row['hidden']}"
         sizes: dict[str, Any] = {"n_afferents": n_afferents, "n_classes": n_classes}
         rows.append((name, row_cost(spec, row, **sizes, rate_Hz=rate_Hz, encoder=encoder)))
@@ -152,8 +160,11 @@ def row_cost(
     chosen = recipe.resolve(spec, recipe.Seen(1, round(window_steps), rate_Hz, 1.0))
     step_ms = 1e3 * row.get(STEPS_PER_BIN, 1) / rate_Hz
     own = chosen.model_copy(
-        update={"hidden": int(row["hidden"]), "model": row.get(MODEL, chosen.model), "step_ms": step_ms}
-    )
+        update={
+            "hidden": int(row["hidden"]), "model": row.get(MODEL, chosen.model), "step_ms": step_ms,
+            STRETCHES: round(row.get(STRETCHES, 1)),
+        }
+    )  # fmt: skip
     measured = {name: row[f"exit_{name}" if early else name] for name in SOPS}
     network = network_cost(own, n_afferents, n_classes, measured, steps=steps, signal_ms=signal_ms)
     return network + encoding_cost(taxels_of(n_afferents, encoder), steps, signal_ms, encoder) if encoding else network

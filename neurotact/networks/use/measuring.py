@@ -43,6 +43,7 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
         **_oracle(network, test),
         "window_steps": test.spikes.shape[1],
         "steps_per_bin": network.steps_per_bin,
+        "readout_stretches": network.spec.readout_stretches,
         "epochs": len(trained.training.epochs),
     }
     matrix = confusion_matrix(test.labels, full.labels.cpu(), labels=range(network.n_classes))

@@ -114,7 +114,7 @@ def test_costs_before_the_classifier(task, split):
 
 @pytest.fixture
 def short_training(monkeypatch):
-    short = RSNNSpec.model_validate({"recipe": "default", "hidden": 12, "training": {"epochs": 8}})
+    short = RSNNSpec.model_validate({"recipe": "default", "hidden": 12, "step_ms": 5.0, "training": {"epochs": 8}})
     monkeypatch.setattr(spiking_family, "TRIED", (short,))
 
 
@@ -128,7 +128,7 @@ def test_the_spiking_family_decides_early_too(task, split):
     # Two taxels, 200 steps: two MACs a step of both populations, one for standardisation.
     assert full.encoder.macs == (4 + 1) * 2 * 200
     assert full.encoder.parameters == 2 + 2 * 2
-    assert full.network.macs == 2 * 12 * 200  # an integrator has no membranes
+    assert full.network.macs == 2 * 12 * 40  # 40 steps of 5 ms; an integrator has no membranes
     assert full.network.acs == full.network.sops
     again = spiking_family.decide(task, split, 0)[0]
     assert again == full
