@@ -15,7 +15,7 @@ from neurotact.deploy.formats import Steps
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Integrator, cost
 from neurotact.networks.definition import kernels, recipe
-from neurotact.networks.definition.pruning import prune
+from neurotact.networks.definition.pruning import prune, remaining_synops
 from neurotact.networks.definition.readouts import Stretches
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
@@ -176,8 +176,18 @@ def test_stretches_that_cannot_be_are_refused(keys, message):
         RSNN(2, 2, sampling_rate_Hz=1000.0, **keys)
 
 
-def test_what_takes_one_readout_refuses_them():
-    with pytest.raises(InputError, match="readout_stretches: pruning"):
-        prune(network(), 0.5)
+def test_a_pruned_synapse_has_no_weight_in_any_stretch():
+    net = network()
+    before = net.readout_weights.detach().square().mean(dim=0)
+    prune(net, 0.5)
+    kept = net.readout_weights.detach().ne(0)
+    assert kept.all(dim=0).equal(kept.any(dim=0))
+    assert int(kept[0].sum()) == 9
+    assert before[kept[0]].min() >= before[~kept[0]].max()
+    spent = remaining_synops(net, spikes())
+    assert (spent.readout == (net(spikes()).hidden @ kept[0].sum(dim=1).float()).detach().numpy()).all()
+
+
+def test_fine_tuning_refuses_them():
     with pytest.raises(InputError, match="readout_stretches: fine-tuning"):
         fine_tuning.grids_of(network(), Steps(0.1, None, 0.1), 8)

@@ -19,8 +19,8 @@ BATCH = 1024
 def prune(network: RSNN, share: float) -> None:
     """Set a share of each weight matrix to 0, the smallest magnitudes first (Han et al. 2015, NeurIPS).
 
-    Among equal magnitudes, lower indices go first; an integrator's bias is not pruned. Raises InputError for a share
-    outside 0 to 1, and for a network with `readout_stretches`, whose synapses have a weight in each stretch.
+    Among equal magnitudes, lower indices go first; an integrator's bias is not pruned. A synapse with a weight in each
+    of `readout_stretches` has the magnitude of their root mean square. Raises InputError for a share outside 0 to 1.
 
     >>> net = RSNN(2, 2, hidden=4, sampling_rate_Hz=1000.0, generator=torch.Generator().manual_seed(0))
     >>> prune(net, 0.75)
@@ -29,11 +29,16 @@ def prune(network: RSNN, share: float) -> None:
     """
     if not 0 <= share <= 1:
         raise InputError(f"share: is a share of the weights, from 0 to 1; got {share}")
-    if network.stretches is not None:
-        raise InputError("readout_stretches: pruning removes a weight, not one of each stretch; train with 1")
-    for weights in network.weights:
-        smallest = weights.abs().flatten().argsort(stable=True)
-        weights.view(-1)[smallest[: round(share * weights.numel())]] = 0.0
+    for weights in (network.w_in, network.w_rec, network.w_out):
+        if weights is None:
+            continue
+        magnitudes = weights.abs()
+        if weights is network.w_out and network.w_stretch is not None:
+            magnitudes = network.readout_weights.square().mean(dim=0).sqrt()
+        pruned = magnitudes.flatten().argsort(stable=True)[: round(share * weights.numel())]
+        weights.view(-1)[pruned] = 0.0
+        if weights is network.w_out and network.w_stretch is not None:
+            network.w_stretch.flatten(1)[:, pruned] = 0.0
 
 
 @contextmanager
@@ -65,6 +70,7 @@ def remaining_synops(network: RSNN, spikes: Tensor) -> Synops:
     device = network.w_in.device
     hidden = torch.cat([network(part.to(device)).hidden for part in spikes.split(BATCH)])
     inputs = spikes.sum(dim=1, dtype=torch.int64)
-    fans = [weights.detach().count_nonzero(dim=1).cpu().numpy() for weights in network.weights]
-    recurrent = fans[1] if network.w_rec is not None else 0 * fans[-1]
-    return synops.of_fans(inputs.cpu().numpy(), hidden.round().long().cpu().numpy(), fans[0], recurrent, fans[-1])
+    readout = network.readout_weights.reshape(-1, *network.w_out.shape).ne(0).any(dim=0)
+    into, out = (weights.detach().count_nonzero(dim=1).cpu().numpy() for weights in (network.w_in, readout))
+    recurrent = 0 * out if network.w_rec is None else network.w_rec.detach().count_nonzero(dim=1).cpu().numpy()
+    return synops.of_fans(inputs.cpu().numpy(), hidden.round().long().cpu().numpy(), into, recurrent, out)
