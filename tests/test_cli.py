@@ -813,7 +813,8 @@ def test_thresholds_that_adapt_are_trained_and_refused_where_they_mean_nothing(n
     adapting = ("--set", "threshold_adaptation=0.3", "--set", "tau_adaptation_ms=50")
     assert neurotact(*train, *adapting)[0] == 0
     assert trained.restore(run).network.adaptation is not None
-    refused(("export", run, "--to", "nir", "-o", tmp_path / "a.nir"), "adaptive thresholds: NIR does not run it")
+    words = ("export", run, "--to", "nir", "--network-only", "-o", tmp_path / "a.nir")
+    refused(words, "adaptive thresholds: NIR does not run it")
 
 
 @pytest.mark.filterwarnings("default")

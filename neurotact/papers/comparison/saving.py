@@ -173,8 +173,8 @@ def fit(sides: Sides, spec: RSNNSpec, seeds: tuple[int, int]) -> Fitted:
 def changed(spec: RSNNSpec, setting: Setting, seen: recipe.Seen, whole_steps: int) -> RSNNSpec:
     """The network's spec with the choices of its recipe for the training windows, and the changes of the setting.
 
-    whole_steps: steps of the full window. They decide whether the network is recurrent, so a setting with a shorter
-    window changes nothing else.
+    whole_steps: steps of the full window. They decide the network's clock and whether it is recurrent, so a setting
+    with a shorter window changes nothing else.
 
     >>> spec = changed(RSNNSpec(recipe="default", hidden=50), Setting(hidden=0.5, time_constants=2), recipe.Seen(
     ...     900, 200, 1000.0, 50.0), 800)
@@ -182,8 +182,8 @@ def changed(spec: RSNNSpec, setting: Setting, seen: recipe.Seen, whole_steps: in
     (25, 20.0, 20.0, 'snn')
     """
     whole = recipe.resolve(spec, seen._replace(steps=whole_steps))
-    spec = recipe.resolve(spec, seen)
-    least_ms = 1e3 / seen.sampling_rate_Hz
+    spec = recipe.resolve(spec.model_copy(update={"step_ms": whole.step_ms}), seen)
+    least_ms = spec.step_ms or 1e3 / seen.sampling_rate_Hz
     update: dict[str, Any] = {
         "hidden": max(1, round(setting.hidden * spec.hidden)),
         "tau_mem_ms": max(least_ms, setting.time_constants * spec.tau_mem_ms),

@@ -111,10 +111,16 @@ def test_taxels_that_vary_stay(tmp_path):
 
 
 def test_a_shorter_window_leaves_recurrence_as_it_is():
-    asked, seen = RSNNSpec(recipe="default"), Seen(100, 300, 1000.0, 20.0)
+    asked, seen = RSNNSpec(recipe="default"), Seen(100, 300, 1000.0, 3.0)
     for whole_steps, model, scale in ((300, "rsnn", 20.0), (600, "snn", 10.0)):
         spec = changed(asked, Setting(window=0.5), seen, whole_steps)
         assert (spec.model, spec.surrogate_scale, spec.tau_mem_ms) == (model, scale, 15.0)
+
+
+def test_a_shorter_window_leaves_the_clock_as_it_is():
+    asked, seen = RSNNSpec(recipe="default"), Seen(100, 60, 1000.0, 20.0, apart=6)
+    spec = changed(asked, Setting(window=0.5), seen, 120)
+    assert (spec.step_ms, spec.readout_stretch_ms) == (4.0, 16.0)
 
 
 def test_thresholds_adapt_where_a_setting_says_so():
