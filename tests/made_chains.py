@@ -44,7 +44,11 @@ def make_chain(
 ) -> Chain:  # fmt: skip
     """readout: of `READOUTS`; afferents: as for `make_encoder`."""
     encoder = make_encoder(afferents, **conditioning)
-    settings = {"hidden": 6, "forward_weight_scale": 3.0, "recurrent_weight_scale": 0.4, **READOUTS[readout], **network}
+    settings = {"hidden": 6, "forward_weight_scale": 3.0, **READOUTS[readout], **network}
+    if settings.get("model") == "snn":
+        settings.pop("recurrent_delay_steps", None)
+    else:
+        settings.setdefault("recurrent_weight_scale", 0.4)
     if readout == "stretches" and (step_ms := network.get("step_ms")):
         settings["readout_stretch_ms"] = 3 * step_ms
     clock_Hz = encoder.conditioning.resample_Hz or rate_Hz

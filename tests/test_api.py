@@ -150,7 +150,7 @@ def test_settings_are_a_mapping_of_keys(touches):
             call()
     with pytest.raises(InputError, match="encoder: must be a name, a path or an encoder spec; got int"):
         nt.encode(touches, 3)
-    with pytest.raises(InputError, match="encoder: must be a name, a path or an AfferentSpec; got RSNNSpec"):
+    with pytest.raises(InputError, match="encoder: must be a name, a path or an encoder spec; got RSNNSpec"):
         nt.calibrate(touches, nt.RSNNSpec())
     assert nt.encode(touches, settings={"sa1.t_ref_ms": np.float32(5)}).encoder["sa1"]["t_ref_ms"] == 5.0
 

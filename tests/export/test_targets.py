@@ -59,7 +59,7 @@ def test_loihi_wants_its_own_membrane_and_reset():
     assert "decay of the membrane" in broken("loihi2", tau_mem_ms=9000.0)
     assert "recurrent delay" in broken("loihi2", recurrent_delay_steps=1)
     assert "microcode" in broken("loihi2", threshold_adaptation=0.3)["threshold adaptation"]
-    assert "recurrent delay" not in broken("loihi2", recurrent_delay_steps=1, model="snn")
+    assert "recurrent delay" not in broken("loihi2", model="snn")
 
 
 @pytest.mark.parametrize("target", ["xyloaudio2", "loihi2"])

@@ -37,7 +37,8 @@ def resting(seed: int, n_steps: int, rest: int, n_afferents: int = 5) -> torch.T
 
 def network(step_ms: float | None = 5.0, **keys) -> RSNN:
     generator = torch.Generator().manual_seed(0)
-    keys = {"hidden": 6, "forward_weight_scale": 3.0, "recurrent_weight_scale": 0.4, **keys}
+    recurrence = {} if keys.get("model") == "snn" else {"recurrent_weight_scale": 0.4}
+    keys = {"hidden": 6, "forward_weight_scale": 3.0, **recurrence, **keys}
     return RSNN(5, 3, sampling_rate_Hz=RATE_Hz, generator=generator, step_ms=step_ms, **keys)
 
 

@@ -92,9 +92,12 @@ def test_integers_need_the_range_of_samples(pipe, recordings, tmp_path):
         nt.export_c(pipe, tmp_path / "c", recordings=others)
 
 
-def test_it_is_exchanged(pipe):
-    X, _ = touches()
+def test_it_is_exchanged():
+    X, y = touches()
     pytest.importorskip("nir")
+    one_clock = {"step_ms": 1e3 / RATE_HZ, "readout_stretches": 1}  # what NIR can hold
+    classifier = nt.SpikingClassifier(hidden=6, epochs=6, batch=4, settings=one_clock, random_state=0)
+    pipe = make_pipeline(nt.SpikeEncoder(ENCODER, sampling_rate_Hz=RATE_HZ), classifier).fit(X, y)
     assert "afferents" in nt.to_nir(pipe).nodes
     again = nt.from_nir(nt.to_nir(pipe))
     spikes = torch.from_numpy(np.asarray(pipe[:-1].transform(X)))
@@ -106,6 +109,14 @@ def test_it_is_exchanged(pipe):
     assert torch.equal(readout, later[1].transpose(0, 1))
     assert (pipe[-1].classes_[readout[:, -1].argmax(dim=1)] == pipe.predict(X)).all()
     assert nt.check_chip(pipe, "loihi2").columns[0] == "what"
+
+
+def test_what_nir_cannot_hold_is_named(pipe):
+    pytest.importorskip("nir")
+    with pytest.raises(nt.InputError, match="clock slower than its encoder's: NIR does not run it"):
+        nt.to_nir(pipe)
+    with pytest.raises(nt.InputError, match="readout of stretches: NIR does not run it"):
+        nt.to_nir(pipe[-1])
 
 
 def test_the_best_of_a_search_is_taken(pipe):

@@ -12,7 +12,8 @@ KINDS = [{}, {"model": "snn"}, {"readout": "integrator"}, {"membrane": "immediat
 
 
 def make_network(**keys) -> RSNN:
-    settings = {"hidden": 5, "forward_weight_scale": 3.0, "recurrent_weight_scale": 0.5, "sampling_rate_Hz": 1000.0}
+    recurrence = {} if keys.get("model") == "snn" else {"recurrent_weight_scale": 0.5}
+    settings = {"hidden": 5, "forward_weight_scale": 3.0, "sampling_rate_Hz": 1000.0, **recurrence}
     return RSNN(4, 3, generator=torch.Generator().manual_seed(0), **{**settings, **keys})
 
 
