@@ -993,7 +993,11 @@ def computed(name: str, capsys: Any, **keywords: Any) -> list[Any]:
         return [np.asarray(encoder.transform(X)).tolist(), encoder.spec_.unit]
     spikes = (np.abs(X) > 8).astype(np.uint8)
     if name == "SpikingClassifier":
-        given = {"hidden": 12, "epochs": 12, "batch": 4, "random_state": 0, "sampling_rate_Hz": 1000.0}
+        model = {} if "recurrent" in keywords else {"model": "rsnn"}
+        given = {
+            "hidden": 12, "epochs": 12, "batch": 4, "random_state": 0, "sampling_rate_Hz": 1000.0,
+            "settings": {"step_ms": 1.0, "readout_stretches": 1, **model},
+        }  # fmt: skip
         clf = nt.SpikingClassifier(**given | keywords).fit(spikes, y)
         return [clf.decision_function(spikes).tolist(), clf.exit_rule_, capsys.readouterr().out]
     given = {"sampling_rate_Hz": 1000.0, "generator": torch.Generator().manual_seed(0)}

@@ -29,9 +29,10 @@ MEMBRANES, RESETS = ("eq4", "delayed", "immediate"), ("zero", "subtract", "hard"
 
 
 def network(seed=0, dtype=torch.float64, **keys) -> nt.RSNN:
+    recurrence = {} if keys.get("model") == "snn" else {"recurrent_weight_scale": 0.4}
     made = nt.RSNN(
         6, 3, sampling_rate_Hz=1000.0, generator=torch.Generator().manual_seed(seed), dtype=dtype,
-        **{"hidden": 7, "forward_weight_scale": 3.0, "recurrent_weight_scale": 0.4, **keys},
+        **{"hidden": 7, "forward_weight_scale": 3.0, **recurrence, **keys},
     )  # fmt: skip
     if made.bias is not None:
         made.bias.data = torch.linspace(-1, 1, 3, dtype=dtype)

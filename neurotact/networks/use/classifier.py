@@ -21,6 +21,7 @@ from neurotact.data.windowed import Origin
 from neurotact.data.windows import WindowSpec, whole_steps
 from neurotact.errors import InputError
 from neurotact.metrics import synops
+from neurotact.networks.definition import recipe
 from neurotact.networks.definition.rsnn import RSNN, Inference
 from neurotact.networks.definition.specs import RSNNSpec, given_keys, void_keys
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
@@ -164,8 +165,9 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
             train_side = _examples(spikes, indices, weights)
             validation_side = _validation(validation, classes, spikes.shape[1:])
         generator = torch.Generator().manual_seed(weights_seed)
-        network = begin(train_side.spikes, len(classes), self.spec(), rate_Hz, generator).to(self.device)
-        effects.check_keys(given_keys(self.network, self.settings), [void_keys(network.spec)], "SpikingClassifier")
+        spec = recipe.resolve(self.spec(), recipe.Seen.of(train_side.spikes, rate_Hz))
+        effects.check_keys(given_keys(self.network, self.settings), [void_keys(spec)], "SpikingClassifier")
+        network = begin(train_side.spikes, len(classes), spec, rate_Hz, generator).to(self.device)
         order = torch.Generator().manual_seed(order_seed)
         progress = _print_epoch if self.verbose else None
         self.training_: Training = train(network, train_side, validation_side, generator=order, progress=progress)
