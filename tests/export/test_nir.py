@@ -57,7 +57,8 @@ def test_a_graph_spikes_as_its_network_and_reads_back_to_the_last_bit(
     tmp_path, membrane, reset, delay, readout, model, seed, dt_s
 ):
     kind = {"readout": "integrator", "readout_tau_ms": 9.0} if readout == "leaky" else {"readout": readout}
-    net = network(seed, membrane=membrane, reset=reset, recurrent_delay_steps=delay, model=model, **kind)
+    delayed = {"recurrent_delay_steps": delay} if model == "rsnn" else {}
+    net = network(seed, membrane=membrane, reset=reset, model=model, **delayed, **kind)
     path = tmp_path / "net.nir"
     nt.to_nir(net, path, dt_s=dt_s, force=True)
     written = nir.read(path)

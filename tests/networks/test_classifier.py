@@ -67,7 +67,7 @@ def test_equal_seeds_give_equal_networks_and_others_do_not():
 
 def test_a_decision_is_counted_from_its_own_spikes():
     X, y = touches()
-    clf = small().fit(X, y)
+    clf = small(recurrent=True).fit(X, y)
     found = clf.decide(X, early_exit=False)
     assert (found["steps"] == 60).all()
     assert found["ms"].tolist() == [60.0] * 40
