@@ -123,7 +123,7 @@ void add_network(nb::module_& m) {
           },
           nb::kw_only(), "inputs"_a, "hidden"_a, "classes"_a, "membrane"_a, "reset"_a, "recurrent_delay"_a,
           "adaptation"_a, "adaptation_decay"_a, "scale"_a, "readout_scale"_a, "is_double"_a, "recurrent"_a, "per_neuron"_a, "keep_currents"_a, "with_inputs"_a,
-          "with_raster"_a, "leaks"_a, "peak"_a, "decay"_a, "stretches"_a, "stretch_steps"_a);
+          "with_raster"_a, "leaks"_a, "peak"_a, "decay"_a, "stretches"_a = 1, "stretch_steps"_a = 1);
     m.def("tape_bytes", &tape_bytes, NT_WINDOW_NAMES);
     m.def("new_tape", &new_tape, NT_WINDOW_NAMES);
     m.def("forward",
