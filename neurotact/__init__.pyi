@@ -22,6 +22,8 @@ from .api.networks import tune as tune
 from .api.recordings import describe as describe
 from .api.recordings import fetch as fetch
 from .api.recordings import load as load
+from .api.recordings import load_recordings as load_recordings
+from .api.recordings import load_spikes as load_spikes
 from .api.recordings import read as read
 from .api.recordings import read_arrays as read_arrays
 from .api.recordings import read_events as read_events

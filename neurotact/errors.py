@@ -19,6 +19,13 @@ class InputError(ValueError):
     neurotact.errors.InputError: sa1.t_ref_ms: must be >= 0; got -1 (encoders/sa1-ra1-lif.toml)
     """
 
+    def _render_traceback_(self) -> list[str]:
+        """What IPython and notebooks print: the message alone, and in their verbose mode the traceback, too."""
+        shell = import_module("IPython").get_ipython()
+        if shell is not None and shell.InteractiveTB.mode not in ("Context", "Minimal"):
+            return shell.InteractiveTB.structured_traceback(type(self), self, self.__traceback__, tb_offset=1)
+        return [f"{type(self).__name__}: {self}  [%tb Verbose shows the traceback]"]
+
 
 def nearest(word: str, known: "list[str] | tuple[str, ...]") -> str:
     """`; did you mean 'x'?` for the closest of `known`, else the list of them.

@@ -28,6 +28,7 @@ from pydantic import (
 import neurotact
 from neurotact.errors import InputError, closest, nearest, some
 from neurotact.files import existing, read_text
+from neurotact.notebook import html_of
 
 DEEPEST = 32
 """Nested tables and lists, at most."""
@@ -77,6 +78,24 @@ class Spec(BaseModel, metaclass=_InOurWords):
     decided: ClassVar[Mapping[str, str]] = {}
     """Dotted keys of a protocol's parameters that something else sets, and what sets them; setting or sweeping one is
     refused."""
+
+    def __repr_args__(self) -> Iterator[tuple[str, Any]]:
+        """The keys that differ from their defaults, which a short text of the spec needs.
+
+        >>> class Gain(Spec):
+        ...     gain: float = 1.0
+        ...     unit: str = "mV"
+        >>> Gain(gain=2.0), Gain()
+        (Gain(gain=2.0), Gain())
+        """
+        for name, field in type(self).model_fields.items():
+            value = getattr(self, name)
+            if field.is_required() or value != field.get_default(call_default_factory=True):
+                yield name, value
+
+    def _repr_html_(self) -> str:
+        """All keys with their values, in a notebook."""
+        return html_of(self, {key: str(value) for key, value in leaves(self.model_dump(mode="json")).items()})
 
     def digest(self) -> str:
         """Twelve hexadecimal digits that identify the content, independent of key order and comments.

@@ -16,7 +16,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 FLOORS = (
     ("errors",),
     ("interrupt", "effects"),
-    ("files", "progress", "backend"),
+    ("files", "progress", "backend", "notebook"),
     ("spec", "effects", "neurons", "tables", "checks", "plugins", "workers", "versions"),
     ("data",),
     ("metrics",),

@@ -374,6 +374,22 @@ def load(path: str | Path) -> Recordings | SpikeTrains:
     return hdf5.load(path)
 
 
+def load_recordings(path: str | Path) -> Recordings:
+    """Load an HDF5 file of recordings; InputError for one of spike trains.
+
+    As `load`, with a result of one type.
+    """
+    return hdf5.load_recordings(path)
+
+
+def load_spikes(path: str | Path) -> SpikeTrains:
+    """Load an HDF5 file of spike trains; InputError for one of recordings.
+
+    As `load`, with a result of one type.
+    """
+    return hdf5.load_spikes(path)
+
+
 def save(what: Recordings | SpikeTrains, path: str | Path, *, force: bool = False) -> None:
     """Save recordings or spike trains as HDF5; an existing file is refused unless `force`.
 

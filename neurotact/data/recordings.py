@@ -4,14 +4,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from neurotact.data.notebook import html_of
 from neurotact.errors import InputError, closest, nearest
+from neurotact.notebook import html_of
 
 LABEL = "label"
 NOUNS = ("trial", "condition")
@@ -94,6 +94,18 @@ class Recordings(Trials):
     conditions: pd.DataFrame
     channels: tuple[str, ...] = ()
     source: str = ""
+
+    if TYPE_CHECKING:  # what is converted may be given, too
+
+        def __init__(
+            self,
+            signals: Sequence[np.ndarray] | np.ndarray,
+            sampling_rate_Hz: float,
+            unit: str,
+            conditions: pd.DataFrame | Mapping[str, Any] | ArrayLike,
+            channels: Sequence[str] = (),
+            source: str = "",
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         where = self.source or "recordings"

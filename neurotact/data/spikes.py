@@ -10,7 +10,6 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from neurotact.data.contact import OnsetSpec, onset_of
-from neurotact.data.notebook import html_of
 from neurotact.data.recordings import (
     check_conditions,
     check_sampling_rate,
@@ -22,6 +21,7 @@ from neurotact.data.recordings import (
 from neurotact.data.windows import LONGEST_STEPS, Windows, WindowSpec, cut
 from neurotact.errors import InputError
 from neurotact.files import check_size
+from neurotact.notebook import html_of
 
 
 class TrialSpikes(NamedTuple):

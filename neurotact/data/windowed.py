@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from neurotact.data.notebook import html_of
 from neurotact.data.recordings import chosen
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_touches
 from neurotact.data.window_choice import ARGUMENTS, suited_window
 from neurotact.data.windows import Align, WindowSpec, window_table
 from neurotact.errors import InputError
+from neurotact.notebook import html_of
 from neurotact.spec import build
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from neurotact.errors import InputError
+from neurotact.notebook import html_of
 from neurotact.tables import escaped, to_markdown
 
 SIDE = "side"
@@ -46,6 +47,24 @@ class Synops(NamedTuple):
     readout: np.ndarray
     total: np.ndarray
     total_feedforward: np.ndarray
+
+    def __repr__(self) -> str:
+        means = ", ".join(f"{name} {np.mean(part):,.0f}" for name, part in self._asdict().items() if len(self.total))
+        return f"Synops({len(self.total)} windows; means: {means or 'none'})"
+
+    def table(self) -> pd.DataFrame:
+        """A row for each window, and a column for each part.
+
+        >>> found = synops(np.array([10]), np.array([4]), n_hidden=30, n_readout=8, recurrent=True)
+        >>> found
+        Synops(1 windows; means: input 300, recurrent 120, readout 32, total 452, total_feedforward 332)
+        >>> found.table()["total"].tolist()
+        [452]
+        """
+        return pd.DataFrame(self._asdict())
+
+    def _repr_html_(self) -> str:
+        return html_of(self, table=self.table().describe().loc[["mean", "min", "max"]].to_html())
 
 
 class NetworkSpec(Protocol):

@@ -6,6 +6,7 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
+import pandas as pd
 import torch
 from torch import Tensor
 from torch.nn import functional
@@ -13,6 +14,7 @@ from torch.nn import functional
 from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN, Counts
 from neurotact.networks.definition.specs import Keep, TrainingSpec
+from neurotact.notebook import html_of
 
 
 class Examples(NamedTuple):
@@ -46,6 +48,23 @@ class Training:
 
     epochs: tuple[Epoch, ...]
     best: Epoch
+
+    def __repr__(self) -> str:
+        return (
+            f"Training({len(self.epochs)} epochs; best: epoch {self.best.epoch}, validation loss "
+            f"{self.best.validation_loss:.3g}, validation accuracy {self.best.validation_accuracy:.3g})"
+        )
+
+    def table(self) -> pd.DataFrame:
+        """The log: a row for each epoch, with the columns of `Epoch`.
+
+        >>> Training((Epoch(1, 0.7, 0.5, 0.6, 0.75),), Epoch(1, 0.7, 0.5, 0.6, 0.75)).table().shape
+        (1, 5)
+        """
+        return pd.DataFrame(self.epochs, columns=list(Epoch._fields))
+
+    def _repr_html_(self) -> str:
+        return html_of(self, table=self.table().to_html(index=False, float_format="{:.3f}".format))
 
 
 @dataclass(frozen=True)
