@@ -16,7 +16,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 FLOORS = (
     ("errors",),
     ("interrupt", "effects"),
-    ("files", "progress", "backend", "notebook"),
+    ("files", "progress", "backend", "notebook", "gathered"),
     ("spec", "effects", "neurons", "tables", "checks", "plugins", "workers", "versions"),
     ("data",),
     ("metrics",),

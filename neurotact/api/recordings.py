@@ -23,6 +23,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.window_choice import timing_of
 from neurotact.errors import InputError, some
+from neurotact.gathered import in_few_lines
 from neurotact.progress import track
 
 ARRAY_NAMES = [arrays.SIGNALS, *arrays.ALIASES]
@@ -46,6 +47,7 @@ def simulate(
     return found.simulate(found.build(changes, f"simulate {name}"), progress)
 
 
+@in_few_lines
 def read(
     name: str,
     path: str | Path,
@@ -60,6 +62,9 @@ def read(
     where: conditions of the trials to keep, such as `{"speed": 300, "force_N": [3, 6]}`, one or several values each.
     leave_out: conditions of trials to leave out, or classes. A line says how many trials are kept.
     Raises InputError for a condition or a value that no trial has.
+
+    >>> nt.read("fabricslide", "fabricslide/", where={"speed_mm_per_min": 300})  # doctest: +SKIP
+    Recordings(160 trials x 16 taxels, 73 to 161 samples at 35.61 Hz (2.05 to 4.52 s), count, 8 classes)
     """
     choice = TrialChoice.of(where, leave_out)
     reader = sources.reader(check_text("name", name))
@@ -68,6 +73,7 @@ def read(
     return chosen_trials(found, choice, str(path))
 
 
+@in_few_lines
 def read_folder(
     path: str | Path,
     sampling_rate_Hz: float | None = None,
@@ -105,6 +111,9 @@ def read_folder(
         (taxel, time).
     where, leave_out: the trials to keep and to leave out, as of `read`.
     Raises InputError, which names the file, the line and the fix.
+
+    >>> nt.read_folder("csv", unit="mV", pattern="{label}/F{speed}_{number}.csv", time_column="t_ms")
+    Recordings(12 trials x 2 taxels, 60 samples at 1000 Hz (0.06 s), mV, 2 classes)
     """
     choice = TrialChoice.of(where, leave_out)
     naming = {"levels": levels, "pattern": pattern, "table": None if conditions is None else str(conditions)}
@@ -117,6 +126,7 @@ def read_folder(
     return chosen_trials(found, choice, str(path))
 
 
+@in_few_lines
 def read_table(
     path: str | Path,
     sampling_rate_Hz: float | None = None,
@@ -147,6 +157,9 @@ def read_table(
     sampling_rate_Hz, unit, time_column, time_unit, max_gap_ms, drop_repeats, decimal, header_lines: as of
     `read_folder`.
     Raises InputError, which names the file, the line or the column, and the fix.
+
+    >>> nt.read_table("table.csv", unit="mV", trial="trial", columns="p1,p2", time_column="t_ms")
+    Recordings(12 trials x 2 taxels, 60 samples at 1000 Hz (0.06 s), mV, 2 classes)
     """
     spec = {
         "label": label, "trial": trial, "segments": segments,
@@ -157,6 +170,7 @@ def read_table(
     return sample_table.read(path, sampling_rate_Hz, unit, spec)
 
 
+@in_few_lines
 def read_arrays(
     path: str | Path,
     sampling_rate_Hz: float | None = None,
@@ -177,12 +191,16 @@ def read_arrays(
     conditions.
     where, leave_out: the trials to keep and to leave out, as of `read`.
     Raises InputError, which names the file, the array and the fix.
+
+    >>> nt.read_arrays("arrays.npz", 1000.0, "mV", names={"label": "gesture"})
+    Recordings(12 trials x 2 taxels, 60 samples at 1000 Hz (0.06 s), mV, 2 classes)
     """
     choice = TrialChoice.of(where, leave_out)
     found = arrays.read(path, sampling_rate_Hz, unit, names=names, axes=axes, conditions=conditions)
     return chosen_trials(found, choice, str(path))
 
 
+@in_few_lines
 def read_raster(
     path: str | Path,
     sampling_rate_Hz: float | None = None,
@@ -205,6 +223,11 @@ def read_raster(
     merge_events: whether more than 1 % of the spikes may be lost where a step counts several.
     where, leave_out: the trials to keep and to leave out, as of `read`.
     Raises InputError, which names the file and the fix.
+
+    >>> X, y = np.eye(6, dtype=np.uint8)[None].repeat(4, axis=0), ["felt", "silk"] * 2
+    >>> np.savez("raster.npz", x=X, label=y)
+    >>> nt.read_raster("raster.npz", 1000.0).steps[0].tolist()
+    [0, 1, 2, 3, 4, 5]
     """
     choice = TrialChoice.of(where, leave_out)
     found = raster.read(
@@ -215,6 +238,7 @@ def read_raster(
     return chosen_trials(found, choice, str(path))
 
 
+@in_few_lines
 def read_events(
     path: str | Path,
     *,
@@ -250,6 +274,10 @@ def read_events(
     merge_events: whether more than 1 % of the events may become one spike with another.
     where, leave_out: the trials to keep and to leave out, as of `read`.
     Raises InputError, which names the file, the place and the fix.
+
+    >>> spikes = nt.read_events("events.csv", step_ms=1.0)
+    >>> len(spikes), spikes.steps[0].tolist(), spikes.units[0].tolist()
+    (12, [1, 4, 9], [0, 1, 0])
     """
     choice = TrialChoice.of(where, leave_out)
     asked = {
@@ -261,6 +289,7 @@ def read_events(
     return chosen_trials(event_files.read(path, asked, names=names, naming=naming), choice, str(path))
 
 
+@in_few_lines
 def read_nwb(
     path: str | Path,
     *,
@@ -294,6 +323,10 @@ def read_nwb(
     merge_events: whether more than 1 % of the spikes may become one with another.
     where, leave_out: the trials to keep and to leave out, by the columns of the table of trials, as of `read`.
     Raises InputError, which names the file and the fix.
+
+    >>> _ = nt.to_nwb(nt.load_spikes("spikes.h5"), "spikes.nwb")
+    >>> len(nt.read_nwb("spikes.nwb"))
+    30
     """
     asked = {
         "trials": trials, "label": label, "step_ms": step_ms, "name": name, "series": series, "unit": unit,
@@ -309,6 +342,8 @@ def fetch(name: str | None = None, out: str | Path | None = None, *, tell: Tell 
 
     out: its name in $NEUROTACT_DATA if None. Licence, size and citation are told first; files that exist are kept.
     Raises InputError for an unknown set, and where it cannot be downloaded, with the steps by hand.
+
+    >>> nt.fetch("fabricslide", "fabricslide/")  # doctest: +SKIP
     """
     effects.check(out=out, name=name)
     if name is None:
@@ -333,6 +368,11 @@ def describe(file: str | Path, *, all: bool = False, tell: Tell = print) -> None
     Classes and conditions, the length and rate of trials, when the touch begins, and the range of each taxel or the
     rate of each population. all: a row for each taxel, however many there are.
     Raises InputError for a file that is neither.
+
+    >>> lines = []
+    >>> nt.describe("touch.h5", tell=lines.append)
+    >>> lines[0]
+    'touch.h5: 30 trials of 2 classes, 2 taxels, in mV'
     """
     kind = hdf5.kind_of(file)
     effects.check(all=all, content=kind)
@@ -370,7 +410,11 @@ def _describe(
 
 
 def load(path: str | Path) -> Recordings | SpikeTrains:
-    """Load an HDF5 file of recordings or of spike trains."""
+    """Load an HDF5 file of recordings or of spike trains.
+
+    >>> nt.load("touch.h5")
+    Recordings(30 trials x 2 taxels, 200 samples at 1000 Hz (0.2 s), mV, 2 classes)
+    """
     return hdf5.load(path)
 
 
@@ -378,6 +422,9 @@ def load_recordings(path: str | Path) -> Recordings:
     """Load an HDF5 file of recordings; InputError for one of spike trains.
 
     As `load`, with a result of one type.
+
+    >>> nt.load_recordings("touch.h5").signals[0].shape
+    (200, 2)
     """
     return hdf5.load_recordings(path)
 
@@ -386,6 +433,9 @@ def load_spikes(path: str | Path) -> SpikeTrains:
     """Load an HDF5 file of spike trains; InputError for one of recordings.
 
     As `load`, with a result of one type.
+
+    >>> nt.load_spikes("spikes.h5").afferents
+    ('SA-I taxel1', 'SA-I taxel2', 'RA-I taxel1', 'RA-I taxel2')
     """
     return hdf5.load_spikes(path)
 
@@ -394,6 +444,10 @@ def save(what: Recordings | SpikeTrains, path: str | Path, *, force: bool = Fals
     """Save recordings or spike trains as HDF5; an existing file is refused unless `force`.
 
     Warns of copies among recordings and among events of a sensor; raises InputError for copies with two classes.
+
+    >>> nt.save(nt.load("touch.h5"), "copy.h5")
+    >>> nt.load("copy.h5").classes
+    ('felt', 'silk')
     """
     files.check_new(path, force=force)
     if isinstance(what, Recordings) or (isinstance(what, SpikeTrains) and not what.encoder):

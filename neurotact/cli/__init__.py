@@ -1,6 +1,8 @@
 """The command line: it parses, calls and prints."""
 
 import logging
+import os
+import shlex
 import sys
 import warnings
 from contextvars import copy_context
@@ -33,7 +35,8 @@ def main() -> None:
         say(error)
         sys.exit(2)
     except typer.TyperException as error:
-        say(f"{error.format_message().rstrip('.')}; see {_command_of(error)} --help")
+        command = _command_of(error)
+        say(_import_of(sys.argv[1:], command) or f"{error.format_message().rstrip('.')}; see {command} --help")
         sys.exit(2)
     if code == INTERRUPTED:  # Typer makes this of Ctrl-C
         say("interrupted")
@@ -45,6 +48,27 @@ class _Said(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         say(self.format(record))
+
+
+READS = {
+    ".csv": "table", ".tsv": "table", ".txt": "table", ".npz": "arrays", ".npy": "arrays", ".mat": "arrays",
+    ".h5": "arrays", ".hdf5": "arrays", ".nwb": "nwb",
+}  # fmt: skip
+"""The command of `import` for a file, by its suffix."""
+
+
+def _import_of(words: list[str], command: str) -> str | None:
+    """What to type in place of `neurotact import PATH`, which lacks the form of the recordings; None if it is not that.
+
+    >>> _import_of(["import", "touches.csv"], "neurotact import")
+    'touches.csv: say what it is: neurotact import table touches.csv --help'
+    """
+    given = next((word for word in words[1:] if not word.startswith("-")), "")
+    is_path = os.path.exists(given) or "/" in given or os.path.splitext(given)[1] in READS
+    if command != "neurotact import" or not given or not is_path:
+        return None
+    form = "folder" if os.path.isdir(given) or given.endswith("/") else READS.get(os.path.splitext(given)[1], "table")
+    return f"{given}: say what it is: neurotact import {form} {shlex.quote(given)} --help"
 
 
 def _command_of(error: typer.TyperException) -> str:

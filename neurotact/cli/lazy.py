@@ -8,6 +8,7 @@ from typer.core import TyperGroup
 from typer.main import get_command
 
 from neurotact import plugins
+from neurotact.cli.help import Command
 from neurotact.errors import InputError
 
 Help = str | Callable[[], str]
@@ -22,7 +23,7 @@ def new_app(help: str = "") -> typer.Typer:
 def command_of(function: Callable[..., None]) -> Any:
     """A function as a command by itself."""
     app = new_app()
-    app.command()(function)
+    app.command(cls=Command)(function)
     return get_command(app)
 
 

@@ -8,6 +8,7 @@ from typing import Any, Literal
 from neurotact import files
 from neurotact.api import recordings as api
 from neurotact.api.recordings import Reader, Recordings, SpikeTrains, Unit, reader
+from neurotact.cli.help import Command
 from neurotact.cli.lazy import add_plugins, new_app
 from neurotact.cli.options import Force, OutFile, Texts, calling, flag, option
 from neurotact.cli.output import save
@@ -76,7 +77,7 @@ OF_FOLDERS = {
 app = new_app("Convert recordings to one HDF5 file.")
 
 
-@app.command("folder")
+@app.command("folder", cls=Command)
 @calling(
     api.read_folder,
     levels=option(
@@ -97,7 +98,7 @@ def import_folder(given: dict[str, Any], out: OutFile, force: Force = False) -> 
     _import(api.read_folder, given, out, force)
 
 
-@app.command("table")
+@app.command("table", cls=Command)
 @calling(
     api.read_table,
     label=option(str | None, "The column of classes.", show_default="one named label, class, y or target"),
@@ -120,7 +121,7 @@ def import_table(given: dict[str, Any], out: OutFile, force: Force = False) -> N
     _import(api.read_table, given, out, force)
 
 
-@app.command("arrays")
+@app.command("arrays", cls=Command)
 @calling(api.read_arrays, unit=UNIT, **OF_ARRAYS)
 def import_arrays(given: dict[str, Any], out: OutFile, force: Force = False) -> None:
     """Recordings in one NPZ, NPY, MATLAB or HDF5 file: signals of all trials in one array, their classes in another.
@@ -130,7 +131,7 @@ def import_arrays(given: dict[str, Any], out: OutFile, force: Force = False) -> 
     _import(api.read_arrays, given, out, force)
 
 
-@app.command("raster")
+@app.command("raster", cls=Command)
 @calling(
     api.read_raster,
     array=option(str | None, "For a folder: the array of each file that is its trial."),
@@ -149,7 +150,7 @@ def import_raster(given: dict[str, Any], out: OutFile, force: Force = False) -> 
     _import(api.read_raster, given, out, force)
 
 
-@app.command("events")
+@app.command("events", cls=Command)
 @calling(
     api.read_events,
     step_ms=option(float, "Time step of the spikes."),
@@ -183,7 +184,7 @@ def import_events(given: dict[str, Any], out: OutFile, force: Force = False) -> 
     _import(api.read_events, given, out, force)
 
 
-@app.command("nwb")
+@app.command("nwb", cls=Command)
 @calling(
     api.read_nwb,
     trials=option(str, "The table of intervals whose rows are trials."),

@@ -10,6 +10,7 @@ import pandas as pd
 import typer
 
 from neurotact.api import studies as api
+from neurotact.cli.help import Command
 from neurotact.cli.lazy import new_app
 from neurotact.cli.options import ON_DEVICE, Json, StudyFolder, calling, flag, option
 from neurotact.cli.output import print_table
@@ -22,7 +23,7 @@ WIDE = 110
 app = new_app("Run, resume and report studies.")
 
 
-@app.command("run")
+@app.command("run", cls=Command)
 @calling(
     api.run_study,
     name=Annotated[str, typer.Argument(help="Name or path of a study spec.")],
@@ -43,14 +44,14 @@ def study_run(given: dict[str, Any], as_json: Json = False) -> None:
     _run(api.run_study, given, as_json)
 
 
-@app.command("resume")
+@app.command("resume", cls=Command)
 @calling(api.resume_study, folder=StudyFolder, device=ON_DEVICE)
 def study_resume(given: dict[str, Any], as_json: Json = False) -> None:
     """Continue an interrupted study."""
     _run(api.resume_study, given, as_json)
 
 
-@app.command("report")
+@app.command("report", cls=Command)
 def study_report(folder: StudyFolder, as_json: Json = False) -> None:
     """Rewrite the tables, figures and report of a study."""
     api.report_study(folder)

@@ -19,6 +19,8 @@ RATES_DIFFER = 0.1
 OTHER_UNIT = 100.0
 """If the given rate and that of the time stamps differ by this factor, the unit of the stamps is wrong."""
 
+MATTERS, LOST = 0.01, 1.5
+"""Jitter, and a longest interval, in intervals of samples: smaller ones are interpolated without a word."""
 OF_COLUMNS = doubts.Fixes("select the taxels with `columns`", "give `time_column`, or ")
 """What mends a wrong column."""
 
@@ -142,9 +144,10 @@ def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, where: str) 
         for trial in trials
     ]
     n_moved = sum(signal is not trial.signal for signal, trial in zip(signals, trials, strict=True))
-    if n_moved:
-        jitter_ms = [1e3 * each.jitter_s for each in stamps]
-        worst_ms = 1e3 * max(float(np.diff(each.time_s).max()) for each in stamps)
+    jitter_ms = [1e3 * each.jitter_s for each in stamps]
+    worst_ms = 1e3 * max((float(np.diff(each.time_s).max()) for each in stamps if len(each.time_s) > 1), default=0.0)
+    interval_ms = 1e3 / rate_Hz
+    if n_moved and (float(np.median(jitter_ms)) > MATTERS * interval_ms or worst_ms > LOST * interval_ms):
         log.warning(
             "%s: the time stamps jitter by %.3g ms (standard deviation of the intervals; the longest is %.4g ms): %d "
             "of %d trials are interpolated onto a regular clock of %g Hz",
