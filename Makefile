@@ -51,7 +51,8 @@ lint: $(VENV)/.linters
 	$(BIN)/ruff format --check neurotact tests benchmarks docs
 	$(BIN)/pyright
 
-# The site in build/docs; a broken link or anchor, as any warning, is an error.
+# The site in build/docs; a broken link or anchor, as any warning, is an error. It runs docs/examples, each anew where
+# it has changed.
 docs: $(VENV)/.site
 	$(BIN)/python -m sphinx -E -W --keep-going -q -c docs/site docs build/docs
 	@echo build/docs/index.html
@@ -77,7 +78,7 @@ $(VENV)/.linters: $(VENV)/.installed
 	touch $@
 
 $(VENV)/.site: $(VENV)/.installed
-	$(INSTALL) sphinx myst-parser furo
+	$(INSTALL) sphinx myst-parser furo sphinx-gallery sphinx-copybutton
 	touch $@
 
 # Norse and SpikingJelly ask for torchvision, which they do not need here; Brian2 needs an older numpy than ours.
@@ -89,4 +90,4 @@ $(VENV)/.peers: $(VENV)/.installed
 	touch $@
 
 clean:
-	rm -rf $(VENV) $(VENV)-brian2 build runs
+	rm -rf $(VENV) $(VENV)-brian2 build runs docs/gallery_of_examples

@@ -33,6 +33,7 @@ from .api.recordings import read_raster as read_raster
 from .api.recordings import read_table as read_table
 from .api.recordings import save as save
 from .api.recordings import simulate as simulate
+from .api.specs import spec_names as spec_names
 from .api.studies import report_study as report_study
 from .api.studies import resume_study as resume_study
 from .api.studies import run_study as run_study
@@ -41,6 +42,8 @@ from .data.neo_blocks import from_neo as from_neo
 from .data.neo_blocks import to_neo as to_neo
 from .data.nwb_output import to_nwb as to_nwb
 from .data.recordings import Recordings as Recordings
+from .data.sources import Reader as Reader
+from .data.sources import Simulator as Simulator
 from .data.spikes import SpikeTrains as SpikeTrains
 from .data.windowed import SpikeArray as SpikeArray
 from .data.windowed import WindowedSpikes as WindowedSpikes

@@ -5,6 +5,7 @@ A part is an entry point of the group `neurotact.simulators`, `neurotact.readers
 """
 
 from functools import lru_cache
+from importlib import invalidate_caches
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Literal
 
@@ -33,6 +34,9 @@ def load(group: Group, name: str, kind: type | None = None) -> Any:
     Traceback (most recent call last):
     neurotact.errors.InputError: protocols: there is none called 'stifness'; did you mean 'stiffness'?
     """
+    if name not in _found(group):  # it may have been installed since, as in a notebook
+        _found.cache_clear()
+        invalidate_caches()
     found = _found(group).get(name)
     if found is None:
         raise InputError(f"{group}: there is none called '{name}'; {nearest(name, names(group))}")

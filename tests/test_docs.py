@@ -1,11 +1,8 @@
 """The pages: their links, their code, their commands, and the references that are written from the program."""
 
 import ast
-import json
-import os
 import re
 import shlex
-import subprocess
 import sys
 from collections.abc import Iterator
 from functools import cache
@@ -287,7 +284,8 @@ def test_a_table_within_a_spec_has_the_defaults_that_it_has_there(site):
 
 
 def test_every_name_of_the_front_door_is_in_the_python_reference_once(site):
-    page = site("python_reference").page()
+    reference = site("python_reference")
+    page = "\n".join(reference.page(name) for name in reference.SUBJECTS)
     for name in {*nt.__all__} - {"__version__"}:
         assert page.count(f":: neurotact.{name}\n") == 1, name
     for name in nt.baselines.__all__:
@@ -339,22 +337,26 @@ def test_a_page_that_asks_another_host_is_found(page, asks, site, tmp_path):
     assert len(site("local").requests(tmp_path)) == asks
 
 
-NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
+EXAMPLES = sorted((ROOT / "docs" / "examples").glob("*.py"))
+PUBLIC_ROOMS = ("neurotact", "neurotact.baselines")
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=[path.stem for path in NOTEBOOKS])
-def test_a_notebook_runs_and_names_pages_that_exist(notebook):
-    cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
-    told = "".join(line for cell in cells if cell["cell_type"] == "markdown" for line in cell["source"])
-    assert all((notebook.parent / link).is_file() for link in re.findall(r"\]\(([^)#]+)", told))
-    code = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=notebook.parent,
-        env={**os.environ, "MPLBACKEND": "Agg", "PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+@pytest.mark.parametrize("example", EXAMPLES, ids=[path.stem for path in EXAMPLES])
+def test_an_example_is_short_and_imports_public_names_alone(example):
+    text = example.read_text(encoding="utf-8")
+    tree = ast.parse(text)
+    title, line = (ast.get_docstring(tree) or "").splitlines()[:2]
+    assert len(line) == len(title) > 0
+    assert set(line) == {"="}
+    assert len(text.splitlines()) < 60
+    assert "plt.show()" in text
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            assert {each.name for each in node.names if each.name.startswith("neurotact")} <= {"neurotact"}
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("neurotact"):
+            assert node.module in PUBLIC_ROOMS
+            assert {each.name for each in node.names} <= set(import_module(node.module).__all__)
+
+
+def test_there_are_examples():
+    assert len(EXAMPLES) >= 15

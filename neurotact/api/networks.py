@@ -96,6 +96,10 @@ def train(
     The spikes stay in their file, by whose content `resume` knows them; `save` writes one.
     Raises InputError for a folder that is not free, for spikes that cannot be used and for unknown keys; `Interrupted`,
     a KeyboardInterrupt with the number of saved `epochs`, on Ctrl-C.
+
+    >>> found = nt.train("spikes.h5", "felt-or-silk", "rsnn", {"hidden": 4, "training.epochs": 2}, length_ms=50)
+    >>> 0 <= found["low"] <= found["accuracy_test"] <= found["high"] <= 1
+    True
     """
     window = window_table(length_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
     split = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
@@ -142,6 +146,9 @@ def result(run: str | Path) -> dict[str, Any]:
     """What the training in the run folder `run` came to, as `train` returns it.
 
     Raises InputError where there is none.
+
+    >>> sorted(nt.result("run"))[:3]
+    ['accuracy_test', 'accuracy_validation', 'baseline']
     """
     return summary_of(files.read_json(Path(run) / train_run.RESULT))
 
@@ -198,12 +205,18 @@ def tune(
     tuner: "tpe", "random" or "grid". assessor: "median-stop" stops trials below the median early, from `start_epoch`
     (10) on; "none" trains all to the end.
     batch: trials that are proposed together. device: another torch device than "cpu", such as "cuda", trains each
-    batch at once, in place of `workers` processes (2).
+    batch at once, in place of `workers` processes (2; 1 trains in this one, also in a script without
+    `if __name__ == "__main__"`).
     Windows, split, where, leave_out, exit_tolerance and exit_by: as for `train`; of `folds`, the `fold` (0) is tested.
     The journal, tables, figure, `best.toml` and the best network, `best`, are saved in `folder`; given the same folder
     again, the search continues there. resume: with more `trials` than before, too, as if all had been asked for at
     once. tell: called with what the command prints.
     Raises InputError for an unknown space, for a folder with another search, and as `train` does.
+
+    >>> space = {"hidden": {"_type": "choice", "_value": [2, 3, 4]}}
+    >>> found = nt.tune("spikes.h5", "search", space, "rsnn", {"training.epochs": 1}, trials=2, length_ms=50, workers=1)
+    >>> len(found)
+    2
     """
     effects.check(workers=workers, device=device)
     window = window_table(length_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
@@ -258,6 +271,10 @@ def infer(
     device: a torch device. out: a file to write (.csv, .json, .md); one that exists is refused unless `force`.
     tell: called with a note where windows know samples after them.
     Raises InputError for spikes of another encoder, unless `allow_other_encoder`.
+
+    >>> table = nt.infer("run", "spikes.h5")
+    >>> table.columns[:5].tolist()
+    ['trial', 'side', 'label', 'predicted', 'steps']
     """
     effects.check(force=force, out=out)
     is_file = isinstance(spikes, (str, Path))
@@ -299,6 +316,9 @@ def sops(
     spikes: that the run was trained on, where they moved since. early_exit: count with early exit. force: replace a
     file. tell: called with what `neurotact sops` prints beside the means. Columns as of `infer`.
     Raises InputError for a file that exists, and for spikes of another encoder, unless `allow_other_encoder`.
+
+    >>> nt.sops("run", "sops.csv")["side"].unique().tolist()
+    ['test']
     """
     check_folder(run, "sops", "whose test windows it counts (SpikingClassifier.sops counts those of any windows)")
     run, out = Path(run), Path(out)
@@ -326,17 +346,29 @@ def summarise(decisions: pd.DataFrame) -> pd.DataFrame:
 
     Columns: side, label, windows (how many), accuracy, and the means of steps, spikes and SOPs.
     Raises InputError for a table without these columns.
+
+    >>> nt.summarise(nt.infer("run", "spikes.h5"))["label"].tolist()[:3]
+    ['felt', 'silk', 'all']
     """
     return synops.summary(decisions)
 
 
 def save_network(network: RSNN, folder: str | Path, *, force: bool = False) -> None:
-    """Save a network as safetensors and JSON in `folder`; an existing network is refused unless `force`."""
+    """Save a network as safetensors and JSON in `folder`; an existing network is refused unless `force`.
+
+    >>> nt.save_network(nt.RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0), "network")
+    >>> sorted(path.name for path in Path("network").iterdir())
+    ['network.json', 'weights.safetensors']
+    """
     check_instance("network", network, RSNN, "a SpikingClassifier has one in network_")
     files.check_new(Path(folder) / checkpoint.NETWORK, force=force)
     checkpoint.save(network, folder)
 
 
 def load_network(folder: str | Path) -> RSNN:
-    """The network in a folder that `save_network`, `train` or the command line wrote."""
+    """The network in a folder that `save_network`, `train` or the command line wrote.
+
+    >>> nt.load_network("run").n_inputs
+    4
+    """
     return checkpoint.load(folder)[0]

@@ -139,8 +139,13 @@ def problem_of(trains: SpikeTrains, search: SearchSpec, network: RSNNSpec, task:
 
 @contextmanager
 def runner(problem: Problem, spikes: Path, n_workers: int, device: str = "cpu") -> Iterator[Run]:
-    """Trials trained in worker processes or, on another device than "cpu", each batch of them at once."""
-    if device == "cpu":
+    """Trials trained in worker processes or, on another device than "cpu", each batch of them at once.
+
+    A single worker is this process: a script without `if __name__ == "__main__"` can start no other.
+    """
+    if device == "cpu" and n_workers == 1:
+        yield here(tasks.load_spikes(spikes, problem.task), problem.task)
+    elif device == "cpu":
         with processes(spikes, n_workers) as run:
             yield run
     else:

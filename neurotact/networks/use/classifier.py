@@ -28,6 +28,7 @@ from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.training.fitting import begin, exit_rule
 from neurotact.networks.training.tasks import ExitBy
 from neurotact.networks.training.training import Epoch, Examples, Training, train
+from neurotact.networks.use import ledger
 from neurotact.networks.use.measuring import synops_of
 from neurotact.spec import checked_settings, resolve
 
@@ -215,6 +216,18 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
     def sops(self, X: ArrayLike, *, early_exit: bool = False) -> synops.Synops:
         """Synaptic operations of each window: `input`, `recurrent`, `readout`, `total`, ... each `(window,)`."""
         return synops_of(self._infer(X, self._rule(early_exit)), self.network_)
+
+    def costs(self, X: ArrayLike, *, early_exit: bool = False) -> pd.DataFrame:
+        """What a decision costs on average over X: conditioning and encoding (where X says its encoder), and network.
+
+        One row each, with macs, acs, parameters, signal_ms and an energy estimate of the arithmetic alone
+        (docs/one-task-all-ways.md).
+        """
+        decided = self.decide(X, early_exit=early_exit).drop(columns="predicted").mean()
+        encoder = None if self.origin_ is None else self.origin_.encoder
+        sizes = self.n_features_in_, len(self.classes_)
+        means = decided.to_frame().T
+        return ledger.decision_ledger(self.network_.spec, *sizes, self.sampling_rate_Hz_, means, encoder=encoder)
 
     def decide(self, X: ArrayLike, *, early_exit: bool = True) -> pd.DataFrame:
         """The decision for each window, its time and its cost: one row per window.

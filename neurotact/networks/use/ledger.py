@@ -83,17 +83,20 @@ def decision_ledger(
     rate_Hz: float,
     summary: pd.DataFrame,
     *,
-    encoder: Mapping[str, Any],
+    encoder: Mapping[str, Any] | None,
 ) -> pd.DataFrame:
     """The ledger of one trained network: encoder, network and both, from the `all` row of a SOP summary.
 
-    summary: of `metrics.synops.summary`. spec: as for `network_cost`; encoder: as for `encoding_cost`.
+    summary: of `metrics.synops.summary`. spec: as for `network_cost`; encoder: as for `encoding_cost`; where it is
+    None, the network alone counts.
     """
     measured = summary.iloc[-1]
     steps = float(measured["steps"])
     signal_ms = 1e3 * steps / rate_Hz
-    encoding = encoding_cost(taxels_of(n_afferents, encoder), steps, signal_ms, encoder)
     network = network_cost(spec, n_afferents, n_classes, measured, steps=steps, signal_ms=signal_ms)
+    if encoder is None:
+        return ledger_table([("network", network)])
+    encoding = encoding_cost(taxels_of(n_afferents, encoder), steps, signal_ms, encoder)
     return ledger_table([("encoder", encoding), ("network", network), ("both", encoding + network)])
 
 
