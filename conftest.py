@@ -1,11 +1,14 @@
 """Optional packages: what needs one is left out where it is not installed, and never without a word."""
 
 import os
+import shutil
+import sys
 import tomllib
 from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import pytest
 from packaging.requirements import Requirement
@@ -46,3 +49,35 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     if absent:
         terminalreporter.section("not tested")
         terminalreporter.line(f"what needs {', '.join(absent)}: not installed; pip install -e '.[test]'")
+
+
+AS_TYPED = {"neurotact.api", "neurotact.deploy.stream_state"}
+"""Where examples name files as a user does: they run beside those of `tests/made_inputs.py`."""
+
+
+@pytest.fixture(scope="session")
+def _files_of_examples(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    sys.path.insert(0, str(Path(__file__).parent / "tests"))
+    import made_inputs
+
+    folder = tmp_path_factory.mktemp("examples")
+    made_inputs.make(folder)
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def _beside_files(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """An example in a docstring of the API is in a folder with files, has `nt`, and writes what it likes."""
+    named = request.node.name
+    if not (isinstance(request.node, pytest.DoctestItem) and any(named.startswith(place) for place in AS_TYPED)):
+        return
+    files: Path = request.getfixturevalue("_files_of_examples")
+    shutil.copytree(files, tmp_path / "examples")
+    monkeypatch.chdir(tmp_path / "examples")
+
+
+@pytest.fixture(autouse=True)
+def _names(doctest_namespace: dict[str, Any]) -> None:
+    import neurotact as nt
+
+    doctest_namespace["nt"] = nt

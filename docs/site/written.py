@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,7 +29,8 @@ WRITTEN: dict[str, Callable[[], str]] = {
     "index": lambda: of_the_top("README.md"),
     "contributing": lambda: of_the_top("CONTRIBUTING.md"),
     "changelog": lambda: of_the_top("CHANGELOG.md"),
-    "reference/python": python_reference.page,
+    "reference/python": python_reference.overview,
+    **{f"reference/python/{name}": partial(python_reference.page, name) for name in python_reference.SUBJECTS},
     "reference/command-line": command_line.page,
     "reference/specs": spec_reference.page,
     "reference/executors": executors_reference.page,

@@ -30,7 +30,13 @@ log = logging.getLogger("neurotact")
 
 
 class Flow(NamedTuple):
-    """A stream of samples: its decisions, as they are taken, and what became of the samples so far, in words."""
+    """A stream of samples: its decisions, as they are taken, and what became of the samples so far, in words.
+
+    >>> flow = nt.stream("run", "touch.h5")
+    >>> n_decisions = len(list(flow.decisions))
+    >>> flow.summary().startswith("6000 samples")
+    True
+    """
 
     decisions: Iterator[Decision]
     summary: Callable[[], str]
@@ -67,6 +73,11 @@ def stream(
     sampling_rate_Hz, unit, length_ms, start_ms, hop_ms, contact, quiet_ms, early_exit, hold_ms: as for `Stream`.
     stall_s: a pipe without input for so long counts as a gap; 1 if None.
     Raises InputError for a source that cannot be read, and for a chain that cannot run sample by sample.
+
+    >>> flow = nt.stream("run", "touch.h5")
+    >>> decision = next(flow.decisions)
+    >>> decision.label in ("felt", "silk")
+    True
     """
     if rate not in ("fast", "real"):
         raise InputError(f"`rate={rate!r}`: is unknown; choose one of fast, real")
@@ -136,6 +147,10 @@ def export_c(
     prove: compile the export, run it here and in QEMU, and compare this many test trials spike by spike.
     force: replace files. tell: called with what the command prints.
     Returns the chain and its formats. Raises InputError for files that exist, and for a chain that cannot run in C.
+
+    >>> made = nt.export_c("run", "chain")
+    >>> sorted(path.name for path in Path("chain").iterdir())
+    ['README.md', 'example.c', 'touch.c', 'touch.h']
     """
     effects.check(
         variant=variant, weight_bits=weight_bits, state_bits=state_bits, lsb=lsb,
@@ -179,6 +194,10 @@ def export_nir(
     recordings, spikes: for that, those that the run was trained on, where they moved since; of a classifier, others.
     force: replace a file. tell: called with what the command prints.
     Raises InputError for a file that exists, and for a chain that NIR cannot express.
+
+    >>> graph = nt.export_nir("run", "run.nir")
+    >>> "afferents" in graph.nodes
+    True
     """
     effects.check(ranges=prove, recordings=recordings, spikes=spikes)
     made = exchange.to_nir(
@@ -221,6 +240,9 @@ def check_chip(run: Fitted, check: str, *, tell: Tell = silent) -> pd.DataFrame:
     run: as of `export_c`.
     One row per limit: what, here, limit, fits, and the cost of making it fit. tell: called with what the command
     prints. Raises InputError for an unknown chip.
+
+    >>> nt.check_chip("run", "loihi2").columns.tolist()
+    ['what', 'here', 'limit', 'fits', 'cost']
     """
     restored = fitted.restore(run)
     found = targets.check(restored.network, restored.encoder, restored.rule, check)
@@ -251,6 +273,9 @@ def fine_tune(
     spikes: that the run was trained on, where they moved since. force: replace a training that is in the folder.
     tell: called with what the command prints. Returns what it came to, as `train` does.
     Raises InputError for a folder that is not free, and for spikes that are no longer those of the run.
+
+    >>> nt.fine_tune("run", "few-bits", weight_bits=4, epochs=1)["accuracy_test"] >= 0
+    True
     """
     check_folder(run, "fine_tune", "which it trains on from the spikes of that")
     place = Path(folder)

@@ -88,6 +88,10 @@ def encode_file(
     `neurotact encode` prints.
     Returns the numbers of trials, of spikes of each afferent `(afferent,)` and of steps, and the clock in Hz.
     Raises InputError for a file that exists, and as `encode` does; logs of what it warns.
+
+    >>> done = nt.encode_file("touch.h5", "encoded.h5", settings={"conditioning.baseline": "first"})
+    >>> done.trials, done.clock_Hz
+    (30, 1000.0)
     """
     out = Path(out)
     files.check_new(out, force=force, inputs=_paths(recordings, encoder))
@@ -145,6 +149,10 @@ def calibrate(
     out, figure: files for the encoder (.toml) and for a drawing of how its gains were chosen (.png, .svg, .pdf); one
         that exists is refused unless `force`. tell: called with what the command prints.
     Raises InputError for less than two classes, for constant signals, and as `train` does for the split.
+
+    >>> encoder = nt.calibrate("touch.h5", settings={"conditioning.baseline": "first"})
+    >>> encoder.sa1.gain > 0, len(encoder.conditioning.scale)
+    (True, 2)
     """
     began = perf_counter()
     _check_outputs([Path(each) for each in (out, figure) if each], force, _paths(recordings, encoder))
@@ -196,6 +204,10 @@ def plot_raster(
 
     start_s, stop_s: the part that is drawn; up to the trial's end when None.
     Raises InputError for a trial that does not exist, and for recordings that do not hold it.
+
+    >>> figure = nt.plot_raster(nt.load_spikes("spikes.h5"), trial=0, recordings=nt.load_recordings("touch.h5"))
+    >>> len(figure.axes)
+    2
     """
     check_instance("spikes", spikes, SpikeTrains, "nt.encode returns them")
     signal = None
@@ -223,6 +235,10 @@ def save_raster(
     recordings: the file that was encoded, where it moved since; without one the signal is left out, which is logged.
     force: replace a file.
     Raises InputError for a file that exists, another suffix, and a trial that does not exist.
+
+    >>> nt.save_raster("spikes.h5", "spikes.csv")
+    >>> Path("spikes.csv").read_text().splitlines()[0]
+    'trial,afferent,type,time_s'
     """
     out = Path(out)
     kind = "events" if out.suffix in (".csv", ".nwb") else "picture"

@@ -67,6 +67,9 @@ def live(
     tell: called with the address of the page, which only this machine can open.
     Returns what became of the samples, in words. Raises InputError for a source that cannot be read, for a chain that
     cannot run sample by sample, and without the packages of `neurotact[live]`.
+
+    >>> nt.live("run", "gratings")  # doctest: +SKIP
+    http://127.0.0.1:40321/...  (press Ctrl-C to stop)
     """
     server = _server_module()
     source, feed = str(source), None

@@ -90,6 +90,11 @@ def from_neo(
     where, leave_out: the segments to read and to leave out, by their annotations, as of `nt.read`.
     Raises InputError for another object, for segments without spike trains or classes, for times beyond any clock, and
     for a clock that would lose more spikes.
+
+    >>> import neurotact as nt
+    >>> spikes = nt.encode(nt.simulate("gratings", trials=1, duration_s=0.3))
+    >>> len(from_neo(to_neo(spikes))) == len(spikes)
+    True
     """
     _neo()
     segments: list[Any] = list(getattr(block, "segments", ()))

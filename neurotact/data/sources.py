@@ -70,6 +70,14 @@ class Simulator(NamedTuple):
     model: its spec, which has the property `n_trials`.
     simulate: called as `simulate(spec, progress)`.
     by_hand: its finger, if it has one that `neurotact live` can move.
+
+    >>> import numpy as np
+    >>> class Presses(Spec):
+    ...     n_trials: int = 4
+    >>> def simulate(spec, progress):
+    ...     return Recordings(np.ones((spec.n_trials, 100, 2)), 1000.0, "mV", ["soft", "hard"] * (spec.n_trials // 2))
+    >>> len(Simulator("Presses of a finger.", Presses, simulate).simulate(Presses(), None))
+    4
     """
 
     about: str
@@ -89,6 +97,12 @@ class Reader(NamedTuple):
     about: the recordings, in one line.
     read: called as `read(path)`; called as `read(path, step_ms)` if `step_ms` is given, and then returns spikes.
     step_ms: for a reader of events: the clock on which they become spikes, unless the user gives another.
+
+    >>> import numpy as np
+    >>> def read(path):
+    ...     return Recordings([np.load(file) for file in sorted(path.glob("*.npy"))], 500.0, "mV", ["felt"])
+    >>> Reader("A folder of .npy files.", read).about
+    'A folder of .npy files.'
     """
 
     about: str

@@ -74,6 +74,11 @@ class WindowedSpikes:
     groups: the trial of each window `(window,)` int64, for scikit-learn's group splitters.
     start_steps: the first step of each window in its trial `(window,)`.
     trains: the spike trains that the windows were cut from.
+
+    >>> import neurotact as nt
+    >>> found = windows(nt.encode(nt.simulate("gratings", trials=1, duration_s=0.3)), length_ms=100)
+    >>> found.X.shape, found.y.shape, found.length_ms
+    ((144, 200, 16), (144,), 100.0)
     """
 
     X: SpikeArray

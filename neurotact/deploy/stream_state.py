@@ -20,6 +20,10 @@ class Decision(NamedTuple):
     input_spikes, hidden_spikes: in those steps. sops: synaptic operations in them, in total.
     held: number of steps that use repeated values, because their own were missing or not finite.
     heard: whether the readout changed; if not, the class was chosen by its index alone.
+
+    >>> decision = next(nt.stream("run", "touch.h5").decisions)
+    >>> decision.ms == 1e3 * decision.steps / 1000.0
+    True
     """
 
     window: int

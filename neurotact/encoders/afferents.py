@@ -69,7 +69,12 @@ class AfferentType(Spec):
 
 
 class AfferentSpec(Spec):
-    """An SA-I and an RA-I population over every taxel (`encoders/*.toml`)."""
+    """An SA-I and an RA-I population over every taxel (`encoders/*.toml`).
+
+    >>> spec = AfferentSpec.model_validate({"sa1": {"gain": 3.0, "t_ref_ms": 5}, "ra1": {"gain": 9.0}})
+    >>> spec.sa1.t_ref_ms, spec.unit
+    (5.0, 'mV')
+    """
 
     folder: ClassVar[str] = "encoders"
 

@@ -16,7 +16,12 @@ SATURATED = 0.9
 
 
 class FiringWarning(UserWarning):
-    """Warning about an encoder that does not fit its data."""
+    """Warning about an encoder that does not fit its data.
+
+    >>> import warnings
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("error", FiringWarning)  # a silent population ends the script
+    """
 
 
 def check_periods(encoder: EncoderSpec, trial_s: float) -> None:

@@ -91,6 +91,10 @@ def from_nir(
     file states.
     Raises InputError for files that are damaged or hostile, for graphs that are not Linear, CubaLIF (recurrent or not),
     Linear, CubaLIF, and for features that neurotact's networks do not have.
+
+    >>> net = RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0)
+    >>> from_nir(to_nir(net)).network.n_inputs
+    16
     """
     if sampling_rate_Hz is not None and not (math.isfinite(sampling_rate_Hz) and sampling_rate_Hz > 0):
         raise InputError(f"sampling_rate_Hz: must be a positive number; got {sampling_rate_Hz}")

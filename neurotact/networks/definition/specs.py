@@ -19,7 +19,11 @@ MOST_STRETCHES = 64
 
 
 class TrainingSpec(Spec):
-    """How a network is trained (texture paper, Sec. III-B; loss and regularisers from the Braille study)."""
+    """How a network is trained (texture paper, Sec. III-B; loss and regularisers from the Braille study).
+
+    >>> TrainingSpec(epochs=20, schedule="cosine")
+    TrainingSpec(epochs=20, schedule='cosine')
+    """
 
     optimiser: Literal["adam", "adamax"] = "adam"
     """adamax divides each step by the largest recent gradient, not by the root of its mean square (Kingma and Ba
@@ -76,6 +80,9 @@ class RSNNSpec(Spec):
 
     With a `recipe`, the keys that are not given are chosen from the training windows (`networks.recipe`); such a spec
     is written with only the given keys.
+
+    >>> RSNNSpec(hidden=20, readout="integrator").recurrent
+    True
     """
 
     folder: ClassVar[str] = "networks"
