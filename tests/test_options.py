@@ -810,7 +810,7 @@ NAMES = {"settings": "--set", "length_ms": "--window-ms", "folder": "-o", "path"
     "leave_out_units": "--units",
     "source": "--from",}  # fmt: skip
 INPUTS = {"spikes", "run", "recordings", "name", "path", "what", "source", "block", "parts", "network", "folder",
-          "file", "decisions", "tell", "check"}  # fmt: skip
+          "file", "decisions", "tell", "check", "kind"}  # fmt: skip
 """What a function works on, and whom it tells."""
 HERE, NWB, NEO = "tests/test_options.py", "tests/data/readers/test_nwb.py", "tests/data/test_neo_blocks.py"
 SNNTORCH, API = "tests/networks/test_snntorch_exchange.py", "tests/test_api.py"
