@@ -47,7 +47,7 @@ def base_commands() -> list[list[str]]:
     """As `cases.base_commands`, which run before."""
     return [
         ["encode", "touch.h5", *CAUSAL, "-o", "causal.h5"],
-        ["train", "causal.h5", *NETWORK, "-o", "chain"],
+        ["train", "causal.h5", *NETWORK, "--set", "step_ms=encoder", "--set", "readout_stretches=1", "-o", "chain"],
         ["raster", "spikes.h5", "-o", "spikes.nwb"],
         *(words for words, _ in (COMMANDS["fine-tune"], COMMANDS["stream"], COMMANDS["export"])),
         ["export", "chain", "--to", "nir", "-o", "out.nir"],

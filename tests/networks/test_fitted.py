@@ -95,7 +95,7 @@ def test_integers_need_the_range_of_samples(pipe, recordings, tmp_path):
 def test_it_is_exchanged():
     X, y = touches()
     pytest.importorskip("nir")
-    one_clock = {"step_ms": 1e3 / RATE_HZ, "readout_stretches": 1}  # what NIR can hold
+    one_clock = {"step_ms": "encoder", "readout_stretches": 1}  # what NIR can hold
     classifier = nt.SpikingClassifier(hidden=6, epochs=6, batch=4, settings=one_clock, random_state=0)
     pipe = make_pipeline(nt.SpikeEncoder(ENCODER, sampling_rate_Hz=RATE_HZ), classifier).fit(X, y)
     assert "afferents" in nt.to_nir(pipe).nodes

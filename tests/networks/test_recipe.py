@@ -276,7 +276,7 @@ def test_the_clock_the_stretches_and_recurrence_follow_the_spikes(seen, step_ms,
     steps=st.integers(1, 3000), rate=st.sampled_from([35.6, 93.0, 200.0, 1000.0, 2000.0, 2713.7]),
     apart=st.integers(1, 40), spikes=st.floats(0, 100), keys=st.sampled_from([
         {}, {"readout": "count"}, {"readout": "max"}, {"readout_tau_ms": 9.0}, {"readout_stretches": 7},
-        {"readout": "integrator", "readout_stretches": 1},
+        {"readout": "integrator", "readout_stretches": 1}, {"step_ms": "encoder"},
     ]),
 )  # fmt: skip
 @examples(60)
@@ -284,7 +284,7 @@ def test_what_is_chosen_beside_given_keys_is_a_network(steps, rate, apart, spike
     seen = Seen(100, steps, rate, spikes, apart)
     chosen = recipe.resolve(RSNNSpec(recipe="default", **keys), seen)
     network = RSNN(2, 2, chosen, rate)
-    assert network.steps_per_bin <= max(1, min(apart, steps // 30, 5e-3 * rate))
+    assert network.steps_per_bin <= (1 if "step_ms" in keys else max(1, min(apart, steps // 30, 5e-3 * rate)))
     assert {key: getattr(chosen, key) for key in keys} == keys
     if network.stretches is not None:
         n_bins = -(-steps // network.steps_per_bin)

@@ -15,15 +15,15 @@ NEARLY = 1e-6
 """How far a network's step may be from a whole number of the encoder's, of it: rates are not exact in decimals."""
 
 
-def steps_per_bin(step_ms: float | None, sampling_rate_Hz: float, name: str = "step_ms") -> int:
-    """Steps of the encoder's clock in one step of the network; 1 if `step_ms` is None.
+def steps_per_bin(step_ms: float | str | None, sampling_rate_Hz: float, name: str = "step_ms") -> int:
+    """Steps of the encoder's clock in one step of the network; 1 if `step_ms` is None or "encoder".
 
     Raises InputError, which calls the step `name`, unless they are a whole number, at least 1.
 
     >>> steps_per_bin(5.0, 1000.0), steps_per_bin(None, 1000.0)
     (5, 1)
     """
-    if step_ms is None:
+    if step_ms is None or isinstance(step_ms, str):
         return 1
     wanted = step_ms * 1e-3 * sampling_rate_Hz
     n = max(1, round(wanted))

@@ -135,13 +135,13 @@ FEATURES: dict[str, Feature] = {
     ),
     **OTHER_MODELS,
     "clock of the network": Feature(
-        "network", ("step_ms",), lambda s: s.network.steps_per_bin > 1, "train without step_ms"
+        "network", ("step_ms",), lambda s: s.network.steps_per_bin > 1, "train with step_ms = 'encoder'"
     ),
     "clock slower than its encoder's": Feature(
         "encoder",
         ("step_ms",),
         lambda s: s.encoder is not None and s.network.steps_per_bin > 1,
-        "export the network alone, on whose own clock spikes then arrive, or train without step_ms",
+        "export the network alone, on whose own clock spikes then arrive, or train with step_ms = 'encoder'",
     ),
     "recurrence": Feature(
         "network", ("model", "recurrent_weight_scale"), _of_spec("model", "rsnn"), "train with model = 'snn'"

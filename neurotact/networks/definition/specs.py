@@ -91,9 +91,9 @@ class RSNNSpec(Spec):
     """rsnn: the hidden layer is recurrent; snn: it is not, and the two `recurrent_...` keys are ignored."""
     hidden: int = Field(default=30, ge=1, le=MOST_HIDDEN)
     """Neurons in the hidden layer."""
-    step_ms: float | None = Field(default=None, gt=0)
+    step_ms: Annotated[float, Field(gt=0)] | Literal["encoder"] | None = None
     """Step of the network's clock, a whole number of steps of the encoder's clock. Input spikes are put into bins of
-    this length; several of one afferent in a bin are one. If absent, it is the encoder's step."""
+    this length; several of one afferent in a bin are one. `encoder`, or absent without a recipe: the encoder's step."""
     membrane: Membrane = "eq4"
     """How current enters the membrane: `eq4` b(U[t] + I[t]), `delayed` b U[t] + I[t], `immediate` b U[t] + I[t+1],
     with b = exp(-dt / tau_mem)."""
@@ -139,6 +139,11 @@ class RSNNSpec(Spec):
     recipe: Literal["default"] | None = None
     """The rules that choose the keys that are not given."""
     training: TrainingSpec = TrainingSpec()
+
+    @property
+    def own_step_ms(self) -> float | None:
+        """The step of the network's clock; None if it is the encoder's."""
+        return None if self.step_ms == "encoder" else self.step_ms
 
     @property
     def recurrent(self) -> bool:

@@ -51,7 +51,7 @@ def network_cost(
     >>> found.macs, found.acs, found.parameters
     (22800, 1280, 1620)
     """
-    steps = steps if spec.step_ms is None else signal_ms / spec.step_ms
+    steps = steps if spec.own_step_ms is None else signal_ms / spec.own_step_ms
     into_hidden, into_readout = measured["sops_input"] + measured["sops_recurrent"], measured["sops_readout"]
     leaky_steps = 0.0 if spec.readout_leak_ms is None else steps
     readout = (
