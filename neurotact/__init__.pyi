@@ -9,7 +9,9 @@ from .api.encoding import calibrate as calibrate
 from .api.encoding import encode as encode
 from .api.encoding import encode_file as encode_file
 from .api.encoding import plot_raster as plot_raster
+from .api.encoding import plot_survival as plot_survival
 from .api.encoding import save_raster as save_raster
+from .api.encoding import what_survives as what_survives
 from .api.live import live as live
 from .api.networks import infer as infer
 from .api.networks import load_network as load_network

@@ -317,6 +317,7 @@ WAYS = {
             is_slow=True,
         ),
         Way("calibrate in/touch.h5 -o a.toml", {"--compare": "--compare"}, is_slow=True),
+        Way("calibrate in/touch.h5 -o a.toml", {"--survives": "--survives left.png"}, is_slow=True),
     ],
     "encode": [
         Way(

@@ -39,7 +39,7 @@ SUBJECTS = {
         "Encoding",
         "From signals `(time, taxel)` to spikes `(time, afferent)`: encoders by name or as a spec, and gains for a "
         "sensor of your own. Gains are in mV per unit of the signal, periods in ms.",
-        "encode encode_file calibrate SpikeEncoder AfferentSpec FiringWarning spec_names",
+        "encode encode_file calibrate what_survives plot_survival SpikeEncoder AfferentSpec FiringWarning spec_names",
     ),
     "windows": Subject(
         "Windows and splits",

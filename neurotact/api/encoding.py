@@ -20,15 +20,18 @@ from neurotact.data.recordings import Recordings, Trials
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, check_stratify, split_table, training_touches
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
-from neurotact.encoders import alternatives, calibration, firing, gain_search, resting, specs
+from neurotact.encoders import alternatives, calibration, firing, resting, specs, survival
 from neurotact.encoders.encoding import Encoded, encode_recordings
 from neurotact.encoders.encoding import encode_file as write_encoded
 from neurotact.encoders.gain_search import CalibrationRule
-from neurotact.encoders.specs import Calibrated, EncoderSpec
+from neurotact.encoders.knobs import knobs_of, value_of
+from neurotact.encoders.specs import EncoderSpec
+from neurotact.encoders.survival import Survival
 from neurotact.errors import InputError
 from neurotact.figures import raster
 from neurotact.figures.calibration import draw_calibration
 from neurotact.figures.style import save as save_figure
+from neurotact.figures.survival import draw_survival
 from neurotact.progress import Advance, track
 from neurotact.progress import silent as silently
 
@@ -113,7 +116,7 @@ def encode_file(
 
 def calibrate(
     recordings: Recordings | str | Path,
-    encoder: str | Path | Calibrated = "sa1-ra1-lif",
+    encoder: str | Path | EncoderSpec = "sa1-ra1-lif",
     settings: Settings | None = None,
     *,
     split_seed: int | None = None,
@@ -132,9 +135,10 @@ def calibrate(
     rest_ms: float = resting.REST_MS,
     out: str | Path | None = None,
     figure: str | Path | None = None,
+    survives: str | Path | None = None,
     force: bool = False,
     tell: Tell = silent,
-) -> Calibrated:
+) -> EncoderSpec:
     """An encoder with gains for a sensor, from the training trials of a split: `neurotact calibrate`.
 
     recordings: in memory, or the path of a file of them.
@@ -147,7 +151,8 @@ def calibrate(
     compare: try every baseline and polarity, and use the best that knows the past alone.
     rest_ms: length of the rest at the start of each trial; afferents that fire in it are named in a line.
     out, figure: files for the encoder (.toml) and for a drawing of how its gains were chosen (.png, .svg, .pdf); one
-        that exists is refused unless `force`. tell: called with what the command prints.
+        that exists is refused unless `force`. survives: a file for a drawing of what of the training trials survives
+        the fitted encoder (`what_survives`), which is also told in a line. tell: called with what the command prints.
     Raises InputError for less than two classes, for constant signals, and as `train` does for the split.
 
     >>> encoder = nt.calibrate("touch.h5", settings={"conditioning.baseline": "first"})
@@ -155,11 +160,9 @@ def calibrate(
     (True, 2)
     """
     began = perf_counter()
-    _check_outputs([Path(each) for each in (out, figure) if each], force, _paths(recordings, encoder))
+    _check_outputs([Path(each) for each in (out, figure, survives) if each], force, _paths(recordings, encoder))
     asked = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
     start = specs.resolve(encoder, settings)
-    if not isinstance(start, specs.CALIBRATED):
-        raise InputError(f"encoder: {specs.not_calibrated(start)}")
     rule = CalibrationRule()
     fit, times = calibration.way_of(start, settings or {})
     if compare:
@@ -174,6 +177,7 @@ def calibrate(
         compared = alternatives.compare(training, start, advance, rule) if compare else None
         found = fit(training, start, advance, rule) if compared is None else compared.best
         at_rest = resting.resting_table(training, found.encoder, rest_ms)
+        left = survival.what_survives(training, found.encoder) if survives else None
     trials = f"{len(training)} training trials"
     if out:
         about = f"{trials} (split seed {split.seed}) of {Path(source).name}"
@@ -181,15 +185,57 @@ def calibrate(
         saved = spec.to_toml(found.encoder.model_dump(mode="json", exclude_none=True))
         files.write_text(out, f"# Calibrated from {origin} on the {about}.\n{saved}")
     if figure:
-        save_figure(draw_calibration(found.table, found.isi, found.encoder.gain_units), figure)
+        thresholds = [knob.name for knob in knobs_of(found.encoder) if knob.is_threshold]
+        save_figure(draw_calibration(found.table, found.isi, _units(found.encoder), thresholds), figure)
     if compared is not None:
         tell(compared.table[COMPARED])
-    fitted = {part: getattr(found.encoder, part).gain for part in gain_search.types_of(found.encoder)}
-    gains = ", ".join(f"{part}.gain = {gain:g}" for part, gain in fitted.items())
+    gains = ", ".join(f"{knob.key} = {value_of(found.encoder, knob):g}" for knob in knobs_of(found.encoder))
     tell(f"{out or 'encoder'}: {gains}, from {trials} in {perf_counter() - began:.1f} s")
+    if survives and left is not None:
+        save_figure(draw_survival(left), survives)
+        tell(f"{survives}: {left}")
     if complaint := resting.complaint(at_rest, rest_ms, found.encoder.conditioning.baseline):
         log.warning("%s: %s", source, complaint)
     return found.encoder
+
+
+def what_survives(
+    recordings: Recordings | str | Path,
+    encoder: str | Path | EncoderSpec = "sa1-ra1-lif",
+    settings: Settings | None = None,
+    *,
+    where: Conditions | None = None,
+    leave_out: LeftOut = None,
+    seed: int = 0,
+) -> Survival:
+    """What of the signals survives an encoder: how well spikes are decoded, what they tell, how soon and at what cost.
+
+    recordings: in memory, or the path of a file of them. encoder, settings, where, leave_out: as of `encode`.
+    seed: of the trials that are drawn. The numbers are in `table`; `nt.plot_survival` draws them.
+    Raises InputError for one class, and as `encode` does.
+
+    >>> import neurotact as nt
+    >>> felt = nt.simulate("gratings", trials=1, duration_s=0.6)
+    >>> found = nt.what_survives(felt, "step-forward", {"threshold": 2.0})
+    >>> found.table.population.tolist()
+    ['ON', 'OFF', 'all']
+    """
+    what = specs.resolve(encoder, settings)
+    with _opened(recordings) as (stored, _):
+        data = chosen_trials(stored, TrialChoice.of(where, leave_out), stored.source or "recordings")
+        return survival.what_survives(data, what, seed)
+
+
+def plot_survival(found: Survival) -> Figure:
+    """What `what_survives` found as a matplotlib figure: a signal and its decoding, spectra, and bits over time.
+
+    >>> import neurotact as nt
+    >>> felt = nt.simulate("gratings", trials=1, duration_s=0.6)
+    >>> len(nt.plot_survival(nt.what_survives(felt, "send-on-delta")).axes)
+    3
+    """
+    check_instance("found", found, Survival, "nt.what_survives returns it")
+    return draw_survival(found)
 
 
 def plot_raster(
@@ -256,6 +302,12 @@ def save_raster(
     else:
         signal = _signal_of(trains, trial, recordings, spikes)
         raster.write_raster(trains, trial, out, signal=signal, start_s=start_s or 0.0, stop_s=stop_s)
+
+
+def _units(encoder: EncoderSpec) -> dict[str, str]:
+    """What is searched of each population and its unit, for a drawing."""
+    known = encoder.gain_units if isinstance(encoder, specs.CALIBRATED) else {}
+    return {knob.name: known.get(knob.name, knob.unit) for knob in knobs_of(encoder)}
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from neurotact.cli.output import show
         float, "Length of the rest at the start of each trial, in which afferents should be silent.", min=1
     ),
     figure=option(Path | None, "Also draw how the gains were chosen (.png, .svg, .pdf)."),
+    survives=option(Path | None, "Also measure and draw what of the signals survives the encoder (.png, .svg, .pdf)."),
 )  # fmt: skip
 def calibrate(given: dict[str, Any]) -> None:
     """Find an encoder's gains for a sensor, from its training trials.

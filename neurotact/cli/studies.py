@@ -75,6 +75,8 @@ def _print_answer(folder: Path, as_json: bool) -> None:
     if as_json:
         print(json.dumps(found, indent=1, ensure_ascii=False))
         return
+    if found.get("among"):
+        print(as_typed(found["among"]))
     for one in found["answers"]:
         before = f"{one['dataset']}: " if len(found["answers"]) > 1 else ""
         print(as_typed(f"{before}{' '.join([one['headline'], *one['details']])}"))

@@ -10,7 +10,7 @@ from neurotact.data.conditioning import ACAUSAL, Baseline
 from neurotact.data.recordings import Trials
 from neurotact.encoders.calibration import Calibration, calibrate
 from neurotact.encoders.gain_search import CalibrationRule, Progress
-from neurotact.encoders.specs import Calibrated
+from neurotact.encoders.specs import CALIBRATED, EncoderSpec
 from neurotact.errors import InputError
 
 BASELINES: tuple[Baseline, ...] = ("none", "start", "first", "running", "mean")
@@ -45,7 +45,7 @@ def n_steps(rule: CalibrationRule) -> int:
 
 def compare(
     recordings: Trials,
-    spec: Calibrated,
+    spec: EncoderSpec,
     progress: Progress | None = None,
     rule: CalibrationRule = CalibrationRule(),
 ) -> Compared:
@@ -55,6 +55,8 @@ def compare(
     better separation by ISIs). RA-I responds to changes of either sign, so polarity does not affect it.
     Raises InputError if no alternative can be calibrated, and for an encoder with both polarities.
     """
+    if not isinstance(spec, CALIBRATED):
+        raise InputError(f"compare: chooses a polarity of SA-I, and '{spec.model}' has its own drives; leave it out")
     if spec.is_signed:
         raise InputError("compare: chooses a polarity, and this encoder has both (sa1.opposite); leave one of them out")
     coarse = rule.model_copy(update=COARSE)
@@ -88,7 +90,7 @@ def compare(
 
 def _with(
     recordings: Trials,
-    spec: Calibrated,
+    spec: EncoderSpec,
     baseline: Baseline,
     polarity: Polarity,
     progress: Progress | None,

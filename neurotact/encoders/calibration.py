@@ -21,19 +21,22 @@ from neurotact.data.spool import Spool
 from neurotact.encoders import firing, grading
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.excerpts import Excerpts, cut, draw, liveliest, standardise
-from neurotact.encoders.gain_search import CalibrationRule, Progress, choose, drives, search, suited_rule, types_of
+from neurotact.encoders.gain_search import CalibrationRule, Progress, choose, drives, search, suited_rule
+from neurotact.encoders.knobs import Knob, knobs_of, turned
 from neurotact.encoders.scaling import REST_SD
 from neurotact.encoders.scaling import fit as fit_scaling
-from neurotact.encoders.specs import Calibrated
+from neurotact.encoders.specs import CALIBRATED, SA_RA, EncoderSpec, populations
 from neurotact.errors import InputError, some
 from neurotact.metrics.linear import cross_validated_accuracy
 from neurotact.metrics.shares import standard_error
-from neurotact.spec import Spec, refuse
+from neurotact.spec import refuse
 
 CLOCK_HZ = 1000.0
 """A clock that can express a refractory period of 1 ms."""
 PAST: tuple[Baseline, ...] = ("none", "start", "high-pass")
 """Baselines that `calibrate_causally` chooses from (ties: the first)."""
+NEAR = 0.2
+"""Difference from a requested rate, as a share of it, that is not worth a note."""
 WIDER, MOST_CUTOFFS = 4.0, 3
 """Cut-offs of the moving average that are tried: the encoder's own, `WIDER` times that, and none."""
 
@@ -44,7 +47,7 @@ BY_CALIBRATION = "calibration sets it from the training trials and would ignore 
 log = logging.getLogger("neurotact")
 
 Key = TypeVar("Key")
-Encoder = TypeVar("Encoder", bound=Calibrated)
+Encoder = TypeVar("Encoder", bound=EncoderSpec)
 
 
 @dataclass(frozen=True)
@@ -99,8 +102,11 @@ def calibrate(
     The spec's smoothing, clock and baseline stay, but for what the recordings cannot take: an EMA whose cut-off is
     not below their Nyquist frequency is dropped, and a recording below 1 kHz without `resample_Hz` gets a 1 kHz clock.
     Then each taxel is scaled by its standard deviation, and the gain of each population is searched separately. The
-    same trials, spec and rule give the same encoder. Mechanoreceptors are searched without their noise, with the first
-    fit of each type, on fewer trials and taxels (`suited_rule`): the gain is that of the whole population.
+    same trials, spec and rule give the same encoder.
+
+    A threshold that populations share is searched for all of them. Other models than LIF are searched on fewer trials
+    and taxels (`suited_rule`); mechanoreceptors without their noise, with the first fit of each type: the gain is that
+    of the whole population.
 
     progress: called with 1 and a note at each of the `rule.candidates` steps.
     inverted: SA-I is driven by the signal's fall instead of its rise: the scales are negative.
@@ -131,8 +137,8 @@ def calibrate(
     drawn = recordings.select(draw(recordings.labels, rule.trials_per_class, rng))
     clock_Hz = conditioning.resample_Hz or recordings.sampling_rate_Hz
     excerpts = cut(drawn, conditioning, rule.excerpt_s, rng)
-    # With both polarities the mean is the zero: the signal below it drives afferents, too.
-    rest_sd = 0.0 if spec.is_signed else REST_SD
+    # Where the signal below zero drives afferents, too, the mean is the zero.
+    rest_sd = 0.0 if _is_signed(spec) else REST_SD
     scaling = fit_scaling(drawn, excerpts, conditioning.baseline, inverted=inverted, rest_sd=rest_sd)
     conditioning = conditioning.model_copy(update={"offset": scaling.offset, "scale": scaling.scale})
     fitted = spec.model_copy(update={"unit": recordings.unit, "conditioning": conditioning})
@@ -147,19 +153,19 @@ def calibrate(
     conditioned = Excerpts(Spool(standardised), drawn.labels, drawn.classes, clock_Hz, _source(recordings))
 
     table, isi, rates = search(conditioned, fitted, rule, rng, progress)
-    chosen, types = {}, types_of(fitted)
-    for part, afferent in types.items():
-        mine = table.afferent == afferent
+    turned_to, at = fitted, {}
+    for knob in knobs_of(fitted):
+        afferent, mine = knob.name, table.afferent == knob.name
         best = choose(table[mine], rule, f"{_source(recordings)}: {afferent}")
         table.loc[best, "chosen"] = True
         gain = float(table.gain[best])
-        if not table.admissible[best]:
+        if not table.admissible[best] and rule.spikes_per_s is None:
             notes.append(_on_silence(conditioned, rates[afferent, gain], afferent, rule))
-        chosen[part], n_lost = _at_gain(conditioned, fitted, part, gain)
+        turned_to, n_lost = _turned(conditioned, turned_to, knob, gain)
+        at[afferent] = gain
         if n_lost:
             notes.append(f"{afferent}: {n_lost} of the grades would equal others, and are dropped")
-        if gain == table.gain[mine].max():
-            notes.append(f"{afferent}: the chosen gain is the largest tried; more candidates may find a better one")
+        notes += _on_ends(table[mine], best, knob, rule)
     less = "less than a tenth of that of the most active taxel"
     if scaling.noise:
         notes.append(
@@ -170,8 +176,11 @@ def calibrate(
         notes.append(f"{own}: {some(scaling.small)}")
     if tell:
         _log(notes, recordings)
-    sa, ra = (rates[afferent, chosen[part].gain] for part, afferent in [*types.items()][:2])
-    return Calibration(fitted.model_copy(update=chosen), table, isi, sa, ra, conditioned.labels, tuple(notes))
+    first, *others = (rates[afferent, gain] for afferent, gain in at.items())
+    others = others[0] if others else first[:, :0]
+    if populations(spec)[0] not in SA_RA:  # all populations choose the baseline
+        first, others = np.hstack([first, others]), first[:, :0]
+    return Calibration(turned_to, table, isi, first, others, conditioned.labels, tuple(notes))
 
 
 def calibrate_causally(
@@ -216,7 +225,7 @@ def calibrate_causally(
         raise errors[PAST[-1]]
     accuracy: dict[Baseline, float] = {baseline: each.accuracy for baseline, each in found.items()}
     best = _best_of(accuracy, _n_trials(found))
-    notes = *found[best].notes, *_on_ema(of_cutoffs, cutoff_Hz, own_Hz), _on_baseline(accuracy, best)
+    notes = *found[best].notes, *_on_ema(of_cutoffs, cutoff_Hz, own_Hz, spec), _on_baseline(accuracy, best, spec)
     if tell:
         _log(notes, recordings)
     return replace(found[best], notes=notes)
@@ -226,7 +235,7 @@ def _n_trials(found: Mapping[Any, Calibration[Any]]) -> int:
     return len(next(iter(found.values())).labels)
 
 
-def _on_baseline(accuracy: Mapping[Baseline, float], best: Baseline) -> str:
+def _on_baseline(accuracy: Mapping[Baseline, float], best: Baseline, spec: EncoderSpec) -> str:
     """The note on the baseline, with the accuracy of each."""
     if np.isnan(accuracy[best]):
         return (
@@ -237,8 +246,14 @@ def _on_baseline(accuracy: Mapping[Baseline, float], best: Baseline) -> str:
     accuracies += [f"{baseline} cannot be calibrated" for baseline in PAST if baseline not in accuracy]
     return (
         f"conditioning.baseline = '{best}' is chosen, the first within one standard error of the best; accuracy of "
-        f"logistic regression on the SA-I rates of the training trials: {', '.join(accuracies)}"
+        f"logistic regression on the {_judged(spec, 1)} rates of the training trials: {', '.join(accuracies)}"
     )
+
+
+def _judged(spec: EncoderSpec, most: int) -> str:
+    """The populations whose rates are judged: SA-I, and RA-I, or all of another model."""
+    names = [population.name for population in populations(spec)]
+    return " and ".join(names[:most] if populations(spec)[0] in SA_RA else names)
 
 
 def _cutoffs(own_Hz: float | None, sampling_rate_Hz: float) -> list[float | None]:
@@ -283,7 +298,9 @@ def _best_of(accuracy: Mapping[Key, float], n_trials: int) -> Key:
     return (good or list(accuracy))[0]
 
 
-def _on_ema(accuracy: Mapping[float | None, float], chosen_Hz: float | None, own_Hz: float | None) -> list[str]:
+def _on_ema(
+    accuracy: Mapping[float | None, float], chosen_Hz: float | None, own_Hz: float | None, spec: EncoderSpec
+) -> list[str]:
     """The note on another moving average than the encoder's own; accuracy: of each cut-off that was tried."""
     if chosen_Hz == own_Hz:
         return []
@@ -293,19 +310,19 @@ def _on_ema(accuracy: Mapping[float | None, float], chosen_Hz: float | None, own
     what = "is left out" if chosen_Hz is None else f"= {chosen_Hz:g} is chosen"
     return [
         f"conditioning.ema_cutoff_Hz {what}, the first within one standard error of the best; accuracy of logistic "
-        f"regression on the SA-I and RA-I rates of the training trials: {accuracies}; to keep {own_Hz:g} Hz, set "
+        f"regression on the {_judged(spec, 2)} rates of the training trials: {accuracies}; to keep {own_Hz:g} Hz, set "
         "that key of the encoder"
     ]
 
 
 def way_of(
-    spec: Calibrated, given: Mapping[str, Any], *, choose_ema: bool = True
+    spec: EncoderSpec, given: Mapping[str, Any], *, choose_ema: bool = True
 ) -> tuple[Callable[..., Calibration[Any]], int]:
     """The calibration of an encoder, and how many times at most it goes through all candidates of its rule.
 
     A baseline that uses the whole trial is replaced by a causal one, and then the moving average is chosen, too
     (`choose_ema`), unless their keys are among `given`, the dotted keys that were set. Raises InputError if one of them
-    is in `FITTED`.
+    is in `FITTED`, or a gain or threshold that calibration finds.
 
     >>> from neurotact.spec import load
     >>> paper = load(AfferentSpec, "sa1-ra1-lif")
@@ -313,7 +330,7 @@ def way_of(
     >>> [way_of(paper, keys)[1] for keys in given]
     [5, 3, 1]
     """
-    refuse(given, dict.fromkeys(FITTED, BY_CALIBRATION))
+    refuse(given, dict.fromkeys((*FITTED, *(knob.key for knob in knobs_of(spec))), BY_CALIBRATION))
     if spec.conditioning.baseline not in ACAUSAL or "conditioning.baseline" in given:
         return calibrate, 1
     choose_ema = choose_ema and "conditioning.ema_cutoff_Hz" not in given
@@ -337,15 +354,37 @@ def _on_silence(conditioned: Excerpts, rates: np.ndarray, afferent: str, rule: C
     )
 
 
-def _at_gain(conditioned: Excerpts, spec: Calibrated, part: str, gain: float) -> tuple[Spec, int]:
-    """The afferents of a type with the new gain, with new grades (`grading`), and how many of the grades are lost."""
-    kind: Spec = getattr(spec, part)
-    if not isinstance(spec, AfferentSpec) or len(getattr(spec, part).grades) == 1:
-        return kind.model_copy(update={"gain": gain}), 0
-    n_grades = len(getattr(spec, part).grades)
-    values = grading.sample(*drives(conditioned, spec)[part])
-    grades = grading.fit(values, spec, gain, n_grades)
-    return kind.model_copy(update={"gain": gain, "grades": grades}), n_grades - len(grades)
+def _on_ends(table: pd.DataFrame, best: int, knob: Knob, rule: CalibrationRule) -> list[str]:
+    """The note on a value at the end of what was tried, or on a rate that is far from the requested one."""
+    what, rate = "threshold" if knob.is_threshold else "gain", float(table.spikes_per_s[best])
+    if rule.spikes_per_s is None:
+        most = "smallest" if knob.is_threshold else "largest"
+        more = f"{knob.name}: the chosen {what} is the {most} tried; more candidates may find a better one"
+        return [more] if best == table.index[-1] else []
+    if abs(rate / rule.spikes_per_s - 1) <= NEAR:
+        return []
+    nearest = f"{rate:.3g} spikes per second, the nearest to {rule.spikes_per_s:g}"
+    return [
+        f"{knob.name}: no {what} that was tried gives an afferent more than {nearest}"
+        if rate < rule.spikes_per_s
+        else f"{knob.name}: no {what} that was tried gives an afferent fewer than {nearest}"
+    ]
+
+
+def _is_signed(spec: EncoderSpec) -> bool:
+    """Whether the signal below zero drives afferents as the signal above does."""
+    return spec.is_signed if isinstance(spec, CALIBRATED) else populations(spec)[0] not in SA_RA
+
+
+def _turned(conditioned: Excerpts, spec: Encoder, knob: Knob, value: float) -> tuple[Encoder, int]:
+    """The encoder with a knob at its chosen value, new grades (`grading`), and how many of the grades are lost."""
+    if not isinstance(spec, AfferentSpec) or len(getattr(spec, knob.part).grades) == 1:
+        return turned(spec, knob, value), 0
+    kind = getattr(spec, knob.part)
+    values = grading.sample(*drives(conditioned, spec)[knob.part])
+    grades = grading.fit(values, spec, value, len(kind.grades))
+    kind = kind.model_copy(update={"gain": value, "grades": grades})
+    return spec.model_copy(update={knob.part: kind}), len(getattr(spec, knob.part).grades) - len(grades)
 
 
 def _suited(conditioning: ConditioningSpec, recordings: Trials) -> tuple[ConditioningSpec, list[str]]:

@@ -1,9 +1,10 @@
-"""The spikes of each population at each candidate gain, and the choice of the gain.
+"""The spikes of each population at each candidate gain (or threshold), and the choice of the gain.
 
 Too high, and all inter-spike intervals (ISIs) crowd at the refractory period; too low, and afferents fall silent.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,9 +14,10 @@ from pydantic import Field
 from neurotact.data.conditioning import is_long
 from neurotact.data.spikes import populations_of
 from neurotact.data.spool import Spool
+from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.excerpts import Excerpts
-from neurotact.encoders.mechanoreceptor import MechanoreceptorSpec
-from neurotact.encoders.specs import Calibrated, afferent_names, encode, populations
+from neurotact.encoders.knobs import Knob, knobs_of, turned, value_of
+from neurotact.encoders.specs import CALIBRATED, Calibrated, EncoderSpec, afferent_names, encode
 from neurotact.errors import InputError
 from neurotact.metrics.isi_distributions import bin_edges, separation, shares_of
 from neurotact.metrics.spike_trains import Intervals, events_of_raster, isis_ms, spike_counts
@@ -24,6 +26,8 @@ from neurotact.spec import Spec
 STRONGEST, STEPS_BELOW = 99.9, 3
 """The search begins `STEPS_BELOW` steps below the gain at which this percentile of the drive just reaches threshold."""
 
+LEAST_FACTOR = 4.0**-12
+"""Of a knob's own value: where a search for silence ends."""
 SLOW_TRIALS, SLOW_TAXELS = 16, 16
 """Trials of a class and taxels, at most, for neurons that run step by step in Python."""
 
@@ -57,19 +61,17 @@ class CalibrationRule(Spec):
     """Random permutations of the labels; their separation is the chance level."""
     seed: int = Field(default=0, ge=0)
     """Random seed of trials, stretches and permutations."""
+    spikes_per_s: float | None = Field(default=None, gt=0)
+    """Fit each gain or threshold to this rate of an afferent, in place of the separation of classes: encoders with as
+    many afferents then spend as many spikes."""
 
 
-def suited_rule(spec: Calibrated, rule: CalibrationRule) -> CalibrationRule:
+def suited_rule(spec: EncoderSpec, rule: CalibrationRule) -> CalibrationRule:
     """The rule with as few trials and taxels as an encoder of this speed can search with in minutes."""
-    if not isinstance(spec, MechanoreceptorSpec):
+    if isinstance(spec, AfferentSpec):
         return rule
     least = {"trials_per_class": min(rule.trials_per_class, SLOW_TRIALS), "taxels": min(rule.taxels, SLOW_TAXELS)}
     return rule.model_copy(update=least)
-
-
-def types_of(spec: Calibrated) -> dict[str, str]:
-    """The names of an encoder's types of afferents, by their keys, in the order of its output."""
-    return {population.part: population.name for population in populations(spec)}
 
 
 class Searched(NamedTuple):
@@ -86,7 +88,7 @@ class Searched(NamedTuple):
 
 def search(
     excerpts: Excerpts,
-    spec: Calibrated,
+    spec: EncoderSpec,
     rule: CalibrationRule,
     rng: np.random.Generator,
     progress: Progress | None,
@@ -95,34 +97,96 @@ def search(
     n_seconds = np.array(excerpts.signals.lengths) / excerpts.sampling_rate_Hz
     labels = excerpts.labels
     labellings = [labels, *(rng.permutation(labels) for _ in range(rule.shuffles))]
-    grids, types = _candidates(excerpts, spec, rule), types_of(spec)
+    knobs = knobs_of(spec)
     rows, isi, rates = [], [], {}
-    for gains in zip(*grids.values(), strict=True):
-        tried: Calibrated = spec.for_search
-        for part, gain in zip(grids, gains, strict=True):
-            tried = tried.at_gain(part, gain)
-        for (part, afferent), gain, fired in zip(types.items(), gains, _fire(excerpts, tried), strict=True):
+
+    def tried(values: Sequence[float]) -> list[float]:
+        """Spikes per second of an afferent of each knob at these values, which are added to the tables."""
+        encoder = _with(spec, dict(zip(knobs, values, strict=True)))
+        for knob, value, fired in zip(knobs, values, _fire(excerpts, encoder, knobs), strict=True):
             row = {
-                "afferent": afferent,
-                "gain": gain,
+                "afferent": knob.name,
+                "gain": value,
                 "silent_share": float(1 - fired.n_firing / len(labels)),
                 "floor_share": fired.n_at_floor / fired.n_intervals if fired.n_intervals else 0.0,
                 "separation": separation(fired.shares, labellings),
                 "spikes_per_s": float(fired.counts.sum() / (n_seconds.sum() * fired.counts.shape[1])),
             }
             rows.append(row)
-            rates[afferent, gain] = (fired.counts / n_seconds[:, None]).astype(np.float32)
-            edges_ms = _edges(excerpts, spec, part) / excerpts.sampling_rate_Hz * 1e3
-            isi.append(_isi_table(fired.shares, labels, excerpts.classes, edges_ms, afferent, gain))
+            rates[knob.name, value] = (fired.counts / n_seconds[:, None]).astype(np.float32)
+            edges_ms = _edges(excerpts, spec, knob) / excerpts.sampling_rate_Hz * 1e3
+            isi.append(_isi_table(fired.shares, labels, excerpts.classes, edges_ms, knob.name, value))
         if progress:
-            progress(1, ", ".join(f"{a} {g:g}" for a, g in zip(types.values(), gains, strict=True)))
-    order = [*types.values()]
-    table = pd.DataFrame(rows).sort_values(
-        ["afferent", "gain"], key=lambda column: column.map(order.index) if column.name == "afferent" else column,
-        ignore_index=True,
-    )  # fmt: skip
+            progress(1, ", ".join(f"{knob.name} {value:g}" for knob, value in zip(knobs, values, strict=True)))
+        return [row["spikes_per_s"] for row in rows[-len(knobs) :]]
+
+    if rule.spikes_per_s is not None:
+        _to_rate(spec, rule, tried)
+    elif isinstance(spec, CALIBRATED):
+        for values in zip(*_candidates(excerpts, spec, rule).values(), strict=True):
+            tried(values)
+    else:
+        for values in zip(*_from_silence(excerpts, spec, rule), strict=True):
+            tried(values)
+    places = {knob.name: (place, -1 if knob.is_threshold else 1) for place, knob in enumerate(knobs)}
+    table = pd.DataFrame(rows).drop_duplicates(["afferent", "gain"])
+    place, sign = (table.afferent.map({name: at[i] for name, at in places.items()}) for i in (0, 1))
+    table = table.iloc[np.lexsort([sign * table.gain, place])].reset_index(drop=True)  # from few spikes to many
     within = (table.silent_share <= rule.max_silent_share) & (table.floor_share <= rule.max_floor_share)
-    return Searched(table.assign(admissible=within, chosen=False), pd.concat(isi, ignore_index=True), rates)
+    shares = pd.concat(isi, ignore_index=True).drop_duplicates(["afferent", "gain", "label", "isi_ms"])
+    return Searched(table.assign(admissible=within, chosen=False), shares, rates)
+
+
+def _with(spec: EncoderSpec, values: Mapping[Knob, float]) -> EncoderSpec:
+    """The encoder whose spikes are counted, with its knobs at these values."""
+    if isinstance(spec, CALIBRATED):
+        tried: Calibrated = spec.for_search
+        for knob, value in values.items():
+            tried = tried.at_gain(knob.part, value)
+        return tried
+    for knob, value in values.items():
+        spec = turned(spec, knob, value)
+    return spec
+
+
+def _to_rate(spec: EncoderSpec, rule: CalibrationRule, tried: Callable[[Sequence[float]], list[float]]) -> None:
+    """Try values that come nearer and nearer to the rate: steps of 8 until it is passed, then halves in logarithms."""
+    knobs, wanted = knobs_of(spec), rule.spikes_per_s or 0.0
+    at = [math.log(value_of(spec, knob)) * (-1 if knob.is_threshold else 1) for knob in knobs]
+    below, above = [-math.inf] * len(knobs), [math.inf] * len(knobs)
+    for _ in range(rule.candidates):
+        values = [float(f"{math.exp(-x if knob.is_threshold else x):.4g}") for knob, x in zip(knobs, at, strict=True)]
+        for i, rate in enumerate(tried(values)):
+            below[i], above[i] = (at[i], above[i]) if rate < wanted else (below[i], at[i])
+            is_between = math.isfinite(below[i]) and math.isfinite(above[i])
+            step = math.log(8) if rate < wanted else -math.log(8)
+            at[i] = (below[i] + above[i]) / 2 if is_between else at[i] + step
+
+
+def _from_silence(excerpts: Excerpts, spec: EncoderSpec, rule: CalibrationRule) -> list[list[float]]:
+    """Candidate values of each knob, from the largest power of 4 times its own at which no afferent fires."""
+    knobs, found = knobs_of(spec), []
+
+    def fires(knob: Knob, factor: float) -> bool:
+        value = value_of(spec, knob) * (1 / factor if knob.is_threshold else factor)
+        every = _fire(excerpts, turned(spec, knob, value), knobs)
+        return next(fired for each, fired in zip(knobs, every, strict=True) if each == knob).n_firing > 0
+
+    for knob in knobs:
+        factor = 1.0
+        while fires(knob, factor) and factor > LEAST_FACTOR:
+            factor /= 4
+        while not fires(knob, 4 * factor):
+            factor *= 4
+            if factor > 1 / LEAST_FACTOR:
+                raise InputError(
+                    f"{excerpts.source}: the conditioned training trials never drive {knob.name} afferents; check the "
+                    "encoder's baseline and the columns that were read"
+                )
+        first, step = value_of(spec, knob), rule.step
+        first, step = (first / factor, 1 / step) if knob.is_threshold else (first * factor, step)
+        found.append([float(f"{first * step**k:.3g}") for k in range(rule.candidates)])
+    return found
 
 
 class Fired(NamedTuple):
@@ -139,29 +203,28 @@ class Fired(NamedTuple):
     n_intervals: int
 
 
-def _fire(excerpts: Excerpts, spec: Calibrated) -> Iterator[Fired]:
-    """Each population, in the order of the encoder's output; trials are encoded in groups."""
-    types = types_of(spec)
-    parts: dict[str, list[Fired]] = {part: [] for part in types}
-    edges = {part: _edges(excerpts, spec, part) for part in types}
-    floors = {part: spec.floor_steps(part, excerpts.sampling_rate_Hz) for part in types}
+def _fire(excerpts: Excerpts, spec: EncoderSpec, knobs: Sequence[Knob]) -> Iterator[Fired]:
+    """The afferents of each knob, in the order of the encoder's output; trials are encoded in groups."""
+    parts: dict[Knob, list[Fired]] = {knob: [] for knob in knobs}
+    edges = {knob: _edges(excerpts, spec, knob) for knob in knobs}
+    floors = {knob: _floor_steps(spec, knob, excerpts.sampling_rate_Hz) for knob in knobs}
     of_each = populations_of(afferent_names([""] * excerpts.n_channels, spec.model_dump()))
-    ends = {part: (its[0], its[-1] + 1) for part, its in zip(types, of_each.values(), strict=True)}
+    ends = {knob: (of_each[knob.populations[0]][0], of_each[knob.populations[-1]][-1] + 1) for knob in knobs}
     for signal, n_steps in _side_by_side(excerpts.signals):
         spikes, _ = encode(signal, excerpts.sampling_rate_Hz, spec)
         spikes[np.arange(signal.shape[1]) >= n_steps[:, None]] = 0
         events = events_of_raster(spikes)
         counts, isi = spike_counts(events), isis_ms(events, 1e3)  # at 1 kHz an ISI in ms is its number of steps
-        for part, (first, last) in ends.items():
+        for knob, (first, last) in ends.items():
             mine = (isi.afferent >= first) & (isi.afferent < last)
             isi_steps = Intervals(isi.trial[mine], isi.afferent[mine] - first, isi.isi_ms[mine])
             of_part = counts[:, first:last]
-            parts[part].append(
+            parts[knob].append(
                 Fired(
-                    shares=shares_of(isi_steps, of_part.shape, edges[part]),
+                    shares=shares_of(isi_steps, of_part.shape, edges[knob]),
                     counts=of_part,
                     n_firing=int(of_part.any(axis=1).sum()),
-                    n_at_floor=int((isi_steps.isi_ms <= floors[part]).sum()),
+                    n_at_floor=int((isi_steps.isi_ms <= floors[knob]).sum()),
                     n_intervals=len(isi_steps.isi_ms),
                 )
             )
@@ -190,20 +253,35 @@ def _padded(signals: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     return padded, n_steps
 
 
-def _edges(excerpts: Excerpts, spec: Calibrated, part: str) -> np.ndarray:
-    """The bins of a population's ISIs, in steps."""
-    return bin_edges(spec.least_isi_steps(part, excerpts.sampling_rate_Hz), max(excerpts.signals.lengths))
+def _edges(excerpts: Excerpts, spec: EncoderSpec, knob: Knob) -> np.ndarray:
+    """The bins of the ISIs of a knob's afferents, in steps."""
+    return bin_edges(_least_isi_steps(spec, knob, excerpts.sampling_rate_Hz), max(excerpts.signals.lengths))
+
+
+def _least_isi_steps(spec: EncoderSpec, knob: Knob, sampling_rate_Hz: float) -> int:
+    """The shortest inter-spike interval of a knob's afferents."""
+    if isinstance(spec, CALIBRATED):
+        return spec.least_isi_steps(knob.part, sampling_rate_Hz)
+    period_ms = getattr(getattr(spec, knob.part) if knob.part else spec, "t_ref_ms")  # noqa: B009 (of any model)
+    return math.ceil(period_ms * 1e-3 * sampling_rate_Hz - 1e-9) + 1
+
+
+def _floor_steps(spec: EncoderSpec, knob: Knob, sampling_rate_Hz: float) -> int:
+    """The longest interval that counts as at the refractory floor; the shortest possible, if a model has no other."""
+    if isinstance(spec, CALIBRATED):
+        return spec.floor_steps(knob.part, sampling_rate_Hz)
+    return _least_isi_steps(spec, knob, sampling_rate_Hz)
 
 
 def _candidates(excerpts: Excerpts, spec: Calibrated, rule: CalibrationRule) -> dict[str, list[float]]:
     """Candidate gains of each population, from slightly below the gain whose strongest drive reaches threshold."""
-    grids = {}
+    grids, names = {}, {knob.part: knob.name for knob in knobs_of(spec)}
     for part, (drive, n_values) in drives(excerpts, spec).items():
         strongest = _strongest((x.ravel() for x in drive), n_values)
         if strongest <= 0:
             raise InputError(
-                f"{excerpts.source}: the conditioned training trials never drive {types_of(spec)[part]} afferents; "
-                "check the encoder's baseline and the columns that were read"
+                f"{excerpts.source}: the conditioned training trials never drive {names[part]} afferents; check the "
+                "encoder's baseline and the columns that were read"
             )
         first = spec.least_drive(part) / strongest / rule.step**STEPS_BELOW
         grids[part] = [float(f"{first * rule.step**k:.3g}") for k in range(rule.candidates)]
@@ -220,7 +298,7 @@ def drives(excerpts: Excerpts, spec: Calibrated) -> dict[str, tuple[Iterator[np.
         n_steps = sum(excerpts.signals.lengths) - n_lost * len(excerpts.signals)
         return (spec.felt(part, x, rate_Hz) for x in excerpts.signals), excerpts.n_channels * n_steps
 
-    return {part: of(part) for part in types_of(spec)}
+    return {knob.part: of(knob.part) for knob in knobs_of(spec)}
 
 
 def _strongest(drive: Iterable[np.ndarray], n_values: int) -> float:
@@ -251,6 +329,8 @@ def choose(table: pd.DataFrame, rule: CalibrationRule, where: str) -> int:
     with the fewest silent trials are kept. A class may be rest, and silence then identifies it.
     Raises InputError if every gain that gives spikes puts too many ISIs at the refractory floor.
     """
+    if rule.spikes_per_s is not None:
+        return int((np.log(np.maximum(table.spikes_per_s, 1e-9)) - math.log(rule.spikes_per_s)).abs().idxmin())
     good = table[table.admissible]
     if good.empty:
         firing = table[table.silent_share < 1]

@@ -159,13 +159,8 @@ EncoderSpec = Annotated[
     Discriminator(_model_of),
 ]
 Calibrated = AfferentSpec | MechanoreceptorSpec
-"""Encoders whose gains calibration finds."""
+"""Encoders that know their drives, and where in them a search for gains begins."""
 CALIBRATED = (AfferentSpec, MechanoreceptorSpec)
-CalibratedSpec = Annotated[
-    Annotated[AfferentSpec, Tag("lif")] | Annotated[MechanoreceptorSpec, Tag("mechanoreceptor")],
-    Discriminator(_model_of),
-]
-"""One of them, as a part of another spec."""
 AnyState = (
     EncoderState
     | IzhikevichEncoderState
@@ -219,8 +214,41 @@ def t_ref_pair_ms(encoder: Spec) -> tuple[float, float]:
     >>> t_ref_pair_ms(load("sa1-ra1-lif", {"ra1.t_ref_ms": 5}))
     (1.0, 5.0)
     """
-    periods = [described(encoder, population).t_ref_ms for population in populations(encoder)]
+    periods: list[float] = [described(encoder, population).t_ref_ms for population in populations(encoder)]
     return periods[0], periods[min(1, len(periods) - 1)]
+
+
+def with_t_ref(encoder: Any, t_ref_ms: float) -> Any:
+    """An encoder with one refractory period for all that have one; InputError for a model without any.
+
+    >>> with_t_ref(load("send-on-delta"), 5.0).t_ref_ms
+    5.0
+    """
+    has_one = False
+    for population in populations(encoder):
+        kind = described(encoder, population)
+        if "t_ref_ms" in type(kind).model_fields:
+            kind, has_one = kind.model_copy(update={"t_ref_ms": t_ref_ms}), True
+            encoder = encoder.model_copy(update={population.part: kind}) if population.part else kind
+    if not has_one:
+        raise InputError(f"t_ref_ms: '{encoder.model}' has no refractory period; leave it out for this encoder")
+    return encoder
+
+
+def period_keys(model: str) -> tuple[str, ...]:
+    """The dotted keys of the refractory periods of a model's spec; of populations that are optional, none.
+
+    >>> period_keys("lif"), period_keys("send-on-delta"), period_keys("burst")
+    (('sa1.t_ref_ms', 'ra1.t_ref_ms'), ('t_ref_ms',), ())
+    """
+    fields = MODELS[model].spec.model_fields
+    parts = dict.fromkeys(population.part for population in MODELS[model].populations)
+    kinds = {part: fields[part].annotation if part else MODELS[model].spec for part in parts}
+    return tuple(
+        f"{part}.t_ref_ms" if part else "t_ref_ms"
+        for part, kind in kinds.items()
+        if "t_ref_ms" in getattr(kind, "model_fields", {})
+    )
 
 
 def with_t_refs(encoder: Any, other: Spec) -> Any:
@@ -235,15 +263,6 @@ def with_t_refs(encoder: Any, other: Spec) -> Any:
             kind = kind.model_copy(update=period)
             encoder = encoder.model_copy(update={population.part: kind}) if population.part else kind
     return encoder
-
-
-def not_calibrated(encoder: Spec) -> str:
-    """Why calibration refuses an encoder.
-
-    >>> not_calibrated(load("poisson"))
-    "calibrate needs LIF afferents or mechanoreceptors; the model is 'poisson'"
-    """
-    return f"calibrate needs LIF afferents or mechanoreceptors; the model is '{_model_of(encoder)}'"
 
 
 def afferent_names(taxels: Sequence[str], encoder: Mapping[str, Any] = MappingProxyType({})) -> tuple[str, ...]:

@@ -1,6 +1,6 @@
 """The choice of a calibrated encoder's gains: limits and separation over the gain, with ISI distributions."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -22,11 +22,14 @@ BELOW, ABOVE = 1 / 2, 8
 
 
 @printed
-def draw_calibration(table: pd.DataFrame, isi: pd.DataFrame, units: Mapping[str, str] = UNITS) -> Figure:
+def draw_calibration(
+    table: pd.DataFrame, isi: pd.DataFrame, units: Mapping[str, str] = UNITS, thresholds: Collection[str] = ()
+) -> Figure:
     """The populations of a calibration, one row each.
 
-    table, isi: of a `Calibration`. units: of the gain of each population. Left: share of silent trials and of intervals
-    at the refractory floor, and the classes' separation; the chosen gain is marked, gains outside a limit are shaded.
+    table, isi: of a `Calibration`. units: of the gain of each population. thresholds: populations with a threshold in
+    place of a gain. Left: share of silent trials and of intervals at the refractory floor, and the classes' separation;
+    the chosen gain is marked, gains outside a limit are shaded.
     Right: the ISI distributions of the classes at half of the chosen gain, at it, and at eight times it (texture paper,
     Sec. III-A), over the intervals: one row per class, darker for more intervals; above them, the share of trials
     and afferents without an interval.
@@ -39,9 +42,11 @@ def draw_calibration(table: pd.DataFrame, isi: pd.DataFrame, units: Mapping[str,
         colour, cmap = COLOURS.get(afferent, FURTHER[0]), CMAPS.get(afferent, FURTHER[1])
         rows = table[table["afferent"] == afferent].sort_values("gain")
         shares, separation = (figure.add_subplot(grid[2 * row + i, 0]) for i in range(2))
-        _draw_search(shares, separation, rows, colour, f"{afferent} gain ({units[afferent]})")
+        is_threshold = afferent in thresholds
+        what = "threshold" if is_threshold else "gain"
+        _draw_search(shares, separation, rows, colour, f"{afferent} {what} ({units[afferent]})")
         shares.set_title(afferent, pad=14)
-        gains = _gains_beside(rows)
+        gains = _gains_beside(rows, is_threshold=is_threshold)
         mine = isi[isi["afferent"] == afferent]
         shown = [_distributions(mine[mine["gain"] == gain], labels) for gain in gains.values()]
         darkest = float(shown[1][1].max()) or 1.0  # of the chosen gain: a class of one interval must not pale the rest
@@ -59,10 +64,11 @@ def draw_calibration(table: pd.DataFrame, isi: pd.DataFrame, units: Mapping[str,
     return figure
 
 
-def _gains_beside(rows: pd.DataFrame) -> dict[str, float]:
-    """The gains whose distributions are drawn, by their names."""
+def _gains_beside(rows: pd.DataFrame, *, is_threshold: bool) -> dict[str, float]:
+    """The gains or thresholds whose distributions are drawn, by their names."""
     chosen = float(rows["gain"][rows["chosen"]].iloc[0])
-    factors = {"too low": BELOW, "chosen": 1, "too high": ABOVE}
+    low, high = (1 / ABOVE, 1 / BELOW) if is_threshold else (BELOW, ABOVE)
+    factors = {"too low": low, "chosen": 1, "too high": high}
     return {title: _nearest(rows["gain"].to_numpy(), chosen * factor) for title, factor in factors.items()}
 
 

@@ -13,7 +13,7 @@ from neurotact.figures.style import Drawn
 from neurotact.files import write_json
 from neurotact.metrics import referee
 from neurotact.networks.use import ledger
-from neurotact.report import details, front, page, search, selection_steps
+from neurotact.report import details, encoder_choice, front, page, search, selection_steps
 from neurotact.report.encoding_drawings import encoding_drawings, name_classes
 from neurotact.report.extra_drawings import extra_drawings
 from neurotact.report.front import Front
@@ -94,7 +94,8 @@ def write(study: StudySpec, folder: Path) -> Path:
     spent = front.costs_of(study, results, trains)
     found = list(front.fronts(study, folder, done, results.join(spent), trains, beside))
     cautions = front.beware(study, folder, done, found, trains)
-    write_json(folder / ANSWER, answers_as_json(found, cautions))
+    among = encoder_choice.sentence(study, found)
+    write_json(folder / ANSWER, answers_as_json(found, cautions) | ({"among": among} if among else {}))
     shown = found[first_shown(found)]
     best = selection_steps.best_row(chosen, results) if chosen else shown.cells[shown.networks.index(shown.answer.best)]
     costs = _ledger(study, results, baselines, trains)
@@ -120,6 +121,7 @@ def write(study: StudySpec, folder: Path) -> Path:
         fronts=found,
         first=first_shown(found),
         cautions=cautions,
+        among=among,
         chosen=front.chosen(trains, done),
         seeds=study.sweep.get("seed", [0]),
         data=page.if_there(folder / "data.json"),

@@ -9,16 +9,19 @@ from typing import Any
 
 from neurotact.data.conditioning import ACAUSAL, check_used
 from neurotact.encoders.calibration import BY_CALIBRATION, FITTED, PAST
-from neurotact.encoders.specs import Calibrated
+from neurotact.encoders.knobs import knobs_of
+from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.spec import leaves, refuse
 from neurotact.studies import sweeps
 
 ENCODER = "encoder."
 CONDITIONING = f"{ENCODER}conditioning"
-PERIODS = ("encoder.sa1.t_ref_ms", "encoder.ra1.t_ref_ms", "encoder.pc.t_ref_ms")
+PARTS = ("sa1.", "ra1.", "pc.", "low.", "high.", "")
+PERIODS = tuple(f"{ENCODER}{part}t_ref_ms" for part in PARTS)
 """Keys that can be swept without a new fit of the gains."""
-DECIDED = {f"{ENCODER}{key}": f"{BY_CALIBRATION}, or set calibrate=false" for key in FITTED}
+_DECIDED = f"{BY_CALIBRATION}, or set calibrate=false"
+DECIDED = {f"{ENCODER}{key}": _DECIDED for key in FITTED}
 GRADES = ("encoder.sa1.grades", "encoder.ra1.grades")
 
 
@@ -32,7 +35,7 @@ def start(point: Mapping[str, Any]) -> dict[str, Any]:
     return {f"calibrate.{key.removeprefix(ENCODER)}": value for key, value in changed.items()}
 
 
-def check(given: Mapping[str, Any], sweep: Mapping[str, list[Any]], starts: Sequence[Calibrated]) -> None:
+def check(given: Mapping[str, Any], sweep: Mapping[str, list[Any]], starts: Sequence[EncoderSpec]) -> None:
     """InputError for a key that is set or swept and that calibration would ignore.
 
     given: dotted keys that are set. starts: the encoder from which each cell is calibrated; empty without calibration.
@@ -42,7 +45,7 @@ def check(given: Mapping[str, Any], sweep: Mapping[str, list[Any]], starts: Sequ
     swept = {key: sweeps.values(sweep, key) for key in sweeps.keys(sweep)}
     pairs = [*given.items(), *((key, value) for key, values in swept.items() for value in values)]
     for named in (leaves({key: value}) for key, value in pairs if key != "encoder"):
-        refuse(named, DECIDED)
+        refuse(named, DECIDED | {f"{ENCODER}{knob.key}": _DECIDED for first in starts for knob in knobs_of(first)})
         _check_baseline(named.get("encoder.conditioning.baseline"))
     for key in GRADES:
         lengths = [len(grades) for grades in swept.get(key, []) if isinstance(grades, list)]

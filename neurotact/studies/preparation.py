@@ -23,9 +23,10 @@ from neurotact.data.windows import check_fit
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.calibration import CLOCK_HZ, way_of
 from neurotact.encoders.encoding import encode_recordings
+from neurotact.encoders.gain_search import CalibrationRule
 from neurotact.encoders.same_drive import same_drive_table
 from neurotact.encoders.signals import signal_table
-from neurotact.encoders.specs import Calibrated, EncoderSpec, t_ref_pair_ms, with_t_refs
+from neurotact.encoders.specs import EncoderSpec, t_ref_pair_ms, with_t_refs
 from neurotact.errors import InputError
 from neurotact.files import write_json
 from neurotact.metrics import paired
@@ -130,7 +131,8 @@ def _fitted(
     trains, split = hdf5.load_spikes(folder / cell.given), {key: value_at(cell, key) for key in split_columns(study)}
     parts = split_touches(trains, study.dataset.stratify, cell.split)
     windows, first = trains.cut(cells[0].window), copies_of(trains).first
-    pair = t_ref_pair_ms(cell.encoder)[::-1]
+    first_ms, second_ms = t_ref_pair_ms(cell.encoder)
+    pair = second_ms, first_ms
     for name, where in {cell.dataset: cell.subset for cell in cells}.items():
         cuts = opponents.cuts_of(recordings.conditions, windows, trains.sampling_rate_Hz, parts, where)
         of_signals = opponents.signal_inputs(recordings, cuts, study.baselines) if is_first else ()
@@ -175,7 +177,7 @@ def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recor
     missing = [cell for cell in distinct.values() if store.flaws(place, _encoded(cell), made_from)]
     if missing:
         _check_windows(recordings, cells)
-    calibrated: dict[str, Calibrated] = {}
+    calibrated: dict[str, EncoderSpec] = {}
     for cell in missing:
         trains = encode_recordings(recordings, _encoder_of(cell, recordings, calibrated))
         write_table(encoding_table(trains, cell, study.dataset.stratify), place / f"{cell.spikes_name}.csv")
@@ -205,7 +207,7 @@ def _encoded(cell: Cell) -> list[str]:
     return [f"{cell.spikes_name}.csv", f"{cell.spikes_name}.h5"]
 
 
-def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, Calibrated]) -> EncoderSpec:
+def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, EncoderSpec]) -> EncoderSpec:
     """The cell's encoder, with gains fitted on the training trials if the study calibrates.
 
     If unknown conditions are tested, only training trials of the cell's own subset are used: gains must not depend on
@@ -214,7 +216,7 @@ def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, Calibr
     if cell.calibrate is None:
         return cell.encoder
     known = cell.subset if cell.test_every_condition else {}
-    key = digest([cell.calibrate.model_dump(mode="json"), cell.split.model_dump(), known])
+    key = digest([cell.calibrate.model_dump(mode="json"), cell.split.model_dump(), known, cell.spikes_per_s])
     if key not in calibrated:
         train = training_touches(recordings, cell.source["stratify"], cell.split)
         train = np.intersect1d(train, np.flatnonzero(select_conditions(recordings.conditions, known)))
@@ -222,7 +224,8 @@ def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, Calibr
         training = recordings.select(train)
         if cell.split.folds:  # each fold has its own encoder, and its notes name the fold
             training = replace(training, source=f"{recordings.source}, fold {cell.split.fold}")
-        calibrated[key] = fit(training, cell.calibrate).encoder
+        rule = CalibrationRule(spikes_per_s=cell.spikes_per_s)
+        calibrated[key] = fit(training, cell.calibrate, rule=rule).encoder
     return with_t_refs(calibrated[key], cell.encoder)
 
 

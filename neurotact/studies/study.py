@@ -22,7 +22,7 @@ from neurotact.data.windows import WindowSpec
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.same_drive import SameDriveSpec
-from neurotact.encoders.specs import CALIBRATED, CalibratedSpec, EncoderSpec, not_calibrated
+from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError, nearest
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.seeds import drawn
@@ -45,6 +45,9 @@ MEASURES = ("cut_short_ms", "exit_patiences", "test_every_condition")
 
 PARTS: dict[str, Callable[[str | Path], Spec]] = {"encoder": encoders.load, "network": partial(specs.load, RSNNSpec)}
 LENGTH = "window.length_ms"
+T_REF = "t_ref_ms"
+"""Swept with `encoder`, the names of encoders: the refractory period of all its afferents, or "own"."""
+OWN = "own"
 EMA = f"{calibrated.CONDITIONING}.ema_cutoff_Hz"
 PAIR = f"encoder.ra1.t_ref_ms{sweeps.JOIN}encoder.sa1.t_ref_ms"
 
@@ -160,6 +163,8 @@ class StudySpec(Spec):
     """Fit the encoder's baseline, standardisation and gains on the training trials (as `neurotact calibrate` does)."""
     choose_ema: bool = False
     """Also choose the cut-off of the encoder's moving average there, unless it is set or swept."""
+    spikes_per_s: float | None = Field(default=None, gt=0)
+    """Fit gains and thresholds there to this rate of an afferent, so that encoders spend equally many spikes."""
     window: WindowSpec = WindowSpec()
     split: SplitSpec = SplitSpec()
     early_exit: EarlyExitSpec = EarlyExitSpec()
@@ -196,14 +201,18 @@ class StudySpec(Spec):
     @model_validator(mode="after")
     def _sweeps_known_subsets(self) -> "StudySpec":
         sweeps.check(self.sweep)
+        names = [name for name in sweeps.values(self.sweep, "encoder") if isinstance(name, str)]
+        models = [encoders.load(name).model for name in dict.fromkeys(names)]
+        if len(set(models)) < len(models):
+            raise ValueError("sweep.encoder: two encoders have the same model, by which results name them; drop one")
+        if sweeps.values(self.sweep, T_REF) and not names:
+            raise ValueError(f"sweep.{T_REF}: is swept with 'encoder', as in \"encoder & {T_REF}\"")
         known = list(self.dataset.subsets)
         for name in sweeps.values(self.sweep, "dataset"):
             if name not in known:
                 raise ValueError(f"sweep.dataset: '{name}' is not a subset; {nearest(str(name), known)}")
         if self.test_every_condition and not self.dataset.stratify:
             raise ValueError("test_every_condition needs dataset.stratify, the conditions to test apart")
-        if self.calibrate and not isinstance(self.encoder, CALIBRATED):
-            raise ValueError(f"{not_calibrated(self.encoder)}; set calibrate=false")
         if self.same_drive is not None and not isinstance(self.encoder, AfferentSpec):
             raise ValueError(f"same_drive needs LIF afferents; this encoder's model is '{self.encoder.model}'")
         return self
@@ -255,10 +264,12 @@ class Cell(Spec):
     split: SplitSpec
     early_exit: EarlyExitSpec
     encoder: EncoderSpec
-    calibrate: CalibratedSpec | None = None
+    calibrate: EncoderSpec | None = None
     """The encoder whose gains are fitted on the training trials; t_ref varies around it."""
     choose_ema: bool = False
     """Whether the cut-off of its moving average is chosen there, too."""
+    spikes_per_s: float | None = None
+    """The rate of an afferent to which gains and thresholds are fitted there; None: they separate classes best."""
     network: RSNNSpec | None = None
     search: SearchSpec | None = None
     """The search of the network's hyperparameters; its result replaces the values of the keys in the space."""
@@ -271,7 +282,7 @@ class Cell(Spec):
     def seeds(self) -> tuple[int, int]:
         """Random seeds of the initial weights and of the order of trials, drawn from the settings of the training."""
         always = ("source", "dataset", "subset", "seed", "window", "split", "encoder", "calibrate")
-        optional = ("network", "search", "training_windows")
+        optional = ("network", "search", "training_windows", "spikes_per_s")
         settings = {name: getattr(self, name) for name in always}
         settings |= {name: value for name in optional if (value := getattr(self, name)) is not None}
         exit_ = self.early_exit.model_copy(update={"by": "stability"})  # of the trained network, whichever it is
@@ -286,6 +297,7 @@ class Cell(Spec):
     def spikes_name(self) -> str:
         """The digest of everything that decides the cell's spike trains."""
         parts = {"source", "encoder", "calibrate", "choose_ema"} | ({"split"} if self.calibrate else set())
+        parts |= {"spikes_per_s"} if self.spikes_per_s is not None else set()
         known = self.subset if self.calibrate and self.test_every_condition else None
         return specs.digest([self.model_dump(mode="json", include=parts), known])
 
@@ -321,6 +333,7 @@ def resolve(
     table, left = suited.closed(table)
     table = specs.override(table, sweeps.unswept(table.setdefault("sweep", {}), overrides, path))
     table = suited.with_file(table, data, path)
+    _suit_periods(table)
     search = table.get("search", {})
     if isinstance(search, dict) and isinstance(search.get("space"), str):
         search["space"] = tuning.load_space(str(_relative_to(path, search["space"])))
@@ -346,6 +359,25 @@ def resolve(
     starts = [cell.calibrate for cell in every]
     calibrated.check(overrides, study.sweep, [start for start in starts if start is not None])
     return study
+
+
+def _suit_periods(table: dict[str, Any]) -> None:
+    """Sweep the refractory periods that the encoder has in place of the pairs of SA-I and RA-I, in `table`."""
+    sweep, encoder = table["sweep"], table.get("encoder")
+    pairs = sweep.get(PAIR)
+    model = encoder.get("model", "lif") if isinstance(encoder, dict) else "lif"
+    if not isinstance(pairs, list) or model not in encoders.MODELS:
+        return
+    keys = [f"{calibrated.ENCODER}{key}" for key in encoders.period_keys(model)]
+    if set(PAIR.split(sweeps.JOIN)) <= set(keys):
+        return
+    axes = {key: values for key, values in sweep.items() if key != PAIR}
+    if len(keys) == 1:
+        table["sweep"] = {keys[0]: list(dict.fromkeys(max(pair) for pair in pairs)), **axes}
+    elif len(keys) > 1:
+        table["sweep"] = {sweeps.JOIN.join(reversed(keys)): pairs, **axes}
+    else:
+        table["sweep"] = axes
 
 
 def _suited(
@@ -382,16 +414,29 @@ def cells(study: StudySpec) -> Iterator[Cell]:
         **({"search": search} if search else {}),
         "choose_ema": study.calibrate and study.choose_ema,
         **{name: getattr(study, name) for name in ("training_windows", *MEASURES)},
+        **({} if study.spikes_per_s is None else {"spikes_per_s": study.spikes_per_s}),
     }
     for point in sweeps.points(study.sweep):
         chosen = {"dataset": next(iter(study.dataset.subsets)), **point}
         chosen["subset"] = study.dataset.subsets[chosen["dataset"]]
+        if isinstance(point.get("encoder"), str):
+            swept = _swept_encoder(study, point)
+            chosen |= {"encoder": swept, **({"calibrate": swept} if study.calibrate else {})}
+        chosen.pop(T_REF, None)
         chosen = {_in_cell(key): value for key, value in chosen.items()}
         if study.calibrate:
             chosen |= calibrated.start(point)
         cell = specs.build(Cell, specs.override(base, chosen), source=f"sweep of {study.title}")
         _check_source(cell, study)
         yield cell
+
+
+def _swept_encoder(study: StudySpec, point: Mapping[str, Any]) -> dict[str, Any]:
+    """The encoder that a point of the sweep names, with the conditioning of the study's and the point's t_ref_ms."""
+    encoder = encoders.load(point["encoder"]).model_copy(update={"conditioning": study.encoder.conditioning})
+    if point.get(T_REF, OWN) != OWN:
+        encoder = encoders.with_t_ref(encoder, float(point[T_REF]))
+    return _whole(encoder)
 
 
 def _void_keys(cell: Cell) -> dict[str, str]:
@@ -430,7 +475,7 @@ def _searched(study: StudySpec) -> dict[str, Any] | None:
 
 def swept_columns(study: StudySpec) -> list[str]:
     """Swept keys that the standard columns of results.csv do not show, such as `window.length_ms`."""
-    shown = {"dataset", "seed", "network.hidden", "encoder.ra1.t_ref_ms", "encoder.sa1.t_ref_ms"}
+    shown = {"dataset", "seed", "network.hidden", T_REF, "encoder.ra1.t_ref_ms", "encoder.sa1.t_ref_ms"}
     return [key for key in sweeps.keys(study.sweep) if key not in shown]
 
 
@@ -454,6 +499,10 @@ def by_split(cells: Iterable[Cell]) -> list[list[Cell]]:
 
 def value_at(cell: Cell, dotted: str) -> Any:
     """The value of a dotted key in a cell."""
+    if dotted == T_REF:
+        return encoders.t_ref_pair_ms(cell.encoder)[0]
+    if dotted == "encoder":
+        return cell.encoder.model
     value: Any = cell
     for name in _in_cell(dotted).split("."):
         value = value[name] if isinstance(value, dict) else getattr(value, name)

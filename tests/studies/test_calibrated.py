@@ -48,7 +48,7 @@ def encoded(touches, monkeypatch, **changes):
 
     def quickly(spec, given, *, choose_ema):
         fit, times = way_of(spec, given, choose_ema=choose_ema)
-        return lambda recordings, spec: fit(recordings, spec, rule=RULE), times
+        return lambda recordings, spec, rule: fit(recordings, spec, rule=RULE), times
 
     monkeypatch.setattr(preparation, "way_of", quickly)
     what = loading.resolve("own-recordings", {**SMALL, **changes}, data=touches)
@@ -108,10 +108,7 @@ def test_baselines_stand_beside_the_networks_of_their_encoder(touches, monkeypat
             "the baseline 'first' ignores it",
         ),
         ({"sweep.encoder.sa1.grades": [[0.5, 1.0], [0.2, 1.0]]}, "lists of the same length give the same encoder"),
-        (
-            {"encoder": "izhikevich"},
-            "calibrate needs LIF afferents or mechanoreceptors; the model is 'izhikevich'; set calibrate=false",
-        ),
+        ({"encoder": "send-on-delta", "encoder.threshold": 2.0}, "encoder.threshold: calibration sets it"),
     ],
 )
 def test_a_key_that_would_be_ignored_is_refused(touches, changes, words):

@@ -67,12 +67,6 @@ def test_a_calibrated_study_of_several_afferents_a_taxel_reports(tmp_path, monke
     assert ledger["parameters"].iloc[-1] - (72 * 4 + 4 * 4 + 4 * 2 + 9) in (8, 16)
 
 
-def test_only_lif_encoders_are_calibrated(tmp_path):
-    path = study_of(tmp_path, encoder="poisson", calibrate=True, sweep={"seed": [0, 1]}, quick={})
-    with pytest.raises(InputError, match="calibrate needs LIF afferents or mechanoreceptors; the model is 'poisson'"):
-        loading.resolve(path)
-
-
 def test_a_refractory_period_that_the_model_lacks_is_refused(tmp_path):
     path = study_of(tmp_path, encoder="izhikevich")
     with pytest.raises(InputError, match=r"encoder\.(ra1|sa1)\.t_ref_ms: unknown key; known: gain_mV_per_ms"):

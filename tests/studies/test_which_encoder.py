@@ -1,0 +1,52 @@
+"""A sweep over encoders: each with the study's conditioning, its own refractory period, one rate for all."""
+
+from pathlib import Path
+
+import pytest
+
+from neurotact.errors import InputError
+from neurotact.spec import read, to_toml
+from neurotact.studies import loading, study
+from neurotact.studies.study import value_at
+
+TINY = Path(__file__).parent / "tiny.toml"
+
+
+def resolved(tmp_path, changes=None, **parts):
+    table = {**read(TINY), "quick": {}, **parts}
+    (tmp_path / "mine.toml").write_text(to_toml(table), encoding="utf-8")
+    found = loading.resolve(tmp_path / "mine.toml", changes or {})
+    assert isinstance(found, study.StudySpec)
+    return found
+
+
+def test_encoders_are_swept_by_name_with_their_periods(tmp_path):
+    sweep = {"encoder & t_ref_ms": [["sa1-ra1-lif", 5.0], ["send-on-delta", 3.0], ["burst", "own"]], "seed": [0]}
+    what = resolved(tmp_path, calibrate=True, spikes_per_s=12.0, sweep=sweep)
+    cells = list(study.cells(what))
+    assert [value_at(cell, "encoder") for cell in cells] == ["lif", "send-on-delta", "burst"]
+    assert [value_at(cell, "t_ref_ms") for cell in cells] == [5.0, 3.0, 0.0]
+    assert all(cell.encoder.conditioning == what.encoder.conditioning for cell in cells)
+    assert all(cell.calibrate == cell.encoder and cell.spikes_per_s == 12.0 for cell in cells)
+    assert len({cell.spikes_name for cell in cells}) == 3
+
+
+def test_a_period_of_an_encoder_without_one_is_refused(tmp_path):
+    with pytest.raises(InputError, match="'burst' has no refractory period"):
+        resolved(tmp_path, sweep={"encoder & t_ref_ms": [["burst", 3.0]]})
+
+
+def test_two_encoders_of_one_model_are_refused(tmp_path):
+    with pytest.raises(InputError, match="two encoders have the same model"):
+        resolved(tmp_path, sweep={"encoder": ["sa1-ra1-lif", "sa1-ra1-lif-graded"]})
+
+
+@pytest.mark.parametrize(("encoder", "axis", "values"), [
+    ("send-on-delta", "encoder.t_ref_ms", [1, 5, 10]),
+    ("resonate-and-fire", "encoder.high.t_ref_ms & encoder.low.t_ref_ms", [[1, 1], [5, 5], [1, 10]]),
+    ("burst", None, None),
+])  # fmt: skip
+def test_pairs_become_the_periods_that_an_encoder_has(encoder, axis, values, tmp_path):
+    sweep = {"encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [5, 5], [1, 10]], "seed": [0]}
+    found = resolved(tmp_path, {"encoder": encoder}, sweep=sweep).sweep
+    assert found == {**({axis: values} if axis else {}), "seed": [0]}
