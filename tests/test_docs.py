@@ -95,7 +95,7 @@ def slugs(text: str) -> set[str]:
 def commands_of(page: Path) -> Iterator[tuple[str, bool]]:
     """Every `neurotact ...` of a page, and whether it is one that is typed as it stands."""
     for token in tokens_of(page):
-        if token.type in ("fence", "code_block") and token.info in ("", "console", "bash"):
+        if token.type in ("fence", "code_block") and token.info in ("sh", "console"):
             for line in token.content.replace("\\\n", " ").splitlines():
                 typed = re.fullmatch(r"\s*(?:\$ )?(?:\w+=\S+ )*(neurotact .*)", line)
                 if typed:
@@ -351,7 +351,7 @@ def test_an_example_is_short_and_imports_public_names_alone(example):
     assert len(line) == len(title) > 0
     assert set(line) == {"="}
     assert len(text.splitlines()) < 60
-    assert "plt.show()" in text
+    assert "plt.show()" in text or "figure = nt.plot_raster(" in text
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             assert {each.name for each in node.names if each.name.startswith("neurotact")} <= {"neurotact"}
@@ -362,3 +362,15 @@ def test_an_example_is_short_and_imports_public_names_alone(example):
 
 def test_there_are_examples():
     assert len(EXAMPLES) >= 15
+
+
+def test_a_page_is_reachable_by_keyboard_and_screen_reader(site):
+    change = site("reachable").reachable
+    signature = "<dt>f(<dl>\n<dd><em>a</em>,</dd>\n<dd><em>b</em></dd>\n</dl>)</dt>"
+    page = f'<p role="heading">x</p><pre>y</pre><dl class="py function">{signature}<dd>z</dd></dl>'
+    made = change(page)
+    assert made.count("<dd>") == 1
+    assert made.count('class="sig-line"') == 2
+    assert '<pre tabindex="0">' in made
+    assert 'aria-level="2"' in made
+    assert change(made) == made

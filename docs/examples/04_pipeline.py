@@ -15,7 +15,12 @@ from sklearn.pipeline import make_pipeline
 import neurotact as nt
 
 touches = nt.simulate(
-    "gratings", trials=12, pitches_mm=[4.0, 2.0, 0.5], forces_N=[12.0], speeds_mm_per_s=[8.6], duration_s=0.4
+    "gratings",
+    trials=12,
+    pitches_mm=[4.0, 2.0, 0.5],
+    forces_N=[12.0],
+    speeds_mm_per_s=[8.6],
+    duration_s=0.4,
 )
 X = np.asarray(touches.signals)  # (trial, time, taxel), in mV
 y = touches.conditions["label"].to_numpy()

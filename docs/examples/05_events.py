@@ -8,7 +8,6 @@ A sensor that sends events needs no encoder: a file of times, channels and polar
 import tempfile
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 import neurotact as nt
@@ -24,15 +23,16 @@ for trial in range(30):
         period_ms = (25, 40)[trial % 2] + 3 * channel
         for begin_ms in np.arange(rng.uniform(0, 20), 380, period_ms):
             times_ms = begin_ms + np.sort(rng.uniform(0, 12, 3))
-            lines += [f"{t:.2f},{channel},{number % 2},{trial},{label}" for number, t in enumerate(times_ms)]
+            lines += [
+                f"{t:.2f},{channel},{number % 2},{trial},{label}" for number, t in enumerate(times_ms)
+            ]
 (folder / "events.csv").write_text("\n".join(lines))
 
 spikes = nt.read_events(folder / "events.csv", duration_ms=400.0)
 print(spikes)
 
 # %%
-nt.plot_raster(spikes, trial=0)
-plt.show()
+figure = nt.plot_raster(spikes, trial=0)
 
 # %%
 # From here on nothing differs from encoded signals: windows, a network, its decisions and their cost.

@@ -12,7 +12,12 @@ import pandas as pd
 import neurotact as nt
 
 touches = nt.simulate(
-    "gratings", trials=16, pitches_mm=[4.0, 2.0, 0.5], forces_N=[12.0], speeds_mm_per_s=[8.6], duration_s=0.6
+    "gratings",
+    trials=16,
+    pitches_mm=[4.0, 2.0, 0.5],
+    forces_N=[12.0],
+    speeds_mm_per_s=[8.6],
+    duration_s=0.6,
 )
 spikes = nt.encode(touches)
 
@@ -21,7 +26,8 @@ spikes = nt.encode(touches)
 
 rows: list[dict[str, float]] = []
 for length_ms in (50, 100, 200):
-    train, validation, test = nt.windows(spikes, length_ms=length_ms, start_ms=200, per_trial=1).split(seed=1, test=0.3)
+    data = nt.windows(spikes, length_ms=length_ms, start_ms=200, per_trial=1)
+    train, validation, test = data.split(seed=1, test=0.3)
     for hidden in (5, 15, 45):
         network = nt.SpikingClassifier(hidden=hidden, epochs=10, random_state=0)
         network.fit(train.X, train.y, validation=(validation.X, validation.y))
@@ -40,7 +46,8 @@ table.round(2)
 figure, axes = plt.subplots(figsize=(6, 3.5), layout="constrained")
 for length_ms in (50, 100, 200):
     mine = [row for row in rows if row["window (ms)"] == length_ms]
-    axes.plot([row["SOPs"] for row in mine], [100 * row["accuracy"] for row in mine], "o-", label=f"{length_ms} ms")
+    costs, shares = [row["SOPs"] for row in mine], [100 * row["accuracy"] for row in mine]
+    axes.plot(costs, shares, "o-", label=f"{length_ms} ms")
 axes.set(xlabel="SOPs per window", ylabel="test accuracy (%)", xscale="log", ylim=(0, 105))
 axes.legend(title="window")
 plt.show()

@@ -14,7 +14,12 @@ import matplotlib.pyplot as plt
 import neurotact as nt
 
 touches = nt.simulate(
-    "gratings", trials=12, pitches_mm=[4.0, 2.0, 0.5], forces_N=[12.0], speeds_mm_per_s=[8.6], duration_s=0.4
+    "gratings",
+    trials=12,
+    pitches_mm=[4.0, 2.0, 0.5],
+    forces_N=[12.0],
+    speeds_mm_per_s=[8.6],
+    duration_s=0.4,
 )
 folder = Path(tempfile.mkdtemp())
 nt.save(nt.encode(touches), folder / "spikes.h5")
@@ -42,7 +47,7 @@ print(f"test accuracy {best['accuracy_test']:.0%} with {best['sops_total']:,.0f}
 
 # %%
 figure, axes = plt.subplots(figsize=(6, 3.5), layout="constrained")
-axes.scatter(trials["sops_total"], 100 * trials["value"])
+axes.scatter(trials["sops_total"], 100 * trials["accuracy_validation"])
 axes.axvline(3000, color="grey", linestyle="--", label="budget")
 axes.set(xlabel="SOPs per window", ylabel="validation accuracy (%)", xscale="log")
 axes.legend()

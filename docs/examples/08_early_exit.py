@@ -11,7 +11,12 @@ import matplotlib.pyplot as plt
 import neurotact as nt
 
 touches = nt.simulate(
-    "gratings", trials=24, pitches_mm=[4.0, 2.0, 0.5], forces_N=[12.0], speeds_mm_per_s=[8.6], duration_s=0.6
+    "gratings",
+    trials=24,
+    pitches_mm=[4.0, 2.0, 0.5],
+    forces_N=[12.0],
+    speeds_mm_per_s=[8.6],
+    duration_s=0.6,
 )
 data = nt.windows(nt.encode(touches), length_ms=300, start_ms=150)
 train, validation, test = data.split(seed=0, test=0.3)
@@ -30,7 +35,9 @@ full = network.decide(test.X, early_exit=False)
 early = network.decide(test.X)
 for name, table in {"whole window": full, "early exit": early}.items():
     means = table.assign(right=table["predicted"] == test.y)[["ms", "sops_total", "right"]].mean()
-    print(f"{name}: {means['ms']:.0f} ms, {means['sops_total']:,.0f} SOPs, accuracy {means['right']:.0%}")
+    print(
+        f"{name}: {means['ms']:.0f} ms, {means['sops_total']:,.0f} SOPs, accuracy {means['right']:.0%}"
+    )
 early.head()
 
 # %%

@@ -11,7 +11,12 @@ import matplotlib.pyplot as plt
 import neurotact as nt
 
 touches = nt.simulate(
-    "gratings", trials=10, pitches_mm=[4.0, 1.5], forces_N=[12.0], speeds_mm_per_s=[4.3, 8.6, 12.9], duration_s=0.6
+    "gratings",
+    trials=16,
+    pitches_mm=[4.0, 1.0],
+    forces_N=[12.0],
+    speeds_mm_per_s=[4.3, 8.6, 12.9],
+    duration_s=0.6,
 )
 data = nt.windows(nt.encode(touches), length_ms=300, start_ms=200, per_trial=1)
 touches.conditions.head(3)
@@ -25,7 +30,7 @@ def accuracy(speed_mm_per_s: float | None) -> float:
     """Test accuracy on a random share of the trials, or on one speed that was left out of training."""
     left_out = None if speed_mm_per_s is None else {"speed_mm_per_s": speed_mm_per_s}
     sides = data.split(seed=0, test=0.3) if left_out is None else data.split(test_where=left_out)
-    network = nt.SpikingClassifier(hidden=20, epochs=20, random_state=0)
+    network = nt.SpikingClassifier(hidden=30, epochs=25, random_state=0)
     network.fit(sides.train.X, sides.train.y, validation=(sides.validation.X, sides.validation.y))
     return float(network.score(sides.test.X, sides.test.y))
 

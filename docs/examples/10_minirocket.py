@@ -17,7 +17,12 @@ import neurotact as nt
 from neurotact.baselines import MiniRocketClassifier
 
 touches = nt.simulate(
-    "gratings", trials=16, pitches_mm=[4.0, 2.0, 1.0, 0.5], forces_N=[12.0], speeds_mm_per_s=[8.6], duration_s=0.4
+    "gratings",
+    trials=16,
+    pitches_mm=[4.0, 2.0, 1.0, 0.5],
+    forces_N=[12.0],
+    speeds_mm_per_s=[8.6],
+    duration_s=0.4,
 )
 X, y = np.asarray(touches.signals), touches.conditions["label"].to_numpy()
 sides = train_test_split(X, y, test_size=0.3, stratify=y, random_state=0)
@@ -31,7 +36,10 @@ spiking = make_pipeline(
     nt.SpikingClassifier(epochs=20, random_state=0),
 )
 rows: dict[str, tuple[float, float]] = {}
-for name, estimator in {"spiking network": spiking, "MiniRocket": MiniRocketClassifier(random_state=0)}.items():
+for name, estimator in {
+    "spiking network": spiking,
+    "MiniRocket": MiniRocketClassifier(random_state=0),
+}.items():
     began = perf_counter()
     estimator.fit(X_train, y_train)
     rows[name] = float(estimator.score(X_test, y_test)), perf_counter() - began

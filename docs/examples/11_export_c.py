@@ -36,7 +36,11 @@ for path in sorted(folder.iterdir()):
 # The interface of the code:
 
 header = (folder / "touch.h").read_text().splitlines()
-print("\n".join(line for line in header if line.startswith(("typedef", "int", "void", "const", "#define"))))
+print(
+    "\n".join(
+        line for line in header if line.startswith(("typedef", "int", "void", "const", "#define"))
+    )
+)
 
 # %%
 # What rounding did to the input weights: 8 bits, in steps of a common power of two.

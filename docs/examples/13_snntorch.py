@@ -38,7 +38,9 @@ figure, (above, below) = plt.subplots(2, 1, figsize=(7, 4), sharex=True, layout=
 step, neuron = np.nonzero(hidden[:, 0].detach().numpy())
 above.plot(1e3 * step / 2000.0, neuron, "|", color="black", markersize=4)
 above.set_ylabel("hidden neuron")
-below.plot(1e3 * np.arange(len(readout)) / 2000.0, readout[:, 0].detach().numpy(), label=network.classes_)
+below.plot(
+    1e3 * np.arange(len(readout)) / 2000.0, readout[:, 0].detach().numpy(), label=network.classes_
+)
 below.set(xlabel="time (ms)", ylabel="readout")
 below.legend()
 plt.show()

@@ -29,7 +29,9 @@ decisions: list[nt.Decision] = []
 for begin in range(0, len(signal), 13):
     decisions += stream.push(signal[begin : begin + 13])
 for decision in decisions:
-    print(f"{decision.label} after {decision.ms:g} ms, {decision.sops} SOPs, {decision.held} steps on repeated values")
+    print(
+        f"{decision.label} after {decision.ms:g} ms, {decision.sops} SOPs, {decision.held} steps on repeated values"
+    )
 print(stream.tally)
 
 # %%

@@ -11,7 +11,12 @@ import matplotlib.pyplot as plt
 import neurotact as nt
 
 touches = nt.simulate(
-    "gratings", trials=16, pitches_mm=[4.0, 2.0, 0.5], forces_N=[12.0], speeds_mm_per_s=[8.6], duration_s=0.6
+    "gratings",
+    trials=16,
+    pitches_mm=[4.0, 2.0, 0.5],
+    forces_N=[12.0],
+    speeds_mm_per_s=[8.6],
+    duration_s=0.6,
 )
 
 # %%

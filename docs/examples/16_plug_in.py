@@ -10,7 +10,6 @@ import sys
 import tempfile
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 import neurotact as nt
@@ -37,9 +36,9 @@ READER = nt.Reader("Touches of my skin: a folder of .npy files.", read)
 
 site = Path(tempfile.mkdtemp())
 (site / "my_skin.py").write_text(MODULE)
-(site / "my_skin-0.1.dist-info").mkdir()
-(site / "my_skin-0.1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: my-skin\nVersion: 0.1\n")
-(site / "my_skin-0.1.dist-info" / "entry_points.txt").write_text("[neurotact.readers]\nmy-skin = my_skin:READER\n")
+(info := site / "my_skin-0.1.dist-info").mkdir()
+(info / "METADATA").write_text("Metadata-Version: 2.1\nName: my-skin\nVersion: 0.1\n")
+(info / "entry_points.txt").write_text("[neurotact.readers]\nmy-skin = my_skin:READER\n")
 
 # %%
 sys.path.append(str(site))
@@ -47,11 +46,10 @@ rng, time_s = np.random.default_rng(0), np.arange(400)[:, None] / 500.0
 (site / "data").mkdir()
 for number in range(6):
     name, frequency_Hz = (("felt", 5.0), ("mesh", 15.0))[number % 2]
-    np.save(
-        site / "data" / f"{name}_{number}.npy", 8 * np.sin(2 * np.pi * frequency_Hz * time_s + rng.uniform(0, 6, 4))
-    )
+    waves = np.sin(2 * np.pi * frequency_Hz * time_s + rng.uniform(0, 6, 4))
+    np.save(site / "data" / f"{name}_{number}.npy", 8 * waves)
 
 touches = nt.read("my-skin", site / "data")
 assert isinstance(touches, nt.Recordings)
-nt.plot_raster(nt.encode(touches, settings={"sa1.gain": 4.0}), trial=0, recordings=touches)
-plt.show()
+spikes = nt.encode(touches, settings={"sa1.gain": 4.0, "ra1.gain": 60.0, "ra1.t_ref_ms": 2})
+figure = nt.plot_raster(spikes, trial=0, recordings=touches)

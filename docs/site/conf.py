@@ -48,7 +48,7 @@ sphinx_gallery_conf = {
     "remove_config_comments": True,
     "write_computation_times": False,
     "thumbnail_size": (320, 220),
-    "image_scrapers": ("matplotlib",),
+    "image_scrapers": ("matplotlib", "returned_figures"),
     "reset_modules": ("matplotlib",),
     "default_thumb_file": None,
 }

@@ -1,30 +1,60 @@
 """What a keyboard and a screen reader need of a page, and Sphinx and the theme leave out."""
 
 import re
+from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
-SCROLLS = re.compile(r'<(?P<tag>pre|div class="(?:table-wrapper|math-wrapper)[^"]*")(?P<rest>[^>]*)>')
-"""What scrolls sideways where it is wider than the page: only with the focus can a keyboard scroll it."""
+Change = tuple[str, str | Callable[[re.Match[str]], str]]
 
 
-def with_focus(body: str) -> str:
-    """The body of a page in which everything that may scroll can have the focus.
+def _signature(found: re.Match[str]) -> str:
+    """The lines of a signature, which are no definition list: they stand in a term of one, and have no terms."""
+    lines = found[0].replace("<dd>", '<span class="sig-line">').replace("</dd>", "</span>")
+    return lines.replace("<dl>", '<span class="sig-lines">').replace("</dl>", "</span>")
 
-    >>> with_focus('<div class="table-wrapper docutils container"><pre>x</pre></div>')
-    '<div class="table-wrapper docutils container" tabindex="0"><pre tabindex="0">x</pre></div>'
+
+CHANGES: tuple[Change, ...] = (
+    # What scrolls sideways where it is wider than the page: only with the focus can a keyboard scroll it.
+    (r'<(pre|div class="(?:table-wrapper|math-wrapper)[^"]*")>', r'<\1 tabindex="0">'),
+    (r"<dl>\s*(?:<dd>(?:(?!</?d[ld]>).)*</dd>\s*)+</dl>", _signature),
+    (r'role="heading">', 'role="heading" aria-level="2">'),
+    (r'<aside class="sidebar-drawer">', '<aside class="sidebar-drawer" aria-label="Pages">'),
+    (r'<aside class="toc-drawer([^"]*)">', r'<aside class="toc-drawer\1" aria-label="On this page">'),
+    # A picture of the gallery covers the text of its link, which is hidden.
+    (
+        r'(<a class="reference internal" href="[^"]*")(><span class="doc">([^<]*)</span></a>)',
+        lambda found: f'{found[1]} aria-label="{found[3]}"{found[2]}',
+    ),
+)
+"""Patterns of HTML and what takes their place; none of them finds what another has made, nor its own."""
+
+
+def reachable(html: str) -> str:
+    """A page with the changes.
+
+    >>> reachable('<dt>f(<dl>\\n<dd>a,</dd>\\n<dd>b</dd>\\n</dl>)</dt><pre>x</pre>').replace("\\n", "")
+    '<dt>f(<span class="sig-lines"><span class="sig-line">a,</span><span class="sig-line">b</span></span>)</dt>\
+<pre tabindex="0">x</pre>'
     """
-    return SCROLLS.sub(lambda found: f'<{found["tag"]}{found["rest"]} tabindex="0">', body)
+    for pattern, place in CHANGES:
+        html = re.sub(pattern, place, html, flags=re.DOTALL)
+    return html
 
 
-def _change(_app: "Sphinx", _page: str, _template: str, context: dict, _doctree: object) -> None:
-    if "body" in context:
-        context["body"] = with_focus(context["body"])
+def _change(app: "Sphinx", failure: Exception | None) -> None:
+    if failure is None and app.builder.format == "html":
+        for page in Path(app.outdir).rglob("*.html"):
+            before = page.read_text(encoding="utf-8")
+            after = reachable(before)
+            if after != before:
+                page.write_text(after, encoding="utf-8")
 
 
 def setup(app: "Sphinx") -> dict[str, bool]:
-    """Change each page as it is written."""
-    app.connect("html-page-context", _change)
+    """Change the pages when all are written."""
+    app.connect("build-finished", _change)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -29,8 +29,8 @@ class SpikeEncoder(TransformerMixin, NestedSettings):
     Parameters
     ----------
     encoder : name or path of an encoder spec (`encoders/*.toml`), or a spec, such as `nt.calibrate` returns.
-    settings : keys of that spec, dotted: `{"sa1.t_ref_ms": 5}`. `set_params` and grids take them one by one, too:
-        `sa1__t_ref_ms`, and `spikeencoder__sa1__t_ref_ms` in a pipeline.
+    settings : keys of that spec, dotted, as in `{"sa1.t_ref_ms": 5}`. In `set_params` and in grids, `sa1__t_ref_ms` is
+        one of them, which a pipeline calls `spikeencoder__sa1__t_ref_ms`.
     sampling_rate_Hz : of the signals, samples per second; required, since plain arrays have no clock.
     unit : of the signals; that of the encoder spec when None.
     calibrate : whether `fit` chooses scales and gains from the trials that it is given, as `nt.calibrate` does, so that

@@ -50,8 +50,8 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
     network : name or path of a network spec (`networks/*.toml`), or an `RSNNSpec`; it gives every value that is None
         here. The default chooses them from the training windows (docs/default-recipe.md); "rsnn" is the network of the
         texture paper.
-    settings : further keys of that spec, dotted: `{"reset": "subtract", "training.rate_penalty": 0.0}`. `set_params`
-        and grids take them one by one, too: `training__rate_penalty`.
+    settings : further keys of that spec, dotted, as in `{"reset": "subtract", "training.rate_penalty": 0.0}`. In
+        `set_params` and in grids, `training__rate_penalty` is one of them.
     validation_fraction : share of the windows held out for early stopping when `fit` gets no validation windows; 0.15
         when None.
     exit_tolerance : accuracy on validation windows that early exit may lose.
