@@ -21,7 +21,10 @@ touches = nt.simulate(
 )
 X, y = np.asarray(touches.signals), touches.conditions["label"].to_numpy()
 encoder = nt.SpikeEncoder("sa1-ra1-lif", sampling_rate_Hz=touches.sampling_rate_Hz)
-one_clock = {"step_ms": "encoder", "readout_stretches": 1}  # a graph has one clock, and weights that do not change
+one_clock = {
+    "step_ms": "encoder",
+    "readout_stretches": 1,
+}  # a graph has one clock, and weights that do not change
 network = nt.SpikingClassifier(hidden=20, epochs=10, settings=one_clock, random_state=0)
 pipeline = make_pipeline(encoder, network).fit(X, y)
 

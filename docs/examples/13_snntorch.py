@@ -35,11 +35,12 @@ print("spikes that differ:", int((hidden.transpose(0, 1) != ours).sum()), "of", 
 # One window: the spikes of the hidden neurons, and the value of the readout as it grows.
 
 figure, (above, below) = plt.subplots(2, 1, figsize=(7, 4), sharex=True, layout="constrained")
+clock_Hz = network.network_.clock_Hz  # steps of the network per second
 step, neuron = np.nonzero(hidden[:, 0].detach().numpy())
-above.plot(1e3 * step / 2000.0, neuron, "|", color="black", markersize=4)
+above.plot(1e3 * step / clock_Hz, neuron, "|", color="black", markersize=4)
 above.set_ylabel("hidden neuron")
 below.plot(
-    1e3 * np.arange(len(readout)) / 2000.0, readout[:, 0].detach().numpy(), label=network.classes_
+    1e3 * np.arange(len(readout)) / clock_Hz, readout[:, 0].detach().numpy(), label=network.classes_
 )
 below.set(xlabel="time (ms)", ylabel="readout")
 below.legend()
