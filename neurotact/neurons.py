@@ -10,6 +10,7 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -211,9 +212,16 @@ class Mechanoreceptor:
     tau_steps: np.ndarray
     """Time constants in steps, `(afferent,)`."""
     post_spike: np.ndarray
-    """H in the steps after a spike, `(afferent, POST_SPIKE_STEPS + 1)`; the last is 0 (`post_spike_currents`)."""
+    """H in the steps after a spike, `(fit, POST_SPIKE_STEPS + 1)`; the last is 0 (`post_spike_currents`)."""
+    fit: np.ndarray
+    """The row of `post_spike` of each afferent, `(afferent,)`."""
     least_steps: np.ndarray
     """Least distance of two spikes in steps, `(afferent,)`."""
+
+    @cached_property
+    def longest(self) -> int:
+        """The steps since a spike that are counted: later, neither H nor the least distance depends on them."""
+        return max(POST_SPIKE_STEPS, int(self.least_steps.max(initial=0)))
 
 
 class MechanoreceptorState(NamedTuple):
@@ -224,7 +232,7 @@ class MechanoreceptorState(NamedTuple):
 
 
 def post_spike_currents(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """H for each afferent's two weights, `(afferent, POST_SPIKE_STEPS + 1)`.
+    """H for each fit's two weights, `(fit, POST_SPIKE_STEPS + 1)`.
 
     The weights are those of two raised cosines of the logarithm of the time t since the spike, with peaks at 0 and
     8 ms: `(1 + cos(clip(a - 3 pi j / 2, -pi, pi))) / 2` for j = 0, 1 with `a = 3 pi / 2 ln(1 + t / 1 ms) / ln 9`.
@@ -243,8 +251,7 @@ def post_spike_currents(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 def mechanoreceptor_start(neuron: Mechanoreceptor, n_trials: int) -> MechanoreceptorState:
     """The resting state, without an earlier spike."""
     shape = (n_trials, len(neuron.tau_steps))
-    longest = max(POST_SPIKE_STEPS, int(neuron.least_steps.max(initial=0)))
-    return MechanoreceptorState(np.zeros(shape), np.full(shape, longest, np.int64))
+    return MechanoreceptorState(np.zeros(shape), np.full(shape, neuron.longest, np.int64))
 
 
 def mechanoreceptor_step(
@@ -253,7 +260,7 @@ def mechanoreceptor_step(
     """One step of 0.2 ms: `(spikes, next state)`; current: I, `(trial, afferent)`; spikes are boolean.
 
     >>> post_spike = post_spike_currents(np.array([-1.0]), np.array([0.0]))
-    >>> neuron = Mechanoreceptor(np.array([50.0]), post_spike, np.array([6]))
+    >>> neuron = Mechanoreceptor(np.array([50.0]), post_spike, fit=np.array([0]), least_steps=np.array([6]))
     >>> state, spikes = mechanoreceptor_start(neuron, n_trials=1), []
     >>> for _ in range(60):
     ...     fired, state = mechanoreceptor_step(neuron, np.array([[0.2]]), state)
@@ -261,13 +268,13 @@ def mechanoreceptor_step(
     >>> np.flatnonzero(spikes).tolist()
     [5, 37]
     """
-    columns = neuron.post_spike.shape[1]
-    at = np.minimum(state.steps_since, POST_SPIKE_STEPS) + columns * np.arange(len(neuron.tau_steps))
-    membrane = state.membrane - state.membrane / neuron.tau_steps + current + neuron.post_spike.ravel()[at]
-    longest = max(POST_SPIKE_STEPS, int(neuron.least_steps.max(initial=0)))
-    since = np.minimum(state.steps_since + 1, longest)
+    since_spike = np.minimum(state.steps_since, POST_SPIKE_STEPS)
+    after_spike = neuron.post_spike.take(since_spike + (POST_SPIKE_STEPS + 1) * neuron.fit)
+    membrane = state.membrane - state.membrane / neuron.tau_steps + current + after_spike
+    since = np.minimum(state.steps_since + 1, neuron.longest)
     fired = (membrane > 1.0) & (since >= neuron.least_steps)
-    return fired, MechanoreceptorState(np.where(fired, 0.0, membrane), np.where(fired, 0, since))
+    membrane[fired], since[fired] = 0.0, 0
+    return fired, MechanoreceptorState(membrane, since)
 
 
 # --- afferent resonator -----------------------------------------------------------------------------

@@ -105,7 +105,7 @@ def calibrate(
     same trials, spec and rule give the same encoder.
 
     A threshold that populations share is searched for all of them. Other models than LIF are searched on fewer trials
-    and taxels (`suited_rule`); mechanoreceptors without their noise, with the first fit of each type: the gain is that
+    and seconds (`suited_rule`); mechanoreceptors without their noise, with the first fit of each type: the gain is that
     of the whole population.
 
     progress: called with 1 and a note at each of the `rule.candidates` steps.
@@ -131,7 +131,7 @@ def calibrate(
             "well they separate classes; give training trials of at least two"
         )
     firing.check_rate(spec, recordings.sampling_rate_Hz)
-    rule = suited_rule(spec, rule)
+    rule = suited_rule(spec, rule, len(recordings.classes))
     rng = np.random.default_rng(rule.seed)
     conditioning, notes = _suited(spec.conditioning, recordings)
     drawn = recordings.select(draw(recordings.labels, rule.trials_per_class, rng))

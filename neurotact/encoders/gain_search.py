@@ -28,8 +28,8 @@ STRONGEST, STEPS_BELOW = 99.9, 3
 
 LEAST_FACTOR = 4.0**-12
 """Of a knob's own value: where a search for silence ends."""
-SLOW_TRIALS, SLOW_TAXELS = 16, 16
-"""Trials of a class and taxels, at most, for neurons that run step by step in Python."""
+SLOW_TRIALS, SLOW_TAXELS, SLOW_s = 128, 16, 1.0
+"""Trials, taxels and seconds of each trial, at most, for neurons that run step by step in Python."""
 
 Progress = Callable[[int, str], None]
 
@@ -66,12 +66,16 @@ class CalibrationRule(Spec):
     many afferents then spend as many spikes."""
 
 
-def suited_rule(spec: EncoderSpec, rule: CalibrationRule) -> CalibrationRule:
-    """The rule with as few trials and taxels as an encoder of this speed can search with in minutes."""
+def suited_rule(spec: EncoderSpec, rule: CalibrationRule, n_classes: int) -> CalibrationRule:
+    """The rule with as few trials, taxels and seconds as an encoder of this speed can search with in a minute."""
     if isinstance(spec, AfferentSpec):
         return rule
-    least = {"trials_per_class": min(rule.trials_per_class, SLOW_TRIALS), "taxels": min(rule.taxels, SLOW_TAXELS)}
-    return rule.model_copy(update=least)
+    less = {
+        "trials_per_class": min(rule.trials_per_class, max(2, SLOW_TRIALS // n_classes)),
+        "taxels": min(rule.taxels, SLOW_TAXELS),
+        "excerpt_s": min(rule.excerpt_s, SLOW_s),
+    }
+    return rule.model_copy(update=less)
 
 
 class Searched(NamedTuple):

@@ -51,8 +51,8 @@ DERIVED_LATE = 2
 """Steps of the fits' clock by which currents come late: rate and acceleration of the fits look ahead, a step each."""
 ORDER = 3
 """Of the low-pass filter."""
-MOST_VALUES = 4_000_000
-"""Currents in memory at once; a longer signal is encoded in pieces."""
+MOST_VALUES = 1_000_000
+"""Currents in memory at once; a longer signal is encoded in pieces, which stay in a cache."""
 
 
 class MechanoreceptorType(Spec):
@@ -254,7 +254,7 @@ def encode(
     >>> press = np.minimum(np.arange(1000) * 0.01, 0.5)[None, :, None]  # 10 mm/s, then held, at 1 kHz
     >>> spikes, _ = encode(press, 1000.0, spec)
     >>> spikes.shape, spikes[:, :100].sum(axis=1).tolist(), spikes[:, 100:].sum(axis=1).tolist()
-    ((1, 1000, 2), [[9, 3]], [[22, 0]])
+    ((1, 1000, 2), [[5, 2]], [[15, 0]])
     """
     signal = checked(signal)
     if sampling_rate_Hz < LEAST_CLOCK_Hz * (1 - 1e-9):
@@ -358,7 +358,8 @@ def currents(fit: Fit, static: np.ndarray, dynamic: np.ndarray, state: FilterSta
     b, a = butter(ORDER, fit.lowpass_Hz / (FITTED_Hz / 2))
     rate, rates, of_rate = _filtered(b, a, dynamic, state.dynamic, state.rate)
     current = _two_sided(rate, fit.velocity_up, fit.velocity_down)
-    current += _two_sided(np.diff(rates, axis=1), fit.acceleration_up, fit.acceleration_down)
+    if fit.acceleration_up or fit.acceleration_down:
+        current += _two_sided(np.diff(rates, axis=1), fit.acceleration_up, fit.acceleration_down)
     of_static = state.static, state.pressed
     if fit.static_up or fit.static_down:
         pressed, _, of_static = _filtered(b, a, static, *of_static)
@@ -381,7 +382,7 @@ def _filtered(
 
 
 def _two_sided(drive: np.ndarray, up: float, down: float) -> np.ndarray:
-    return np.where(drive >= 0, up * drive, -down * drive)
+    return drive * np.where(drive >= 0, up, -down)
 
 
 def _add_noise(
@@ -404,7 +405,8 @@ def _neurons(copies: list[_Copy], n_taxels: int, rate_Hz: float) -> Mechanorecep
     least = [max(step, refractory_steps(copy.t_ref_ms, FITTED_Hz)) for copy in copies]
     return Mechanoreceptor(
         tau_steps=np.repeat([fit.tau_steps for fit in fits], n_taxels),
-        post_spike=np.repeat(post_spike, n_taxels, axis=0),
+        post_spike=post_spike,
+        fit=np.repeat(np.arange(len(copies)), n_taxels),
         least_steps=np.repeat(least, n_taxels),
     )
 

@@ -64,7 +64,7 @@ def responses_to_drives(reference) -> np.ndarray:
         found.append(currents(fit, static, dynamic, FilterState.at_rest(len(static), 1))[0])
     weights = [np.array([getattr(fit, f"post_spike_{i}") for fit in fits.values()]) for i in (1, 2)]
     tau = np.array([fit.tau_steps for fit in fits.values()])
-    neuron = Mechanoreceptor(tau, post_spike_currents(*weights), np.full(len(fits), 6))
+    neuron = Mechanoreceptor(tau, post_spike_currents(*weights), np.arange(len(fits)), np.full(len(fits), 6))
     current = np.concatenate(found, axis=2)
     fired, state = np.zeros(current.shape, bool), mechanoreceptor_start(neuron, len(current))
     for k in range(current.shape[1]):
@@ -191,7 +191,7 @@ def counted_with_noise(depth: np.ndarray, number: int, rng: np.random.Generator)
     static, dynamic = (x[None, :, None] for x in (0.0426143949 * depth, 0.6613757 * np.gradient(depth) * FITTED_Hz))
     current = currents(fit, static, dynamic, FilterState.at_rest(1, 1))[0][0, :, 0]
     post_spike = post_spike_currents(np.array([fit.post_spike_1]), np.array([fit.post_spike_2]))
-    neuron = Mechanoreceptor(np.array([fit.tau_steps]), post_spike, np.array([6]))
+    neuron = Mechanoreceptor(np.array([fit.tau_steps]), post_spike, np.array([0]), np.array([6]))
     state, counts = mechanoreceptor_start(neuron, 60), np.zeros(60)
     for now in current:
         fired, state = mechanoreceptor_step(neuron, now + fit.noise * rng.normal(size=(60, 1)), state)

@@ -68,6 +68,6 @@ def test_a_slow_sensor_has_no_pc_and_a_slow_search_has_fewer_trials():
     slow = replace(slides(rate_Hz=200.0), conditions=pd.DataFrame({"label": ["a", "b"] * 8}))
     with pytest.raises(InputError, match="PC afferents need recordings of 500 Hz or more"):
         calibrate(slow, with_pc, rule=QUICK)
-    assert suited_rule(with_pc, RULE.model_copy(update={"trials_per_class": 64})).trials_per_class == 16
+    assert suited_rule(with_pc, RULE.model_copy(update={"trials_per_class": 64}), n_classes=8).trials_per_class == 16
     with pytest.raises(InputError, match=r"pc\.gain: calibration sets it"):
         way_of(with_pc, {"pc.gain": 1.0})
