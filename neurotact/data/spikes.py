@@ -149,8 +149,11 @@ class SpikeTrains:
 
     @property
     def is_sa(self) -> np.ndarray:
-        """Which afferents are slowly adapting, `(afferent,)` boolean."""
-        return np.array([name.startswith("SA") for name in self.afferents])
+        """Which afferents are slowly adapting, `(afferent,)` boolean; of other populations, those of the first one."""
+        slow = np.array([name.startswith("SA") for name in self.afferents], bool)
+        if not slow.any() and len(self.afferents) and not any(name.startswith("RA") for name in self.afferents):
+            slow[next(iter(self.populations.values()))] = True
+        return slow
 
     @property
     def populations(self) -> dict[str, np.ndarray]:

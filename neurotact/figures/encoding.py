@@ -32,6 +32,8 @@ from neurotact.figures.style import (
 )
 
 POPULATIONS = (("sa", "SA-I", SA, "Blues"), ("ra", "RA-I", RA, "Oranges"))
+NAMES = ("SA-I", "RA-I")
+"""The first population and the others, as the columns of tables count them."""
 
 
 class Classes(NamedTuple):
@@ -95,13 +97,15 @@ def draw_rasters(
 
 
 @printed
-def draw_spike_counts(table: pd.DataFrame, shown: Sequence[str], classes: Classes) -> Figure:
+def draw_spike_counts(
+    table: pd.DataFrame, shown: Sequence[str], classes: Classes, names: Sequence[str] = NAMES
+) -> Figure:
     """Spikes per second of both populations and their sum over the t_ref pairs, a panel per class (Fig. 6)."""
     pairs = list(dict.fromkeys(table["pair"]))
     figure = new_figure(2.4)
     panels = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
     at = np.arange(len(pairs))
-    bars = (("sa", "SA-I", SA), ("ra", "RA-I", RA), ("total", "both", TOTAL))
+    bars = (("sa", names[0], SA), ("ra", names[1], RA), ("total", "both", TOTAL))
     for axes, label in zip(panels, shown, strict=True):
         rows = table[table["label"] == label].groupby("pair", sort=False).mean(numeric_only=True).reindex(pairs)
         for place, (kind, name, colour) in enumerate(bars):
@@ -116,13 +120,13 @@ def draw_spike_counts(table: pd.DataFrame, shown: Sequence[str], classes: Classe
 
 
 @printed
-def draw_rates(table: pd.DataFrame, by: Sequence[str], classes: Classes) -> Figure:
+def draw_rates(table: pd.DataFrame, by: Sequence[str], classes: Classes, names: Sequence[str] = NAMES) -> Figure:
     """Firing rates of each class under each condition, as a share of the population's highest (Fig. 10a)."""
     table = table.assign(condition=condition_names(table, by))
     conditions = list(dict.fromkeys(table["condition"]))
     figure = new_figure(0.26 * len(classes.order) + 1.3, min(7.2, 3.8 + 0.8 * len(conditions)))
     panels = figure.subplots(1, 2, sharey=True)
-    for axes, (kind, name, _, colours) in zip(panels, POPULATIONS, strict=True):
+    for axes, name, (kind, _, _, colours) in zip(panels, names, POPULATIONS, strict=True):
         rates = table.pivot_table(index="label", columns="condition", values=f"spikes_{kind}_per_s", aggfunc="mean")
         rates = rates.reindex(index=list(classes.order), columns=conditions).to_numpy(dtype=float)
         _paint_matrix(axes, rates, colours)
@@ -135,7 +139,7 @@ def draw_rates(table: pd.DataFrame, by: Sequence[str], classes: Classes) -> Figu
 
 
 @printed
-def draw_isis(table: pd.DataFrame, vary: str | None, classes: Classes) -> Figure:
+def draw_isis(table: pd.DataFrame, vary: str | None, classes: Classes, names: Sequence[str] = NAMES) -> Figure:
     """Mean inter-spike interval of each class, one colour per value of `vary` (Fig. 10b).
 
     If the population is silent for a class, there is a gap.
@@ -144,7 +148,7 @@ def draw_isis(table: pd.DataFrame, vary: str | None, classes: Classes) -> Figure
     shades = sequence(len(values))
     figure = new_figure(2.5)
     panels = figure.subplots(1, 2)
-    for axes, (kind, name, _, _) in zip(panels, POPULATIONS, strict=True):
+    for axes, name, (kind, _, _, _) in zip(panels, names, POPULATIONS, strict=True):
         for index, (value, shade) in enumerate(zip(values, shades, strict=True)):
             rows = table if value is None else table[table[vary] == value]
             isis = rows.groupby("label")[f"isi_{kind}_ms"].mean().reindex(list(classes.order)).to_numpy(dtype=float)

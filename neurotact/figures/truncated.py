@@ -103,7 +103,7 @@ def draw_costs(results: pd.DataFrame) -> Figure:
     results: of `results.csv`, with the columns `pair` and `window.length_ms`, a point per length; means over sizes and
     seeds, with the deviation over seeds of the accuracy. Points of the first pair are labelled with the length in ms.
     """
-    spikes = results["spikes_sa"] + results["spikes_ra"]
+    spikes = results[[name for name in results if name.startswith("spikes_")]].sum(axis=1)
     results = results.assign(spikes=spikes, kSOPs=1e-3 * results["sops_total"])
     figure = new_figure(3.2)
     panels = figure.subplots(1, len(COSTS), sharey=True)

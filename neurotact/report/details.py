@@ -3,6 +3,7 @@
 All are numbers, which the page draws when a cell is selected: pictures would be a hundred times as large.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,12 +32,12 @@ SOPS_ABOUT = """# Synaptic operations (SOPs) of {title}
 One row per trained network; means over its test windows. Each spike is one operation at every neuron that receives it
 (texture paper, Eqs. 8 and 9): from afferents to hidden neurons (`sops_input`), among hidden neurons
 (`sops_recurrent`), from hidden neurons to the readout (`sops_readout`); `sops_total` is all three,
-`sops_total_feedforward` excludes the recurrent ones. `spikes_sa` and `spikes_ra` are the input spikes of a window,
-`window_steps` its steps. Columns that begin with `exit_` are with early exit, at the patience chosen on validation
-trials: only simulated steps count.
+`sops_total_feedforward` excludes the recurrent ones. `spikes_sa`, `spikes_ra` and the like are the input spikes of a
+window by population, `window_steps` its steps. Columns that begin with `exit_` are with early exit, at the patience
+chosen on validation trials: only simulated steps count.
 """
 SOPS_COLUMNS = (
-    "accuracy_test", "window_steps", "spikes_sa", "spikes_ra",
+    "accuracy_test", "window_steps",
     "sops_input", "sops_recurrent", "sops_readout", "sops_total", "sops_total_feedforward",
     "exit_accuracy", "exit_steps",
     "exit_sops_input", "exit_sops_recurrent", "exit_sops_readout", "exit_sops_total", "exit_sops_total_feedforward",
@@ -119,8 +120,18 @@ def page_data(
 
 
 def sops_table(results: pd.DataFrame, swept: list[str]) -> pd.DataFrame:
-    """The SOP report of a study: one row per cell, its keys, then the columns of `SOPS_COLUMNS`."""
-    return results[["dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed", *swept, *SOPS_COLUMNS]]
+    """The SOP report of a study: one row per cell, its keys, the columns of `SOPS_COLUMNS` and input spikes."""
+    keys = ["dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed", *swept]
+    return results[[*keys, *SOPS_COLUMNS[:2], *input_spikes(results, swept), *SOPS_COLUMNS[2:]]]
+
+
+def input_spikes(results: pd.DataFrame, swept: Sequence[str] = ()) -> list[str]:
+    """The columns of the input spikes of each population.
+
+    >>> input_spikes(pd.DataFrame(columns=["seed", "spikes_on", "spikes_off", "spikes_per_s"]), ["spikes_per_s"])
+    ['spikes_on', 'spikes_off']
+    """
+    return [name for name in results if name.startswith("spikes_") and name not in swept]
 
 
 def write_sops(table: pd.DataFrame, folder: Path, title: str) -> None:

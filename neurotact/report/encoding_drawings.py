@@ -8,6 +8,7 @@ import pandas as pd
 
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains
+from neurotact.encoders.specs import populations
 from neurotact.figures import encoding as encoding_figures
 from neurotact.figures.columns import in_unit
 from neurotact.figures.encoding import Classes
@@ -119,12 +120,14 @@ def _rasters(study: StudySpec, trains: SpikeTrains, view: View, classes: Classes
     stop_s = min(max(end_s, start_s + window_s), start_s + max(SHOWN_s, window_s))
     columns = [classes.long[label] for label in shown]
     figure = encoding_figures.draw_rasters(trains, trials, rows, columns, start_s, stop_s, window_s)
-    pair = "&".join(f"{trains.encoder[population].get('t_ref_ms', 0):g}" for population in ("ra1", "sa1"))
+    parts = [trains.encoder.get(population.part, trains.encoder) for population in populations(trains.encoder)[:2]]
+    pair = "&".join(f"{part.get('t_ref_ms', 0):g}" for part in reversed(parts))
+    first, second = names_of(study)
     at = f" at {in_words(view.fixed)}" if view.fixed else ""
     down = f"; from top to bottom {', '.join(rows)}" if len(rows) > 1 else ""
     caption = (
-        f"Spikes of the SA-I (blue) and RA-I (orange) afferents in one trial each{at}{down}. t_ref {pair} ms "
-        f"(RA-I & SA-I). Grey: a trial's first window of {study.window.length_ms:g} ms, the input of the networks."
+        f"Spikes of the {first} (blue) and {second} (orange) afferents in one trial each{at}{down}. t_ref {pair} ms "
+        f"({second} & {first}). Grey: a trial's first window of {study.window.length_ms:g} ms, the input of networks."
         f"{_of_all(shown, classes)}{in_the_paper(study, 'Fig. 5')}"
     )
     counts = ", ".join(f"{len(trains.steps[trial])}" for trial in found)
@@ -143,13 +146,14 @@ def _first_trial(trains: SpikeTrains, label: str, where: dict[str, Any]) -> int 
 def _spike_counts(study: StudySpec, encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn:
     rows = _select(encoding, view.at)
     shown = few([label for label in classes.order if label in set(rows[LABEL].astype(str))], MOST_CLASSES)
-    figure = encoding_figures.draw_spike_counts(rows, shown, classes)
+    figure = encoding_figures.draw_spike_counts(rows, shown, classes, names_of(study))
     totals = rows[rows[LABEL].astype(str).isin(shown)].groupby("pair", sort=False)["spikes_total_per_s"].mean()
     falling = totals.sort_values(ascending=False, kind="stable")
     order = ", ".join(f"{pair} ({value:.0f})" for pair, value in falling.items())
     at = f" at {in_words(view.at)}" if view.at else ""
     caption = (
-        f"Spikes per second of all SA-I and all RA-I afferents, and of both, over the pairs of refractory periods{at}"
+        f"Spikes per second of all {' and all '.join(names_of(study))} afferents, and of both, over the pairs of "
+        f"refractory periods{at}"
         f"{_stretch(rows)}. "
         f"Sum of both, mean over these classes, from most to least: {order}.{_of_all(shown, classes)}"
         f"{in_the_paper(study, 'Fig. 6')}"
@@ -160,13 +164,13 @@ def _spike_counts(study: StudySpec, encoding: pd.DataFrame, view: View, classes:
 
 def _rates(study: StudySpec, encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn:
     pair, rows = _first_pair(encoding)
-    figure = encoding_figures.draw_rates(rows, view.by, classes)
+    figure = encoding_figures.draw_rates(rows, view.by, classes, names_of(study))
     caption = (
         f"Firing rate of each population for each {classes.word}{' and condition' if view.by else ''}, as a share of "
         f"the population's highest, at t_ref {pair} ms{_stretch(rows)}."
         f"{in_the_paper(study, 'Fig. 10(a)')}"
     )
-    alt = f"Two matrices of firing rates, {_trends(rows, view, 'spikes', '_per_s')}"
+    alt = f"Two matrices of firing rates, {_trends(rows, view, 'spikes', '_per_s', names_of(study))}"
     return Drawn("rates", "Firing rates", figure, caption, alt)
 
 
@@ -177,20 +181,26 @@ def _isis(study: StudySpec, encoding: pd.DataFrame, view: View, classes: Classes
     of_touch = {name: rows[TOUCH + name] for name in ("isi_sa_ms", "isi_ra_ms") if TOUCH + name in rows}
     if of_touch:  # a window is too short for the longer ones
         rows, within = rows.assign(**of_touch), "; over the whole touch, from a window's start on"
-    figure = encoding_figures.draw_isis(rows, view.vary, classes)
+    figure = encoding_figures.draw_isis(rows, view.vary, classes, names_of(study))
     at = f" at {in_words(view.fixed)}" if view.fixed else ""
     caption = (
         f"Mean inter-spike interval of each {classes.word}{at}, t_ref {pair} ms{within}; a gap if the population is "
         f"silent.{in_the_paper(study, 'Fig. 10(b)')}"
     )
-    alt = f"Points over the classes, {_trends(rows, view, 'isi', '_ms')}"
+    alt = f"Points over the classes, {_trends(rows, view, 'isi', '_ms', names_of(study))}"
     return Drawn("isis", "Inter-spike intervals", figure, caption, alt)
 
 
-def _trends(rows: pd.DataFrame, view: View, stem: str, unit: str) -> str:
+def names_of(study: StudySpec) -> tuple[str, str]:
+    """The first population of a study's encoder and the others, in words."""
+    first, *others = (population.name for population in populations(study.encoder))
+    return first, " and ".join(others) or "no other"
+
+
+def _trends(rows: pd.DataFrame, view: View, stem: str, unit: str, names: tuple[str, str]) -> str:
     """Means of both populations over the varying condition, in words."""
     words = []
-    for kind, name in (("sa", "SA-I"), ("ra", "RA-I")):
+    for kind, name in zip(("sa", "ra"), names, strict=True):
         column = f"{stem}_{kind}{unit}"
         groups = rows.groupby(view.vary)[column].mean() if view.vary else pd.Series({"": rows[column].mean()})
         values = [f"{value:.3g}{f' at {in_unit(view.vary, at)}' if view.vary else ''}" for at, value in groups.items()]

@@ -2,8 +2,11 @@
 
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 
+from neurotact.data.spikes import from_rasters
 from neurotact.errors import InputError
 from neurotact.spec import read, to_toml
 from neurotact.studies import loading, study
@@ -50,3 +53,14 @@ def test_pairs_become_the_periods_that_an_encoder_has(encoder, axis, values, tmp
     sweep = {"encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [5, 5], [1, 10]], "seed": [0]}
     found = resolved(tmp_path, {"encoder": encoder}, sweep=sweep).sweep
     assert found == {**({axis: values} if axis else {}), "seed": [0]}
+
+
+def test_the_first_population_is_counted_apart_from_the_others():
+    """Of ON and OFF as of SA-I and RA-I; the columns of tables have the names of the latter."""
+    rasters = np.zeros((1, 5, 2), np.uint8)
+    rasters[0, :3, 0] = 1
+    for names in (("ON a", "OFF a"), ("SA-I a", "RA-I a")):
+        trains = from_rasters(rasters, 1000.0, names, pd.DataFrame({"label": ["felt"]}))
+        assert trains.is_sa.tolist() == [True, False]
+    only_ra = from_rasters(rasters[..., :1], 1000.0, ("RA-I a",), pd.DataFrame({"label": ["felt"]}))
+    assert not only_ra.is_sa.any()

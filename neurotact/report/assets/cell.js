@@ -122,7 +122,9 @@ function ledger(cell, study) {
       line("total, not recurrent", ...sops("total_feedforward"), count),
       line(study.stepMs ? "ms to decision" : "steps", row.window_steps * (study.stepMs || 1), row.exit_steps * (study.stepMs || 1), count),
       line("test accuracy", row.accuracy_test, row.exit_accuracy, percent)));
-  const sent = `${count(row.spikes_sa, 1)} SA-I and ${count(row.spikes_ra, 1)} RA-I input spikes.`;
+  const own = Object.keys(row).filter((key) => /^spikes_[a-z0-9_]+$/.test(key) && !key.endsWith("_s") && row[key] !== null);
+  const named = (key) => ({ sa: "SA-I", ra: "RA-I" }[key.slice(7)] || key.slice(7).toUpperCase());
+  const sent = `${own.map((key) => `${count(row[key], 1)} ${named(key)}`).join(" and ")} input spikes.`;
   return [element("div", { class: "scroll" }, table), element("p", { class: "soft" }, `Means over test windows. ${sent}`)];
 }
 
