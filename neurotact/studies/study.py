@@ -364,7 +364,7 @@ def resolve(
 def _suit_periods(table: dict[str, Any]) -> None:
     """Sweep the refractory periods that the encoder has in place of the pairs of SA-I and RA-I, in `table`."""
     sweep, encoder = table["sweep"], table.get("encoder")
-    pairs = sweep.get(PAIR)
+    pairs = sweep.get(PAIR) if isinstance(sweep, dict) else None
     model = encoder.get("model", "lif") if isinstance(encoder, dict) else "lif"
     if not isinstance(pairs, list) or model not in encoders.MODELS:
         return
