@@ -157,7 +157,7 @@ def _check_range(encoder: EncoderSpec, clock_Hz: float) -> None:
         )
 
 
-def _input_rate(encoder: AfferentSpec, clock_Hz: float, given_Hz: float | None) -> float:
+def _input_rate(encoder: EncoderSpec, clock_Hz: float, given_Hz: float | None) -> float:
     resampled_Hz = encoder.conditioning.resample_Hz
     if given_Hz is not None:
         check_sampling_rate(given_Hz, "samples")
