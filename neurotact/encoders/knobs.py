@@ -61,6 +61,17 @@ def value_of(encoder: EncoderSpec, knob: Knob) -> float:
     return float(value)
 
 
+def pair_of(encoder: EncoderSpec) -> tuple[float, float]:
+    """The gains or thresholds of the first two populations; both are the same where they share one.
+
+    >>> from neurotact.encoders.specs import load
+    >>> pair_of(load("sa1-ra1-lif"))
+    (3.2, 16.0)
+    """
+    values = [value_of(encoder, knob) for knob in knobs_of(encoder)]
+    return values[0], values[min(1, len(values) - 1)]
+
+
 def turned(encoder: Any, knob: Knob, value: float) -> Any:
     """The encoder with a knob at another value.
 

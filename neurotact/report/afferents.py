@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from neurotact.encoders.knobs import pair_of
 from neurotact.figures import gains as gain_figures
 from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
@@ -56,7 +57,7 @@ def write(study: StudySpec, folder: Path) -> Path:
     done = [cell for cell in every if is_done(folder, cell)]
     results = with_pair(read_table(folder / "results.csv"))
     results = results.assign(
-        gain_sa=[cell.encoder.sa1.gain for cell in done], gain_ra=[cell.encoder.ra1.gain for cell in done]
+        gain_sa=[pair_of(cell.encoder)[0] for cell in done], gain_ra=[pair_of(cell.encoder)[1] for cell in done]
     )
     encoding = with_pair(read_encoding(folder / "encoding.csv"))
     isi = encoded.read_isi(existing(folder / encoded.ISI))

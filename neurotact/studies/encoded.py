@@ -14,7 +14,8 @@ import pandas as pd
 
 from neurotact.data.recordings import LABEL, select_conditions
 from neurotact.data.spikes import SpikeTrains
-from neurotact.encoders.specs import t_ref_pair_ms
+from neurotact.encoders.knobs import pair_of
+from neurotact.encoders.specs import populations, t_ref_pair_ms
 from neurotact.files import scratch, write_json
 from neurotact.metrics import firing, isi_distributions
 from neurotact.studies.study import Cell
@@ -44,7 +45,9 @@ def run(cell: Cell, trains: SpikeTrains) -> dict[str, bytes]:
         "seed": cell.seed,
     }
     parts = []
-    for name, kind, part in POPULATIONS:
+    names = [population.name for population in populations(cell.encoder)]
+    pairs = zip((names[0], " and ".join(names[1:])), pair_of(cell.encoder), t_ref_pair_ms(cell.encoder), strict=True)
+    for (_, kind, _), (name, gain, t_ref_ms) in zip(POPULATIONS, pairs, strict=True):
         is_kind = chosen.is_sa if kind == "sa" else ~chosen.is_sa
         row |= {
             f"{what}_{kind}{unit}": value for (what, unit), value in firing.measures(touches, is_kind, chosen).items()
@@ -52,11 +55,10 @@ def run(cell: Cell, trains: SpikeTrains) -> dict[str, bytes]:
         counts, edges_ms = firing.isi_histograms(touches, is_kind, chosen)
         common = isi_distributions.overlap(counts)
         row[f"isi_overlap_{kind}"] = None if np.isnan(common) else common
-        own = getattr(cell.encoder, part)
         table = firing.as_table(counts, edges_ms, chosen.classes)
         table.insert(0, "population", name)
-        table.insert(1, "gain", own.gain)
-        table.insert(2, "t_ref_ms", own.t_ref_ms)
+        table.insert(1, "gain", gain)
+        table.insert(2, "t_ref_ms", t_ref_ms)
         parts.append(table)
     with scratch() as place:
         write_table(pd.concat(parts, ignore_index=True), place / ISI)
