@@ -321,7 +321,8 @@ def test_results_as_json_are_those_of_the_csv(written):
 
 def test_the_sop_report_is_the_same_in_three_forms_and_adds_up(written):
     table = pd.read_csv(written.parent / "sops.csv")
-    assert list(table.columns) == ["dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed", *SOPS_COLUMNS]
+    keys, input_spikes = ["dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed"], ["spikes_sa", "spikes_ra"]
+    assert list(table.columns) == [*keys, *SOPS_COLUMNS[:2], *input_spikes, *SOPS_COLUMNS[2:]]
     assert len(table) == 24
     assert read_json(written.parent / "sops.json") == table.to_dict("records")
     assert (written.parent / "sops.md").read_text().count("\n|") == 26
