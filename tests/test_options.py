@@ -358,6 +358,7 @@ WAYS = {
             | {
                 "-o": "-o other",
                 "--network": "--network snn",
+                "--leave-out-each": "--leave-out-each speed",
                 "--repeats": "--repeats 2",
                 "--seed": "--seed 4",
                 "--force": TWICE,
@@ -814,6 +815,7 @@ INPUTS = {"spikes", "run", "recordings", "name", "path", "what", "source", "bloc
           "file", "decisions", "tell", "check", "kind"}  # fmt: skip
 """What a function works on, and whom it tells."""
 HERE, NWB, NEO = "tests/test_options.py", "tests/data/readers/test_nwb.py", "tests/data/test_neo_blocks.py"
+DECODING = "tests/encoders/test_decoding.py"
 SNNTORCH, API = "tests/networks/test_snntorch_exchange.py", "tests/test_api.py"
 FITTED = "tests/networks/test_fitted.py"
 ELSEWHERE = {
@@ -823,6 +825,10 @@ ELSEWHERE = {
     **dict.fromkeys(("export_c.early_exit", "stream.early_exit", "live.early_exit"), "tests/stream/test_stream_cli.py"),
     "to_snntorch.time_first": FITTED,
     **dict.fromkeys(("save.force", "save_network.force"), API),
+    "plot_survival.found": DECODING,
+    **dict.fromkeys(
+        (f"what_survives.{key}" for key in ("encoder", "settings", "where", "leave_out", "seed")), DECODING
+    ),
     **dict.fromkeys(("to_nwb.session_start", "to_nwb.about"), NWB),
     **dict.fromkeys(("from_nir.dt_s", "from_nir.sampling_rate_Hz"), "tests/export/test_nir.py"),
     **dict.fromkeys(("from_snntorch.sampling_rate_Hz", "from_snntorch.backend"), SNNTORCH),

@@ -57,6 +57,7 @@ def train(
     order: str | None = None,
     folds: int | None = None,
     fold: int | None = None,
+    leave_out_each: str | None = None,
     repeats: int = 1,
     stratify: Sequence[str] = (),
     split_seed: int | None = None,
@@ -86,8 +87,9 @@ def train(
     test_where, group, order, validation, test, nested: how trials are divided, as for the method `split` of `windows`,
         such as `test_where={"speed": 450}`. stratify: conditions that are balanced. split_seed: of the division, 0 if
         None.
-    folds: divide the trials into this many folds and test on each in turn, or on `fold` alone. repeats: number of
-        random splits, with seeds from `split_seed` upwards.
+    folds: divide the trials into this many folds and test on each in turn, or on `fold` alone. leave_out_each: a
+        condition, such as "speed": test on each of its values in turn, of which no training trial has that one.
+        repeats: number of random splits, with seeds from `split_seed` upwards.
     exit_tolerance: validation accuracy that early exit may lose.
     exit_by: "stability", the leading class unchanged for long enough, or "margin", a lead that is large enough.
     seed: of the weights and of the order of windows. device: a torch device.
@@ -102,6 +104,9 @@ def train(
     True
     """
     window = window_table(length_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
+    ways = {"test_where": test_where, "order": order, "folds": folds, "test": test}
+    for other in (name for name, value in ways.items() if value and leave_out_each):
+        raise InputError(f"`leave_out_each` and `{other}` both select the test trials; give one of them")
     split = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
     trains, task = _task("train", spikes, window, split, stratify, exit_tolerance, exit_by, where, leave_out)
     place, spikes = Path(folder), Path(spikes)
@@ -109,8 +114,12 @@ def train(
     population.device_of(device, torch.float32)
     options = {"given": given, "seed": seed, "device": device, "force": force, "resume": resume, "tell": tell}
     every_fold = folds is not None and fold is None
-    if every_fold or repeats > 1:
-        each = repeated.tasks_of(task, every_fold=every_fold, repeats=repeats)
+    if every_fold or leave_out_each or repeats > 1:
+        each = (
+            repeated.tasks_without(task, leave_out_each, trains.conditions, repeats=repeats)
+            if leave_out_each
+            else repeated.tasks_of(task, every_fold=every_fold, repeats=repeats)
+        )
         return _of_repeated(repeated.run(spikes, place, what, each, **options), place, trains, tell)
     done = train_run.run(spikes, place, what, task, **options)
     if done is None:

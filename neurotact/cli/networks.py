@@ -39,8 +39,8 @@ def train_command(given: dict[str, Any], as_json: Json = False) -> None:
     """Train a network on windows of spike trains.
 
     The weights of the best epoch (`training.keep`) are saved. After an interruption, the same command with --resume
-    continues and writes the same files. With --folds or --repeats, one network is trained per split, each in its own
-    folder, and the mean is printed.
+    continues and writes the same files. With --folds, --leave-out-each or --repeats, one network is trained per split,
+    each in its own folder, and the mean is printed.
     """
     try:
         found = api.train(**given, tell=unless(as_json))

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import neurotact as nt
 from neurotact.data.recordings import Recordings
 from neurotact.encoders import survival
 from neurotact.encoders.decoding import DECODERS, decode
@@ -76,3 +77,20 @@ def test_one_class_is_refused():
     alone = touches(8).select(np.arange(0, 8, 2))
     with pytest.raises(InputError, match="hold one class"):
         survival.what_survives(alone, load("burst"))
+
+
+def test_keywords_choose_the_encoder_the_trials_and_the_draw(monkeypatch):
+    monkeypatch.setattr(survival, "PER_CLASS", 6)
+    felt = touches(24)
+    skin = Recordings(felt.signals, 1000.0, "mV", felt.conditions.assign(day=np.repeat([1, 2, 3], 8)))
+    usual = nt.what_survives(skin, encoder="step-forward")
+    changes = (
+        {"settings": {"threshold": 3.0}},
+        {"where": {"day": [1, 2]}},
+        {"leave_out": {"day": 2}},
+        {"seed": 1},
+    )
+    for change in changes:
+        found = nt.what_survives(skin, encoder="step-forward", **change)
+        assert not found.table.equals(usual.table), change
+    assert nt.plot_survival(found=usual).axes

@@ -73,3 +73,42 @@ def test_the_command_prints_a_row_of_each_training_and_the_mean(spikes):
     assert done.exit_code == 0, done.output
     assert "baseline" in done.output
     assert "over 2 splits" in done.output
+
+
+@pytest.fixture
+def at_speeds(tmp_path):
+    rng = np.random.default_rng(0)
+    table = pd.DataFrame({"label": ["felt", "silk"] * 12, "speed": np.repeat([450, 150, 300], 8)})
+    rasters = [rng.random((60, 2)) < (0.1 if label == "felt" else 0.5) for label in table["label"]]
+    hdf5.save_spikes(from_rasters(rasters, 1000.0, ("SA-I a", "RA-I a"), table), tmp_path / "speeds.h5")
+    return tmp_path / "speeds.h5"
+
+
+def test_each_speed_is_tested_by_a_network_that_has_not_seen_it(at_speeds, tmp_path):
+    words = ["train", str(at_speeds), "-o", str(tmp_path / "run"), *COMMAND.split(), "--leave-out-each", "speed"]
+    done = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert done.exit_code == 0
+    trains = hdf5.load_spikes(at_speeds)
+    for speed, name in ((150, "0-speed-150"), (300, "1-speed-300"), (450, "2-speed-450")):
+        restored = trained.restore(tmp_path / "run" / name)
+        tested = trained.test_trials(restored, trains)
+        assert set(trains.conditions["speed"][tested]) == {speed}
+        assert len(tested) == 8
+        assert f"speed = {speed} " in done.stdout
+    assert "over 3 splits" in done.stdout
+    table = pd.read_csv(tmp_path / "run" / "splits.csv", comment="#")
+    assert table["left_out"].tolist() == ["speed = 150", "speed = 300", "speed = 450"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--leave-out-each", "sped"], "no condition is called 'sped'; did you mean 'speed'"),
+        (["--leave-out-each", "speed", "--folds", "2"], "both select the test trials; give one of them"),
+        (["--leave-out-each", "speed", "--where", "speed=150"], "all trials have speed = 150; record another value"),
+    ],
+)
+def test_a_condition_that_cannot_be_left_out_is_refused(at_speeds, tmp_path, words, message):
+    done = CliRunner().invoke(app, ["train", str(at_speeds), "-o", str(tmp_path / "run"), *COMMAND.split(), *words])
+    assert done.exit_code != 0
+    assert message in done.output + str(done.exception)

@@ -1,5 +1,6 @@
-"""One training for each fold of a cross-validation, or for each of several random splits, and their mean."""
+"""One training for each fold, each value of a condition left out, or each of several random splits; and their mean."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -7,7 +8,8 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from neurotact import files
-from neurotact.errors import InputError
+from neurotact.data.recordings import LABEL
+from neurotact.errors import InputError, nearest
 from neurotact.metrics.resampled import Interval, resampled_interval
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import train_run
@@ -16,6 +18,8 @@ from neurotact.tables import write_table
 
 TABLE = "splits.csv"
 """One row per training, in the parent of their folders."""
+LEFT_OUT = "left_out"
+"""Column of that table: the condition that is tested and was not trained."""
 
 
 class Repeated(NamedTuple):
@@ -41,6 +45,31 @@ def tasks_of(task: Task, *, every_fold: bool, repeats: int) -> dict[str, Task]:
             name = f"seed-{seed}-fold-{fold}" if n_folds else f"seed-{seed}"
             split = task.split.model_copy(update={"seed": seed, "fold": fold})
             found[name] = task.model_copy(update={"split": split})
+    return found
+
+
+def tasks_without(task: Task, column: str, conditions: pd.DataFrame, *, repeats: int) -> dict[str, Task]:
+    """The task with each value of a condition tested in turn and never trained on, by the name of its folder.
+
+    repeats: random seeds of each, which choose what validation leaves out. Raises InputError for an unknown condition,
+    and for one with a single value.
+
+    >>> table = pd.DataFrame({"label": ["felt", "silk"] * 3, "speed": [150, 150, 300, 300, 450, 450]})
+    >>> [task.split.test_where for task in tasks_without(Task(), "speed", table, repeats=1).values()]
+    [{'speed': 150}, {'speed': 300}, {'speed': 450}]
+    """
+    if column not in conditions or column == LABEL:
+        known = [name for name in conditions.columns if name != LABEL]
+        raise InputError(f"`leave_out_each`: no condition is called '{column}'; {nearest(column, known)}")
+    values = sorted(set(conditions[column].tolist()), key=lambda value: (isinstance(value, str), value))
+    if len(values) < 2:
+        raise InputError(f"`leave_out_each`: all trials have {column} = {values[0]}; record another value")
+    found = {}
+    for seed in range(task.split.seed, task.split.seed + repeats):
+        for place, value in enumerate(values):
+            name = f"{place}-{re.sub('[^A-Za-z0-9.+-]+', '_', f'{column}-{value}')[:60]}"
+            split = task.split.model_copy(update={"seed": seed, "test_where": {column: value}})
+            found[f"seed-{seed}-{name}" if repeats > 1 else name] = task.model_copy(update={"split": split})
     return found
 
 
@@ -74,11 +103,14 @@ def run(
             tell = _silent  # the recipe's choices are printed only for the first split
             result = files.read_json(subfolder / train_run.RESULT)
             split = {"split_seed": task.split.seed, **({"fold": task.split.fold} if task.split.folds else {})}
+            if task.split.test_where:
+                split[LEFT_OUT] = ", ".join(f"{key} = {value}" for key, value in task.split.test_where.items())
             rows.append({"folder": name, **split, **result["row"], "baseline": result["compared"]["baseline_accuracy"]})
         table = pd.DataFrame(rows)
         write_table(table, folder / TABLE)
     first = next(iter(tasks.values())).split
-    share = 1 / first.folds if first.folds else first.test
+    n_parts = first.folds or (len(set(table[LEFT_OUT])) if LEFT_OUT in table else None)
+    share = 1 / n_parts if n_parts and n_parts > 1 else first.test
     return Repeated(table, resampled_interval(table["accuracy_test"], round(1000 * (1 - share)), round(1000 * share)))
 
 
@@ -90,10 +122,14 @@ def line(found: Repeated) -> str:
     'accuracy 90.0 % (95 % interval 80.0 to 100.0 %) over 2 splits, 150 synaptic operations per window; the best baseline on the same spikes 50.0 %'
     """  # noqa: E501
     mean, low, high = (100 * min(1.0, max(0.0, share)) for share in found.accuracy)
+    each = ""
+    if LEFT_OUT in found.table and found.table[LEFT_OUT].nunique() > 1:
+        means = found.table.groupby(LEFT_OUT, sort=False)["accuracy_test"].mean()
+        each = f"; without {', '.join(f'{value} {100 * share:.1f} %' for value, share in means.items())}"
     return (
         f"accuracy {mean:.1f} % (95 % interval {low:.1f} to {high:.1f} %) over {len(found.table)} splits, "
         f"{found.table['sops_total'].mean():.0f} synaptic operations per window; "
-        f"the best baseline on the same spikes {100 * found.table['baseline'].mean():.1f} %"
+        f"the best baseline on the same spikes {100 * found.table['baseline'].mean():.1f} %{each}"
     )
 
 
