@@ -554,6 +554,7 @@ WAYS = {
                 "--group": SPLITS,
                 "--order": SPLITS,
                 "--folds": SPLITS,
+                "--leave-out-each": "tests/studies/test_suited.py",
                 "--repeats": SPLITS,
                 "--set": "tests/studies/test_study.py",
                 "--workers": "tests/studies/test_scheduler.py",

@@ -13,7 +13,7 @@ from neurotact.data import hdf5
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import split_table
+from neurotact.data.splits import check_one_way, split_table
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.window_choice import ARGUMENTS
 from neurotact.data.windows import Align, window_table
@@ -104,9 +104,7 @@ def train(
     True
     """
     window = window_table(length_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
-    ways = {"test_where": test_where, "order": order, "folds": folds, "test": test}
-    for other in (name for name, value in ways.items() if value and leave_out_each):
-        raise InputError(f"`leave_out_each` and `{other}` both select the test trials; give one of them")
+    check_one_way(leave_out_each, test_where=test_where, order=order, folds=folds, test=test)
     split = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
     trains, task = _task("train", spikes, window, split, stratify, exit_tolerance, exit_by, where, leave_out)
     place, spikes = Path(folder), Path(spikes)

@@ -9,8 +9,11 @@ import pandas as pd
 
 from neurotact import files, spec, tables
 from neurotact.api.arguments import Conditions, LeftOut, Settings
-from neurotact.data.trial_choice import TrialChoice
+from neurotact.data import hdf5
+from neurotact.data.splits import check_one_way, values_to_leave_out
+from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.windows import check_not_seconds
+from neurotact.errors import InputError
 from neurotact.report import report
 from neurotact.report.page import ANSWER, PAGE
 from neurotact.studies import loading, runner
@@ -32,6 +35,7 @@ def run_study(
     group: str | Sequence[str] = (),
     order: str | None = None,
     folds: int | None = None,
+    leave_out_each: str | None = None,
     repeats: int | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
@@ -44,8 +48,9 @@ def run_study(
     data: a file of recordings of your own, for a study that takes one: `run_study("own-recordings", "mine",
         data="touches.h5")`, or "ways-to-save".
     length_ms: of the windows. where, leave_out: the trials that are used, as of `read`. test_where, group, order: how
-        they are divided, as for `train`. folds, repeats: every network is trained for each fold, or for this many
-        random splits, and results are means over them.
+        they are divided, as for `train`. folds, leave_out_each, repeats: every network is trained for each fold, for
+        each value of a condition of `data`, such as "speed", which is tested and never trained on, or for this many
+        random splits; results are means over them.
     workers: processes on this machine, 2 if None. scheduler: address of a Dask scheduler, in their place. device:
         another torch device than "cpu", such as "cuda", trains all networks at once.
     The folder holds all tables, the figures and `report.html`; what was done before is not done again.
@@ -58,7 +63,11 @@ def run_study(
     check_not_seconds(length_ms)
     changes = {**spec.checked_settings(settings), **({} if length_ms is None else {"window.length_ms": length_ms})}
     changes |= _split_changes(test_where, group, order, folds, repeats)
-    changes |= loading.choice_changes(**TrialChoice.of(where, leave_out)._asdict())
+    check_one_way(leave_out_each, test_where=test_where, order=order, folds=folds)
+    choice = TrialChoice.of(where, leave_out)
+    changes |= loading.choice_changes(**choice._asdict())
+    if leave_out_each is not None:
+        changes |= _left_out_changes(leave_out_each, data, choice)
     study = loading.resolve(name, changes, quick=quick, data=data)
     for note in getattr(study, "notes", ()):
         log.warning("%s", note)
@@ -112,6 +121,14 @@ def _reported(folder: Path) -> pd.DataFrame:
     """Write the figures and the page from the tables of a study; its results."""
     report.write(folder)
     return tables.read_table(folder / "results.csv")
+
+
+def _left_out_changes(column: str, data: str | Path | None, choice: TrialChoice) -> dict[str, Any]:
+    """Changes of a study that test each value of a condition of its file in turn."""
+    if data is None:
+        raise InputError("`leave_out_each`: needs `data`, a file of recordings with this condition; give it")
+    touches = chosen_trials(hdf5.load(data), choice, str(data), tell=False)
+    return {f"sweep.split.test_where.{column}": values_to_leave_out(touches.conditions, column)}
 
 
 def _split_changes(

@@ -103,6 +103,29 @@ def split_table(
     return {**table, "order": order, "folds": folds, "fold": fold or 0, **given}
 
 
+def values_to_leave_out(conditions: pd.DataFrame, column: str) -> list[Any]:
+    """The values of a condition, of which each is tested in turn and never trained on, in ascending order.
+
+    Raises InputError for an unknown condition, and for one with a single value.
+
+    >>> values_to_leave_out(pd.DataFrame({"label": ["felt", "silk"], "speed": [300, 150]}), "speed")
+    [150, 300]
+    """
+    if column not in conditions or column == LABEL:
+        known = [str(name) for name in conditions.columns if name != LABEL]
+        raise InputError(f"`leave_out_each`: no condition is called '{column}'; {nearest(column, known)}")
+    values = sorted(set(conditions[column].tolist()), key=lambda value: (isinstance(value, str), value))
+    if len(values) < 2:
+        raise InputError(f"`leave_out_each`: all trials have {column} = {values[0]}; record another value")
+    return values
+
+
+def check_one_way(leave_out_each: str | None, **ways: Any) -> None:
+    """InputError for `leave_out_each` beside another parameter that selects the test trials."""
+    for other in (name for name, value in ways.items() if value and leave_out_each):
+        raise InputError(f"`leave_out_each` and `{other}` both select the test trials; give one of them")
+
+
 class Split(NamedTuple):
     """Sorted indices of trials; together they are all trials, and none is in two."""
 

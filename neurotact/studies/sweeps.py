@@ -20,6 +20,11 @@ def check(sweep: Mapping[str, list[Any]]) -> None:
             raise ValueError(f"sweep of '{axis}' has no value")
         if any(not isinstance(v, list) or len(v) != len(axis.split(JOIN)) for v in values if JOIN in axis):
             raise ValueError(f"sweep of '{axis}' needs a list of {len(axis.split(JOIN))} values for each point")
+    tables = [(axis, value) for axis, values in sweep.items() for value in values if isinstance(value, Mapping)]
+    if tables:
+        axis, table = tables[0]
+        key = next(iter(table), "key")
+        raise ValueError(f"sweep of '{axis}' has a table, by which cells have no name; sweep '{axis}.{key}' instead")
     if math.prod(map(len, sweep.values())) > MOST_POINTS:
         raise ValueError(f"the sweep has more than {MOST_POINTS:,} points; drop values or axes")
     if not all(isinstance(seed, int) and seed >= 0 for seed in sweep.get("seed", [])):

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 import neurotact as nt
+from neurotact.api import studies
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import split_conditions
@@ -155,3 +156,46 @@ def test_reasons_belong_to_a_whole_study_that_ships():
     assert loading.resolve("refractory-period").as_shipped
     assert not loading.resolve("refractory-period", quick=True).as_shipped
     assert not loading.resolve("refractory-period", {"sweep.seed": [1]}).as_shipped
+
+
+def at_speeds(path):
+    conditions = {"label": ["felt", "silk"] * 9, "speed": np.repeat([450, 150, 300], 6)}
+    touches = Recordings(np.zeros((18, 20, 2), np.float32), 500.0, "mV", conditions)
+    hdf5.save_recordings(touches, path)
+    return path
+
+
+def test_each_value_of_a_condition_is_tested_and_never_trained(tmp_path, monkeypatch):
+    path, asked = at_speeds(tmp_path / "touches.h5"), []
+    monkeypatch.setattr(studies, "_run", lambda what, *_: asked.append(what) or pd.DataFrame())
+    nt.run_study("own-recordings", tmp_path / "run", data=path, leave_out_each="speed")
+    conditions = hdf5.load_recordings(path).conditions
+    tested = []
+    for split in {str(cell.split): cell.split for cell in study.cells(asked[0])}.values():
+        sides = split_conditions(conditions, (), split)
+        (speed,) = set(conditions["speed"][sides.test])
+        assert speed not in set(conditions["speed"][sides.train])
+        assert set(conditions["speed"][sides.train]).isdisjoint(conditions["speed"][sides.validation])
+        tested += sides.test.tolist()
+    assert sorted(tested) == [*range(18)]
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"leave_out_each": "speed"}, "needs `data`, a file of recordings"),
+        ({"leave_out_each": "sped", "data": "touches.h5"}, "no condition is called 'sped'; did you mean 'speed'"),
+        ({"leave_out_each": "speed", "folds": 3, "data": "touches.h5"}, "both select the test trials"),
+    ],
+)
+def test_a_condition_that_cannot_be_left_out_is_refused(tmp_path, monkeypatch, given, message):
+    monkeypatch.chdir(tmp_path)
+    at_speeds(tmp_path / "touches.h5")
+    with pytest.raises(InputError, match=message):
+        nt.run_study("own-recordings", "run", **given)
+
+
+def test_a_sweep_of_tables_is_refused_with_the_key_to_sweep(tmp_path):
+    path = at_speeds(tmp_path / "touches.h5")
+    with pytest.raises(InputError, match=r"has a table.*sweep 'split\.test_where\.speed' instead"):
+        loading.resolve("own-recordings", {"sweep.split.test_where": [{"speed": 150}]}, data=path)

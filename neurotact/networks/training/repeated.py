@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from neurotact import files
-from neurotact.data.recordings import LABEL
-from neurotact.errors import InputError, nearest
+from neurotact.data.splits import values_to_leave_out
+from neurotact.errors import InputError
 from neurotact.metrics.resampled import Interval, resampled_interval
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import train_run
@@ -51,19 +51,13 @@ def tasks_of(task: Task, *, every_fold: bool, repeats: int) -> dict[str, Task]:
 def tasks_without(task: Task, column: str, conditions: pd.DataFrame, *, repeats: int) -> dict[str, Task]:
     """The task with each value of a condition tested in turn and never trained on, by the name of its folder.
 
-    repeats: random seeds of each, which choose what validation leaves out. Raises InputError for an unknown condition,
-    and for one with a single value.
+    repeats: random seeds of each, which choose what validation leaves out. Raises InputError as `values_to_leave_out`.
 
     >>> table = pd.DataFrame({"label": ["felt", "silk"] * 3, "speed": [150, 150, 300, 300, 450, 450]})
     >>> [task.split.test_where for task in tasks_without(Task(), "speed", table, repeats=1).values()]
     [{'speed': 150}, {'speed': 300}, {'speed': 450}]
     """
-    if column not in conditions or column == LABEL:
-        known = [name for name in conditions.columns if name != LABEL]
-        raise InputError(f"`leave_out_each`: no condition is called '{column}'; {nearest(column, known)}")
-    values = sorted(set(conditions[column].tolist()), key=lambda value: (isinstance(value, str), value))
-    if len(values) < 2:
-        raise InputError(f"`leave_out_each`: all trials have {column} = {values[0]}; record another value")
+    values = values_to_leave_out(conditions, column)
     found = {}
     for seed in range(task.split.seed, task.split.seed + repeats):
         for place, value in enumerate(values):
