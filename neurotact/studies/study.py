@@ -4,6 +4,7 @@ A study file names its parts (`encoder = "sa1-ra1-lif"`); a resolved study conta
 describes the whole run. A cell is one combination of the swept values, with everything that decides its numbers.
 """
 
+import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from functools import partial
 from pathlib import Path
@@ -49,6 +50,7 @@ T_REF = "t_ref_ms"
 """Swept with `encoder`, the names of encoders: the refractory period of all its afferents, or "own"."""
 OWN = "own"
 EMA = f"{calibrated.CONDITIONING}.ema_cutoff_Hz"
+log = logging.getLogger("neurotact")
 PAIR = f"encoder.ra1.t_ref_ms{sweeps.JOIN}encoder.sa1.t_ref_ms"
 
 
@@ -378,6 +380,7 @@ def _suit_periods(table: dict[str, Any]) -> None:
         table["sweep"] = {sweeps.JOIN.join(reversed(keys)): pairs, **axes}
     else:
         table["sweep"] = axes
+        log.warning("sweep: %s afferents have no refractory period; the sweep of pairs is left out", model)
 
 
 def _suited(

@@ -338,7 +338,7 @@ def test_other_versions_are_told_and_not_written_over(run, monkeypatch, capsys):
 @pytest.mark.parametrize("path", shipped("studies"), ids=lambda path: path.stem)
 def test_a_study_is_known_again_from_its_file(path, tmp_path, patched):
     patched.undo()
-    data = tmp_path / "touches.h5" if path.stem == "own-recordings" else None
+    data = tmp_path / "touches.h5" if path.stem in ("own-recordings", "which-encoder") else None
     if data:
         touches = [np.zeros((500, 2), np.float32)] * 4
         hdf5.save_recordings(Recordings(touches, 500.0, "mV", pd.DataFrame({"label": ["felt", "silk"] * 2})), data)

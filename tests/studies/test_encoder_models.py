@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 from levels import thinned
 
-from neurotact.errors import InputError
 from neurotact.report import report
 from neurotact.spec import read, to_toml
 from neurotact.studies import loading, runner
@@ -67,10 +66,10 @@ def test_a_calibrated_study_of_several_afferents_a_taxel_reports(tmp_path, monke
     assert ledger["parameters"].iloc[-1] - (72 * 4 + 4 * 4 + 4 * 2 + 9) in (8, 16)
 
 
-def test_a_refractory_period_that_the_model_lacks_is_refused(tmp_path):
-    path = study_of(tmp_path, encoder="izhikevich")
-    with pytest.raises(InputError, match=r"encoder\.(ra1|sa1)\.t_ref_ms: unknown key; known: gain_mV_per_ms"):
-        loading.resolve(path)
+def test_a_sweep_of_refractory_periods_that_the_model_lacks_is_left_out_and_said(tmp_path, caplog):
+    what = loading.resolve(study_of(tmp_path, encoder="izhikevich"))
+    assert not [key for key in what.sweep if "t_ref_ms" in key]
+    assert "izhikevich afferents have no refractory period; the sweep of pairs is left out" in caplog.text
 
 
 @pytest.mark.thorough

@@ -74,7 +74,7 @@ def _few_candidates(monkeypatch):
         preparation,
         "way_of",
         lambda spec, given, choose_ema: (
-            lambda recordings, spec: calibration.calibrate(recordings, spec, rule=RULE),
+            lambda recordings, spec, *, rule: calibration.calibrate(recordings, spec, rule=RULE),
             1,
         ),
     )

@@ -1,5 +1,6 @@
 """The toy protocol, found by name as that of an installed package is."""
 
+from functools import lru_cache
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -15,6 +16,5 @@ def bring(patch: pytest.MonkeyPatch) -> None:
     found = plugins._found
     point = EntryPoint("coins", "coins", "neurotact.protocols")
     patch.syspath_prepend(str(FOLDER))
-    patch.setattr(
-        plugins, "_found", lambda group: {**found(group), "coins": [point]} if group == "protocols" else found(group)
-    )
+    with_coins = lru_cache(lambda group: {**found(group), "coins": [point]} if group == "protocols" else found(group))
+    patch.setattr(plugins, "_found", with_coins)

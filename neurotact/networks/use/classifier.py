@@ -78,7 +78,7 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
     >>> rng = np.random.default_rng(0)
     >>> rates = np.repeat([0.02, 0.2], 30)[:, None, None]
     >>> X, y = (rng.random((60, 100, 4)) < rates).astype(np.uint8), np.repeat(["soft", "hard"], 30)
-    >>> clf = SpikingClassifier(hidden=20, epochs=20, sampling_rate_Hz=1000.0, random_state=0)
+    >>> clf = SpikingClassifier(hidden=20, epochs=100, sampling_rate_Hz=1000.0, random_state=0)
     >>> bool(clf.fit(X, y).score(X, y) > 0.9)
     True
     >>> clf.network_.spec.readout, clf.network_.spec.tau_mem_ms
