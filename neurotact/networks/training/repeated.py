@@ -96,7 +96,9 @@ def run(
             train_run.run(spikes, subfolder, network, task, force=force, resume=resume, tell=tell, **options)
             tell = _silent  # the recipe's choices are printed only for the first split
             result = files.read_json(subfolder / train_run.RESULT)
-            split = {"split_seed": task.split.seed, **({"fold": task.split.fold} if task.split.folds else {})}
+            split: dict[str, Any] = {"split_seed": task.split.seed}
+            if task.split.folds:
+                split["fold"] = task.split.fold
             if task.split.test_where:
                 split[LEFT_OUT] = ", ".join(f"{key} = {value}" for key, value in task.split.test_where.items())
             rows.append({"folder": name, **split, **result["row"], "baseline": result["compared"]["baseline_accuracy"]})
