@@ -9,7 +9,17 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 BUILT = shutil.ignore_patterns(
-    ".git", ".venv*", "build", "dist", "runs", "__pycache__", "*.so", ".*_cache", ".hypothesis", "*.egg-info"
+    ".git",
+    ".venv*",
+    "build",
+    "dist",
+    "runs",
+    "__pycache__",
+    "*.so",
+    ".*_cache",
+    ".hypothesis",
+    "*.egg-info",
+    "gallery_of_examples",
 )
 PIP = (sys.executable, "-m", "pip", "--quiet")
 CONSTRAINTS = ("-c", ROOT / "constraints.txt")
