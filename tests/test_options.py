@@ -383,7 +383,7 @@ WAYS = {
                 "--objective": "--objective accuracy-sops",
                 "--sops-weight": "--sops-weight 5 | --objective accuracy-sops",
                 "--max-sops": "--max-sops 10",
-                "--tuner": "--tuner random",
+                "--tuner": "--tuner random | --trials 30",
                 "--batch": "--batch 1 | --trials 24",
                 "--assessor": "--assessor none | --batch 1 --trials 12 --set training.epochs=14",
                 "--start-epoch": "--start-epoch 1 | --batch 1 --trials 8",
