@@ -69,8 +69,17 @@ def lif_step(neuron: LIF, drive_mV: np.ndarray, state: LIFState) -> tuple[np.nda
     awake = state.silent_steps == 0
     membrane = np.where(awake, membrane, kind(neuron.v_reset_mV))
     fired = awake & (membrane >= kind(neuron.v_threshold_mV))
-    silent = np.where(fired, np.int32(neuron.refractory_steps), np.maximum(state.silent_steps - 1, 0))
-    return fired, LIFState(np.where(fired, kind(neuron.v_reset_mV), membrane), silent.astype(np.int32))
+    silent = silenced(state.silent_steps, fired, neuron.refractory_steps)
+    return fired, LIFState(np.where(fired, kind(neuron.v_reset_mV), membrane), silent)
+
+
+def silenced(silent_steps: np.ndarray, fired: np.ndarray, n_silent: int | np.ndarray) -> np.ndarray:
+    """The silent steps still to come after one step, int32: `n_silent` after a spike, else one less.
+
+    >>> silenced(np.array([0, 0, 2]), np.array([True, False, False]), 5).tolist()
+    [5, 0, 1]
+    """
+    return np.where(fired, n_silent, np.maximum(silent_steps - 1, 0)).astype(np.int32)
 
 
 def lif_isi_steps(neuron: LIF, drive_mV: float) -> float:
@@ -332,9 +341,9 @@ def resonator_step(neuron: Resonator, x: np.ndarray, state: ResonatorState) -> t
     current = kind(turn.real) * state.current - kind(turn.imag) * state.potential + kind(driven.real) * x
     potential = kind(turn.imag) * state.current + kind(turn.real) * state.potential + kind(driven.imag) * x
     fired = (potential >= 1) & (state.silent_steps == 0)
-    silent = np.where(fired, np.int32(neuron.refractory_steps), np.maximum(state.silent_steps - 1, 0))
+    silent = silenced(state.silent_steps, fired, neuron.refractory_steps)
     current, potential = np.where(fired, kind(0), current), np.where(fired, kind(1), potential)
-    return fired, ResonatorState(current, potential, silent.astype(np.int32))
+    return fired, ResonatorState(current, potential, silent)
 
 
 # --- current-based LIF ------------------------------------------------------------------------------

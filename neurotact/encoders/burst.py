@@ -15,6 +15,7 @@ from neurotact.encoders.afferents import checked, drives
 from neurotact.encoders.stepping import over_time
 from neurotact.errors import InputError
 from neurotact.metrics.flops import BurstAfferents
+from neurotact.neurons import silenced
 from neurotact.spec import Spec
 
 
@@ -116,7 +117,7 @@ def encode(
             interval = np.rint(longest - (longest - shortest) * intensity).astype(np.int32)
             total, wait = np.zeros_like(total), np.zeros_like(wait)
         fired = (left > 0) & (wait == 0)
-        wait = np.where(fired, interval - 1, np.maximum(wait - 1, 0)).astype(np.int32)
+        wait = silenced(wait, fired, interval - 1)
         after = BurstState(state.n_steps + 1, total + now, (left - fired).astype(np.int32), interval, wait, None)
         return fired, after
 

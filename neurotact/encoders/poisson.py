@@ -9,7 +9,7 @@ from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders.afferents import checked, drives
 from neurotact.encoders.random_numbers import random_integers
 from neurotact.errors import InputError
-from neurotact.neurons import refractory_steps
+from neurotact.neurons import refractory_steps, silenced
 from neurotact.spec import Spec
 
 
@@ -107,5 +107,5 @@ def _silence(spikes: np.ndarray, dead_steps: np.ndarray, silent_steps: np.ndarra
     for t in range(spikes.shape[1]):
         fired = (spikes[:, t] != 0) & (silent_steps == 0)
         spikes[:, t] = fired
-        silent_steps = np.where(fired, dead_steps, np.maximum(silent_steps - 1, 0)).astype(np.int32)
+        silent_steps = silenced(silent_steps, fired, dead_steps)
     return silent_steps

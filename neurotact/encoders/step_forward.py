@@ -11,8 +11,8 @@ from pydantic import Field
 
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders.afferents import checked
-from neurotact.encoders.stepping import both, over_time, silenced
-from neurotact.neurons import refractory_steps
+from neurotact.encoders.stepping import both, over_time
+from neurotact.neurons import refractory_steps, silenced
 from neurotact.spec import Spec
 
 

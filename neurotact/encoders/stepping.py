@@ -1,4 +1,4 @@
-"""What encoders that go step by step share: the loop over time, and the refractory period of a channel."""
+"""What encoders that go step by step share: the loop over time, and ON before OFF."""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -26,15 +26,6 @@ def over_time(
     for t in range(signal.shape[1]):
         spikes[:, t], state = step(signal[:, t], state)
     return spikes, state
-
-
-def silenced(silent_steps: np.ndarray, fired: np.ndarray, n_silent: int) -> np.ndarray:
-    """The silent steps still to come after one step, int32: `n_silent` after a spike, else one less.
-
-    >>> silenced(np.array([0, 0, 2]), np.array([True, False, False]), 5).tolist()
-    [5, 0, 1]
-    """
-    return np.where(fired, np.int32(n_silent), np.maximum(silent_steps - 1, 0)).astype(np.int32)
 
 
 def both(positive: np.ndarray, negative: np.ndarray) -> np.ndarray:
