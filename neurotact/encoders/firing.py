@@ -6,8 +6,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from neurotact.data.spikes import populations_of
+from neurotact.encoders.knobs import field_of
 from neurotact.encoders.mechanoreceptor import LEAST_PC_Hz
-from neurotact.encoders.specs import EncoderSpec, afferent_names, described, populations, taxels_of
+from neurotact.encoders.specs import EncoderSpec, afferent_names, described, dotted, populations, taxels_of
 from neurotact.errors import InputError
 from neurotact.spec import Spec
 
@@ -35,7 +36,7 @@ def check_periods(encoder: EncoderSpec, trial_s: float) -> None:
     for population in populations(encoder):
         t_ref_ms = described(encoder, population).t_ref_ms
         if t_ref_ms >= 1e3 * trial_s:
-            key = _key(population.part, "t_ref_ms")
+            key = dotted(population.part, "t_ref_ms")
             raise InputError(
                 f"{key}: {t_ref_ms:g} ms is not shorter than the shortest trial, which lasts {1e3 * trial_s:g} ms; "
                 "shorten it"
@@ -83,13 +84,9 @@ def complaints(counts: np.ndarray, n_steps: int, clock_Hz: float, encoder: Encod
 
 def _remedy(verb: str, part: str, kind: Spec) -> str:
     """The remedy for a population that fires too little or too much; not every model has a gain or a threshold."""
-    key = next((key for key in type(kind).model_fields if key.startswith(("gain", "threshold"))), None)
+    key = field_of(kind)
     if key is None:
         return f"change the keys of {part}" if part else "change the keys of the encoder"
     if key.startswith("threshold"):
         verb = {"raise": "lower", "lower": "raise"}[verb]
-    return f"{verb} {_key(part, key)}, or find gains for this sensor with neurotact calibrate"
-
-
-def _key(part: str, key: str) -> str:
-    return f"{part}.{key}" if part else key
+    return f"{verb} {dotted(part, key)}, or find gains for this sensor with neurotact calibrate"

@@ -2,7 +2,8 @@
 
 from typing import Any, NamedTuple
 
-from neurotact.encoders.specs import EncoderSpec, described, populations
+from neurotact.encoders.specs import EncoderSpec, described, dotted, populations
+from neurotact.spec import Spec
 
 
 class Knob(NamedTuple):
@@ -29,6 +30,16 @@ class Knob(NamedTuple):
         return unit.replace("_per_", "/").replace("_", " ") or ("sd" if self.is_threshold else "per sd")
 
 
+def field_of(kind: Spec) -> str | None:
+    """The key of a part of a spec that sets how much it fires: its first gain or threshold; None if it has neither.
+
+    >>> from neurotact.encoders.specs import load
+    >>> field_of(load("poisson").sa1), field_of(load("send-on-delta"))
+    ('gain_Hz', 'threshold')
+    """
+    return next((key for key in type(kind).model_fields if key.startswith(("gain", "threshold"))), None)
+
+
 def knobs_of(encoder: EncoderSpec) -> tuple[Knob, ...]:
     """The knobs of an encoder, in the order of its output: the first gain or threshold of each part of its spec.
 
@@ -39,11 +50,10 @@ def knobs_of(encoder: EncoderSpec) -> tuple[Knob, ...]:
     found = []
     for part in dict.fromkeys(population.part for population in populations(encoder)):
         its = [population for population in populations(encoder) if population.part == part]
-        fields = type(described(encoder, its[0])).model_fields
-        key = next(key for key in fields if key.startswith(("gain", "threshold")))
+        key = field_of(described(encoder, its[0]))
+        assert key is not None  # every model has one
         names = tuple(population.name for population in its)
-        dotted = f"{part}.{key}" if part else key
-        found.append(Knob(dotted, " and ".join(names), names, key.startswith("threshold")))
+        found.append(Knob(dotted(part, key), " and ".join(names), names, key.startswith("threshold")))
     return tuple(found)
 
 

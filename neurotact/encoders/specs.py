@@ -235,6 +235,11 @@ def with_t_ref(encoder: Any, t_ref_ms: float) -> Any:
     return encoder
 
 
+def dotted(part: str, key: str) -> str:
+    """A key of a part of a spec, or of the spec itself if the part is empty, as a user writes it."""
+    return f"{part}.{key}" if part else key
+
+
 def period_keys(model: str) -> tuple[str, ...]:
     """The dotted keys of the refractory periods of a model's spec; of populations that are optional, none.
 
@@ -245,9 +250,7 @@ def period_keys(model: str) -> tuple[str, ...]:
     parts = dict.fromkeys(population.part for population in MODELS[model].populations)
     kinds = {part: fields[part].annotation if part else MODELS[model].spec for part in parts}
     return tuple(
-        f"{part}.t_ref_ms" if part else "t_ref_ms"
-        for part, kind in kinds.items()
-        if "t_ref_ms" in getattr(kind, "model_fields", {})
+        dotted(part, "t_ref_ms") for part, kind in kinds.items() if "t_ref_ms" in getattr(kind, "model_fields", {})
     )
 
 
