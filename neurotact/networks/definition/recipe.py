@@ -183,6 +183,17 @@ def resolve(spec: RSNNSpec, seen: Seen) -> RSNNSpec:
     return specs.build(RSNNSpec, table, source=f"recipe = '{spec.recipe}'")
 
 
+def chosen_for(spec: RSNNSpec, training: Tensor, sampling_rate_Hz: float) -> RSNNSpec:
+    """The spec with the choices of its recipe for the spikes of training windows, `(window, time, afferent)`.
+
+    Without a recipe the windows are not looked at.
+
+    >>> chosen_for(RSNNSpec(recipe="default"), torch.zeros(4, 1000, 2, dtype=torch.uint8), 1000.0).step_ms
+    5.0
+    """
+    return spec if spec.recipe is None else resolve(spec, Seen.of(training, sampling_rate_Hz))
+
+
 def void_keys(spec: RSNNSpec) -> dict[str, str]:
     """The keys of a network that have no effect, and why; with a recipe those that have none in windows of any length.
 

@@ -113,7 +113,7 @@ def begin(
     backend: Backend = "auto",
 ) -> RSNN:
     """An untrained network for training windows `(window, time, afferent)`, with the choices of its recipe for them."""
-    chosen = recipe.resolve(spec, recipe.Seen.of(training, sampling_rate_Hz))
+    chosen = recipe.chosen_for(spec, training, sampling_rate_Hz)
     network = RSNN(training.shape[2], n_classes, chosen, sampling_rate_Hz, backend=backend, generator=generator)
     _warn_of_merged(network, training)
     recipe.start(network, training, generator)

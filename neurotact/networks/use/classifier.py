@@ -166,7 +166,7 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
             train_side = _examples(spikes, indices, weights)
             validation_side = _validation(validation, classes, spikes.shape[1:])
         generator = torch.Generator().manual_seed(weights_seed)
-        spec = recipe.resolve(self.spec(), recipe.Seen.of(train_side.spikes, rate_Hz))
+        spec = recipe.chosen_for(self.spec(), train_side.spikes, rate_Hz)
         effects.check_keys(given_keys(self.network, self.settings), [void_keys(spec)], "SpikingClassifier")
         network = begin(train_side.spikes, len(classes), spec, rate_Hz, generator).to(self.device)
         order = torch.Generator().manual_seed(order_seed)

@@ -59,7 +59,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
         return [{"change": "", **skipped_row(arrays, VIEW.measures)}]
     bench = sets.bench_of(parameters.data, parameters.network, parameters.seed, arrays)
     sides = cut(bench, Setting())
-    whole = recipe.resolve(parameters.network, recipe.Seen.of(sides.training.spikes, sides.trains.sampling_rate_Hz))
+    whole = recipe.chosen_for(parameters.network, sides.training.spikes, sides.trains.sampling_rate_Hz)
     networks = {WHOLE: whole, **variants(whole, parameters)}
     return [{"change": name, **row_of(fit(sides, spec, bench.seeds)), SKIPPED: ""} for name, spec in networks.items()]
 
