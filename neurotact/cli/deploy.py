@@ -93,23 +93,19 @@ StallS = Annotated[
 ]
 
 
+OF_SAMPLES = {
+    "format": Format, "baud": Baud, "sampling_rate_Hz": RateHz, "unit": Unit, "time_column": TimeColumn, "lsb": Lsb,
+    "zero": Zero, "length_ms": WindowMs, "start_ms": StartMs, "contact": Contact, "quiet_ms": QuietMs,
+    "hold_ms": HoldMs, "stall_s": StallS,
+}  # fmt: skip
+"""The options of commands that take samples as they come: how they are read, and how windows are laid over them."""
+
+
 @calling(
     api.stream,
     source=option(str, "- (standard input), a device file, serial:/dev/ttyUSB0, FILE.csv or FILE.h5.", "--from"),
-    format=Format,
-    baud=Baud,
     rate=option(str, "Replay a file at its own rate (real) or at full speed (fast)."),
-    sampling_rate_Hz=RateHz,
-    unit=Unit,
-    time_column=TimeColumn,
-    lsb=Lsb,
-    zero=Zero,
-    length_ms=WindowMs,
-    start_ms=StartMs,
-    contact=Contact,
-    quiet_ms=QuietMs,
-    hold_ms=HoldMs,
-    stall_s=StallS,
+    **OF_SAMPLES,
 )
 def stream(given: dict[str, Any], full_window: FullWindow = False, as_json: Json = False) -> None:
     """Classify samples as they arrive, from a pipe, a device or a file.

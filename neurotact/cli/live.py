@@ -5,22 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from neurotact.api import live as api
-from neurotact.cli.deploy import (
-    Baud,
-    Contact,
-    Format,
-    FullWindow,
-    HoldMs,
-    Lsb,
-    QuietMs,
-    RateHz,
-    StallS,
-    StartMs,
-    TimeColumn,
-    Unit,
-    WindowMs,
-    Zero,
-)
+from neurotact.cli.deploy import OF_SAMPLES, FullWindow
 from neurotact.cli.options import calling, flag, option
 from neurotact.cli.words import say
 
@@ -39,19 +24,7 @@ MOST_PORTS = 65_535
     loop=flag("--loop", "Repeat recordings from the start."),
     save_to=option(Path | None, "Folder for encoders saved from the page.", "--save-to", file_okay=False),
     port=option(int, "Port of the page; 0 chooses a free one.", min=0, max=MOST_PORTS),
-    format=Format,
-    baud=Baud,
-    sampling_rate_Hz=RateHz,
-    unit=Unit,
-    time_column=TimeColumn,
-    lsb=Lsb,
-    zero=Zero,
-    length_ms=WindowMs,
-    start_ms=StartMs,
-    contact=Contact,
-    quiet_ms=QuietMs,
-    hold_ms=HoldMs,
-    stall_s=StallS,
+    **OF_SAMPLES,
 )  # fmt: skip
 def live(given: dict[str, Any], full_window: FullWindow = False) -> None:
     """Show a running chain on a local page with sliders: touch, spikes, decision.
