@@ -97,7 +97,7 @@ def live(
     )  # fmt: skip
     served = server.Server(session, port)
     session.on_end = lambda: _ended(session, served.stop)
-    with suppress(KeyboardInterrupt):  # the normal end, from the moment that the address is told
+    with suppress(KeyboardInterrupt):  # Ctrl-C is the normal way to end, once the address is printed
         tell(f"{served.address}  (press Ctrl-C to stop)")
         served.run()
     if session.failure is not None and not session.stream.tally.samples:
