@@ -330,6 +330,26 @@ def parse_assignments(assignments: list[str]) -> dict[str, Any]:
     return parsed
 
 
+def assignments_of(settings: Mapping[str, Any], sign: str = "=") -> list[str]:
+    """Settings as they are typed, `KEY=VALUE`; a value of `...` stays, as the place for one.
+
+    >>> assignments_of({"sa1.t_ref_ms": 5.0, "window.length_ms": ..., "membrane": "eq4"})
+    ['sa1.t_ref_ms=5', 'window.length_ms=...', 'membrane=eq4']
+    """
+    return [f"{key}{sign}{as_text(value)}" for key, value in settings.items()]
+
+
+def as_text(value: Any) -> str:
+    """A value as it is typed.
+
+    >>> as_text(300.0), as_text(...), as_text("eq4")
+    ('300', '...', 'eq4')
+    """
+    if value is ...:
+        return "..."
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
 def parse_where(assignments: list[str], option: str) -> dict[str, list[Any]]:
     """`["speed=300,450", "subject=ann"]` as the values of each condition; one that is named twice has both values.
 

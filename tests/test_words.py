@@ -83,6 +83,7 @@ def test_a_name_in_backquotes_is_a_parameter_of_a_command_and_of_python():
         ("import folder", "pass `decimal=','` or points", "pass --decimal , or points"),
         ("train", "a longer window (`length_ms`)", "a longer window (--window-ms)"),
         ("train", "`settings={'hidden': 64}`, `force=True`", "--set hidden=64, --force"),
+        ("study report", "`settings={'window.length_ms': ...}` changes it", "--set window.length_ms=... changes it"),
         ("export", "again: `nt.train(..., settings={'reset': 'hard'})`", "again: neurotact train ... --set reset=hard"),
         ("encode", "`hidden`: no `option here`, nor `nt.train(`", "`hidden`: no `option here`, nor `nt.train(`"),
         ("stream", "`source='a b.csv'`, `run`", "--from 'a b.csv', RUN"),

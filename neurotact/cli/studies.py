@@ -79,7 +79,8 @@ def _print_answer(folder: Path, as_json: bool) -> None:
         print(as_typed(found["among"]))
     for one in found["answers"]:
         before = f"{one['dataset']}: " if len(found["answers"]) > 1 else ""
-        print(as_typed(f"{before}{' '.join([one['headline'], *one['details']])}"))
+        for sentence in (f"{before}{one['headline']}", *one["details"]):
+            print(as_typed(sentence))
     for table in found.get("tables", []):
         print(table["caption"])
         print_table(pd.DataFrame(table["rows"], columns=table["columns"]), least_width=WIDE)

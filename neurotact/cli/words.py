@@ -15,6 +15,7 @@ from typer.main import get_command
 
 from neurotact import progress
 from neurotact.cli.commands import app
+from neurotact.spec import as_text, assignments_of
 
 MARKED = re.compile(r"`([^`]+)`")
 COMMANDS = {
@@ -33,6 +34,8 @@ COMMANDS = {
 }
 """Commands that are not called as their function; that of `read_x` is `import x`."""
 
+SET = "--set"
+"""The option of `settings` also in messages of a command without it, such as `study report`: another command has it."""
 LEFT_OUT = "leave_out_units"
 """Has no option of its own: it is `units` with `!=`."""
 
@@ -71,7 +74,7 @@ def options_of(words: Iterable[str]) -> dict[str, str]:
         each.name.strip("_"): each.opts[0] if each.opts[0].startswith("-") else each.name.strip("_").upper()
         for each in command.params
     }
-    return found | ({LEFT_OUT: found["units"]} if "units" in found else {})
+    return {"settings": SET} | found | ({LEFT_OUT: found["units"]} if "units" in found else {})
 
 
 def _typed(marked: str, options: Mapping[str, str]) -> str | None:
@@ -104,7 +107,7 @@ def _option(option: str, value: Any, sign: str) -> str:
     if value is True:
         return option
     if isinstance(value, Mapping):
-        return " ".join(f"{option} {_quoted(f'{key}{sign}{_text(each)}')}" for key, each in value.items())
+        return " ".join(f"{option} {_quoted(each)}" for each in assignments_of(value, sign))
     return " ".join(f"{option} {_quoted(each)}" for each in (value if isinstance(value, list) else [value]))
 
 
@@ -114,10 +117,4 @@ def _quoted(value: Any) -> str:
     >>> _quoted("trial,time"), _quoted("{label}.csv"), _quoted(0.5), _quoted(...)
     ('trial,time', "'{label}.csv'", '0.5', '...')
     """
-    return "..." if value is ... else shlex.quote(_text(value))
-
-
-def _text(value: Any) -> str:
-    if value is ...:
-        return "..."
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return "..." if value is ... else shlex.quote(as_text(value))

@@ -87,6 +87,11 @@ class Baseline(NamedTuple):
         """Whether its input is the afferents' spikes, and not the signals."""
         return " spikes (" in self.name
 
+    @property
+    def short(self) -> str:
+        """Its name without the features."""
+        return self.name.partition(" (")[0]
+
     def way(self, trials: "Trials") -> Way:
         """What the referee knows of it; an unknown cost counts as zero."""
         error = standard_error(self.validation, trials.validation)
@@ -142,6 +147,14 @@ class Answer(NamedTuple):
     def decisive(self) -> Baseline | None:
         """The baseline that decides the verdict; None if there is none."""
         return None if self.verdict is None else self.rivals[self.verdict.decisive]
+
+    @property
+    def beside(self) -> Baseline | None:
+        """The baseline that stands beside the best network: the one that the verdict rests on, or the best one."""
+        if self.kind in ("worse", "better"):
+            return self.decisive
+        is_unranked = self.kind == "tie" and self.verdict is not None and self.verdict.kind == "better"
+        return self.unranked if is_unranked else self.baseline
 
     @property
     def named(self) -> list[Baseline]:
@@ -202,26 +215,40 @@ def answer(
 
 
 def headline(found: Answer) -> str:
-    """Whether spiking is worth it, in one sentence."""
-    best, (low, high) = found.best, found.interval
-    share = percent(best.used.accuracy)
-    network = f"the best network{', with early exit,' if best.exits else ''} is right in"
-    said = f"{network} {share} of the test windows (95 % interval {100 * low:.0f} to {100 * high:.0f} %)"
-    guess = percent(found.guess)
-    n_test = found.trials.test
-    if found.kind == "nothing learned":
-        return f"Nothing was learned: {said}, which guessing reaches too ({guess}){_learned_without(found)}."
-    if found.kind == "unclear":
-        of = f"{said} of {n_test} test trial{'' if n_test == 1 else 's'}"
-        return f"Not clearly better than guessing: {of}, guessing in {guess}{_learned_without(found)}."
+    """Whether spiking is worth it, in one sentence: the verdict, and the numbers that it rests on."""
     if found.kind == "no baseline":
-        return f"{said[0].upper()}{said[1:]}; guessing reaches {guess}."
-    verdict = {
+        said = evidence(found)
+        return f"{said[0].upper()}{said[1:]}."
+    return f"{verdict(found)}: {evidence(found)}."
+
+
+def verdict(found: Answer) -> str:
+    """The verdict of the headline, without its numbers."""
+    return {
+        "nothing learned": "Nothing was learned",
+        "unclear": "Not clearly better than guessing",
+        "no baseline": "Clearly better than guessing, and compared with no other classifier",
         "worse": "Spiking costs accuracy",
         "tie": f"No clear difference in accuracy{_at_energy(found)}",
         "better": "Spiking is more accurate",
     }[found.kind]
-    return f"{verdict}: {said}, {_rivals(found)}."
+
+
+def evidence(found: Answer) -> str:
+    """The numbers of the headline: the best network with its interval, and what it is compared with."""
+    best, (low, high) = found.best, found.interval
+    share, guess = percent(best.used.accuracy), percent(found.guess)
+    network = f"the best network{', with early exit,' if best.exits else ''} is right in"
+    said = f"{network} {share} of the test windows (95 % interval {100 * low:.0f} to {100 * high:.0f} %)"
+    if found.kind == "nothing learned":
+        return f"{said}, which guessing reaches too ({guess}){_learned_without(found)}"
+    if found.kind == "unclear":
+        n_test = found.trials.test
+        of = f"of {n_test} test trial{'' if n_test == 1 else 's'}"
+        return f"{said} {of}, guessing in {guess}{_learned_without(found)}"
+    if found.kind == "no baseline":
+        return f"{said}; guessing reaches {guess}"
+    return f"{said}, {_rivals(found)}"
 
 
 def _rivals(found: Answer) -> str:
@@ -256,7 +283,7 @@ def _at_energy(found: Answer) -> str:
     rival, spent = found.cheapest_on_signals, found.best.used.nJ
     if rival is None or spent is None or (ratio := times(found, spent)) is None:
         return ""
-    return f", and spiking takes {ratio.words} energy {ratio.than} {rival.name} (estimate)"
+    return f", and spiking takes {ratio.words} energy {ratio.than} {rival.short} (estimate)"
 
 
 class Ratio(NamedTuple):
@@ -436,9 +463,13 @@ def chance_of(verdict: Verdict) -> str:
     >>> chance_of(Verdict("better", 0, 0.0002, 45, 1)), chance_of(Verdict("tie", 2, 0.312, 45, 6))
     ('45 test trials, p < 0.001', '45 test trials, p = 0.3 after correction for 6 comparisons')
     """
+    return f"{verdict.n} test trials, {p_of(verdict)}"
+
+
+def p_of(verdict: Verdict) -> str:
+    """The p-value alone, and for how many comparisons it is corrected."""
     p = "p < 0.001" if verdict.p < 0.001 else f"p = {verdict.p:.1g}"
-    corrected = "" if verdict.opponents == 1 else f" after correction for {verdict.opponents} comparisons"
-    return f"{verdict.n} test trials, {p}{corrected}"
+    return p if verdict.opponents == 1 else f"{p} after correction for {verdict.opponents} comparisons"
 
 
 def percent(share: float) -> str:

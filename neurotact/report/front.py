@@ -16,7 +16,7 @@ from neurotact.data.splits import SplitSpec, turns_of
 from neurotact.data.window_choice import on_late_onsets, timing_of
 from neurotact.encoders.cost import encoding_cost
 from neurotact.errors import InputError
-from neurotact.metrics import paired, referee
+from neurotact.metrics import paired
 from neurotact.metrics.paired import Paired
 from neurotact.metrics.shares import wilson_interval
 from neurotact.networks.definition import recipe
@@ -24,8 +24,9 @@ from neurotact.networks.training import cautions, tasks
 from neurotact.networks.training.trained import LOG
 from neurotact.networks.use import ledger
 from neurotact.report import answer as answers
+from neurotact.report import first_screen
 from neurotact.report.answer import Answer, Baseline, Decision, Network, Trials
-from neurotact.report.page import Table
+from neurotact.report.page import Figure, Table
 from neurotact.studies import suited
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import cell_folder, result_of
@@ -39,10 +40,6 @@ USED = {False: "whole", True: "early"}
 """The way to decide of `KINDS` that is advised, by whether early exit is."""
 EXIT_VALIDATION = "exit_accuracy_validation"
 """The column by which networks with early exit are chosen; runs of earlier versions lack it."""
-HEADS = [
-    "t_ref RA-I & SA-I, neurons", "test accuracy (95 % interval)", "input spikes", "SOPs", "ms to decision",
-    "energy estimate",
-]  # fmt: skip
 
 
 class Sides(NamedTuple):
@@ -55,7 +52,8 @@ class Sides(NamedTuple):
 class Front(NamedTuple):
     """The first screen for one data set.
 
-    cells: for each network the row of `results.csv` that stands for it. headline, details: the answer in words.
+    cells: for each network the row of `results.csv` that stands for it. untold: what validation cannot choose, else
+    empty. figures: of the best network. chosen: which one that is. details: the answer in words, after the headline.
     table: every way that a sentence names. lost: the losses of accuracy.
     """
 
@@ -64,10 +62,29 @@ class Front(NamedTuple):
     sides: Sides
     networks: list[Network]
     cells: list[int]
-    headline: str
+    untold: str
+    figures: list[Figure]
+    chosen: str
     details: list[str]
     table: Table
     lost: list[str]
+
+    @property
+    def headline(self) -> str:
+        """The answer in one sentence, after a warning where validation cannot choose for the test."""
+        said = answers.headline(self.answer)
+        return f"{self.untold}. {said}" if self.untold else said
+
+    @property
+    def verdict(self) -> str:
+        """What the headline says without its numbers."""
+        return answers.verdict(self.answer)
+
+    @property
+    def evidence(self) -> str:
+        """The numbers of the headline, as a sentence."""
+        said = answers.evidence(self.answer)
+        return f"{said[0].upper()}{said[1:]}."
 
 
 def costs_of(study: StudySpec, results: pd.DataFrame, trains: SpikeTrains | None) -> pd.DataFrame:
@@ -248,14 +265,23 @@ def fronts(
         baselines = baselines_of(study, tables, rows.iloc[0].to_dict())
         compare = _comparing(study, folder, done, rows, tables)
         found = answers.answer(networks, baselines, guess, sides.trials, compare)
-        table = front_table(found, networks, baselines)
         lost = [*answers.gaps(found, likely_cause(study.split)), *answers.where_lost(found, baselines)]
         saved = answers.of_refractory_periods(found, networks)
         words = [*answers.details(found), *_of_encoding(found, trains, study.encoding_in), *saved]
         standing = [representative(rows, network) for network in networks]
-        first = untold(study.split, trains)
-        headline = f"{first}. {answers.headline(found)}" if first else answers.headline(found)
-        yield Front(str(setting), found, sides, networks, standing, headline, words, table, lost)
+        yield Front(
+            str(setting),
+            found,
+            sides,
+            networks,
+            standing,
+            untold(study.split, trains),
+            first_screen.figures(found),
+            first_screen.chosen(found, networks, baselines),
+            words,
+            first_screen.table(found, networks, baselines),
+            lost,
+        )
 
 
 def _either(value: Any) -> str:
@@ -357,56 +383,6 @@ def levels(found: Sequence[Front]) -> dict[str, dict[str, float]]:
     return known
 
 
-def front_table(found: Answer, networks: Sequence[Network], baselines: Sequence[Baseline]) -> Table:
-    """Every network and baseline that a sentence names, and the best of each pair and kind on validation trials."""
-    rows = []
-    for pair in dict.fromkeys(network.pair for network in networks):
-        own = [network for network in networks if network.pair == pair]
-        shown = [network for network in dict.fromkeys((found.best, found.cheapest)) if network in own]
-        for chosen in shown or [own[referee.best_of([network.way(found.trials) for network in own])]]:
-            marks = [word for word, one in (("best", found.best), ("cheapest within its error", found.cheapest))
-                     if one == chosen]  # fmt: skip
-            name = f"{pair} ms, {chosen.hidden}"
-            said = f": {' and '.join(marks)}" if marks else ""
-            rows.append([f"{name}{'' if chosen.exits else said}", *_in_words(chosen.whole, found.trials.test)])
-            if chosen.early is not None:
-                early = _in_words(chosen.early, found.trials.test)
-                rows.append([f"{name}, early exit{said if chosen.exits else ''}", *early])
-    for baseline in {one.name: one for one in (*leading(baselines, found.trials), *found.named)}.values():
-        mark = ": cheapest on signals within the error of the best baseline"
-        name = f"{baseline.name}{mark if baseline is found.cheapest_on_signals else ''}"
-        spent = "-" if baseline.nJ is None else answers.energy(baseline.nJ)
-        within = _with_interval(baseline.accuracy, found.trials.test)
-        rows.append([name, within, "", "", _ms(found.best.whole), spent])
-    rows.append(["guessing", answers.percent(found.guess), *[""] * (len(HEADS) - 2)])
-    trainings = max(network.seeds for network in networks)
-    over = f", of {trainings} trainings each" if trainings > 1 else ""
-    caption = (
-        f"Means over {found.trials.test} test trials{over}; energy is an estimate of the arithmetic. Choices: accuracy "
-        "on validation trials, then the least energy. The best network of each pair is shown."
-    )
-    return Table(caption, HEADS, rows, n_heads=1)
-
-
-def _in_words(decision: Decision, n_test: int) -> list[str]:
-    spent = "-" if decision.nJ is None else answers.energy(decision.nJ)
-    counts = answers.count(decision.spikes), answers.count(decision.sops)
-    return [_with_interval(decision.accuracy, n_test), *counts, _ms(decision), spent]
-
-
-def _with_interval(share: float, n_test: int) -> str:
-    low, high = wilson_interval(share, n_test)
-    return f"{answers.percent(share)} ({100 * low:.0f} to {100 * high:.0f})"
-
-
-def leading(baselines: Sequence[Baseline], trials: Trials) -> list[Baseline]:
-    """The best on validation trials of logistic regression and of the others, on signals and on spikes."""
-    groups: dict[tuple[bool, bool], list[Baseline]] = {}
-    for one in baselines:
-        groups.setdefault((one.is_of_spikes, not one.name.startswith("logistic")), []).append(one)
-    return [group[referee.best_of([one.way(trials) for one in group])] for _, group in sorted(groups.items())]
-
-
 def validated(trials: pd.DataFrame, rows: Sequence[int]) -> dict[Any, float] | None:
     """The share of correct windows of each validation trial, over the rows of a baseline; None if it is not saved."""
     if "side" not in trials:
@@ -418,10 +394,6 @@ def validated(trials: pd.DataFrame, rows: Sequence[int]) -> dict[Any, float] | N
 def tested(trials: pd.DataFrame) -> pd.DataFrame:
     """The rows of `baselines_trials.csv` on test trials; earlier versions saved no others."""
     return trials[trials["side"] == "test"] if "side" in trials else trials
-
-
-def _ms(decision: Decision) -> str:
-    return "-" if pd.isna(decision.ms) else answers.count(decision.ms)
 
 
 def beware(

@@ -1,6 +1,9 @@
 """The page of a report: the common parts, its style and scripts, and its downloads."""
 
+import ast
 import json
+import re
+import shlex
 from base64 import b64encode
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,6 +21,7 @@ from plotly.offline import get_plotlyjs
 
 from neurotact.figures.style import Drawn, save
 from neurotact.files import read_json, write_text
+from neurotact.spec import assignments_of
 from neurotact.studies.claims import Verdict, judge
 from neurotact.studies.loading import Study
 from neurotact.studies.study import to_toml
@@ -28,6 +32,10 @@ NETWORKS = ("marks.js", "plotly.js", "state.js", "cell.js", "trade_off.js", "com
 PROTOCOL = ("marks.js", "plotly.js", "state.js", "table.js", "protocol.js")
 
 
+_END = re.compile(r"(?<=[;.]) ")
+_SETTINGS = re.compile(r"`settings=(\{[^`]*\})`")
+
+
 class Table(NamedTuple):
     """A table as text: caption, column heads, and rows, whose first `n_heads` cells are row heads."""
 
@@ -35,6 +43,15 @@ class Table(NamedTuple):
     columns: list[str]
     rows: list[list[str]]
     n_heads: int = 0
+
+
+class Figure(NamedTuple):
+    """A large figure of the first screen: what it is, its value, what the value is of, and what it is compared with."""
+
+    what: str
+    value: str
+    of: str
+    against: str
 
 
 class Entry(NamedTuple):
@@ -167,6 +184,37 @@ def if_there(path: Path) -> dict[str, Any]:
     return read_json(path) if path.is_file() else {}
 
 
+def parted(sentences: str) -> tuple[str, str]:
+    """The first statement of an answer, and the rest of it.
+
+    >>> parted("gratings: it saves too little; a network has 100 %. It is cheap.")
+    ('gratings: it saves too little;', 'a network has 100 %. It is cheap.')
+    >>> parted("It is even.")
+    ('It is even.', '')
+    """
+    first, _, rest = _END.sub("\n", sentences, count=1).partition("\n")
+    return first, rest
+
+
+def typed(text: str, option: str) -> str:
+    """A message whose settings stand as they are typed on the command line, and whose percent signs stay with numbers.
+
+    >>> typed("try `settings={'window.length_ms': ..., 'window.align': 'onset'}`", "with")
+    'try `with window.length_ms=... with window.align=onset`'
+    """
+    return _SETTINGS.sub(lambda found: _as_typed(found[1], option) or found[0], text).replace(" %", "\u00a0%")
+
+
+def _as_typed(settings: str, option: str) -> str | None:
+    try:
+        given = ast.literal_eval(settings)
+    except (SyntaxError, ValueError):
+        return None
+    if not isinstance(given, dict):
+        return None
+    return f"`{' '.join(f'{option} {shlex.quote(each)}' for each in assignments_of(given))}`"
+
+
 def plain(value: Any) -> str | float:
     """The sort key of a table cell; empty for a missing number."""
     if isinstance(value, str):
@@ -216,6 +264,7 @@ def _template(name: str):
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters |= {"typed": typed, "parted": parted}
     return environment.get_template(name)
 
 

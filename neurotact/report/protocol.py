@@ -11,7 +11,7 @@ from neurotact.figures.style import bars
 from neurotact.files import write_json
 from neurotact.report import page, protocol_answer
 from neurotact.report.answer import count
-from neurotact.report.page import Entry, Table
+from neurotact.report.page import Entry, Figure, Table
 from neurotact.report.protocol_answer import ProtocolAnswer, name_of, scale, words
 from neurotact.spec import to_toml
 from neurotact.studies import protocol_cell
@@ -38,6 +38,8 @@ class Front(NamedTuple):
 
     setting: str
     headline: str
+    verdict: str
+    figures: list[Figure]
     details: list[str]
     table: Table
 
@@ -154,7 +156,9 @@ def seen(
             Front(
                 one.setting,
                 protocol_answer.headline(one, view),
-                list(protocol_answer.details(one, view)),
+                protocol_answer.verdict(one),
+                protocol_answer.figures(one, view),
+                [protocol_answer.evidence(one, view), *protocol_answer.details(one, view)],
                 tables.get(one.setting) or protocol_answer.table(one, view),
             )
             for one in found

@@ -16,7 +16,7 @@ from neurotact.metrics import referee
 from neurotact.metrics.paired import Paired, compare_means
 from neurotact.metrics.referee import Verdict, Way
 from neurotact.report.answer import count
-from neurotact.report.page import Table
+from neurotact.report.page import Figure, Table
 from neurotact.studies.protocol import HEADS, View
 
 VALIDATION = "accuracy_validation"
@@ -147,19 +147,67 @@ def _error(row: pd.Series, measure: str) -> float:
 
 
 def headline(found: ProtocolAnswer, view: View) -> str:
-    """The result in one sentence."""
-    guess = "" if found.chance is None else f"; guessing reaches {_score(found.chance, view)}"
+    """The result in one sentence: the verdict, and the numbers that it rests on."""
+    said = verdict(found)
+    return f"{said}: {evidence(found, view)}" if said else evidence(found, view)
+
+
+def verdict(found: ProtocolAnswer) -> str:
+    """The verdict of the headline, without its numbers; empty where there is nothing to compare."""
     if found.spiking is None or found.other is None:
-        return f"{_told(found.best, view)} at {_cost(found.best.cost, view)}{guess}."
-    both = f"{_told(found.spiking, view)}; {_rivals(found, view)}{guess}."
+        return ""
     if found.verdict is None:
-        return f"A comparison of single rows, without an error: {both}"
-    verdict = {
+        return "A comparison of single rows, without an error"
+    return {
         "better": "Spiking is more accurate",
         "worse": "Spiking costs accuracy",
         "tie": "No clear difference between spiking and the others",
     }[kind_of(found)]
-    return f"{verdict}: {both}"
+
+
+def evidence(found: ProtocolAnswer, view: View) -> str:
+    """The numbers of the headline."""
+    guess = "" if found.chance is None else f"; guessing reaches {_score(found.chance, view)}"
+    if found.spiking is None or found.other is None:
+        return f"{_told(found.best, view)} at {_cost(found.best.cost, view)}{guess}."
+    return f"{_told(found.spiking, view)}; {_rivals(found, view)}{guess}."
+
+
+def figures(found: ProtocolAnswer, view: View) -> list[Figure]:
+    """The score and the costs of the best configuration that spikes, or of the best one, beside the best other.
+
+    >>> measures = {"accuracy": "accuracy (%)", "flops": "FLOPs"}
+    >>> view = View(("kind",), measures, "flops", "accuracy", spiking=("kind", ("rsnn",)))
+    >>> rows = {"kind": ["rsnn", "svm"], "rows": [4, 4], "accuracy": [0.9, 0.89], "accuracy_sd": [0.04, 0.02]}
+    >>> (found,) = answers(pd.DataFrame(rows | {"flops": [900.0, 300.0]}), view)
+    >>> for one in figures(found, view):
+    ...     print(one.what, one.value, one.of, one.against, sep=" | ")
+    accuracy | 90.0 % | ± 2.0 points, rsnn | svm: 89.0 ± 1.0 %
+    FLOPs | 900 | rsnn | svm: 300
+    """
+    shown, other = found.spiking or found.best, found.other if found.spiking else None
+    error = "" if math.isnan(shown.error) else f"± {_points(shown.error, view)}, "
+    guess = "" if found.chance is None else f"guessing: {_score(found.chance, view)}"
+    beside = f"{other.name}: {_with_error(other, view)}" if other else guess
+    theirs = _costs(other, view) if other else {}
+    return [
+        Figure(_what(view), _score(shown.score, view), f"{error}{shown.name}", beside),
+        *(
+            Figure(
+                head,
+                count(value),
+                shown.name,
+                f"{other.name}: {count(theirs[head])}" if other and head in theirs else "",
+            )
+            for head, value in _costs(shown, view).items()
+        ),
+    ]
+
+
+def _costs(one: Configuration, view: View) -> dict[str, float]:
+    """The known costs of a configuration by their heads, the view's own first."""
+    found = {view.measures[view.cost]: one.cost} | {SPENT[column]: value for column, value in one.spent.items()}
+    return {head: value for head, value in found.items() if not math.isnan(value)}
 
 
 def kind_of(found: ProtocolAnswer) -> referee.Kind:
@@ -288,8 +336,12 @@ def _score(value: float, view: View) -> str:
 
 
 def _told(one: Configuration, view: View) -> str:
-    what = view.measures[view.score].removesuffix("(%)").strip()
-    return f"{one.name} has a {what} of {_score(one.score, view)}"
+    return f"{one.name} has a {_what(view)} of {_score(one.score, view)}"
+
+
+def _what(view: View) -> str:
+    """The score in words, without its unit."""
+    return view.measures[view.score].removesuffix("(%)").strip()
 
 
 def _with_error(one: Configuration, view: View) -> str:

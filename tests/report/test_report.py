@@ -457,7 +457,10 @@ def test_the_first_screen_answers(written):
     answer = read_json(written.parent / "answer.json")
     assert [one["dataset"] for one in answer["answers"]] == ["v1 mix", "mixed"]
     for one in answer["answers"]:
-        assert f"{one['dataset']}: {one['headline']}" in text.replace("\xa0", " ")
+        assert f"{one['dataset']}: {one['short']}." in text.replace("\xa0", " ")
+        assert one["headline"].partition(": ")[2].removeprefix("t") in text.replace("\xa0", " ")
+        for figure in one["figures"]:
+            assert f"{figure['what']}{figure['value']}{figure['of']}" in text.replace("\xa0", " ")
         rows = [network for network in one["networks"] if network["pair"] == "1&1"]
         assert {row["hidden"] for row in rows} == {20, 30}
         # 300 steps of 2.5 ms; early exit after 220 of them
@@ -465,7 +468,7 @@ def test_the_first_screen_answers(written):
         best = one["networks"][one["best"]]
         assert best["low"] < best["whole"]["accuracy"] < best["high"]
         assert best["validation"] == max(network["validation"] for network in one["networks"])
-    assert page.text.index("Explore the networks") > page.text.index(answer["answers"][0]["headline"][:20])
+    assert page.text.index("Explore the networks") > page.text.index(answer["answers"][0]["short"][:20])
 
 
 @pytest.mark.thorough

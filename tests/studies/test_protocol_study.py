@@ -204,7 +204,8 @@ def test_the_first_screen_answers_before_anything_else(finished):
     (found,) = protocol_answer.answers(read_table(finished / "means.csv"), view)
     said = protocol_answer.headline(found, view).replace(" %", "\u00a0%")
     assert found.best.name.startswith("heads")
-    order = [page.index(part) for part in (said, 'id="plot"', "The best of each kind", "Explore every", 'id="claims"')]
+    parts = ("The best rule foresees", 'id="plot"', "The best of each kind", said, "Explore every", 'id="claims"')
+    order = [page.index(part) for part in parts]
     assert order == sorted(order)
     drawn = json.loads(re.search(r'id="study-data">(.*?)</script>', page)[1])
     assert drawn["fronts"] == {"": {"best": found.best.index, "cheapest": found.cheapest.index, "chance": None}}

@@ -156,7 +156,7 @@ function training(log, width) {
 }
 
 function chart(epochs, train, validation, scale, words, kept, width) {
-  const left = 44, right = 8, top = 20, height = 170, bottom = height - 34;
+  const left = 44, right = 16, top = 20, height = 170, bottom = height - 34;
   const values = [...(train || []), ...(validation || [])].filter((v) => v != null).map((v) => v * scale);
   const high = Math.max(...values), low = Math.min(...values, 0.9 * high);
   const x = (epoch) => left + ((width - left - right) * (epoch - epochs[0])) / Math.max(1, epochs.at(-1) - epochs[0]);
@@ -182,7 +182,7 @@ function chart(epochs, train, validation, scale, words, kept, width) {
 
 /* Values of the trials: filled if finished, open if stopped; a line for the best so far. */
 function search(found, width) {
-  const left = 44, right = 8, top = 20, height = 190, bottom = height - 34;
+  const left = 44, right = 16, top = 20, height = 190, bottom = height - 34;
   const known = found.values.filter((value) => value != null);
   const high = Math.max(...known), low = Math.min(...known);
   const x = (trial) => left + ((width - left - right) * (trial + 0.5)) / found.values.length;

@@ -51,7 +51,7 @@ function frontOf(points, kind, cost) {
 function frontTrace(study, points, kind) {
   const { words, dash } = KINDS[kind], cost = study.chosen.cost, front = frontOf(points, kind, cost);
   return {
-    type: "scatter", mode: "lines", cliponaxis: false, name: `Pareto front, ${words}`, legendgroup: `front ${kind}`, hoverinfo: "skip",
+    type: "scatter", mode: "lines", cliponaxis: false, name: `front, ${words}`, legendgroup: `front ${kind}`, hoverinfo: "skip",
     x: front.map((p) => p[kind][cost]), y: front.map((p) => 100 * p[kind].accuracy),
     line: { shape: "hv", dash, width: 1.5, color: style(kind === "whole" ? "--ink" : "--soft") },
   };
@@ -62,7 +62,7 @@ function markTraces(study, points, kinds) {
   const cost = study.chosen.cost, ring = (point, size, colour) => {
     const shown = kinds.filter((kind) => point[kind]?.[cost] != null);
     return {
-      type: "scatter", mode: "markers", cliponaxis: false, showlegend: false, hoverinfo: "skip",
+      type: "scatter", mode: "markers", cliponaxis: false, name: "selected network", hoverinfo: "skip",
       x: shown.map((kind) => point[kind][cost]), y: shown.map((kind) => 100 * point[kind].accuracy),
       marker: { symbol: "circle-open", size, color: style(colour), line: { width: 2.5 } },
     };
@@ -73,9 +73,22 @@ function markTraces(study, points, kinds) {
   if (study.chosen.points !== "means" || used?.[cost] == null || !kinds.includes(front.used) || !points.some((p) => p.at === front.best)) return looked;
   return [...looked, {
     type: "scatter", mode: "markers", cliponaxis: false, hoverinfo: "skip", name: "95 % interval of the best", x: [used[cost]], y: [100 * used.accuracy],
-    marker: { symbol: "line-ew-open", size: 1, color: style("--ink") },
+    marker: { symbol: "line-ns-open", size: 9, color: style("--ink"), line: { width: 1.4 } },
     error_y: { type: "data", symmetric: false, array: [100 * (best.high - used.accuracy)], arrayminus: [100 * (used.accuracy - best.low)], color: style("--ink"), thickness: 1.4, width: 5 },
   }];
+}
+
+/* Entries of the legend alone: what filled, open and larger marks are. */
+function keyTraces(study, kinds) {
+  const [least, most] = [study.sizes[0], study.sizes.at(-1)];
+  const entry = (name, symbol, size = 9) => ({
+    type: "scatter", mode: "markers", name, hoverinfo: "skip", x: [null], y: [null],
+    marker: { symbol, size, color: style("--soft"), line: { width: 1.6, color: style("--soft") } },
+  });
+  return [
+    ...kinds.map((kind) => entry(`${kind === "whole" ? "filled" : "open"}: ${KINDS[kind].words}`, `circle${KINDS[kind].open}`)),
+    ...(least < most ? [entry(`larger: more neurons (${least} to ${most})`, "circle", 13)] : []),
+  ];
 }
 
 /* Lines at the best baseline and at guessing, with their names on the right. */
@@ -92,6 +105,7 @@ function drawTradeOff(plotly, host, study) {
   const traces = [
     ...kinds.map((kind) => frontTrace(study, points, kind)),
     ...kinds.flatMap((kind, index) => pointTraces(study, points, kind, index === 0)),
+    ...keyTraces(study, kinds),
     ...markTraces(study, points, kinds),
   ];
   const heights = [...kinds.flatMap((kind) => drawable(points, kind, chosen.cost).map((p) => 100 * p[kind].accuracy)), ...lines.map((l) => l.y)];
