@@ -156,7 +156,7 @@ def calibrate(
     turned_to, at = fitted, {}
     for knob in knobs_of(fitted):
         afferent, mine = knob.name, table.afferent == knob.name
-        best = choose(table[mine], rule, f"{_source(recordings)}: {afferent}")
+        best = choose(table[mine], rule, f"{_source(recordings)}: {afferent}", knob.kind)
         table.loc[best, "chosen"] = True
         gain = float(table.gain[best])
         if not table.admissible[best] and rule.spikes_per_s is None:
@@ -356,7 +356,7 @@ def _on_silence(conditioned: Excerpts, rates: np.ndarray, afferent: str, rule: C
 
 def _on_ends(table: pd.DataFrame, best: int, knob: Knob, rule: CalibrationRule) -> list[str]:
     """The note on a value at the end of what was tried, or on a rate that is far from the requested one."""
-    what, rate = "threshold" if knob.is_threshold else "gain", float(table.spikes_per_s[best])
+    what, rate = knob.kind, float(table.spikes_per_s[best])
     if rule.spikes_per_s is None:
         most = "smallest" if knob.is_threshold else "largest"
         more = f"{knob.name}: the chosen {what} is the {most} tried; more candidates may find a better one"

@@ -17,7 +17,7 @@ from neurotact.data.spool import Spool
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.excerpts import Excerpts
 from neurotact.encoders.knobs import Knob, knobs_of, turned, value_of
-from neurotact.encoders.specs import CALIBRATED, Calibrated, EncoderSpec, afferent_names, encode
+from neurotact.encoders.specs import CALIBRATED, MODELS, Calibrated, EncoderSpec, afferent_names, encode
 from neurotact.errors import InputError
 from neurotact.metrics.isi_distributions import bin_edges, separation, shares_of
 from neurotact.metrics.spike_trains import Intervals, events_of_raster, isis_ms, spike_counts
@@ -67,9 +67,14 @@ class CalibrationRule(Spec):
 
 
 def suited_rule(spec: EncoderSpec, rule: CalibrationRule, n_classes: int) -> CalibrationRule:
-    """The rule with as few trials, taxels and seconds as an encoder of this speed can search with in a minute."""
+    """The rule with as few trials, taxels and seconds as an encoder of this speed can search with in a minute.
+
+    A model that repeats its spikes (`Model.repeats`) has no limit of intervals at the refractory floor.
+    """
     if isinstance(spec, AfferentSpec):
         return rule
+    if MODELS[spec.model].repeats:
+        rule = rule.model_copy(update={"max_floor_share": 1.0})
     less = {
         "trials_per_class": min(rule.trials_per_class, max(2, SLOW_TRIALS // n_classes)),
         "taxels": min(rule.taxels, SLOW_TAXELS),
@@ -326,8 +331,8 @@ def _strongest(drive: Iterable[np.ndarray], n_values: int) -> float:
     return float(strongest if strongest > 0 else top[-1])
 
 
-def choose(table: pd.DataFrame, rule: CalibrationRule, where: str) -> int:
-    """Index of the chosen row of one population.
+def choose(table: pd.DataFrame, rule: CalibrationRule, where: str, knob: str = "gain") -> int:
+    """Index of the chosen row of one population; knob: what is chosen, a gain or a threshold.
 
     If no gain satisfies both limits, the limit on silent trials is dropped: of the gains that satisfy the other, those
     with the fewest silent trials are kept. A class may be rest, and silence then identifies it.
@@ -340,14 +345,15 @@ def choose(table: pd.DataFrame, rule: CalibrationRule, where: str) -> int:
         firing = table[table.silent_share < 1]
         if firing.empty:
             raise InputError(
-                f"{where}: no gain tried gives a spike; check the columns that were read and the encoder's tau_mem_ms"
+                f"{where}: no {knob} tried gives a spike; check the columns that were read and the encoder's time "
+                "constants"
             )
         good = firing[firing.floor_share <= rule.max_floor_share]
         if good.empty:
             raise InputError(
-                f"{where}: every gain that gives spikes puts {firing.floor_share.min():.1%} or more of the ISIs at the "
-                f"refractory floor, above max_floor_share = {rule.max_floor_share:.1%}; check the columns that "
-                "were read, or give the encoder a longer tau_mem_ms"
+                f"{where}: every {knob} that gives spikes puts {firing.floor_share.min():.1%} or more of the ISIs at "
+                f"the refractory floor, above max_floor_share = {rule.max_floor_share:.1%}; check the columns that "
+                "were read, or give the encoder longer time constants"
             )
         good = good[good.silent_share == good.silent_share.min()]
     best = good.separation.max()

@@ -24,6 +24,11 @@ class Knob(NamedTuple):
         return self.key.rpartition(".")[0]
 
     @property
+    def kind(self) -> str:
+        """What it is, in words."""
+        return "threshold" if self.is_threshold else "gain"
+
+    @property
     def unit(self) -> str:
         """Its unit on standardised signals, in words."""
         _, _, unit = self.key.rpartition(".")[2].replace("unit_ms", "sd_ms").partition("_")

@@ -70,6 +70,8 @@ class Model(NamedTuple):
     layer: its layer in the cost ledger, `layer(spec as a table, taxels, steps, step_ms)`.
     is_random: whether its `encode` also takes `trials`, the numbers that seed it.
     populations: in the order of its output. One whose part of the spec is optional has no afferents without it.
+    repeats: whether an afferent fires at every step at which a condition holds, so that most of its intervals are the
+        shortest possible.
     """
 
     title: str
@@ -79,6 +81,7 @@ class Model(NamedTuple):
     layer: Callable[[Mapping[str, Any], int, int, float], Layer]
     is_random: bool = False
     populations: tuple[Population, ...] = SA_RA
+    repeats: bool = False
 
 
 def _of_size(layer: Callable[[int, int], Layer]) -> Callable[[Mapping[str, Any], int, int, float], Layer]:
@@ -124,7 +127,7 @@ MODELS = {
     ),
     "moving-window": Model(
         "moving-window events", MovingWindowSpec, MovingWindowState, moving_window.encode, moving_window.layer,
-        populations=ON_OFF,
+        populations=ON_OFF, repeats=True,
     ),
     "bens-spiker": Model(
         "Ben's spiker", BensSpikerSpec, BensSpikerState, bens_spiker.encode, bens_spiker.layer, populations=ON_OFF

@@ -55,11 +55,11 @@ def write(study: StudySpec, folder: Path) -> Path:
     """
     every = list(cells(study))
     done = [cell for cell in every if is_done(folder, cell)]
-    results = with_pair(read_table(folder / "results.csv"))
+    results = with_pair(read_table(folder / "results.csv"), study)
     results = results.assign(
         gain_sa=[pair_of(cell.encoder)[0] for cell in done], gain_ra=[pair_of(cell.encoder)[1] for cell in done]
     )
-    encoding = with_pair(read_encoding(folder / "encoding.csv"))
+    encoding = with_pair(read_encoding(folder / "encoding.csv"), study)
     isi = encoded.read_isi(existing(folder / encoded.ISI))
     trains = first_spikes(folder, done)
     classes = name_classes(encoding, trains.conditions if trains else None)

@@ -11,6 +11,7 @@ from neurotact.metrics import referee
 from neurotact.metrics.paired import Paired, compare_shares
 from neurotact.metrics.referee import Verdict, Way
 from neurotact.metrics.shares import standard_error, wilson_interval
+from neurotact.report import periods
 
 Kind = Literal["nothing learned", "unclear", "no baseline", "worse", "tie", "better"]
 """nothing learned: no better than guessing. unclear: better, and chance alone may do as well."""
@@ -50,7 +51,8 @@ class Network(NamedTuple):
 
     @property
     def name(self) -> str:
-        return f"{self.pair} ms with {self.hidden} neurons"
+        size = f"{self.hidden} neurons"
+        return size if self.pair == periods.NONE else f"{self.pair} ms with {size}"
 
     @property
     def exits(self) -> bool:
@@ -361,7 +363,7 @@ def of_refractory_periods(found: Answer, networks: Sequence[Network]) -> Iterato
 
     The other network is chosen by the referee among those with the shortest periods. Nothing if these are the same.
     """
-    shortest = min((network.pair for network in networks), key=lambda pair: sum(map(float, pair.split("&"))))
+    shortest = min((network.pair for network in networks), key=lambda pair: sum(periods.sizes(pair)))
     if not found.is_above_chance or found.cheapest.pair == shortest:
         return
     with_shortest = [network for network in networks if network.pair == shortest]

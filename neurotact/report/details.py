@@ -20,6 +20,7 @@ from neurotact.networks.training import checkpoint, tasks, trained
 from neurotact.networks.training.trained import LOG, Restored
 from neurotact.networks.training.training import Epoch, Examples
 from neurotact.report import front
+from neurotact.report.periods import named
 from neurotact.report.tables import confusion, in_words, kept_epoch
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import SPLIT, Cell
@@ -92,7 +93,7 @@ def cell_name(row: pd.Series) -> str:
     'mixed, t_ref 1&10 ms, N = 30, seed 2, split fold 1'
     """
     split = "".join(f", {in_words(key)} {value}" for key, value in row.items() if str(key).startswith(SPLIT))
-    return f"{row['setting']}, t_ref {row['pair']} ms, N = {row['hidden']}, seed {row['seed']}{split}"
+    return f"{row['setting']}, {named(row['pair'])}, N = {row['hidden']}, seed {row['seed']}{split}"
 
 
 def page_data(

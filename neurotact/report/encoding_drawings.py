@@ -13,6 +13,8 @@ from neurotact.figures import encoding as encoding_figures
 from neurotact.figures.columns import in_unit
 from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
+from neurotact.report import periods
+from neurotact.report.periods import named
 from neurotact.report.tables import in_the_paper
 from neurotact.studies.encoded import TOUCH
 from neurotact.studies.study import StudySpec
@@ -120,14 +122,16 @@ def _rasters(study: StudySpec, trains: SpikeTrains, view: View, classes: Classes
     stop_s = min(max(end_s, start_s + window_s), start_s + max(SHOWN_s, window_s))
     columns = [classes.long[label] for label in shown]
     figure = encoding_figures.draw_rasters(trains, trials, rows, columns, start_s, stop_s, window_s)
-    parts = [trains.encoder.get(population.part, trains.encoder) for population in populations(trains.encoder)[:2]]
-    pair = "&".join(f"{part.get('t_ref_ms', 0):g}" for part in reversed(parts))
     first, second = names_of(study)
+    parts = [trains.encoder.get(population.part, trains.encoder) for population in populations(trains.encoder)[:2]]
+    each_ms = [float(part.get("t_ref_ms", 0.0)) for part in parts]
+    pair = periods.in_words(study.encoder.model, each_ms[0], each_ms[-1])
+    order = f" ({second} & {first})" if "&" in pair else ""
     at = f" at {in_words(view.fixed)}" if view.fixed else ""
     down = f"; from top to bottom {', '.join(rows)}" if len(rows) > 1 else ""
     caption = (
-        f"Spikes of the {first} (blue) and {second} (orange) afferents in one trial each{at}{down}. t_ref {pair} ms "
-        f"({second} & {first}). Grey: a trial's first window of {study.window.length_ms:g} ms, the input of networks."
+        f"Spikes of the {first} (blue) and {second} (orange) afferents in one trial each{at}{down}. "
+        f"{named(pair)}{order}. Grey: a trial's first window of {study.window.length_ms:g} ms, the input of networks."
         f"{_of_all(shown, classes)}{in_the_paper(study, 'Fig. 5')}"
     )
     counts = ", ".join(f"{len(trains.steps[trial])}" for trial in found)
@@ -167,7 +171,7 @@ def _rates(study: StudySpec, encoding: pd.DataFrame, view: View, classes: Classe
     figure = encoding_figures.draw_rates(rows, view.by, classes, names_of(study))
     caption = (
         f"Firing rate of each population for each {classes.word}{' and condition' if view.by else ''}, as a share of "
-        f"the population's highest, at t_ref {pair} ms{_stretch(rows)}."
+        f"the population's highest, at {named(pair)}{_stretch(rows)}."
         f"{in_the_paper(study, 'Fig. 10(a)')}"
     )
     alt = f"Two matrices of firing rates, {_trends(rows, view, 'spikes', '_per_s', names_of(study))}"
@@ -184,7 +188,7 @@ def _isis(study: StudySpec, encoding: pd.DataFrame, view: View, classes: Classes
     figure = encoding_figures.draw_isis(rows, view.vary, classes, names_of(study))
     at = f" at {in_words(view.fixed)}" if view.fixed else ""
     caption = (
-        f"Mean inter-spike interval of each {classes.word}{at}, t_ref {pair} ms{within}; a gap if the population is "
+        f"Mean inter-spike interval of each {classes.word}{at}, {named(pair)}{within}; a gap if the population is "
         f"silent.{in_the_paper(study, 'Fig. 10(b)')}"
     )
     alt = f"Points over the classes, {_trends(rows, view, 'isi', '_ms', names_of(study))}"

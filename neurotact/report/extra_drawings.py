@@ -9,6 +9,7 @@ from neurotact.figures import truncated as shortened_figures
 from neurotact.figures.columns import in_unit
 from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
+from neurotact.report.periods import in_ms
 from neurotact.studies.study import LENGTH, StudySpec
 
 
@@ -39,7 +40,7 @@ def panel_of(table: pd.DataFrame) -> pd.Series:
     >>> panel_of(pd.DataFrame({"dataset": ["mixed"], "pair": ["5&5"]})).tolist()
     ['mixed, 5&5 ms']
     """
-    return table["dataset"] + ", " + table["pair"] + " ms"
+    return table["dataset"] + ", " + table["pair"].map(in_ms)
 
 
 def _cut_short(study: StudySpec, table: pd.DataFrame) -> Drawn:
@@ -73,7 +74,9 @@ def _costs(results: pd.DataFrame) -> Drawn:
     sizes = set.intersection(*(set(rows["hidden"]) for _, rows in results.groupby("pair")))
     results = results[results["hidden"].isin(sizes)] if sizes else results
     means = results.groupby(["pair", LENGTH], sort=False)["accuracy_test"].mean()
-    words = [f"{pair} ms, {length_ms:g} ms of input: {100 * mean:.1f} %" for (pair, length_ms), mean in means.items()]
+    words = [
+        f"{in_ms(pair)}, {length_ms:g} ms of input: {100 * mean:.1f} %" for (pair, length_ms), mean in means.items()
+    ]
     of = f"{' and '.join(f'{size:g}' for size in sorted(sizes))} hidden neurons" if sizes else "all sizes"
     caption = (
         "Test accuracy against the cost of a decision: afferent spikes, SOPs and window length. A point is "

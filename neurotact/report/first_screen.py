@@ -8,13 +8,11 @@ import pandas as pd
 from neurotact.metrics import referee
 from neurotact.metrics.shares import wilson_interval
 from neurotact.report import answer as answers
+from neurotact.report import periods
 from neurotact.report.answer import Answer, Baseline, Decision, Network, Trials
 from neurotact.report.page import Figure, Table
 
-HEADS = [
-    "t_ref RA-I & SA-I, neurons", "test accuracy (95 % interval)", "input spikes", "SOPs", "ms to decision",
-    "energy estimate",
-]  # fmt: skip
+HEADS = ["t_ref, neurons", "test accuracy (95 % interval)", "input spikes", "SOPs", "ms to decision", "energy estimate"]
 
 
 class _Row(NamedTuple):
@@ -87,8 +85,11 @@ def chosen(found: Answer, networks: Sequence[Network], baselines: Sequence[Basel
     return f"{network}, chosen on validation trials{told}."
 
 
-def table(found: Answer, networks: Sequence[Network], baselines: Sequence[Baseline]) -> Table:
-    """Every network and baseline that a sentence names, and the best of each pair and kind on validation trials."""
+def table(found: Answer, networks: Sequence[Network], baselines: Sequence[Baseline], period: str = "t_ref") -> Table:
+    """Every network and baseline that a sentence names, and the best of each pair and kind on validation trials.
+
+    period: what the refractory periods are of (`periods.head`).
+    """
     rows = [[f"{row.name}{row.mark}", *_in_words(row.decision, found.trials.test)]
             for row in _network_rows(found, networks)]  # fmt: skip
     for baseline in _baselines_shown(found, baselines):
@@ -104,7 +105,7 @@ def table(found: Answer, networks: Sequence[Network], baselines: Sequence[Baseli
         f"Means over {found.trials.test} test trials{over}; energy is an estimate of the arithmetic. Choices: accuracy "
         "on validation trials, then the least energy. The best network of each pair is shown."
     )
-    return Table(caption, HEADS, rows, n_heads=1)
+    return Table(caption, [f"{period}, neurons", *HEADS[1:]], rows, n_heads=1)
 
 
 def _network_rows(found: Answer, networks: Sequence[Network]) -> Iterator[_Row]:
@@ -116,7 +117,7 @@ def _network_rows(found: Answer, networks: Sequence[Network]) -> Iterator[_Row]:
             named = (("best on validation", found.best), ("cheapest within its error", found.cheapest))
             marks = [word for word, of in named if of == one]
             mark = f": {' and '.join(marks)}" if marks else ""
-            name = f"{pair} ms, {one.hidden}"
+            name = f"{periods.in_ms(pair)}, {one.hidden}"
             yield _Row(name, one.whole, "" if one.exits else mark)
             if one.early is not None:
                 yield _Row(f"{name}, early exit", one.early, mark if one.exits else "")

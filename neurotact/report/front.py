@@ -24,7 +24,7 @@ from neurotact.networks.training import cautions, tasks
 from neurotact.networks.training.trained import LOG
 from neurotact.networks.use import ledger
 from neurotact.report import answer as answers
-from neurotact.report import first_screen
+from neurotact.report import first_screen, periods
 from neurotact.report.answer import Answer, Baseline, Decision, Network, Trials
 from neurotact.report.page import Figure, Table
 from neurotact.studies import suited
@@ -161,7 +161,7 @@ def as_json(found: Front) -> dict[str, Any]:
     drawn = []
     for network, cell in zip(found.networks, found.cells, strict=True):
         low, high = wilson_interval(network.used.accuracy, found.answer.trials.test)
-        name = f"{network.pair} ms, N = {network.hidden}"
+        name = f"{periods.in_ms(network.pair)}, N = {network.hidden}"
         more = {"low": low, "high": high, "used": USED[network.exits], "cell": cell, "name": name}
         entry = network._asdict() | more
         drawn.append(entry | {kind: _as_json(getattr(network, kind)) for kind in KINDS})
@@ -205,13 +205,14 @@ def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], result: M
         table = tables["baselines"]
         for key in (key for key in encoder_columns(study) if key in table):
             table = table[table[key].isna() | (table[key] == result[key])]
-        by = ["classifier", "input", "t_ref_ra_ms", "t_ref_sa_ms"]
+        by = ["classifier", "input", "t_ref_ra_ms", "t_ref_sa_ms", *(["encoder"] if "encoder" in table else [])]
         measures = ["accuracy_validation", "accuracy_test", "energy_estimate_nJ"]
         table = table[table["dataset"] == dataset]
         averaged = [tuple(part.index) for _, part in table.groupby(by, sort=False, dropna=False)]
-        means = means_over(table, by, measures, "splits").to_dict("records")
-        for row, rows in zip(means, averaged, strict=True):
-            pair = "" if pd.isna(row["t_ref_ra_ms"]) else f"{row['t_ref_ra_ms']:g}&{row['t_ref_sa_ms']:g} ms "
+        means = means_over(table, by, measures, "splits")
+        pairs = periods.of_rows(means, study)
+        for row, rows, named in zip(means.to_dict("records"), averaged, pairs, strict=True):
+            pair = "" if pd.isna(row["t_ref_ra_ms"]) or named == periods.NONE else f"{named} ms "
             source, _, words = row["input"].partition(": ")
             name = f"{row['classifier']} on {pair}{source} ({words})"
             shares = row["accuracy_validation"], row["accuracy_test"]
@@ -279,7 +280,7 @@ def fronts(
             first_screen.figures(found),
             first_screen.chosen(found, networks, baselines),
             words,
-            first_screen.table(found, networks, baselines),
+            first_screen.table(found, networks, baselines, periods.head(study)),
             lost,
         )
 

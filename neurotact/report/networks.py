@@ -13,7 +13,7 @@ from neurotact.figures.style import Drawn
 from neurotact.files import write_json
 from neurotact.metrics import referee
 from neurotact.networks.use import ledger
-from neurotact.report import details, encoder_choice, front, page, search, selection_steps
+from neurotact.report import details, encoder_choice, front, page, periods, search, selection_steps
 from neurotact.report.encoding_drawings import encoding_drawings, name_classes
 from neurotact.report.extra_drawings import extra_drawings
 from neurotact.report.front import Front
@@ -27,7 +27,7 @@ from neurotact.studies.encoded import read_encoding
 from neurotact.studies.protocol import HEADS
 from neurotact.studies.selection import Selection
 from neurotact.studies.store import is_done
-from neurotact.studies.study import SPLIT, Cell, StudySpec, cells, swept_columns
+from neurotact.studies.study import SPLIT, Cell, StudySpec, cells, setting_columns, swept_columns
 from neurotact.tables import over_seeds, read_table, write_table
 
 DOWNLOADS = {
@@ -60,7 +60,7 @@ NAMES = ["pair", "setting"]
 CALIBRATED = "Encoder, calibrated on the training trials of the first network"
 NETWORK_COLUMNS = {
     "setting": "data set",
-    "pair": "t_ref RA-I & SA-I (ms)",
+    "pair": "t_ref (ms)",
     "hidden": "N",
     "seed": "seed",
     "accuracy_validation": "validation accuracy (%)",
@@ -78,8 +78,8 @@ def write(study: StudySpec, folder: Path) -> Path:
     Raises InputError when `results.csv` or `encoding.csv` is missing or a claim names a missing column.
     """
     swept = swept_columns(study)
-    results = with_setting(with_pair(read_table(folder / "results.csv")), swept)
-    encoding = with_pair(read_encoding(folder / "encoding.csv"))
+    results = with_setting(with_pair(read_table(folder / "results.csv"), study), setting_columns(study))
+    encoding = with_pair(read_encoding(folder / "encoding.csv"), study)
     every = list(cells(study))
     done = [cell for cell in every if is_done(folder, cell)]
     trains = first_spikes(folder, done)
@@ -127,10 +127,10 @@ def write(study: StudySpec, folder: Path) -> Path:
         data=page.if_there(folder / "data.json"),
         selection=selection_steps.shown(course, study.selection) if course and study.selection else [],
         networks=networks_table(results.join(spent)),
-        network_heads=list(NETWORK_COLUMNS.values()),
-        means=means_table(results.join(spent)),
-        searches=search.table(trials, results),
-        baselines=_baselines_table(baselines),
+        network_heads=[*(NETWORK_COLUMNS | {"pair": f"{periods.head(study)} (ms)"}).values()],
+        means=means_table(results.join(spent), study),
+        searches=search.table(trials, results, study),
+        baselines=_baselines_table(baselines, study),
         ledger=_ledger_table(costs),
         ledger_about=ledger.ABOUT,
         page=page.parts(
@@ -145,7 +145,9 @@ def counted(results: pd.DataFrame) -> str:
     >>> counted(pd.DataFrame({"pair": ["1&1", "5&5"], "hidden": [30, 30], "dataset": ["all"] * 2, "seed": [0, 0]}))
     '2 networks: 2 pairs of refractory periods, 1 size, 1 data set, 1 seed'
     """
-    axes = {"pair": "pair of refractory periods", "hidden": "size", "dataset": "data set", "seed": "seed"}
+    are_pairs = results["pair"].str.contains("&", regex=False).any()
+    period = "pair of refractory periods" if are_pairs else "refractory period"
+    axes = {"pair": period, "hidden": "size", "dataset": "data set", "seed": "seed"}
     parts = [_number_of(results[column].nunique(), word) for column, word in axes.items()]
     return f"{_number_of(len(results), 'network')}: {', '.join(parts)}"
 
@@ -245,7 +247,7 @@ def drawings(
     yield from network_drawings(study, folder, done, results, classes, levels, trials)
 
 
-def means_table(results: pd.DataFrame) -> Table:
+def means_table(results: pd.DataFrame, study: StudySpec) -> Table:
     """Means over seeds, and over splits where several were run, ± SD of each network."""
     measures = [measure for measure in MEASURES if measure in results]
     rows = [
@@ -255,7 +257,7 @@ def means_table(results: pd.DataFrame) -> Table:
     ]
     columns = [
         "data set",
-        "t_ref RA-I & SA-I (ms)",
+        f"{periods.head(study)} (ms)",
         "N",
         "trainings",
         *(NETWORK_COLUMNS[measure] for measure in measures),
@@ -276,7 +278,7 @@ def networks_table(results: pd.DataFrame) -> list[list[Entry]]:
     ]
 
 
-def _baselines_table(found: pd.DataFrame | None) -> Table | None:
+def _baselines_table(found: pd.DataFrame | None, study: StudySpec) -> Table | None:
     """The classical baselines as text; None if the study has none."""
     if found is None:
         return None
@@ -284,18 +286,18 @@ def _baselines_table(found: pd.DataFrame | None) -> Table | None:
         [
             f"{row['classifier']}",
             row["input"],
-            "-" if pd.isna(row["t_ref_ra_ms"]) else f"{row['t_ref_ra_ms']:g}&{row['t_ref_sa_ms']:g}",
+            periods.NONE if pd.isna(row["t_ref_ra_ms"]) else pair,
             row["dataset"],
             *(f"{100 * row[name]:.1f}" for name in ("accuracy_validation", "accuracy_test")),
             f"{row['flops']:,.0f}",
             f"{row['energy_estimate_nJ']:,.3g}",
             row["settings"],
         ]
-        for row in found.to_dict("records")
+        for row, pair in zip(found.to_dict("records"), periods.of_rows(found, study), strict=True)
     ]
     heads = [
-        "classifier", "input", "t_ref RA-I & SA-I (ms)", "data set", "validation accuracy (%)", "test accuracy (%)",
-        "FLOPs", HEADS["energy_estimate_nJ"], "chosen on validation windows",
+        "classifier", "input", f"{periods.head(study)} (ms)", "data set", "validation accuracy (%)",
+        "test accuracy (%)", "FLOPs", HEADS["energy_estimate_nJ"], "chosen on validation windows",
     ]  # fmt: skip
     return Table(
         "Classifiers without spikes in their decision, on the same windows and the same split", heads, rows, n_heads=2

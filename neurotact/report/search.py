@@ -11,10 +11,11 @@ from neurotact.figures.style import Drawn
 from neurotact.networks.search.journal import FINISHED, STOPPED
 from neurotact.networks.search.search_tables import by_rank
 from neurotact.networks.search.tuning import SearchSpec
+from neurotact.report import periods
 from neurotact.report.page import Table
 from neurotact.studies.cell import SEARCH
 from neurotact.studies.store import cell_folder
-from neurotact.studies.study import Cell
+from neurotact.studies.study import Cell, StudySpec
 from neurotact.tables import read_table
 
 TRIALS = "searches.csv"
@@ -62,7 +63,7 @@ def hyperparameters(trials: pd.DataFrame) -> list[str]:
     return [column for column in trials.columns[after:] if column != "error"]
 
 
-def table(trials: pd.DataFrame, results: pd.DataFrame) -> Table | None:
+def table(trials: pd.DataFrame, results: pd.DataFrame, study: StudySpec) -> Table | None:
     """The choice of each search, one row per cell; empty if there was none."""
     if trials.empty:
         return None
@@ -77,7 +78,8 @@ def table(trials: pd.DataFrame, results: pd.DataFrame) -> Table | None:
         name = [str(row["setting"]), str(row["pair"]), str(row["hidden"]), str(row["seed"])]
         value = f"{own['value'][own['outcome'] == FINISHED].max():.4f}"
         rows.append([*name, str(found["best"]), value, kinds, *found["chosen"].values()])
-    heads = ["data set", "t_ref RA-I & SA-I (ms)", "N", "seed", "best trial", "its value", "finished/stopped", *keys]
+    named = ["data set", f"{periods.head(study)} (ms)", "N", "seed"]
+    heads = [*named, "best trial", "its value", "finished/stopped", *keys]
     return Table("Choice of each cell's search", heads, rows, n_heads=4)
 
 

@@ -14,6 +14,7 @@ from neurotact.figures.encoding import Classes
 from neurotact.networks.definition import recipe
 from neurotact.networks.training.trained import LOG
 from neurotact.networks.training.training import Epoch, best_of
+from neurotact.report import periods
 from neurotact.studies.store import cell_folder
 from neurotact.studies.study import SPLIT, Cell, StudySpec
 from neurotact.tables import read_table
@@ -28,14 +29,15 @@ EXTRA_TABLES = {
 """Tables that only some studies have, and the key of a study that requests each."""
 
 
-def with_pair(table: pd.DataFrame) -> pd.DataFrame:
-    """The table with the t_ref pair as the paper writes it, RA-I first, in the column `pair`.
+def with_pair(table: pd.DataFrame, study: StudySpec) -> pd.DataFrame:
+    """The table with the refractory periods of each row in words (`periods.in_words`), in the column `pair`.
 
-    >>> with_pair(pd.DataFrame({"t_ref_ra_ms": [1.0], "t_ref_sa_ms": [10.0]}))["pair"].tolist()
+    >>> from neurotact.studies.study import resolve
+    >>> rows = pd.DataFrame({"t_ref_ra_ms": [1.0], "t_ref_sa_ms": [10.0]})
+    >>> with_pair(rows, resolve("refractory-period"))["pair"].tolist()
     ['1&10']
     """
-    periods = zip(table["t_ref_ra_ms"], table["t_ref_sa_ms"], strict=True)
-    return table.assign(pair=[f"{ra:g}&{sa:g}" for ra, sa in periods])
+    return table.assign(pair=[*periods.of_rows(table, study)])
 
 
 def with_setting(results: pd.DataFrame, swept: list[str]) -> pd.DataFrame:
@@ -76,7 +78,7 @@ def extra_tables(study: StudySpec, folder: Path) -> dict[str, pd.DataFrame]:
     """The tables of `EXTRA_TABLES` that the study requests, by name."""
     paths = {name: folder / f"{name}.csv" for name, key in EXTRA_TABLES.items() if getattr(study, key)}
     found = {name: read_table(path) for name, path in paths.items() if path.is_file()}
-    return {name: with_pair(table) if "t_ref_ra_ms" in table else table for name, table in found.items()}
+    return {name: with_pair(table, study) if "t_ref_ra_ms" in table else table for name, table in found.items()}
 
 
 def confusion(result: Mapping[str, Any], classes: Classes) -> np.ndarray | None:

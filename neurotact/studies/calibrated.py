@@ -10,15 +10,16 @@ from typing import Any
 from neurotact.data.conditioning import ACAUSAL, check_used
 from neurotact.encoders.calibration import BY_CALIBRATION, FITTED, PAST
 from neurotact.encoders.knobs import knobs_of
-from neurotact.encoders.specs import EncoderSpec
+from neurotact.encoders.specs import MODELS, EncoderSpec, dotted
 from neurotact.errors import InputError
 from neurotact.spec import leaves, refuse
 from neurotact.studies import sweeps
 
 ENCODER = "encoder."
 CONDITIONING = f"{ENCODER}conditioning"
-PARTS = ("sa1.", "ra1.", "pc.", "low.", "high.", "")
-PERIODS = tuple(f"{ENCODER}{part}t_ref_ms" for part in PARTS)
+PERIODS = tuple(
+    {f"{ENCODER}{dotted(each.part, 't_ref_ms')}": None for model in MODELS.values() for each in model.populations}
+)
 """Keys that can be swept without a new fit of the gains."""
 _DECIDED = f"{BY_CALIBRATION}, or set calibrate=false"
 DECIDED = {f"{ENCODER}{key}": _DECIDED for key in FITTED}

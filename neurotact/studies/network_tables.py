@@ -7,10 +7,11 @@ from typing import Any
 import pandas as pd
 
 from neurotact.studies import encoded
+from neurotact.studies.calibrated import ENCODER
 from neurotact.studies.encoded import read_encoding
 from neurotact.studies.kind import Results
 from neurotact.studies.store import cell_folder
-from neurotact.studies.study import SOURCE, Cell, StudySpec, swept_columns, value_at
+from neurotact.studies.study import OF_SPIKES, SOURCE, Cell, StudySpec, swept_columns, value_at
 
 
 def tables(folder: Path, study: StudySpec, results: Results) -> Mapping[str, pd.DataFrame]:
@@ -41,7 +42,7 @@ def results_table(study: StudySpec, results: Results) -> pd.DataFrame:
 
 
 def _encoding_table(folder: Path, results: Results, swept: list[str]) -> pd.DataFrame:
-    keys = [key for key in swept if key.startswith(("encoder.", SOURCE))]
+    keys = [key for key in swept if key in OF_SPIKES or key.startswith((ENCODER, SOURCE))]
     of_encoder: dict[str, Cell] = {}
     for cell, _ in results:
         of_encoder.setdefault(cell.given, cell)

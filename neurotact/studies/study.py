@@ -49,6 +49,8 @@ LENGTH = "window.length_ms"
 T_REF = "t_ref_ms"
 """Swept with `encoder`, the names of encoders: the refractory period of all its afferents, or "own"."""
 OWN = "own"
+OF_SPIKES = ("encoder", "spikes_per_s")
+"""Keys of a sweep that decide spikes, besides those that begin with `encoder.`."""
 EMA = f"{calibrated.CONDITIONING}.ema_cutoff_Hz"
 log = logging.getLogger("neurotact")
 PAIR = f"encoder.ra1.t_ref_ms{sweeps.JOIN}encoder.sa1.t_ref_ms"
@@ -333,9 +335,12 @@ def resolve(
         elif isinstance(table.get(part), str):
             table[part] = _whole(load(_relative_to(path, table[part])))
     table, left = suited.closed(table)
-    table = specs.override(table, sweeps.unswept(table.setdefault("sweep", {}), overrides, path))
-    table = suited.with_file(table, data, path)
+    axes = {key: value for key, value in overrides.items() if key.startswith(sweeps.SWEEP)}
+    sweeps.unswept(table.setdefault("sweep", {}), axes, path)
     _suit_periods(table)
+    values = {key: value for key, value in overrides.items() if key not in axes}
+    table = specs.override(table, sweeps.unswept(table["sweep"], values, path))
+    table = suited.with_file(table, data, path)
     search = table.get("search", {})
     if isinstance(search, dict) and isinstance(search.get("space"), str):
         search["space"] = tuning.load_space(str(_relative_to(path, search["space"])))
@@ -487,9 +492,18 @@ def split_columns(study: StudySpec) -> list[str]:
     return [key for key in swept_columns(study) if key.startswith(SPLIT)]
 
 
+def setting_columns(study: StudySpec) -> list[str]:
+    """Of `swept_columns`, those that tell apart what is compared: not the encoder's own refractory periods.
+
+    The referee chooses among refractory periods, as among sizes.
+    """
+    periods = {f"{calibrated.ENCODER}{key}" for key in encoders.period_keys(study.encoder.model)}
+    return [key for key in swept_columns(study) if key not in periods]
+
+
 def encoder_columns(study: StudySpec) -> list[str]:
-    """Swept keys of the encoder besides the refractory periods, such as `encoder.tau_mem_ms`."""
-    return [key for key in swept_columns(study) if key.startswith(calibrated.ENCODER)]
+    """Of `setting_columns`, those that decide the spikes, such as `encoder.tau_mem_ms`."""
+    return [key for key in setting_columns(study) if key in OF_SPIKES or key.startswith(calibrated.ENCODER)]
 
 
 def by_split(cells: Iterable[Cell]) -> list[list[Cell]]:

@@ -1,5 +1,6 @@
 """A sweep: axes of dotted keys and their values; the cells of a study are the product of the axes."""
 
+import json
 import math
 from collections.abc import Iterator, Mapping
 from itertools import product
@@ -9,6 +10,8 @@ from typing import Any
 from neurotact.errors import InputError
 
 MOST_POINTS = 100_000
+SWEEP = "sweep."
+"""Begins the keys of axes."""
 JOIN = " & "
 """Joins keys that are swept together; each point of the axis is a list of their values."""
 
@@ -68,9 +71,13 @@ def unswept(sweep: dict[str, Any], overrides: Mapping[str, Any], path: Path) -> 
     for key, value in overrides.items():
         joint = [axis for axis in sweep if JOIN in axis and key in axis.split(JOIN)]
         if joint:
-            raise InputError(f"`settings`: {key} is swept as '{joint[0]}'; set that sweep in a copy of {path.name}")
-        if key.startswith("sweep."):
-            sweep[key.removeprefix("sweep.")] = value
+            point = json.dumps([value] * len(joint[0].split(JOIN)))
+            raise InputError(
+                f"`settings`: {key} is swept as '{joint[0]}'; give their values, as in "
+                f"`settings={{'{SWEEP}{joint[0]}': [{point}]}}`"
+            )
+        if key.startswith(SWEEP):
+            sweep[key.removeprefix(SWEEP)] = value
         elif key in sweep:
             sweep[key] = [value]
         else:

@@ -44,7 +44,7 @@ def test_a_rate_that_is_asked_for_is_found(model):
     assert found.rates.shape[0] == found.rates_ra.shape[0] == 6
 
 
-@pytest.mark.parametrize("model", ["send-on-delta", "poisson", "latency"])
+@pytest.mark.parametrize("model", ["send-on-delta", "poisson", "latency", "moving-window"])
 def test_values_are_searched_from_silence_on(model):
     found = calibrate(waves(), start_of(model), rule=CalibrationRule(**QUICK), tell=False)
     for knob in knobs_of(found.encoder):

@@ -180,8 +180,8 @@ def test_heads_of_tables_have_a_scope(written):
 
 
 def test_tables_hold_the_numbers(written):
-    results = tables.with_setting(tables.with_pair(pd.read_csv(written.parent / "results.csv")), [])
-    table = networks.means_table(results)
+    results = _results(written.parent)
+    table = networks.means_table(results, make_study())
     assert len(table.rows) == 12
     rows = results[(results["dataset"] == "mixed") & (results["pair"] == "1&5") & (results["hidden"] == 30)]
     (shown,) = [row for row in table.rows if row[:3] == ["mixed", "1&5", "30"]]
@@ -203,7 +203,7 @@ def test_one_seed_and_a_silent_population(tmp_path):
     page = Page(networks.write(what, make_run(what, tmp_path, grating_conditions(), silent_ra=True)))
     assert "by pair and hidden size N" in page.text
     assert "mean ± SD over 1 seed" not in page.text
-    assert "±" not in "".join(cell for row in networks.means_table(_results(tmp_path)).rows for cell in row)
+    assert "±" not in "".join(cell for row in networks.means_table(_results(tmp_path), what).rows for cell in row)
 
 
 @pytest.mark.thorough
@@ -373,7 +373,7 @@ def test_a_name_cannot_leave_the_script_that_holds_it(tmp_path):
 
 
 def _results(folder: Path) -> pd.DataFrame:
-    return tables.with_setting(tables.with_pair(pd.read_csv(folder / "results.csv")), [])
+    return tables.with_setting(tables.with_pair(pd.read_csv(folder / "results.csv"), make_study()), [])
 
 
 CHOSEN = "document.getElementById('cell-name').textContent"

@@ -1,5 +1,6 @@
 """A sweep over encoders: each with the study's conditioning, its own refractory period, one rate for all."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,25 @@ def test_pairs_become_the_periods_that_an_encoder_has(encoder, axis, values, tmp
     sweep = {"encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [5, 5], [1, 10]], "seed": [0]}
     found = resolved(tmp_path, {"encoder": encoder}, sweep=sweep).sweep
     assert found == {**({axis: values} if axis else {}), "seed": [0]}
+
+
+@pytest.mark.parametrize(("encoder", "given", "axis", "values"), [
+    ("send-on-delta", {"encoder.t_ref_ms": 3}, "encoder.t_ref_ms", [3]),
+    ("send-on-delta", {"sweep.encoder.t_ref_ms": [2, 4]}, "encoder.t_ref_ms", [2, 4]),
+    ("resonate-and-fire", {"sweep.encoder.high.t_ref_ms & encoder.low.t_ref_ms": [[2, 4]]},
+     "encoder.high.t_ref_ms & encoder.low.t_ref_ms", [[2, 4]]),
+])  # fmt: skip
+def test_periods_of_an_encoder_can_be_given(encoder, given, axis, values, tmp_path):
+    sweep = {"encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [5, 5]], "seed": [0]}
+    what = resolved(tmp_path, {"encoder": encoder, **given}, sweep=sweep)
+    assert what.sweep == {axis: values, "seed": [0]}
+    assert study.setting_columns(what) == []
+
+
+def test_one_period_of_a_pair_is_refused_with_the_pair(tmp_path):
+    sweep = {"encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [5, 5]]}
+    with pytest.raises(InputError, match=re.escape("'sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms': [[3, 3]]")):
+        resolved(tmp_path, {"encoder.sa1.t_ref_ms": 3}, sweep=sweep)
 
 
 def test_the_first_population_is_counted_apart_from_the_others():
