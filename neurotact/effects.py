@@ -91,7 +91,7 @@ NEEDS = (
     Need("stall_s", "source", is_in("pipe", "serial port"), "with this `source`, which is never late"),
     Need("speed", "source", is_in("recordings", "simulation"), "with a device, whose samples come at their own rate"),
     Need("settings", "source", is_in("simulation"), "without a simulated finger, as in `source='gratings'`"),
-    Need("loop", "source", is_in("recordings"), "without recordings, as in `source='FILE.h5'`"),
+    Need("loop shuffle", "source", is_in("recordings"), "without recordings, as in `source='FILE.h5'`"),
     Need("time_column", "format", is_in(None, "csv"), "without `format='csv'`: other frames have no time", OR_GIVE),
     Need("lsb zero", "format", is_in("int16"), "without `format='int16'`", OR_GIVE),
     # keys of a network

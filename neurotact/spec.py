@@ -495,7 +495,9 @@ def _meant(path: list[str], known: list[str], model: Any, inner: Mapping[str, An
     # The name of an unknown table may be too much: what it holds is then a key of the table around it.
     near = key if key in others else next((name for name in inner if name in known), None)
     if near is None and closest(key, known) is None:
-        near = next((name for name in inner if name in names.values()), None) or closest(key, others)
+        near = next((name for name in inner if name in names.values()), None)
+    if near is None and closest(key, [*known, *others]) not in known:
+        near = closest(key, others)
     if near is None:
         return nearest(key, known)
     quoted = [f"'{dotted}'" for dotted, name in names.items() if name == near]

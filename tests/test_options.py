@@ -474,6 +474,7 @@ WAYS = {
                     "--from",
                     "--speed",
                     "--loop",
+                    "--shuffle",
                     "--set",
                     "--save-to",
                     "--port",
@@ -485,10 +486,15 @@ WAYS = {
                 "tests/live/test_live_cli.py",
             ),
         ),
-        Way("live in/run --from gratings", refused=FRAMES | {"--loop": "--loop"}),
+        Way("live in/run --from gratings", refused=FRAMES | {"--loop": "--loop", "--shuffle": "--shuffle"}),
         Way(
             "live in/run --from in/samples.csv",
-            refused={"--speed": "--speed 1", "--loop": "--loop", "--stall-s": "--stall-s 1"},
+            refused={
+                "--speed": "--speed 1",
+                "--loop": "--loop",
+                "--shuffle": "--shuffle",
+                "--stall-s": "--stall-s 1",
+            },
         ),
     ],
     "export": [

@@ -35,6 +35,7 @@ def live(
     *,
     speed: float | None = None,
     loop: bool = False,
+    shuffle: bool = False,
     settings: Settings | None = None,
     save_to: str | Path | None = None,
     port: int = 0,
@@ -61,6 +62,7 @@ def live(
     source: FILE.h5, "-" (standard input), a device file, "serial:/dev/ttyUSB0", FILE.csv, or a simulated finger,
         "gratings", that the page moves; settings: changes of its spec.
     speed: of a replay or of the finger, 1 if None. loop: repeat recordings from the start.
+    shuffle: replay their trials in a random order; files often hold one class after the other.
     save_to: folder for encoders that the page saves. port: of the page; 0 chooses a free one.
     format, baud, sampling_rate_Hz, unit, time_column, lsb, zero, length_ms, start_ms, hop_ms, contact, quiet_ms,
         early_exit, hold_ms, stall_s: as for `stream`.
@@ -75,10 +77,10 @@ def live(
     source, feed = str(source), None
     kind = "simulation" if source in plugins.names("simulators") else kind_of(source)
     effects.check(
-        source=kind, speed=speed, loop=loop, settings=settings, format=format, baud=baud,
+        source=kind, speed=speed, loop=loop, shuffle=shuffle, settings=settings, format=format, baud=baud,
         sampling_rate_Hz=sampling_rate_Hz, time_column=time_column, lsb=lsb, zero=zero, stall_s=stall_s,
     )  # fmt: skip
-    feed = _feed_at_its_rate(kind, source, 1.0 if speed is None else speed, loop, settings)
+    feed = _feed_at_its_rate(kind, source, 1.0 if speed is None else speed, loop, shuffle, settings)
     chain = chain_of(
         run, sampling_rate_Hz=feed.sampling_rate_Hz if feed else sampling_rate_Hz, early_exit=early_exit,
         length_ms=length_ms, start_ms=start_ms, hop_ms=hop_ms, contact=contact, quiet_ms=quiet_ms,
@@ -107,12 +109,14 @@ def live(
     return f"{tally.samples} samples, {tally.decisions} decisions; {trouble or 'every sample was used unchanged'}"
 
 
-def _feed_at_its_rate(kind: str, source: str, speed: float, loop: bool, settings: Settings | None) -> Any:
+def _feed_at_its_rate(
+    kind: str, source: str, speed: float, loop: bool, shuffle: bool, settings: Settings | None
+) -> Any:
     """Recordings or a simulated finger; None for a device, whose rate is that of the chain."""
     if not SLOWEST <= speed <= FASTEST:
         raise InputError(f"`speed={speed!r}`: must be from {SLOWEST:g} to {FASTEST:g}")
     if kind == "recordings":
-        return Replay(source, speed, loops=loop)
+        return Replay(source, speed, loops=loop, shuffled=shuffle)
     if kind == "simulation":
         return ByHand(source, simulator(source), checked_settings(settings), speed)
     return None

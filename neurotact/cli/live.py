@@ -22,6 +22,7 @@ MOST_PORTS = 65_535
         min=api.SLOWEST, max=api.FASTEST, show_default="1",
     ),
     loop=flag("--loop", "Repeat recordings from the start."),
+    shuffle=flag("--shuffle", "Replay the trials of recordings in a random order."),
     save_to=option(Path | None, "Folder for encoders saved from the page.", "--save-to", file_okay=False),
     port=option(int, "Port of the page; 0 chooses a free one.", min=0, max=MOST_PORTS),
     **OF_SAMPLES,

@@ -318,14 +318,21 @@ def live(
     yield Arrived(end=True)
 
 
-def recorded(path: Path, n_taxels: int, block: int) -> Iterator[Arrived]:
-    """The trials of an HDF5 file of recordings, one after the other."""
+def recorded(
+    path: Path, n_taxels: int, block: int, ordered: Callable[[int], Iterable[int]] = range
+) -> Iterator[Arrived]:
+    """The trials of an HDF5 file of recordings, one after the other.
+
+    ordered: their order, from how many there are.
+    """
     with hdf5.open_recordings(path) as stored:
         if stored.n_channels != n_taxels:
             raise InputError(
                 f"{path}: has {stored.n_channels} taxels but the chain receives {n_taxels}; record with the same taxels"
             )
-        for trial, length in enumerate(stored.lengths.tolist()):
+        lengths = stored.lengths.tolist()
+        for trial in ordered(len(lengths)):
+            length = lengths[trial]
             for start in range(0, length, block):
                 yield Arrived(stored.piece(trial, start, min(start + block, length)), trial=trial)
             yield Arrived(end=True, trial=trial)

@@ -4,9 +4,11 @@ A feed yields pieces at their own rate, and an empty piece after each wait of `T
 requests. `label` is the touched class while a piece is read; None if unknown.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol
+
+import numpy as np
 
 from neurotact.data import hdf5
 from neurotact.data.recordings import LABEL
@@ -52,12 +54,19 @@ class Paced:
 
 
 class Replay(Paced):
-    """The trials of a file of recordings, one after the other; repeated with `loop`."""
+    """The trials of a file of recordings, one after the other.
+
+    loops: repeat them. shuffled: in a random order, another one in each repetition; the same in each session.
+    """
 
     kind = "recordings"
 
-    def __init__(self, path: str, speed: float, *, loops: bool) -> None:
+    def __init__(self, path: str, speed: float, *, loops: bool, shuffled: bool = False) -> None:
         self.name, self.speed, self._loops = path, speed, loops
+        self._ordered: Callable[[int], Iterable[int]] = range
+        if shuffled:
+            generator = np.random.default_rng(0)
+            self._ordered = lambda n: generator.permutation(n).tolist()
         with hdf5.open_recordings(path) as stored:
             self.sampling_rate_Hz, self.unit, self.taxels = stored.sampling_rate_Hz, stored.unit, stored.channels
             self._labels = stored.conditions[LABEL].astype(str).tolist()
@@ -67,13 +76,16 @@ class Replay(Paced):
     def pieces(self, noted: Noted) -> Iterator[Arrived]:
         block = max(1, round(BLOCK_S * self.sampling_rate_Hz))
         while True:
-            for piece in self._at_its_rate(sources.recorded(Path(self.name), len(self.taxels), block), noted):
+            for piece in self._at_its_rate(self._stored(block), noted):
                 if piece.trial is not None:
                     self.label = self._labels[piece.trial]
                     self.note = f"trial {piece.trial + 1} of {len(self._labels)}"
                 yield piece
             if not self._loops:
                 return
+
+    def _stored(self, block: int) -> Iterator[Arrived]:
+        return sources.recorded(Path(self.name), len(self.taxels), block, self._ordered)
 
 
 class ByHand(Paced):

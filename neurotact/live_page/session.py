@@ -360,6 +360,7 @@ class Session:
             "sides": self.scores.sides(),
             "label": feed.label,
             "note": feed.note,
+            "side": self._side,
             "speed": feed.speed if isinstance(feed, (ByHand, Replay)) else None,
             "values": feed.values if isinstance(feed, ByHand) else None,
             "trouble": sources.trouble_of(self.stream.tally, self.noted),

@@ -45,6 +45,26 @@ def test_recordings_that_loop_begin_again(skin):
     assert labels == ["a", "b", "a", "b", "a"]
 
 
+def test_shuffled_recordings_have_each_trial_once_in_another_order(tmp_path):
+    labels = [str(number) for number in range(12)]
+    signals = [make_signal(20, seed=seed) for seed in range(12)]
+    path = tmp_path / "many.h5"
+    hdf5.save_recordings(Recordings(signals, 1000.0, "mV", pd.DataFrame({"label": labels})), path)
+
+    def orders() -> list[list[str | None]]:
+        feed, found = Replay(str(path), 20.0, loops=True, shuffled=True), []
+        for piece in feed.pieces(Noted()):
+            found += [feed.label] if piece.end else []
+            if len(found) == 24:
+                return [found[:12], found[12:]]
+        return []
+
+    first, second = orders()
+    assert sorted(first) == sorted(second) == sorted(labels)
+    assert first not in (labels, second)
+    assert orders() == [first, second]
+
+
 SPEC = {"duration_s": 0.1}
 
 

@@ -10,6 +10,7 @@ from live_pages import Given, cut, serving, session_of
 from made_chains import make_chain, make_signal, offline
 
 from neurotact.data.sources import simulator
+from neurotact.deploy.sources import Arrived
 from neurotact.live_page.feeds import ByHand
 from neurotact.live_page.server import Server
 
@@ -97,6 +98,26 @@ def test_sliders_reach_the_running_stream_by_keyboard(window, tmp_path):
         window.wait_for("document.getElementById('words').textContent.includes('already exists')")
         window.evaluate("document.getElementById('reset').click()")
         window.wait_for("state.settings['sa1.t_ref_ms'] === 2")
+        assert not window.complaints
+
+
+def test_between_windows_the_bars_are_those_of_the_last_decision(window):
+    chain, signal = make_chain({}, patience=2), make_signal(400)
+    cut_at = next(
+        at for at in range(300, 400)
+        if (given := session_of(chain, Given([signal]))).take(Arrived(signal[:at])) and given._race() is None
+    )  # fmt: skip
+    feed = Given([*cut(signal[:cut_at]), None, *cut(signal[cut_at:])], ["0"] * 100)
+    with serving(session_of(chain, feed)) as server:
+        look(window, server)
+        window.wait_for("document.getElementById('patience-words').textContent.startsWith('Decided: ')")
+        window.wait_for("frame.race === null && decisions.length > 0")
+        led = "[...document.querySelectorAll('#race .bar')].map((bar) => bar.classList.contains('leads'))"
+        index = window.evaluate("decisions[decisions.length - 1].index")
+        window.wait_for(f"{led}[{index}]")
+        assert window.evaluate(led).count(True) == 1
+        name = window.evaluate(f"hello.classes[{index}]")
+        assert f"Decided: {name};" in window.evaluate("document.getElementById('patience-words').textContent")
         assert not window.complaints
 
 
