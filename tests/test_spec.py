@@ -210,6 +210,7 @@ def test_an_unknown_key_names_the_nearest(model, key, meant):
         (StudySpec, "hidden", "'network.hidden'"),
         (StudySpec, "sa1.t_ref_ms", "'encoder.sa1'"),
         (StudySpec, "tau_syn_ms", "'network.tau_syn_ms'"),
+        (StudySpec, "epoch", "'network.training.epochs'"),
     ],
 )
 def test_a_key_of_another_table_is_named_with_its_tables(model, key, meant):
