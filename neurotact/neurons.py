@@ -121,6 +121,85 @@ def decay_per_step(tau_ms: float, sampling_rate_Hz: float) -> float:
     return math.exp(-1e3 / (tau_ms * sampling_rate_Hz))
 
 
+# --- afferent LIF between samples -------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class ExactLIF:
+    """The neuron of `LIF` without a clock: its drive is constant between two samples, and it spikes at any time.
+
+    From U towards U_inf = v_rest + drive, the membrane crosses v_threshold after
+    `tau_mem ln((U_inf - U) / (U_inf - v_threshold))`, and never where U_inf <= v_threshold. Then U stays at v_reset,
+    and drive is ignored, for t_ref. This is the limit of `LIF` for ever shorter steps (the closed form that
+    event-driven simulators use: Brette et al. 2007, doi 10.1007/s10827-007-0038-6, Sec. 2.2).
+    """
+
+    tau_mem_ms: float
+    t_ref_ms: np.ndarray
+    """Above 0, `(neuron,)`."""
+    v_rest_mV: float = -65.0
+    v_reset_mV: float = -65.0
+    v_threshold_mV: float = -55.0
+
+
+class ExactLIFState(NamedTuple):
+    """Membrane potential in mV and the refractory time still to come in ms, both `(trial, neuron)` float64."""
+
+    membrane_mV: np.ndarray
+    refractory_ms: np.ndarray
+
+
+class SpikeTimes(NamedTuple):
+    """Spikes of a group of neurons within an interval, one row a spike.
+
+    which: its neuron, as an index of the flattened `(trial, neuron)`. time_ms: since the interval's begin.
+    """
+
+    which: np.ndarray
+    time_ms: np.ndarray
+
+
+def exact_lif_start(neuron: ExactLIF, n_trials: int) -> ExactLIFState:
+    """The resting state of a group of neurons."""
+    shape = (n_trials, len(neuron.t_ref_ms))
+    return ExactLIFState(np.full(shape, neuron.v_rest_mV), np.zeros(shape))
+
+
+def exact_lif_interval(
+    neuron: ExactLIF, drive_mV: np.ndarray, state: ExactLIFState, duration_ms: float
+) -> tuple[SpikeTimes, ExactLIFState]:
+    """An interval of constant drive, `(trial, neuron)`: `(spikes, next state)`. A spike at its end belongs to it.
+
+    >>> neuron = ExactLIF(tau_mem_ms=10.0, t_ref_ms=np.array([5.0]))
+    >>> spikes, state = exact_lif_interval(neuron, np.array([[20.0]]), exact_lif_start(neuron, 1), 20.0)
+    >>> spikes.time_ms.round(2).tolist()  # 10 ln 2, and again after 5 + 10 ln 2
+    [6.93, 18.86]
+    >>> state.refractory_ms.round(2).tolist()
+    [[3.86]]
+    """
+    tau_ms, threshold_mV = neuron.tau_mem_ms, neuron.v_threshold_mV
+    target = neuron.v_rest_mV + drive_mV
+    # Rounding could leave a membrane at the threshold that it has not crossed.
+    membrane = np.minimum(state.membrane_mV, math.nextafter(threshold_mV, -math.inf))
+    begin = np.minimum(state.refractory_ms, duration_ms)
+    after = target + (membrane - target) * np.exp((begin - duration_ms) / tau_ms)
+    wait = state.refractory_ms - begin
+    which = np.flatnonzero((after >= threshold_mV) & (target > threshold_mV))
+    goal, t_ref_ms = target.ravel()[which], neuron.t_ref_ms[which % len(neuron.t_ref_ms)]
+    room = goal - threshold_mV
+    first = begin.ravel()[which] + tau_ms * np.log((goal - membrane.ravel()[which]) / room)
+    first = np.minimum(first, duration_ms)
+    isi = t_ref_ms + tau_ms * np.log((goal - neuron.v_reset_mV) / room)
+    n_spikes = 1 + ((duration_ms - first) / isi).astype(np.int64)
+    since = duration_ms - (first + (n_spikes - 1) * isi)
+    awake = np.maximum(since - t_ref_ms, 0.0)
+    after.reshape(-1)[which] = goal + (neuron.v_reset_mV - goal) * np.exp(-awake / tau_ms)
+    wait.reshape(-1)[which] = np.maximum(t_ref_ms - since, 0.0)
+    nth = np.arange(n_spikes.sum()) - np.repeat(np.cumsum(n_spikes) - n_spikes, n_spikes)
+    times = np.repeat(first, n_spikes) + nth * np.repeat(isi, n_spikes)
+    return SpikeTimes(np.repeat(which, n_spikes), times), ExactLIFState(after, wait)
+
+
 # --- afferent Izhikevich ----------------------------------------------------------------------------
 
 

@@ -162,8 +162,9 @@ def spike_inputs(
     source = SPIKES if trains.encoder else EVENTS
     n_taxels = taxels_of(n_afferents, trains.encoder)
     is_counted = encoding and bool(trains.encoder)
-    encoded = encoding_cost(n_taxels, n_steps, cuts.length_ms, trains.encoder) if is_counted else Cost()
-    made = encoded + Cost(acs=float(rasters.sum()) / n_windows)
+    spikes = float(rasters.sum()) / n_windows
+    encoded = encoding_cost(n_taxels, n_steps, cuts.length_ms, trains.encoder, spikes=spikes) if is_counted else Cost()
+    made = encoded + Cost(acs=spikes)
     of_features = families.ON_FEATURES if is_first else {LINEAR: families.logistic_regression}
     n_bins = min(BINS, n_steps)
     counts = counted(rasters, n_bins)

@@ -56,6 +56,14 @@ class ConditioningSpec(Spec):
     rectify: bool = False
     """Take the absolute value at the end."""
 
+    def clock_Hz(self, recorded_Hz: float) -> float:  # noqa: N802
+        """Steps per second of the encoder, for a recording of that rate.
+
+        >>> ConditioningSpec().clock_Hz(93.0), ConditioningSpec(resample_Hz=1000.0).clock_Hz(93.0)
+        (93.0, 1000.0)
+        """
+        return self.resample_Hz or recorded_Hz
+
 
 USED_BY: dict[str, Baseline] = {"start_ms": "start", "high_pass_Hz": "high-pass"}
 """Keys of a conditioning that only one baseline uses."""
@@ -260,7 +268,7 @@ class Conditioner:
 
     def __init__(self, sampling_rate_Hz: float, how: ConditioningSpec, *, factor: np.float32 = np.float32(1.0)) -> None:
         self.how, self.rate_Hz, self.factor = how, sampling_rate_Hz, factor
-        self.clock_Hz = how.resample_Hz or sampling_rate_Hz
+        self.clock_Hz = how.clock_Hz(sampling_rate_Hz)
         self.smoothing = None if how.ema_cutoff_Hz is None else ema_coefficient(how.ema_cutoff_Hz, sampling_rate_Hz)
         self.following = None
         """Weight of the newest step in the EMA of `high-pass`."""

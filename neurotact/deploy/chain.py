@@ -9,7 +9,7 @@ from neurotact.data.conditioning import conditioned_length
 from neurotact.data.recordings import check_sampling_rate
 from neurotact.deploy.windows import WindowPlan
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.specs import MODELS, EncoderSpec, n_per_taxel, populations
+from neurotact.encoders.specs import MODELS, EncoderSpec, conditioning_of, n_per_taxel, populations
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import LIF_INSTEAD, Subject, require
 from neurotact.networks.definition.rsnn import RSNN
@@ -46,6 +46,11 @@ class Chain(NamedTuple):
     def clock_Hz(self) -> float:  # noqa: N802
         """Steps of the encoder and the network per second."""
         return self.network.sampling_rate_Hz
+
+    @property
+    def signal_Hz(self) -> float:  # noqa: N802
+        """Conditioned samples per second, as the encoder takes them: those of its clock, or of the sensor."""
+        return conditioning_of(self.encoder, self.sampling_rate_Hz).clock_Hz(self.sampling_rate_Hz)
 
     @property
     def n_taxels(self) -> int:
@@ -97,10 +102,10 @@ def chain_of(
             settings[key] = getattr(trained_window, key) if settings[key] is None else settings[key]
     require("stream", Subject(encoder, network, rule))
     _check_taxels(encoder, network)
-    _check_range(encoder, network.sampling_rate_Hz)
     clock_Hz = network.sampling_rate_Hz
     windows = WindowPlan.of(clock_Hz, contact=contact, quiet_ms=quiet_ms, **settings)
     rate_Hz = _input_rate(encoder, clock_Hz, sampling_rate_Hz)
+    _check_range(encoder, conditioning_of(encoder, rate_Hz).clock_Hz(rate_Hz))
     classes = classes or tuple(str(index) for index in range(network.n_classes))
     return Chain(encoder, network.cpu(), rule, classes, windows, rate_Hz)
 
@@ -141,13 +146,13 @@ def _check_taxels(encoder: EncoderSpec, network: RSNN) -> None:
             )
 
 
-def _check_range(encoder: EncoderSpec, clock_Hz: float) -> None:
+def _check_range(encoder: EncoderSpec, signal_Hz: float) -> None:
     """InputError if the drive of the largest sample, in any unit, is not finite."""
     scales = np.abs(encoder.conditioning.scale or (1.0,))
     offsets = np.abs(encoder.conditioning.offset or (0.0,))
     gains = [1.0]
     if isinstance(encoder, AfferentSpec):
-        gains = [*encoder.sa1.gains, *(1e-3 * clock_Hz * gain for gain in encoder.ra1.gains)]
+        gains = [*encoder.sa1.gains, *(1e-3 * signal_Hz * gain for gain in encoder.ra1.gains)]
     with np.errstate(over="ignore"):
         drive = (4 * LARGEST * LARGEST_FACTOR + offsets.max()) / scales.min() * np.abs(gains).max()
     if not drive < np.finfo(np.float32).max:

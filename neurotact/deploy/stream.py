@@ -23,7 +23,7 @@ from neurotact.deploy.chain import LARGEST, PAIR, Chain, chain_of
 from neurotact.deploy.native import CompiledStream, Decided, Remembered
 from neurotact.deploy.stream_state import Decision, StreamState, Tally, Trace, copied
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.specs import EncoderSpec, encode
+from neurotact.encoders.specs import EncoderSpec, conditioning_of, encode, finish, is_exact
 from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.networks.definition.rsnn import RSNN
@@ -89,7 +89,7 @@ class Stream:
         self._options: dict[str, Any] = {"unit": unit, "hold_ms": hold_ms, "backend": backend, "watch": watch}
         encoder, rate_Hz = self.chain.encoder, self.chain.sampling_rate_Hz
         factor = unit_factor(unit or encoder.unit, encoder.unit, "samples")
-        self.conditioner = Conditioner(rate_Hz, encoder.conditioning, factor=factor)
+        self.conditioner = Conditioner(rate_Hz, conditioning_of(encoder, rate_Hz), factor=factor)
         if not 0 <= hold_ms < 1e9:
             raise InputError(f"hold_ms: must be from 0 to 1e9 ms; got {hold_ms:g}")
         self._most_samples = max(1, int(MOST_STEPS_AT_ONCE * min(1.0, rate_Hz / self.chain.clock_Hz)))
@@ -102,8 +102,10 @@ class Stream:
         self._classes = self.chain.classes
         self._compiled: CompiledStream | None = None
         is_pair = isinstance(encoder, AfferentSpec) and encoder.n_per_taxel == PAIR and encoder.is_plain
-        compilable = self.chain.network.w_in.device.type == "cpu" and is_pair
-        if use_native(backend, compilable, "a network on the CPU, and one plain SA-I and RA-I under each taxel"):
+        compilable = self.chain.network.w_in.device.type == "cpu" and is_pair and not is_exact(encoder)
+        if use_native(
+            backend, compilable, "a network on the CPU, and one plain SA-I and RA-I, on a clock, under each taxel"
+        ):
             self._compiled = CompiledStream(self.chain, self.conditioner, self._most_samples)
         self._watch = watch
         if watch is not None and self._compiled is not None:
@@ -167,6 +169,9 @@ class Stream:
         signal, _ = self.conditioner.finish(self._state.conditioned)
         decisions = self._encode(signal, held=False) if len(signal) else []
         state = self._state
+        if state.encoder is not None:
+            rest = finish(self.chain.signal_Hz, self.chain.encoder, state.encoder)
+            decisions += [] if rest is None else self._decide(rest[0], held=False)
         state.tally.unfinished += len(state.windows)
         state.bad_in_a_row = 0
         self._restart()
@@ -197,8 +202,8 @@ class Stream:
         InputError for another conditioning or model: the values so far would have another meaning.
         """
         own = self.chain.encoder
-        if encoder is not None and (encoder.conditioning, encoder.unit, encoder.model) != (
-            own.conditioning, own.unit, own.model,
+        if encoder is not None and (encoder.conditioning, encoder.unit, encoder.model, is_exact(encoder)) != (
+            own.conditioning, own.unit, own.model, is_exact(own),
         ):  # fmt: skip
             raise InputError(
                 "encoder: has another conditioning, unit or model; a running stream can change only afferents"
@@ -314,15 +319,19 @@ class Stream:
 
     def _encode(self, signal: np.ndarray, *, held: bool) -> list[Decision]:
         state, chain = self._state, self.chain
-        spikes, state.encoder = encode(signal[None], chain.clock_Hz, chain.encoder, state.encoder)
+        spikes, state.encoder = encode(signal[None], chain.signal_Hz, chain.encoder, state.encoder)
+        return self._decide(spikes[0], held=held)
+
+    def _decide(self, spikes: np.ndarray, *, held: bool) -> list[Decision]:
+        """The decisions of the network on the next steps of spikes, `(step, afferent)`."""
         decisions: list[Decision] = []
-        first, oldest = state.opening.step, []
+        first, oldest = self._state.opening.step, []
         with torch.inference_mode():
-            for row in spikes[0]:
+            for row in spikes:
                 decisions += self._step(np.flatnonzero(row), held, oldest)
-        if self._watch is not None:
+        if self._watch is not None and len(spikes):
             hidden, window = (np.array(each) for each in zip(*oldest, strict=True))
-            self._report(first, spikes[0] != 0, hidden, window)
+            self._report(first, spikes != 0, hidden, window)
         return decisions
 
     def _report(self, first: int, afferents: np.ndarray, hidden: np.ndarray, window: np.ndarray) -> None:

@@ -172,7 +172,7 @@ def _state(chain: Chain, table: dict[str, Any], arrays: Arrays) -> StreamState:
     )  # fmt: skip
     encoder = None
     if any(name.startswith("encoder.") for name in remaining):
-        _, example = encode(np.zeros((1, 1, n), f32), chain.clock_Hz, chain.encoder)
+        _, example = encode(np.zeros((1, 1, n), f32), chain.signal_Hz, chain.encoder)
         encoder = _rebuilt(example, "encoder", take, table["encoder"])
     if len(table["windows"]) > chain.windows.at_once:
         raise ValueError(f"{len(table['windows'])} windows where {chain.windows.at_once} may overlap")

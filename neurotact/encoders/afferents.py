@@ -7,6 +7,7 @@ vibration with one spike a cycle; and SA-I driven by the signal's rise, too, whi
 (`docs/afferent-validation.md`).
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -25,10 +26,14 @@ POPULATIONS = {"sa1": "SA-I", "ra1": "RA-I"}
 MOST_GRADES = 16
 FLOOR_OF_TAU = 0.1
 """Charging within this share of tau_mem takes 10.5 times the threshold drive: such an ISI is mostly t_ref."""
+LEAST_EXACT_MS = 0.1
+"""The shortest refractory period of membranes in closed form."""
 Gains = tuple[Sequence[float], Sequence[float]]
 """Drives in mV of the SA-I and of the RA-I under each taxel."""
 
 
+Integration = Literal["clock", "exact"]
+"""When membranes are computed: at each step of the clock, or once per sample (`encoders.exact`)."""
 Change = Literal["rectified", "on", "off", "both"]
 """What drives RA-I: rise and fall equally, the rise, the fall, or one afferent each."""
 
@@ -90,11 +95,27 @@ class AfferentSpec(Spec):
     """Membrane potential at which the neuron fires."""
     tau_mem_ms: float = Field(default=10.0, gt=0)
     """Time constant of the membrane."""
+    integration: Integration = "clock"
+    """`clock`: each membrane is computed at each step of the encoder's clock. `exact`: once per sample of the sensor,
+    in closed form, with the drive held until the next one; then `conditioning.resample_Hz` is the clock of the spikes
+    alone, and a sensor that is slower is not resampled to it (`docs/clock.md`)."""
+    recorded_Hz: float | None = Field(default=None, gt=0)
+    """With `exact`: the rate of the recording that was encoded, for the cost ledger. Encoding sets it."""
     conditioning: ConditioningSpec = ConditioningSpec()
     sa1: AfferentType
     """Driven by the signal."""
     ra1: AfferentType
     """Driven by the signal's rate of change."""
+
+    @model_validator(mode="after")
+    def _has_periods(self) -> "AfferentSpec":
+        for key, kind in (("sa1", self.sa1), ("ra1", self.ra1)):
+            if self.integration == "exact" and kind.t_ref_ms < LEAST_EXACT_MS:
+                raise ValueError(
+                    f"{key}.t_ref_ms must be {LEAST_EXACT_MS:g} or more with integration = 'exact': without a clock, "
+                    "it alone limits the rate"
+                )
+        return self
 
     @model_validator(mode="after")
     def _can_fire(self) -> "AfferentSpec":
@@ -158,7 +179,9 @@ class AfferentSpec(Spec):
         return self.v_threshold_mV - self.v_rest_mV
 
     def least_isi_steps(self, part: str, sampling_rate_Hz: float) -> int:
-        """The shortest inter-spike interval of a type."""
+        """The shortest inter-spike interval of a type on a clock."""
+        if self.integration == "exact":
+            return max(1, math.floor(getattr(self, part).t_ref_ms * 1e-3 * sampling_rate_Hz + 1e-9))
         return self.neuron(getattr(self, part), sampling_rate_Hz).refractory_steps + 1
 
     def floor_steps(self, part: str, sampling_rate_Hz: float) -> int:
@@ -166,6 +189,10 @@ class AfferentSpec(Spec):
 
         In it, charging takes one step, or at most `FLOOR_OF_TAU` of tau_mem.
         """
+        if self.integration == "exact":
+            per_ms = 1e-3 * sampling_rate_Hz
+            steps = getattr(self, part).t_ref_ms * per_ms + max(1.0, FLOOR_OF_TAU * self.tau_mem_ms * per_ms)
+            return int(min(round(steps), np.iinfo(np.int64).max))
         neuron = self.neuron(getattr(self, part), sampling_rate_Hz)
         with np.errstate(divide="ignore"):  # a membrane without leak gives an infinite share
             charging = np.maximum(1.0, np.round(-FLOOR_OF_TAU / np.log(neuron.decay)))

@@ -25,7 +25,7 @@ from neurotact.encoders.gain_search import CalibrationRule, Progress, choose, dr
 from neurotact.encoders.knobs import Knob, knobs_of, turned
 from neurotact.encoders.scaling import REST_SD
 from neurotact.encoders.scaling import fit as fit_scaling
-from neurotact.encoders.specs import CALIBRATED, SA_RA, EncoderSpec, populations
+from neurotact.encoders.specs import CALIBRATED, SA_RA, EncoderSpec, conditioning_of, is_exact, populations
 from neurotact.errors import InputError, some
 from neurotact.metrics.linear import cross_validated_accuracy
 from neurotact.metrics.shares import standard_error
@@ -133,10 +133,10 @@ def calibrate(
     firing.check_rate(spec, recordings.sampling_rate_Hz)
     rule = suited_rule(spec, rule, len(recordings.classes))
     rng = np.random.default_rng(rule.seed)
-    conditioning, notes = _suited(spec.conditioning, recordings)
+    conditioning, notes = _suited(spec.conditioning, recordings, exact=is_exact(spec))
     drawn = recordings.select(draw(recordings.labels, rule.trials_per_class, rng))
-    clock_Hz = conditioning.resample_Hz or recordings.sampling_rate_Hz
-    excerpts = cut(drawn, conditioning, rule.excerpt_s, rng)
+    how = conditioning_of(spec.model_copy(update={"conditioning": conditioning}), recordings.sampling_rate_Hz)
+    excerpts = cut(drawn, how, rule.excerpt_s, rng)
     # Where the signal below zero drives afferents, too, the mean is the zero.
     rest_sd = 0.0 if _is_signed(spec) else REST_SD
     scaling = fit_scaling(drawn, excerpts, conditioning.baseline, inverted=inverted, rest_sd=rest_sd)
@@ -150,7 +150,9 @@ def calibrate(
             f"gains are chosen on {rule.taxels} of the {drawn.n_channels} taxels, those that vary most in one trial "
             "after the other"
         )
-    conditioned = Excerpts(Spool(standardised), drawn.labels, drawn.classes, clock_Hz, _source(recordings))
+    conditioned = Excerpts(
+        Spool(standardised), drawn.labels, drawn.classes, how.clock_Hz(recordings.sampling_rate_Hz), _source(recordings)
+    )
 
     table, isi, rates = search(conditioned, fitted, rule, rng, progress)
     turned_to, at = fitted, {}
@@ -387,8 +389,13 @@ def _turned(conditioned: Excerpts, spec: Encoder, knob: Knob, value: float) -> t
     return spec.model_copy(update={knob.part: kind}), len(getattr(spec, knob.part).grades) - len(grades)
 
 
-def _suited(conditioning: ConditioningSpec, recordings: Trials) -> tuple[ConditioningSpec, list[str]]:
-    """Conditioning for recordings of this rate, without standardisation, and the changes."""
+def _suited(
+    conditioning: ConditioningSpec, recordings: Trials, *, exact: bool = False
+) -> tuple[ConditioningSpec, list[str]]:
+    """Conditioning for recordings of this rate, without standardisation, and the changes.
+
+    exact: whether membranes are in closed form, so that the clock is that of the spikes alone.
+    """
     rate_Hz, notes = recordings.sampling_rate_Hz, []
     change: dict[str, float | None] = {"offset": None, "scale": None}
     cutoff_Hz = conditioning.ema_cutoff_Hz
@@ -397,10 +404,12 @@ def _suited(conditioning: ConditioningSpec, recordings: Trials) -> tuple[Conditi
         notes.append(f"the EMA at {cutoff_Hz:g} Hz is left out: {rate_Hz:g} Hz recordings end at {rate_Hz / 2:g} Hz")
     if conditioning.resample_Hz is None and rate_Hz < CLOCK_HZ:
         change["resample_Hz"] = CLOCK_HZ
-        notes.append(
+        spikes = f"spikes are on a clock of {CLOCK_HZ:g} Hz, and samples come at {rate_Hz:g} Hz"
+        signals = (
             f"signals are resampled from {rate_Hz:g} to {CLOCK_HZ:g} Hz, since a step at {rate_Hz:g} Hz is longer than "
             "a refractory period of 1 ms"
         )
+        notes.append(spikes if exact else signals)
     return conditioning.model_copy(update=change), notes
 
 

@@ -8,14 +8,22 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from neurotact.data import hdf5
-from neurotact.data.conditioning import condition, condition_pieces, conditioned_length, is_long
+from neurotact.data.conditioning import PIECE_VALUES, condition, condition_pieces, conditioned_length, is_long
 from neurotact.data.copies import copies_of, with_touches
 from neurotact.data.digests import recorded_digest
 from neurotact.data.onset import common_onset_s
 from neurotact.data.recordings import Recordings, Trials
 from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials, spikes_of
 from neurotact.encoders import firing
-from neurotact.encoders.specs import EncoderSpec, afferent_names, encode
+from neurotact.encoders.specs import (
+    EncoderSpec,
+    afferent_names,
+    conditioning_of,
+    encode,
+    encode_whole,
+    finish,
+    recorded_at,
+)
 
 Progress = Callable[[int], None]
 IN_MEMORY_BLOCK = 8
@@ -84,28 +92,41 @@ def _encode_blocks(recordings: Trials, spec: EncoderSpec, progress: Progress | N
 
 def _encode_together(recordings: Trials, block: np.ndarray, spec: EncoderSpec) -> Iterator[TrialSpikes]:
     recorded = recordings.select(block).loaded()
-    conditioned = condition(recorded.to_unit(spec.unit), spec.conditioning)
+    conditioned = condition(recorded.to_unit(spec.unit), conditioning_of(spec, recorded.sampling_rate_Hz))
     rate_Hz = conditioned.sampling_rate_Hz
     if isinstance(conditioned.signals, np.ndarray):
-        rasters = iter(encode(conditioned.signals, rate_Hz, spec, trials=block)[0])
+        rasters = iter(encode_whole(conditioned.signals, rate_Hz, spec, trials=block))
     else:
         alone = zip(conditioned.signals, block, strict=True)
-        rasters = (encode(signal[None], rate_Hz, spec, trials=trial[None])[0][0] for signal, trial in alone)
+        rasters = (encode_whole(signal[None], rate_Hz, spec, trials=trial[None])[0] for signal, trial in alone)
     for place, raster in enumerate(rasters):
         yield spikes_of(raster)._replace(digest=recorded_digest(recorded, place))
 
 
 def _encode_alone(recordings: Trials, trial: int, spec: EncoderSpec) -> TrialSpikes:
     """The spikes of one trial, piece by piece."""
-    state, n_steps = None, 0
+    n_steps = 0
     found: list[TrialSpikes] = []
-    for piece in condition_pieces(recordings, trial, spec.conditioning, spec.unit):
-        raster, state = encode(piece[None], _clock(recordings, spec), spec, state, trials=np.array([trial]))
+    for raster in _rasters(recordings, trial, spec):
         part = spikes_of(raster[0])
         found.append(part._replace(steps=part.steps + n_steps))
         n_steps += part.n_steps
     steps, units = (np.concatenate([part[i] for part in found]) for i in (0, 1))
     return TrialSpikes(steps, units, n_steps, recorded_digest(recordings, trial))
+
+
+def _rasters(recordings: Trials, trial: int, spec: EncoderSpec) -> Iterator[np.ndarray]:
+    """The raster of one trial, `(1, step, afferent)`, piece by piece, of about as many steps at any clock."""
+    how, state = conditioning_of(spec, recordings.sampling_rate_Hz), None
+    rate_Hz = how.clock_Hz(recordings.sampling_rate_Hz)
+    n_rows = max(1, int(PIECE_VALUES / recordings.n_channels / max(1.0, _clock(recordings, spec) / rate_Hz)))
+    for piece in condition_pieces(recordings, trial, how, spec.unit):
+        for first in range(0, len(piece), n_rows):
+            part = piece[None, first : first + n_rows]
+            raster, state = encode(part, rate_Hz, spec, state, trials=np.array([trial]))
+            yield raster
+    if state is not None and (rest := finish(rate_Hz, spec, state)) is not None:
+        yield rest
 
 
 def _blocks(recordings: Trials, spec: EncoderSpec) -> Iterator[np.ndarray]:
@@ -125,7 +146,7 @@ def _blocks(recordings: Trials, spec: EncoderSpec) -> Iterator[np.ndarray]:
 
 def _about(recordings: Trials, spec: EncoderSpec) -> dict[str, Any]:
     """The metadata of spike trains and of their file."""
-    table = spec.model_dump(mode="json", exclude_none=True)
+    table = recorded_at(spec, recordings.sampling_rate_Hz).model_dump(mode="json", exclude_none=True)
     return {
         "sampling_rate_Hz": _clock(recordings, spec),
         "afferents": afferent_names(recordings.channels, table),
@@ -137,4 +158,4 @@ def _about(recordings: Trials, spec: EncoderSpec) -> dict[str, Any]:
 
 
 def _clock(recordings: Trials, spec: EncoderSpec) -> float:
-    return spec.conditioning.resample_Hz or recordings.sampling_rate_Hz
+    return spec.conditioning.clock_Hz(recordings.sampling_rate_Hz)

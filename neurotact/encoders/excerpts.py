@@ -14,7 +14,7 @@ from neurotact.data.spool import Spool
 class Excerpts:
     """Conditioned excerpts of the trials for the fit of gains.
 
-    signals: `(time, taxel)` each, on the encoder's clock.
+    signals: `(time, taxel)` each, as the encoder takes them, at `sampling_rate_Hz`.
     labels: class index of each.
     """
 
@@ -40,7 +40,7 @@ def cut(recordings: Trials, conditioning: ConditioningSpec, longest_s: float, rn
 
     The trial is conditioned before it is cut, as for an encoder.
     """
-    rate_Hz, clock_Hz = recordings.sampling_rate_Hz, conditioning.resample_Hz or recordings.sampling_rate_Hz
+    rate_Hz, clock_Hz = recordings.sampling_rate_Hz, conditioning.clock_Hz(recordings.sampling_rate_Hz)
     how = conditioning.model_copy(update={"offset": None, "scale": None, "rectify": False})
 
     def stretches() -> Iterator[np.ndarray]:

@@ -8,7 +8,7 @@ import numpy as np
 from neurotact.data.spikes import populations_of
 from neurotact.encoders.knobs import field_of
 from neurotact.encoders.mechanoreceptor import LEAST_PC_Hz
-from neurotact.encoders.specs import EncoderSpec, afferent_names, described, dotted, populations, taxels_of
+from neurotact.encoders.specs import EncoderSpec, afferent_names, described, dotted, is_exact, populations, taxels_of
 from neurotact.errors import InputError
 from neurotact.spec import Spec
 
@@ -71,7 +71,7 @@ def complaints(counts: np.ndarray, n_steps: int, clock_Hz: float, encoder: Encod
         name, part, fired = population.name, population.part, counts[of_each[population.name]]
         kind = described(encoder, population)
         silent_steps = max(0, math.ceil(kind.t_ref_ms * 1e-3 * clock_Hz - 1e-9))
-        highest_Hz = clock_Hz / (silent_steps + 1)
+        highest_Hz = clock_Hz / max(1, silent_steps + (not is_exact(encoder)))
         rates_Hz = fired[fired > 0] * clock_Hz / n_steps
         if not len(rates_Hz):
             yield f"no {name} afferent fires in any trial; {_remedy('raise', part, kind)}"

@@ -123,7 +123,7 @@ def search(
             }
             rows.append(row)
             rates[knob.name, value] = (fired.counts / n_seconds[:, None]).astype(np.float32)
-            edges_ms = _edges(excerpts, spec, knob) / excerpts.sampling_rate_Hz * 1e3
+            edges_ms = _edges(excerpts, spec, knob) / _clock(excerpts, spec) * 1e3
             isi.append(_isi_table(fired.shares, labels, excerpts.classes, edges_ms, knob.name, value))
         if progress:
             progress(1, ", ".join(f"{knob.name} {value:g}" for knob, value in zip(knobs, values, strict=True)))
@@ -216,12 +216,14 @@ def _fire(excerpts: Excerpts, spec: EncoderSpec, knobs: Sequence[Knob]) -> Itera
     """The afferents of each knob, in the order of the encoder's output; trials are encoded in groups."""
     parts: dict[Knob, list[Fired]] = {knob: [] for knob in knobs}
     edges = {knob: _edges(excerpts, spec, knob) for knob in knobs}
-    floors = {knob: _floor_steps(spec, knob, excerpts.sampling_rate_Hz) for knob in knobs}
+    clock_Hz = _clock(excerpts, spec)
+    floors = {knob: _floor_steps(spec, knob, clock_Hz) for knob in knobs}
     of_each = populations_of(afferent_names([""] * excerpts.n_channels, spec.model_dump()))
     ends = {knob: (of_each[knob.populations[0]][0], of_each[knob.populations[-1]][-1] + 1) for knob in knobs}
-    for signal, n_steps in _side_by_side(excerpts.signals):
+    per_sample = clock_Hz / excerpts.sampling_rate_Hz
+    for signal, n_samples in _side_by_side(excerpts.signals, per_sample):
         spikes, _ = encode(signal, excerpts.sampling_rate_Hz, spec)
-        spikes[np.arange(signal.shape[1]) >= n_steps[:, None]] = 0
+        spikes[np.arange(spikes.shape[1]) >= n_samples[:, None] * per_sample] = 0
         events = events_of_raster(spikes)
         counts, isi = spike_counts(events), isis_ms(events, 1e3)  # at 1 kHz an ISI in ms is its number of steps
         for knob, (first, last) in ends.items():
@@ -242,12 +244,15 @@ def _fire(excerpts: Excerpts, spec: EncoderSpec, knobs: Sequence[Knob]) -> Itera
         yield Fired(np.concatenate(shares), np.concatenate(counts), *map(sum, numbers))
 
 
-def _side_by_side(signals: Spool) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Consecutive signals as `(trial, time, taxel)`, zeros after the end of the shorter ones, and their lengths."""
+def _side_by_side(signals: Spool, per_sample: float) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Consecutive signals as `(trial, time, taxel)`, zeros after the end of the shorter ones, and their lengths.
+
+    per_sample: steps of the spikes' clock in a sample. All of a group fit in memory several times.
+    """
     waiting: list[np.ndarray] = []
     for signal in signals:
         longest = max(map(len, [*waiting, signal]))
-        if waiting and is_long((len(waiting) + 1) * longest, signal.shape[1]):
+        if waiting and is_long(round((len(waiting) + 1) * longest * per_sample), signal.shape[1]):
             yield _padded(waiting)
             waiting = []
         waiting.append(signal)
@@ -264,7 +269,14 @@ def _padded(signals: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 def _edges(excerpts: Excerpts, spec: EncoderSpec, knob: Knob) -> np.ndarray:
     """The bins of the ISIs of a knob's afferents, in steps."""
-    return bin_edges(_least_isi_steps(spec, knob, excerpts.sampling_rate_Hz), max(excerpts.signals.lengths))
+    clock_Hz = _clock(excerpts, spec)
+    longest = round(max(excerpts.signals.lengths) * clock_Hz / excerpts.sampling_rate_Hz)
+    return bin_edges(_least_isi_steps(spec, knob, clock_Hz), longest)
+
+
+def _clock(excerpts: Excerpts, spec: EncoderSpec) -> float:
+    """Steps per second of the spikes."""
+    return spec.conditioning.clock_Hz(excerpts.sampling_rate_Hz)
 
 
 def _least_isi_steps(spec: EncoderSpec, knob: Knob, sampling_rate_Hz: float) -> int:

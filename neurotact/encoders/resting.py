@@ -7,7 +7,7 @@ import pandas as pd
 
 from neurotact.data.conditioning import Baseline, condition_pieces
 from neurotact.data.recordings import Trials
-from neurotact.encoders.specs import EncoderSpec, afferent_names, encode
+from neurotact.encoders.specs import EncoderSpec, afferent_names, conditioning_of, encode
 from neurotact.errors import some
 
 REST_MS, SEEN_MS = 100.0, 2000.0
@@ -32,7 +32,7 @@ def resting_table(recordings: Trials, spec: EncoderSpec, rest_ms: float = REST_M
         for i, part in enumerate((raster[:n_rest], raster[n_rest:])):
             counts[i] += part.sum(axis=0)
             steps[i] += len(part)
-    clock_Hz = spec.conditioning.resample_Hz or recordings.sampling_rate_Hz
+    clock_Hz = spec.conditioning.clock_Hz(recordings.sampling_rate_Hz)
     rest_Hz, later_Hz = (counts[i] / max(1.0, steps[i]) * clock_Hz for i in (0, 1))
     total = counts.sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -68,14 +68,15 @@ def complaint(table: pd.DataFrame, rest_ms: float = REST_MS, baseline: Baseline 
 
 def _encoded(recordings: Trials, spec: EncoderSpec, rest_ms: float) -> Iterator[tuple[np.ndarray, int]]:
     """The raster `(time, afferent)` of the beginning of each trial, and the number of its steps at rest."""
-    clock_Hz = spec.conditioning.resample_Hz or recordings.sampling_rate_Hz
-    n_rest, n_seen = (max(1, round(ms * 1e-3 * clock_Hz)) for ms in (rest_ms, SEEN_MS))
+    how = conditioning_of(spec, recordings.sampling_rate_Hz)
+    rate_Hz, clock_Hz = (each.clock_Hz(recordings.sampling_rate_Hz) for each in (how, spec.conditioning))
+    n_rest, n_seen = max(1, round(rest_ms * 1e-3 * clock_Hz)), max(1, round(SEEN_MS * 1e-3 * rate_Hz))
     for trial in range(len(recordings)):
         parts, n = [], 0
-        for piece in condition_pieces(recordings, trial, spec.conditioning, spec.unit):
+        for piece in condition_pieces(recordings, trial, how, spec.unit):
             parts.append(piece[: n_seen - n].copy())
             n += len(piece)
             if n >= n_seen:
                 break
-        raster, _ = encode(np.concatenate(parts)[None], clock_Hz, spec)
+        raster, _ = encode(np.concatenate(parts)[None], rate_Hz, spec)
         yield raster[0], n_rest

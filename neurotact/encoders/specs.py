@@ -3,17 +3,18 @@
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, TypeGuard
 
 import numpy as np
 from pydantic import Discriminator, Tag
 
 from neurotact import spec as specs
-from neurotact.data.conditioning import check_used
+from neurotact.data.conditioning import ConditioningSpec, check_used
 from neurotact.encoders import (
     afferents,
     bens_spiker,
     burst,
+    exact,
     izhikevich,
     latency,
     mechanoreceptor,
@@ -27,6 +28,7 @@ from neurotact.encoders import (
 from neurotact.encoders.afferents import AfferentSpec, EncoderState, marks
 from neurotact.encoders.bens_spiker import BensSpikerSpec, BensSpikerState
 from neurotact.encoders.burst import BurstSpec, BurstState
+from neurotact.encoders.exact import ExactState
 from neurotact.encoders.izhikevich import IzhikevichEncoderState, IzhikevichSpec
 from neurotact.encoders.latency import LatencySpec, LatencyState
 from neurotact.encoders.mechanoreceptor import MechanoreceptorEncoderState, MechanoreceptorSpec
@@ -166,6 +168,7 @@ Calibrated = AfferentSpec | MechanoreceptorSpec
 CALIBRATED = (AfferentSpec, MechanoreceptorSpec)
 AnyState = (
     EncoderState
+    | ExactState
     | IzhikevichEncoderState
     | PoissonState
     | MechanoreceptorEncoderState
@@ -352,7 +355,64 @@ def encode(
     [[20, 0]]
     """
     model = MODELS[spec.model]
-    if state is not None and not isinstance(state, model.state):
+    own: Callable[..., tuple[np.ndarray, Any]] = exact.encode if is_exact(spec) else model.encode
+    kind = ExactState if is_exact(spec) else model.state
+    if state is not None and not isinstance(state, kind):
         raise InputError(f"state: is a {type(state).__name__}, of another encoder; pass the one that encode returned")
     further = {"trials": trials} if model.is_random else {}
-    return model.encode(signal, sampling_rate_Hz, spec, state, **further)
+    return own(signal, sampling_rate_Hz, spec, state, **further)
+
+
+def encode_whole(
+    signal: np.ndarray, sampling_rate_Hz: float, spec: EncoderSpec, *, trials: np.ndarray | None = None
+) -> np.ndarray:
+    """The spikes of whole trials, to their end, as `encode` gives them piece by piece and then `finish`.
+
+    >>> encode_whole(np.zeros((1, 200, 1)), 2000.0, load("sa1-ra1-lif")).shape
+    (1, 200, 2)
+    """
+    spikes, state = encode(signal, sampling_rate_Hz, spec, trials=trials)
+    rest = finish(sampling_rate_Hz, spec, state)
+    return spikes if rest is None or not rest.shape[1] else np.concatenate([spikes, rest], axis=1)
+
+
+def finish(sampling_rate_Hz: float, spec: EncoderSpec, state: AnyState) -> np.ndarray | None:
+    """The steps that the end of a trial adds to those of `encode`; None for encoders that step as their signal does.
+
+    >>> finish(2000.0, load("sa1-ra1-lif"), encode(np.zeros((1, 200, 1)), 2000.0, load("sa1-ra1-lif"))[1])
+    """
+    if is_exact(spec) and isinstance(state, ExactState):
+        return exact.finish(sampling_rate_Hz, spec, state)
+    return None
+
+
+def is_exact(spec: EncoderSpec) -> TypeGuard[AfferentSpec]:
+    """Whether an encoder takes the samples of the sensor, and has its spikes on another clock.
+
+    >>> is_exact(load("sa1-ra1-lif")), is_exact(load("sa1-ra1-lif", {"integration": "exact"}))
+    (False, True)
+    """
+    return isinstance(spec, AfferentSpec) and spec.integration == "exact"
+
+
+def conditioning_of(spec: EncoderSpec, recorded_Hz: float) -> ConditioningSpec:
+    """The conditioning of the signal that an encoder takes, of a recording of that rate.
+
+    Where membranes are in closed form, samples that are slower than the spikes' clock are not resampled to it.
+
+    >>> spec = load("sa1-ra1-lif", {"conditioning.resample_Hz": 1000.0, "integration": "exact"})
+    >>> [conditioning_of(spec, rate_Hz).resample_Hz for rate_Hz in (93.0, 2000.0)]
+    [None, 1000.0]
+    """
+    if not is_exact(spec) or recorded_Hz > spec.conditioning.clock_Hz(recorded_Hz):
+        return spec.conditioning
+    return spec.conditioning.model_copy(update={"resample_Hz": None})
+
+
+def recorded_at(spec: EncoderSpec, recorded_Hz: float) -> EncoderSpec:
+    """An encoder as spike trains carry it: with the rate of the recording, if its cost depends on that.
+
+    >>> print(recorded_at(load("sa1-ra1-lif"), 93.0).recorded_Hz)
+    None
+    """
+    return spec.model_copy(update={"recorded_Hz": recorded_Hz}) if is_exact(spec) else spec

@@ -16,7 +16,15 @@ from neurotact.data.spikes import populations_of
 from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.decoding import DECODERS, decode
 from neurotact.encoders.excerpts import draw, liveliest
-from neurotact.encoders.specs import EncoderSpec, afferent_names, encode
+from neurotact.encoders.specs import (
+    EncoderSpec,
+    afferent_names,
+    conditioning_of,
+    encode,
+    encode_whole,
+    is_exact,
+    recorded_at,
+)
 from neurotact.errors import InputError
 from neurotact.metrics import reconstruction
 from neurotact.metrics.information import class_information
@@ -76,7 +84,7 @@ def what_survives(recordings: Trials, encoder: EncoderSpec, seed: int = 0) -> Su
     rng = np.random.default_rng(seed)
     drawn = recordings.select(draw(recordings.labels, PER_CLASS, rng))
     felt = _felt(drawn, encoder)
-    table = encoder.model_dump(mode="json", exclude_none=True)
+    table = recorded_at(encoder, recordings.sampling_rate_Hz).model_dump(mode="json", exclude_none=True)
     n_taxels = len(felt.scale)
     kinds = populations_of(afferent_names(["x"] * n_taxels, table))
     x, trial = reconstruction.segments(felt.signals, felt.rate_Hz)
@@ -100,12 +108,13 @@ def what_survives(recordings: Trials, encoder: EncoderSpec, seed: int = 0) -> Su
             "first_informative_ms": float(told.time_ms[late[0]]) if len(late) else np.nan,
         })  # fmt: skip
     own = _own(encoder, felt)
-    cost_nJ = encoding_cost(recordings.n_channels, felt.rate_Hz, 1e3, table).energy_estimate_nJ
     n_afferents = len(afferent_names(recordings.channels, table))
+    fired = rows[-1]["spikes_per_s"] * n_afferents
+    cost_nJ = encoding_cost(recordings.n_channels, felt.rate_Hz, 1e3, table, spikes=fired).energy_estimate_nJ
     rows[-1] |= {
         "own_snr_dB": np.nan if own is None else reconstruction.direct(x, own, felt.rate_Hz).snr_dB,
         "energy_nJ_per_s": cost_nJ,
-        "nJ_per_spike": _per(cost_nJ, rows[-1]["spikes_per_s"] * n_afferents),
+        "nJ_per_spike": _per(cost_nJ, fired),
     }
     return Survival(pd.DataFrame(rows), found, told, *_shown(x, s, decoded, own, kinds, felt.rate_Hz))
 
@@ -124,14 +133,20 @@ class _Felt(NamedTuple):
 
 
 def _felt(drawn: Trials, encoder: EncoderSpec) -> _Felt:
-    conditioned = condition(drawn.loaded().to_unit(encoder.unit), encoder.conditioning)
+    taken = drawn.loaded().to_unit(encoder.unit)
+    conditioned = condition(taken, encoder.conditioning)
     rate_Hz = conditioned.sampling_rate_Hz
     signals = [np.asarray(signal)[: max(1, round(LONGEST_s * rate_Hz))] for signal in conditioned.signals]
     taxels = liveliest(signals, TAXELS)
     signals = [np.ascontiguousarray(signal[:, taxels]) for signal in signals]
     shortest = min(map(len, signals))
     signals = [signal[:shortest] for signal in signals]
-    spikes = [*encode(np.stack(signals), rate_Hz, encoder)[0]]
+    if is_exact(encoder):
+        sampled = condition(taken, conditioning_of(encoder, taken.sampling_rate_Hz))
+        samples = (np.asarray(signal)[None, :, taxels] for signal in sampled.signals)
+        spikes = [encode_whole(each, sampled.sampling_rate_Hz, encoder)[0, :shortest] for each in samples]
+    else:
+        spikes = [*encode(np.stack(signals), rate_Hz, encoder)[0]]
     every = np.concatenate(signals).astype(float)
     mean, scale = every.mean(axis=0), np.maximum(every.std(axis=0), np.finfo(np.float32).tiny)
     return _Felt([(signal - mean) / scale for signal in signals], spikes, rate_Hz, mean, scale)

@@ -6,8 +6,8 @@ counts zero. FLOPs as the papers count them are in `neurotact.papers.published_f
 What is counted:
 - a MAC is a multiplication whose product is added; a sum starts at its bias, so that a bias costs nothing;
 - an AC is an addition or subtraction without a multiplication: what a spike or a zero-or-one input costs;
-- all else is `other_flops`: a multiplication, a comparison or a shift 1, a division or square root 4, an exponential 8
-  (the weights behind the stiffness paper's Tables I and II, whose sigmoid of 14 is 8 + 4 + 1 + 1).
+- all else is `other_flops`: a multiplication, a comparison or a shift 1, a division or square root 4, an exponential or
+  logarithm 8 (the weights behind the stiffness paper's Tables I and II, whose sigmoid of 14 is 8 + 4 + 1 + 1).
 """
 
 from abc import ABC, abstractmethod
@@ -25,7 +25,7 @@ AC_ESTIMATE_PJ = 0.9
 """A 32-bit floating-point addition at 45 nm (the same figure); also taken for each of `other_flops`."""
 
 DIVISION = SQUARE_ROOT = 4
-EXPONENTIAL = 8
+EXPONENTIAL = LOGARITHM = 8
 ACTIVATION_FLOPS = {
     "linear": 0,
     "hard_limit": 1,
@@ -468,6 +468,33 @@ class Afferents(Layer):
         state = (2 * n + 1) * self.taxels  # membranes, refractory counters, the sample before
         macs, other = 2 * n + self.onset, n + 1 + self.onset
         return _with_weights(n, state, macs=macs * each, acs=each, other_flops=other * each)
+
+
+@dataclass(frozen=True)
+class ExactSpikes(Layer):
+    """What the spikes of LIF afferents in closed form cost, beside `Afferents` with samples in the place of steps.
+
+    Per spike: its time takes two differences, a division, a logarithm and a MAC; the end of its refractory period an
+    addition and a comparison with the end of the sample; the membrane from there to that end a difference, a product,
+    an exponential, a difference and a MAC, and a comparison with the threshold; its bin a product that is rounded up.
+
+    spikes: of all afferents in one decision, a mean or a number.
+
+    >>> ExactSpikes(10).cost().flops
+    340
+    """
+
+    spikes: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.spikes >= 0:
+            raise InputError(f"ExactSpikes.spikes: must be >= 0; got {self.spikes}")
+
+    def cost(self) -> Cost:
+        timed, ended, carried, binned = DIVISION + LOGARITHM, 1, 1 + EXPONENTIAL + 1, 2
+        other = timed + ended + carried + binned
+        return Cost(macs=2 * self.spikes, acs=5 * self.spikes, other_flops=other * self.spikes)
 
 
 @dataclass(frozen=True)

@@ -332,14 +332,19 @@ def _of_encoding(found: Answer, trains: SpikeTrains | None, place: str) -> Itera
     if trains is None or decision.nJ is None or not found.is_above_chance:
         return
     rate_Hz, n_taxels = trains.sampling_rate_Hz, ledger.taxels_of(len(trains.afferents), trains.encoder)
-    spent = encoding_cost(n_taxels, 1e-3 * decision.ms * rate_Hz, decision.ms, trains.encoder)
+    spikes = sum(map(len, trains.steps)) / trains.trial_steps.sum() * 1e-3 * decision.ms * rate_Hz
+    spent = encoding_cost(n_taxels, 1e-3 * decision.ms * rate_Hz, decision.ms, trains.encoder, spikes=spikes)
     alone = answers.energy(spent.energy_estimate_nJ)
     if place == "sensor":
         yield f"Conditioning and encoding are in the sensor and not counted; on the processor they take {alone} more."
         return
+    recorded_Hz = trains.encoder.get("recorded_Hz")
+    at = f"{rate_Hz:g} steps per second, for any number of spikes"
+    if recorded_Hz is not None:
+        at = f"{recorded_Hz:.4g} samples per second, and more for each spike"
     yield (
-        f"Conditioning and encoding, on the processor, take {alone} of {answers.energy(decision.nJ)}, at {rate_Hz:g} "
-        "steps per second, for any number of spikes; `settings={'encoding_in': 'sensor'}` leaves them out."
+        f"Conditioning and encoding, on the processor, take {alone} of {answers.energy(decision.nJ)}, at {at}; "
+        "`settings={'encoding_in': 'sensor'}` leaves them out."
     )
 
 

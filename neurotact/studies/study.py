@@ -23,7 +23,7 @@ from neurotact.data.windows import WindowSpec
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.same_drive import SameDriveSpec
-from neurotact.encoders.specs import EncoderSpec
+from neurotact.encoders.specs import EncoderSpec, is_exact
 from neurotact.errors import InputError, nearest
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.seeds import drawn
@@ -217,6 +217,8 @@ class StudySpec(Spec):
                 raise ValueError(f"sweep.dataset: '{name}' is not a subset; {nearest(str(name), known)}")
         if self.test_every_condition and not self.dataset.stratify:
             raise ValueError("test_every_condition needs dataset.stratify, the conditions to test apart")
+        if self.same_drive is not None and is_exact(self.encoder):
+            raise ValueError("same_drive steps its afferents on a clock; leave integration out")
         if self.same_drive is not None and not isinstance(self.encoder, AfferentSpec):
             raise ValueError(f"same_drive needs LIF afferents; this encoder's model is '{self.encoder.model}'")
         return self
@@ -402,7 +404,7 @@ def _suited(
     clock_Hz = study.encoder.conditioning.resample_Hz
     recorded = suited.look(expand(study.dataset.file), clock_Hz, study.dataset.choice)
     table, notes = suited.suit(table, recorded, left, given, split=study.split)
-    return {**table, "notes": [*study.notes, *notes, *suited.clock(recorded, clock_Hz)]}
+    return {**table, "notes": [*study.notes, *notes, *suited.clock(recorded, clock_Hz, exact=is_exact(study.encoder))]}
 
 
 def to_toml(study: Spec) -> str:

@@ -18,10 +18,10 @@ from neurotact.deploy import c_export, proof
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.deploy.nir_exchange import compare
 from neurotact.deploy.stream import Stream
-from neurotact.encoders import afferents
+from neurotact.encoders import afferents, exact
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.encoders.specs import MODELS, EncoderSpec, load, n_per_taxel
+from neurotact.encoders.specs import MODELS, EncoderSpec, is_exact, load, n_per_taxel
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import EXECUTORS, FEATURES, SETTINGS, Subject, require
 from neurotact.networks.definition.snntorch_exchange import to_snntorch
@@ -38,11 +38,13 @@ CONDITIONED = {
     "baseline of the whole trial": {"baseline": "mean"},
     "standardisation": {"offset": [0.5] * TAXELS, "scale": [0.9] * TAXELS},
     "rectification": {"rectify": True},
+    "membranes in closed form": {"resample_Hz": RATE_Hz, "baseline": "first"},
 }
 ENCODED = {
     "several afferents a taxel": {"sa1.grades": [0.5, 1.0]},
     "half-wave rate of change": {"ra1.change": "both"},
     "rise in SA-I": {"sa1.rate_ms": 20.0},
+    "membranes in closed form": {"integration": "exact"},
 }
 NETWORKS = {
     "clock of the network": {"step_ms": 3.0},
@@ -90,7 +92,7 @@ def parts_with(feature: str) -> tuple[EncoderSpec, nt.RSNN, ExitRule]:
 
 def chain_with(feature: str) -> Chain:
     encoder, network, rule = parts_with(feature)
-    given_Hz = 400.0 if feature == "resampling" else RATE_Hz
+    given_Hz = 400.0 if feature in ("resampling", "membranes in closed form") else RATE_Hz
     return chain_of((encoder, network), sampling_rate_Hz=given_Hz, length_ms=40)._replace(rule=rule)
 
 
@@ -230,7 +232,8 @@ def test_what_the_table_calls_equal_spikes_as_the_reference(executor, feature, t
 def test_what_the_table_refuses_is_refused_with_its_reason(executor, feature, tmp_path):
     encoder, network, rule = parts_with(feature)
     if executor == "native" and FEATURES[feature].part == "encoder":  # nothing chooses a backend for these models
-        assert "backend" not in MODELS[encoder.model].encode.__annotations__
+        own = exact.encode if is_exact(encoder) else MODELS[encoder.model].encode
+        assert "backend" not in own.__annotations__
         return
     reason = EXECUTORS[executor].lacks[feature]
     with pytest.raises(InputError) as refused:

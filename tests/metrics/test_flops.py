@@ -23,6 +23,7 @@ from neurotact.metrics.flops import (
     Cost,
     DeltaEvents,
     Dense,
+    ExactSpikes,
     Integrator,
     IzhikevichAfferents,
     LatencyAfferents,
@@ -63,6 +64,7 @@ EVERY_LAYER = [
     Standardise(16),
     Projection(16, 3),
     Afferents(8, 300),
+    ExactSpikes(20.0),
     IzhikevichAfferents(8, 300, 5),
     PoissonAfferents(8, 300),
     DeltaEvents(8, 300),
@@ -166,6 +168,18 @@ def test_encoder_by_hand():
     # 2 taxels, 3 steps, an SA-I and an RA-I each: 12 updates of 2 MACs; 6 differences and absolute values; 12 tests.
     counted = cost(Afferents(2, 3))
     assert (counted.macs, counted.acs, counted.other_flops) == (24, 6, 18)
+
+
+def test_spikes_in_closed_form_by_hand():
+    # Time: U_inf - U, U_inf - threshold, their quotient 4, its logarithm 8, t + tau ln. End: + t_ref, < sample's end.
+    # Membrane: end - t, times -1 / tau, exp 8, reset - U_inf, U_inf + that times exp, >= threshold. Bin: times R, up.
+    counted = cost(ExactSpikes(2.5))
+    assert counted.macs == 2.5 * (1 + 1)
+    assert counted.acs == 2.5 * (2 + 1 + 1 + 1)
+    assert counted.other_flops == 2.5 * (4 + 8 + 1 + 1 + 8 + 1 + 1 + 1)
+    assert (counted.parameters, counted.bytes) == (0, 0)
+    with pytest.raises(InputError, match=r"ExactSpikes\.spikes: must be >= 0"):
+        ExactSpikes(-1.0)
 
 
 def test_an_integrator_by_hand():

@@ -12,7 +12,7 @@ import torch
 
 from neurotact.data.conditioning import ACAUSAL, ConditioningSpec
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.specs import MODELS, EncoderSpec
+from neurotact.encoders.specs import MODELS, EncoderSpec, is_exact
 from neurotact.errors import InputError
 from neurotact.networks.definition.native import Network
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
@@ -133,6 +133,12 @@ FEATURES: dict[str, Feature] = {
         lambda s: (lif := _lif(s)) is not None and lif.sa1.rate_ms > 0,
         "stream it, or train without sa1.rate_ms",
     ),
+    "membranes in closed form": Feature(
+        "encoder",
+        ("integration", "recorded_Hz"),
+        lambda s: s.encoder is not None and is_exact(s.encoder),
+        "stream it, or train with integration = 'clock'",
+    ),
     **OTHER_MODELS,
     "clock of the network": Feature(
         "network", ("step_ms",), lambda s: s.network.steps_per_bin > 1, "train with step_ms = 'encoder'"
@@ -216,11 +222,13 @@ _IN_C = {
     "several afferents a taxel": "C has one SA-I and one RA-I under each taxel",
     "half-wave rate of change": "the RA-I of C are driven by rise and fall alike",
     "rise in SA-I": "the SA-I of C are driven by the signal alone",
+    "membranes in closed form": "C has no logarithm without a library",
 }
 _NOT_IN_NIR = {
     "clock slower than its encoder's": "it has no node that puts spikes into bins",
     "half-wave rate of change": "its graph rectifies the rate of change",
     "rise in SA-I": "its graph drives SA-I by the signal alone",
+    "membranes in closed form": "its neurons step on a clock",
     **dict.fromkeys(OTHER_MODELS, "it has no nodes for them; the network alone can be exported"),
     "adaptive thresholds": "it has no neuron whose threshold adapts",
     "readout of stretches": "it has no weights that change with time",
@@ -230,7 +238,7 @@ EXECUTORS: dict[str, Executor] = {
     "native": Executor(
         "the native kernels",
         ("encoder", "network", "readout", "exit"),
-        dict.fromkeys(OTHER_MODELS, "NumPy computes them"),
+        dict.fromkeys((*OTHER_MODELS, "membranes in closed form"), "NumPy computes them"),
     ),
     "stream": Executor("a stream", CHAIN, _STREAMED),
     "c-float": Executor("C in float32", CHAIN, {**_STREAMED, **_IN_C}),

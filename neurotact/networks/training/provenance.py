@@ -38,6 +38,8 @@ class SplitTrials(Spec):
 
 
 SIDES = tuple(SplitTrials.model_fields)
+RATE = "recorded_Hz"
+"""Key of an encoder's table that describes the recording."""
 """From the most seen side to the least seen."""
 
 
@@ -110,7 +112,7 @@ def first_difference(
 ) -> Difference | None:
     """The first key of an encoder (with its conditioning), or the first afferent, that differs from training.
 
-    Defaults are filled in: a spec that gains a key stays the same encoder.
+    Defaults are filled in: a spec that gains a key stays the same encoder. The rate of the recording may differ.
 
     >>> str(first_difference({"sa1": {"t_ref_ms": 5}}, ["SA-I a"], {"sa1": {"t_ref_ms": 1}}, ["SA-I a"]))
     'sa1.t_ref_ms is 5 but was 1 in training'
@@ -131,7 +133,8 @@ def _with_defaults(encoder: Mapping[str, Any]) -> Mapping[str, Any]:
     """An encoder's table with its defaults; unchanged if this version does not know the model."""
     model = MODELS.get(str(encoder.get("model", "lif")))
     try:
-        return encoder if model is None else model.spec.model_validate(encoder).model_dump(mode="json")
+        table = encoder if model is None else model.spec.model_validate(encoder).model_dump(mode="json")
+        return {key: value for key, value in table.items() if key != RATE}
     except ValidationError:
         return encoder
 

@@ -29,8 +29,8 @@ STEPS_PER_BIN = "steps_per_bin"
 STRETCHES = "readout_stretches"
 """Column of results: stretches of a window with readout weights of their own."""
 ABOUT = (
-    "Conditioning and encoding are counted for both populations of every taxel, on every step of the encoder's clock; "
-    "neurons on every step of the network's clock. "
+    "Conditioning and encoding are counted for both populations of every taxel, on every step of the encoder's clock "
+    "(with integration = exact, on every sample, and for every spike); neurons on every step of the network's clock. "
     "Energy is an estimate of the arithmetic alone, without memory: 4.6 pJ per MAC and 0.9 pJ per other operation, "
     "32-bit floating point at 45 nm (Horowitz, ISSCC 2014)."
 )
@@ -96,7 +96,8 @@ def decision_ledger(
     network = network_cost(spec, n_afferents, n_classes, measured, steps=steps, signal_ms=signal_ms)
     if encoder is None:
         return ledger_table([("network", network)])
-    encoding = encoding_cost(taxels_of(n_afferents, encoder), steps, signal_ms, encoder)
+    spikes = measured["sops_input"] / spec.hidden
+    encoding = encoding_cost(taxels_of(n_afferents, encoder), steps, signal_ms, encoder, spikes=spikes)
     return ledger_table([("encoder", encoding), ("network", network), ("both", encoding + network)])
 
 
@@ -127,10 +128,10 @@ def study_ledger(
             whole = {name: round(row[name]) for name in ("parameters", "bytes") if name in row}
             rows.append((f"{classifier} on {source}", Cost(**{**row.to_dict(), **whole})))
     for steps in sorted(results["window_steps"].unique()):
-        window_ms = 1e3 * steps / rate_Hz
-        rows.append(
-            (f"conditioning and encoding alone, {window_ms:g} ms", encoding_cost(n_taxels, steps, window_ms, encoder))
-        )
+        window_ms, mine = 1e3 * steps / rate_Hz, results[results["window_steps"] == steps]
+        spikes = float((mine["sops_input"] / mine["hidden"]).mean())
+        encoding = encoding_cost(n_taxels, steps, window_ms, encoder, spikes=spikes)
+        rows.append((f"conditioning and encoding alone, {window_ms:g} ms", encoding))
     by = [*NETWORK, *([MODEL] if MODEL in results else [])]
     for _, row in means_over(
         results, by, [*SOPS, "window_steps", *({STEPS_PER_BIN, STRETCHES} & {*results})], "seeds"
@@ -170,4 +171,7 @@ def row_cost(
     )  # fmt: skip
     measured = {name: row[f"exit_{name}" if early else name] for name in SOPS}
     network = network_cost(own, n_afferents, n_classes, measured, steps=steps, signal_ms=signal_ms)
-    return network + encoding_cost(taxels_of(n_afferents, encoder), steps, signal_ms, encoder) if encoding else network
+    if not encoding:
+        return network
+    n_taxels, spikes = taxels_of(n_afferents, encoder), measured["sops_input"] / own.hidden
+    return network + encoding_cost(n_taxels, steps, signal_ms, encoder, spikes=spikes)

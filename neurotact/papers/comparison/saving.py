@@ -206,7 +206,7 @@ def _encoded(bench: Bench, setting: Setting) -> SpikeTrains:
     assert bench.encoder is not None
     encoder = bench.encoder
     if setting.t_ref_steps is not None:
-        step_ms = 1e3 / (encoder.conditioning.resample_Hz or bench.touches.sampling_rate_Hz)
+        step_ms = 1e3 / encoder.conditioning.clock_Hz(bench.touches.sampling_rate_Hz)
         periods = zip(("ra1", "sa1"), setting.t_ref_steps, strict=True)
         update = {part: getattr(encoder, part).model_copy(update={"t_ref_ms": n * step_ms}) for part, n in periods}
         encoder = encoder.model_copy(update=update)
@@ -270,4 +270,5 @@ def _cost(fitted: Fitted, sops: Mapping[str, float], steps: float) -> Cost:
     spent = network_cost(network.spec, *sizes, sops, steps=steps, signal_ms=signal_ms)
     if fitted.sides.encoder is None:
         return spent
-    return spent + encoding_cost(fitted.sides.n_taxels, steps, signal_ms, fitted.sides.encoder)
+    spikes = sops["sops_input"] / network.spec.hidden
+    return spent + encoding_cost(fitted.sides.n_taxels, steps, signal_ms, fitted.sides.encoder, spikes=spikes)

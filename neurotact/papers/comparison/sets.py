@@ -247,4 +247,4 @@ def _calibrated(training: Recordings, chosen: SetSpec, step_ms: float) -> Affere
 
 def step_ms(data: WaysData, arrays: Arrays) -> float:
     """A step of the clock of afferents or events."""
-    return 1e3 / (data.chosen.conditioning.resample_Hz or float(arrays["sampling_rate_Hz"]))
+    return 1e3 / data.chosen.conditioning.clock_Hz(float(arrays["sampling_rate_Hz"]))

@@ -101,7 +101,8 @@ def _measure(network: RSNN, trains: SpikeTrains, test: Examples, rule: ExitRule)
     measured = {f"sops_{name}": float(v.mean()) for name, v in measuring.synops_of(found, network)._asdict().items()}
     steps = float(found.steps.double().mean())
     signal_ms = 1e3 * steps / trains.sampling_rate_Hz
-    encoder = encoding_cost(taxels_of(len(trains.afferents), trains.encoder), steps, signal_ms, trains.encoder)
+    n_taxels, spikes = taxels_of(len(trains.afferents), trains.encoder), measured["sops_input"] / network.spec.hidden
+    encoder = encoding_cost(n_taxels, steps, signal_ms, trains.encoder, spikes=spikes)
     sizes = len(trains.afferents), network.n_classes
     network_spent = network_cost(network.spec, *sizes, measured, steps=steps, signal_ms=signal_ms)
     return measuring.accuracy_of(found, test), encoder, network_spent

@@ -226,7 +226,8 @@ def _spiking_split(parameters: Parameters, recorded: Recordings, at: int, split:
         measured = {f"sops_{name}": found[f"{prefix}_{name}"] for name in ("input", "recurrent", "readout")}
         signal_ms = 1e3 * steps / trains.sampling_rate_Hz
         smoothing = cost(MovingAverage(max(1, round(steps)), recorded.n_channels))  # `load` applied it, for all chains
-        encoding = encoding_cost(recorded.n_channels, steps, signal_ms, trains.encoder)
+        spikes = measured["sops_input"] / fitted.network.spec.hidden
+        encoding = encoding_cost(recorded.n_channels, steps, signal_ms, trains.encoder, spikes=spikes)
         sizes = len(trains.afferents), len(trains.classes)
         network = ledger.network_cost(parameters.spiking, *sizes, measured, steps=steps, signal_ms=signal_ms)
         yield {

@@ -1,0 +1,107 @@
+"""LIF afferents that are computed once per sample, in closed form, and not at each step of a clock.
+
+Between two samples the drive of an afferent is constant: that of the last sample. So the times of its spikes have a
+closed form (`neurons.exact_lif_interval`), and a sensor of 100 Hz costs 100 updates per second, and what its spikes
+cost, at any clock. The clock of the encoder is only that of the bins that the spikes are put into. A sensor that is
+faster than that clock is resampled to it first, as for any encoder.
+"""
+
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+
+from neurotact.data.conditioning import conditioned_length
+from neurotact.encoders.afferents import AfferentSpec, checked, drives
+from neurotact.neurons import ExactLIF, ExactLIFState, exact_lif_interval, exact_lif_start
+
+AT_ONCE = 1e-9
+"""Of a step: times this close to the border of a bin are on it."""
+
+
+class ExactState(NamedTuple):
+    """The state of an encoder between samples.
+
+    membrane_mV, refractory_ms: of all afferents, `(trial, afferent)` float64, refractory from the next sample on.
+    waiting: spikes in the bin that the samples so far do not fill, `(trial, afferent)` uint8.
+    last: the last sample, `(trial, taxel)`. n_samples, n_steps: samples received and steps returned so far.
+    """
+
+    membrane_mV: np.ndarray
+    refractory_ms: np.ndarray
+    waiting: np.ndarray
+    last: np.ndarray | None
+    n_samples: int
+    n_steps: int
+
+
+def encode(
+    signal: np.ndarray, sampling_rate_Hz: float, spec: AfferentSpec, state: ExactState | None = None
+) -> tuple[np.ndarray, ExactState]:
+    """Spikes of conditioned samples, `(trial, sample, taxel)` to `(trial, step, afferent)` uint8, SA-I first.
+
+    The steps are those of the encoder's clock, `conditioning.resample_Hz`, that end with the last sample's interval or
+    before; without it there is one per sample. Step k holds the spikes after its begin and until its end; several of an
+    afferent count as one. The state is an argument and a result, so that a recording in pieces gives the spikes of the
+    whole. RA-I are driven by the change from the sample before, for as long as the sample holds; 0 at the first one.
+
+    >>> from neurotact.encoders.specs import load
+    >>> spec = load("sa1-ra1-lif", {"integration": "exact", "conditioning.resample_Hz": 1000.0, "sa1.t_ref_ms": 5.0})
+    >>> spikes, _ = encode(np.full((1, 2, 1), 6.25), 100.0, spec)  # 3.2 * 6.25 = 20 mV
+    >>> spikes.shape, np.flatnonzero(spikes[0, :, 0]).tolist()
+    ((1, 20, 2), [6, 18])
+    """
+    signal = checked(signal)
+    rate_Hz, clock_Hz = sampling_rate_Hz, spec.conditioning.clock_Hz(sampling_rate_Hz)
+    n_trials, n_samples, n_taxels = signal.shape
+    sa1, ra1 = spec.sa1.gains, tuple(gain * rate_Hz * 1e-3 for gain in spec.ra1.gains)
+    neuron = _neuron(spec, n_taxels, 1e3 / clock_Hz)
+    n_afferents = len(neuron.t_ref_ms)
+    if state is None:
+        state = ExactState(*exact_lif_start(neuron, n_trials), np.zeros((n_trials, n_afferents), np.uint8), None, 0, 0)
+    drive, last = drives(
+        signal, (sa1, ra1), state.last, rate_steps=spec.sa1.rate_ms * rate_Hz * 1e-3,
+        half_wave=spec.ra1.change != "rectified",
+    )  # fmt: skip
+    n_steps = _n_complete(state.n_samples + n_samples, rate_Hz, clock_Hz)
+    spikes = np.zeros((n_trials, n_steps - state.n_steps + 1, n_afferents), np.uint8)
+    spikes[:, 0] = state.waiting
+    lif, steps_per_sample = ExactLIFState(state.membrane_mV, state.refractory_ms), clock_Hz / rate_Hz
+    for n in range(n_samples):
+        fired, lif = exact_lif_interval(neuron, drive[:, n].astype(np.float64), lif, 1e3 / rate_Hz)
+        before = state.n_samples + n
+        bins = np.ceil(before * steps_per_sample + fired.time_ms * (1e-3 * clock_Hz) - AT_ONCE).astype(np.int64) - 1
+        bins = np.maximum(bins, _n_complete(before, rate_Hz, clock_Hz)) - state.n_steps
+        trial, afferent = np.divmod(fired.which, n_afferents)
+        spikes[trial, bins, afferent] = 1
+    return spikes[:, :-1], ExactState(*lif, spikes[:, -1].copy(), last, state.n_samples + n_samples, n_steps)
+
+
+def finish(sampling_rate_Hz: float, spec: AfferentSpec, state: ExactState) -> np.ndarray:
+    """The steps that the end of a trial adds, `(trial, step, afferent)`: none, or one, if half of it is filled.
+
+    With them a trial has the steps of `conditioned_length`. No afferent fires after the last sample's interval.
+    """
+    n_steps = conditioned_length(state.n_samples, sampling_rate_Hz, spec.conditioning.clock_Hz(sampling_rate_Hz))
+    rest = np.zeros((len(state.waiting), n_steps - state.n_steps, state.waiting.shape[1]), np.uint8)
+    rest[:, :1] = state.waiting[:, None][:, : rest.shape[1]]
+    return rest
+
+
+def _n_complete(n_samples: int, rate_Hz: float, clock_Hz: float) -> int:
+    """The steps that end within the intervals of `n_samples`."""
+    return int(n_samples * (clock_Hz / rate_Hz) + AT_ONCE)
+
+
+def _neuron(spec: AfferentSpec, n_taxels: int, step_ms: float) -> ExactLIF:
+    kinds = {"sa1": spec.sa1, "ra1": spec.ra1}
+    for key, kind in kinds.items():
+        if kind.t_ref_ms < step_ms * (1 - AT_ONCE):
+            warnings.warn(
+                f"{key}.t_ref_ms: {kind.t_ref_ms:g} ms is shorter than a step of {step_ms:g} ms, in which several "
+                "spikes of an afferent count as one; raise conditioning.resample_Hz",
+                stacklevel=4,
+            )
+    periods = [np.full(n_taxels * len(kind.gains), kind.t_ref_ms) for kind in kinds.values()]
+    levels = {"v_rest_mV": spec.v_rest_mV, "v_reset_mV": spec.v_reset_mV, "v_threshold_mV": spec.v_threshold_mV}
+    return ExactLIF(spec.tau_mem_ms, np.concatenate(periods), **levels)
