@@ -332,12 +332,13 @@ def _strongest(drive: Iterable[np.ndarray], n_values: int) -> float:
     place = (n_values - 1) * float(np.true_divide(STRONGEST, 100))
     below = int(place)
     n_kept = n_values - below
-    top = np.empty(0, np.float32)
+    top, least = np.empty(0, np.float32), -math.inf
     for part in drive:
-        top = np.concatenate([top, part])
-        if len(top) > n_kept:
+        top = np.concatenate([top, part[part > least]])
+        if len(top) > 2 * n_kept:  # rarely, as a partition takes longer than all else here
             top = np.partition(top, len(top) - n_kept)[len(top) - n_kept :]
-    top.sort()
+            least = float(top.min())
+    top = np.sort(top)[-n_kept:]
     low, high, share = top[0], top[min(1, len(top) - 1)], place - below
     strongest = high - (high - low) * (1 - share) if share >= 0.5 else low + (high - low) * share
     return float(strongest if strongest > 0 else top[-1])
