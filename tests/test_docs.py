@@ -136,6 +136,51 @@ def test_every_page_is_in_the_navigation_of_the_site():
     assert len(listed) == len({*listed})
 
 
+def groups() -> dict[str, list[Path]]:
+    """The pages of each group of the navigation."""
+    found = {}
+    for token in tokens_of(ROOT / "docs" / "index.md"):
+        if token.type == "fence":
+            caption, *listed = [line for line in token.content.splitlines() if line and line != ":hidden:"]
+            paths = [ROOT / "docs" / f"{name}.md" for name in listed]
+            found[caption.removeprefix(":caption: ")] = [path for path in paths if path.is_file()]
+    return found
+
+
+GUIDANCE = [page for name in ("Start here", "How to", "Concepts") for page in groups()[name]]
+MOST_NUMBERS = 0.05
+"""Numbers a word of a page that guides; tables and diaries of what was measured stand in a page of results."""
+
+
+def numbers_of(text: str) -> tuple[int, int]:
+    """How many words a text has, outside code and math, and how many of them are numbers.
+
+    >>> numbers_of("Of `100` trials 12 (5 %) have SA-1 afferents.")
+    (7, 2)
+    """
+    said = " ".join(
+        part.content
+        for token in MarkdownIt().enable("table").parse(text)
+        for part in (token.children or ())
+        if part.type == "text"
+    )
+    words = re.findall(r"\S*\w\S*", re.sub(r"\$[^$]*\$", " ", said))
+    return len(words), sum(bool(re.search(r"(?<![A-Za-z-])\d", word)) for word in words)
+
+
+@pytest.mark.parametrize("page", GUIDANCE, ids=[str(page.relative_to(ROOT)) for page in GUIDANCE])
+def test_a_page_that_guides_has_few_numbers(page):
+    words, numbers = numbers_of(text_of(page))
+    assert numbers <= MOST_NUMBERS * words, f"{numbers} numbers in {words} words"
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs" / "results").glob("*.md")), ids=lambda page: page.stem)
+def test_a_page_of_results_and_the_page_that_it_is_behind_name_each_other(page):
+    guide = page.parents[1] / page.name
+    assert f"results/{page.name}" in text_of(guide)
+    assert f"../{page.name}" in text_of(page)
+
+
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
 def test_the_commands_of_a_page_are_those_of_the_program(page):
     wrong = {line: why for line, whole in commands_of(page) if (why := complaint(line, whole=whole))}
