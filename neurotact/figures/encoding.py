@@ -98,9 +98,16 @@ def draw_rasters(
 
 @printed
 def draw_spike_counts(
-    table: pd.DataFrame, shown: Sequence[str], classes: Classes, names: Sequence[str] = NAMES
+    table: pd.DataFrame,
+    shown: Sequence[str],
+    classes: Classes,
+    names: Sequence[str] = NAMES,
+    pair: str = PAIR_AXIS,
 ) -> Figure:
-    """Spikes per second of both populations and their sum over the t_ref pairs, a panel per class (Fig. 6)."""
+    """Spikes per second of both populations and their sum over the t_ref pairs, a panel per class (Fig. 6).
+
+    pair: the words of the axis of the pairs.
+    """
     pairs = list(dict.fromkeys(table["pair"]))
     figure = new_figure(2.4)
     panels = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
@@ -112,7 +119,7 @@ def draw_spike_counts(
             heights = rows[f"spikes_{kind}_per_s"]
             axes.bar(at + (place - 1) * 0.27, heights, 0.25, color=colour, label=name)
         name_ticks(axes, pairs)
-        axes.set(title=classes.long[label], xlabel=PAIR_AXIS)
+        axes.set(title=classes.long[label], xlabel=pair)
         axes.grid(axis="y")
     panels[0].set_ylabel("spikes per second of touch")
     add_legend(figure, panels, ncols=3, handlelength=1.0)

@@ -49,11 +49,12 @@ class Published(NamedTuple):
 
 @printed
 def draw_accuracy_and_sops(
-    results: pd.DataFrame, published: Sequence[Published] = (), chance: float | None = None
+    results: pd.DataFrame, published: Sequence[Published] = (), chance: float | None = None, pair: str = PAIR_AXIS
 ) -> Figure:
     """Test accuracy (left) and synaptic operations (right) by t_ref pair and size, a row per data set (Fig. 11).
 
-    Means over seeds with their standard deviation, each seed as a dot; diamonds are published values.
+    Means over seeds with their standard deviation, each seed as a dot; diamonds are published values. pair: the words
+    of the axis of the pairs.
     """
     settings, pairs, sizes = (list(dict.fromkeys(results[column])) for column in NETWORK)
     sizes = sorted(sizes)
@@ -70,7 +71,7 @@ def draw_accuracy_and_sops(
             axes.set_xticks(range(len(pairs)), pairs)
             axes.grid(axis="y")
     for axes in grid[-1]:
-        axes.set_xlabel(PAIR_AXIS)
+        axes.set_xlabel(pair)
     grid[0, 1].set_ylim(bottom=0)
     keep_within(grid[:, 0])
     if chance is not None:
@@ -81,7 +82,10 @@ def draw_accuracy_and_sops(
 
 @printed
 def draw_trade_off(
-    results: pd.DataFrame, levels: Mapping[str, Mapping[str, float]] = {}, trials: Mapping[str, int] = {}
+    results: pd.DataFrame,
+    levels: Mapping[str, Mapping[str, float]] = {},
+    trials: Mapping[str, int] = {},
+    pair: str = PAIR_AXIS,
 ) -> Figure:
     """Test accuracy against synaptic operations, a panel per data set, with the Pareto fronts.
 
@@ -90,6 +94,7 @@ def draw_trade_off(
 
     levels: for each data set, accuracies at any cost, by name: the best baseline, guessing.
     trials: for each data set, its test trials; networks of a single seed get the 95 % interval for that number as bar.
+    pair: the title of the legend of the pairs.
     """
     networks = over_seeds(results, ["accuracy_test", "sops_total", "exit_accuracy", "exit_sops_total"])
     settings = list(dict.fromkeys(networks["setting"]))
@@ -107,7 +112,7 @@ def draw_trade_off(
         axes.set_xlim(left=max(0.0, axes.get_xlim()[0]))
         axes.grid()
     keep_within(grid)
-    add_legend(figure, grid, ncols=4, handlelength=2.2, title=PAIR_AXIS)
+    add_legend(figure, grid, ncols=4, handlelength=2.2, title=pair)
     for axes, front in zip(grid, fronts, strict=True):
         names = [f"N = {hidden}" for hidden in front["hidden"]]
         label_points(axes, front["x"], front["y"], names, fontsize=6.5, fontweight="bold", gid="front label")

@@ -150,15 +150,15 @@ def _first_trial(trains: SpikeTrains, label: str, where: dict[str, Any]) -> int 
 def _spike_counts(study: StudySpec, encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn:
     rows = _select(encoding, view.at)
     shown = few([label for label in classes.order if label in set(rows[LABEL].astype(str))], MOST_CLASSES)
-    figure = encoding_figures.draw_spike_counts(rows, shown, classes, names_of(study))
+    figure = encoding_figures.draw_spike_counts(rows, shown, classes, names_of(study), periods.axis(study))
     totals = rows[rows[LABEL].astype(str).isin(shown)].groupby("pair", sort=False)["spikes_total_per_s"].mean()
     falling = totals.sort_values(ascending=False, kind="stable")
     order = ", ".join(f"{pair} ({value:.0f})" for pair, value in falling.items())
+    pairs = "pairs of " if any("&" in str(pair) for pair in totals.index) else ""
     at = f" at {in_words(view.at)}" if view.at else ""
     caption = (
-        f"Spikes per second of all {' and all '.join(names_of(study))} afferents, and of both, over the pairs of "
-        f"refractory periods{at}"
-        f"{_stretch(rows)}. "
+        f"Spikes per second of all {' and all '.join(names_of(study))} afferents, and of both, over the {pairs}"
+        f"refractory periods{at}{_stretch(rows)}. "
         f"Sum of both, mean over these classes, from most to least: {order}.{_of_all(shown, classes)}"
         f"{in_the_paper(study, 'Fig. 6')}"
     )

@@ -103,7 +103,7 @@ def table(found: Answer, networks: Sequence[Network], baselines: Sequence[Baseli
     over = f", of {trainings} trainings each" if trainings > 1 else ""
     caption = (
         f"Means over {found.trials.test} test trials{over}; energy is an estimate of the arithmetic. Choices: accuracy "
-        "on validation trials, then the least energy. The best network of each pair is shown."
+        "on validation trials, then the least energy. Of each refractory period, or pair, the best network is shown."
     )
     return Table(caption, [f"{period}, neurons", *HEADS[1:]], rows, n_heads=1)
 

@@ -12,6 +12,7 @@ from neurotact.figures.encoding import Classes
 from neurotact.figures.networks import Published
 from neurotact.figures.style import Drawn
 from neurotact.metrics.fronts import pareto_front
+from neurotact.report import periods
 from neurotact.report.tables import confusion, in_the_paper, kept_epoch
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import Cell, StudySpec
@@ -34,7 +35,7 @@ def network_drawings(
     results: a run's `results.csv` with the columns `pair` and `setting`. levels, trials: as for `draw_trade_off`.
     """
     yield _accuracy_and_sops(study, results, len(classes.order))
-    yield _trade_off(results, levels, trials)
+    yield _trade_off(study, results, levels, trials)
     if done:
         yield from _best_network(folder, done, results, classes)
 
@@ -75,7 +76,7 @@ def published_points(study: StudySpec, results: pd.DataFrame) -> list[Published]
 
 def _accuracy_and_sops(study: StudySpec, results: pd.DataFrame, n_classes: int) -> Drawn:
     published = published_points(study, results)
-    figure = network_figures.draw_accuracy_and_sops(results, published, 1 / n_classes)
+    figure = network_figures.draw_accuracy_and_sops(results, published, 1 / n_classes, periods.axis(study))
     networks = over_seeds(results, ["accuracy_test", "sops_input", "sops_total"])
     best = networks.loc[networks["accuracy_test"].idxmax()]
     diamonds = "; diamonds: published" if published else ""
@@ -108,8 +109,10 @@ def _seeds(networks: pd.DataFrame) -> str:
     return f"{low} to {high} seeds" if low < high else f"{high} seed{'s' if high > 1 else ''}"
 
 
-def _trade_off(results: pd.DataFrame, levels: Mapping[str, Mapping[str, float]], trials: Mapping[str, int]) -> Drawn:
-    figure = network_figures.draw_trade_off(results, levels, trials)
+def _trade_off(
+    study: StudySpec, results: pd.DataFrame, levels: Mapping[str, Mapping[str, float]], trials: Mapping[str, int]
+) -> Drawn:
+    figure = network_figures.draw_trade_off(results, levels, trials, periods.axis(study))
     is_single = "seed" in results and results.groupby(NETWORK).size().max() == 1
     means = "" if is_single else ", mean over seeds"
     spread = "95 % intervals of the test trials" if is_single and trials else "SD over seeds"

@@ -14,7 +14,7 @@ from neurotact.files import write_json
 from neurotact.metrics import referee
 from neurotact.networks.use import ledger
 from neurotact.report import details, encoder_choice, front, page, periods, search, selection_steps
-from neurotact.report.encoding_drawings import encoding_drawings, name_classes
+from neurotact.report.encoding_drawings import encoding_drawings, name_classes, names_of
 from neurotact.report.extra_drawings import extra_drawings
 from neurotact.report.front import Front
 from neurotact.report.network_drawings import network_drawings
@@ -133,8 +133,11 @@ def write(study: StudySpec, folder: Path) -> Path:
         baselines=_baselines_table(baselines, study),
         ledger=_ledger_table(costs),
         ledger_about=ledger.ABOUT,
+        pair_word=periods.head(study),
         page=page.parts(
-            _page_data(folder, done, results, spent, trials, classes, found, trains) | {"best": best}, page.NETWORKS
+            _page_data(folder, done, results, spent, trials, classes, found, trains)
+            | {"best": best, "pairWord": periods.head(study), "populations": names_of(study)},
+            page.NETWORKS,
         ),
     )
 

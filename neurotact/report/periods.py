@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import pandas as pd
 
 from neurotact.encoders.specs import MODELS, period_keys
+from neurotact.figures.style import SYMBOLS
 from neurotact.studies import sweeps
 from neurotact.studies.study import StudySpec
 
@@ -42,6 +43,17 @@ def head(study: StudySpec) -> str:
         return "t_ref"
     first, second = (population.name for population in model.populations[:2])
     return f"t_ref {second} & {first}"
+
+
+def axis(study: StudySpec) -> str:
+    """The words of an axis of a figure that shows `in_words`.
+
+    >>> from neurotact.studies.study import resolve
+    >>> print(axis(resolve("refractory-period")))
+    $t_\\mathrm{ref}$ of RA-I & SA-I (ms)
+    """
+    _, _, of = head(study).partition(" ")
+    return rf"{SYMBOLS[0]}{' of ' if of else ''}{of} (ms)"
 
 
 def named(pair: str) -> str:

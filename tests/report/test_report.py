@@ -336,6 +336,7 @@ def test_the_page_knows_of_each_cell_what_its_network_does(written):
     cells = list(study.cells(make_study()))
     assert [cell["row"]["seed"] for cell in data["cells"]] == [cell.seed for cell in cells]
     assert data["cells"][23]["name"] == "mixed, t_ref 10&10 ms, N = 30, seed 1"
+    assert (data["pairWord"], data["populations"]) == ("t_ref RA-I & SA-I", ["SA-I", "RA-I"])
     shown, place = data["cells"][23], cell_folder(written.parent, cells[23])
     restored = trained.restore(place)
     trains = load_spikes(restored.spikes_path)

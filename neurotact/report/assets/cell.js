@@ -34,7 +34,8 @@ function raster(window, study, width) {
   const left = 26 + 6.3 * longest, right = 14, plot = width - left - right;
   const slow = window.input.filter((_, i) => window.isSA[i]);
   const quick = window.input.filter((_, i) => !window.isSA[i]);
-  const layers = [["SA-I", slow, "--sa", 90], ["RA-I", quick, "--ra", 90], ["hidden", window.hidden, "--ink", 150]];
+  const [first, second] = study.populations;
+  const layers = [[first, slow, "--sa", 90], [second, quick, "--ra", 90], ["hidden", window.hidden, "--ink", 150]];
   const height_of = (rows, room) => Math.min(9, Math.max(1.5, room / rows));
   const x = (step) => left + (plot * (step + 0.5)) / window.shown;
   const drawn = [];

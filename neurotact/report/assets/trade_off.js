@@ -119,7 +119,7 @@ function drawTradeOff(plotly, host, study) {
     })),
     xaxis: { ...axisStyle(), title: { text: COSTS[chosen.cost].words, standoff: 8 }, type: chosen.scale, ...(chosen.scale === "linear" ? { rangemode: "tozero" } : {}) },
     yaxis: { ...axisStyle(), ...within(100), range: [low, high], title: { text: "test accuracy (%)" } },
-    legend: { ...shared.legend, title: { text: "t<sub>ref</sub> RA-I & SA-I (ms) ", side: "top" } },
+    legend: { ...shared.legend, title: { text: `${plain(study.pairWord).replace("t_ref", "t<sub>ref</sub>")} (ms) `, side: "top" } },
     uirevision: JSON.stringify([chosen.setting, chosen.cost, chosen.scale, chosen.kinds]),
   });
 }
