@@ -50,6 +50,7 @@ lint: $(VENV)/.linters
 	$(BIN)/ruff check neurotact tests benchmarks docs
 	$(BIN)/ruff format --check neurotact tests benchmarks docs
 	$(BIN)/pyright
+	$(BIN)/pyright -p docs/examples
 
 # The site in build/docs; a broken link or anchor, as any warning, is an error. It runs docs/examples, each anew where
 # it has changed.
