@@ -61,6 +61,10 @@ class Survival:
     shown: pd.DataFrame
     events: pd.DataFrame
 
+    def __repr__(self) -> str:
+        """The line of `str`, not the tables."""
+        return f"Survival({self})"
+
     def __str__(self) -> str:
         """One line for people."""
         row = self.table.iloc[-1]

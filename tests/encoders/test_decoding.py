@@ -54,6 +54,7 @@ def touches(n_trials=24):
 def test_what_survives_is_measured_for_every_model(model):
     encoder = load("sa1-ra1-lif" if model == "lif" else model)
     found = survival.what_survives(touches(), encoder)
+    assert repr(found) == f"Survival({found})"
     whole = found.table.iloc[-1]
     assert found.table.population.tolist()[-1] == "all"
     assert len(found.table) == 3
