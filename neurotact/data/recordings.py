@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -141,7 +142,7 @@ class Recordings(Trials):
     def __len__(self) -> int:
         return len(self.signals)
 
-    @property
+    @cached_property
     def lengths(self) -> np.ndarray:
         return np.array([len(signal) for signal in self.signals], np.int64)
 
