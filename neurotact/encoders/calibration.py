@@ -7,7 +7,7 @@ classes best. Only the given trials are used.
 """
 
 import logging
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Generic, TypeVar
@@ -21,9 +21,18 @@ from neurotact.data.spool import Spool
 from neurotact.encoders import firing, grading
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.excerpts import Excerpts, cut, draw, liveliest, standardise
-from neurotact.encoders.gain_search import CalibrationRule, Progress, choose, drives, search, suited_rule
+from neurotact.encoders.gain_search import (
+    CalibrationRule,
+    Progress,
+    choose,
+    drives,
+    part_of,
+    rates_of,
+    search,
+    suited_rule,
+)
 from neurotact.encoders.knobs import Knob, knobs_of, turned
-from neurotact.encoders.scaling import REST_SD
+from neurotact.encoders.scaling import REST_SD, Scaling
 from neurotact.encoders.scaling import fit as fit_scaling
 from neurotact.encoders.specs import CALIBRATED, SA_RA, EncoderSpec, conditioning_of, is_exact, populations
 from neurotact.errors import InputError, some
@@ -154,31 +163,26 @@ def calibrate(
         Spool(standardised), drawn.labels, drawn.classes, how.clock_Hz(recordings.sampling_rate_Hz), _source(recordings)
     )
 
-    table, isi, rates = search(conditioned, fitted, rule, rng, progress)
-    turned_to, at = fitted, {}
-    for knob in knobs_of(fitted):
-        afferent, mine = knob.name, table.afferent == knob.name
-        best = choose(table[mine], rule, f"{_source(recordings)}: {afferent}", knob.kind)
-        table.loc[best, "chosen"] = True
-        gain = float(table.gain[best])
-        if not table.admissible[best] and rule.spikes_per_s is None:
-            notes.append(_on_silence(conditioned, rates[afferent, gain], afferent, rule))
-        turned_to, n_lost = _turned(conditioned, turned_to, knob, gain)
-        at[afferent] = gain
+    searched = part_of(conditioned, rule)
+    table, isi, tried = search(searched, fitted, rule, rng, progress)
+    best = _chosen(table, knobs_of(fitted), rule, _source(recordings))
+    table.loc[[*best.values()], "chosen"] = True
+    turned_to, at = fitted, {knob: float(table.gain[row]) for knob, row in best.items()}
+    rates = {knob.name: tried[knob.name, gain] for knob, gain in at.items()}
+    if searched is not conditioned:
+        notes.append(_on_part(searched, conditioned))
+        rates = rates_of(conditioned, fitted, at)
+    for knob, row in best.items():
+        if not table.admissible[row] and rule.spikes_per_s is None:
+            notes.append(_on_silence(conditioned, rates[knob.name], knob.name, rule))
+        turned_to, n_lost = _turned(conditioned, turned_to, knob, at[knob])
         if n_lost:
-            notes.append(f"{afferent}: {n_lost} of the grades would equal others, and are dropped")
-        notes += _on_ends(table[mine], best, knob, rule)
-    less = "less than a tenth of that of the most active taxel"
-    if scaling.noise:
-        notes.append(
-            f"treated as noise, since its deviation is {less} and similar in all classes: {some(scaling.noise)}"
-        )
-    if scaling.small:
-        own = f"scaled by its own deviation, which is {less} but differs between classes"
-        notes.append(f"{own}: {some(scaling.small)}")
+            notes.append(f"{knob.name}: {n_lost} of the grades would equal others, and are dropped")
+        notes += _on_ends(table[table.afferent == knob.name], row, knob, rule)
+    notes += _on_scaling(scaling)
     if tell:
         _log(notes, recordings)
-    first, *others = (rates[afferent, gain] for afferent, gain in at.items())
+    first, *others = rates.values()
     others = others[0] if others else first[:, :0]
     if populations(spec)[0] not in SA_RA:  # all populations choose the baseline
         first, others = np.hstack([first, others]), first[:, :0]
@@ -342,6 +346,35 @@ def way_of(
 def _log(notes: Iterable[str], recordings: Trials) -> None:
     for note in notes:
         log.warning("%s: %s", _source(recordings), note)
+
+
+def _chosen(table: pd.DataFrame, knobs: Iterable[Knob], rule: CalibrationRule, source: str) -> dict[Knob, int]:
+    """The chosen row of each knob."""
+    return {
+        knob: choose(table[table.afferent == knob.name], rule, f"{source}: {knob.name}", knob.kind) for knob in knobs
+    }
+
+
+def _on_scaling(scaling: Scaling) -> Iterator[str]:
+    """The notes on taxels that vary little."""
+    less = "less than a tenth of that of the most active taxel"
+    if scaling.noise:
+        yield f"treated as noise, since its deviation is {less} and similar in all classes: {some(scaling.noise)}"
+    if scaling.small:
+        own = f"scaled by its own deviation, which is {less} but differs between classes"
+        yield f"{own}: {some(scaling.small)}"
+
+
+def _on_part(searched: Excerpts, every: Excerpts) -> str:
+    """The note on the part of the excerpts on which gains are searched."""
+    trials, taxels = (
+        f"{n} of the {whole} {what}" if n < whole else f"all {whole} {what}"
+        for n, whole, what in (
+            (len(searched.labels), len(every.labels), "training excerpts"),
+            (searched.n_channels, every.n_channels, "taxels"),
+        )
+    )
+    return f"gains are searched on {trials} and {taxels}"
 
 
 def _on_silence(conditioned: Excerpts, rates: np.ndarray, afferent: str, rule: CalibrationRule) -> str:

@@ -5,6 +5,7 @@ Too high, and all inter-spike intervals (ISIs) crowd at the refractory period; t
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from neurotact.data.conditioning import is_long
 from neurotact.data.spikes import populations_of
 from neurotact.data.spool import Spool
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.excerpts import Excerpts
+from neurotact.encoders.excerpts import Excerpts, draw, liveliest
 from neurotact.encoders.knobs import Knob, knobs_of, turned, value_of
 from neurotact.encoders.specs import CALIBRATED, MODELS, Calibrated, EncoderSpec, afferent_names, encode
 from neurotact.errors import InputError
@@ -30,6 +31,8 @@ LEAST_FACTOR = 4.0**-12
 """Of a knob's own value: where a search for silence ends."""
 SLOW_TRIALS, SLOW_TAXELS, SLOW_s = 128, 16, 1.0
 """Trials, taxels and seconds of each trial, at most, for neurons that run step by step in Python."""
+SEARCHED = 1
+"""Tells the draw of the trials that are searched from the other draws of a calibration's seed."""
 
 Progress = Callable[[int, str], None]
 
@@ -57,6 +60,10 @@ class CalibrationRule(Spec):
     """Maximum length of the stretch of each of them, at a random time."""
     taxels: int = Field(default=128, ge=1)
     """Maximum number of taxels: of more, those that vary most in one trial after the other."""
+    searched_taxels: int = Field(default=32, ge=1)
+    """Maximum number of those taxels on which the gains are searched; all if they are searched for a rate."""
+    searched: int = Field(default=8192, ge=1)
+    """Maximum number of trials times taxels on which they are searched; each class has two trials or more."""
     shuffles: int = Field(default=8, ge=1)
     """Random permutations of the labels; their separation is the chance level."""
     seed: int = Field(default=0, ge=0)
@@ -81,6 +88,35 @@ def suited_rule(spec: EncoderSpec, rule: CalibrationRule, n_classes: int) -> Cal
         "excerpt_s": min(rule.excerpt_s, SLOW_s),
     }
     return rule.model_copy(update=less)
+
+
+def part_of(excerpts: Excerpts, rule: CalibrationRule) -> Excerpts:
+    """The excerpts on which gains are searched: of as many trials and taxels as the rule allows.
+
+    The trials are drawn with the rule's seed; the taxels are the liveliest, unless a rate is searched, which is that of
+    all. What is few already is returned as it is.
+    """
+    signals, labels, n_taxels = excerpts.signals, excerpts.labels, excerpts.n_channels
+    is_wide = n_taxels > rule.searched_taxels and rule.spikes_per_s is None
+    n_trials = rule.searched // (rule.searched_taxels if is_wide else n_taxels)
+    kept = draw(labels, max(2, n_trials // len(excerpts.classes)), np.random.default_rng([rule.seed, SEARCHED]))
+    if len(kept) == len(labels) and not is_wide:
+        return excerpts
+    chosen = slice(None)
+    if is_wide:
+        chosen = liveliest((signals[trial] for trial in kept.tolist()), rule.searched_taxels)
+    return replace(excerpts, signals=Spool(signals[trial][:, chosen] for trial in kept.tolist()), labels=labels[kept])
+
+
+def rates_of(excerpts: Excerpts, spec: EncoderSpec, values: Mapping[Knob, float]) -> dict[str, np.ndarray]:
+    """Spikes per second of each trial and afferent, `(trial, afferent)`, by the name of each knob, at these values."""
+    fired = _fire(excerpts, _with(spec, values), [*values])
+    return {knob.name: _per_second(excerpts, each) for knob, each in zip(values, fired, strict=True)}
+
+
+def _per_second(excerpts: Excerpts, fired: "Fired") -> np.ndarray:
+    n_seconds = np.array(excerpts.signals.lengths) / excerpts.sampling_rate_Hz
+    return (fired.counts / n_seconds[:, None]).astype(np.float32)
 
 
 class Searched(NamedTuple):
@@ -122,7 +158,7 @@ def search(
                 "spikes_per_s": float(fired.counts.sum() / (n_seconds.sum() * fired.counts.shape[1])),
             }
             rows.append(row)
-            rates[knob.name, value] = (fired.counts / n_seconds[:, None]).astype(np.float32)
+            rates[knob.name, value] = _per_second(excerpts, fired)
             edges_ms = _edges(excerpts, spec, knob) / _clock(excerpts, spec) * 1e3
             isi.append(_isi_table(fired.shares, labels, excerpts.classes, edges_ms, knob.name, value))
         if progress:
@@ -377,8 +413,9 @@ def _isi_table(
     shares: np.ndarray, labels: np.ndarray, classes: tuple[str, ...], edges_ms: np.ndarray, afferent: str, gain: float
 ) -> pd.DataFrame:
     middles_ms = [*np.sqrt(edges_ms[1:] * edges_ms[:-1]), np.inf]
+    of_trials = shares.mean(axis=1)
     parts = [
-        pd.DataFrame({"label": name, "isi_ms": middles_ms, "share": shares[labels == label].mean(axis=(0, 1))})
+        pd.DataFrame({"label": name, "isi_ms": middles_ms, "share": of_trials[labels == label].mean(axis=0)})
         for label, name in enumerate(classes)
     ]
     return pd.concat(parts, ignore_index=True).assign(afferent=afferent, gain=gain)

@@ -381,6 +381,28 @@ def test_gains_of_a_large_sensor_are_those_of_the_taxels_that_each_touch_moves()
     assert not any("gains are chosen on" in note for note in own.notes)
 
 
+def test_gains_of_many_excerpts_are_searched_on_a_part_of_them_and_what_follows_uses_all():
+    recordings = slides(trials=20)
+    rule = RULE.model_copy(update={"trials_per_class": 20, "excerpt_s": 0.7})  # whole trials
+    whole = calibrate(recordings, SPEC, rule=rule)
+    part = calibrate(recordings, SPEC, rule=rule.model_copy(update={"searched": 24}))
+    assert "gains are searched on 8 of the 40 training excerpts and all 3 taxels" in part.notes
+    assert not any("searched" in note for note in whole.notes)
+    assert part.rates.shape == whole.rates.shape == (40, 3)
+    assert part.encoder.conditioning == whole.encoder.conditioning
+    for kind in ("sa1", "ra1"):
+        gains = [getattr(each.encoder, kind).gain for each in (part, whole)]
+        assert gains[0] == pytest.approx(gains[1], rel=RULE.step - 1)
+    narrow = calibrate(recordings, SPEC, rule=rule.model_copy(update={"searched_taxels": 2}))
+    assert "gains are searched on all 40 training excerpts and 2 of the 3 taxels" in narrow.notes
+    assert narrow.rates.shape == (40, 3)
+    asked = rule.model_copy(update={"searched_taxels": 2, "spikes_per_s": 20.0})  # a rate is one of all taxels
+    assert not any("searched" in note for note in calibrate(recordings, SPEC, rule=asked).notes)
+    trains = encode_recordings(recordings, part.encoder)
+    counts = np.array([np.bincount(units, minlength=6)[:3] for units in trains.units])
+    np.testing.assert_allclose(part.rates, counts / 0.7, rtol=1e-6)
+
+
 @given(
     signals=hnp.arrays(np.float64, st.tuples(st.integers(1, 5), st.integers(2, 6), st.integers(1, 8)),
                        elements=st.floats(-1e3, 1e3)),
