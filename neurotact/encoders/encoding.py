@@ -22,12 +22,16 @@ from neurotact.encoders.specs import (
     encode,
     encode_whole,
     finish,
+    is_exact,
     recorded_at,
 )
+from neurotact.encoders.stepping import side_by_side
 
 Progress = Callable[[int], None]
 IN_MEMORY_BLOCK = 8
 """Factor on the number of trials encoded at once if they are in memory: Izhikevich neurons are faster with many."""
+PADDED = 1.25
+"""How much larger a block of trials may become by what is put after the ends of the shorter ones."""
 
 
 class Encoded(NamedTuple):
@@ -94,13 +98,26 @@ def _encode_together(recordings: Trials, block: np.ndarray, spec: EncoderSpec) -
     recorded = recordings.select(block).loaded()
     conditioned = condition(recorded.to_unit(spec.unit), conditioning_of(spec, recorded.sampling_rate_Hz))
     rate_Hz = conditioned.sampling_rate_Hz
-    if isinstance(conditioned.signals, np.ndarray):
-        rasters = iter(encode_whole(conditioned.signals, rate_Hz, spec, trials=block))
-    else:
-        alone = zip(conditioned.signals, block, strict=True)
-        rasters = (encode_whole(signal[None], rate_Hz, spec, trials=trial[None])[0] for signal, trial in alone)
-    for place, raster in enumerate(rasters):
-        yield spikes_of(raster)._replace(digest=recorded_digest(recorded, place))
+    signals = conditioned.signals
+    found: dict[int, TrialSpikes] = {}
+    for group in _of_like_length(np.array([*map(len, signals)]), 1.0 if is_exact(spec) else PADDED):
+        together, n_steps = side_by_side([signals[place] for place in group])
+        rasters = encode_whole(together, rate_Hz, spec, trials=block[group])
+        for place, raster, n in zip(group.tolist(), rasters, n_steps, strict=True):
+            found[place] = spikes_of(raster if is_exact(spec) else raster[:n])
+    for place in range(len(block)):
+        yield found[place]._replace(digest=recorded_digest(recorded, place))
+
+
+def _of_like_length(lengths: np.ndarray, most: float) -> Iterator[np.ndarray]:
+    """Groups of trials that are at most `most` times as large when all of a group are as long as its longest."""
+    waiting: list[int] = []
+    for trial in np.argsort(lengths, kind="stable"):
+        if waiting and lengths[trial] * (len(waiting) + 1) > most * lengths[[*waiting, trial]].sum():
+            yield np.array(waiting)
+            waiting = []
+        waiting.append(trial)
+    yield np.array(waiting)
 
 
 def _encode_alone(recordings: Trials, trial: int, spec: EncoderSpec) -> TrialSpikes:

@@ -19,6 +19,7 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.excerpts import Excerpts, draw, liveliest
 from neurotact.encoders.knobs import Knob, knobs_of, turned, value_of
 from neurotact.encoders.specs import CALIBRATED, MODELS, Calibrated, EncoderSpec, afferent_names, encode
+from neurotact.encoders.stepping import side_by_side
 from neurotact.errors import InputError
 from neurotact.metrics.isi_distributions import bin_edges, separation, shares_of
 from neurotact.metrics.spike_trains import Intervals, events_of_raster, isis_ms, spike_counts
@@ -257,7 +258,7 @@ def _fire(excerpts: Excerpts, spec: EncoderSpec, knobs: Sequence[Knob]) -> Itera
     of_each = populations_of(afferent_names([""] * excerpts.n_channels, spec.model_dump()))
     ends = {knob: (of_each[knob.populations[0]][0], of_each[knob.populations[-1]][-1] + 1) for knob in knobs}
     per_sample = clock_Hz / excerpts.sampling_rate_Hz
-    for signal, n_samples in _side_by_side(excerpts.signals, per_sample):
+    for signal, n_samples in _in_groups(excerpts.signals, per_sample):
         spikes, _ = encode(signal, excerpts.sampling_rate_Hz, spec)
         spikes[np.arange(spikes.shape[1]) >= n_samples[:, None] * per_sample] = 0
         events = events_of_raster(spikes)
@@ -280,7 +281,7 @@ def _fire(excerpts: Excerpts, spec: EncoderSpec, knobs: Sequence[Knob]) -> Itera
         yield Fired(np.concatenate(shares), np.concatenate(counts), *map(sum, numbers))
 
 
-def _side_by_side(signals: Spool, per_sample: float) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _in_groups(signals: Spool, per_sample: float) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Consecutive signals as `(trial, time, taxel)`, zeros after the end of the shorter ones, and their lengths.
 
     per_sample: steps of the spikes' clock in a sample. All of a group fit in memory several times.
@@ -289,18 +290,10 @@ def _side_by_side(signals: Spool, per_sample: float) -> Iterator[tuple[np.ndarra
     for signal in signals:
         longest = max(map(len, [*waiting, signal]))
         if waiting and is_long(round((len(waiting) + 1) * longest * per_sample), signal.shape[1]):
-            yield _padded(waiting)
+            yield side_by_side(waiting)
             waiting = []
         waiting.append(signal)
-    yield _padded(waiting)
-
-
-def _padded(signals: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    n_steps = np.array([len(x) for x in signals])
-    padded = np.zeros((len(signals), n_steps.max(), signals[0].shape[1]), np.float32)
-    for row, x in zip(padded, signals, strict=True):
-        row[: len(x)] = x
-    return padded, n_steps
+    yield side_by_side(waiting)
 
 
 def _edges(excerpts: Excerpts, spec: EncoderSpec, knob: Knob) -> np.ndarray:

@@ -3,13 +3,17 @@
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 
+from neurotact.data.conditioning import ConditioningSpec
+from neurotact.data.recordings import Recordings
 from neurotact.encoders.bens_spiker import BensSpikerState, response
 from neurotact.encoders.cost import encoding_cost
+from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.specs import MODELS, afferent_names, encode, load
 from neurotact.errors import InputError
 
@@ -205,3 +209,18 @@ def test_what_a_clock_cannot_express_is_refused(settings, model, said):
 def test_a_burst_that_outlasts_its_cycle_is_refused():
     with pytest.raises(InputError, match="a burst ends before the next"):
         load("burst", {"cycle_ms": 20.0})
+
+
+@pytest.mark.parametrize("name", SIGNALS)
+@examples(3)
+@given(lengths=st.lists(st.integers(100, 160), min_size=2, max_size=5))
+def test_trials_of_other_lengths_do_not_change_the_spikes_of_a_trial(name, lengths):
+    """They are encoded side by side, with zeros after the ends of the shorter ones."""
+    spec = spec_of(name)
+    spec = spec.model_copy(update={"conditioning": ConditioningSpec(baseline="none", ema_cutoff_Hz=None)})
+    signals = [wave[:n] for wave, n in zip(waves(len(lengths), seed=len(lengths)), lengths, strict=True)]
+    labels = pd.DataFrame({"label": ["felt"] * len(lengths)})
+    trains = encode_recordings(Recordings(signals, RATE_Hz, spec.unit, labels), spec)
+    for trial, signal in enumerate(signals):
+        alone, _ = encode(signal[None], RATE_Hz, spec, trials=np.array([trial]))
+        np.testing.assert_array_equal(np.argwhere(alone[0]), np.c_[trains.steps[trial], trains.units[trial]])
