@@ -27,7 +27,7 @@ from neurotact.metrics.flops import Cost, Moments, Standardise, cost
 from neurotact.metrics.signal_flops import Averaging, BandPowers, StandardisedSteps
 from neurotact.progress import say
 
-Opponents = Literal["none", "linear", "quick", "all"]
+Opponents = Literal["none", "linear", "readout", "quick", "all"]
 """Which opponents a study fits."""
 BINS = 10
 """Time bins of a window, in which spikes are counted and signals averaged."""
@@ -101,11 +101,12 @@ def signal_inputs(recordings: Recordings, cuts: Cuts, opponents: Opponents) -> I
     """Features of the signals, and with all opponents the signals themselves as sequences."""
     pieces = list(pieces_of(recordings, cuts.windows, cuts.clock_Hz))
     least, samples, taxels = min(map(len, pieces)), max(map(len, pieces)), recordings.n_channels
-    of_features = {LINEAR: families.logistic_regression} if opponents == "linear" else families.ON_FEATURES
+    is_linear = opponents in ("linear", "readout")
+    of_features = {LINEAR: families.logistic_regression} if is_linear else families.ON_FEATURES
     moments = np.array([np.concatenate([piece.mean(axis=0), piece.std(axis=0)]) for piece in pieces])
     made = cost(Moments(samples, taxels, order=2), signal_ms=cuts.length_ms)
     yield Input(SIGNALS, "mean and deviation", None, moments, made, of_features)
-    if opponents == "linear":
+    if is_linear:
         return
     n_bins = min(BINS, least)
     binned = averaged(pieces, n_bins)
@@ -153,6 +154,7 @@ def spike_inputs(
 ) -> Iterator[Input]:
     """Spikes of each afferent, counted over the window and in `BINS` time bins; each spike is one addition.
 
+    With `readout` opponents only the counts over the window, for logistic regression.
     is_first: also for other classifiers than logistic regression. The events of an event-based sensor are its signal:
     they cost nothing to encode, and with all opponents there are sequences of them, too. encoding: whether the energy
     of conditioning and encoding counts.
@@ -165,10 +167,13 @@ def spike_inputs(
     spikes = float(rasters.sum()) / n_windows
     encoded = encoding_cost(n_taxels, n_steps, cuts.length_ms, trains.encoder, spikes=spikes) if is_counted else Cost()
     made = encoded + Cost(acs=spikes)
-    of_features = families.ON_FEATURES if is_first else {LINEAR: families.logistic_regression}
+    is_linear = opponents == "readout" or not is_first
+    of_features = {LINEAR: families.logistic_regression} if is_linear else families.ON_FEATURES
     n_bins = min(BINS, n_steps)
     counts = counted(rasters, n_bins)
     yield Input(source, "counts", pair, counts.sum(axis=1).astype(float), made, of_features)
+    if opponents == "readout":
+        return
     yield Input(source, _bins(n_bins), pair, counts.reshape(n_windows, -1).astype(float), made, of_features)
     if opponents != "all" or source != EVENTS or not is_first:
         return

@@ -77,7 +77,7 @@ def _print_answer(folder: Path, as_json: bool) -> None:
         return
     if found.get("among"):
         print(as_typed(found["among"]))
-    for one in found["answers"]:
+    for one in [] if found.get("among") else found["answers"]:
         before = f"{one['dataset']}: " if len(found["answers"]) > 1 else ""
         for sentence in (f"{before}{one['headline']}", *one["details"]):
             print(as_typed(sentence))

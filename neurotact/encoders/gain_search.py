@@ -30,6 +30,8 @@ STRONGEST, STEPS_BELOW = 99.9, 3
 
 LEAST_FACTOR = 4.0**-12
 """Of a knob's own value: where a search for silence ends."""
+NEAREST = 0.01
+"""A rate within this share of the one asked for is found."""
 SLOW_TRIALS, SLOW_TAXELS, SLOW_s = 128, 16, 1.0
 """Trials, taxels and seconds of each trial, at most, for neurons that run step by step in Python."""
 SEARCHED = 1
@@ -196,8 +198,12 @@ def _with(spec: EncoderSpec, values: Mapping[Knob, float]) -> EncoderSpec:
 
 
 def _to_rate(spec: EncoderSpec, rule: CalibrationRule, tried: Callable[[Sequence[float]], list[float]]) -> None:
-    """Try values that come nearer and nearer to the rate: steps of 8 until it is passed, then halves in logarithms."""
+    """Try values that come nearer and nearer to the rate: steps of 8 until it is passed, then halves in logarithms.
+
+    It ends where a value of each knob is within `NEAREST` of the rate, and after `rule.candidates` steps.
+    """
     knobs, wanted = knobs_of(spec), rule.spikes_per_s or 0.0
+    are_near = [False] * len(knobs)
     at = [math.log(value_of(spec, knob)) * (-1 if knob.is_threshold else 1) for knob in knobs]
     below, above = [-math.inf] * len(knobs), [math.inf] * len(knobs)
     for _ in range(rule.candidates):
@@ -207,6 +213,9 @@ def _to_rate(spec: EncoderSpec, rule: CalibrationRule, tried: Callable[[Sequence
             is_between = math.isfinite(below[i]) and math.isfinite(above[i])
             step = math.log(8) if rate < wanted else -math.log(8)
             at[i] = (below[i] + above[i]) / 2 if is_between else at[i] + step
+            are_near[i] |= abs(rate / wanted - 1) <= NEAREST
+        if all(are_near):
+            return
 
 
 def _from_silence(excerpts: Excerpts, spec: EncoderSpec, rule: CalibrationRule) -> list[list[float]]:

@@ -90,6 +90,28 @@ def linear(
     return Reconstruction(frequency_Hz, power, error), np.fft.irfft(decoded, signal.shape[1], axis=1) / inside
 
 
+def transferred(
+    fitted: tuple[np.ndarray, np.ndarray], tested: tuple[np.ndarray, np.ndarray], sampling_rate_Hz: float
+) -> Reconstruction:
+    """The reconstruction of some segments by the optimal linear filter of others: signals and spikes, as of `linear`.
+
+    >>> rng = np.random.default_rng(0)
+    >>> x = rng.normal(size=(80, 64, 1))
+    >>> echo = np.roll(x, 1, axis=1)[..., None] + rng.normal(0, 0.1, (80, 64, 1, 1))
+    >>> 15 < transferred((x[:40], echo[:40]), (x[40:], echo[40:]), 128.0).snr_dB < 20
+    True
+    """
+    n_steps, silent = fitted[0].shape[1], fitted[1].mean(axis=(0, 1))
+    taper = np.hanning(n_steps + 2)[1:-1, None]
+    (x, s), (of, told) = (
+        (np.fft.rfft(signal * taper, axis=1), np.fft.rfft((spikes - silent) * taper[..., None], axis=1))
+        for signal, spikes in (fitted, tested)
+    )
+    left = of - np.einsum("sfjk,fk->sfj", told, _filter(x, s))
+    frequency_Hz = np.fft.rfftfreq(n_steps, 1 / sampling_rate_Hz)
+    return Reconstruction(frequency_Hz, *((np.abs(part) ** 2).mean(axis=(0, 2)) for part in (of, left)))
+
+
 def _filter(x: np.ndarray, s: np.ndarray) -> np.ndarray:
     """H, `(line, kind)`, for signals x `(segment, line, taxel)` and spikes s `(segment, line, taxel, kind)`.
 

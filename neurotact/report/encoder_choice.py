@@ -1,35 +1,178 @@
-"""Which encoder a study that sweeps encoders answers, from validation trials alone (the referee's rule)."""
+"""Which encoder: what a study that sweeps encoders answers, from validation trials alone (the referee's rule)."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
+import pandas as pd
+
+from neurotact.baselines.opponents import LINEAR
+from neurotact.encoders import specs as encoders
 from neurotact.metrics.referee import best_of, level_with_best
-from neurotact.report.front import Front
+from neurotact.metrics.shares import wilson_interval
+from neurotact.report import answer as answers
+from neurotact.report import first_screen, periods
+from neurotact.report.answer import Baseline, Network, Trials
+from neurotact.report.front import Front, baselines_of
+from neurotact.report.page import Table
 from neurotact.studies import sweeps
 from neurotact.studies.study import StudySpec
 
+RATE = "spikes_per_s"
 
-def sentence(study: StudySpec, found: Sequence[Front]) -> str:
-    """One sentence: the encoders that validation cannot tell from the best one, and the cheapest of them.
 
-    found: the answer of each encoder (and rate, and refractory period). Empty if the study does not sweep encoders.
+class Choice(NamedTuple):
+    """One encoder with one refractory period.
+
+    encoder: as the study names it. rate_per_s: to which it was calibrated; None if that is the same for all. network:
+    the best one of this period on validation trials. readout: logistic regression on its spike counts; None if it was
+    not fitted. snr_dB: of the signal given back on test trials; None if unknown.
     """
-    if len(found) < 2 or not sweeps.values(study.sweep, "encoder"):
+
+    encoder: str
+    rate_per_s: float | None
+    network: Network
+    trials: Trials
+    readout: Baseline | None
+    snr_dB: float | None
+
+    @property
+    def name(self) -> str:
+        pair = self.network.pair
+        period = "" if pair == periods.NONE else f" with t_ref {pair} ms"
+        return f"{self.encoder}{period}{'' if self.rate_per_s is None else f' at {self.rate_per_s:g} spikes/s'}"
+
+
+def choices(
+    study: StudySpec, found: Sequence[Front], results: pd.DataFrame, tables: Mapping[str, pd.DataFrame]
+) -> list[Choice]:
+    """Every encoder and period of a study, the highest accuracy on validation trials first.
+
+    found: the answer of each encoder (and rate). results: with the columns of `fronts`. tables: `baselines` and
+    `reconstruction`, if they exist. Empty if the study does not sweep encoders.
+    """
+    names = [name for name in sweeps.values(study.sweep, "encoder") if isinstance(name, str)]
+    named = {encoders.load(name).model: name for name in dict.fromkeys(names)}
+    every = []
+    for front in found if named else ():
+        row = results.loc[front.cells[0]].to_dict()
+        baselines = {one.name: one for one in baselines_of(study, tables, row)}
+        rate_per_s = float(row[RATE]) if RATE in row else None
+        for network in _of_each_pair(front):
+            pair = "" if network.pair == periods.NONE else f"{network.pair} ms "
+            readout = baselines.get(f"{LINEAR} on {pair}spikes (counts)")
+            snr_dB = _snr_dB(tables.get("reconstruction"), study, row, network.pair)
+            every.append(Choice(named[row["encoder"]], rate_per_s, network, front.answer.trials, readout, snr_dB))
+    return sorted(every, key=lambda one: -one.network.way(one.trials).validation)
+
+
+def _of_each_pair(front: Front) -> Iterator[Network]:
+    for pair in dict.fromkeys(network.pair for network in front.networks):
+        own = [network for network in front.networks if network.pair == pair]
+        yield own[best_of([network.way(front.answer.trials) for network in own])]
+
+
+def _snr_dB(table: pd.DataFrame | None, study: StudySpec, row: Mapping[str, object], pair: str) -> float | None:  # noqa: N802
+    """The ratio of signal to error of one encoder, mean over splits; None if it was not measured."""
+    if table is None:
+        return None
+    own = pd.Series([*periods.of_rows(table, study)], index=table.index) == pair
+    for key in ("encoder", RATE):
+        own &= table[key] == row[key] if key in table and key in row else True
+    return float(table["snr_dB"][own].mean()) if own.any() else None
+
+
+def sentence(among: Sequence[Choice]) -> str:
+    """One sentence: the encoder that costs least of those that validation cannot tell from the best one.
+
+    Empty for fewer than two.
+    """
+    if len(among) < 2:
         return ""
-    ways = [one.answer.best.way(one.answer.trials) for one in found]
-    level = level_with_best(ways)
-    cheapest = found[min(level, key=lambda i: (ways[i].cost, -ways[i].validation))]
-    best = found[best_of(ways)]
-    low, high = cheapest.answer.interval
-    network = cheapest.answer.best
-    energy = f"{network.used.sops:.3g} SOPs" if network.used.nJ is None else f"{network.used.nJ:.3g} nJ"
-    said = (
-        f"{cheapest.setting} is right in {100 * network.used.accuracy:.1f} % of the test windows "
-        f"(95 % interval {100 * low:.0f} to {100 * high:.0f} %) for {energy} and "
-        f"{network.used.spikes:.3g} spikes"
-    )
+    ways = [one.network.way(one.trials) for one in among]
+    level, best = level_with_best(ways), among[best_of(ways)]
+    cheapest = among[_cheapest(among)]
+    reached, before = cheapest.network.used, best.network.used
+    low, high = wilson_interval(reached.accuracy, cheapest.trials.test)
+    right = f"right in {answers.percent(reached.accuracy)} of the test windows ({100 * low:.0f} to {100 * high:.0f} %)"
+    spent = f"{answers.count(reached.spikes)} spikes"
+    spent += "" if reached.nJ is None else f" and {answers.energy(reached.nJ)}"
     if len(level) == 1:
-        return f"Validation trials tell {best.setting} from all others as the most accurate: {said}."
+        return (
+            f"{best.name} is the most accurate of {len(among)} encoders and refractory periods, and validation trials "
+            f"tell it from all others: {right}, for {spent}."
+        )
+    if cheapest is best:
+        return (
+            f"{best.name} is the most accurate on validation trials, which cannot tell {len(level)} of {len(among)} "
+            f"encoders and refractory periods apart, and the cheapest of these: {right}, for {spent}."
+        )
+    kept = reached.accuracy / before.accuracy if before.accuracy else 1.0
+    saved = f"{_share(reached.spikes, before.spikes)} of the spikes"
+    if reached.nJ is not None and before.nJ:
+        saved += f" and {_share(reached.nJ, before.nJ)} of the energy"
     return (
-        f"Validation trials cannot tell {len(level)} of {len(found)} encoders apart; the cheapest of them: {said}. The "
-        f"most accurate on validation trials: {best.setting}."
+        f"{cheapest.name} keeps {100 * kept:.0f} % of the accuracy of {best.name}, the most accurate on validation "
+        f"trials, at {saved}: {right}, for {spent}; validation trials cannot tell {len(level)} of {len(among)} "
+        "encoders and refractory periods apart, and it is the cheapest of these."
     )
+
+
+def _cheapest(among: Sequence[Choice]) -> int:
+    ways = [one.network.way(one.trials) for one in among]
+    return min(level_with_best(ways), key=lambda index: (ways[index].cost, -ways[index].validation))
+
+
+def _share(after: float, before: float) -> str:
+    return f"{100 * after / before:.2g} %" if before > 0 else "all"
+
+
+def table(among: Sequence[Choice]) -> Table | None:
+    """Accuracy, what is given back of the signal, and cost of each encoder; None for fewer than two."""
+    if len(among) < 2:
+        return None
+    ways = [one.network.way(one.trials) for one in among]
+    best, level, cheapest = best_of(ways), level_with_best(ways), _cheapest(among)
+    rows = []
+    for index, one in enumerate(among):
+        said = [
+            word for word, at in (("best on validation", best), ("cheapest of its equals", cheapest)) if index == at
+        ]
+        mark = f": {' and '.join(said)}" if said else " ~" if index in level else ""
+        used, n_test = one.network.used, one.trials.test
+        readout = "-" if one.readout is None else first_screen.with_interval(one.readout.accuracy, n_test)
+        at = "" if one.rate_per_s is None else f" at {one.rate_per_s:g} spikes/s"
+        rows.append([
+            f"{one.encoder}{at}{mark}", one.network.pair, answers.count(used.spikes),
+            first_screen.with_interval(used.accuracy, n_test), readout,
+            "-" if one.snr_dB is None else f"{one.snr_dB:.1f}", "-" if used.nJ is None else answers.energy(used.nJ),
+        ])  # fmt: skip
+    caption = (
+        "Every encoder and refractory period, by accuracy on validation trials; ~: they cannot tell it from the best. "
+        f"Accuracies on {among[0].trials.test} test trials with 95 % intervals; SNR: of the signal of test trials that "
+        "a linear filter of the spikes gives back; energy is an estimate of the arithmetic."
+    )
+    heads = ["encoder", "t_ref (ms)", "input spikes", "network", "linear readout", "SNR (dB)", "energy estimate"]
+    return Table(caption, heads, rows, n_heads=2)
+
+
+def as_table(among: Sequence[Choice]) -> pd.DataFrame:
+    """`encoders.csv`: a row for each encoder and refractory period, in the order of the page's table.
+
+    Columns: encoder, t_ref_ms (as the report writes it), spikes_per_s, if it is swept; accuracy on validation and test
+    trials with the limits of its 95 % interval, the same of the linear readout; snr_dB; spikes and energy_estimate_nJ
+    of a decision.
+    """
+    rows = []
+    for one in among:
+        used = one.network.used
+        low, high = wilson_interval(used.accuracy, one.trials.test)
+        row = {"encoder": one.encoder, "t_ref_ms": one.network.pair}
+        row |= {} if one.rate_per_s is None else {RATE: one.rate_per_s}
+        row |= {"accuracy_validation": one.network.way(one.trials).validation, "accuracy_test": used.accuracy}
+        row |= {"accuracy_low": low, "accuracy_high": high}
+        if one.readout is not None:
+            low, high = wilson_interval(one.readout.accuracy, one.trials.test)
+            row |= {"readout_validation": one.readout.validation, "readout_test": one.readout.accuracy}
+            row |= {"readout_low": low, "readout_high": high}
+        rows.append({**row, "snr_dB": one.snr_dB, "spikes": used.spikes, "energy_estimate_nJ": used.nJ})
+    return pd.DataFrame(rows)

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,8 +15,9 @@ from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, turns_of
 from neurotact.data.window_choice import on_late_onsets, timing_of
+from neurotact.encoders import specs as encoders
 from neurotact.encoders.cost import encoding_cost
-from neurotact.errors import InputError
+from neurotact.errors import InputError, some
 from neurotact.metrics import paired
 from neurotact.metrics.paired import Paired
 from neurotact.metrics.shares import wilson_interval
@@ -27,7 +29,7 @@ from neurotact.report import answer as answers
 from neurotact.report import first_screen, periods
 from neurotact.report.answer import Answer, Baseline, Decision, Network, Trials
 from neurotact.report.page import Figure, Table
-from neurotact.studies import suited
+from neurotact.studies import suited, sweeps
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import LENGTH, Cell, StudySpec, by_split, encoder_columns, split_columns, value_at
@@ -90,13 +92,29 @@ class Front(NamedTuple):
 def costs_of(study: StudySpec, results: pd.DataFrame, trains: SpikeTrains | None) -> pd.DataFrame:
     """The costs of each row of `results.csv`: columns `whole_sops`, `whole_ms` ... `early_nJ`.
 
-    Without spike trains the clock is unknown, so ms and nJ are missing.
+    trains: of the first cell. Without them the clock is unknown, so ms and nJ are missing.
     """
+    rows = results.to_dict("records")
+    felt = {row.get("encoder"): as_encoded(study, row.get("encoder"), trains) for row in rows}
     return pd.DataFrame(
-        [{f"{kind}_{key}": value for kind in KINDS for key, value in _costs(study, row, trains, kind).items()}
-         for row in results.to_dict("records")],
+        [{f"{kind}_{key}": value for kind in KINDS
+          for key, value in _costs(study, row, felt[row.get("encoder")], kind).items()}
+         for row in rows],
         index=results.index, dtype=float,
     )  # fmt: skip
+
+
+def as_encoded(study: StudySpec, model: Any, trains: SpikeTrains | None) -> SpikeTrains | None:
+    """The spike trains of the first cell as if another encoder of the study had made them: for counting its costs.
+
+    model: of the encoder; all encoders of a study have one conditioning.
+    """
+    for name in sweeps.values(study.sweep, "encoder"):
+        encoder = encoders.load(name)
+        if trains is not None and encoder.model == model:
+            table = encoder.model_dump(mode="json", exclude_none=True)
+            return replace(trains, encoder={**table, "conditioning": trains.encoder.get("conditioning", {})})
+    return trains
 
 
 def _costs(study: StudySpec, row: Mapping[str, Any], trains: SpikeTrains | None, kind: str) -> dict[str, float | None]:
@@ -268,7 +286,8 @@ def fronts(
         found = answers.answer(networks, baselines, guess, sides.trials, compare)
         lost = [*answers.gaps(found, likely_cause(study.split)), *answers.where_lost(found, baselines)]
         saved = answers.of_refractory_periods(found, networks)
-        words = [*answers.details(found), *_of_encoding(found, trains, study.encoding_in), *saved]
+        felt = as_encoded(study, rows.iloc[0].get("encoder"), trains)
+        words = [*answers.details(found), *_of_encoding(found, felt, study.encoding_in), *saved]
         standing = [representative(rows, network) for network in networks]
         yield Front(
             str(setting),
@@ -406,18 +425,11 @@ def beware(
     study: StudySpec, folder: Path, done: Sequence[Cell], found: Sequence[Front], trains: SpikeTrains | None
 ) -> list[str]:
     """Warnings about this run, one line each with the fix."""
-    lines = []
+    by_line: dict[str, list[str]] = {}
     for front in found:
-        before = f"{front.setting}: " if len(found) > 1 else ""
-        one = front.answer
-        if not one.is_above_chance:
-            low = one.interval[0]
-            lines += [before + line for line in cautions.not_learned(one.best.whole.accuracy, low, one.guess)]
-        lines += [before + line for line in front.lost]
-        if trains is not None:
-            lines += [before + line for line in cautions.few_test_trials(front.sides.tested, study.split)]
-            few = cautions.few_for_exit(front.sides.trials.validation, study.early_exit.tolerance)
-            lines += [before + line for line in few]
+        for line in _of_front(study, front, trains):
+            by_line.setdefault(line, []).append(front.setting)
+    lines = [line if len(settings) == len(found) else f"{some(settings)}: {line}" for line, settings in by_line.items()]
     if study.baselines == "quick":
         lines.append(
             "the strongest opponents on many sets, MiniRocket and a GRU, are not fitted in this first look; run "
@@ -428,6 +440,16 @@ def beware(
         note = acausal_note(trains.encoder)
         lines += [*([note] if note else []), *on_late_onsets(trains, timing_of(trains), study.window, suited.WORDS)]
     return [*lines, *cautions.together([list(_of_training(folder, cell)) for cell in done])]
+
+
+def _of_front(study: StudySpec, front: Front, trains: SpikeTrains | None) -> Iterator[str]:
+    one = front.answer
+    if not one.is_above_chance:
+        yield from cautions.not_learned(one.best.whole.accuracy, one.interval[0], one.guess)
+    yield from front.lost
+    if trains is not None:
+        yield from cautions.few_test_trials(front.sides.tested, study.split)
+        yield from cautions.few_for_exit(front.sides.trials.validation, study.early_exit.tolerance)
 
 
 def _of_training(folder: Path, cell: Cell) -> Iterator[str]:

@@ -43,6 +43,8 @@ DOWNLOADS = {
     "answer.json": "the first screen of this report for programs",
     "baselines.csv": "classical classifiers on the same windows",
     "baselines_trials.csv": "the validation and test trials that each of them classifies correctly",
+    "encoders.csv": "each encoder and refractory period: accuracies, signal given back, cost",
+    "reconstruction.csv": "how well a linear filter of each encoder's spikes gives the signal of test trials back",
     "ledger.csv": "the cost of a decision: operations, memory, SOPs, an estimate of energy",
     "cut_short.csv": "each network on the first part of its windows",
     "exit_curve.csv": "each network with early exit, over patience",
@@ -88,18 +90,22 @@ def write(study: StudySpec, folder: Path) -> Path:
     chosen = course.found if course else None
     extra = extra_tables(study, folder)
     trials = search.trials_table(folder, done, results)
-    asked = [name for name in preparation.tables_of(study) if name in preparation.BASELINES]
+    known = (*preparation.BASELINES, preparation.RECONSTRUCTION)
+    asked = [name for name in preparation.tables_of(study) if name in known]
     beside = {name.removesuffix(".csv"): read_table(folder / name) for name in asked if (folder / name).is_file()}
     baselines = beside.get("baselines")
     spent = front.costs_of(study, results, trains)
     found = list(front.fronts(study, folder, done, results.join(spent), trains, beside))
     cautions = front.beware(study, folder, done, found, trains)
-    among = encoder_choice.sentence(study, found)
-    write_json(folder / ANSWER, answers_as_json(found, cautions) | ({"among": among} if among else {}))
+    every_encoder = encoder_choice.choices(study, found, results.join(spent), beside)
+    among, of_encoders = encoder_choice.sentence(every_encoder), encoder_choice.table(every_encoder)
+    shared = {"among": among, "tables": [of_encoders._asdict()]} if of_encoders else {}
+    write_json(folder / ANSWER, answers_as_json(found, cautions) | shared)
     shown = found[first_shown(found)]
     best = selection_steps.best_row(chosen, results) if chosen else shown.cells[shown.networks.index(shown.answer.best)]
     costs = _ledger(study, results, baselines, trains)
     left = {"selection": selection.as_table(chosen)} if chosen else {}
+    left |= {"encoders": encoder_choice.as_table(every_encoder)} if every_encoder else {}
     _write_tables(folder, study.title, results, swept, trials, costs, left)
     test_trials = {one.setting: one.answer.trials.test for one in found}
     drawn = drawings(study, folder, done, results, encoding, trains, classes, chosen, front.levels(found), test_trials)
@@ -122,6 +128,7 @@ def write(study: StudySpec, folder: Path) -> Path:
         first=first_shown(found),
         cautions=cautions,
         among=among,
+        of_encoders=of_encoders,
         chosen=front.chosen(trains, done),
         seeds=study.sweep.get("seed", [0]),
         data=page.if_there(folder / "data.json"),
@@ -314,9 +321,16 @@ def _ledger(
     if trains is None or study.network is None:
         return None
     sizes = {"n_afferents": len(trains.afferents), "n_classes": len(trains.classes)}
-    return ledger.study_ledger(
-        study.network, results, baselines, **sizes, rate_Hz=trains.sampling_rate_Hz, encoder=trains.encoder
-    )
+    parts = []
+    for model, rows in results.groupby("encoder", sort=False) if "encoder" in results else [(None, results)]:
+        felt, own = front.as_encoded(study, model, trains), baselines
+        assert felt is not None
+        if model is not None and baselines is not None:  # those on signals once, on spikes those of this encoder
+            own = baselines[(baselines["encoder"] == model) | (baselines["encoder"].isna() & (not parts))]
+        clock = {"rate_Hz": trains.sampling_rate_Hz, "encoder": felt.encoder}
+        table = ledger.study_ledger(study.network, rows, own, **sizes, **clock)
+        parts.append(table if model is None else table.assign(name=f"{model}: " + table["name"]))
+    return pd.concat(parts, ignore_index=True)
 
 
 def _ledger_table(costs: pd.DataFrame | None) -> Table | None:

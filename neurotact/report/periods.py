@@ -26,7 +26,8 @@ def in_words(model: str, first_ms: float, second_ms: float) -> str:
 
 def of_rows(table: pd.DataFrame, study: StudySpec) -> Iterator[str]:
     """The refractory periods of each row, whose encoder is its own where a study sweeps encoders."""
-    models = table["encoder"] if "encoder" in table else [study.encoder.model] * len(table)
+    named = table["encoder"] if "encoder" in table else [None] * len(table)
+    models = [model if isinstance(model, str) else study.encoder.model for model in named]
     columns = models, table["t_ref_sa_ms"], table["t_ref_ra_ms"]
     return (in_words(*row) for row in zip(*columns, strict=True))
 

@@ -96,6 +96,7 @@ def encoding_table(trains: SpikeTrains, cell: Cell, by: Iterable[str]) -> pd.Dat
     trial's end, as the texture paper's Figs. 6 and 10 do; there, intervals may be longer than a window.
 
     A cell without a network classifies no windows: its plain columns describe the touch, and it has no other columns.
+    A cell that encodes no more than its windows has no columns of the touch.
     In a study that sweeps its windows, the table describes the cell's own windows, as `stretch` says.
     """
     columns = [LABEL, *by]
@@ -107,8 +108,10 @@ def encoding_table(trains: SpikeTrains, cell: Cell, by: Iterable[str]) -> pd.Dat
     else:
         windows = trains.cut(cell.window)
         stretch = f"windows of {cell.window.length_ms:g} ms from {cell.window.start_ms:g} ms on"
-        of_touch = firing.firing_of(trains, touch, whole, columns).drop(columns=columns).add_prefix(TOUCH)
-        table = firing.firing_of(trains, firing.windowed_spikes(trains, windows), windows.trial, columns).join(of_touch)
+        table = firing.firing_of(trains, firing.windowed_spikes(trains, windows), windows.trial, columns)
+        if cell.encoded_ms is None:
+            of_touch = firing.firing_of(trains, touch, whole, columns).drop(columns=columns).add_prefix(TOUCH)
+            table = table.join(of_touch)
     table.insert(len(columns), "stretch", stretch)
     for place, (column, t_ref_ms) in enumerate(periods(cell).items()):
         table.insert(place, column, t_ref_ms)

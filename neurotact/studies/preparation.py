@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -20,6 +21,7 @@ from neurotact.data.sources import expand, read_recordings, simulator
 from neurotact.data.splits import split_touches, training_touches
 from neurotact.data.trial_choice import chosen_trials
 from neurotact.data.windows import check_fit
+from neurotact.encoders import regained
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.calibration import CLOCK_HZ, way_of
 from neurotact.encoders.encoding import encode_recordings
@@ -32,13 +34,13 @@ from neurotact.files import write_json
 from neurotact.metrics import paired
 from neurotact.progress import track
 from neurotact.spec import build, digest
-from neurotact.studies import store
-from neurotact.studies.encoded import encoding_table
+from neurotact.studies import encoded, store
 from neurotact.studies.store import DATA
 from neurotact.studies.study import Cell, DatasetSpec, StudySpec, by_split, encoder_columns, split_columns, value_at
 from neurotact.tables import write_table
 
 BASELINES = ("baselines.csv", "baselines_trials.csv")
+RECONSTRUCTION = "reconstruction.csv"
 
 
 def load_dataset(spec: DatasetSpec) -> Recordings:
@@ -83,10 +85,12 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
     first, *others = _by_source(cells)
     recordings = load_dataset(dataset_of(study, first[0]))
     content = _check_unchanged(folder, recordings, before, source)
+    recordings = encoded_part(recordings, first[0])
     _encode(folder, study, first, recordings, content)
     for group in others:  # only one set of recordings is in memory
         if any(name in spikes_flaws for cell in group for name in _encoded(cell)):
-            _encode(folder, study, group, load_dataset(dataset_of(study, group[0])), content)
+            of_group = encoded_part(load_dataset(dataset_of(study, group[0])), group[0])
+            _encode(folder, study, group, of_group, content)
     if "signals.csv" in table_flaws:
         table = signal_table(recordings, study.encoder, dataset.stratify, study.window.start_ms)
         write_table(table, folder / "signals.csv")
@@ -96,6 +100,8 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
     if not table_flaws.keys().isdisjoint(BASELINES):
         for name, table in zip(BASELINES, _baselines_tables(folder, recordings, study, cells), strict=True):
             write_table(table, folder / name)
+    if RECONSTRUCTION in table_flaws:
+        write_table(_reconstruction_table(folder, recordings, study, cells), folder / RECONSTRUCTION)
     store.seal(folder, tables_of(study))
 
 
@@ -107,10 +113,10 @@ def _baselines_tables(
     The second table contains, for each row of the first (`baseline`) and each validation or test trial (`side`), the
     share of correctly classified windows; copies are one trial, the first of them.
     """
-    encoded = [list({cell.spikes_name: cell for cell in group}.values()) for group in by_split(cells)]
+    groups = [list({cell.spikes_name: cell for cell in group}.values()) for group in by_split(cells)]
     found = []
-    with track("baselines", sum(map(len, encoded))) as advance:
-        for group in encoded:
+    with track("baselines", sum(map(len, groups))) as advance:
+        for group in groups:
             for cell in group:
                 found += _fitted(folder, recordings, study, cell, cells, is_first=cell is group[0])
                 advance(1, "")
@@ -147,12 +153,40 @@ def _fitted(
             yield {"dataset": name, **split, **row, **encoder, opponents.RIGHT: touches}
 
 
+def _reconstruction_table(
+    folder: Path, recordings: Recordings, study: StudySpec, cells: Sequence[Cell]
+) -> pd.DataFrame:
+    """A row for each encoding: what its spikes give back of the signals of test trials.
+
+    Columns: the t_ref pair, swept keys of the split and of the encoder, snr_dB, bits_per_s and bits_per_spike.
+    """
+    distinct, keys = {cell.spikes_name: cell for cell in cells}, [*split_columns(study), *encoder_columns(study)]
+    rows = []
+    with track("reconstruction", len(distinct)) as advance:
+        for cell in distinct.values():
+            trains = hdf5.load_spikes(folder / cell.given)
+            sides = split_touches(trains, study.dataset.stratify, cell.split)
+            found = regained.regained(recordings, trains, sides, start_s=cell.window.start_ms * 1e-3)
+            own = {key: value_at(cell, key) for key in keys}
+            rows.append({**encoded.periods(cell), **own, **found._asdict()})
+            advance(1, "")
+    return pd.DataFrame(rows)
+
+
 def _by_source(cells: Iterable[Cell]) -> list[list[Cell]]:
     """Groups of cells with the same recordings: one group unless the study sweeps its simulation."""
     groups: dict[str, list[Cell]] = {}
     for cell in cells:
         groups.setdefault(digest(cell.source), []).append(cell)
     return list(groups.values())
+
+
+def encoded_part(recordings: Recordings, cell: Cell) -> Recordings:
+    """The trials as far as a cell encodes them."""
+    if cell.encoded_ms is None:
+        return recordings
+    n_samples = math.ceil(cell.encoded_ms * 1e-3 * recordings.sampling_rate_Hz - 1e-9) + 1
+    return replace(recordings, signals=[signal[:n_samples] for signal in recordings.signals])
 
 
 def _check_windows(recordings: Recordings, cells: Iterable[Cell]) -> None:
@@ -180,7 +214,7 @@ def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recor
     calibrated: dict[str, EncoderSpec] = {}
     for cell in missing:
         trains = encode_recordings(recordings, _encoder_of(cell, recordings, calibrated))
-        write_table(encoding_table(trains, cell, study.dataset.stratify), place / f"{cell.spikes_name}.csv")
+        write_table(encoded.encoding_table(trains, cell, study.dataset.stratify), place / f"{cell.spikes_name}.csv")
         hdf5.save_spikes(trains, folder / cell.given)
         store.seal(place, _encoded(cell), made_from)
 
@@ -189,6 +223,7 @@ def tables_of(study: StudySpec) -> list[str]:
     """The tables of its recordings that a study requests, before any cell is run."""
     asked = {
         **dict.fromkeys(BASELINES, study.baselines != "none"),
+        RECONSTRUCTION: study.reconstruction,
         "signals.csv": study.signals,
         "same_drive.csv": study.same_drive is not None,
     }
@@ -198,8 +233,8 @@ def tables_of(study: StudySpec) -> list[str]:
 def check(folder: Path, study: StudySpec, cells: Iterable[Cell]) -> None:
     """Raise InputError if the encodings of a run folder or the study's tables were changed."""
     distinct = {cell.spikes_name: cell for cell in cells}
-    encoded = [f"spikes/{name}" for cell in distinct.values() for name in _encoded(cell)]
-    store.check(folder, [DATA, *tables_of(study), *encoded])
+    written = [f"spikes/{name}" for cell in distinct.values() for name in _encoded(cell)]
+    store.check(folder, [DATA, *tables_of(study), *written])
 
 
 def _encoded(cell: Cell) -> list[str]:
@@ -210,23 +245,31 @@ def _encoded(cell: Cell) -> list[str]:
 def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, EncoderSpec]) -> EncoderSpec:
     """The cell's encoder, with gains fitted on the training trials if the study calibrates.
 
-    If unknown conditions are tested, only training trials of the cell's own subset are used: gains must not depend on
-    the other conditions.
+    calibrated: what was fitted for other cells. If unknown conditions are tested, only training trials of the cell's
+    own subset are used: gains must not depend on the other conditions.
     """
     if cell.calibrate is None:
         return cell.encoder
     known = cell.subset if cell.test_every_condition else {}
-    key = digest([cell.calibrate.model_dump(mode="json"), cell.split.model_dump(), known, cell.spikes_per_s])
-    if key not in calibrated:
-        train = training_touches(recordings, cell.source["stratify"], cell.split)
-        train = np.intersect1d(train, np.flatnonzero(select_conditions(recordings.conditions, known)))
-        fit, _ = way_of(cell.calibrate, {}, choose_ema=cell.choose_ema)
-        training = recordings.select(train)
-        if cell.split.folds:  # each fold has its own encoder, and its notes name the fold
-            training = replace(training, source=f"{recordings.source}, fold {cell.split.fold}")
-        rule = CalibrationRule(spikes_per_s=cell.spikes_per_s)
-        calibrated[key] = fit(training, cell.calibrate, rule=rule).encoder
-    return with_t_refs(calibrated[key], cell.encoder)
+
+    def fitted(start: EncoderSpec, spikes_per_s: float | None) -> EncoderSpec:
+        key = digest([start.model_dump(mode="json"), cell.split.model_dump(), known, spikes_per_s])
+        if key not in calibrated:
+            train = training_touches(recordings, cell.source["stratify"], cell.split)
+            train = np.intersect1d(train, np.flatnonzero(select_conditions(recordings.conditions, known)))
+            training = recordings.select(train)
+            if cell.split.folds:  # each fold has its own encoder, and its notes name the fold
+                training = replace(training, source=f"{recordings.source}, fold {cell.split.fold}")
+            fit, _ = way_of(start, {}, choose_ema=cell.choose_ema)
+            calibrated[key] = fit(training, start, rule=CalibrationRule(spikes_per_s=spikes_per_s)).encoder
+        return calibrated[key]
+
+    start = cell.calibrate
+    if cell.conditioned_by is not None:
+        chosen = fitted(cell.conditioned_by, None).conditioning
+        same = {"baseline": chosen.baseline, "ema_cutoff_Hz": chosen.ema_cutoff_Hz}
+        start = start.model_copy(update={"conditioning": start.conditioning.model_copy(update=same)})
+    return with_t_refs(fitted(start, cell.spikes_per_s), cell.encoder)
 
 
 def _source(dataset: DatasetSpec) -> str | None:

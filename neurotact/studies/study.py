@@ -174,7 +174,8 @@ class StudySpec(Spec):
     early_exit: EarlyExitSpec = EarlyExitSpec()
     baselines: Opponents = "none"
     """The opponents to fit on the same windows, in baselines.csv: `linear`, logistic regression on mean and deviation
-    of the signals; `quick`, also SVM, ELM and trees, and on spikes; `all`, also spectra, MiniRocket and a GRU."""
+    of the signals; `readout`, also on the spike counts of each encoder; `quick`, on more features, SVM, ELM and trees,
+    and on spikes; `all`, also spectra, MiniRocket and a GRU."""
     encoding_in: Literal["processor", "sensor"] = "processor"
     """Where conditioning and encoding are computed: their energy counts on the processor, and not in the sensor."""
     cut_short_ms: tuple[Milliseconds, ...] = ()
@@ -184,6 +185,11 @@ class StudySpec(Spec):
     test_every_condition: bool = False
     """Also test each network on the test trials of every condition in `dataset.stratify`, whether it was trained on
     that condition or not: the table conditions.csv."""
+    past_windows: bool = True
+    """Encode trials to their end, so that encoding.csv describes the whole touch; false: as far as windows reach."""
+    reconstruction: bool = False
+    """Also measure how well a linear filter, fitted on training trials, gives the signal of test trials back from the
+    spikes of each encoder: the table reconstruction.csv."""
     signals: bool = False
     """Also measure the amplitude and the principal frequency of each class and condition: the table signals.csv."""
     same_drive: SameDriveSpec | None = None
@@ -228,7 +234,12 @@ class StudySpec(Spec):
         swept = [key for key in sweeps.keys(self.sweep) if key.startswith(SOURCE)]
         if swept and self.dataset.simulate is None:
             raise ValueError(f"sweep: '{swept[0]}' needs dataset.simulate; recordings that are read have no parameters")
-        asked = {"baselines": self.baselines != "none", "signals": self.signals, "same_drive": bool(self.same_drive)}
+        asked = {
+            "baselines": self.baselines != "none",
+            "reconstruction": self.reconstruction,
+            "signals": self.signals,
+            "same_drive": bool(self.same_drive),
+        }
         described = [name for name, is_asked in asked.items() if is_asked]
         if swept and described:
             raise ValueError(f"{described[0]} describes one set of recordings; remove it, or the sweep of '{swept[0]}'")
@@ -272,10 +283,14 @@ class Cell(Spec):
     encoder: EncoderSpec
     calibrate: EncoderSpec | None = None
     """The encoder whose gains are fitted on the training trials; t_ref varies around it."""
+    conditioned_by: EncoderSpec | None = None
+    """The encoder for which baseline and moving average are chosen there, if not `calibrate` itself."""
     choose_ema: bool = False
     """Whether the cut-off of its moving average is chosen there, too."""
     spikes_per_s: float | None = None
     """The rate of an afferent to which gains and thresholds are fitted there; None: they separate classes best."""
+    encoded_ms: float | None = None
+    """Trials are encoded up to here; None: to their end."""
     network: RSNNSpec | None = None
     search: SearchSpec | None = None
     """The search of the network's hyperparameters; its result replaces the values of the keys in the space."""
@@ -303,7 +318,7 @@ class Cell(Spec):
     def spikes_name(self) -> str:
         """The digest of everything that decides the cell's spike trains."""
         parts = {"source", "encoder", "calibrate", "choose_ema"} | ({"split"} if self.calibrate else set())
-        parts |= {"spikes_per_s"} if self.spikes_per_s is not None else set()
+        parts |= {name for name in ("spikes_per_s", "conditioned_by", "encoded_ms") if getattr(self, name) is not None}
         known = self.subset if self.calibrate and self.test_every_condition else None
         return specs.digest([self.model_dump(mode="json", include=parts), known])
 
@@ -430,23 +445,28 @@ def cells(study: StudySpec) -> Iterator[Cell]:
         chosen = {"dataset": next(iter(study.dataset.subsets)), **point}
         chosen["subset"] = study.dataset.subsets[chosen["dataset"]]
         if isinstance(point.get("encoder"), str):
-            swept = _swept_encoder(study, point)
-            chosen |= {"encoder": swept, **({"calibrate": swept} if study.calibrate else {})}
+            swept = encoders.load(point["encoder"]).model_copy(update={"conditioning": study.encoder.conditioning})
+            own_ms = point.get(T_REF, OWN)
+            chosen["encoder"] = _whole(swept if own_ms == OWN else encoders.with_t_ref(swept, float(own_ms)))
+            if study.calibrate:
+                chosen |= {"calibrate": _whole(swept), "conditioned_by": base["calibrate"]}
         chosen.pop(T_REF, None)
         chosen = {_in_cell(key): value for key, value in chosen.items()}
         if study.calibrate:
             chosen |= calibrated.start(point)
         cell = specs.build(Cell, specs.override(base, chosen), source=f"sweep of {study.title}")
+        cell = cell.model_copy(update={"encoded_ms": None if study.past_windows else _reach_ms(cell)})
         _check_source(cell, study)
         yield cell
 
 
-def _swept_encoder(study: StudySpec, point: Mapping[str, Any]) -> dict[str, Any]:
-    """The encoder that a point of the sweep names, with the conditioning of the study's and the point's t_ref_ms."""
-    encoder = encoders.load(point["encoder"]).model_copy(update={"conditioning": study.encoder.conditioning})
-    if point.get(T_REF, OWN) != OWN:
-        encoder = encoders.with_t_ref(encoder, float(point[T_REF]))
-    return _whole(encoder)
+def _reach_ms(cell: Cell) -> float | None:
+    """Where the last window of a cell ends; None if this depends on the trial."""
+    window = cell.window
+    if cell.network is None or window.per_trial is None or window.align != "trial":
+        return None
+    later = max(window.per_trial, cell.training_windows or 1) - 1
+    return window.start_ms + window.length_ms + later * (window.hop_ms or window.length_ms)
 
 
 def _void_keys(cell: Cell) -> dict[str, str]:

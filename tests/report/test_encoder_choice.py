@@ -1,39 +1,51 @@
 """Which encoder: validation chooses, and of those that it cannot tell apart the cheapest is named."""
 
-from types import SimpleNamespace
-
 import pytest
 
-from neurotact.report.answer import Decision, Network, Trials
-from neurotact.report.encoder_choice import sentence
+from neurotact.report.answer import Baseline, Decision, Network, Trials
+from neurotact.report.encoder_choice import Choice, as_table, sentence, table
 
 
-def front(name, validation, nJ, n_validation=200):
-    whole = Decision(validation, 100.0, 300.0, 20.0, nJ)
-    network = Network("1&1", 20, 1, validation, whole, None)
-    answer = SimpleNamespace(best=network, interval=(0.7, 0.9), trials=Trials(n_validation, 50))
-    return SimpleNamespace(setting=name, answer=answer)
-
-
-def said(*fronts, sweep=("lif", "burst")):
-    return sentence(SimpleNamespace(sweep={"encoder": [*sweep]}), fronts)  # type: ignore[arg-type]
+def choice(name, validation, nJ, pair="1&1", spikes=20.0, n_validation=200, snr_dB=3.0):
+    whole = Decision(validation, 100.0, 300.0, spikes, nJ)
+    readout = Baseline("logistic regression on 1&1 ms spikes (counts)", 0.8, 0.7, nJ)
+    return Choice(name, None, Network(pair, 20, 1, validation, whole, None), Trials(n_validation, 50), readout, snr_dB)
 
 
 def test_the_cheapest_of_those_that_validation_cannot_tell_apart_is_named():
-    words = said(front("lif", 0.9, 50.0), front("burst", 0.89, 30.0), front("latency", 0.5, 1.0))
+    lif, burst = choice("lif", 0.9, 50.0, spikes=60.0), choice("burst", 0.89, 30.0, pair="-")
+    words = sentence([lif, burst, choice("latency", 0.5, 1.0)])
     assert words.startswith(
-        "Validation trials cannot tell 2 of 3 encoders apart; the cheapest of them: burst is right in"
+        "burst keeps 99 % of the accuracy of lif with t_ref 1&1 ms, the most accurate on validation trials, at 33 % of "
+        "the spikes and 60 % of the energy: right in 89.0 % of the test windows (77 to 95 %), for 20 spikes and 30 nJ; "
+        "validation trials cannot tell 2 of 3 encoders and refractory periods apart"
     )
-    assert "89.0 % of the test windows (95 % interval 70 to 90 %) for 30 nJ and 20 spikes" in words
-    assert words.endswith("The most accurate on validation trials: lif.")
+
+
+def test_the_best_may_be_the_cheapest_of_its_equals():
+    words = sentence([choice("lif", 0.9, 20.0), choice("burst", 0.89, 30.0)])
+    assert "which cannot tell 2 of 2 encoders and refractory periods apart, and the cheapest of these" in words
 
 
 def test_an_encoder_that_validation_tells_from_all_others_is_the_answer():
-    words = said(front("lif", 0.95, 50.0), front("burst", 0.6, 1.0))
-    assert words.startswith("Validation trials tell lif from all others as the most accurate: lif is right in 95.0 %")
+    words = sentence([choice("lif", 0.95, 50.0), choice("burst", 0.6, 1.0)])
+    assert words.startswith("lif with t_ref 1&1 ms is the most accurate of 2 encoders and refractory periods, and")
+    assert "right in 95.0 %" in words
 
 
-@pytest.mark.parametrize("sweep", [{}, {"seed": [0]}])
-def test_other_studies_say_nothing_of_encoders(sweep):
-    fronts = [front("lif", 0.9, 1.0), front("burst", 0.9, 1.0)]
-    assert sentence(SimpleNamespace(sweep=sweep), fronts) == ""  # type: ignore[arg-type]
+def test_the_table_marks_the_best_its_equals_and_the_cheapest():
+    among = [choice("a", 0.9, 50.0), choice("b", 0.89, 40.0), choice("c", 0.88, 30.0, pair="5"), choice("d", 0.4, 1.0)]
+    found = table(among)
+    assert found is not None
+    assert [row[0] for row in found.rows] == ["a: best on validation", "b ~", "c: cheapest of its equals", "d"]
+    assert found.rows[2][1:] == ["5", "20", "88.0 % (76 to 94)", "70.0 % (56 to 81)", "3.0", "30 nJ"]
+    frame = as_table(among)
+    assert frame["t_ref_ms"].tolist() == ["1&1", "1&1", "5", "1&1"]
+    assert (frame["accuracy_low"] < frame["accuracy_test"]).all()
+    assert (frame["readout_test"] == 0.7).all()
+
+
+@pytest.mark.parametrize("among", [[], [choice("lif", 0.9, 1.0)]])
+def test_one_encoder_is_no_choice(among):
+    assert sentence(among) == ""
+    assert table(among) is None

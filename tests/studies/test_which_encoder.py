@@ -7,10 +7,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from neurotact.data.conditioning import ConditioningSpec
+from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import from_rasters
+from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.spec import read, to_toml
-from neurotact.studies import loading, study
+from neurotact.studies import loading, preparation, study
 from neurotact.studies.study import value_at
 
 TINY = Path(__file__).parent / "tiny.toml"
@@ -31,8 +34,37 @@ def test_encoders_are_swept_by_name_with_their_periods(tmp_path):
     assert [value_at(cell, "encoder") for cell in cells] == ["lif", "send-on-delta", "burst"]
     assert [value_at(cell, "t_ref_ms") for cell in cells] == [5.0, 3.0, 0.0]
     assert all(cell.encoder.conditioning == what.encoder.conditioning for cell in cells)
-    assert all(cell.calibrate == cell.encoder and cell.spikes_per_s == 12.0 for cell in cells)
+    assert [cell.calibrate.model for cell in cells] == [cell.encoder.model for cell in cells]
+    assert all(cell.conditioned_by == what.encoder and cell.spikes_per_s == 12.0 for cell in cells)
     assert len({cell.spikes_name for cell in cells}) == 3
+
+
+def test_spikes_of_windows_are_the_same_if_trials_are_encoded_no_further(tmp_path):
+    window = {"length_ms": 50.0, "start_ms": 100.0, "per_trial": 2}
+    sweep = {"encoder": ["sa1-ra1-lif", "send-on-delta"], "seed": [0]}
+    part = [*study.cells(resolved(tmp_path, calibrate=True, window=window, sweep=sweep, past_windows=False))]
+    whole = [*study.cells(resolved(tmp_path, calibrate=True, window=window, sweep=sweep))]
+    assert [cell.encoded_ms for cell in (*part, *whole)] == [200.0, 200.0, None, None]
+    assert part[0].spikes_name != whole[0].spikes_name
+    felt = waves()
+    for cell in part:
+        encoder = cell.encoder.model_copy(update={"conditioning": ConditioningSpec(baseline="first"), "unit": "count"})
+        early, late = (encode_recordings(preparation.encoded_part(felt, one), encoder) for one in (cell, whole[0]))
+        assert early.raster(early.cut(cell.window)).any()
+        np.testing.assert_array_equal(early.raster(early.cut(cell.window)), late.raster(late.cut(cell.window)))
+
+
+def waves():
+    """Trials of some 100 counts."""
+    rng, time_s = np.random.default_rng(0), np.arange(800)[:, None] / 2000
+    signals = [100 * np.sin(2 * np.pi * 20 * time_s + rng.uniform(0, 6, 3)) for _ in range(4)]
+    return Recordings(signals, 2000.0, "count", pd.DataFrame({"label": ["slow", "fast"] * 2}))
+
+
+def test_windows_that_begin_at_contact_need_whole_trials(tmp_path):
+    window = {"length_ms": 50.0, "per_trial": 1, "align": "onset"}
+    (cell,) = study.cells(resolved(tmp_path, window=window, sweep={"encoder": ["burst"]}, past_windows=False))
+    assert cell.encoded_ms is None
 
 
 def test_a_period_of_an_encoder_without_one_is_refused(tmp_path):

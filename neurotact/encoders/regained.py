@@ -1,0 +1,91 @@
+"""What the spikes of a study give back of its signals, by a filter that knows the training trials alone."""
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from neurotact.data.conditioning import ACAUSAL, ConditioningSpec, condition
+from neurotact.data.recordings import Recordings
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import Split
+from neurotact.encoders.excerpts import draw, liveliest
+from neurotact.metrics import reconstruction
+from neurotact.spec import build
+
+PER_CLASS, TAXELS, LONGEST_s = 8, 16, 2.0
+"""Trials of each class on each side, taxels and seconds of a trial that are used, at most."""
+
+
+class Regained(NamedTuple):
+    """What the optimal linear filter gives back of a taxel's signal on test trials.
+
+    snr_dB, bits_per_s: as of `metrics.reconstruction`. bits_per_spike: of a taxel's spikes; NaN without any.
+    """
+
+    snr_dB: float
+    bits_per_s: float
+    bits_per_spike: float
+
+
+def regained(
+    recordings: Recordings, trains: SpikeTrains, split: Split, *, start_s: float = 0.0, seed: int = 0
+) -> Regained:
+    """Fit the filter to training trials, and decode the spikes of test trials with it.
+
+    trains: of all trials of `recordings`, with the encoder that made them. At most `PER_CLASS` trials of a class on
+    each side, drawn with `seed`; of each `LONGEST_s` from `start_s` on, or as much as the shortest has; the liveliest
+    `TAXELS` taxels. Signals are those that the encoder received, each taxel standardised on the training trials.
+    Raises InputError for trials of a few steps.
+
+    >>> from neurotact.api.encoding import encode
+    >>> from neurotact.api.recordings import simulate
+    >>> from neurotact.data.splits import SplitSpec, split_touches
+    >>> felt = simulate("gratings", trials=6, duration_s=1.0, forces_N=[12.0], speeds_mm_per_s=[8.6])
+    >>> often, seldom = (encode(felt, "step-forward", {"threshold": x}) for x in (1.0, 20.0))
+    >>> split = split_touches(often, (), SplitSpec())
+    >>> regained(felt, often, split).snr_dB > regained(felt, seldom, split).snr_dB > 0
+    True
+    """
+    rng, rate_Hz = np.random.default_rng(seed), trains.sampling_rate_Hz
+    labels = recordings.labels
+    sides = [side[draw(labels[side], PER_CLASS, rng)] for side in (split.train, split.test)]
+    trials = np.concatenate(sides)
+    signals = _conditioned(recordings, trials, trains, start_s)
+    taxels = liveliest(signals, TAXELS)
+    n_steps, n_taxels = min(map(len, signals)), recordings.n_channels
+    felt = np.stack([np.asarray(signal[:n_steps, taxels], float) for signal in signals])
+    fired = _spikes(trains, trials, round(start_s * rate_Hz), n_steps)
+    fired = fired.reshape(len(trials), n_steps, -1, n_taxels)[..., taxels].swapaxes(2, 3)
+    known = np.arange(len(trials)) < len(sides[0])
+    mean, scale = felt[known].mean(axis=(0, 1)), felt[known].std(axis=(0, 1))
+    felt = (felt - mean) / np.maximum(scale, np.finfo(np.float32).tiny)
+    x, of = reconstruction.segments([*felt], rate_Hz)
+    s, _ = reconstruction.segments([*fired], rate_Hz)
+    found = reconstruction.transferred((x[known[of]], s[known[of]]), (x[~known[of]], s[~known[of]]), rate_Hz)
+    per_s = fired[~known].sum(axis=3).mean() * rate_Hz
+    return Regained(found.snr_dB, found.bits_per_s, float(found.bits_per_s / per_s) if per_s else math.nan)
+
+
+def _conditioned(recordings: Recordings, trials: np.ndarray, trains: SpikeTrains, start_s: float) -> list[np.ndarray]:
+    """The signals of trials as their encoder received them, `(time, taxel)`, from `start_s` on."""
+    how = build(ConditioningSpec, trains.encoder.get("conditioning", {}), "the encoder of the spikes")
+    how = how.model_copy(update={"resample_Hz": trains.sampling_rate_Hz})  # also where the encoder took samples
+    chosen = recordings.select(trials)
+    if how.baseline not in ACAUSAL:
+        last = math.ceil((start_s + LONGEST_s) * recordings.sampling_rate_Hz) + 1
+        chosen = replace(chosen, signals=[signal[:last] for signal in chosen.signals])
+    conditioned = condition(chosen.to_unit(trains.encoder.get("unit", recordings.unit)), how)
+    first, longest = (round(seconds * conditioned.sampling_rate_Hz) for seconds in (start_s, LONGEST_s))
+    return [np.asarray(signal)[first : first + longest] for signal in conditioned.signals]
+
+
+def _spikes(trains: SpikeTrains, trials: np.ndarray, first: int, n_steps: int) -> np.ndarray:
+    """The spikes of trials, `(trial, time, afferent)` uint8."""
+    found = np.zeros((len(trials), n_steps, len(trains.afferents)), np.uint8)
+    for raster, trial in zip(found, trials, strict=True):
+        at = trains.steps[trial].astype(np.int64) - first
+        inside = (at >= 0) & (at < n_steps)
+        raster[at[inside], trains.units[trial][inside]] = 1
+    return found
