@@ -2,6 +2,11 @@
 
 const SYMBOLS = ["circle", "square", "triangle-up", "diamond", "triangle-down", "cross"];
 
+/* The symbol of a series: with a dot in it where there are more series than symbols. */
+function symbolOf(index, isOpen) {
+  return SYMBOLS[index % SYMBOLS.length] + (isOpen ? "-open" : "") + (index < SYMBOLS.length ? "" : "-dot");
+}
+
 /* The library is inside the page, gzipped; it is unpacked here, without network access. */
 async function unpackPlotly() {
   const packed = Uint8Array.from(atob(document.getElementById("plotly").textContent), (c) => c.charCodeAt(0));

@@ -83,7 +83,7 @@ function chanceLine() {
 function seriesTrace(name, index) {
   const here = study.points.map((_, i) => i).filter((i) => study.points[i].series === name && isShown(study.points[i]));
   const points = here.map((i) => study.points[i]);
-  const colour = style(`--series-${index % SYMBOLS.length}`), open = index < SYMBOLS.length ? "" : "-open";
+  const colour = style(`--series-${index % SYMBOLS.length}`), round = Math.floor(index / SYMBOLS.length), open = round % 4 === 1 || round % 4 === 2;
   return {
     type: "scatter", mode: "markers", name: plain(name), x: points.map(costOf), y: points.map((p) => p.y), customdata: here,
     text: points.map((p) => plain(p.name)), hovertemplate: `<b>%{text}</b><br>${study.score}: %{y:.1f}<br>${costHead()}: %{x:,.4~g}<extra></extra>`,
@@ -93,7 +93,7 @@ function seriesTrace(name, index) {
     },
     cliponaxis: false,
     marker: {
-      symbol: SYMBOLS[index % SYMBOLS.length] + open, color: colour, size: 10, opacity: 0.9,
+      symbol: symbolOf(round < 2 ? index % SYMBOLS.length : index, open), color: colour, size: 10, opacity: 0.9,
       line: { width: open ? 1.6 : 0.5, color: open ? colour : style("--ground") },
     },
   };
@@ -105,7 +105,7 @@ function redraw() {
   const chosen = study.points[study.chosen];
   if (chosen && isShown(chosen)) {
     traces.push({
-      type: "scatter", mode: "markers", showlegend: false, hoverinfo: "skip", x: [costOf(chosen)], y: [chosen.y],
+      type: "scatter", mode: "markers", name: "selected", cliponaxis: false, hoverinfo: "skip", x: [costOf(chosen)], y: [chosen.y],
       marker: { symbol: "circle-open", size: 14, color: style("--ink"), line: { width: 2.5 } },
     });
   }

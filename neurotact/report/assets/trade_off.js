@@ -33,7 +33,7 @@ function pointTraces(study, points, kind, isFirst) {
       text: here.map((p) => plain(p.name) + (p.low == null || kind !== p.used ? "" : `<br>95 % interval ${(100 * p.low).toFixed(0)} to ${(100 * p.high).toFixed(0)} %`)),
       hovertemplate: `<b>%{text}</b><br>%{y:.1f} % accuracy, %{x:,.4~g} ${COSTS[cost].unit}<br>${words}<extra></extra>`,
       marker: {
-        symbol: SYMBOLS[index % SYMBOLS.length] + open, color: colour, opacity: 0.9,
+        symbol: symbolOf(index, open), color: colour, opacity: 0.9,
         size: here.map((p) => 9 + (6 * study.sizes.indexOf(p.hidden)) / Math.max(1, study.sizes.length - 1)),
         line: { width: open ? 1.6 : 0.5, color: open ? colour : style("--ground") },
       },
