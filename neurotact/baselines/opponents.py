@@ -5,7 +5,7 @@ on three kinds of features, MiniRocket and a GRU on the sequences. On the spikes
 counts; on those of the others logistic regression. Each family is sized on validation windows.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from neurotact.baselines import families
 from neurotact.baselines.families import Candidate, Family, Sides, best_of
 from neurotact.baselines.features import averaged, band_powers, counted
 from neurotact.baselines.minirocket import KERNEL
+from neurotact.data.augmentation import NONE
 from neurotact.data.recordings import Recordings, select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
@@ -66,11 +67,24 @@ class Input(NamedTuple):
 
 
 class Cuts(NamedTuple):
-    """Windows on the encoder's clock, and three boolean `(window,)` that select those of each side."""
+    """Windows on the encoder's clock, and three boolean `(window,)` that select those of each side.
+
+    copies: for each kind of varied copies (`data.augmentation`), the windows to train on with these copies.
+    """
 
     windows: Windows
     clock_Hz: float
     sides: tuple[np.ndarray, np.ndarray, np.ndarray]
+    copies: Mapping[str, np.ndarray] = {}
+
+    @property
+    def trained(self) -> Mapping[str, np.ndarray]:
+        """The windows to train on, by the kind of varied copies; the recorded ones alone if there are none."""
+        return self.copies or {NONE: self.sides[0]}
+
+    def with_training(self, kind: str) -> "Cuts":
+        """The same windows, with one of `trained` for training."""
+        return self._replace(sides=(self.trained[kind], *self.sides[1:]))
 
     @property
     def length_ms(self) -> float:
@@ -97,9 +111,14 @@ def pieces_of(recordings: Recordings, windows: Windows, clock_Hz: float) -> Iter
         yield signal[begin : max(end, begin + 1)]
 
 
-def signal_inputs(recordings: Recordings, cuts: Cuts, opponents: Opponents) -> Iterator[Input]:
-    """Features of the signals, and with all opponents the signals themselves as sequences."""
-    pieces = list(pieces_of(recordings, cuts.windows, cuts.clock_Hz))
+def signal_inputs(
+    recordings: Recordings, cuts: Cuts, opponents: Opponents, pieces: Sequence[np.ndarray] = ()
+) -> Iterator[Input]:
+    """Features of the signals, and with all opponents the signals themselves as sequences.
+
+    pieces: the samples of each window, if they are not all in the recordings.
+    """
+    pieces = pieces or list(pieces_of(recordings, cuts.windows, cuts.clock_Hz))
     least, samples, taxels = min(map(len, pieces)), max(map(len, pieces)), recordings.n_channels
     is_linear = opponents in ("linear", "readout")
     of_features = {LINEAR: families.logistic_regression} if is_linear else families.ON_FEATURES
@@ -191,21 +210,36 @@ def rows(
     most_machines: training windows up to which support vector machines are fitted.
     """
     for one in inputs:
-        sides = _sides(one, labels, cuts)
         for name, family in one.families.items():
-            if name == families.MACHINES and len(sides.y_train) > most_machines:
-                say(
-                    f"baselines: no SVM on {one.column}: {len(sides.y_train)} training windows, at most {most_machines}"
-                )
+            most = most_machines if name == families.MACHINES else None
+            kinds = [kind for kind, train in cuts.trained.items() if most is None or train.sum() <= most]
+            if not kinds:
+                least = min(int(train.sum()) for train in cuts.trained.values())
+                say(f"baselines: no SVM on {one.column}: {least} training windows, at most {most}")
                 continue
-            best = best_of(family, sides, 0)
+            kind, sides, best = _best_training(one, family, labels, cuts, kinds)
             right = {  # predicted once: sequences take seconds
                 "validation": best.fitted.predict(sides.validation) == sides.y_validation,
                 "test": best.fitted.predict(sides.test) == sides.y_test,
             }
             trials = (cuts.windows.trial[selected] for selected in cuts.sides[1:])
             by_trial = {side: paired.by_trial(trial, right[side]) for side, trial in zip(right, trials, strict=True)}
-            yield {**_row(one, name, best, sides, right), RIGHT: by_trial}
+            row = _row(one, name, best, sides, right)
+            if cuts.copies:
+                row["settings"] += f"; varied copies: {kind}"
+            yield {**row, RIGHT: by_trial}
+
+
+def _best_training(
+    one: Input, family: Family, labels: np.ndarray, cuts: Cuts, kinds: Sequence[str]
+) -> tuple[str, Sides, Candidate]:
+    """The best candidate of a family on validation windows, with the varied copies on which it was trained."""
+    found = []
+    for kind in kinds:
+        sides = _sides(one, labels, cuts.with_training(kind))
+        best = best_of(family, sides, 0)
+        found.append((families.accuracy(best, sides.validation, sides.y_validation), kind, sides, best))
+    return max(found, key=lambda each: each[0])[1:]
 
 
 def _sides(one: Input, labels: np.ndarray, cuts: Cuts) -> Sides:

@@ -35,7 +35,7 @@ from neurotact.data.recordings import (
     chosen,
     class_indices,
 )
-from neurotact.data.spikes import SpikeTrains, TrialSpikes
+from neurotact.data.spikes import SpikeTrains, TrialSpikes, Variations
 from neurotact.errors import InputError
 from neurotact.files import check_size, whole
 
@@ -242,8 +242,11 @@ def spike_writer(
     encoder: Any,
     source: str,
     touch_s: float | None = None,
+    variations: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Iterator[SpikeWriter]:
     """Write a spikes file to `path`, whole or not at all: the block appends one trial for each row of `conditions`.
+
+    variations: of the last rows, which are varied copies: the trial of each, and what varies.
 
     >>> import tempfile
     >>> path = Path(tempfile.mkdtemp()) / "spikes.h5"
@@ -267,6 +270,9 @@ def spike_writer(
         if len(writer.trial_steps) != len(conditions):
             raise ValueError(f"{len(writer.trial_steps)} trials were written for {len(conditions)} rows of conditions")
         file["labels"] = class_indices(conditions)
+        if variations is not None:
+            file["variation_of"] = variations[0].astype(np.int64)
+            file["variation_kind"] = np.array(variations[1], dtype="S")
         file["trial_steps"] = np.array(writer.trial_steps, np.int64)
         if all(writer.trial_digests):
             file["trial_digests"] = np.array(writer.trial_digests, dtype="S")
@@ -295,9 +301,13 @@ def _from_here(path: str | Path, source: str) -> str:
 
 def save_spikes(trains: SpikeTrains, path: str | Path) -> None:
     """Write spike trains to `path`, whole or not at all."""
-    about = (trains.conditions, trains.sampling_rate_Hz, trains.afferents, trains.encoder, trains.source)
-    with spike_writer(path, *about, trains.touch_s) as writer:
+    every, copies = trains.with_variations(), trains.variations
+    about = (every.conditions, trains.sampling_rate_Hz, trains.afferents, trains.encoder, trains.source)
+    variation = None if copies is None else (copies.of, copies.kind)
+    with spike_writer(path, *about, trains.touch_s, variation) as writer:
         for trial in trains.trials():
+            writer.append(trial)
+        for trial in copies.trains.trials() if copies else ():
             writer.append(trial)
 
 
@@ -337,7 +347,7 @@ def _spikes(declared: Declared) -> SpikeTrains:
     times = declared.rows("spikes/times", "f")
     units = declared.rows("spikes/units", "iu")
     try:
-        return SpikeTrains(
+        trains = SpikeTrains(
             steps=[_steps(row, rate_Hz) for row in times],
             units=units,
             trial_steps=trial_steps,
@@ -350,8 +360,19 @@ def _spikes(declared: Declared) -> SpikeTrains:
             touch_s=float(attribute(file, "touch_s", path)) if "touch_s" in file.attrs else None,
             trial_touches=tuple(declared.texts("trial_touches")) if "trial_touches" in file else (),
         )
+        return _with_variations(trains, declared) if "variation_of" in file else trains
     except InputError as error:
         raise InputError(f"{path}: {error}; write it again with neurotact encode") from error
+
+
+def _with_variations(trains: SpikeTrains, declared: Declared) -> SpikeTrains:
+    """Trials of a file whose last ones are varied copies of the others."""
+    of, kind = declared.numbers("variation_of"), np.array(declared.texts("variation_kind"))
+    n_trials = len(trains) - len(of)
+    if len(kind) != len(of) or n_trials < 1 or not ((of >= 0) & (of < n_trials)).all():
+        raise InputError("variation_of and variation_kind must name a trial and a kind for each varied copy")
+    copies = Variations(trains.select(np.arange(n_trials, len(trains))), of, kind)
+    return replace(trains.select(np.arange(n_trials)), variations=copies)
 
 
 def _steps(times_s: np.ndarray, rate_Hz: float) -> np.ndarray:

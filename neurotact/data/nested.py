@@ -46,19 +46,20 @@ def turns_of(units: np.ndarray, labels: np.ndarray, rest: np.ndarray) -> list[Tu
     return [turn for turn in (tuple(known[place::n_turns]) for place in range(n_turns)) if can_be_left_out(turn)]
 
 
-def note(columns: Iterable[str], turns: Sequence[Turn]) -> str:
+def note(columns: Iterable[str], turns: Sequence[Turn], *, varied: bool = False) -> str:
     """How validation chooses for a test on other values of some conditions, in one sentence.
 
-    turns: of `turns_of`; none if validation cannot leave out any.
+    turns: of `turns_of`; none if validation cannot leave out any. varied: whether it is on varied copies, too.
 
     >>> note(["speed"], [("speed = 150",), ("speed = 300",)])
     'Validation leaves out one speed of the training trials in turn, as the test does (speed = 150; speed = 300)'
     """
     named = " and ".join(columns)
     if not turns:
+        copies = " and on varied copies of them" if varied else ""
         return (
             f"Validation ranks nothing for this test: training trials have too few values of {named} to leave one out, "
-            "so that it is on trials of the trained ones"
+            f"so that it is on trials of the trained ones{copies}"
         )
     some = "; ".join(" or ".join(turn) for turn in turns[:SHOWN]) + ("; ..." if len(turns) > SHOWN else "")
     what = "one" if all(len(turn) == 1 for turn in turns) else "some values of"

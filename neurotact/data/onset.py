@@ -21,6 +21,8 @@ RISEN = 0.4
 """Share of the largest difference between trials with which the touch begins."""
 LATEST = 1 / 3
 """Share of the shortest trial after which no touch begins: trials that differ ever more from one another drift."""
+ONSET_S, ONSET_DEVIATIONS = 0.01, 6.0
+"""Of `onsets_s`: the average, and the deviations of the rest that contact exceeds."""
 
 
 class ActivityBand(Spec):
@@ -112,6 +114,38 @@ def common_onset_s(trials: Trials) -> float:
     for row, trial in enumerate(chosen):
         features[row] = _features(trials, trial, edges) - reference
     return _begin(features, edges) / trials.sampling_rate_Hz
+
+
+def onsets_s(trials: Trials, rest_s: float) -> np.ndarray:
+    """The onset of contact of each recorded trial in s from its start, `(trial,)`; NaN without one.
+
+    Signals are averaged over bins of 10 ms. A taxel's deviation from its mean over the rest, the first `rest_s`, is
+    counted in standard deviations of the rest. Contact begins with the first bin after the rest in which their root
+    mean square over taxels exceeds 6, far more than noise at rest.
+
+    >>> import pandas as pd
+    >>> from neurotact.data.recordings import Recordings
+    >>> signals = np.random.default_rng(0).normal(0, 0.1, (2, 500, 3))
+    >>> signals[0, 200:] += 5
+    >>> onsets_s(Recordings(signals, 100.0, "mV", pd.DataFrame({"label": ["a", "b"]})), 1.0).tolist()
+    [2.0, nan]
+    """
+    found = np.full(len(trials), np.nan)
+    width = max(1, round(ONSET_S * trials.sampling_rate_Hz))
+    n_rest = int(rest_s * trials.sampling_rate_Hz) // width
+    if n_rest < 2:
+        return found
+    for trial, n_samples in enumerate(trials.lengths.tolist()):
+        n_bins = n_samples // width
+        signal = trials.piece(trial, 0, n_bins * width).astype(np.float64)
+        signal = signal.reshape(n_bins, width, trials.n_channels).mean(axis=1)
+        rest = signal[:n_rest]
+        deviation = np.maximum(rest.std(axis=0), np.finfo(np.float32).eps * np.maximum(1.0, np.abs(rest).max(axis=0)))
+        away = np.sqrt((((signal - rest.mean(axis=0)) / deviation) ** 2).mean(axis=1))
+        above = np.flatnonzero(away[n_rest:] > ONSET_DEVIATIONS)
+        if len(above):
+            found[trial] = (n_rest + above[0]) * width / trials.sampling_rate_Hz
+    return found
 
 
 def common_spike_onset_s(spikes: SpikeTrains) -> float:

@@ -51,6 +51,28 @@ def populations_of(afferents: Sequence[str]) -> dict[str, np.ndarray]:
     return {str(kind): np.flatnonzero(kinds == kind) for kind in dict.fromkeys(kinds.tolist())}
 
 
+class Variations(NamedTuple):
+    """Spikes of varied copies of trials (`data.augmentation`), which training alone may use.
+
+    of: the trial that each is a copy of, `(copy,)` int64. kind: what varies, `(copy,)`.
+    """
+
+    trains: "SpikeTrains"
+    of: np.ndarray
+    kind: np.ndarray
+
+    def rows(self, trials: np.ndarray, kind: str) -> np.ndarray:
+        """The copies of one kind of some trials."""
+        return np.flatnonzero(np.isin(self.of, trials) & (self.kind == kind))
+
+    def select(self, trials: np.ndarray) -> "Variations":
+        """The copies of some trials, which are then counted as in `trials`."""
+        rows = np.flatnonzero(np.isin(self.of, trials))
+        ordered = np.argsort(trials, kind="stable")
+        of = ordered[np.searchsorted(trials, self.of[rows], sorter=ordered)]
+        return Variations(self.trains.select(rows), of, self.kind[rows])
+
+
 @dataclass(frozen=True, eq=False)
 class SpikeTrains:
     """The spikes of every trial.
@@ -65,6 +87,7 @@ class SpikeTrains:
     trial_digests: one digest per trial of the recording (`data.digests`); empty if unknown.
     trial_touches: one name per trial, equal for copies of one touch (`data.copies`); empty if the digests tell.
     touch_s: when the touch begins in the recordings, in s from the start of a trial (`data.onset`); None if unknown.
+    variations: spikes of varied copies of the trials, for training alone; None if there are none.
 
     Raises InputError if the lengths do not match, and for spikes out of order or outside their trial.
 
@@ -86,6 +109,7 @@ class SpikeTrains:
     trial_digests: tuple[str, ...] = ()
     touch_s: float | None = None
     trial_touches: tuple[str, ...] = ()
+    variations: Variations | None = None
 
     def __post_init__(self) -> None:
         check_sampling_rate(self.sampling_rate_Hz, "spikes")
@@ -176,6 +200,23 @@ class SpikeTrains:
             conditions=self.conditions.iloc[index].reset_index(drop=True),
             trial_digests=tuple(self.trial_digests[i] for i in index.tolist()) if self.trial_digests else (),
             trial_touches=tuple(self.trial_touches[i] for i in index.tolist()) if self.trial_touches else (),
+            variations=None if self.variations is None else self.variations.select(index),
+        )
+
+    def with_variations(self) -> "SpikeTrains":
+        """All trials, then all copies, as trials."""
+        if self.variations is None:
+            return self
+        more = self.variations.trains
+        return replace(
+            self,
+            steps=[*self.steps, *more.steps],
+            units=[*self.units, *more.units],
+            trial_steps=np.concatenate([self.trial_steps, more.trial_steps]),
+            conditions=pd.concat([self.conditions, more.conditions], ignore_index=True),
+            trial_digests=(),
+            trial_touches=(),
+            variations=None,
         )
 
     def cut(self, spec: WindowSpec, trials: np.ndarray | None = None) -> Windows:

@@ -1,19 +1,22 @@
 """From recordings to spike trains: unit, conditioning and afferents of one encoder spec."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from neurotact.data import hdf5
+from neurotact.data.augmentation import AugmentationSpec, varied_copies
 from neurotact.data.conditioning import PIECE_VALUES, condition, condition_pieces, conditioned_length, is_long
 from neurotact.data.copies import copies_of, with_touches
 from neurotact.data.digests import recorded_digest
 from neurotact.data.onset import common_onset_s
 from neurotact.data.recordings import Recordings, Trials
-from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials, spikes_of
+from neurotact.data.spikes import SpikeTrains, TrialSpikes, Variations, from_trials, spikes_of
 from neurotact.encoders import firing
 from neurotact.encoders.specs import (
     EncoderSpec,
@@ -43,8 +46,13 @@ class Encoded(NamedTuple):
     clock_Hz: float
 
 
-def encode_recordings(recordings: Trials, spec: EncoderSpec, progress: Progress | None = None) -> SpikeTrains:
-    """Spike trains of whole trials.
+def encode_recordings(
+    recordings: Trials,
+    spec: EncoderSpec,
+    progress: Progress | None = None,
+    augmentation: AugmentationSpec | None = None,
+) -> SpikeTrains:
+    """Spike trains of whole trials; with `augmentation` also of varied copies, for training alone.
 
     progress: called with the number of trials done since its last call.
     Raises InputError if the unit, the sampling rate or the taxels do not fit the spec.
@@ -56,7 +64,17 @@ def encode_recordings(recordings: Trials, spec: EncoderSpec, progress: Progress 
     >>> len(trains), len(trains.afferents), int(trains.trial_steps[0])
     (1, 16, 400)
     """
-    return from_trials(encode_trials(recordings, spec, progress), **_about(recordings, spec))
+    trains = from_trials(encode_trials(recordings, spec, progress), **_about(recordings, spec))
+    if augmentation is None or not augmentation.kinds:
+        return trains
+    of, kind, found = [], [], []
+    for copies in varied_copies(recordings.loaded(), augmentation):
+        found += _encode_blocks(copies.recordings, spec, None)
+        of.append(copies.of)
+        kind += [copies.kind] * len(copies.of)
+    conditions = pd.concat([trains.conditions.iloc[rows] for rows in of], ignore_index=True)
+    made = from_trials(found, **(_about(recordings, spec) | {"conditions": conditions}))
+    return replace(trains, variations=Variations(made, np.concatenate(of), np.array(kind)))
 
 
 def encode_file(recordings: Trials, spec: EncoderSpec, path: str | Path, progress: Progress | None = None) -> Encoded:

@@ -26,7 +26,7 @@ from neurotact.networks.training import cautions, tasks
 from neurotact.networks.training.trained import LOG
 from neurotact.networks.use import ledger
 from neurotact.report import answer as answers
-from neurotact.report import first_screen, periods
+from neurotact.report import first_screen, periods, robustness
 from neurotact.report.answer import Answer, Baseline, Decision, Network, Trials
 from neurotact.report.page import Figure, Table
 from neurotact.studies import suited, sweeps
@@ -284,10 +284,16 @@ def fronts(
         baselines = baselines_of(study, tables, rows.iloc[0].to_dict())
         compare = _comparing(study, folder, done, rows, tables)
         found = answers.answer(networks, baselines, guess, sides.trials, compare)
-        lost = [*answers.gaps(found, likely_cause(study.split)), *answers.where_lost(found, baselines)]
+        split = first_of_splits[0].split
+        lost = [*answers.gaps(found, likely_cause(split)), *answers.where_lost(found, baselines)]
         saved = answers.of_refractory_periods(found, networks)
         felt = as_encoded(study, rows.iloc[0].get("encoder"), trains)
-        words = [*answers.details(found), *_of_encoding(found, felt, study.encoding_in), *saved]
+        words = [
+            *robustness.sentence(tables.get(robustness.REMEDIES), found.best),
+            *answers.details(found),
+            *_of_encoding(found, felt, study.encoding_in),
+            *saved,
+        ]
         standing = [representative(rows, network) for network in networks]
         yield Front(
             str(setting),
@@ -295,7 +301,7 @@ def fronts(
             sides,
             networks,
             standing,
-            untold(study.split, trains),
+            untold(first_of_splits, trains),
             first_screen.figures(found),
             first_screen.chosen(found, networks, baselines),
             words,
@@ -309,11 +315,15 @@ def _either(value: Any) -> str:
     return " or ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
 
 
-def untold(split: SplitSpec, trains: SpikeTrains | None) -> str:
-    """A statement that validation cannot choose for the test, because it cannot leave out a condition; else empty."""
-    if not split.test_where or trains is None or turns_of(trains.conditions, split):
-        return ""
-    return nested.note(split.test_where, ())
+def untold(cells: Sequence[Cell], trains: SpikeTrains | None) -> str:
+    """A statement that validation cannot choose for the test, because it cannot leave out a condition; else empty.
+
+    cells: one per split.
+    """
+    for cell in cells:
+        if cell.split.test_where and trains is not None and not turns_of(trains.conditions, cell.split):
+            return nested.note(cell.split.test_where, (), varied=cell.augmentation is not None)
+    return ""
 
 
 def representative(rows: pd.DataFrame, network: Network) -> int:

@@ -13,7 +13,7 @@ from neurotact.figures.style import Drawn
 from neurotact.files import write_json
 from neurotact.metrics import referee
 from neurotact.networks.use import ledger
-from neurotact.report import details, encoder_choice, front, page, periods, search, selection_steps
+from neurotact.report import details, encoder_choice, front, page, periods, robustness, search, selection_steps
 from neurotact.report.encoding_drawings import encoding_drawings, name_classes, names_of
 from neurotact.report.extra_drawings import extra_drawings
 from neurotact.report.front import Front
@@ -93,7 +93,8 @@ def write(study: StudySpec, folder: Path) -> Path:
     known = (*preparation.BASELINES, preparation.RECONSTRUCTION)
     asked = [name for name in preparation.tables_of(study) if name in known]
     beside = {name.removesuffix(".csv"): read_table(folder / name) for name in asked if (folder / name).is_file()}
-    baselines = beside.get("baselines")
+    baselines, remedies = beside.get("baselines"), extra.get(robustness.REMEDIES)
+    beside |= {} if remedies is None else {robustness.REMEDIES: remedies}
     spent = front.costs_of(study, results, trains)
     found = list(front.fronts(study, folder, done, results.join(spent), trains, beside))
     cautions = front.beware(study, folder, done, found, trains)
@@ -137,6 +138,7 @@ def write(study: StudySpec, folder: Path) -> Path:
         network_heads=[*(NETWORK_COLUMNS | {"pair": f"{periods.head(study)} (ms)"}).values()],
         means=means_table(results.join(spent), study),
         searches=search.table(trials, results, study),
+        conditions=robustness.tables(study, remedies, shown.networks, shown.answer.best),
         baselines=_baselines_table(baselines, study),
         ledger=_ledger_table(costs),
         ledger_about=ledger.ABOUT,

@@ -25,6 +25,7 @@ EXTRA_TABLES = {
     "conditions": "test_every_condition",
     "signals": "signals",
     "same_drive": "same_drive",
+    "remedies": "augmentation",
 }
 """Tables that only some studies have, and the key of a study that requests each."""
 

@@ -1,10 +1,11 @@
 """One cell of a study: train a network on spike trains, then measure the cost of its decisions."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
 
+from neurotact.data.augmentation import AugmentationSpec
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
 from neurotact.files import DRAFT, scratch, whole, write_json
@@ -14,7 +15,7 @@ from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit import truncated
 from neurotact.networks.search import journal, search, search_tables
 from neurotact.networks.search.search_tables import as_cell
-from neurotact.networks.training import fitting, tasks, trained
+from neurotact.networks.training import fitting, robust, tasks, trained
 from neurotact.networks.training.tasks import Task
 from neurotact.networks.training.training import Epoch
 from neurotact.networks.use import measuring
@@ -49,11 +50,24 @@ def run_cell(
     if cell.search is None:
         spec = cell.network
         long = LongTraining(lambda: recipe.resolve(spec, tasks.seen(trains, task)).training.epochs)
-        fitted, sides = fitting.fit(trains, spec, task, cell.seeds, progress=long if tells else None)
+        progress = long if tells else None
+        if cell.augmentation is not None:
+            return _robust(cell, cell.augmentation, trains, spec, progress)
+        fitted, sides = fitting.fit(trains, spec, task, cell.seeds, progress=progress)
         return left_by(cell, trains, fitted, sides, perf_counter() - began)
     with scratch() as empty:
         searched = _search(cell, cell.network, trains, task, kept or empty, device)
     return left_by(cell, trains, searched.fitted, searched.sides, perf_counter() - began, searched)
+
+
+def _robust(cell: Cell, augmentation: AugmentationSpec, trains: SpikeTrains, spec: RSNNSpec, progress: Any) -> Files:
+    """The files of a cell whose varied copies are chosen on validation trials."""
+    began = perf_counter()
+    kinds = robust.candidates(augmentation, trains.conditions, cell.split)
+    tried = [*robust.trainings(trains, spec, task_of(cell), cell.seeds, kinds, progress)]
+    best = robust.best_of(tried)
+    rows = [each.row() | {"chosen": each is best} for each in tried]
+    return left_by(cell, trains, best.fitted, best.sides, perf_counter() - began, task=best.task, remedies=rows)
 
 
 class LongTraining:
@@ -89,10 +103,17 @@ def left_by(
     sides: tasks.Sides,
     seconds: float,
     searched: "Searched | None" = None,
+    task: Task | None = None,
+    remedies: Sequence[dict[str, Any]] = (),
 ) -> Files:
-    """The files of a cell after its network is trained; seconds: the time of the training."""
-    began, task = perf_counter() - seconds, task_of(cell)
+    """The files of a cell after its network is trained; seconds: the time of the training.
+
+    task: on which it was trained, if not `task_of` the cell. remedies: a row for each kind of varied copies.
+    """
+    began, task = perf_counter() - seconds, task or task_of(cell)
     result = measuring.measure(fitted, sides, trains.populations) | _tables(cell, fitted, sides, trains, task)
+    if remedies:
+        result["tables"] = {**result.get("tables", {}), "remedies": [*remedies]}
     trial = copies_of(trains).first[trains.cut(task.window, tasks.trials_of(trains, task).test).trial]
     for decided in ("right", "exit_right"):
         result[decided] = paired.by_trial(trial, result[decided])
@@ -103,6 +124,7 @@ def left_by(
         "seed": cell.seed,
         **result["row"],
         "sops_validation": measuring.mean_sops(fitted.network, sides.validation),
+        **{key: row[key] for row in remedies if row["chosen"] for key in ("augmentation", "accuracy_seen")},
         **(searched.row if searched else {}),
     }
     with scratch() as run:  # the layout of the run folder: paths between its files are the same
@@ -127,6 +149,7 @@ def task_of(cell: Cell) -> Task:
         exit_tolerance=cell.early_exit.tolerance,
         exit_choice=cell.early_exit.choice,
         exit_by=cell.early_exit.by,
+        seen=robust.SEEN if cell.augmentation is not None else 0.0,
     )
 
 

@@ -14,13 +14,15 @@ import pandas as pd
 
 from neurotact.baselines import opponents
 from neurotact.data import doubtful, hdf5
+from neurotact.data.augmentation import UNRANKED, varied_copies
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.copies import copies_of
-from neurotact.data.recordings import Recordings, select_conditions
+from neurotact.data.recordings import Recordings, class_indices, select_conditions
 from neurotact.data.sources import expand, read_recordings, simulator
-from neurotact.data.splits import split_touches, training_touches
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import Split, training_touches
 from neurotact.data.trial_choice import chosen_trials
-from neurotact.data.windows import check_fit
+from neurotact.data.windows import Windows, check_fit
 from neurotact.encoders import regained
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.calibration import CLOCK_HZ, way_of
@@ -32,9 +34,11 @@ from neurotact.encoders.specs import EncoderSpec, t_ref_pair_ms, with_t_refs
 from neurotact.errors import InputError
 from neurotact.files import write_json
 from neurotact.metrics import paired
+from neurotact.networks.training import robust, tasks
 from neurotact.progress import track
 from neurotact.spec import build, digest
 from neurotact.studies import encoded, store
+from neurotact.studies.cell import task_of
 from neurotact.studies.store import DATA
 from neurotact.studies.study import Cell, DatasetSpec, StudySpec, by_split, encoder_columns, split_columns, value_at
 from neurotact.tables import write_table
@@ -135,17 +139,22 @@ def _fitted(
 ) -> Iterator[dict[str, Any]]:
     """Rows of `baselines.csv` on the spikes of one cell, the only spikes in memory; if `is_first`, also on signals."""
     trains, split = hdf5.load_spikes(folder / cell.given), {key: value_at(cell, key) for key in split_columns(study)}
-    parts = split_touches(trains, study.dataset.stratify, cell.split)
-    windows, first = trains.cut(cells[0].window), copies_of(trains).first
+    parts = tasks.trials_of(trains, task_of(cell).model_copy(update={"subset": {}}))
+    every, first = trains.with_variations(), copies_of(trains).first
+    if trains.variations is not None:  # the trial of a varied copy is that of which it is one
+        first = np.concatenate([first, first[trains.variations.of]])
+    windows, labels = every.cut(cells[0].window), class_indices(every.conditions)
+    pieces = _with_copies(recordings, windows, trains, cell) if is_first and trains.variations else ()
     first_ms, second_ms = t_ref_pair_ms(cell.encoder)
     pair = second_ms, first_ms
     for name, where in {cell.dataset: cell.subset for cell in cells}.items():
-        cuts = opponents.cuts_of(recordings.conditions, windows, trains.sampling_rate_Hz, parts, where)
-        of_signals = opponents.signal_inputs(recordings, cuts, study.baselines) if is_first else ()
+        cuts = opponents.cuts_of(every.conditions, windows, trains.sampling_rate_Hz, parts, where)
+        cuts = _with_training(cuts, trains, cell, parts)
+        of_signals = opponents.signal_inputs(recordings, cuts, study.baselines, pieces) if is_first else ()
         counts = {"is_first": is_first, "encoding": study.encoding_in == "processor"}
-        of_spikes = opponents.spike_inputs(trains, pair, cuts, study.baselines, **counts)
+        of_spikes = opponents.spike_inputs(every, pair, cuts, study.baselines, **counts)
         of_spikes = () if study.baselines == "linear" else of_spikes
-        for row in opponents.rows(chain(of_signals, of_spikes), recordings.labels[windows.trial], cuts):
+        for row in opponents.rows(chain(of_signals, of_spikes), labels[windows.trial], cuts):
             is_of_spikes = row["t_ref_ra_ms"] is not None
             encoder = {key: value_at(cell, key) if is_of_spikes else None for key in encoder_columns(study)}
             own = row[opponents.RIGHT].items()
@@ -165,12 +174,43 @@ def _reconstruction_table(
     with track("reconstruction", len(distinct)) as advance:
         for cell in distinct.values():
             trains = hdf5.load_spikes(folder / cell.given)
-            sides = split_touches(trains, study.dataset.stratify, cell.split)
+            sides = tasks.trials_of(trains, task_of(cell).model_copy(update={"subset": {}}))
             found = regained.regained(recordings, trains, sides, start_s=cell.window.start_ms * 1e-3)
             own = {key: value_at(cell, key) for key in keys}
             rows.append({**encoded.periods(cell), **own, **found._asdict()})
             advance(1, "")
     return pd.DataFrame(rows)
+
+
+def _with_copies(recordings: Recordings, windows: Windows, trains: SpikeTrains, cell: Cell) -> list[np.ndarray]:
+    """The samples of each window of the recorded trials, then of those of their varied copies."""
+    assert cell.augmentation is not None
+    of_recorded = windows.trial < len(trains)
+    recorded = Windows(windows.trial[of_recorded], windows.start[of_recorded], windows.n_steps)
+    found = [*opponents.pieces_of(recordings, recorded, trains.sampling_rate_Hz)]
+    before = len(trains)
+    for copies in varied_copies(recordings, cell.augmentation):
+        inside = (windows.trial >= before) & (windows.trial < before + len(copies.of))
+        own = Windows(windows.trial[inside] - before, windows.start[inside], windows.n_steps)
+        found += [piece.copy() for piece in opponents.pieces_of(copies.recordings, own, trains.sampling_rate_Hz)]
+        before += len(copies.of)
+    return found
+
+
+def _with_training(cuts: opponents.Cuts, trains: SpikeTrains, cell: Cell, parts: Split) -> opponents.Cuts:
+    """The cuts with a choice of varied copies to train on, as the networks have it."""
+    if cell.augmentation is None or trains.variations is None:
+        return cuts
+    made, known = {}, np.isin(cuts.windows.trial, cuts.windows.trial[cuts.sides[0]])
+    for kind in robust.candidates(cell.augmentation, trains.conditions, cell.split):
+        rows = trains.variations.rows(parts.train, kind)
+        rows = rows[np.isin(trains.variations.of[rows], cuts.windows.trial[known])]
+        made[kind] = cuts.sides[0] | np.isin(cuts.windows.trial, len(trains) + rows)
+    if [*made] != [UNRANKED]:
+        return cuts._replace(copies=made)
+    rows = trains.variations.rows(parts.validation, UNRANKED)
+    validation = cuts.sides[1] | np.isin(cuts.windows.trial, len(trains) + rows)
+    return cuts._replace(copies=made, sides=(cuts.sides[0], validation, cuts.sides[2]))
 
 
 def _by_source(cells: Iterable[Cell]) -> list[list[Cell]]:
@@ -213,7 +253,8 @@ def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recor
         _check_windows(recordings, cells)
     calibrated: dict[str, EncoderSpec] = {}
     for cell in missing:
-        trains = encode_recordings(recordings, _encoder_of(cell, recordings, calibrated))
+        encoder = _encoder_of(cell, recordings, calibrated)
+        trains = encode_recordings(recordings, encoder, augmentation=cell.augmentation)
         write_table(encoded.encoding_table(trains, cell, study.dataset.stratify), place / f"{cell.spikes_name}.csv")
         hdf5.save_spikes(trains, folder / cell.given)
         store.seal(place, _encoded(cell), made_from)

@@ -15,6 +15,7 @@ from pydantic import Field, field_validator, model_validator
 from neurotact import effects, files, plugins
 from neurotact import spec as specs
 from neurotact.baselines.opponents import Opponents
+from neurotact.data.augmentation import AUTO, NONE, AugmentationSpec
 from neurotact.data.contact import OnsetSpec
 from neurotact.data.sources import expand, simulator
 from neurotact.data.splits import SplitSpec
@@ -202,6 +203,8 @@ class StudySpec(Spec):
     """Each cell searches its network's hyperparameters on its own validation trials; swept ones are not searched."""
     selection: SelectionSpec | None = None
     """Select a network step by step; only the cells of the sweep that a step requests are run."""
+    augmentation: AugmentationSpec | None = None
+    """Varied copies of the training trials, for tests at conditions that no training trial has."""
     training_windows: int | None = Field(default=None, ge=1)
     """Windows of a trial to train and validate on, `window.hop_ms` apart; the same number as for testing if absent."""
     sweep: dict[str, list[Any]]
@@ -297,6 +300,7 @@ class Cell(Spec):
     cut_short_ms: tuple[Milliseconds, ...] = ()
     exit_patiences: tuple[Steps, ...] = ()
     test_every_condition: bool = False
+    augmentation: AugmentationSpec | None = None
     training_windows: int | None = Field(default=None, ge=1)
 
     @property
@@ -318,7 +322,8 @@ class Cell(Spec):
     def spikes_name(self) -> str:
         """The digest of everything that decides the cell's spike trains."""
         parts = {"source", "encoder", "calibrate", "choose_ema"} | ({"split"} if self.calibrate else set())
-        parts |= {name for name in ("spikes_per_s", "conditioned_by", "encoded_ms") if getattr(self, name) is not None}
+        optional = ("spikes_per_s", "augmentation", "conditioned_by", "encoded_ms")
+        parts |= {name for name in optional if getattr(self, name) is not None}
         known = self.subset if self.calibrate and self.test_every_condition else None
         return specs.digest([self.model_dump(mode="json", include=parts), known])
 
@@ -417,7 +422,8 @@ def _suited(
             f"{path}: '{suited.AUTO}' is chosen from a file of recordings; name one with `data` or dataset.file"
         )
     clock_Hz = study.encoder.conditioning.resample_Hz
-    recorded = suited.look(expand(study.dataset.file), clock_Hz, study.dataset.choice)
+    is_of_others = bool(suited.untrained_conditions(table))
+    recorded = suited.look(expand(study.dataset.file), clock_Hz, study.dataset.choice, onsets=is_of_others)
     table, notes = suited.suit(table, recorded, left, given, split=study.split)
     return {**table, "notes": [*study.notes, *notes, *suited.clock(recorded, clock_Hz, exact=is_exact(study.encoder))]}
 
@@ -440,6 +446,7 @@ def cells(study: StudySpec) -> Iterator[Cell]:
         "choose_ema": study.calibrate and study.choose_ema,
         **{name: getattr(study, name) for name in ("training_windows", *MEASURES)},
         **({} if study.spikes_per_s is None else {"spikes_per_s": study.spikes_per_s}),
+        **({} if study.augmentation is None else {"augmentation": _whole(study.augmentation)}),
     }
     for point in sweeps.points(study.sweep):
         chosen = {"dataset": next(iter(study.dataset.subsets)), **point}
@@ -455,9 +462,17 @@ def cells(study: StudySpec) -> Iterator[Cell]:
         if study.calibrate:
             chosen |= calibrated.start(point)
         cell = specs.build(Cell, specs.override(base, chosen), source=f"sweep of {study.title}")
+        cell = _augmented(cell)
         cell = cell.model_copy(update={"encoded_ms": None if study.past_windows else _reach_ms(cell)})
         _check_source(cell, study)
         yield cell
+
+
+def _augmented(cell: Cell) -> Cell:
+    """The cell without the varied copies that it does not need: `auto` needs a test on other conditions."""
+    kind = None if cell.augmentation is None else cell.augmentation.kind
+    is_idle = kind == NONE or (kind == AUTO and not cell.split.test_where)
+    return cell.model_copy(update={"augmentation": None}) if is_idle else cell
 
 
 def _reach_ms(cell: Cell) -> float | None:
@@ -466,7 +481,8 @@ def _reach_ms(cell: Cell) -> float | None:
     if cell.network is None or window.per_trial is None or window.align != "trial":
         return None
     later = max(window.per_trial, cell.training_windows or 1) - 1
-    return window.start_ms + window.length_ms + later * (window.hop_ms or window.length_ms)
+    end_ms = window.start_ms + window.length_ms + later * (window.hop_ms or window.length_ms)
+    return end_ms if cell.augmentation is None else cell.augmentation.reach_ms(end_ms)
 
 
 def _void_keys(cell: Cell) -> dict[str, str]:

@@ -6,7 +6,7 @@ values and, in `notes`, the reasons.
 """
 
 import os
-from collections.abc import Mapping, Set
+from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,13 +15,15 @@ import pandas as pd
 
 from neurotact import files
 from neurotact.data import hdf5, nested
+from neurotact.data.augmentation import AUTO as ANY_KIND
+from neurotact.data.augmentation import NONE, UNRANKED, AugmentationSpec, in_words
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.copies import copies_of
-from neurotact.data.onset import common_onset_s
+from neurotact.data.onset import common_onset_s, onsets_s
 from neurotact.data.recordings import LABEL
 from neurotact.data.splits import SplitSpec, turns_of
 from neurotact.data.trial_choice import EVERY, TrialChoice, chosen_trials
-from neurotact.data.window_choice import Timing, Words, choose
+from neurotact.data.window_choice import FOUND, LATE, RESTS, Timing, Words, choose
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.calibration import CLOCK_HZ
 from neurotact.errors import InputError
@@ -43,6 +45,12 @@ WORDS = Words(
 )
 """How the keys of a window are given to a study."""
 WINDOW, SEED = "window.", "sweep.seed"
+SWEPT, TESTED = "sweep.", "split.test_where."
+FEWER: dict[str, list[Any]] = {
+    "network.hidden": [50],
+    "encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [5, 5], [10, 10]],
+}
+"""What is swept where each network is trained with several kinds of varied copies."""
 CHOICE = ("dataset.where", "dataset.leave_out")
 """The keys of the trials that a study uses."""
 
@@ -55,13 +63,15 @@ class Recorded(NamedTuple):
     """The properties of recordings that the rules use.
 
     timing: of the trials, on the clock of their windows. rarest: number of trials of the smallest class, without
-    copies. conditions: of the trials.
+    copies. conditions: of the trials. onsets_s: of contact, from the start of each trial; NaN without one, None if not
+    looked for.
     """
 
     timing: Timing
     sampling_rate_Hz: float
     rarest: int = 0
     conditions: pd.DataFrame = pd.DataFrame()
+    onsets_s: np.ndarray | None = None
 
 
 def table_of(path: Path) -> dict[str, Any]:
@@ -126,11 +136,99 @@ def suit(
     notes = []
     if "window" in left - given.keys():
         chosen, notes = window(recorded.timing, given)
+        is_placed = any(f"{WINDOW}{key}" in given for key in ("align", "start_ms"))
+        aligned = None if is_placed else from_onset(recorded, chosen, given)
+        chosen, notes = aligned or (chosen, notes)
         table = {**table, "window": override(chosen, _of_window(given))}
+    if "augmentation" in table and (columns := untrained_conditions(table)):
+        table, note = _for_remedies(table, recorded, given, columns)
+        notes += note
     if SEED in left:
         table, note = _with_seeds(table, recorded, given, split=split)
         notes += [] if {"seed", SEED} & given.keys() else [note]
     return table, notes
+
+
+def untrained_conditions(table: Mapping[str, Any]) -> list[str]:
+    """The conditions whose values a study tests and does not train on.
+
+    >>> untrained_conditions({"sweep": {"split.test_where.speed": [150, 300]}})
+    ['speed']
+    """
+    split = table.get("split")
+    fixed = split.get("test_where") if isinstance(split, Mapping) else None
+    swept = [key.removeprefix(TESTED) for key in table.get("sweep", {}) if key.startswith(TESTED)]
+    return [*(fixed or {}), *swept]
+
+
+def from_onset(
+    recorded: Recorded, chosen: Mapping[str, Any], given: Mapping[str, Any]
+) -> tuple[dict[str, Any], list[str]] | None:
+    """Windows from the onset of contact, where touches begin at different times; None where they do not.
+
+    chosen: the keys of windows at a fixed time. At another speed a touch begins at another time, so a study that tests
+    conditions that it does not train on uses this rule.
+    """
+    onsets_s, touch_s = recorded.onsets_s, recorded.timing.touch_s
+    if onsets_s is None or np.isnan(onsets_s).mean() > 1 - FOUND:
+        return None
+    begin_s = np.nan_to_num(onsets_s)
+    middle_s = 1e-3 * (chosen.get("start_ms", 0.0) + chosen["length_ms"] / 2)
+    n_late = int((begin_s > middle_s).sum())
+    if n_late <= LATE * len(begin_s):
+        return None
+    durations_s = recorded.timing.durations_s
+    left_s = durations_s - begin_s
+    least_s = float(np.quantile(left_s, LATE, method="lower"))
+    timing = Timing(np.minimum(np.maximum(left_s, least_s), durations_s), recorded.timing.clock_Hz, from_onset=True)
+    table, notes = window(timing, {**given, f"{WINDOW}per_trial": 1})
+    note = (
+        f"Windows start at the onset of contact: touches begin at different times, in {n_late} of {len(begin_s)} "
+        "trials after the middle of a window at a fixed time, and at other conditions at others; "
+        "for a fixed time: `settings={'window.align': 'trial'}`."
+    )
+    rest_ms = float(np.floor(RESTS * 1e3 * touch_s))
+    return {**table, "align": "onset", "onset": {"rest_ms": rest_ms}}, [*notes, note]
+
+
+def _for_remedies(
+    table: dict[str, Any], recorded: Recorded, given: Mapping[str, Any], columns: Sequence[str]
+) -> tuple[dict[str, Any], list[str]]:
+    """A study that trains on varied copies, too, with fewer periods and sizes: each takes several trainings."""
+    augmentation = build(AugmentationSpec, table["augmentation"], source="augmentation")
+    if augmentation.kind == NONE:
+        return table, []
+    sweep, fewer = {**table["sweep"]}, []
+    for key, values in FEWER.items():
+        if key in sweep and len(sweep[key]) > len(values) and f"{SWEPT}{key}" not in given:
+            sweep[key], fewer = values, [*fewer, key]
+    names = " and ".join(columns)
+    if augmentation.kind != ANY_KIND:
+        what = f"also on copies {in_words(augmentation.kind, augmentation)}"
+    elif _can_rank(recorded, table, columns):
+        what = (
+            f"also on copies played up to {augmentation.time_factor:g} times faster or slower, or scaled up to "
+            f"{augmentation.gain_factor:g} times, or both, where that is best on validation trials of another {names}"
+        )
+    else:
+        what = (
+            f"also on copies {in_words(UNRANKED, augmentation)}, since training trials have too few values of {names} "
+            "to choose"
+        )
+    note = f"Training: on the recorded trials and {what}; without copies: `settings={{'augmentation.kind': 'none'}}`."
+    less = " Fewer sizes and refractory periods are trained, because of that." if fewer else ""
+    return {**table, "sweep": sweep}, [note + less]
+
+
+def _can_rank(recorded: Recorded, table: Mapping[str, Any], columns: Sequence[str]) -> bool:
+    """Whether validation can leave out a value of the tested conditions, whichever of them is tested."""
+    split = table.get("split") or {}
+    tests = [dict(split.get("test_where") or {})]
+    for column in columns:
+        values = table["sweep"].get(f"{TESTED}{column}")
+        tests = tests if values is None else [{**test, column: value} for test in tests for value in values]
+    specs = (build(SplitSpec, {**split, "test_where": test}, source="split") for test in tests)
+    return all(turns_of(recorded.conditions, spec) for spec in specs)
 
 
 def file_of(data: str | Path) -> Path:
@@ -150,7 +248,9 @@ def note_of(choice: TrialChoice) -> str | None:
     return f"Trials: {choice}." if choice else None
 
 
-def look(path: str | Path, clock_Hz: float | None = None, choice: TrialChoice = EVERY) -> Recorded:
+def look(
+    path: str | Path, clock_Hz: float | None = None, choice: TrialChoice = EVERY, *, onsets: bool = False
+) -> Recorded:
     """The properties of the chosen trials in a file of recordings, with trial durations on a clock.
 
     clock_Hz: of the encoder; if absent, the sampling rate of the recordings, but at least the clock of calibration.
@@ -167,9 +267,10 @@ def look(path: str | Path, clock_Hz: float | None = None, choice: TrialChoice = 
         n_steps = [conditioned_length(n_samples, rate_Hz, on_Hz) for n_samples in stored.lengths.tolist()]
         distinct = np.unique(copies_of(stored).first)
         rarest = int(stored.conditions[LABEL].iloc[distinct].value_counts().min())
-        return Recorded(
-            Timing(np.array(n_steps) / on_Hz, on_Hz, common_onset_s(stored)), rate_Hz, rarest, stored.conditions
-        )
+        touch_s = common_onset_s(stored)
+        begin_s = onsets_s(stored, RESTS * touch_s) if onsets else None
+        timing = Timing(np.array(n_steps) / on_Hz, on_Hz, touch_s)
+        return Recorded(timing, rate_Hz, rarest, stored.conditions, begin_s)
 
 
 def window(timing: Timing, given: Mapping[str, Any] = {}) -> tuple[dict[str, Any], list[str]]:

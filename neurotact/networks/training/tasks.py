@@ -10,9 +10,11 @@ import torch
 from pydantic import Field
 
 from neurotact.data import hdf5
+from neurotact.data.augmentation import NONE
+from neurotact.data.copies import copies_of
 from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import Split, SplitSpec, split_touches
+from neurotact.data.splits import Split, SplitSpec, hold_out, split_touches
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_trials
 from neurotact.data.window_choice import Words, suited_window
 from neurotact.data.windows import Windows, WindowSpec
@@ -42,6 +44,12 @@ class Task(Spec):
     exit_choice: Literal["least", "steady"] = "least"
     """least: the least patience within the tolerance on validation windows, as in the texture paper's studies. steady:
     the patience from which on all are within it, on validation windows, and on these and training windows together."""
+    augmentation: str = NONE
+    """Which varied copies of training trials are trained on, too: their kind, or `none`."""
+    varied_validation: bool = False
+    """Whether validation is on these copies of validation trials, too: where it cannot leave out a condition."""
+    seen: float = Field(default=0.0, ge=0, lt=1)
+    """Share of the training trials that are kept for a test at the conditions of training."""
     exit_by: ExitBy = "stability"
     """stability: a window exits when its leading class is unchanged for a patience. margin: when this class leads by a
     margin, which is chosen instead of the patience."""
@@ -103,8 +111,32 @@ def sides_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sid
     split: replaces the split that the task draws.
     """
     sides = trials_of(trains, task, split)
-    windows = task.training_window, task.training_window, task.window
-    return Sides(*(examples_of(trains, *each)[0] for each in zip(sides, windows, strict=True)))
+    train = _with_copies(trains, task, sides.train)
+    if task.varied_validation:
+        validation = _with_copies(trains, task, sides.validation)
+    else:
+        validation, _ = examples_of(trains, sides.validation, task.training_window)
+    return Sides(train, validation, examples_of(trains, sides.test, task.window)[0])
+
+
+def seen_side(trains: SpikeTrains, task: Task) -> Examples | None:
+    """The windows that test the conditions of training; None if the task keeps none."""
+    every = trials_of(trains, task.model_copy(update={"seen": 0.0})).train
+    kept = np.setdiff1d(every, trials_of(trains, task).train)
+    return examples_of(trains, kept, task.window)[0] if len(kept) else None
+
+
+def _with_copies(trains: SpikeTrains, task: Task, trials: np.ndarray) -> Examples:
+    """The windows of some trials for training or validation, and of their varied copies."""
+    recorded, _ = examples_of(trains, trials, task.training_window)
+    if task.augmentation == NONE:
+        return recorded
+    if trains.variations is None:
+        raise InputError(f"spikes: hold no varied copies, and training asks for '{task.augmentation}'; encode them")
+    rows = trains.variations.rows(trials, task.augmentation)
+    varied, windows = examples_of(trains.variations.trains, rows, task.training_window)
+    labels = torch.from_numpy(trains.labels[trains.variations.of[windows.trial]])
+    return Examples(torch.cat([recorded.spikes, varied.spikes]), torch.cat([recorded.labels, labels]))
 
 
 def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Split:
@@ -115,6 +147,9 @@ def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sp
     inside = np.flatnonzero(select_conditions(trains.conditions, task.subset))
     split = split or split_touches(trains, task.stratify, task.split)
     sides = Split(*(np.intersect1d(side, inside) for side in split))
+    if task.seen:
+        kept = _kept(trains, sides.train, task)
+        sides = sides._replace(train=np.setdiff1d(sides.train, kept))
     empty = [name for name, side in zip(SIDES, sides, strict=True) if not len(side)]
     if empty:
         raise InputError(f"split: no {empty[0]} trial is left within the subset {task.subset}; split otherwise")
@@ -127,6 +162,24 @@ def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sp
     return sides
 
 
+def _kept(trains: SpikeTrains, train: np.ndarray, task: Task) -> np.ndarray:
+    """The training trials that are kept for a test at the conditions of training; none if a class has too few."""
+    try:
+        return train[hold_out(trains.labels[train], task.seen, task.split.seed, _among(copies_of(trains).first, train))]
+    except InputError:
+        return train[:0]
+
+
+def _among(first: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """Of each chosen trial the place of its first copy among them.
+
+    >>> _among(np.array([0, 1, 1, 3]), np.array([1, 2, 3])).tolist()
+    [0, 0, 2]
+    """
+    _, place, which = np.unique(first[chosen], return_index=True, return_inverse=True)
+    return place[which]
+
+
 def examples_of(trains: SpikeTrains, trials: np.ndarray, window: WindowSpec) -> tuple[Examples, Windows]:
     """The windows of some trials, with the classes of all trials; the windows refer to trials of `trains`."""
     windows = trains.cut(window, trials)
@@ -136,7 +189,7 @@ def examples_of(trains: SpikeTrains, trials: np.ndarray, window: WindowSpec) -> 
 
 def seen(trains: SpikeTrains, task: Task) -> recipe.Seen:
     """The properties of the training windows that a recipe uses."""
-    training, _ = examples_of(trains, trials_of(trains, task).train, task.training_window)
+    training = _with_copies(trains, task, trials_of(trains, task).train)
     return recipe.Seen.of(training.spikes, trains.sampling_rate_Hz)
 
 

@@ -1,0 +1,214 @@
+"""Varied copies of recorded trials, from which a network learns what does not depend on speed, force or start.
+
+A copy is the signal of a training trial, played faster or slower (another speed), scaled from its rest (another force)
+or begun later (another start), and encoded like any recording. Sources: window warping (Le Guennec, Malinowski and
+Tavenard 2016) and magnitude scaling (Um et al. 2017, doi 10.1145/3136755.3136817).
+"""
+
+from collections.abc import Iterator
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+import pandas as pd
+from pydantic import Field, field_validator
+
+from neurotact.data.onset import common_onset_s, evenly
+from neurotact.data.recordings import Recordings
+from neurotact.errors import InputError
+from neurotact.spec import Spec
+
+Part = Literal["time", "gain", "start"]
+NONE, AUTO, JOIN = "none", "auto", "+"
+CANDIDATES = (NONE, "time", "gain", "time+gain")
+"""What `auto` chooses among, on validation trials of a condition that is not trained on."""
+UNRANKED = CANDIDATES[-1]
+"""What `auto` takes where validation cannot leave out a condition."""
+RESTS = 0.8
+"""Share of the time before the touch whose mean is the rest of a trial."""
+BEGIN_S = 0.05
+
+
+class AugmentationSpec(Spec):
+    """Varied copies of the training trials."""
+
+    kind: str = AUTO
+    """What varies: `time`, `gain` and `start`, joined by `+`; `none`: no copies; `auto`: where the test is on other
+    conditions, none, time, gain or time+gain, whichever is best on validation trials of another condition."""
+    copies: int = Field(default=3, ge=1, le=20)
+    """Copies of each training trial."""
+    time_factor: float = Field(default=2.0, gt=1, le=10)
+    """A copy is played up to this many times faster or slower; the logarithm is uniform."""
+    gain_factor: float = Field(default=2.0, gt=1, le=10)
+    """The deviation of its signals from rest is up to this many times larger or smaller; the logarithm is uniform."""
+    shift_ms: float = Field(default=200.0, gt=0)
+    """A copy begins up to this much later."""
+    seed: int = Field(default=0, ge=0)
+    """Random seed of the copies."""
+
+    @field_validator("kind")
+    @classmethod
+    def _is_known(cls, kind: str) -> str:
+        if kind in (NONE, AUTO):
+            return kind
+        parts, known = kind.split(JOIN), get_args(Part)
+        if parts != [part for part in known if part in parts]:
+            raise ValueError(f"must be none, auto, or some of {', '.join(known)} in this order, as in time+gain")
+        return kind
+
+    def reach_ms(self, end_ms: float) -> float:
+        """How much of a trial the copies need that last `end_ms`.
+
+        >>> AugmentationSpec(kind="time+start").reach_ms(500.0), AugmentationSpec(kind="gain").reach_ms(500.0)
+        (1200.0, 500.0)
+        """
+        parts = {part for kind in self.kinds for part in kind.split(JOIN)}
+        faster = self.time_factor if "time" in parts else 1.0
+        return faster * end_ms + (self.shift_ms if "start" in parts else 0.0)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds of copies that are needed; those that `auto` may choose."""
+        return CANDIDATES[1:] if self.kind == AUTO else () if self.kind == NONE else (self.kind,)
+
+
+def in_words(kind: str, spec: AugmentationSpec) -> str:
+    """What varies in the copies, with the factors.
+
+    >>> in_words("time+gain", AugmentationSpec())
+    'played up to 2 times faster or slower, and scaled up to 2 times'
+    """
+    words = {
+        "time": f"played up to {spec.time_factor:g} times faster or slower",
+        "gain": f"scaled up to {spec.gain_factor:g} times",
+        "start": f"begun up to {spec.shift_ms:g} ms later",
+    }
+    return ", and ".join(words[part] for part in kind.split(JOIN))
+
+
+BLOCK_VALUES = 16_000_000
+"""Values of the copies that are in memory at once."""
+
+
+class VariedCopies(NamedTuple):
+    """Varied copies of one kind, of some trials; of: the trial that each is a copy of, `(copy,)` int64."""
+
+    kind: str
+    recordings: Recordings
+    of: np.ndarray
+
+
+def varied_copies(recordings: Recordings, spec: AugmentationSpec) -> Iterator[VariedCopies]:
+    """The copies of each kind that a spec needs, a block of trials at a time, in their order.
+
+    The same trials and spec give the same copies.
+
+    A copy is at least as long as its trial: one that is played faster goes on backwards from its end, where a touch is
+    over and a slide goes on.
+
+    >>> touches = Recordings([np.arange(8.0)[:, None]], 100.0, "mV", pd.DataFrame({"label": ["felt"]}))
+    >>> [(each.kind, len(each.recordings)) for each in varied_copies(touches, AugmentationSpec(copies=2))]
+    [('time', 2), ('gain', 2), ('time+gain', 2)]
+    """
+    rest = _Rest.of(recordings)
+    longest = max(1, int(recordings.lengths.max()) * recordings.n_channels * spec.copies)
+    at_once = max(1, BLOCK_VALUES // longest)
+    for kind in spec.kinds:
+        for first in range(0, len(recordings), at_once):
+            block = np.arange(first, min(first + at_once, len(recordings)))
+            yield _block(recordings, block, kind, spec, rest)
+
+
+def augment(recordings: Recordings, spec: AugmentationSpec) -> Recordings:
+    """The recorded trials, then their copies of one kind; the condition `copy_of` counts the trial of each copy.
+
+    Trials that are no copies have -1 there.
+    """
+    if spec.kind == AUTO:
+        raise InputError("augmentation.kind: 'auto' is chosen while a network is trained; name what varies")
+    of = np.full(len(recordings), -1)
+    signals, conditions = [*recordings.signals], recordings.conditions
+    for copies in varied_copies(recordings, spec):
+        of = np.concatenate([of, copies.of])
+        signals += [*copies.recordings.signals]
+        conditions = pd.concat([conditions, copies.recordings.conditions], ignore_index=True)
+    about = recordings.unit, conditions.assign(copy_of=of), recordings.channels, recordings.source
+    return Recordings(signals, recordings.sampling_rate_Hz, *about)
+
+
+def _block(
+    recordings: Recordings, trials: np.ndarray, kind: str, spec: AugmentationSpec, rest: "_Rest"
+) -> VariedCopies:
+    """The copies of some trials."""
+    rate_Hz, signals = recordings.sampling_rate_Hz, []
+    for trial in trials.tolist():
+        for copy in range(spec.copies):
+            rng = np.random.default_rng([spec.seed, trial, copy])
+            signals.append(_copy(recordings.signals[trial], rate_Hz, kind, spec, rest, rng))
+    of = np.repeat(trials, spec.copies)
+    conditions = recordings.conditions.iloc[of].reset_index(drop=True)
+    about = recordings.unit, conditions, recordings.channels, recordings.source
+    return VariedCopies(kind, Recordings(signals, rate_Hz, *about), of)
+
+
+def _copy(
+    signal: np.ndarray, rate_Hz: float, kind: str, spec: AugmentationSpec, rest: "_Rest", rng: np.random.Generator
+) -> np.ndarray:
+    parts = kind.split(JOIN)
+    speed = _factor(spec.time_factor, rng)  # always drawn, so that kinds differ only in what varies
+    gain = _factor(spec.gain_factor, rng)
+    shift = rng.uniform(0, 1e-3 * spec.shift_ms * rate_Hz)
+    varied = signal
+    if "gain" in parts:
+        level = rest.level(signal)
+        varied = level + gain * (signal - level)
+    if "time" in parts or "start" in parts:
+        varied = played(varied, speed if "time" in parts else 1.0, shift if "start" in parts else 0.0)
+    return varied.astype(np.float32)
+
+
+class _Rest(NamedTuple):
+    """The rest of a sensor, about which signals are scaled.
+
+    n_samples: of each trial before the touch; 0 if trials begin with it. begin: the mean of each taxel at the beginning
+    of trials, `(channel,)`, which stands for the rest where trials have none.
+    """
+
+    n_samples: int
+    begin: np.ndarray
+
+    @classmethod
+    def of(cls, recordings: Recordings) -> "_Rest":
+        n_begin = max(1, int(BEGIN_S * recordings.sampling_rate_Hz))
+        chosen = evenly(len(recordings)).tolist()
+        begin = np.mean(
+            [recordings.signals[trial][:n_begin].mean(axis=0, dtype=np.float64) for trial in chosen], axis=0
+        )
+        return cls(int(RESTS * common_onset_s(recordings) * recordings.sampling_rate_Hz), begin)
+
+    def level(self, signal: np.ndarray) -> np.ndarray:
+        """The rest of one trial `(time, channel)`, `(channel,)`."""
+        return signal[: self.n_samples].mean(axis=0, dtype=np.float64) if self.n_samples else self.begin
+
+
+def _factor(most: float, rng: np.random.Generator) -> float:
+    return float(most ** rng.uniform(-1, 1))
+
+
+def played(signal: np.ndarray, speed: float, first: float = 0.0) -> np.ndarray:
+    """A signal `(time, channel)` played `speed` times as fast from sample `first` on, with linear interpolation.
+
+    It is at least as long as before; after its last sample it goes back.
+
+    >>> played(np.array([[0.0], [1.0], [2.0], [3.0]]), 2.0).ravel().tolist()
+    [0.0, 2.0, 2.0, 0.0]
+    >>> played(np.array([[0.0], [1.0]]), 0.5).ravel().tolist()
+    [0.0, 0.5, 1.0, 0.5]
+    """
+    n = len(signal)
+    if n == 1:
+        return np.asarray(signal, np.float64)
+    place = first + speed * np.arange(max(n, round(n / speed)))
+    place = (n - 1) - np.abs((n - 1) - place % (2 * (n - 1)))
+    before = np.minimum(place.astype(np.int64), n - 2)
+    share = (place - before)[:, None]
+    return signal[before] * (1 - share) + signal[before + 1] * share

@@ -1,0 +1,82 @@
+"""Training for conditions that no training trial has: which varied copies help is chosen on validation trials."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from neurotact.data.augmentation import AUTO, CANDIDATES, UNRANKED, AugmentationSpec
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import SplitSpec, turns_of
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.training import fitting, tasks
+from neurotact.networks.training.fitting import Trained
+from neurotact.networks.training.tasks import Sides, Task
+from neurotact.networks.use import measuring
+
+SEEN = 0.15
+"""Share of the training trials that are kept for a test at the conditions of training."""
+
+
+class Tried(NamedTuple):
+    """A training with one kind of varied copies; seen: its accuracy at conditions of training, None if unknown."""
+
+    task: Task
+    fitted: Trained
+    sides: Sides
+    seen: float | None
+
+    @property
+    def validation(self) -> float:
+        """The accuracy on validation windows, which chooses."""
+        return self.fitted.training.best.validation_accuracy
+
+    def row(self) -> dict[str, Any]:
+        """A row of `remedies.csv`."""
+        network, test = self.fitted.network, self.sides.test
+        found = network.infer(test.spikes)
+        return {
+            "augmentation": self.task.augmentation,
+            "accuracy_validation": self.validation,
+            "accuracy_seen": self.seen,
+            "accuracy_test": measuring.accuracy_of(found, test),
+            "sops_total": float(measuring.synops_of(found, network).total.mean()),
+            "n_train": len(self.sides.train.labels),
+        }
+
+
+def candidates(augmentation: AugmentationSpec, conditions: pd.DataFrame, split: SplitSpec) -> tuple[str, ...]:
+    """The kinds of copies to train with: those that `auto` chooses among, if validation can choose.
+
+    >>> table = pd.DataFrame({"label": ["felt", "silk"] * 4, "speed": [150, 150, 300, 300] * 2})
+    >>> candidates(AugmentationSpec(), table, SplitSpec(test_where={"speed": 300}))
+    ('time+gain',)
+    """
+    if augmentation.kind != AUTO:
+        return (augmentation.kind,)
+    return CANDIDATES if turns_of(conditions, split) else (UNRANKED,)
+
+
+def trainings(
+    trains: SpikeTrains,
+    spec: RSNNSpec,
+    task: Task,
+    seeds: tuple[int, int],
+    kinds: tuple[str, ...],
+    progress: Any = None,
+) -> Iterator[Tried]:
+    """A training with each kind of varied copies, all from the same initial weights.
+
+    A single kind was not chosen on validation trials of another condition; these then vary as training trials do.
+    """
+    for kind in kinds:
+        own = task.model_copy(update={"augmentation": kind, "varied_validation": kinds == (UNRANKED,)})
+        fitted, sides = fitting.fit(trains, spec, own, seeds, progress=progress)
+        seen = tasks.seen_side(trains, own)
+        spikes = None if seen is None else fitted.network.infer(seen.spikes)
+        yield Tried(own, fitted, sides, None if seen is None or spikes is None else measuring.accuracy_of(spikes, seen))
+
+
+def best_of(tried: Sequence[Tried]) -> Tried:
+    """The training with the highest accuracy on validation windows; of equal ones the first."""
+    return max(tried, key=lambda one: one.validation)

@@ -1,0 +1,147 @@
+"""Varied copies: what varies, what stays, and that they follow their trial."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from neurotact.data import hdf5
+from neurotact.data.augmentation import AUTO, CANDIDATES, AugmentationSpec, augment, played, varied_copies
+from neurotact.data.recordings import Recordings
+from neurotact.encoders import specs
+from neurotact.encoders.encoding import encode_recordings
+from neurotact.errors import InputError
+from neurotact.spec import build
+
+RATE_HZ = 200.0
+CLOCK = {"conditioning.resample_Hz": 1000.0}
+
+
+def touches(n_trials=6, n_samples=80, rest=0, offset=0.0):
+    rng = np.random.default_rng(0)
+    signals = offset + rng.normal(0, 0.05, (n_trials, n_samples, 2))
+    signals[:, rest:] += rng.normal(0, 3, (n_trials, 1, 2)) * np.cos(np.arange(n_samples - rest) / 5)[:, None]
+    return Recordings(signals, RATE_HZ, "mV", pd.DataFrame({"label": ["felt", "silk"] * (n_trials // 2)}))
+
+
+def copies(recordings, **keys):
+    return {each.kind: each for each in varied_copies(recordings, AugmentationSpec(**keys))}
+
+
+@given(
+    speed=st.floats(0.1, 10), n=st.integers(2, 60), first=st.floats(0, 100), seed=st.integers(0, 9)
+)  # fmt: skip
+def test_a_played_signal_stays_within_its_values_and_is_never_shorter(speed, n, first, seed):
+    signal = np.random.default_rng(seed).normal(size=(n, 2))
+    found = played(signal, speed, first)
+    assert len(found) == max(n, round(n / speed))
+    assert (found <= signal.max(axis=0) + 1e-12).all()
+    assert (found >= signal.min(axis=0) - 1e-12).all()
+
+
+@given(n=st.integers(2, 60), shift=st.integers(0, 20))
+def test_at_its_own_speed_a_signal_is_itself(n, shift):
+    signal = np.random.default_rng(n).normal(size=(n, 1))
+    np.testing.assert_array_equal(played(signal, 1.0), signal)
+    left = max(0, n - shift)
+    np.testing.assert_allclose(played(signal, 1.0, float(shift))[:left], signal[n - left :], atol=1e-12)
+
+
+@given(speed=st.floats(0.2, 5), frequency=st.floats(0.005, 0.02))
+def test_a_tone_is_as_many_times_faster(speed, frequency):
+    n = 400
+    tone = np.sin(2 * np.pi * frequency * np.arange(n))[:, None]
+    found = played(tone, speed)
+    forward = np.arange(min(len(found), int((n - 1) / speed)))
+    np.testing.assert_allclose(found[forward, 0], np.sin(2 * np.pi * frequency * speed * forward), atol=0.01)
+
+
+def test_copies_vary_in_what_their_kind_says_and_share_their_factors():
+    recordings = touches()
+    found = copies(recordings, copies=2)
+    assert list(found) == list(CANDIDATES[1:])
+    for kind, each in found.items():
+        assert each.of.tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5]
+        for signal, trial in zip(each.recordings.signals, each.of, strict=True):
+            own = recordings.signals[trial]
+            assert len(signal) >= len(own)
+            if kind == "gain":
+                level = np.mean([one[:10].mean(axis=0) for one in recordings.signals], axis=0)
+                factor = np.linalg.norm(signal - level) / np.linalg.norm(own - level)
+                assert 0.5 <= factor <= 2
+                np.testing.assert_allclose(signal - level, factor * (own - level), atol=1e-4)
+    both, gain = found["time+gain"].recordings.signals, found["gain"].recordings.signals
+    for one, other in zip(both, gain, strict=True):  # scaled alike, then played at another speed
+        assert one.max() <= other.max() + 1e-4
+        assert one.min() >= other.min() - 1e-4
+
+
+def test_gain_is_about_the_rest_before_the_touch():
+    recordings = touches(rest=20, offset=1820.0)
+    for each, trial in zip(
+        *(lambda found: (found.recordings.signals, found.of))(copies(recordings)["gain"]), strict=True
+    ):
+        assert abs(each[:15].mean() - recordings.signals[trial][:15].mean()) < 0.1
+
+
+def test_blocks_do_not_change_copies(monkeypatch):
+    recordings, spec = touches(), AugmentationSpec(kind="time+gain")
+    (whole,) = varied_copies(recordings, spec)
+    monkeypatch.setattr("neurotact.data.augmentation.BLOCK_VALUES", 1)
+    parts = list(varied_copies(recordings, spec))
+    assert len(parts) == len(recordings)
+    assert np.concatenate([part.of for part in parts]).tolist() == whole.of.tolist()
+    signals = [signal for part in parts for signal in part.recordings.signals]
+    for one, other in zip(signals, whole.recordings.signals, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_augmented_recordings_name_the_trial_of_each_copy():
+    found = augment(touches(), AugmentationSpec(kind="time", copies=2))
+    assert found.conditions["copy_of"].tolist() == [-1] * 6 + [0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5]
+    with pytest.raises(InputError, match="name what varies"):
+        augment(touches(), AugmentationSpec(kind=AUTO))
+
+
+@pytest.mark.parametrize("kind", ["gain+time", "time+time", "speed", ""])
+def test_a_kind_is_written_in_one_way(kind):
+    with pytest.raises(InputError, match="must be none, auto, or some of time, gain, start"):
+        build(AugmentationSpec, {"kind": kind}, "augmentation")
+
+
+def test_spikes_of_copies_are_those_of_their_signals_and_follow_their_trials(tmp_path):
+    recordings, spec = touches(), AugmentationSpec(kind="time", copies=2)
+    encoder = specs.resolve("sa1-ra1-lif", CLOCK)
+    trains = encode_recordings(recordings, encoder, augmentation=spec)
+    varied = trains.variations
+    assert varied is not None
+    alone = encode_recordings(copies(recordings, kind="time", copies=2)["time"].recordings, encoder)
+    assert [steps.tolist() for steps in varied.trains.steps] == [steps.tolist() for steps in alone.steps]
+    assert sum(map(len, alone.steps)) > 0
+
+    hdf5.save_spikes(trains, tmp_path / "spikes.h5")
+    read = hdf5.load_spikes(tmp_path / "spikes.h5")
+    assert len(read) == len(trains) == 6
+    assert read.variations is not None
+    assert read.variations.of.tolist() == varied.of.tolist()
+    assert set(read.variations.kind) == {"time"}
+
+    some = read.select([4, 1])
+    assert some.variations is not None
+    assert some.variations.of.tolist() == [1, 1, 0, 0]
+    assert [steps.tolist() for steps in some.variations.trains.steps] == [alone.steps[i].tolist() for i in (2, 3, 8, 9)]
+
+
+def test_a_file_whose_copies_are_of_no_trial_is_refused(tmp_path):
+    import h5py
+
+    trains = encode_recordings(
+        touches(), specs.resolve("sa1-ra1-lif", CLOCK), augmentation=AugmentationSpec(kind="gain", copies=1)
+    )
+    path = tmp_path / "spikes.h5"
+    hdf5.save_spikes(trains, path)
+    with h5py.File(path, "a") as file:
+        file["variation_of"][0] = 6
+    with pytest.raises(InputError, match="must name a trial and a kind for each varied copy"):
+        hdf5.load_spikes(path)

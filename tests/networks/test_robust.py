@@ -1,0 +1,101 @@
+"""Training with varied copies: they are trained on with their trial, and never tested."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from neurotact.data.augmentation import CANDIDATES, AugmentationSpec
+from neurotact.data.recordings import Recordings
+from neurotact.data.splits import SplitSpec
+from neurotact.data.windows import WindowSpec
+from neurotact.encoders import specs
+from neurotact.encoders.encoding import encode_recordings
+from neurotact.errors import InputError
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.training import robust, tasks
+from neurotact.networks.training.tasks import Task
+from neurotact.networks.training.training import Epoch
+from neurotact.spec import resolve
+
+SPEEDS = (1.0, 1.6, 2.5)
+
+
+@pytest.fixture(scope="module")
+def trains():
+    """Slides over two gratings at three speeds, and their copies at others."""
+    rng, rows, signals = np.random.default_rng(0), [], []
+    for label, pitch in (("coarse", 4.0), ("fine", 12.0)):
+        for speed in SPEEDS:
+            for _ in range(8):
+                phase, time_s = rng.uniform(0, 6), np.arange(600) / 1000
+                signals.append(
+                    5 * np.sin(2 * np.pi * pitch * speed * time_s + phase)[:, None] + rng.normal(0, 0.2, (600, 2))
+                )
+                rows.append({"label": label, "speed": speed})
+    recordings = Recordings(signals, 1000.0, "mV", pd.DataFrame(rows))
+    encoder = specs.resolve("sa1-ra1-lif", {"sa1.t_ref_ms": 5, "ra1.t_ref_ms": 5})
+    return encode_recordings(recordings, encoder, augmentation=AugmentationSpec(copies=2))
+
+
+def task(**keys):
+    split = SplitSpec(test_where={"speed": 2.5})
+    return Task(window=WindowSpec(length_ms=400, per_trial=1), split=split, **keys)
+
+
+def test_copies_of_training_trials_alone_are_trained_on(trains):
+    plain, varied = (tasks.sides_of(trains, task(augmentation=kind)) for kind in ("none", "time"))
+    n = len(plain.train.labels)
+    assert len(varied.train.labels) == 3 * n
+    np.testing.assert_array_equal(varied.train.spikes[:n], plain.train.spikes)
+    rows = trains.variations.rows(tasks.trials_of(trains, task()).train, "time")
+    wanted, _ = tasks.examples_of(trains.variations.trains, rows, task().window)
+    np.testing.assert_array_equal(varied.train.spikes[n:], wanted.spikes)
+    assert (varied.train.labels[n:] == wanted.labels).all()
+    for side in ("validation", "test"):
+        np.testing.assert_array_equal(getattr(varied, side).spikes, getattr(plain, side).spikes)
+
+
+def test_validation_varies_where_it_cannot_leave_out_a_condition(trains):
+    plain = tasks.sides_of(trains, task(augmentation="time"))
+    varied = tasks.sides_of(trains, task(augmentation="time", varied_validation=True))
+    assert len(varied.validation.labels) == 3 * len(plain.validation.labels)
+    assert len(varied.test.labels) == len(plain.test.labels)
+
+
+def test_trials_that_are_kept_are_neither_trained_on_nor_copied(trains):
+    every, fewer = task(augmentation="time"), task(augmentation="time", seen=0.25)
+    kept = np.setdiff1d(tasks.trials_of(trains, every).train, tasks.trials_of(trains, fewer).train)
+    assert len(kept) == 4
+    side = tasks.seen_side(trains, fewer)
+    assert side is not None
+    assert sorted(trains.labels[kept].tolist()) == sorted(side.labels.tolist())
+    assert len(tasks.sides_of(trains, fewer).train.labels) == 3 * len(tasks.trials_of(trains, fewer).train)
+    assert tasks.seen_side(trains, every) is None
+
+
+def test_spikes_without_copies_refuse_them(trains):
+    from dataclasses import replace
+
+    with pytest.raises(InputError, match="hold no varied copies"):
+        tasks.sides_of(replace(trains, variations=None), task(augmentation="time"))
+
+
+def test_auto_chooses_only_where_validation_can(trains):
+    auto = AugmentationSpec()
+    assert robust.candidates(auto, trains.conditions, task().split) == CANDIDATES
+    alone = trains.conditions[trains.conditions["speed"] != 1.6].reset_index(drop=True)
+    assert robust.candidates(auto, alone, task().split) == ("time+gain",)
+    assert robust.candidates(AugmentationSpec(kind="start"), alone, task().split) == ("start",)
+
+
+def test_each_kind_starts_from_the_same_weights_and_the_best_on_validation_wins(trains):
+    spec = resolve(RSNNSpec, "rsnn", {"hidden": 12, "training.epochs": 1, "training.batch": 8})
+    tried = list(robust.trainings(trains, spec, task(seen=0.2), (0, 1), CANDIDATES))
+    assert [one.task.augmentation for one in tried] == list(CANDIDATES)
+    assert [one.row()["n_train"] for one in tried] == [len(one.sides.train.labels) for one in tried]
+    assert all(0 <= one.seen <= 1 and not one.task.varied_validation for one in tried)
+    best = robust.best_of(tried)
+    assert best.validation == max(one.validation for one in tried)
+    first = next(one for one in tried if one.validation == best.validation)
+    assert best is first
+    assert isinstance(best.fitted.training.best, Epoch)
