@@ -67,6 +67,7 @@ NEEDS = (
     Need("stratify", "drawn", bool, "with `test_where`, where validation leaves out one of the other values"),
     Need("test", "test_where", is_absent, "with `test_where`, which selects the test trials"),
     Need("test", "folds", is_absent, "with `folds`, of which one is tested"),
+    Need("copies", "augmentation", is_given, "without `augmentation`, which says what varies", OR_GIVE),
     # train, tune, infer
     Need("sops_weight", "objective", is_in("accuracy-sops"), "without `objective='accuracy-sops'`", OR_GIVE),
     Need("start_epoch", "assessor", is_in("median-stop"), "with `assessor='none'`, which stops no trial"),

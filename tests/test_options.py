@@ -322,8 +322,19 @@ WAYS = {
     "encode": [
         Way(
             "encode in/touch.h5 -o a.h5 --set conditioning.baseline=first",
-            WRITTEN | CHOICE | {"--encoder": "--encoder sa1-ra1-lif-graded", "--set": "--set sa1.t_ref_ms=9"},
-        )
+            WRITTEN
+            | CHOICE
+            | {
+                "--encoder": "--encoder sa1-ra1-lif-graded",
+                "--set": "--set sa1.t_ref_ms=9",
+                "--augmentation": "--augmentation gain",
+            },
+            {"--copies": "--copies 2"},
+        ),
+        Way(
+            "encode in/touch.h5 -o a.h5 --set conditioning.baseline=first --augmentation gain",
+            {"--copies": "--copies 2", "--augmentation": "--augmentation time"},
+        ),
     ],
     "raster": [
         Way(
@@ -365,7 +376,7 @@ WAYS = {
                 "--resume": TWICE,
             },
             NO_NETWORK,
-            {"--device": "tests/networks/test_train_run.py"},
+            {"--device": "tests/networks/test_train_run.py", "--augmentation": "tests/networks/test_robust.py"},
             is_slow=True,
         )
     ],

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from neurotact import effects, files, spec
 from neurotact.api.arguments import Conditions, LeftOut, Settings, Tell, check_instance, silent
 from neurotact.data import encoded_from, hdf5
+from neurotact.data.augmentation import AUTO, NONE, AugmentationSpec, in_words
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.digests import recorded_trials
 from neurotact.data.nwb_output import to_nwb
@@ -49,12 +50,16 @@ def encode(
     *,
     where: Conditions | None = None,
     leave_out: LeftOut = None,
+    augmentation: str | None = None,
+    copies: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> SpikeTrains:
     """Spikes of SA-I and RA-I afferents for whole trials.
 
     encoder: a spec, or the name or path of one. settings: changes of it, dotted keys.
     where, leave_out: the trials to encode, as of `read`.
+    augmentation: also encode varied copies of each trial, for training alone: what varies, of "time" (played faster or
+        slower), "gain" (scaled) and "start" (begun later), as in "time+gain". copies: of each trial, 3 if None.
     progress: called with the number of trials done since its last call.
     Raises InputError for an unknown encoder, key, condition or value. Warns (`FiringWarning`) of a population that is
     silent, or whose every firing afferent is saturated.
@@ -67,7 +72,7 @@ def encode(
     check_instance("recordings", recordings, Recordings, RETURNED)
     recordings = chosen_trials(recordings, TrialChoice.of(where, leave_out), recordings.source or "recordings")
     what = specs.resolve(encoder, settings)
-    trains = encode_recordings(recordings, what, progress)
+    trains = encode_recordings(recordings, what, progress, _augmentation(augmentation, copies))
     counts = np.bincount(np.concatenate(trains.units), minlength=len(trains.afferents))
     for complaint in firing.complaints(counts, int(trains.trial_steps.sum()), trains.sampling_rate_Hz, what):
         warnings.warn(complaint, firing.FiringWarning, stacklevel=2)
@@ -82,13 +87,15 @@ def encode_file(
     *,
     where: Conditions | None = None,
     leave_out: LeftOut = None,
+    augmentation: str | None = None,
+    copies: int | None = None,
     force: bool = False,
     tell: Tell = silent,
 ) -> Encoded:
     """Write the spikes of a file of recordings to the file `out`: those of `encode`, with little memory.
 
-    encoder, settings, where, leave_out: as of `encode`. force: replace a file. tell: called with what
-    `neurotact encode` prints.
+    encoder, settings, where, leave_out, augmentation, copies: as of `encode`. force: replace a file. tell: called with
+    what `neurotact encode` prints.
     Returns the numbers of trials, of spikes of each afferent `(afferent,)` and of steps, and the clock in Hz.
     Raises InputError for a file that exists, and as `encode` does; logs of what it warns.
 
@@ -98,20 +105,33 @@ def encode_file(
     """
     out = Path(out)
     files.check_new(out, force=force, inputs=_paths(recordings, encoder))
-    what = specs.resolve(encoder, settings)
+    what, varied = specs.resolve(encoder, settings), _augmentation(augmentation, copies)
     with hdf5.open_recordings(recordings) as stored:
         data = chosen_trials(stored, TrialChoice.of(where, leave_out), str(recordings))
         with track("encode", len(data)) as advance:
-            found = write_encoded(data, what, out, lambda n: advance(n, ""))
+            found = write_encoded(data, what, out, lambda n: advance(n, ""), varied)
     for complaint in firing.complaints(found.fired, found.steps, found.clock_Hz, what):
         log.warning("%s", complaint)
     tell(
         f"{out}: {found.trials} trials, {found.fired.sum()} spikes of {len(found.fired)} afferents "
         f"in {found.steps / found.clock_Hz:.1f} s"
     )
+    if varied is not None:
+        tell(f"beside {varied.copies} copies of each trial for training, {in_words(varied.kind, varied)}")
     if note := acausal_note(what.model_dump(mode="json")):
         tell(note)
     return found
+
+
+def _augmentation(kind: str | None, copies: int | None) -> AugmentationSpec | None:
+    """The varied copies that the arguments of a call describe; None if there are none."""
+    effects.check(copies=copies, augmentation=kind)
+    if kind is None or kind == NONE:
+        return None
+    if kind == AUTO:
+        raise InputError("`augmentation`: 'auto' is for studies, which choose while they train; name what varies")
+    table = {"kind": kind, **({} if copies is None else {"copies": copies})}
+    return spec.build(AugmentationSpec, table, source="`augmentation`")
 
 
 def calibrate(

@@ -10,6 +10,7 @@ import torch
 from neurotact import effects, files, spec
 from neurotact.api.arguments import Conditions, LeftOut, Settings, Tell, check_folder, check_instance, path_of, silent
 from neurotact.data import hdf5
+from neurotact.data.augmentation import NONE
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
@@ -64,6 +65,7 @@ def train(
     validation: float | None = None,
     test: float | None = None,
     nested: bool | None = None,
+    augmentation: str | None = None,
     exit_tolerance: float = 0.01,
     exit_by: ExitBy = "stability",
     seed: int = 0,
@@ -90,6 +92,8 @@ def train(
     folds: divide the trials into this many folds and test on each in turn, or on `fold` alone. leave_out_each: a
         condition, such as "speed": test on each of its values in turn, of which no training trial has that one.
         repeats: number of random splits, with seeds from `split_seed` upwards.
+    augmentation: which varied copies of training trials are trained on, too, of those in the file (see `encode`); None
+        takes them if there is one kind, "none" leaves them out.
     exit_tolerance: validation accuracy that early exit may lose.
     exit_by: "stability", the leading class unchanged for long enough, or "margin", a lead that is large enough.
     seed: of the weights and of the order of windows. device: a torch device.
@@ -107,6 +111,7 @@ def train(
     check_one_way(leave_out_each, test_where=test_where, order=order, folds=folds, test=test)
     split = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
     trains, task = _task("train", spikes, window, split, stratify, exit_tolerance, exit_by, where, leave_out)
+    task = task.model_copy(update={"augmentation": _kind_of_copies(trains, augmentation, tell)})
     place, spikes = Path(folder), Path(spikes)
     what, given = spec.resolve(RSNNSpec, network, settings), given_keys(network, settings)
     population.device_of(device, torch.float32)
@@ -126,6 +131,24 @@ def train(
         for line in (*done.lines(), train_run.saved_in(place)):
             tell(line)
     return result(place)
+
+
+def _kind_of_copies(trains: SpikeTrains, asked: str | None, tell: Tell) -> str:
+    """Which varied copies of a file are trained on."""
+    held = [] if trains.variations is None else sorted({*trains.variations.kind.tolist()})
+    if asked is None and len(held) > 1:
+        raise InputError(
+            f"`augmentation`: the file holds several kinds of varied copies; name one of {', '.join(held)}"
+        )
+    if asked not in (None, NONE, *held):
+        have = (
+            f"it has {', '.join(held)}" if held else f"encode them with `nt.encode_file(..., augmentation={asked!r})`"
+        )
+        raise InputError(f"`augmentation`: the file holds no varied copies '{asked}'; {have}")
+    kind = asked or (held[0] if held else NONE)
+    if kind != NONE and asked is None:
+        tell(f"training: also on the varied copies in the file ({kind})")
+    return kind
 
 
 def _task(

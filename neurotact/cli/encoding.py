@@ -31,7 +31,16 @@ def calibrate(given: dict[str, Any]) -> None:
     api.calibrate(**given, tell=show)
 
 
-@calling(api.encode_file)
+@calling(
+    api.encode_file,
+    augmentation=option(
+        str | None,
+        "Also encode varied copies of each trial, for training alone: time (played faster or slower), gain "
+        "(scaled), start (begun later), or time+gain.",
+        metavar="KIND",
+    ),
+    copies=option(int | None, "Varied copies of each trial.", min=1, max=20, show_default="3"),
+)
 def encode(given: dict[str, Any]) -> None:
     """Turn whole trials into the spikes of SA-I and RA-I afferents."""
     api.encode_file(**given, tell=show)

@@ -27,6 +27,12 @@ SIDES = {
 @calling(
     api.train,
     network=option(str, "Name or path of a network spec."),
+    augmentation=option(
+        str | None,
+        "The varied copies in the file to train on, too (see neurotact encode); none leaves them out.",
+        metavar="KIND",
+        show_default="those in the file",
+    ),
     folds=option(
         int | None, "Divide the trials into this many folds and test on each in turn, or on --fold alone.", min=2
     ),

@@ -118,6 +118,16 @@ def varied_copies(recordings: Recordings, spec: AugmentationSpec) -> Iterator[Va
             yield _block(recordings, block, kind, spec, rest)
 
 
+def order_of(n_trials: int, spec: AugmentationSpec) -> tuple[np.ndarray, np.ndarray]:
+    """The trial and the kind of each copy, `(copy,)`, in the order of `varied_copies`.
+
+    >>> order_of(2, AugmentationSpec(kind="gain", copies=2))[0].tolist()
+    [0, 0, 1, 1]
+    """
+    of = np.repeat(np.arange(n_trials), spec.copies)
+    return np.tile(of, len(spec.kinds)), np.repeat(np.array(spec.kinds, dtype=str), len(of))
+
+
 def augment(recordings: Recordings, spec: AugmentationSpec) -> Recordings:
     """The recorded trials, then their copies of one kind; the condition `copy_of` counts the trial of each copy.
 

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data import hdf5
-from neurotact.data.augmentation import AugmentationSpec, varied_copies
+from neurotact.data.augmentation import AugmentationSpec, order_of, varied_copies
 from neurotact.data.conditioning import PIECE_VALUES, condition, condition_pieces, conditioned_length, is_long
 from neurotact.data.copies import copies_of, with_touches
 from neurotact.data.digests import recorded_digest
@@ -67,28 +67,45 @@ def encode_recordings(
     trains = from_trials(encode_trials(recordings, spec, progress), **_about(recordings, spec))
     if augmentation is None or not augmentation.kinds:
         return trains
-    of, kind, found = [], [], []
+    of, kind = order_of(len(recordings), augmentation)
+    conditions = trains.conditions.iloc[of].reset_index(drop=True)
+    about = _about(recordings, spec) | {"conditions": conditions}
+    return replace(
+        trains, variations=Variations(from_trials(_copies(recordings, spec, augmentation), **about), of, kind)
+    )
+
+
+def _copies(recordings: Trials, spec: EncoderSpec, augmentation: AugmentationSpec) -> Iterator[TrialSpikes]:
+    """The spikes of the varied copies of some trials."""
     for copies in varied_copies(recordings.loaded(), augmentation):
-        found += _encode_blocks(copies.recordings, spec, None)
-        of.append(copies.of)
-        kind += [copies.kind] * len(copies.of)
-    conditions = pd.concat([trains.conditions.iloc[rows] for rows in of], ignore_index=True)
-    made = from_trials(found, **(_about(recordings, spec) | {"conditions": conditions}))
-    return replace(trains, variations=Variations(made, np.concatenate(of), np.array(kind)))
+        yield from _encode_blocks(copies.recordings, spec, None)
 
 
-def encode_file(recordings: Trials, spec: EncoderSpec, path: str | Path, progress: Progress | None = None) -> Encoded:
+def encode_file(
+    recordings: Trials,
+    spec: EncoderSpec,
+    path: str | Path,
+    progress: Progress | None = None,
+    augmentation: AugmentationSpec | None = None,
+) -> Encoded:
     """Write the spike trains of whole trials to `path`, one after the other: those of `encode_recordings`.
 
     progress: called with the number of trials done since its last call.
     """
-    about = _about(recordings, spec)
+    about, varied = _about(recordings, spec), None
+    if augmentation is not None:
+        varied = order_of(len(recordings), augmentation)
+        every = pd.concat([about["conditions"], about["conditions"].iloc[varied[0]]], ignore_index=True)
+        about["conditions"] = every
     fired = np.zeros(len(about["afferents"]), np.int64)
-    with hdf5.spike_writer(path, **about) as writer:
+    with hdf5.spike_writer(path, **about, variations=varied) as writer:
         for trial in encode_trials(recordings, spec, progress):
             writer.append(trial)
             fired += np.bincount(trial.units, minlength=len(fired))
-    return Encoded(len(recordings), fired, writer.n_steps, about["sampling_rate_Hz"])
+        n_steps = writer.n_steps
+        for trial in () if augmentation is None else _copies(recordings, spec, augmentation):
+            writer.append(trial)
+    return Encoded(len(recordings), fired, n_steps, about["sampling_rate_Hz"])
 
 
 def encode_trials(recordings: Trials, spec: EncoderSpec, progress: Progress | None = None) -> Iterator[TrialSpikes]:

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import neurotact as nt
 from neurotact.data.augmentation import CANDIDATES, AugmentationSpec
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec
@@ -71,6 +72,33 @@ def test_trials_that_are_kept_are_neither_trained_on_nor_copied(trains):
     assert sorted(trains.labels[kept].tolist()) == sorted(side.labels.tolist())
     assert len(tasks.sides_of(trains, fewer).train.labels) == 3 * len(tasks.trials_of(trains, fewer).train)
     assert tasks.seen_side(trains, every) is None
+
+
+def test_a_file_of_spikes_carries_its_copies_to_training(tmp_path):
+    from neurotact.data import hdf5
+
+    rng = np.random.default_rng(1)
+    signals = [rng.normal(0, 3, (200, 2)).cumsum(axis=0) for _ in range(18)]
+    conditions = {"label": ["felt", "silk"] * 9, "speed": np.repeat([1, 2, 3], 6)}
+    hdf5.save_recordings(Recordings(signals, 1000.0, "mV", pd.DataFrame(conditions)), tmp_path / "touches.h5")
+    path, said = tmp_path / "spikes.h5", []
+    how = {"settings": {"hidden": 5, "training.epochs": 1}, "length_ms": 100, "per_trial": 1, "tell": said.append}
+    nt.encode_file(tmp_path / "touches.h5", path, augmentation="time+gain", copies=2, tell=said.append)
+    assert (
+        said[1]
+        == "beside 2 copies of each trial for training, played up to 2 times faster or slower, and scaled up to 2 times"
+    )
+    assert len(nt.load_spikes(path)) == 18
+    nt.train(path, tmp_path / "with", "rsnn", test_where={"speed": 3}, **how)
+    assert "training: also on the varied copies in the file (time+gain)" in said
+    nt.train(path, tmp_path / "without", "rsnn", test_where={"speed": 3}, augmentation="none", **how)
+    logs = [(tmp_path / name / "training.csv").read_text() for name in ("with", "without")]
+    assert logs[0] != logs[1]
+    found = nt.train(path, tmp_path / "each", "rsnn", leave_out_each="speed", augmentation="time+gain", **how)
+    assert len(found["splits"]) == 3
+    with pytest.raises(InputError, match=r"holds no varied copies 'gain'; it has time\+gain"):
+        nt.train(path, tmp_path / "other", "rsnn", augmentation="gain", **how)
+    assert len(nt.infer(tmp_path / "with", path, test_only=True)) == 6
 
 
 def test_spikes_without_copies_refuse_them(trains):
