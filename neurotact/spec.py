@@ -500,7 +500,9 @@ def _meant(path: list[str], known: list[str], model: Any, inner: Mapping[str, An
         near = closest(key, others)
     if near is None:
         return nearest(key, known)
-    quoted = [f"'{dotted}'" for dotted, name in names.items() if name == near]
+    # The deepest first: a key that stands alone is more often one of an encoder's populations than of a whole study.
+    places = sorted((dotted for dotted, name in names.items() if name == near), key=lambda place: -place.count("."))
+    quoted = [f"'{place}'" for place in places]
     return f"did you mean {some(quoted, 3, ' or ')}?"
 
 
