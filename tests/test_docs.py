@@ -418,4 +418,6 @@ def test_a_page_is_reachable_by_keyboard_and_screen_reader(site):
     assert made.count('class="sig-line"') == 2
     assert '<pre tabindex="0">' in made
     assert 'aria-level="2"' in made
+    corner = '<th class="head"><p></p></th><th class="head text-right"></th><th class="head"><p>ms</p></th>'
+    assert change(corner) == '<td class="head"></td><td class="head text-right"></td><th class="head"><p>ms</p></th>'
     assert change(made) == made
