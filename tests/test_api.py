@@ -137,6 +137,9 @@ def test_a_study_runs_and_reports(tmp_path):
     results = nt.run_study(tiny, tmp_path / "run", {"network.training.epochs": 1}, quick=True, workers=1)
     assert (tmp_path / "run" / "report.html").is_file()
     pd.testing.assert_frame_equal(nt.report_study(tmp_path / "run"), results)
+    timings = pd.read_csv(tmp_path / "run" / "timings.csv")
+    assert timings[timings["cell"].isna()]["part"].tolist()[-1] == "report"
+    assert {"read", "encode", "train"} <= {*timings["part"]}
 
 
 def test_settings_are_a_mapping_of_keys(touches):

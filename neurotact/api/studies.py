@@ -16,7 +16,7 @@ from neurotact.data.windows import check_not_seconds
 from neurotact.errors import InputError
 from neurotact.report import report
 from neurotact.report.page import ANSWER, PAGE
-from neurotact.studies import loading, runner
+from neurotact.studies import loading, runner, store
 
 log = logging.getLogger("neurotact")
 
@@ -120,7 +120,9 @@ def _run(study: loading.Study, folder: Path, workers: int | None, scheduler: str
 
 def _reported(folder: Path) -> pd.DataFrame:
     """Write the figures and the page from the tables of a study; its results."""
-    report.write(folder)
+    with store.timed(folder, "report", again=False):
+        report.write(folder)
+    runner.add_report_time(folder)
     return tables.read_table(folder / "results.csv")
 
 

@@ -26,7 +26,7 @@ DOWNLOADS = {
     "results.json": "the same",
     "isi.csv": "distributions of inter-spike intervals: one row per population, gain, t_ref, class and bin",
     "encoding.csv": "firing of both populations for each class and condition, from window.start_ms to the trial's end",
-    "timings.csv": "time that each cell took",
+    "timings.csv": "time that each part of the study and each cell took",
     "study.toml": "the study as run, with all its specs",
     "versions.json": "versions of the software",
     "data.json": "the recordings' hash",

@@ -51,7 +51,7 @@ DOWNLOADS = {
     "conditions.csv": "each network under each condition",
     "signals.csv": "amplitude and principal frequency of the signals",
     "same_drive.csv": "spikes of an afferent under the same drive, over refractory periods",
-    "timings.csv": "time that each cell took",
+    "timings.csv": "time that each part of the study and each cell took",
     "study.toml": "the study as run, with all its specs",
     "versions.json": "versions of the software",
     "data.json": "the recordings' hash",

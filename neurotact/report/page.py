@@ -165,18 +165,21 @@ def timing_sentence(folder: Path) -> str:
     path = folder / "timings.csv"
     if not path.is_file():
         return ""
-    timings = pd.read_csv(path).dropna(subset="seconds")  # drops cells with a damaged timing
+    every = pd.read_csv(path).dropna(subset="seconds")  # drops cells with a damaged timing
+    timings = every.dropna(subset="cell")
     if timings.empty:
         return ""
     seconds = timings["seconds"]
+    beside = [f"{row['part']} {row['seconds']:.1f} s" for _, row in every[every["cell"].isna()].iterrows()]
+    before = f" Before them: {', '.join(beside)}." if beside else ""
     took = (
         f"{len(timings)} cells took {_duration(seconds.sum())} of worker time: {seconds.median():.1f} s in the median, "
         f"{seconds.max():.1f} s at most"
     )
     if "epochs" not in timings:
-        return f"{took}."
+        return f"{took}.{before}"
     low, high = (f"{timings['epochs'].agg(which):.0f}" for which in ("min", "max"))
-    return f"{took}, for {low if low == high else f'{low} to {high}'} epochs of training each."
+    return f"{took}, for {low if low == high else f'{low} to {high}'} epochs of training each.{before}"
 
 
 def if_there(path: Path) -> dict[str, Any]:

@@ -26,7 +26,7 @@ DOWNLOADS = {
     "results.json": "the same",
     "means.csv": "means and standard deviations of each configuration",
     "means.md": "the same as a Markdown table",
-    "timings.csv": "time that each cell took",
+    "timings.csv": "time that each part of the study and each cell took",
     "study.toml": "the study as it was run, every parameter",
     "versions.json": "versions of what computed it",
     "data.json": "the hashes of the data",

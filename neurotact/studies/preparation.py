@@ -87,7 +87,8 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
     if is_same and not (table_flaws or spikes_flaws):
         return
     first, *others = _by_source(cells)
-    recordings = load_dataset(dataset_of(study, first[0]))
+    with store.timed(folder, "read"):
+        recordings = load_dataset(dataset_of(study, first[0]))
     content = _check_unchanged(folder, recordings, before, source)
     recordings = encoded_part(recordings, first[0])
     _encode(folder, study, first, recordings, content)
@@ -102,10 +103,12 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
         table = same_drive_table(recordings, study.encoder, study.same_drive, study.window.start_ms)
         write_table(table, folder / "same_drive.csv")
     if not table_flaws.keys().isdisjoint(BASELINES):
-        for name, table in zip(BASELINES, _baselines_tables(folder, recordings, study, cells), strict=True):
-            write_table(table, folder / name)
+        with store.timed(folder, "baselines"):
+            for name, table in zip(BASELINES, _baselines_tables(folder, recordings, study, cells), strict=True):
+                write_table(table, folder / name)
     if RECONSTRUCTION in table_flaws:
-        write_table(_reconstruction_table(folder, recordings, study, cells), folder / RECONSTRUCTION)
+        with store.timed(folder, "reconstruct"):
+            write_table(_reconstruction_table(folder, recordings, study, cells), folder / RECONSTRUCTION)
     store.seal(folder, tables_of(study))
 
 
@@ -253,11 +256,14 @@ def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recor
         _check_windows(recordings, cells)
     calibrated: dict[str, EncoderSpec] = {}
     for cell in missing:
-        encoder = _encoder_of(cell, recordings, calibrated)
-        trains = encode_recordings(recordings, encoder, augmentation=cell.augmentation)
-        write_table(encoded.encoding_table(trains, cell, study.dataset.stratify), place / f"{cell.spikes_name}.csv")
-        hdf5.save_spikes(trains, folder / cell.given)
-        store.seal(place, _encoded(cell), made_from)
+        with store.timed(folder, "calibrate"):
+            encoder = _encoder_of(cell, recordings, calibrated)
+        with store.timed(folder, "encode"):
+            trains = encode_recordings(recordings, encoder, augmentation=cell.augmentation)
+            table = encoded.encoding_table(trains, cell, study.dataset.stratify)
+            write_table(table, place / f"{cell.spikes_name}.csv")
+            hdf5.save_spikes(trains, folder / cell.given)
+            store.seal(place, _encoded(cell), made_from)
 
 
 def tables_of(study: StudySpec) -> list[str]:

@@ -3,6 +3,7 @@
 A damaged file is written again, and a line on stderr names it.
 """
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -21,12 +22,13 @@ from neurotact.studies.kind import AnyCell, Kind, MapCells
 from neurotact.studies.loading import Study, kind_of, read_back
 from neurotact.studies.store import cell_folder, is_done
 from neurotact.studies.study import StudySpec, to_toml
-from neurotact.tables import write_table
+from neurotact.tables import read_table, write_table
 from neurotact.versions import versions
 from neurotact.workers import in_a_process
 
 STUDY = "study.toml"
 VERSIONS = "versions.json"
+TIMINGS = "timings.csv"
 DEVICE = "device"
 LONGEST_VALUE = 40
 """Characters of each value in a message on two different studies."""
@@ -138,10 +140,30 @@ def _write_tables(kind: Kind, study: Study, cells: list[Any], folder: Path) -> N
         raise InputError(f"{folder}: no cell is done yet; run neurotact study resume {folder}")
     if len(done) < len(every):
         say(f"{folder}: {len(done)} of {len(every)} cells are done; the tables contain only these")
-    timings = [{"cell": cell.digest(), "seconds": None, **store.timing_of(folder, cell)} for cell in done]
     tables = kind.tables(folder, study, [(cell, store.result_of(folder, cell)) for cell in done])
-    for name, table in {"timings.csv": pd.DataFrame(timings), **tables}.items():
+    for name, table in {TIMINGS: _timings(folder, done), **tables}.items():
         write_table(table, folder / name)
+
+
+def _timings(folder: Path, done: Sequence[Any]) -> pd.DataFrame:
+    """The seconds of each part of the study, and of each cell.
+
+    Columns: part (`read`, `calibrate`, `encode`, `baselines`, `report`, and `train`, or `cell` without a network), cell
+    (empty beside cells), seconds, and for networks epochs.
+    """
+    rows = [{"part": part, "seconds": seconds} for part, seconds in store.parts_took(folder).items()]
+    for cell in done:
+        timing = store.timing_of(folder, cell)
+        part = "train" if "epochs" in timing else "cell"
+        rows.append({"part": part, "cell": cell.digest(), "seconds": None, **timing})
+    return pd.DataFrame(rows)
+
+
+def add_report_time(folder: Path) -> None:
+    """Add the time of the report to the timings of a run folder, after it is written."""
+    table = read_table(folder / TIMINGS)
+    own = {"part": "report", "seconds": store.parts_took(folder).get("report")}
+    write_table(pd.concat([table[table["part"] != "report"], pd.DataFrame([own])]), folder / TIMINGS)
 
 
 def _place(cell: AnyCell) -> str:

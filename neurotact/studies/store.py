@@ -9,8 +9,10 @@ import hashlib
 import json
 import math
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from time import perf_counter
 from typing import Any, NamedTuple
 
 from neurotact import files
@@ -23,7 +25,7 @@ DATA = "data.json"
 """Describes the recordings of a run: their hash, number of trials, classes."""
 RESULT = "result.json"
 TIMING = "timing.json"
-"""The time of a cell: the only file that differs from run to run; no manifest lists it."""
+"""The time of a cell, or of the parts of a study: the only file that differs from run to run; no manifest lists it."""
 Flaws = dict[str, str | None]
 """The flaw of each file, in words that follow its name; None for a file that was never completely written."""
 MISSING = "is missing"
@@ -138,6 +140,36 @@ def fingerprint(path: Path) -> str | None:
         listed = [[one.relative_to(path).as_posix(), files.sha256(one)] for one in inside]
         return hashlib.sha256(json.dumps(listed).encode()).hexdigest()
     return files.sha256(path) if path.is_file() else None
+
+
+@contextmanager
+def timed(folder: Path, part: str, *, again: bool = True) -> Iterator[None]:
+    """Add the seconds of the block to those of a part of a study, in `timing.json`.
+
+    again: to those of earlier runs in the folder, whose work it goes on with; else in their place.
+
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> with timed(folder, "encode"):
+    ...     pass
+    >>> 0 <= parts_took(folder)["encode"] < 60
+    True
+    """
+    began = perf_counter()
+    yield
+    known = parts_took(folder)
+    seconds = perf_counter() - began + (known.get(part, 0.0) if again else 0.0)
+    files.write_json(folder / TIMING, {**known, part: seconds})
+
+
+def parts_took(folder: Path) -> dict[str, float]:
+    """The seconds of each part of a study beside its cells; empty if the file is damaged, since no result needs it."""
+    try:
+        found = files.read_json(folder / TIMING)
+    except InputError:
+        return {}
+    known: dict[str, Any] = found if isinstance(found, dict) else {}
+    return {name: value for name, value in known.items() if type(value) in (int, float) and 0 <= value < math.inf}
 
 
 def cell_folder(folder: Path, cell: AnyCell) -> Path:
