@@ -258,6 +258,30 @@ class SpikeTrains:
             )
         return f"window.align: {'; '.join(parts)}" if parts else None
 
+    def until(self, *windows: WindowSpec) -> "SpikeTrains":
+        """These trials, and their copies, without the spikes after the last of these windows; all lengths stay.
+
+        >>> trains = from_rasters(np.ones((1, 9, 1)), 1000.0, ("SA-I a",), pd.DataFrame({"label": ["felt"]}))
+        >>> trains.until(WindowSpec(length_ms=3, per_trial=2)).steps[0].tolist()
+        [0, 1, 2, 3, 4, 5]
+        """
+        end = np.zeros(len(self), np.int64)
+        for cut_into in map(self.cut, windows):
+            np.maximum.at(end, cut_into.trial, cut_into.start + cut_into.n_steps)
+        kept = [np.searchsorted(steps, last) for steps, last in zip(self.steps, end.tolist(), strict=True)]
+        steps, units = ([each[:n] for each, n in zip(rows, kept, strict=True)] for rows in (self.steps, self.units))
+        more = self.variations
+        more = None if more is None else more._replace(trains=more.trains.until(*windows))
+        return replace(self, steps=steps, units=units, variations=more)
+
+    def counts(self, windows: Windows) -> np.ndarray:
+        """Spikes of all afferents in each window, `(window,)` int64: the sums of `raster`."""
+        found = [
+            np.subtract(*np.searchsorted(self.steps[trial], (start + windows.n_steps, start)))
+            for trial, start in zip(windows.trial, windows.start, strict=True)
+        ]
+        return np.array(found, np.int64)
+
     def raster(self, windows: Windows) -> np.ndarray:
         """Spikes in the given windows, `(window, time, afferent)` uint8; InputError if it is too large."""
         shape = (len(windows), windows.n_steps, len(self.afferents))

@@ -291,7 +291,7 @@ def fronts(
         words = [
             *robustness.sentence(tables.get(robustness.REMEDIES), found.best),
             *answers.details(found),
-            *_of_encoding(found, felt, study.encoding_in),
+            *_of_encoding(found, felt, study),
             *saved,
         ]
         standing = [representative(rows, network) for network in networks]
@@ -352,22 +352,20 @@ def likely_cause(split: SplitSpec) -> str:
     return "the classifiers were chosen among many on few validation trials, or these resemble training trials more"
 
 
-def _of_encoding(found: Answer, trains: SpikeTrains | None, place: str) -> Iterator[str]:
-    """The energy of conditioning and encoding for the cheapest decision, which fewer spikes do not lower.
-
-    place: where they are computed (`StudySpec.encoding_in`).
-    """
+def _of_encoding(found: Answer, trains: SpikeTrains | None, study: StudySpec) -> Iterator[str]:
+    """The energy of conditioning and encoding for the cheapest decision, which fewer spikes do not lower."""
     decision = found.cheapest.used
     if trains is None or decision.nJ is None or not found.is_above_chance:
         return
     rate_Hz, n_taxels = trains.sampling_rate_Hz, ledger.taxels_of(len(trains.afferents), trains.encoder)
-    spikes = sum(map(len, trains.steps)) / trains.trial_steps.sum() * 1e-3 * decision.ms * rate_Hz
+    recorded_Hz, spikes = trains.encoder.get("recorded_Hz"), None
+    if recorded_Hz is not None:
+        spikes = float(trains.counts(trains.cut(study.window)).mean()) * decision.ms / study.window.length_ms
     spent = encoding_cost(n_taxels, 1e-3 * decision.ms * rate_Hz, decision.ms, trains.encoder, spikes=spikes)
     alone = answers.energy(spent.energy_estimate_nJ)
-    if place == "sensor":
+    if study.encoding_in == "sensor":
         yield f"Conditioning and encoding are in the sensor and not counted; on the processor they take {alone} more."
         return
-    recorded_Hz = trains.encoder.get("recorded_Hz")
     at = f"{rate_Hz:g} steps per second, for any number of spikes"
     if recorded_Hz is not None:
         at = f"{recorded_Hz:.4g} samples per second, and more for each spike"

@@ -262,8 +262,21 @@ def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recor
             trains = encode_recordings(recordings, encoder, augmentation=cell.augmentation)
             table = encoded.encoding_table(trains, cell, study.dataset.stratify)
             write_table(table, place / f"{cell.spikes_name}.csv")
+            if not study.reconstruction:  # which compares longer stretches
+                trains = _used(trains, [each for each in cells if each.given == cell.given])
             hdf5.save_spikes(trains, folder / cell.given)
             store.seal(place, _encoded(cell), made_from)
+
+
+def _used(trains: SpikeTrains, cells: Iterable[Cell]) -> SpikeTrains:
+    """The spikes that cells use: up to the end of the last window, or all where one of them has no network.
+
+    A recording may be much longer than its windows, and its spikes take more of the disk than it does.
+    """
+    if any(cell.network is None for cell in cells):
+        return trains
+    windows = (window for task in map(task_of, cells) for window in (task.window, task.training_window))
+    return trains.until(*{window.digest(): window for window in windows}.values())
 
 
 def tables_of(study: StudySpec) -> list[str]:

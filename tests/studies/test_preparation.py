@@ -5,6 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.baselines import families, opponents
 from neurotact.data.conditioning import ConditioningSpec
@@ -87,6 +90,47 @@ def test_the_rates_of_windows_are_the_input_spikes_of_results():
     windows = cut(trains.trial_steps, trains.sampling_rate_Hz, CELL.window)
     sent = trains.raster(windows).sum(axis=(1, 2)) / 0.1
     np.testing.assert_allclose(table.spikes_total_per_s, [sent[:2].mean(), sent[2:].mean()])
+
+
+@given(
+    lengths_ms=st.lists(st.floats(20, 200), min_size=1, max_size=3), start_ms=st.floats(0, 100),
+    per_trial=st.none() | st.integers(1, 3),
+)  # fmt: skip
+@examples(6)
+def test_spikes_after_the_last_window_are_not_kept_and_no_window_misses_them(lengths_ms, start_ms, per_trial):
+    trains = trains_of(0.5)
+    specs = [WindowSpec(length_ms=each, start_ms=start_ms, per_trial=per_trial) for each in lengths_ms]
+    kept, cuts = trains.until(*specs), [*map(trains.cut, specs)]
+    for windows in cuts:
+        raster = trains.raster(windows)
+        np.testing.assert_array_equal(kept.raster(windows), raster)
+        np.testing.assert_array_equal(kept.counts(windows), raster.sum(axis=(1, 2)))
+    end = max(int((windows.start + windows.n_steps).max()) for windows in cuts)
+    assert max(steps.max(initial=0) for steps in kept.steps) < end
+    np.testing.assert_array_equal(kept.trial_steps, trains.trial_steps)
+    assert kept.until(*specs).steps[0].tolist() == kept.steps[0].tolist()
+
+
+def test_the_file_of_a_study_holds_what_its_cells_use(tmp_path, monkeypatch):
+    """All windows, also more of them for training."""
+    table = pd.DataFrame({"label": ["felt", "silk"] * 20, "force_N": [3, 3, 6, 6] * 10})
+    waves = 8.0 * np.sin(np.arange(1000) / 40.0)[:, None]
+    touches = Recordings(waves + np.random.default_rng(0).normal(0, 1, (40, 1, 2)), 2000.0, "mV", table)
+    monkeypatch.setattr(preparation, "load_dataset", lambda _: touches)
+    changes = {
+        "dataset.stratify": ["force_N"], "dataset.subsets": {"light": {"force_N": 3}}, "sweep.dataset": ["light"],
+        "baselines": "none", "window.start_ms": 50, "window.length_ms": 100, "window.per_trial": 1,
+    }  # fmt: skip
+    ends = []
+    for number, more in enumerate([{}, {"training_windows": 2}]):
+        what = study.resolve("refractory-period", {**changes, **more})
+        cells = [*study.cells(what)]
+        preparation.prepare(tmp_path / f"{number}", what, cells)
+        trains = load_spikes(tmp_path / f"{number}" / cells[0].given)
+        whole = encode_recordings(touches, cells[0].encoder)
+        ends.append(1 + max(int(steps.max()) for steps in trains.steps))
+        assert trains.trial_steps.tolist() == whole.trial_steps.tolist()
+    assert ends[0] <= 300 < ends[1] <= 500 < max(int(steps.max()) for steps in whole.steps)
 
 
 def test_a_window_that_starts_past_the_end_is_refused():
