@@ -13,6 +13,7 @@ from .api.encoding import plot_survival as plot_survival
 from .api.encoding import save_raster as save_raster
 from .api.encoding import what_survives as what_survives
 from .api.live import live as live
+from .api.networks import conditions_curve as conditions_curve
 from .api.networks import infer as infer
 from .api.networks import load_network as load_network
 from .api.networks import result as result

@@ -53,6 +53,7 @@ CHOICE = {"--where": "--where label=felt", "--leave-out": "--leave-out felt"}
 WRITTEN = {"-o": "-o other.h5", "--force": TWICE}
 TRAIN = "train in/spikes.h5 -o t --network rsnn --set hidden=3 --set training.epochs=1"
 ONE = "--window-ms 40 --start-ms 80"
+CURVE = "--network --set --window-ms --align --where --leave-out --augmentation --seed -o --figure --force"
 NETWORK = {
     "--set": "--set hidden=5",
     "--window-ms": "--window-ms 50",
@@ -378,6 +379,14 @@ WAYS = {
             NO_NETWORK,
             {"--device": "tests/networks/test_train_run.py", "--augmentation": "tests/networks/test_robust.py"},
             is_slow=True,
+        )
+    ],
+    "conditions-curve": [
+        Way(
+            "conditions-curve in/spikes.h5 speed",
+            {},
+            {},
+            dict.fromkeys(CURVE.split(), "tests/networks/test_conditions_curve.py"),
         )
     ],
     "tune": [
@@ -830,7 +839,7 @@ NAMES = {"settings": "--set", "length_ms": "--window-ms", "folder": "-o", "path"
     "leave_out_units": "--units",
     "source": "--from",}  # fmt: skip
 INPUTS = {"spikes", "run", "recordings", "name", "path", "what", "source", "block", "parts", "network", "folder",
-          "file", "decisions", "tell", "check", "kind"}  # fmt: skip
+          "column", "file", "decisions", "tell", "check", "kind"}  # fmt: skip
 """What a function works on, and whom it tells."""
 HERE, NWB, NEO = "tests/test_options.py", "tests/data/readers/test_nwb.py", "tests/data/test_neo_blocks.py"
 DECODING = "tests/encoders/test_decoding.py"

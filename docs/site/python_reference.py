@@ -51,7 +51,7 @@ SUBJECTS = {
         "Networks",
         "Spiking networks, trained on windows `(window, time, afferent)`: as a scikit-learn estimator, from files into "
         "a run folder, or as a `torch.nn.Module`. Time constants are in ms.",
-        "SpikingClassifier train tune result RSNN RSNNSpec TrainingSpec save_network load_network",
+        "SpikingClassifier train conditions_curve tune result RSNN RSNNSpec TrainingSpec save_network load_network",
     ),
     "decisions": Subject(
         "Decisions and their cost",

@@ -19,12 +19,15 @@ from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.window_choice import ARGUMENTS
 from neurotact.data.windows import Align, window_table
 from neurotact.errors import InputError
+from neurotact.figures.conditions_curve import draw_conditions_curve
 from neurotact.figures.search import save_found
+from neurotact.figures.style import save as save_figure
 from neurotact.metrics import synops
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec, given_keys
 from neurotact.networks.search import journal, search, search_tables
 from neurotact.networks.training import cautions, checkpoint, population, repeated, tasks, train_run, trained
+from neurotact.networks.training import conditions_curve as curves
 from neurotact.networks.training.outcome import summary_of
 from neurotact.networks.training.tasks import ExitBy, Task
 from neurotact.networks.training.train_run import Interrupted as Interrupted
@@ -181,6 +184,64 @@ def result(run: str | Path) -> dict[str, Any]:
     ['accuracy_test', 'accuracy_validation', 'baseline']
     """
     return summary_of(files.read_json(Path(run) / train_run.RESULT))
+
+
+def conditions_curve(
+    spikes: str | Path,
+    column: str,
+    network: str | Path | RSNNSpec = "default",
+    settings: Settings | None = None,
+    *,
+    length_ms: float | None = None,
+    align: Align = "trial",
+    where: Conditions | None = None,
+    leave_out: LeftOut = None,
+    augmentation: str | None = None,
+    seed: int = 0,
+    out: str | Path | None = None,
+    figure: str | Path | None = None,
+    force: bool = False,
+    tell: Tell = silent,
+) -> pd.DataFrame:
+    """How many values of a condition must be recorded: accuracy at an untrained one over the number of trained ones.
+
+    A network is trained on one, two, ... of the other values and tested on all trials of one; up to four values are
+    tested. Each training has as many trials, so that a further value does not count as more data.
+
+    column: the condition, such as "speed", with three values or more. network, settings, length_ms, align, where,
+        leave_out, augmentation: as of `train`. seed: of the weights, and of the trials that are drawn.
+    out: also write the table (.csv, .json, .md). figure: also draw the curve (.png, .svg, .pdf). force: replace them.
+    tell: called with what `neurotact conditions-curve` prints: the means, and the advice.
+    Returns a row for each training: `tested`, `trained` (how many values), `accuracy_seen` (on other trials of trained
+    values), `accuracy_test`, `sops_total` and `n_train`.
+    Raises InputError for an unknown condition, and for one with fewer than three values.
+
+    >>> table = nt.conditions_curve("spikes.h5", "day", "rsnn", {"hidden": 4, "training.epochs": 1}, length_ms=50)
+    >>> table["trained"].unique().tolist()
+    [1, 2, 3, 4]
+    """
+    outputs = [Path(each) for each in (out, figure) if each is not None]
+    for each in outputs:
+        files.check_new(each, force=force, inputs=[spikes])
+    window = window_table(length_ms, None, None, None, align, None, None)
+    trains, task = _task("conditions_curve", spikes, window, {}, (), 0.01, "stability", where, leave_out)
+    task = task.model_copy(update={"augmentation": _kind_of_copies(trains, augmentation, tell)})
+    what, n = spec.resolve(RSNNSpec, network, settings), len(curves.plan(trains.conditions, column))
+    rows = []
+    with track("networks", n) as advance:
+        for row in curves.curve(trains, what, task, column, seed):
+            rows.append(row)
+            advance(1, "")
+    table = pd.DataFrame(rows)
+    if out is not None:
+        write_table(table, Path(out))
+    if figure is not None:
+        save_figure(draw_conditions_curve(table, column), Path(figure))
+    tell(curves.means(table))
+    tell(curves.advice(table, column))
+    for each in outputs:
+        tell(f"saved in {each}")
+    return table
 
 
 def tune(

@@ -34,6 +34,9 @@ COMMANDS = {
         "encoding", "raster", "Draw a trial's spikes (.png, .svg, .pdf), or write those of all trials (.csv, .nwb)."
     ),
     "train": Place("networks", "train_command", "Train a network on windows of spike trains."),
+    "conditions-curve": Place(
+        "networks", "conditions_curve", "How many values of a condition must be recorded, such as speeds."
+    ),
     "tune": Place("networks", "tune", "Search a network's hyperparameters on validation windows."),
     "infer": Place("networks", "infer", "Classify every window with a trained network, and count its operations."),
     "sops": Place("networks", "sops", "Write the synaptic operations of each test window (.csv, .json, .md)."),

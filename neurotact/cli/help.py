@@ -31,6 +31,7 @@ EXAMPLES = {
     "train": "neurotact train spikes.h5 -o run/ --window-ms 500 --test-where speed=450",
     "tune": "neurotact tune spikes.h5 -o search/ --trials 40 --max-sops 3000",
     "infer": "neurotact infer run/ spikes.h5 --early-exit",
+    "conditions-curve": "neurotact conditions-curve spikes.h5 speed --figure curve.png",
     "sops": "neurotact sops run/ -o sops.csv",
     "fine-tune": "neurotact fine-tune run/ -o run-4-bit/ --weight-bits 4",
     "stream": "neurotact stream run/ --from serial:/dev/ttyUSB0",

@@ -3,9 +3,10 @@
 import shlex
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import pandas as pd
+import typer
 
 from neurotact.api import networks as api
 from neurotact.cli.options import ON_DEVICE, REPLACED, Json, MovedSpikes, calling, flag, option
@@ -13,6 +14,12 @@ from neurotact.cli.output import print_json, print_table, show, unless
 from neurotact.cli.words import say
 from neurotact.errors import INTERRUPTED
 
+COPIES = option(
+    str | None,
+    "The varied copies in the file to train on, too (see neurotact encode); none leaves them out.",
+    metavar="KIND",
+    show_default="those in the file",
+)
 SHOWN = ["label", "windows", "accuracy", "steps", "input_spikes", "hidden_spikes", "sops_total"]
 """The columns of a SOP summary that fit a terminal; the files hold all of them."""
 SIDES = {
@@ -27,12 +34,7 @@ SIDES = {
 @calling(
     api.train,
     network=option(str, "Name or path of a network spec."),
-    augmentation=option(
-        str | None,
-        "The varied copies in the file to train on, too (see neurotact encode); none leaves them out.",
-        metavar="KIND",
-        show_default="those in the file",
-    ),
+    augmentation=COPIES,
     folds=option(
         int | None, "Divide the trials into this many folds and test on each in turn, or on --fold alone.", min=2
     ),
@@ -75,6 +77,26 @@ def _how_to_go_on(epochs: int) -> str:
         return "interrupted before the first epoch was over; nothing is saved"
     words = [word for word in sys.argv[1:] if word not in ("--force", "--resume")]
     return f"interrupted after epoch {epochs}; go on with: {shlex.join(['neurotact', *words, '--resume'])}"
+
+
+@calling(
+    api.conditions_curve,
+    column=Annotated[str, typer.Argument(help="The condition, such as speed, with three values or more.")],
+    network=option(str, "Name or path of a network spec."),
+    align=option(
+        Literal["trial", "onset"], "Where windows start: where the touch begins, or each at its own onset of contact."
+    ),
+    augmentation=COPIES,
+    out=option(Path | None, "Also write one row per training (.csv, .json, .md).", "-o", "--out"),
+    figure=option(Path | None, "Also draw the curve (.png, .svg, .pdf)."),
+)
+def conditions_curve(given: dict[str, Any]) -> None:
+    """How many values of a condition must be recorded, for a network that meets another one.
+
+    Networks are trained on one, two, ... values and tested on one that they do not know; the curve and the advice
+    are printed. Each training has as many trials.
+    """
+    api.conditions_curve(**given, tell=show)
 
 
 @calling(

@@ -1,0 +1,132 @@
+"""How many conditions must be recorded: accuracy at an untrained one, over the number of those trained on."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import Split, hold_out, values_to_leave_out
+from neurotact.errors import InputError
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.training import fitting, robust, tasks
+from neurotact.networks.training.tasks import Task
+from neurotact.networks.use import measuring
+
+MOST_TESTED = 4
+"""Values of a condition that are tested at most, evenly spaced."""
+VALIDATION = 0.15
+"""Share of the training trials that is for validation."""
+ENOUGH = 0.01
+"""Accuracy that one more trained value must gain to be worth recording."""
+
+
+def evenly(values: Sequence[Any], n: int) -> list[Any]:
+    """Of some values in their order, n that are evenly spaced, with both ends; the middle one alone.
+
+    >>> evenly([10, 20, 30, 40, 50], 3), evenly([10, 20, 30], 1)
+    ([10, 30, 50], [20])
+    """
+    places = [(len(values) - 1) / 2] if n == 1 else np.linspace(0, len(values) - 1, n)
+    return [values[int(place)] for place in np.round(places)]
+
+
+def plan(conditions: pd.DataFrame, column: str) -> list[tuple[Any, list[Any]]]:
+    """The trainings: the value that is tested, and those that are trained on.
+
+    Every number of values occurs with every tested one. Raises InputError for fewer than three values.
+
+    >>> table = pd.DataFrame({"label": ["felt", "silk"] * 3, "speed": [1, 1, 2, 2, 3, 3]})
+    >>> plan(table, "speed")
+    [(1, [2]), (1, [2, 3]), (2, [1]), (2, [1, 3]), (3, [1]), (3, [1, 2])]
+    """
+    values = values_to_leave_out(conditions, column)
+    if len(values) < 3:
+        found = ", ".join(map(str, values))
+        raise InputError(f"`column`: a curve needs three values of {column}, and trials have {found}; record another")
+    tested = evenly(values, min(MOST_TESTED, len(values)))
+    others = {value: [one for one in values if one != value] for value in tested}
+    return [(value, evenly(others[value], n)) for value in tested for n in range(1, len(values))]
+
+
+def curve(trains: SpikeTrains, spec: RSNNSpec, task: Task, column: str, seed: int = 0) -> Iterator[dict[str, Any]]:
+    """A row for each training of the plan: tested, trained (how many values), accuracy_seen, accuracy_test, sops_total.
+
+    task: its split is not used: test trials are all of the tested value, and training has as many trials whatever the
+    number of values, so that a further value does not count as more data.
+    """
+    asked = plan(trains.conditions, column)
+    values, labels = trains.conditions[column].to_numpy(), trains.labels
+    rng = np.random.default_rng(seed)
+    for tested, trained_on in asked:
+        pool = np.flatnonzero(np.isin(values, trained_on))
+        least = min(int((values == value).sum()) for value in set(values.tolist()))
+        pool = np.sort(_some(rng, pool, labels, values, least))
+        kept = _held(labels, pool, robust.SEEN, seed)
+        rest = np.setdiff1d(pool, kept)
+        validation = _held(labels, rest, VALIDATION, seed + 1)
+        split = Split(np.setdiff1d(rest, validation), validation, np.flatnonzero(values == tested))
+        fitted, sides = fitting.fit(trains, spec, task, (seed, seed + 1), split=split)
+        found = fitted.network.infer(sides.test.spikes)
+        seen, _ = tasks.examples_of(trains, kept, task.window)
+        yield {
+            "tested": tested,
+            "trained": len(trained_on),
+            "accuracy_seen": measuring.accuracy_of(fitted.network.infer(seen.spikes), seen),
+            "accuracy_test": measuring.accuracy_of(found, sides.test),
+            "sops_total": float(measuring.synops_of(found, fitted.network).total.mean()),
+            "n_train": len(split.train),
+        }
+
+
+def _some(rng: np.random.Generator, pool: np.ndarray, labels: np.ndarray, values: np.ndarray, n: int) -> np.ndarray:
+    """About n trials of a pool, drawn within each class, from all values in turn."""
+    if n >= len(pool):
+        return pool
+    found = []
+    for label in np.unique(labels[pool]):
+        part = rng.permutation(pool[labels[pool] == label])
+        turn = pd.Series(values[part]).groupby(values[part]).cumcount().to_numpy()
+        found.append(part[np.argsort(turn, kind="stable")][: max(3, round(n * len(part) / len(pool)))])
+    return np.concatenate(found)
+
+
+def _held(labels: np.ndarray, trials: np.ndarray, share: float, seed: int) -> np.ndarray:
+    return trials[hold_out(labels[trials], share, seed, np.arange(len(trials)))]
+
+
+def means(table: pd.DataFrame) -> pd.DataFrame:
+    """Means over the tested values, one row for each number of trained ones; `least` is the worst tested value."""
+    groups = table.groupby("trained", sort=True)
+    found = groups[["accuracy_seen", "accuracy_test", "sops_total"]].mean()
+    found.insert(2, "least", groups["accuracy_test"].min())
+    return found.reset_index()
+
+
+def advice(table: pd.DataFrame, column: str) -> str:
+    """What the curve says, and whether to record more values, in two sentences.
+
+    >>> rows = {"trained": [1, 2], "accuracy_seen": 0.98, "accuracy_test": [0.6, 0.9], "sops_total": 1e3, "tested": 5}
+    >>> advice(pd.DataFrame(rows), "speed")
+    'At a value of speed that was not trained on, accuracy is 60.0 % with 1 trained value, 90.0 % with 2, and 98.0 % at trained ones. The last one gained 30.0 points: record more values.'
+    """  # noqa: E501
+    found = means(table)
+    shares = [
+        f"{100 * row.accuracy_test:.1f} % with {row.trained}{' trained value' if index == 0 else ''}"
+        for index, row in enumerate(found.itertuples())
+    ]
+    last, seen = found["accuracy_test"].iloc[-1], found["accuracy_seen"].iloc[-1]
+    said = (
+        f"At a value of {column} that was not trained on, accuracy is {', '.join(shares)}, and {100 * seen:.1f} % at "
+        "trained ones."
+    )
+    gained = last - found["accuracy_test"].iloc[-2]
+    if seen - last <= ENOUGH:
+        return f"{said} Nothing is lost at untrained values: these are enough."
+    if gained > ENOUGH:
+        return f"{said} The last one gained {100 * gained:.1f} points: record more values."
+    return (
+        f"{said} The last one gained no more than {100 * ENOUGH:g} point: more values of {column} are not the remedy; "
+        "encode varied copies, or take other windows."
+    )
