@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from scipy.signal import butter, lfilter
 
 from neurotact.data.recordings import Recordings
 from neurotact.encoders import mechanoreceptor, specs
@@ -231,3 +232,48 @@ def test_operations_counted_by_hand():
     assert layer == MechanoreceptorAfferents(2, 250, afferents=2, pressed=1, saturating=1, noisy=False)
     noisy = MechanoreceptorAfferents(1, 5, afferents=1, pressed=1, saturating=1).cost()
     assert noisy.macs - alone.macs == 10
+
+
+def noisy_counts(row: pd.Series, drive: np.ndarray, basis: np.ndarray, n_seeds: int) -> np.ndarray:
+    """Spikes of an afferent without static gain under each seed, `(seed,)`: the published equations in scalars."""
+    b, a = butter(3, row.lowpass_Hz / 2500)
+    smooth = lfilter(b, a, drive)
+    ahead = np.append(np.diff(smooth), 0.0)
+    currents_of = []
+    for rate, change in zip(smooth.tolist(), ahead.tolist(), strict=True):
+        current = rate * row.velocity_up if rate >= 0 else -rate * row.velocity_down
+        current += change * row.acceleration_up if change >= 0 else -change * row.acceleration_down
+        if row.saturation > 0:
+            current = row.saturation * current / (row.saturation + abs(current))
+        currents_of.append(float(current))
+    after = (row.post_spike_1 * basis[0] + row.post_spike_2 * basis[1]).tolist()
+    tau, found = float(row.tau_steps), []
+    for seed in range(n_seeds):
+        noise = (row.noise * np.random.default_rng(1000 + seed).standard_normal(len(drive))).tolist()
+        v, since, n_spikes = 0.0, 10**6, 0
+        for current, more in zip(currents_of, noise, strict=True):
+            v += -v / tau + current + more + (after[since] if since < len(after) else 0.0)
+            since += 1
+            if v > 1.0 and since >= 6:
+                v, since, n_spikes = 0.0, 0, n_spikes + 1
+        found.append(n_spikes)
+    return np.array(found)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("stimulus", ["sine_50Hz_30um", "sine_25Hz_50um"])
+def test_noise_gives_the_rates_of_the_published_equations(stimulus, reference):
+    """Over 100 seeds, within the error of plain scalar runs with random numbers of their own; near threshold."""
+    parameters, n_seeds, n_steps = pd.read_csv(REFERENCE.with_name("parameters.csv")), 100, 2500
+    depth = reference[f"{stimulus}/depth_mm"][:n_steps].astype(float)
+    with_noise = spec({"sa1": [1], "ra1": [1, 2, 3], "pc": [1, 2, 3]}, noise=True, conduction=False)
+    spikes, _ = encode(np.repeat(depth[None, :, None], n_seeds, axis=0), FITTED_Hz, with_noise)
+    ours, place, n_moved = spikes.sum(axis=1)[:, 1:], 0, 0
+    for kind in ("RA", "PC"):
+        drive = reference[f"{stimulus}/dynamic_{kind}"][:n_steps].astype(float)
+        for _, row in parameters[parameters["class"] == kind].iloc[:3].iterrows():
+            theirs, mine = noisy_counts(row, drive, reference["post_spike_basis"], n_seeds), ours[:, place]
+            error = np.sqrt((mine.var(ddof=1) + theirs.var(ddof=1)) / n_seeds)
+            assert abs(mine.mean() - theirs.mean()) <= 3.5 * error + 0.01, (kind, place)
+            place, n_moved = place + 1, n_moved + (theirs.std() > 0)
+    assert n_moved >= 3
