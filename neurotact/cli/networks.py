@@ -93,8 +93,8 @@ def _how_to_go_on(epochs: int) -> str:
 def conditions_curve(given: dict[str, Any]) -> None:
     """How many values of a condition must be recorded, for a network that meets another one.
 
-    Networks are trained on one value, on two and so on, and tested on one that they do not know; the curve and the advice
-    are printed. Each training has as many trials.
+    Networks are trained on one value, on two and so on, and tested on one that they do not know; the curve and the
+    advice are printed. Each training has as many trials.
     """
     api.conditions_curve(**given, tell=show)
 
