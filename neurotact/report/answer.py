@@ -501,7 +501,7 @@ def milliseconds(value: float) -> str:
 
 def energy(nJ: float) -> str:
     """
-    >>> energy(0.812), energy(12345.0)
-    ('0.812 nJ', '12.3 µJ')
+    >>> energy(0.812), energy(999.8), energy(12345.0)
+    ('0.812 nJ', '1 µJ', '12.3 µJ')
     """
-    return f"{nJ / 1e3:.3g} µJ" if nJ >= 1e3 else f"{nJ:.3g} nJ"
+    return f"{nJ / 1e3:.3g} µJ" if nJ >= 999.5 else f"{nJ:.3g} nJ"

@@ -285,7 +285,9 @@ def fronts(
         compare = _comparing(study, folder, done, rows, tables)
         found = answers.answer(networks, baselines, guess, sides.trials, compare)
         split = first_of_splits[0].split
-        lost = [*answers.gaps(found, likely_cause(split)), *answers.where_lost(found, baselines)]
+        lost = [*answers.gaps(found, likely_cause(split))]
+        if "encoder" not in rows:  # else the table of encoders tells it
+            lost += answers.where_lost(found, baselines)
         saved = answers.of_refractory_periods(found, networks)
         felt = as_encoded(study, rows.iloc[0].get("encoder"), trains)
         words = [
