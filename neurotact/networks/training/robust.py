@@ -78,5 +78,5 @@ def trainings(
 
 
 def best_of(tried: Sequence[Tried]) -> Tried:
-    """The training with the highest accuracy on validation windows; of equal ones the first."""
-    return max(tried, key=lambda one: one.validation)
+    """The training with the highest accuracy on validation windows; of equal ones that with the lowest loss."""
+    return max(tried, key=lambda one: (one.validation, -one.fitted.training.best.validation_loss))

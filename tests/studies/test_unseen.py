@@ -1,0 +1,128 @@
+"""A study that tests untrained conditions: what it trains on, what it chooses, what its report says."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import neurotact as nt
+from neurotact.data import hdf5
+from neurotact.data.recordings import Recordings
+from neurotact.report.robustness import sentence
+from neurotact.studies import loading, study, suited
+
+FEW = {
+    "calibrate": False,
+    "encoder.conditioning.baseline": "first",
+    "network": "rsnn",
+    "network.hidden": 4,
+    "network.training.epochs": 1,
+    "sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[5, 5]],
+    "seed": 0,
+    "baselines": "linear",
+    "augmentation.copies": 1,
+}
+
+
+def presses(path, speeds=(1, 2, 3), each=8, late=False):
+    """Presses that last as long as their speed has it, of two strengths; with `late` they begin at different times."""
+    rng, rows, signals = np.random.default_rng(0), [], []
+    for speed in speeds:
+        for trial in range(2 * each):
+            label = ("soft", "hard")[trial % 2]
+            begin = 100 + (int(rng.integers(0, 420)) if late else 0)
+            signal = rng.normal(0, 0.05, (600, 2))
+            signal[begin : begin + 300 // speed] += (3, 6)[trial % 2] * np.array([1.0, 0.6])
+            signals.append(signal)
+            rows.append({"label": label, "speed": speed})
+    hdf5.save_recordings(Recordings(signals, 1000.0, "mV", pd.DataFrame(rows)), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    place = tmp_path_factory.mktemp("unseen")
+    path = presses(place / "touches.h5")
+    nt.run_study("own-recordings", place / "run", FEW, data=path, leave_out_each="speed", workers=1)
+    return place / "run"
+
+
+def test_every_kind_is_tried_and_the_best_on_validation_is_used(run):
+    remedies, results = (pd.read_csv(run / f"{name}.csv") for name in ("remedies", "results"))
+    for speed, tried in remedies.groupby("split.test_where.speed"):
+        assert tried["augmentation"].tolist() == ["none", "time", "gain", "time+gain"]
+        (chosen,) = tried[tried["chosen"]].to_dict("records")
+        assert chosen["accuracy_validation"] == tried["accuracy_validation"].max()
+        (used,) = results[results["split.test_where.speed"] == speed].to_dict("records")
+        assert used["augmentation"] == chosen["augmentation"]
+        assert used["accuracy_test"] == chosen["accuracy_test"]
+        n = tried.set_index("augmentation")["n_train"]
+        assert (n.drop("none") == 2 * n["none"]).all()
+    baselines = pd.read_csv(run / "baselines.csv")
+    kinds = baselines["settings"].str.extract("varied copies: (.*)")[0]
+    assert kinds.isin(["none", "time", "gain", "time+gain"]).all()
+
+
+def test_the_report_says_what_is_lost_and_gained(run):
+    page = (run / "report.html").read_text()
+    assert 'id="conditions"' in page
+    for words in ("speed = 1", "speed = 2", "speed = 3", "at trained conditions (%)", "Each kind of varied copies"):
+        assert words in page
+    (answer,) = nt.study_answer(run)["answers"]
+    assert any(line.startswith("At untrained conditions the network is right in") for line in answer["details"])
+
+
+def test_a_resumed_study_has_the_same_copies(run):
+    before = (run / "results.csv").read_bytes()
+    for path in (run / "spikes").glob("*.h5"):
+        path.unlink()
+    nt.resume_study(run, workers=1)
+    assert (run / "results.csv").read_bytes() == before
+
+
+def test_two_values_leave_no_choice_and_say_so(tmp_path):
+    path = presses(tmp_path / "touches.h5", speeds=(1, 2))
+    what = loading.resolve("own-recordings", {**FEW, "sweep.split.test_where.speed": [1, 2]}, data=path)
+    assert any("too few values of speed to choose" in note for note in what.notes)
+
+
+def test_without_another_condition_nothing_changes(tmp_path):
+    path = presses(tmp_path / "touches.h5")
+    plain = loading.resolve("own-recordings", FEW, data=path)
+    assert not any("copies" in note for note in plain.notes)
+    assert all(cell.augmentation is None for cell in study.cells(plain))
+    kept = loading.resolve("own-recordings", {**FEW, "augmentation.kind": "gain"}, data=path)
+    assert all(cell.augmentation is not None for cell in study.cells(kept))
+    without = {**FEW, "augmentation.kind": "none", "split.test_where": {"speed": 3}}
+    assert all(cell.augmentation is None for cell in study.cells(loading.resolve("own-recordings", without, data=path)))
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_windows_start_at_contact_where_touches_begin_at_different_times(tmp_path, late):
+    path = presses(tmp_path / "touches.h5", late=late)
+    what = loading.resolve("own-recordings", {**FEW, "split.test_where": {"speed": 3}}, data=path)
+    assert what.window.align == ("onset" if late else "trial")
+    fixed = {**FEW, "split.test_where": {"speed": 3}, "window.start_ms": 90}
+    assert loading.resolve("own-recordings", fixed, data=path).window.align == "trial"
+    assert loading.resolve("own-recordings", FEW, data=path).window.align == "trial"
+
+
+def test_fewer_networks_are_trained_since_each_takes_several_trainings(tmp_path):
+    path = presses(tmp_path / "touches.h5")
+    asked = {"split.test_where": {"speed": 3}}
+    sweep = loading.resolve("own-recordings", asked, data=path).sweep
+    assert {key: sweep[key] for key in suited.FEWER} == suited.FEWER
+    own = loading.resolve("own-recordings", {**asked, "sweep.network.hidden": [5, 9, 20]}, data=path).sweep
+    assert own["network.hidden"] == [5, 9, 20]
+
+
+def test_the_sentence_tells_losses_and_gains():
+    from neurotact.report.answer import Decision, Network
+
+    network = Network("5&5", 20, 1, 0.9, Decision(0.9, 1.0, 1.0, 1.0, None), None)
+    rows = {"pair": "5&5", "hidden": 20, "augmentation": ["none", "time"], "chosen": [False, True]}
+    rows |= {"accuracy_seen": [0.9, 0.95], "accuracy_test": [0.5, 0.8]}
+    assert sentence(pd.DataFrame(rows), network) == [
+        "At untrained conditions the network is right in 80.0 % of whole windows, at trained ones in 95.0 %: 15.0 "
+        "points are lost; without varied copies it is right in 50.0 %."
+    ]
+    assert sentence(None, network) == []
