@@ -35,7 +35,9 @@ COMMANDS = {
     ),
     "train": Place("networks", "train_command", "Train a network on windows of spike trains."),
     "conditions-curve": Place(
-        "networks", "conditions_curve", "How many values of a condition must be recorded, such as speeds."
+        "networks",
+        "conditions_curve",
+        "How many values of a condition must be recorded, such as speeds.",
     ),
     "tune": Place("networks", "tune", "Search a network's hyperparameters on validation windows."),
     "infer": Place("networks", "infer", "Classify every window with a trained network, and count its operations."),

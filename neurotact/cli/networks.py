@@ -91,7 +91,7 @@ def _how_to_go_on(epochs: int) -> str:
     figure=option(Path | None, "Also draw the curve (.png, .svg, .pdf)."),
 )
 def conditions_curve(given: dict[str, Any]) -> None:
-    """How many values of a condition must be recorded, for a network that meets another one.
+    """How many values of a condition must be recorded, such as speeds.
 
     Networks are trained on one value, on two and so on, and tested on one that they do not know; the curve and the
     advice are printed. Each training has as many trials.

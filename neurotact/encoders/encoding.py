@@ -51,9 +51,11 @@ def encode_recordings(
     spec: EncoderSpec,
     progress: Progress | None = None,
     augmentation: AugmentationSpec | None = None,
+    copied: Recordings | None = None,
 ) -> SpikeTrains:
     """Spike trains of whole trials; with `augmentation` also of varied copies, for training alone.
 
+    copied: the same trials, or the beginning of each, of which the copies are; if None, these trials.
     progress: called with the number of trials done since its last call.
     Raises InputError if the unit, the sampling rate or the taxels do not fit the spec.
 
@@ -71,7 +73,7 @@ def encode_recordings(
     conditions = trains.conditions.iloc[of].reset_index(drop=True)
     about = _about(recordings, spec) | {"conditions": conditions}
     return replace(
-        trains, variations=Variations(from_trials(_copies(recordings, spec, augmentation), **about), of, kind)
+        trains, variations=Variations(from_trials(_copies(copied or recordings, spec, augmentation), **about), of, kind)
     )
 
 

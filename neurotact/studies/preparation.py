@@ -40,7 +40,16 @@ from neurotact.spec import build, digest
 from neurotact.studies import encoded, store
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import DATA
-from neurotact.studies.study import Cell, DatasetSpec, StudySpec, by_split, encoder_columns, split_columns, value_at
+from neurotact.studies.study import (
+    Cell,
+    DatasetSpec,
+    StudySpec,
+    by_split,
+    encoder_columns,
+    reach_ms,
+    split_columns,
+    value_at,
+)
 from neurotact.tables import write_table
 
 BASELINES = ("baselines.csv", "baselines_trials.csv")
@@ -192,7 +201,7 @@ def _with_copies(recordings: Recordings, windows: Windows, trains: SpikeTrains, 
     recorded = Windows(windows.trial[of_recorded], windows.start[of_recorded], windows.n_steps)
     found = [*opponents.pieces_of(recordings, recorded, trains.sampling_rate_Hz)]
     before = len(trains)
-    for copies in varied_copies(recordings, cell.augmentation):
+    for copies in varied_copies(copied_part(recordings, cell), cell.augmentation):
         inside = (windows.trial >= before) & (windows.trial < before + len(copies.of))
         own = Windows(windows.trial[inside] - before, windows.start[inside], windows.n_steps)
         found += [piece.copy() for piece in opponents.pieces_of(copies.recordings, own, trains.sampling_rate_Hz)]
@@ -232,6 +241,15 @@ def encoded_part(recordings: Recordings, cell: Cell) -> Recordings:
     return replace(recordings, signals=[signal[:n_samples] for signal in recordings.signals])
 
 
+def copied_part(recordings: Recordings, cell: Cell) -> Recordings:
+    """The trials as far as the windows of their varied copies reach; the whole trials if these begin at an onset."""
+    end_ms = reach_ms(cell)
+    if end_ms is None or cell.augmentation is None:
+        return recordings
+    n_samples = math.ceil(end_ms * 1e-3 * recordings.sampling_rate_Hz - 1e-9) + 1
+    return replace(recordings, signals=[signal[:n_samples] for signal in recordings.signals])
+
+
 def _check_windows(recordings: Recordings, cells: Iterable[Cell]) -> None:
     """InputError if a window is longer than the shortest trial, before anything is calibrated or encoded."""
     rate_Hz, shortest = recordings.sampling_rate_Hz, int(recordings.lengths.argmin())
@@ -259,7 +277,9 @@ def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recor
         with store.timed(folder, "calibrate"):
             encoder = _encoder_of(cell, recordings, calibrated)
         with store.timed(folder, "encode"):
-            trains = encode_recordings(recordings, encoder, augmentation=cell.augmentation)
+            trains = encode_recordings(
+                recordings, encoder, augmentation=cell.augmentation, copied=copied_part(recordings, cell)
+            )
             table = encoded.encoding_table(trains, cell, study.dataset.stratify)
             write_table(table, place / f"{cell.spikes_name}.csv")
             if not study.reconstruction:  # which compares longer stretches

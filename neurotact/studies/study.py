@@ -22,7 +22,7 @@ from neurotact.data.splits import SplitSpec
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders import specs as encoders
-from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.afferents import LEAST_EXACT_MS, AfferentSpec
 from neurotact.encoders.same_drive import SameDriveSpec
 from neurotact.encoders.specs import EncoderSpec, is_exact
 from neurotact.errors import InputError, nearest
@@ -350,6 +350,8 @@ def resolve(
     overrides = {**(quick_overrides if quick else {}), **(overrides or {})}
     # A study's own table `set` contains the changes of its parts.
     overrides = {**specs.pop_table(table, "set", path), **overrides}
+    is_open = overrides.get(suited.INTEGRATION) == suited.AUTO
+    overrides = {key: value for key, value in overrides.items() if not (is_open and key == suited.INTEGRATION)}
     named = {part: overrides.pop(part) for part in PARTS if isinstance(overrides.get(part), str)}
     for part, load in PARTS.items():
         if part in named:
@@ -357,6 +359,7 @@ def resolve(
         elif isinstance(table.get(part), str):
             table[part] = _whole(load(_relative_to(path, table[part])))
     table, left = suited.closed(table)
+    left |= {suited.INTEGRATION} if is_open else set()
     axes = {key: value for key, value in overrides.items() if key.startswith(sweeps.SWEEP)}
     sweeps.unswept(table.setdefault("sweep", {}), axes, path)
     _suit_periods(table)
@@ -425,7 +428,20 @@ def _suited(
     is_of_others = bool(suited.untrained_conditions(table))
     recorded = suited.look(expand(study.dataset.file), clock_Hz, study.dataset.choice, onsets=is_of_others)
     table, notes = suited.suit(table, recorded, left, given, split=study.split)
-    return {**table, "notes": [*study.notes, *notes, *suited.clock(recorded, clock_Hz, exact=is_exact(study.encoder))]}
+    exact = is_exact(study.encoder)
+    if suited.INTEGRATION in left and _pays_exact(study, recorded, clock_Hz):
+        exact, table = True, {**table, "encoder": {**table["encoder"], "integration": "exact"}}
+    notes += suited.clock(recorded, clock_Hz, exact=exact, chosen=suited.INTEGRATION in left)
+    return {**table, "notes": [*study.notes, *notes]}
+
+
+def _pays_exact(study: StudySpec, recorded: suited.Recorded, clock_Hz: float | None) -> bool:
+    """Whether the sensor is slower than the clock, and afferents in closed form allow all refractory periods."""
+    if not isinstance(study.encoder, AfferentSpec) or clock_Hz is None or recorded.sampling_rate_Hz >= clock_Hz:
+        return False
+    swept = [value for key in calibrated.PERIODS for value in sweeps.values(study.sweep, key)]
+    own = encoders.t_ref_pair_ms(study.encoder)
+    return min([*own, *swept]) >= LEAST_EXACT_MS
 
 
 def to_toml(study: Spec) -> str:
@@ -463,7 +479,7 @@ def cells(study: StudySpec) -> Iterator[Cell]:
             chosen |= calibrated.start(point)
         cell = specs.build(Cell, specs.override(base, chosen), source=f"sweep of {study.title}")
         cell = _augmented(cell)
-        cell = cell.model_copy(update={"encoded_ms": None if study.past_windows else _reach_ms(cell)})
+        cell = cell.model_copy(update={"encoded_ms": None if study.past_windows else reach_ms(cell)})
         _check_source(cell, study)
         yield cell
 
@@ -475,7 +491,7 @@ def _augmented(cell: Cell) -> Cell:
     return cell.model_copy(update={"augmentation": None}) if is_idle else cell
 
 
-def _reach_ms(cell: Cell) -> float | None:
+def reach_ms(cell: Cell) -> float | None:
     """Where the last window of a cell ends; None if this depends on the trial."""
     window = cell.window
     if cell.network is None or window.per_trial is None or window.align != "trial":

@@ -45,6 +45,7 @@ WORDS = Words(
 )
 """How the keys of a window are given to a study."""
 WINDOW, SEED = "window.", "sweep.seed"
+INTEGRATION = "encoder.integration"
 SWEPT, TESTED = "sweep.", "split.test_where."
 FEWER: dict[str, list[Any]] = {
     "network.hidden": [50],
@@ -321,17 +322,18 @@ def _with_seeds(
     return {**table, "split": {"folds": FOLDS}, "sweep": sweep}, note
 
 
-def clock(recorded: Recorded, clock_Hz: float | None, *, exact: bool = False) -> list[str]:
+def clock(recorded: Recorded, clock_Hz: float | None, *, exact: bool = False, chosen: bool = False) -> list[str]:
     """The effect of the encoder's clock on these recordings, in words; empty if it equals their sampling rate.
 
-    exact: whether membranes are in closed form, so that the clock is that of the spikes alone.
+    exact: whether membranes are in closed form, so that the clock is that of the spikes alone. chosen: by the study.
     """
     rate_Hz = recorded.sampling_rate_Hz
     if clock_Hz is None or clock_Hz == rate_Hz:
         return []
     note = f"Clock: {clock_Hz:g} Hz, so that refractory periods of whole ms are exact; recorded at {rate_Hz:g} Hz"
     if exact:
-        return [f"Clock of the spikes: {clock_Hz:g} Hz; afferents are computed once per sample, at {rate_Hz:g} Hz."]
+        said = f"Clock of the spikes: {clock_Hz:g} Hz; afferents are computed once per sample, at {rate_Hz:.4g} Hz"
+        return [f"{said}; for a chain in C: `settings={{'{INTEGRATION}': 'clock'}}`." if chosen else f"{said}."]
     if rate_Hz >= clock_Hz:
         return [f"{note}, smoothed and resampled."]
     sample_ms = 1e3 / rate_Hz
