@@ -199,3 +199,38 @@ def test_a_sweep_of_tables_is_refused_with_the_key_to_sweep(tmp_path):
     path = at_speeds(tmp_path / "touches.h5")
     with pytest.raises(InputError, match=r"has a table.*sweep 'split\.test_where\.speed' instead"):
         loading.resolve("own-recordings", {"sweep.split.test_where": [{"speed": 150}]}, data=path)
+
+
+def slow_touches(path, rate_Hz):
+    conditions = {"label": ["felt", "silk"] * 9, "speed": np.repeat([450, 150, 300], 6)}
+    touches = Recordings(np.zeros((18, round(2 * rate_Hz), 2), np.float32), rate_Hz, "mV", conditions)
+    hdf5.save_recordings(touches, path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("rate_Hz", "given", "integration"),
+    [
+        (93.0, {}, "exact"),
+        (999.0, {}, "exact"),
+        (1000.0, {}, "clock"),
+        (2000.0, {}, "clock"),
+        (93.0, {"encoder.integration": "clock"}, "clock"),
+        (2000.0, {"encoder.integration": "exact"}, "exact"),
+        (93.0, {"encoder": "sa1-ra1-lif-biological"}, "exact"),
+        (93.0, {"sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[0, 0], [5, 5]]}, "clock"),
+    ],
+)
+def test_afferents_of_a_slow_sensor_are_computed_once_per_sample(tmp_path, rate_Hz, given, integration):
+    what = loading.resolve("own-recordings", given, data=slow_touches(tmp_path / "touches.h5", rate_Hz))
+    assert what.encoder.integration == integration
+    assert {cell.encoder.integration for cell in study.cells(what)} == {integration}
+    said = any("once per sample" in note for note in what.notes)
+    assert said == (integration == "exact" and rate_Hz != 1000.0)
+    told = any("for a chain in C" in note for note in what.notes)
+    assert told == (said and "encoder.integration" not in given)
+
+
+def test_an_encoder_without_membranes_has_no_integration(tmp_path):
+    what = loading.resolve("own-recordings", {"encoder": "send-on-delta"}, data=slow_touches(tmp_path / "t.h5", 93.0))
+    assert not hasattr(what.encoder, "integration")
