@@ -17,7 +17,7 @@ import torch
 from side_by_side import Row, missing, parse, publish
 
 from neurotact.encoders import afferents
-from neurotact.encoders.specs import MODELS, EncoderSpec, encode, load
+from neurotact.encoders.specs import MODELS, EncoderSpec, default_of, encode, load
 
 RATE_HZ = 1000.0
 CASES = {"small": (24, 500, 8), "large": (600, 2000, 16)}
@@ -90,7 +90,7 @@ def rows_of(case: str, peers: list[str], rounds: int) -> list[Row]:
     signal, rows = signals(*CASES[case]), []
     n_samples = signal.size / 1e6
     for model in MODELS:
-        spec = load("sa1-ra1-lif" if model == "lif" else model, SETTINGS.get(model, {}))
+        spec = load(default_of(model), SETTINGS.get(model, {}))
 
         def ours(spec: EncoderSpec = spec) -> object:
             return encode(signal, RATE_HZ, spec)

@@ -74,6 +74,7 @@ class Model(NamedTuple):
     populations: in the order of its output. One whose part of the spec is optional has no afferents without it.
     repeats: whether an afferent fires at every step at which a condition holds, so that most of its intervals are the
         shortest possible.
+    is_compared: whether the study `which-encoder` has it, as every model whose calibration takes seconds.
     """
 
     title: str
@@ -84,6 +85,7 @@ class Model(NamedTuple):
     is_random: bool = False
     populations: tuple[Population, ...] = SA_RA
     repeats: bool = False
+    is_compared: bool = True
 
 
 def _of_size(layer: Callable[[int, int], Layer]) -> Callable[[Mapping[str, Any], int, int, float], Layer]:
@@ -114,6 +116,7 @@ MODELS = {
         mechanoreceptor.layer,
         is_random=True,
         populations=(*SA_RA, Population("PC", "pc")),
+        is_compared=False,
     ),
     "send-on-delta": Model(
         "send-on-delta events", SendOnDeltaSpec, SendOnDeltaState, send_on_delta.encode, _of_size(DeltaEvents),
@@ -239,6 +242,15 @@ def with_t_ref(encoder: Any, t_ref_ms: float) -> Any:
     if not has_one:
         raise InputError(f"t_ref_ms: '{encoder.model}' has no refractory period; leave it out for this encoder")
     return encoder
+
+
+def default_of(model: str) -> str:
+    """The name of the shipped spec with a model's defaults.
+
+    >>> default_of("lif"), default_of("burst")
+    ('sa1-ra1-lif', 'burst')
+    """
+    return "sa1-ra1-lif" if model == "lif" else model
 
 
 def dotted(part: str, key: str) -> str:

@@ -50,6 +50,8 @@ LENGTH = "window.length_ms"
 T_REF = "t_ref_ms"
 """Swept with `encoder`, the names of encoders: the refractory period of all its afferents, or "own"."""
 OWN = "own"
+EVERY, LONGER_MS = "every", 10.0
+"""In place of the values of `encoder & t_ref_ms`: every model that is compared, with its own period and with this."""
 OF_SPIKES = ("encoder", "spikes_per_s")
 """Keys of a sweep that decide spikes, besides those that begin with `encoder.`."""
 EMA = f"{calibrated.CONDITIONING}.ema_cutoff_Hz"
@@ -363,6 +365,7 @@ def resolve(
     axes = {key: value for key, value in overrides.items() if key.startswith(sweeps.SWEEP)}
     sweeps.unswept(table.setdefault("sweep", {}), axes, path)
     _suit_periods(table)
+    _with_every_encoder(table["sweep"])
     values = {key: value for key, value in overrides.items() if key not in axes}
     table = specs.override(table, sweeps.unswept(table["sweep"], values, path))
     table = suited.with_file(table, data, path)
@@ -411,6 +414,18 @@ def _suit_periods(table: dict[str, Any]) -> None:
     else:
         table["sweep"] = axes
         log.warning("sweep: %s afferents have no refractory period; the sweep of pairs is left out", model)
+
+
+def _with_every_encoder(sweep: Any) -> None:
+    """Replace `every` by the encoders and refractory periods that it stands for, in `sweep`."""
+    axis = f"encoder{sweeps.JOIN}{T_REF}"
+    if isinstance(sweep, dict) and sweep.get(axis) == EVERY:
+        sweep[axis] = [
+            [encoders.default_of(model), period]
+            for model, row in encoders.MODELS.items()
+            if row.is_compared
+            for period in ([OWN, LONGER_MS] if encoders.period_keys(model) else [OWN])
+        ]
 
 
 def _suited(

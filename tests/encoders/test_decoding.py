@@ -8,7 +8,7 @@ import neurotact as nt
 from neurotact.data.recordings import Recordings
 from neurotact.encoders import survival
 from neurotact.encoders.decoding import DECODERS, decode
-from neurotact.encoders.specs import MODELS, encode, load
+from neurotact.encoders.specs import MODELS, default_of, encode, load
 from neurotact.errors import InputError
 
 FINE = {
@@ -52,7 +52,7 @@ def touches(n_trials=24):
 
 @pytest.mark.parametrize("model", [model for model in MODELS if model != "mechanoreceptor"])
 def test_what_survives_is_measured_for_every_model(model):
-    encoder = load("sa1-ra1-lif" if model == "lif" else model)
+    encoder = load(default_of(model))
     found = survival.what_survives(touches(), encoder)
     assert repr(found) == f"Survival({found})"
     whole = found.table.iloc[-1]

@@ -14,7 +14,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.encoders.bens_spiker import BensSpikerState, response
 from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.encoders.specs import MODELS, afferent_names, encode, load
+from neurotact.encoders.specs import MODELS, afferent_names, default_of, encode, load
 from neurotact.errors import InputError
 
 RATE_Hz = 1000.0
@@ -32,13 +32,9 @@ LIVELY = {
 SIGNALS = {**{name: {} for name in MODELS}, "latency contact": {"begins": "contact", "contact": 0.5, "quiet_ms": 5.0}}
 
 
-def shipped(model):
-    return "sa1-ra1-lif" if model == "lif" else model
-
-
 def spec_of(name):
     model = name.split()[0]
-    return load(shipped(model), {**LIVELY.get(model, {}), **SIGNALS.get(name, {})})
+    return load(default_of(model), {**LIVELY.get(model, {}), **SIGNALS.get(name, {})})
 
 
 def waves(n_trials=2, n_steps=160, n_taxels=3, seed=0, kind="f4"):
@@ -99,7 +95,7 @@ def test_a_taxel_is_silent_for_its_refractory_period(name, t_ref_ms):
 @pytest.mark.parametrize("model", MODELS)
 def test_a_model_costs_what_its_taxels_and_steps_cost(model):
     """Twice the taxels do twice the work, but for what all share."""
-    table = load(shipped(model)).model_copy(update={"conditioning": load("sa1-ra1-lif").conditioning})
+    table = load(default_of(model)).model_copy(update={"conditioning": load("sa1-ra1-lif").conditioning})
     dumped = {**table.model_dump(mode="json", exclude_none=True), "conditioning": {}}
     one, two = (encoding_cost(n, 300, 150.0, dumped) for n in (4, 8))
     shared = 300 if model == "latency" else 0

@@ -7,7 +7,7 @@ from made_chains import make_signal, offline, told
 
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.deploy.stream import Stream
-from neurotact.encoders.specs import MODELS, load, n_per_taxel
+from neurotact.encoders.specs import MODELS, default_of, load, n_per_taxel
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import EXECUTORS
 from neurotact.networks.definition.rsnn import RSNN
@@ -29,7 +29,7 @@ LIVELY = {
 
 def chain_of_model(model: str) -> Chain:
     changes = {"conditioning.baseline": "first", "conditioning.resample_Hz": 1000.0, **LIVELY.get(model, {})}
-    encoder = load("sa1-ra1-lif" if model == "lif" else model, changes)
+    encoder = load(default_of(model), changes)
     network = RSNN(
         2 * n_per_taxel(encoder), 3, sampling_rate_Hz=1000.0, generator=torch.Generator().manual_seed(0), hidden=6,
         forward_weight_scale=3.0,
