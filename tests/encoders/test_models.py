@@ -86,7 +86,9 @@ def test_a_signal_of_zeros_gives_no_spike(name):
 @pytest.mark.parametrize("name", [name for name, model in MODELS.items() if "t_ref_ms" in model.spec.model_fields])
 @pytest.mark.parametrize("t_ref_ms", [0.0, 4.0])
 def test_a_taxel_is_silent_for_its_refractory_period(name, t_ref_ms):
-    spikes, _ = encode(waves(n_taxels=1, n_steps=400), RATE_Hz, load(name, {**LIVELY[name], "t_ref_ms": t_ref_ms}))
+    spikes, _ = encode(
+        waves(n_taxels=1, n_steps=400), RATE_Hz, load(name, {**LIVELY.get(name, {}), "t_ref_ms": t_ref_ms})
+    )
     shortest = min(np.diff(np.flatnonzero(trial.any(axis=1))).min() for trial in spikes)
     assert shortest >= t_ref_ms + 1
     assert not (spikes[..., 0] & spikes[..., 1]).any()
