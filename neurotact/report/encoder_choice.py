@@ -123,7 +123,12 @@ def _cheapest(among: Sequence[Choice]) -> int:
 
 
 def _share(after: float, before: float) -> str:
-    return f"{100 * after / before:.2g} %" if before > 0 else "all"
+    """
+    >>> _share(44.2, 307.0), _share(155.0, 154.0), _share(2.0, 300.0)
+    ('14 %', '101 %', '0.67 %')
+    """
+    share = 100 * after / before if before > 0 else 100.0
+    return f"{share:.0f} %" if share >= 1 else f"{share:.2g} %"
 
 
 def table(among: Sequence[Choice]) -> Table | None:
