@@ -496,7 +496,8 @@ def _meant(path: list[str], known: list[str], model: Any, inner: Mapping[str, An
     near = key if key in others else next((name for name in inner if name in known), None)
     if near is None and closest(key, known) is None:
         near = next((name for name in inner if name in names.values()), None)
-    if near is None and closest(key, [*known, *others]) not in known:
+    is_bare = len(path) == 1  # a key that stands in a table means one of that table
+    if near is None and (is_bare or closest(key, known) is None) and closest(key, [*known, *others]) not in known:
         near = closest(key, others)
     if near is None:
         return nearest(key, known)
