@@ -25,7 +25,7 @@ class Choice(NamedTuple):
 
     encoder: as the study names it. rate_per_s: to which it was calibrated; None if that is the same for all. network:
     the best one of this period on validation trials. readout: logistic regression on its spike counts; None if it was
-    not fitted. snr_dB: of the signal given back on test trials; None if unknown.
+    not fitted. snr_dB: of the signal given back on test trials; None if unknown. guess: the accuracy of guessing.
     """
 
     encoder: str
@@ -34,6 +34,7 @@ class Choice(NamedTuple):
     trials: Trials
     readout: Baseline | None
     snr_dB: float | None
+    guess: float = 0.0
 
     @property
     def name(self) -> str:
@@ -61,7 +62,8 @@ def choices(
             pair = "" if network.pair == periods.NONE else f"{network.pair} ms "
             readout = baselines.get(f"{LINEAR} on {pair}spikes (counts)")
             snr_dB = _snr_dB(tables.get("reconstruction"), study, row, network.pair)
-            every.append(Choice(named[row["encoder"]], rate_per_s, network, front.answer.trials, readout, snr_dB))
+            one = front.answer
+            every.append(Choice(named[row["encoder"]], rate_per_s, network, one.trials, readout, snr_dB, one.guess))
     return sorted(every, key=lambda one: -one.network.way(one.trials).validation)
 
 
@@ -96,6 +98,8 @@ def sentence(among: Sequence[Choice]) -> str:
     right = f"right in {answers.percent(reached.accuracy)} of the test windows ({100 * low:.0f} to {100 * high:.0f} %)"
     spent = f"{answers.count(reached.spikes)} spikes"
     spent += "" if reached.nJ is None else f" and {answers.energy(reached.nJ)}"
+    if low <= cheapest.guess:
+        spent += f", not clearly more often than by guessing ({answers.percent(cheapest.guess)})"
     if len(level) == 1:
         return (
             f"{best.name} is the most accurate of {len(among)} encoders and refractory periods, and validation trials "

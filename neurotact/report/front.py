@@ -17,7 +17,7 @@ from neurotact.data.splits import SplitSpec, turns_of
 from neurotact.data.window_choice import on_late_onsets, timing_of
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.cost import encoding_cost
-from neurotact.errors import InputError, some
+from neurotact.errors import InputError
 from neurotact.metrics import paired
 from neurotact.metrics.paired import Paired
 from neurotact.metrics.shares import wilson_interval
@@ -439,7 +439,8 @@ def beware(
     for front in found:
         for line in _of_front(study, front, trains):
             by_line.setdefault(line, []).append(front.setting)
-    lines = [line if len(settings) == len(found) else f"{some(settings)}: {line}" for line, settings in by_line.items()]
+    for_all = len(found)
+    lines = [line if len(of) == for_all else f"{'; '.join(of)}: {line}" for line, of in by_line.items()]
     if study.baselines == "quick":
         lines.append(
             "the strongest opponents on many sets, MiniRocket and a GRU, are not fitted in this first look; run "

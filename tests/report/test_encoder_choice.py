@@ -33,6 +33,11 @@ def test_an_encoder_that_validation_tells_from_all_others_is_the_answer():
     assert "right in 95.0 %" in words
 
 
+def test_an_answer_that_guessing_may_reach_says_so():
+    among = [choice("lif", 0.6, 20.0)._replace(guess=0.5), choice("burst", 0.55, 30.0)._replace(guess=0.5)]
+    assert "not clearly more often than by guessing (50.0 %)" in sentence(among)
+
+
 def test_the_table_marks_the_best_its_equals_and_the_cheapest():
     among = [choice("a", 0.9, 50.0), choice("b", 0.89, 40.0), choice("c", 0.88, 30.0, pair="5"), choice("d", 0.4, 1.0)]
     found = table(among)
