@@ -63,6 +63,18 @@ def test_validation_varies_where_it_cannot_leave_out_a_condition(trains):
     assert len(varied.test.labels) == len(plain.test.labels)
 
 
+@pytest.fixture(autouse=True)
+def few_are_kept(monkeypatch):
+    """These trials are few."""
+    monkeypatch.setattr(tasks, "LEAST_KEPT", 1)
+
+
+def test_too_few_trials_are_not_kept(trains, monkeypatch):
+    monkeypatch.setattr(tasks, "LEAST_KEPT", 5)
+    every, fewer = (tasks.trials_of(trains, task(seen=share)).train for share in (0.0, 0.25))
+    np.testing.assert_array_equal(every, fewer)
+
+
 def test_trials_that_are_kept_are_neither_trained_on_nor_copied(trains):
     every, fewer = task(augmentation="time"), task(augmentation="time", seen=0.25)
     kept = np.setdiff1d(tasks.trials_of(trains, every).train, tasks.trials_of(trains, fewer).train)

@@ -41,7 +41,7 @@ def presses(path, speeds=(1, 2, 3), each=8, late=False):
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     place = tmp_path_factory.mktemp("unseen")
-    path = presses(place / "touches.h5")
+    path = presses(place / "touches.h5", each=40)
     nt.run_study("own-recordings", place / "run", FEW, data=path, leave_out_each="speed", workers=1)
     return place / "run"
 

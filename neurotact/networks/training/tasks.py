@@ -25,6 +25,8 @@ from neurotact.networks.training.training import Examples
 from neurotact.spec import Spec, build
 
 ExitBy = Literal["stability", "margin"]
+LEAST_KEPT = 10
+"""Trials kept for a test at the conditions of training, at least: fewer tell little and are missed in training."""
 
 
 class Task(Spec):
@@ -163,7 +165,9 @@ def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sp
 
 
 def _kept(trains: SpikeTrains, train: np.ndarray, task: Task) -> np.ndarray:
-    """The training trials that are kept for a test at the conditions of training; none if a class has too few."""
+    """The training trials that are kept for a test at the conditions of training; none if too few would be."""
+    if task.seen * len(train) < LEAST_KEPT:
+        return train[:0]
     try:
         return train[hold_out(trains.labels[train], task.seen, task.split.seed, _among(copies_of(trains).first, train))]
     except InputError:
