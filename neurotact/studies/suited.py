@@ -305,6 +305,8 @@ def _with_seeds(
     """
     n_trials = len(recorded.timing.durations_s)
     found, note = seeds(n_trials)
+    if any(key.startswith(TESTED) for key in table["sweep"]):
+        found, note = [0], "Seeds: 1 for each tested condition."
     sweep = {**table["sweep"]} if {"seed", SEED} & given.keys() else {**table["sweep"], "seed": found}
     if split.test_where and not {"split.seed", "sweep.split.seed", "seed", SEED} & given.keys():
         turns = turns_of(recorded.conditions, split)[:TURNS]

@@ -161,3 +161,27 @@ def test_short_windows_have_no_minirocket_and_it_is_said(capsys):
     made = cuts(np.full(40, 8), WindowSpec(length_ms=8))
     assert "samples" not in [one.words for one in opponents.signal_inputs(recordings, made, "all")]
     assert "no MiniRocket: windows of 8 samples are shorter than its kernels of 9" in capsys.readouterr().err
+
+
+def test_each_classifier_trains_on_the_copies_that_validation_prefers():
+    """Training trials are mirrored; copies of the kind "time" are as validation and test trials are."""
+    labels = np.arange(40) % 2
+    told = np.where(labels == 1, 1.0, -1.0)[:, None] * np.where(np.arange(40) < 12, -1.0, 1.0)[:, None]
+    made, trained = cuts(np.full(40, 20)), np.arange(40) < 12
+    sides = (trained, np.arange(40) >= 24, np.arange(40) >= 32)
+    made = made._replace(
+        sides=sides,
+        copies={"none": trained, "gain": np.arange(40) < 14, "time": (np.arange(40) >= 12) & (np.arange(40) < 24)},
+    )
+    asked = []
+
+    def recording(sides, seed):
+        asked.append(len(sides.y_train))
+        return families.logistic_regression(sides, seed)
+
+    of = {"logistic regression": families.logistic_regression, "GRU": recording}
+    one = Input("signals", "made up", None, told, Cost(signal_ms=20.0), of)
+    rows = list(opponents.rows([one], labels, made))
+    assert [row["settings"].rpartition("; ")[2] for row in rows] == ["varied copies: time"] * 2
+    assert [row["accuracy_test"] for row in rows] == [1.0, 1.0]
+    assert asked == [12]  # the slow one is trained once, on the kind that was best before it

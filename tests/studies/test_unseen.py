@@ -111,6 +111,8 @@ def test_fewer_networks_are_trained_since_each_takes_several_trainings(tmp_path)
     asked = {"split.test_where": {"speed": 3}}
     sweep = loading.resolve("own-recordings", asked, data=path).sweep
     assert {key: sweep[key] for key in suited.FEWER} == suited.FEWER
+    each = loading.resolve("own-recordings", {"sweep.split.test_where.speed": [1, 2, 3]}, data=path)
+    assert each.sweep["seed"] == [0]
     own = loading.resolve("own-recordings", {**asked, "sweep.network.hidden": [5, 9, 20]}, data=path).sweep
     assert own["network.hidden"] == [5, 9, 20]
 
