@@ -50,6 +50,7 @@ calibrate touch.h5 --set conditioning.baseline=first -o calibrated.toml
 encode touch.h5 --encoder calibrated.toml -o encoded.h5
 raster spikes.h5 -o raster.png
 train spikes.h5 --network rsnn --set hidden=4 --set training.epochs=1 --window-ms 50 -o trained
+conditions-curve spikes.h5 day --network rsnn --set hidden=4 --set training.epochs=1 --window-ms 50
 tune spikes.h5 --network rsnn --set training.epochs=1 --trials 2 --window-ms 50 -o tuned
 infer run spikes.h5 --early-exit
 sops run -o sops.csv

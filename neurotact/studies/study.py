@@ -455,8 +455,8 @@ def _pays_exact(study: StudySpec, recorded: suited.Recorded, clock_Hz: float | N
     if not isinstance(study.encoder, AfferentSpec) or clock_Hz is None or recorded.sampling_rate_Hz >= clock_Hz:
         return False
     swept = [value for key in calibrated.PERIODS for value in sweeps.values(study.sweep, key)]
-    own = encoders.t_ref_pair_ms(study.encoder)
-    return min([*own, *swept]) >= LEAST_EXACT_MS
+    periods = [*encoders.t_ref_pair_ms(study.encoder), *swept]
+    return all(isinstance(period, (int, float)) and period >= LEAST_EXACT_MS for period in periods)
 
 
 def to_toml(study: Spec) -> str:

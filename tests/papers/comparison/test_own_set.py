@@ -83,7 +83,8 @@ def bench_of(path: Path, **changes):
 
 def test_window_clock_seeds_and_baseline_are_those_of_own_recordings(tmp_path):
     path = saved(tmp_path, lengths=(300, 400) * 12)
-    ours, theirs = (loading.resolve(name, data=path) for name in ("ways-to-save", "own-recordings"))
+    ours = loading.resolve("ways-to-save", data=path)
+    theirs = loading.resolve("own-recordings", {"encoder.integration": "clock"}, data=path)  # the ways share a clock
     chosen = ours.parameters["data"]["sets"]["recordings"]
     assert chosen["window"] == theirs.window.model_dump(mode="json", exclude_none=True)
     assert chosen["conditioning"]["resample_Hz"] == theirs.encoder.conditioning.resample_Hz
