@@ -60,6 +60,11 @@ def run_cell(
     return left_by(cell, trains, searched.fitted, searched.sides, perf_counter() - began, searched)
 
 
+def trains_once(cell: Cell) -> bool:
+    """Whether a cell trains one network: it neither searches nor chooses varied copies."""
+    return cell.network is not None and cell.search is None and cell.augmentation is None
+
+
 def _robust(cell: Cell, augmentation: AugmentationSpec, trains: SpikeTrains, spec: RSNNSpec, progress: Any) -> Files:
     """The files of a cell whose varied copies are chosen on validation trials."""
     began = perf_counter()

@@ -1,6 +1,7 @@
-"""Cells of a study on one device: cells with a network and without a search are trained together, as one population.
+"""Cells of a study on one device: cells that train one network are trained together, as one population.
 
-Then each cell with a search is run; each batch of its trials is a population.
+Then each other cell is run: each batch of a search is a population; where varied copies are chosen, the trainings of
+which the choice is are run on the CPU.
 """
 
 from collections.abc import Iterator, Sequence
@@ -29,10 +30,10 @@ def on_device(name: str) -> Iterator[MapCells]:
         known = [cell for cell in todo if isinstance(cell, Cell)]
         if len(known) < len(todo):
             raise InputError(f"`device={name!r}`: this study's protocol trains no spiking networks; leave `device` out")
-        together = [cell for cell in known if cell.network is not None and cell.search is None]
+        together = [cell for cell in known if cells.trains_once(cell)]
         yield from _trained_together(kind, together, folder, device)
         for cell in known:
-            if cell.network is None or cell.search is not None:
+            if not cells.trains_once(cell):
                 given = kind.load(folder / cell.given)
                 yield cell, cells.run_cell(cell, given, cell_folder(folder, cell), device=name)
 

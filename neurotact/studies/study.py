@@ -500,9 +500,14 @@ def cells(study: StudySpec) -> Iterator[Cell]:
 
 
 def _augmented(cell: Cell) -> Cell:
-    """The cell without the varied copies that it does not need: `auto` needs a test on other conditions."""
+    """The cell without the varied copies that it does not need: `auto` needs a test on other conditions, and no search.
+
+    Raises InputError for a search with a kind of copies by name.
+    """
     kind = None if cell.augmentation is None else cell.augmentation.kind
-    is_idle = kind == NONE or (kind == AUTO and not cell.split.test_where)
+    is_idle = kind == NONE or (kind == AUTO and (not cell.split.test_where or cell.search is not None))
+    if kind is not None and not is_idle and cell.search is not None:
+        raise InputError("augmentation.kind: a search trains without varied copies; leave one of them out")
     return cell.model_copy(update={"augmentation": None}) if is_idle else cell
 
 

@@ -141,7 +141,7 @@ def suit(
         aligned = None if is_placed else from_onset(recorded, chosen, given)
         chosen, notes = aligned or (chosen, notes)
         table = {**table, "window": override(chosen, _of_window(given))}
-    if "augmentation" in table and (columns := untrained_conditions(table)):
+    if "augmentation" in table and "search" not in table and (columns := untrained_conditions(table)):
         table, note = _for_remedies(table, recorded, given, columns)
         notes += note
     if SEED in left:

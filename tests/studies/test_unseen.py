@@ -7,8 +7,9 @@ import pytest
 import neurotact as nt
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
+from neurotact.errors import InputError
 from neurotact.report.robustness import sentence
-from neurotact.studies import loading, study, suited
+from neurotact.studies import loading, runner, study, suited
 
 FEW = {
     "calibrate": False,
@@ -128,3 +129,22 @@ def test_the_sentence_tells_losses_and_gains():
         "points are lost; without varied copies it is right in 50.0 %."
     ]
     assert sentence(None, network) == []
+
+
+def test_a_device_chooses_among_the_same_copies(run, tmp_path):
+    path = run.parent / "touches.h5"
+    what = loading.resolve("own-recordings", {**FEW, "sweep.split.test_where.speed": [1]}, data=path)
+    runner.run(what, tmp_path / "device", device="cpu:0")
+    here, there = (pd.read_csv(folder / "remedies.csv") for folder in (tmp_path / "device", run))
+    pd.testing.assert_frame_equal(here, there[there["split.test_where.speed"] == 1].reset_index(drop=True), rtol=1e-6)
+
+
+def test_a_search_trains_without_copies_and_refuses_them_by_name(tmp_path):
+    path = presses(tmp_path / "touches.h5")
+    space = {"surrogate_scale": {"_type": "choice", "_value": [5, 10]}}
+    asked = {**FEW, "split.test_where": {"speed": 3}, "search": {"space": space, "trials": 2, "batch": 2}}
+    what = loading.resolve("own-recordings", asked, data=path)
+    assert all(cell.augmentation is None for cell in study.cells(what))
+    assert not any("copies" in note for note in what.notes)
+    with pytest.raises(InputError, match="a search trains without varied copies"):
+        loading.resolve("own-recordings", {**asked, "augmentation.kind": "time"}, data=path)
