@@ -9,12 +9,11 @@ from collections.abc import Iterator
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
-import pandas as pd
 from pydantic import Field, field_validator
 
 from neurotact.data.onset import common_onset_s, evenly
 from neurotact.data.recordings import Recordings
-from neurotact.errors import InputError
+from neurotact.data.window_choice import RESTS
 from neurotact.spec import Spec
 
 Part = Literal["time", "gain", "start"]
@@ -23,9 +22,8 @@ CANDIDATES = (NONE, "time", "gain", "time+gain")
 """What `auto` chooses among, on validation trials of a condition that is not trained on."""
 UNRANKED = CANDIDATES[-1]
 """What `auto` takes where validation cannot leave out a condition."""
-RESTS = 0.8
-"""Share of the time before the touch whose mean is the rest of a trial."""
 BEGIN_S = 0.05
+"""Of a trial without rest, the beginning whose mean stands for it."""
 
 
 class AugmentationSpec(Spec):
@@ -105,7 +103,7 @@ def varied_copies(recordings: Recordings, spec: AugmentationSpec) -> Iterator[Va
     A copy is at least as long as its trial: one that is played faster goes on backwards from its end, where a touch is
     over and a slide goes on.
 
-    >>> touches = Recordings([np.arange(8.0)[:, None]], 100.0, "mV", pd.DataFrame({"label": ["felt"]}))
+    >>> touches = Recordings([np.arange(8.0)[:, None]], 100.0, "mV", {"label": ["felt"]})
     >>> [(each.kind, len(each.recordings)) for each in varied_copies(touches, AugmentationSpec(copies=2))]
     [('time', 2), ('gain', 2), ('time+gain', 2)]
     """
@@ -126,23 +124,6 @@ def order_of(n_trials: int, spec: AugmentationSpec) -> tuple[np.ndarray, np.ndar
     """
     of = np.repeat(np.arange(n_trials), spec.copies)
     return np.tile(of, len(spec.kinds)), np.repeat(np.array(spec.kinds, dtype=str), len(of))
-
-
-def augment(recordings: Recordings, spec: AugmentationSpec) -> Recordings:
-    """The recorded trials, then their copies of one kind; the condition `copy_of` counts the trial of each copy.
-
-    Trials that are no copies have -1 there.
-    """
-    if spec.kind == AUTO:
-        raise InputError("augmentation.kind: 'auto' is chosen while a network is trained; name what varies")
-    of = np.full(len(recordings), -1)
-    signals, conditions = [*recordings.signals], recordings.conditions
-    for copies in varied_copies(recordings, spec):
-        of = np.concatenate([of, copies.of])
-        signals += [*copies.recordings.signals]
-        conditions = pd.concat([conditions, copies.recordings.conditions], ignore_index=True)
-    about = recordings.unit, conditions.assign(copy_of=of), recordings.channels, recordings.source
-    return Recordings(signals, recordings.sampling_rate_Hz, *about)
 
 
 def _block(

@@ -102,11 +102,19 @@ def timing_of(spikes: SpikeTrains, window: WindowSpec = WindowSpec()) -> Timing:
     clock_Hz = spikes.sampling_rate_Hz
     begins = spikes.begins(window, np.arange(len(spikes)))
     if begins is not None:
-        left = spikes.trial_steps - begins
-        least = int(np.quantile(left, LATE, method="lower"))
-        return Timing(np.minimum(np.maximum(left, least), spikes.trial_steps) / clock_Hz, clock_Hz, from_onset=True)
+        return Timing(left_after(spikes.trial_steps, begins) / clock_Hz, clock_Hz, from_onset=True)
     touch_s = common_spike_onset_s(spikes) if spikes.touch_s is None else spikes.touch_s
     return Timing(spikes.trial_steps / clock_Hz, clock_Hz, touch_s)
+
+
+def left_after(durations: np.ndarray, onsets: np.ndarray) -> np.ndarray:
+    """The time of each trial from its onset on; of the few with a late onset (`LATE`), that of the next one.
+
+    >>> left_after(np.full(11, 10), np.array([9, *[4] * 10])).tolist()
+    [6, 6, 6, 6, 6, 6, 6, 6, 6, 6, 6]
+    """
+    left = durations - onsets
+    return np.minimum(np.maximum(left, np.quantile(left, LATE, method="lower")), durations)
 
 
 def on_late_onsets(spikes: SpikeTrains, timing: Timing, window: WindowSpec, words: Words) -> Iterator[str]:

@@ -235,17 +235,17 @@ def _by_source(cells: Iterable[Cell]) -> list[list[Cell]]:
 
 def encoded_part(recordings: Recordings, cell: Cell) -> Recordings:
     """The trials as far as a cell encodes them."""
-    if cell.encoded_ms is None:
-        return recordings
-    n_samples = math.ceil(cell.encoded_ms * 1e-3 * recordings.sampling_rate_Hz - 1e-9) + 1
-    return replace(recordings, signals=[signal[:n_samples] for signal in recordings.signals])
+    return recordings if cell.encoded_ms is None else _until(recordings, cell.encoded_ms)
 
 
 def copied_part(recordings: Recordings, cell: Cell) -> Recordings:
     """The trials as far as the windows of their varied copies reach; the whole trials if these begin at an onset."""
     end_ms = reach_ms(cell)
-    if end_ms is None or cell.augmentation is None:
-        return recordings
+    return recordings if end_ms is None or cell.augmentation is None else _until(recordings, end_ms)
+
+
+def _until(recordings: Recordings, end_ms: float) -> Recordings:
+    """The beginning of each trial, with the sample at its end."""
     n_samples = math.ceil(end_ms * 1e-3 * recordings.sampling_rate_Hz - 1e-9) + 1
     return replace(recordings, signals=[signal[:n_samples] for signal in recordings.signals])
 

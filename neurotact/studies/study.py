@@ -440,8 +440,8 @@ def _suited(
             f"{path}: '{suited.AUTO}' is chosen from a file of recordings; name one with `data` or dataset.file"
         )
     clock_Hz = study.encoder.conditioning.resample_Hz
-    is_of_others = bool(suited.untrained_conditions(table))
-    recorded = suited.look(expand(study.dataset.file), clock_Hz, study.dataset.choice, onsets=is_of_others)
+    uses_onsets = "window" in left and bool(suited.untrained_conditions(table))
+    recorded = suited.look(expand(study.dataset.file), clock_Hz, study.dataset.choice, onsets=uses_onsets)
     table, notes = suited.suit(table, recorded, left, given, split=study.split)
     exact = is_exact(study.encoder)
     if suited.INTEGRATION in left and _pays_exact(study, recorded, clock_Hz):

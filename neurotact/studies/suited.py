@@ -23,7 +23,7 @@ from neurotact.data.onset import common_onset_s, onsets_s
 from neurotact.data.recordings import LABEL
 from neurotact.data.splits import SplitSpec, turns_of
 from neurotact.data.trial_choice import EVERY, TrialChoice, chosen_trials
-from neurotact.data.window_choice import FOUND, LATE, RESTS, Timing, Words, choose
+from neurotact.data.window_choice import FOUND, LATE, RESTS, Timing, Words, choose, left_after
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.calibration import CLOCK_HZ
 from neurotact.errors import InputError
@@ -178,10 +178,8 @@ def from_onset(
     n_late = int((begin_s > middle_s).sum())
     if n_late <= LATE * len(begin_s):
         return None
-    durations_s = recorded.timing.durations_s
-    left_s = durations_s - begin_s
-    least_s = float(np.quantile(left_s, LATE, method="lower"))
-    timing = Timing(np.minimum(np.maximum(left_s, least_s), durations_s), recorded.timing.clock_Hz, from_onset=True)
+    left_s = left_after(recorded.timing.durations_s, begin_s)
+    timing = Timing(left_s, recorded.timing.clock_Hz, from_onset=True)
     table, notes = window(timing, {**given, f"{WINDOW}per_trial": 1})
     note = (
         f"Windows start at the onset of contact: touches begin at different times, in {n_late} of {len(begin_s)} "
@@ -208,8 +206,8 @@ def _for_remedies(
         what = f"also on copies {in_words(augmentation.kind, augmentation)}"
     elif _can_rank(recorded, table, columns):
         what = (
-            f"also on copies played up to {augmentation.time_factor:g} times faster or slower, or scaled up to "
-            f"{augmentation.gain_factor:g} times, or both, where that is best on validation trials of another {names}"
+            f"also on copies {in_words('time', augmentation)}, or {in_words('gain', augmentation)}, or both, where "
+            f"that is best on validation trials of another {names}"
         )
     else:
         what = (

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from neurotact.data import hdf5
-from neurotact.data.augmentation import AUTO, CANDIDATES, AugmentationSpec, augment, played, varied_copies
+from neurotact.data.augmentation import CANDIDATES, AugmentationSpec, played, varied_copies
 from neurotact.data.recordings import Recordings
 from neurotact.encoders import specs
 from neurotact.encoders.encoding import encode_recordings
@@ -95,13 +95,6 @@ def test_blocks_do_not_change_copies(monkeypatch):
     signals = [signal for part in parts for signal in part.recordings.signals]
     for one, other in zip(signals, whole.recordings.signals, strict=True):
         np.testing.assert_array_equal(one, other)
-
-
-def test_augmented_recordings_name_the_trial_of_each_copy():
-    found = augment(touches(), AugmentationSpec(kind="time", copies=2))
-    assert found.conditions["copy_of"].tolist() == [-1] * 6 + [0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5]
-    with pytest.raises(InputError, match="name what varies"):
-        augment(touches(), AugmentationSpec(kind=AUTO))
 
 
 @pytest.mark.parametrize("kind", ["gain+time", "time+time", "speed", ""])

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import Split, hold_out, values_to_leave_out
+from neurotact.data.splits import Split, values_to_leave_out
 from neurotact.errors import InputError
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import fitting, robust, tasks
@@ -59,13 +59,13 @@ def curve(trains: SpikeTrains, spec: RSNNSpec, task: Task, column: str, seed: in
     asked = plan(trains.conditions, column)
     values, labels = trains.conditions[column].to_numpy(), trains.labels
     rng = np.random.default_rng(seed)
+    least = min(int((values == value).sum()) for value in set(values.tolist()))
     for tested, trained_on in asked:
         pool = np.flatnonzero(np.isin(values, trained_on))
-        least = min(int((values == value).sum()) for value in set(values.tolist()))
         pool = np.sort(_some(rng, pool, labels, values, least))
-        kept = _held(labels, pool, robust.SEEN, seed)
+        kept = tasks.held_out(trains, pool, robust.SEEN, seed)
         rest = np.setdiff1d(pool, kept)
-        validation = _held(labels, rest, VALIDATION, seed + 1)
+        validation = tasks.held_out(trains, rest, VALIDATION, seed + 1)
         split = Split(np.setdiff1d(rest, validation), validation, np.flatnonzero(values == tested))
         fitted, sides = fitting.fit(trains, spec, task, (seed, seed + 1), split=split)
         found = fitted.network.infer(sides.test.spikes)
@@ -90,10 +90,6 @@ def _some(rng: np.random.Generator, pool: np.ndarray, labels: np.ndarray, values
         turn = pd.Series(values[part]).groupby(values[part]).cumcount().to_numpy()
         found.append(part[np.argsort(turn, kind="stable")][: max(3, round(n * len(part) / len(pool)))])
     return np.concatenate(found)
-
-
-def _held(labels: np.ndarray, trials: np.ndarray, share: float, seed: int) -> np.ndarray:
-    return trials[hold_out(labels[trials], share, seed, np.arange(len(trials)))]
 
 
 def means(table: pd.DataFrame) -> pd.DataFrame:

@@ -169,9 +169,14 @@ def _kept(trains: SpikeTrains, train: np.ndarray, task: Task) -> np.ndarray:
     if task.seen * len(train) < LEAST_KEPT:
         return train[:0]
     try:
-        return train[hold_out(trains.labels[train], task.seen, task.split.seed, _among(copies_of(trains).first, train))]
+        return held_out(trains, train, task.seen, task.split.seed)
     except InputError:
         return train[:0]
+
+
+def held_out(trains: SpikeTrains, chosen: np.ndarray, share: float, seed: int) -> np.ndarray:
+    """About this share of the chosen trials, by class, with their copies; InputError if a class has too few."""
+    return chosen[hold_out(trains.labels[chosen], share, seed, _among(copies_of(trains).first, chosen))]
 
 
 def _among(first: np.ndarray, chosen: np.ndarray) -> np.ndarray:
