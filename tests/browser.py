@@ -76,6 +76,14 @@ class Browser:
             assert monotonic() < end, f"never came true: {condition}; complaints: {self.complaints}"
             sleep(0.05)
 
+    def assert_accessible(self) -> None:
+        """Every part of the page, opened, passes the checks of axe; skips where there is no axe."""
+        axe = pytest.importorskip("axe_core_python", reason="no axe here; pip install axe-core-python")
+        self.evaluate(Path(axe.__file__).with_name("axe.min.js").read_text(encoding="utf-8") + ";0")
+        self.evaluate("document.querySelectorAll('details').forEach((each) => { each.open = true; })")
+        found = self.evaluate("axe.run().then(({ violations }) => JSON.stringify(violations))")
+        assert [(each["id"], [node["html"] for node in each["nodes"]]) for each in json.loads(found)] == []
+
     def click(self, x: float, y: float) -> None:
         self.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
         sleep(0.2)  # plotly hovers before it takes a click

@@ -420,4 +420,7 @@ def test_a_page_is_reachable_by_keyboard_and_screen_reader(site):
     assert 'aria-level="2"' in made
     corner = '<th class="head"><p></p></th><th class="head text-right"></th><th class="head"><p>ms</p></th>'
     assert change(corner) == '<td class="head"></td><td class="head text-right"></td><th class="head"><p>ms</p></th>'
-    assert change(made) == made
+    assert change("<th></th><th>pitch</th>") == "<td></td><th>pitch</th>"
+    results = change('<div id="search-results"></div>')
+    assert results.startswith("<h1>Search</h1>")
+    assert change(made + results) == made + results

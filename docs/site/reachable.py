@@ -22,7 +22,8 @@ CHANGES: tuple[Change, ...] = (
     (r'<(pre|div class="(?:table-wrapper|math-wrapper)[^"]*")>', r'<\1 tabindex="0">'),
     (r"<dl>\s*(?:<dd>(?:(?!</?d[ld]>).)*</dd>\s*)+</dl>", _signature),
     # A head without words is no head: a corner above heads of rows, or a table of pictures.
-    (r'<th class="(head[^"]*)">\s*(?:<p>\s*</p>\s*)?</th>', r'<td class="\1"></td>'),
+    (r'<th( class="head[^"]*")?>\s*(?:<p>\s*</p>\s*)?</th>', r"<td\1></td>"),
+    (r'(?<!</h1>)<div id="search-results">', '<h1>Search</h1><div id="search-results">'),
     (r'role="heading">', 'role="heading" aria-level="2">'),
     (r'<aside class="sidebar-drawer">', '<aside class="sidebar-drawer" aria-label="Pages">'),
     (r'<aside class="toc-drawer([^"]*)">', r'<aside class="toc-drawer\1" aria-label="On this page">'),

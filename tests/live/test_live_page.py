@@ -190,6 +190,16 @@ def test_everything_has_a_name(window):
         assert all(named.get(role, [])), (role, named.get(role))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_page_is_accessible(window, scheme):
+    chain, signal = make_chain({}, n_taxels=16, hidden=60), make_signal(3000, 16)
+    with serving(session_of(chain, Given(cut(signal), ["1"] * 300))) as server:
+        look(window, server, scheme=scheme)
+        window.wait_for(AT_ITS_END)
+        window.assert_accessible()
+
+
 def test_a_page_that_lost_its_server_says_so_and_comes_back(window):
     chain = make_chain({})
     with serving(session_of(chain, Given(cut(make_signal(100))))) as server:

@@ -419,6 +419,14 @@ def test_in_a_browser_a_point_is_clicked_and_its_network_shown(chromium, written
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("width", "scheme"), [(400, "dark"), (1400, "light")])
+def test_in_a_browser_a_report_is_accessible(chromium, written, width, scheme):
+    chromium.open(written, width, scheme=scheme)
+    chromium.wait_for(DRAWN)
+    chromium.assert_accessible()
+
+
+@pytest.mark.slow
 def test_in_a_browser_the_keyboard_sorts_the_table_and_shows_a_network(chromium, written):
     chromium.open(written, 1400)
     chromium.wait_for(DRAWN)

@@ -126,7 +126,8 @@ function ledger(cell, study) {
   const own = Object.keys(row).filter((key) => /^spikes_[a-z0-9_]+$/.test(key) && !key.endsWith("_s") && row[key] !== null);
   const named = (key) => ({ sa: "SA-I", ra: "RA-I" }[key.slice(7)] || key.slice(7).toUpperCase());
   const sent = `${own.map((key) => `${count(row[key], 1)} ${named(key)}`).join(" and ")} input spikes.`;
-  return [element("div", { class: "scroll" }, table), element("p", { class: "soft" }, `Means over test windows. ${sent}`)];
+  return [element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Synaptic operations" }, table),
+    element("p", { class: "soft" }, `Means over test windows. ${sent}`)];
 }
 
 function confusion(matrix, study) {
