@@ -29,6 +29,8 @@ struct StreamKernels {
     bool infer(const Net<T>&, const ExitRule&, const Decisions&);                     \
     template <class T>                                                                               \
     void encode(const Encoding<T>&);                                                                 \
+    template <class T>                                                                               \
+    void encode_exact(const ExactEncoding<T>&);                                                      \
     extern const StreamKernels stream_kernels;                                                       \
     }
 NT_DECLARE_KERNELS(avx512)
@@ -45,6 +47,7 @@ struct Kernels {
     void (*small_backward)(const Net<T>&, const Layout&, const Tape<T>&, const Gradients<T>&);
     bool (*infer)(const Net<T>&, const ExitRule&, const Decisions&);
     void (*encode)(const Encoding<T>&);
+    void (*encode_exact)(const ExactEncoding<T>&);
 };
 
 enum class Isa : int { plain, avx2, avx512 };

@@ -150,6 +150,21 @@ struct Encoding {
     int threads;
 };
 
+// Afferent LIF neurons in closed form, once per sample; see encoders/exact.py.
+template <class T>
+struct ExactEncoding {
+    int64_t trials, samples, steps;  // steps: rows of a trial's spikes; the first is step `first_step` of the trial
+    int afferents;
+    const T* drive;          // mV, (trial, sample, afferent)
+    const double* t_ref_ms;  // (afferent)
+    double tau_ms, v_rest, v_reset, v_threshold;
+    double sample_ms, steps_per_ms, steps_per_sample;
+    int64_t samples_before, first_step;
+    double *membrane, *refractory_ms;  // state in and out, (trial, afferent)
+    uint8_t* spikes;                   // (trial, step, afferent), where ones are added
+    int threads;
+};
+
 enum class Baseline : int { none, first, start, running, high_pass };
 
 // Where a stream writes down what spiked in each step of a push: a row of words a step, as in spikes.hpp. `window` is the

@@ -202,6 +202,32 @@ void encode(bool is_double, int64_t trials, int64_t steps, int taxels, Address s
         sa_silent, ra_silent, sa_membrane, ra_membrane, last, sa_silent_left, ra_silent_left, has_last, spikes, threads);
 }
 
+template <class T>
+void encode_exact_as(int64_t trials, int64_t samples, int64_t steps, int afferents, Address drive, Address t_ref_ms,
+                     double tau_ms, double v_rest, double v_reset, double v_threshold, double sample_ms,
+                     double steps_per_ms, double steps_per_sample, int64_t samples_before, int64_t first_step,
+                     Address membrane, Address refractory_ms, Address spikes, int threads) {
+    kernels<T>().encode_exact({trials, samples, steps, afferents, at<const T>(drive), at<const double>(t_ref_ms), tau_ms,
+                               v_rest, v_reset, v_threshold, sample_ms, steps_per_ms, steps_per_sample, samples_before,
+                               first_step, at<double>(membrane), at<double>(refractory_ms), at<uint8_t>(spikes), threads});
+}
+
+void add_exact(nb::module_& m) {
+    m.def("encode_exact",
+          [](bool is_double, int64_t trials, int64_t samples, int64_t steps, int afferents, Address drive,
+             Address t_ref_ms, double tau_ms, double v_rest, double v_reset, double v_threshold, double sample_ms,
+             double steps_per_ms, double steps_per_sample, int64_t samples_before, int64_t first_step, Address membrane,
+             Address refractory_ms, Address spikes, int threads) {
+              nb::gil_scoped_release release;
+              const auto run = is_double ? encode_exact_as<double> : encode_exact_as<float>;
+              run(trials, samples, steps, afferents, drive, t_ref_ms, tau_ms, v_rest, v_reset, v_threshold, sample_ms,
+                  steps_per_ms, steps_per_sample, samples_before, first_step, membrane, refractory_ms, spikes, threads);
+          },
+          nb::kw_only(), "is_double"_a, "trials"_a, "samples"_a, "steps"_a, "afferents"_a, "drive"_a, "t_ref_ms"_a,
+          "tau_ms"_a, "v_rest"_a, "v_reset"_a, "v_threshold"_a, "sample_ms"_a, "steps_per_ms"_a, "steps_per_sample"_a,
+          "samples_before"_a, "first_step"_a, "membrane"_a, "refractory_ms"_a, "spikes"_a, "threads"_a);
+}
+
 constexpr float kLargest = 1e20f;  // of a sample (neurotact/deploy/chain.py)
 
 // A chain that takes samples; it copies what it is made of, and its memory does not change from then on.
@@ -390,6 +416,7 @@ NB_MODULE(_native, m) {
     nb::class_<Shape>(m, "Shape");
     add_network(m);
     add_stream(m);
+    add_exact(m);
     m.def("encode", &encode, nb::kw_only(), "is_double"_a, "trials"_a, "steps"_a, "taxels"_a, "signal"_a, "trial_stride"_a,
           "time_stride"_a, "sa_gain"_a, "ra_gain"_a, "decay"_a, "v_rest"_a, "v_reset"_a, "v_threshold"_a, "sa_silent"_a,
           "ra_silent"_a, "sa_membrane"_a, "ra_membrane"_a, "last"_a, "sa_silent_left"_a, "ra_silent_left"_a,

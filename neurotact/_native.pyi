@@ -143,6 +143,29 @@ def encode(
     spikes: int,
     threads: int,
 ) -> None: ...
+def encode_exact(
+    *,
+    is_double: bool,
+    trials: int,
+    samples: int,
+    steps: int,
+    afferents: int,
+    drive: int,
+    t_ref_ms: int,
+    tau_ms: float,
+    v_rest: float,
+    v_reset: float,
+    v_threshold: float,
+    sample_ms: float,
+    steps_per_ms: float,
+    steps_per_sample: float,
+    samples_before: int,
+    first_step: int,
+    membrane: int,
+    refractory_ms: int,
+    spikes: int,
+    threads: int,
+) -> None: ...
 def free_spare_blocks() -> None: ...
 def isa() -> str: ...
 def widest_isa() -> str: ...

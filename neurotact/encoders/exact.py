@@ -11,7 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from neurotact.backend import Backend, use_native
 from neurotact.data.conditioning import conditioned_length
+from neurotact.encoders import native
 from neurotact.encoders.afferents import AfferentSpec, checked, drives
 from neurotact.neurons import ExactLIF, ExactLIFState, exact_lif_interval, exact_lif_start
 
@@ -36,7 +38,12 @@ class ExactState(NamedTuple):
 
 
 def encode(
-    signal: np.ndarray, sampling_rate_Hz: float, spec: AfferentSpec, state: ExactState | None = None
+    signal: np.ndarray,
+    sampling_rate_Hz: float,
+    spec: AfferentSpec,
+    state: ExactState | None = None,
+    *,
+    backend: Backend = "auto",
 ) -> tuple[np.ndarray, ExactState]:
     """Spikes of conditioned samples, `(trial, sample, taxel)` to `(trial, step, afferent)` uint8, SA-I first.
 
@@ -44,6 +51,9 @@ def encode(
     before; without it there is one per sample. Step k holds the spikes after its begin and until its end; several of an
     afferent count as one. The state is an argument and a result, so that a recording in pieces gives the spikes of the
     whole. RA-I are driven by the change from the sample before, for as long as the sample holds; 0 at the first one.
+
+    backend: which implementation runs. Their logarithms and exponentials may differ in the last bit, so that a spike
+        within some 1e-9 of the border of a step may be in the other one.
 
     >>> from neurotact.encoders.specs import load
     >>> spec = load("sa1-ra1-lif", {"integration": "exact", "conditioning.resample_Hz": 1000.0, "sa1.t_ref_ms": 5.0})
@@ -66,15 +76,34 @@ def encode(
     n_steps = _n_complete(state.n_samples + n_samples, rate_Hz, clock_Hz)
     spikes = np.zeros((n_trials, n_steps - state.n_steps + 1, n_afferents), np.uint8)
     spikes[:, 0] = state.waiting
-    lif, steps_per_sample = ExactLIFState(state.membrane_mV, state.refractory_ms), clock_Hz / rate_Hz
-    for n in range(n_samples):
-        fired, lif = exact_lif_interval(neuron, drive[:, n].astype(np.float64), lif, 1e3 / rate_Hz)
-        before = state.n_samples + n
-        bins = np.ceil(before * steps_per_sample + fired.time_ms * (1e-3 * clock_Hz) - AT_ONCE).astype(np.int64) - 1
-        bins = np.maximum(bins, _n_complete(before, rate_Hz, clock_Hz)) - state.n_steps
-        trial, afferent = np.divmod(fired.which, n_afferents)
-        spikes[trial, bins, afferent] = 1
+    compiled = use_native(backend, drive.dtype in (np.float32, np.float64), "signals in float32 or float64")
+    lif = (native.encode_exact if compiled else _encode_by_samples)(
+        drive, neuron, ExactLIFState(state.membrane_mV, state.refractory_ms), spikes,
+        rate_Hz=rate_Hz, clock_Hz=clock_Hz, samples_before=state.n_samples, first_step=state.n_steps,
+    )  # fmt: skip
     return spikes[:, :-1], ExactState(*lif, spikes[:, -1].copy(), last, state.n_samples + n_samples, n_steps)
+
+
+def _encode_by_samples(
+    drive: np.ndarray,
+    neuron: ExactLIF,
+    state: ExactLIFState,
+    spikes: np.ndarray,
+    *,
+    rate_Hz: float,
+    clock_Hz: float,
+    samples_before: int,
+    first_step: int,
+) -> ExactLIFState:
+    """The definition of `native.encode_exact`, sample by sample; writes to `spikes`."""
+    steps_per_sample = clock_Hz / rate_Hz
+    for before, now in enumerate(drive.swapaxes(0, 1), start=samples_before):
+        fired, state = exact_lif_interval(neuron, now.astype(np.float64), state, 1e3 / rate_Hz)
+        steps = np.ceil(before * steps_per_sample + fired.time_ms * (1e-3 * clock_Hz) - AT_ONCE).astype(np.int64) - 1
+        first, last = (_n_complete(each, rate_Hz, clock_Hz) for each in (before, before + 1))
+        trial, afferent = np.divmod(fired.which, now.shape[1])
+        spikes[trial, np.clip(steps, first, last) - first_step, afferent] = 1
+    return state
 
 
 def finish(sampling_rate_Hz: float, spec: AfferentSpec, state: ExactState) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The compiled encoder: from conditioned signals to spikes; `afferents.py` is its definition."""
+"""The compiled encoders: from signals or drives to spikes; `afferents.py` and `exact.py` are their definitions."""
 
 import math
 
@@ -7,7 +7,7 @@ import torch
 
 from neurotact.backend import native
 from neurotact.errors import InputError
-from neurotact.neurons import LIF, LIFState
+from neurotact.neurons import LIF, ExactLIF, ExactLIFState, LIFState
 
 
 def encode(
@@ -58,7 +58,41 @@ def encode(
     return out, (following[0], following[1]), last if n_steps == 0 else latest
 
 
-def _levels(neuron: LIF) -> tuple[float, float, float]:
+def encode_exact(
+    drive: np.ndarray,
+    neuron: ExactLIF,
+    state: ExactLIFState,
+    spikes: np.ndarray,
+    *,
+    rate_Hz: float,
+    clock_Hz: float,
+    samples_before: int,
+    first_step: int,
+) -> ExactLIFState:
+    """Mark the spikes of LIF neurons in closed form in `spikes`, `(trial, step, afferent)` uint8; their next state.
+
+    drive: mV, `(trial, sample, afferent)`, float32 or float64; the arithmetic is done in float64.
+    rate_Hz, clock_Hz: of the samples and of the steps. samples_before: samples of the trials before these.
+    first_step: the number of the step that comes first in `spikes`, which reaches to the end of the last sample.
+    """
+    n_trials, n_samples, n_afferents = drive.shape
+    drive, t_ref_ms = np.ascontiguousarray(drive), np.array(neuron.t_ref_ms, np.float64)
+    membrane, refractory = (np.array(values, np.float64, order="C") for values in state)
+    for array in (membrane, refractory):
+        if array.shape != (n_trials, n_afferents) or t_ref_ms.shape != (n_afferents,):
+            raise InputError(f"state: has shape {array.shape} where (trial, afferent) is {(n_trials, n_afferents)}")
+    v_rest, v_reset, v_threshold = _levels(neuron)
+    native.encode_exact(  # pyright: ignore[reportOptionalMemberAccess]
+        is_double=drive.dtype == np.float64, trials=n_trials, samples=n_samples, steps=spikes.shape[1],
+        afferents=n_afferents, drive=_at(drive), t_ref_ms=_at(t_ref_ms), tau_ms=neuron.tau_mem_ms, v_rest=v_rest,
+        v_reset=v_reset, v_threshold=v_threshold, sample_ms=1e3 / rate_Hz, steps_per_ms=1e-3 * clock_Hz,
+        steps_per_sample=clock_Hz / rate_Hz, samples_before=samples_before, first_step=first_step,
+        membrane=_at(membrane), refractory_ms=_at(refractory), spikes=_at(spikes), threads=torch.get_num_threads(),
+    )  # fmt: skip
+    return ExactLIFState(membrane, refractory)
+
+
+def _levels(neuron: LIF | ExactLIF) -> tuple[float, float, float]:
     return neuron.v_rest_mV, neuron.v_reset_mV, neuron.v_threshold_mV
 
 
