@@ -138,6 +138,7 @@ def _spinnaker(asked: Asked) -> Iterator[Finding]:
     network, spec = asked.network, asked.network.spec
     weights = sum(weights.numel() for weights in network.weights)
     states = 4 * (spec.hidden + network.n_classes) + (spec.hidden if network.adaptation is not None else 0)
+    states += 2 * network.n_inputs  # membranes and refractory counters of the afferents
     n_bytes = 4 * weights + 4 * states + 8192
     yield _at_most("bytes of one processor", n_bytes, PROCESSOR_BYTES, "8-bit weights, or several processors")
     encoder = asked.encoder or {}

@@ -82,7 +82,7 @@ def test_a_weight_that_dwarfs_the_others_does_not_fit_eight_bits(target, project
 def test_spinnaker_holds_what_fits_a_processor():
     assert broken("spinnaker2", rule=ExitRule(5)) == {}
     assert list(broken("spinnaker2", hidden=300)) == ["bytes of one processor"]
-    # 376 bytes below the limit, where thresholds that adapt take 4 bytes a hidden neuron.
+    # 248 bytes below the limit, where thresholds that adapt take 4 bytes a hidden neuron.
     assert broken("spinnaker2", hidden=161, n_classes=9) == {}
     assert list(broken("spinnaker2", hidden=161, n_classes=9, threshold_adaptation=0.3)) == ["bytes of one processor"]
     for encoder in ({"model": "izhikevich"}, {"conditioning": {"baseline": "mean"}}):
