@@ -79,7 +79,7 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
     n_taxels, integrator = chain.n_taxels, network.bias is not None
     if max(plan.length, plan.start, plan.hop, plan.quiet) > MOST_STEPS:
         raise InputError("windows: are longer than 2^31 - 1 steps; shorten them")
-    if plan.length * max(2 * n_taxels, spec.hidden) > MOST_COUNT:
+    if plan.length * max(network.n_inputs, spec.hidden) > MOST_COUNT:
         raise InputError("windows: their spikes may exceed a counter of 32 bits; shorten them")
     n_start = Conditioner(chain.sampling_rate_Hz, conditioning).n_start
     if n_start > MOST_STEPS:
@@ -89,12 +89,13 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         "title": title_of(chain, formats), "version": __version__, "name": name, "macro": name.upper(),
         "integer": formats is not None, "unit": _in_comment(encoder.unit),
         "sampling_rate_Hz": f"{chain.sampling_rate_Hz:g}",
-        "n_taxels": n_taxels, "n_hidden": spec.hidden, "n_classes": network.n_classes,
+        "n_taxels": n_taxels, "n_afferents": network.n_inputs, "falling": encoder.sa1.opposite,
+        "n_hidden": spec.hidden, "n_classes": network.n_classes,
         "class_names": [_text(each) for each in chain.classes],
         "length": plan.length, "start": plan.start, "hop": plan.hop, "quiet": plan.quiet, "at_once": plan.at_once,
         "most_decisions": plan.at_once * per_sample,
         "hold": max(1, int(HOLD_MS * 1e-3 * chain.sampling_rate_Hz)), "hold_ms": f"{HOLD_MS:g}",
-        "afferent_type": _unsigned(2 * n_taxels), "neuron_type": _unsigned(spec.hidden),
+        "afferent_type": _unsigned(network.n_inputs), "neuron_type": _unsigned(spec.hidden),
         "class_type": _unsigned(network.n_classes),
         "integrator": integrator, "adapts": network.adaptation is not None, "recurrent": spec.recurrent,
         "membrane_kind": spec.membrane, "reset": spec.reset,
@@ -161,7 +162,8 @@ def _in_float(chain: Chain) -> dict[str, Any]:
         "stride": (chain.sampling_rate_Hz / chain.clock_Hz).hex(), "half": HALF.hex(),
         "rate": float(chain.sampling_rate_Hz).hex(), "clock": float(chain.clock_Hz).hex(),
         "offset": offset, "scale": scale, "leak": _float(sa1.decay),
-        "gain_sa1": _float(encoder.sa1.gain), "gain_ra1": _float(encoder.ra1.gain * chain.clock_Hz * 1e-3),
+        "gain_sa1": _float(encoder.sa1.gain), "gain_falling": _float(-encoder.sa1.gain),
+        "gain_ra1": _float(encoder.ra1.gain * chain.clock_Hz * 1e-3),
         "v_rest": _float(sa1.v_rest_mV), "v_threshold": _float(sa1.v_threshold_mV), "v_reset": _float(sa1.v_reset_mV),
         "tables": tables, "layers": layers[: 1 if network.bias is not None else 2],
         "threshold_out": _float(threshold[1]),

@@ -77,7 +77,8 @@ class FrontEnd(NamedTuple):
     stride: samples from one step to the next, as an integer and 2^-32ths; None for one step per sample.
     baseline: as in the encoder; baseline_steps: of `start`; baseline_weight: of `high-pass`.
     offset, thresholds and resets of SA-I and RA-I: `(taxel,)`, in units of 2^-FRACTION of a raw step.
-    leak: of both populations; silent: their refractory steps.
+    leak: of both populations; silent: their refractory steps. falling: whether a second SA-I under each taxel, with the
+    thresholds and resets of the first, receives the negative of the signal.
     """
 
     smoothing: Weight | None
@@ -94,6 +95,7 @@ class FrontEnd(NamedTuple):
     reset_ra1: np.ndarray
     silent_sa1: int
     silent_ra1: int
+    falling: bool
 
 
 class Layer(NamedTuple):
@@ -323,6 +325,7 @@ def _front_end(chain: Chain, raw: Raw) -> FrontEnd:
         threshold_sa1=levels[0][0], threshold_ra1=levels[1][0],
         reset_sa1=levels[0][1], reset_ra1=levels[1][1],
         silent_sa1=sa1.refractory_steps, silent_ra1=ra1.refractory_steps,
+        falling=encoder.sa1.opposite,
     )  # fmt: skip
 
 

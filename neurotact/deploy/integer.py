@@ -61,8 +61,9 @@ def follow(state: np.ndarray, target: np.ndarray, weight: Weight) -> np.ndarray:
 def encode(
     raw: np.ndarray, front: FrontEnd, lengths: np.ndarray | None = None, averaged: Averaged | None = None
 ) -> np.ndarray:
-    """Spikes of raw samples, `(trial, time, taxel)` int16 to `(trial, step, 2 taxel)` uint8, SA-I first.
+    """Spikes of raw samples, `(trial, time, taxel)` int16 to `(trial, step, afferent)` uint8.
 
+    Afferents: SA-I of every taxel, those of the falling signal if the chain has them, RA-I of every taxel.
     lengths: samples of each trial, `(trial,)`, where shorter trials are padded; all when None. After its last sample a
     trial holds it, as resampling does until the trial ends; steps after that end are to be cut (`n_steps`).
     averaged: of earlier steps, in the baselines `start` and `running`.
@@ -71,16 +72,23 @@ def encode(
     n_trials, n_samples, n_taxels = raw.shape
     lengths = np.full(n_trials, n_samples) if lengths is None else lengths
     rest = np.zeros((n_trials, n_taxels), np.int64)
-    sa1, ra1 = [rest, rest], [rest, rest]
+    sa1 = front.threshold_sa1, front.reset_sa1, front.silent_sa1
+    ra1 = front.threshold_ra1, front.reset_ra1, front.silent_ra1
+    kinds = [sa1, sa1, ra1] if front.falling else [sa1, ra1]
+    states = [[rest, rest]] * len(kinds)
     rows, before = [], None
     for signal in _conditioned(raw, front, lengths, averaged):
         change = np.abs(signal - (signal if before is None else before))
         before = signal
-        fired_sa1, sa1 = _afferent(signal, sa1, front.leak, front.threshold_sa1, front.reset_sa1, front.silent_sa1)
-        fired_ra1, ra1 = _afferent(change, ra1, front.leak, front.threshold_ra1, front.reset_ra1, front.silent_ra1)
-        rows.append(np.concatenate([fired_sa1, fired_ra1], axis=1))
+        targets = [signal, -signal, change] if front.falling else [signal, change]
+        stepped = [
+            _afferent(target, state, front.leak, *kind)
+            for target, state, kind in zip(targets, states, kinds, strict=True)
+        ]
+        rows.append(np.concatenate([fired for fired, _ in stepped], axis=1))
+        states = [state for _, state in stepped]
     if not rows:
-        return np.zeros((n_trials, 0, 2 * n_taxels), np.uint8)
+        return np.zeros((n_trials, 0, len(kinds) * n_taxels), np.uint8)
     return np.stack(rows, axis=1).astype(np.uint8)
 
 

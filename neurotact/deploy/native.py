@@ -88,7 +88,7 @@ class CompiledStream:
         """Of the last push: its first step, and `afferents`, `hidden` and `window` of a `Trace`."""
         first, *rows = self._stream.watched()
         window = np.frombuffer(rows[2], np.int64)
-        sizes = (2 * self.chain.n_taxels, self.chain.network.spec.hidden)
+        sizes = (self.chain.network.n_inputs, self.chain.network.spec.hidden)
         afferents, hidden = (_rows(bits, n, len(window)) for bits, n in zip(rows, sizes, strict=False))
         return first, afferents, hidden, window
 

@@ -4,9 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from made_chains import make_signal
+from made_chains import make_chain, make_signal
 
+from neurotact.data.readers.pvdf_hardness import VOLTS_PER_ADC_COUNT
 from neurotact.deploy import c_export, formats, proof
+from neurotact.deploy.boards import Board
 from neurotact.deploy.chain import Chain
 from neurotact.deploy.formats import Formats
 from neurotact.deploy.proof import Spoken
@@ -28,17 +30,52 @@ def raster_of(chain: Chain, signal: np.ndarray) -> np.ndarray:
 
 
 def compare(chain: Chain, folder: Path, formats_: Formats | None, *, flags=("-O1",), n: int = 3, n_samples: int = 150):
-    """The first difference between C and its twin over some trials, and what the twin said."""
-    folder.mkdir(exist_ok=True, parents=True)
+    """The first difference between C and its twin over some made trials, and what the twin said."""
     signals = [make_signal(n_samples - 7 * k, chain.n_taxels, seed=k) for k in range(n)]
+    return compare_on(signals, chain, folder, formats_, flags=flags)
+
+
+def compare_on(
+    signals: list[np.ndarray],
+    chain: Chain,
+    folder: Path,
+    formats_: Formats | None,
+    *,
+    flags=("-O1",),
+    board: Board | None = None,
+):
+    """The same over these trials; on a board in the emulator, if one is given."""
+    folder.mkdir(exist_ok=True, parents=True)
     c_export.write(chain, folder, formats_, name="skin", parts=c_export.HARNESS)
     if formats_ is None:
         trials, expected = signals, [said_in_float(chain, signal) for signal in signals]
     else:
         trials = [formats_.raw.samples(signal) for signal in signals]
         expected = said_in_whole_numbers(chain, formats_, trials)
-    said = proof.on_host(folder, "skin", trials, flags=flags)
+    if board is None:
+        said = proof.on_host(folder, "skin", trials, flags=flags)
+    else:
+        said, _ = proof.on_board(folder, "skin", trials, board)
     return proof.first_difference(list(proof.cut_off(said, expected)), expected), expected
+
+
+def pressed(data_folder: Path) -> tuple[Chain, list[np.ndarray]]:
+    """A chain with SA-I of both polarities under 8 taxels, and two real presses in mV.
+
+    A press is a negative peak and its release a positive one.
+    """
+    chain = make_chain(
+        {"baseline": "start", "ema_cutoff_Hz": 30.0}, rate_Hz=2000.0, n_taxels=8, windows={"length_ms": 150},
+        afferents={"sa1.opposite": True, "sa1.gain": 15.0, "ra1.gain": 150.0}, forward_weight_scale=1.0, patience=60,
+    )  # fmt: skip
+    with np.load(data_folder / "pvdf-hardness" / "cube03.npz") as stored:
+        counts = [stored[key] for key in ("c03_s1_v300_t01_adc", "c03_s1_v300_t02_adc")]
+    return chain, [(1e3 * VOLTS_PER_ADC_COUNT * each).astype(np.float32) for each in counts]
+
+
+def kinds_of(said: list[Spoken], chain: Chain) -> set[int]:
+    """Which afferents of a taxel spiked: 0 is the first SA-I."""
+    return {afferent // chain.n_taxels for one in said for step in one.afferents for afferent in step}
 
 
 def spikes_of(said: list[Spoken]) -> tuple[int, int, int]:

@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from compiled import chosen, spikes_of
+from compiled import chosen, compare_on, kinds_of, pressed, spikes_of
 from made_chains import make_chain, make_signal
 
 from neurotact.deploy import c_export, proof
@@ -29,6 +29,17 @@ def test_a_processor_says_what_the_twin_says(board, variant, tmp_path):
     said, _ = proof.on_board(tmp_path, "touch", trials, BOARDS[board])
     assert proof.first_difference(list(proof.cut_off(said, expected)), expected) is None
     assert all(n > 0 for n in spikes_of(expected))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("variant", ["float", "integer"])
+def test_a_processor_feels_the_press_and_the_release_of_a_real_press(variant, data_folder, tmp_path):
+    chain, presses = pressed(data_folder)
+    formats = chosen(chain, presses) if variant == "integer" else None
+    short = [presses[0][3000:6000]]
+    difference, expected = compare_on(short, chain, tmp_path, formats, board=BOARDS["cortex-m0"])
+    assert difference is None
+    assert kinds_of(expected, chain) == {0, 1, 2}
 
 
 def test_instructions_are_counted_and_repeat(tmp_path):

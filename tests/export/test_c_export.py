@@ -5,7 +5,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from compiled import chosen, compare, spikes_of
+from compiled import chosen, compare, compare_on, kinds_of, pressed, spikes_of
 from levels import thinned
 from made_chains import ADAPTING, make_chain, make_encoder, make_signal
 
@@ -16,6 +16,8 @@ from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN
 
 needs_compiler = pytest.mark.skipif(proof.missing("cc") is not None, reason=str(proof.missing("cc")))
+FALLING = {"afferents": {"sa1.opposite": True, "ra1.gain": 90.0}}
+"""A second SA-I under each taxel, of the falling signal."""
 KINDS = {
     "paper": ({"ema_cutoff_Hz": 30.0, "baseline": "start", "scale": (2.0, 0.5)}, {"patience": 5}),
     "delayed": ({"baseline": "running"}, {"membrane": "delayed", "reset": "subtract", "recurrent_delay_steps": 1}),
@@ -42,6 +44,12 @@ KINDS = {
     "faster": ({"resample_Hz": 1000.0, "ema_cutoff_Hz": 30.0}, {"rate_Hz": 370.0, "reset": "hard"}),
     "slower": ({"resample_Hz": 1000.0}, {"rate_Hz": 1700.0, "membrane": "delayed", "recurrent_delay_steps": 1}),
     "many": ({}, {"hidden": 300, "forward_weight_scale": 2.0, "n_taxels": 130}),
+    "falling": ({"baseline": "running", "scale": (2.0, 0.5)}, {**FALLING, "patience": 5}),
+    "falling, resampled": (
+        {"resample_Hz": 1000.0, "baseline": "high-pass", "high_pass_Hz": 2.0, "offset": (0.1, -0.2)},
+        {**FALLING, "rate_Hz": 370.0, "readout": "integrator", "membrane": "delayed", "step_ms": 3.0},
+    ),
+    "falling, many": ({"baseline": "first"}, {**FALLING, "n_taxels": 90, "forward_weight_scale": 1.0}),
 }
 
 
@@ -64,6 +72,18 @@ def test_c_says_what_its_twin_says(kind, variant, tmp_path):
     difference, expected = compare(chain, tmp_path, formats)
     assert difference is None
     assert all(n > 0 for n in spikes_of(expected))
+    assert kinds_of(expected, chain) == {0, 1, 2} or not chain.lif.sa1.opposite
+
+
+@needs_compiler
+@thinned("variant", ["integer", "float"])
+def test_c_feels_the_press_and_the_release_of_real_presses(variant, data_folder, tmp_path):
+    chain, presses = pressed(data_folder)
+    formats = chosen(chain, presses) if variant == "integer" else None
+    difference, expected = compare_on(presses, chain, tmp_path, formats, flags=proof.SANITIZERS)
+    assert difference is None
+    assert kinds_of(expected, chain) == {0, 1, 2}
+    assert all(n > 20 for n in spikes_of(expected))
 
 
 @needs_compiler
@@ -131,9 +151,9 @@ def test_a_stream_decides_what_the_float_variant_decides(tmp_path):
     assert [row for row in found if row[1] + chain.windows.length <= 150] == expected[0].decisions
 
 
-def test_several_afferents_a_taxel_are_refused(tmp_path):
-    chain = make_chain({}, afferents={"sa1.grades": [0.5, 1.0]})
-    with pytest.raises(InputError, match="C in float32 does not run it: C has one SA-I and one RA-I"):
+def test_several_grades_a_taxel_are_refused(tmp_path):
+    chain = make_chain({}, afferents={"sa1.grades": [0.5, 1.0], "sa1.opposite": True})
+    with pytest.raises(InputError, match="several grades a taxel: C in float32 does not run it: C has one gain"):
         c_export.write(chain, tmp_path)
     assert not list(tmp_path.iterdir())
 

@@ -40,6 +40,7 @@ KINDS = {
     "faster": ({"resample_Hz": 1000.0, "ema_cutoff_Hz": 30.0, "baseline": "running"}, {"rate_Hz": 400.0}),
     "slower": ({"resample_Hz": 1000.0, "baseline": "first"}, {"rate_Hz": 1700.0, "windows": OVERLAPPING}),
     "adapting": ({"baseline": "running"}, {**ADAPTING, "readout": "leaky", "patience": 5}),
+    "falling": ({"baseline": "first"}, {"afferents": {"sa1.opposite": True}, "windows": OVERLAPPING, "patience": 5}),
 }
 IN_INTEGERS = [kind for kind in KINDS if kind != "adapting"]
 NOT_VALID = (np.nan, np.inf, -np.inf, 3.4e38, -3.4e38, np.nextafter(np.float32(LARGEST), np.float32(np.inf)))

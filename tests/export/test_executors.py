@@ -41,7 +41,8 @@ CONDITIONED = {
     "membranes in closed form": {"resample_Hz": RATE_Hz, "baseline": "first"},
 }
 ENCODED = {
-    "several afferents a taxel": {"sa1.grades": [0.5, 1.0]},
+    "several grades a taxel": {"sa1.grades": [0.5, 1.0]},
+    "SA-I of the falling signal": {"sa1.opposite": True},
     "half-wave rate of change": {"ra1.change": "both"},
     "rise in SA-I": {"sa1.rate_ms": 20.0},
     "membranes in closed form": {"integration": "exact"},

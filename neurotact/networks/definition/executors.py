@@ -74,7 +74,7 @@ def _of_spec(key: str, *values: object) -> Callable[[Subject], bool]:
 
 def _has_grades(subject: Subject) -> bool:
     lif = _lif(subject)
-    return lif is not None and (len(lif.sa1.grades) > 1 or len(lif.ra1.grades) > 1 or lif.sa1.opposite)
+    return lif is not None and max(len(lif.sa1.grades), len(lif.ra1.grades)) > 1
 
 
 CHAIN = ("conditioning", "encoder", "network", "readout", "exit")
@@ -115,11 +115,14 @@ FEATURES: dict[str, Feature] = {
         lambda s: _lif(s) is not None,
         LIF_INSTEAD,
     ),
-    "several afferents a taxel": Feature(
+    "several grades a taxel": Feature(
+        "encoder", ("grades",), _has_grades, "stream it or export it to NIR, or train without sa1.grades and ra1.grades"
+    ),
+    "SA-I of the falling signal": Feature(
         "encoder",
-        ("grades", "opposite"),
-        _has_grades,
-        "stream it or export it to NIR, or train without sa1.grades, sa1.opposite and ra1.grades",
+        ("opposite",),
+        lambda s: (lif := _lif(s)) is not None and lif.sa1.opposite,
+        "train without sa1.opposite",
     ),
     "half-wave rate of change": Feature(
         "encoder",
@@ -219,7 +222,7 @@ _IN_INTEGERS = {
 }
 _IN_C = {
     **dict.fromkeys(OTHER_MODELS, "C has LIF afferents alone"),
-    "several afferents a taxel": "C has one SA-I and one RA-I under each taxel",
+    "several grades a taxel": "C has one gain for the SA-I and one for the RA-I of each taxel",
     "half-wave rate of change": "the RA-I of C are driven by rise and fall alike",
     "rise in SA-I": "the SA-I of C are driven by the signal alone",
     "membranes in closed form": "C has no logarithm without a library",
