@@ -105,9 +105,8 @@ def in_native(feature: str) -> None:
     encoder, network, rule = parts_with(feature)
     if isinstance(encoder, AfferentSpec):
         signal = np.stack([make_signal(80, TAXELS)])
-        rasters = [
-            afferents.encode(signal, RATE_Hz, encoder, backend=backend)[0] for backend in ("native", "reference")
-        ]
+        encode = exact.encode if is_exact(encoder) else afferents.encode
+        rasters = [encode(signal, RATE_Hz, encoder, backend=backend)[0] for backend in ("native", "reference")]
         np.testing.assert_array_equal(rasters[0], rasters[1])
         assert rasters[0].any()
     found = []
@@ -233,8 +232,7 @@ def test_what_the_table_calls_equal_spikes_as_the_reference(executor, feature, t
 def test_what_the_table_refuses_is_refused_with_its_reason(executor, feature, tmp_path):
     encoder, network, rule = parts_with(feature)
     if executor == "native" and FEATURES[feature].part == "encoder":  # nothing chooses a backend for these models
-        own = exact.encode if is_exact(encoder) else MODELS[encoder.model].encode
-        assert "backend" not in own.__annotations__
+        assert "backend" not in MODELS[encoder.model].encode.__annotations__
         return
     reason = EXECUTORS[executor].lacks[feature]
     with pytest.raises(InputError) as refused:

@@ -241,7 +241,7 @@ EXECUTORS: dict[str, Executor] = {
     "native": Executor(
         "the native kernels",
         ("encoder", "network", "readout", "exit"),
-        dict.fromkeys((*OTHER_MODELS, "membranes in closed form"), "NumPy computes them"),
+        dict.fromkeys(OTHER_MODELS, "NumPy computes them"),
     ),
     "stream": Executor("a stream", CHAIN, _STREAMED),
     "c-float": Executor("C in float32", CHAIN, {**_STREAMED, **_IN_C}),
