@@ -92,7 +92,7 @@ def draw_trade_off(
     A point is a t_ref pair and a size, its mean over seeds; filled for the full window, open with early exit, a thin
     line between the two. Bars are drawn only on the front of the full window, whose sizes N are labelled.
 
-    levels: for each data set, accuracies at any cost, by name: the best baseline, guessing.
+    levels: for each data set, accuracies at any cost, by name: the baseline chosen on validation trials, guessing.
     trials: for each data set, its test trials; networks of a single seed get the 95 % interval for that number as bar.
     pair: the title of the legend of the pairs.
     """

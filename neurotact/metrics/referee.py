@@ -135,8 +135,8 @@ def judge(comparisons: Sequence[Paired]) -> Verdict:
     return verdict("tie", min(indices, key=lambda index: comparisons[index].difference))
 
 
-def is_gap(validation: float, n_validation: int, test: float, n_test: int) -> bool:
-    """Whether an accuracy is clearly lower on test trials than on validation trials (Fisher's exact test).
+def is_gap(validation: float, n_validation: int, test: float, n_test: int, level: float = GAP) -> bool:
+    """Whether an accuracy is clearly lower on test trials than on validation trials (Fisher's exact test, p < level).
 
     >>> is_gap(1.0, 45, 0.43, 180), is_gap(0.95, 20, 0.9, 40)
     (True, False)
@@ -145,7 +145,7 @@ def is_gap(validation: float, n_validation: int, test: float, n_test: int) -> bo
         return False
     right = [round(validation * n_validation), round(test * n_test)]
     table = [[right[0], n_validation - right[0]], [right[1], n_test - right[1]]]
-    return float(fisher_exact(table, alternative="greater").pvalue) < GAP  # pyright: ignore[reportAttributeAccessIssue]
+    return float(fisher_exact(table, alternative="greater").pvalue) < level  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def _rounded(share: float) -> float:

@@ -7,6 +7,8 @@ in sentences. Networks are judged as they are used: with early exit where it sav
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
+from scipy.stats import binom
+
 from neurotact.metrics import referee
 from neurotact.metrics.paired import Paired, compare_shares
 from neurotact.metrics.referee import Verdict, Way
@@ -114,6 +116,8 @@ class Answer(NamedTuple):
     is used. error: one standard error of its validation accuracy.
     baseline: the most accurate one on validation trials; None if there is none. cheapest_on_signals: the cheapest
     baseline on signals within one standard error of the best baseline; None if none is.
+    comparable: the cheapest of those within the error that is better than guessing and that test trials do not show to
+    be clearly worse than the best network: ratios of energy are of it; None if none is.
     rivals: the baselines that validation cannot tell from the best one. verdict: on the best network against them.
     unranked: a baseline that validation ranks lower, and that is at least as accurate on test trials; None if none is.
     guess: the accuracy of guessing, or of always predicting the most frequent class.
@@ -125,6 +129,7 @@ class Answer(NamedTuple):
     cheapest: Network
     baseline: Baseline | None
     cheapest_on_signals: Baseline | None
+    comparable: Baseline | None
     rivals: tuple[Baseline, ...]
     verdict: Verdict | None
     unranked: Baseline | None
@@ -161,7 +166,14 @@ class Answer(NamedTuple):
     @property
     def named(self) -> list[Baseline]:
         """Every baseline that a sentence of the answer may name, each once."""
-        known = [self.baseline, self.cheapest_on_signals, self.decisive, self.unranked, *_ends(self.rivals)]
+        known = [
+            self.baseline,
+            self.cheapest_on_signals,
+            self.comparable,
+            self.decisive,
+            self.unranked,
+            *_ends(self.rivals),
+        ]
         return list({one.name: one for one in known if one is not None}.values())
 
 
@@ -193,13 +205,16 @@ def answer(
     interval = wilson_interval(best.used.accuracy, trials.test)
     others = [baseline.way(trials) for baseline in baselines]
     if not others:
-        return Answer(best, interval, error, cheapest, None, None, (), None, None, guess, trials)
-    rivals = [baselines[index] for index in referee.level_with_best(others)]
+        return Answer(best, interval, error, cheapest, None, None, None, (), None, None, guess, trials)
+    level = referee.level_with_best(others)
+    rivals = [baselines[index] for index in level]
     comparisons = [
         compare(best, rival) or compare_shares(best.used.accuracy, rival.accuracy, trials.test) for rival in rivals
     ]
-    near = [baselines[index] for index in referee.within_error(others)]
-    on_signals = [one for one in near if not one.is_of_spikes]
+    tested = dict(zip(level, comparisons, strict=True))  # whatever is within the error is a rival, too
+    on_signals = [index for index in referee.within_error(others) if not baselines[index].is_of_spikes]
+    near = sorted((baselines[index].nJ or 0.0, index) for index in on_signals)
+    fair = [index for _, index in near if baselines[index].accuracy > guess and not _is_ahead(tested[index])]
     lower = [one for one in baselines if one not in rivals and one.accuracy >= best.used.accuracy]
     return Answer(
         best,
@@ -207,13 +222,22 @@ def answer(
         error,
         cheapest,
         baselines[referee.best_of(others)],
-        min(on_signals, key=lambda one: one.nJ or 0.0, default=None),
+        baselines[near[0][1]] if near else None,
+        baselines[fair[0]] if fair else None,
         tuple(rivals),
         referee.judge(comparisons),
         max(lower, key=lambda one: one.accuracy, default=None),
         guess,
         trials,
     )
+
+
+def _is_ahead(comparison: Paired) -> bool:
+    """Whether the network is clearly more accurate than one baseline on test trials, taken alone.
+
+    Without Holm's correction: a baseline that looks worse is rather not compared by energy.
+    """
+    return comparison.difference > 0 and comparison.is_clear
 
 
 def headline(found: Answer) -> str:
@@ -227,13 +251,29 @@ def headline(found: Answer) -> str:
 def verdict(found: Answer) -> str:
     """The verdict of the headline, without its numbers."""
     return {
-        "nothing learned": "Nothing was learned",
+        "nothing learned": _nothing_learned(found),
         "unclear": "Not clearly better than guessing",
         "no baseline": "Clearly better than guessing, and compared with no other classifier",
         "worse": "Spiking costs accuracy",
         "tie": f"No clear difference in accuracy{_at_energy(found)}",
         "better": "Spiking is more accurate",
     }[found.kind]
+
+
+def _nothing_learned(found: Answer) -> str:
+    """That nothing holds on test trials, and whether baselines learned something that does."""
+    if _learned(found):
+        return "The network learned nothing that holds on test trials, other classifiers did"
+    seen, n = found.best.way(found.trials).validation, found.trials.validation
+    holds_there = n > 0 and wilson_interval(seen, n)[0] > found.guess
+    return "Nothing was learned that holds on test trials" if holds_there else "Nothing was learned"
+
+
+def _learned(found: Answer) -> bool:
+    """Whether a rival is clearly better than guessing on test trials: binomial tests with Holm's correction."""
+    n = found.trials.test
+    p = [float(binom.sf(round(one.accuracy * n) - 1, n, found.guess)) for one in found.rivals]
+    return bool(p) and min(referee.holm(p)) < referee.LEVEL
 
 
 def evidence(found: Answer) -> str:
@@ -281,11 +321,13 @@ def _ends(rivals: Sequence[Baseline]) -> list[Baseline]:
 
 
 def _at_energy(found: Answer) -> str:
-    """For equal accuracy, the energy against the cheapest baseline on signals; empty if about equal or unknown."""
-    rival, spent = found.cheapest_on_signals, found.best.used.nJ
+    """For equal accuracy, the energy against the comparable baseline on signals; empty if about equal or unknown."""
+    rival, spent = found.comparable, found.best.used.nJ
     if rival is None or spent is None or (ratio := times(found, spent)) is None:
         return ""
-    return f", and spiking takes {ratio.words} energy {ratio.than} {rival.short} (estimate)"
+    return (
+        f", and spiking takes {ratio.words} energy {ratio.than} {rival.short} with {percent(rival.accuracy)} (estimate)"
+    )
 
 
 class Ratio(NamedTuple):
@@ -296,11 +338,11 @@ class Ratio(NamedTuple):
 
 
 def times(found: Answer, spent: float) -> Ratio | None:
-    """The ratio of an energy to that of the cheapest baseline on signals; None if about equal or unknown.
+    """The ratio of an energy to that of the comparable baseline on signals; None if about equal or unknown.
 
     Less is said only if it is below that of every baseline on signals that validation cannot tell from the best.
     """
-    rival = None if found.cheapest_on_signals is None else found.cheapest_on_signals.nJ
+    rival = None if found.comparable is None else found.comparable.nJ
     if rival is None or min(spent, rival) <= 0 or max(spent, rival) / min(spent, rival) < 1.2:
         return None
     ratio = count(float(f"{max(spent, rival) / min(spent, rival):.2g}"))
@@ -315,14 +357,14 @@ def _learned_without(found: Answer) -> str:
     if found.baseline is None:
         return ""
     worst, best = _ends(found.rivals)
-    learned = wilson_interval(best.accuracy, found.trials.test)[0] > found.guess
-    if len(found.rivals) == 1:
+    learned, n = _learned(found), len(found.rivals)
+    if n == 1:
         verdict = "is clearly better than guessing" if learned else "is not clearly better than guessing either"
         return f"; the best baseline {verdict} ({best.name}, {percent(best.accuracy)})"
     verdict = "some of them are clearly better than guessing" if learned else "none is clearly better than guessing"
     return (
-        f"; {len(found.rivals)} baselines that validation cannot tell apart are right in {percent(worst.accuracy)} "
-        f"({worst.name}) to {percent(best.accuracy)} ({best.name}): {verdict}"
+        f"; {n} baselines that validation cannot tell apart are right in {percent(worst.accuracy)} ({worst.name}) to "
+        f"{percent(best.accuracy)} ({best.name}): {verdict}, after correction for {n} comparisons"
     )
 
 
@@ -335,8 +377,8 @@ def details(found: Answer) -> Iterator[str]:
         yield f"The most accurate network on validation trials, {best.name}, is also the cheapest within its error."
     else:
         yield (
-            f"Within its error ({100 * found.error:.1f} points on validation trials), {cheapest.name} is the cheapest: "
-            f"{_saved(best.used, cheapest.used)} than {best.name}, "
+            f"Within its error ({100 * found.error:.1f} points on validation trials), {cheapest.name} "
+            f"{_is_cheapest(best.used, cheapest.used)}: {_saved(best.used, cheapest.used)} than {best.name}, "
             f"{_lost(best.used, cheapest.used, found.trials.test)}."
         )
     if cheapest.early is not None:
@@ -345,17 +387,36 @@ def details(found: Answer) -> Iterator[str]:
 
 
 def _energy(found: Answer) -> Iterator[str]:
-    """The energy of the cheapest network with and without early exit, and of the cheapest baseline on signals."""
+    """The energy of the cheapest network with and without early exit, and of baselines on signals.
+
+    A ratio is told of the best network alone, as in the headline.
+    """
     whole, used, rival = found.cheapest.whole.nJ, found.cheapest.used.nJ, found.cheapest_on_signals
     if whole is None or used is None or rival is None or rival.nJ is None:
         return
     both = f"{energy(whole)} for a whole window" + (f", {energy(used)} with early exit" if found.cheapest.exits else "")
-    ratio = times(found, used)
-    against = "" if ratio is None else f"that is {ratio.words} {ratio.than} "
-    yield (
-        f"Energy, an estimate of the arithmetic: {both}; {against}{rival.name}, the cheapest baseline on signals "
-        f"within the error of the best one ({energy(rival.nJ)})."
-    )
+    ratio = times(found, used) if found.cheapest == found.best else None
+    against = "beside " if ratio is None else f"that is {ratio.words} {ratio.than} "
+    said = f"Energy of {found.cheapest.name}, an estimate of the arithmetic: {both}"
+    of, fair = "the cheapest baseline on signals within the error of the best one", found.comparable
+    if fair == rival:
+        yield f"{said}; {against}{_priced(rival)}, {of}."
+    elif fair is None:
+        yield (
+            f"{said}. No ratio to {of}, {_priced(rival)}: it is no better than guessing, or clearly less accurate than "
+            "the network."
+        )
+    else:
+        yield (
+            f"{said}; {against}{_priced(fair)}, the cheapest that test trials do not show to be worse than the "
+            f"network; cheaper, but worse, is {_priced(rival)}, {of}."
+        )
+
+
+def _priced(one: Baseline) -> str:
+    """A baseline with its energy and its accuracy on test windows."""
+    spent = "unknown energy" if one.nJ is None else energy(one.nJ)
+    return f"{one.name} ({spent}, right in {percent(one.accuracy)} of the test windows)"
 
 
 def of_refractory_periods(found: Answer, networks: Sequence[Network]) -> Iterator[str]:
@@ -377,8 +438,10 @@ def of_refractory_periods(found: Answer, networks: Sequence[Network]) -> Iterato
 def gaps(found: Answer, cause: str) -> Iterator[str]:
     """A warning if the test accuracy of the best network or baseline is clearly below that on validation trials.
 
-    cause: the likely one, as the split has it.
+    Where the network is not clearly better than guessing on test trials, weaker evidence is enough (`referee.LEVEL` in
+    place of `GAP`): something has failed, and this tells what. cause: the likely one, as the split has it.
     """
+    level = referee.GAP if found.is_above_chance else referee.LEVEL
     network = found.best
     sides = [("the best network", network.way(found.trials).validation, network.used.accuracy)]
     if found.baseline is not None:
@@ -386,7 +449,7 @@ def gaps(found: Answer, cause: str) -> Iterator[str]:
     apart = [
         f"{name} {percent(validation)} and {percent(test)}"
         for name, validation, test in sides
-        if referee.is_gap(validation, found.trials.validation, test, found.trials.test)
+        if referee.is_gap(validation, found.trials.validation, test, found.trials.test, level)
     ]
     if apart:
         yield (
@@ -437,7 +500,14 @@ def _early(whole: Decision, early: Decision, n_test: int) -> str:
     )
 
 
+def _is_cheapest(before: Decision, after: Decision) -> str:
+    """What the cheapest network is the cheapest in: energy, or SOPs if energies are unknown."""
+    is_known = before.nJ is not None and after.nJ is not None
+    return "is the cheapest in energy (an estimate)" if is_known else "is the cheapest in SOPs"
+
+
 def _saved(before: Decision, after: Decision) -> str:
+    """The change of SOPs and of energy, what is saved first."""
     change = 1 - after.sops / before.sops if before.sops > 0 else 0.0
     how = f"{100 * change:.0f} % fewer SOPs" if change >= 0 else f"{-100 * change:.0f} % more SOPs"
     said = f"{how} ({count(after.sops)} against {count(before.sops)})"
@@ -445,7 +515,8 @@ def _saved(before: Decision, after: Decision) -> str:
         return said
     # Conditioning and encoding cost the same for any number of spikes: energy falls by less than SOPs.
     less = 1 - after.nJ / before.nJ
-    return f"{said} and {100 * abs(less):.2g} % {'less' if less >= 0 else 'more'} energy"
+    spent = f"{100 * abs(less):.2g} % {'less' if less >= 0 else 'more'} energy"
+    return f"{spent}, although {said}," if less >= 0 > change else f"{said} and {spent}"
 
 
 def _lost(before: Decision, after: Decision, n_test: int) -> str:
@@ -493,10 +564,10 @@ def count(value: float) -> str:
 
 def milliseconds(value: float) -> str:
     """
-    >>> milliseconds(420.4), milliseconds(0.25)
-    ('420 ms', '0.25 ms')
+    >>> milliseconds(420.4), milliseconds(0.25), milliseconds(1055.2)
+    ('420 ms', '0.25 ms', '1,055 ms')
     """
-    return f"{float(f'{value:.3g}'):,.6g} ms"
+    return f"{round(value) if value >= 100 else float(f'{value:.3g}'):,.6g} ms"
 
 
 def energy(nJ: float) -> str:

@@ -32,7 +32,7 @@ def figures(found: Answer) -> list[Figure]:
     >>> for one in figures(found):
     ...     print(one.value, "|", one.of, "|", one.against)
     90.0 % | 95 % interval 77 to 96 %, 40 test trials | SVM on signals: 95.0 % (83 to 99), p = 0.5
-    250 nJ | an estimate of the arithmetic | 10 times as much as SVM on signals (25 nJ)
+    250 nJ | an estimate of the arithmetic | 10 times as much as SVM on signals (25 nJ, 95.0 %)
     500 ms | the whole window | the others wait as long
     """
     return [*_accuracy(found), *_energy(found), *_time(found)]
@@ -49,12 +49,12 @@ def _accuracy(found: Answer) -> Iterator[Figure]:
 
 
 def _energy(found: Answer) -> Iterator[Figure]:
-    spent, rival = found.best.used.nJ, found.cheapest_on_signals
+    spent, rival = found.best.used.nJ, found.comparable or found.cheapest_on_signals
     if spent is None:
         return
     against = ""
     if rival is not None and rival.nJ is not None:
-        ratio, of = answers.times(found, spent), answers.energy(rival.nJ)
+        ratio, of = answers.times(found, spent), f"{answers.energy(rival.nJ)}, {answers.percent(rival.accuracy)}"
         against = f"{rival.name}: {of}" if ratio is None else f"{ratio.words} {ratio.than} {rival.name} ({of})"
     yield Figure("energy per decision", answers.energy(spent), "an estimate of the arithmetic", against)
 
@@ -153,7 +153,7 @@ def _in_words(decision: Decision, n_test: int) -> list[str]:
 
 
 def _ms(decision: Decision) -> str:
-    return "-" if pd.isna(decision.ms) else answers.count(decision.ms)
+    return "-" if pd.isna(decision.ms) else answers.milliseconds(decision.ms).removesuffix(" ms")
 
 
 def _guess(found: Answer) -> str:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from neurotact.baselines import opponents
 from neurotact.data import nested
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.copies import copies_of
@@ -191,6 +192,7 @@ def as_json(found: Front) -> dict[str, Any]:
         "used": USED[one.best.exits],
         "baseline": _shown(one.baseline),
         "cheapest_on_signals": _shown(one.cheapest_on_signals),
+        "comparable": _shown(one.comparable),
         "rivals": [baseline.name for baseline in one.rivals],
         "verdict": None
         if one.verdict is None or one.decisive is None
@@ -408,11 +410,11 @@ def _comparing(
 
 
 def levels(found: Sequence[Front]) -> dict[str, dict[str, float]]:
-    """For each data set the accuracies at any cost: the best baseline and guessing."""
+    """For each data set the accuracies at any cost: the baseline chosen on validation trials, and guessing."""
     known = {}
     for front in found:
         best = front.answer.baseline
-        known[front.setting] = ({} if best is None else {"best baseline": best.accuracy}) | {
+        known[front.setting] = ({} if best is None else {"baseline chosen on validation": best.accuracy}) | {
             "guessing": front.answer.guess
         }
     return known
@@ -442,10 +444,7 @@ def beware(
     for_all = len(found)
     lines = [line if len(of) == for_all else f"{'; '.join(of)}: {line}" for line, of in by_line.items()]
     if study.baselines == "quick":
-        lines.append(
-            "the strongest opponents on many sets, MiniRocket and a GRU, are not fitted in this first look; run "
-            "the whole study for a verdict"
-        )
+        lines.append(opponents.without_slow())
     if trains is not None:
         lines += cautions.copies(len(copies_of(trains).trials), len(trains))
         note = acausal_note(trains.encoder)

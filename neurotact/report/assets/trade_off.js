@@ -91,11 +91,11 @@ function keyTraces(study, kinds) {
   ];
 }
 
-/* Lines at the best baseline and at guessing, with their names on the right. */
+/* Lines at the baseline chosen on validation and at guessing, with their names on the right. */
 function levels(front) {
   if (!front) return [];
   const found = [[front.guess, "guessing", "dot", "--soft"]];
-  if (front.baseline) found.push([front.baseline.accuracy, "best baseline", "dashdot", "--no"]);
+  if (front.baseline) found.push([front.baseline.accuracy, "baseline chosen on validation", "dashdot", "--no"]);
   return found.map(([share, words, dash, colour]) => ({ y: 100 * share, words: `${words} ${percent(share)}`, dash, colour: style(colour) }));
 }
 

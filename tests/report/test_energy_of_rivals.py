@@ -1,0 +1,91 @@
+"""No sentence gives a ratio of energy to a baseline that guesses, or that tests show to be clearly worse."""
+
+import re
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from neurotact.metrics.paired import compare_shares
+from neurotact.report import answer as answers
+from neurotact.report import first_screen
+from neurotact.report.answer import Baseline, Decision, Network, Trials, answer, details, headline
+
+GUESS = 1 / 3
+SHARES = st.integers(0, 40).map(lambda right: right / 40)
+NETWORKS = st.lists(
+    st.builds(lambda v, a, nJ: Network("1&1", 20, 1, v, Decision(a, 900.0, 500.0, 80.0, nJ), None),
+              SHARES, SHARES, st.floats(1, 500)),
+    min_size=1, max_size=3,
+)  # fmt: skip
+BASELINES = st.lists(
+    st.builds(Baseline, st.sampled_from([f"{name} on {source} (counts)" for name in ("SVM", "ELM", "trees")
+                                         for source in ("signals", "1&1 ms spikes")]),
+              SHARES, SHARES, st.floats(1, 500), st.just(()), st.none()),
+    min_size=1, max_size=6, unique_by=lambda one: one.name,
+)  # fmt: skip
+
+
+@given(NETWORKS, BASELINES, st.integers(20, 200))
+def test_energy_is_compared_with_what_test_trials_do_not_show_to_be_worse(networks, baselines, n):
+    found = answer(networks, baselines, GUESS, Trials(n, n))
+    (figure,) = (one for one in first_screen.figures(found) if one.what == "energy per decision")
+    told = [headline(found), figure.against, *details(found)]
+    of_energy = [sentence for sentence in told if re.search(r"times (as much|less)", sentence)]
+    if found.comparable is None:
+        assert not of_energy
+        return
+    rival, used = found.comparable, found.best.used.accuracy
+    worse = compare_shares(used, rival.accuracy, n)
+    assert not (worse.difference > 0 and worse.is_clear)
+    assert rival.accuracy > GUESS
+    for sentence in of_energy:
+        assert rival.short in sentence
+        assert answers.percent(rival.accuracy) in sentence
+
+
+def run(validation: float, test: float, baselines: list[Baseline], n_validation=44, n=75):
+    """The answer for one network of 155 nJ whose accuracies are given."""
+    network = Network("1&1", 20, 1, validation, Decision(test, 11000.0, 861.0, 80.0, 155.0), None)
+    return answer([network], baselines, GUESS, Trials(n_validation, n))
+
+
+def test_a_cheap_baseline_that_guesses_is_named_with_its_accuracy_and_without_a_ratio():
+    guesser = Baseline("ELM on signals (mean and deviation)", 0.66, 0.365, 23.2)
+    forest = Baseline("extra trees on 1&1 ms spikes (counts)", 0.68, 0.84, 105.0)
+    found = run(0.7, 0.743, [guesser, forest])
+    assert headline(found).startswith("No clear difference in accuracy: the best network is right in 74.3 %")
+    assert "No ratio to the cheapest baseline on signals within the error of the best one, ELM on" in " ".join(
+        details(found)
+    )
+    good = Baseline("SVM on signals (10 time bins)", 0.67, 0.72, 77.5)
+    found = run(0.7, 0.743, [guesser, forest, good])
+    assert (found.cheapest_on_signals, found.comparable) == (guesser, good)
+    assert headline(found).startswith(
+        "No clear difference in accuracy, and spiking takes 2 times as much energy as SVM on signals with 72.0 %"
+    )
+    (energy,) = (words for words in details(found) if words.startswith("Energy"))
+    assert "2 times as much as SVM on signals (10 time bins) (77.5 nJ, right in 72.0 % of the test windows)" in energy
+    assert "cheaper, but worse, is ELM on signals (mean and deviation) (23.2 nJ, right in 36.5 %" in energy
+
+
+def test_what_fails_on_test_trials_alone_is_told_so():
+    weak, strong = Baseline("SVM on signals", 0.73, 0.5, 9.0), Baseline("trees on signals", 0.7, 0.9, 9.0)
+    found = run(15 / 22, 7 / 22, [weak], 22, 22)
+    assert headline(found).startswith("Nothing was learned that holds on test trials: ")
+    (warning,) = answers.gaps(found, "few trials")
+    assert "the best network 68.2 % and 31.8 %" in warning
+    found = run(15 / 22, 7 / 22, [weak, strong], 22, 22)
+    assert headline(found).startswith("The network learned nothing that holds on test trials, other classifiers did: ")
+    assert headline(run(0.3, 0.3, [weak._replace(accuracy=0.3)])).startswith("Nothing was learned: ")
+    many = [Baseline(f"LR {index} on signals", 0.7, 0.4 + 0.01 * index, 9.0) for index in range(18)]
+    assert "none is clearly better than guessing, after correction for 18" in headline(run(0.7, 0.3, many, 22, 22))
+
+
+def test_what_is_the_cheapest_says_in_which_cost():
+    first = Network("10&10", 20, 1, 0.9, Decision(0.8, 4620.0, 887.0, 80.0, 116.0), None)
+    found = answer([first, Network("1&1", 20, 1, 0.89, Decision(0.86, 6140.0, 824.0, 80.0, 112.3), None)],
+                   [], GUESS, Trials(22, 22))  # fmt: skip
+    assert (
+        "1&1 ms with 20 neurons is the cheapest in energy (an estimate): 3.2 % less energy, although 33 % more SOPs "
+        "(6,140 against 4,620), than 10&10 ms with 20 neurons" in next(iter(details(found)))
+    )
