@@ -41,6 +41,8 @@ GRU_BIN_MS, GRU_STEPS = 20.0, 150
 LINEAR = "logistic regression"
 ON_SAMPLES: dict[str, Family] = {"MiniRocket": families.minirocket}
 ON_BINS: dict[str, Family] = {"GRU": families.pooled_gru}
+SLOW = ("spectra of the signals", "MiniRocket", "a GRU")
+"""What `quick` opponents leave out of `all`, in words."""
 SIGNALS, SPIKES, EVENTS = "signals", "spikes", "events"
 RIGHT = "right"
 """A key of each row that is not a column of `baselines.csv`."""
@@ -89,6 +91,32 @@ class Cuts(NamedTuple):
     @property
     def length_ms(self) -> float:
         return 1e3 * self.windows.n_steps / self.clock_Hz
+
+
+def in_words(opponents: Opponents) -> str:
+    """What a study's networks are compared with, as a sentence; empty for none.
+
+    >>> in_words("linear"), in_words("quick")[:58]
+    ('Compared with logistic regression.', 'Compared with logistic regression, SVM, ELM and extra tree')
+    """
+    if opponents == "none":
+        return ""
+    if opponents in ("linear", "readout"):
+        return f"Compared with {LINEAR}."
+    quick = f"Compared with {_listed(tuple(families.ON_FEATURES))}, on signals and on spikes"
+    return f"{quick}{', without ' if opponents == 'quick' else '; also with '}{_listed(SLOW)}."
+
+
+def _listed(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def without_slow() -> str:
+    """The warning of a first look whose opponents are `quick`."""
+    return (
+        f"{_listed(SLOW)}, the strongest opponents on many sets, are not fitted in this first look; run the whole "
+        "study for a verdict"
+    )
 
 
 def cuts_of(

@@ -7,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 
+from neurotact.baselines import opponents
 from neurotact.data.spikes import SpikeTrains
 from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
@@ -125,6 +126,7 @@ def write(study: StudySpec, folder: Path) -> Path:
         downloads=DOWNLOADS,
         specs=_specs(study, trains),
         counted=counted(results),
+        compared=opponents.in_words(study.baselines),
         fronts=found,
         first=first_shown(found),
         cautions=cautions,

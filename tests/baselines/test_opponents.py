@@ -117,6 +117,9 @@ def test_all_opponents_see_the_signals_as_sequences_too():
     assert found["samples"].features.shape == (40, 60, 2)
     assert found["20 ms bins"].features.shape == (40, 3, 2)
     np.testing.assert_allclose(found["20 ms bins"].features[0, 1], recordings.signals[0][20:40].mean(axis=0))
+    quick = {one.words for one in opponents.signal_inputs(recordings, made, "quick")}
+    assert len(found.keys() - quick) == len(opponents.SLOW)  # what is left out is what is named
+    assert all(word in opponents.without_slow() and word in opponents.in_words("all") for word in opponents.SLOW)
     (linear,) = opponents.signal_inputs(recordings, made, "linear")
     assert [*linear.families] == ["logistic regression"]
 
