@@ -346,7 +346,8 @@ def spikes_of(raster: np.ndarray) -> TrialSpikes:
     >>> spikes_of(np.array([[0, 1], [0, 0], [1, 0]])).steps.tolist()
     [0, 2]
     """
-    steps, units = np.nonzero(raster)
+    # NumPy finds truth values in one dimension some ten times faster than bytes in two.
+    steps, units = np.divmod(np.flatnonzero(raster != 0), raster.shape[1])
     return TrialSpikes(steps.astype(np.int64), units.astype(np.uint16), len(raster))
 
 

@@ -61,6 +61,22 @@ def encode(
     >>> spikes.shape, np.flatnonzero(spikes[0, :, 0]).tolist()
     ((1, 20, 2), [6, 18])
     """
+    spikes, state = _with_begun_step(signal, sampling_rate_Hz, spec, state, backend)
+    return spikes[:, :-1], state
+
+
+def encode_whole(
+    signal: np.ndarray, sampling_rate_Hz: float, spec: AfferentSpec, *, backend: Backend = "auto"
+) -> np.ndarray:
+    """The spikes of whole trials: those of `encode`, and the step that `finish` adds."""
+    spikes, state = _with_begun_step(signal, sampling_rate_Hz, spec, None, backend)
+    return spikes[:, : _length(sampling_rate_Hz, spec, state)]
+
+
+def _with_begun_step(
+    signal: np.ndarray, sampling_rate_Hz: float, spec: AfferentSpec, state: ExactState | None, backend: Backend
+) -> tuple[np.ndarray, ExactState]:
+    """The spikes of `encode` and, as a last step, those in the one that the samples do not fill."""
     signal = checked(signal)
     rate_Hz, clock_Hz = sampling_rate_Hz, spec.conditioning.clock_Hz(sampling_rate_Hz)
     n_trials, n_samples, n_taxels = signal.shape
@@ -81,7 +97,7 @@ def encode(
         drive, neuron, ExactLIFState(state.membrane_mV, state.refractory_ms), spikes,
         rate_Hz=rate_Hz, clock_Hz=clock_Hz, samples_before=state.n_samples, first_step=state.n_steps,
     )  # fmt: skip
-    return spikes[:, :-1], ExactState(*lif, spikes[:, -1].copy(), last, state.n_samples + n_samples, n_steps)
+    return spikes, ExactState(*lif, spikes[:, -1].copy(), last, state.n_samples + n_samples, n_steps)
 
 
 def _encode_by_samples(
@@ -111,10 +127,15 @@ def finish(sampling_rate_Hz: float, spec: AfferentSpec, state: ExactState) -> np
 
     With them a trial has the steps of `conditioned_length`. No afferent fires after the last sample's interval.
     """
-    n_steps = conditioned_length(state.n_samples, sampling_rate_Hz, spec.conditioning.clock_Hz(sampling_rate_Hz))
+    n_steps = _length(sampling_rate_Hz, spec, state)
     rest = np.zeros((len(state.waiting), n_steps - state.n_steps, state.waiting.shape[1]), np.uint8)
     rest[:, :1] = state.waiting[:, None][:, : rest.shape[1]]
     return rest
+
+
+def _length(sampling_rate_Hz: float, spec: AfferentSpec, state: ExactState) -> int:
+    """The steps of a trial that ends here."""
+    return conditioned_length(state.n_samples, sampling_rate_Hz, spec.conditioning.clock_Hz(sampling_rate_Hz))
 
 
 def _n_complete(n_samples: int, rate_Hz: float, clock_Hz: float) -> int:
@@ -129,7 +150,7 @@ def _neuron(spec: AfferentSpec, n_taxels: int, step_ms: float) -> ExactLIF:
             warnings.warn(
                 f"{key}.t_ref_ms: {kind.t_ref_ms:g} ms is shorter than a step of {step_ms:g} ms, in which several "
                 "spikes of an afferent count as one; raise conditioning.resample_Hz",
-                stacklevel=4,
+                stacklevel=5,
             )
     periods = [np.full(n_taxels * len(kind.gains), kind.t_ref_ms) for kind in kinds.values()]
     levels = {"v_rest_mV": spec.v_rest_mV, "v_reset_mV": spec.v_reset_mV, "v_threshold_mV": spec.v_threshold_mV}

@@ -383,9 +383,9 @@ def encode_whole(
     >>> encode_whole(np.zeros((1, 200, 1)), 2000.0, load("sa1-ra1-lif")).shape
     (1, 200, 2)
     """
-    spikes, state = encode(signal, sampling_rate_Hz, spec, trials=trials)
-    rest = finish(sampling_rate_Hz, spec, state)
-    return spikes if rest is None or not rest.shape[1] else np.concatenate([spikes, rest], axis=1)
+    if is_exact(spec):
+        return exact.encode_whole(signal, sampling_rate_Hz, spec)
+    return encode(signal, sampling_rate_Hz, spec, trials=trials)[0]
 
 
 def finish(sampling_rate_Hz: float, spec: EncoderSpec, state: AnyState) -> np.ndarray | None:

@@ -82,10 +82,14 @@ def events_of_raster(raster: np.ndarray) -> Events:
     n_trials, n_steps, n_afferents = raster.shape
     trial, step, unit = np.unravel_index(np.flatnonzero(raster), raster.shape)
     trial_steps = np.full(n_trials, n_steps, np.int64)
-    if n_trials * n_afferents > SHORT_KEYS:
+    n_groups = n_trials * n_afferents
+    if n_groups > SHORT_KEYS:
         return _sorted(trial, unit, step, trial_steps, n_afferents)
-    order = np.argsort((trial * n_afferents + unit).astype(np.uint16), kind="stable")  # times are in order already
-    return Events(trial[order], unit[order], step[order], trial_steps, n_afferents)
+    group = (trial * n_afferents + unit).astype(np.uint16)
+    order = np.argsort(group, kind="stable")  # times are in order already
+    counts = np.bincount(group, minlength=n_groups)
+    trial, unit = (np.repeat(each, counts) for each in np.divmod(np.arange(n_groups), max(1, n_afferents)))
+    return Events(trial, unit, step[order], trial_steps, n_afferents)
 
 
 def spike_counts(spikes: Spikes) -> np.ndarray:

@@ -20,7 +20,7 @@ from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.exact import ExactState
 from neurotact.encoders.gain_search import CalibrationRule
-from neurotact.encoders.specs import conditioning_of, encode, encode_whole, is_exact, load
+from neurotact.encoders.specs import conditioning_of, encode, encode_whole, finish, is_exact, load
 from neurotact.encoders.survival import what_survives
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Afferents, ExactSpikes, MovingAverage, cost
@@ -94,6 +94,8 @@ def test_pieces_equal_the_whole(cuts, seed, options, clock_Hz):
         parts.append(part)
     np.testing.assert_array_equal(np.concatenate(parts, axis=1), whole)
     assert isinstance(state, ExactState)
+    to_the_end = np.concatenate([whole, finish(RATE_Hz, spec, state)], axis=1)
+    np.testing.assert_array_equal(encode_whole(signal, RATE_Hz, spec), to_the_end)
     for ours, theirs in zip(state, last, strict=True):
         np.testing.assert_array_equal(ours, theirs)
 
