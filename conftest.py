@@ -1,5 +1,6 @@
 """Optional packages: what needs one is left out where it is not installed, and never without a word."""
 
+import gc
 import os
 import shutil
 import sys
@@ -43,6 +44,17 @@ def pytest_configure(config: pytest.Config) -> None:
         raise pytest.UsageError(f"not installed: {', '.join(absent)}; pip install -e '.[test]'")
 
 
+def pytest_collection() -> None:
+    """What is collected stays: a search for garbage, a tenth of this time, finds nothing in it, now or later."""
+    gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    """From here on only what tests make is searched."""
+    gc.freeze()
+    gc.enable()
+
+
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Say what is skipped for want of a package."""
     absent = [*missing("test")]
@@ -66,14 +78,15 @@ def _files_of_examples(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(autouse=True)
-def _beside_files(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def _beside_files(request: pytest.FixtureRequest) -> None:
     """An example in a docstring of the API is in a folder with files, has `nt`, and writes what it likes."""
     named = request.node.name
     if not (isinstance(request.node, pytest.DoctestItem) and any(named.startswith(place) for place in AS_TYPED)):
         return
-    files: Path = request.getfixturevalue("_files_of_examples")
-    shutil.copytree(files, tmp_path / "examples")
-    monkeypatch.chdir(tmp_path / "examples")
+    files, monkeypatch = request.getfixturevalue("_files_of_examples"), request.getfixturevalue("monkeypatch")
+    folder = request.getfixturevalue("tmp_path") / "examples"  # made for these alone: a folder a test takes long
+    shutil.copytree(files, folder)
+    monkeypatch.chdir(folder)
 
 
 @pytest.fixture(autouse=True)

@@ -41,6 +41,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: not set(LONG) & set(item.path.parts))
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _few_trees() -> Iterator[None]:
+    """Each training compares its network with forests, which take longer here than it: they have few trees."""
+    from neurotact.baselines import families
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(families, "TREES", 10)
+        yield
+
+
 @pytest.fixture
 def ctrl_c() -> Iterator[None]:
     """Ctrl-C is heard here and by the processes that a test starts, also where a shell ignores it (`make test &`)."""

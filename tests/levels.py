@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-QUICK, THOROUGH = 15, 100
+QUICK, THOROUGH = 10, 100
 """Examples that hypothesis draws for a test."""
 
 

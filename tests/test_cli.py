@@ -1,5 +1,6 @@
 """The command as a user types it: what it writes, and one line with exit code 2 for what it cannot use."""
 
+import io
 import json
 import os
 import shutil
@@ -417,13 +418,18 @@ def test_a_gain_that_silences_or_saturates_is_said(neurotact, made, tmp_path, ca
         assert line.endswith("or find gains for this sensor with neurotact calibrate")
 
 
-def test_a_terminal_that_knows_no_letter_of_a_unit_is_written_to(tmp_path):
+def test_a_terminal_that_knows_no_letter_of_a_unit_is_written_to(tmp_path, monkeypatch, capsys):
     (tmp_path / "in" / "felt").mkdir(parents=True)
     (tmp_path / "in" / "felt" / "a.csv").write_text("1,2\n3,4\n")
-    words = ("import", "folder", "in", "--sampling-rate-Hz", 20, "--unit", "µV", "-o", "x.h5")
-    done = typed(*words, cwd=tmp_path, PYTHONIOENCODING="ascii")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout == "x.h5: 1 trials of 1 classes, 2 taxels, 0.1 s at 20 Hz, in \\xb5V\n"
+    words = ("import", "folder", "in", "--sampling-rate-Hz", "20", "--unit", "µV", "-o", "x.h5")
+    shown = io.BytesIO()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["neurotact", *words])
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(shown, encoding="ascii", write_through=True))
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert (end.value.code, capsys.readouterr().err) == (0, "")
+    assert shown.getvalue() == b"x.h5: 1 trials of 1 classes, 2 taxels, 0.1 s at 20 Hz, in \\xb5V\n"
 
 
 def test_ctrl_c_ends_with_one_line(neurotact, monkeypatch, made, tmp_path):

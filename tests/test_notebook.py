@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import neurotact as nt
+from neurotact.errors import InputError
 from neurotact.metrics.synops import synops
 from neurotact.networks.training.training import Epoch, Training
 
@@ -26,7 +27,15 @@ assert said("nt.RSNN(4, 2, hiden=3, sampling_rate_Hz=1000.0)") == one
 """
 
 
-def test_an_error_of_input_is_one_line_and_its_traceback_on_request():
+def test_an_error_of_input_is_one_line():
+    pytest.importorskip("IPython")
+    assert InputError("hiden: unknown key")._render_traceback_() == [
+        "InputError: hiden: unknown key  [%tb Verbose shows the traceback]"
+    ]
+
+
+@pytest.mark.thorough
+def test_in_a_notebook_it_is_that_line_and_its_traceback_on_request():
     pytest.importorskip("IPython")
     done = subprocess.run([sys.executable, "-W", "ignore", "-c", CELLS], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

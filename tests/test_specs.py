@@ -2,7 +2,7 @@
 
 import re
 import warnings
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -67,7 +67,8 @@ def resolve(tmp_path_factory):
     conditions = pd.DataFrame({"label": ["felt", "silk"] * 6})
     hdf5.save_recordings(Recordings(np.zeros((12, 250, 2), np.float32), 500.0, "mV", conditions), path)
 
-    def resolved(name, quick=False):
+    @cache
+    def resolved(name, quick):
         is_open = not any(spec.read(spec.find("studies", name)).get("dataset", {"read": "its own"}).values())
         return loading.resolve(name, quick=quick, data=path if is_open else None)
 
@@ -84,7 +85,7 @@ def test_a_study_has_cells_that_differ(name, quick, resolve):
 
 @pytest.mark.parametrize("name", of_kind["studies"])
 def test_a_quick_study_is_a_smaller_sweep_of_the_same_kind(name, resolve):
-    full, quick = resolve(name), resolve(name, quick=True)
+    full, quick = resolve(name, False), resolve(name, True)
     assert quick != full
     assert len([*loading.kind_of(quick).cells(quick)]) <= len([*loading.kind_of(full).cells(full)])
     folds = {"split.fold"} - {*quick.sweep}  # of few recordings; a first look has one split

@@ -250,7 +250,7 @@ def aged(chain: Chain, state: StreamState) -> StreamState:
 
 
 @needs_compiler
-@pytest.mark.parametrize("kind", KINDS)
+@thinned("kind", [*KINDS], every=3)
 def test_no_step_is_the_last_of_a_chain_in_float(kind, driven):
     """With sanitizers, over the step and the window at which a counter of 32 bits ends."""
     exported = driven(kind)
@@ -274,7 +274,7 @@ def test_no_step_is_the_last_of_a_chain_in_float(kind, driven):
 
 
 @needs_compiler
-@pytest.mark.parametrize("kind", IN_INTEGERS)
+@thinned("kind", IN_INTEGERS, every=3)
 def test_no_step_is_the_last_of_a_chain_in_integers(kind, driven):
     exported = driven(kind, "integer")
     chain, formats = exported.chain, exported.formats

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from levels import thinned
 from made_chains import make_encoder, make_signal
 
 import neurotact as nt
@@ -66,7 +67,7 @@ def weights_of(folder: Path) -> dict[str, torch.Tensor]:
     return dict(checkpoint.load(folder)[0].state_dict())
 
 
-@pytest.mark.parametrize("bits", [2, 4, 8])
+@thinned("bits", [4, 2, 8])
 def test_no_epoch_is_rounding_alone(run, bits, tmp_path):
     """The same whole numbers, in the same steps, as an export makes of the network without fine-tuning."""
     nt.fine_tune(run, tmp_path / "tuned", weight_bits=bits, epochs=0)
@@ -94,7 +95,7 @@ def test_with_many_bits_no_epoch_changes_nothing(run):
     assert all(torch.equal(one, other) for one, other in zip(found[:4], expected[:4], strict=True))
 
 
-@pytest.mark.parametrize("bits", [2, 3, 5])
+@thinned("bits", [3, 2, 5])
 def test_what_was_seen_last_is_what_is_exported(run, bits, tmp_path, monkeypatch):
     """Of the best epoch: the weights of its forward pass are the exported whole numbers times their steps."""
     seen = []

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from levels import thinned
 from scipy.stats import binomtest
 
 from neurotact.metrics import referee
@@ -163,7 +164,7 @@ def study_without_difference(rng: np.random.Generator, n_validation: int, n_test
     return answer(networks, baselines, 0.1, Trials(n_validation, n_test), compare)
 
 
-@pytest.mark.parametrize(("n_validation", "n_test", "n_baselines"), [(20, 40, 8), (60, 100, 20), (9, 18, 3)])
+@thinned(("n_validation", "n_test", "n_baselines"), [(20, 40, 8), (60, 100, 20), (9, 18, 3)], every=2)
 def test_in_studies_without_a_difference_a_difference_is_claimed_in_at_most_one_of_twenty(
     n_validation, n_test, n_baselines, monkeypatch
 ):

@@ -20,11 +20,6 @@ def examples(labels: list[int], tells: bool, seed: int = 0) -> Examples:
     return Examples(torch.from_numpy(rasters.astype(np.uint8)), torch.tensor(labels))
 
 
-@pytest.fixture(autouse=True)
-def few_trees(monkeypatch):
-    monkeypatch.setattr(families, "TREES", 20)
-
-
 def sides_of(labels, tells):
     return Sides(*(examples(labels, tells, seed) for seed in range(3)))
 

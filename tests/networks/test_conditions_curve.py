@@ -60,27 +60,27 @@ def test_trainings_have_as_many_trials_and_test_all_of_one_value(spikes, monkeyp
 def test_options_of_the_curve(spikes, tmp_path):
     """network, settings, length_ms, align, where, leave_out, augmentation, seed, out, figure, force: all act."""
     said = []
+    three = {**QUICK, "augmentation": "none", "where": {"speed": [1, 2, 3]}}
     plain = nt.conditions_curve(
-        spikes, "speed", "rsnn", **QUICK, augmentation="none", out=tmp_path / "a.csv", figure=tmp_path / "a.png",
-        tell=said.append,
-    )  # fmt: skip
+        spikes, "speed", "rsnn", **three, out=tmp_path / "a.csv", figure=tmp_path / "a.png", tell=said.append
+    )
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "a.csv"), plain)
     assert matplotlib.image.imread(tmp_path / "a.png").std() > 0
     assert "At a value of speed that was not trained on" in said[1]
     with pytest.raises(InputError, match="already exists"):
         nt.conditions_curve(spikes, "speed", "rsnn", **QUICK, out=tmp_path / "a.csv")
     nt.conditions_curve(
-        spikes, "speed", "rsnn", **QUICK, out=tmp_path / "a.csv", force=True, where={"speed": [1, 2, 3]}
+        spikes, "speed", "rsnn", **{**three, "where": {"speed": [2, 3, 4]}}, out=tmp_path / "a.csv", force=True
     )
-    assert sorted(set(pd.read_csv(tmp_path / "a.csv")["tested"])) == [1, 2, 3]
+    assert sorted(set(pd.read_csv(tmp_path / "a.csv")["tested"])) == [2, 3, 4]
     others = [
         {"augmentation": "gain"}, {"seed": 3}, {"align": "onset"}, {"length_ms": 150}, {"leave_out": {"day": 1}},
         {"settings": {"hidden": 7, "training.epochs": 1}},
     ]  # fmt: skip
     for other in others:
-        found = nt.conditions_curve(spikes, "speed", "rsnn", **{**QUICK, "augmentation": "none", **other})
+        found = nt.conditions_curve(spikes, "speed", "rsnn", **{**three, **other})
         assert found["sops_total"].tolist() != plain["sops_total"].tolist(), other
-    snn = nt.conditions_curve(spikes, "speed", "snn", **QUICK, augmentation="none")
+    snn = nt.conditions_curve(spikes, "speed", "snn", **three)
     assert snn["sops_total"].tolist() != plain["sops_total"].tolist()
 
 

@@ -336,7 +336,7 @@ def test_a_window_cut_short_is_one_of_that_length(kind):
 # --- training ------------------------------------------------------------------------------------------
 
 
-@each_backend
+@thinned("backend", BACKENDS[::-1])
 @pytest.mark.parametrize("kind", LEAKING)
 @thinned("dropout", [0.3, 0.0])
 def test_a_network_learns_which_half_of_a_window_is_busy(kind, backend, dropout):

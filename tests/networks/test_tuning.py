@@ -1,7 +1,7 @@
 """A search proposes the same networks from one seed, refuses what it cannot search, and keeps NNI to itself."""
 
-import ast
 import copy
+import re
 from pathlib import Path
 
 import pytest
@@ -16,7 +16,6 @@ from neurotact.networks.search import tuning
 from neurotact.networks.search.tuning import MedianStop, SearchSpec, Tuner
 
 PACKAGE = Path(neurotact.__file__).parent
-IMPORTS = (ast.Import, ast.ImportFrom)
 SPACE = {
     "hidden": {"_type": "quniform", "_value": [10, 50, 1]},
     "tau_mem_ms": {"_type": "loguniform", "_value": [5, 200]},
@@ -294,10 +293,10 @@ def test_nothing_is_printed(capfd):
 
 def test_nni_is_imported_by_a_search_alone():
     """It takes a second: no module of ours imports it when it is imported itself."""
-    modules = {path: ast.parse(path.read_text(encoding="utf-8")) for path in PACKAGE.rglob("*.py")}
-    names = [ast.unparse(node) for tree in modules.values() for node in tree.body if isinstance(node, IMPORTS)]
-    assert names
-    assert not [name for name in names if "nni" in name.split()[1].split(".")]
+    modules = [path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py")]
+    names = [name for text in modules for name in re.findall(r"^(?:import|from) (\S+)", text, re.MULTILINE)]
+    assert len(names) > len(modules)
+    assert not [name for name in names if "nni" in name.split(".")]
 
 
 def test_without_nni_a_search_says_what_is_missing(monkeypatch):

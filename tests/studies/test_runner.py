@@ -158,5 +158,4 @@ def test_a_finished_study_runs_again_without_training(finished):
     report.write(finished)
     assert "1 of 1 claims reproduced" in (finished / "report.html").read_text()
     runner.run(study.resolve(TINY), finished, workers=1)
-    report.write(finished)
     assert before == {path: path.stat().st_mtime_ns for path in finished.glob("cells/*/result.json")}
