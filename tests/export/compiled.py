@@ -60,7 +60,7 @@ def compare_on(
 
 
 def pressed(data_folder: Path) -> tuple[Chain, list[np.ndarray]]:
-    """A chain with SA-I of both polarities under 8 taxels, and two real presses in mV.
+    """A chain with SA-I of both polarities under 8 taxels, and 1.5 s of two real presses in mV.
 
     A press is a negative peak and its release a positive one.
     """
@@ -69,7 +69,7 @@ def pressed(data_folder: Path) -> tuple[Chain, list[np.ndarray]]:
         afferents={"sa1.opposite": True, "sa1.gain": 15.0, "ra1.gain": 150.0}, forward_weight_scale=1.0, patience=60,
     )  # fmt: skip
     with np.load(data_folder / "pvdf-hardness" / "cube03.npz") as stored:
-        counts = [stored[key] for key in ("c03_s1_v300_t01_adc", "c03_s1_v300_t02_adc")]
+        counts = [stored[key][4000:7000] for key in ("c03_s1_v300_t01_adc", "c03_s1_v300_t02_adc")]
     return chain, [(1e3 * VOLTS_PER_ADC_COUNT * each).astype(np.float32) for each in counts]
 
 
