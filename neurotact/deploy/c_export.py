@@ -161,7 +161,7 @@ def _in_float(chain: Chain) -> dict[str, Any]:
         "baseline_steps": f"{conditioner.n_start}u",
         "stride": (chain.sampling_rate_Hz / chain.clock_Hz).hex(), "half": HALF.hex(),
         "rate": float(chain.sampling_rate_Hz).hex(), "clock": float(chain.clock_Hz).hex(),
-        "offset": offset, "scale": scale, "leak": _float(sa1.decay),
+        "offset": offset, "scale": scale, "sign": False, "leak": _float(sa1.decay),
         "gain_sa1": _float(encoder.sa1.gain), "gain_falling": _float(-encoder.sa1.gain),
         "gain_ra1": _float(encoder.ra1.gain * chain.clock_Hz * 1e-3),
         "v_rest": _float(sa1.v_rest_mV), "v_threshold": _float(sa1.v_threshold_mV), "v_reset": _float(sa1.v_reset_mV),
@@ -195,6 +195,8 @@ def _in_integers(chain: Chain, formats: Formats) -> dict[str, Any]:
         tables.append(_integers(key, getattr(front, key), "int32_t"))
     has_offset = bool(front.offset.any())
     tables += [_integers("offset", front.offset, "int32_t")] if has_offset else []
+    has_sign = bool((front.sign < 0).any())
+    tables += [_integers("sign", front.sign, "int8_t")] if has_sign else []
     if isinstance(readout, Integrator):
         tables.append(_integers("bias", readout.bias, "int32_t"))
     layers = [_integer_layer(chain, 0, hidden)]
@@ -210,7 +212,7 @@ def _in_integers(chain: Chain, formats: Formats) -> dict[str, Any]:
         "smoothing": front.smoothing, "baseline_weight": front.baseline_weight,
         "baseline_steps": f"{front.baseline_steps}u",
         "stride_whole": stride[0], "stride_part": stride[1], "stride": stride[0] * 2**32 + stride[1],
-        "offset": has_offset, "scale": False, "leak": front.leak,
+        "offset": has_offset, "scale": False, "sign": has_sign, "leak": front.leak,
         "lsb": f"{raw.lsb:.9g}", "zero": f"{raw.zero:.9g}", "fraction": whole.FRACTION,
         "mantissa": whole.MANTISSA, "most_state": 2 ** (formats.state_bits - 1) - 1,
         "weight_bits": formats.weight_bits, "state_bits": formats.state_bits,
@@ -256,6 +258,7 @@ ABOUT = {
     "bias": "Initial values of the readout.",
     "offset": "Subtracted from each taxel's signal.",
     "scale": "Divisors of each taxel's signal.",
+    "sign": "Signs of each taxel's signal: -1 if it falls on contact.",
     "threshold_sa1": "Thresholds of SA-I afferents above rest, divided by their gains.",
     "threshold_ra1": "Thresholds of RA-I afferents above rest, divided by their gains.",
     "reset_sa1": "Reset values of SA-I afferents, in the same unit.",

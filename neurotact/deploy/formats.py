@@ -77,6 +77,7 @@ class FrontEnd(NamedTuple):
     stride: samples from one step to the next, as an integer and 2^-32ths; None for one step per sample.
     baseline: as in the encoder; baseline_steps: of `start`; baseline_weight: of `high-pass`.
     offset, thresholds and resets of SA-I and RA-I: `(taxel,)`, in units of 2^-FRACTION of a raw step.
+    sign: of each taxel's scale, `(taxel,)`; -1 for a signal that falls on contact. Thresholds contain its magnitude.
     leak: of both populations; silent: their refractory steps. falling: whether a second SA-I under each taxel, with the
     thresholds and resets of the first, receives the negative of the signal.
     """
@@ -87,6 +88,7 @@ class FrontEnd(NamedTuple):
     baseline_steps: int
     baseline_weight: Weight | None
     offset: np.ndarray
+    sign: np.ndarray
     rectify: bool
     leak: Weight
     threshold_sa1: np.ndarray
@@ -312,7 +314,7 @@ def _front_end(chain: Chain, raw: Raw) -> FrontEnd:
     if conditioner.clock_Hz != conditioner.rate_Hz:
         whole, part = divmod(round(conditioner.rate_Hz / conditioner.clock_Hz * 2**32), 2**32)
         stride = (whole, part)
-    levels = [_levels(neuron, gain, scale * fine) for neuron, gain in zip((sa1, ra1), gains, strict=True)]
+    levels = [_levels(neuron, gain, np.abs(scale) * fine) for neuron, gain in zip((sa1, ra1), gains, strict=True)]
     return FrontEnd(
         smoothing=None if conditioner.smoothing is None else Weight.of(conditioner.smoothing),
         stride=stride,
@@ -320,6 +322,7 @@ def _front_end(chain: Chain, raw: Raw) -> FrontEnd:
         baseline_steps=conditioner.n_start,
         baseline_weight=None if conditioner.following is None else Weight.of(conditioner.following),
         offset=shifted.astype(np.int64),
+        sign=np.sign(scale).astype(np.int64),
         rectify=conditioning.rectify,
         leak=Weight.of(1.0 - sa1.decay),
         threshold_sa1=levels[0][0], threshold_ra1=levels[1][0],

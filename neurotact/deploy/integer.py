@@ -118,7 +118,7 @@ def _conditioned(
                 total, count = over(total, 1), MOST_HEARD // 2 - 1
             total, count = total + signal, count + 1
             level = np.sign(total) * (np.abs(total) // count)
-        signal = signal - (0 if level is None else level) - front.offset
+        signal = (signal - (0 if level is None else level) - front.offset) * front.sign
         yield np.abs(signal) if front.rectify else signal
 
 

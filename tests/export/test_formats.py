@@ -113,6 +113,19 @@ def test_dynamics_without_an_integer_form_are_refused(change, message):
         formats.choose(chain, Ranges(-10.0, 10.0, 5.0, 5.0))
 
 
+@examples(15)
+@given(seed=st.integers(0, 99), falling=st.booleans())
+def test_a_signal_under_a_negative_scale_spikes_as_its_negative_under_the_positive_one(seed, falling):
+    raw, rasters = Raw(10 / 32767, 0.0).samples(make_signal(60, seed=seed)), []
+    for sign in (1, -1):
+        conditioning = {"ema_cutoff_Hz": 30.0, "baseline": "running", "scale": (0.7 * sign, 0.4)}
+        chain = make_chain(conditioning, afferents={"sa1.opposite": falling})
+        front = formats.choose(chain, Ranges(-10.0, 10.0, 5.0, 5.0)).front
+        rasters.append(integer.encode((raw * [sign, 1])[None], front))
+    np.testing.assert_array_equal(*rasters)
+    assert rasters[0].any()
+
+
 def test_an_lsb_that_does_not_fit_is_refused():
     chain = make_chain({"offset": (500.0, 0.0)})
     with pytest.raises(InputError, match="give a coarser one"):
