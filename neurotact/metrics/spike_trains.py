@@ -172,24 +172,6 @@ def isi_cv(spikes: Spikes) -> np.ndarray:
     return np.where(n_intervals < 2, np.nan, deviation / mean)
 
 
-def fano_factor(spikes: Spikes) -> np.ndarray:
-    """Variance over mean of the spike counts across trials, `(afferent,)`.
-
-    The variance is that of the population (ddof 0); 1 for a Poisson process, 0 for equal counts. NaN for an
-    afferent without spikes. Trials must have one length. A feature in the texture paper's Table I.
-
-    >>> fano_factor(np.array([[[1], [1]], [[0], [0]]])).tolist()
-    [1.0]
-    """
-    if isinstance(spikes, Events) and len(np.unique(spikes.trial_steps)) > 1:
-        raise InputError("spikes: the Fano factor compares counts of trials of one length; cut windows first")
-    counts = spike_counts(spikes)
-    if len(counts) == 0:
-        return np.full(counts.shape[1], np.nan)
-    mean = counts.mean(axis=0)
-    return counts.var(axis=0) / np.where(mean == 0, np.nan, mean)
-
-
 def _isi_moments(spikes: Spikes, sampling_rate_Hz: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean, standard deviation and number of the intervals of each trial and afferent."""
     found = spikes if isinstance(spikes, Events) else events_of_raster(spikes)

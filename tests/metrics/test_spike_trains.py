@@ -8,7 +8,6 @@ from neurotact.errors import InputError
 from neurotact.metrics.spike_trains import (
     events,
     events_of_raster,
-    fano_factor,
     isi_cv,
     isi_mean_ms,
     isis_ms,
@@ -46,8 +45,6 @@ def test_definitions_on_a_raster_counted_by_hand():
     np.testing.assert_array_equal(isi_mean_ms(RASTER, rate_Hz), [[1.5, np.nan], [4.0, np.nan]])
     # Intervals 2 and 4: mean 3, deviation 1. One interval has no variation to speak of.
     np.testing.assert_allclose(isi_cv(RASTER), [[1 / 3, np.nan], [np.nan, np.nan]])
-    # Counts 3 and 2: mean 2.5, variance 0.25. Counts 0 and 1: mean 0.5, variance 0.25.
-    np.testing.assert_allclose(fano_factor(RASTER), [0.1, 0.5])
 
 
 @given(rasters())
@@ -65,7 +62,6 @@ def test_events_and_rasters_agree(raster):
         assert np.array_equal(spike_counts(found), spike_counts(raster))
         np.testing.assert_array_equal(rates_Hz(found, 2000.0), rates_Hz(raster, 2000.0))
         np.testing.assert_array_equal(isi_cv(found), isi_cv(raster))
-        np.testing.assert_array_equal(fano_factor(found), fano_factor(raster))
         for a, b in zip(isis_ms(found, 2000.0), isis_ms(raster, 2000.0), strict=True):
             np.testing.assert_array_equal(a, b)
 
@@ -90,27 +86,21 @@ def test_a_regular_train_and_a_poisson_train():
     regular = np.zeros((5, 1000, 1), np.uint8)
     regular[:, ::10] = 1
     assert isi_cv(regular) == pytest.approx(0.0)
-    assert fano_factor(regular) == pytest.approx(0.0)
     poisson = np.random.default_rng(0).random((500, 4000, 1)) < 0.02
     assert np.nanmean(isi_cv(poisson)) == pytest.approx(1.0, abs=0.1)
-    assert fano_factor(poisson) == pytest.approx(1.0, abs=0.2)
 
 
 def test_trials_of_different_lengths():
     found = events([np.array([8, 0, 4]), np.array([3])], [np.array([1, 1, 0]), np.array([0])], np.array([20, 5]), 2)
     assert rates_Hz(found, 1000.0).tolist() == [[50.0, 100.0], [200.0, 0.0]]
     assert isis_ms(found, 1000.0).isi_ms.tolist() == [8.0]
-    with pytest.raises(InputError, match="one length"):
-        fano_factor(found)
 
 
 def test_nothing_at_all():
     empty = events([], [], np.array([], int), 3)
     assert spike_counts(empty).shape == (0, 3)
     assert isi_cv(empty).shape == (0, 3)
-    assert np.isnan(fano_factor(empty)).all()
     assert isis_ms(np.zeros((2, 5, 3), np.uint8), 1000.0).isi_ms.size == 0
-    assert np.isnan(fano_factor(np.zeros((2, 5, 3), np.uint8))).all()
 
 
 @pytest.mark.parametrize(

@@ -25,9 +25,6 @@ ZYNQ_XC7Z020 = {
 }
 """The resources of the Zynq XC7Z020: the maxima of Eq. 3 (F7 and F8 multiplexers together)."""
 
-MODULE_12_BIT = {"flip_flops": 14, "lut": 19}
-"""One d5 module of 12 bits, from the rows for finger and palm: half of the resources of M00 (Table 4, second row)."""
-
 REMARKS = {
     "misprint: one module": "prints the counts of one d5 module of 12 bits (14 FF, 19 LUT) for four",
     "misprint: 12 bits": "prints six d5 modules of 12 bits (84 FF, 114 LUT) for six of 16",

@@ -24,7 +24,7 @@ from neurotact.papers.compliance.simulator import (
     tactile_images,
     taxel_gains,
 )
-from neurotact.papers.compliance.tactile_moments import raw_moments
+from neurotact.papers.compliance.tactile_moments import moment_weights
 from neurotact.spec import build
 
 COARSE = {"sampling_rate_Hz": 50.0}
@@ -100,7 +100,7 @@ def test_moments_are_those_of_the_images():
     for s, sensor in enumerate(SENSORS):
         skin = skin_of(spec, sensor)
         images = tactile_images(spec, sensor, thing, how, done.force_N[0], done.deformation_mm[0], rng)
-        moments = raw_moments(images.reshape(-1, skin.rows, skin.columns))
+        moments = images.reshape(-1, skin.rows * skin.columns) @ moment_weights(skin.rows, skin.columns)
         np.testing.assert_allclose(signal[:, 6 * s : 6 * s + 6], moments, rtol=1e-6)
 
 
