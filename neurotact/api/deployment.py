@@ -141,7 +141,8 @@ def export_c(
     variant: "integer", whose formats are chosen from the run's training trials, or "float". recordings, spikes: that
     the run was trained on, where they moved since; of a classifier, recordings (or a file of them) like those that it
     was fitted on, which give the range of samples. weight_bits: 2 to 8; when None those of `fine_tune`, else 8.
-    state_bits: 8 to 16, or 24; chosen when None. lsb: of a sample of 16 bits; from the recorded range when None.
+    state_bits: 8 to 16, or 24; chosen when None. lsb: of a sample of 16 bits; when None, 1 for whole
+    numbers that fit, else from the recorded range.
     name: prefix of every name in C.
     sampling_rate_Hz, early_exit, length_ms, start_ms, hop_ms, contact, quiet_ms: as for `Stream`.
     prove: compile the export, run it here and in QEMU, and compare this many test trials spike by spike.

@@ -182,7 +182,10 @@ def export_command(
     ] = None,
     state_bits: StateBits = None,
     lsb: Annotated[
-        float | None, typer.Option(help="Signal per digit of a 16-bit sample; from the recorded range when absent.")
+        float | None,
+        typer.Option(
+            help="Signal per digit of a 16-bit sample. When absent: 1 for whole numbers, else from the recorded range."
+        ),
     ] = None,
     recordings: Annotated[
         Path | None, typer.Option(help="The recordings that the run was trained on, if they were moved.")

@@ -1,6 +1,6 @@
 """Integer formats of a chain, chosen from recorded ranges.
 
-Samples are `zero + lsb x` with x in 16 bits. Filters and afferents have `FRACTION` bits more than a sample, in 32 bits.
+Samples are `zero + lsb x` with x in 16 bits; whole numbers that fit are x themselves. Filters and afferents have `FRACTION` bits more than a sample, in 32 bits.
 Afferents need no gains: their thresholds are divided by them. A layer's currents and membranes have one unit: the
 largest value on training windows, times `HEADROOM`, fills its bits. Weights are `step 2^shift` of that unit.
 """
@@ -34,6 +34,8 @@ MOST_LEAK = 0.05
 """Share of the threshold below which rounding may leak as fast as the time constants."""
 LARGEST = 2**31 - 1
 MOST_OFFSET = 2**28
+FINEST = 128
+"""Units of the afferents' arithmetic in the least threshold, from which on rounding it moves it by less than 0.4 %."""
 WINDOWS = 256
 """Maximum number of training windows whose states are recorded."""
 
@@ -51,6 +53,11 @@ class Raw(NamedTuple):
         [0, 2, 32767]
         """
         return np.clip(np.rint((np.asarray(signal, np.float64) - self.zero) / self.lsb), -32768, 32767).astype(np.int16)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether a sample is the signal itself."""
+        return (self.lsb, self.zero) == (1.0, 0.0)
 
 
 class Weight(NamedTuple):
@@ -196,12 +203,16 @@ class Formats(NamedTuple):
 
 
 class Ranges(NamedTuple):
-    """Recorded ranges: extremes of the samples, and the largest |I| or |U| of the hidden layer and of the readout."""
+    """Recorded ranges: extremes of the samples, and the largest |I| or |U| of the hidden layer and of the readout.
+
+    is_whole: whether every sample is a whole number, as the counts of a converter are.
+    """
 
     low: float
     high: float
     hidden: float
     readout: float
+    is_whole: bool = False
 
 
 def choose(
@@ -215,13 +226,17 @@ def choose(
 ) -> Formats:
     """Formats of a chain; InputError if a value does not fit.
 
-    weight_bits, state_bits, steps: as for `layers_of`. lsb: of the samples; None: the recorded range fills 16 bits.
+    weight_bits, state_bits, steps: as for `layers_of`. lsb: of the samples. None: 1 for whole numbers that fit in 16
+    bits, so that the sensor's counts are samples; else the recorded range fills 16 bits. Samples are counted from 0
+    where that fits.
     """
     largest, n_steps = (ranges.hidden, ranges.readout), chain.windows.length
     hidden, readout = layers_of(
         chain.network, largest, weight_bits=weight_bits, state_bits=state_bits, n_steps=n_steps, steps=steps
     )
     raw = _raw(ranges, lsb)
+    if lsb is None and ranges.is_whole and _reach(ranges, 0.0) <= 32767 and _is_fine(chain, Raw(1.0, 0.0)):
+        raw = Raw(1.0, 0.0)
     return Formats(raw, _front_end(chain, raw), hidden, readout, weight_bits, hidden.state_bits)
 
 
@@ -262,7 +277,8 @@ def layers_of(
 def record(network: RSNN, rasters: Tensor, signals: Sequence[np.ndarray]) -> Ranges:
     """Ranges of states over training windows `(window, time, afferent)`, and of the samples of their trials."""
     low, high = min(float(s.min()) for s in signals), max(float(s.max()) for s in signals)
-    return Ranges(low, high, *record_states(network, rasters))
+    is_whole = all(bool((s == np.rint(s)).all()) for s in signals)
+    return Ranges(low, high, *record_states(network, rasters), is_whole)
 
 
 @torch.no_grad()
@@ -288,12 +304,25 @@ def record_states(network: RSNN, rasters: Tensor) -> tuple[float, float]:
 
 def _raw(ranges: Ranges, lsb: float | None) -> Raw:
     zero = 0.0 if ranges.low <= 0 <= ranges.high else (ranges.low + ranges.high) / 2
-    reach = HEADROOM * max(abs(ranges.low - zero), abs(ranges.high - zero))
     if lsb is None:
-        lsb = reach / 32767 or 1.0
-    elif not 0 < lsb < math.inf:
+        return Raw(_reach(ranges, zero) / 32767 or 1.0, zero)
+    if not 0 < lsb < math.inf:
         raise InputError(f"lsb: must be a positive number; got {lsb:g}")
-    return Raw(lsb, zero)
+    return Raw(lsb, 0.0 if _reach(ranges, 0.0) <= 32767 * lsb else zero)
+
+
+def _reach(ranges: Ranges, zero: float) -> float:
+    """The largest distance of a signal from `zero`, with headroom."""
+    return HEADROOM * max(abs(ranges.low - zero), abs(ranges.high - zero))
+
+
+def _is_fine(chain: Chain, raw: Raw) -> bool:
+    """Whether rounding the thresholds of afferents to the steps of these samples moves them little."""
+    try:
+        front = _front_end(chain, raw)
+    except InputError:  # an offset or a threshold that does not fit
+        return False
+    return min(int(front.threshold_sa1.min()), int(front.threshold_ra1.min())) >= FINEST
 
 
 def _front_end(chain: Chain, raw: Raw) -> FrontEnd:

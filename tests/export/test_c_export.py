@@ -184,10 +184,11 @@ def test_the_source_keeps_to_its_rules(tmp_path):
 
 
 @needs_compiler
-@pytest.mark.parametrize("variant", ["integer", "float"])
+@pytest.mark.parametrize("variant", ["integer", "converted", "float"])
 def test_the_example_decides_and_names_what_is_no_sample(variant, tmp_path):
     chain = made("paper")
-    formats = chosen(chain, [make_signal(150)]) if variant == "integer" else None
+    signal = np.rint(make_signal(150)) if variant == "integer" else make_signal(150)
+    formats = None if variant == "float" else chosen(chain, [signal])
     c_export.write(chain, tmp_path, formats)
     build = ["cc", *proof.WARNINGS, "touch.c", "example.c", "-o", "example"]
     subprocess.run(build, cwd=tmp_path, check=True)
@@ -203,6 +204,17 @@ def test_the_example_decides_and_names_what_is_no_sample(variant, tmp_path):
     assert run("left,right\n" + rows)[::2] == (2, _complaint(1, variant))
     assert run(rows + "5,x\n" + rows)[::2] == (2, _complaint(91, variant))
     assert run(rows + "5,x\n" + rows)[1] == decided
+    if variant == "converted":
+        assert formats is not None
+        assert not formats.raw.is_plain
+        program = '#define main of_example\n#include "example.c"\n#undef main\nint main(void) { double signal; '
+        program += 'while (scanf("%lf", &signal) == 1) printf("%d\\n", sample_of(signal)); return of_example(); }\n'
+        (tmp_path / "convert.c").write_text(program)
+        subprocess.run(["cc", *proof.WARNINGS, "touch.c", "convert.c", "-o", "example"], cwd=tmp_path, check=True)
+        signals = np.random.default_rng(0).normal(0, 40, 50)
+        samples = run("".join(f"{x!r}\n" for x in signals.tolist()))[1]
+        assert [int(x) for x in samples.split()] == formats.raw.samples(signals).tolist()
+        return
     if variant == "integer":
         assert run("1,2\n0.5,1\n")[::2] == (2, _complaint(2, variant))
         assert run("1,2\n1,32768\n")[::2] == (

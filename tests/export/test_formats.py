@@ -98,6 +98,17 @@ def test_a_sample_off_zero_is_centred():
     assert Raw(0.5, 0.0).samples(np.array([1e9, -1e9])).tolist() == [32767, -32768]
 
 
+def test_whole_numbers_that_fit_are_samples_as_they_are():
+    chain = make_chain({"baseline": "first"})
+    counts = Ranges(0.0, 4095.0, 5.0, 5.0, is_whole=True)
+    assert formats.choose(chain, counts).raw == Raw(1.0, 0.0)
+    assert formats.choose(chain, counts._replace(low=900.0)).raw == Raw(1.0, 0.0)
+    assert formats.choose(chain, counts._replace(is_whole=False)).raw.lsb < 0.2
+    assert formats.choose(chain, counts._replace(high=65535.0)).raw.lsb > 1  # beyond 16 bits
+    assert formats.choose(chain, counts._replace(low=900.0, is_whole=False), lsb=0.5).raw == Raw(0.5, 0.0)
+    assert formats.choose(chain, Ranges(1000.0, 1000.1, 5.0, 5.0), lsb=0.01).raw.zero == pytest.approx(1000.05)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
