@@ -482,7 +482,7 @@ WAYS = {
             {"--from": "--from in/touch.h5"},
             tested={"--baud": "tests/stream/test_sources.py"},
         ),
-        Way("stream in/slow-run --from in/samples.csv", {"--sampling-rate-Hz": "--sampling-rate-Hz 500"}),
+        Way("stream in/slow-run --from in/samples.csv", {"--sampling-rate-Hz": "--sampling-rate-Hz 450"}),
     ],
     "live": [
         Way(

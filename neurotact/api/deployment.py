@@ -94,6 +94,11 @@ def stream(
         run, sampling_rate_Hz=sampling_rate_Hz, early_exit=early_exit, length_ms=length_ms, start_ms=start_ms,
         hop_ms=hop_ms, contact=contact, quiet_ms=quiet_ms,
     )  # fmt: skip
+    if sampling_rate_Hz is None and chain.sampling_rate_Hz != chain.clock_Hz:
+        log.warning(
+            "samples are taken to come at %g Hz, as the recordings of the training; `sampling_rate_Hz` changes it",
+            chain.sampling_rate_Hz,
+        )
     flow, noted = Stream(chain, unit=unit, hold_ms=hold_ms), sources.Noted()
     block = max(1, round(0.01 * chain.sampling_rate_Hz))
     if kind == "recordings":

@@ -53,7 +53,7 @@ StateBits = Annotated[
 ]
 RateHz = Annotated[
     float | None,
-    typer.Option("--sampling-rate-Hz", min=1e-3, help="Sampling rate of the input, needed if the encoder resamples."),
+    typer.Option("--sampling-rate-Hz", min=1e-3, help="Sampling rate of the input; when absent, of the recordings."),
 ]
 Format = Annotated[
     str | None,

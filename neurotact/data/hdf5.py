@@ -243,10 +243,12 @@ def spike_writer(
     source: str,
     touch_s: float | None = None,
     variations: tuple[np.ndarray, np.ndarray] | None = None,
+    recorded_Hz: float | None = None,
 ) -> Iterator[SpikeWriter]:
     """Write a spikes file to `path`, whole or not at all: the block appends one trial for each row of `conditions`.
 
-    variations: of the last rows, which are varied copies: the trial of each, and what varies.
+    variations: of the last rows, which are varied copies: the trial of each, and what varies. recorded_Hz: of the
+    recordings.
 
     >>> import tempfile
     >>> path = Path(tempfile.mkdtemp()) / "spikes.h5"
@@ -264,6 +266,8 @@ def spike_writer(
         file.attrs["source"] = _beside(Path(path), source)
         if touch_s is not None:
             file.attrs["touch_s"] = touch_s
+        if recorded_Hz is not None:
+            file.attrs["recorded_Hz"] = recorded_Hz
         writer = SpikeWriter(file, output, sampling_rate_Hz, len(conditions))
         yield writer
         writer.flush()
@@ -304,7 +308,7 @@ def save_spikes(trains: SpikeTrains, path: str | Path) -> None:
     every, copies = trains.with_variations(), trains.variations
     about = (every.conditions, trains.sampling_rate_Hz, trains.afferents, trains.encoder, trains.source)
     variation = None if copies is None else (copies.of, copies.kind)
-    with spike_writer(path, *about, trains.touch_s, variation) as writer:
+    with spike_writer(path, *about, trains.touch_s, variation, trains.recorded_Hz) as writer:
         for trial in trains.trials():
             writer.append(trial)
         for trial in copies.trains.trials() if copies else ():
@@ -359,6 +363,7 @@ def _spikes(declared: Declared) -> SpikeTrains:
             trial_digests=tuple(declared.texts("trial_digests")) if "trial_digests" in file else (),
             touch_s=float(attribute(file, "touch_s", path)) if "touch_s" in file.attrs else None,
             trial_touches=tuple(declared.texts("trial_touches")) if "trial_touches" in file else (),
+            recorded_Hz=float(attribute(file, "recorded_Hz", path)) if "recorded_Hz" in file.attrs else None,
         )
         return _with_variations(trains, declared) if "variation_of" in file else trains
     except InputError as error:

@@ -88,6 +88,7 @@ class SpikeTrains:
     trial_touches: one name per trial, equal for copies of one touch (`data.copies`); empty if the digests tell.
     touch_s: when the touch begins in the recordings, in s from the start of a trial (`data.onset`); None if unknown.
     variations: spikes of varied copies of the trials, for training alone; None if there are none.
+    recorded_Hz: samples of the recordings per second; None if unknown.
 
     Raises InputError if the lengths do not match, and for spikes out of order or outside their trial.
 
@@ -110,9 +111,12 @@ class SpikeTrains:
     touch_s: float | None = None
     trial_touches: tuple[str, ...] = ()
     variations: Variations | None = None
+    recorded_Hz: float | None = None
 
     def __post_init__(self) -> None:
         check_sampling_rate(self.sampling_rate_Hz, "spikes")
+        if self.recorded_Hz is not None:
+            check_sampling_rate(self.recorded_Hz, "spikes, recorded_Hz")
         object.__setattr__(self, "afferents", tuple(self.afferents))
         object.__setattr__(self, "conditions", conditions_table(self.conditions, "spikes"))
         object.__setattr__(self, "trial_steps", _lengths(self.trial_steps))
@@ -301,6 +305,7 @@ def from_trials(
     encoder: Mapping[str, Any] | None = None,
     source: str = "",
     touch_s: float | None = None,
+    recorded_Hz: float | None = None,
 ) -> SpikeTrains:
     """Spike trains from an iterator of trials, in the order of the rows of `conditions`."""
     found = list(trials)
@@ -316,6 +321,7 @@ def from_trials(
         trial_digests=tuple(trial.digest for trial in found) if all(trial.digest for trial in found) else (),
         touch_s=touch_s,
         trial_touches=touch_names(found),
+        recorded_Hz=recorded_Hz,
     )
 
 

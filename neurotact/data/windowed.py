@@ -22,12 +22,14 @@ class Origin(NamedTuple):
     """Where an array of spikes comes from, which an exported network needs as much as its weights.
 
     encoder: the table of its spec; None if the spikes were not encoded here. afferents: their names.
-    window: how it was cut from trials; None for whole trials.
+    window: how it was cut from trials; None for whole trials. recorded_Hz: samples of the recordings per second; None
+    if unknown.
     """
 
     encoder: Mapping[str, Any] | None
     afferents: tuple[str, ...]
     window: WindowSpec | None = None
+    recorded_Hz: float | None = None
 
 
 class SpikeArray(np.ndarray):
@@ -193,7 +195,7 @@ def windows(
     if complaint:
         warnings.warn(complaint, stacklevel=2)
     found = spikes.cut(spec)
-    origin = Origin(spikes.encoder or None, spikes.afferents, spec)
+    origin = Origin(spikes.encoder or None, spikes.afferents, spec, spikes.recorded_Hz)
     X = SpikeArray.of(spikes.raster(found), spikes.sampling_rate_Hz, origin)
     names = spikes.conditions["label"].to_numpy(dtype=str)
     return WindowedSpikes(X, names[found.trial], found.trial, found.start, spikes)

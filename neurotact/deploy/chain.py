@@ -84,19 +84,22 @@ def chain_of(
 ) -> Chain:
     """The chain of a run folder that `train` wrote, of a fitted classifier or pipeline, or of an encoder and a network.
 
-    sampling_rate_Hz: of the samples; required if the encoder resamples, otherwise equal to its clock.
+    sampling_rate_Hz: of the samples. If the encoder resamples, None takes that of the recordings that the network was
+    trained on, where it is known; otherwise it is equal to the clock.
     early_exit: decide as soon as the run's validated patience allows; otherwise at the end of a window.
     length_ms, start_ms, hop_ms, contact, quiet_ms: as for `WindowPlan`; None: as in training.
     Raises InputError, which names the fix, for what cannot run sample by sample.
     """
     effects.check(contact=contact, hop_ms=hop_ms, quiet_ms=quiet_ms)
     rule, classes, settings = FULL_WINDOW, None, {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms}
+    recorded_Hz: float | None = None
     if isinstance(source, tuple):
         encoder, network = source
     else:
         restored = fitted.restore(source)
         encoder, network, classes = build_encoder(restored, fitted.name_of(source)), restored.network, restored.classes
         rule = restored.rule if early_exit else FULL_WINDOW
+        recorded_Hz = restored.recorded_Hz
         trained_window = restored.task.window
         for key in settings:
             settings[key] = getattr(trained_window, key) if settings[key] is None else settings[key]
@@ -104,6 +107,8 @@ def chain_of(
     _check_taxels(encoder, network)
     clock_Hz = network.sampling_rate_Hz
     windows = WindowPlan.of(clock_Hz, contact=contact, quiet_ms=quiet_ms, **settings)
+    if sampling_rate_Hz is None and encoder.conditioning.resample_Hz is not None:
+        sampling_rate_Hz = recorded_Hz
     rate_Hz = _input_rate(encoder, clock_Hz, sampling_rate_Hz)
     _check_range(encoder, conditioning_of(encoder, rate_Hz).clock_Hz(rate_Hz))
     classes = classes or tuple(str(index) for index in range(network.n_classes))
@@ -179,7 +184,10 @@ def _input_rate(encoder: EncoderSpec, clock_Hz: float, given_Hz: float | None) -
             "encoder that it was trained with"
         )
     if given_Hz is None:
-        raise InputError("`sampling_rate_Hz`: the encoder resamples, so the rate of the samples must be given")
+        raise InputError(
+            "`sampling_rate_Hz`: the encoder resamples and the rate of its recordings is not known, so the rate of the "
+            "samples must be given"
+        )
     conditioned_length(1, given_Hz, resampled_Hz)  # refuses a rate that is too low for the clock
     if given_Hz > MOST_SAMPLES_A_STEP * resampled_Hz:
         raise InputError(

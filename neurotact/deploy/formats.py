@@ -1,6 +1,7 @@
 """Integer formats of a chain, chosen from recorded ranges.
 
-Samples are `zero + lsb x` with x in 16 bits; whole numbers that fit are x themselves. Filters and afferents have `FRACTION` bits more than a sample, in 32 bits.
+Samples are `zero + lsb x` with x in 16 bits; whole numbers that fit are x themselves. Filters and afferents have
+`FRACTION` bits more than a sample, in 32 bits.
 Afferents need no gains: their thresholds are divided by them. A layer's currents and membranes have one unit: the
 largest value on training windows, times `HEADROOM`, fills its bits. Weights are `step 2^shift` of that unit.
 """

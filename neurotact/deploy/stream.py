@@ -43,7 +43,7 @@ class Stream:
     hold_ms: for how long a missing value is replaced by the last valid one; at least one sample.
     backend: the compiled step or the reference, which decide the same.
     watch: called with a `Trace` of the processed steps, block by block; the decisions are the same.
-    sampling_rate_Hz: of the samples; needed if the encoder resamples. early_exit: decide as soon as the run's validated
+    sampling_rate_Hz: of the samples; if None, as recorded. early_exit: decide as soon as the run's validated
         rule allows; otherwise at the end of a window.
     length_ms, start_ms, hop_ms: of the windows; None: as in training. contact: start a window at the first spike after
         `quiet_ms` without one (`deploy.windows.QUIET_MS` if None). Not for a `Chain`, which has them.

@@ -211,6 +211,7 @@ def _about(recordings: Trials, spec: EncoderSpec) -> dict[str, Any]:
         "encoder": table,
         "source": recordings.source,
         "touch_s": common_onset_s(recordings),
+        "recorded_Hz": recordings.sampling_rate_Hz,
     }
 
 

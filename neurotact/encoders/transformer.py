@@ -93,7 +93,8 @@ class SpikeEncoder(TransformerMixin, NestedSettings):
         raster = np.zeros((len(trains), int(trains.trial_steps[0]), len(trains.afferents)), np.uint8)
         for trial, (steps, units) in enumerate(zip(trains.steps, trains.units, strict=True)):
             raster[trial, steps, units] = 1
-        return SpikeArray.of(raster, trains.sampling_rate_Hz, Origin(trains.encoder, trains.afferents))
+        origin = Origin(trains.encoder, trains.afferents, recorded_Hz=trains.recorded_Hz)
+        return SpikeArray.of(raster, trains.sampling_rate_Hz, origin)
 
     def _calibrates(self, spec: EncoderSpec, y: ArrayLike | None) -> bool:
         """Whether `fit` chooses the gains."""

@@ -33,6 +33,26 @@ def pipe() -> Pipeline:
     return make_pipeline(nt.SpikeEncoder(ENCODER, sampling_rate_Hz=RATE_HZ), classifier).fit(*touches())
 
 
+def test_the_rate_of_the_samples_is_that_of_the_recordings(tmp_path):
+    """An encoder that resamples needs it: of a pipeline, of windows, and of a run folder."""
+    encoder = nt.AfferentSpec.model_validate({
+        "sa1": {"gain": 3.0}, "ra1": {"gain": 90.0}, "conditioning": {"resample_Hz": RATE_HZ},
+    })  # fmt: skip
+    X, y = touches()
+    classifier = nt.SpikingClassifier(hidden=4, epochs=1, batch=4, random_state=0)
+    pipeline = make_pipeline(nt.SpikeEncoder(encoder, sampling_rate_Hz=200.0), classifier).fit(X, y)
+    assert nt.Stream(pipeline).chain.sampling_rate_Hz == 200.0
+    assert nt.Stream(pipeline, sampling_rate_Hz=250.0).chain.sampling_rate_Hz == 250.0
+    spikes = nt.encode(nt.Recordings(X, 200.0, "mV", {"label": y.astype(str)}), encoder)
+    nt.save(spikes, tmp_path / "spikes.h5")
+    again = nt.load_spikes(tmp_path / "spikes.h5")
+    assert again.recorded_Hz == again.select([0, 1]).recorded_Hz == 200.0
+    windows = nt.windows(again, length_ms=100)
+    assert nt.Stream(classifier.fit(windows.X, windows.y)).chain.sampling_rate_Hz == 200.0
+    nt.train(tmp_path / "spikes.h5", tmp_path / "run", settings={"hidden": 4, "training.epochs": 1}, length_ms=100)
+    assert nt.Stream(tmp_path / "run").chain.sampling_rate_Hz == 200.0
+
+
 @pytest.fixture(scope="module")
 def recordings() -> nt.Recordings:
     X, y = touches()

@@ -49,6 +49,7 @@ def save(
         "task": task.model_dump(mode="json"),
         "exit_patience": trained.rule.patience,
         **({} if trained.rule.margin is None else {"exit_margin": trained.rule.margin}),
+        **({} if trains.recorded_Hz is None else {"recorded_Hz": trains.recorded_Hz}),
         "best_epoch": trained.training.best.epoch,
         **provenance_of(trains, trials_of(trains, task, split)).model_dump(mode="json"),
         **(more or {}),
@@ -71,6 +72,8 @@ class Restored(NamedTuple):
     """None if the network was fitted in memory, or if an earlier version saved it, without it."""
     fine_tuned: Any = None
     """What `deploy.fine_tuning` saved; None for a network that was not fine-tuned."""
+    recorded_Hz: float | None = None
+    """Samples per second of the recordings that it was trained on; None if unknown."""
 
 
 class _Extra(Spec):
@@ -81,6 +84,7 @@ class _Extra(Spec):
     spikes: str
     exit_patience: int | None = Field(ge=1, le=2**31 - 1)
     exit_margin: float | None = Field(default=None, gt=0)
+    recorded_Hz: float | None = Field(default=None, gt=0)
 
 
 def files_of(folder: str | Path) -> list[Path]:
@@ -114,8 +118,9 @@ def restore(
     encoder = extra.get("encoder") if isinstance(extra.get("encoder"), dict) else None
     place = files.existing(spikes) if spikes is not None else _spikes_of(path, known, provenance)
     return Restored(
-        network.to(device), known.task, rule, known.classes, place, encoder, provenance, extra.get("fine_tuned")
-    )
+        network.to(device), known.task, rule, known.classes, place, encoder, provenance, extra.get("fine_tuned"),
+        known.recorded_Hz,
+    )  # fmt: skip
 
 
 def _spikes_of(path: Path, known: _Extra, provenance: Provenance | None) -> Path:

@@ -69,5 +69,5 @@ def restore(source: Fitted, *, device: str = "cpu", spikes: str | Path | None = 
     origin, network = classifier.origin_, copy.deepcopy(classifier.network_).to(device)
     return Restored(
         network, Task(window=classifier.window_), classifier.exit_rule_, tuple(map(str, classifier.classes_)), None,
-        None if origin is None else origin.encoder, None,
+        None if origin is None else origin.encoder, None, recorded_Hz=None if origin is None else origin.recorded_Hz,
     )  # fmt: skip
