@@ -1,5 +1,6 @@
 """Checks of parameters and examples that the estimators share."""
 
+import logging
 import numbers
 from collections.abc import Collection, Mapping
 from typing import Any, ClassVar, Self
@@ -12,6 +13,8 @@ from sklearn.utils.multiclass import type_of_target
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from neurotact.errors import InputError, nearest
+
+log = logging.getLogger("neurotact")
 
 
 def at_least(name: str, value: Any, least: float, *, whole: bool = False, above: bool = False) -> None:
@@ -107,6 +110,35 @@ def check_last_axis(values: np.ndarray, n_last: int, axes: str, name: str = "X")
     raise InputError(f"{name}: has {values.shape[-1]} {last}s, but training had {n_last}; give those")
 
 
+def swapped(n_steps: int, n_last: int, what: str, fix: str) -> str:
+    """The doubt that the last two axes are the other way round; empty if there are not more of the last than steps.
+
+    >>> swapped(12, 200, "taxel", "give X.transpose(0, 2, 1)")
+    'has 200 taxels of 12 samples each; if it is the other way round, give X.transpose(0, 2, 1)'
+    """
+    if not n_last > n_steps > 1:
+        return ""
+    return f"has {n_last} {what}s of {n_steps} samples each; if it is the other way round, {fix}"
+
+
+def warn_of_swapped(X: np.ndarray, axes: str) -> None:
+    """Warn where X `(example, time, channel)` has more channels than samples; for what names neither.
+
+    axes: the names of all axes, as for `sequences`.
+    """
+    doubt = swapped(X.shape[1], X.shape[2], axes.rpartition(", ")[2], "give X.transpose(0, 2, 1)")
+    if doubt:
+        log.warning("X: %s", doubt)
+
+
+def _lengths(X: Any) -> list[int]:
+    """The lengths of a list of arrays, ascending, each once; empty of what is no such list."""
+    try:
+        return sorted({len(each) for each in X})
+    except TypeError:
+        return []
+
+
 def sequences(X: ArrayLike, axes: str, dtype: DTypeLike | None = None) -> np.ndarray:
     """X as an array of the named axes and, if given, of a type; InputError for another shape and for non-finite values.
 
@@ -116,8 +148,17 @@ def sequences(X: ArrayLike, axes: str, dtype: DTypeLike | None = None) -> np.nda
     """
     try:
         values = np.asarray(X)
+        lengths = _lengths(values) if values.dtype == object and values.ndim == 1 else []
     except (RuntimeError, TypeError, ValueError) as error:  # ragged lists; tensors with a gradient or on a GPU
-        raise InputError(f"X: cannot be read as an array ({error}); give one array ({axes})") from error
+        lengths = _lengths(X) if isinstance(error, ValueError) else []
+        if len(lengths) < 2:
+            raise InputError(f"X: cannot be read as an array ({error}); give one array ({axes})") from error
+    if len(lengths) > 1:
+        raise InputError(
+            f"X: has {axes.partition(',')[0]}s of {lengths[0]} to {lengths[-1]} samples where all must be equally "
+            "long; cut them to one length, or give nt.Recordings(X, sampling_rate_Hz, unit, {'label': y}) to "
+            "nt.encode, and its spikes to nt.windows"
+        )
     if values.ndim != axes.count(",") + 1 or 0 in values.shape:
         raise InputError(f"X: must be ({axes}), none of them empty; got the shape {values.shape}")
     if values.dtype.kind not in "fiub" or not np.isfinite(values).all():

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from sklearn.base import TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
-from neurotact.checks import NestedSettings, check_last_axis, class_labels, sequences
+from neurotact.checks import NestedSettings, check_last_axis, class_labels, sequences, warn_of_swapped
 from neurotact.data.recordings import Recordings, check_sampling_rate
 from neurotact.data.windowed import Origin, SpikeArray
 from neurotact.encoders import calibration, specs
@@ -42,8 +42,8 @@ class SpikeEncoder(TransformerMixin, NestedSettings):
     ----------
     n_features_in_, the number of taxels; spec_, the encoder spec; calibration_, how its gains were chosen, or None.
 
-    The whole of each trial is encoded. Raises InputError for signals that are not finite `(trial, time, taxel)` arrays,
-    for a spec that does not fit them, and as `nt.calibrate` does.
+    The whole of each trial is encoded. Warns if there are more taxels than samples. Raises InputError for signals that
+    are not finite `(trial, time, taxel)` arrays, for a spec that does not fit them, and as `nt.calibrate` does.
 
     >>> spikes = SpikeEncoder(sampling_rate_Hz=2000.0).fit_transform(np.full((2, 400, 8), 10.0))
     >>> spikes.shape, spikes.sampling_rate_Hz
@@ -75,6 +75,7 @@ class SpikeEncoder(TransformerMixin, NestedSettings):
             raise InputError("sampling_rate_Hz: X does not say its clock; pass SpikeEncoder(sampling_rate_Hz=...)")
         check_sampling_rate(self.sampling_rate_Hz, "SpikeEncoder")
         signals = sequences(X, AXES, np.float32)
+        warn_of_swapped(signals, AXES)
         spec = specs.resolve(self.encoder, self.settings)
         self.calibration_: calibration.Calibration | None = None
         if self._calibrates(spec, y):

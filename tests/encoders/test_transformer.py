@@ -8,6 +8,7 @@ from sklearn.base import clone
 import neurotact as nt
 from neurotact.data.windowed import Origin
 from neurotact.encoders import calibration
+from neurotact.errors import InputError
 
 RATE_HZ = 1000.0
 
@@ -90,3 +91,24 @@ def test_spikes_carry_their_origin(fitted):
 def test_transposed_signals_are_refused(fitted):
     with pytest.raises(nt.InputError, match=r"X: is \(trial, taxel, time\), as 2 is the number of taxels"):
         fitted.transform(slides()[0].transpose(0, 2, 1))
+
+
+def test_taxels_and_time_that_may_be_swapped_are_doubted(caplog):
+    """Where more taxels than samples are given, as on the command line; a classifier on plain arrays does the same."""
+    X = np.random.default_rng(0).normal(0, 9, (4, 200, 12))
+    encoder = nt.SpikeEncoder(sampling_rate_Hz=200.0, calibrate=False, settings={"conditioning.baseline": "none"})
+    encoder.fit(X)
+    assert not caplog.messages
+    encoder.fit(X.transpose(0, 2, 1))
+    doubt = "X: has 200 taxels of 12 samples each; if it is the other way round, give X.transpose(0, 2, 1)"
+    assert caplog.messages == [doubt]
+    spikes = (X > 5).astype(np.uint8).transpose(0, 2, 1)
+    nt.SpikingClassifier(hidden=4, epochs=1, sampling_rate_Hz=200.0, random_state=0).fit(spikes, ["a", "b"] * 2)
+    assert caplog.messages[1] == doubt.replace("taxels", "afferents")
+
+
+def test_a_list_of_trials_of_unequal_length_names_what_takes_it():
+    ragged = [np.zeros((n, 3)) for n in (40, 60)]
+    for X in (ragged, np.array([*ragged, None], object)[:2]):
+        with pytest.raises(InputError, match=r"has trials of 40 to 60 samples.*nt\.Recordings\(X.*nt\.windows"):
+            nt.SpikeEncoder(sampling_rate_Hz=200.0).fit(X, ["a", "b"])

@@ -143,12 +143,24 @@ def _signals_at(file: ArrayFile, named: str | None, axes: str | None) -> str:
     fix = "save the signals as one array with three axes"
     if found:
         fix = "name one with `names={'signals': ...}`"
+    elif len(trials := _like_trials(file)) > 1:
+        fix = (
+            f"{len(trials)} arrays such as '{trials[0]}' look like one trial each, (time, taxel): save each in a "
+            "file of its own, in one folder per class, and read them with neurotact import folder"
+        )
     elif matrix is not None:
         fix = (
             f"{fix}; '{matrix}' is read as the signals of one taxel with `axes='trial,time'`, but features of "
             "each trial have no time to encode"
         )
     raise InputError(f"{file.path}: holds {len(found)} arrays with the axes trial, time and taxel ({shown}); {fix}")
+
+
+def _like_trials(file: ArrayFile) -> list[str]:
+    """The names of arrays that may be `(time, taxel)` of one trial: of as many taxels, which are fewer than samples."""
+    matrices = {name: shape for name, shape in file.shapes.items() if len(shape) == 2}
+    widths = {shape[1] for shape in matrices.values()}
+    return [*matrices] if len(widths) == 1 and all(shape[0] > shape[1] > 0 for shape in matrices.values()) else []
 
 
 def _signals(

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from neurotact.checks import swapped
 from neurotact.data.readers.clock import FASTEST_HZ, LONGEST_S, SHORTEST_S, SLOWEST_HZ
 from neurotact.data.recordings import Recordings
 from neurotact.errors import some
@@ -178,10 +179,8 @@ def _of_lengths(recordings: Recordings, axes: str) -> Iterator[str]:
         yield "every trial has one sample, as features without time have, of which no afferent fires; give the signals"
     elif (lengths == 1).any():
         yield f"{(lengths == 1).sum()} of {len(lengths)} trials have one sample; leave them out, or check the trials"
-    if axes and recordings.n_channels > lengths.max() > 1:
-        yield (
-            f"has {recordings.n_channels} taxels of {lengths.max()} samples each; if it is the other way round, {axes}"
-        )
+    if axes and (doubt := swapped(int(lengths.max()), recordings.n_channels, "taxel", axes)):
+        yield doubt
 
 
 def _of_rate(recordings: Recordings) -> Iterator[str]:

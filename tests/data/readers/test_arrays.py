@@ -57,6 +57,12 @@ def test_classes_may_be_numbers_and_the_usual_names_are_known(tmp_path, caplog):
     assert "has 9 taxels of 3 samples each; if it is the other way round, use `axes`" in caplog.text
 
 
+def test_an_array_per_trial_names_the_import_of_folders(tmp_path):
+    path = write(tmp_path / "many.npz", a0=np.zeros((240, 12)), a1=np.zeros((310, 12)), a2=np.zeros((280, 12)))
+    with pytest.raises(InputError, match=r"3 arrays such as 'a0' look like one trial.*neurotact import folder"):
+        nt.read_arrays(path, 200, "count")
+
+
 @pytest.mark.parametrize("suffix", [".npz", ".h5"])
 def test_arrays_that_say_too_little_are_refused(tmp_path, suffix):
     def saved(**arrays):
