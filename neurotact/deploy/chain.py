@@ -1,6 +1,7 @@
 """The deployed chain: an encoder with causal conditioning, a network and its exit rule."""
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -124,11 +125,15 @@ def build_encoder(restored: Restored, source: object) -> EncoderSpec:
         )
     if restored.encoder is None:
         raise InputError(f"{source}: was saved without its encoder; train the network again")
-    table = dict(restored.encoder)
+    return encoder_of(restored.encoder, source)
+
+
+def encoder_of(table: Mapping[str, Any], source: object) -> EncoderSpec:
+    """The encoder of a saved table; InputError for an unknown model."""
     model = str(table.get("model", "lif"))
     if model not in MODELS:
         raise InputError(f"{source}: its encoder model '{model}' is unknown; train the network again")
-    return build(MODELS[model].spec, table, source=f"{source}, encoder")
+    return build(MODELS[model].spec, dict(table), source=f"{source}, encoder")
 
 
 def _check_taxels(encoder: EncoderSpec, network: RSNN) -> None:

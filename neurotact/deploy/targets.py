@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from neurotact.data.conditioning import ACAUSAL
+from neurotact.deploy.chain import encoder_of
 from neurotact.errors import InputError, nearest
+from neurotact.networks.definition.executors import FEATURES, Subject, lacking
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.exit.early_exit import ExitRule
 
@@ -141,15 +142,12 @@ def _spinnaker(asked: Asked) -> Iterator[Finding]:
     states += 2 * network.n_inputs  # membranes and refractory counters of the afferents
     n_bytes = 4 * weights + 4 * states + 8192
     yield _at_most("bytes of one processor", n_bytes, PROCESSOR_BYTES, "8-bit weights, or several processors")
-    encoder = asked.encoder or {}
-    model, baseline = encoder.get("model", "lif"), (encoder.get("conditioning") or {}).get("baseline", "none")
-    yield Finding(
-        "conditioning and afferents",
-        f"{model}, baseline {baseline}",
-        "as in the C export: lif, a causal baseline",
-        model == "lif" and baseline not in ACAUSAL,
-        "encode and train again with LIF afferents and a causal baseline",
-    )
+    lacked = None
+    if asked.encoder is not None:
+        lacked = lacking("c-float", Subject(encoder_of(asked.encoder, "run"), network, asked.rule))
+    cost = "" if lacked is None else FEATURES[lacked].instead
+    here = "what C has" if lacked is None else lacked
+    yield Finding("conditioning and afferents", here, "what the C export has", lacked is None, cost)
 
 
 CHECKS = {"xyloaudio2": _xylo, "loihi2": _loihi, "spinnaker2": _spinnaker}

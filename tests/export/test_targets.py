@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from neurotact.deploy import targets
+from neurotact.encoders.specs import load
 from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
@@ -85,8 +86,15 @@ def test_spinnaker_holds_what_fits_a_processor():
     # 248 bytes below the limit, where thresholds that adapt take 4 bytes a hidden neuron.
     assert broken("spinnaker2", hidden=161, n_classes=9) == {}
     assert list(broken("spinnaker2", hidden=161, n_classes=9, threshold_adaptation=0.3)) == ["bytes of one processor"]
-    for encoder in ({"model": "izhikevich"}, {"conditioning": {"baseline": "mean"}}):
-        assert list(broken("spinnaker2", encoder=encoder)) == ["conditioning and afferents"]
+
+
+def test_spinnaker_runs_the_afferents_that_c_has():
+    causal = {"conditioning.baseline": "first"}
+    for name in ("sa1-ra1-lif", "sa1-ra1-lif-polarities"):
+        assert broken("spinnaker2", encoder=load(name, causal).model_dump()) == {}
+    refused = {"izhikevich": causal, "sa1-ra1-lif-graded": causal, "sa1-ra1-lif": {"conditioning.baseline": "mean"}}
+    for name, changes in refused.items():
+        assert list(broken("spinnaker2", encoder=load(name, changes).model_dump())) == ["conditioning and afferents"]
 
 
 def test_an_unknown_chip_is_refused():
