@@ -6,6 +6,7 @@ rule: among the gains with few silent trials and few ISIs at the floor, the one 
 classes best. Only the given trials are used.
 """
 
+import contextlib
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -196,6 +197,7 @@ def calibrate_causally(
     rule: CalibrationRule = CalibrationRule(),
     *,
     choose_ema: bool = False,
+    choose_opposite: bool = False,
     tell: bool = True,
 ) -> Calibration[Encoder]:
     """`calibrate` with the baseline of `PAST` that gives the best separation of the classes by SA-I.
@@ -209,13 +211,14 @@ def calibrate_causally(
     choose_ema: also choose the moving average: its own cut-off, `WIDER` times that, or none, without a baseline. The
         first one whose `Calibration.accuracy_of_both` is within one standard error of the highest is chosen, so that a
         sensor of vibrations above the cut-off keeps them.
+    choose_opposite: also choose whether SA-I of the falling signal are added (`sa1.opposite`): if without them
+        `Calibration.accuracy_of_both` is more than one standard error below. Only of LIF afferents without them.
     progress: called with 1 and a note at each of `rule.candidates` steps of each combination. tell: log the notes, too.
     Raises InputError if none of them can be calibrated.
     """
-    first: Baseline = PAST[0]
     own_Hz = spec.conditioning.ema_cutoff_Hz
     cutoffs_Hz = _cutoffs(own_Hz, recordings.sampling_rate_Hz) if choose_ema else [own_Hz]
-    smoothed, _ = _each(recordings, {at: _with(spec, first, at) for at in cutoffs_Hz}, progress, rule)
+    smoothed, _ = _each(recordings, {at: _with(spec, PAST[0], at) for at in cutoffs_Hz}, progress, rule)
     if choose_ema and progress:
         progress((MOST_CUTOFFS - len(cutoffs_Hz)) * rule.candidates, "")
     cutoff_Hz = own_Hz
@@ -223,18 +226,60 @@ def calibrate_causally(
     if smoothed and len(cutoffs_Hz) > 1:
         of_cutoffs = {at: one.accuracy_of_both for at, one in smoothed.items()}
         cutoff_Hz = _best_of(of_cutoffs, _n_trials(smoothed))
-    tried: dict[Baseline, Encoder] = {each: _with(spec, each, cutoff_Hz) for each in PAST[1:]}
+    done: dict[Baseline, Calibration[Encoder]] = {PAST[0]: smoothed[cutoff_Hz]} if cutoff_Hz in smoothed else {}
+    best, on_baseline = _of_baselines(recordings, spec, cutoff_Hz, done, progress, rule)
+    notes = *_on_ema(of_cutoffs, cutoff_Hz, own_Hz, spec), on_baseline
+    if choose_opposite and (signed := with_opposite(spec)) is not None:
+        with contextlib.suppress(InputError):  # no gain suits the falling signal: the encoder stays as it is
+            both, on_its_baseline = _of_baselines(recordings, signed, cutoff_Hz, {}, progress, rule)
+            reached = best.accuracy_of_both, both.accuracy_of_both
+            if _best_of(dict(enumerate(reached)), len(best.labels)) == 1:
+                best, notes = both, (*notes[:-1], on_its_baseline, _on_opposite(*reached))
+    notes = *best.notes, *notes
+    if tell:
+        _log(notes, recordings)
+    return replace(best, notes=notes)
+
+
+def _of_baselines(
+    recordings: Trials,
+    spec: Encoder,
+    cutoff_Hz: float | None,
+    done: Mapping[Baseline, Calibration[Encoder]],
+    progress: Progress | None,
+    rule: CalibrationRule,
+) -> tuple[Calibration[Encoder], str]:
+    """The calibration with the best baseline of `PAST`, and the note on it; done: those that are known."""
+    tried = {each: _with(spec, each, cutoff_Hz) for each in PAST if each not in done}
     others, errors = _each(recordings, tried, progress, rule)
-    found: dict[Baseline, Calibration[Encoder]] = {first: smoothed[cutoff_Hz]} if cutoff_Hz in smoothed else {}
-    found |= others
+    found = {each: (done | others)[each] for each in PAST if each in done or each in others}
     if not found:
         raise errors[PAST[-1]]
     accuracy: dict[Baseline, float] = {baseline: each.accuracy for baseline, each in found.items()}
     best = _best_of(accuracy, _n_trials(found))
-    notes = *found[best].notes, *_on_ema(of_cutoffs, cutoff_Hz, own_Hz, spec), _on_baseline(accuracy, best, spec)
-    if tell:
-        _log(notes, recordings)
-    return replace(found[best], notes=notes)
+    return found[best], _on_baseline(accuracy, best, spec)
+
+
+def with_opposite(spec: Encoder) -> Encoder | None:
+    """The encoder with SA-I of the falling signal, too; None if it has them already, or cannot have them.
+
+    >>> from neurotact.spec import load
+    >>> signed = with_opposite(load(AfferentSpec, "sa1-ra1-lif"))
+    >>> signed.sa1.opposite, with_opposite(signed)
+    (True, None)
+    """
+    if not isinstance(spec, AfferentSpec) or spec.sa1.opposite or spec.conditioning.rectify:
+        return None
+    return spec.model_copy(update={"sa1": spec.sa1.model_copy(update={"opposite": True})})
+
+
+def _on_opposite(without: float, reached: float) -> str:
+    """The note on SA-I of the falling signal; without, reached: the accuracies without and with them."""
+    return (
+        f"sa1.opposite = true is chosen: a second SA-I under each taxel receives the falling signal; accuracy of "
+        f"logistic regression on the SA-I and RA-I rates of the training trials: {100 * reached:.0f} %, without it "
+        f"{100 * without:.0f} %; to leave it out, set sa1.opposite = false"
+    )
 
 
 def _n_trials(found: Mapping[Any, Calibration[Any]]) -> int:
@@ -322,25 +367,27 @@ def _on_ema(
 
 
 def way_of(
-    spec: EncoderSpec, given: Mapping[str, Any], *, choose_ema: bool = True
+    spec: EncoderSpec, given: Mapping[str, Any], *, choose_ema: bool = True, choose_opposite: bool = True
 ) -> tuple[Callable[..., Calibration[Any]], int]:
     """The calibration of an encoder, and how many times at most it goes through all candidates of its rule.
 
-    A baseline that uses the whole trial is replaced by a causal one, and then the moving average is chosen, too
-    (`choose_ema`), unless their keys are among `given`, the dotted keys that were set. Raises InputError if one of them
-    is in `FITTED`, or a gain or threshold that calibration finds.
+    A baseline that uses the whole trial is replaced by a causal one, and then the moving average (`choose_ema`) and SA-I
+    of the falling signal (`choose_opposite`) are chosen, too, unless their keys are among `given`, the dotted keys that
+    were set. Raises InputError if one of them is in `FITTED`, or a gain or threshold that calibration finds.
 
     >>> from neurotact.spec import load
     >>> paper = load(AfferentSpec, "sa1-ra1-lif")
     >>> given = {}, {"conditioning.ema_cutoff_Hz": 50.0}, {"conditioning.baseline": "mean"}
     >>> [way_of(paper, keys)[1] for keys in given]
-    [5, 3, 1]
+    [8, 6, 1]
     """
     refuse(given, dict.fromkeys((*FITTED, *(knob.key for knob in knobs_of(spec))), BY_CALIBRATION))
     if spec.conditioning.baseline not in ACAUSAL or "conditioning.baseline" in given:
         return calibrate, 1
     choose_ema = choose_ema and "conditioning.ema_cutoff_Hz" not in given
-    return partial(calibrate_causally, choose_ema=choose_ema), len(PAST) + (MOST_CUTOFFS - 1 if choose_ema else 0)
+    choose_opposite = choose_opposite and "sa1.opposite" not in given and with_opposite(spec) is not None
+    n_times = len(PAST) * (2 if choose_opposite else 1) + (MOST_CUTOFFS - 1 if choose_ema else 0)
+    return partial(calibrate_causally, choose_ema=choose_ema, choose_opposite=choose_opposite), n_times
 
 
 def _log(notes: Iterable[str], recordings: Trials) -> None:

@@ -41,6 +41,7 @@ from neurotact.studies import encoded, store
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import DATA
 from neurotact.studies.study import (
+    CHOICES,
     Cell,
     DatasetSpec,
     StudySpec,
@@ -340,7 +341,7 @@ def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, Encode
             training = recordings.select(train)
             if cell.split.folds:  # each fold has its own encoder, and its notes name the fold
                 training = replace(training, source=f"{recordings.source}, fold {cell.split.fold}")
-            fit, _ = way_of(start, {}, choose_ema=cell.choose_ema)
+            fit, _ = way_of(start, {}, **{choice: getattr(cell, choice) for choice in CHOICES})
             calibrated[key] = fit(training, start, rule=CalibrationRule(spikes_per_s=spikes_per_s)).encoder
         return calibrated[key]
 

@@ -54,7 +54,8 @@ EVERY, LONGER_MS = "every", 10.0
 """In place of the values of `encoder & t_ref_ms`: every model that is compared, with its own period and with this."""
 OF_SPIKES = ("encoder", "spikes_per_s")
 """Keys of a sweep that decide spikes, besides those that begin with `encoder.`."""
-EMA = f"{calibrated.CONDITIONING}.ema_cutoff_Hz"
+CHOICES = {"choose_ema": f"{calibrated.CONDITIONING}.ema_cutoff_Hz", "choose_opposite": "encoder.sa1.opposite"}
+"""Keys of a study that let calibration choose a key of the encoder, and this key."""
 log = logging.getLogger("neurotact")
 PAIR = f"encoder.ra1.t_ref_ms{sweeps.JOIN}encoder.sa1.t_ref_ms"
 
@@ -170,6 +171,8 @@ class StudySpec(Spec):
     """Fit the encoder's baseline, standardisation and gains on the training trials (as `neurotact calibrate` does)."""
     choose_ema: bool = False
     """Also choose the cut-off of the encoder's moving average there, unless it is set or swept."""
+    choose_opposite: bool = False
+    """Also choose there whether LIF afferents include SA-I of the falling signal, unless this is set or swept."""
     spikes_per_s: float | None = Field(default=None, gt=0)
     """Fit gains and thresholds there to this rate of an afferent, so that encoders spend equally many spikes."""
     window: WindowSpec = WindowSpec()
@@ -292,6 +295,8 @@ class Cell(Spec):
     """The encoder for which baseline and moving average are chosen there, if not `calibrate` itself."""
     choose_ema: bool = False
     """Whether the cut-off of its moving average is chosen there, too."""
+    choose_opposite: bool = False
+    """Whether SA-I of the falling signal are chosen there, too."""
     spikes_per_s: float | None = None
     """The rate of an afferent to which gains and thresholds are fitted there; None: they separate classes best."""
     encoded_ms: float | None = None
@@ -323,7 +328,7 @@ class Cell(Spec):
     @property
     def spikes_name(self) -> str:
         """The digest of everything that decides the cell's spike trains."""
-        parts = {"source", "encoder", "calibrate", "choose_ema"} | ({"split"} if self.calibrate else set())
+        parts = {"source", "encoder", "calibrate", "choose_ema", "choose_opposite"} | ({"split"} if self.calibrate else set())
         optional = ("spikes_per_s", "augmentation", "conditioned_by", "encoded_ms")
         parts |= {name for name in optional if getattr(self, name) is not None}
         known = self.subset if self.calibrate and self.test_every_condition else None
@@ -380,8 +385,8 @@ def resolve(
         study = specs.build(StudySpec, _suited(table, study, left, overrides, path), source=str(path))
     note = suited.note_of(study.dataset.choice)
     study = study if note in (None, *study.notes) else study.model_copy(update={"notes": (note, *study.notes)})
-    if EMA in {*specs.leaves(overrides), *sweeps.keys(study.sweep)}:
-        study = study.model_copy(update={"choose_ema": False})
+    decided = {*specs.leaves(overrides), *sweeps.keys(study.sweep)}
+    study = study.model_copy(update={choice: False for choice, key in CHOICES.items() if key in decided})
     if study.search is not None and study.network is not None:
         tuning.check(study.search.space, study.network, source=f"search.space of {path}")
     if study.dataset.simulate is not None:
@@ -474,7 +479,7 @@ def cells(study: StudySpec) -> Iterator[Cell]:
         **{part: _whole(getattr(study, part)) for part in ("window", "split", "early_exit", "encoder")},
         **({"network": _whole(study.network)} if study.network else {}),
         **({"search": search} if search else {}),
-        "choose_ema": study.calibrate and study.choose_ema,
+        **{choice: study.calibrate and getattr(study, choice) for choice in CHOICES},
         **{name: getattr(study, name) for name in ("training_windows", *MEASURES)},
         **({} if study.spikes_per_s is None else {"spikes_per_s": study.spikes_per_s}),
         **({} if study.augmentation is None else {"augmentation": _whole(study.augmentation)}),

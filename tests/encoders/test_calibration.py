@@ -21,7 +21,14 @@ from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec, split_conditions
 from neurotact.encoders import gain_search
 from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
-from neurotact.encoders.calibration import Calibration, _best_of, calibrate, calibrate_causally, way_of
+from neurotact.encoders.calibration import (
+    Calibration,
+    _best_of,
+    calibrate,
+    calibrate_causally,
+    way_of,
+    with_opposite,
+)
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.excerpts import Excerpts, liveliest
 from neurotact.encoders.gain_search import CalibrationRule
@@ -483,6 +490,46 @@ def test_the_own_moving_average_stays_where_the_others_are_no_better():
     found = calibrate_causally(slides(), SPEC, rule=RULE, choose_ema=True)
     assert found.encoder == calibrate_causally(slides(), SPEC, rule=RULE).encoder
     assert not [note for note in found.notes if "ema_cutoff_Hz" in note]
+
+
+def falling(depths=(3.0, 9.0)) -> Recordings:
+    """Presses of random size at random times, the same for all classes, from a level that slowly sags by the class's
+    depth: SA-I of the rise alone is silent below rest, and RA-I responds to the presses."""
+    rng, time_s = np.random.default_rng(5), np.arange(0, 2, 1e-3)[:, None]
+    signals, labels = [], []
+    for index, depth in enumerate(depths):
+        for _ in range(16):
+            presses = sum(
+                rng.uniform(10, 60, 3) * np.exp(-0.5 * ((time_s - rng.uniform(0, 2, 3)) / 0.02) ** 2) for _ in range(6)
+            )
+            sag = -depth * np.sin(2 * np.pi * (time_s + rng.uniform(size=3)))
+            signals.append(300 * rng.normal(size=3) + presses + np.minimum(sag, 0) * rng.uniform(0.8, 1.2))
+            labels.append(f"class {index}")
+    return Recordings(signals, 1000.0, "mV", pd.DataFrame({"label": labels}))
+
+
+def test_sa1_of_the_falling_signal_are_added_where_they_tell_more():
+    without = calibrate_causally(falling(), SPEC, rule=RULE)
+    found = calibrate_causally(falling(), SPEC, rule=RULE, choose_opposite=True)
+    assert (without.encoder.sa1.opposite, found.encoder.sa1.opposite) == (False, True)
+    assert found.accuracy_of_both > without.accuracy_of_both + 0.1
+    (note,) = [note for note in found.notes if "opposite" in note]
+    assert f"without it {100 * without.accuracy_of_both:.0f} %" in note
+    assert len([note for note in found.notes if "conditioning.baseline =" in note]) == 1
+    given = SPEC.model_copy(update={"sa1": SPEC.sa1.model_copy(update={"opposite": True})})
+    assert found.encoder == calibrate_causally(falling(), given, rule=RULE).encoder
+
+
+def test_sa1_of_the_falling_signal_are_left_out_where_they_tell_no_more():
+    found = calibrate_causally(slides(), SPEC, rule=RULE, choose_opposite=True)
+    assert found.encoder == calibrate_causally(slides(), SPEC, rule=RULE).encoder
+    assert not [note for note in found.notes if "opposite" in note]
+
+
+def test_given_polarities_and_rectified_signals_leave_no_choice():
+    rectified = SPEC.model_copy(update={"conditioning": SPEC.conditioning.model_copy(update={"rectify": True})})
+    for spec, keys in ((SPEC, {"sa1.opposite": False}), (rectified, {}), (with_opposite(SPEC), {})):
+        assert way_of(spec, keys)[1] == 5
 
 
 @pytest.mark.parametrize("rate_Hz", [1000.0, 100.0, 50.0])

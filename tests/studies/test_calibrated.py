@@ -46,8 +46,8 @@ def encoded(touches, monkeypatch, **changes):
     """The run folder, its study and the encoder with which each cell's spikes were made."""
     way_of = calibration.way_of
 
-    def quickly(spec, given, *, choose_ema):
-        fit, times = way_of(spec, given, choose_ema=choose_ema)
+    def quickly(spec, given, **choices):
+        fit, times = way_of(spec, given, **choices)
         return lambda recordings, spec, rule: fit(recordings, spec, rule=RULE), times
 
     monkeypatch.setattr(preparation, "way_of", quickly)
@@ -147,6 +147,21 @@ def test_a_key_that_takes_effect_is_not_refused(touches, changes):
 def test_the_moving_average_is_chosen_unless_it_is_given(touches, changes, is_chosen):
     what = loading.resolve("own-recordings", {**SMALL, **changes}, data=touches)
     assert {cell.choose_ema for cell in study.cells(what)} == {is_chosen}
+
+
+@pytest.mark.parametrize(
+    ("changes", "is_chosen"),
+    [
+        ({}, True),
+        ({"encoder.conditioning.ema_cutoff_Hz": 50.0}, True),
+        ({"encoder.sa1.opposite": False}, False),
+        ({"sweep.encoder.sa1.opposite": [False, True]}, False),
+        ({"choose_opposite": False}, False),
+    ],
+)
+def test_sa1_of_the_falling_signal_are_chosen_unless_they_are_given(touches, changes, is_chosen):
+    what = loading.resolve("own-recordings", {**SMALL, **changes}, data=touches)
+    assert {cell.choose_opposite for cell in study.cells(what)} == {is_chosen}
 
 
 def test_the_choice_of_the_moving_average_decides_the_spikes_of_a_cell(touches, monkeypatch):

@@ -73,7 +73,7 @@ def _few_candidates(monkeypatch):
     monkeypatch.setattr(
         preparation,
         "way_of",
-        lambda spec, given, choose_ema: (
+        lambda spec, given, **choices: (
             lambda recordings, spec, *, rule: calibration.calibrate(recordings, spec, rule=RULE),
             1,
         ),

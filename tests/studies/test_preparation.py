@@ -166,7 +166,7 @@ def test_gains_are_fitted_on_training_trials_alone(tmp_path, monkeypatch, only_k
         given.append(sorted({int(signal[0, 0]) for signal in recordings.signals}))
         return SimpleNamespace(encoder=spec.model_copy(update={"tau_mem_ms": 8.0}))
 
-    monkeypatch.setattr(preparation, "way_of", lambda spec, given, choose_ema: (fitted, 1))
+    monkeypatch.setattr(preparation, "way_of", lambda spec, given, **choices: (fitted, 1))
     monkeypatch.setattr(preparation, "load_dataset", lambda _: touches)
     preparation.prepare(tmp_path, what, [cell])
     train = split_conditions(table, ["force_N"], cell.split).train

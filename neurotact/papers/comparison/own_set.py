@@ -79,6 +79,7 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     chosen |= choice._asdict()
     if touches.unit is not None:
         is_open = {key: f"conditioning.{of}" not in of_set for key, of in CHOSEN.items()}
+        is_open["choose_opposite"] = is_open["choose_baseline"]
         chosen |= {"unit": touches.unit, "conditioning": conditioning, **is_open}
         notes += suited.clock(touches.recorded, clock_Hz)
     table = override(chosen, of_set)

@@ -47,6 +47,8 @@ class SetSpec(Spec):
     """Choose a causal baseline on training trials, in place of the baseline of `conditioning`."""
     choose_ema: bool = False
     """With `choose_baseline`: choose the cut-off of the moving average there, too."""
+    choose_opposite: bool = False
+    """With `choose_baseline`: choose there whether SA-I of the falling signal are added, too."""
     window: WindowSpec = WindowSpec()
     group: tuple[str, ...] = ()
     """Conditions that name a group: if `split` is by groups, trials with equal values are on one side."""
@@ -237,7 +239,8 @@ def _calibrated(training: Recordings, chosen: SetSpec, step_ms: float) -> Affere
     conditioning = chosen.conditioning.model_copy(update={"resample_Hz": 1e3 / fine_ms})
     start = AfferentSpec(unit=chosen.unit, conditioning=conditioning, sa1=least, ra1=least)
     if chosen.choose_baseline:
-        found = calibrate_causally(training, start, choose_ema=chosen.choose_ema, tell=False).encoder
+        how = {"choose_ema": chosen.choose_ema, "choose_opposite": chosen.choose_opposite}
+        found = calibrate_causally(training, start, **how, tell=False).encoder
     else:
         found = calibrate(training, start, tell=False).encoder
     parts = {part: getattr(found, part).model_copy(update={"t_ref_ms": step_ms}) for part in ("sa1", "ra1")}
