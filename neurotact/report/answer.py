@@ -39,7 +39,7 @@ class Network(NamedTuple):
     """One pair of refractory periods and one size; all numbers are means over seeds and splits.
 
     pair: refractory periods of RA-I and SA-I in ms, as "1&10". validation, early_validation: accuracy on validation
-    windows, on whole windows and with early exit.
+    windows, on whole windows and with early exit; the latter is None where validation windows cannot tell it.
     whole, early: decisions on the whole window and with early exit; early is None if there is none.
     """
 
@@ -382,7 +382,9 @@ def details(found: Answer) -> Iterator[str]:
             f"{_lost(best.used, cheapest.used, found.trials.test)}."
         )
     if cheapest.early is not None:
-        yield _early(cheapest.whole, cheapest.early, found.trials.test)
+        said = _early(cheapest.whole, cheapest.early, found.trials.test)
+        is_known = cheapest.early_validation is not None or not _saves(cheapest.whole, cheapest.early)
+        yield said if is_known else f"{said} Whole windows are used, since validation cannot tell this loss."
     yield from _energy(found)
 
 

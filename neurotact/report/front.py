@@ -282,7 +282,8 @@ def fronts(
         counts = np.array(confusions).sum(axis=(0, 2)).tolist()
         sides = sides_of(trains, first_of_splits, counts)
         guess = max(1 / len(counts), max(counts) / max(1, sum(counts)))
-        networks = networks_of(rows)
+        unranked = untold(first_of_splits, trains)
+        networks = networks_of(rows.assign(**{EXIT_VALIDATION: float("nan")}) if unranked else rows)
         baselines = baselines_of(study, tables, rows.iloc[0].to_dict())
         compare = _comparing(study, folder, done, rows, tables)
         found = answers.answer(networks, baselines, guess, sides.trials, compare)
@@ -305,7 +306,7 @@ def fronts(
             sides,
             networks,
             standing,
-            untold(first_of_splits, trains),
+            unranked,
             first_screen.figures(found),
             first_screen.chosen(found, networks, baselines),
             words,

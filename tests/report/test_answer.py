@@ -129,6 +129,15 @@ def test_early_exit_and_energy_are_told_of_the_cheapest():
     )
 
 
+def test_whole_windows_are_used_where_validation_cannot_tell_the_loss_of_early_exit():
+    early = Decision(0.8, 500.0, 420.0, 40.0, 200.0)
+    found = answer([network(early=early, nJ=390.0)], [], 0.25, TRIALS)
+    assert found.best.used == found.best.whole
+    words = " ".join(details(found))
+    assert "to 80.0 %. Whole windows are used, since validation cannot tell this loss." in words
+    assert "with early exit, is right" not in headline(found)
+
+
 def test_energy_is_not_told_where_it_is_about_equal_or_unknown():
     for ours, theirs in ((25.0, 24.0), (None, 24.0), (25.0, None)):
         found = answer([network(nJ=ours)], [Baseline("SVM", 0.9, 0.9, theirs)], 0.25, TRIALS)
