@@ -283,8 +283,7 @@ def require(executor: str, subject: Subject) -> None:
 
 def lacking(executor: str, subject: Subject) -> str | None:
     """The first feature of a subject that an executor lacks; None if it runs all."""
-    parts, lacks = EXECUTORS[executor].parts, EXECUTORS[executor].lacks
-    return next((name for name in lacks if FEATURES[name].part in parts and FEATURES[name].present(subject)), None)
+    return next((name for name in EXECUTORS[executor].lacks if FEATURES[name].present(subject)), None)
 
 
 def table() -> list[tuple[str, ...]]:

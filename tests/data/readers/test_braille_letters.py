@@ -4,6 +4,7 @@ import io
 import os
 import pickle as maker  # to make files; nothing here reads them with it
 from pathlib import Path
+from pickletools import opcodes
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from neurotact import cli
 from neurotact.data.hdf5 import load_spikes
+from neurotact.data.readers import plain_objects
 from neurotact.data.readers.braille_letters import AFFERENTS, read
 from neurotact.data.readers.plain_objects import read_plain
 from neurotact.errors import InputError
@@ -70,6 +72,13 @@ def test_a_file_that_would_run_code_is_refused_and_does_not_run(folder, protocol
         with pytest.raises(InputError, match="holds more than lists, tables, text and numbers"):
             read(written(folder, maker.dumps(value, protocol)))
     assert not target.exists()
+
+
+def test_were_an_opcode_let_through_no_name_would_be_found(folder, monkeypatch):
+    monkeypatch.setattr(plain_objects, "VALUES", {opcode.name for opcode in opcodes})
+    with pytest.raises(InputError, match=r"is damaged \(it names \w+\.Path"):
+        read_plain(written(folder, maker.dumps(Trap(folder / "made"))))
+    assert not (folder / "made").exists()
 
 
 def test_a_number_that_would_take_memory_is_refused(folder):
