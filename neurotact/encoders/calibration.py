@@ -371,9 +371,9 @@ def way_of(
 ) -> tuple[Callable[..., Calibration[Any]], int]:
     """The calibration of an encoder, and how many times at most it goes through all candidates of its rule.
 
-    A baseline that uses the whole trial is replaced by a causal one, and then the moving average (`choose_ema`) and SA-I
-    of the falling signal (`choose_opposite`) are chosen, too, unless their keys are among `given`, the dotted keys that
-    were set. Raises InputError if one of them is in `FITTED`, or a gain or threshold that calibration finds.
+    A baseline that uses the whole trial is replaced by a causal one, and then the moving average (`choose_ema`) and
+    SA-I of the falling signal (`choose_opposite`) are chosen, too, unless their keys are among `given`, the dotted keys
+    that were set. Raises InputError if one of them is in `FITTED`, or a gain or threshold that calibration finds.
 
     >>> from neurotact.spec import load
     >>> paper = load(AfferentSpec, "sa1-ra1-lif")

@@ -328,7 +328,7 @@ class Cell(Spec):
     @property
     def spikes_name(self) -> str:
         """The digest of everything that decides the cell's spike trains."""
-        parts = {"source", "encoder", "calibrate", "choose_ema", "choose_opposite"} | ({"split"} if self.calibrate else set())
+        parts = {"source", "encoder", "calibrate", *CHOICES} | ({"split"} if self.calibrate else set())
         optional = ("spikes_per_s", "augmentation", "conditioned_by", "encoded_ms")
         parts |= {name for name in optional if getattr(self, name) is not None}
         known = self.subset if self.calibrate and self.test_every_condition else None

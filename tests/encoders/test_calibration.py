@@ -493,8 +493,10 @@ def test_the_own_moving_average_stays_where_the_others_are_no_better():
 
 
 def falling(depths=(3.0, 9.0)) -> Recordings:
-    """Presses of random size at random times, the same for all classes, from a level that slowly sags by the class's
-    depth: SA-I of the rise alone is silent below rest, and RA-I responds to the presses."""
+    """Presses of random size at random times, and a level that slowly sags by the depth of the class.
+
+    SA-I of the rise alone are silent below rest, and RA-I respond to the presses.
+    """
     rng, time_s = np.random.default_rng(5), np.arange(0, 2, 1e-3)[:, None]
     signals, labels = [], []
     for index, depth in enumerate(depths):
