@@ -269,7 +269,8 @@ def _fire(excerpts: Excerpts, spec: EncoderSpec, knobs: Sequence[Knob]) -> Itera
     per_sample = clock_Hz / excerpts.sampling_rate_Hz
     for signal, n_samples in _in_groups(excerpts.signals, per_sample):
         spikes, _ = encode(signal, excerpts.sampling_rate_Hz, spec)
-        spikes[np.arange(spikes.shape[1]) >= n_samples[:, None] * per_sample] = 0
+        for raster, end in zip(spikes, np.ceil(n_samples * per_sample).astype(int), strict=True):
+            raster[end:] = 0
         events = events_of_raster(spikes)
         counts, isi = spike_counts(events), isis_ms(events, 1e3)  # at 1 kHz an ISI in ms is its number of steps
         for knob, (first, last) in ends.items():

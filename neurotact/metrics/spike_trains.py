@@ -11,9 +11,6 @@ import numpy as np
 
 from neurotact.errors import InputError
 
-SHORT_KEYS = 2**16
-"""Numbers up to it, not included, are sorted in linear time."""
-
 
 class Events(NamedTuple):
     """The spikes of all trials end to end, in order of trial, then afferent, then step.
@@ -80,16 +77,12 @@ def events_of_raster(raster: np.ndarray) -> Events:
     """
     raster = _checked(raster)
     n_trials, n_steps, n_afferents = raster.shape
-    trial, step, unit = np.unravel_index(np.flatnonzero(raster), raster.shape)
-    trial_steps = np.full(n_trials, n_steps, np.int64)
-    n_groups = n_trials * n_afferents
-    if n_groups > SHORT_KEYS:
-        return _sorted(trial, unit, step, trial_steps, n_afferents)
-    group = (trial * n_afferents + unit).astype(np.uint16)
-    order = np.argsort(group, kind="stable")  # times are in order already
-    counts = np.bincount(group, minlength=n_groups)
-    trial, unit = (np.repeat(each, counts) for each in np.divmod(np.arange(n_groups), max(1, n_afferents)))
-    return Events(trial, unit, step[order], trial_steps, n_afferents)
+    place = np.flatnonzero(raster.swapaxes(1, 2))
+    group = place // n_steps
+    trial = group // n_afferents
+    return Events(
+        trial, group - trial * n_afferents, place - group * n_steps, np.full(n_trials, n_steps, np.int64), n_afferents
+    )
 
 
 def spike_counts(spikes: Spikes) -> np.ndarray:
