@@ -149,6 +149,7 @@ WAYS = {
                 "--levels": "--levels cloth | --pattern {label}_{number}.csv",
                 "--pattern": "--pattern {label}_{number}.csv",
                 "--conditions": "--conditions in/conditions.csv",
+                "--label": "--label number | --pattern {speed}_{number}.csv",
                 "--columns": "--columns p1",
                 "--time-column": "--time-column t_ms | --sampling-rate-Hz 500 --columns p1,p2",
                 "--time-unit": "--time-unit s",
@@ -235,6 +236,7 @@ WAYS = {
             {
                 "--levels": "--levels label",
                 "--pattern": "--pattern {label}.npz",
+                "--label": "--label speed",
                 "--array": "--array x",
                 "--transpose": "--transpose",
             },
@@ -246,6 +248,7 @@ WAYS = {
             {
                 "--levels": "--levels cloth | --pattern {label}.npz",
                 "--pattern": "--pattern {label}.npz",
+                "--label": "--label number | --pattern {number}.npz",
                 "--array": "--array x",
                 "--transpose": "--transpose",
             },
@@ -274,6 +277,7 @@ WAYS = {
                 "--levels": "--levels label",
                 "--pattern": "--pattern {label}.csv",
                 "--conditions": "--conditions in/conditions.csv",
+                "--label": "--label speed",
             },
         ),
         Way(
@@ -286,6 +290,7 @@ WAYS = {
                 "--levels": "--levels cloth | --pattern {label}.csv",
                 "--pattern": "--pattern {label}.csv",
                 "--conditions": "--conditions in/of-events.csv",
+                "--label": "--label number | --pattern {number}.csv",
             },
         ),
     ],

@@ -82,6 +82,7 @@ def read_folder(
     levels: str | Sequence[str] = (),
     pattern: str | None = None,
     conditions: str | Path | None = None,
+    label: str | None = None,
     columns: str | Sequence[str] = (),
     time_column: str | None = None,
     time_unit: Unit | None = None,
@@ -100,6 +101,7 @@ def read_folder(
     levels: what the sub-folders are, from the top, such as "label,speed"; "label" when nothing else gives the label.
     pattern: conditions in the file names, such as "{label}_F{force}_{repetition}.csv".
     conditions: a CSV file with the column `file` and one column per condition.
+    label: which of these conditions is the class; that which is called "label" when None.
     columns: the taxels, by numbers from 1 or by names, such as "1-5"; all but the time column when empty.
     time_column, time_unit, max_gap_ms: the stamps, by default a column, or in files of arrays an array, with a name
         like time, timestamp or t, whole seconds and the rest of the second (as in "sec,nanosec"), else a column of
@@ -116,7 +118,8 @@ def read_folder(
     Recordings(12 trials x 2 taxels, 60 samples at 1000 Hz (0.06 s), mV, 2 classes)
     """
     choice = TrialChoice.of(where, leave_out)
-    naming = {"levels": levels, "pattern": pattern, "table": None if conditions is None else str(conditions)}
+    table = None if conditions is None else str(conditions)
+    naming = {"levels": levels, "pattern": pattern, "table": table, "label": label}
     layout = {
         "columns": columns, "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
         "drop_repeats": drop_repeats, "decimal": decimal, "header_lines": header_lines, "array": array,
@@ -185,10 +188,10 @@ def read_arrays(
     """Read one NPZ, NPY, MATLAB or HDF5 file with the signals of all trials in one array: `neurotact import arrays`.
 
     sampling_rate_Hz: that which the file says (`fs`, `sampling_rate`) when None. names: what the file calls signals,
-    label and channels, such as `{"label": "gesture"}`; signals are the only array with three or four axes, unless
-    named. axes: theirs, in their order, such as "trial,taxel,time" or of a grid "trial,time,row,column". conditions: a
-    CSV file with a row per trial, or an .npy file with the class of each. Other arrays of one value a trial become
-    conditions.
+    label and channels, such as `{"label": "gesture"}`, an array or a column of the conditions; signals are the only
+    array with three or four axes, unless named. axes: theirs, in their order, such as "trial,taxel,time" or of a grid
+    "trial,time,row,column". conditions: a CSV file with a row per trial, or an .npy file with the class of each. Other
+    arrays of one value a trial become conditions.
     where, leave_out: the trials to keep and to leave out, as of `read`.
     Raises InputError, which names the file, the array and the fix.
 
@@ -210,6 +213,7 @@ def read_raster(
     conditions: str | Path | None = None,
     levels: str | Sequence[str] = (),
     pattern: str | None = None,
+    label: str | None = None,
     array: str | None = None,
     transpose: bool = False,
     merge_events: bool = False,
@@ -219,7 +223,8 @@ def read_raster(
     """Read rasters of 0 and 1, or of counts, `(trial, time, afferent)`: `neurotact import raster`.
 
     The file is as of `read_arrays`, with afferents in place of taxels: sampling_rate_Hz, names, axes, conditions. A
-    folder has a raster `(time, afferent)` per trial: levels, pattern, conditions, array, transpose as of `read_folder`.
+    folder has a raster `(time, afferent)` per trial: levels, pattern, conditions, label, array, transpose as of
+    `read_folder`.
     merge_events: whether more than 1 % of the spikes may be lost where a step counts several.
     where, leave_out: the trials to keep and to leave out, as of `read`.
     Raises InputError, which names the file and the fix.
@@ -232,7 +237,7 @@ def read_raster(
     choice = TrialChoice.of(where, leave_out)
     found = raster.read(
         path, sampling_rate_Hz, names=names, axes=axes, conditions=conditions,
-        naming={"levels": levels, "pattern": pattern}, layout={"array": array, "transpose": transpose},
+        naming={"levels": levels, "pattern": pattern, "label": label}, layout={"array": array, "transpose": transpose},
         merge_events=merge_events,
     )  # fmt: skip
     return chosen_trials(found, choice, str(path))
@@ -255,6 +260,7 @@ def read_events(
     levels: str | Sequence[str] = (),
     pattern: str | None = None,
     conditions: str | Path | None = None,
+    label: str | None = None,
     merge_events: bool = False,
     where: Conditions | None = None,
     leave_out: LeftOut = None,
@@ -270,7 +276,7 @@ def read_events(
     channels: names of the channels, from channel 0. n_channels: how many there are; up to the last event's when None.
     sensor: columns and rows of the grid of x, y, t, p events, such as "34x34".
     names: what the file calls time, channel, polarity (or population), trial and label.
-    levels, pattern, conditions: of a folder, as of `read_folder`.
+    levels, pattern, conditions, label: of a folder, as of `read_folder`.
     merge_events: whether more than 1 % of the events may become one spike with another.
     where, leave_out: the trials to keep and to leave out, as of `read`.
     Raises InputError, which names the file, the place and the fix.
@@ -285,7 +291,8 @@ def read_events(
         "polarities": polarities, "channels": channels, "n_channels": n_channels, "sensor": sensor,
         "merge_events": merge_events,
     }  # fmt: skip
-    naming = {"levels": levels, "pattern": pattern, "table": None if conditions is None else str(conditions)}
+    table = None if conditions is None else str(conditions)
+    naming = {"levels": levels, "pattern": pattern, "table": table, "label": label}
     return chosen_trials(event_files.read(path, asked, names=names, naming=naming), choice, str(path))
 
 

@@ -69,7 +69,9 @@ OF_ARRAYS = {
         Path | None, "A CSV file of conditions: a row per trial, for a folder a column file; or classes as .npy."
     ),
 }
+CLASS = "The condition that is the class."
 OF_FOLDERS = {
+    "label": option(str | None, f"For a folder: {CLASS[0].lower()}{CLASS[1:]}", show_default="label"),
     "levels": option(str | None, "For a folder: conditions that name sub-folders."),
     "pattern": option(str | None, "For a folder: conditions in the file names."),
 }
@@ -85,6 +87,7 @@ app = new_app("Convert recordings to one HDF5 file.")
     ),
     pattern=option(str | None, "Conditions in the file names, as in {label}_F{force}_{repetition}.csv."),
     conditions=option(Path | None, "A CSV file with the column file and one column per condition."),
+    label=option(str | None, CLASS, show_default="that which is called label"),
     array=option(str | None, "The array of each NPZ or MATLAB file that is its trial.", show_default="each is a trial"),
     transpose=flag("--transpose", "Arrays are (taxel, time)."),
     **OF_ROWS,

@@ -59,7 +59,8 @@ def read(
     default the signals are the only array with three or four axes, and the label is one of `ALIASES`.
     axes: the axes of the signals, in order; "trial,time,taxel" when None, or for a grid "trial,time,row,column" or
     "trial,row,column,time", whichever has the time as its longest axis. Signals of one taxel: "trial,time".
-    conditions: a CSV file with a row per trial and a column per condition, or an .npy file with the class of each.
+    conditions: a CSV file with a row per trial and a column per condition, or an .npy file with the class of each; the
+    name of label may be that of a column.
 
     Every other array of one value per trial is a condition. A cell array of matrices has trials of any lengths. A grid
     is read row by row, with names such as `r0c1`. Pickles are not loaded. Raises InputError, which names the file, the
@@ -105,9 +106,10 @@ def _loaded(
     name = _signals_at(file, names.get(SIGNALS), axes)
     signals, grid, order = _signals(file, name, axes)
     check_width(f"{file.path}: '{name}'", signals[0].shape[1])
-    label_at, channels_at = (
-        _at(file, what, names, n, name, order) for what, n in ((LABEL, len(signals)), (CHANNELS, signals[0].shape[1]))
-    )
+    of_table = None if table is None else _column(Path(table), names.get(LABEL), file)
+    given = {} if table is None else _table_of_trials(Path(table), len(signals), str(file.path), of_table)
+    label_at = None if of_table is not None else _at(file, LABEL, names, len(signals), name, order)
+    channels_at = _at(file, CHANNELS, names, signals[0].shape[1], name, order)
     channels = () if channels_at is None else tuple(map(str, file.values(channels_at).tolist()))
     if grid is not None and not channels:
         channels = grid.channels
@@ -117,7 +119,6 @@ def _loaded(
         )  # fmt: skip
     others = [each for each in file.shapes if each not in (name, channels_at, label_at) and not is_rate(each)]
     of_trials = [each for each in others if file.shapes[each] == (len(signals),)]
-    given = {} if table is None else _table_of_trials(Path(table), len(signals), str(file.path))
     conditions = _conditions(file, label_at, of_trials, given)
     unused = [each for each in others if each not in of_trials] + [each for each in file.cells if each != name]
     if unused:
@@ -245,13 +246,23 @@ def _conditions(
     return pd.DataFrame({LABEL: table.pop(LABEL), **table})
 
 
-def _table_of_trials(path: Path, n_trials: int, file: str) -> dict[str, Any]:
-    """The columns of a table with a row per trial, or the class of each trial from an .npy file."""
+def _column(path: Path, named: str | None, file: ArrayFile) -> str | None:
+    """The name of the class if it is that of a column of the table in `path`, and of no array; else None."""
+    if named is None or named in file.shapes or path.suffix.lower() == CLASSES:
+        return None
+    return named if named in named_table(existing(path)).names else None
+
+
+def _table_of_trials(path: Path, n_trials: int, file: str, named: str | None) -> dict[str, Any]:
+    """The columns of a table with a row per trial, or the class of each trial from an .npy file.
+
+    named: the column that is the class; None: one with a usual name.
+    """
     if path.suffix.lower() == CLASSES:
         found: dict[str, Any] = {LABEL: labels_of(read_array(path).ravel())}
     else:
         table = named_table(existing(path))
-        label = called(table.names, ALIASES[LABEL])
+        label = named or called(table.names, ALIASES[LABEL])
         columns = columns_of(table, {label} if label else set())
         found = {LABEL if name == label else name: values_of(values) for name, values in columns.items()}
     n_rows = len(next(iter(found.values())))

@@ -73,7 +73,7 @@ def read(
         named = build(NamingSpec, naming or {}, "import events")
         return _to_trains(_of_folder(path, asked, names, named), asked, path)
     if naming and any(naming.values()):
-        raise InputError(f"{path}: is one file; `levels`, `pattern` and `conditions` are for a folder")
+        raise InputError(f"{path}: is one file; `levels`, `pattern`, `conditions` and `label` are for a folder")
     if path.suffix.lower() in HDF5_FILES:
         if names:
             raise InputError(

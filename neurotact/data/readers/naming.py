@@ -33,6 +33,8 @@ class NamingSpec(Spec):
     """Pattern of the file's name; of the end of its path if the pattern holds a `/`."""
     table: str | None = Field(default=None)
     """A CSV file with the column `file`, the path or the name of each file, and a column for each condition."""
+    label: str | None = None
+    """The condition that is the class, where none is called `label`."""
 
     @model_validator(mode="after")
     def _names_each_condition_once(self) -> "NamingSpec":
@@ -51,7 +53,8 @@ class NamingSpec(Spec):
     @property
     def is_label_by_folder(self) -> bool:
         """Whether the label is the first sub-folder because nothing else is given."""
-        return not self.levels and self.table is None and LABEL not in _fields(self.pattern or "")
+        is_given = bool(self.levels) or self.table is not None or self.label is not None
+        return not is_given and LABEL not in _fields(self.pattern or "")
 
 
 def conditions_of(files: Sequence[str], naming: NamingSpec, folder: Path) -> pd.DataFrame:
@@ -73,17 +76,30 @@ def conditions_of(files: Sequence[str], naming: NamingSpec, folder: Path) -> pd.
         if twice:
             raise InputError(f"{naming.table}: the condition '{twice[0]}' is also given by the file's path or name")
         rows.append({name: value for part in parts for name, value in part.items()})
-    found = pd.DataFrame(rows)
-    if LABEL not in found:
-        known = ", ".join(map(str, found.columns))
-        raise InputError(
-            f"{folder}: no condition is called label (the class); add it with `levels`, `pattern` or `conditions` "
-            f"(found: {known})"
-        )
+    found = _with_label(pd.DataFrame(rows), naming.label, folder)
     for name in found.columns.drop(LABEL):
         found[name] = _as_numbers(found[name])
     found = found[[LABEL, *found.columns.drop(LABEL)]]
     found[FILE] = list(files)
+    return found
+
+
+def _with_label(found: pd.DataFrame, label: str | None, folder: Path) -> pd.DataFrame:
+    """The conditions of each file, that which is the class called `label`."""
+    names = [*map(str, found.columns)]
+    if label is not None and label not in names:
+        raise InputError(f"{folder}: no condition is called {label}; {nearest(label, names)}")
+    if label not in (None, LABEL):
+        if LABEL in names:
+            raise InputError(f"{folder}: a condition is called label already; rename it, or leave out `label`")
+        found = found.rename(columns={label: LABEL})
+    if LABEL not in found:
+        fix = (
+            f"name it with `label`, of {', '.join(names)}"
+            if names
+            else "add it with `levels`, `pattern` or `conditions`"
+        )
+        raise InputError(f"{folder}: no condition is called label, the class of each file; {fix}")
     return found
 
 

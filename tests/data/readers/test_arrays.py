@@ -195,6 +195,12 @@ def test_an_npy_file_has_its_classes_in_a_file_beside_it(tmp_path):
     refused("'label' is an array here and a column of `conditions`; drop one of them", tmp_path / "a.npz", 100, "V",
             conditions=tmp_path / "trials.csv")  # fmt: skip
     (tmp_path / "trials.csv").write_text("class,force_N\nrub,3\ntap,3\n")
+    rows = "material,force\ncork,1\ndenim,2\ncork,3\ndenim,4\n"
+    (tmp_path / "named.csv").write_text(rows)
+    found = nt.read_arrays(
+        tmp_path / "press.npy", 100, "V", conditions=tmp_path / "named.csv", names={"label": "material"}
+    )
+    assert found.conditions.to_dict("list") == {"label": ["cork", "denim"] * 2, "force": [1, 2, 3, 4]}
     refused("trials.csv: has 2 rows, but ", tmp_path / "press.npy", 100, "V", conditions=tmp_path / "trials.csv")
     np.save(tmp_path / "p.npy", np.array([{}, 1], object))
     refused("p.npy: holds pickled Python objects", tmp_path / "p.npy", 100, "V")

@@ -215,6 +215,7 @@ OPTIONS = [
     ("names", {}, {"trial": "block"}, {}, ("csv",), "must hold 0 to 1|drop `names={'trial': ...}`"),
     ("levels", {}, {}, {"levels": "cloth", "pattern": "F{label}"}, FOLDERS, "are for a folder"),
     ("pattern", {}, {}, {"pattern": "F{force}"}, FOLDERS, "are for a folder"),
+    ("label", {}, {}, {"label": "force", "pattern": "F{force}"}, FOLDERS, "are for a folder"),
     ("conditions", {}, {}, {"conditions": "..."}, FOLDERS, "are for a folder"),
     ("where", {}, {}, {"where": {"label": "a"}}, ALL, ""),
     ("leave_out", {}, {}, {"leave_out": {"label": "a"}}, ALL, ""),

@@ -120,11 +120,17 @@ def test_conditions_stand_in_a_table(tmp_path):
         ("file,label\na/1.csv,x\na/1.csv,y\n", "line 3: 'a/1.csv' already has a line above"),
         ("file,label\na/1.csv,x,3\n", "line 2 has 3 columns where 2 are expected"),
         ("path,label\na/1.csv,x\n", "has no column 'file'"),
-        ("file,force\na/1.csv,3\n2.csv,3\nb/1.csv,3\n", "no condition is called label"),
+        ("file,force\na/1.csv,3\n2.csv,3\nb/1.csv,3\n", "no condition is called label.*name it with `label`, of force"),
     ):
         table.write_text(text)
         with pytest.raises(InputError, match=message):
             nt.read_folder(tmp_path, 100, "mV", conditions=table)
+    table.write_text("file,material\na/1.csv,cork\n2.csv,denim\nb/1.csv,cork\n")
+    found = nt.read_folder(tmp_path, 100, "mV", conditions=table, label="material")
+    assert found.conditions.columns.tolist() == ["label", "file"]
+    assert found.conditions["label"].tolist() == ["cork", "denim", "cork"]
+    with pytest.raises(InputError, match="no condition is called materials; did you mean 'material'"):
+        nt.read_folder(tmp_path, 100, "mV", conditions=table, label="materials")
 
 
 FILES = st.lists(
