@@ -250,9 +250,9 @@ def _of_baselines(
     rule: CalibrationRule,
 ) -> tuple[Calibration[Encoder], str]:
     """The calibration with the best baseline of `PAST`, and the note on it; done: those that are known."""
-    tried = {each: _with(spec, each, cutoff_Hz) for each in PAST if each not in done}
+    tried: dict[Baseline, Encoder] = {each: _with(spec, each, cutoff_Hz) for each in PAST if each not in done}
     others, errors = _each(recordings, tried, progress, rule)
-    found = {each: (done | others)[each] for each in PAST if each in done or each in others}
+    found: dict[Baseline, Calibration[Encoder]] = {**done, **others}
     if not found:
         raise errors[PAST[-1]]
     accuracy: dict[Baseline, float] = {baseline: each.accuracy for baseline, each in found.items()}

@@ -239,8 +239,9 @@ def _calibrated(training: Recordings, chosen: SetSpec, step_ms: float) -> Affere
     conditioning = chosen.conditioning.model_copy(update={"resample_Hz": 1e3 / fine_ms})
     start = AfferentSpec(unit=chosen.unit, conditioning=conditioning, sa1=least, ra1=least)
     if chosen.choose_baseline:
-        how = {"choose_ema": chosen.choose_ema, "choose_opposite": chosen.choose_opposite}
-        found = calibrate_causally(training, start, **how, tell=False).encoder
+        found = calibrate_causally(
+            training, start, choose_ema=chosen.choose_ema, choose_opposite=chosen.choose_opposite, tell=False
+        ).encoder
     else:
         found = calibrate(training, start, tell=False).encoder
     parts = {part: getattr(found, part).model_copy(update={"t_ref_ms": step_ms}) for part in ("sa1", "ra1")}
