@@ -9,6 +9,9 @@ from neurotact.backend import native
 from neurotact.errors import InputError
 from neurotact.neurons import LIF, ExactLIF, ExactLIFState, LIFState
 
+TRIALS_OF_A_THREAD = 4
+"""With fewer, waking a thread takes longer than what it computes, as in a stream, which has one trial."""
+
 
 def encode(
     signal: np.ndarray,
@@ -87,7 +90,8 @@ def encode_exact(
         afferents=n_afferents, drive=_at(drive), t_ref_ms=_at(t_ref_ms), tau_ms=neuron.tau_mem_ms, v_rest=v_rest,
         v_reset=v_reset, v_threshold=v_threshold, sample_ms=1e3 / rate_Hz, steps_per_ms=1e-3 * clock_Hz,
         steps_per_sample=clock_Hz / rate_Hz, samples_before=samples_before, first_step=first_step,
-        membrane=_at(membrane), refractory_ms=_at(refractory), spikes=_at(spikes), threads=torch.get_num_threads(),
+        membrane=_at(membrane), refractory_ms=_at(refractory), spikes=_at(spikes),
+        threads=max(1, min(torch.get_num_threads(), n_trials // TRIALS_OF_A_THREAD)),
     )  # fmt: skip
     return ExactLIFState(membrane, refractory)
 
