@@ -17,6 +17,7 @@ from pydantic import Field, field_validator, model_validator
 from neurotact.backend import Backend, use_native
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders import native
+from neurotact.encoders.refractory import RefractoryMs
 from neurotact.errors import InputError
 from neurotact.neurons import LIF, LIFState, decay_per_step, lif_start, lif_step, refractory_steps
 from neurotact.spec import Spec
@@ -43,7 +44,7 @@ class AfferentType(Spec):
 
     gain: float = Field(gt=0)
     """Drive in mV per unit of the conditioned signal (SA-I) or per unit per ms (RA-I)."""
-    t_ref_ms: float = Field(default=1.0, ge=0)
+    t_ref_ms: RefractoryMs = 1.0
     """Refractory period."""
     grades: tuple[Annotated[float, Field(gt=0)], ...] = Field(default=(1.0,), min_length=1, max_length=MOST_GRADES)
     """One afferent per grade, with the gain times the grade: it fires from threshold / grade on."""

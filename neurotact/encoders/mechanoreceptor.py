@@ -22,6 +22,7 @@ from scipy.special import ndtri
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders.afferents import checked
 from neurotact.encoders.random_numbers import random_integers
+from neurotact.encoders.refractory import RefractoryMs
 from neurotact.errors import InputError
 from neurotact.metrics.flops import MechanoreceptorAfferents
 from neurotact.neurons import (
@@ -60,7 +61,7 @@ class MechanoreceptorType(Spec):
 
     gain: float = Field(gt=0)
     """Depth in mm for each unit of the conditioned signal."""
-    t_ref_ms: float = Field(default=1.2, ge=0)
+    t_ref_ms: RefractoryMs = 1.2
     """Least distance of two spikes; 1.2 in the fits."""
     fits: tuple[int, ...] = Field(min_length=1)
     """Numbers of fitted afferents, one of each under each taxel: SA-I has 1 to 4, RA-I 1 to 9, PC 1 to 4."""

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders.afferents import checked
+from neurotact.encoders.refractory import RefractoryMs
 from neurotact.encoders.stepping import both, over_time
 from neurotact.metrics.flops import MovingWindowEvents
 from neurotact.neurons import refractory_steps, silenced
@@ -31,7 +32,7 @@ class MovingWindowSpec(Spec):
     """Difference from the mean that gives an event, in the unit of the conditioned signal."""
     window_ms: float = Field(default=50.0, gt=0, le=1e4)
     """Length of the mean, at least one step of the clock."""
-    t_ref_ms: float = Field(default=0.0, ge=0)
+    t_ref_ms: RefractoryMs = 0.0
     """Dead time of a taxel after an event, ON or OFF."""
     conditioning: ConditioningSpec = ConditioningSpec()
 

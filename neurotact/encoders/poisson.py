@@ -8,6 +8,7 @@ from pydantic import Field
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders.afferents import checked, drives
 from neurotact.encoders.random_numbers import random_integers
+from neurotact.encoders.refractory import RefractoryMs
 from neurotact.errors import InputError
 from neurotact.neurons import refractory_steps, silenced
 from neurotact.spec import Spec
@@ -18,7 +19,7 @@ class PoissonType(Spec):
 
     gain_Hz: float = Field(gt=0)
     """Firing rate per unit of the conditioned signal (SA-I) or per unit per ms (RA-I)."""
-    t_ref_ms: float = Field(default=0.0, ge=0)
+    t_ref_ms: RefractoryMs = 0.0
     """Dead time after a spike; none in a Poisson process proper."""
 
     @property

@@ -11,6 +11,7 @@ from pydantic import Field
 
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders.afferents import checked
+from neurotact.encoders.refractory import RefractoryMs
 from neurotact.encoders.stepping import over_time
 from neurotact.errors import InputError
 from neurotact.neurons import Resonator, ResonatorState, refractory_steps, resonator_start, resonator_step
@@ -24,7 +25,7 @@ class ResonatorType(Spec):
     """Eigenfrequency."""
     gain_per_ms: float = Field(gt=0)
     """Current I per unit of the conditioned signal."""
-    t_ref_ms: float = Field(default=1.0, ge=0)
+    t_ref_ms: RefractoryMs = 1.0
     """Refractory period; the oscillation goes on in it."""
 
     @property

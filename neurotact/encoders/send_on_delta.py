@@ -12,6 +12,7 @@ from pydantic import Field
 
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders.afferents import checked
+from neurotact.encoders.refractory import RefractoryMs
 from neurotact.encoders.stepping import both, over_time
 from neurotact.neurons import refractory_steps, silenced
 from neurotact.spec import Spec
@@ -28,7 +29,7 @@ class SendOnDeltaSpec(Spec):
     """The unit of the recordings."""
     threshold: float = Field(gt=0)
     """Change of the conditioned signal that gives an event, in its unit."""
-    t_ref_ms: float = Field(default=0.0, ge=0)
+    t_ref_ms: RefractoryMs = 0.0
     """Dead time of a taxel after an event, ON or OFF."""
     conditioning: ConditioningSpec = ConditioningSpec()
 

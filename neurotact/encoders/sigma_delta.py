@@ -11,6 +11,7 @@ from pydantic import Field
 
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders.afferents import checked
+from neurotact.encoders.refractory import RefractoryMs
 from neurotact.encoders.stepping import both, over_time
 from neurotact.neurons import refractory_steps, silenced
 from neurotact.spec import Spec
@@ -30,7 +31,7 @@ class SigmaDeltaSpec(Spec):
     """The unit of the recordings."""
     threshold_unit_ms: float = Field(gt=0)
     """Integral of the conditioned signal over time that one pulse stands for, in its unit times ms."""
-    t_ref_ms: float = Field(default=0.0, ge=0)
+    t_ref_ms: RefractoryMs = 0.0
     """Dead time of a taxel after a pulse; the integral goes on."""
     conditioning: ConditioningSpec = ConditioningSpec()
 

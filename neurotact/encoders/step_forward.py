@@ -11,6 +11,7 @@ from pydantic import Field
 
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders.afferents import checked
+from neurotact.encoders.refractory import RefractoryMs
 from neurotact.encoders.stepping import both, over_time
 from neurotact.neurons import refractory_steps, silenced
 from neurotact.spec import Spec
@@ -27,7 +28,7 @@ class StepForwardSpec(Spec):
     """The unit of the recordings."""
     threshold: float = Field(gt=0)
     """Height of a step, in the unit of the conditioned signal."""
-    t_ref_ms: float = Field(default=0.0, ge=0)
+    t_ref_ms: RefractoryMs = 0.0
     """Dead time of a taxel after an event, ON or OFF."""
     conditioning: ConditioningSpec = ConditioningSpec()
 

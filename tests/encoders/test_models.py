@@ -83,6 +83,12 @@ def test_a_signal_of_zeros_gives_no_spike(name):
     assert not encode(np.zeros((1, 200, 2)), RATE_Hz, spec_of(name))[0].any()
 
 
+def test_a_refractory_period_in_seconds_is_asked_about():
+    with pytest.raises(InputError, match=r"sa1.t_ref_ms: must be 0 or at least 0.05 ms \(did you mean 5 ms\?\)"):
+        load("sa1-ra1-lif", {"sa1.t_ref_ms": 0.005})
+    assert load("sa1-ra1-lif", {"sa1.t_ref_ms": 0.05}).sa1.t_ref_ms == 0.05
+
+
 @pytest.mark.parametrize("name", [name for name, model in MODELS.items() if "t_ref_ms" in model.spec.model_fields])
 @pytest.mark.parametrize("t_ref_ms", [0.0, 4.0])
 def test_a_taxel_is_silent_for_its_refractory_period(name, t_ref_ms):
