@@ -21,7 +21,7 @@ from neurotact.data.nested import Turn
 from neurotact.data.recordings import LABEL, Trials, select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.trial_choice import Where, trials_with
-from neurotact.errors import InputError, nearest
+from neurotact.errors import InputError, nearest, some
 from neurotact.spec import Spec
 
 log = logging.getLogger("neurotact")
@@ -348,7 +348,7 @@ class _Trials(NamedTuple):
         if self.groups is None:
             return self._random_share(trials, share, seed)
         n_groups = len(np.unique(self.groups[trials]))
-        self._check_groups(n_groups, 2)
+        self._check_left(trials, n_groups)
         wanted = min(max(2, round(1 / share)), n_groups)
         found = self._best(self._folds_of(trials, wanted, seed), trials)
         self._check_trained(np.setdiff1d(trials, found))
@@ -426,6 +426,23 @@ class _Trials(NamedTuple):
             raise InputError(
                 f"split: no training trial of class '{absent[0]}' is left; split otherwise or drop the class"
             )
+
+    def _check_left(self, trials: np.ndarray, n_groups: int) -> None:
+        """Refuse a single group that is left after the test took the others: a part of it must validate."""
+        assert self.groups is not None
+        values, by = np.unique(self.groups).tolist(), ", ".join(self.spec.group)
+        if n_groups >= 2 or len(values) == n_groups:
+            return self._check_groups(n_groups, 2)
+        if self.spec.test_where:
+            raise InputError(
+                f"split.group: without the test trials one value of {by} is left, where two are needed, to train and "
+                "to validate on; leave out `group`"
+            )
+        fix = f"to test on one of them, give `test_where={{{by!r}: {values[-1]!r}}}` in place of `group`"
+        raise InputError(
+            f"split.group: {by} has {len(values)} values ({some(values)}) where at least three are needed, to train, "
+            f"to validate and to test on; {'group by another condition' if len(self.spec.group) > 1 else fix}"
+        )
 
     def _check_groups(self, n_groups: int, wanted: int) -> None:
         if n_groups < wanted:

@@ -269,13 +269,21 @@ def test_a_class_of_one_group_is_never_taken_from_training():
         ({"group": ("label",)}, "no training trial of class 'silk' is left"),
         ({"group": ("subjekt",)}, r"split\.group: there is no condition 'subjekt'; did you mean 'subject'\?"),
         ({"group": ("subject",), "folds": 6}, "subject makes 5 group.s. where 6 are needed"),
+        (
+            {"group": ("half",)},
+            r"half has 2 values \(a, b\) where at least three .*`test_where=.*b.*` in place",
+        ),
+        ({"group": ("half",), "folds": 2}, "half has 2 values"),
+        ({"group": ("half",), "test_where": {"half": "b"}}, "without the test trials one value of half is left"),
         ({"folds": 101}, r"class 'felt' has 100 trials?, fewer than the 101 folds"),
         ({"order": "when"}, r"split\.order: there is no condition 'when'"),
     ],
 )
 def test_what_cannot_be_split_is_named(way, complaint):
+    table = table_of()
+    table["half"] = np.where(table["subject"] == "s0", "a", "b")
     with pytest.raises(InputError, match=complaint):
-        split_conditions(table_of(), (), SplitSpec(**way))
+        split_conditions(table, (), SplitSpec(**way))
 
 
 # --- copies -------------------------------------------------------------------------------------------
