@@ -169,7 +169,7 @@ def choose(timing: Timing, given: Mapping[str, Any] = {}, words: Words = ARGUMEN
     elif length_ms == LONGEST_MS:
         why = f"{LONGEST_MS / 1e3:g} s at most"
     else:
-        why = f"the shortest trial, {shortest_ms:,.0f} ms{later}"
+        why = f"the shortest trial, {shortest_ms:.0f} ms{later}"
     up_to = f"up to {per_trial} windows per trial" if per_trial > 1 else "one window per trial"
     notes = [f"Window: {length_ms:g} ms ({why}), {up_to}; change it with {words.length}."]
     if start_ms > 0 and not PLACES & {*given}:

@@ -76,7 +76,7 @@ def test_a_given_window_is_kept_and_an_odd_trial_is_named():
     }
     table, (note,) = choose(Timing(np.array([1.9, 1.9]), 1000.0), {"per_trial": 1})
     assert table["per_trial"] == 1
-    assert "1900 ms (the shortest trial, 1,900 ms), one window per trial;" in note
+    assert "1900 ms (the shortest trial, 1900 ms), one window per trial;" in note
     assert "2000 ms (2 s at most), one window per trial;" in choose(Timing(np.full(9, 2.1), 100.0))[1][0]
     _, notes = choose(Timing(np.array([2.0, 0.1, 2.0]), 1000.0))
     assert "Trial 1 lasts 100 ms, the median trial 2,000 ms" in notes[-1]
