@@ -418,7 +418,7 @@ def _energy(found: Answer) -> Iterator[str]:
 def _priced(one: Baseline) -> str:
     """A baseline with its energy and its accuracy on test windows."""
     spent = "unknown energy" if one.nJ is None else energy(one.nJ)
-    return f"{one.name} ({spent}, right in {percent(one.accuracy)} of the test windows)"
+    return f"{one.name} at {spent} and {percent(one.accuracy)} on test windows"
 
 
 def of_refractory_periods(found: Answer, networks: Sequence[Network]) -> Iterator[str]:

@@ -64,8 +64,8 @@ def test_a_cheap_baseline_that_guesses_is_named_with_its_accuracy_and_without_a_
         "No clear difference in accuracy, and spiking takes 2 times as much energy as SVM on signals with 72.0 %"
     )
     (energy,) = (words for words in details(found) if words.startswith("Energy"))
-    assert "2 times as much as SVM on signals (10 time bins) (77.5 nJ, right in 72.0 % of the test windows)" in energy
-    assert "cheaper, but worse, is ELM on signals (mean and deviation) (23.2 nJ, right in 36.5 %" in energy
+    assert "2 times as much as SVM on signals (10 time bins) at 77.5 nJ and 72.0 % on test windows" in energy
+    assert "cheaper, but worse, is ELM on signals (mean and deviation) at 23.2 nJ and 36.5 %" in energy
 
 
 def test_what_fails_on_test_trials_alone_is_told_so():
