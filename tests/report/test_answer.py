@@ -122,7 +122,10 @@ def test_early_exit_and_energy_are_told_of_the_cheapest():
     assert "decides after 420 ms of 1,000 ms on average: 50 % fewer SOPs (500 against 1,000)" in words
     assert "falls by 1.0 points (1 of 100 test trials) to 89.0 %" in words
     assert "50 % fewer SOPs (500 against 1,000) and 49 % less energy, and test" in words
-    assert "390 nJ for a whole window, 200 nJ with early exit; that is 8.3 times as much as SVM at 24 nJ and 90.0 %" in words
+    assert (
+        "390 nJ for a whole window, 200 nJ with early exit; that is 8.3 times as much as SVM at 24 nJ and 90.0 %"
+        in words
+    )
     assert headline(found).startswith(
         "No clear difference in accuracy, and spiking takes 8.3 times as much energy as SVM with 90.0 % (estimate): "
         "the best network, with early exit, is right in 89.0 %"
