@@ -72,10 +72,6 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
     device : a torch device.
     verbose : whether `fit` prints a line for each epoch.
 
-    How long `fit` takes: the default network trains for 40 epochs, or for as many as make 3000 steps of the weights:
-    750 epochs for 100 training windows in batches of 32. On a processor that is minutes for each fit, and for each fold
-    of `cross_val_score`, without a word unless `verbose=True`. For a first look, `epochs=15`.
-
     Attributes
     ----------
     classes_ `(class,)`; network_, an `RSNN`, which is a `torch.nn.Module`; training_, with `epochs` (the log) and
@@ -84,6 +80,10 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
 
     Once fitted it can be given to `nt.export_c`, `nt.Stream`, `nt.infer`, `nt.live`, `nt.to_nir` and `nt.to_snntorch`,
     itself or in a pipeline behind a `SpikeEncoder`.
+
+    How long `fit` takes: the default network trains for 40 epochs, or for as many as make 3000 steps of the weights:
+    750 epochs for 100 training windows in batches of 32. On a processor that is minutes for each fit, and for each fold
+    of `cross_val_score`, without a word unless `verbose=True`. For a first look, `epochs=15`.
 
     Raises InputError for spikes that are not `(window, time, afferent)` zeros and ones, for a single class, for an
     unknown clock and for parameters out of range.
