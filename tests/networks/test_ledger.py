@@ -95,6 +95,15 @@ def test_encoding_in_the_sensor_costs_a_decision_nothing():
     assert both.sops == alone.sops == 10.0
 
 
+def test_a_row_of_a_slower_clock_counts_a_step_in_five():
+    row = {"hidden": 3, "window_steps": 100.0, "sops_input": 6.0, "sops_recurrent": 0.0, "sops_readout": 4.0}
+    sizes = {"n_afferents": 2, "n_classes": 4, "rate_Hz": 2000.0, "encoder": SMOOTHED, "encoding": False}
+    found = {n: ledger.row_cost(RSNNSpec(hidden=3), {**row, "steps_per_bin": n}, **sizes) for n in (1, 5)}
+    by_hand = ledger.network_cost(RSNNSpec(hidden=3), 2, 4, row, steps=20, signal_ms=50.0)
+    assert found[5] == by_hand
+    assert found[1].macs == 5 * by_hand.macs
+
+
 def test_encoders_by_hand():
     # A taxel, ten steps of 0.5 ms, as recorded.
     izhikevich = encoding_cost(1, 10, 5.0, {"model": "izhikevich", "euler_step_ms": 0.1})
