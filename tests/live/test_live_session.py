@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -378,3 +379,15 @@ def test_spikes_are_those_of_encode(tmp_path):
     session.take(Arrived(signal))
     trains = encode_recordings(Recordings([signal], 1000.0, "mV", pd.DataFrame({"label": ["a"]})), chain.encoder)
     assert session._afferent_spikes.tolist() == np.bincount(trains.units[0], minlength=4).tolist()
+
+
+def test_of_a_slower_network_the_race_shows_how_long_the_leader_has_led_on_the_clock_of_its_samples():
+    signal = make_signal(400)
+    session = session_of(make_chain({}, step_ms=5.0), Given([signal]))
+    led = []  # the class that leads a window, and for how long
+    for row in signal:
+        session.take(Arrived(row[None]))
+        if race := session._race():
+            led.append((race["window"], race["leader"], race["standing"]))
+    longer = {now[2] - before[2] for before, now in pairwise(led) if before[:2] == now[:2] and now[2] > before[2] > 0}
+    assert longer == {5}

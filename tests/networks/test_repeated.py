@@ -59,6 +59,15 @@ def test_what_is_done_is_not_done_again(spikes, tmp_path):
     assert (tmp_path / "run/seed-0/weights.safetensors").stat().st_mtime_ns == before
 
 
+def test_one_fold_is_one_training(spikes, tmp_path):
+    done = CliRunner().invoke(
+        app, ["train", str(spikes), "-o", str(tmp_path / "run"), *COMMAND.split(), "--folds", "3", "--fold", "1"]
+    )
+    assert done.exit_code == 0
+    assert not (tmp_path / "run" / "splits.csv").exists()
+    assert trained.restore(tmp_path / "run").task.split.fold == 1
+
+
 def test_seeds_that_would_test_the_same_trials_are_refused():
     with pytest.raises(InputError, match=r"`repeats`: the test trials of `order` are the same"):
         repeated.tasks_of(task_of(order="trial"), every_fold=False, repeats=2)
