@@ -311,7 +311,7 @@ public:
     }
     // From now on each push writes down its steps, `room` of them at most.
     void watch(int64_t room) {
-        const int64_t n_in = words(2 * plan.taxels), n_hidden = words(plan.net.sizes.hidden);
+        const int64_t n_in = words(plan.net.sizes.inputs), n_hidden = words(plan.net.sizes.hidden);
         bits.assign(room * (n_in + n_hidden), 0);
         windows.assign(room, -1);
         trace = {bits.data(), bits.data() + room * n_in, windows.data(), room, 0, 0};
@@ -320,7 +320,7 @@ public:
     // Of the last push: its first step, and the rows of afferents, hidden neurons and windows.
     nb::tuple watched() const {
         const auto rows = [&](const void* at, int64_t row) { return nb::bytes(at, trace.steps * row * sizeof(uint64_t)); };
-        return nb::make_tuple(trace.first, rows(trace.afferents, words(2 * plan.taxels)),
+        return nb::make_tuple(trace.first, rows(trace.afferents, words(plan.net.sizes.inputs)),
                               rows(trace.hidden, words(plan.net.sizes.hidden)), rows(trace.window, 1));
     }
     int taxels() const { return plan.taxels; }
@@ -358,8 +358,9 @@ void add_stream(nb::module_& m) {
                 int ra_silent, int64_t length, int64_t start, int64_t hop, int64_t quiet, int64_t bin, int at_once,
                 int64_t patience, bool from_first_spike, double margin, NT_PARAMETERS, Address bias, int64_t most_samples,
                 int64_t most_decisions) {
-                 if (shape.is_double || shape.sizes.inputs != 2 * taxels || taxels < 1 || at_once < 1 || length < 1 || bin < 1)
-                     throw std::invalid_argument("stream: needs a network in float32 with two inputs a taxel");
+                 const bool fits = shape.sizes.inputs == 2 * taxels || shape.sizes.inputs == 3 * taxels;
+                 if (shape.is_double || !fits || taxels < 1 || at_once < 1 || length < 1 || bin < 1)
+                     throw std::invalid_argument("stream: needs a network in float32 with two or three inputs a taxel");
                  const StreamPlan plan{taxels, float(factor), smooth, resampled, rectify, float(smooth_new),
                                        float(smooth_kept), samples_per_step, Baseline(baseline), start_steps,
                                        float(base_new), float(base_kept), nullptr, nullptr, float(sa_gain),

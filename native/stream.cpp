@@ -50,8 +50,8 @@ struct Streaming {
     ForwardTables<T> tables;
     Counters at{};
     int groups;
-    Constants<T> sa{}, ra{};
-    Population<T>*slow, *rapid;                          // (group of taxels)
+    Constants<T> sa{}, fall{}, ra{};
+    Population<T>*slow, *falling, *rapid;                // (group of taxels)
     T *smoothed, *before, *level, *last, *signal;        // (taxel), padded to whole groups
     double* total;
     int64_t* order;                                      // windows under way, the oldest first
@@ -60,12 +60,13 @@ struct Streaming {
 
     Streaming(const StreamPlan& plan, Carver& carver)
         : tables(plan.net, carver), groups((plan.taxels + kLanes - 1) / kLanes),
-          slow(carver.take<Population<T>>(groups)), rapid(carver.take<Population<T>>(groups)),
+          slow(carver.take<Population<T>>(groups)), falling(carver.take<Population<T>>(groups)),
+          rapid(carver.take<Population<T>>(groups)),
           smoothed(carver.take<T>(groups * kLanes)), before(carver.take<T>(groups * kLanes)),
           level(carver.take<T>(groups * kLanes)), last(carver.take<T>(groups * kLanes)),
           signal(carver.take<T>(groups * kLanes)), total(carver.take<double>(groups * kLanes)),
           order(carver.take<int64_t>(plan.at_once)), windows(carver.take<Window<Readout>*>(plan.at_once)),
-          arriving(carver.take<uint32_t>(2 * plan.taxels)) {
+          arriving(carver.take<uint32_t>(3 * plan.taxels)) {
         for (int i = 0; i < plan.at_once; i++) {
             void* here = carver.take<Window<Readout>>(1);
             if (here) {
@@ -76,10 +77,12 @@ struct Streaming {
         }
         if (!slow) return;
         const auto fill = [](T value) __attribute__((always_inline)) { return V{} + value; };
-        sa = ra = Constants<T>{fill(plan.sa_gain), fill(plan.decay),       fill(plan.v_rest),
+        sa = fall = ra = Constants<T>{fill(plan.sa_gain), fill(plan.decay),       fill(plan.v_rest),
                                fill(plan.v_reset), fill(plan.v_threshold), {}};
+        fall.gain = fill(-plan.sa_gain);
         ra.gain = fill(plan.ra_gain);
         sa.silent_steps += plan.sa_silent;
+        fall.silent_steps += plan.sa_silent;
         ra.silent_steps += plan.ra_silent;
         begin(plan);
         for (int i = 0; i < plan.at_once; i++) start_window(plan, *windows[i]);
@@ -92,8 +95,9 @@ struct Streaming {
         at.n_windows = n_windows;
         at.silent = plan.quiet;
         for (int g = 0; g < groups; g++) {
-            slow[g].membrane = rapid[g].membrane = V{} + plan.v_rest;
+            slow[g].membrane = falling[g].membrane = rapid[g].membrane = V{} + plan.v_rest;
             slow[g].silent -= slow[g].silent;
+            falling[g].silent -= falling[g].silent;
             rapid[g].silent -= rapid[g].silent;
         }
         for (int i = 0; i < groups * kLanes; i++) smoothed[i] = before[i] = level[i] = last[i] = signal[i] = 0;
@@ -136,11 +140,15 @@ struct Streaming {
         }
     }
 
-    // Numbers of the afferents that spike, ascending: RA-I wait behind the place of all SA-I.
+    static bool has_falling(const StreamPlan& plan) { return plan.net.sizes.inputs == 3 * plan.taxels; }
+
+    // Numbers of the afferents that spike, ascending: SA-I of the falling signal and RA-I wait behind the place of those
+    // before them.
     NT_INLINE int encode(const StreamPlan& plan) {
         if (at.steps == 0) std::memcpy(last, signal, groups * kLanes * sizeof(T));
-        uint32_t* waiting = arriving + plan.taxels;
-        int n = 0, n_rapid = 0;
+        const bool both = has_falling(plan);
+        uint32_t *lower = arriving + plan.taxels, *waiting = lower + plan.taxels;
+        int n = 0, n_lower = 0, n_rapid = 0;
         for (int g = 0; g < groups; g++) {
             V now, earlier;
             std::memcpy(&now, signal + g * kLanes, sizeof now);
@@ -149,10 +157,14 @@ struct Streaming {
             afferent_step(slow[g], rapid[g], now, earlier, sa, ra, sa_fired, ra_fired);
             std::memcpy(last + g * kLanes, &now, sizeof now);
             n = list(sa_fired, g * kLanes, 0, plan.taxels, arriving, n);
-            n_rapid = list(ra_fired, g * kLanes, plan.taxels, plan.taxels, waiting, n_rapid);
+            if (both)
+                n_lower = list(lif_step(falling[g], fall.gain * now, fall), g * kLanes, plan.taxels, plan.taxels, lower,
+                               n_lower);
+            n_rapid = list(ra_fired, g * kLanes, plan.net.sizes.inputs - plan.taxels, plan.taxels, waiting, n_rapid);
         }
-        for (int e = 0; e < n_rapid; e++) arriving[n + e] = waiting[e];
-        return n + n_rapid;
+        for (int e = 0; e < n_lower; e++) arriving[n++] = lower[e];
+        for (int e = 0; e < n_rapid; e++) arriving[n++] = waiting[e];
+        return n;
     }
     // The taxels of a group whose byte is 1; those that only fill up the last group are left out.
     static NT_INLINE int list(uint64_t fired, int first, int offset, int taxels, uint32_t* to, int n) {
@@ -221,7 +233,7 @@ struct Streaming {
 
     // A step's afferents, and room for what the oldest window makes of them.
     void write_down(const StreamPlan& plan, StreamTrace& trace, int n_arriving) {
-        const int64_t row = trace.steps++, n_in = words(2 * plan.taxels), n_hidden = words(plan.net.sizes.hidden);
+        const int64_t row = trace.steps++, n_in = words(plan.net.sizes.inputs), n_hidden = words(plan.net.sizes.hidden);
         if (row == 0) trace.first = at.steps;
         std::memset(trace.afferents + row * n_in, 0, n_in * sizeof(uint64_t));
         std::memset(trace.hidden + row * n_hidden, 0, n_hidden * sizeof(uint64_t));
@@ -278,6 +290,9 @@ struct Streaming {
             part("ra_membrane", &rapid[g].membrane, sizeof(V));
             part("sa_silent", &slow[g].silent, sizeof slow[g].silent);
             part("ra_silent", &rapid[g].silent, sizeof rapid[g].silent);
+            if (!has_falling(plan)) continue;
+            part("falling_membrane", &falling[g].membrane, sizeof(V));
+            part("falling_silent", &falling[g].silent, sizeof falling[g].silent);
         }
         std::memcpy(before, smoothed, lanes);  // between samples they are the same
         for (int64_t i = 0; i < at.under_way; i++) {

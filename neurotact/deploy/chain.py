@@ -20,8 +20,6 @@ from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
 from neurotact.spec import build
 
-PAIR = 2
-"""Afferents under a taxel with one SA-I and one RA-I."""
 LARGEST = 1e20
 """A sample beyond it counts as missing, as an infinite one does: what a chain computes from others stays finite."""
 LARGEST_FACTOR = 1e6

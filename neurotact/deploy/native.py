@@ -15,12 +15,14 @@ from neurotact.deploy.windows import Opening
 from neurotact.encoders.afferents import EncoderState
 from neurotact.networks.definition import native as networks
 from neurotact.networks.exit.early_exit import Leader
-from neurotact.neurons import CubaLIFState, LIFState
+from neurotact.neurons import CubaLIFState, LIFState, lif_start
 
 BASELINES = ("none", "first", "start", "running", "high-pass")
 COUNTERS = ("samples", "steps", "silent", "free_at", "n_windows", "under_way")
 Decided = tuple[int, int, int, int, int, int, int, bool]
 """A decided window: its number, start, steps, label, input spikes, hidden spikes, held, heard."""
+LANES_OF = ("sa_membrane", "ra_membrane", "sa_silent", "ra_silent", "falling_membrane", "falling_silent")
+"""Parts of the state of a group of taxels; the last two only with SA-I of the falling signal."""
 LANES = 8
 """Number of taxels that are computed together; arrays are padded to a multiple of it."""
 
@@ -98,10 +100,10 @@ class CompiledStream:
         counters: dict[str, int] = dict(zip(COUNTERS, np.frombuffer(parts[0][1], np.int64).tolist(), strict=True))
         taxels = dict(parts[1:5])
         groups: dict[str, list[bytes]] = {}
-        n_groups = -(-self.chain.n_taxels // LANES)
-        for name, content in parts[5 : 5 + 4 * n_groups]:
+        n_lanes = len(self._lanes_of) * -(-self.chain.n_taxels // LANES)
+        for name, content in parts[5 : 5 + n_lanes]:
             groups.setdefault(name, []).append(content)
-        rest = iter(parts[5 + 4 * n_groups :])
+        rest = iter(parts[5 + n_lanes :])
         values = {
             name: self._taxels(content, np.float64 if name == "total" else np.float32)
             for name, content in taxels.items()
@@ -131,15 +133,30 @@ class CompiledStream:
         parts = [np.array(counters, np.int64).tobytes()]
         parts += [self._lanes(each, np.float32) for each in (smoothed, level, last)]
         parts.append(self._lanes(total, np.float64))
-        at_rest = np.full(n, self.chain.lif.v_rest_mV, np.float32)
-        membranes = [at_rest, at_rest] if encoder is None else [encoder.sa1.membrane_mV[0], encoder.ra1.membrane_mV[0]]
-        silent = [None, None] if encoder is None else [encoder.sa1.silent_steps[0], encoder.ra1.silent_steps[0]]
-        four = [self._lanes(each, np.float32) for each in membranes] + [self._lanes(each, np.int32) for each in silent]
+        if encoder is None:
+            sa1, ra1 = (
+                lif_start(self.chain.lif.neuron(kind, self.chain.clock_Hz), (1, n_each), np.dtype(np.float32))
+                for kind, n_each in ((self.chain.lif.sa1, self.chain.network.n_inputs - n), (self.chain.lif.ra1, n))
+            )
+        else:
+            sa1, ra1 = encoder.sa1, encoder.ra1
+        every = {
+            "sa_membrane": sa1.membrane_mV[0, :n], "ra_membrane": ra1.membrane_mV[0],
+            "sa_silent": sa1.silent_steps[0, :n], "ra_silent": ra1.silent_steps[0],
+            "falling_membrane": sa1.membrane_mV[0, n:], "falling_silent": sa1.silent_steps[0, n:],
+        }  # fmt: skip
+        kinds = {name: np.int32 if name.endswith("silent") else np.float32 for name in every}
+        lanes = [self._lanes(every[name], kinds[name]) for name in self._lanes_of]
         for group in range(-(-n // LANES)):
-            parts += [each[4 * LANES * group : 4 * LANES * (group + 1)] for each in four]
+            parts += [each[4 * LANES * group : 4 * LANES * (group + 1)] for each in lanes]
         for window in state.windows:
             parts += _parts_of(window, adapts=self.chain.network.adaptation is not None)
         self._stream.restore(parts)
+
+    @property
+    def _lanes_of(self) -> tuple[str, ...]:
+        """The parts of the state of a group of taxels."""
+        return LANES_OF if self.chain.lif.sa1.opposite else LANES_OF[:4]
 
     def _taxels(self, content: bytes, kind: Any) -> np.ndarray:
         return np.frombuffer(content, kind)[: self.chain.n_taxels].copy()
@@ -172,8 +189,13 @@ class CompiledStream:
     ) -> EncoderState | None:
         if not counters["steps"]:
             return None
-        sa1, ra1 = (LIFState(lanes[f"{kind}_membrane"][None], lanes[f"{kind}_silent"][None]) for kind in ("sa", "ra"))
-        return EncoderState(sa1, ra1, values["last"][None])
+        sa1, ra1, *falling = (
+            LIFState(lanes[f"{kind}_membrane"][None], lanes[f"{kind}_silent"][None])
+            for kind in ("sa", "ra", "falling")
+            if f"{kind}_silent" in self._lanes_of
+        )
+        slow = LIFState(*(np.concatenate(parts, axis=1) for parts in zip(sa1, *falling, strict=True)))
+        return EncoderState(slow, ra1, values["last"][None])
 
     def _window(self, parts: Iterator[tuple[str, bytes]]) -> Running:
         network = self.chain.network

@@ -19,7 +19,7 @@ from neurotact.backend import Backend, use_native
 from neurotact.data.conditioning import Conditioner
 from neurotact.data.recordings import unit_factor
 from neurotact.deploy import running, stream_file
-from neurotact.deploy.chain import LARGEST, PAIR, Chain, chain_of
+from neurotact.deploy.chain import LARGEST, Chain, chain_of
 from neurotact.deploy.native import CompiledStream, Decided, Remembered
 from neurotact.deploy.stream_state import Decision, StreamState, Tally, Trace, copied
 from neurotact.encoders.afferents import AfferentSpec
@@ -101,11 +101,9 @@ class Stream:
         self._rates_Hz = rate_Hz, self.chain.clock_Hz
         self._classes = self.chain.classes
         self._compiled: CompiledStream | None = None
-        is_pair = isinstance(encoder, AfferentSpec) and encoder.n_per_taxel == PAIR and encoder.is_plain
-        compilable = self.chain.network.w_in.device.type == "cpu" and is_pair and not is_exact(encoder)
-        if use_native(
-            backend, compilable, "a network on the CPU, and one plain SA-I and RA-I, on a clock, under each taxel"
-        ):
+        is_plain = isinstance(encoder, AfferentSpec) and encoder.is_plain and encoder.has_one_grade
+        compilable = self.chain.network.w_in.device.type == "cpu" and is_plain and not is_exact(encoder)
+        if use_native(backend, compilable, "a network on the CPU, and plain SA-I and RA-I of one grade, on a clock"):
             self._compiled = CompiledStream(self.chain, self.conditioner, self._most_samples)
         self._watch = watch
         if watch is not None and self._compiled is not None:

@@ -143,6 +143,11 @@ class AfferentSpec(Spec):
         return not self.sa1.rate_ms and self.ra1.change == "rectified"
 
     @property
+    def has_one_grade(self) -> bool:
+        """Whether all afferents of a type have one threshold."""
+        return len(self.sa1.grades) == len(self.ra1.grades) == 1
+
+    @property
     def is_signed(self) -> bool:
         """Whether the signal below zero drives afferents, too."""
         return self.sa1.opposite

@@ -174,15 +174,17 @@ SEVERAL = (
     conditioning=st.sampled_from(CONDITIONINGS[:3]),
     windows=st.sampled_from(WINDOWS),
     at=st.integers(0, 200),
+    backends=st.tuples(st.sampled_from(BACKENDS), st.sampled_from(BACKENDS)),
 )
 @examples(15)
 def test_several_afferents_a_taxel_decide_in_a_stream_as_on_the_whole_trial(
-    tmp_path, seed, sizes, afferents, conditioning, windows, at
+    tmp_path, seed, sizes, afferents, conditioning, windows, at, backends
 ):
     chain = make_chain(conditioning, patience=5, windows=windows, seed=seed, afferents=afferents)
     signal = make_signal(200, seed=seed)
     raster, expected = offline(chain, signal)
-    one, other = Stream(chain), Stream(chain)
+    backends = backends if afferents == {"sa1.opposite": True} else ("reference", "reference")
+    one, other = (Stream(chain, backend=each) for each in backends)
     found = [each for block in blocks_of(signal[:at], sizes) for each in one.push(block)]
     one.save(tmp_path / "state", force=True)
     other.load(tmp_path / "state")
@@ -190,9 +192,21 @@ def test_several_afferents_a_taxel_decide_in_a_stream_as_on_the_whole_trial(
     assert told(fitting([*found, *other.finish()], len(raster), chain.windows.length)) == expected
 
 
-def test_several_afferents_a_taxel_have_no_compiled_step():
+def test_the_compiled_step_sends_the_spikes_of_both_sa1_and_of_ra1():
+    chain, signal = make_chain({}, afferents={"sa1.opposite": True}), make_signal(200, seed=1)
+    traces: dict[str, list] = {backend: [] for backend in BACKENDS}
+    for backend, found in traces.items():
+        Stream(chain, backend=backend, watch=found.append).push(signal)
+    sent = {backend: np.concatenate([each.afferents for each in found]) for backend, found in traces.items()}
+    for found in sent.values():
+        np.testing.assert_array_equal(found, sent["reference"])
+    n = chain.n_taxels
+    assert all(sent["reference"][:, i : i + n].any() for i in (0, n, 2 * n))
+
+
+def test_several_grades_have_no_compiled_step():
     chain = make_chain({}, afferents=SEVERAL[0])
-    with pytest.raises(InputError, match="'native' needs a network on the CPU, and one plain SA-I and RA-I"):
+    with pytest.raises(InputError, match="'native' needs a network on the CPU, and plain SA-I and RA-I"):
         Stream(chain, backend="native")
 
 
