@@ -4,6 +4,8 @@ import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from numpy.typing import ArrayLike
+
 import neurotact
 from neurotact.encoders.specs import EncoderSpec
 
@@ -94,15 +96,12 @@ def _name_unions(
     signature: str | None,
     returns: str | None,
 ) -> tuple[str | None, str | None]:
-    """The tagged union of encoder specs by its name."""
+    """Unions by their names: the tagged one of encoder specs, and what NumPy takes as an array."""
     from sphinx.util.typing import stringify_annotation
 
-    forms = (
-        stringify_annotation(EncoderSpec, "smart"),
-        stringify_annotation(EncoderSpec, "fully-qualified-except-typing"),
-    )
-    for text in forms:
-        signature = signature and signature.replace(text, "EncoderSpec")
+    for name, union in (("EncoderSpec", EncoderSpec), ("ArrayLike", ArrayLike)):
+        for mode in ("smart", "fully-qualified-except-typing"):
+            signature = signature and signature.replace(stringify_annotation(union, mode), name)
     return signature, returns
 
 

@@ -42,8 +42,8 @@ class CNNFeatures(TransformerMixin, BaseEstimator):
     Parameters
     ----------
     network : "resnet50", "mobilenet_v2" or "vgg16", built by torchvision (an extra: `pip install 'neurotact[cnn]'`), or
-        a torch module from images `(image, 3, height, width)` between 0 and 1 to features of any shape. torchvision
-        has no ResNet152V2 (the paper's "ResNet150V2"): give it as a module.
+        a torch module from images `(image, 3, height, width)` between 0 and 1 to features of any shape. The paper's
+        "ResNet150V2" (ResNet152V2) is not in torchvision; give it as a module.
     weights : a local safetensors file with the state dict of the whole network; optional for a module.
 
     Attributes

@@ -17,8 +17,10 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.conditioning import ACAUSAL, Baseline, ConditioningSpec
+from neurotact.data.onset import common_onset_s
 from neurotact.data.recordings import Trials
 from neurotact.data.spool import Spool
+from neurotact.data.window_choice import RESTS
 from neurotact.encoders import firing, grading
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.excerpts import Excerpts, cut, draw, liveliest, standardise
@@ -33,6 +35,7 @@ from neurotact.encoders.gain_search import (
     suited_rule,
 )
 from neurotact.encoders.knobs import Knob, knobs_of, turned
+from neurotact.encoders.resting import resting_table
 from neurotact.encoders.scaling import REST_SD, Scaling
 from neurotact.encoders.scaling import fit as fit_scaling
 from neurotact.encoders.specs import CALIBRATED, SA_RA, EncoderSpec, conditioning_of, is_exact, populations
@@ -49,6 +52,9 @@ NEAR = 0.2
 """Difference from a requested rate, as a share of it, that is not worth a note."""
 WIDER, MOST_CUTOFFS = 4.0, 3
 """Cut-offs of the moving average that are tried: the encoder's own, `WIDER` times that, and none."""
+
+MORE_RESTLESS = 0.1
+"""Share of the afferents that may fire at rest, beyond those that do so without the falling signal."""
 
 FITTED = ("unit", "sa1.gain", "ra1.gain", "pc.gain", "conditioning.offset", "conditioning.scale")
 """Keys of an encoder that calibration always sets."""
@@ -212,7 +218,8 @@ def calibrate_causally(
         first one whose `Calibration.accuracy_of_both` is within one standard error of the highest is chosen, so that a
         sensor of vibrations above the cut-off keeps them.
     choose_opposite: also choose whether SA-I of the falling signal are added (`sa1.opposite`): if without them
-        `Calibration.accuracy_of_both` is more than one standard error below. Only of LIF afferents without them.
+        `Calibration.accuracy_of_both` is more than one standard error below, and they do not fire at rest (`resting`).
+        Only of LIF afferents without them.
     progress: called with 1 and a note at each of `rule.candidates` steps of each combination. tell: log the notes, too.
     Raises InputError if none of them can be calibrated.
     """
@@ -234,7 +241,10 @@ def calibrate_causally(
             both, on_its_baseline = _of_baselines(recordings, signed, cutoff_Hz, {}, progress, rule)
             reached = best.accuracy_of_both, both.accuracy_of_both
             if _best_of(dict(enumerate(reached)), len(best.labels)) == 1:
-                best, notes = both, (*notes[:-1], on_its_baseline, _on_opposite(*reached))
+                if _wakes(recordings, best.encoder, both.encoder):
+                    notes = *notes, _on_opposite(*reached, wakes=True)
+                else:
+                    best, notes = both, (*notes[:-1], on_its_baseline, _on_opposite(*reached))
     notes = *best.notes, *notes
     if tell:
         _log(notes, recordings)
@@ -273,12 +283,30 @@ def with_opposite(spec: Encoder) -> Encoder | None:
     return spec.model_copy(update={"sa1": spec.sa1.model_copy(update={"opposite": True})})
 
 
-def _on_opposite(without: float, reached: float) -> str:
+def _wakes(recordings: Trials, without: EncoderSpec, signed: EncoderSpec) -> bool:
+    """Whether SA-I of the falling signal fire at rest, where the afferents without them do not.
+
+    The zero of a sensor whose signal only rises may lie above its rest: then touch begins with no spike. False if
+    trials begin in contact.
+    """
+    rest_ms = 1e3 * RESTS * common_onset_s(recordings)
+    if not rest_ms:
+        return False
+    before, after = (float(resting_table(recordings, each, rest_ms)["restless"].mean()) for each in (without, signed))
+    return after > before + MORE_RESTLESS
+
+
+def _on_opposite(without: float, reached: float, *, wakes: bool = False) -> str:
     """The note on SA-I of the falling signal; without, reached: the accuracies without and with them."""
+    accuracies = (
+        f"accuracy of logistic regression on the SA-I and RA-I rates of the training trials: {100 * reached:.0f} %, "
+        f"without it {100 * without:.0f} %"
+    )
+    if wakes:
+        return f"SA-I of the falling signal would fire at rest and are left out; {accuracies}; set sa1.opposite = true"
     return (
-        f"sa1.opposite = true is chosen: a second SA-I under each taxel receives the falling signal; accuracy of "
-        f"logistic regression on the SA-I and RA-I rates of the training trials: {100 * reached:.0f} %, without it "
-        f"{100 * without:.0f} %; to leave it out, set sa1.opposite = false"
+        f"sa1.opposite = true is chosen: a second SA-I under each taxel receives the falling signal; {accuracies}; to "
+        "leave it out, set sa1.opposite = false"
     )
 
 

@@ -24,6 +24,7 @@ from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
 from neurotact.encoders.calibration import (
     Calibration,
     _best_of,
+    _wakes,
     calibrate,
     calibrate_causally,
     way_of,
@@ -526,6 +527,26 @@ def test_sa1_of_the_falling_signal_are_left_out_where_they_tell_no_more():
     found = calibrate_causally(slides(), SPEC, rule=RULE, choose_opposite=True)
     assert found.encoder == calibrate_causally(slides(), SPEC, rule=RULE).encoder
     assert not [note for note in found.notes if "opposite" in note]
+
+
+def rising() -> Recordings:
+    """A skin that rests for half a second, and then rises by a level of the class."""
+    rng, time_s = np.random.default_rng(7), np.arange(0, 2, 1e-3)[:, None]
+    signals = [
+        rng.normal(0, 0.2, (2000, 3)) + (time_s > 0.5) * rng.uniform(0.8, 1.2) * (1 + label) * np.array([10.0, 6.0, 3.0])
+        for label in (0, 1) * 16
+    ]
+    return Recordings(signals, 1000.0, "mV", pd.DataFrame({"label": ["light", "firm"] * 16}))
+
+
+def test_sa1_of_the_falling_signal_that_fire_at_rest_are_told_from_others():
+    """Without a baseline the zero of both is the mean, above the rest of a signal that only rises."""
+    spec = SPEC.model_copy(update={"conditioning": SPEC.conditioning.model_copy(update={"baseline": "none"})})
+    fitted = [calibrate(rising(), each, rule=RULE).encoder for each in (spec, with_opposite(spec))]
+    assert _wakes(rising(), *fitted)
+    touched = rising().select(np.arange(32))
+    touched = replace(touched, signals=[signal[500:] for signal in touched.signals])  # trials that begin in contact
+    assert not _wakes(touched, *fitted)
 
 
 def test_given_polarities_and_rectified_signals_leave_no_choice():
