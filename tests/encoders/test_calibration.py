@@ -531,11 +531,9 @@ def test_sa1_of_the_falling_signal_are_left_out_where_they_tell_no_more():
 
 def rising() -> Recordings:
     """A skin that rests for half a second, and then rises by a level of the class."""
-    rng, time_s = np.random.default_rng(7), np.arange(0, 2, 1e-3)[:, None]
-    signals = [
-        rng.normal(0, 0.2, (2000, 3)) + (time_s > 0.5) * rng.uniform(0.8, 1.2) * (1 + label) * np.array([10.0, 6.0, 3.0])
-        for label in (0, 1) * 16
-    ]
+    rng, touched = np.random.default_rng(7), np.arange(2000)[:, None] > 500
+    levels = [(1 + label) * rng.uniform(0.8, 1.2) * np.array([10.0, 6.0, 3.0]) for label in (0, 1) * 16]
+    signals = [rng.normal(0, 0.2, (2000, 3)) + touched * level for level in levels]
     return Recordings(signals, 1000.0, "mV", pd.DataFrame({"label": ["light", "firm"] * 16}))
 
 
