@@ -184,7 +184,7 @@ def calibrate(
     asked = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
     start = specs.resolve(encoder, settings)
     rule = CalibrationRule()
-    fit, times = calibration.way_of(start, settings or {})
+    fit, times = calibration.way_of(start, settings or {}, apart=tuple(test_where or {}))
     if compare:
         spec.refuse(settings or {}, alternatives.COMPARED)
     n_steps = alternatives.n_steps(rule) if compare else times * rule.candidates

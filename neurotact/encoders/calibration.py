@@ -80,6 +80,7 @@ class Calibration(Generic[Encoder]):
         which the gains were chosen.
     labels: the classes, `(trial,)`.
     notes: the changes of the spec, and warnings.
+    apart: what `accuracy` tests by the trials of other values, `(trial,)`, or None.
     """
 
     encoder: Encoder
@@ -89,6 +90,7 @@ class Calibration(Generic[Encoder]):
     rates_ra: np.ndarray
     labels: np.ndarray
     notes: tuple[str, ...]
+    apart: np.ndarray | None = None
 
     @property
     def accuracy(self) -> float:
@@ -96,12 +98,12 @@ class Calibration(Generic[Encoder]):
 
         NaN if a class has one trial.
         """
-        return cross_validated_accuracy(self.rates, self.labels)
+        return cross_validated_accuracy(self.rates, self.labels, self.apart)
 
     @property
     def accuracy_of_both(self) -> float:
         """As `accuracy`, on the rates of SA-I and RA-I."""
-        return cross_validated_accuracy(np.hstack([self.rates, self.rates_ra]), self.labels)
+        return cross_validated_accuracy(np.hstack([self.rates, self.rates_ra]), self.labels, self.apart)
 
 
 def calibrate(
@@ -111,6 +113,7 @@ def calibrate(
     rule: CalibrationRule = CalibrationRule(),
     *,
     inverted: bool = False,
+    apart: tuple[str, ...] = (),
     tell: bool = True,
 ) -> Calibration[Encoder]:
     """Fit standardisation and gains of `spec` on recorded training trials of any unit and rate.
@@ -126,6 +129,7 @@ def calibrate(
 
     progress: called with 1 and a note at each of the `rule.candidates` steps.
     inverted: SA-I is driven by the signal's fall instead of its rise: the scales are negative.
+    apart: conditions that the test leaves out; `Calibration.accuracy` tests each of their values by the others.
     tell: log the notes, too.
     Raises InputError for less than two classes, for constant signals, and if every gain that gives spikes
     puts too many ISIs at the refractory floor.
@@ -193,7 +197,8 @@ def calibrate(
     others = others[0] if others else first[:, :0]
     if populations(spec)[0] not in SA_RA:  # all populations choose the baseline
         first, others = np.hstack([first, others]), first[:, :0]
-    return Calibration(turned_to, table, isi, first, others, conditioned.labels, tuple(notes))
+    groups = drawn.conditions[list(apart)].astype(str).agg(", ".join, axis=1).to_numpy() if apart else None
+    return Calibration(turned_to, table, isi, first, others, conditioned.labels, tuple(notes), groups)
 
 
 def calibrate_causally(
@@ -204,6 +209,7 @@ def calibrate_causally(
     *,
     choose_ema: bool = False,
     choose_opposite: bool = False,
+    apart: tuple[str, ...] = (),
     tell: bool = True,
 ) -> Calibration[Encoder]:
     """`calibrate` with the baseline of `PAST` that gives the best separation of the classes by SA-I.
@@ -220,12 +226,14 @@ def calibrate_causally(
     choose_opposite: also choose whether SA-I of the falling signal are added (`sa1.opposite`): if without them
         `Calibration.accuracy_of_both` is more than one standard error below, and they do not fire at rest (`resting`).
         Only of LIF afferents without them.
+    apart: conditions that the test leaves out: with several values of them, the accuracies are those of each value by
+        the trials of the others, so that the choices are made for untrained ones.
     progress: called with 1 and a note at each of `rule.candidates` steps of each combination. tell: log the notes, too.
     Raises InputError if none of them can be calibrated.
     """
     own_Hz = spec.conditioning.ema_cutoff_Hz
     cutoffs_Hz = _cutoffs(own_Hz, recordings.sampling_rate_Hz) if choose_ema else [own_Hz]
-    smoothed, _ = _each(recordings, {at: _with(spec, PAST[0], at) for at in cutoffs_Hz}, progress, rule)
+    smoothed, _ = _each(recordings, {at: _with(spec, PAST[0], at) for at in cutoffs_Hz}, progress, rule, apart)
     if choose_ema and progress:
         progress((MOST_CUTOFFS - len(cutoffs_Hz)) * rule.candidates, "")
     cutoff_Hz = own_Hz
@@ -234,11 +242,11 @@ def calibrate_causally(
         of_cutoffs = {at: one.accuracy_of_both for at, one in smoothed.items()}
         cutoff_Hz = _best_of(of_cutoffs, _n_trials(smoothed))
     done: dict[Baseline, Calibration[Encoder]] = {PAST[0]: smoothed[cutoff_Hz]} if cutoff_Hz in smoothed else {}
-    best, on_baseline = _of_baselines(recordings, spec, cutoff_Hz, done, progress, rule)
+    best, on_baseline = _of_baselines(recordings, spec, cutoff_Hz, done, progress, rule, apart)
     notes = *_on_ema(of_cutoffs, cutoff_Hz, own_Hz, spec), on_baseline
     if choose_opposite and (signed := with_opposite(spec)) is not None:
         with contextlib.suppress(InputError):  # no gain suits the falling signal: the encoder stays as it is
-            both, on_its_baseline = _of_baselines(recordings, signed, cutoff_Hz, {}, progress, rule)
+            both, on_its_baseline = _of_baselines(recordings, signed, cutoff_Hz, {}, progress, rule, apart)
             reached = best.accuracy_of_both, both.accuracy_of_both
             if _best_of(dict(enumerate(reached)), len(best.labels)) == 1:
                 if _wakes(recordings, best.encoder, both.encoder):
@@ -246,6 +254,8 @@ def calibrate_causally(
                 else:
                     best, notes = both, (*notes[:-1], on_its_baseline, _on_opposite(*reached))
     notes = *best.notes, *notes
+    if best.apart is not None and len(np.unique(best.apart)) > 1:
+        notes = *notes, f"these accuracies are of each value of {', '.join(apart)} by the training trials of the others"
     if tell:
         _log(notes, recordings)
     return replace(best, notes=notes)
@@ -258,10 +268,11 @@ def _of_baselines(
     done: Mapping[Baseline, Calibration[Encoder]],
     progress: Progress | None,
     rule: CalibrationRule,
+    apart: tuple[str, ...],
 ) -> tuple[Calibration[Encoder], str]:
     """The calibration with the best baseline of `PAST`, and the note on it; done: those that are known."""
     tried: dict[Baseline, Encoder] = {each: _with(spec, each, cutoff_Hz) for each in PAST if each not in done}
-    others, errors = _each(recordings, tried, progress, rule)
+    others, errors = _each(recordings, tried, progress, rule, apart)
     found: dict[Baseline, Calibration[Encoder]] = {**done, **others}
     if not found:
         raise errors[PAST[-1]]
@@ -353,13 +364,17 @@ def _with(spec: Encoder, baseline: Baseline, cutoff_Hz: float | None) -> Encoder
 
 
 def _each(
-    recordings: Trials, specs: Mapping[Key, Encoder], progress: Progress | None, rule: CalibrationRule
+    recordings: Trials,
+    specs: Mapping[Key, Encoder],
+    progress: Progress | None,
+    rule: CalibrationRule,
+    apart: tuple[str, ...],
 ) -> tuple[dict[Key, Calibration[Encoder]], dict[Key, InputError]]:
     """The calibrations of several encoders, and the errors of those that cannot be calibrated."""
     found, errors = {}, {}
     for key, spec in specs.items():
         try:
-            found[key] = calibrate(recordings, spec, progress, rule, tell=False)
+            found[key] = calibrate(recordings, spec, progress, rule, apart=apart, tell=False)
         except InputError as error:
             errors[key] = error
     return found, errors
@@ -395,13 +410,19 @@ def _on_ema(
 
 
 def way_of(
-    spec: EncoderSpec, given: Mapping[str, Any], *, choose_ema: bool = True, choose_opposite: bool = True
+    spec: EncoderSpec,
+    given: Mapping[str, Any],
+    *,
+    choose_ema: bool = True,
+    choose_opposite: bool = True,
+    apart: tuple[str, ...] = (),
 ) -> tuple[Callable[..., Calibration[Any]], int]:
     """The calibration of an encoder, and how many times at most it goes through all candidates of its rule.
 
     A baseline that uses the whole trial is replaced by a causal one, and then the moving average (`choose_ema`) and
     SA-I of the falling signal (`choose_opposite`) are chosen, too, unless their keys are among `given`, the dotted keys
-    that were set. Raises InputError if one of them is in `FITTED`, or a gain or threshold that calibration finds.
+    that were set. apart: as of `calibrate_causally`. Raises InputError if one of them is in `FITTED`, or a gain or
+    threshold that calibration finds.
 
     >>> from neurotact.spec import load
     >>> paper = load(AfferentSpec, "sa1-ra1-lif")
@@ -411,11 +432,12 @@ def way_of(
     """
     refuse(given, dict.fromkeys((*FITTED, *(knob.key for knob in knobs_of(spec))), BY_CALIBRATION))
     if spec.conditioning.baseline not in ACAUSAL or "conditioning.baseline" in given:
-        return calibrate, 1
+        return partial(calibrate, apart=apart), 1
     choose_ema = choose_ema and "conditioning.ema_cutoff_Hz" not in given
     choose_opposite = choose_opposite and "sa1.opposite" not in given and with_opposite(spec) is not None
     n_times = len(PAST) * (2 if choose_opposite else 1) + (MOST_CUTOFFS - 1 if choose_ema else 0)
-    return partial(calibrate_causally, choose_ema=choose_ema, choose_opposite=choose_opposite), n_times
+    how = {"choose_ema": choose_ema, "choose_opposite": choose_opposite, "apart": apart}
+    return partial(calibrate_causally, **how), n_times
 
 
 def _log(notes: Iterable[str], recordings: Trials) -> None:

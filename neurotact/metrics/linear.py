@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import LogisticRegression
-from sklearn.model_selection import StratifiedKFold
+from sklearn.model_selection import GroupKFold, StratifiedKFold
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
@@ -24,11 +24,11 @@ def fit_linear(features: np.ndarray, labels: np.ndarray, c: float = 1.0) -> Pipe
         return model.fit(features, labels)
 
 
-def cross_validated_accuracy(features: np.ndarray, labels: np.ndarray) -> float:
+def cross_validated_accuracy(features: np.ndarray, labels: np.ndarray, groups: np.ndarray | None = None) -> float:
     """The cross-validated accuracy of logistic regression.
 
     features: `(trial, feature)`. Stratified folds: five, or as many as the smallest class has trials; NaN if it has
-    one.
+    one. groups: `(trial,)`, if there are several, those of one group are tested by the trials of the others.
 
     >>> rates = np.array([[1.0], [2.0], [1.5], [8.0], [9.0], [7.0]])
     >>> cross_validated_accuracy(rates, np.array([0, 0, 0, 1, 1, 1]))
@@ -38,6 +38,14 @@ def cross_validated_accuracy(features: np.ndarray, labels: np.ndarray) -> float:
     if n_folds < 2:
         return float("nan")
     right = np.zeros(len(labels), bool)
-    for train, test in StratifiedKFold(n_folds, shuffle=True, random_state=0).split(features, labels):
+    n_groups = 1 if groups is None else len(np.unique(groups))
+    folds = (
+        GroupKFold(min(MOST_FOLDS, n_groups)).split(features, labels, groups)
+        if n_groups > 1
+        else StratifiedKFold(n_folds, shuffle=True, random_state=0).split(features, labels)
+    )
+    for train, test in folds:
+        if len(np.unique(labels[train])) < 2:
+            continue
         right[test] = fit_linear(features[train], labels[train]).predict(features[test]) == labels[test]
     return float(right.mean())

@@ -341,7 +341,9 @@ def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, Encode
             training = recordings.select(train)
             if cell.split.folds:  # each fold has its own encoder, and its notes name the fold
                 training = replace(training, source=f"{recordings.source}, fold {cell.split.fold}")
-            fit, _ = way_of(start, {}, **{choice: getattr(cell, choice) for choice in CHOICES})
+            fit, _ = way_of(
+                start, {}, **{choice: getattr(cell, choice) for choice in CHOICES}, apart=tuple(cell.split.test_where)
+            )
             calibrated[key] = fit(training, start, rule=CalibrationRule(spikes_per_s=spikes_per_s)).encoder
         return calibrated[key]
 

@@ -37,6 +37,7 @@ from neurotact.errors import InputError
 from neurotact.figures.calibration import draw_calibration
 from neurotact.figures.style import save
 from neurotact.metrics.isi_distributions import shares_of
+from neurotact.metrics.linear import cross_validated_accuracy
 from neurotact.metrics.spike_trains import events_of_raster, isis_ms
 
 DATA = Path(os.environ.get("NEUROTACT_DATA", Path(__file__).parents[3] / "shared" / "data"))
@@ -527,6 +528,28 @@ def test_sa1_of_the_falling_signal_are_left_out_where_they_tell_no_more():
     found = calibrate_causally(slides(), SPEC, rule=RULE, choose_opposite=True)
     assert found.encoder == calibrate_causally(slides(), SPEC, rule=RULE).encoder
     assert not [note for note in found.notes if "opposite" in note]
+
+
+def test_choices_for_untrained_conditions_are_made_between_them():
+    """The level belongs to the day, and how the signal changes to the class."""
+    recordings = slides((2.0, 8.0))
+    days = np.arange(len(recordings)) // 2 % 2
+    # On each day the firm class has another level; a level therefore tells classes within a day alone.
+    levels = 40.0 * (recordings.labels ^ days)
+    told = recordings.conditions.assign(day=days)
+    signals = [signal + level for signal, level in zip(recordings.signals, levels, strict=True)]
+    recordings = replace(recordings, signals=signals, conditions=told)
+    found = calibrate_causally(recordings, SPEC, rule=RULE, apart=("day",))
+    assert found.apart is not None
+    assert sorted({*found.apart}) == ["0", "1"]
+    assert "these accuracies are of each value of day by the training trials of the others" in found.notes
+    assert found.accuracy == cross_validated_accuracy(found.rates, found.labels, found.apart)
+    assert found.encoder.conditioning.baseline != "none"
+    one_day = recordings.select(np.flatnonzero(days == 0))
+    assert (
+        calibrate_causally(one_day, SPEC, rule=RULE, apart=("day",)).encoder
+        == calibrate_causally(one_day, SPEC, rule=RULE).encoder
+    )
 
 
 def rising() -> Recordings:
