@@ -233,7 +233,11 @@ def calibrate_causally(
     """
     own_Hz = spec.conditioning.ema_cutoff_Hz
     cutoffs_Hz = _cutoffs(own_Hz, recordings.sampling_rate_Hz) if choose_ema else [own_Hz]
-    smoothed, _ = _each(recordings, {at: _with(spec, PAST[0], at) for at in cutoffs_Hz}, progress, rule, apart)
+
+    def fit(tried: Encoder) -> Calibration[Encoder]:
+        return calibrate(recordings, tried, progress, rule, apart=apart, tell=False)
+
+    smoothed, _ = _each(fit, {at: _with(spec, PAST[0], at) for at in cutoffs_Hz})
     if choose_ema and progress:
         progress((MOST_CUTOFFS - len(cutoffs_Hz)) * rule.candidates, "")
     cutoff_Hz = own_Hz
@@ -242,11 +246,11 @@ def calibrate_causally(
         of_cutoffs = {at: one.accuracy_of_both for at, one in smoothed.items()}
         cutoff_Hz = _best_of(of_cutoffs, _n_trials(smoothed))
     done: dict[Baseline, Calibration[Encoder]] = {PAST[0]: smoothed[cutoff_Hz]} if cutoff_Hz in smoothed else {}
-    best, on_baseline = _of_baselines(recordings, spec, cutoff_Hz, done, progress, rule, apart)
+    best, on_baseline = _of_baselines(fit, spec, cutoff_Hz, done)
     notes = *_on_ema(of_cutoffs, cutoff_Hz, own_Hz, spec), on_baseline
     if choose_opposite and (signed := with_opposite(spec)) is not None:
         with contextlib.suppress(InputError):  # no gain suits the falling signal: the encoder stays as it is
-            both, on_its_baseline = _of_baselines(recordings, signed, cutoff_Hz, {}, progress, rule, apart)
+            both, on_its_baseline = _of_baselines(fit, signed, cutoff_Hz, {})
             reached = best.accuracy_of_both, both.accuracy_of_both
             if _best_of(dict(enumerate(reached)), len(best.labels)) == 1:
                 if _wakes(recordings, best.encoder, both.encoder):
@@ -262,17 +266,14 @@ def calibrate_causally(
 
 
 def _of_baselines(
-    recordings: Trials,
+    fit: Callable[[Encoder], Calibration[Encoder]],
     spec: Encoder,
     cutoff_Hz: float | None,
     done: Mapping[Baseline, Calibration[Encoder]],
-    progress: Progress | None,
-    rule: CalibrationRule,
-    apart: tuple[str, ...],
 ) -> tuple[Calibration[Encoder], str]:
     """The calibration with the best baseline of `PAST`, and the note on it; done: those that are known."""
     tried: dict[Baseline, Encoder] = {each: _with(spec, each, cutoff_Hz) for each in PAST if each not in done}
-    others, errors = _each(recordings, tried, progress, rule, apart)
+    others, errors = _each(fit, tried)
     found: dict[Baseline, Calibration[Encoder]] = {**done, **others}
     if not found:
         raise errors[PAST[-1]]
@@ -364,17 +365,13 @@ def _with(spec: Encoder, baseline: Baseline, cutoff_Hz: float | None) -> Encoder
 
 
 def _each(
-    recordings: Trials,
-    specs: Mapping[Key, Encoder],
-    progress: Progress | None,
-    rule: CalibrationRule,
-    apart: tuple[str, ...],
+    fit: Callable[[Encoder], Calibration[Encoder]], specs: Mapping[Key, Encoder]
 ) -> tuple[dict[Key, Calibration[Encoder]], dict[Key, InputError]]:
     """The calibrations of several encoders, and the errors of those that cannot be calibrated."""
     found, errors = {}, {}
     for key, spec in specs.items():
         try:
-            found[key] = calibrate(recordings, spec, progress, rule, apart=apart, tell=False)
+            found[key] = fit(spec)
         except InputError as error:
             errors[key] = error
     return found, errors

@@ -74,7 +74,7 @@ def _of_spec(key: str, *values: object) -> Callable[[Subject], bool]:
 
 def _has_grades(subject: Subject) -> bool:
     lif = _lif(subject)
-    return lif is not None and max(len(lif.sa1.grades), len(lif.ra1.grades)) > 1
+    return lif is not None and not lif.has_one_grade
 
 
 CHAIN = ("conditioning", "encoder", "network", "readout", "exit")
