@@ -391,7 +391,7 @@ def details(found: Answer) -> Iterator[str]:
 def _energy(found: Answer) -> Iterator[str]:
     """The energy of the cheapest network with and without early exit, and of baselines on signals.
 
-    A ratio is told of the best network alone, as in the headline.
+    Only the best network has a ratio, the one of the headline.
     """
     whole, used, rival = found.cheapest.whole.nJ, found.cheapest.used.nJ, found.cheapest_on_signals
     if whole is None or used is None or rival is None or rival.nJ is None:
