@@ -43,6 +43,8 @@ USED = {False: "whole", True: "early"}
 """The way to decide of `KINDS` that is advised, by whether early exit is."""
 EXIT_VALIDATION = "exit_accuracy_validation"
 """The column by which networks with early exit are chosen; runs of earlier versions lack it."""
+LEAST_FOR_EXIT = 20
+"""With fewer validation trials, one is more than 5 points: they do not tell what early exit loses."""
 
 
 class Sides(NamedTuple):
@@ -134,6 +136,18 @@ def _costs(study: StudySpec, row: Mapping[str, Any], trains: SpikeTrains | None,
         spent = ledger.row_cost(study.network, row, **sizes, **clock, early=bool(before), encoding=counts)
         found |= {"ms": 1e3 * steps / trains.sampling_rate_Hz, "nJ": spent.energy_estimate_nJ}
     return found
+
+
+def known_exits(results: pd.DataFrame, n_validation: int) -> pd.DataFrame:
+    """The rows, without the validation accuracy of early exit if too few validation trials rank it.
+
+    n_validation: trials that may rank it.
+
+    >>> rows = pd.DataFrame({EXIT_VALIDATION: [0.9]})
+    >>> [float(known_exits(rows, n)[EXIT_VALIDATION].iloc[0]) for n in (LEAST_FOR_EXIT - 1, LEAST_FOR_EXIT)]
+    [nan, 0.9]
+    """
+    return results if n_validation >= LEAST_FOR_EXIT else results.assign(**{EXIT_VALIDATION: float("nan")})
 
 
 def networks_of(results: pd.DataFrame) -> list[Network]:
@@ -283,7 +297,7 @@ def fronts(
         sides = sides_of(trains, first_of_splits, counts)
         guess = max(1 / len(counts), max(counts) / max(1, sum(counts)))
         unranked = untold(first_of_splits, trains)
-        networks = networks_of(rows.assign(**{EXIT_VALIDATION: float("nan")}) if unranked else rows)
+        networks = networks_of(known_exits(rows, 0 if unranked else sides.trials.validation))
         baselines = baselines_of(study, tables, rows.iloc[0].to_dict())
         compare = _comparing(study, folder, done, rows, tables)
         found = answers.answer(networks, baselines, guess, sides.trials, compare)
