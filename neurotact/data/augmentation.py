@@ -198,8 +198,8 @@ def played(signal: np.ndarray, speed: float, first: float = 0.0) -> np.ndarray:
     n = len(signal)
     if n == 1:
         return np.asarray(signal, np.float64)
-    place = first + speed * np.arange(max(n, round(n / speed)))
-    place = (n - 1) - np.abs((n - 1) - place % (2 * (n - 1)))
-    before = np.minimum(place.astype(np.int64), n - 2)
-    share = (place - before)[:, None]
+    position = first + speed * np.arange(max(n, round(n / speed)))
+    position = (n - 1) - np.abs((n - 1) - position % (2 * (n - 1)))
+    before = np.minimum(position.astype(np.int64), n - 2)
+    share = (position - before)[:, None]
     return signal[before] * (1 - share) + signal[before + 1] * share

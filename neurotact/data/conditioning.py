@@ -385,8 +385,8 @@ def _median(signal: Pieces) -> np.ndarray:
         return np.median(next(signal()), axis=0, keepdims=True)
     n_steps = sum(lengths)
     middle = sorted({(n_steps - 1) // 2, n_steps // 2})
-    found = np.array([_ranked(signal, rank) for rank in middle], np.float32)
-    return found.mean(axis=0, keepdims=True)
+    ranks = np.array([_ranked(signal, rank) for rank in middle], np.float32)
+    return ranks.mean(axis=0, keepdims=True)
 
 
 def _ranked(signal: Pieces, rank: int) -> np.ndarray:

@@ -51,6 +51,6 @@ def onset_of(steps: np.ndarray, sampling_rate_Hz: float, spec: OnsetSpec) -> int
     return int(above[0]) if len(above) else None
 
 
-def _counts(steps: np.ndarray, at: np.ndarray, width: int) -> np.ndarray:
-    """Spikes in the `width` steps that end with each step of `at`."""
-    return np.searchsorted(steps, at, "right") - np.searchsorted(steps, at - width, "right")
+def _counts(steps: np.ndarray, ends: np.ndarray, width: int) -> np.ndarray:
+    """Spikes in the `width` steps that end with each step of `ends`."""
+    return np.searchsorted(steps, ends, "right") - np.searchsorted(steps, ends - width, "right")

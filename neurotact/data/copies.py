@@ -183,7 +183,7 @@ def are_telling(trains: SpikeTrains, trials: np.ndarray) -> np.ndarray:
     is_recorded = bool(trains.trial_digests)
     least = LEAST_IRREGULAR if is_recorded else LEAST_CHANGES
     events = ((np.asarray(trains.steps[trial], np.int64), np.asarray(trains.units[trial])) for trial in trials.tolist())
-    return np.array([_n_irregular(*each) + (0 if is_recorded else _n_begins(*each)) >= least for each in events], bool)
+    return np.array([_n_irregular(*e) + (0 if is_recorded else _n_begins(*e)) >= least for e in events], bool)
 
 
 def _n_irregular(steps: np.ndarray, units: np.ndarray) -> int:
@@ -295,12 +295,12 @@ def _search_of(recordings: Trials, lengths: np.ndarray, trials: np.ndarray) -> _
     n_rows = _n_searched(recordings)
     lag = max(1, min(int(np.median(lengths)), n_rows) // 20)
     lag = lag - lag % 12 if lag >= 12 else max(fine for fine in (1, 2, 4, 6) if fine <= lag)
-    found = []
+    spreads = []
     for trial in trials.tolist():
         changes = np.diff(recordings.piece(trial, 0, n_rows)[::lag].astype(np.float64), axis=0)
         if len(changes):
-            found.append((np.sqrt(np.mean(changes**2)), np.sqrt(np.mean(changes.sum(axis=1) ** 2))))
-    change, sum_change = np.median(found, axis=0).tolist() if found else (0.0, 0.0)
+            spreads.append((np.sqrt(np.mean(changes**2)), np.sqrt(np.mean(changes.sum(axis=1) ** 2))))
+    change, sum_change = np.median(spreads, axis=0).tolist() if spreads else (0.0, 0.0)
     return _Search(lengths, n_rows, lag, change, sum_change) if sum_change > 0 else None
 
 
@@ -316,14 +316,14 @@ def _prints(rows: np.ndarray, search: _Search) -> Iterator[tuple[int, int]]:
     total = rows.sum(axis=1, dtype=np.float64)
     levels = np.clip(np.rint((total[lag:] - total[:-lag]) * (LEVELS / search.sum_change)), -(2.0**40), 2.0**40)
     hashes = levels.astype(np.int64).view(np.uint64)
-    found, n_moved = np.zeros(n, np.uint64), np.zeros(n, np.int64)
+    prints, n_moved = np.zeros(n, np.uint64), np.zeros(n, np.int64)
     for start in range(0, PRINT_STEPS * lag, lag):
-        found = found * np.uint64(0x9E3779B97F4A7C15) + hashes[start : start + n]
+        prints = prints * np.uint64(0x9E3779B97F4A7C15) + hashes[start : start + n]
         n_moved += levels[start : start + n] != 0
     places = np.flatnonzero(n_moved >= LEAST_CHANGES)
-    found = _mixed(found[places])
-    smallest = np.argpartition(found, PRINTS)[:PRINTS] if len(found) > PRINTS else np.arange(len(found))
-    yield from zip(found[smallest].tolist(), places[smallest].tolist(), strict=True)
+    prints = _mixed(prints[places])
+    smallest = np.argpartition(prints, PRINTS)[:PRINTS] if len(prints) > PRINTS else np.arange(len(prints))
+    yield from zip(prints[smallest].tolist(), places[smallest].tolist(), strict=True)
 
 
 def _mixed(values: np.ndarray) -> np.ndarray:

@@ -24,21 +24,19 @@ def with_dead_time(trains: SpikeTrains, steps: int) -> SpikeTrains:
     """
     if steps < 0:
         raise InputError(f"dead time: must be 0 steps or more; got {steps}")
-    kept = [
-        _kept(np.asarray(at), np.asarray(units), steps) for at, units in zip(trains.steps, trains.units, strict=True)
-    ]
+    kept = [_kept(np.asarray(s), np.asarray(units), steps) for s, units in zip(trains.steps, trains.units, strict=True)]
     return replace(
         trains,
-        steps=[at[keep] for at, keep in zip(trains.steps, kept, strict=True)],
+        steps=[spikes[keep] for spikes, keep in zip(trains.steps, kept, strict=True)],
         units=[units[keep] for units, keep in zip(trains.units, kept, strict=True)],
     )
 
 
-def _kept(at: np.ndarray, units: np.ndarray, steps: int) -> np.ndarray:
+def _kept(spike_steps: np.ndarray, units: np.ndarray, steps: int) -> np.ndarray:
     """Which spikes of a trial are kept, `(spike,)` boolean; the spikes are in order of time."""
-    keep = np.zeros(len(at), bool)
+    keep = np.zeros(len(spike_steps), bool)
     free_from: dict[int, int] = {}
-    for index, (step, unit) in enumerate(zip(at.tolist(), units.tolist(), strict=True)):
+    for index, (step, unit) in enumerate(zip(spike_steps.tolist(), units.tolist(), strict=True)):
         if step >= free_from.get(unit, 0):
             keep[index], free_from[unit] = True, step + steps + 1
     return keep

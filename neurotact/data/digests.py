@@ -65,8 +65,8 @@ def recorded_trials(recordings: Trials, trains: SpikeTrains, trials: np.ndarray)
     if looks_alike and wanted == [recorded_digest(recordings, trial) for trial in trials.tolist()]:
         return trials
     place_of = {recorded_digest(recordings, trial): trial for trial in range(len(recordings))}
-    found = [place_of.get(digest) for digest in wanted]
-    return None if None in found else np.array(found, np.int64)
+    rows = [place_of.get(digest) for digest in wanted]
+    return None if None in rows else np.array(rows, np.int64)
 
 
 def again(digest: str, number: int) -> str:

@@ -26,11 +26,11 @@ def check(touches: Recordings | SpikeTrains, source: str) -> None:
     Classes that all hold the same trials are no mistake in some of them: that is said, and the import goes on.
     source: begins the lines.
     """
-    found = copies_of(touches)
-    alike = list(_of_equal_classes(touches.conditions, found))
-    if not alike and (refused := next(_of_other_class(touches.conditions, found), None)):
+    repeats = copies_of(touches)
+    alike = list(_of_equal_classes(touches.conditions, repeats))
+    if not alike and (refused := next(_of_other_class(touches.conditions, repeats), None)):
         raise InputError(f"{source}: {refused}")
-    for line in (*alike, *of_copies(touches.conditions, found), *of_classes(class_names(touches.conditions))):
+    for line in (*alike, *of_copies(touches.conditions, repeats), *of_classes(class_names(touches.conditions))):
         log.warning("%s: %s", source, line)
 
 
@@ -42,12 +42,12 @@ def warn(touches: Recordings | SpikeTrains) -> None:
 
 def lines(touches: Trials | SpikeTrains, fate: str = TOGETHER) -> list[str]:
     """Everything doubtful about recordings or spike trains; fate: what becomes of copies."""
-    conditions, found = touches.conditions, copies_of(touches)
+    conditions, repeats = touches.conditions, copies_of(touches)
     classes = of_classes(class_names(conditions))
-    return [*_of_other_class(conditions, found), *of_copies(conditions, found, fate), *classes]
+    return [*_of_other_class(conditions, repeats), *of_copies(conditions, repeats, fate), *classes]
 
 
-def of_copies(conditions: pd.DataFrame, found: Copies, fate: str = TOGETHER) -> Iterator[str]:
+def of_copies(conditions: pd.DataFrame, repeats: Copies, fate: str = TOGETHER) -> Iterator[str]:
     """The number of copies, with some names.
 
     >>> table = pd.DataFrame({"label": list("aaab"), "file": ["1.csv", "2.csv", "1_copy.csv", "3.csv"]})
@@ -59,9 +59,9 @@ def of_copies(conditions: pd.DataFrame, found: Copies, fate: str = TOGETHER) -> 
         (f"is a near copy of another one{NEARLY}", f"are near copies of others{NEARLY}"),
     )
     for is_near, (one, many) in enumerate(kinds):
-        copies = [trial for trial in found.trials.tolist() if found.is_near[trial] == is_near]
+        copies = [trial for trial in repeats.trials.tolist() if repeats.is_near[trial] == is_near]
         if copies:
-            names = some([_named(conditions, trial, int(found.first[trial])) for trial in copies], NAMED)
+            names = some([_named(conditions, trial, int(repeats.first[trial])) for trial in copies], NAMED)
             yield f"{len(copies)} of {len(conditions)} trials {one if len(copies) == 1 else many}: {names}; {fate}"
 
 
@@ -88,10 +88,10 @@ def of_classes(classes: tuple[str, ...]) -> Iterator[str]:
             )
 
 
-def _of_equal_classes(conditions: pd.DataFrame, found: Copies) -> Iterator[str]:
+def _of_equal_classes(conditions: pd.DataFrame, repeats: Copies) -> Iterator[str]:
     """A line if every class holds the same touches, sample by sample."""
     labels = conditions[LABEL].astype(str).to_numpy(dtype=str)
-    held = {label: frozenset(found.equal[labels == label].tolist()) for label in np.unique(labels).tolist()}
+    held = {label: frozenset(repeats.equal[labels == label].tolist()) for label in np.unique(labels).tolist()}
     if len(held) > 1 and len(set(held.values())) == 1:
         yield (
             f"every class ({some([f'{label!r}' for label in held])}) holds the same trials, so that nothing tells the "
@@ -99,12 +99,12 @@ def _of_equal_classes(conditions: pd.DataFrame, found: Copies) -> Iterator[str]:
         )
 
 
-def _of_other_class(conditions: pd.DataFrame, found: Copies) -> Iterator[str]:
+def _of_other_class(conditions: pd.DataFrame, repeats: Copies) -> Iterator[str]:
     """The copies, near copies left out, with another class than the first, in one line."""
     labels = conditions[LABEL].astype(str).to_numpy(dtype=str)
-    copies = np.flatnonzero(labels != labels[found.equal])
+    copies = np.flatnonzero(labels != labels[repeats.equal])
     if len(copies):
-        both = int(copies[0]), int(found.equal[copies[0]])
+        both = int(copies[0]), int(repeats.equal[copies[0]])
         named = (f"{name_of(conditions, trial)} of class '{labels[trial]}'" for trial in both)
         more = f" ({len(copies)} such trials)" if len(copies) > 1 else ""
         yield f"{' is a copy of '.join(named)}{more}; keep the one with the right class and remove the other"

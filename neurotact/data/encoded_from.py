@@ -34,16 +34,14 @@ def find(spikes: str | Path, trains: SpikeTrains, trials: np.ndarray, given: str
     """
     named = hdf5.source_of(spikes)
     places = (
-        [Path(given)]
-        if given is not None
-        else [place for place in files.named_by(spikes, named) if os.path.isfile(place)]
+        [Path(given)] if given is not None else [path for path in files.named_by(spikes, named) if os.path.isfile(path)]
     )
     if not places:
         what = f"'{named}', from which {spikes} was encoded," if named else f"the file from which {spikes} was encoded"
         raise AbsentError(f"{what} is neither beside it nor in the current folder; name it with `recordings`")
-    for place, found in _fitting(places, trains, trials, must_open=given is not None):
-        if found is not None:
-            return EncodedFrom(place, found)
+    for file, rows in _fitting(places, trains, trials, must_open=given is not None):
+        if rows is not None:
+            return EncodedFrom(file, rows)
     shown = " and ".join(map(str, places))
     other = "the one that does" if given is not None else "the file that was encoded"
     raise InputError(
@@ -55,12 +53,12 @@ def _fitting(
     places: list[Path], trains: SpikeTrains, trials: np.ndarray, *, must_open: bool
 ) -> Iterator[tuple[Path, np.ndarray | None]]:
     """The trials of each file, None if it holds other recordings or, unless it must open, no recordings at all."""
-    for place in places:
+    for path in places:
         try:
-            with hdf5.open_recordings(place) as stored:
-                found = recorded_trials(stored, trains, trials)
+            with hdf5.open_recordings(path) as stored:
+                rows = recorded_trials(stored, trains, trials)
         except InputError:
             if must_open:
                 raise
-            found = None
-        yield place, found
+            rows = None
+        yield path, rows

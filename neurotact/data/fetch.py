@@ -111,8 +111,8 @@ def registry_of(name: str) -> dict[str, str]:
 
 def missing(name: str, folder: Path) -> list[str]:
     """The files of a set that are not in `folder`, or are damaged there."""
-    place = folder / public_set(name).folder
-    return [file for file, known in registry_of(name).items() if not _is_whole(place / file, known)]
+    target = folder / public_set(name).folder
+    return [file for file, known in registry_of(name).items() if not _is_whole(target / file, known)]
 
 
 def fetch(
@@ -128,9 +128,9 @@ def fetch(
     url, wanted = base_url or about.base_url, missing(name, folder)
     if url is None:
         raise InputError(f"{name}: {by_hand(name, folder)}")
-    place = folder / about.folder
+    target = folder / about.folder
     for file in wanted:
-        _download(name, url + file, file, place, folder)
+        _download(name, url + file, file, target, folder)
         if progress:
             progress(1, file)
     return len(wanted)
@@ -143,12 +143,12 @@ def by_hand(name: str, folder: Path) -> str:
     return f"{about.by_hand} from {about.page} to {folder / about.folder}{then}"
 
 
-def _download(name: str, url: str, file: str, place: Path, folder: Path) -> None:
+def _download(name: str, url: str, file: str, target: Path, folder: Path) -> None:
     """One file, whole or not at all: pooch loads it beside its place, checks the hash and renames it."""
     pooch = optional("pooch", "fetch: the package pooch is not installed; pip install pooch")
     pooch.get_logger().setLevel(logging.ERROR)
     try:
-        pooch.retrieve(url, registry_of(name)[file], fname=file, path=place)
+        pooch.retrieve(url, registry_of(name)[file], fname=file, path=target)
     except ValueError as error:
         raise InputError(
             f"{name}: {url} is not the published file (its hash differs); {by_hand(name, folder)}"

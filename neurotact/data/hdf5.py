@@ -299,8 +299,8 @@ def _beside(path: Path, source: str) -> str:
 
 def _from_here(path: str | Path, source: str) -> str:
     """A source that is a path of a file, from the folder of the file at `path`, as a path from the current folder."""
-    place = Path(path).parent / source
-    return str(place) if source and os.path.isfile(place) else source
+    beside = Path(path).parent / source
+    return str(beside) if source and os.path.isfile(beside) else source
 
 
 def save_spikes(trains: SpikeTrains, path: str | Path) -> None:
@@ -393,9 +393,9 @@ def _write_rows(dataset: h5py.Dataset, first: int, rows: list[np.ndarray], kind:
     for i, values in enumerate(rows):
         boxed[i] = np.asarray(values, kind)
     # h5py's own assignment turns rows that happen to have one length into a table.
-    place = dataset.id.get_space()
-    place.select_hyperslab((first,), boxed.shape)
-    dataset.id.write(h5py.h5s.create_simple(boxed.shape), place, boxed)
+    space = dataset.id.get_space()
+    space.select_hyperslab((first,), boxed.shape)
+    dataset.id.write(h5py.h5s.create_simple(boxed.shape), space, boxed)
 
 
 def _write_table(group: h5py.Group, table: pd.DataFrame) -> None:

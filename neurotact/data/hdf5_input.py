@@ -93,36 +93,36 @@ def _heaps(file: BinaryIO, after_hole: Callable[[int], int] = int) -> Iterator[i
             first = max(0, offset - len(HEAP) + 1)
             file.seek(first)
             content = file.read(offset + len(block) + len(HEAP) - 1 - first)
-            found = content.find(HEAP)
-            while found >= 0:
-                yield first + found
-                found = content.find(HEAP, found + len(HEAP))
+            begin = content.find(HEAP)
+            while begin >= 0:
+                yield first + begin
+                begin = content.find(HEAP, begin + len(HEAP))
         offset = after_hole(offset + len(block))
         file.seek(offset)
 
 
 def _check_heap(file: BinaryIO, start: int, path: Path) -> None:
-    at, end = start + 16, start + _number(file, start + 8, 8)
+    position, end = start + 16, start + _number(file, start + 8, 8)
     for _ in range(MOST_OBJECTS):
-        if at + 16 > end:
+        if position + 16 > end:
             return
-        index, size = _number(file, at, 2), _number(file, at + 8, 8)
+        index, size = _number(file, position, 2), _number(file, position + 8, 8)
         if index == 0 and size < 16:
             break
-        at += size if index == 0 else 16 + -(-size // 8) * 8
+        position += size if index == 0 else 16 + -(-size // 8) * 8
     raise OSError(f"the heap at byte {start} of {path.name} is damaged")
 
 
-def _number(file: BinaryIO, at: int, n_bytes: int) -> int:
-    file.seek(min(at, FARTHEST))
+def _number(file: BinaryIO, position: int, n_bytes: int) -> int:
+    file.seek(min(position, FARTHEST))
     return int.from_bytes(file.read(n_bytes), "little")
 
 
 @contextmanager
 def _open(path: str | Path) -> Iterator[h5py.File]:
-    found = existing(path)
-    check_heaps(found)
-    with h5py.File(found, "r") as file:
+    existing_path = existing(path)
+    check_heaps(existing_path)
+    with h5py.File(existing_path, "r") as file:
         yield file
 
 
@@ -136,10 +136,10 @@ def opened(path: str | Path, *kinds: str) -> Iterator[tuple[h5py.File, str]]:
     what, command = " or ".join([kind for kind in kinds if kind != EVENTS] or kinds), f"neurotact {MADE_BY[kinds[0]]}"
     with reading(path, what, command) as file:
         unsaid = EVENTS if "spikes" in file and "labels" in file else ""
-        found = attribute(file, "kind", path) if "kind" in file.attrs else unsaid
-        if found not in kinds:
-            raise InputError(f"{path}: holds {_shown(found) or 'something else'}, not {what}; make one with {command}")
-        yield file, found
+        named = attribute(file, "kind", path) if "kind" in file.attrs else unsaid
+        if named not in kinds:
+            raise InputError(f"{path}: holds {_shown(named) or 'something else'}, not {what}; make one with {command}")
+        yield file, named
 
 
 @contextmanager
@@ -162,11 +162,11 @@ def reading(path: str | Path, what: str, command: str) -> Iterator[h5py.File]:
 
 def attribute(holder: h5py.Group, name: str, path: str | Path) -> Any:
     """One attribute of a file or a group; InputError for a text that is not UTF-8, KeyError if it is absent."""
-    found = h5py.h5a.open(holder.id, name.encode())
-    if found.shape != ():
+    attr = h5py.h5a.open(holder.id, name.encode())
+    if attr.shape != ():
         raise ValueError(f"{name} is not a single value")
-    check_size(path, found.dtype.itemsize)
-    if found.dtype.hasobject:
+    check_size(path, attr.dtype.itemsize)
+    if attr.dtype.hasobject:
         _check_text_length(holder, name, Path(path))
     value = holder.attrs[name]
     if isinstance(value, bytes):
@@ -188,14 +188,14 @@ def _check_text_length(holder: h5py.Group, name: str, path: Path) -> None:
         near = file.read(NEAR_BYTES)
     said = len(name.encode()) + 1
     head = b"\x01\0" + said.to_bytes(2, "little")
-    at = near.find(name.encode() + b"\0")
-    while at >= 0:
-        if near[max(0, at - 8) :].startswith(head):
-            sizes = (said, *(int.from_bytes(near[at - n : at - n + 2], "little") for n in (4, 2)))
-            start = at + sum(-(-size // 8) * 8 for size in sizes)
+    position = near.find(name.encode() + b"\0")
+    while position >= 0:
+        if near[max(0, position - 8) :].startswith(head):
+            sizes = (said, *(int.from_bytes(near[position - n : position - n + 2], "little") for n in (4, 2)))
+            start = position + sum(-(-size // 8) * 8 for size in sizes)
             if int.from_bytes(near[start : start + 4], "little") > path.stat().st_size:
                 raise OSError(f"the length of {name} is damaged")
-        at = near.find(name.encode() + b"\0", at + 1)
+        position = near.find(name.encode() + b"\0", position + 1)
 
 
 def table(text: Any, kind: type) -> Any:
@@ -204,20 +204,20 @@ def table(text: Any, kind: type) -> Any:
     >>> table('["taxel1"]', list)
     ['taxel1']
     """
-    found = json.loads(text)
-    if not isinstance(found, kind):
+    value = json.loads(text)
+    if not isinstance(value, kind):
         raise ValueError(f"holds {_shown(text)} where a {'table' if kind is dict else kind.__name__} is expected")
-    return found
+    return value
 
 
 def names(text: Any) -> tuple[str, ...]:
     """The names in a JSON attribute; each is valid UTF-8."""
-    found = table(text, list)
-    for name in found:
+    labels = table(text, list)
+    for name in labels:
         if not isinstance(name, str):
             raise ValueError(f"holds {_shown(name)} where a name is expected")
         name.encode()
-    return tuple(found)
+    return tuple(labels)
 
 
 class Declared:
@@ -248,11 +248,11 @@ class Declared:
         if not isinstance(base, np.dtype) or base.kind not in kinds:
             raise TypeError(f"{name} does not hold rows of numbers")
         self._reserve(dataset.size * dataset.dtype.itemsize)
-        found: list[np.ndarray] = []
+        parts: list[np.ndarray] = []
         for part in self._parts(dataset):
             self._reserve(sum(row.nbytes for row in part))
-            found.extend(part)
-        return found
+            parts.extend(part)
+        return parts
 
     def texts(self, name: str) -> list[str]:
         """A dataset of UTF-8 texts, one per trial."""
@@ -260,11 +260,11 @@ class Declared:
         if not h5py.check_string_dtype(dataset.dtype):
             raise TypeError(f"{name} does not hold texts")
         self._reserve(dataset.size * (dataset.dtype.itemsize + TEXT_BYTES))
-        found: list[str] = []
+        decoded: list[str] = []
         for part in self._parts(dataset):
             self._reserve(4 * sum(map(len, part)))
-            found.extend(_decoded(text, f"{self.path}: {name}") if isinstance(text, bytes) else text for text in part)
-        return found
+            decoded.extend(_decoded(text, f"{self.path}: {name}") if isinstance(text, bytes) else text for text in part)
+        return decoded
 
     def value(self, name: str) -> Any:
         """A dataset of numbers of any shape as an array, or of texts as a text or an array of them."""
@@ -275,11 +275,11 @@ class Declared:
         if not h5py.check_string_dtype(dataset.dtype):
             raise TypeError(f"{name} holds neither numbers nor texts")
         self._reserve(dataset.size * (dataset.dtype.itemsize + TEXT_BYTES))
-        found = [] if dataset.ndim else [np.array(dataset[()], object)]
-        for part in self._parts(dataset) if dataset.ndim else found:
+        parts = [] if dataset.ndim else [np.array(dataset[()], object)]
+        for part in self._parts(dataset) if dataset.ndim else parts:
             self._reserve(4 * sum(map(len, part.ravel())))
-            found += [part] if dataset.ndim else []
-        texts = np.concatenate(found) if dataset.ndim else found[0]
+            parts += [part] if dataset.ndim else []
+        texts = np.concatenate(parts) if dataset.ndim else parts[0]
         decoded = [_decoded(text, f"{self.path}: {name}") for text in texts.ravel()]
         return np.array(decoded, object).reshape(dataset.shape) if dataset.ndim else decoded[0]
 
@@ -302,10 +302,10 @@ class Declared:
 
     def group(self, name: str) -> h5py.Group:
         """A group of this file itself."""
-        found = self._found(name)
-        if not isinstance(found, h5py.Group):
+        holder = self._found(name)
+        if not isinstance(holder, h5py.Group):
             raise TypeError(f"{name} is not a group")
-        return found
+        return holder
 
     def streamed(self, name: str, kinds: str = "iuf") -> h5py.Dataset:
         """A dataset of numbers that is read in pieces of rows, `(sample, ...)`, however large it is."""
@@ -368,7 +368,7 @@ class Declared:
                 f"store it with gzip or without compression"
             )
         if h5py.h5z.FILTER_DEFLATE in filters and not all(
-            _inflates_within(dataset, place, chunk_bytes) for place in _places(dataset)
+            _inflates_within(dataset, chunk, chunk_bytes) for chunk in _places(dataset)
         ):
             raise InputError(f"{self.path}: {name} inflates to more than it declares; write it again")
 
@@ -384,15 +384,15 @@ class Declared:
     def _stored(self, dataset: h5py.Dataset) -> Iterator[bytes]:
         """What the file holds of a dataset of variable length: references to a heap, without filters."""
         if dataset.chunks is None:
-            at = dataset.id.get_offset()
-            if at is not None:
+            offset = dataset.id.get_offset()
+            if offset is not None:
                 with Path(self.path).open("rb") as file:
-                    file.seek(at)
+                    file.seek(offset)
                     yield file.read(dataset.id.get_storage_size())
             return
         filters = _filters(dataset)
-        for place in _places(dataset):
-            mask, content = dataset.id.read_direct_chunk(place.chunk_offset)
+        for chunk in _places(dataset):
+            mask, content = dataset.id.read_direct_chunk(chunk.chunk_offset)
             if h5py.h5z.FILTER_DEFLATE in filters and not mask:
                 content = zlib.decompress(content)
             if h5py.h5z.FILTER_SHUFFLE in filters and not mask:
@@ -433,11 +433,11 @@ def _places(dataset: h5py.Dataset) -> list[Any]:
     return places
 
 
-def _inflates_within(dataset: h5py.Dataset, place: Any, n_bytes: int) -> bool:
+def _inflates_within(dataset: h5py.Dataset, chunk: Any, n_bytes: int) -> bool:
     """Whether a gzip chunk holds no more than `n_bytes` and the checksum, which may be inside or after it."""
-    if place.size > 2 * n_bytes + 1000:
+    if chunk.size > 2 * n_bytes + 1000:
         return False
-    mask, content = dataset.id.read_direct_chunk(place.chunk_offset)
+    mask, content = dataset.id.read_direct_chunk(chunk.chunk_offset)
     if mask:  # a filter was skipped for this chunk: it is stored as it is
         return True
     inflater, left = zlib.decompressobj(), n_bytes + 4

@@ -107,32 +107,32 @@ class Output(io.RawIOBase):
 
     def _keep(self, view: memoryview) -> None:
         """Write to the pages in memory."""
-        place = self._place
+        position = self._place
         while len(view):
-            number, first = divmod(place, PAGE)
+            number, first = divmod(position, PAGE)
             part = view[: PAGE - first]
             if number not in self._lost:
                 self._lost[number] = bytearray(self._from_disk(number * PAGE, PAGE))
             self._lost[number][first : first + len(part)] = part
-            place, view = place + len(part), view[len(part) :]
+            position, view = position + len(part), view[len(part) :]
 
-    def _remembered(self, place: int, n_bytes: int) -> bytes:
+    def _remembered(self, position: int, n_bytes: int) -> bytes:
         """The written data, whether it is on the disk or in memory."""
-        found = bytearray(self._from_disk(place, n_bytes))
-        for number in range(place // PAGE, (place + n_bytes + PAGE - 1) // PAGE):
+        content = bytearray(self._from_disk(position, n_bytes))
+        for number in range(position // PAGE, (position + n_bytes + PAGE - 1) // PAGE):
             page = self._lost.get(number)
             if page is not None:
-                first, last = max(place, number * PAGE), min(place + n_bytes, (number + 1) * PAGE)
-                found[first - place : last - place] = page[first - number * PAGE : last - number * PAGE]
-        return bytes(found)
+                first, last = max(position, number * PAGE), min(position + n_bytes, (number + 1) * PAGE)
+                content[first - position : last - position] = page[first - number * PAGE : last - number * PAGE]
+        return bytes(content)
 
-    def _from_disk(self, place: int, n_bytes: int) -> bytes:
+    def _from_disk(self, position: int, n_bytes: int) -> bytes:
         """The data on the disk; zeros beyond its end."""
-        self._file.seek(place)
-        found = bytearray()
-        while len(found) < n_bytes and (more := self._file.read(n_bytes - len(found))):
-            found += more
-        return bytes(found.ljust(n_bytes, b"\0"))
+        self._file.seek(position)
+        content = bytearray()
+        while len(content) < n_bytes and (more := self._file.read(n_bytes - len(content))):
+            content += more
+        return bytes(content.ljust(n_bytes, b"\0"))
 
     def _end(self) -> int:
         end = self._file.seek(0, io.SEEK_END)

@@ -66,7 +66,7 @@ def read(declared: Declared, spec: EventSpec) -> SpikeTrains:
     afferents = channel_names(max((int(units[trial].max()) + 1 for trial in filled), default=1), spec, str(path))
     ordered = [_in_order(row, unit, spec) for row, unit in zip(rows, units, strict=True)]
     n_events = sum(map(len, rows))
-    say_order(sum(each.n_back for each in ordered), sum(each.n_wraps for each in ordered), n_events, str(path))
+    say_order(sum(trial.n_back for trial in ordered), sum(trial.n_wraps for trial in ordered), n_events, str(path))
     some, ends = [NO_EVENTS], [NO_EVENTS]
     every = max(1, n_events // MOST_COMPARED)
     for trial in filled:
@@ -77,11 +77,11 @@ def read(declared: Declared, spec: EventSpec) -> SpikeTrains:
     check_range(float(of_ends.time_s.min(initial=0.0)), float(of_ends.time_s.max(initial=0.0)), spec, str(path))
     step_s = 1e-3 * spec.step_ms
     rounding = rounding_of(joined_times(some), step_s)
-    steps = [steps_of(_times_of(each, spec), step_s, rounding) for each in ordered]
-    n_steps = n_steps_of(max(int(each.max(initial=0)) for each in steps), spec)
-    found = on_clock(((each, unit, n_steps) for each, unit in zip(steps, units, strict=True)), len(afferents))
-    say_lost(found, spec, str(path))
-    return from_trials(found.trials, 1e3 / spec.step_ms, afferents, conditions, source=str(path))
+    steps = [steps_of(_times_of(trial, spec), step_s, rounding) for trial in ordered]
+    n_steps = n_steps_of(max(int(row.max(initial=0)) for row in steps), spec)
+    binned = on_clock(((row, unit, n_steps) for row, unit in zip(steps, units, strict=True)), len(afferents))
+    say_lost(binned, spec, str(path))
+    return from_trials(binned.trials, 1e3 / spec.step_ms, afferents, conditions, source=str(path))
 
 
 def _check_options(spec: EventSpec, path: str | Path) -> None:
@@ -111,7 +111,7 @@ def _conditions(declared: Declared, file: h5py.File, labels: np.ndarray, path: s
         names = [str(label) for label in labels.tolist()]
     table = pd.DataFrame({LABEL: names})
     for name in extra:
-        place = f"extra/{name}"
-        if name != "keys" and isinstance(file[place], h5py.Dataset) and file[place].shape == labels.shape:
-            table[str(name)] = declared.column(place, len(labels))
+        dataset = f"extra/{name}"
+        if name != "keys" and isinstance(file[dataset], h5py.Dataset) and file[dataset].shape == labels.shape:
+            table[str(name)] = declared.column(dataset, len(labels))
     return table

@@ -115,22 +115,22 @@ def from_neo(
     segments, conditions = _chosen(segments, conditions, keep)
     n_spikes = sum(len(train) for segment in segments for train in segment.spiketrains)
     check_size(f"block: {n_spikes} spikes", BYTES_PER_EVENT * n_spikes)
-    places = {name: place for place, name in enumerate(afferents)}
+    places = {name: column for column, name in enumerate(afferents)}
     trials = [_trial(segment, trial, rate_Hz, places) for trial, segment in enumerate(segments)]
     rounding = rounding_of(joined_times([trial.times for trial in trials]), 1 / rate_Hz)
     lengths = lengths_of(joined_times([trial.end for trial in trials]), 1 / rate_Hz, rounding).tolist()
     # A spike at the end of its train falls in the last step.
-    found = on_clock(
+    binned = on_clock(
         (
             (steps_of(trial.times, 1 / rate_Hz, rounding).clip(0, n_steps - 1), trial.units, n_steps)
             for trial, n_steps in zip(trials, lengths, strict=True)
         ),
         len(places),
     )
-    say_merged(found, 1 / rate_Hz, "block", accept=merge_events, step="`step_ms`")
+    say_merged(binned, 1 / rate_Hz, "block", accept=merge_events, step="`step_ms`")
     told = [[str(segment.annotations.get(key, "")) for segment in segments] for key in (DIGEST, TOUCH)]
     return from_trials(
-        (each._replace(digest=digest, touch=touch) for each, digest, touch in zip(found.trials, *told, strict=True)),
+        (row._replace(digest=digest, touch=touch) for row, digest, touch in zip(binned.trials, *told, strict=True)),
         rate_Hz, afferents, conditions,
         _encoder(block) if is_own else None, source=str(block.annotations.get("source", "")),
     )  # fmt: skip
@@ -150,20 +150,20 @@ def _clock(block: Any, segments: Sequence[Any], step_ms: float | None) -> tuple[
 
 
 def _names(segment: Any) -> list[str]:
-    return [str(train.name) if train.name else f"unit{place}" for place, train in enumerate(segment.spiketrains)]
+    return [str(train.name) if train.name else f"unit{number}" for number, train in enumerate(segment.spiketrains)]
 
 
 def _afferents(segments: Sequence[Any]) -> tuple[str, ...]:
-    found: dict[str, None] = {}
+    afferents: dict[str, None] = {}
     for trial, segment in enumerate(segments):
         names = _names(segment)
         if len(set(names)) < len(names):
             twice = next(name for name in names if names.count(name) > 1)
             raise InputError(f"block: segment {trial} has two spike trains called '{twice[:40]}'; rename one of them")
-        found |= dict.fromkeys(names)
-    if len(found) > MOST_AFFERENTS:
-        raise InputError(f"block: has {len(found)} units, more than {MOST_AFFERENTS}; keep fewer")
-    return tuple(found)
+        afferents |= dict.fromkeys(names)
+    if len(afferents) > MOST_AFFERENTS:
+        raise InputError(f"block: has {len(afferents)} units, more than {MOST_AFFERENTS}; keep fewer")
+    return tuple(afferents)
 
 
 def _chosen(segments: Sequence[Any], conditions: pd.DataFrame, keep: np.ndarray) -> tuple[list[Any], pd.DataFrame]:
@@ -177,10 +177,10 @@ def _observed(segments: Sequence[Any], afferents: Sequence[str], step_s: float) 
     A unit without a spike train is taken as silent, and a line counts them.
     """
     observed = np.ones((len(afferents), len(segments)), bool)
-    places, n_absent = {name: place for place, name in enumerate(afferents)}, 0
+    places, n_absent = {name: column for column, name in enumerate(afferents)}, 0
     for trial, segment in enumerate(segments):
         spans = [
-            [float(end.rescale("s").magnitude) for end in (each.t_start, each.t_stop)] for each in segment.spiketrains
+            [float(end.rescale("s").magnitude) for end in (unit.t_start, unit.t_stop)] for unit in segment.spiketrains
         ]
         starts_s, stops_s = np.array(spans).T
         is_whole = (starts_s <= starts_s.min() + step_s) & (stops_s >= stops_s.max() - step_s)
@@ -208,7 +208,7 @@ def _trial(segment: Any, trial: int, rate_Hz: float, places: dict[str, int]) -> 
     if not 0 <= (stop_s - start_s) * rate_Hz <= LONGEST_STEPS:
         raise InputError(f"block: segment {trial} lasts from {start_s:g} s to {stop_s:g} s; no clock holds it")
     times = [_times(train) for train in trains]
-    units = np.repeat([places[name] for name in _names(segment)], [len(each.time_s) for each in times])
+    units = np.repeat([places[name] for name in _names(segment)], [len(unit.time_s) for unit in times])
     ends = joined_times([_times(train.t_stop) for train in trains])
     last = ends.at(np.array([int(ends.time_s.argmax())]))
     return _Trial(joined_times(times).since(start_s), units, last.since(start_s))
@@ -234,10 +234,10 @@ def _conditions(segments: Sequence[Any], label: str) -> pd.DataFrame:
 
 def _encoder(block: Any) -> dict[str, Any]:
     try:
-        found = json.loads(block.annotations.get("encoder", "{}"))
+        encoder = json.loads(block.annotations.get("encoder", "{}"))
     except (TypeError, ValueError, RecursionError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return encoder if isinstance(encoder, dict) else {}
 
 
 def _neo() -> Any:

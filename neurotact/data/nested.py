@@ -43,7 +43,7 @@ def turns_of(units: np.ndarray, labels: np.ndarray, rest: np.ndarray) -> list[Tu
         others = rest[~np.isin(units[rest], turn)]
         return np.array_equal(np.unique(labels[others]), classes) and len(rest) - len(others) <= LARGEST * len(rest)
 
-    return [turn for turn in (tuple(known[place::n_turns]) for place in range(n_turns)) if can_be_left_out(turn)]
+    return [turn for turn in (tuple(known[first::n_turns]) for first in range(n_turns)) if can_be_left_out(turn)]
 
 
 def note(columns: Iterable[str], turns: Sequence[Turn], *, varied: bool = False) -> str:

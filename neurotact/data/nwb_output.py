@@ -86,8 +86,8 @@ def _add_trials(made: Any, spikes: SpikeTrains) -> None:
 
 def _add_units(made: Any, spikes: SpikeTrains, pynwb: Any) -> None:
     before = np.cumsum(spikes.trial_steps) - spikes.trial_steps
-    steps = np.concatenate([np.asarray(each, np.int64) + n for each, n in zip(spikes.steps, before, strict=True)])
-    units = np.concatenate([np.asarray(each, np.int64) for each in spikes.units])
+    steps = np.concatenate([np.asarray(trial, np.int64) + n for trial, n in zip(spikes.steps, before, strict=True)])
+    units = np.concatenate([np.asarray(trial, np.int64) for trial in spikes.units])
     order = np.argsort(units, kind="stable")
     ends = np.searchsorted(units[order], np.arange(1, len(spikes.afferents)))
     made.units = pynwb.misc.Units(

@@ -130,11 +130,11 @@ def onsets_s(trials: Trials, rest_s: float) -> np.ndarray:
     >>> onsets_s(Recordings(signals, 100.0, "mV", pd.DataFrame({"label": ["a", "b"]})), 1.0).tolist()
     [2.0, nan]
     """
-    found = np.full(len(trials), np.nan)
+    onsets = np.full(len(trials), np.nan)
     width = max(1, round(ONSET_S * trials.sampling_rate_Hz))
     n_rest = int(rest_s * trials.sampling_rate_Hz) // width
     if n_rest < 2:
-        return found
+        return onsets
     for trial, n_samples in enumerate(trials.lengths.tolist()):
         n_bins = n_samples // width
         signal = trials.piece(trial, 0, n_bins * width).astype(np.float64)
@@ -144,8 +144,8 @@ def onsets_s(trials: Trials, rest_s: float) -> np.ndarray:
         away = np.sqrt((((signal - rest.mean(axis=0)) / deviation) ** 2).mean(axis=1))
         above = np.flatnonzero(away[n_rest:] > ONSET_DEVIATIONS)
         if len(above):
-            found[trial] = (n_rest + above[0]) * width / trials.sampling_rate_Hz
-    return found
+            onsets[trial] = (n_rest + above[0]) * width / trials.sampling_rate_Hz
+    return onsets
 
 
 def common_spike_onset_s(spikes: SpikeTrains) -> float:
@@ -169,8 +169,8 @@ def common_spike_onset_s(spikes: SpikeTrains) -> float:
     rates = np.empty((len(chosen), len(edges) - 1, 1, n_afferents), np.float32)
     for row, trial in enumerate(chosen):
         n_inside = np.searchsorted(spikes.steps[trial], shortest)
-        place = np.searchsorted(edges, spikes.steps[trial][:n_inside], "right") - 1
-        cell = place * n_afferents + spikes.units[trial][:n_inside]
+        bins = np.searchsorted(edges, spikes.steps[trial][:n_inside], "right") - 1
+        cell = bins * n_afferents + spikes.units[trial][:n_inside]
         counts = np.bincount(cell, minlength=rates[row].size).reshape(-1, n_afferents)
         rates[row, :, 0] = counts / np.diff(edges)[:, None]
     return _begin(rates, edges) / spikes.sampling_rate_Hz
@@ -188,7 +188,7 @@ def evenly(n_trials: int, most: int = MOST_TRIALS) -> np.ndarray:
 def _features(trials: Trials, trial: int, edges: list[int]) -> np.ndarray:
     """Mean and standard deviation of each channel of a trial in each bin, `(bin, 2, channel)`."""
     n_bins = len(edges) - 1
-    found = np.empty((n_bins, 2, trials.n_channels))
+    features = np.empty((n_bins, 2, trials.n_channels))
     together = max(1, MOST_READ * n_bins // (edges[-1] * trials.n_channels))
     for first in range(0, n_bins, together):
         inside = np.array(edges[first : first + together + 1])
@@ -197,8 +197,8 @@ def _features(trials: Trials, trial: int, edges: list[int]) -> np.ndarray:
         mean = np.add.reduceat(piece, starts) / widths[:, None]
         piece -= np.repeat(mean, widths, axis=0)
         deviation = np.sqrt(np.add.reduceat(piece**2, starts) / widths[:, None])
-        found[first : first + together] = np.stack([mean, deviation], axis=1)
-    return found
+        features[first : first + together] = np.stack([mean, deviation], axis=1)
+    return features
 
 
 def _edges(shortest: int) -> list[int]:

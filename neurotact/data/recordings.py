@@ -289,13 +289,13 @@ def select_conditions(
         if column not in table:
             raise InputError(f"{source}: there is no {nouns[1]} '{column}'; {nearest(column, list(table.columns))}")
         values = list(wanted) if isinstance(wanted, (list, tuple)) else [wanted]
-        found = table[column]
-        if found.dtype.kind not in "iuf":  # a class may have the name 3, and true may be written in two ways
-            found, values = _as_words(found), list(map(_as_word, values))
-        keep &= found.isin(values).to_numpy()
+        values_of_column = table[column]
+        if values_of_column.dtype.kind not in "iuf":  # a class may have the name 3, and true may be written in two ways
+            values_of_column, values = _as_words(values_of_column), list(map(_as_word, values))
+        keep &= values_of_column.isin(values).to_numpy()
     if not keep.any():
-        asked = ", ".join(f"{column} = {wanted}" for column, wanted in where.items())
-        raise InputError(f"{source}: no {nouns[0]} has {asked}; {_values_of(table, where)}")
+        condition = ", ".join(f"{column} = {wanted}" for column, wanted in where.items())
+        raise InputError(f"{source}: no {nouns[0]} has {condition}; {_values_of(table, where)}")
     return keep
 
 

@@ -44,12 +44,12 @@ class Finger(NamedTuple):
     def checked(self, what: Any, values: Mapping[str, Any]) -> dict[str, Any]:
         """Values of all controls, with defaults for those that are not given; InputError for a wrong one."""
         controls = {control.name: control for control in self.controls(what)}
-        found = {name: control.value for name, control in controls.items()}
+        settings = {name: control.value for name, control in controls.items()}
         for name, value in values.items():
             if name not in controls:
                 raise InputError(f"{name}: is not a control of this finger; {nearest(name, [*controls])}")
-            found[name] = _checked(controls[name], value)
-        return found
+            settings[name] = _checked(controls[name], value)
+        return settings
 
 
 def _checked(control: Control, value: Any) -> float | str:
@@ -112,26 +112,26 @@ class Reader(NamedTuple):
 
 def simulator(name: str) -> Simulator:
     """The simulator of that name; InputError when there is none, or it cannot be used."""
-    found = plugins.load("simulators", name, Simulator)
-    if not (isinstance(found.model, type) and issubclass(found.model, Spec) and callable(found.simulate)):
+    loaded = plugins.load("simulators", name, Simulator)
+    if not (isinstance(loaded.model, type) and issubclass(loaded.model, Spec) and callable(loaded.simulate)):
         raise plugins.unfit("simulators", name, "has a model that is not a Spec, or nothing to call")
-    return found
+    return loaded
 
 
 def reader(name: str) -> Reader:
     """The reader of that name; InputError when there is none, or it cannot be used."""
-    found = plugins.load("readers", name, Reader)
-    if not callable(found.read):
+    loaded = plugins.load("readers", name, Reader)
+    if not callable(loaded.read):
         raise plugins.unfit("readers", name, "has nothing to call")
-    return found
+    return loaded
 
 
 def read_recordings(name: str, path: Path) -> Recordings:
     """The recordings from the reader of that name; InputError if it reads spikes, which need no encoder."""
-    found = reader(name).read(path)
-    if not isinstance(found, Recordings):
+    recordings = reader(name).read(path)
+    if not isinstance(recordings, Recordings):
         raise InputError(f"{path}: '{name}' reads spikes, not recordings; train on them with neurotact train")
-    return found
+    return recordings
 
 
 def expand(path: str) -> Path:

@@ -273,18 +273,18 @@ class SpikeTrains:
         for cut_into in map(self.cut, windows):
             np.maximum.at(end, cut_into.trial, cut_into.start + cut_into.n_steps)
         kept = [np.searchsorted(steps, last) for steps, last in zip(self.steps, end.tolist(), strict=True)]
-        steps, units = ([each[:n] for each, n in zip(rows, kept, strict=True)] for rows in (self.steps, self.units))
+        steps, units = ([row[:n] for row, n in zip(rows, kept, strict=True)] for rows in (self.steps, self.units))
         more = self.variations
         more = None if more is None else more._replace(trains=more.trains.until(*windows))
         return replace(self, steps=steps, units=units, variations=more)
 
     def counts(self, windows: Windows) -> np.ndarray:
         """Spikes of all afferents in each window, `(window,)` int64: the sums of `raster`."""
-        found = [
+        totals = [
             np.subtract(*np.searchsorted(self.steps[trial], (start + windows.n_steps, start)))
             for trial, start in zip(windows.trial, windows.start, strict=True)
         ]
-        return np.array(found, np.int64)
+        return np.array(totals, np.int64)
 
     def raster(self, windows: Windows) -> np.ndarray:
         """Spikes in the given windows, `(window, time, afferent)` uint8; InputError if it is too large."""
@@ -308,19 +308,19 @@ def from_trials(
     recorded_Hz: float | None = None,
 ) -> SpikeTrains:
     """Spike trains from an iterator of trials, in the order of the rows of `conditions`."""
-    found = list(trials)
+    listed = list(trials)
     return SpikeTrains(
-        steps=[trial.steps for trial in found],
-        units=[trial.units for trial in found],
-        trial_steps=np.array([trial.n_steps for trial in found], np.int64),
+        steps=[trial.steps for trial in listed],
+        units=[trial.units for trial in listed],
+        trial_steps=np.array([trial.n_steps for trial in listed], np.int64),
         sampling_rate_Hz=sampling_rate_Hz,
         afferents=afferents,
         conditions=conditions.reset_index(drop=True),
         encoder=dict(encoder or {}),
         source=source,
-        trial_digests=tuple(trial.digest for trial in found) if all(trial.digest for trial in found) else (),
+        trial_digests=tuple(trial.digest for trial in listed) if all(trial.digest for trial in listed) else (),
         touch_s=touch_s,
-        trial_touches=touch_names(found),
+        trial_touches=touch_names(listed),
         recorded_Hz=recorded_Hz,
     )
 

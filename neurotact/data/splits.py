@@ -186,9 +186,9 @@ def split_touches(touches: Trials | SpikeTrains, stratify: Iterable[str], spec: 
 
 def training_touches(recordings: Trials, stratify: Iterable[str], spec: SplitSpec) -> np.ndarray:
     """The training trials of a split without copies of one another, for fitting an encoder; warns of those left out."""
-    found = copies_of(recordings)
-    training = split_conditions(recordings.conditions, stratify, spec, found.first).train
-    distinct = found.distinct(training)
+    repeats = copies_of(recordings)
+    training = split_conditions(recordings.conditions, stratify, spec, repeats.first).train
+    distinct = repeats.distinct(training)
     if n_copies := len(training) - len(distinct):
         where = recordings.source or "recordings"
         log.warning("%s: copies of training trials are left out of the fit: %d", where, n_copies)
@@ -350,9 +350,9 @@ class _Trials(NamedTuple):
         n_groups = len(np.unique(self.groups[trials]))
         self._check_left(trials, n_groups)
         wanted = min(max(2, round(1 / share)), n_groups)
-        found = self._best(self._folds_of(trials, wanted, seed), trials)
-        self._check_trained(np.setdiff1d(trials, found))
-        return np.sort(found)
+        chosen = self._best(self._folds_of(trials, wanted, seed), trials)
+        self._check_trained(np.setdiff1d(trials, chosen))
+        return np.sort(chosen)
 
     def fold(self, n_folds: int, fold: int) -> np.ndarray:
         """One of the folds of all trials, in whole groups; the others keep every class."""
@@ -366,11 +366,11 @@ class _Trials(NamedTuple):
                 )
         else:
             self._check_groups(len(np.unique(self.groups)), n_folds)
-        found = self._folds_of(every, n_folds, self.spec.seed)[fold]
-        if not len(found):
+        chosen = self._folds_of(every, n_folds, self.spec.seed)[fold]
+        if not len(chosen):
             raise InputError(f"split.fold: fold {fold} of {n_folds} holds no group; choose fewer folds")
-        self._check_trained(np.setdiff1d(every, found))
-        return np.sort(found)
+        self._check_trained(np.setdiff1d(every, chosen))
+        return np.sort(chosen)
 
     def check_whole_groups(self, test: np.ndarray) -> None:
         """Refuse test trials that split a group."""
@@ -394,9 +394,9 @@ class _Trials(NamedTuple):
                 f"split: class '{rarest}' has {_trials(counts.min())} outside the test side, too few to train and "
                 "validate on; add trials"
             )
-        _, found = train_test_split(trials, test_size=n_found, stratify=strata, random_state=seed)
-        self._check_trained(np.setdiff1d(trials, found))
-        return np.sort(found)
+        _, chosen = train_test_split(trials, test_size=n_found, stratify=strata, random_state=seed)
+        self._check_trained(np.setdiff1d(trials, chosen))
+        return np.sort(chosen)
 
     def _folds_of(self, trials: np.ndarray, n_folds: int, seed: int) -> list[np.ndarray]:
         kind = StratifiedKFold if self.groups is None else StratifiedGroupKFold
@@ -405,10 +405,10 @@ class _Trials(NamedTuple):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # a condition with fewer trials than folds is not balanced
             try:
-                found = list(folds.split(trials, self.strata[trials], groups))
+                pairs = list(folds.split(trials, self.strata[trials], groups))
             except ValueError:  # every class and condition is rarer than the folds: balance the classes alone
-                found = list(folds.split(trials, np.zeros(len(trials)), groups))
-        return [trials[test] for _, test in found]
+                pairs = list(folds.split(trials, np.zeros(len(trials)), groups))
+        return [trials[test] for _, test in pairs]
 
     def _best(self, folds: list[np.ndarray], trials: np.ndarray) -> np.ndarray:
         """Among the folds that leave every class to the others, the first one with most classes."""
@@ -475,14 +475,14 @@ def _check_copies(conditions: pd.DataFrame, first: np.ndarray, spec: SplitSpec) 
     if not len(copies):
         return
     if spec.test_where:
-        place = np.isin(np.arange(len(first)), _where(conditions, spec.test_where))
+        group = np.isin(np.arange(len(first)), _where(conditions, spec.test_where))
         key, what = "split.test_where", f"only one of them has {_asked(spec.test_where)}"
     elif spec.order is not None and spec.order in conditions:
-        place = conditions[spec.order].astype(str).to_numpy(dtype=str)
+        group = conditions[spec.order].astype(str).to_numpy(dtype=str)
         key, what = "split.order", f"they have different values of '{spec.order}'"
     else:
         return
-    parted = copies[place[copies] != place[first[copies]]]
+    parted = copies[group[copies] != group[first[copies]]]
     if len(parted):
         copy, copied = (name_of(conditions, trial) for trial in (int(parted[0]), int(first[parted[0]])))
         more = f" ({len(parted)} such copies)" if len(parted) > 1 else ""

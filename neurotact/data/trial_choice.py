@@ -27,7 +27,7 @@ def plain_where(where: Any) -> Any:
     plain = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in where.items()}
     for name, value in plain.items():
         values = value if isinstance(value, (list, tuple)) else [value]
-        if not values or not all(isinstance(each, (str, int, float)) for each in values):
+        if not values or not all(isinstance(value, (str, int, float)) for value in values):
             raise ValueError(f"{name} must be a value or a list of values; got {value!r}")
     return plain
 
@@ -71,15 +71,15 @@ class TrialChoice(NamedTuple):
         TrialChoice(where={'speed': 300}, leave_out={'label': ['rest']})
         """
         try:
-            found = cls(plain_where({} if where is None else where), plain_leave_out(leave_out))
+            choice = cls(plain_where({} if where is None else where), plain_leave_out(leave_out))
         except ValueError as error:
             raise InputError(f"where, leave_out: {error}") from error
-        for name, given in zip(cls._fields, found, strict=True):
+        for name, given in zip(cls._fields, choice, strict=True):
             if not isinstance(given, Mapping) or not all(isinstance(column, str) for column in given):
                 raise InputError(
                     f"{name}: must map conditions to values, such as {{'speed': 300}}; got {type(given).__name__}"
                 )
-        return found
+        return choice
 
     def __bool__(self) -> bool:
         return bool(self.where or self.leave_out)
@@ -98,7 +98,7 @@ class TrialChoice(NamedTuple):
 
     def with_label(self, name: str) -> "TrialChoice":
         """The choice with the class in place of the column `name` of a file, which is the class."""
-        return TrialChoice(*({LABEL if each == name else each: value for each, value in part.items()} for part in self))
+        return TrialChoice(*({LABEL if key == name else key: value for key, value in part.items()} for part in self))
 
     def _part(self, is_in: Any) -> "TrialChoice":
         return TrialChoice(*({name: value for name, value in part.items() if is_in(name)} for part in self))

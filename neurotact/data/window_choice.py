@@ -127,8 +127,8 @@ def on_late_onsets(spikes: SpikeTrains, timing: Timing, window: WindowSpec, word
     if window.align != "trial" or rest_ms < OnsetSpec().bin_ms:
         return
     trials = evenly(len(spikes))
-    found = spikes.onsets(OnsetSpec(rest_ms=rest_ms), trials)
-    onsets_ms = np.array([1e3 * onset / timing.clock_Hz for onset in found if onset is not None])
+    onsets = spikes.onsets(OnsetSpec(rest_ms=rest_ms), trials)
+    onsets_ms = np.array([1e3 * onset / timing.clock_Hz for onset in onsets if onset is not None])
     n_late = int((onsets_ms > window.start_ms + window.length_ms / 2).sum())
     if len(onsets_ms) >= FOUND * len(trials) and n_late > LATE * len(trials):
         yield (
@@ -156,11 +156,11 @@ def choose(timing: Timing, given: Mapping[str, Any] = {}, words: Words = ARGUMEN
     shortest_ms, longest_ms = float(room_ms.min()), float(room_ms.max())
     whole_ms = max(float(np.floor(shortest_ms + 1e-6)), 1e3 / timing.clock_Hz)
     length_ms = float(given.get("length_ms", min(LONGEST_MS, whole_ms)))
-    asked = given.get("per_trial")  # a wrong value raises an error with the whole window
+    per_trial_given = given.get("per_trial")  # a wrong value raises an error with the whole window
     divisor_ms = max(length_ms, 1e-9)  # so does a length of 0
-    if not isinstance(asked, int):
-        asked = min(MOST_PER_TRIAL, min(MOST_OF_TRIAL_MS, MOST_MS / len(room_ms)) // divisor_ms)
-    per_trial = int(max(1, min(asked, longest_ms // divisor_ms)))
+    if not isinstance(per_trial_given, int):
+        per_trial_given = min(MOST_PER_TRIAL, min(MOST_OF_TRIAL_MS, MOST_MS / len(room_ms)) // divisor_ms)
+    per_trial = int(max(1, min(per_trial_given, longest_ms // divisor_ms)))
     table = {"length_ms": length_ms, "per_trial": per_trial}
     later = " after its onset" if timing.from_onset else ""
     later = f" from {start_ms:g} ms{later} on" if start_ms else later

@@ -194,8 +194,8 @@ def windows(
     complaint = spikes.onset_complaint(spec)
     if complaint:
         warnings.warn(complaint, stacklevel=2)
-    found = spikes.cut(spec)
+    cut = spikes.cut(spec)
     origin = Origin(spikes.encoder or None, spikes.afferents, spec, spikes.recorded_Hz)
-    X = SpikeArray.of(spikes.raster(found), spikes.sampling_rate_Hz, origin)
+    X = SpikeArray.of(spikes.raster(cut), spikes.sampling_rate_Hz, origin)
     names = spikes.conditions["label"].to_numpy(dtype=str)
-    return WindowedSpikes(X, names[found.trial], found.trial, found.start, spikes)
+    return WindowedSpikes(X, names[cut.trial], cut.trial, cut.start, spikes)

@@ -54,10 +54,10 @@ class Annotations(NamedTuple):
             begin, end = begin + time[0], end + time[0]
         outside = np.flatnonzero((end <= time[0]) | (begin > time[-1]))
         if len(outside):
-            at = outside[0]
-            line = at + self.first_line
+            row = outside[0]
+            line = row + self.first_line
             raise InputError(
-                f"{self.path}: line {line}: {begin[at]:.10g} to {end[at]:.10g} lies outside of {where}, "
+                f"{self.path}: line {line}: {begin[row]:.10g} to {end[row]:.10g} lies outside of {where}, "
                 f"which goes from {time[0]:.10g} to {time[-1]:.10g}; give both times on one clock, with their "
                 "units, as in begin_ms"
             )
@@ -116,11 +116,11 @@ def _times(values: np.ndarray, name: str, table: TextTable) -> np.ndarray:
     """The times of a column, finite numbers or times of day."""
     if values.dtype.kind == "U" and is_time_of_day(str(values[0])):
         return seconds_of(values.tolist(), str(table.path), name, table.first_line, None)
-    found = pd.to_numeric(pd.Series(values), errors="coerce").to_numpy(np.float64)
-    wrong = np.flatnonzero(~np.isfinite(found))
+    times = pd.to_numeric(pd.Series(values), errors="coerce").to_numpy(np.float64)
+    wrong = np.flatnonzero(~np.isfinite(times))
     if len(wrong):
         raise InputError(
             f"{table.path}: line {wrong[0] + table.first_line}, column {name} is {str(values[wrong[0]])[:20]!r}, not a "
             "time; write a number"
         )
-    return found
+    return times

@@ -46,16 +46,16 @@ class ArrayFile(NamedTuple):
 
     def values(self, name: str) -> np.ndarray:
         """An array of numbers or texts; a matrix of one row or one column is a vector."""
-        found = np.asarray(self.read(name))
-        found = found.ravel() if len(self.shapes[name]) == 1 else found
-        if found.dtype.kind == "S":
+        array = np.asarray(self.read(name))
+        array = array.ravel() if len(self.shapes[name]) == 1 else array
+        if array.dtype.kind == "S":
             try:
-                return np.char.decode(found, "utf-8")
+                return np.char.decode(array, "utf-8")
             except UnicodeDecodeError as error:
                 raise InputError(f"{self.path}: '{name}' holds text that is not UTF-8; save it again") from error
-        if found.dtype.kind not in "iufbUO":
-            raise InputError(f"{self.path}: '{name}' holds {found.dtype}, neither numbers nor text; leave it out")
-        return found
+        if array.dtype.kind not in "iufbUO":
+            raise InputError(f"{self.path}: '{name}' holds {array.dtype}, neither numbers nor text; leave it out")
+        return array
 
 
 @contextmanager
@@ -100,16 +100,16 @@ def _flat(shape: tuple[int, ...]) -> tuple[int, ...]:
     return (max(shape),) if len(shape) == 2 and 1 in shape and 0 not in shape else shape
 
 
-def _datasets(group: h5py.Group, place: str, depth: int = 0) -> Iterator[tuple[str, tuple[int, ...]]]:
+def _datasets(group: h5py.Group, prefix: str, depth: int = 0) -> Iterator[tuple[str, tuple[int, ...]]]:
     """The shapes of the datasets of an HDF5 file by their paths; links are not followed."""
     for name in group:
         if not isinstance(group.get(name, getlink=True), h5py.HardLink):
             continue
-        found = group[name]
-        if isinstance(found, h5py.Dataset) and found.shape is not None:
-            yield place + name, found.shape
-        elif isinstance(found, h5py.Group) and depth < DEEPEST:
-            yield from _datasets(found, f"{place}{name}/", depth + 1)
+        member = group[name]
+        if isinstance(member, h5py.Dataset) and member.shape is not None:
+            yield prefix + name, member.shape
+        elif isinstance(member, h5py.Group) and depth < DEEPEST:
+            yield from _datasets(member, f"{prefix}{name}/", depth + 1)
 
 
 def is_rate(name: str) -> bool:
@@ -124,8 +124,8 @@ def is_rate(name: str) -> bool:
 def said_rates(file: ArrayFile) -> dict[str, float]:
     """The sampling rates that a file says, in Hz, by the names of their arrays."""
     named = [name for name, shape in file.shapes.items() if is_rate(name) and shape in ((), (1,))]
-    found = {name: file.values(name) for name in named}
-    return {name: float(value.item()) for name, value in found.items() if value.dtype.kind in "iuf"}
+    rates = {name: file.values(name) for name in named}
+    return {name: float(value.item()) for name, value in rates.items() if value.dtype.kind in "iuf"}
 
 
 def sampling_rate_of(said: Mapping[str, float], given_hz: float | None, where: str) -> float:

@@ -75,9 +75,9 @@ def read(
     (Recordings(2 trials x 3 taxels, 50 samples at 100 Hz (0.5 s), count, 2 classes), [1, 1])
     """
     check_import(sampling_rate_Hz, unit, str(path))
-    found = load(path, sampling_rate_Hz, names, axes, conditions)
+    parts = load(path, sampling_rate_Hz, names, axes, conditions)
     recordings = Recordings(
-        found.signals, found.sampling_rate_Hz, unit, found.conditions, found.channels, f"arrays of {Path(path).name}"
+        parts.signals, parts.sampling_rate_Hz, unit, parts.conditions, parts.channels, f"arrays of {Path(path).name}"
     )
     doubts.say(recordings, str(path), FIXES)
     return recordings
@@ -117,12 +117,12 @@ def _loaded(
             "%s: '%s' has the axes %s: %d taxels, named %s to %s row by row",
             file.path, name, ", ".join(order), len(channels), channels[0], channels[-1],
         )  # fmt: skip
-    others = [each for each in file.shapes if each not in (name, channels_at, label_at) and not is_rate(each)]
-    of_trials = [each for each in others if file.shapes[each] == (len(signals),)]
+    others = [other for other in file.shapes if other not in (name, channels_at, label_at) and not is_rate(other)]
+    of_trials = [other for other in others if file.shapes[other] == (len(signals),)]
     conditions = _conditions(file, label_at, of_trials, given)
-    unused = [each for each in others if each not in of_trials] + [each for each in file.cells if each != name]
+    unused = [other for other in others if other not in of_trials] + [cell for cell in file.cells if cell != name]
     if unused:
-        log.warning("%s: not used: %s", file.path, some([f"{each} {_shape(file, each)}" for each in unused]))
+        log.warning("%s: not used: %s", file.path, some([f"{name} {_shape(file, name)}" for name in unused]))
     return Loaded(signals, conditions, channels, sampling_rate_of(said_rates(file), rate_Hz, str(file.path)))
 
 
@@ -136,13 +136,13 @@ def _signals_at(file: ArrayFile, named: str | None, axes: str | None) -> str:
         return _existing(file, named)
     stacks = [name for name, shape in file.shapes.items() if len(shape) in (3, 4)]
     named_axes = [name for name, shape in file.shapes.items() if axes and len(shape) == axes.count(",") + 1]
-    found = named_axes or stacks or [*file.cells]
-    if len(found) == 1:
-        return found[0]
+    names = named_axes or stacks or [*file.cells]
+    if len(names) == 1:
+        return names[0]
     shown = ", ".join(f"{name} {_shape(file, name)}" for name in [*file.shapes, *file.cells][:12]) or "none at all"
     matrix = next((name for name, shape in file.shapes.items() if len(shape) == 2), None)
     fix = "save the signals as one array with three axes"
-    if found:
+    if names:
         fix = "name one with `names={'signals': ...}`"
     elif len(trials := _like_trials(file)) > 1:
         fix = (
@@ -154,7 +154,7 @@ def _signals_at(file: ArrayFile, named: str | None, axes: str | None) -> str:
             f"{fix}; '{matrix}' is read as the signals of one taxel with `axes='trial,time'`, but features of "
             "each trial have no time to encode"
         )
-    raise InputError(f"{file.path}: holds {len(found)} arrays with the axes trial, time and taxel ({shown}); {fix}")
+    raise InputError(f"{file.path}: holds {len(names)} arrays with the axes trial, time and taxel ({shown}); {fix}")
 
 
 def _like_trials(file: ArrayFile) -> list[str]:
@@ -191,11 +191,11 @@ def _at(
     named = names.get(what)
     if named is None:
         plain = {name.rpartition("/")[2].lower(): name for name, shape in file.shapes.items() if shape == (n,)}
-        found = next((plain[alias] for alias in ALIASES[what] if alias in plain), None)
-        if found is None and what == LABEL:
-            labels = [each for each in file.shapes if each.rpartition("/")[2].lower() in ALIASES[LABEL]]
+        match = next((plain[alias] for alias in ALIASES[what] if alias in plain), None)
+        if match is None and what == LABEL:
+            labels = [key for key in file.shapes if key.rpartition("/")[2].lower() in ALIASES[LABEL]]
             _check_trial_axis(file, labels, signals, order)
-        return found
+        return match
     if file.shapes[_existing(file, named)] != (n,):
         if what == LABEL:
             _check_trial_axis(file, [named], signals, order)
@@ -212,11 +212,11 @@ def _check_trial_axis(file: ArrayFile, labels: Sequence[str], signals: str, orde
         return
     shape = file.shapes[signals]
     for label in labels:
-        places = [place for place, n in enumerate(shape) if file.shapes[label] == (n,)]
+        places = [axis for axis, n in enumerate(shape) if file.shapes[label] == (n,)]
         if len(places) == 1 and len(shape) == len(AXES) and order[places[0]] != TRIAL:
-            rest = [place for place in range(len(shape)) if place != places[0]]
-            time = max(rest, key=lambda place: shape[place])
-            meant = [TRIAL if place == places[0] else TIME if place == time else TAXEL for place in range(len(shape))]
+            rest = [axis for axis in range(len(shape)) if axis != places[0]]
+            time = max(rest, key=lambda axis: shape[axis])
+            meant = [TRIAL if axis == places[0] else TIME if axis == time else TAXEL for axis in range(len(shape))]
             raise InputError(
                 f"{file.path}: '{label}' has {shape[places[0]]} values, as many as axis {places[0] + 1} of '{signals}' "
                 f"{shape} is long; if these are the trials, use `axes='{','.join(meant)}'`"
@@ -259,18 +259,18 @@ def _table_of_trials(path: Path, n_trials: int, file: str, named: str | None) ->
     named: the column that is the class; None: one with a usual name.
     """
     if path.suffix.lower() == CLASSES:
-        found: dict[str, Any] = {LABEL: labels_of(read_array(path).ravel())}
+        columns_of_trials: dict[str, Any] = {LABEL: labels_of(read_array(path).ravel())}
     else:
         table = named_table(existing(path))
         label = named or called(table.names, ALIASES[LABEL])
         columns = columns_of(table, {label} if label else set())
-        found = {LABEL if name == label else name: values_of(values) for name, values in columns.items()}
-    n_rows = len(next(iter(found.values())))
+        columns_of_trials = {LABEL if name == label else name: values_of(values) for name, values in columns.items()}
+    n_rows = len(next(iter(columns_of_trials.values())))
     if n_rows != n_trials:
         raise InputError(
             f"{path}: has {n_rows} rows, but {file} {n_trials} trials; give a row per trial, in their order"
         )
-    return found
+    return columns_of_trials
 
 
 def _existing(file: ArrayFile, named: str) -> str:

@@ -107,7 +107,7 @@ def stacked_cells(
             f"{where} is a cell array with a trial in each cell; begin `axes` with trial, as in "
             "`axes='trial,time,taxel'`"
         )
-    found: list[np.ndarray] = []
+    trials: list[np.ndarray] = []
     grids: list[Grid | None] = []
     for number, cell in enumerate(cells, 1):
         if cell.ndim != len(order) - 1:
@@ -115,11 +115,11 @@ def stacked_cells(
                 f"{where}, cell {number}, has the shape {cell.shape}; give each trial the axes of the first one"
             )
         signal, grid = stacked(cell[None], order)
-        if found and (signal.shape[2] != found[0].shape[1] or grid != grids[0]):
+        if trials and (signal.shape[2] != trials[0].shape[1] or grid != grids[0]):
             other = "" if axes else "; if its axes are taxel and time, use `axes='trial,taxel,time'`"
             raise InputError(
-                f"{where}, cell {number}, has {signal.shape[2]} taxels where the first has {found[0].shape[1]}{other}"
+                f"{where}, cell {number}, has {signal.shape[2]} taxels where the first has {trials[0].shape[1]}{other}"
             )
-        found.append(signal[0])
+        trials.append(signal[0])
         grids.append(grid)
-    return found, grids[0], order
+    return trials, grids[0], order

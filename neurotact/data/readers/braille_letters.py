@@ -76,24 +76,24 @@ def read(
     if last_s * 1e3 / step_ms >= LONGEST_STEPS:
         raise InputError(f"{path}: an event at {last_s:g} s is beyond any clock of {step_ms:g} ms; check the file")
     steps = _steps([letter.times_s for letter in letters], step_ms, binning)
-    last = max(int(each.max(initial=0)) for each in steps)
+    last = max(int(letter_steps.max(initial=0)) for letter_steps in steps)
     n_steps = last + 1 if length_ms is None else int(length_ms / step_ms + 1e-9)
-    trials = ((each, letter.units, n_steps) for each, letter in zip(steps, letters, strict=True))
-    found = on_clock(trials, len(AFFERENTS))
-    if found.n_late:
-        log.warning("%s: %d of %d events are after %g ms and left out", path, found.n_late, found.n_events, length_ms)
-    say_merged(found, 1e-3 * step_ms, str(path), accept=True)
+    trials = ((letter_steps, letter.units, n_steps) for letter_steps, letter in zip(steps, letters, strict=True))
+    binned = on_clock(trials, len(AFFERENTS))
+    if binned.n_late:
+        log.warning("%s: %d of %d events are after %g ms and left out", path, binned.n_late, binned.n_events, length_ms)
+    say_merged(binned, 1e-3 * step_ms, str(path), accept=True)
     conditions = pd.DataFrame({"label": [letter.letter for letter in letters]})
-    return from_trials(found.trials, 1e3 / step_ms, AFFERENTS, conditions, source=str(path))
+    return from_trials(binned.trials, 1e3 / step_ms, AFFERENTS, conditions, source=str(path))
 
 
 def _steps(times_s: Sequence[np.ndarray], step_ms: float, binning: Binning) -> list[np.ndarray]:
     """The step of each event by `binning`."""
     if binning == "nearest":
-        return [np.rint(each * 1e3 / step_ms).astype(np.int64) for each in times_s]
-    times = [event_times(each, 1.0)._replace(resolutions=()) for each in times_s]
+        return [np.rint(letter_times * 1e3 / step_ms).astype(np.int64) for letter_times in times_s]
+    times = [event_times(letter_times, 1.0)._replace(resolutions=()) for letter_times in times_s]
     rounding = rounding_of(joined_times(times), 1e-3 * step_ms)
-    return [steps_of(each, 1e-3 * step_ms, rounding) for each in times]
+    return [steps_of(letter_times, 1e-3 * step_ms, rounding) for letter_times in times]
 
 
 def _from_archive(path: Path) -> Iterator[Letter]:

@@ -78,8 +78,8 @@ def unit_in(name: str) -> Unit | None:
     >>> unit_in("event_t_ms"), unit_in("Time [us]"), unit_in("TIME (S)"), unit_in("times")
     ('ms', 'us', 's', None)
     """
-    found = IN_NAME.search(name)
-    return cast(Unit, found[1].lower()) if found else None
+    match = IN_NAME.search(name)
+    return cast(Unit, match[1].lower()) if match else None
 
 
 def without_unit(name: str) -> str:
@@ -118,13 +118,13 @@ def seconds_of(cells: Iterable[str], where: str, column: str, first_line: int, u
     seconds = array("d")
     days, last, before = -1, None, 0.0
     for line, cell in enumerate(cells, first_line):
-        found = TIME_OF_DAY.fullmatch(cell)
-        if found is None:
+        match = TIME_OF_DAY.fullmatch(cell)
+        if match is None:
             raise InputError(
                 f"{where}: line {line}, column {column} is {cell[:30]!r}, not a time as in 12:00:00.25; repair it or "
                 "drop the file"
             )
-        date, hours, minutes, of_minute, zone_hours, zone_minutes = found.groups()
+        date, hours, minutes, of_minute, zone_hours, zone_minutes = match.groups()
         of_day = HOUR_S * int(hours) + 60 * int(minutes) + float(of_minute.replace(",", "."))
         days += date != last or days < 0 or (date is None and of_day < before - DAY_S / 2)
         last, before = date, of_day
@@ -153,18 +153,18 @@ def timings(times: Sequence[np.ndarray], given_Hz: float | None = None) -> list[
     ['ms', 'us']
     """
     steps = [np.diff(time) for time in times]
-    shared = [len(each) / max(1, np.count_nonzero(each)) for each in steps]  # rows per stamp
+    shared = [len(trial) / max(1, np.count_nonzero(trial)) for trial in steps]  # rows per stamp
     usual = float(np.median([
-        np.median(each[each != 0]) / n for each, n in zip(steps, shared, strict=True) if each.any()
+        np.median(trial[trial != 0]) / n for trial, n in zip(steps, shared, strict=True) if trial.any()
     ] or [0.0]))  # fmt: skip
     if usual <= 0:
         return []
     length = float(np.median([time[-1] - time[0] for time in times]))
-    found = [Timing(unit, 1 / (usual * unit_s), length * unit_s) for unit, unit_s in UNIT_S.items()]
+    units = [Timing(unit, 1 / (usual * unit_s), length * unit_s) for unit, unit_s in UNIT_S.items()]
     if given_Hz is not None:
-        return [each for each in found if 1 / NEAR_RATE < each.rate_Hz / given_Hz < NEAR_RATE]
+        return [unit for unit in units if 1 / NEAR_RATE < unit.rate_Hz / given_Hz < NEAR_RATE]
     return [
-        each for each in found if SLOWEST_HZ <= each.rate_Hz <= FASTEST_HZ and SHORTEST_S <= each.trial_s <= LONGEST_S
+        unit for unit in units if SLOWEST_HZ <= unit.rate_Hz <= FASTEST_HZ and SHORTEST_S <= unit.trial_s <= LONGEST_S
     ]
 
 
@@ -199,10 +199,10 @@ def stamps_of(
         if keep.sum() < 2:
             raise InputError(f"{where}: holds a single time, and a sampling rate needs two; drop the file")
         return _stamps(time_s[keep], keep, resolution_s)
-    found = _shared(time_s, keep, resolution_s, signal, given_Hz, common_s)
-    if not isinstance(found, Stamps):
-        raise InputError(f"{where}: {_not_spread(found, keep, rows, given_Hz)}")
-    return found
+    placed = _shared(time_s, keep, resolution_s, signal, given_Hz, common_s)
+    if not isinstance(placed, Stamps):
+        raise InputError(f"{where}: {_not_spread(placed, keep, rows, given_Hz)}")
+    return placed
 
 
 def row_times(time: np.ndarray) -> np.ndarray:
@@ -261,18 +261,18 @@ def _check_ascends(time_s: np.ndarray, rows: _Rows, where: str, max_gap_ms: floa
     if not len(intervals):
         return
     if (intervals < 0).any():
-        at = int(np.argmax(intervals < 0))
+        row = int(np.argmax(intervals < 0))
         raise InputError(
-            f"{where}: {rows.name} {rows.lines[at + 1]} is earlier than the {rows.name} before it, by "
-            f"{-intervals[at]:.4g} s{_set_by_an_hour(intervals[at])}; sort the rows, cut the file there, or drop it"
+            f"{where}: {rows.name} {rows.lines[row + 1]} is earlier than the {rows.name} before it, by "
+            f"{-intervals[row]:.4g} s{_set_by_an_hour(intervals[row])}; sort the rows, cut the file there, or drop it"
         )
     usual = float(np.median(intervals))
     most = GAP * usual if max_gap_ms is None else max_gap_ms * 1e-3
     if intervals.max() > most:
-        at = int(np.argmax(intervals > most))
+        row = int(np.argmax(intervals > most))
         raise InputError(
-            f"{where}: {rows.name} {rows.lines[at + 1]} comes {1e3 * intervals[at]:.4g} ms after the {rows.name} "
-            f"before it, where {1e3 * usual:.4g} ms is usual{_set_by_an_hour(intervals[at])}; cut the file there, or "
+            f"{where}: {rows.name} {rows.lines[row + 1]} comes {1e3 * intervals[row]:.4g} ms after the {rows.name} "
+            f"before it, where {1e3 * usual:.4g} ms is usual{_set_by_an_hour(intervals[row])}; cut the file there, or "
             "allow such gaps with `max_gap_ms`"
         )
 
@@ -326,7 +326,7 @@ def rate_of(stamps: Sequence[Stamps]) -> float:
     >>> rate_of([Stamps(np.arange(3) * 0.01075, np.ones(3, bool), 0.01075, 0.0, 0.0)])
     93.02
     """
-    rate_Hz = 1 / float(np.median([each.interval_s for each in stamps]))
+    rate_Hz = 1 / float(np.median([trial.interval_s for trial in stamps]))
     return float(f"{rate_Hz:.4g}") if rate_Hz < 10 else round(rate_Hz, 2)
 
 

@@ -139,7 +139,7 @@ def _of_taxels(recordings: Recordings, values: _Values, fixes: Fixes, *, is_spik
     if values.rising.any() and not values.rising.all():
         named = some(names[values.rising].tolist())
         yield f"{named} rises throughout every trial, as time stamps or a counter do; {fixes.stamps}{fixes.drop}"
-    telling = [at for at in np.flatnonzero(values.steady & ~values.constant) if _tells_the_class(recordings, int(at))]
+    telling = [i for i in np.flatnonzero(values.steady & ~values.constant) if _tells_the_class(recordings, int(i))]
     if telling:
         named = some(names[telling].tolist())
         yield f"{named} has one value for each class, as a label does, which would tell a network; {fixes.drop}"

@@ -58,7 +58,7 @@ def read(
     (x, y, t, p) per trial. HDF5: `spikes/times`, `spikes/units` and `labels`, as the Heidelberg Digits have them.
     Pickles are not loaded. Raises InputError, which names the file and the place.
     """
-    asked = build(EventSpec, spec or {}, "import events")
+    options = build(EventSpec, spec or {}, "import events")
     names = dict(names or {})
     if {POLARITY, POPULATION} <= names.keys():
         raise InputError(f"`names`: {POLARITY} and {POPULATION} are the same; give one of them")
@@ -71,7 +71,7 @@ def read(
                 f"`conditions`); drop `names={{{wrong!r}: ...}}`"
             )
         named = build(NamingSpec, naming or {}, "import events")
-        return _to_trains(_of_folder(path, asked, names, named), asked, path)
+        return _to_trains(_of_folder(path, options, names, named), options, path)
     if naming and any(naming.values()):
         raise InputError(f"{path}: is one file; `levels`, `pattern`, `conditions` and `label` are for a folder")
     if path.suffix.lower() in HDF5_FILES:
@@ -80,13 +80,13 @@ def read(
                 f"{path}: the Heidelberg layout has names of its own; drop `names={{{next(iter(names))!r}: ...}}`"
             )
         _check_content(path, HDF5)
-        return heidelberg.load(path, asked)
-    events = _of_file(path, asked, names)
+        return heidelberg.load(path, options)
+    events = _of_file(path, options, names)
     if LABEL not in events.conditions:
         raise InputError(
             f"{path}: no column is called label, the class of each trial; name it with `names={{'label': ...}}`"
         )
-    return _to_trains(events, asked, path)
+    return _to_trains(events, options, path)
 
 
 def _to_trains(events: Events, spec: EventSpec, path: Path) -> SpikeTrains:
@@ -145,7 +145,7 @@ def _of_folder(folder: Path, spec: EventSpec, names: Mapping[str, str], naming: 
         if len(part.conditions) != 1:
             raise InputError(f"{path}: holds {len(part.conditions)} trials where a folder has one per file")
         parts.append(part)
-        n_bytes += sum(np.asarray(each).nbytes for each in part[:4] if each is not None)
+        n_bytes += sum(np.asarray(column).nbytes for column in part[:4] if column is not None)
         check_size(folder, n_bytes)
     return _joined(parts, paths)._replace(conditions=conditions)
 
@@ -222,22 +222,22 @@ def _place(what: str, columns: Mapping[str, np.ndarray], names: Mapping[str, str
 
 
 def _trials(
-    columns: Mapping[str, np.ndarray], found: Mapping[str, str | None], n_events: int, path: Path
+    columns: Mapping[str, np.ndarray], roles: Mapping[str, str | None], n_events: int, path: Path
 ) -> tuple[np.ndarray, pd.DataFrame]:
     """The trial of each event, and the conditions of all trials."""
-    used = {name for what, name in found.items() if what != LABEL}
+    used = {name for what, name in roles.items() if what != LABEL}
     rest = {name: values for name, values in columns.items() if name not in used and values.ndim == 1}
-    number = np.zeros(n_events, np.int64) if found["trial"] is None else columns[str(found["trial"])]
+    number = np.zeros(n_events, np.int64) if roles["trial"] is None else columns[str(roles["trial"])]
     lengths = {len(values) for values in rest.values()} - {n_events}
-    if number.dtype.kind in "iu" and len(lengths) == 1 and found["trial"] is not None:
+    if number.dtype.kind in "iu" and len(lengths) == 1 and roles["trial"] is not None:
         (n_trials,) = lengths  # arrays of one value per trial; events refer to trials by index
         if n_events and not (number.min() >= 0 and number.max() < n_trials):
             raise InputError(
-                f"{path}: '{found['trial']}' must hold 0 to {n_trials - 1}, as there are {n_trials} trials; "
+                f"{path}: '{roles['trial']}' must hold 0 to {n_trials - 1}, as there are {n_trials} trials; "
                 "number them from 0"
             )
         per_trial = {name: values for name, values in rest.items() if len(values) == n_trials}
-        return number.astype(np.int64), _conditions(per_trial, found[LABEL], path)
+        return number.astype(np.int64), _conditions(per_trial, roles[LABEL], path)
     values, first, index = np.unique(number, return_index=True, return_inverse=True)
     order = np.argsort(first)  # trials in order of first appearance
     rank = np.empty(len(values), np.int64)
@@ -245,13 +245,13 @@ def _trials(
     trial = rank[index]
     begin = first[order]
     constant = {
-        name: each[begin] for name, each in rest.items() if len(each) == n_events and (each == each[begin][trial]).all()
+        name: part[begin] for name, part in rest.items() if len(part) == n_events and (part == part[begin][trial]).all()
     }
-    if found[LABEL] is not None and found[LABEL] not in constant:
+    if roles[LABEL] is not None and roles[LABEL] not in constant:
         raise InputError(
-            f"{path}: '{found[LABEL]}' changes within a trial; give each trial one class, or `names={{'trial': ...}}`"
+            f"{path}: '{roles[LABEL]}' changes within a trial; give each trial one class, or `names={{'trial': ...}}`"
         )
-    return trial, _conditions(constant, found[LABEL], path) if found[LABEL] is not None else pd.DataFrame(
+    return trial, _conditions(constant, roles[LABEL], path) if roles[LABEL] is not None else pd.DataFrame(
         index=range(len(values))
     )
 
@@ -270,39 +270,39 @@ def _conditions(columns: Mapping[str, np.ndarray], label: str | None, path: Path
 
 
 def _channel(values: np.ndarray, name: str, path: Path) -> np.ndarray:
-    found = values_of(values)
-    if found.dtype.kind != "f":
-        return found
-    if not (np.isfinite(found) & (found == np.floor(found)) & (np.abs(found) < 2**31)).all():
+    numbers = values_of(values)
+    if numbers.dtype.kind != "f":
+        return numbers
+    if not (np.isfinite(numbers) & (numbers == np.floor(numbers)) & (np.abs(numbers) < 2**31)).all():
         raise InputError(
-            f"{path}: '{name}' holds {found[found != np.floor(found)][:1]}, not a whole number; number channels"
+            f"{path}: '{name}' holds {numbers[numbers != np.floor(numbers)][:1]}, not a whole number; number channels"
         )
-    return found.astype(np.int64)
+    return numbers.astype(np.int64)
 
 
 def _population(values: np.ndarray, name: str, path: Path) -> np.ndarray:
-    found = values_of(values)
-    wrong = np.flatnonzero(~np.isfinite(found)) if found.dtype.kind == "f" else []
+    populations = values_of(values)
+    wrong = np.flatnonzero(~np.isfinite(populations)) if populations.dtype.kind == "f" else []
     if len(wrong):
-        raise InputError(f"{path}: event {wrong[0]} of '{name}' is {found[wrong[0]]}; drop the event")
-    return found
+        raise InputError(f"{path}: event {wrong[0]} of '{name}' is {populations[wrong[0]]}; drop the event")
+    return populations
 
 
 def _stamps(values: np.ndarray, name: str, path: Path) -> np.ndarray:
     """The times of events as the numbers that the file holds."""
-    found = values_of(values)
-    if found.dtype.kind == "U":
-        texts = found.tolist()
+    stamps = values_of(values)
+    if stamps.dtype.kind == "U":
+        texts = stamps.tolist()
         wrong = [i for i, text in enumerate(texts) if not is_number(text) or not math.isfinite(float(text))]
-    elif found.dtype.kind in "iuf":
-        wrong = np.flatnonzero(~np.isfinite(found)).tolist()
+    elif stamps.dtype.kind in "iuf":
+        wrong = np.flatnonzero(~np.isfinite(stamps)).tolist()
     else:
-        raise InputError(f"{path}: '{name}' holds {found.dtype}, not numbers; save the times as numbers")
+        raise InputError(f"{path}: '{name}' holds {stamps.dtype}, not numbers; save the times as numbers")
     if wrong:
-        what = f"event {wrong[0]} of '{name}' is {str(found[wrong[0]])[:20]!r}, not a number"
+        what = f"event {wrong[0]} of '{name}' is {str(stamps[wrong[0]])[:20]!r}, not a number"
         more = f", and so are {len(wrong) - 1} more" if len(wrong) > 1 else ""
         raise InputError(f"{path}: {what}{more}; drop {'these events' if more else 'the event'}")
-    return found
+    return stamps
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
@@ -322,7 +322,7 @@ def _structured(arrays: Mapping[str, np.ndarray], spec: EventSpec, names: Mappin
     for key, array in arrays.items():
         fields = {name: array[name] for name in array.dtype.names or ()}
         places.append(path if len(arrays) == 1 else Path(f"{path}:{key}"))
-        if any(each.dtype.kind not in "iufb" or each.ndim != 1 for each in fields.values()):
+        if any(field.dtype.kind not in "iufb" or field.ndim != 1 for field in fields.values()):
             raise InputError(f"{places[-1]}: its fields must hold one number each; save t, x, y and p")
         part = _of_columns(fields, spec, {**names, LABEL: "", "trial": ""}, places[-1], "us")
         label = re.sub(r"_\d+$", "", key)  # a key such as felt_3

@@ -251,8 +251,8 @@ def rounding_of(times: EventTimes, step_s: float, least: float = KNOWN) -> Round
     (Rounding(shift_s=0.0, width_s=5e-07), None)
     """
     some = times.at(_some(np.flatnonzero(times.time_s)))  # the origin is on every clock
-    place, tolerance = _place(some, step_s)
-    held = np.floor(place + tolerance)
+    position, tolerance = _place(some, step_s)
+    held = np.floor(position + tolerance)
     best, best_fit, least_apart = None, (ON_CLOCK, 0.0), _apart(some.time_s, held)
     for rounding, unit_s, evidence in _roundings(times.resolutions, step_s):
         nearest, is_near = _nearest(some, step_s, rounding)
@@ -298,8 +298,8 @@ def _separates(times: EventTimes, step_s: float) -> bool:
     Stamps that can show the beginnings of steps are a unit off only where a program cut off a product of floats
     (`int(1.001 * 1e6)`); else the last microsecond of a step is in it.
     """
-    place = times.time_s / step_s
-    by_stamp, by_nearest = (_apart(place, steps) for steps in (np.floor(place + NOISE), np.rint(place)))
+    position = times.time_s / step_s
+    by_stamp, by_nearest = (_apart(position, steps) for steps in (np.floor(position + NOISE), np.rint(position)))
     return by_stamp < by_nearest == 1.0
 
 
@@ -323,10 +323,10 @@ def _chance(rounding: Rounding, unit_s: float, step_s: float) -> float:
 
 def _nearest(times: EventTimes, step_s: float, rounding: Rounding) -> tuple[np.ndarray, np.ndarray]:
     """The step whose beginning is nearest to each stamp, and whether it is as near as the rounding makes it."""
-    place = (times.time_s + rounding.shift_s) / step_s
-    nearest = np.rint(place)
-    width = (rounding.width_s + times.error_s) / step_s + NOISE + 4 * np.finfo(float).eps * np.abs(place)
-    return nearest, np.abs(place - nearest) <= width
+    position = (times.time_s + rounding.shift_s) / step_s
+    nearest = np.rint(position)
+    width = (rounding.width_s + times.error_s) / step_s + NOISE + 4 * np.finfo(float).eps * np.abs(position)
+    return nearest, np.abs(position - nearest) <= width
 
 
 def steps_of(times: EventTimes, step_s: float, rounding: Rounding | None) -> np.ndarray:
@@ -339,10 +339,10 @@ def steps_of(times: EventTimes, step_s: float, rounding: Rounding | None) -> np.
     >>> steps_of(times, 0.001, rounding_of(times, 0.001)).tolist()
     [0, 1, 2]
     """
-    place, tolerance = _place(times, step_s)
+    position, tolerance = _place(times, step_s)
     if rounding is None or not _nearest(times, step_s, rounding)[1].all():
         rounding = rounding_of(times, step_s, least=SURE) or rounding
-    return _as_rounded(times, step_s, rounding, np.floor(place + tolerance))
+    return _as_rounded(times, step_s, rounding, np.floor(position + tolerance))
 
 
 def lengths_of(ends: EventTimes, step_s: float, rounding: Rounding | None) -> np.ndarray:
@@ -354,14 +354,14 @@ def lengths_of(ends: EventTimes, step_s: float, rounding: Rounding | None) -> np
     >>> lengths_of(ends, 1 / 30_000, Rounding(0.0, 5e-7)).tolist()
     [200, 207]
     """
-    place, tolerance = _place(ends, step_s)
-    return np.maximum(1, _as_rounded(ends, step_s, rounding, np.ceil(place - np.maximum(tolerance, SLACK))))
+    position, tolerance = _place(ends, step_s)
+    return np.maximum(1, _as_rounded(ends, step_s, rounding, np.ceil(position - np.maximum(tolerance, SLACK))))
 
 
 def _place(times: EventTimes, step_s: float) -> tuple[np.ndarray, np.ndarray]:
     """Times in steps, and the tolerance of each where it is negligible."""
-    place, error = times.time_s / step_s, times.error_s / step_s
-    return place, NOISE + 4 * np.finfo(float).eps * np.abs(place) + np.where(error <= 1e-3, error, 0.0)
+    position, error = times.time_s / step_s, times.error_s / step_s
+    return position, NOISE + 4 * np.finfo(float).eps * np.abs(position) + np.where(error <= 1e-3, error, 0.0)
 
 
 def _as_rounded(times: EventTimes, step_s: float, rounding: Rounding | None, others: np.ndarray) -> np.ndarray:

@@ -122,10 +122,10 @@ def to_trains(events: Events, spec: EventSpec, source: str) -> SpikeTrains:
     check_range(float(events.time_s.min()), float(events.time_s.max()), spec, source)
     steps = _steps(events, 1e-3 * spec.step_ms)
     n_steps = n_steps_of(int(steps.max()), spec)
-    found = on_clock(((steps[mine], units[mine], n_steps) for mine in _of_trials(events, keep)), len(afferents))
+    binned = on_clock(((steps[mine], units[mine], n_steps) for mine in _of_trials(events, keep)), len(afferents))
     say_order(events.n_back, events.n_wraps, len(events.time_s), source)
-    say_lost(found, spec, source)
-    return from_trials(found.trials, 1e3 / spec.step_ms, afferents, events.conditions, source=source)
+    say_lost(binned, spec, source)
+    return from_trials(binned.trials, 1e3 / spec.step_ms, afferents, events.conditions, source=source)
 
 
 def _of_trials(events: Events, keep: np.ndarray) -> list[np.ndarray]:
@@ -165,10 +165,10 @@ def _populations(events: Events, spec: EventSpec, source: str) -> _Named | None:
     if spec.polarity == "merge":
         return None
     is_named = events.population.dtype.kind not in "iufb"
-    found = _named(events.population, spec, source) if is_named else _numbered(events.population, spec, source)
-    if spec.polarity != "separate" and len(found.names) != 2:
-        raise InputError(f"{source}: has {len(found.names)} populations, not two polarities; drop `polarity`")
-    return found
+    populations = _named(events.population, spec, source) if is_named else _numbered(events.population, spec, source)
+    if spec.polarity != "separate" and len(populations.names) != 2:
+        raise InputError(f"{source}: has {len(populations.names)} populations, not two polarities; drop `polarity`")
+    return populations
 
 
 def _named(population: np.ndarray, spec: EventSpec, source: str) -> _Named:
@@ -210,8 +210,8 @@ def _channels(channel: np.ndarray, spec: EventSpec, source: str) -> _Named:
                 f"{source}: the channel '{sorted(set(names) - set(spec.channels))[0]}' is not in `channels`"
             )
         wanted = spec.channels or names
-        place = np.array([wanted.index(name) for name in names], np.int64)
-        return _Named(place[index], wanted)
+        positions = np.array([wanted.index(name) for name in names], np.int64)
+        return _Named(positions[index], wanted)
     if channel.min() < 0:
         raise InputError(f"{source}: channel {channel.min()} is negative; number channels from 0")
     return _Named(channel.astype(np.int64), channel_names(int(channel.max()) + 1, spec, source))
@@ -296,33 +296,33 @@ def on_clock(trials: Iterable[tuple[np.ndarray, np.ndarray, int]], n_afferents: 
     >>> found.trials[0].steps.tolist(), found.n_merged, found.n_late
     ([1, 4], 1, 1)
     """
-    found, n_events, n_late = [], 0, 0
+    rows, n_events, n_late = [], 0, 0
     for steps, units, n_steps in trials:
         is_late = steps >= n_steps
         n_events += len(steps)
         n_late += int(is_late.sum())
         spikes = np.unique((steps * n_afferents + units.astype(np.int64))[~is_late])
-        found.append(TrialSpikes(spikes // n_afferents, (spikes % n_afferents).astype(np.uint16), n_steps))
-    return OnClock(found, n_events, n_late)
+        rows.append(TrialSpikes(spikes // n_afferents, (spikes % n_afferents).astype(np.uint16), n_steps))
+    return OnClock(rows, n_events, n_late)
 
 
-def say_lost(found: OnClock, spec: EventSpec, source: str) -> None:
+def say_lost(binned: OnClock, spec: EventSpec, source: str) -> None:
     """Say how many events are left out or merged; InputError if more are merged than `spec` accepts."""
-    if found.n_late:
-        log.warning("%s: %d of %d events are after `duration_ms` and left out", source, found.n_late, found.n_events)
-    say_merged(found, 1e-3 * spec.step_ms, source, accept=spec.merge_events)
+    if binned.n_late:
+        log.warning("%s: %d of %d events are after `duration_ms` and left out", source, binned.n_late, binned.n_events)
+    say_merged(binned, 1e-3 * spec.step_ms, source, accept=spec.merge_events)
 
 
-def say_merged(found: OnClock, step_s: float, source: str, *, accept: bool, step: str = "`step_ms`") -> None:
+def say_merged(binned: OnClock, step_s: float, source: str, *, accept: bool, step: str = "`step_ms`") -> None:
     """Say how many events are merged; InputError if they are more than `MOST_MERGED`, unless `accept`.
 
     step: what sets the clock.
     """
-    if not found.n_merged:
+    if not binned.n_merged:
         return
-    n_events = found.n_events - found.n_late
-    share = found.n_merged / n_events
-    what = f"{source}: {found.n_merged} of {n_events} events ({100 * share:.3g} %) share a step of {1e3 * step_s:g} ms"
+    n_events = binned.n_events - binned.n_late
+    share = binned.n_merged / n_events
+    what = f"{source}: {binned.n_merged} of {n_events} events ({100 * share:.3g} %) share a step of {1e3 * step_s:g} ms"
     if share > MOST_MERGED and not accept:
         unit = "check the unit of the times, " if share > 0.5 else ""
         fix = f"{unit}give a shorter {step}, or make one spike of them with `merge_events=True`"
@@ -351,7 +351,7 @@ def joined(parts: Sequence[Events]) -> Events:
     return Events(
         times.time_s,
         np.concatenate([part.channel for part in parts]),
-        np.concatenate([each for each in populations if each is not None]) if populations[0] is not None else None,
+        np.concatenate([part for part in populations if part is not None]) if populations[0] is not None else None,
         np.concatenate([part.trial + start for part, start in zip(parts, starts, strict=False)]),
         pd.concat([part.conditions for part in parts], ignore_index=True),
         all(part.is_grid for part in parts),

@@ -67,8 +67,8 @@ def read(folder: str | Path) -> Recordings:
 
 
 def _slides(folder: Path) -> list[Path]:
-    for place in (folder, folder / "fabric", folder / "data" / "fabric"):
-        paths = sorted(path for path in place.glob("*.csv") if not path.name.startswith("."))
+    for candidate in (folder, folder / "fabric", folder / "data" / "fabric"):
+        paths = sorted(path for path in candidate.glob("*.csv") if not path.name.startswith("."))
         if paths:
             return paths
     raise InputError(f"{folder}: holds no .csv file; give the folder of the {PATTERN} files (data/fabric)")

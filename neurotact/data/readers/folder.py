@@ -82,36 +82,36 @@ def read(
     row_of = []
     n_bytes = 0
     for row, path in enumerate(paths):
-        found, rates_hz = _read(path, files[row], table, find_time=sampling_rate_Hz is None or not table.columns)
+        trials, rates_hz = _read(path, files[row], table, find_time=sampling_rate_Hz is None or not table.columns)
         said_hz |= {f"{files[row]}: {name}": rate_hz for name, rate_hz in rates_hz.items()}
-        if sampling_rate_Hz is None and found[0].table.time is None and not rates_hz:
+        if sampling_rate_Hz is None and trials[0].table.time is None and not rates_hz:
             raise InputError(f"{folder}: the sampling rate is not known; give `sampling_rate_Hz`, or `time_column`")
-        read += found
-        row_of += [row] * len(found)
-        n_bytes += sum(each.table.signal.nbytes for each in found)
+        read += trials
+        row_of += [row] * len(trials)
+        n_bytes += sum(trial.table.signal.nbytes for trial in trials)
         check_size(folder, n_bytes)
     if said_hz and (sampling_rate_Hz is not None or read[0].table.time is None):
         sampling_rate_Hz = sampling_rate_of(said_hz, sampling_rate_Hz, str(folder))
-    if table.time_unit is not None and all(each.table.time is None for each in read):
+    if table.time_unit is not None and all(trial.table.time is None for trial in read):
         raise InputError(f"{folder}: `time_unit`: the samples have no time stamps; leave it out")
     _warn_of_axes(read, table, folder)
     for note, noted in _noted(read).items():
         log.warning("%s: %s%s", folder, note, "" if len(noted) == len(read) else f" ({some(noted)})")
     conditions = of_files.iloc[row_of].reset_index(drop=True)
-    conditions["file"] = [each.file for each in read]
+    conditions["file"] = [trial.file for trial in read]
     return sampled.recordings(
         read, conditions, sampling_rate_Hz, unit,
         max_gap_ms=table.max_gap_ms, drop_repeats=table.drop_repeats, source=f"folder {folder.name}", where=str(folder),
-        fixes=None if is_raster else OF_ARRAYS if all(each.table.first_line == 0 for each in read) else OF_COLUMNS,
+        fixes=None if is_raster else OF_ARRAYS if all(trial.table.first_line == 0 for trial in read) else OF_COLUMNS,
     )  # fmt: skip
 
 
 def _noted(read: Sequence[Read]) -> dict[str, list[str]]:
     """What is said of files, and of which."""
     noted: dict[str, list[str]] = {}
-    for each in read:
-        for note in each.table.notes:
-            noted.setdefault(note, []).append(each.file)
+    for trial in read:
+        for note in trial.table.notes:
+            noted.setdefault(note, []).append(trial.file)
     return noted
 
 
@@ -145,37 +145,37 @@ def _of_arrays(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) ->
     with opened_arrays(path) as opened:
         arrays, rates_hz = _matrices(opened, layout.array), said_rates(opened)
     stamps_at = [] if layout.time_column is None else split_stamps.apart(layout.time_column, arrays)
-    for asked in (layout.array if layout.array not in opened.cells else None, *stamps_at):
-        if asked is not None and asked not in arrays:
-            raise InputError(f"{path}: holds no array '{asked[:40]}'; {nearest(asked, list(arrays))}")
+    for key_wanted in (layout.array if layout.array not in opened.cells else None, *stamps_at):
+        if key_wanted is not None and key_wanted not in arrays:
+            raise InputError(f"{path}: holds no array '{key_wanted[:40]}'; {nearest(key_wanted, list(arrays))}")
     stamps_at = stamps_at or (_stamps_at(arrays, layout) if find_time else [])
     time, unit = _time_of(arrays, stamps_at, layout, path)
     wanted = (layout.array, *_names_of_cells(opened, layout.array))
     chosen = {
-        key: each for key, each in arrays.items()
+        key: array for key, array in arrays.items()
         if key not in stamps_at and (layout.array is None or key in wanted)
     }  # fmt: skip
     if not chosen:
         raise InputError(f"{path}: holds no array but the time stamps; save the samples too, (time, taxel)")
     signals = _signals(chosen, path, transpose=layout.transpose)
-    for key, each in signals.items():
-        if time is not None and len(time) != len(each):
+    for key, array in signals.items():
+        if time is not None and len(time) != len(array):
             raise InputError(
-                f"{path}: '{key}' has {len(each)} samples and '{stamps_at[0]}' {len(time)} time stamps; give each "
+                f"{path}: '{key}' has {len(array)} samples and '{stamps_at[0]}' {len(time)} time stamps; give each "
                 "sample one"
                 f"{'' if layout.transpose else ', or use `transpose=True`'}"
             )
-    trials = [Read(f"{path}:{key}", f"{file}:{key}", Table((), each, time, 0, unit)) for key, each in signals.items()]
+    trials = [Read(f"{path}:{key}", f"{file}:{key}", Table((), array, time, 0, unit)) for key, array in signals.items()]
     return trials, rates_hz
 
 
 def _signals(arrays: Mapping[str, np.ndarray], path: Path, *, transpose: bool) -> dict[str, np.ndarray]:
     """The arrays as `(time, taxel)`; InputError if they do not have the same taxels."""
     signals = {key: as_signal(array, f"{path}, key '{key}'") for key, array in arrays.items()}
-    if len({each.shape[0 if transpose else 1] for each in signals.values()}) > 1:
-        held = ", ".join(f"{key} {each.shape}" for key, each in signals.items())
+    if len({signal.shape[0 if transpose else 1] for signal in signals.values()}) > 1:
+        held = ", ".join(f"{key} {signal.shape}" for key, signal in signals.items())
         raise InputError(f"{path}: holds arrays of different numbers of taxels ({held[:100]}); name one with `array`")
-    return {key: each.T for key, each in signals.items()} if transpose else signals
+    return {key: signal.T for key, signal in signals.items()} if transpose else signals
 
 
 def _stamps_at(arrays: Mapping[str, np.ndarray], layout: LayoutSpec) -> list[str]:
@@ -183,7 +183,7 @@ def _stamps_at(arrays: Mapping[str, np.ndarray], layout: LayoutSpec) -> list[str
     their rest; none if there is none.
     """
     axis = 1 if layout.transpose else 0
-    samples = {key: each.shape[axis] for key, each in arrays.items() if each.ndim == 2 and layout.array in (None, key)}
+    samples = {key: part.shape[axis] for key, part in arrays.items() if part.ndim == 2 and layout.array in (None, key)}
 
     def is_per_sample(keys: Sequence[str]) -> bool:
         others = {n for name, n in samples.items() if name not in keys}
@@ -191,7 +191,7 @@ def _stamps_at(arrays: Mapping[str, np.ndarray], layout: LayoutSpec) -> list[str
 
     names = list(arrays)
     pair = split_stamps.pair_in(names)
-    ways = [] if pair is None else [[names[place] for place in pair]]
+    ways = [] if pair is None else [[names[column] for column in pair]]
     ways += [[key] for key in names if TIME_COLUMN.match(key)]
     return next((keys for keys in ways if is_per_sample(keys)), [])
 
@@ -233,15 +233,15 @@ def _matrices(file: ArrayFile, chosen: str | None) -> dict[str, np.ndarray]:
         )
     held = {name: np.asarray(file.read(name)) for name in file.shapes}
     is_matlab = file.path.suffix.lower() == MATLAB
-    found = {
+    matrices = {
         name: values for name, values in held.items()
         if (values.size != 1 or values.ndim > 1) and (values.dtype.kind in "iufb" or not is_matlab)
     }  # fmt: skip
     for name, cells in file.cells.items():
-        found |= dict(zip(_names_of_cells(file, name), cells, strict=True))
-    if not found:
+        matrices |= dict(zip(_names_of_cells(file, name), cells, strict=True))
+    if not matrices:
         raise InputError(f"{file.path}: holds no matrix of numbers; save one, (time, taxel)")
-    return {name: values[:, None] if values.ndim == 1 and is_matlab else values for name, values in found.items()}
+    return {name: values[:, None] if values.ndim == 1 and is_matlab else values for name, values in matrices.items()}
 
 
 def _names_of_cells(file: ArrayFile, name: str | None) -> list[str]:
@@ -251,7 +251,7 @@ def _names_of_cells(file: ArrayFile, name: str | None) -> list[str]:
 
 def _warn_of_axes(read: Sequence[Read], layout: LayoutSpec, folder: Path) -> None:
     """Warn of arrays that all have more taxels than samples."""
-    shapes = [each.table.signal.shape for each in read if each.table.first_line == 0]  # arrays have no lines
+    shapes = [trial.table.signal.shape for trial in read if trial.table.first_line == 0]  # arrays have no lines
     if shapes and all(taxels > samples for samples, taxels in shapes):
         samples, taxels = shapes[0]
         fix = "leave out `transpose`" if layout.transpose else "use `transpose=True`"
@@ -264,14 +264,14 @@ def _data_files(folder: Path, naming: NamingSpec) -> list[Path]:
     """The files to read; a warning names ignored files, and a folder or file that would be lost is refused."""
     table = None if naming.table is None else os.path.realpath(naming.table)
     paths = [path.relative_to(folder) for path in below(folder) if table is None or os.path.realpath(path) != table]
-    found = next(filter(None, (_with_suffix(paths, suffixes) for suffixes in (USUAL, *LATER))), [])
-    read = set(found)
+    data_files = next(filter(None, (_with_suffix(paths, suffixes) for suffixes in (USUAL, *LATER))), [])
+    read = set(data_files)
     ignored = [path for path in paths if path not in read]
     if naming.is_label_by_folder:
-        _check_label_folders(folder, found, ignored, naming.pattern)
-    elif not found:
+        _check_label_folders(folder, data_files, ignored, naming.pattern)
+    elif not data_files:
         raise _no_recordings(folder, [folder / inside for inside in ignored])
-    for inside in found:
+    for inside in data_files:
         if not is_text(str(inside)):
             raise InputError(
                 f"{folder}: the name {str(inside)!a} is not printable UTF-8 text; rename that file or folder"
@@ -279,7 +279,7 @@ def _data_files(folder: Path, naming: NamingSpec) -> list[Path]:
     if ignored:
         names = some([str(path) for path in ignored])
         log.warning("%s: %d files are ignored (hidden, or not recordings): %s", folder, len(ignored), names)
-    return [folder / inside for inside in found]
+    return [folder / inside for inside in data_files]
 
 
 def _with_suffix(paths: Sequence[Path], suffixes: Sequence[str]) -> list[Path]:
@@ -296,21 +296,21 @@ def _no_recordings(folder: Path, others: Sequence[Path]) -> InputError:
     return InputError(f"{folder}: holds no {KINDS} file, but {other.relative_to(folder)}{what}")
 
 
-def _check_label_folders(folder: Path, found: Sequence[Path], ignored: Sequence[Path], pattern: str | None) -> None:
-    labels = {place.name for place in folder.iterdir() if place.is_dir() and not is_hidden(place.name)}
+def _check_label_folders(folder: Path, files: Sequence[Path], ignored: Sequence[Path], pattern: str | None) -> None:
+    labels = {entry.name for entry in folder.iterdir() if entry.is_dir() and not is_hidden(entry.name)}
     if not labels:
         lacks = "" if pattern is None else f", and `pattern={pattern!r}` no {{label}}"
         raise InputError(
             f"{folder}: holds no sub-folder{lacks}; put the files of each class in a sub-folder named by its label, or "
             "give the label with `pattern='{label}_{number}.csv'` or the like, or `conditions`"
         )
-    for inside in found:
+    for inside in files:
         if len(inside.parts) == 1:
             raise InputError(
                 f"{folder / inside}: is beside the sub-folders and has no label; put it in the sub-folder of its "
                 "class or move it away"
             )
-    empty = sorted(labels - {inside.parts[0] for inside in found})
+    empty = sorted(labels - {inside.parts[0] for inside in files})
     if empty:
         others = [folder / inside for inside in ignored if inside.parts[0] == empty[0]]
         raise _no_recordings(folder / empty[0], others)

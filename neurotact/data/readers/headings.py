@@ -116,18 +116,18 @@ def open_table(
 
 def _given_separator(text: str) -> str | None:
     """The separator that the first line tells Excel."""
-    found = SEPARATOR_LINE.fullmatch(text.partition("\n")[0])
-    return found[1] if found else None
+    match = SEPARATOR_LINE.fullmatch(text.partition("\n")[0])
+    return match[1] if match else None
 
 
 def _after(text: str, n_lines: int) -> int:
     """The place after the first lines; the end of a text that has no more."""
-    place = 0
+    position = 0
     for _ in range(n_lines):
-        place = text.find("\n", place) + 1
-        if not place:
+        position = text.find("\n", position) + 1
+        if not position:
             return len(text)
-    return place
+    return position
 
 
 def _lines(text: str) -> Iterator[_Line]:
@@ -146,23 +146,23 @@ def _above(text: str, usual: UsualRow | None, begin: int | None, *, has_separato
 
     begin: where they begin, if that is known. Without a usual row they begin below the first line that is no comment.
     """
-    found: list[_Line] = []
+    headings: list[_Line] = []
     for line in islice(_lines(text), int(has_separator_line), None):
-        is_first = line.begin >= begin if begin is not None else _is_first(line, found, usual)
+        is_first = line.begin >= begin if begin is not None else _is_first(line, headings, usual)
         if line.text.strip() or is_first or line.begin == len(text):
-            found.append(line)
+            headings.append(line)
         if is_first:
             break
-    while begin is None and usual is not None and len(found) > 1 and usual.is_near(found[-2].text):
-        found.pop()
-    return found
+    while begin is None and usual is not None and len(headings) > 1 and usual.is_near(headings[-2].text):
+        headings.pop()
+    return headings
 
 
 def _is_first(line: _Line, above: Sequence[_Line], usual: UsualRow | None) -> bool:
     if not line.text.strip() or COMMENT.match(line.text):
         return False
     if usual is None:
-        return not LETTER.search(line.text) or any(not COMMENT.match(each.text) for each in above)
+        return not LETTER.search(line.text) or any(not COMMENT.match(heading.text) for heading in above)
     return usual.is_like(line.text)
 
 
@@ -177,7 +177,7 @@ def _check_brackets(lines: Sequence[_Line], path: Path) -> None:
 
 def _texts(text: str, samples: _Line, above: Sequence[_Line], separator: str | None) -> UsualRow:
     """The row of a table without numbers, as its names are, with the end of the first row below them."""
-    named = [each.text for each in above if not COMMENT.match(each.text)]
+    named = [heading.text for heading in above if not COMMENT.match(heading.text)]
     line = named[-1] if named else samples.text
     row = text[samples.begin :].partition("\n")[0]
     its = separator or separator_of(line)
@@ -207,7 +207,7 @@ def _head(above: Sequence[_Line], usual: UsualRow) -> _Head:
     comments = [line for line in comments if line.text.strip()]
     head = _named_by(comments, usual, by_blanks=True)
     last = comments[-1 - bool(head.units)] if head.names else None
-    are_words = last is not None and not any(each in last.text for each in SEPARATORS)
+    are_words = last is not None and not any(separator in last.text for separator in SEPARATORS)
     return head._replace(others=(), comment=last.number if last and are_words else 0)
 
 

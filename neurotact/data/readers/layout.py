@@ -102,29 +102,29 @@ def read_table(path: Path, layout: LayoutSpec, *, find_time: bool = True) -> Tab
     ros_time = ros.stamps_of(table) if is_free else None
     columns = _columns_of(table, layout, find_time) if ros_time is None else _after_ros_header(table)
     is_of_day = columns.time is not None and is_time_of_day(table.first_row[columns.time])
-    stamps_at = [place for place in (columns.time, columns.rest) if place is not None]
-    found = dict(zip(
+    stamps_at = [column for column in (columns.time, columns.rest) if column is not None]
+    values = dict(zip(
         (*columns.taxels, *stamps_at),
         columns_at(table, [*columns.taxels, *stamps_at], stamps_at[:1] if is_of_day else ()), strict=True,
     ))  # fmt: skip
-    taxels, notes = (columns.taxels, ()) if layout.columns else _without_texts(table, columns.taxels, found)
-    signal = np.empty((len(found[taxels[0]]), len(taxels)), np.float32)
-    for number, place in enumerate(taxels):
-        signal[:, number] = finite(table, place, found.pop(place))
-    names = tuple(table.names[place] for place in taxels) if table.names else ()
+    taxels, notes = (columns.taxels, ()) if layout.columns else _without_texts(table, columns.taxels, values)
+    signal = np.empty((len(values[taxels[0]]), len(taxels)), np.float32)
+    for number, column in enumerate(taxels):
+        signal[:, number] = finite(table, column, values.pop(column))
+    names = tuple(table.names[column] for column in taxels) if table.names else ()
     if not all(names):
         names, notes = (), (*notes, "a column has no name, so the taxels have none")
     its = Table(names, signal, None, table.first_line, notes=(*table.notes, *columns.notes, *notes))
     if columns.time is None:
         return its if ros_time is None else its._replace(time=ros_time, time_unit="s")
     if is_of_day:
-        cells_of_day = found[columns.time].tolist()
+        cells_of_day = values[columns.time].tolist()
         time = seconds_of(cells_of_day, str(path), str(columns.time + 1), table.first_line, layout.time_unit)
     else:
-        time = finite(table, columns.time, found[columns.time])
+        time = finite(table, columns.time, values[columns.time])
     if columns.rest is not None:
         name = table.names[columns.rest] if table.names else str(columns.rest + 1)
-        rest = finite(table, columns.rest, found[columns.rest])
+        rest = finite(table, columns.rest, values[columns.rest])
         time = split_stamps.joined(time, rest, name, str(path), table.first_line, layout.time_unit)
     if layout.time_column is None and not is_of_day:
         check_rises(time, table.names[columns.time], path)
@@ -133,33 +133,33 @@ def read_table(path: Path, layout: LayoutSpec, *, find_time: bool = True) -> Tab
     return its._replace(time=time, time_unit=its_unit)
 
 
-def unit_of(table: TextTable, place: int, time: np.ndarray) -> Unit | None:
+def unit_of(table: TextTable, column: int, time: np.ndarray) -> Unit | None:
     """The unit of a column of times: in its name, below it, or that of nanoseconds since 1970; None if nothing says it.
 
     >>> table = TextTable(Path("felt.csv"), ("t", "left"), ",", "0,1", 2, units=("[ms]", "mV"))
     >>> unit_of(table, 0, np.zeros(1)), unit_of(table._replace(units=()), 0, np.array([1.7e18]))
     ('ms', 'ns')
     """
-    named = unit_in(table.names[place]) if table.names else None
-    below = unit_in(f"_{table.units[place].strip('[]()')}") if table.units else None
+    named = unit_in(table.names[column]) if table.names else None
+    below = unit_in(f"_{table.units[column].strip('[]()')}") if table.units else None
     is_since_1970 = time.dtype.kind in "iuf" and len(time) > 0 and time[0] > SINCE_1970_NS
     return named or below or ("ns" if is_since_1970 else None)
 
 
-def is_index(table: TextTable, place: int, values: np.ndarray) -> bool:
+def is_index(table: TextTable, column: int, values: np.ndarray) -> bool:
     """Whether a column is one in which pandas numbers the rows: without a name, and counting."""
-    if not table.names or not INDEX.fullmatch(table.names[place]) or values.dtype.kind == "U":
+    if not table.names or not INDEX.fullmatch(table.names[column]) or values.dtype.kind == "U":
         return False
     return bool((values == values[0] + np.arange(len(values))).all())
 
 
 def _without_texts(
-    table: TextTable, taxels: list[int], found: Mapping[int, np.ndarray]
+    table: TextTable, taxels: list[int], values: Mapping[int, np.ndarray]
 ) -> tuple[list[int], tuple[str, ...]]:
     """The taxels without columns that hold no number, nor pandas' numbers of rows; and what is said of these."""
-    texts = [place for place in taxels if found[place].dtype.kind == "U" and _holds_no_number(found[place])]
-    index = [place for place in taxels if is_index(table, place, found[place])]
-    rest = [place for place in taxels if place not in (*texts, *index)]
+    texts = [column for column in taxels if values[column].dtype.kind == "U" and _holds_no_number(values[column])]
+    index = [column for column in taxels if is_index(table, column, values[column])]
+    rest = [column for column in taxels if column not in (*texts, *index)]
     if not rest:
         line = repr(" ".join(table.first_row))[:60]
         raise InputError(
@@ -167,8 +167,8 @@ def _without_texts(
             "sample and a column per taxel"
         )
     notes = ["a column without a name numbers the rows and is no taxel"] if index else []
-    named = [table.names[place] if table.names else f"column {place + 1}" for place in texts]
-    shown = [f"{name} ({found[place][0][:20]!r})" for name, place in zip(named, texts, strict=True)]
+    named = [table.names[column] if table.names else f"column {column + 1}" for column in texts]
+    shown = [f"{name} ({values[column][0][:20]!r})" for name, column in zip(named, texts, strict=True)]
     return rest, (*notes, *([f"holds no number, so no taxel: {some(shown)}"] if texts else []))
 
 
@@ -190,18 +190,18 @@ def _after_ros_header(table: TextTable) -> _Columns:
 
 def _columns_of(table: TextTable, layout: LayoutSpec, find_time: bool) -> _Columns:
     names, first, path = table.names, table.first_row, table.path
-    headers = [place for place, name in enumerate(names) if ros.is_header(name)]
+    headers = [column for column, name in enumerate(names) if ros.is_header(name)]
     chosen, time, rest = chosen_places(layout.columns, layout.time_column, names, first, path, find_time=find_time)
-    taxels = chosen or [place for place in range(table.n_columns) if place not in (time, rest, *headers)]
+    taxels = chosen or [column for column in range(table.n_columns) if column not in (time, rest, *headers)]
     if not taxels:
         raise InputError(f"{path}: has no column besides the time; record at least one taxel")
     seen: set[str] = set()
-    for place in [*taxels, *([] if time is None else [time])] if names else []:
-        if names[place] in seen - {""}:
-            raise InputError(f"{path}: two columns are named '{names[place][:40]}'; give each taxel its own name")
-        if not is_text(names[place]):
-            raise InputError(f"{path}: column {place + 1}, {names[place][:40]!a}, has control characters; rename it")
-        seen.add(names[place])
+    for column in [*taxels, *([] if time is None else [time])] if names else []:
+        if names[column] in seen - {""}:
+            raise InputError(f"{path}: two columns are named '{names[column][:40]}'; give each taxel its own name")
+        if not is_text(names[column]):
+            raise InputError(f"{path}: column {column + 1}, {names[column][:40]!a}, has control characters; rename it")
+        seen.add(names[column])
     second = None if chosen else _stamps_at(names, first, [time, rest, *headers])[0]
     if second is not None:
         named = f" ('{names[second][:40]}')" if names else ""
@@ -209,7 +209,7 @@ def _columns_of(table: TextTable, layout: LayoutSpec, find_time: bool) -> _Colum
             f"{path}: column {second + 1}{named} looks like time stamps but is not the time column; choose the taxels "
             "with `columns`, or remove the column"
         )
-    left_out = [] if chosen else [names[place] for place in headers if place not in (time, rest)]
+    left_out = [] if chosen else [names[column] for column in headers if column not in (time, rest)]
     notes = (f"the header of the ROS message is no taxel: {some(left_out)}",) if left_out else ()
     return _Columns(taxels, time, notes, rest)
 
@@ -231,15 +231,15 @@ def chosen_places(
     others: the places of columns that are neither, by the option that names them.
     Raises InputError for a column that is named twice.
     """
-    used = [place for those in others.values() for place in those]
-    chosen = [place for asked in columns for place in _places(asked, names, len(first), "`columns`", path)]
+    used = [column for those in others.values() for column in those]
+    chosen = [column for choice in columns for column in _places(choice, names, len(first), "`columns`", path)]
     time = rest = None
     if time_column is not None:
         parts = split_stamps.apart(time_column, names)
         time, rest = [*(_places(part, names, len(first), "`time_column`", path)[0] for part in parts), None][:2]
     elif find_time:
         time, rest = _stamps_at(names, first, [*used, *chosen])
-    named = [*chosen, *(place for place in (time, rest) if place is not None)]
+    named = [*chosen, *(column for column in (time, rest) if column is not None)]
     if len({*named}) < len(named) or {*named} & {*used}:
         *options, last = ("`columns`", "`time_column`", *others)
         raise InputError(f"{path}: {', '.join(options)} and {last} name a column twice; name each once")
@@ -268,9 +268,9 @@ def _time_place(names: Sequence[str], first: Sequence[str], others: Collection[i
     >>> _time_place([], ["0.5", "12:00:00.25"], [])
     1
     """
-    named = (at for at, name in enumerate(names) if TIME_COLUMN.match(name))
-    timed = (at for at, cell in enumerate(first) if is_time_of_day(cell))
-    return next((at for at in (*named, *timed) if at not in others), None)
+    named = (column for column, name in enumerate(names) if TIME_COLUMN.match(name))
+    timed = (column for column, cell in enumerate(first) if is_time_of_day(cell))
+    return next((column for column in (*named, *timed) if column not in others), None)
 
 
 def check_rises(time: np.ndarray, name: str, path: Path) -> None:
@@ -282,24 +282,24 @@ def check_rises(time: np.ndarray, name: str, path: Path) -> None:
         )
 
 
-def _places(asked: str, names: tuple[str, ...], n_columns: int, option: str, path: Path) -> list[int]:
+def _places(choice: str, names: tuple[str, ...], n_columns: int, option: str, path: Path) -> list[int]:
     """The columns that a name, a number, or a range of numbers or of names stands for."""
-    if asked in names:
-        return [names.index(asked)]
-    ends = next(((asked[:at], asked[at + 1 :]) for at, mark in enumerate(asked) if mark == "-"
-                 and asked[:at] in names and asked[at + 1 :] in names), None)  # fmt: skip
-    match = RANGE.fullmatch(asked)
+    if choice in names:
+        return [names.index(choice)]
+    ends = next(((choice[:index], choice[index + 1 :]) for index, mark in enumerate(choice) if mark == "-"
+                 and choice[:index] in names and choice[index + 1 :] in names), None)  # fmt: skip
+    match = RANGE.fullmatch(choice)
     if ends is not None and option == "`columns`":
         first, last = (names.index(end) for end in ends)
         return list(range(min(first, last), max(first, last) + 1))
     if match is None:
-        hint = nearest(asked, list(names)) if names else "the file names no columns, so give a number"
-        raise InputError(f"{path}: {option}: there is no column '{asked[:40]}'; {hint}")
+        hint = nearest(choice, list(names)) if names else "the file names no columns, so give a number"
+        raise InputError(f"{path}: {option}: there is no column '{choice[:40]}'; {hint}")
     first = int(match[1])
     last = int(match[2] or first)
     if not 1 <= first <= last <= n_columns or (option == "`time_column`" and last > first):
         raise InputError(
-            f"{path}: {option}: {asked} is not there, since this file has {n_columns} columns, numbered from 1; name "
+            f"{path}: {option}: {choice} is not there, since this file has {n_columns} columns, numbered from 1; name "
             "columns that it has, or move it away if it is from another sensor"
         )
     return list(range(first - 1, last))

@@ -74,11 +74,11 @@ def read_variables(path: str | Path) -> Variables:
     path = existing(path)
     check_size(path, path.stat().st_size)
     check_content(path, contents.MATLAB, contents.HDF5, wanted=FORM, fix=FIX)
-    found = _from_hdf5(path) if h5py.is_hdf5(path) else _from_binary(path)
-    filled = {name: values for name, values in found.items() if isinstance(values, np.ndarray) and values.size}
+    variables = _from_hdf5(path) if h5py.is_hdf5(path) else _from_binary(path)
+    filled = {name: values for name, values in variables.items() if isinstance(values, np.ndarray) and values.size}
     arrays = {name: _as_vector(values) for name, values in filled.items()}
-    cells = {name: values for name, values in found.items() if isinstance(values, list)}
-    others = [name for name in found if name not in arrays and name not in cells]
+    cells = {name: values for name, values in variables.items() if isinstance(values, list)}
+    others = [name for name in variables if name not in arrays and name not in cells]
     if not (arrays or cells):
         held = f" ({', '.join(others[:5])})" if others else ""
         raise InputError(
@@ -102,17 +102,17 @@ def _of_cells(path: Path, values: Iterable[Value]) -> Value:
         cells.append(value)
         n_bytes += value.nbytes if isinstance(value, np.ndarray) else 0
         check_size(path, n_bytes)
-    found = [each for each in cells if isinstance(each, np.ndarray) and each.size]
-    if not found or len(found) < len(cells):
+    filled = [cell for cell in cells if isinstance(cell, np.ndarray) and cell.size]
+    if not filled or len(filled) < len(cells):
         return None
-    kinds, is_single = {each.dtype.kind for each in found}, all(each.size == 1 for each in found)
+    kinds, is_single = {cell.dtype.kind for cell in filled}, all(cell.size == 1 for cell in filled)
     if kinds == {"U"} and is_single:
-        return np.array([str(each.item()) for each in found])
+        return np.array([str(cell.item()) for cell in filled])
     if not kinds <= {*"iufb"}:
         return None
     if is_single:
-        return np.array([each.item() for each in found])
-    return [each.ravel() for each in found] if all(_is_vector(each) for each in found) else found
+        return np.array([cell.item() for cell in filled])
+    return [cell.ravel() for cell in filled] if all(_is_vector(cell) for cell in filled) else filled
 
 
 def _rows_of(characters: Sequence[str], shape: tuple[int, ...]) -> np.ndarray:
@@ -145,7 +145,7 @@ class _Binary(NamedTuple):
 
     def variables(self, content: memoryview) -> dict[str, Value]:
         """The variables by name."""
-        found: dict[str, Value] = {}
+        variables: dict[str, Value] = {}
         n_bytes = len(content)
         while len(content):
             kind, size = struct.unpack(f"{self.order}II", content[:8])
@@ -159,14 +159,14 @@ class _Binary(NamedTuple):
             if kind == MATRIX:
                 name, values = self._matrix(inside)
                 if name.isidentifier():  # what functions and objects need has no name
-                    found[name] = values
-        return found
+                    variables[name] = values
+        return variables
 
     def _inflated(self, content: memoryview, n_bytes: int) -> memoryview:
         """The content of a compressed element; n_bytes: of all others."""
         stream, parts = zlib.decompressobj(), []
-        for at in range(0, len(content), PIECE_BYTES):
-            piece = bytes(content[at : at + PIECE_BYTES])
+        for begin in range(0, len(content), PIECE_BYTES):
+            piece = bytes(content[begin : begin + PIECE_BYTES])
             while part := stream.decompress(piece, PIECE_BYTES):
                 parts.append(part)
                 n_bytes += len(part)
@@ -230,16 +230,16 @@ def _from_hdf5(path: Path) -> dict[str, Value]:
         return {name: _of_dataset(declared, file.get(name)) for name in file if name.isidentifier()}
 
 
-def _of_dataset(declared: Declared, found: Any) -> Value:
+def _of_dataset(declared: Declared, dataset: Any) -> Value:
     """Numbers, texts or cells; None for anything else, and for an empty matrix, of which the sizes are stored."""
-    if not isinstance(found, h5py.Dataset) or found.name is None or "MATLAB_empty" in found.attrs:
+    if not isinstance(dataset, h5py.Dataset) or dataset.name is None or "MATLAB_empty" in dataset.attrs:
         return None
-    kind = attribute(found, "MATLAB_class", declared.path) if "MATLAB_class" in found.attrs else "double"
+    kind = attribute(dataset, "MATLAB_class", declared.path) if "MATLAB_class" in dataset.attrs else "double"
     if kind == "cell":
-        check_size(declared.path, found.size * found.dtype.itemsize)
-        cells = (_of_dataset(declared, declared.file[each]) for each in found[()].ravel())
+        check_size(declared.path, dataset.size * dataset.dtype.itemsize)
+        cells = (_of_dataset(declared, declared.file[reference]) for reference in dataset[()].ravel())
         return _of_cells(Path(declared.path), cells)
-    if kind in ("struct", "function_handle") or found.dtype.kind not in "iufb":
+    if kind in ("struct", "function_handle") or dataset.dtype.kind not in "iufb":
         return None
-    values = np.asarray(declared.value(found.name.lstrip("/"))).T
+    values = np.asarray(declared.value(dataset.name.lstrip("/"))).T
     return _rows_of([*map(chr, values.ravel(order="F"))], values.shape) if kind == "char" else values

@@ -76,31 +76,31 @@ def conditions_of(files: Sequence[str], naming: NamingSpec, folder: Path) -> pd.
         if twice:
             raise InputError(f"{naming.table}: the condition '{twice[0]}' is also given by the file's path or name")
         rows.append({name: value for part in parts for name, value in part.items()})
-    found = _with_label(pd.DataFrame(rows), naming.label, folder)
-    for name in found.columns.drop(LABEL):
-        found[name] = _as_numbers(found[name])
-    found = found[[LABEL, *found.columns.drop(LABEL)]]
-    found[FILE] = list(files)
-    return found
+    conditions = _with_label(pd.DataFrame(rows), naming.label, folder)
+    for name in conditions.columns.drop(LABEL):
+        conditions[name] = _as_numbers(conditions[name])
+    conditions = conditions[[LABEL, *conditions.columns.drop(LABEL)]]
+    conditions[FILE] = list(files)
+    return conditions
 
 
-def _with_label(found: pd.DataFrame, label: str | None, folder: Path) -> pd.DataFrame:
+def _with_label(conditions: pd.DataFrame, label: str | None, folder: Path) -> pd.DataFrame:
     """The conditions of each file, that which is the class called `label`."""
-    names = [*map(str, found.columns)]
+    names = [*map(str, conditions.columns)]
     if label is not None and label not in names:
         raise InputError(f"{folder}: no condition is called {label}; {nearest(label, names)}")
     if label not in (None, LABEL):
         if LABEL in names:
             raise InputError(f"{folder}: a condition is called label already; rename it, or leave out `label`")
-        found = found.rename(columns={label: LABEL})
-    if LABEL not in found:
+        conditions = conditions.rename(columns={label: LABEL})
+    if LABEL not in conditions:
         fix = (
             f"name it with `label`, of {', '.join(names)}"
             if names
             else "add it with `levels`, `pattern` or `conditions`"
         )
         raise InputError(f"{folder}: no condition is called label, the class of each file; {fix}")
-    return found
+    return conditions
 
 
 def _fields(pattern: str) -> list[str]:
@@ -121,18 +121,18 @@ def _of_levels(file: str, levels: Sequence[str], folder: Path) -> dict[str, str]
             f"{folder / file}: is {len(above)} sub-folders deep, but `levels` names {len(levels)} "
             f"({', '.join(levels)}); move it, or name fewer levels"
         )
-    found = {}
-    for level, place in zip(levels, above, strict=False):
+    levels_found = {}
+    for level, folder_name in zip(levels, above, strict=False):
         if "{" not in level:
-            found[level] = place
+            levels_found[level] = folder_name
             continue
-        match = _compiled(level).fullmatch(place)
+        match = _compiled(level).fullmatch(folder_name)
         if match is None:
             raise InputError(
-                f"{folder / file}: the folder '{place}' does not fit the level {level}; rename one of them"
+                f"{folder / file}: the folder '{folder_name}' does not fit the level {level}; rename one of them"
             )
-        found |= match.groupdict()
-    return found
+        levels_found |= match.groupdict()
+    return levels_found
 
 
 def _of_pattern(file: str, pattern: str | None, folder: Path) -> dict[str, str]:
@@ -159,7 +159,7 @@ def _read_table(path: str, files: Sequence[str]) -> dict[str, dict[str, str]]:
     by_name: dict[str, list[str]] = {}
     for file in files:
         by_name.setdefault(PurePosixPath(file).name, []).append(file)
-    found: dict[str, dict[str, str]] = {}
+    rows: dict[str, dict[str, str]] = {}
     for number, row in enumerate(zip(*(columns[name].tolist() for name in table.names), strict=True), table.first_line):
         given = dict(zip(table.names, row, strict=True))
         name = given.pop(FILE)
@@ -167,13 +167,13 @@ def _read_table(path: str, files: Sequence[str]) -> dict[str, dict[str, str]]:
         if len(fitting) != 1:
             why = "is not a file of recordings in the folder" if not fitting else f"is the name of {len(fitting)} files"
             raise InputError(f"{path}: line {number}: '{name[:80]}' {why}; give its path within the folder")
-        if fitting[0] in found:
+        if fitting[0] in rows:
             raise InputError(f"{path}: line {number}: '{name[:80]}' already has a line above; drop one of them")
-        found[fitting[0]] = given
-    absent = [file for file in files if file not in found]
+        rows[fitting[0]] = given
+    absent = [file for file in files if file not in rows]
     if absent:
         raise InputError(f"{path}: has no line for {absent[0]} ({len(absent)} in all); add it or move the file away")
-    return found
+    return rows
 
 
 def _as_numbers(values: pd.Series) -> pd.Series:

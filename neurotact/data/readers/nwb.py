@@ -109,7 +109,7 @@ class _Trials(NamedTuple):
 
     def chosen(self, keep: np.ndarray) -> "_Trials":
         """The trials of which `keep`, `(trial,)`, is true."""
-        told = ([name for name, kept in zip(each, keep, strict=False) if kept] for each in (self.digests, self.touches))
+        told = ([name for name, kept in zip(text, keep, strict=False) if kept] for text in (self.digests, self.touches))
         return _Trials(self.start_s[keep], self.stop_s[keep], self.conditions[keep].reset_index(drop=True), *told)
 
 
@@ -124,23 +124,23 @@ def read(
     out, with a line. choice: of the trials to read, before anything else of them is checked.
     Raises InputError for a file that is damaged, too large, or without trials, classes or spikes.
     """
-    asked = build(NWBSpec, spec or {}, "import nwb")
+    options = build(NWBSpec, spec or {}, "import nwb")
     of_units = {
-        "step_ms": asked.step_ms, "name": asked.name != AFFERENT, "merge_events": asked.merge_events,
-        "units": bool(asked.choice_of_units),
+        "step_ms": options.step_ms, "name": options.name != AFFERENT, "merge_events": options.merge_events,
+        "units": bool(options.choice_of_units),
     }  # fmt: skip
     of_series = {
-        "unit": asked.unit, "sampling_rate_Hz": asked.sampling_rate_Hz, "max_gap_ms": asked.max_gap_ms,
-        "drop_repeats": asked.drop_repeats,
+        "unit": options.unit, "sampling_rate_Hz": options.sampling_rate_Hz, "max_gap_ms": options.max_gap_ms,
+        "drop_repeats": options.drop_repeats,
     }  # fmt: skip
-    wrong = next((name for name, value in (of_series if asked.series is None else of_units).items() if value), None)
+    wrong = next((name for name, value in (of_series if options.series is None else of_units).items() if value), None)
     if wrong is not None:
-        what = "a time series" if asked.series is None else "spikes of units"
+        what = "a time series" if options.series is None else "spikes of units"
         raise InputError(f"{path}: `{wrong}` is for {what}; drop it")
     with reading(path, "NWB", "the program that made it") as file:
         declared = Declared(file, path)
-        trials = _trials(declared, asked, choice)
-        return _spikes(declared, trials, asked) if asked.series is None else _recordings(declared, trials, asked)
+        trials = _trials(declared, options, choice)
+        return _spikes(declared, trials, options) if options.series is None else _recordings(declared, trials, options)
 
 
 READER = Reader("Neurodata Without Borders: spike times of units in trials, an NWB 2 file.", read)
@@ -150,36 +150,36 @@ READER = Reader("Neurodata Without Borders: spike times of units in trials, an N
 
 
 def _trials(declared: Declared, spec: NWBSpec, choice: TrialChoice) -> _Trials:
-    path, place = declared.path, f"intervals/{spec.trials}"
-    if not declared.holds(place):
+    path, table = declared.path, f"intervals/{spec.trials}"
+    if not declared.holds(table):
         there = named(declared.group("intervals")) if declared.holds("intervals") else "there is no table"
-        raise InputError(f"{path}: holds no {place} ({there}); name the table of trials with `trials`")
-    start_s, stop_s = (declared.numbers(f"{place}/{name}").astype(float) for name in ("start_time", "stop_time"))
+        raise InputError(f"{path}: holds no {table} ({there}); name the table of trials with `trials`")
+    start_s, stop_s = (declared.numbers(f"{table}/{name}").astype(float) for name in ("start_time", "stop_time"))
     if len(start_s) != len(stop_s) or not len(start_s):
-        raise InputError(f"{path}: {place} has {len(start_s)} starts and {len(stop_s)} stops; give one each per trial")
-    found = dict(columns(declared, place, len(start_s)))
-    if spec.label not in found:
+        raise InputError(f"{path}: {table} has {len(start_s)} starts and {len(stop_s)} stops; give one each per trial")
+    extra = dict(columns(declared, table, len(start_s)))
+    if spec.label not in extra:
         raise InputError(
-            f"{path}: no column of {place} is called {spec.label} ({', '.join(found) or 'it has no other columns'}); "
+            f"{path}: no column of {table} is called {spec.label} ({', '.join(extra) or 'it has no other columns'}); "
             "name the class with `label`"
         )
-    labels = found.pop(spec.label)
-    if found.pop(LABEL, None) is not None:
+    labels = extra.pop(spec.label)
+    if extra.pop(LABEL, None) is not None:
         log.warning("%s: not used, since `label` names another: the column %s", path, LABEL)
-    conditions = pd.DataFrame({LABEL: [str(label) for label in np.asarray(labels, object).tolist()], **found})
-    told = (declared.texts(f"{place}/{key}") if declared.holds(f"{place}/{key}") else [] for key in (DIGEST, TOUCH))
+    conditions = pd.DataFrame({LABEL: [str(label) for label in np.asarray(labels, object).tolist()], **extra})
+    told = (declared.texts(f"{table}/{key}") if declared.holds(f"{table}/{key}") else [] for key in (DIGEST, TOUCH))
     choice = choice.with_label(spec.label)
     keep = choice.keeps(conditions, str(path))
     if choice:
         choice.say(keep, str(path))
     wrong = np.flatnonzero(keep & ~(np.isfinite(start_s) & np.isfinite(stop_s) & (start_s < stop_s)))
     if len(wrong):
-        at = wrong[0]
+        row = wrong[0]
         raise InputError(
-            f"{path}: trial {at} lasts from {start_s[at]:g} s to {stop_s[at]:g} s; correct it, or leave it out with "
+            f"{path}: trial {row} lasts from {start_s[row]:g} s to {stop_s[row]:g} s; correct it, or leave it out with "
             "`leave_out`"
         )
-    names = (each if len(each) == len(start_s) else [] for each in told)
+    names = (names_of_trials if len(names_of_trials) == len(start_s) else [] for names_of_trials in told)
     return _Trials(start_s, stop_s, conditions, *names).chosen(keep)
 
 
@@ -196,8 +196,8 @@ def _spikes(declared: Declared, trials: _Trials, spec: NWBSpec) -> SpikeTrains:
     afferents = unit_names(declared, spec.name)
     unit = unit_of_each(declared, len(stamps), len(afferents))
     if not np.isfinite(stamps).all():
-        at = int(np.flatnonzero(~np.isfinite(stamps))[0])
-        raise InputError(f"{path}: spike {at} of '{afferents[unit[at]]}' is at {stamps[at]} s; drop it")
+        spike = int(np.flatnonzero(~np.isfinite(stamps))[0])
+        raise InputError(f"{path}: spike {spike} of '{afferents[unit[spike]]}' is at {stamps[spike]} s; drop it")
     kept = kept_units(declared, afferents, spec.choice_of_units)
     if not kept.all():
         afferents = tuple(name for name, is_kept in zip(afferents, kept, strict=True) if is_kept)
@@ -214,7 +214,7 @@ def _spikes(declared: Declared, trials: _Trials, spec: NWBSpec) -> SpikeTrains:
     order = np.argsort(stamps, kind="stable")
     times = event_times(stamps[order], 1.0)
     cuts = _of_trials(times, trials, rate_Hz)
-    n_read = sum(len(each) for each in cuts)
+    n_read = sum(len(cut) for cut in cuts)
     check_size(f"{path}: the spikes of its trials", BYTES_PER_EVENT * n_read)
     n_outside = len(stamps) - len(np.unique(np.concatenate(cuts)))
     if n_outside:
@@ -222,17 +222,17 @@ def _spikes(declared: Declared, trials: _Trials, spec: NWBSpec) -> SpikeTrains:
     since = [times.at(cut).since(start_s) for cut, start_s in zip(cuts, trials.start_s.tolist(), strict=True)]
     rounding = rounding_of(joined_times(since), 1 / rate_Hz)
     lengths = lengths_of(event_times(trials.stop_s, 1.0).since(trials.start_s), 1 / rate_Hz, rounding).tolist()
-    found = on_clock(
+    binned = on_clock(
         (
-            (np.minimum(steps_of(each, 1 / rate_Hz, rounding), n - 1), unit[order[cut]], n)
-            for each, cut, n in zip(since, cuts, lengths, strict=True)
+            (np.minimum(steps_of(trial_since, 1 / rate_Hz, rounding), n - 1), unit[order[cut]], n)
+            for trial_since, cut, n in zip(since, cuts, lengths, strict=True)
         ),
         len(afferents),
     )
-    say_merged(found, 1 / rate_Hz, str(path), accept=spec.merge_events)
-    told = (names or [""] * len(found.trials) for names in (trials.digests, trials.touches))
+    say_merged(binned, 1 / rate_Hz, str(path), accept=spec.merge_events)
+    told = (names or [""] * len(binned.trials) for names in (trials.digests, trials.touches))
     return from_trials(
-        (each._replace(digest=digest, touch=touch) for each, digest, touch in zip(found.trials, *told, strict=True)),
+        (row._replace(digest=digest, touch=touch) for row, digest, touch in zip(binned.trials, *told, strict=True)),
         rate_Hz,
         afferents,
         trials.conditions,
@@ -247,18 +247,18 @@ def _of_trials(times: EventTimes, trials: _Trials, rate_Hz: float) -> list[np.nd
     times: ascending. A spike at the beginning of a trial may be a little earlier because it is rounded.
     """
     bounds = []
-    for at in (trials.start_s, trials.stop_s):
-        error_s = np.interp(at, times.time_s, times.error_s) if len(times.time_s) else np.zeros(len(at))
+    for bounds_s in (trials.start_s, trials.stop_s):
+        error_s = np.interp(bounds_s, times.time_s, times.error_s) if len(times.time_s) else np.zeros(len(bounds_s))
         slack_s = np.minimum(np.maximum(error_s, SLACK / rate_Hz), 0.5 / rate_Hz)
-        bounds.append(np.searchsorted(times.time_s, at - slack_s).tolist())
+        bounds.append(np.searchsorted(times.time_s, bounds_s - slack_s).tolist())
     return [np.arange(first, last) for first, last in zip(*bounds, strict=True)]
 
 
 def _resolution_s(declared: Declared) -> float:
     """The smallest difference of spike times, from the file; 1 ms if it gives no usable one."""
     dataset = declared.file["units/spike_times"]
-    found = float(attribute(dataset, "resolution", declared.path)) if "resolution" in dataset.attrs else math.nan
-    return found if 1e-9 < found < 1e3 else STEP_MS * 1e-3
+    resolution_s = float(attribute(dataset, "resolution", declared.path)) if "resolution" in dataset.attrs else math.nan
+    return resolution_s if 1e-9 < resolution_s < 1e3 else STEP_MS * 1e-3
 
 
 def _notes(declared: Declared) -> dict[str, Any]:
@@ -266,34 +266,34 @@ def _notes(declared: Declared) -> dict[str, Any]:
     if not declared.holds(NOTES):
         return {}
     try:
-        found = json.loads(str(declared.value(NOTES)))[OURS]
-        rate_Hz = float(found["sampling_rate_Hz"])
+        notes = json.loads(str(declared.value(NOTES)))[OURS]
+        rate_Hz = float(notes["sampling_rate_Hz"])
     except (ValueError, LookupError, TypeError, RecursionError):
         return {}
-    is_whole = isinstance(found.get("encoder"), dict) and isinstance(found.get("source"), str)
-    return found if is_whole and math.isfinite(rate_Hz) and rate_Hz > 0 else {}
+    is_whole = isinstance(notes.get("encoder"), dict) and isinstance(notes.get("source"), str)
+    return notes if is_whole and math.isfinite(rate_Hz) and rate_Hz > 0 else {}
 
 
 # --- recordings -------------------------------------------------------------------------------------
 
 
 def _recordings(declared: Declared, trials: _Trials, spec: NWBSpec) -> Recordings:
-    path, place = declared.path, _place_of(declared, str(spec.series))
+    path, series = declared.path, _place_of(declared, str(spec.series))
     trials = trials.chosen(valid_trials(declared, trials.start_s, trials.stop_s, spec.unobserved))
-    data = declared.streamed(f"{place}/data")
+    data = declared.streamed(f"{series}/data")
     if data.ndim > 2 or not data.size:
-        raise InputError(f"{path}: {place} has the shape {data.shape} where (time, taxel) is expected; name another")
-    factor, offset = _conversion(declared, place, 1 if data.ndim == 1 else data.shape[1])
-    cuts, rate_Hz, time_s = _cuts(declared, place, len(data), trials)
+        raise InputError(f"{path}: {series} has the shape {data.shape} where (time, taxel) is expected; name another")
+    factor, offset = _conversion(declared, series, 1 if data.ndim == 1 else data.shape[1])
+    cuts, rate_Hz, time_s = _cuts(declared, series, len(data), trials)
     if rate_Hz is not None and spec.sampling_rate_Hz is not None:
-        raise InputError(f"{path}: `sampling_rate_Hz`: {place} says its rate, {rate_Hz:g} Hz; leave it out")
+        raise InputError(f"{path}: `sampling_rate_Hz`: {series} says its rate, {rate_Hz:g} Hz; leave it out")
     n_samples = sum(stop - start for start, stop in cuts)
-    check_size(f"{path}: the trials of {place}", 8 * n_samples * math.prod(data.shape[1:]))
-    channels, read = electrodes_of(declared, place, 1 if data.ndim == 1 else data.shape[1]), []
+    check_size(f"{path}: the trials of {series}", 8 * n_samples * math.prod(data.shape[1:]))
+    channels, read = electrodes_of(declared, series, 1 if data.ndim == 1 else data.shape[1]), []
     for trial, (start, stop) in enumerate(cuts):
         signal = data[start:stop].reshape(stop - start, -1) * factor + offset
         table = Table(channels, signal, None if time_s is None else time_s[start:stop], 0, "s")
-        read.append(Read(f"{path}: {place}, trial {trial}", f"trial {trial}", table))
+        read.append(Read(f"{path}: {series}, trial {trial}", f"trial {trial}", table))
     unit = spec.unit or str(attribute(data, "unit", path) if "unit" in data.attrs else "")
     return sampled.recordings(
         read, trials.conditions, rate_Hz or spec.sampling_rate_Hz, SYMBOLS.get(unit, unit), max_gap_ms=spec.max_gap_ms,
@@ -301,45 +301,45 @@ def _recordings(declared: Declared, trials: _Trials, spec: NWBSpec) -> Recording
     )  # fmt: skip
 
 
-def _conversion(declared: Declared, place: str, n_channels: int) -> tuple[np.ndarray, float]:
+def _conversion(declared: Declared, series: str, n_channels: int) -> tuple[np.ndarray, float]:
     """The factor of stored numbers, per channel, and the offset added afterwards (NWB: conversion, offset)."""
-    attributes = declared.file[f"{place}/data"].attrs
+    attributes = declared.file[f"{series}/data"].attrs
     factor, offset = (
-        float(attribute(declared.file[f"{place}/data"], name, declared.path)) if name in attributes else default
+        float(attribute(declared.file[f"{series}/data"], name, declared.path)) if name in attributes else default
         for name, default in (("conversion", 1.0), ("offset", 0.0))
     )
     own = np.ones(n_channels)
-    if declared.holds(f"{place}/channel_conversion"):
-        own = declared.numbers(f"{place}/channel_conversion").astype(float)
+    if declared.holds(f"{series}/channel_conversion"):
+        own = declared.numbers(f"{series}/channel_conversion").astype(float)
     if len(own) != n_channels:
-        raise InputError(f"{declared.path}: {place} has {n_channels} channels but {len(own)} conversions of them")
+        raise InputError(f"{declared.path}: {series} has {n_channels} channels but {len(own)} conversions of them")
     return factor * own, offset
 
 
 def _cuts(
-    declared: Declared, place: str, n_samples: int, trials: _Trials
+    declared: Declared, series: str, n_samples: int, trials: _Trials
 ) -> tuple[list[tuple[int, int]], float | None, np.ndarray | None]:
     """First sample and end (exclusive) of each trial, samples per second, and the time stamps if there is no rate."""
     path, rate_Hz, time_s = declared.path, None, None
-    if declared.holds(f"{place}/starting_time"):
-        begin = declared.file[f"{place}/starting_time"]
-        first_s, rate_Hz = float(declared.value(f"{place}/starting_time")), float(attribute(begin, "rate", path))
+    if declared.holds(f"{series}/starting_time"):
+        begin = declared.file[f"{series}/starting_time"]
+        first_s, rate_Hz = float(declared.value(f"{series}/starting_time")), float(attribute(begin, "rate", path))
         if not (math.isfinite(first_s) and math.isfinite(rate_Hz) and rate_Hz > 0):
-            raise InputError(f"{path}: {place} starts at {first_s} s with {rate_Hz} samples per second; correct it")
-        bounds = [np.ceil((at - first_s) * rate_Hz - SLACK) for at in (trials.start_s, trials.stop_s)]
+            raise InputError(f"{path}: {series} starts at {first_s} s with {rate_Hz} samples per second; correct it")
+        bounds = [np.ceil((bounds_s - first_s) * rate_Hz - SLACK) for bounds_s in (trials.start_s, trials.stop_s)]
         outside = (bounds[0] < 0) | (bounds[1] > n_samples + 1)
     else:
-        time_s = declared.numbers(f"{place}/timestamps").astype(float)
+        time_s = declared.numbers(f"{series}/timestamps").astype(float)
         if len(time_s) != n_samples or (np.diff(time_s) < 0).any() or not np.isfinite(time_s).all():
-            raise InputError(f"{path}: {place}/timestamps must rise, one per sample; correct them")
-        bounds = [np.searchsorted(clock.row_times(time_s), at) for at in (trials.start_s, trials.stop_s)]
+            raise InputError(f"{path}: {series}/timestamps must rise, one per sample; correct them")
+        bounds = [np.searchsorted(clock.row_times(time_s), bounds_s) for bounds_s in (trials.start_s, trials.stop_s)]
         outside = bounds[1] - bounds[0] < 2
     wrong = np.flatnonzero(outside)
     if len(wrong):
-        at = wrong[0]
+        row = wrong[0]
         raise InputError(
-            f"{path}: trial {at} lasts from {trials.start_s[at]:g} s to {trials.stop_s[at]:g} s, where {place} has no "
-            "samples; drop the trial or name another series"
+            f"{path}: trial {row} lasts from {trials.start_s[row]:g} s to {trials.stop_s[row]:g} s, where {series} has "
+            "no samples; drop the trial or name another series"
         )
     cuts = [(int(a), min(int(b), n_samples)) for a, b in zip(*bounds, strict=True)]
     return cuts, rate_Hz, time_s
@@ -347,15 +347,15 @@ def _cuts(
 
 def _place_of(declared: Declared, name: str) -> str:
     """The path of a time series, given its name or path."""
-    found = [place for place in _places(declared) if name in (place, place.rpartition("/")[2])]
-    if len(found) != 1:
-        what = "no time series is" if not found else f"{len(found)} time series are"
+    series = [path for path in _places(declared) if name in (path, path.rpartition("/")[2])]
+    if len(series) != 1:
+        what = "no time series is" if not series else f"{len(series)} time series are"
         raise InputError(f"{declared.path}: {what} called '{name}' ({_of_series(declared)}); give its full path")
-    return found[0]
+    return series[0]
 
 
 def _of_series(declared: Declared) -> str:
-    places = [place for place, _ in zip(_places(declared), range(MOST_NAMED), strict=False)]
+    places = [path for path, _ in zip(_places(declared), range(MOST_NAMED), strict=False)]
     return f"there is {', '.join(places)}" if places else "there is none"
 
 
@@ -366,14 +366,14 @@ def _places(declared: Declared) -> Iterator[str]:
             yield from _below(declared.group(top), top, depth=3)
 
 
-def _below(group: h5py.Group, place: str, depth: int) -> Iterator[str]:
+def _below(group: h5py.Group, group_path: str, depth: int) -> Iterator[str]:
     for name in group:
-        own = f"{place}/{name}"
+        own = f"{group_path}/{name}"
         if not isinstance(group.get(name, getlink=True), h5py.HardLink):
             continue
-        found = group[name]
-        if isinstance(found, h5py.Group):
-            if "data" in found and ("starting_time" in found or "timestamps" in found):
+        member = group[name]
+        if isinstance(member, h5py.Group):
+            if "data" in member and ("starting_time" in member or "timestamps" in member):
                 yield own
             elif depth > 1:
-                yield from _below(found, own, depth - 1)
+                yield from _below(member, own, depth - 1)

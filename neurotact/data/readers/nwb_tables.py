@@ -19,16 +19,16 @@ ELECTRODE_NAMES = ("label", "channel_name")
 MOST_NAMED = 8
 
 
-def columns(declared: Declared, place: str, n_trials: int) -> Iterator[tuple[str, np.ndarray | list[str]]]:
+def columns(declared: Declared, table_path: str, n_trials: int) -> Iterator[tuple[str, np.ndarray | list[str]]]:
     """The columns of a table with one value per trial, in its own order."""
-    group = declared.group(place)
+    group = declared.group(table_path)
     for name in _order(group, declared.path):
-        if name in KEPT or f"{name}_index" in group or not declared.holds(f"{place}/{name}"):
+        if name in KEPT or f"{name}_index" in group or not declared.holds(f"{table_path}/{name}"):
             continue
-        found = group[name]
-        if isinstance(found, h5py.Dataset) and (found.shape or ()) == (n_trials,) and _is_plain(found):
-            values = declared.column(f"{place}/{name}", n_trials)
-            elements = f"{place}/{name}_elements"
+        member = group[name]
+        if isinstance(member, h5py.Dataset) and (member.shape or ()) == (n_trials,) and _is_plain(member):
+            values = declared.column(f"{table_path}/{name}", n_trials)
+            elements = f"{table_path}/{name}_elements"
             if declared.holds(elements) and not isinstance(values, list):
                 meant = np.array(declared.texts(elements), object)
                 values = [str(text) for text in meant[values.astype(np.int64)]]
@@ -44,9 +44,9 @@ def _order(group: h5py.Group, path: str | Path) -> list[str]:
     """The names of a table's columns in the order of its attribute `colnames`, others after them."""
     listed: list[str] = []
     if "colnames" in group.attrs:
-        found = h5py.h5a.open(group.id, b"colnames")
-        check_size(path, found.get_storage_size())
-        listed = [each.decode() if isinstance(each, bytes) else str(each) for each in np.ravel(group.attrs["colnames"])]
+        colnames = h5py.h5a.open(group.id, b"colnames")
+        check_size(path, colnames.get_storage_size())
+        listed = [name.decode() if isinstance(name, bytes) else str(name) for name in np.ravel(group.attrs["colnames"])]
     return list(dict.fromkeys([*(name for name in listed if name in group), *group]))
 
 
@@ -56,14 +56,14 @@ def named(group: h5py.Group) -> str:
     return f"there is {', '.join(names)}" if names else "there is none"
 
 
-def intervals(declared: Declared, place: str) -> np.ndarray:
+def intervals(declared: Declared, table: str) -> np.ndarray:
     """The beginnings and ends of a table of intervals in s, `(interval, 2)`; none without the table."""
-    if not declared.holds(place):
+    if not declared.holds(table):
         return np.empty((0, 2))
-    times = [declared.numbers(f"{place}/{name}").astype(float) for name in ("start_time", "stop_time")]
+    times = [declared.numbers(f"{table}/{name}").astype(float) for name in ("start_time", "stop_time")]
     if len(times[0]) != len(times[1]):
-        raise InputError(f"{declared.path}: {place} has {len(times[0])} starts and {len(times[1])} stops; correct it")
-    return checked(np.stack(times, axis=1), f"{declared.path}: {place}")
+        raise InputError(f"{declared.path}: {table} has {len(times[0])} starts and {len(times[1])} stops; correct it")
+    return checked(np.stack(times, axis=1), f"{declared.path}: {table}")
 
 
 def checked(intervals_s: np.ndarray, where: str) -> np.ndarray:
@@ -75,17 +75,17 @@ def checked(intervals_s: np.ndarray, where: str) -> np.ndarray:
     return intervals_s
 
 
-def electrodes_of(declared: Declared, place: str, n_channels: int) -> tuple[str, ...]:
+def electrodes_of(declared: Declared, series: str, n_channels: int) -> tuple[str, ...]:
     """The names of the electrodes of a series: their column `label` or `channel_name`, else their ids; none without."""
-    if not (declared.holds(f"{place}/electrodes") and declared.holds(ELECTRODES)):
+    if not (declared.holds(f"{series}/electrodes") and declared.holds(ELECTRODES)):
         return ()
-    rows = declared.numbers(f"{place}/electrodes", "iu").astype(np.int64)
+    rows = declared.numbers(f"{series}/electrodes", "iu").astype(np.int64)
     if len(rows) != n_channels:
-        raise InputError(f"{declared.path}: {place} has {n_channels} columns but {len(rows)} electrodes; correct it")
-    table = electrodes(declared, rows, f"{place}/electrodes")
-    known = [[str(each) for each in np.asarray(table[name], object)[rows]] for name in ELECTRODE_NAMES if name in table]
+        raise InputError(f"{declared.path}: {series} has {n_channels} columns but {len(rows)} electrodes; correct it")
+    table = electrodes(declared, rows, f"{series}/electrodes")
+    known = [[str(text) for text in np.asarray(table[name], object)[rows]] for name in ELECTRODE_NAMES if name in table]
     unique = next((names for names in known if len({*names}) == len(names)), None)
-    return tuple(unique or (f"electrode{each}" for each in declared.numbers(f"{ELECTRODES}/id")[rows].tolist()))
+    return tuple(unique or (f"electrode{number}" for number in declared.numbers(f"{ELECTRODES}/id")[rows].tolist()))
 
 
 def electrodes(declared: Declared, rows: np.ndarray, where: str) -> dict[str, np.ndarray | list[str]]:

@@ -29,7 +29,7 @@ def unit_names(declared: Declared, column: str) -> tuple[str, ...]:
     elif column != AFFERENT:
         raise InputError(f"{path}: units have no column {column} ({named(declared.group('units'))}); give another")
     else:
-        names = tuple(f"unit{each}" for each in ids)
+        names = tuple(f"unit{unit_id}" for unit_id in ids)
     twice = next((name for name in names if names.count(name) > 1), None) if len(set(names)) < len(names) else None
     if twice is not None:
         raise InputError(f"{path}: two units are called '{twice[:40]}'; name units by another column (`name`)")
@@ -46,8 +46,8 @@ def kept_units(declared: Declared, names: Sequence[str], choice: TrialChoice) ->
     if not choice:
         return np.ones(len(names), bool)
     table = {"name": list(names), **dict(columns(declared, "units", len(names)))}
-    asked = {*choice.where, *choice.leave_out} - {*table}
-    if asked and declared.holds(ELECTRODES) and declared.holds("units/electrodes"):
+    unknown = {*choice.where, *choice.leave_out} - {*table}
+    if unknown and declared.holds(ELECTRODES) and declared.holds("units/electrodes"):
         table |= {name: values for name, values in _of_electrodes(declared, len(names)).items() if name not in table}
     keep = choice.keeps(pd.DataFrame(table), str(declared.path), UNITS)
     choice.say(keep, str(declared.path), UNITS)
@@ -59,10 +59,10 @@ def _of_electrodes(declared: Declared, n_units: int) -> dict[str, list[str]]:
     rows = declared.numbers("units/electrodes", "iu").astype(np.int64)
     is_ragged = declared.holds("units/electrodes_index")
     groups = np.split(rows, ends_of(declared, "units/electrodes", n_units, len(rows))[:-1] if is_ragged else n_units)
-    found = electrodes(declared, rows, "units/electrodes")
+    table = electrodes(declared, rows, "units/electrodes")
     return {
         name: [", ".join(dict.fromkeys(str(np.asarray(values, object)[row]) for row in group)) for group in groups]
-        for name, values in found.items()
+        for name, values in table.items()
     }
 
 
@@ -73,7 +73,7 @@ def observed_by_units(
     kept: np.ndarray,
     names: Sequence[str],
     step_s: float,
-    asked: Unobserved | None,
+    policy: Unobserved | None,
 ) -> np.ndarray:
     """Which trials the kept units observe whole, to a step, without invalid times, `(trial,)`.
 
@@ -82,26 +82,26 @@ def observed_by_units(
     """
     observed = np.ones((len(names), len(start_s)), bool)
     if declared.holds(OBSERVED):
-        found = np.asarray(declared.value(OBSERVED), float)
-        if found.ndim != 2 or found.shape[1] != 2:
-            raise InputError(f"{declared.path}: {OBSERVED} has the shape {found.shape} where (interval, 2) is expected")
+        spans = np.asarray(declared.value(OBSERVED), float)
+        if spans.ndim != 2 or spans.shape[1] != 2:
+            raise InputError(f"{declared.path}: {OBSERVED} has the shape {spans.shape} where (interval, 2) is expected")
         own = np.split(
-            checked(found, f"{declared.path}: {OBSERVED}"), ends_of(declared, OBSERVED, len(kept), len(found))[:-1]
+            checked(spans, f"{declared.path}: {OBSERVED}"), ends_of(declared, OBSERVED, len(kept), len(spans))[:-1]
         )
         of_kept = [intervals_s for intervals_s, is_kept in zip(own, kept, strict=True) if is_kept]
         for unit, intervals_s in enumerate(of_kept):
             if len(intervals_s):
                 observed[unit] = within(start_s, stop_s, intervals_s, step_s)
     return observed_trials(
-        observed, names, asked, str(declared.path), invalid=_invalid(declared, start_s, stop_s, step_s),
+        observed, names, policy, str(declared.path), invalid=_invalid(declared, start_s, stop_s, step_s),
         fix="leave units out with `leave_out_units={{'name': '{}'}}`",
     )  # fmt: skip
 
 
-def valid_trials(declared: Declared, start_s: np.ndarray, stop_s: np.ndarray, asked: Unobserved | None) -> np.ndarray:
+def valid_trials(declared: Declared, start_s: np.ndarray, stop_s: np.ndarray, policy: Unobserved | None) -> np.ndarray:
     """Which trials of a time series have no invalid times, `(trial,)`; its samples are observed."""
     observed, invalid = np.ones((0, len(start_s)), bool), _invalid(declared, start_s, stop_s, SLACK)
-    return observed_trials(observed, (), asked, str(declared.path), fix="", invalid=invalid)
+    return observed_trials(observed, (), policy, str(declared.path), fix="", invalid=invalid)
 
 
 def _invalid(declared: Declared, start_s: np.ndarray, stop_s: np.ndarray, step_s: float) -> np.ndarray:

@@ -28,8 +28,8 @@ def within(start_s: np.ndarray, stop_s: np.ndarray, intervals_s: np.ndarray, sla
     [True, True, False]
     """
     spans = _joined(intervals_s, slack_s)
-    place = np.searchsorted(spans[:, 0], start_s + slack_s, "right") - 1
-    return (place >= 0) & (spans[place.clip(0), 1] >= stop_s - slack_s) if len(spans) else np.zeros(len(start_s), bool)
+    span = np.searchsorted(spans[:, 0], start_s + slack_s, "right") - 1
+    return (span >= 0) & (spans[span.clip(0), 1] >= stop_s - slack_s) if len(spans) else np.zeros(len(start_s), bool)
 
 
 def touching(start_s: np.ndarray, stop_s: np.ndarray, intervals_s: np.ndarray, slack_s: float) -> np.ndarray:
@@ -57,14 +57,14 @@ def _joined(intervals_s: np.ndarray, slack_s: float) -> np.ndarray:
 
 
 def observed_trials(
-    observed: np.ndarray, names: Sequence[str], asked: Unobserved | None, where: str, *, fix: str,
+    observed: np.ndarray, names: Sequence[str], policy: Unobserved | None, where: str, *, fix: str,
     invalid: np.ndarray | None = None,
 ) -> np.ndarray:  # fmt: skip
     """Which trials are kept, `(trial,)`: those that every unit observes whole, without invalid times, with a line.
 
     observed: `(unit, trial)`. names: of the units. invalid: trials that touch invalid times, `(trial,)`.
-    asked: leave out any number of trials, or read them as silent; when None, at most `MOST_UNOBSERVED` of them are left
-    out. where: begins messages. fix: how units are left out, in words, with the place of a name.
+    policy: leave out any number of trials, or read them as silent; when None, at most `MOST_UNOBSERVED` of them are
+    left out. where: begins messages. fix: how units are left out, in words, with the place of a name.
 
     Raises InputError if more trials would be left out, and if none is left.
     """
@@ -77,10 +77,10 @@ def observed_trials(
     causes = [f"{partial.sum()} are not observed whole by {_fewest(observed, names)}"] if partial.any() else []
     causes += [f"{invalid.sum()} touch invalid times"] if invalid.any() else []
     which, why = f"{where}: {lost.sum()} of {n_trials} trials", ", and ".join(causes)
-    if asked == "silent":
+    if policy == "silent":
         log.warning("%s are kept, and read as silent what was not observed: %s", which, why)
         return np.ones(n_trials, bool)
-    if lost.all() or (lost.mean() > MOST_UNOBSERVED and asked is None):
+    if lost.all() or (lost.mean() > MOST_UNOBSERVED and policy is None):
         fixes = [fix.format(names[int(observed.sum(axis=1).argmin())])] if partial.any() else []
         fixes += [] if lost.all() else ["leave these trials out with `unobserved='leave-out'`"]
         fixes += ["read what was not observed as silent with `unobserved='silent'`"]

@@ -31,10 +31,10 @@ def read_plain(path: str | Path) -> Any:
     """The content of a pickle of built-in values; InputError for any other, of which nothing is executed."""
     content = read_bytes(path)
     try:
-        for opcode, argument, place in pickletools.genops(content):
+        for opcode, argument, offset in pickletools.genops(content):
             if opcode.name not in VALUES | REMEMBERED:
                 raise InputError(
-                    f"{path}: holds more than lists, tables, text and numbers ({opcode.name} at byte {place}), which "
+                    f"{path}: holds more than lists, tables, text and numbers ({opcode.name} at byte {offset}), which "
                     "could run any code; save plain values"
                 )
             if opcode.name in REMEMBERED and int(str(argument)) > len(content):  # memory for as many would be taken

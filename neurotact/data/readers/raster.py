@@ -49,10 +49,10 @@ def read(
         if names or axes:
             raise InputError(f"{path}: `names` and `axes` are for one file with all trials; leave them out")
         table = {} if conditions is None else {"table": str(conditions)}
-        found = folder.read(path, sampling_rate_Hz, UNIT, naming=naming | table, layout=layout, is_raster=True)
-        named = () if found.channels[0] == "taxel1" else found.channels
+        frames = folder.read(path, sampling_rate_Hz, UNIT, naming=naming | table, layout=layout, is_raster=True)
+        named = () if frames.channels[0] == "taxel1" else frames.channels
         return trains_of(
-            found.signals, found.sampling_rate_Hz, named, found.conditions, str(path), merge_events=merge_events
+            frames.signals, frames.sampling_rate_Hz, named, frames.conditions, str(path), merge_events=merge_events
         )
     if naming or layout:
         raise InputError(f"{path}: `{next(iter(naming | layout))}` is for a folder with a file per trial; leave it out")
@@ -88,11 +88,11 @@ def trains_of(
     check_channels(afferents, where)
     check_conditions(conditions, where)
     n_events = sum(_n_spikes(raster, trial, where) for trial, raster in enumerate(rasters))
-    found = OnClock([spikes_of(raster) for raster in rasters], n_events, 0)
+    binned = OnClock([spikes_of(raster) for raster in rasters], n_events, 0)
     if n_events == 0:
         raise InputError(f"{where}: holds no spike; give at least one")
-    say_merged(found, 1 / sampling_rate_Hz, where, accept=merge_events, step="step")
-    return from_trials(found.trials, sampling_rate_Hz, afferents, conditions, source=where)
+    say_merged(binned, 1 / sampling_rate_Hz, where, accept=merge_events, step="step")
+    return from_trials(binned.trials, sampling_rate_Hz, afferents, conditions, source=where)
 
 
 def _n_spikes(raster: np.ndarray, trial: int, where: str) -> int:

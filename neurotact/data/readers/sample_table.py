@@ -58,40 +58,40 @@ def read(
     (('left', 'right'), [2, 1], [['tap', 1, 5], ['rub', 2, 5]])
     """
     path = existing(path)
-    asked = build(TableSpec, spec or {}, "import table")
+    layout = build(TableSpec, spec or {}, "import table")
     check_import(sampling_rate_Hz, unit, str(path))
-    table = named_table(path, asked.decimal, asked.header_lines, option="header_lines", choice=CHOICE)
+    table = named_table(path, layout.decimal, layout.header_lines, option="header_lines", choice=CHOICE)
     names = [*table.names]
-    roles = _roles(names, table.first_row, asked, find_time=sampling_rate_Hz is None or not asked.columns, path=path)
+    roles = _roles(names, table.first_row, layout, find_time=sampling_rate_Hz is None or not layout.columns, path=path)
     roles = roles._replace(first_line=table.first_line)
     if sampling_rate_Hz is None and roles.time is None:
         raise InputError(f"{path}: the sampling rate is not known; give `sampling_rate_Hz`, or `time_column`")
-    if asked.time_unit is not None and roles.time is None and asked.annotations is None:
+    if layout.time_unit is not None and roles.time is None and layout.annotations is None:
         raise InputError(f"{path}: `time_unit`: the samples have no time stamps; leave it out")
     columns = columns_of(table, {roles.label, *roles.trial} & {*names})
     if roles.time is not None and roles.rest is None:
-        its_unit = asked.time_unit or unit_of(table, names.index(roles.time), columns[roles.time])
-        asked = asked.model_copy(update={"time_unit": its_unit})
+        its_unit = layout.time_unit or unit_of(table, names.index(roles.time), columns[roles.time])
+        layout = layout.model_copy(update={"time_unit": its_unit})
     columns = _without_others(columns, table, roles)
-    clock = clock_of(columns, roles, asked, table)
-    trials = find_trials(columns, roles, clock, asked, sampling_rate_Hz, path)
-    _check_time(trials, asked, clock, path)
+    clock = clock_of(columns, roles, layout, table)
+    trials = find_trials(columns, roles, clock, layout, sampling_rate_Hz, path)
+    _check_time(trials, layout, clock, path)
     taxels, conditions = _parted(columns, roles, trials, table)
-    trial_of = _cut(columns, roles._replace(taxels=taxels), trials, clock, asked, table)
+    trial_of = _cut(columns, roles._replace(taxels=taxels), trials, clock, layout, table)
     read = sampled.recordings(
         [*trial_of], conditions, sampling_rate_Hz, unit,
-        max_gap_ms=asked.max_gap_ms, drop_repeats=asked.drop_repeats, source=f"table {path.name}", where=str(path),
+        max_gap_ms=layout.max_gap_ms, drop_repeats=layout.drop_repeats, source=f"table {path.name}", where=str(path),
     )  # fmt: skip
-    choice = asked.choice.with_label(roles.label).beyond(chosen_by(trials.conditions, asked))
+    choice = layout.choice.with_label(roles.label).beyond(chosen_by(trials.conditions, layout))
     return chosen_trials(read, choice, str(path))
 
 
-def _check_time(trials: Trials, asked: TableSpec, clock: Clock, path: Path) -> None:
+def _check_time(trials: Trials, spec: TableSpec, clock: Clock, path: Path) -> None:
     """Refuse trials of one row each; doubt stretches without time stamps that are as rows of features lie."""
     lengths = trials.end - trials.begin
     if (lengths == 1).all():
         raise InputError(f"{path}: every trial has one row; {FEATURES}")
-    if not asked.segments or clock.time is not None:
+    if not spec.segments or clock.time is not None:
         return
     n_classes = trials.conditions[LABEL].nunique()
     if 1 < n_classes == len(lengths):
@@ -104,65 +104,65 @@ def _without_others(columns: dict[str, np.ndarray], table: TextTable, roles: Rol
     """The columns without pandas' numbers of rows, the header of a ROS message, and what has no name."""
     used = (roles.label, *roles.trial, roles.time, roles.rest, *roles.taxels)
     others = [
-        place for place, name in enumerate(table.names) if name not in used
-        and (not name or ros.is_header(name) or is_index(table, place, columns[name]))
+        column for column, name in enumerate(table.names) if name not in used
+        and (not name or ros.is_header(name) or is_index(table, column, columns[name]))
     ]  # fmt: skip
-    read = [place for place in others if not is_index(table, place, columns[table.names[place]])]
+    read = [column for column in others if not is_index(table, column, columns[table.names[column]])]
     if read:
-        named = [table.names[place] or f"column {place + 1}, which has no name" for place in read]
+        named = [table.names[column] or f"column {column + 1}, which has no name" for column in read]
         log.warning("%s: no taxel and no condition: %s", table.path, some(named))
-    return {name: values for place, (name, values) in enumerate(columns.items()) if place not in others}
+    return {name: values for column, (name, values) in enumerate(columns.items()) if column not in others}
 
 
 def _cut(
-    columns: Mapping[str, np.ndarray], roles: Roles, trials: Trials, clock: Clock, asked: TableSpec, table: TextTable
+    columns: Mapping[str, np.ndarray], roles: Roles, trials: Trials, clock: Clock, spec: TableSpec, table: TextTable
 ) -> Iterator[Read]:
     """The samples and the stamps of each trial."""
     taxels = [finite_called(table, name, columns) for name in roles.taxels]
     signal = np.stack(taxels, axis=1).astype(np.float32)
     for begin, end, name in zip(trials.begin, trials.end, trials.names, strict=True):
         its_time = None if clock.time is None else clock.time[begin:end]
-        if its_time is not None and asked.time_column is None:
+        if its_time is not None and spec.time_column is None:
             check_rises(its_time, roles.time or "", table.path)
         its = Table(roles.taxels, signal[begin:end], its_time, int(begin) + table.first_line, clock.unit)
         yield Read(f"{table.path}, {name}", name, its)
 
 
-def _roles(names: list[str], first: Sequence[str], asked: TableSpec, *, find_time: bool, path: Path) -> Roles:
-    if asked.annotations is not None:
-        return _with_taxels(names, first, asked, "", (), find_time=find_time, path=path)
-    label = asked.label or called(names, ALIASES[LABEL])
-    found = called(names, TRIALS)
-    trial = asked.trial or ((found,) if found else ())
-    for role, each in (("`label`", (label,) if label else ()), ("`trial`", trial)):
-        for name in each:
+def _roles(names: list[str], first: Sequence[str], spec: TableSpec, *, find_time: bool, path: Path) -> Roles:
+    if spec.annotations is not None:
+        return _with_taxels(names, first, spec, "", (), find_time=find_time, path=path)
+    label = spec.label or called(names, ALIASES[LABEL])
+    trial_column = called(names, TRIALS)
+    trial = spec.trial or ((trial_column,) if trial_column else ())
+    for role, role_names in (("`label`", (label,) if label else ()), ("`trial`", trial)):
+        for name in role_names:
             if name not in names:
                 raise InputError(f"{path}: {role}: there is no column '{name[:40]}'; {nearest(name, names)}")
     shown = ", ".join(names[:12])
     if label is None:
         raise InputError(f"{path}: no column is called label ({shown}); name the class of a trial with `label`")
-    if not trial and not asked.segments:
+    if not trial and not spec.segments:
         raise InputError(
             f"{path}: no column is called trial ({shown}); name the columns that tell trials apart with `trial`, as in "
             f"`trial='subject,repetition'`, or take each stretch of one '{label}' as a trial with `segments=True`"
             f"{'' if any(map(TIME_COLUMN.match, names)) else f'; {FEATURES}'}"
         )
-    return _with_taxels(names, first, asked, label, trial, find_time=find_time, path=path)
+    return _with_taxels(names, first, spec, label, trial, find_time=find_time, path=path)
 
 
 def _with_taxels(
-    names: list[str], first: Sequence[str], asked: TableSpec, label: str, trial: tuple[str, ...], *,
+    names: list[str], first: Sequence[str], spec: TableSpec, label: str, trial: tuple[str, ...], *,
     find_time: bool, path: Path,
 ) -> Roles:  # fmt: skip
     """The columns of these classes and trials, the time stamps and the taxels among the others."""
     chosen, time, rest = chosen_places(
-        asked.columns, asked.time_column, tuple(names), first, path, find_time=find_time,
+        spec.columns, spec.time_column, tuple(names), first, path, find_time=find_time,
         others={
             "`label`": [names.index(label)] if label else [], "`trial`": [names.index(name) for name in trial],
         },
     )  # fmt: skip
-    stamps = [None if place is None else names[place] for place in (time, rest)]
-    return Roles(label, trial, stamps[0], tuple(names[at] for at in chosen), rest=stamps[1])
+    stamps = [None if column is None else names[column] for column in (time, rest)]
+    return Roles(label, trial, stamps[0], tuple(names[column] for column in chosen), rest=stamps[1])
 
 
 def _parted(

@@ -64,20 +64,20 @@ def recordings(
     """
     _check_same_channels(read)
     channels = _same_names(read)
-    unit_of_time = _unit_of_time([each.table for each in read], sampling_rate_Hz, where)
+    unit_of_time = _unit_of_time([trial.table for trial in read], sampling_rate_Hz, where)
     common_s = _common_interval(read, unit_of_time)
     trials = [
-        _stamped(each, unit_of_time, max_gap_ms, drop_repeats, given_Hz=sampling_rate_Hz, common_s=common_s)
-        for each in read
+        _stamped(trial, unit_of_time, max_gap_ms, drop_repeats, given_Hz=sampling_rate_Hz, common_s=common_s)
+        for trial in read
     ]
     if max_gap_ms is not None and all(trial.stamps is None for trial in trials):
         raise InputError(f"{where}: `max_gap_ms`: the samples have no time stamps; leave it out")
     repeats.say_dropped(_stamps_of(trials), drop_repeats, where)
     rate_Hz, signals = _on_one_clock(trials, sampling_rate_Hz, where)
-    found = Recordings(signals, rate_Hz, unit, conditions, channels, source)
+    recordings_read = Recordings(signals, rate_Hz, unit, conditions, channels, source)
     if fixes is not None:
-        doubts.say(found, where, fixes, rate_is_given=all(trial.stamps is None for trial in trials))
-    return found
+        doubts.say(recordings_read, where, fixes, rate_is_given=all(trial.stamps is None for trial in trials))
+    return recordings_read
 
 
 def _unit_of_time(tables: Sequence[Table], given_Hz: float | None, where: str) -> clock.Unit:
@@ -86,14 +86,14 @@ def _unit_of_time(tables: Sequence[Table], given_Hz: float | None, where: str) -
     A warning names it if it is not seconds. InputError if several can.
     """
     times = [table.time for table in tables if table.time is not None and table.time_unit is None]
-    found = clock.timings(times, given_Hz) if times else []
-    if not found or found[0].unit == "s":
+    timings = clock.timings(times, given_Hz) if times else []
+    if not timings or timings[0].unit == "s":
         return "s"
-    said = [f"{each.unit} (trials of {each.trial_s:.3g} s at {each.rate_Hz:.4g} Hz)" for each in found]
-    if len(found) > 1:
+    said = [f"{timing.unit} (trials of {timing.trial_s:.3g} s at {timing.rate_Hz:.4g} Hz)" for timing in timings]
+    if len(timings) > 1:
         raise InputError(f"{where}: the time stamps may be in {' or '.join(said)}; give their unit with `time_unit`")
     log.warning("%s: the time stamps are taken as %s; if that is wrong, give their unit with `time_unit`", where, *said)
-    return found[0].unit
+    return timings[0].unit
 
 
 def _stamps_of(trials: Sequence[_Trial]) -> dict[str, clock.Stamps]:
@@ -103,12 +103,12 @@ def _stamps_of(trials: Sequence[_Trial]) -> dict[str, clock.Stamps]:
 
 def _common_interval(read: Sequence[Read], unit: clock.Unit) -> float | None:
     """The median interval of samples that share stamps, in s; None if no trial tells it."""
-    tables = [each.table for each in read]
-    found = [
+    tables = [trial.table for trial in read]
+    intervals_s = [
         shared_stamps.own_interval(table.time * clock.UNIT_S[table.time_unit or unit])
         for table in tables if table.time is not None
     ]  # fmt: skip
-    known = [interval_s for interval_s in found if interval_s is not None]
+    known = [interval_s for interval_s in intervals_s if interval_s is not None]
     return float(np.median(known)) if known else None
 
 
@@ -136,16 +136,16 @@ def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, where: str) 
     found_Hz = clock.rate_of(stamps)
     rate_Hz = found_Hz if given_Hz is None else float(given_Hz)
     _check_same_unit(trials, where)
-    _check_unit(found_Hz, given_Hz, float(np.median([each.time_s[-1] for each in stamps])), where)
-    n_ticks = sum(each.time_s[-1] * rate_Hz for each in stamps)
+    _check_unit(found_Hz, given_Hz, float(np.median([trial.time_s[-1] for trial in stamps])), where)
+    n_ticks = sum(trial.time_s[-1] * rate_Hz for trial in stamps)
     check_size(f"{where} at {rate_Hz:g} Hz", int(4 * n_ticks * trials[0].signal.shape[1]))
     signals = [
         trial.signal if trial.stamps is None else clock.on_clock(trial.signal, trial.stamps, rate_Hz)
         for trial in trials
     ]
     n_moved = sum(signal is not trial.signal for signal, trial in zip(signals, trials, strict=True))
-    jitter_ms = [1e3 * each.jitter_s for each in stamps]
-    worst_ms = 1e3 * max((float(np.diff(each.time_s).max()) for each in stamps if len(each.time_s) > 1), default=0.0)
+    jitter_ms = [1e3 * trial.jitter_s for trial in stamps]
+    worst_ms = 1e3 * max((float(np.diff(trial.time_s).max()) for trial in stamps if len(trial.time_s) > 1), default=0.0)
     interval_ms = 1e3 / rate_Hz
     if n_moved and (float(np.median(jitter_ms)) > MATTERS * interval_ms or worst_ms > LOST * interval_ms):
         log.warning(
@@ -207,22 +207,22 @@ def _warn_of_other_rates(trials: Sequence[_Trial], rate_Hz: float, where: str) -
 
 def _check_same_channels(read: Sequence[Read]) -> None:
     first, expected = read[0].file, read[0].table.signal.shape[1]
-    for each in read:
-        if each.table.signal.shape[1] != expected:
+    for trial in read:
+        if trial.table.signal.shape[1] != expected:
             raise InputError(
-                f"{each.where}: has {each.table.signal.shape[1]} channels where {first} has {expected}; "
+                f"{trial.where}: has {trial.table.signal.shape[1]} channels where {first} has {expected}; "
                 "every trial needs the same taxels"
             )
 
 
 def _same_names(read: Sequence[Read]) -> tuple[str, ...]:
     """The names of the channels, which every trial that has names has in the same order."""
-    named = [each for each in read if each.table.names]
-    for each in named:
-        for column, (name, wanted) in enumerate(zip(each.table.names, named[0].table.names, strict=True), 1):
+    named = [trial for trial in read if trial.table.names]
+    for trial in named:
+        for column, (name, wanted) in enumerate(zip(trial.table.names, named[0].table.names, strict=True), 1):
             if name != wanted:
                 raise InputError(
-                    f"{each.where}: column {column} is '{name[:40]}' where {named[0].file} has '{wanted[:40]}'; "
+                    f"{trial.where}: column {column} is '{name[:40]}' where {named[0].file} has '{wanted[:40]}'; "
                     "give all files the same taxels in the same order"
                 )
     return named[0].table.names if named else ()

@@ -128,8 +128,8 @@ def _first_uneven(stamps: _Stamps, interval_s: float) -> Uneven | None:
         wrong[1:-1] |= stamps.n_rows[1:-1] < (expected - allowed)[1:-1]
     if not wrong.any():
         return None
-    at = int(np.argmax(wrong))
-    return Uneven(int(stamps.first[at]), int(stamps.n_rows[at]), float(lasts_s[at]), float(expected[at]))
+    i = int(np.argmax(wrong))
+    return Uneven(int(stamps.first[i]), int(stamps.n_rows[i]), float(lasts_s[i]), float(expected[i]))
 
 
 def _between_stamps(stamps: _Stamps, interval_s: float) -> np.ndarray:
@@ -140,8 +140,8 @@ def _between_stamps(stamps: _Stamps, interval_s: float) -> np.ndarray:
     begin_s = stamps.time_s.copy()
     begin_s[0] = stamps.time_s[1] - stamps.n_rows[0] * step_s[0]
     rank = np.arange(stamps.n_rows.sum()) - np.repeat(stamps.first, stamps.n_rows)
-    found = np.repeat(begin_s, stamps.n_rows) + rank * np.repeat(step_s, stamps.n_rows)
-    return found - found[0]
+    times_s = np.repeat(begin_s, stamps.n_rows) + rank * np.repeat(step_s, stamps.n_rows)
+    return times_s - times_s[0]
 
 
 def _of_few(stamps: _Stamps, n_rows: int, sample_s: float) -> np.ndarray | None:

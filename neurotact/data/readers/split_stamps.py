@@ -23,21 +23,21 @@ def pair_in(names: Sequence[str], others: Collection[int | None] = ()) -> tuple[
     """
     seconds: dict[str, int] = {}
     rests: dict[str, int] = {}
-    for place, name in enumerate(names):
-        found = NAMED.fullmatch(name.strip())
-        if found and place not in others:
-            (rests if found[2] else seconds).setdefault(found[1].lower(), place)
-    return next(((place, rests[begin]) for begin, place in seconds.items() if begin in rests), None)
+    for column, name in enumerate(names):
+        match = NAMED.fullmatch(name.strip())
+        if match and column not in others:
+            (rests if match[2] else seconds).setdefault(match[1].lower(), column)
+    return next(((column, rests[begin]) for begin, column in seconds.items() if begin in rests), None)
 
 
-def apart(asked: str, names: Collection[str]) -> list[str]:
+def apart(name: str, names: Collection[str]) -> list[str]:
     """The one or two columns that a name or `seconds,rest` stands for; a column may have a comma in its name.
 
     >>> apart("sec,nanosec", ["sec", "nanosec"]), apart("time, s", ["time, s"]), apart("1,2", [])
     (['sec', 'nanosec'], ['time, s'], ['1', '2'])
     """
-    parts = [part.strip() for part in asked.split(",")]
-    return [asked] if asked in names or len(parts) != 2 or not all(parts) else parts
+    parts = [part.strip() for part in name.split(",")]
+    return [name] if name in names or len(parts) != 2 or not all(parts) else parts
 
 
 def joined(

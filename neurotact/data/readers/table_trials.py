@@ -102,7 +102,7 @@ class Clock(NamedTuple):
 
 
 def find_trials(
-    columns: Mapping[str, np.ndarray], roles: Roles, clock: Clock, asked: TableSpec, rate_Hz: float | None, path: Path
+    columns: Mapping[str, np.ndarray], roles: Roles, clock: Clock, spec: TableSpec, rate_Hz: float | None, path: Path
 ) -> Trials:
     """The chosen trials in these columns; those of a continuous recording are numbered by the condition `SEGMENT`.
 
@@ -110,15 +110,15 @@ def find_trials(
     rate_Hz: the given sampling rate, which tells the times of rows without stamps.
     Raises InputError for trials that begin again or have two classes, and for annotations of another recording.
     """
-    if asked.annotations is not None:
-        trials = _annotated(clock, len(next(iter(columns.values()))), asked, rate_Hz, path, roles.first_line)
+    if spec.annotations is not None:
+        trials = _annotated(clock, len(next(iter(columns.values()))), spec, rate_Hz, path, roles.first_line)
     else:
-        trials = _segments(columns, roles, path) if asked.segments else _trials(columns, roles, path)
-    if asked.is_continuous:
+        trials = _segments(columns, roles, path) if spec.segments else _trials(columns, roles, path)
+    if spec.is_continuous:
         _say_outside(trials, len(next(iter(columns.values()))), path)
-    choice = asked.choice.with_label(roles.label).among(chosen_by(trials.conditions, asked))
+    choice = spec.choice.with_label(roles.label).among(chosen_by(trials.conditions, spec))
     trials = _chosen(trials, choice, path)
-    if not asked.is_continuous:
+    if not spec.is_continuous:
         return trials
     return trials._replace(conditions=trials.conditions.assign(**{SEGMENT: np.arange(1, len(trials.names) + 1)}))
 
@@ -164,10 +164,10 @@ def _segments(columns: Mapping[str, np.ndarray], roles: Roles, path: Path) -> Tr
 
 
 def _annotated(
-    clock: Clock, n_rows: int, asked: TableSpec, rate_Hz: float | None, path: Path, first_line: int
+    clock: Clock, n_rows: int, spec: TableSpec, rate_Hz: float | None, path: Path, first_line: int
 ) -> Trials:
     """The trials that the table of annotations names; times without stamps are seconds from the first sample."""
-    marks = annotations.read(existing(asked.annotations or ""), asked.label, asked.decimal)
+    marks = annotations.read(existing(spec.annotations or ""), spec.label, spec.decimal)
     time, unit = clock
     if time is None:
         assert rate_Hz is not None
@@ -186,20 +186,20 @@ def _annotated(
             "%s: annotations that begin before another one ends: %d; training and test trials may share their samples",
             marks.path, shared,
         )  # fmt: skip
-    names = [f"the touch of {marks.path.name}, line {at + marks.first_line}" for at in range(len(begin))]
+    names = [f"the touch of {marks.path.name}, line {row + marks.first_line}" for row in range(len(begin))]
     return _touches(Trials(begin, end, names, marks.conditions), path)
 
 
-def _touches(found: Trials, path: Path) -> Trials:
+def _touches(trials: Trials, path: Path) -> Trials:
     """The trials with a class and at least two samples; a warning names the others that have a class."""
-    is_touch = (found.conditions[LABEL] != "").to_numpy()
-    short = is_touch & (found.end - found.begin < 2)
+    is_touch = (trials.conditions[LABEL] != "").to_numpy()
+    short = is_touch & (trials.end - trials.begin < 2)
     if short.any():
-        which = [name for name, is_short in zip(found.names, short, strict=True) if is_short]
+        which = [name for name, is_short in zip(trials.names, short, strict=True) if is_short]
         log.warning("%s: fewer than two samples make no trial; left out: %s", path, some(which))
     if not (is_touch & ~short).any():
         raise InputError(f"{path}: no trial has two samples of one class; check the classes and the times of touches")
-    return found.chosen(is_touch & ~short)
+    return trials.chosen(is_touch & ~short)
 
 
 def _stretches(columns: Mapping[str, np.ndarray], names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, pd.DataFrame]:
@@ -218,9 +218,9 @@ def _conditions(columns: Mapping[str, np.ndarray], roles: Roles, begin: np.ndarr
     return table
 
 
-def chosen_by(conditions: pd.DataFrame, asked: TableSpec) -> list[str]:
+def chosen_by(conditions: pd.DataFrame, spec: TableSpec) -> list[str]:
     """The conditions that choose trials before these are cut: not the number of a segment, which counts the chosen."""
-    return [name for name in conditions if not (asked.is_continuous and name == SEGMENT)]
+    return [name for name in conditions if not (spec.is_continuous and name == SEGMENT)]
 
 
 def _chosen(trials: Trials, choice: TrialChoice, path: Path) -> Trials:
@@ -232,18 +232,18 @@ def _chosen(trials: Trials, choice: TrialChoice, path: Path) -> Trials:
     return trials.chosen(keep)
 
 
-def clock_of(columns: Mapping[str, np.ndarray], roles: Roles, asked: TableSpec, table: TextTable) -> Clock:
+def clock_of(columns: Mapping[str, np.ndarray], roles: Roles, spec: TableSpec, table: TextTable) -> Clock:
     """The column of time stamps: finite numbers, or times of day in seconds."""
     if roles.time is None:
         return Clock(None, None)
     values = columns[roles.time]
     is_of_day = values.dtype.kind == "U" and is_time_of_day(str(values[0]))
     if is_of_day:
-        time = seconds_of(values.tolist(), str(table.path), roles.time, table.first_line, asked.time_unit)
+        time = seconds_of(values.tolist(), str(table.path), roles.time, table.first_line, spec.time_unit)
     else:
         time = finite_called(table, roles.time, columns)
     if roles.rest is not None:
         rest = finite_called(table, roles.rest, columns)
-        time = split_stamps.joined(time, rest, roles.rest, str(table.path), table.first_line, asked.time_unit)
+        time = split_stamps.joined(time, rest, roles.rest, str(table.path), table.first_line, spec.time_unit)
     in_seconds = is_of_day or roles.rest is not None
-    return Clock(time, "s" if in_seconds else asked.time_unit or unit_in(roles.time))
+    return Clock(time, "s" if in_seconds else spec.time_unit or unit_in(roles.time))

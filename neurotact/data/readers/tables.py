@@ -82,9 +82,9 @@ class TextTable(NamedTuple):
         if not self.body.strip("\n"):
             raise InputError(f"{self.path}: holds no row of numbers; record it again, or move the file away")
 
-    def name(self, place: int) -> str:
+    def name(self, column: int) -> str:
         """The name of a column for messages, in brackets; empty without names."""
-        return f" ({self.names[place][:40]})" if self.names else ""
+        return f" ({self.names[column][:40]})" if self.names else ""
 
 
 def lines_of(text: str) -> Iterator[str]:
@@ -158,7 +158,7 @@ def numbers(
     n_columns = len(names) or len(cells(body.partition("\n")[0], separator))
     table = TextTable(Path(path), tuple(names), separator, body, n_columns, first_line)
     columns = columns_at(table, range(n_columns))
-    return np.stack([finite(table, place, column) for place, column in enumerate(columns)], axis=1)
+    return np.stack([finite(table, index, column) for index, column in enumerate(columns)], axis=1)
 
 
 def check_width(where: str | Path, n_channels: int) -> None:
@@ -180,8 +180,8 @@ def columns_at(table: TextTable, places: Sequence[int], texts: Collection[int] =
         line = table.first_line + table.body.count("\n", 0, table.body.index("\0"))
         raise InputError(f"{table.path}: line {line} holds a NUL, so it was not written to its end; repair that line")
     check_width(table.path, table.n_columns)
-    found = None if texts else _numbers_at_once(table, places)
-    return found if found is not None else _columns(table, places, texts)
+    numbers_read = None if texts else _numbers_at_once(table, places)
+    return numbers_read if numbers_read is not None else _columns(table, places, texts)
 
 
 def _numbers_at_once(table: TextTable, places: Sequence[int]) -> list[np.ndarray] | None:
@@ -205,7 +205,7 @@ def _numbers_at_once(table: TextTable, places: Sequence[int]) -> list[np.ndarray
     except (ValueError, OverflowError):
         return None
     values = read.to_numpy()
-    return [values[:, place] for place in places]
+    return [values[:, column] for column in places]
 
 
 def _columns(table: TextTable, places: Sequence[int], texts: Collection[int]) -> list[np.ndarray]:
@@ -227,7 +227,7 @@ def _columns(table: TextTable, places: Sequence[int], texts: Collection[int]) ->
         raise InputError(
             f"{table.path}: cannot be read as a table ({str(error).splitlines()[0][:100]}); repair that line"
         ) from error
-    return [_column(table, read[place].to_numpy(), is_text=place in texts) for place in places]
+    return [_column(table, read[column].to_numpy(), is_text=column in texts) for column in places]
 
 
 def _column(table: TextTable, values: np.ndarray, *, is_text: bool) -> np.ndarray:
@@ -274,19 +274,19 @@ def _are_alike(table: TextTable) -> bool:
     return all(line.count(table.separator) == len(empty) and line != empty for line in lines)
 
 
-def finite(table: TextTable, place: int, values: np.ndarray) -> np.ndarray:
+def finite(table: TextTable, column: int, values: np.ndarray) -> np.ndarray:
     """A column as float64, each value finite and within the range of float32; InputError names the first other one."""
     if values.dtype.kind in "iuf":
-        found = values.astype(np.float64, copy=False)
-        wrong = np.flatnonzero(~(np.abs(found) <= FLOAT32_MAX))
+        floats = values.astype(np.float64, copy=False)
+        wrong = np.flatnonzero(~(np.abs(floats) <= FLOAT32_MAX))
         row = int(wrong[0]) if len(wrong) else None
     else:
         row = next((i for i, cell in enumerate(values.tolist()) if not _is_finite(cell, table.decimal)), None)
-        found = np.array([_with_point(cell, table.decimal) for cell in values.tolist()] if row is None else [], float)
+        floats = np.array([_with_point(cell, table.decimal) for cell in values.tolist()] if row is None else [], float)
     if row is None:
-        return found
+        return floats
     line, its_cells = next(islice(table.rows(), row, None))
-    raise InputError(f"{table.path}: line {line}{_fault(table, place, its_cells[place])}")
+    raise InputError(f"{table.path}: line {line}{_fault(table, column, its_cells[column])}")
 
 
 def finite_called(table: TextTable, name: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -304,27 +304,27 @@ def _with_point(cell: str, decimal: Decimal) -> str:
     return cell if decimal == "." else "" if "." in cell else cell.replace(",", ".")
 
 
-def _fault(table: TextTable, place: int, cell: str) -> str:
+def _fault(table: TextTable, column: int, cell: str) -> str:
     """What is wrong with a cell, and the fix: the end of the sentence that names its line."""
-    at = f", column {place + 1}{table.name(place)} is"
+    cell_name = f", column {column + 1}{table.name(column)} is"
     repair = f"repair the gap{table.choice}"
     if not cell:
-        return f"{at} empty; {repair}"
+        return f"{cell_name} empty; {repair}"
     if NOT_FINITE.fullmatch(cell):
-        return f"{at} {cell}; {repair}"
+        return f"{cell_name} {cell}; {repair}"
     if GAP.fullmatch(cell):
-        return f"{at} {cell!r}, no value; {repair}"
+        return f"{cell_name} {cell!r}, no value; {repair}"
     if NUMBER.fullmatch(_with_point(cell, table.decimal)):
-        return f"{at} {cell[:20]}, more than float32 holds; use another unit"
+        return f"{cell_name} {cell[:20]}, more than float32 holds; use another unit"
     if table.decimal == "." and DECIMAL_COMMA.fullmatch(cell):
         return " has decimal commas; pass `decimal=','` or write decimal points"
     if THOUSANDS.fullmatch(cell):
-        return f"{at} {cell[:20]!r}, with separators of thousands; write numbers without them"
+        return f"{cell_name} {cell[:20]!r}, with separators of thousands; write numbers without them"
     if table.decimal == "," and NUMBER.fullmatch(cell):
         return " holds a point, but commas are decimal; write all numbers one way"
     if WITH_UNIT.fullmatch(cell):
-        return f"{at} {cell[:20]!r}, not a number; write it without its unit{table.choice}"
-    return f"{at} {cell[:20]!r}, not a number; write a number{table.choice}"
+        return f"{cell_name} {cell[:20]!r}, not a number; write it without its unit{table.choice}"
+    return f"{cell_name} {cell[:20]!r}, not a number; write a number{table.choice}"
 
 
 def called(names: Sequence[str], aliases: Sequence[str]) -> str | None:
@@ -342,7 +342,7 @@ def columns_of(table: TextTable, texts: Collection[str] | None = None) -> dict[s
     their cells are.
     """
     places = range(table.n_columns)
-    as_texts = [place for place in places if texts is None or table.names[place] in texts]
+    as_texts = [column for column in places if texts is None or table.names[column] in texts]
     return dict(zip(table.names, columns_at(table, places, as_texts), strict=True))
 
 

@@ -53,8 +53,8 @@ def read_groups(path: str | Path, layout: LayoutSpec, *, find_time: bool = True)
     needed = "npTDMS is needed to read TDMS files; pip install 'neurotact[tdms]'"
     file_class = optional("nptdms", f"{path}: {needed}").TdmsFile
     with _heard() as warnings:
-        found = _groups(path, file_class)
-    groups = {name: group for name, group in found.items() if group.numbers}
+        found_groups = _groups(path, file_class)
+    groups = {name: group for name, group in found_groups.items() if group.numbers}
     if not groups:
         raise InputError(f"{path}: holds no channel of numbers; save the samples of each taxel as a channel")
     if layout.array is not None and layout.array not in groups:
@@ -99,18 +99,18 @@ def _groups(path: Path, file_class: Any) -> dict[str, _Group]:
 
 
 def _group(channels: list[Any]) -> _Group:
-    found = _Group({}, {}, [], {})
+    group = _Group({}, {}, [], {})
     for channel in channels:
         values = np.asarray(channel[:])
         if values.dtype.kind in "iuf" and len(values):
-            found.numbers[channel.name] = values
+            group.numbers[channel.name] = values
         elif values.dtype.kind == "M" and len(values):
-            found.times[channel.name] = (values - values[0]) / np.timedelta64(1, "s")
+            group.times[channel.name] = (values - values[0]) / np.timedelta64(1, "s")
         else:
-            found.others.append(channel.name)
+            group.others.append(channel.name)
         if channel.properties.get(INTERVAL_S):
-            found.intervals_s[channel.name] = float(channel.properties[INTERVAL_S])
-    return found
+            group.intervals_s[channel.name] = float(channel.properties[INTERVAL_S])
+    return group
 
 
 def _table(group: _Group, layout: LayoutSpec, path: Path, name: str, *, find_time: bool) -> Table:
@@ -121,25 +121,25 @@ def _table(group: _Group, layout: LayoutSpec, path: Path, name: str, *, find_tim
         layout.columns, layout.time_column, names, [""] * len(names), path, find_time=find_time
     )  # fmt: skip
     time_name = names[time_at] if time_at is not None else next(iter(group.times), None) if find_time else None
-    stamps_at = [each for each in (time_name, None if rest_at is None else names[rest_at]) if each is not None]
-    taxels = [names[place] for place in chosen] or [each for each in group.numbers if each not in stamps_at]
+    stamps_at = [name for name in (time_name, None if rest_at is None else names[rest_at]) if name is not None]
+    taxels = [names[column] for column in chosen] or [name for name in group.numbers if name not in stamps_at]
     if not taxels:
         raise InputError(f"{where}: has no channel besides the time; save the samples of each taxel as a channel")
-    lengths = {each: len(channels[each]) for each in [*taxels, *stamps_at]}
+    lengths = {name: len(channels[name]) for name in [*taxels, *stamps_at]}
     if len(set(lengths.values())) > 1:
-        shown = some([f"{each} {length}" for each, length in lengths.items()])
+        shown = some([f"{name} {length}" for name, length in lengths.items()])
         raise InputError(f"{where}: has channels of different lengths ({shown}); choose the taxels with `columns`")
-    signal = as_signal(np.stack([channels[each] for each in taxels], axis=1), where)
+    signal = as_signal(np.stack([channels[name] for name in taxels], axis=1), where)
     notes = (f"holds no number, so no taxel: {some(group.others)}",) if group.others and not chosen else ()
     its = Table(tuple(taxels), signal, None, 0, layout.time_unit, notes)
     if rest_at is not None:
-        seconds, rest = (channels[each].astype(np.float64) for each in stamps_at)
+        seconds, rest = (channels[name].astype(np.float64) for name in stamps_at)
         time = split_stamps.joined(seconds, rest, names[rest_at], where, 0, layout.time_unit)
         return its._replace(time=time, time_unit="s")
     if time_name is not None:
         unit = "s" if time_name in group.times else layout.time_unit or unit_in(time_name)
         return its._replace(time=channels[time_name].astype(np.float64), time_unit=unit)
-    intervals_s = [group.intervals_s[each] for each in taxels if each in group.intervals_s]
+    intervals_s = [group.intervals_s[name] for name in taxels if name in group.intervals_s]
     if not find_time or len(intervals_s) < len(taxels):
         return its
     if max(intervals_s) - min(intervals_s) > SAME * max(intervals_s):

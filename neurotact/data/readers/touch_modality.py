@@ -45,7 +45,7 @@ def read(folder: str | Path) -> Recordings:
     ((3, 30000, 16), ('brushing', 'rolling', 'sliding'))
     """
     folder = existing(folder, "folder")
-    files = [(label, path) for label, place in _class_folders(folder).items() for path in _recordings_in(place)]
+    files = [(label, path) for label, inside in _class_folders(folder).items() for path in _recordings_in(inside)]
     shape = (len(files), N_SAMPLES, len(COLUMNS) - 1)
     check_size(folder, math.prod(shape) * np.dtype(np.float32).itemsize)
     signals = np.empty(shape, np.float32)
@@ -57,19 +57,19 @@ def read(folder: str | Path) -> Recordings:
 
 
 def _class_folders(folder: Path) -> dict[str, Path]:
-    found = {place.name.lower(): place for place in sorted(folder.iterdir()) if place.is_dir()}
-    missing = [label for label in CLASSES if label not in found]
+    folders = {subfolder.name.lower(): subfolder for subfolder in sorted(folder.iterdir()) if subfolder.is_dir()}
+    missing = [label for label in CLASSES if label not in folders]
     if missing:
         raise InputError(
             f"{folder}: holds no folder '{missing[0]}'; give the folder that holds brushing, rolling and sliding"
         )
-    return {label: found[label] for label in CLASSES}
+    return {label: folders[label] for label in CLASSES}
 
 
-def _recordings_in(place: Path) -> list[Path]:
-    files = sorted(p for p in place.iterdir() if p.suffix.lower() == ".lvm" and not p.name.startswith("."))
+def _recordings_in(class_folder: Path) -> list[Path]:
+    files = sorted(p for p in class_folder.iterdir() if p.suffix.lower() == ".lvm" and not p.name.startswith("."))
     if not files:
-        raise InputError(f"{place}: holds no .lvm file; unpack the published archive again")
+        raise InputError(f"{class_folder}: holds no .lvm file; unpack the published archive again")
     return files
 
 

@@ -54,7 +54,7 @@ class UsualRow(NamedTuple):
 
         by_blanks: whether single blanks may separate names where they separate no cells.
         """
-        apart = (cells(line, each) for each in (self.separator, *SEPARATORS, *([BLANKS] if by_blanks else [])))
+        apart = (cells(line, mark) for mark in (self.separator, *SEPARATORS, *([BLANKS] if by_blanks else [])))
         ways = (*map(without_end, apart), [cell.strip() for cell in WIDE.split(line.strip())])
         fitting = (names for names in ways if len(names) in (self.n_columns, len(self.cells)))
         names = tuple(next(fitting, ()))
@@ -105,13 +105,13 @@ def separator_of(line: str) -> str:
     >>> [separator_of(row) for row in ("0,5;1", "1, 2", " 0.5   1", "0,5 1,0")]
     [';', ',', ' ', ' ']
     """
-    found = next((each for each in SEPARATORS if each in line), None)
+    separator = next((candidate for candidate in SEPARATORS if candidate in line), None)
     parts = SPACES.split(line.strip(" \t"))
-    if found in (None, ",") and len(parts) > 1:
+    if separator in (None, ",") and len(parts) > 1:
         are_numbers = all(is_value(part) or DECIMAL_COMMA.fullmatch(part) for part in parts)
-        if found is None or are_numbers:
+        if separator is None or are_numbers:
             return BLANKS
-    return found or ","
+    return separator or ","
 
 
 def is_sample(cell: str) -> bool:
@@ -138,13 +138,13 @@ def _numbers_columns(row: Sequence[str]) -> bool:
     first, *others = row
     if is_sample(first) or others[:1] not in (["0"], ["1"]) or (first and len(others) == 1):
         return False
-    return others == [str(int(others[0]) + place) for place in range(len(others))]
+    return others == [str(int(others[0]) + index) for index in range(len(others))]
 
 
 def _probes(text: str) -> Iterator[str]:
     """Some lines that are not empty and no comments, in their order; all lines of a short text."""
     end = len(text.rstrip("\n"))
-    starts = {text.find("\n", max(0, place - 1)) + 1 if place else 0 for place in _spread(end)}
+    starts = {text.find("\n", max(0, position - 1)) + 1 if position else 0 for position in _spread(end)}
     last = end
     for _ in range(LAST_PROBES):
         last = text.rfind("\n", 0, max(0, last))
@@ -157,4 +157,4 @@ def _probes(text: str) -> Iterator[str]:
 
 
 def _spread(end: int) -> list[int]:
-    return [end * place // PROBES for place in range(PROBES)]
+    return [end * index // PROBES for index in range(PROBES)]
