@@ -240,77 +240,77 @@ def _is_ahead(comparison: Paired) -> bool:
     return comparison.difference > 0 and comparison.is_clear
 
 
-def headline(found: Answer) -> str:
+def headline(outcome: Answer) -> str:
     """Whether spiking is worth it, in one sentence: the verdict, and the numbers that it rests on."""
-    if found.kind == "no baseline":
-        said = evidence(found)
+    if outcome.kind == "no baseline":
+        said = evidence(outcome)
         return f"{said[0].upper()}{said[1:]}."
-    return f"{verdict(found)}: {evidence(found)}."
+    return f"{verdict(outcome)}: {evidence(outcome)}."
 
 
-def verdict(found: Answer) -> str:
+def verdict(outcome: Answer) -> str:
     """The verdict of the headline, without its numbers."""
     return {
-        "nothing learned": _nothing_learned(found),
+        "nothing learned": _nothing_learned(outcome),
         "unclear": "Not clearly better than guessing",
         "no baseline": "Clearly better than guessing, and compared with no other classifier",
         "worse": "Spiking costs accuracy",
-        "tie": f"No clear difference in accuracy{_at_energy(found)}",
+        "tie": f"No clear difference in accuracy{_at_energy(outcome)}",
         "better": "Spiking is more accurate",
-    }[found.kind]
+    }[outcome.kind]
 
 
-def _nothing_learned(found: Answer) -> str:
+def _nothing_learned(outcome: Answer) -> str:
     """That nothing holds on test trials, and whether baselines learned something that does."""
-    if _learned(found):
+    if _learned(outcome):
         return "The network learned nothing that holds on test trials, other classifiers did"
-    seen, n = found.best.way(found.trials).validation, found.trials.validation
-    holds_there = n > 0 and wilson_interval(seen, n)[0] > found.guess
+    seen, n = outcome.best.way(outcome.trials).validation, outcome.trials.validation
+    holds_there = n > 0 and wilson_interval(seen, n)[0] > outcome.guess
     return "Nothing was learned that holds on test trials" if holds_there else "Nothing was learned"
 
 
-def _learned(found: Answer) -> bool:
+def _learned(outcome: Answer) -> bool:
     """Whether a rival is clearly better than guessing on test trials: binomial tests with Holm's correction."""
-    n = found.trials.test
-    p = [float(binom.sf(round(one.accuracy * n) - 1, n, found.guess)) for one in found.rivals]
+    n = outcome.trials.test
+    p = [float(binom.sf(round(one.accuracy * n) - 1, n, outcome.guess)) for one in outcome.rivals]
     return bool(p) and min(referee.holm(p)) < referee.LEVEL
 
 
-def evidence(found: Answer) -> str:
+def evidence(outcome: Answer) -> str:
     """The numbers of the headline: the best network with its interval, and what it is compared with."""
-    best, (low, high) = found.best, found.interval
-    share, guess = percent(best.used.accuracy), percent(found.guess)
+    best, (low, high) = outcome.best, outcome.interval
+    share, guess = percent(best.used.accuracy), percent(outcome.guess)
     network = f"the best network{', with early exit,' if best.exits else ''} is right in"
     said = f"{network} {share} of the test windows (95 % interval {100 * low:.0f} to {100 * high:.0f} %)"
-    if found.kind == "nothing learned":
-        return f"{said}, which guessing reaches too ({guess}){_learned_without(found)}"
-    if found.kind == "unclear":
-        n_test = found.trials.test
+    if outcome.kind == "nothing learned":
+        return f"{said}, which guessing reaches too ({guess}){_learned_without(outcome)}"
+    if outcome.kind == "unclear":
+        n_test = outcome.trials.test
         of = f"of {n_test} test trial{'' if n_test == 1 else 's'}"
-        return f"{said} {of}, guessing in {guess}{_learned_without(found)}"
-    if found.kind == "no baseline":
+        return f"{said} {of}, guessing in {guess}{_learned_without(outcome)}"
+    if outcome.kind == "no baseline":
         return f"{said}; guessing reaches {guess}"
-    return f"{said}, {_rivals(found)}"
+    return f"{said}, {_rivals(outcome)}"
 
 
-def _rivals(found: Answer) -> str:
+def _rivals(outcome: Answer) -> str:
     """The baselines that the verdict is about, in words, with the chance of the difference."""
-    verdict, decisive = found.verdict, found.decisive
+    verdict, decisive = outcome.verdict, outcome.decisive
     assert verdict is not None
     assert decisive is not None
-    if found.unranked is not None and verdict.kind == "better":
+    if outcome.unranked is not None and verdict.kind == "better":
         return (
-            f"{found.unranked.name} in {percent(found.unranked.accuracy)}, although it is less accurate on validation "
-            "windows than other baselines"
+            f"{outcome.unranked.name} in {percent(outcome.unranked.accuracy)}, although it is less accurate on "
+            "validation windows than other baselines"
         )
-    if len(found.rivals) == 1:
+    if len(outcome.rivals) == 1:
         return f"the best baseline is {decisive.name}, {percent(decisive.accuracy)} ({chance_of(verdict)})"
     if verdict.kind == "worse":
         return f"{decisive.name} in {percent(decisive.accuracy)} ({chance_of(verdict)})"
-    worst, best = _ends(found.rivals)
+    worst, best = _ends(outcome.rivals)
     return (
-        f"{len(found.rivals)} baselines that validation cannot tell apart in {percent(worst.accuracy)} ({worst.name}) "
-        f"to {percent(best.accuracy)} ({best.name}; {chance_of(verdict)})"
+        f"{len(outcome.rivals)} baselines that validation cannot tell apart in {percent(worst.accuracy)} "
+        f"({worst.name}) to {percent(best.accuracy)} ({best.name}; {chance_of(verdict)})"
     )
 
 
@@ -320,10 +320,10 @@ def _ends(rivals: Sequence[Baseline]) -> list[Baseline]:
     return [ordered[0], ordered[-1]] if ordered else []
 
 
-def _at_energy(found: Answer) -> str:
+def _at_energy(outcome: Answer) -> str:
     """For equal accuracy, the energy against the comparable baseline on signals; empty if about equal or unknown."""
-    rival, spent = found.comparable, found.best.used.nJ
-    if rival is None or spent is None or (ratio := times(found, spent)) is None:
+    rival, spent = outcome.comparable, outcome.best.used.nJ
+    if rival is None or spent is None or (ratio := times(outcome, spent)) is None:
         return ""
     return (
         f", and spiking takes {ratio.words} energy {ratio.than} {rival.short} with {percent(rival.accuracy)} (estimate)"
@@ -337,27 +337,27 @@ class Ratio(NamedTuple):
     than: str
 
 
-def times(found: Answer, spent: float) -> Ratio | None:
+def times(outcome: Answer, spent: float) -> Ratio | None:
     """The ratio of an energy to that of the comparable baseline on signals; None if about equal or unknown.
 
     Less is said only if it is below that of every baseline on signals that validation cannot tell from the best.
     """
-    rival = None if found.comparable is None else found.comparable.nJ
+    rival = None if outcome.comparable is None else outcome.comparable.nJ
     if rival is None or min(spent, rival) <= 0 or max(spent, rival) / min(spent, rival) < 1.2:
         return None
     ratio = count(float(f"{max(spent, rival) / min(spent, rival):.2g}"))
     if spent > rival:
         return Ratio(f"{ratio} times as much", "as")
-    level = (one.nJ for one in found.rivals if not one.is_of_spikes and one.nJ is not None)
+    level = (one.nJ for one in outcome.rivals if not one.is_of_spikes and one.nJ is not None)
     return None if any(energy_nJ <= spent for energy_nJ in level) else Ratio(f"{ratio} times less", "than")
 
 
-def _learned_without(found: Answer) -> str:
+def _learned_without(outcome: Answer) -> str:
     """Where no network is clearly better than guessing: whether baselines are."""
-    if found.baseline is None:
+    if outcome.baseline is None:
         return ""
-    worst, best = _ends(found.rivals)
-    learned, n = _learned(found), len(found.rivals)
+    worst, best = _ends(outcome.rivals)
+    learned, n = _learned(outcome), len(outcome.rivals)
     if n == 1:
         verdict = "is clearly better than guessing" if learned else "is not clearly better than guessing either"
         return f"; the best baseline {verdict} ({best.name}, {percent(best.accuracy)})"
@@ -368,39 +368,40 @@ def _learned_without(found: Answer) -> str:
     )
 
 
-def details(found: Answer) -> Iterator[str]:
+def details(outcome: Answer) -> Iterator[str]:
     """What the cheapest network within the error saves and costs, in sentences; none if guessing may do as well."""
-    best, cheapest = found.best, found.cheapest
-    if not found.is_above_chance:
+    best, cheapest = outcome.best, outcome.cheapest
+    if not outcome.is_above_chance:
         return
     if cheapest == best:
         yield f"The most accurate network on validation trials, {best.name}, is also the cheapest within its error."
     else:
         yield (
-            f"Within its error ({100 * found.error:.1f} points on validation trials), {cheapest.name} "
+            f"Within its error ({100 * outcome.error:.1f} points on validation trials), {cheapest.name} "
             f"{_is_cheapest(best.used, cheapest.used)}: {_saved(best.used, cheapest.used)} than {best.name}, "
-            f"{_lost(best.used, cheapest.used, found.trials.test)}."
+            f"{_lost(best.used, cheapest.used, outcome.trials.test)}."
         )
     if cheapest.early is not None:
-        said = _early(cheapest.whole, cheapest.early, found.trials.test)
+        said = _early(cheapest.whole, cheapest.early, outcome.trials.test)
         is_known = cheapest.early_validation is not None or not _saves(cheapest.whole, cheapest.early)
         yield said if is_known else f"{said} Whole windows are used, since validation cannot tell this loss."
-    yield from _energy(found)
+    yield from _energy(outcome)
 
 
-def _energy(found: Answer) -> Iterator[str]:
+def _energy(outcome: Answer) -> Iterator[str]:
     """The energy of the cheapest network with and without early exit, and of baselines on signals.
 
     Only the best network has a ratio, the one of the headline.
     """
-    whole, used, rival = found.cheapest.whole.nJ, found.cheapest.used.nJ, found.cheapest_on_signals
+    whole, used, rival = outcome.cheapest.whole.nJ, outcome.cheapest.used.nJ, outcome.cheapest_on_signals
     if whole is None or used is None or rival is None or rival.nJ is None:
         return
-    both = f"{energy(whole)} for a whole window" + (f", {energy(used)} with early exit" if found.cheapest.exits else "")
-    ratio = times(found, used) if found.cheapest == found.best else None
+    early = f", {energy(used)} with early exit" if outcome.cheapest.exits else ""
+    both = f"{energy(whole)} for a whole window{early}"
+    ratio = times(outcome, used) if outcome.cheapest == outcome.best else None
     against = "beside " if ratio is None else f"that is {ratio.words} {ratio.than} "
-    said = f"Energy of {found.cheapest.name}, an estimate of the arithmetic: {both}"
-    of, fair = "the cheapest baseline on signals within the error of the best one", found.comparable
+    said = f"Energy of {outcome.cheapest.name}, an estimate of the arithmetic: {both}"
+    of, fair = "the cheapest baseline on signals within the error of the best one", outcome.comparable
     if fair == rival:
         yield f"{said}; {against}{_priced(rival)}, {of}."
     elif fair is None:
@@ -421,37 +422,37 @@ def _priced(one: Baseline) -> str:
     return f"{one.name} at {spent} and {percent(one.accuracy)} on test windows"
 
 
-def of_refractory_periods(found: Answer, networks: Sequence[Network]) -> Iterator[str]:
+def of_refractory_periods(outcome: Answer, networks: Sequence[Network]) -> Iterator[str]:
     """What the refractory periods of the cheapest network save, against the shortest ones of the run.
 
     The other network is chosen by the referee among those with the shortest periods. Nothing if these are the same.
     """
     shortest = min((network.pair for network in networks), key=lambda pair: sum(periods.sizes(pair)))
-    if not found.is_above_chance or found.cheapest.pair == shortest:
+    if not outcome.is_above_chance or outcome.cheapest.pair == shortest:
         return
     with_shortest = [network for network in networks if network.pair == shortest]
-    other = with_shortest[referee.cheapest_of([network.way(found.trials) for network in with_shortest])]
+    other = with_shortest[referee.cheapest_of([network.way(outcome.trials) for network in with_shortest])]
     yield (
-        f"Refractory periods of {found.cheapest.pair} ms in place of {shortest} ms: "
-        f"{_saved(other.used, found.cheapest.used)}, {_lost(other.used, found.cheapest.used, found.trials.test)}."
+        f"Refractory periods of {outcome.cheapest.pair} ms in place of {shortest} ms: "
+        f"{_saved(other.used, outcome.cheapest.used)}, {_lost(other.used, outcome.cheapest.used, outcome.trials.test)}."
     )
 
 
-def gaps(found: Answer, cause: str) -> Iterator[str]:
+def gaps(outcome: Answer, cause: str) -> Iterator[str]:
     """A warning if the test accuracy of the best network or baseline is clearly below that on validation trials.
 
     Where the network is not clearly better than guessing on test trials, weaker evidence is enough (`referee.LEVEL` in
     place of `GAP`): something has failed, and this tells what. cause: the likely one, as the split has it.
     """
-    level = referee.GAP if found.is_above_chance else referee.LEVEL
-    network = found.best
-    sides = [("the best network", network.way(found.trials).validation, network.used.accuracy)]
-    if found.baseline is not None:
-        sides.append((found.baseline.name, found.baseline.validation, found.baseline.accuracy))
+    level = referee.GAP if outcome.is_above_chance else referee.LEVEL
+    network = outcome.best
+    sides = [("the best network", network.way(outcome.trials).validation, network.used.accuracy)]
+    if outcome.baseline is not None:
+        sides.append((outcome.baseline.name, outcome.baseline.validation, outcome.baseline.accuracy))
     apart = [
         f"{name} {percent(validation)} and {percent(test)}"
         for name, validation, test in sides
-        if referee.is_gap(validation, found.trials.validation, test, found.trials.test, level)
+        if referee.is_gap(validation, outcome.trials.validation, test, outcome.trials.test, level)
     ]
     if apart:
         yield (
@@ -460,7 +461,7 @@ def gaps(found: Answer, cause: str) -> Iterator[str]:
         )
 
 
-def where_lost(found: Answer, baselines: Sequence[Baseline]) -> Iterator[str]:
+def where_lost(outcome: Answer, baselines: Sequence[Baseline]) -> Iterator[str]:
     """If spiking costs accuracy: the loss of the encoding, the loss of the network, and remedies.
 
     The same windows are classified from the signals and from the afferents' spikes, by the classifiers chosen on
@@ -472,10 +473,10 @@ def where_lost(found: Answer, baselines: Sequence[Baseline]) -> Iterator[str]:
     ['the encoding loses 39.0 points (90.0 % by SVM on signals, 51.0 % by']
     """
     groups = [[one for one in baselines if one.is_of_spikes == of_spikes] for of_spikes in (False, True)]
-    if found.verdict is None or found.verdict.kind != "worse" or not all(groups):
+    if outcome.verdict is None or outcome.verdict.kind != "worse" or not all(groups):
         return
-    of_signals, of_spikes = (group[referee.best_of([one.way(found.trials) for one in group])] for group in groups)
-    used = found.best.used.accuracy
+    of_signals, of_spikes = (group[referee.best_of([one.way(outcome.trials) for one in group])] for group in groups)
+    used = outcome.best.used.accuracy
     encoding, network = of_signals.accuracy - of_spikes.accuracy, of_spikes.accuracy - used
     lost = {
         f"the encoding loses {100 * encoding:.1f} points ({percent(of_signals.accuracy)} by {of_signals.name}, "
@@ -486,7 +487,7 @@ def where_lost(found: Answer, baselines: Sequence[Baseline]) -> Iterator[str]:
         f"{percent(used)} by the best network); record more trials, or run the "
         "whole study if this is a quick one": network,
     }
-    yield from (words for words, loss in lost.items() if loss > 1 / found.trials.test)
+    yield from (words for words, loss in lost.items() if loss > 1 / outcome.trials.test)
 
 
 def _saves(whole: Decision, early: Decision) -> bool:

@@ -57,7 +57,7 @@ def cell_details(folder: Path, done: list[Cell], classes: Classes) -> list[dict[
 
     raster: the spikes of one test window, the same one for all cells that are tested on the same windows.
     """
-    found: list[dict[str, Any]] = [{} for _ in done]
+    details: list[dict[str, Any]] = [{} for _ in done]
     shown: dict[str, tuple[int, int]] = {}
     by_spikes: dict[Path, list[int]] = {}
     for index, cell in enumerate(done):
@@ -66,15 +66,15 @@ def cell_details(folder: Path, done: list[Cell], classes: Classes) -> list[dict[
         trains = load_spikes(path) if path.is_file() else None
         tests: dict[str, _Test] = {}
         for index in indices:
-            place = cell_folder(folder, done[index])
+            kept = cell_folder(folder, done[index])
             matrix = confusion(result_of(folder, done[index]), classes)
-            found[index] = {
+            details[index] = {
                 "confusion": None if matrix is None else matrix.tolist(),
                 "training": _training(folder, done[index]),
             }
-            if trains is None or not (place / checkpoint.NETWORK).is_file():
+            if trains is None or not (kept / checkpoint.NETWORK).is_file():
                 continue
-            restored = trained.restore(place)
+            restored = trained.restore(kept)
             key = restored.task.model_dump_json()
             if key not in tests:
                 trials = trained.test_trials(restored, trains)
@@ -82,8 +82,8 @@ def cell_details(folder: Path, done: list[Cell], classes: Classes) -> list[dict[
             if len(tests[key].windows):
                 if key not in shown:
                     shown[key] = _middle(tests[key])
-                found[index]["raster"] = _raster(restored, trains, shown[key], classes, MOST_EVENTS // len(done))
-    return found
+                details[index]["raster"] = _raster(restored, trains, shown[key], classes, MOST_EVENTS // len(done))
+    return details
 
 
 def cell_name(row: pd.Series) -> str:
@@ -150,10 +150,10 @@ def _middle(test: _Test) -> tuple[int, int]:
 
 @torch.no_grad()
 def _raster(
-    restored: Restored, trains: SpikeTrains, at: tuple[int, int], classes: Classes, most_events: int
+    restored: Restored, trains: SpikeTrains, begin: tuple[int, int], classes: Classes, most_events: int
 ) -> dict[str, Any]:
     """Spikes of one window as steps for each neuron, cut short if there are more than `most_events`."""
-    trial, start = at
+    trial, start = begin
     n_steps = round(restored.task.window.length_ms * 1e-3 * trains.sampling_rate_Hz)
     window = trains.raster(Windows(np.array([trial]), np.array([start]), n_steps))
     network = restored.network

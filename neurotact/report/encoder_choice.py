@@ -44,17 +44,17 @@ class Choice(NamedTuple):
 
 
 def choices(
-    study: StudySpec, found: Sequence[Front], results: pd.DataFrame, tables: Mapping[str, pd.DataFrame]
+    study: StudySpec, fronts: Sequence[Front], results: pd.DataFrame, tables: Mapping[str, pd.DataFrame]
 ) -> list[Choice]:
     """Every encoder and period of a study, the highest accuracy on validation trials first.
 
-    found: the answer of each encoder (and rate). results: with the columns of `fronts`. tables: `baselines` and
+    fronts: the answer of each encoder (and rate). results: with the columns of `fronts`. tables: `baselines` and
     `reconstruction`, if they exist. Empty if the study does not sweep encoders.
     """
     names = [name for name in sweeps.values(study.sweep, "encoder") if isinstance(name, str)]
     named = {encoders.load(name).model: name for name in dict.fromkeys(names)}
     every = []
-    for front in found if named else ():
+    for front in fronts if named else ():
         row = results.loc[front.cells[0]].to_dict()
         baselines = {one.name: one for one in baselines_of(study, tables, row)}
         rate_per_s = float(row[RATE]) if RATE in row else None
@@ -144,14 +144,14 @@ def table(among: Sequence[Choice]) -> Table | None:
     rows = []
     for index, one in enumerate(among):
         said = [
-            word for word, at in (("best on validation", best), ("cheapest of its equals", cheapest)) if index == at
+            word for word, row in (("best on validation", best), ("cheapest of its equals", cheapest)) if index == row
         ]
         mark = f": {' and '.join(said)}" if said else " ~" if index in level else ""
         used, n_test = one.network.used, one.trials.test
         readout = "-" if one.readout is None else first_screen.with_interval(one.readout.accuracy, n_test)
-        at = "" if one.rate_per_s is None else f" at {one.rate_per_s:g} spikes/s"
+        rate = "" if one.rate_per_s is None else f" at {one.rate_per_s:g} spikes/s"
         rows.append([
-            f"{one.encoder}{at}{mark}", one.network.pair, answers.count(used.spikes),
+            f"{one.encoder}{rate}{mark}", one.network.pair, answers.count(used.spikes),
             first_screen.with_interval(used.accuracy, n_test), readout,
             "-" if one.snr_dB is None else f"{one.snr_dB:.1f}", "-" if used.nJ is None else answers.energy(used.nJ),
         ])  # fmt: skip

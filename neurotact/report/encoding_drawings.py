@@ -117,8 +117,8 @@ def _rasters(study: StudySpec, trains: SpikeTrains, view: View, classes: Classes
     rows = [in_unit(view.vary, value) if view.vary else "" for value in values]
     wheres = [{**view.fixed, **({view.vary: value} if view.vary else {})} for value in values]
     trials = [[_first_trial(trains, label, where) for label in shown] for where in wheres]
-    found = [trial for row in trials for trial in row if trial is not None]
-    end_s = max((float(trains.trial_steps[t] / trains.sampling_rate_Hz) for t in found), default=start_s + window_s)
+    drawn = [trial for row in trials for trial in row if trial is not None]
+    end_s = max((float(trains.trial_steps[t] / trains.sampling_rate_Hz) for t in drawn), default=start_s + window_s)
     stop_s = min(max(end_s, start_s + window_s), start_s + max(SHOWN_s, window_s))
     columns = [classes.long[label] for label in shown]
     figure = encoding_figures.draw_rasters(trains, trials, rows, columns, start_s, stop_s, window_s)
@@ -127,14 +127,14 @@ def _rasters(study: StudySpec, trains: SpikeTrains, view: View, classes: Classes
     each_ms = [float(part.get("t_ref_ms", 0.0)) for part in parts]
     pair = periods.in_words(study.encoder.model, each_ms[0], each_ms[-1])
     order = f" ({second} & {first})" if "&" in pair else ""
-    at = f" at {in_words(view.fixed)}" if view.fixed else ""
+    fixed = f" at {in_words(view.fixed)}" if view.fixed else ""
     down = f"; from top to bottom {', '.join(rows)}" if len(rows) > 1 else ""
     caption = (
-        f"Spikes of the {first} (blue) and {second} (orange) afferents in one trial each{at}{down}. "
+        f"Spikes of the {first} (blue) and {second} (orange) afferents in one trial each{fixed}{down}. "
         f"{named(pair)}{order}. Grey: a trial's first window of {study.window.length_ms:g} ms, the input of networks."
         f"{_of_all(shown, classes)}{in_the_paper(study, 'Fig. 5')}"
     )
-    counts = ", ".join(f"{len(trains.steps[trial])}" for trial in found)
+    counts = ", ".join(f"{len(trains.steps[trial])}" for trial in drawn)
     alt = f"Raster plots of {len(shown)} classes in {len(rows)} rows; spikes in each whole trial, row by row: {counts}."
     return Drawn("rasters", "Spikes of the afferents", figure, caption, alt)
 
@@ -143,8 +143,8 @@ def _first_trial(trains: SpikeTrains, label: str, where: dict[str, Any]) -> int 
     keep = trains.conditions[LABEL].astype(str) == label
     for column, value in where.items():
         keep &= trains.conditions[column] == value
-    found = np.flatnonzero(keep)
-    return int(found[0]) if len(found) else None
+    numbers = np.flatnonzero(keep)
+    return int(numbers[0]) if len(numbers) else None
 
 
 def _spike_counts(study: StudySpec, encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn:
@@ -155,10 +155,10 @@ def _spike_counts(study: StudySpec, encoding: pd.DataFrame, view: View, classes:
     falling = totals.sort_values(ascending=False, kind="stable")
     order = ", ".join(f"{pair} ({value:.0f})" for pair, value in falling.items())
     pairs = "pairs of " if any("&" in str(pair) for pair in totals.index) else ""
-    at = f" at {in_words(view.at)}" if view.at else ""
+    fixed = f" at {in_words(view.at)}" if view.at else ""
     caption = (
         f"Spikes per second of all {' and all '.join(names_of(study))} afferents, and of both, over the {pairs}"
-        f"refractory periods{at}{_stretch(rows)}. "
+        f"refractory periods{fixed}{_stretch(rows)}. "
         f"Sum of both, mean over these classes, from most to least: {order}.{_of_all(shown, classes)}"
         f"{in_the_paper(study, 'Fig. 6')}"
     )
@@ -186,9 +186,9 @@ def _isis(study: StudySpec, encoding: pd.DataFrame, view: View, classes: Classes
     if of_touch:  # a window is too short for the longer ones
         rows, within = rows.assign(**of_touch), "; over the whole touch, from a window's start on"
     figure = encoding_figures.draw_isis(rows, view.vary, classes, names_of(study))
-    at = f" at {in_words(view.fixed)}" if view.fixed else ""
+    fixed = f" at {in_words(view.fixed)}" if view.fixed else ""
     caption = (
-        f"Mean inter-spike interval of each {classes.word}{at}, {named(pair)}{within}; a gap if the population is "
+        f"Mean inter-spike interval of each {classes.word}{fixed}, {named(pair)}{within}; a gap if the population is "
         f"silent.{in_the_paper(study, 'Fig. 10(b)')}"
     )
     alt = f"Points over the classes, {_trends(rows, view, 'isi', '_ms', names_of(study))}"
@@ -207,7 +207,7 @@ def _trends(rows: pd.DataFrame, view: View, stem: str, unit: str, names: tuple[s
     for kind, name in zip(("sa", "ra"), names, strict=True):
         column = f"{stem}_{kind}{unit}"
         groups = rows.groupby(view.vary)[column].mean() if view.vary else pd.Series({"": rows[column].mean()})
-        values = [f"{value:.3g}{f' at {in_unit(view.vary, at)}' if view.vary else ''}" for at, value in groups.items()]
+        values = [f"{value:.3g}{f' at {in_unit(view.vary, x)}' if view.vary else ''}" for x, value in groups.items()]
         words.append(f"{name} mean {', '.join(values)}")
     return "; ".join(words) + "."
 

@@ -23,7 +23,7 @@ class _Row(NamedTuple):
     mark: str
 
 
-def figures(found: Answer) -> list[Figure]:
+def figures(outcome: Answer) -> list[Figure]:
     """Accuracy, energy and time of a decision by the best network; without what the run does not know.
 
     >>> used = Decision(0.9, 1000.0, 500.0, 80.0, 250.0)
@@ -35,86 +35,87 @@ def figures(found: Answer) -> list[Figure]:
     250 nJ | an estimate of the arithmetic | 10 times as much as SVM on signals (25 nJ, 95.0 %)
     500 ms | the whole window | the others wait as long
     """
-    return [*_accuracy(found), *_energy(found), *_time(found)]
+    return [*_accuracy(outcome), *_energy(outcome), *_time(outcome)]
 
 
-def _accuracy(found: Answer) -> Iterator[Figure]:
-    n_test, (low, high), rival = found.trials.test, found.interval, found.beside
-    against = f"{rival.name}: {with_interval(rival.accuracy, n_test)}" if rival else f"guessing: {_guess(found)}"
-    if found.verdict is not None and rival is found.decisive:
-        against += f", {answers.p_of(found.verdict)}"
+def _accuracy(outcome: Answer) -> Iterator[Figure]:
+    n_test, (low, high), rival = outcome.trials.test, outcome.interval, outcome.beside
+    against = f"{rival.name}: {with_interval(rival.accuracy, n_test)}" if rival else f"guessing: {_guess(outcome)}"
+    if outcome.verdict is not None and rival is outcome.decisive:
+        against += f", {answers.p_of(outcome.verdict)}"
     trials = f"{n_test} test trial{'' if n_test == 1 else 's'}"
     of = f"95 % interval {100 * low:.0f} to {100 * high:.0f} %, {trials}"
-    yield Figure("test accuracy", answers.percent(found.best.used.accuracy), of, against)
+    yield Figure("test accuracy", answers.percent(outcome.best.used.accuracy), of, against)
 
 
-def _energy(found: Answer) -> Iterator[Figure]:
-    spent, rival = found.best.used.nJ, found.comparable or found.cheapest_on_signals
+def _energy(outcome: Answer) -> Iterator[Figure]:
+    spent, rival = outcome.best.used.nJ, outcome.comparable or outcome.cheapest_on_signals
     if spent is None:
         return
     against = ""
     if rival is not None and rival.nJ is not None:
-        ratio, of = answers.times(found, spent), f"{answers.energy(rival.nJ)}, {answers.percent(rival.accuracy)}"
+        ratio, of = answers.times(outcome, spent), f"{answers.energy(rival.nJ)}, {answers.percent(rival.accuracy)}"
         against = f"{rival.name}: {of}" if ratio is None else f"{ratio.words} {ratio.than} {rival.name} ({of})"
     yield Figure("energy per decision", answers.energy(spent), "an estimate of the arithmetic", against)
 
 
-def _time(found: Answer) -> Iterator[Figure]:
-    best = found.best
+def _time(outcome: Answer) -> Iterator[Figure]:
+    best = outcome.best
     if pd.isna(best.used.ms):
         return
     whole = answers.milliseconds(best.whole.ms)
     of = f"with early exit, of a window of {whole}" if best.exits else "the whole window"
     others = f"the others wait for the whole window, {whole}" if best.exits else "the others wait as long"
-    against = others if found.baseline else ""
+    against = others if outcome.baseline else ""
     yield Figure("time to decision", answers.milliseconds(best.used.ms), of, against)
 
 
-def chosen(found: Answer, networks: Sequence[Network], baselines: Sequence[Baseline]) -> str:
+def chosen(outcome: Answer, networks: Sequence[Network], baselines: Sequence[Baseline]) -> str:
     """Which network the figures are of, and which rows of the table are more accurate on test trials."""
-    best, rival = found.best, found.beside
+    best, rival = outcome.best, outcome.beside
     exits = ", with early exit" if best.exits else ""
     network = f"{best.name}{exits}"
-    ahead = [(row.name, row.decision.accuracy) for row in _network_rows(found, networks)]
+    ahead = [(row.name, row.decision.accuracy) for row in _network_rows(outcome, networks)]
     better = [max((one for one in ahead if one[1] > best.used.accuracy), key=lambda one: one[1], default=None)]
     bar = best.used.accuracy if rival is None else max(rival.accuracy, best.used.accuracy)
-    others = [(one.name, one.accuracy) for one in _baselines_shown(found, baselines) if one.accuracy > bar]
+    others = [(one.name, one.accuracy) for one in _baselines_shown(outcome, baselines) if one.accuracy > bar]
     better.append(max(others, key=lambda one: one[1], default=None))
     said = [f"{name} has {answers.percent(share)}" for name, share in filter(None, better)]
     told = f"; on test trials {' and '.join(said)}, and a choice by them would flatter" if said else ""
     return f"{network}, chosen on validation trials{told}."
 
 
-def table(found: Answer, networks: Sequence[Network], baselines: Sequence[Baseline], period: str = "t_ref") -> Table:
+def table(outcome: Answer, networks: Sequence[Network], baselines: Sequence[Baseline], period: str = "t_ref") -> Table:
     """Every network and baseline that a sentence names, and the best of each pair and kind on validation trials.
 
     period: what the refractory periods are of (`periods.head`).
     """
-    rows = [[f"{row.name}{row.mark}", *_in_words(row.decision, found.trials.test)]
-            for row in _network_rows(found, networks)]  # fmt: skip
-    for baseline in _baselines_shown(found, baselines):
+    rows = [[f"{row.name}{row.mark}", *_in_words(row.decision, outcome.trials.test)]
+            for row in _network_rows(outcome, networks)]  # fmt: skip
+    for baseline in _baselines_shown(outcome, baselines):
         mark = ": cheapest on signals within the error of the best baseline"
-        name = f"{baseline.name}{mark if baseline is found.cheapest_on_signals else ''}"
+        name = f"{baseline.name}{mark if baseline is outcome.cheapest_on_signals else ''}"
         spent = "-" if baseline.nJ is None else answers.energy(baseline.nJ)
-        within = with_interval(baseline.accuracy, found.trials.test)
-        rows.append([name, within, "", "", _ms(found.best.whole), spent])
-    rows.append(["guessing", _guess(found), *[""] * (len(HEADS) - 2)])
+        within = with_interval(baseline.accuracy, outcome.trials.test)
+        rows.append([name, within, "", "", _ms(outcome.best.whole), spent])
+    rows.append(["guessing", _guess(outcome), *[""] * (len(HEADS) - 2)])
     trainings = max(network.seeds for network in networks)
     over = f", of {trainings} trainings each" if trainings > 1 else ""
     caption = (
-        f"Means over {found.trials.test} test trials{over}; energy is an estimate of the arithmetic. Choices: accuracy "
-        "on validation trials, then the least energy. Of each refractory period, or pair, the best network is shown."
+        f"Means over {outcome.trials.test} test trials{over}; energy is an estimate of the arithmetic. Choices: "
+        "accuracy on validation trials, then the least energy. Of each refractory period, or pair, the best network is "
+        "shown."
     )
     return Table(caption, [f"{period}, neurons", *HEADS[1:]], rows, n_heads=1)
 
 
-def _network_rows(found: Answer, networks: Sequence[Network]) -> Iterator[_Row]:
+def _network_rows(outcome: Answer, networks: Sequence[Network]) -> Iterator[_Row]:
     """The networks that sentences name, and the best of each other pair; each with and without early exit."""
     for pair in dict.fromkeys(network.pair for network in networks):
         own = [network for network in networks if network.pair == pair]
-        told = [network for network in dict.fromkeys((found.best, found.cheapest)) if network in own]
-        for one in told or [own[referee.best_of([network.way(found.trials) for network in own])]]:
-            named = (("best on validation", found.best), ("cheapest within its error", found.cheapest))
+        told = [network for network in dict.fromkeys((outcome.best, outcome.cheapest)) if network in own]
+        for one in told or [own[referee.best_of([network.way(outcome.trials) for network in own])]]:
+            named = (("best on validation", outcome.best), ("cheapest within its error", outcome.cheapest))
             marks = [word for word, of in named if of == one]
             mark = f": {' and '.join(marks)}" if marks else ""
             name = f"{periods.in_ms(pair)}, {one.hidden}"
@@ -123,9 +124,9 @@ def _network_rows(found: Answer, networks: Sequence[Network]) -> Iterator[_Row]:
                 yield _Row(f"{name}, early exit", one.early, mark if one.exits else "")
 
 
-def _baselines_shown(found: Answer, baselines: Sequence[Baseline]) -> list[Baseline]:
+def _baselines_shown(outcome: Answer, baselines: Sequence[Baseline]) -> list[Baseline]:
     """The leading baselines and those that a sentence names, each once."""
-    return list({one.name: one for one in (*leading(baselines, found.trials), *found.named)}.values())
+    return list({one.name: one for one in (*leading(baselines, outcome.trials), *outcome.named)}.values())
 
 
 def leading(baselines: Sequence[Baseline], trials: Trials) -> list[Baseline]:
@@ -156,5 +157,5 @@ def _ms(decision: Decision) -> str:
     return "-" if pd.isna(decision.ms) else answers.milliseconds(decision.ms).removesuffix(" ms")
 
 
-def _guess(found: Answer) -> str:
-    return answers.percent(found.guess)
+def _guess(outcome: Answer) -> str:
+    return answers.percent(outcome.guess)

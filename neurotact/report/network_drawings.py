@@ -47,15 +47,15 @@ def rises(networks: pd.DataFrame, measure: str) -> tuple[list[str], int]:
     >>> rises(pd.DataFrame(rows), "sops")
     (['all, N = 20, 1&5 to 5&5 (+10.0 %)'], 2)
     """
-    found, steps = [], 0
+    listed, steps = [], 0
     for (setting, hidden), rows in networks.groupby(["setting", "hidden"], sort=False):
         series = list(zip(rows["pair"], rows[measure], strict=True))
         for (before, low), (after, high) in pairwise(series):
             steps += 1
             if high > low:
                 share = f" (+{100 * (high / low - 1):.1f} %)" if low > 0 else ""
-                found.append(f"{setting}, N = {hidden}, {before} to {after}{share}")
-    return found, steps
+                listed.append(f"{setting}, N = {hidden}, {before} to {after}{share}")
+    return listed, steps
 
 
 def published_points(study: StudySpec, results: pd.DataFrame) -> list[Published]:
@@ -94,14 +94,14 @@ def _accuracy_and_sops(study: StudySpec, results: pd.DataFrame, n_classes: int) 
     return Drawn("accuracy-and-sops", "Accuracy and its cost", figure, caption, alt)
 
 
-def _rise_sentence(what: str, found: list[str], steps: int) -> str:
+def _rise_sentence(what: str, listed_rises: list[str], steps: int) -> str:
     if not steps:
         return ""
-    if not found:
+    if not listed_rises:
         return f"{what} fall, or stay, from each pair to the next."
-    more = f"; and {len(found) - MOST_LISTED} more" if len(found) > MOST_LISTED else ""
-    listed = "; ".join(found[:MOST_LISTED]) + more
-    return f"{what} rise at {len(found)} of {steps} steps from a pair to the next: {listed}."
+    more = f"; and {len(listed_rises) - MOST_LISTED} more" if len(listed_rises) > MOST_LISTED else ""
+    listed = "; ".join(listed_rises[:MOST_LISTED]) + more
+    return f"{what} rise at {len(listed_rises)} of {steps} steps from a pair to the next: {listed}."
 
 
 def _seeds(networks: pd.DataFrame) -> str:
@@ -165,10 +165,10 @@ def _best_network(folder: Path, done: list[Cell], results: pd.DataFrame, classes
     results: a row for each of `done`.
     """
     best = best_of(results)
-    found = result_of(folder, done[best])
-    row = found["row"]
+    result = result_of(folder, done[best])
+    row = result["row"]
     what = f"{row['dataset']}, {row['t_ref_ra_ms']:g}&{row['t_ref_sa_ms']:g}, N = {row['hidden']}, seed {row['seed']}"
-    matrix = confusion(found, classes)
+    matrix = confusion(result, classes)
     if matrix is not None:
         right = 100 * np.trace(matrix) / max(matrix.sum(), 1)
         caption = (

@@ -92,25 +92,25 @@ def write(study: StudySpec, folder: Path) -> Path:
     extra = extra_tables(study, folder)
     trials = search.trials_table(folder, done, results)
     known = (*preparation.BASELINES, preparation.RECONSTRUCTION)
-    asked = [name for name in preparation.tables_of(study) if name in known]
-    beside = {name.removesuffix(".csv"): read_table(folder / name) for name in asked if (folder / name).is_file()}
+    names = [name for name in preparation.tables_of(study) if name in known]
+    beside = {name.removesuffix(".csv"): read_table(folder / name) for name in names if (folder / name).is_file()}
     baselines, remedies = beside.get("baselines"), extra.get(robustness.REMEDIES)
     beside |= {} if remedies is None else {robustness.REMEDIES: remedies}
     spent = front.costs_of(study, results, trains)
-    found = list(front.fronts(study, folder, done, results.join(spent), trains, beside))
-    cautions = front.beware(study, folder, done, found, trains)
-    every_encoder = encoder_choice.choices(study, found, results.join(spent), beside)
+    fronts = list(front.fronts(study, folder, done, results.join(spent), trains, beside))
+    cautions = front.beware(study, folder, done, fronts, trains)
+    every_encoder = encoder_choice.choices(study, fronts, results.join(spent), beside)
     among, of_encoders = encoder_choice.sentence(every_encoder), encoder_choice.table(every_encoder)
     shared = {"among": among, "tables": [of_encoders._asdict()]} if of_encoders else {}
-    write_json(folder / ANSWER, answers_as_json(found, cautions) | shared)
-    shown = found[first_shown(found)]
+    write_json(folder / ANSWER, answers_as_json(fronts, cautions) | shared)
+    shown = fronts[first_shown(fronts)]
     best = selection_steps.best_row(chosen, results) if chosen else shown.cells[shown.networks.index(shown.answer.best)]
     costs = _ledger(study, results, baselines, trains)
     left = {"selection": selection.as_table(chosen)} if chosen else {}
     left |= {"encoders": encoder_choice.as_table(every_encoder)} if every_encoder else {}
     _write_tables(folder, study.title, results, swept, trials, costs, left)
-    test_trials = {one.setting: one.answer.trials.test for one in found}
-    drawn = drawings(study, folder, done, results, encoding, trains, classes, chosen, front.levels(found), test_trials)
+    test_trials = {one.setting: one.answer.trials.test for one in fronts}
+    drawn = drawings(study, folder, done, results, encoding, trains, classes, chosen, front.levels(fronts), test_trials)
     return page.write(
         "networks.html.jinja",
         study,
@@ -127,8 +127,8 @@ def write(study: StudySpec, folder: Path) -> Path:
         specs=_specs(study, trains),
         counted=counted(results),
         compared=opponents.in_words(study.baselines),
-        fronts=found,
-        first=first_shown(found),
+        fronts=fronts,
+        first=first_shown(fronts),
         cautions=cautions,
         among=among,
         of_encoders=of_encoders,
@@ -146,7 +146,7 @@ def write(study: StudySpec, folder: Path) -> Path:
         ledger_about=ledger.ABOUT,
         pair_word=periods.head(study),
         page=page.parts(
-            _page_data(folder, done, results, spent, trials, classes, found, trains)
+            _page_data(folder, done, results, spent, trials, classes, fronts, trains)
             | {"best": best, "pairWord": periods.head(study), "populations": names_of(study)},
             page.NETWORKS,
         ),
@@ -207,15 +207,15 @@ def _page_data(
     trains: SpikeTrains | None,
 ) -> dict[str, Any]:
     """The data of the page's script."""
-    found = details.cell_details(folder, done, classes)
-    all_details = found if len(found) == len(results) else [{} for _ in range(len(results))]
+    of_cells = details.cell_details(folder, done, classes)
+    all_details = of_cells if len(of_cells) == len(results) else [{} for _ in range(len(results))]
     all_details = [{**detail, "search": search.of_cell(trials, index)} for index, detail in enumerate(all_details)]
     drawn = {one.setting: front.as_json(one) for one in fronts}
     step_ms = None if trains is None else 1e3 / trains.sampling_rate_Hz
     return {**details.page_data(results, spent, all_details, classes), "fronts": drawn, "stepMs": step_ms}
 
 
-def answers_as_json(found: Sequence[Front], cautions: Sequence[str]) -> dict[str, Any]:
+def answers_as_json(fronts: Sequence[Front], cautions: Sequence[str]) -> dict[str, Any]:
     """The first screen for programs: for each data set the answer in words and numbers, and the warnings."""
     return {
         "answers": [
@@ -231,7 +231,7 @@ def answers_as_json(found: Sequence[Front], cautions: Sequence[str]) -> dict[str
                 "test_trials": one.answer.trials.test,
                 **front.as_json(one),
             }
-            for one in found
+            for one in fronts
         ],
         "cautions": list(cautions),
     }
@@ -245,18 +245,18 @@ def drawings(
     encoding: pd.DataFrame,
     trains: SpikeTrains | None,
     classes: Classes,
-    found: Selection | None = None,
+    chosen: Selection | None = None,
     levels: Mapping[str, Mapping[str, float]] = {},
     trials: Mapping[str, int] = {},
 ) -> Iterator[Drawn]:
     """The figures that these tables and this run folder allow, in the order of the report.
 
     levels, trials: as for `figures.networks.draw_trade_off`.
-    found: the selection; figures of networks then show those at its window length.
+    chosen: the selection; figures of networks then show those at its window length.
     """
-    if found is not None and study.selection is not None:
-        yield from selection_steps.drawings(found, results, study.selection)
-        results, done = selection_steps.at_choice(found, results, done)
+    if chosen is not None and study.selection is not None:
+        yield from selection_steps.drawings(chosen, results, study.selection)
+        results, done = selection_steps.at_choice(chosen, results, done)
     yield from encoding_drawings(study, trains, encoding, classes)
     yield from network_drawings(study, folder, done, results, classes, levels, trials)
 
@@ -292,9 +292,9 @@ def networks_table(results: pd.DataFrame) -> list[list[Entry]]:
     ]
 
 
-def _baselines_table(found: pd.DataFrame | None, study: StudySpec) -> Table | None:
+def _baselines_table(baselines: pd.DataFrame | None, study: StudySpec) -> Table | None:
     """The classical baselines as text; None if the study has none."""
-    if found is None:
+    if baselines is None:
         return None
     rows = [
         [
@@ -307,7 +307,7 @@ def _baselines_table(found: pd.DataFrame | None, study: StudySpec) -> Table | No
             f"{row['energy_estimate_nJ']:,.3g}",
             row["settings"],
         ]
-        for row, pair in zip(found.to_dict("records"), periods.of_rows(found, study), strict=True)
+        for row, pair in zip(baselines.to_dict("records"), periods.of_rows(baselines, study), strict=True)
     ]
     heads = [
         "classifier", "input", f"{periods.head(study)} (ms)", "data set", "validation accuracy (%)",

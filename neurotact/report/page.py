@@ -205,7 +205,7 @@ def typed(text: str, option: str) -> str:
     >>> typed("try `settings={'window.length_ms': ..., 'window.align': 'onset'}`", "with")
     'try `with window.length_ms=... with window.align=onset`'
     """
-    return _SETTINGS.sub(lambda found: _as_typed(found[1], option) or found[0], text).replace(" %", "\u00a0%")
+    return _SETTINGS.sub(lambda match: _as_typed(match[1], option) or match[0], text).replace(" %", "\u00a0%")
 
 
 def _as_typed(settings: str, option: str) -> str | None:
@@ -215,7 +215,7 @@ def _as_typed(settings: str, option: str) -> str | None:
         return None
     if not isinstance(given, dict):
         return None
-    return f"`{' '.join(f'{option} {shlex.quote(each)}' for each in assignments_of(given))}`"
+    return f"`{' '.join(f'{option} {shlex.quote(text_of)}' for text_of in assignments_of(given))}`"
 
 
 def plain(value: Any) -> str | float:

@@ -145,7 +145,7 @@ def _in_words(row: Mapping[Any, Any], column: str, head: str, view: View) -> str
 
 
 def seen(
-    means: pd.DataFrame, view: View, found: Sequence[ProtocolAnswer] = (), tables: Mapping[str, Table] = {}
+    means: pd.DataFrame, view: View, answers: Sequence[ProtocolAnswer] = (), tables: Mapping[str, Table] = {}
 ) -> dict[str, Any]:
     """What `protocol.html.jinja` shows of the means of `over_rows`: its answers, points and table, and their words.
 
@@ -161,7 +161,7 @@ def seen(
                 [protocol_answer.evidence(one, view), *protocol_answer.details(one, view)],
                 tables.get(one.setting) or protocol_answer.table(one, view),
             )
-            for one in found
+            for one in answers
         ],
         "n_rows": int(means["rows"].sum()),
         "note": view.note,
@@ -169,7 +169,7 @@ def seen(
         "score": view.measures[view.score],
         "heads": [*map(words, view.by), *view.measures.values()],
         "rows": _rows(means, view),
-        "page": page.parts(_page_data(means, view) | {"fronts": protocol_answer.as_json(found, view)}, page.PROTOCOL),
+        "page": page.parts(_page_data(means, view) | {"fronts": protocol_answer.as_json(answers, view)}, page.PROTOCOL),
     }
 
 
@@ -196,8 +196,8 @@ def _with_choice(results: pd.DataFrame, means: pd.DataFrame, view: View) -> pd.D
     choice = protocol_answer.VALIDATION
     if choice not in results or choice in means:
         return means
-    found = means_over(results, view.by, [choice], "rows")
-    return means.assign(**{column: found[column] for column in (choice, f"{choice}_sd")})
+    spread = means_over(results, view.by, [choice], "rows")
+    return means.assign(**{column: spread[column] for column in (choice, f"{choice}_sd")})
 
 
 def _rows(means: pd.DataFrame, view: View) -> list[list[Entry]]:

@@ -88,20 +88,20 @@ def answers(means: pd.DataFrame, view: View) -> list[ProtocolAnswer]:
     """
     known = means[means[view.score].notna()]
     groups = known.groupby(list(view.apart), sort=False) if view.apart else [((), known)]
-    found = [_answer(key, rows, view) for key, rows in groups if len(rows)]
-    return sorted(found, key=lambda one: one.is_optimistic)
+    all_answers = [_answer(key, rows, view) for key, rows in groups if len(rows)]
+    return sorted(all_answers, key=lambda one: one.is_optimistic)
 
 
 def _answer(key: tuple[Any, ...], rows: pd.DataFrame, view: View) -> ProtocolAnswer:
     is_validated = VALIDATION in rows and bool(rows[VALIDATION].notna().any())
     choice = VALIDATION if is_validated else view.score
-    each = [_configuration(int(str(index)), row, view, choice) for index, row in rows.iterrows()]
-    best, cheapest = (each[choose([one.way for one in each])] for choose in (referee.best_of, referee.cheapest_of))
+    rows_ = [_configuration(int(str(index)), row, view, choice) for index, row in rows.iterrows()]
+    best, cheapest = (rows_[choose([one.way for one in rows_])] for choose in (referee.best_of, referee.cheapest_of))
     spiking, others, other, rivals, verdict = None, (), None, (), None
     if view.spiking is not None:
         column, names = view.spiking
         are_spiking = dict(zip(rows.index, rows[column].isin(names), strict=True))
-        sides = [[one for one in each if are_spiking[one.index] == is_spiking] for is_spiking in (True, False)]
+        sides = [[one for one in rows_ if are_spiking[one.index] == is_spiking] for is_spiking in (True, False)]
         spiking, other = (side[referee.best_of([one.way for one in side])] if side else None for side in sides)
         others = tuple(sides[1])
         level = referee.level_with_best([one.way for one in sides[1]]) if sides[1] else []
@@ -112,7 +112,7 @@ def _answer(key: tuple[Any, ...], rows: pd.DataFrame, view: View) -> ProtocolAns
     setting = setting_of(key, view)
     is_optimistic = any(str(value) in view.optimistic for value in key)
     return ProtocolAnswer(
-        setting, each, best, cheapest, spiking, others, other, rivals, verdict, chance, is_validated, is_optimistic
+        setting, rows_, best, cheapest, spiking, others, other, rivals, verdict, chance, is_validated, is_optimistic
     )
 
 
@@ -146,34 +146,34 @@ def _error(row: pd.Series, measure: str) -> float:
     return float(row[f"{measure}_sd"]) / math.sqrt(row["rows"])
 
 
-def headline(found: ProtocolAnswer, view: View) -> str:
+def headline(answer: ProtocolAnswer, view: View) -> str:
     """The result in one sentence: the verdict, and the numbers that it rests on."""
-    said = verdict(found)
-    return f"{said}: {evidence(found, view)}" if said else evidence(found, view)
+    said = verdict(answer)
+    return f"{said}: {evidence(answer, view)}" if said else evidence(answer, view)
 
 
-def verdict(found: ProtocolAnswer) -> str:
+def verdict(answer: ProtocolAnswer) -> str:
     """The verdict of the headline, without its numbers; empty where there is nothing to compare."""
-    if found.spiking is None or found.other is None:
+    if answer.spiking is None or answer.other is None:
         return ""
-    if found.verdict is None:
+    if answer.verdict is None:
         return "A comparison of single rows, without an error"
     return {
         "better": "Spiking is more accurate",
         "worse": "Spiking costs accuracy",
         "tie": "No clear difference between spiking and the others",
-    }[kind_of(found)]
+    }[kind_of(answer)]
 
 
-def evidence(found: ProtocolAnswer, view: View) -> str:
+def evidence(answer: ProtocolAnswer, view: View) -> str:
     """The numbers of the headline."""
-    guess = "" if found.chance is None else f"; guessing reaches {_score(found.chance, view)}"
-    if found.spiking is None or found.other is None:
-        return f"{_told(found.best, view)} at {_cost(found.best.cost, view)}{guess}."
-    return f"{_told(found.spiking, view)}; {_rivals(found, view)}{guess}."
+    guess = "" if answer.chance is None else f"; guessing reaches {_score(answer.chance, view)}"
+    if answer.spiking is None or answer.other is None:
+        return f"{_told(answer.best, view)} at {_cost(answer.best.cost, view)}{guess}."
+    return f"{_told(answer.spiking, view)}; {_rivals(answer, view)}{guess}."
 
 
-def figures(found: ProtocolAnswer, view: View) -> list[Figure]:
+def figures(answer: ProtocolAnswer, view: View) -> list[Figure]:
     """The score and the costs of the best configuration that spikes, or of the best one, beside the best other.
 
     >>> measures = {"accuracy": "accuracy (%)", "flops": "FLOPs"}
@@ -185,9 +185,9 @@ def figures(found: ProtocolAnswer, view: View) -> list[Figure]:
     accuracy | 90.0 % | ± 2.0 points, rsnn | svm: 89.0 ± 1.0 %
     FLOPs | 900 | rsnn | svm: 300
     """
-    shown, other = found.spiking or found.best, found.other if found.spiking else None
+    shown, other = answer.spiking or answer.best, answer.other if answer.spiking else None
     error = "" if math.isnan(shown.error) else f"± {_points(shown.error, view)}, "
-    guess = "" if found.chance is None else f"guessing: {_score(found.chance, view)}"
+    guess = "" if answer.chance is None else f"guessing: {_score(answer.chance, view)}"
     beside = f"{other.name}: {_with_error(other, view)}" if other else guess
     theirs = _costs(other, view) if other else {}
     return [
@@ -206,41 +206,41 @@ def figures(found: ProtocolAnswer, view: View) -> list[Figure]:
 
 def _costs(one: Configuration, view: View) -> dict[str, float]:
     """The known costs of a configuration by their heads, the view's own first."""
-    found = {view.measures[view.cost]: one.cost} | {SPENT[column]: value for column, value in one.spent.items()}
-    return {head: value for head, value in found.items() if not math.isnan(value)}
+    costs = {view.measures[view.cost]: one.cost} | {SPENT[column]: value for column, value in one.spent.items()}
+    return {head: value for head, value in costs.items() if not math.isnan(value)}
 
 
-def kind_of(found: ProtocolAnswer) -> referee.Kind:
+def kind_of(answer: ProtocolAnswer) -> referee.Kind:
     """The verdict on spiking. A table with a more accurate row without spikes contradicts `better`: that is a tie."""
-    assert found.verdict is not None
-    return "tie" if found.verdict.kind == "better" and _unranked(found) is not None else found.verdict.kind
+    assert answer.verdict is not None
+    return "tie" if answer.verdict.kind == "better" and _unranked(answer) is not None else answer.verdict.kind
 
 
-def _unranked(found: ProtocolAnswer) -> Configuration | None:
+def _unranked(answer: ProtocolAnswer) -> Configuration | None:
     """A configuration without spikes that validation ranks lower, and whose score is at least that of spiking."""
-    assert found.spiking is not None
-    lower = [one for one in found.others if one not in found.rivals and one.score >= found.spiking.score]
+    assert answer.spiking is not None
+    lower = [one for one in answer.others if one not in answer.rivals and one.score >= answer.spiking.score]
     return max(lower, key=lambda one: one.score, default=None)
 
 
-def _rivals(found: ProtocolAnswer, view: View) -> str:
+def _rivals(answer: ProtocolAnswer, view: View) -> str:
     """What spiking is compared with, in words."""
-    assert found.other is not None
-    if found.verdict is not None and found.verdict.kind == "better" and (lower := _unranked(found)) is not None:
+    assert answer.other is not None
+    if answer.verdict is not None and answer.verdict.kind == "better" and (lower := _unranked(answer)) is not None:
         return f"{lower.name}, which validation ranks lower, has {_score(lower.score, view)}"
-    if found.verdict is not None and len(found.rivals) > 1:
-        worst, best = _ends(found.rivals)
+    if answer.verdict is not None and len(answer.rivals) > 1:
+        worst, best = _ends(answer.rivals)
         return (
-            f"{len(found.rivals)} without spikes that validation cannot tell apart have {_score(worst.score, view)} "
+            f"{len(answer.rivals)} without spikes that validation cannot tell apart have {_score(worst.score, view)} "
             f"({worst.name}) to {_score(best.score, view)} ({best.name})"
         )
-    return f"the best without spikes, {found.other.name}, has {_score(found.other.score, view)}"
+    return f"the best without spikes, {answer.other.name}, has {_score(answer.other.score, view)}"
 
 
-def details(found: ProtocolAnswer, view: View) -> Iterator[str]:
+def details(answer: ProtocolAnswer, view: View) -> Iterator[str]:
     """What the cheapest within the error saves, and what the reader must know of the choice, in sentences."""
-    best, cheapest = found.best, found.cheapest
-    rows = "validation" if found.is_validated else "test"
+    best, cheapest = answer.best, answer.cheapest
+    rows = "validation" if answer.is_validated else "test"
     if math.isnan(best.choice_error):
         yield f"{best.name} has one row, so that its error is not known."
     elif cheapest.index == best.index:
@@ -250,45 +250,45 @@ def details(found: ProtocolAnswer, view: View) -> Iterator[str]:
             f"Within the error of {best.name} ({_points(best.choice_error, view)} on {rows} rows), {cheapest.name} is "
             f"the cheapest: {_saved(best, cheapest, view)}, {_lost(best, cheapest, view)}."
         )
-    if not found.is_validated:
+    if not answer.is_validated:
         yield "The run holds no validation accuracy: the best is chosen by what is shown, which flatters it."
-    if found.is_optimistic:
+    if answer.is_optimistic:
         yield "Choices of this protocol saw test data, so that its accuracies flatter."
 
 
-def table(found: ProtocolAnswer, view: View) -> Table:
+def table(answer: ProtocolAnswer, view: View) -> Table:
     """The best of each kind, the cheapest within the error, and guessing."""
     kinds: dict[str, Configuration] = {}
-    for one in sorted(found.configurations, key=lambda one: (math.isnan(one.chosen_by), -one.chosen_by)):
+    for one in sorted(answer.configurations, key=lambda one: (math.isnan(one.chosen_by), -one.chosen_by)):
         kinds.setdefault(one.kind, one)
     shown = list(kinds.values())[:MOST_KINDS]
-    shown += [one for one in _named(found) if one not in shown]
+    shown += [one for one in _named(answer) if one not in shown]
     spent = [column for column in SPENT if any(column in one.spent for one in shown)]
-    marks = ((found.best, "best"), (found.cheapest, "cheapest within its error"))
+    marks = ((answer.best, "best"), (answer.cheapest, "cheapest within its error"))
     rows = []
     for one in shown:
         said = " and ".join(word for of, word in marks if of.index == one.index)
         row = [f"{one.name}{': ' if said else ''}{said}", _with_error(one, view), count(one.cost)]
         rows.append([*row, *(count(one.spent[column]) if column in one.spent else "-" for column in spent)])
-    if found.chance is not None:
-        rows.append(["guessing", _score(found.chance, view), *[""] * (1 + len(spent))])
+    if answer.chance is not None:
+        rows.append(["guessing", _score(answer.chance, view), *[""] * (1 + len(spent))])
     least, most = (of(one.rows for one in shown) for of in (min, max))
     over = f"{least} to {most}" if least < most else f"{most}"
     what = (
         f"means over {over} rows of results.csv ± their standard error" if most > 1 else "one row of results.csv each"
     )
-    setting = f", {found.setting}" if found.setting else ""
-    chosen = ", chosen on validation rows" if found.is_validated else ""
+    setting = f", {answer.setting}" if answer.setting else ""
+    chosen = ", chosen on validation rows" if answer.is_validated else ""
     caption = f"The best of each kind{setting}{chosen}: {what}."
     heads = ["configuration", view.measures[view.score], view.measures[view.cost], *(SPENT[column] for column in spent)]
     return Table(caption, heads, rows, n_heads=1)
 
 
-def _named(found: ProtocolAnswer) -> list[Configuration]:
+def _named(answer: ProtocolAnswer) -> list[Configuration]:
     """Every configuration that a sentence of the answer may name, each once."""
-    known = [found.cheapest, found.other, found.spiking]
-    if found.verdict is not None:
-        known += [*_ends(found.rivals), _unranked(found)]
+    known = [answer.cheapest, answer.other, answer.spiking]
+    if answer.verdict is not None:
+        known += [*_ends(answer.rivals), _unranked(answer)]
     return list({one.index: one for one in known if one is not None}.values())
 
 
@@ -383,7 +383,7 @@ def _lost(before: Configuration, after: Configuration, view: View) -> str:
     )
 
 
-def as_json(found: Sequence[ProtocolAnswer], view: View) -> dict[str, Any]:
+def as_json(all_answers: Sequence[ProtocolAnswer], view: View) -> dict[str, Any]:
     """What the page draws of each answer: its best and cheapest point, and guessing in the unit of the axis."""
     factor = scale(view.measures[view.score])
     return {
@@ -392,5 +392,5 @@ def as_json(found: Sequence[ProtocolAnswer], view: View) -> dict[str, Any]:
             "cheapest": one.cheapest.index,
             "chance": None if one.chance is None else factor * one.chance,
         }
-        for one in found
+        for one in all_answers
     }

@@ -70,14 +70,14 @@ def table(trials: pd.DataFrame, results: pd.DataFrame, study: StudySpec) -> Tabl
     keys = hyperparameters(trials)
     rows = []
     for index, row in results.reset_index(drop=True).iterrows():
-        found = of_cell(trials, int(str(index)))
-        if found is None:
+        of_one = of_cell(trials, int(str(index)))
+        if of_one is None:
             continue
         own = trials[trials["cell"] == index]
         kinds = "/".join(str((own["outcome"] == kind).sum()) for kind in (FINISHED, STOPPED))
         name = [str(row["setting"]), str(row["pair"]), str(row["hidden"]), str(row["seed"])]
         value = f"{own['value'][own['outcome'] == FINISHED].max():.4f}"
-        rows.append([*name, str(found["best"]), value, kinds, *found["chosen"].values()])
+        rows.append([*name, str(of_one["best"]), value, kinds, *of_one["chosen"].values()])
     named = ["data set", f"{periods.head(study)} (ms)", "N", "seed"]
     heads = [*named, "best trial", "its value", "finished/stopped", *keys]
     return Table("Choice of each cell's search", heads, rows, n_heads=4)

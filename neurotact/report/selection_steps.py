@@ -49,45 +49,46 @@ def shown(course: Course, rule: SelectionSpec) -> list[Shown]:
     if course.found is None:
         waiting = f"This step needs {len(course.due)} cells; not all are done."
         return [Shown(course.steps[-1].name, "", waiting, None)]
-    found = course.found
-    steps = [_lengths(found, rule)]
-    for attempt in found.attempts:
+    selection = course.found
+    steps = [_lengths(selection, rule)]
+    for attempt in selection.attempts:
         steps += [_networks(attempt, rule), _persistence(attempt)]
     return [
-        step._replace(title=f"{number}. {step.title}") for number, step in enumerate([*steps, _exits(found)], start=1)
+        step._replace(title=f"{number}. {step.title}")
+        for number, step in enumerate([*steps, _exits(selection)], start=1)
     ]
 
 
-def at_choice(found: Selection, results: pd.DataFrame, done: list[Cell]) -> tuple[pd.DataFrame, list[Cell]]:
+def at_choice(course: Selection, results: pd.DataFrame, done: list[Cell]) -> tuple[pd.DataFrame, list[Cell]]:
     """The rows and the done cells at T_min, for the figures of networks."""
-    rows = results[results[LENGTH] == found.last.length_ms]
-    return rows, [cell for cell in done if cell.window.length_ms == found.last.length_ms]
+    rows = results[results[LENGTH] == course.last.length_ms]
+    return rows, [cell for cell in done if cell.window.length_ms == course.last.length_ms]
 
 
-def best_row(found: Selection, results: pd.DataFrame) -> int:
+def best_row(course: Selection, results: pd.DataFrame) -> int:
     """The row that the page shows first: the most accurate seed of the network with the fewest SOPs."""
-    pair, hidden = found.last.chosen[0]
-    own = (results["pair"] == pair) & (results["hidden"] == hidden) & (results[LENGTH] == found.last.length_ms)
+    pair, hidden = course.last.chosen[0]
+    own = (results["pair"] == pair) & (results["hidden"] == hidden) & (results[LENGTH] == course.last.length_ms)
     return int(results["accuracy_validation"].where(own, -1.0).to_numpy().argmax())
 
 
-def drawings(found: Selection, results: pd.DataFrame, rule: SelectionSpec) -> Iterator[Drawn]:
+def drawings(course: Selection, results: pd.DataFrame, rule: SelectionSpec) -> Iterator[Drawn]:
     """Window lengths, the networks at T_min, and the selected networks over window lengths.
 
     results: a run's `results.csv` with the columns `pair` and `setting`.
     """
-    first = results[results["pair"] == found.first_pair]
+    first = results[results["pair"] == course.first_pair]
     sizes = over_seeds(first.assign(setting=first[LENGTH]), ["accuracy_validation", "sops_validation"])
     figure = selection_figures.draw_lengths(
-        sizes.rename(columns={"setting": LENGTH}), found.lengths, rule.length_tolerance
+        sizes.rename(columns={"setting": LENGTH}), course.lengths, rule.length_tolerance
     )
-    outcome = _least_words(found)
+    outcome = _least_words(course)
     caption = (
-        f"Validation accuracy and SOPs of each size (means over seeds) over window lengths, t_ref {found.first_pair} "
+        f"Validation accuracy and SOPs of each size (means over seeds) over window lengths, t_ref {course.first_pair} "
         f"ms, and the mean over sizes. {outcome} As the texture paper's Fig. 8, but on validation trials."
     )
     yield Drawn("selection-lengths", "The shortest accurate window", figure, caption, outcome)
-    attempt = found.last
+    attempt = course.last
     figure = selection_figures.draw_choice(attempt.networks, rule.accuracy_tolerance)
     caption = (
         f"Every network at {attempt.length_ms:g} ms on validation trials (means over seeds); numbers are hidden sizes. "
@@ -108,20 +109,20 @@ def drawings(found: Selection, results: pd.DataFrame, rule: SelectionSpec) -> It
     yield Drawn("selection-persistence", "Whether it persists", figure, caption, _persists_words(attempt))
 
 
-def _lengths(found: Selection, rule: SelectionSpec) -> Shown:
+def _lengths(course: Selection, rule: SelectionSpec) -> Shown:
     says = (
         f"T_min is the shortest window whose validation accuracy, the mean over sizes and seeds at t_ref "
-        f"{found.first_pair} ms, is within {100 * rule.length_tolerance:g} points of the best length's."
+        f"{course.first_pair} ms, is within {100 * rule.length_tolerance:g} points of the best length's."
     )
-    table = _table(found.lengths, "Window lengths", (LENGTH, "networks", *JUDGED), 1)
-    return Shown("Window length", says, _least_words(found), table)
+    table = _table(course.lengths, "Window lengths", (LENGTH, "networks", *JUDGED), 1)
+    return Shown("Window length", says, _least_words(course), table)
 
 
 def _networks(attempt: Attempt, rule: SelectionSpec) -> Shown:
-    each = f"; {rule.networks} in all, each with another t_ref pair" if rule.networks > 1 else ""
+    rest = f"; {rule.networks} in all, each with another t_ref pair" if rule.networks > 1 else ""
     says = (
         f"Among the networks whose mean validation accuracy over seeds is within {100 * rule.accuracy_tolerance:g} "
-        f"points of the best, the one with the fewest SOPs on validation windows{each}."
+        f"points of the best, the one with the fewest SOPs on validation windows{rest}."
     )
     table = _table(attempt.networks, f"Networks at {attempt.length_ms:g} ms", ("pair", "hidden", *JUDGED), 2)
     return Shown(f"Trade-off at {attempt.length_ms:g} ms", says, _chosen_words(attempt), table)
@@ -136,8 +137,8 @@ def _persistence(attempt: Attempt) -> Shown:
     return Shown(f"Persistence from {attempt.length_ms:g} ms", says, _persists_words(attempt), table)
 
 
-def _exits(found: Selection) -> Shown:
-    rows = found.last.networks[found.last.networks["chosen"]].sort_values("rank")
+def _exits(course: Selection) -> Shown:
+    rows = course.last.networks[course.last.networks["chosen"]].sort_values("rank")
     rows = rows.assign(
         exit_saved=1 - rows["exit_sops_total"] / rows["sops_total"],
         oracle_saved=1 - rows["oracle_sops_total"] / rows["sops_total"],
@@ -148,7 +149,7 @@ def _exits(found: Selection) -> Shown:
     )
     words = [
         f"{row['pair']}, N = {row['hidden']} stops after "
-        f"{found.last.length_ms * row['exit_steps'] / row['window_steps']:.0f} of {found.last.length_ms:g} ms "
+        f"{course.last.length_ms * row['exit_steps'] / row['window_steps']:.0f} of {course.last.length_ms:g} ms "
         f"({row['exit_steps']:.0f} of {row['window_steps']:.0f} steps) and saves {100 * row['exit_saved']:.1f} % of "
         "the SOPs"
         for _, row in rows.iterrows()
@@ -157,12 +158,12 @@ def _exits(found: Selection) -> Shown:
         "pair", "hidden", "window_steps", "accuracy_test", "sops_total", "exit_accuracy", "exit_steps", "exit_saved",
         "oracle_accuracy", "oracle_steps", "oracle_saved",
     )  # fmt: skip
-    table = _table(rows, f"Early exit of the selected networks, {found.last.length_ms:g} ms", columns, 2)
+    table = _table(rows, f"Early exit of the selected networks, {course.last.length_ms:g} ms", columns, 2)
     return Shown("Early exit", says, f"{'; '.join(words)}.", table)
 
 
-def _least_words(found: Selection) -> str:
-    lengths = found.lengths
+def _least_words(course: Selection) -> str:
+    lengths = course.lengths
     chosen = lengths[lengths["chosen"]].iloc[0]
     best = lengths.loc[lengths["accuracy_validation"].idxmax()]
     return (

@@ -78,8 +78,8 @@ def kept_epoch(folder: Path, cell: Cell) -> int:
 def extra_tables(study: StudySpec, folder: Path) -> dict[str, pd.DataFrame]:
     """The tables of `EXTRA_TABLES` that the study requests, by name."""
     paths = {name: folder / f"{name}.csv" for name, key in EXTRA_TABLES.items() if getattr(study, key)}
-    found = {name: read_table(path) for name, path in paths.items() if path.is_file()}
-    return {name: with_pair(table, study) if "t_ref_ra_ms" in table else table for name, table in found.items()}
+    known = {name: read_table(path) for name, path in paths.items() if path.is_file()}
+    return {name: with_pair(table, study) if "t_ref_ra_ms" in table else table for name, table in known.items()}
 
 
 def confusion(result: Mapping[str, Any], classes: Classes) -> np.ndarray | None:
@@ -89,8 +89,8 @@ def confusion(result: Mapping[str, Any], classes: Classes) -> np.ndarray | None:
     """
     matrix = np.array(result["confusion"])
     alphabetical = sorted(classes.order)
-    at = [alphabetical.index(label) for label in classes.order]
-    return matrix[np.ix_(at, at)] if matrix.shape == (len(at), len(at)) else None
+    order = [alphabetical.index(label) for label in classes.order]
+    return matrix[np.ix_(order, order)] if matrix.shape == (len(order), len(order)) else None
 
 
 def first_spikes(folder: Path, done: list[Cell]) -> SpikeTrains | None:
