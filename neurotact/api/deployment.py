@@ -166,16 +166,16 @@ def export_c(
         raise InputError(f"variant: '{variant}' is unknown; choose integer or float")
     for path in c_export.paths(Path(folder), name):
         files.check_new(path, force=force)
-    found = export.prepared(
+    prepared = export.prepared(
         run, integer=variant == "integer", recordings=recordings, spikes=spikes, weight_bits=weight_bits,
         state_bits=state_bits, lsb=lsb, sampling_rate_Hz=sampling_rate_Hz, early_exit=early_exit, length_ms=length_ms,
         start_ms=start_ms, hop_ms=hop_ms, contact=contact, quiet_ms=quiet_ms,
     )  # fmt: skip
-    c_export.write(found.chain, Path(folder), found.formats, name=name)
-    tell(f"{folder}: {c_export.title_of(found.chain, found.formats)}")
+    c_export.write(prepared.chain, Path(folder), prepared.formats, name=name)
+    tell(f"{folder}: {c_export.title_of(prepared.chain, prepared.formats)}")
     if prove:
-        tell(proving.prove(run, found.chain, found.formats, prove, recordings, spikes, say=log.warning))
-    return found
+        tell(proving.prove(run, prepared.chain, prepared.formats, prove, recordings, spikes, say=log.warning))
+    return prepared
 
 
 def export_nir(
@@ -251,12 +251,12 @@ def check_chip(run: Fitted, check: str, *, tell: Tell = silent) -> pd.DataFrame:
     ['what', 'here', 'limit', 'fits', 'cost']
     """
     restored = fitted.restore(run)
-    found = targets.check(restored.network, restored.encoder, restored.rule, check)
+    findings = targets.check(restored.network, restored.encoder, restored.rule, check)
     tell(targets.title(check))
-    for row in found.itertuples(index=False):
+    for row in findings.itertuples(index=False):
         parts = filter(None, (f"{'fits' if row.fits else 'NOT'}  {row.what}: {row.here}", row.limit, row.cost))
         tell("; ".join(parts))
-    return found
+    return findings
 
 
 def fine_tune(
@@ -284,15 +284,15 @@ def fine_tune(
     True
     """
     check_folder(run, "fine_tune", "which it trains on from the spikes of that")
-    place = Path(folder)
+    path = Path(folder)
     outcome, training = fine_tuning.run(
-        run, place, weight_bits=weight_bits, state_bits=state_bits, epochs=epochs, seed=seed, spikes=spikes, force=force
+        run, path, weight_bits=weight_bits, state_bits=state_bits, epochs=epochs, seed=seed, spikes=spikes, force=force
     )
     rounded, best = (100 * epoch.validation_accuracy for epoch in (training.epochs[0], training.best))
     tuned = (
         f"validation accuracy with {weight_bits}-bit weights: {rounded:.1f} % rounded, {best:.1f} % fine-tuned "
         f"(epoch {training.best.epoch} of {epochs})"
     )
-    for line in (*outcome.lines(), tuned, train_run.saved_in(place)):
+    for line in (*outcome.lines(), tuned, train_run.saved_in(path)):
         tell(line)
-    return result(place)
+    return result(path)

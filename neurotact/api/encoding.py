@@ -109,18 +109,18 @@ def encode_file(
     with hdf5.open_recordings(recordings) as stored:
         data = chosen_trials(stored, TrialChoice.of(where, leave_out), str(recordings))
         with track("encode", len(data)) as advance:
-            found = write_encoded(data, what, out, lambda n: advance(n, ""), varied)
-    for complaint in firing.complaints(found.fired, found.steps, found.clock_Hz, what):
+            encoded = write_encoded(data, what, out, lambda n: advance(n, ""), varied)
+    for complaint in firing.complaints(encoded.fired, encoded.steps, encoded.clock_Hz, what):
         log.warning("%s", complaint)
     tell(
-        f"{out}: {found.trials} trials, {found.fired.sum()} spikes of {len(found.fired)} afferents "
-        f"in {found.steps / found.clock_Hz:.1f} s"
+        f"{out}: {encoded.trials} trials, {encoded.fired.sum()} spikes of {len(encoded.fired)} afferents "
+        f"in {encoded.steps / encoded.clock_Hz:.1f} s"
     )
     if varied is not None:
         tell(f"beside {varied.copies} copies of each trial for training, {in_words(varied.kind, varied)}")
     if note := acausal_note(what.model_dump(mode="json")):
         tell(note)
-    return found
+    return encoded
 
 
 def _augmentation(kind: str | None, copies: int | None) -> AugmentationSpec | None:
@@ -180,43 +180,43 @@ def calibrate(
     (True, 2)
     """
     began = perf_counter()
-    _check_outputs([Path(each) for each in (out, figure, survives) if each], force, _paths(recordings, encoder))
-    asked = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
+    _check_outputs([Path(file) for file in (out, figure, survives) if file], force, _paths(recordings, encoder))
+    split_keys = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
     start = specs.resolve(encoder, settings)
     rule = CalibrationRule()
-    fit, times = calibration.way_of(start, settings or {}, apart=tuple(test_where or {}))
+    fit, times = calibration.calibration_for(start, settings or {}, apart=tuple(test_where or {}))
     if compare:
         spec.refuse(settings or {}, alternatives.COMPARED)
     n_steps = alternatives.n_steps(rule) if compare else times * rule.candidates
     with _opened(recordings) as (stored, is_file), _tracked("calibrate", n_steps if is_file else 0) as advance:
         source = stored.source or "recordings"
         data = chosen_trials(stored, TrialChoice.of(where, leave_out), source)
-        split = spec.build(SplitSpec, asked, source="calibrate")
+        split = spec.build(SplitSpec, split_keys, source="calibrate")
         check_stratify(data.conditions, stratify, split)
         training = data.select(training_touches(data, stratify, split))
         compared = alternatives.compare(training, start, advance, rule) if compare else None
-        found = fit(training, start, advance, rule) if compared is None else compared.best
-        at_rest = resting.resting_table(training, found.encoder, rest_ms)
-        left = survival.what_survives(training, found.encoder) if survives else None
+        calibrated = fit(training, start, advance, rule) if compared is None else compared.best
+        at_rest = resting.resting_table(training, calibrated.encoder, rest_ms)
+        left = survival.what_survives(training, calibrated.encoder) if survives else None
     trials = f"{len(training)} training trials"
     if out:
         about = f"{trials} (split seed {split.seed}) of {Path(source).name}"
         origin = encoder if isinstance(encoder, (str, Path)) else "an encoder"
-        saved = spec.to_toml(found.encoder.model_dump(mode="json", exclude_none=True))
+        saved = spec.to_toml(calibrated.encoder.model_dump(mode="json", exclude_none=True))
         files.write_text(out, f"# Calibrated from {origin} on the {about}.\n{saved}")
     if figure:
-        thresholds = [knob.name for knob in knobs_of(found.encoder) if knob.is_threshold]
-        save_figure(draw_calibration(found.table, found.isi, _units(found.encoder), thresholds), figure)
+        thresholds = [knob.name for knob in knobs_of(calibrated.encoder) if knob.is_threshold]
+        save_figure(draw_calibration(calibrated.table, calibrated.isi, _units(calibrated.encoder), thresholds), figure)
     if compared is not None:
         tell(compared.table[COMPARED])
-    gains = ", ".join(f"{knob.key} = {value_of(found.encoder, knob):g}" for knob in knobs_of(found.encoder))
+    gains = ", ".join(f"{knob.key} = {value_of(calibrated.encoder, knob):g}" for knob in knobs_of(calibrated.encoder))
     tell(f"{out or 'encoder'}: {gains}, from {trials} in {perf_counter() - began:.1f} s")
     if survives and left is not None:
         save_figure(draw_survival(left), survives)
         tell(f"{survives}: {left}")
-    if complaint := resting.complaint(at_rest, rest_ms, found.encoder.conditioning.baseline):
+    if complaint := resting.complaint(at_rest, rest_ms, calibrated.encoder.conditioning.baseline):
         log.warning("%s: %s", source, complaint)
-    return found.encoder
+    return calibrated.encoder
 
 
 def what_survives(
@@ -278,10 +278,10 @@ def plot_raster(
     check_instance("spikes", spikes, SpikeTrains, "nt.encode returns them")
     signal = None
     if recordings is not None:
-        found = recorded_trials(recordings, spikes, np.array([raster.existing_trial(spikes, trial)]))
-        if found is None:
+        rows = recorded_trials(recordings, spikes, np.array([raster.existing_trial(spikes, trial)]))
+        if rows is None:
             raise InputError(f"recordings: do not hold trial {trial} of the spikes; give those that were encoded")
-        signal = (recordings.signals[found[0]], recordings.sampling_rate_Hz, recordings.unit)
+        signal = (recordings.signals[rows[0]], recordings.sampling_rate_Hz, recordings.unit)
     return raster.draw_raster(spikes, trial, signal, start_s, stop_s)
 
 
@@ -347,7 +347,7 @@ def _tracked(what: str, total: int) -> AbstractContextManager[Advance]:
 
 
 def _paths(*inputs: object) -> list[str | Path]:
-    return [each for each in inputs if isinstance(each, (str, Path))]
+    return [source for source in inputs if isinstance(source, (str, Path))]
 
 
 def _check_outputs(outputs: list[Path], force: bool, inputs: list[str | Path]) -> None:

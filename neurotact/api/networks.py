@@ -115,41 +115,41 @@ def train(
     split = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
     trains, task = _task("train", spikes, window, split, stratify, exit_tolerance, exit_by, where, leave_out)
     task = task.model_copy(update={"augmentation": _kind_of_copies(trains, augmentation, tell)})
-    place, spikes = Path(folder), Path(spikes)
+    path, spikes = Path(folder), Path(spikes)
     what, given = spec.resolve(RSNNSpec, network, settings), given_keys(network, settings)
     population.device_of(device, torch.float32)
     options = {"given": given, "seed": seed, "device": device, "force": force, "resume": resume, "tell": tell}
     every_fold = folds is not None and fold is None
     if every_fold or leave_out_each or repeats > 1:
-        each = (
+        splits = (
             repeated.tasks_without(task, leave_out_each, trains.conditions, repeats=repeats)
             if leave_out_each
             else repeated.tasks_of(task, every_fold=every_fold, repeats=repeats)
         )
-        return _of_repeated(repeated.run(spikes, place, what, each, **options), place, trains, tell)
-    done = train_run.run(spikes, place, what, task, **options)
+        return _of_repeated(repeated.run(spikes, path, what, splits, **options), path, trains, tell)
+    done = train_run.run(spikes, path, what, task, **options)
     if done is None:
-        tell(f"{place}: this training is done already; its result is in {place / train_run.RESULT}")
+        tell(f"{path}: this training is done already; its result is in {path / train_run.RESULT}")
     else:
-        for line in (*done.lines(), train_run.saved_in(place)):
+        for line in (*done.lines(), train_run.saved_in(path)):
             tell(line)
-    return result(place)
+    return result(path)
 
 
-def _kind_of_copies(trains: SpikeTrains, asked: str | None, tell: Tell) -> str:
+def _kind_of_copies(trains: SpikeTrains, given: str | None, tell: Tell) -> str:
     """Which varied copies of a file are trained on."""
     held = [] if trains.variations is None else sorted({*trains.variations.kind.tolist()})
-    if asked is None and len(held) > 1:
+    if given is None and len(held) > 1:
         raise InputError(
             f"`augmentation`: the file holds several kinds of varied copies; name one of {', '.join(held)}"
         )
-    if asked not in (None, NONE, *held):
+    if given not in (None, NONE, *held):
         have = (
-            f"it has {', '.join(held)}" if held else f"encode them with `nt.encode_file(..., augmentation={asked!r})`"
+            f"it has {', '.join(held)}" if held else f"encode them with `nt.encode_file(..., augmentation={given!r})`"
         )
-        raise InputError(f"`augmentation`: the file holds no varied copies '{asked}'; {have}")
-    kind = asked or (held[0] if held else NONE)
-    if kind != NONE and asked is None:
+        raise InputError(f"`augmentation`: the file holds no varied copies '{given}'; {have}")
+    kind = given or (held[0] if held else NONE)
+    if kind != NONE and given is None:
         tell(f"training: also on the varied copies in the file ({kind})")
     return kind
 
@@ -165,13 +165,13 @@ def _task(
     return trains, tasks.with_suited_window(task, trains, ARGUMENTS)
 
 
-def _of_repeated(found: repeated.Repeated, folder: Path, trains: SpikeTrains, tell: Tell) -> dict[str, Any]:
-    tell(found.table[REPEATED])
-    tell(f"{folder / repeated.TABLE}: {repeated.line(found)}")
+def _of_repeated(repeats: repeated.Repeated, folder: Path, trains: SpikeTrains, tell: Tell) -> dict[str, Any]:
+    tell(repeats.table[REPEATED])
+    tell(f"{folder / repeated.TABLE}: {repeated.line(repeats)}")
     return {
-        "accuracy_test": found.accuracy.mean, "low": found.accuracy.low, "high": found.accuracy.high,
-        "baseline_accuracy": found.table["baseline"].mean(), "sops_total": found.table["sops_total"].mean(),
-        "splits": found.table, "cautions": [*cautions.copies(len(copies_of(trains).trials), len(trains))],
+        "accuracy_test": repeats.accuracy.mean, "low": repeats.accuracy.low, "high": repeats.accuracy.high,
+        "baseline_accuracy": repeats.table["baseline"].mean(), "sops_total": repeats.table["sops_total"].mean(),
+        "splits": repeats.table, "cautions": [*cautions.copies(len(copies_of(trains).trials), len(trains))],
     }  # fmt: skip
 
 
@@ -220,9 +220,9 @@ def conditions_curve(
     >>> table["trained"].unique().tolist()
     [1, 2, 3, 4]
     """
-    outputs = [Path(each) for each in (out, figure) if each is not None]
-    for each in outputs:
-        files.check_new(each, force=force, inputs=[spikes])
+    outputs = [Path(file) for file in (out, figure) if file is not None]
+    for file in outputs:
+        files.check_new(file, force=force, inputs=[spikes])
     window = window_table(length_ms, None, None, None, align, None, None)
     trains, task = _task("conditions_curve", spikes, window, {}, (), 0.01, "stability", where, leave_out)
     task = task.model_copy(update={"augmentation": _kind_of_copies(trains, augmentation, tell)})
@@ -239,8 +239,8 @@ def conditions_curve(
         save_figure(draw_conditions_curve(table, column), Path(figure))
     tell(curves.means(table))
     tell(curves.advice(table, column))
-    for each in outputs:
-        tell(f"saved in {each}")
+    for file in outputs:
+        tell(f"saved in {file}")
     return table
 
 
@@ -313,28 +313,28 @@ def tune(
     window = window_table(length_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
     split = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
     trains, task = _task("tune", spikes, window, split, stratify, exit_tolerance, exit_by, where, leave_out)
-    place, spikes = Path(folder), Path(spikes)
+    path, spikes = Path(folder), Path(spikes)
     table = {
         "trials": trials, "seed": seed, "objective": objective, "sops_weight": sops_weight, "max_sops": max_sops,
         "tuner": tuner, "assessor": assessor, "start_epoch": start_epoch, "batch": batch,
     }  # fmt: skip
     what, given = spec.resolve(RSNNSpec, network, settings), given_keys(network, settings)
     source = f"`nt.tune(space={str(space)!r})`" if isinstance(space, (str, Path)) else "tune"
-    asked = search.asked(source, space, what, table, trains, task, given)
-    problem = search.problem_of(trains, asked, what, task, device)
-    with files.locked(place):
+    search_spec = search.asked(source, space, what, table, trains, task, given)
+    problem = search.problem_of(trains, search_spec, what, task, device)
+    with files.locked(path):
         with search.runner(problem, spikes, workers or 2, device) as run, track("tune", trials) as advance:
-            found, timing = search.search(problem, place, run, advance, resume=resume)
-        save_found(problem, found, place)
-        outcome = search.save_best(problem, spikes, place, found, device)
-    best = journal.best_of(found)
-    tell(f"trial {best.id} of {len(found)} is the best; {timing.seconds:.1f} s, proposals {timing.proposals:.1f} s")
+            tried, timing = search.search(problem, path, run, advance, resume=resume)
+        save_found(problem, tried, path)
+        outcome = search.save_best(problem, spikes, path, tried, device)
+    best = journal.best_of(tried)
+    tell(f"trial {best.id} of {len(tried)} is the best; {timing.seconds:.1f} s, proposals {timing.proposals:.1f} s")
     if problem.search.first is not None:
-        tell(journal.beside_given(found))
-    saved = f"its settings: {place / 'best.toml'}; every trial: {place / 'trials.csv'}; figure: {place / 'search.png'}"
-    for line in (*outcome.lines(), saved, train_run.saved_in(place / "best")):
+        tell(journal.beside_given(tried))
+    saved = f"its settings: {path / 'best.toml'}; every trial: {path / 'trials.csv'}; figure: {path / 'search.png'}"
+    for line in (*outcome.lines(), saved, train_run.saved_in(path / "best")):
         tell(line)
-    return search_tables.trials_table(found)
+    return search_tables.trials_table(tried)
 
 
 def infer(

@@ -42,9 +42,9 @@ def simulate(
     >>> simulate("gratings", trials=1, duration_s=0.3)
     Recordings(48 trials x 8 taxels, 600 samples at 2000 Hz (0.3 s), mV, 8 classes)
     """
-    found = sources.simulator(check_text("name", name))
+    source = sources.simulator(check_text("name", name))
     changes = {**parameters, **spec.checked_settings(settings)}
-    return found.simulate(found.build(changes, f"simulate {name}"), progress)
+    return source.simulate(source.build(changes, f"simulate {name}"), progress)
 
 
 @in_few_lines
@@ -69,8 +69,8 @@ def read(
     choice = TrialChoice.of(where, leave_out)
     reader = sources.reader(check_text("name", name))
     effects.check(step_ms=step_ms, clock_ms=reader.step_ms)
-    found = reader.read(Path(path)) if step_ms is None else reader.read(Path(path), step_ms)
-    return chosen_trials(found, choice, str(path))
+    recordings = reader.read(Path(path)) if step_ms is None else reader.read(Path(path), step_ms)
+    return chosen_trials(recordings, choice, str(path))
 
 
 @in_few_lines
@@ -125,8 +125,8 @@ def read_folder(
         "drop_repeats": drop_repeats, "decimal": decimal, "header_lines": header_lines, "array": array,
         "transpose": transpose,
     }  # fmt: skip
-    found = folder.read(path, sampling_rate_Hz, unit, naming=naming, layout=layout)
-    return chosen_trials(found, choice, str(path))
+    recordings = folder.read(path, sampling_rate_Hz, unit, naming=naming, layout=layout)
+    return chosen_trials(recordings, choice, str(path))
 
 
 @in_few_lines
@@ -199,8 +199,8 @@ def read_arrays(
     Recordings(12 trials x 2 taxels, 60 samples at 1000 Hz (0.06 s), mV, 2 classes)
     """
     choice = TrialChoice.of(where, leave_out)
-    found = arrays.read(path, sampling_rate_Hz, unit, names=names, axes=axes, conditions=conditions)
-    return chosen_trials(found, choice, str(path))
+    recordings = arrays.read(path, sampling_rate_Hz, unit, names=names, axes=axes, conditions=conditions)
+    return chosen_trials(recordings, choice, str(path))
 
 
 @in_few_lines
@@ -235,12 +235,12 @@ def read_raster(
     [0, 1, 2, 3, 4, 5]
     """
     choice = TrialChoice.of(where, leave_out)
-    found = raster.read(
+    trains = raster.read(
         path, sampling_rate_Hz, names=names, axes=axes, conditions=conditions,
         naming={"levels": levels, "pattern": pattern, "label": label}, layout={"array": array, "transpose": transpose},
         merge_events=merge_events,
     )  # fmt: skip
-    return chosen_trials(found, choice, str(path))
+    return chosen_trials(trains, choice, str(path))
 
 
 @in_few_lines
@@ -286,14 +286,14 @@ def read_events(
     (12, [1, 4, 9], [0, 1, 0])
     """
     choice = TrialChoice.of(where, leave_out)
-    asked = {
+    options = {
         "step_ms": step_ms, "time_unit": time_unit, "origin": origin, "duration_ms": duration_ms, "polarity": polarity,
         "polarities": polarities, "channels": channels, "n_channels": n_channels, "sensor": sensor,
         "merge_events": merge_events,
     }  # fmt: skip
     table = None if conditions is None else str(conditions)
     naming = {"levels": levels, "pattern": pattern, "table": table, "label": label}
-    return chosen_trials(event_files.read(path, asked, names=names, naming=naming), choice, str(path))
+    return chosen_trials(event_files.read(path, options, names=names, naming=naming), choice, str(path))
 
 
 @in_few_lines
@@ -335,13 +335,13 @@ def read_nwb(
     >>> len(nt.read_nwb("spikes.nwb"))
     30
     """
-    asked = {
+    options = {
         "trials": trials, "label": label, "step_ms": step_ms, "name": name, "series": series, "unit": unit,
         "sampling_rate_Hz": sampling_rate_Hz, "max_gap_ms": max_gap_ms, "drop_repeats": drop_repeats,
         "units": units or {}, "leave_out_units": leave_out_units or {}, "unobserved": unobserved,
         "merge_events": merge_events,
     }  # fmt: skip
-    return nwb.read(path, asked, TrialChoice.of(where, leave_out))
+    return nwb.read(path, options, TrialChoice.of(where, leave_out))
 
 
 def fetch(name: str | None = None, out: str | Path | None = None, *, tell: Tell = print) -> None:
@@ -354,8 +354,8 @@ def fetch(name: str | None = None, out: str | Path | None = None, *, tell: Tell 
     """
     effects.check(out=out, name=name)
     if name is None:
-        for each, about in public.SETS.items():
-            tell(f"{each}: {about.about}")
+        for key, about in public.SETS.items():
+            tell(f"{key}: {about.about}")
         return
     about = public.public_set(name)
     folder = Path(out) if out else sources.expand(f"$NEUROTACT_DATA/{name}")

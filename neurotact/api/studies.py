@@ -104,8 +104,8 @@ def study_answer(folder: str | Path) -> dict[str, Any]:
     []
     """
     path = Path(folder) / ANSWER
-    found = files.read_json(path) if path.is_file() else {"answers": [], "cautions": []}
-    return found | {"report": str(Path(folder) / PAGE)}
+    answer = files.read_json(path) if path.is_file() else {"answers": [], "cautions": []}
+    return answer | {"report": str(Path(folder) / PAGE)}
 
 
 def is_begun(folder: str | Path) -> bool:

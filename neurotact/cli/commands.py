@@ -55,14 +55,14 @@ COMMANDS = {
 
 
 def _load(name: str) -> Any:
-    place = COMMANDS[name]
+    entry = COMMANDS[name]
     with ending_at_once(), warnings.catch_warnings():  # torch alone takes seconds
         warnings.simplefilter("ignore")  # warnings of other packages while they load do not help the user
-        found = getattr(import_module(f"neurotact.cli.{place.module}"), place.name)
-    return get_group(found) if isinstance(found, typer.Typer) else command_of(found)
+        command = getattr(import_module(f"neurotact.cli.{entry.module}"), entry.name)
+    return get_group(command) if isinstance(command, typer.Typer) else command_of(command)
 
 
-Root = lazy_group(lambda: {name: place.help for name, place in COMMANDS.items()}, _load)
+Root = lazy_group(lambda: {name: entry.help for name, entry in COMMANDS.items()}, _load)
 app = typer.Typer(cls=Root, pretty_exceptions_enable=False, rich_markup_mode=None)
 
 

@@ -155,12 +155,12 @@ def fine_tune(given: dict[str, Any], as_json: Json = False) -> None:
     The rounded network is saved as a new run; neurotact export --to c writes it with these bits. The best epoch on
     validation windows is saved, or the network that is only rounded, if that is better.
     """
-    found = api.fine_tune(**given, tell=unless(as_json))
+    row = api.fine_tune(**given, tell=unless(as_json))
     if as_json:
-        print_json(pd.DataFrame([found]))
+        print_json(pd.DataFrame([row]))
     else:
         print(f"next: neurotact export {shlex.quote(str(given['folder']))} --to c -o chain/")
-    for caution in found["cautions"]:
+    for caution in row["cautions"]:
         say(caution)
 
 
@@ -242,5 +242,5 @@ def export_command(
     if to not in ("c", "nir"):
         raise InputError(f"--to {to}: is unknown; choose c or nir")
     effects.check(to=to, ranges=(to == "c" and variant in (None, "integer")) or prove, **given)
-    function, place = (api.export_c, "folder") if to == "c" else (api.export_nir, "path")
-    function(**arguments(function, {**options, place: out, "early_exit": not full_window}), tell=show)
+    function, target = (api.export_c, "folder") if to == "c" else (api.export_nir, "path")
+    function(**arguments(function, {**options, target: out, "early_exit": not full_window}), tell=show)

@@ -58,17 +58,17 @@ class Command(TyperCommand):
     """A command whose help has groups of options, where there are many, and ends in an example."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        options = [each for each in self.get_params(ctx) if each.param_type_name == "option"]
+        options = [param for param in self.get_params(ctx) if param.param_type_name == "option"]
         group_of = {name: group for group, names in GROUPS.items() for name in names.split()}
-        if len(options) < LEAST or not {*group_of.values()} <= {group_of.get(each.opts[0]) for each in options}:
+        if len(options) < LEAST or not {*group_of.values()} <= {group_of.get(param.opts[0]) for param in options}:
             super().format_options(ctx, formatter)
             return
-        sections: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": [], **{each: [] for each in GROUPS}}
-        for each in self.get_params(ctx):
-            row = each.get_help_record(ctx)
+        sections: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": [], **{group: [] for group in GROUPS}}
+        for param in self.get_params(ctx):
+            row = param.get_help_record(ctx)
             if row:
-                is_option = each.param_type_name == "option"
-                sections[group_of.get(each.opts[0], "Options") if is_option else "Arguments"].append(row)
+                is_option = param.param_type_name == "option"
+                sections[group_of.get(param.opts[0], "Options") if is_option else "Arguments"].append(row)
         for name, rows in sections.items():
             if rows:
                 with formatter.section(name):

@@ -51,16 +51,16 @@ def train_command(given: dict[str, Any], as_json: Json = False) -> None:
     each in its own folder, and the mean is printed.
     """
     try:
-        found = api.train(**given, tell=unless(as_json))
+        row = api.train(**given, tell=unless(as_json))
     except api.Interrupted as interrupted:
         say(_how_to_go_on(interrupted.epochs))
         sys.exit(INTERRUPTED)
-    splits = found.pop("splits", None)
+    splits = row.pop("splits", None)
     if as_json:
-        print_json(pd.DataFrame([found]) if splits is None else splits)
+        print_json(pd.DataFrame([row]) if splits is None else splits)
     elif splits is None:
         _print_next(given["folder"], given["spikes"])
-    for caution in found["cautions"]:
+    for caution in row["cautions"]:
         say(caution)
 
 
@@ -134,12 +134,12 @@ def tune(given: dict[str, Any], as_json: Json = False) -> None:
         say(f"interrupted; the same command continues in {given['folder']}")
         sys.exit(INTERRUPTED)
     best = given["folder"] / "best"
-    found = api.result(best)
+    row = api.result(best)
     if as_json:
-        print_json(pd.DataFrame([found]))
+        print_json(pd.DataFrame([row]))
     else:
         _print_next(best, given["spikes"])
-    for caution in found["cautions"]:
+    for caution in row["cautions"]:
         say(caution)
 
 
@@ -172,5 +172,5 @@ def _print_sides(table: pd.DataFrame, told: list[Any], *, as_json: bool) -> None
         return
     for side, rows in means.groupby("side", sort=False):
         print_table(rows[SHOWN], title=SIDES[str(side)])
-    for each in told:
-        show(each)
+    for line in told:
+        show(line)

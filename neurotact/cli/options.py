@@ -137,15 +137,15 @@ def calling(function: Callable[..., Any], **described: Any) -> Callable[[Callabl
 
     def decorated(run: Callable[..., None]) -> Callable[..., None]:
         options = OPTIONS | described
-        theirs = [_option(each, options[name]) for name, each in _parameters(function).items() if options.get(name)]
-        own = [each.replace(kind=each.KEYWORD_ONLY) for name, each in _parameters(run).items() if name != "given"]
+        theirs = [_option(param, options[name]) for name, param in _parameters(function).items() if options.get(name)]
+        own = [param.replace(kind=param.KEYWORD_ONLY) for name, param in _parameters(run).items() if name != "given"]
 
         def command(**values: Any) -> None:
-            run(arguments(function, values), **{each.name: values[each.name] for each in own})
+            run(arguments(function, values), **{param.name: values[param.name] for param in own})
 
         command.__doc__ = run.__doc__
         command.__signature__ = inspect.Signature([*theirs, *own])  # pyright: ignore[reportFunctionMemberAccess]
-        command.__annotations__ = {each.name: each.annotation for each in (*theirs, *own)}
+        command.__annotations__ = {param.name: param.annotation for param in (*theirs, *own)}
         return command
 
     return decorated

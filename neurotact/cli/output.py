@@ -25,10 +25,10 @@ def show(what: str | pd.DataFrame) -> None:
         print_table(what)
 
 
-def save(found: Recordings | SpikeTrains, out: Path) -> None:
+def save(data: Recordings | SpikeTrains, out: Path) -> None:
     """Save recordings or spike trains, in place of a file, and print a summary."""
-    api.save(found, out, force=True)
-    print(f"{out}: {found.summary()}")
+    api.save(data, out, force=True)
+    print(f"{out}: {data.summary()}")
 
 
 def unless(as_json: bool) -> Callable[[str | pd.DataFrame], None]:

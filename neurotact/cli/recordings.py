@@ -214,7 +214,7 @@ def import_events(given: dict[str, Any], out: OutFile, force: Force = False) -> 
 )
 def import_nwb(given: dict[str, Any], out: OutFile, force: Force = False) -> None:
     """Neurodata Without Borders: spike times of units, or a time series, cut into the trials of an NWB 2 file."""
-    named = [each if "=" in each else f"name={each}" for each in given.pop("units", [])]
+    named = [name if "=" in name else f"name={name}" for name in given.pop("units", [])]
     given["units"], given["leave_out_units"] = parse_choice(named, [], "name", ("`units`", "`units`"))
     _import(api.read_nwb, given, out, force)
 
@@ -222,11 +222,11 @@ def import_nwb(given: dict[str, Any], out: OutFile, force: Force = False) -> Non
 def _names(assignments: list[str], known: list[str]) -> dict[str, str]:
     """Assignments, one per option or separated by commas; a comma without `WHAT=` after it is part of a name."""
     apart = re.compile(rf",(?=(?:{'|'.join(known)})=)")
-    pairs = [each.partition("=") for assignment in assignments for each in apart.split(assignment)]
+    pairs = [part.partition("=") for assignment in assignments for part in apart.split(assignment)]
     wrong = [what + equals for what, equals, name in pairs if what not in known or not name]
     if wrong:
         raise InputError(f"--names {wrong[0]}: must read WHAT=NAME, where WHAT is one of {', '.join(known)}")
-    twice = [what for what, _, _ in pairs if [each[0] for each in pairs].count(what) > 1]
+    twice = [what for what, _, _ in pairs if [pair[0] for pair in pairs].count(what) > 1]
     if twice:
         raise InputError(f"--names {twice[0]}: is given twice; give it one name")
     return {what: name for what, _, name in pairs}
@@ -252,8 +252,8 @@ add_plugins(app, "readers", reader, _command)
 def _import(read: Callable[..., Recordings | SpikeTrains], given: dict[str, Any], out: Path, force: bool) -> None:
     """Read with the arguments of a command, and save."""
     path = given["path"]
-    found = files.below(path) if files.existing(path, "file or folder").is_dir() else []
-    inputs = [each for each in found if each.suffix.lower() in IMPORTED]
+    paths = files.below(path) if files.existing(path, "file or folder").is_dir() else []
+    inputs = [file for file in paths if file.suffix.lower() in IMPORTED]
     files.check_new(out, force=force, inputs=[path, *inputs, given.get("conditions"), given.get("annotations")])
     if "names" in given:
         given["names"] = _names(given["names"], api.EVENT_NAMES if read is api.read_events else api.ARRAY_NAMES)

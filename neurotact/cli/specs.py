@@ -46,7 +46,7 @@ def _find_any(name: str) -> Path:
     if name.endswith(".toml") or "/" in name:
         return files.existing(name)
     known = [path for kind in spec.KINDS for path in spec.shipped(kind)]
-    found = [path for path in known if path.stem == name]
-    if not found:
+    paths = [path for path in known if path.stem == name]
+    if not paths:
         raise InputError(f"{name}: there is no such spec; {nearest(name, [path.stem for path in known])}")
-    return found[0]
+    return paths[0]

@@ -71,21 +71,21 @@ def _run(function: Callable[..., Any], given: dict[str, Any], as_json: bool) -> 
 
 def _print_answer(folder: Path, as_json: bool) -> None:
     """What a study answers, and where its report is; of a study without an answer in words the report alone."""
-    found = api.study_answer(folder)
+    answer = api.study_answer(folder)
     if as_json:
-        print(json.dumps(found, indent=1, ensure_ascii=False))
+        print(json.dumps(answer, indent=1, ensure_ascii=False))
         return
-    if found.get("among"):
-        print(as_typed(found["among"]))
-    for one in [] if found.get("among") else found["answers"]:
-        before = f"{one['dataset']}: " if len(found["answers"]) > 1 else ""
+    if answer.get("among"):
+        print(as_typed(answer["among"]))
+    for one in [] if answer.get("among") else answer["answers"]:
+        before = f"{one['dataset']}: " if len(answer["answers"]) > 1 else ""
         for sentence in (f"{before}{one['headline']}", *one["details"]):
             print(as_typed(sentence))
-    for table in found.get("tables", []):
+    for table in answer.get("tables", []):
         print(table["caption"])
         print_table(pd.DataFrame(table["rows"], columns=table["columns"]), least_width=WIDE)
-    for caution in found["cautions"]:
+    for caution in answer["cautions"]:
         say(caution)
-    if found["answers"]:
+    if answer["answers"]:
         print(f"tables and figures in {folder}; open the report in a browser:")
-    print(found["report"])
+    print(answer["report"])

@@ -61,7 +61,7 @@ def in_options(message: str, options: Mapping[str, str]) -> str:
     >>> in_options("train with `settings={'hidden': 64}`; try `nt.calibrate(..., compare=True)` or `nt.tune`", options)
     'train with --set hidden=64; try neurotact calibrate ... --compare or neurotact tune'
     """
-    return MARKED.sub(lambda found: _typed(found[1], options) or found[0], message)
+    return MARKED.sub(lambda match: _typed(match[1], options) or match[0], message)
 
 
 def options_of(words: Iterable[str]) -> dict[str, str]:
@@ -70,11 +70,11 @@ def options_of(words: Iterable[str]) -> dict[str, str]:
     for word in words:
         if word in getattr(command, "commands", {}):
             command = command.commands[word]
-    found = {
-        each.name.strip("_"): each.opts[0] if each.opts[0].startswith("-") else each.name.strip("_").upper()
-        for each in command.params
+    options = {
+        param.name.strip("_"): param.opts[0] if param.opts[0].startswith("-") else param.name.strip("_").upper()
+        for param in command.params
     }
-    return {"settings": SET} | found | ({LEFT_OUT: found["units"]} if "units" in found else {})
+    return {"settings": SET} | options | ({LEFT_OUT: options["units"]} if "units" in options else {})
 
 
 def _typed(marked: str, options: Mapping[str, str]) -> str | None:
@@ -83,8 +83,8 @@ def _typed(marked: str, options: Mapping[str, str]) -> str | None:
     try:
         call = ast.parse(f"f({inner}" if bracket else "f()", mode="eval").body
         assert isinstance(call, ast.Call)
-        given = [(ast.unparse(each), True) for each in call.args]
-        given += [(each.arg or "", ast.literal_eval(each.value)) for each in call.keywords]
+        given = [(ast.unparse(arg), True) for arg in call.args]
+        given += [(keyword.arg or "", ast.literal_eval(keyword.value)) for keyword in call.keywords]
     except (AssertionError, SyntaxError, ValueError, RecursionError, MemoryError):
         return None
     words: list[str] = []
@@ -107,8 +107,8 @@ def _option(option: str, value: Any, sign: str) -> str:
     if value is True:
         return option
     if isinstance(value, Mapping):
-        return " ".join(f"{option} {_quoted(each)}" for each in assignments_of(value, sign))
-    return " ".join(f"{option} {_quoted(each)}" for each in (value if isinstance(value, list) else [value]))
+        return " ".join(f"{option} {_quoted(text)}" for text in assignments_of(value, sign))
+    return " ".join(f"{option} {_quoted(text)}" for text in (value if isinstance(value, list) else [value]))
 
 
 def _quoted(value: Any) -> str:

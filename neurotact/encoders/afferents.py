@@ -285,18 +285,18 @@ def _encode_natively(
     last = state.last
     for copy in range(max(n_copies)):
         # If one type has fewer afferents, its first is computed again and dropped.
-        at = [copy if copy < n else 0 for n in n_copies]
-        blocks = [slice(n_taxels * each, n_taxels * (each + 1)) for each in at]
+        copies = [copy if copy < n else 0 for n in n_copies]
+        blocks = [slice(n_taxels * copy_index, n_taxels * (copy_index + 1)) for copy_index in copies]
         states = tuple(
             LIFState(*(values[:, block] for values in whole))
             for whole, block in zip((state.sa1, state.ra1), blocks, strict=True)
         )
-        pair = gains[0][at[0]], gains[1][at[1]]
-        found, after, last = native.encode(signal, pair, neurons, (states[0], states[1]), state.last)
+        pair = gains[0][copies[0]], gains[1][copies[1]]
+        fired, after, last = native.encode(signal, pair, neurons, (states[0], states[1]), state.last)
         for kind in (kind for kind in (0, 1) if copy < n_copies[kind]):
-            columns[kind][..., blocks[kind]] = found[..., n_taxels * kind : n_taxels * (kind + 1)]
+            columns[kind][..., blocks[kind]] = fired[..., n_taxels * kind : n_taxels * (kind + 1)]
             following[kind].append(after[kind])
-    sa1, ra1 = (LIFState(*(np.concatenate(each, axis=1) for each in zip(*kind, strict=True))) for kind in following)
+    sa1, ra1 = (LIFState(*(np.concatenate(part, axis=1) for part in zip(*kind, strict=True))) for kind in following)
     return spikes, EncoderState(sa1, ra1, last)
 
 
@@ -307,8 +307,8 @@ def _encode_drive_natively(
     n_sa1 = state.sa1.membrane_mV.shape[1]
     blocks, following = (slice(n_sa1), slice(n_sa1, None)), []
     for block, neuron, population in zip(blocks, neurons, (state.sa1, state.ra1), strict=True):
-        found, after, _ = native.encode(drive[..., block], (1.0, 1.0), (neuron, neuron), (population, population), None)
-        spikes[..., block] = found[..., : population.membrane_mV.shape[1]]
+        fired, after, _ = native.encode(drive[..., block], (1.0, 1.0), (neuron, neuron), (population, population), None)
+        spikes[..., block] = fired[..., : population.membrane_mV.shape[1]]
         following.append(after[0])
     return EncoderState(following[0], following[1], None)
 
@@ -365,7 +365,7 @@ def drives(
     sa1 = [kind(gain) * signal for gain in gains[0]]
     if rate_steps:
         rise = (np.maximum(kind(gain) * change, 0) for gain in gains[0])
-        sa1 = [level + kind(rate_steps) * each for level, each in zip(sa1, rise, strict=True)]
+        sa1 = [level + kind(rate_steps) * scale for level, scale in zip(sa1, rise, strict=True)]
     if half_wave:
         ra1 = [np.maximum(kind(gain) * change, 0) for gain in gains[1]]
     else:

@@ -65,9 +65,9 @@ def compare(
         row = {"baseline": baseline, "polarity": polarity, "acausal": baseline in ACAUSAL, "why_not": ""}
         counted = _Counted(progress, f"{baseline}, {polarity}")
         try:
-            found = _with(recordings, spec, baseline, polarity, counted.advance, coarse, tell=False)
-            row["accuracy"] = found.accuracy
-            row |= {f"separation_{kind}": _separation(found, name) for kind, name in (("sa", "SA-I"), ("ra", "RA-I"))}
+            fitted = _with(recordings, spec, baseline, polarity, counted.advance, coarse, tell=False)
+            row["accuracy"] = fitted.accuracy
+            row |= {f"separation_{kind}": _separation(fitted, name) for kind, name in (("sa", "SA-I"), ("ra", "RA-I"))}
         except InputError as error:
             row |= {
                 "accuracy": float("nan"),
@@ -103,8 +103,8 @@ def _with(
     return calibrate(recordings, changed, progress, rule, inverted=polarity == "falling", tell=tell)
 
 
-def _separation(found: Calibration[Any], afferent: str) -> float:
-    table = found.table
+def _separation(fitted: Calibration[Any], afferent: str) -> float:
+    table = fitted.table
     return float(table.separation[table.chosen & (table.afferent == afferent)].iloc[0])
 
 

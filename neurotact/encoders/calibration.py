@@ -178,15 +178,15 @@ def calibrate(
     table, isi, tried = search(searched, fitted, rule, rng, progress)
     best = _chosen(table, knobs_of(fitted), rule, _source(recordings))
     table.loc[[*best.values()], "chosen"] = True
-    turned_to, at = fitted, {knob: float(table.gain[row]) for knob, row in best.items()}
-    rates = {knob.name: tried[knob.name, gain] for knob, gain in at.items()}
+    turned_to, gains = fitted, {knob: float(table.gain[row]) for knob, row in best.items()}
+    rates = {knob.name: tried[knob.name, gain] for knob, gain in gains.items()}
     if searched is not conditioned:
         notes.append(_on_part(searched, conditioned))
-        rates = rates_of(conditioned, fitted, at)
+        rates = rates_of(conditioned, fitted, gains)
     for knob, row in best.items():
         if not table.admissible[row] and rule.spikes_per_s is None:
             notes.append(_on_silence(conditioned, rates[knob.name], knob.name, rule))
-        turned_to, n_lost = _turned(conditioned, turned_to, knob, at[knob])
+        turned_to, n_lost = _turned(conditioned, turned_to, knob, gains[knob])
         if n_lost:
             notes.append(f"{knob.name}: {n_lost} of the grades would equal others, and are dropped")
         notes += _on_ends(table[table.afferent == knob.name], row, knob, rule)
@@ -237,13 +237,13 @@ def calibrate_causally(
     def fit(tried: Encoder) -> Calibration[Encoder]:
         return calibrate(recordings, tried, progress, rule, apart=apart, tell=False)
 
-    smoothed, _ = _each(fit, {at: _with(spec, PAST[0], at) for at in cutoffs_Hz})
+    smoothed, _ = _each(fit, {cutoff: _with(spec, PAST[0], cutoff) for cutoff in cutoffs_Hz})
     if choose_ema and progress:
         progress((MOST_CUTOFFS - len(cutoffs_Hz)) * rule.candidates, "")
     cutoff_Hz = own_Hz
     of_cutoffs: dict[float | None, float] = {}
     if smoothed and len(cutoffs_Hz) > 1:
-        of_cutoffs = {at: one.accuracy_of_both for at, one in smoothed.items()}
+        of_cutoffs = {cutoff: one.accuracy_of_both for cutoff, one in smoothed.items()}
         cutoff_Hz = _best_of(of_cutoffs, _n_trials(smoothed))
     done: dict[Baseline, Calibration[Encoder]] = {PAST[0]: smoothed[cutoff_Hz]} if cutoff_Hz in smoothed else {}
     best, on_baseline = _of_baselines(fit, spec, cutoff_Hz, done)
@@ -272,14 +272,14 @@ def _of_baselines(
     done: Mapping[Baseline, Calibration[Encoder]],
 ) -> tuple[Calibration[Encoder], str]:
     """The calibration with the best baseline of `PAST`, and the note on it; done: those that are known."""
-    tried: dict[Baseline, Encoder] = {each: _with(spec, each, cutoff_Hz) for each in PAST if each not in done}
+    tried: dict[Baseline, Encoder] = {base: _with(spec, base, cutoff_Hz) for base in PAST if base not in done}
     others, errors = _each(fit, tried)
-    found: dict[Baseline, Calibration[Encoder]] = {**done, **others}
-    if not found:
+    calibrated: dict[Baseline, Calibration[Encoder]] = {**done, **others}
+    if not calibrated:
         raise errors[PAST[-1]]
-    accuracy: dict[Baseline, float] = {baseline: each.accuracy for baseline, each in found.items()}
-    best = _best_of(accuracy, _n_trials(found))
-    return found[best], _on_baseline(accuracy, best, spec)
+    accuracy: dict[Baseline, float] = {baseline: calibration.accuracy for baseline, calibration in calibrated.items()}
+    best = _best_of(accuracy, _n_trials(calibrated))
+    return calibrated[best], _on_baseline(accuracy, best, spec)
 
 
 def with_opposite(spec: Encoder) -> Encoder | None:
@@ -304,7 +304,7 @@ def _wakes(recordings: Trials, without: EncoderSpec, signed: EncoderSpec) -> boo
     rest_ms = 1e3 * RESTS * common_onset_s(recordings)
     if not rest_ms:
         return False
-    before, after = (float(resting_table(recordings, each, rest_ms)["restless"].mean()) for each in (without, signed))
+    before, after = (float(resting_table(recordings, part, rest_ms)["restless"].mean()) for part in (without, signed))
     return after > before + MORE_RESTLESS
 
 
@@ -322,8 +322,8 @@ def _on_opposite(without: float, reached: float, *, wakes: bool = False) -> str:
     )
 
 
-def _n_trials(found: Mapping[Any, Calibration[Any]]) -> int:
-    return len(next(iter(found.values())).labels)
+def _n_trials(calibrated: Mapping[Any, Calibration[Any]]) -> int:
+    return len(next(iter(calibrated.values())).labels)
 
 
 def _on_baseline(accuracy: Mapping[Baseline, float], best: Baseline, spec: EncoderSpec) -> str:
@@ -368,13 +368,13 @@ def _each(
     fit: Callable[[Encoder], Calibration[Encoder]], specs: Mapping[Key, Encoder]
 ) -> tuple[dict[Key, Calibration[Encoder]], dict[Key, InputError]]:
     """The calibrations of several encoders, and the errors of those that cannot be calibrated."""
-    found, errors = {}, {}
+    calibrated, errors = {}, {}
     for key, spec in specs.items():
         try:
-            found[key] = fit(spec)
+            calibrated[key] = fit(spec)
         except InputError as error:
             errors[key] = error
-    return found, errors
+    return calibrated, errors
 
 
 def _best_of(accuracy: Mapping[Key, float], n_trials: int) -> Key:
@@ -396,7 +396,7 @@ def _on_ema(
     if chosen_Hz == own_Hz:
         return []
     accuracies = ", ".join(
-        f"{'none' if at is None else f'{at:g} Hz'} {100 * reached:.0f} %" for at, reached in accuracy.items()
+        f"{'none' if hz is None else f'{hz:g} Hz'} {100 * reached:.0f} %" for hz, reached in accuracy.items()
     )
     what = "is left out" if chosen_Hz is None else f"= {chosen_Hz:g} is chosen"
     return [
@@ -406,7 +406,7 @@ def _on_ema(
     ]
 
 
-def way_of(
+def calibration_for(
     spec: EncoderSpec,
     given: Mapping[str, Any],
     *,
@@ -424,7 +424,7 @@ def way_of(
     >>> from neurotact.spec import load
     >>> paper = load(AfferentSpec, "sa1-ra1-lif")
     >>> given = {}, {"conditioning.ema_cutoff_Hz": 50.0}, {"conditioning.baseline": "mean"}
-    >>> [way_of(paper, keys)[1] for keys in given]
+    >>> [calibration_for(paper, keys)[1] for keys in given]
     [8, 6, 1]
     """
     refuse(given, dict.fromkeys((*FITTED, *(knob.key for knob in knobs_of(spec))), BY_CALIBRATION))

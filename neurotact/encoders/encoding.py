@@ -138,14 +138,14 @@ def _encode_together(recordings: Trials, block: np.ndarray, spec: EncoderSpec) -
     conditioned = condition(recorded.to_unit(spec.unit), conditioning_of(spec, recorded.sampling_rate_Hz))
     rate_Hz = conditioned.sampling_rate_Hz
     signals = conditioned.signals
-    found: dict[int, TrialSpikes] = {}
+    encoded: dict[int, TrialSpikes] = {}
     for group in _of_like_length(np.array([*map(len, signals)]), 1.0 if is_exact(spec) else PADDED):
-        together, n_steps = side_by_side([signals[place] for place in group])
+        together, n_steps = side_by_side([signals[trial] for trial in group])
         rasters = encode_whole(together, rate_Hz, spec, trials=block[group])
-        for place, raster, n in zip(group.tolist(), rasters, n_steps, strict=True):
-            found[place] = spikes_of(raster if is_exact(spec) else raster[:n])
-    for place in range(len(block)):
-        yield found[place]._replace(digest=recorded_digest(recorded, place))
+        for trial, raster, n in zip(group.tolist(), rasters, n_steps, strict=True):
+            encoded[trial] = spikes_of(raster if is_exact(spec) else raster[:n])
+    for trial in range(len(block)):
+        yield encoded[trial]._replace(digest=recorded_digest(recorded, trial))
 
 
 def _of_like_length(lengths: np.ndarray, most: float) -> Iterator[np.ndarray]:
@@ -162,12 +162,12 @@ def _of_like_length(lengths: np.ndarray, most: float) -> Iterator[np.ndarray]:
 def _encode_alone(recordings: Trials, trial: int, spec: EncoderSpec) -> TrialSpikes:
     """The spikes of one trial, piece by piece."""
     n_steps = 0
-    found: list[TrialSpikes] = []
+    parts: list[TrialSpikes] = []
     for raster in _rasters(recordings, trial, spec):
         part = spikes_of(raster[0])
-        found.append(part._replace(steps=part.steps + n_steps))
+        parts.append(part._replace(steps=part.steps + n_steps))
         n_steps += part.n_steps
-    steps, units = (np.concatenate([part[i] for part in found]) for i in (0, 1))
+    steps, units = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
     return TrialSpikes(steps, units, n_steps, recorded_digest(recordings, trial))
 
 

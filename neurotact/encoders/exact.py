@@ -116,7 +116,7 @@ def _encode_by_samples(
     for before, now in enumerate(drive.swapaxes(0, 1), start=samples_before):
         fired, state = exact_lif_interval(neuron, now.astype(np.float64), state, 1e3 / rate_Hz)
         steps = np.ceil(before * steps_per_sample + fired.time_ms * (1e-3 * clock_Hz) - AT_ONCE).astype(np.int64) - 1
-        first, last = (_n_complete(each, rate_Hz, clock_Hz) for each in (before, before + 1))
+        first, last = (_n_complete(n_samples, rate_Hz, clock_Hz) for n_samples in (before, before + 1))
         trial, afferent = np.divmod(fired.which, now.shape[1])
         spikes[trial, np.clip(steps, first, last) - first_step, afferent] = 1
     return state

@@ -55,13 +55,13 @@ def cut(recordings: Trials, conditioning: ConditioningSpec, longest_s: float, rn
 
 def _stretch(pieces: Iterable[np.ndarray], start: int, stop: int) -> np.ndarray:
     """The steps from `start` to before `stop` of a signal that comes in pieces."""
-    found, first = [], 0
+    parts, first = [], 0
     for piece in pieces:
-        found.append(piece[max(0, start - first) : max(0, stop - first)].copy())  # a view would keep the whole piece
+        parts.append(piece[max(0, start - first) : max(0, stop - first)].copy())  # a view would keep the whole piece
         first += len(piece)
         if first >= stop:
             break
-    return np.concatenate(found)
+    return np.concatenate(parts)
 
 
 def liveliest(signals: Iterable[np.ndarray], most: int) -> np.ndarray:

@@ -114,7 +114,7 @@ def part_of(excerpts: Excerpts, rule: CalibrationRule) -> Excerpts:
 def rates_of(excerpts: Excerpts, spec: EncoderSpec, values: Mapping[Knob, float]) -> dict[str, np.ndarray]:
     """Spikes per second of each trial and afferent, `(trial, afferent)`, by the name of each knob, at these values."""
     fired = _fire(excerpts, _with(spec, values), [*values])
-    return {knob.name: _per_second(excerpts, each) for knob, each in zip(values, fired, strict=True)}
+    return {knob.name: _per_second(excerpts, spikes) for knob, spikes in zip(values, fired, strict=True)}
 
 
 def _per_second(excerpts: Excerpts, fired: "Fired") -> np.ndarray:
@@ -176,10 +176,10 @@ def search(
     else:
         for values in zip(*_from_silence(excerpts, spec, rule), strict=True):
             tried(values)
-    places = {knob.name: (place, -1 if knob.is_threshold else 1) for place, knob in enumerate(knobs)}
+    places = {knob.name: (order, -1 if knob.is_threshold else 1) for order, knob in enumerate(knobs)}
     table = pd.DataFrame(rows).drop_duplicates(["afferent", "gain"])
-    place, sign = (table.afferent.map({name: at[i] for name, at in places.items()}) for i in (0, 1))
-    table = table.iloc[np.lexsort([sign * table.gain, place])].reset_index(drop=True)  # from few spikes to many
+    column, sign = (table.afferent.map({name: pair[i] for name, pair in places.items()}) for i in (0, 1))
+    table = table.iloc[np.lexsort([sign * table.gain, column])].reset_index(drop=True)  # from few spikes to many
     within = (table.silent_share <= rule.max_silent_share) & (table.floor_share <= rule.max_floor_share)
     shares = pd.concat(isi, ignore_index=True).drop_duplicates(["afferent", "gain", "label", "isi_ms"])
     return Searched(table.assign(admissible=within, chosen=False), shares, rates)
@@ -204,15 +204,15 @@ def _to_rate(spec: EncoderSpec, rule: CalibrationRule, tried: Callable[[Sequence
     """
     knobs, wanted = knobs_of(spec), rule.spikes_per_s or 0.0
     are_near = [False] * len(knobs)
-    at = [math.log(value_of(spec, knob)) * (-1 if knob.is_threshold else 1) for knob in knobs]
+    logs = [math.log(value_of(spec, knob)) * (-1 if knob.is_threshold else 1) for knob in knobs]
     below, above = [-math.inf] * len(knobs), [math.inf] * len(knobs)
     for _ in range(rule.candidates):
-        values = [float(f"{math.exp(-x if knob.is_threshold else x):.4g}") for knob, x in zip(knobs, at, strict=True)]
+        values = [float(f"{math.exp(-x if knob.is_threshold else x):.4g}") for knob, x in zip(knobs, logs, strict=True)]
         for i, rate in enumerate(tried(values)):
-            below[i], above[i] = (at[i], above[i]) if rate < wanted else (below[i], at[i])
+            below[i], above[i] = (logs[i], above[i]) if rate < wanted else (below[i], logs[i])
             is_between = math.isfinite(below[i]) and math.isfinite(above[i])
             step = math.log(8) if rate < wanted else -math.log(8)
-            at[i] = (below[i] + above[i]) / 2 if is_between else at[i] + step
+            logs[i] = (below[i] + above[i]) / 2 if is_between else logs[i] + step
             are_near[i] |= abs(rate / wanted - 1) <= NEAREST
         if all(are_near):
             return
@@ -220,12 +220,12 @@ def _to_rate(spec: EncoderSpec, rule: CalibrationRule, tried: Callable[[Sequence
 
 def _from_silence(excerpts: Excerpts, spec: EncoderSpec, rule: CalibrationRule) -> list[list[float]]:
     """Candidate values of each knob, from the largest power of 4 times its own at which no afferent fires."""
-    knobs, found = knobs_of(spec), []
+    knobs, gains = knobs_of(spec), []
 
     def fires(knob: Knob, factor: float) -> bool:
         value = value_of(spec, knob) * (1 / factor if knob.is_threshold else factor)
         every = _fire(excerpts, turned(spec, knob, value), knobs)
-        return next(fired for each, fired in zip(knobs, every, strict=True) if each == knob).n_firing > 0
+        return next(fired for other, fired in zip(knobs, every, strict=True) if other == knob).n_firing > 0
 
     for knob in knobs:
         factor = 1.0
@@ -240,8 +240,8 @@ def _from_silence(excerpts: Excerpts, spec: EncoderSpec, rule: CalibrationRule) 
                 )
         first, step = value_of(spec, knob), rule.step
         first, step = (first / factor, 1 / step) if knob.is_threshold else (first * factor, step)
-        found.append([float(f"{first * step**k:.3g}") for k in range(rule.candidates)])
-    return found
+        gains.append([float(f"{first * step**k:.3g}") for k in range(rule.candidates)])
+    return gains
 
 
 class Fired(NamedTuple):
@@ -286,8 +286,8 @@ def _fire(excerpts: Excerpts, spec: EncoderSpec, knobs: Sequence[Knob]) -> Itera
                     n_intervals=len(isi_steps.isi_ms),
                 )
             )
-    for found in parts.values():
-        shares, counts, *numbers = zip(*found, strict=True)
+    for rows in parts.values():
+        shares, counts, *numbers = zip(*rows, strict=True)
         yield Fired(np.concatenate(shares), np.concatenate(counts), *map(sum, numbers))
 
 
@@ -368,8 +368,8 @@ def _strongest(drive: Iterable[np.ndarray], n_values: int) -> float:
     """
     if n_values == 0:
         return 0.0
-    place = (n_values - 1) * float(np.true_divide(STRONGEST, 100))
-    below = int(place)
+    rank = (n_values - 1) * float(np.true_divide(STRONGEST, 100))
+    below = int(rank)
     n_kept = n_values - below
     top, least = np.empty(0, np.float32), -math.inf
     for part in drive:
@@ -378,7 +378,7 @@ def _strongest(drive: Iterable[np.ndarray], n_values: int) -> float:
             top = np.partition(top, len(top) - n_kept)[len(top) - n_kept :]
             least = float(top.min())
     top = np.sort(top)[-n_kept:]
-    low, high, share = top[0], top[min(1, len(top) - 1)], place - below
+    low, high, share = top[0], top[min(1, len(top) - 1)], rank - below
     strongest = high - (high - low) * (1 - share) if share >= 0.5 else low + (high - low) * share
     return float(strongest if strongest > 0 else top[-1])
 

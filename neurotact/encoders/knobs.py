@@ -52,14 +52,14 @@ def knobs_of(encoder: EncoderSpec) -> tuple[Knob, ...]:
     >>> [knob[:2] for name in ("poisson", "send-on-delta") for knob in knobs_of(load(name))]
     [('sa1.gain_Hz', 'SA-I'), ('ra1.gain_Hz', 'RA-I'), ('threshold', 'ON and OFF')]
     """
-    found = []
+    knobs = []
     for part in dict.fromkeys(population.part for population in populations(encoder)):
         its = [population for population in populations(encoder) if population.part == part]
         key = field_of(described(encoder, its[0]))
         assert key is not None  # every model has one
         names = tuple(population.name for population in its)
-        found.append(Knob(dotted(part, key), " and ".join(names), names, key.startswith("threshold")))
-    return tuple(found)
+        knobs.append(Knob(dotted(part, key), " and ".join(names), names, key.startswith("threshold")))
+    return tuple(knobs)
 
 
 def value_of(encoder: EncoderSpec, knob: Knob) -> float:

@@ -125,8 +125,8 @@ class MechanoreceptorSpec(Spec):
         fit = fitted()[part, self.populations[part].fits[0]]
         drive = signal if part == "sa1" else np.diff(signal, axis=0) * sampling_rate_Hz
         b, a = butter(ORDER, fit.lowpass_Hz / (sampling_rate_Hz / 2))
-        found: Any = lfilter(b, a, drive, axis=0) if drive.size else drive
-        return np.abs(found).astype(signal.dtype)
+        filtered: Any = lfilter(b, a, drive, axis=0) if drive.size else drive
+        return np.abs(filtered).astype(signal.dtype)
 
     def least_drive(self, part: str) -> float:
         """About the depth in mm, or the rate of change in mm/s, at which a type just fires (`LEAST`)."""
@@ -303,11 +303,11 @@ def _encode_piece(
     depth = np.concatenate([before, fine], axis=1)
     current = np.empty((len(signal), len(step_of), len(copies) * n_taxels))
     filters = []
-    for place, copy in enumerate(copies):
-        mine = current[:, :, place * n_taxels : (place + 1) * n_taxels]
+    for index, copy in enumerate(copies):
+        mine = current[:, :, index * n_taxels : (index + 1) * n_taxels]
         static = depth[:, 1:-1] * (copy.gain * STATIC[copy.part])
         dynamic = (depth[:, 2:] - depth[:, :-2]) * (copy.gain * DYNAMIC[copy.part] * FITTED_Hz / 2)
-        mine[...], following = currents(copy.fit, static, dynamic, state.filters[place])
+        mine[...], following = currents(copy.fit, static, dynamic, state.filters[index])
         filters.append(following)
     if spec.noise:
         _add_noise(current, spec.seed, state.trials, first_fine, [copy.fit.noise for copy in copies], n_taxels)
@@ -317,8 +317,8 @@ def _encode_piece(
         fired[:, k], neurons = mechanoreceptor_step(neuron, current[:, k], neurons)
     on_the_way = np.concatenate([state.under_way, fired], axis=1)
     longest = state.under_way.shape[1]
-    for place, delay in enumerate(delays):
-        block = slice(place * n_taxels, (place + 1) * n_taxels)
+    for index, delay in enumerate(delays):
+        block = slice(index * n_taxels, (index + 1) * n_taxels)
         arrived = on_the_way[:, longest - delay : longest - delay + len(step_of), block]
         trial, k, taxel = np.nonzero(arrived)
         out[trial, step_of[k], block.start + taxel] = 1
@@ -377,9 +377,9 @@ def _filtered(
 
     memory: of the filter, `(trial, ORDER, taxel)`. last: its last value, `(trial, taxel)`.
     """
-    found: Any = lfilter(b, a, drive, axis=1, zi=memory) if drive.size else (drive, memory)
-    values = np.concatenate([last[:, None], found[0]], axis=1)
-    return values[:, :-1], values, (found[1], values[:, -1])
+    filtered: Any = lfilter(b, a, drive, axis=1, zi=memory) if drive.size else (drive, memory)
+    values = np.concatenate([last[:, None], filtered[0]], axis=1)
+    return values[:, :-1], values, (filtered[1], values[:, -1])
 
 
 def _two_sided(drive: np.ndarray, up: float, down: float) -> np.ndarray:

@@ -74,9 +74,9 @@ def encode(
         base = (state.total / n_held).astype(x.dtype) if n_held else x
         awake = state.silent_steps == 0
         up, down = awake & (x > base + threshold), awake & (x < base - threshold)
-        place = state.n_steps % n_window
-        total = state.total + x - state.past[:, place]
-        state.past[:, place] = x
+        slot = state.n_steps % n_window
+        total = state.total + x - state.past[:, slot]
+        state.past[:, slot] = x
         silent = silenced(state.silent_steps, up | down, n_silent)
         return both(up, down), MovingWindowState(state.past, total, state.n_steps + 1, silent)
 

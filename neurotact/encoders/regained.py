@@ -63,9 +63,9 @@ def regained(
     felt = (felt - mean) / np.maximum(scale, np.finfo(np.float32).tiny)
     x, of = reconstruction.segments([*felt], rate_Hz)
     s, _ = reconstruction.segments([*fired], rate_Hz)
-    found = reconstruction.transferred((x[known[of]], s[known[of]]), (x[~known[of]], s[~known[of]]), rate_Hz)
+    spectra = reconstruction.transferred((x[known[of]], s[known[of]]), (x[~known[of]], s[~known[of]]), rate_Hz)
     per_s = fired[~known].sum(axis=3).mean() * rate_Hz
-    return Regained(found.snr_dB, found.bits_per_s, float(found.bits_per_s / per_s) if per_s else math.nan)
+    return Regained(spectra.snr_dB, spectra.bits_per_s, float(spectra.bits_per_s / per_s) if per_s else math.nan)
 
 
 def _conditioned(recordings: Recordings, trials: np.ndarray, trains: SpikeTrains, start_s: float) -> list[np.ndarray]:
@@ -83,9 +83,9 @@ def _conditioned(recordings: Recordings, trials: np.ndarray, trains: SpikeTrains
 
 def _spikes(trains: SpikeTrains, trials: np.ndarray, first: int, n_steps: int) -> np.ndarray:
     """The spikes of trials, `(trial, time, afferent)` uint8."""
-    found = np.zeros((len(trials), n_steps, len(trains.afferents)), np.uint8)
-    for raster, trial in zip(found, trials, strict=True):
-        at = trains.steps[trial].astype(np.int64) - first
-        inside = (at >= 0) & (at < n_steps)
-        raster[at[inside], trains.units[trial][inside]] = 1
-    return found
+    rasters = np.zeros((len(trials), n_steps, len(trains.afferents)), np.uint8)
+    for raster, trial in zip(rasters, trials, strict=True):
+        steps = trains.steps[trial].astype(np.int64) - first
+        inside = (steps >= 0) & (steps < n_steps)
+        raster[steps[inside], trains.units[trial][inside]] = 1
+    return rasters

@@ -69,7 +69,7 @@ def complaint(table: pd.DataFrame, rest_ms: float = REST_MS, baseline: Baseline 
 def _encoded(recordings: Trials, spec: EncoderSpec, rest_ms: float) -> Iterator[tuple[np.ndarray, int]]:
     """The raster `(time, afferent)` of the beginning of each trial, and the number of its steps at rest."""
     how = conditioning_of(spec, recordings.sampling_rate_Hz)
-    rate_Hz, clock_Hz = (each.clock_Hz(recordings.sampling_rate_Hz) for each in (how, spec.conditioning))
+    rate_Hz, clock_Hz = (part.clock_Hz(recordings.sampling_rate_Hz) for part in (how, spec.conditioning))
     n_rest, n_seen = max(1, round(rest_ms * 1e-3 * clock_Hz)), max(1, round(SEEN_MS * 1e-3 * rate_Hz))
     for trial in range(len(recordings)):
         parts, n = [], 0

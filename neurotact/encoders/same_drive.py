@@ -52,10 +52,10 @@ def same_drive_table(
         counts = [_counts(shapes, signals.sampling_rate_Hz, encoder, t_ref_ms) for t_ref_ms in spec.t_ref_ms]
         reached = counts[0] >= spec.spikes
         fits = np.flatnonzero(reached.any(axis=0))
-        at = reached.argmax(axis=0)[fits]  # the least scale that reaches the count
+        least = reached.argmax(axis=0)[fits]  # the least scale that reaches the count
         for t_ref_ms, spikes in zip(spec.t_ref_ms, counts, strict=True):
             if len(fits):
-                means = {"peak_mV": threshold_gap(encoder) * SCALES[at].mean(), "spikes": spikes[at, fits].mean()}
+                means = {"peak_mV": threshold_gap(encoder) * SCALES[least].mean(), "spikes": spikes[least, fits].mean()}
                 rows.append({"drive": drive, "label": label, "t_ref_ms": t_ref_ms, **means})
     return pd.DataFrame(rows, columns=["drive", "label", "t_ref_ms", "peak_mV", "spikes"])
 

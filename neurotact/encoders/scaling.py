@@ -94,7 +94,7 @@ def tells_classes(excerpts: Sequence[np.ndarray], labels: np.ndarray) -> np.ndar
         return np.zeros(features.shape[2], bool)
     with np.errstate(divide="ignore", invalid="ignore"):
         p = np.asarray(f_oneway(*classes, axis=0).pvalue)
-        within = sum(((each - each.mean(axis=0)) ** 2).sum(axis=0) for each in classes) / (n_trials - n_classes)
+        within = sum(((trials - trials.mean(axis=0)) ** 2).sum(axis=0) for trials in classes) / (n_trials - n_classes)
         share = 1 - within / features.var(axis=0, ddof=1)
     return ((p < CHANCE / len(p)) & (share >= SHARE)).any(axis=0)
 

@@ -296,7 +296,7 @@ def afferent_names(taxels: Sequence[str], encoder: Mapping[str, Any] = MappingPr
     >>> afferent_names(("taxel1",), {"sa1": {"grades": [0.5, 1.0]}})
     ('SA-I taxel1 x0.5', 'SA-I taxel1 x1', 'RA-I taxel1')
     """
-    kinds = [(each.name, marks(encoder.get(each.part) or {})) for each in populations(encoder)]
+    kinds = [(population.name, marks(encoder.get(population.part) or {})) for population in populations(encoder)]
     return tuple(f"{name} {taxel}{mark}" for name, its in kinds for mark in its for taxel in taxels)
 
 

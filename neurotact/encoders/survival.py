@@ -94,13 +94,13 @@ def what_survives(recordings: Trials, encoder: EncoderSpec, seed: int = 0) -> Su
     x, trial = reconstruction.segments(felt.signals, felt.rate_Hz)
     s, _ = reconstruction.segments(felt.spikes, felt.rate_Hz)
     under = s.reshape(*s.shape[:2], -1, n_taxels).swapaxes(2, 3)  # (segment, time, taxel, afferent of a taxel)
-    found, decoded = reconstruction.linear(x, under, trial, felt.rate_Hz)
+    spectra, decoded = reconstruction.linear(x, under, trial, felt.rate_Hz)
     counts = np.stack([raster.sum(axis=0, dtype=int) for raster in felt.spikes])
     seconds = sum(map(len, felt.signals)) / felt.rate_Hz
     rows, told = [], pd.DataFrame()
     for name, its in [*kinds.items(), (ALL, np.arange(counts.shape[1]))]:
         of = np.unique(its // n_taxels)
-        one = found if name == ALL else reconstruction.linear(x, under[..., of], trial, felt.rate_Hz)[0]
+        one = spectra if name == ALL else reconstruction.linear(x, under[..., of], trial, felt.rate_Hz)[0]
         bits, per_s = float(class_information(counts[:, its], drawn.labels).mean()), counts[:, its].mean(axis=1).sum()
         per_s = float(per_s / seconds)
         told = _told([raster[:, its] for raster in felt.spikes], drawn.labels, felt.rate_Hz, rng)
@@ -120,7 +120,7 @@ def what_survives(recordings: Trials, encoder: EncoderSpec, seed: int = 0) -> Su
         "energy_nJ_per_s": cost_nJ,
         "nJ_per_spike": _per(cost_nJ, fired),
     }
-    return Survival(pd.DataFrame(rows), found, told, *_shown(x, s, decoded, own, kinds, felt.rate_Hz))
+    return Survival(pd.DataFrame(rows), spectra, told, *_shown(x, s, decoded, own, kinds, felt.rate_Hz))
 
 
 class _Felt(NamedTuple):
@@ -148,7 +148,7 @@ def _felt(drawn: Trials, encoder: EncoderSpec) -> _Felt:
     if is_exact(encoder):
         sampled = condition(taken, conditioning_of(encoder, taken.sampling_rate_Hz))
         samples = (np.asarray(signal)[None, :, taxels] for signal in sampled.signals)
-        spikes = [encode_whole(each, sampled.sampling_rate_Hz, encoder)[0, :shortest] for each in samples]
+        spikes = [encode_whole(sample, sampled.sampling_rate_Hz, encoder)[0, :shortest] for sample in samples]
     else:
         spikes = [*encode(np.stack(signals), rate_Hz, encoder)[0]]
     every = np.concatenate(signals).astype(float)

@@ -114,7 +114,7 @@ class SpikeEncoder(TransformerMixin, NestedSettings):
     def _calibration(self, signals: np.ndarray, spec: EncoderSpec, y: ArrayLike | None) -> calibration.Calibration:
         assert isinstance(spec, AfferentSpec)
         assert y is not None
-        fit, _ = calibration.way_of(spec, leaves(checked_settings(self.settings)))
+        fit, _ = calibration.calibration_for(spec, leaves(checked_settings(self.settings)))
         labels = class_labels(y, len(signals)).astype(str)
         self.n_features_in_ = signals.shape[2]
         return fit(self._recordings(signals, labels.tolist(), spec.unit), spec, tell=False)

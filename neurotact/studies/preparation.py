@@ -25,7 +25,7 @@ from neurotact.data.trial_choice import chosen_trials
 from neurotact.data.windows import Windows, check_fit
 from neurotact.encoders import regained
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.calibration import CLOCK_HZ, way_of
+from neurotact.encoders.calibration import CLOCK_HZ, calibration_for
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.gain_search import CalibrationRule
 from neurotact.encoders.same_drive import same_drive_table
@@ -341,7 +341,7 @@ def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, Encode
             training = recordings.select(train)
             if cell.split.folds:  # each fold has its own encoder, and its notes name the fold
                 training = replace(training, source=f"{recordings.source}, fold {cell.split.fold}")
-            fit, _ = way_of(
+            fit, _ = calibration_for(
                 start, {}, **{choice: getattr(cell, choice) for choice in CHOICES}, apart=tuple(cell.split.test_where)
             )
             calibrated[key] = fit(training, start, rule=CalibrationRule(spikes_per_s=spikes_per_s)).encoder

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from neurotact.data.recordings import Recordings
-from neurotact.encoders.calibration import calibrate, way_of
+from neurotact.encoders.calibration import calibrate, calibration_for
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.gain_search import CalibrationRule
 from neurotact.encoders.knobs import knobs_of, value_of
@@ -77,4 +77,4 @@ def test_where_both_signs_fire_the_zero_is_the_mean():
 @pytest.mark.parametrize(("model", "key"), [("send-on-delta", "threshold"), ("burst", "ra1.gain")])
 def test_a_value_that_calibration_finds_is_refused(model, key):
     with pytest.raises(InputError, match=f"{key}: calibration sets it"):
-        way_of(load(model), {key: 2.0})
+        calibration_for(load(model), {key: 2.0})

@@ -27,7 +27,7 @@ from neurotact.encoders.calibration import (
     _wakes,
     calibrate,
     calibrate_causally,
-    way_of,
+    calibration_for,
     with_opposite,
 )
 from neurotact.encoders.encoding import encode_recordings
@@ -573,12 +573,12 @@ def test_sa1_of_the_falling_signal_that_fire_at_rest_are_told_from_others():
 def test_given_polarities_and_rectified_signals_leave_no_choice():
     rectified = SPEC.model_copy(update={"conditioning": SPEC.conditioning.model_copy(update={"rectify": True})})
     for spec, keys in ((SPEC, {"sa1.opposite": False}), (rectified, {}), (with_opposite(SPEC), {})):
-        assert way_of(spec, keys)[1] == 5
+        assert calibration_for(spec, keys)[1] == 5
 
 
 @pytest.mark.parametrize("rate_Hz", [1000.0, 100.0, 50.0])
 def test_every_step_of_the_choice_is_counted_whatever_the_sampling_rate(rate_Hz):
-    fit, times = way_of(SPEC, {})
+    fit, times = calibration_for(SPEC, {})
     steps = []
     fit(slides(rate_Hz=rate_Hz), SPEC, lambda n, note: steps.append(n), RULE, tell=False)
     assert sum(steps) == times * RULE.candidates

@@ -8,7 +8,7 @@ import pytest
 from test_calibration import RULE, slides
 
 from neurotact import spec as specs
-from neurotact.encoders.calibration import calibrate, way_of
+from neurotact.encoders.calibration import calibrate, calibration_for
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.gain_search import suited_rule
 from neurotact.encoders.mechanoreceptor import MechanoreceptorSpec
@@ -70,4 +70,4 @@ def test_a_slow_sensor_has_no_pc_and_a_slow_search_has_fewer_trials():
         calibrate(slow, with_pc, rule=QUICK)
     assert suited_rule(with_pc, RULE.model_copy(update={"trials_per_class": 64}), n_classes=8).trials_per_class == 16
     with pytest.raises(InputError, match=r"pc\.gain: calibration sets it"):
-        way_of(with_pc, {"pc.gain": 1.0})
+        calibration_for(with_pc, {"pc.gain": 1.0})

@@ -44,13 +44,13 @@ def touches(tmp_path):
 
 def encoded(touches, monkeypatch, **changes):
     """The run folder, its study and the encoder with which each cell's spikes were made."""
-    way_of = calibration.way_of
+    calibration_for = calibration.calibration_for
 
     def quickly(spec, given, **choices):
-        fit, times = way_of(spec, given, **choices)
+        fit, times = calibration_for(spec, given, **choices)
         return lambda recordings, spec, rule: fit(recordings, spec, rule=RULE), times
 
-    monkeypatch.setattr(preparation, "way_of", quickly)
+    monkeypatch.setattr(preparation, "calibration_for", quickly)
     what = loading.resolve("own-recordings", {**SMALL, **changes}, data=touches)
     folder = touches.parent / "run"
     preparation.prepare(folder, what, list(study.cells(what)))

@@ -72,7 +72,7 @@ def _few_candidates(monkeypatch):
     """Fewer gains to try: the calibration is the study's own, at a third of the time."""
     monkeypatch.setattr(
         preparation,
-        "way_of",
+        "calibration_for",
         lambda spec, given, **choices: (
             lambda recordings, spec, *, rule: calibration.calibrate(recordings, spec, rule=RULE),
             1,

@@ -166,7 +166,7 @@ def test_gains_are_fitted_on_training_trials_alone(tmp_path, monkeypatch, only_k
         given.append(sorted({int(signal[0, 0]) for signal in recordings.signals}))
         return SimpleNamespace(encoder=spec.model_copy(update={"tau_mem_ms": 8.0}))
 
-    monkeypatch.setattr(preparation, "way_of", lambda spec, given, **choices: (fitted, 1))
+    monkeypatch.setattr(preparation, "calibration_for", lambda spec, given, **choices: (fitted, 1))
     monkeypatch.setattr(preparation, "load_dataset", lambda _: touches)
     preparation.prepare(tmp_path, what, [cell])
     train = split_conditions(table, ["force_N"], cell.split).train
@@ -198,7 +198,7 @@ def test_a_window_longer_than_the_shortest_trial_is_refused_before_calibration(
     def calibrated(*_, **__):
         raise AssertionError("calibration began")
 
-    monkeypatch.setattr(preparation, "way_of", calibrated)
+    monkeypatch.setattr(preparation, "calibration_for", calibrated)
     refused = f"trial 25 lasts {(length_ms - 1) / 1e3:.3f} s, less than the {length_ms / 1e3:.3f} s"
     with pytest.raises(InputError, match=refused):
         preparation.prepare(tmp_path / "longer", what, [*study.cells(what)])
