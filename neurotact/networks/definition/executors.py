@@ -277,8 +277,8 @@ def require(executor: str, subject: Subject) -> None:
     """
     name = lacking(executor, subject)
     if name is not None:
-        found = EXECUTORS[executor]
-        raise InputError(f"{name}: {found.what} does not run it: {found.lacks[name]}; {FEATURES[name].instead}")
+        entry = EXECUTORS[executor]
+        raise InputError(f"{name}: {entry.what} does not run it: {entry.lacks[name]}; {FEATURES[name].instead}")
 
 
 def lacking(executor: str, subject: Subject) -> str | None:

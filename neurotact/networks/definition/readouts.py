@@ -38,8 +38,8 @@ class Stretches(NamedTuple):
         [[[1.0], [2.0]]]
         """
         n_steps = spikes.shape[-2]
-        at = [min(k * self.steps, n_steps) for k in range(self.number)] + [n_steps]
-        lengths = [stop - start for start, stop in pairwise(at)]
+        ends = [min(k * self.steps, n_steps) for k in range(self.number)] + [n_steps]
+        lengths = [stop - start for start, stop in pairwise(ends)]
         return torch.stack([part.sum(dim=-2) for part in spikes.split(lengths, dim=-2)], dim=-2)
 
     def sums(self, counts: Tensor, weights: Tensor) -> Tensor:
@@ -98,8 +98,8 @@ class Integration:
     def over(self, gained: Tensor) -> Iterator[Tensor]:
         """The value after each step of windows `(trial, time, class)`."""
         y, value = self.start(*gained.shape[:-2])
-        for each in gained.unbind(dim=-2):
-            y, value = self.after(each, y, value)
+        for gain in gained.unbind(dim=-2):
+            y, value = self.after(gain, y, value)
             yield value
 
     def of(self, gained: Tensor) -> Tensor:

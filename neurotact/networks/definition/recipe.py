@@ -216,11 +216,11 @@ def training_of(spec: RSNNSpec) -> TrainingSpec:
     return resolve(spec, Seen(1, 1, 1000.0, 1.0)).training
 
 
-def described(asked: RSNNSpec, seen: Seen) -> Iterator[str]:
+def described(spec: RSNNSpec, seen: Seen) -> Iterator[str]:
     """The choices of a spec's recipe, one line per key, without given keys; nothing without a recipe."""
-    if asked.recipe is None:
+    if spec.recipe is None:
         return
-    given = asked.model_dump(mode="json")
+    given = spec.model_dump(mode="json")
     known = {*given, *(f"training.{key}" for key in given.get("training", {}))}
     for choice in choices(seen, given):
         if choice.key not in known:

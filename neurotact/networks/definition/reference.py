@@ -48,10 +48,10 @@ class Model(NamedTuple):
     stretches: Stretches | None = None
 
 
-def counts(model: Model, spikes: Tensor, heard: Tensor | None = None) -> tuple[Tensor, Tensor]:
+def counts(model: Model, spikes: Tensor, factors: Tensor | None = None) -> tuple[Tensor, Tensor]:
     """Readout counts or values `(trial, class)` and hidden counts `(trial, hidden)` over a window.
 
-    heard: factors of the input from each hidden neuron to an integrator that leaks, `(hidden,)`, or that has stretches,
+    factors: of the input from each hidden neuron to an integrator that leaks, `(hidden,)`, or that has stretches,
         `(trial, hidden)`; by default all 1.
     """
     sent, _ = cuba_lif_layer(spikes.to(model.w_in.dtype), model.w_in, model.w_rec, **model.hidden._asdict())
@@ -60,18 +60,18 @@ def counts(model: Model, spikes: Tensor, heard: Tensor | None = None) -> tuple[T
         decided, _ = cuba_lif_layer(sent, model.w_out, None, **model.readout._asdict())
         return decided.sum(dim=-2), hidden
     if model.stretches is not None:
-        values = stretched(model.stretches, model.stretches.counts(sent), model.w_out, heard) + integration.level
+        values = stretched(model.stretches, model.stretches.counts(sent), model.w_out, factors) + integration.level
     elif integration.leaks:
-        w_out = model.w_out if heard is None else model.w_out * heard[..., None]
+        w_out = model.w_out if factors is None else model.w_out * factors[..., None]
         values = integration.of(product(sent.double(), w_out.double()))
     else:
         values = product(hidden.double(), model.w_out.double()) + integration.level
     return values.to(model.w_out.dtype), hidden
 
 
-def stretched(stretches: Stretches, counts: Tensor, w_out: Tensor, heard: Tensor | None) -> Tensor:
+def stretched(stretches: Stretches, counts: Tensor, w_out: Tensor, factors: Tensor | None) -> Tensor:
     """What hidden spikes in each stretch, `(trial, K, hidden)`, add to the classes, `(trial, class)` float64."""
-    counts = counts if heard is None else counts * heard[..., None, :]
+    counts = counts if factors is None else counts * factors[..., None, :]
     return stretches.sums(counts.double(), w_out.double())
 
 

@@ -232,13 +232,13 @@ class RSNN(nn.Module):
         """Whether the readout is an integrator whose value depends on the times of spikes."""
         return (integration := self.integration) is not None and integration.leaks
 
-    def forward(self, spikes: Tensor, heard: Tensor | None = None) -> Counts:
+    def forward(self, spikes: Tensor, factors: Tensor | None = None) -> Counts:
         """Spike counts over the whole window, for training.
 
-        heard: factors of the input from each hidden neuron to an integrator that leaks, `(hidden,)`, or that has
+        factors: of the input from each hidden neuron to an integrator that leaks, `(hidden,)`, or that has
             stretches, `(trial, hidden)`; by default all 1.
         """
-        return self.counts(self.binned(spikes), heard)
+        return self.counts(self.binned(spikes), factors)
 
     def binned(self, spikes: Tensor) -> Tensor:
         """Input spikes on the network's clock, `(trial, bin, afferent)`."""
@@ -259,22 +259,22 @@ class RSNN(nn.Module):
         own.spike = self.spike
         return own.to(self.w_in.device)
 
-    def counts(self, spikes: Tensor, heard: Tensor | None = None) -> Counts:
+    def counts(self, spikes: Tensor, factors: Tensor | None = None) -> Counts:
         """`forward` for spikes that are `binned`."""
         self._check(spikes)
         if not self._native():
-            return Counts(*reference.counts(self.model, spikes, heard))
+            return Counts(*reference.counts(self.model, spikes, factors))
         integration = self.integration
         if integration is None:
             return Counts(*native.rsnn_counts(spikes, self))
         if self.stretches is not None:
             hidden = self._hidden_counts(spikes, self.stretches)
-            values = reference.stretched(self.stretches, hidden, self.readout_weights, heard) + integration.level
+            values = reference.stretched(self.stretches, hidden, self.readout_weights, factors) + integration.level
             return Counts(values.to(hidden), hidden.sum(dim=1))
         if not integration.leaks:
             hidden = self._hidden_counts(spikes)
             return Counts(self.sums(hidden), hidden)
-        w_out = self.w_out if heard is None else self.w_out * heard[:, None]
+        w_out = self.w_out if factors is None else self.w_out * factors[:, None]
         values, hidden = native.rsnn_counts(spikes, self, w_out)
         return Counts(values + integration.level.to(values), hidden)
 
@@ -330,8 +330,8 @@ class RSNN(nn.Module):
         For an integrator, the reference simulates full windows and ignores the steps after the exit.
         """
         n_steps, spikes = spikes.shape[1], self.binned(spikes)
-        found = self._infer(spikes, rule.in_bins(self.steps_per_bin))
-        return found._replace(steps=(found.steps * self.steps_per_bin).clamp(max=n_steps))
+        inference = self._infer(spikes, rule.in_bins(self.steps_per_bin))
+        return inference._replace(steps=(inference.steps * self.steps_per_bin).clamp(max=n_steps))
 
     def _infer(self, spikes: Tensor, rule: ExitRule) -> Inference:
         """`infer` for spikes that are `binned`; its steps are the network's."""
@@ -340,8 +340,8 @@ class RSNN(nn.Module):
         if (integration := self.integration) is not None:
             n_values = spikes.shape[1] * (self.n_inputs + self.spec.hidden + self.n_classes)
             parts = spikes.split(max(1, RASTER_VALUES // max(1, n_values)))
-            found = (self._infer_sums(part, rule, integration) for part in parts)
-            return Inference(*map(torch.cat, zip(*found, strict=True)))
+            inferences = (self._infer_sums(part, rule, integration) for part in parts)
+            return Inference(*map(torch.cat, zip(*inferences, strict=True)))
         return self._infer_by_steps(spikes, rule)
 
     def _infer_sums(self, spikes: Tensor, rule: ExitRule, integration: Integration) -> Inference:
@@ -382,10 +382,10 @@ class RSNN(nn.Module):
             leader = leader.after(readout_spikes[:, 0].to(torch.int64))
             done = leader.exits(rule) if t + 1 < n_steps else torch.ones_like(leader.index, dtype=torch.bool)
             if done.any():
-                at = running[done]
-                result.labels[at], result.steps[at] = leader.index[done], t + 1
-                result.input_spikes[at], result.hidden_spikes[at] = totals[done].unbind(dim=1)
-                result.readout[at] = leader.counts[done]
+                ended = running[done]
+                result.labels[ended], result.steps[ended] = leader.index[done], t + 1
+                result.input_spikes[ended], result.hidden_spikes[ended] = totals[done].unbind(dim=1)
+                result.readout[ended] = leader.counts[done]
                 left = ~done
                 running, totals, leader = running[left], totals[left], leader.select(left)
                 hidden, readout = (type(state)(*(part[left] for part in state)) for state in (hidden, readout))

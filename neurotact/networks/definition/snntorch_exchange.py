@@ -152,7 +152,7 @@ def to_snntorch(network: RSNN, *, time_first: bool = False) -> SnnTorchNetwork:
     _forget(hidden)
     late = 0 if network.spec.membrane == "immediate" else 2
     level, w_stretch = (
-        None if each is None else nn.Parameter(each.detach().clone()) for each in (network.bias, network.w_stretch)
+        None if value is None else nn.Parameter(value.detach().clone()) for value in (network.bias, network.w_stretch)
     )
     integration = network.integration
     exported = SnnTorchNetwork(
@@ -171,7 +171,7 @@ def _dynamics(network: RSNN, layer: int) -> dict[str, Any]:
     # Learned parameters have one value per layer. The others have one per neuron: snnTorch's own export to NIR takes
     # the size of a layer from them.
     values = {name: getattr(network, name)[layer].detach().clone() for name in DYNAMICS}
-    values = {name: each if name in network.spec.learn else each.repeat(n_neurons) for name, each in values.items()}
+    values = {name: value if name in network.spec.learn else value.repeat(n_neurons) for name, value in values.items()}
     learned = {f"learn_{name}": name in network.spec.learn for name in values}
     return {**values, **learned, "spike_grad": slope, "reset_mechanism": network.spec.reset}
 
@@ -237,7 +237,7 @@ def from_snntorch(
     spec = build(RSNNSpec, table, source="snnTorch network")
     sizes = layers.fc_in.in_features, layers.fc_out.out_features
     network = RSNN(*sizes, spec, sampling_rate_Hz, backend=backend, generator=torch.Generator())
-    weights = (each.weight.t() for each in (layers.fc_in, layers.recurrent, layers.fc_out))
+    weights = (layer.weight.t() for layer in (layers.fc_in, layers.recurrent, layers.fc_out))
     names = ("w_in", "w_rec", "w_out", *DYNAMICS)
     values = (*weights, alpha, beta, threshold)
     network.load_state_dict({name: value.detach() for name, value in zip(names, values, strict=True)})
@@ -272,8 +272,8 @@ def _surrogate_scales(layers: _Layers) -> dict[str, float | None]:
             "spike_grad: the hidden layer and the readout have different surrogates, and only one is a fast sigmoid; "
             "give both the same"
         )
-    found: dict[str, float | None] = {} if scale is None else {"surrogate_scale": scale}
-    return found if scale == readout_scale else {**found, "readout_surrogate_scale": readout_scale}
+    scales: dict[str, float | None] = {} if scale is None else {"surrogate_scale": scale}
+    return scales if scale == readout_scale else {**scales, "readout_surrogate_scale": readout_scale}
 
 
 def _linear(weight: Tensor) -> nn.Linear:
@@ -291,12 +291,12 @@ def _forget(*neurons: nn.Module) -> None:
 def _four(
     parts: nn.Module | Sequence[nn.Module],
 ) -> tuple[nn.Linear, snntorch.RSynaptic, nn.Linear, snntorch.Synaptic]:
-    found = list(_layers(parts)) if isinstance(parts, nn.Module) else list(parts)
+    four = list(_layers(parts)) if isinstance(parts, nn.Module) else list(parts)
     kinds = (nn.Linear, snntorch.RSynaptic, nn.Linear, snntorch.Synaptic)
-    if len(found) != 4 or not all(type(part) is kind for part, kind in zip(found, kinds, strict=True)):
-        names = ", ".join(type(part).__name__ for part in found) or "nothing"
+    if len(four) != 4 or not all(type(part) is kind for part, kind in zip(four, kinds, strict=True)):
+        names = ", ".join(type(part).__name__ for part in four) or "nothing"
         raise InputError(f"network: must be Linear, RSynaptic, Linear, Synaptic; found {names}")
-    return tuple(found)  # pyright: ignore[reportReturnType]
+    return tuple(four)  # pyright: ignore[reportReturnType]
 
 
 def _layers(module: nn.Module) -> Iterator[nn.Module]:

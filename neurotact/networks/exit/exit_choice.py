@@ -93,7 +93,7 @@ def margin_exits(rasters: Tensor | np.ndarray, margins: Tensor, integration: Int
     """
     spikes = _checked(rasters, integration)
     n_steps = spikes.shape[1]
-    per_step = [(torch.where(each.heard, each.lead(), -1.0), each.index) for each in _leaders(spikes, integration)]
+    per_step = [(torch.where(lead.heard, lead.lead(), -1.0), lead.index) for lead in _leaders(spikes, integration)]
     leads, leading = (torch.stack(part, dim=1) for part in zip(*per_step, strict=True))
     wanted = margins.to(leads).expand(len(leads), -1).contiguous()
     reached = torch.searchsorted(leads.cummax(dim=1).values.contiguous(), wanted)
@@ -110,13 +110,13 @@ def _leaders(spikes: Tensor, integration: Integration | None) -> Iterator[Leader
         yield leader
 
 
-def right_of(found: Exits, labels: Tensor | np.ndarray) -> Tensor:
+def right_of(decisions: Exits, labels: Tensor | np.ndarray) -> Tensor:
     """How many trials each rule decides correctly, `(rule,)`.
 
     >>> right_of(exits(torch.tensor([[[1, 0], [0, 1], [0, 1]]])), torch.tensor([1])).tolist()
     [0, 1, 1]
     """
-    return (found.labels == _labels(labels, found)[:, None]).sum(dim=0)
+    return (decisions.labels == _labels(labels, decisions)[:, None]).sum(dim=0)
 
 
 def least(right: Tensor, n_trials: int, tolerance: float) -> int:
@@ -148,21 +148,21 @@ def steady(validation: Tensor, n_validation: int, training: Tensor, n_training: 
     return int(worst[-1]) + 1 if len(worst) else 0
 
 
-def patience_rule(place: int, steps_per_bin: int = 1) -> ExitRule:
+def patience_rule(index: int, steps_per_bin: int = 1) -> ExitRule:
     """The rule of a column of `exits`, counted from the first step at which the readout changes.
 
     steps_per_bin: steps of the input's clock for one of the rasters.
     """
-    return ExitRule((place + 1) * steps_per_bin, from_first_spike=True)
+    return ExitRule((index + 1) * steps_per_bin, from_first_spike=True)
 
 
-def margin_rule(margins: Tensor, place: int) -> ExitRule:
+def margin_rule(margins: Tensor, index: int) -> ExitRule:
     """The rule of a column of `margin_exits`; the last column is the full window.
 
     >>> margin_rule(torch.tensor([0.5, 1.0]), 1).margin, margin_rule(torch.tensor([0.5, 1.0]), 2).never
     (1.0, True)
     """
-    return ExitRule(from_first_spike=True, margin=float(margins[place])) if place < len(margins) else FULL_WINDOW
+    return ExitRule(from_first_spike=True, margin=float(margins[index])) if index < len(margins) else FULL_WINDOW
 
 
 def _within(accuracy: Tensor, tolerance: float) -> Tensor:
@@ -211,13 +211,13 @@ def oracle_exit(
     {'steps': tensor([3]), 'labels': tensor([1]), 'patience': tensor([2])}
     """
     ExitRule(patience)  # refuses a patience below 1
-    found = printed_exits(rasters, integration) if as_printed else exits(rasters, False, integration)
-    n_steps = found.steps.shape[1]
+    decisions = printed_exits(rasters, integration) if as_printed else exits(rasters, False, integration)
+    n_steps = decisions.steps.shape[1]
     start = min(patience, n_steps) - 1
-    right = found.labels[:, start:] == _labels(labels, found)[:, None]
+    right = decisions.labels[:, start:] == _labels(labels, decisions)[:, None]
     # argmax finds the first true; without one, the last column is used.
-    at = torch.where(right.any(dim=1), start + right.to(torch.uint8).argmax(dim=1), n_steps - 1)[:, None]
-    return OracleExit(found.steps.gather(1, at)[:, 0], found.labels.gather(1, at)[:, 0], at[:, 0] + 1)
+    steps = torch.where(right.any(dim=1), start + right.to(torch.uint8).argmax(dim=1), n_steps - 1)[:, None]
+    return OracleExit(decisions.steps.gather(1, steps)[:, 0], decisions.labels.gather(1, steps)[:, 0], steps[:, 0] + 1)
 
 
 def _checked(rasters: Tensor | np.ndarray, integration: Integration | None) -> Tensor:
@@ -231,8 +231,8 @@ def _checked(rasters: Tensor | np.ndarray, integration: Integration | None) -> T
     return spikes.detach().to(torch.int64)
 
 
-def _labels(labels: Tensor | np.ndarray, found: Exits) -> Tensor:
-    true = torch.as_tensor(labels, device=found.labels.device)
-    if true.shape != found.labels.shape[:1]:
-        raise InputError(f"labels: have shape {tuple(true.shape)} where ({len(found.labels)},) is expected")
+def _labels(labels: Tensor | np.ndarray, decisions: Exits) -> Tensor:
+    true = torch.as_tensor(labels, device=decisions.labels.device)
+    if true.shape != decisions.labels.shape[:1]:
+        raise InputError(f"labels: have shape {tuple(true.shape)} where ({len(decisions.labels)},) is expected")
     return true

@@ -48,7 +48,7 @@ def simulate_windows(network: RSNN, examples: Examples) -> SimulatedWindows:
     return SimulatedWindows(torch.cat(readout), torch.cat(inputs), torch.cat(hidden), examples.labels, integration)
 
 
-def cut_short(network: RSNN, heard: SimulatedWindows, cuts_ms: Sequence[float]) -> list[dict[str, Any]]:
+def cut_short(network: RSNN, windows: SimulatedWindows, cuts_ms: Sequence[float]) -> list[dict[str, Any]]:
     """Accuracy and mean SOPs at each cut within the window; the counts at its last step decide.
 
     Columns: cut_ms, accuracy_test, and sops_* as in results.csv.
@@ -56,11 +56,11 @@ def cut_short(network: RSNN, heard: SimulatedWindows, cuts_ms: Sequence[float]) 
     rows = []
     for cut_ms in cuts_ms:
         n_steps = round(cut_ms * 1e-3 * network.clock_Hz)
-        if 1 <= n_steps <= heard.readout.shape[1]:
-            until = heard.readout[:, :n_steps]
-            chosen = (until.sum(dim=1) if heard.integration is None else heard.integration.of(until)).argmax(dim=1)
+        if 1 <= n_steps <= windows.readout.shape[1]:
+            until = windows.readout[:, :n_steps]
+            chosen = (until.sum(dim=1) if windows.integration is None else windows.integration.of(until)).argmax(dim=1)
             steps = torch.full_like(chosen, n_steps)
-            rows.append({"cut_ms": cut_ms, **judged(network, heard, steps, chosen)})
+            rows.append({"cut_ms": cut_ms, **judged(network, windows, steps, chosen)})
     return rows
 
 
@@ -83,7 +83,7 @@ def exit_curve(
     for mode, decide in (("validated", _validated), ("oracle", _oracle), ("printed", _printed)):
         on_test, on_validation = decide(test, within), decide(validation, within)
         for patience, (steps, chosen), (_, decided) in zip(within, on_test, on_validation, strict=True):
-            found = judged(network, test, steps, chosen)
+            row = judged(network, test, steps, chosen)
             mean = n * float(steps.double().mean())
             rows.append(
                 {
@@ -93,10 +93,10 @@ def exit_curve(
                     "exit_steps": mean,
                     "exit_steps_sd": n * float(steps.double().std(correction=0)),
                     "exit_steps_right": _mean_where(chosen == test.labels, steps * n),
-                    **found,
-                    "accuracy_lost": whole["accuracy_test"] - found["accuracy_test"],
+                    **row,
+                    "accuracy_lost": whole["accuracy_test"] - row["accuracy_test"],
                     "steps_saved": 1.0 - mean / (n * n_bins),
-                    "sops_saved": 1.0 - found["sops_total"] / max(whole["sops_total"], 1.0),
+                    "sops_saved": 1.0 - row["sops_total"] / max(whole["sops_total"], 1.0),
                 }
             )
     return rows
@@ -104,8 +104,8 @@ def exit_curve(
 
 def _validated(windows: SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
     """Steps and labels `(window,)` at each patience, counted from the first readout spike."""
-    found = exits(windows.readout, integration=windows.integration)
-    return [(found.steps[:, patience - 1], found.labels[:, patience - 1]) for patience in patiences]
+    decisions = exits(windows.readout, integration=windows.integration)
+    return [(decisions.steps[:, patience - 1], decisions.labels[:, patience - 1]) for patience in patiences]
 
 
 def _oracle(windows: SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:

@@ -163,8 +163,8 @@ def together(trains: SpikeTrains, task: Task, device: str) -> Run:
 
     The median stop compares with the trials of earlier batches alone, so this does not change which trials it stops.
     """
-    place, sides = population.device_of(device), tasks.sides_of(trains, task)
-    return lambda jobs: iter(population.run([trial_course(job, trains, sides, place) for job in jobs]))
+    where, sides = population.device_of(device), tasks.sides_of(trains, task)
+    return lambda jobs: iter(population.run([trial_course(job, trains, sides, where) for job in jobs]))
 
 
 @contextmanager
@@ -386,9 +386,9 @@ def _try_from_disk(job_and_path: tuple[Job, Path]) -> Trial:
 @lru_cache(maxsize=1)
 def _read(path: Path, task: str) -> tuple[SpikeTrains, Sides]:
     """Read the spikes and cut windows once per process, not once per trial."""
-    asked = Task.model_validate_json(task)
-    trains = tasks.load_spikes(path, asked)
-    return trains, tasks.sides_of(trains, asked)
+    parsed = Task.model_validate_json(task)
+    trains = tasks.load_spikes(path, parsed)
+    return trains, tasks.sides_of(trains, parsed)
 
 
 def _sha256(trains: SpikeTrains) -> str:

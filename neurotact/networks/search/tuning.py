@@ -157,12 +157,12 @@ def values_of(network: RSNNSpec, space: Space) -> dict[str, Any]:
     >>> values_of(RSNNSpec(hidden=40), {"hidden": {}, "training.batch": {}, "readout_tau_ms": {}})
     {'hidden': 40, 'training.batch': 128}
     """
-    found = {}
+    values = {}
     for key in space:
         value = attrgetter(key)(network)
         if value is not None:
-            found[key] = list(value) if isinstance(value, tuple) else value
-    return found
+            values[key] = list(value) if isinstance(value, tuple) else value
+    return values
 
 
 def apply(network: RSNNSpec, parameters: Mapping[str, Any], source: str) -> RSNNSpec:
@@ -362,7 +362,7 @@ def _complaint(dimension: Mapping[str, Any]) -> str:
 
 def _suits(kind: str, arguments: list[Any]) -> bool:
     if kind == "choice":
-        is_once = all(value not in arguments[:place] for place, value in enumerate(arguments))
+        is_once = all(value not in arguments[:index] for index, value in enumerate(arguments))
         return bool(arguments) and is_once and not any(isinstance(value, Mapping) for value in arguments)
     if len(arguments) != (3 if kind.startswith("q") else 2) or not all(map(_is_number, arguments)):
         return False

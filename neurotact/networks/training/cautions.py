@@ -33,13 +33,13 @@ def not_learned(accuracy: float, low: float, guess: float, command: Command = "t
 
 
 def worse_than_baseline(
-    found: Comparison, spec: RSNNSpec, command: Command = "train", searched: Collection[str] = ()
+    comparison: Comparison, spec: RSNNSpec, command: Command = "train", searched: Collection[str] = ()
 ) -> Iterator[str]:
     """Whether a classifier on the same spikes is clearly better than the network of this spec.
 
     searched: keys of the network that a search has chosen.
     """
-    if found.verdict == "worse":
+    if comparison.verdict == "worse":
         is_larger_possible = spec.hidden <= MOST_HIDDEN // 2 and "hidden" not in searched
         last = {"train": "`nt.tune`", "tune": "more trials (`trials`)", "fine-tune": "`nt.tune`"}[command]
         remedies = [
@@ -48,8 +48,8 @@ def worse_than_baseline(
             last,
         ]
         yield (
-            f"{found.rival} of the same spikes is better, {100 * found.rival_accuracy:.1f} % "
-            f"against {100 * found.accuracy:.1f} %; {_again(command) or 'try'} {' or '.join(remedies)}"
+            f"{comparison.rival} of the same spikes is better, {100 * comparison.rival_accuracy:.1f} % "
+            f"against {100 * comparison.accuracy:.1f} %; {_again(command) or 'try'} {' or '.join(remedies)}"
         )
 
 
@@ -138,14 +138,14 @@ def training(log: pd.DataFrame, spec: TrainingSpec, keys: str = "", command: Com
         yield f"training stopped after epoch {spec.epochs}, its last, before it converged; raise {keys}training.epochs"
 
 
-def together(found: Sequence[Sequence[str]]) -> list[str]:
+def together(lists: Sequence[Sequence[str]]) -> list[str]:
     """Each caution of several networks once, with its number of networks, in the order of first occurrence.
 
     >>> together([["it diverged"], [], ["it diverged"]])
     ['2 of 3 networks: it diverged']
     """
     counts: dict[str, int] = {}
-    for cautions in found:
+    for cautions in lists:
         for caution in cautions:
             counts[caution] = counts.get(caution, 0) + 1
-    return [f"{n} of {len(found)} networks: {caution}" for caution, n in counts.items()]
+    return [f"{n} of {len(lists)} networks: {caution}" for caution, n in counts.items()]

@@ -159,10 +159,10 @@ def check(tensors: Mapping[str, Tensor], expected: Expected, path: Path, fix: st
         if name not in expected:
             raise InputError(f"{path}: '{name}' is unknown ({nearest(name, [*expected])}); {fix}")
     for name, (shape, dtype) in expected.items():
-        found = tensors[name]
-        if tuple(found.shape) != shape or found.dtype != dtype:
+        tensor = tensors[name]
+        if tuple(tensor.shape) != shape or tensor.dtype != dtype:
             raise InputError(
-                f"{path}: '{name}' is {tuple(found.shape)} {found.dtype} where {shape} {dtype} is expected; {fix}"
+                f"{path}: '{name}' is {tuple(tensor.shape)} {tensor.dtype} where {shape} {dtype} is expected; {fix}"
             )
-        if not found.isfinite().all():
+        if not tensor.isfinite().all():
             raise InputError(f"{path}: '{name}' holds NaN or infinity; {fix}")

@@ -118,24 +118,24 @@ def opponents_of(sides: Sides, trials: Trials) -> Iterator[Opponent]:
             yield Opponent(f"{name} on {source}", *shares, float(held.mean()), float(tested.mean()))
 
 
-def lines(found: Comparison) -> tuple[str, str]:
+def lines(against: Comparison) -> tuple[str, str]:
     """The accuracy, and what it is compared with, in words."""
     accuracy, low, high, chance, commonest, baseline, rival = (
         f"{100 * share:.1f} %"
         for share in (
-            found.accuracy, found.low, found.high, found.chance, found.commonest, found.baseline_accuracy,
-            found.rival_accuracy,
+            against.accuracy, against.low, against.high, against.chance, against.commonest, against.baseline_accuracy,
+            against.rival_accuracy,
         )
     )  # fmt: skip
     verdict = {
         "better": "the network is clearly better",
-        "worse": f"{found.rival} {rival} is clearly better than the network",
+        "worse": f"{against.rival} {rival} is clearly better than the network",
         "tie": "no clear difference",
-    }[found.verdict]
+    }[against.verdict]
     return (
-        f"accuracy {accuracy} (95 % interval {low} to {high}, {found.trials} test trials)",
+        f"accuracy {accuracy} (95 % interval {low} to {high}, {against.trials} test trials)",
         f"baselines: chance {chance}, always the commonest class {commonest}, best on the same spikes: "
-        f"{found.baseline} {baseline}; {verdict}",
+        f"{against.baseline} {baseline}; {verdict}",
     )
 
 

@@ -29,7 +29,7 @@ def evenly(values: Sequence[Any], n: int) -> list[Any]:
     ([10, 30, 50], [20])
     """
     places = [(len(values) - 1) / 2] if n == 1 else np.linspace(0, len(values) - 1, n)
-    return [values[int(place)] for place in np.round(places)]
+    return [values[int(position)] for position in np.round(places)]
 
 
 def plan(conditions: pd.DataFrame, column: str) -> list[tuple[Any, list[Any]]]:
@@ -43,8 +43,8 @@ def plan(conditions: pd.DataFrame, column: str) -> list[tuple[Any, list[Any]]]:
     """
     values = values_to_leave_out(conditions, column)
     if len(values) < 3:
-        found = ", ".join(map(str, values))
-        raise InputError(f"`column`: a curve needs three values of {column}, and trials have {found}; record another")
+        listed = ", ".join(map(str, values))
+        raise InputError(f"`column`: a curve needs three values of {column}, and trials have {listed}; record another")
     tested = evenly(values, min(MOST_TESTED, len(values)))
     others = {value: [one for one in values if one != value] for value in tested}
     return [(value, evenly(others[value], n)) for value in tested for n in range(1, len(values))]
@@ -56,11 +56,11 @@ def curve(trains: SpikeTrains, spec: RSNNSpec, task: Task, column: str, seed: in
     task: its split is not used: test trials are all of the tested value, and training has as many trials whatever the
     number of values, so that a further value does not count as more data.
     """
-    asked = plan(trains.conditions, column)
+    pairs = plan(trains.conditions, column)
     values, labels = trains.conditions[column].to_numpy(), trains.labels
     rng = np.random.default_rng(seed)
     least = min(int((values == value).sum()) for value in set(values.tolist()))
-    for tested, trained_on in asked:
+    for tested, trained_on in pairs:
         pool = np.flatnonzero(np.isin(values, trained_on))
         pool = np.sort(_some(rng, pool, labels, values, least))
         kept = tasks.held_out(trains, pool, robust.SEEN, seed)
@@ -68,14 +68,14 @@ def curve(trains: SpikeTrains, spec: RSNNSpec, task: Task, column: str, seed: in
         validation = tasks.held_out(trains, rest, VALIDATION, seed + 1)
         split = Split(np.setdiff1d(rest, validation), validation, np.flatnonzero(values == tested))
         fitted, sides = fitting.fit(trains, spec, task, (seed, seed + 1), split=split)
-        found = fitted.network.infer(sides.test.spikes)
+        inferred = fitted.network.infer(sides.test.spikes)
         seen, _ = tasks.examples_of(trains, kept, task.window)
         yield {
             "tested": tested,
             "trained": len(trained_on),
             "accuracy_seen": measuring.accuracy_of(fitted.network.infer(seen.spikes), seen),
-            "accuracy_test": measuring.accuracy_of(found, sides.test),
-            "sops_total": float(measuring.synops_of(found, fitted.network).total.mean()),
+            "accuracy_test": measuring.accuracy_of(inferred, sides.test),
+            "sops_total": float(measuring.synops_of(inferred, fitted.network).total.mean()),
             "n_train": len(split.train),
         }
 
@@ -84,20 +84,20 @@ def _some(rng: np.random.Generator, pool: np.ndarray, labels: np.ndarray, values
     """About n trials of a pool, drawn within each class, from all values in turn."""
     if n >= len(pool):
         return pool
-    found = []
+    parts = []
     for label in np.unique(labels[pool]):
         part = rng.permutation(pool[labels[pool] == label])
         turn = pd.Series(values[part]).groupby(values[part]).cumcount().to_numpy()
-        found.append(part[np.argsort(turn, kind="stable")][: max(3, round(n * len(part) / len(pool)))])
-    return np.concatenate(found)
+        parts.append(part[np.argsort(turn, kind="stable")][: max(3, round(n * len(part) / len(pool)))])
+    return np.concatenate(parts)
 
 
 def means(table: pd.DataFrame) -> pd.DataFrame:
     """Means over the tested values, one row for each number of trained ones; `least` is the worst tested value."""
     groups = table.groupby("trained", sort=True)
-    found = groups[["accuracy_seen", "accuracy_test", "sops_total"]].mean()
-    found.insert(2, "least", groups["accuracy_test"].min())
-    return found.reset_index()
+    mean = groups[["accuracy_seen", "accuracy_test", "sops_total"]].mean()
+    mean.insert(2, "least", groups["accuracy_test"].min())
+    return mean.reset_index()
 
 
 def advice(table: pd.DataFrame, column: str) -> str:
@@ -107,17 +107,17 @@ def advice(table: pd.DataFrame, column: str) -> str:
     >>> advice(pd.DataFrame(rows), "speed")
     'At a value of speed that was not trained on, accuracy is 60.0 % with 1 trained value, 90.0 % with 2, and 98.0 % at trained ones. The last one gained 30.0 points: record more values.'
     """  # noqa: E501
-    found = means(table)
+    mean = means(table)
     shares = [
         f"{100 * row.accuracy_test:.1f} % with {row.trained}{' trained value' if index == 0 else ''}"
-        for index, row in enumerate(found.itertuples())
+        for index, row in enumerate(mean.itertuples())
     ]
-    last, seen = found["accuracy_test"].iloc[-1], found["accuracy_seen"].iloc[-1]
+    last, seen = mean["accuracy_test"].iloc[-1], mean["accuracy_seen"].iloc[-1]
     said = (
         f"At a value of {column} that was not trained on, accuracy is {', '.join(shares)}, and {100 * seen:.1f} % at "
         "trained ones."
     )
-    gained = last - found["accuracy_test"].iloc[-2]
+    gained = last - mean["accuracy_test"].iloc[-2]
     if seen - last <= ENOUGH:
         return f"{said} Nothing is lost at untrained values: these are enough."
     if gained > ENOUGH:

@@ -152,19 +152,19 @@ def exit_rule(
         margins = exit_choice.margins_up_to(max(leads), integration)
     right = _right(network, validation, margins)
     if training is None:
-        place = exit_choice.least(right, len(validation.labels), tolerance)
+        index = exit_choice.least(right, len(validation.labels), tolerance)
     else:
         right_in_training = _right(network, training, margins)
-        place = exit_choice.steady(right, len(validation.labels), right_in_training, len(training.labels), tolerance)
+        index = exit_choice.steady(right, len(validation.labels), right_in_training, len(training.labels), tolerance)
     if margins is None:
-        return exit_choice.patience_rule(place, network.steps_per_bin)
-    return exit_choice.margin_rule(margins, place)
+        return exit_choice.patience_rule(index, network.steps_per_bin)
+    return exit_choice.margin_rule(margins, index)
 
 
 def _right(network: RSNN, examples: Examples, margins: Tensor | None) -> Tensor:
     """How many windows are decided correctly with each patience or margin."""
     integration = network.integration
-    found = (
+    parts = (
         exit_choice.right_of(
             exit_choice.exits(readout, integration=integration)
             if margins is None
@@ -173,7 +173,7 @@ def _right(network: RSNN, examples: Examples, margins: Tensor | None) -> Tensor:
         )
         for readout, labels in _readouts(network, examples)
     )
-    return torch.stack([*found]).sum(dim=0).cpu()
+    return torch.stack([*parts]).sum(dim=0).cpu()
 
 
 def _readouts(network: RSNN, examples: Examples) -> Iterator[tuple[Tensor, Tensor]]:

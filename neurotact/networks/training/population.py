@@ -50,39 +50,39 @@ def run(courses: Sequence[Course[T]]) -> list[T]:
     ended: dict[int, T] = {}
     waiting: dict[int, Batch] = {}
 
-    def go_on(place: int, answer: Counts | None) -> None:
+    def go_on(course: int, answer: Counts | None) -> None:
         try:
-            asked = courses[place].send(answer)
+            request = courses[course].send(answer)
         except StopIteration as end:
-            ended[place] = end.value
+            ended[course] = end.value
         else:
-            assert isinstance(asked, Batch)
-            waiting[place] = asked
+            assert isinstance(request, Batch)
+            waiting[course] = request
 
-    for place in range(len(courses)):
-        go_on(place, None)
+    for course in range(len(courses)):
+        go_on(course, None)
     while waiting:
         for places in _together(waiting):
-            batches = [waiting.pop(place) for place in places]
+            batches = [waiting.pop(course) for course in places]
             answers: Sequence[Counts | None] = counts_of(batches)
             if batches[0].learns:
-                losses = [courses[place].send(found) for place, found in zip(places, answers, strict=True)]
+                losses = [courses[course].send(loss) for course, loss in zip(places, answers, strict=True)]
                 torch.autograd.backward(losses)  # pyright: ignore[reportArgumentType]
                 answers = [None] * len(places)
-            for place, answer in zip(places, answers, strict=True):
-                go_on(place, answer)
-    return [ended[place] for place in range(len(courses))]
+            for course, answer in zip(places, answers, strict=True):
+                go_on(course, answer)
+    return [ended[course] for course in range(len(courses))]
 
 
 def _together(waiting: dict[int, Batch]) -> list[list[int]]:
     """The places of batches that run as one: of one shape, and as many as fit in memory."""
     alike: dict[Hashable, list[int]] = {}
-    for place, batch in waiting.items():
-        alike.setdefault(_shape(batch), []).append(place)
+    for course, batch in waiting.items():
+        alike.setdefault(_shape(batch), []).append(course)
     parts = []
     for places in alike.values():
         first = waiting[places[0]]
-        n_trials = max(len(waiting[place].spikes) for place in places)
+        n_trials = max(len(waiting[course].spikes) for course in places)
         n_neurons = _width(first.network) + first.network.n_inputs + first.network.n_classes
         size = BYTES * n_trials * first.spikes.shape[1] * n_neurons
         most = max(1, _memory(first.network.w_in.device) // size)
@@ -172,14 +172,14 @@ def _heard(batches: Sequence[Batch], width: int) -> Tensor | None:
     None if all are 1.
     """
     factors = [batch.heard for batch in batches]
-    given = [each for each in factors if each is not None]
+    given = [factor for factor in factors if factor is not None]
     if not given:
         return None
     n_trials = [max(map(len, given))] if given[0].ndim == 2 else []
     rows = given[0].new_ones(len(batches), *n_trials, width)
-    for row, each in zip(rows, factors, strict=True):
-        if each is not None:
-            row[tuple(slice(size) for size in each.shape)] = each
+    for row, factor in zip(rows, factors, strict=True):
+        if factor is not None:
+            row[tuple(slice(size) for size in factor.shape)] = factor
     return rows
 
 

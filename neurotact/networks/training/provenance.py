@@ -118,7 +118,7 @@ def first_difference(
     'sa1.t_ref_ms is 5 but was 1 in training'
     >>> first_difference({"v_rest_mV": -65}, ["SA-I a"], {"v_rest_mV": -65.0}, ["SA-I a"])
     """
-    theirs, ours = (dict(_flat(_with_defaults(each))) for each in (encoder, trained_encoder))
+    theirs, ours = (dict(_flat(_with_defaults(table))) for table in (encoder, trained_encoder))
     theirs, ours = (
         keys | {f"afferent {number}": name for number, name in enumerate(names, start=1)}
         for keys, names in ((theirs, afferents), (ours, trained_on))

@@ -39,13 +39,13 @@ def tasks_of(task: Task, *, every_fold: bool, repeats: int) -> dict[str, Task]:
     n_folds = task.split.folds if every_fold else None
     if repeats > 1 and task.split.order:
         raise InputError("`repeats`: the test trials of `order` are the same for every seed; drop it")
-    found = {}
+    tasks = {}
     for seed in range(task.split.seed, task.split.seed + repeats):
         for fold in range(n_folds) if n_folds else [task.split.fold]:
             name = f"seed-{seed}-fold-{fold}" if n_folds else f"seed-{seed}"
             split = task.split.model_copy(update={"seed": seed, "fold": fold})
-            found[name] = task.model_copy(update={"split": split})
-    return found
+            tasks[name] = task.model_copy(update={"split": split})
+    return tasks
 
 
 def tasks_without(task: Task, column: str, conditions: pd.DataFrame, *, repeats: int) -> dict[str, Task]:
@@ -58,13 +58,13 @@ def tasks_without(task: Task, column: str, conditions: pd.DataFrame, *, repeats:
     [{'speed': 150}, {'speed': 300}, {'speed': 450}]
     """
     values = values_to_leave_out(conditions, column)
-    found = {}
+    tasks = {}
     for seed in range(task.split.seed, task.split.seed + repeats):
-        for place, value in enumerate(values):
-            name = f"{place}-{re.sub('[^A-Za-z0-9.+-]+', '_', f'{column}-{value}')[:60]}"
+        for index, value in enumerate(values):
+            name = f"{index}-{re.sub('[^A-Za-z0-9.+-]+', '_', f'{column}-{value}')[:60]}"
             split = task.split.model_copy(update={"seed": seed, "test_where": {column: value}})
-            found[f"seed-{seed}-{name}" if repeats > 1 else name] = task.model_copy(update={"split": split})
-    return found
+            tasks[f"seed-{seed}-{name}" if repeats > 1 else name] = task.model_copy(update={"split": split})
+    return tasks
 
 
 def run(
@@ -110,22 +110,22 @@ def run(
     return Repeated(table, resampled_interval(table["accuracy_test"], round(1000 * (1 - share)), round(1000 * share)))
 
 
-def line(found: Repeated) -> str:
+def line(repeats: Repeated) -> str:
     """The mean accuracy of all trainings in one sentence.
 
     >>> table = pd.DataFrame({"sops_total": [100.0, 200.0], "baseline": [0.5, 0.5]})
     >>> line(Repeated(table, Interval(0.9, 0.8, 1.0)))
     'accuracy 90.0 % (95 % interval 80.0 to 100.0 %) over 2 splits, 150 synaptic operations per window; the best baseline on the same spikes 50.0 %'
     """  # noqa: E501
-    mean, low, high = (100 * min(1.0, max(0.0, share)) for share in found.accuracy)
-    each = ""
-    if LEFT_OUT in found.table and found.table[LEFT_OUT].nunique() > 1:
-        means = found.table.groupby(LEFT_OUT, sort=False)["accuracy_test"].mean()
-        each = f"; without {', '.join(f'{value} {100 * share:.1f} %' for value, share in means.items())}"
+    mean, low, high = (100 * min(1.0, max(0.0, share)) for share in repeats.accuracy)
+    by_value = ""
+    if LEFT_OUT in repeats.table and repeats.table[LEFT_OUT].nunique() > 1:
+        means = repeats.table.groupby(LEFT_OUT, sort=False)["accuracy_test"].mean()
+        by_value = f"; without {', '.join(f'{value} {100 * share:.1f} %' for value, share in means.items())}"
     return (
-        f"accuracy {mean:.1f} % (95 % interval {low:.1f} to {high:.1f} %) over {len(found.table)} splits, "
-        f"{found.table['sops_total'].mean():.0f} synaptic operations per window; "
-        f"the best baseline on the same spikes {100 * found.table['baseline'].mean():.1f} %{each}"
+        f"accuracy {mean:.1f} % (95 % interval {low:.1f} to {high:.1f} %) over {len(repeats.table)} splits, "
+        f"{repeats.table['sops_total'].mean():.0f} synaptic operations per window; "
+        f"the best baseline on the same spikes {100 * repeats.table['baseline'].mean():.1f} %{by_value}"
     )
 
 

@@ -34,13 +34,13 @@ class Tried(NamedTuple):
     def row(self) -> dict[str, Any]:
         """A row of `remedies.csv`."""
         network, test = self.fitted.network, self.sides.test
-        found = network.infer(test.spikes)
+        inferred = network.infer(test.spikes)
         return {
             "augmentation": self.task.augmentation,
             "accuracy_validation": self.validation,
             "accuracy_seen": self.seen,
-            "accuracy_test": measuring.accuracy_of(found, test),
-            "sops_total": float(measuring.synops_of(found, network).total.mean()),
+            "accuracy_test": measuring.accuracy_of(inferred, test),
+            "sops_total": float(measuring.synops_of(inferred, network).total.mean()),
             "n_train": len(self.sides.train.labels),
         }
 

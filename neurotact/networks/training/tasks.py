@@ -185,8 +185,8 @@ def _among(first: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     >>> _among(np.array([0, 1, 1, 3]), np.array([1, 2, 3])).tolist()
     [0, 0, 2]
     """
-    _, place, which = np.unique(first[chosen], return_index=True, return_inverse=True)
-    return place[which]
+    _, begin, which = np.unique(first[chosen], return_index=True, return_inverse=True)
+    return begin[which]
 
 
 def examples_of(trains: SpikeTrains, trials: np.ndarray, window: WindowSpec) -> tuple[Examples, Windows]:

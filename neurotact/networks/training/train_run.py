@@ -97,7 +97,7 @@ def run(
         tasks.warn_of_onsets(trains, task.window)
         chosen = recipe.resolve(network, seen)
         effects.check_keys(given, [void_keys(chosen)], "network")
-        asked = Asked(
+        request = Asked(
             spikes=os.path.relpath(spikes, folder),
             spikes_sha256=files.sha256(spikes),
             seed=seed,
@@ -108,36 +108,36 @@ def run(
         )
         start = None
         if resume and _holds(folder, CHECKPOINT, RESULT):
-            _check_same(folder, asked)
+            _check_same(folder, request)
             if not _holds(folder, CHECKPOINT):
                 return None
-            start = _load(folder, asked, trains)
+            start = _load(folder, request, trains)
         if task.split.test_where:
             tell(nested.note(task.split.test_where, turns_of(trains.conditions, task.split)))
         for line in recipe.described(network, seen):
             tell(line)
-        return _train(trains, asked, spikes, folder, start)
+        return _train(trains, request, spikes, folder, start)
 
 
-def _train(trains: SpikeTrains, asked: Asked, spikes: Path, folder: Path, start: Checkpoint | None) -> Outcome:
-    writer = _CheckpointWriter(folder, asked, start)
+def _train(trains: SpikeTrains, request: Asked, spikes: Path, folder: Path, start: Checkpoint | None) -> Outcome:
+    writer = _CheckpointWriter(folder, request, start)
     n_before = len(start.epochs) if start else 0
     with terminated_as_interrupted():
         try:
-            with track("train", asked.network.training.epochs, done=n_before, at_most=True) as advance:
+            with track("train", request.network.training.epochs, done=n_before, at_most=True) as advance:
                 fitted, sides = fitting.fit(
                     trains,
-                    asked.network,
-                    asked.task,
-                    (asked.seed, asked.seed + 1),
-                    device=asked.device,
+                    request.network,
+                    request.task,
+                    (request.seed, request.seed + 1),
+                    device=request.device,
                     progress=lambda epoch: advance(1, line_of(epoch)),
                     start=start,
                     keep=writer.keep,
                 )
             writer.write()
-            trained.save(fitted, folder, trains, spikes, asked.task)
-            outcome = outcome_of(fitted, sides, trains, asked.task)
+            trained.save(fitted, folder, trains, spikes, request.task)
+            outcome = outcome_of(fitted, sides, trains, request.task)
             files.write_json(folder / RESULT, outcome.as_json())
             (folder / CHECKPOINT).unlink(missing_ok=True)
         except KeyboardInterrupt:
@@ -149,8 +149,8 @@ def _train(trains: SpikeTrains, asked: Asked, spikes: Path, folder: Path, start:
 class _CheckpointWriter:
     """Writes the latest checkpoint of a training, at most every `SECONDS_BETWEEN` seconds while it runs."""
 
-    def __init__(self, folder: Path, asked: Asked, start: Checkpoint | None) -> None:
-        self.folder, self.asked = folder, asked
+    def __init__(self, folder: Path, request: Asked, start: Checkpoint | None) -> None:
+        self.folder, self.asked = folder, request
         self.is_ours = start is not None
         self.epochs = len(start.epochs) if start else 0
         self.latest: Checkpoint | None = None
@@ -174,11 +174,11 @@ class _CheckpointWriter:
         self.written_at = time.monotonic()
 
 
-def _begin(folder: Path, asked: Asked) -> None:
+def _begin(folder: Path, request: Asked) -> None:
     """Remove the files of an earlier training, and write the settings of this one."""
     clear(folder, [name for name in LEFT if name != ASKED])
     comment = "# Settings of neurotact train; a training resumes only with these settings.\n"
-    files.write_text(folder / ASKED, comment + to_toml(saved(asked.model_dump(mode="json", exclude_none=True))))
+    files.write_text(folder / ASKED, comment + to_toml(saved(request.model_dump(mode="json", exclude_none=True))))
 
 
 def clear(folder: Path, names: Sequence[str] = LEFT) -> None:
@@ -190,17 +190,17 @@ def clear(folder: Path, names: Sequence[str] = LEFT) -> None:
 
 def check_place(folder: Path, *, force: bool, resume: bool = False) -> None:
     """Refuse a folder that holds anything, unless its training is replaced or resumed."""
-    found = {path.name for path in folder.iterdir()} - {files.LOCK}
-    found = {name for name in found if not name.startswith(files.DRAFT)}
-    if found <= set(LEFT):  # nothing but a training: no other run uses this folder
+    names = {path.name for path in folder.iterdir()} - {files.LOCK}
+    names = {name for name in names if not name.startswith(files.DRAFT)}
+    if names <= set(LEFT):  # nothing but a training: no other run uses this folder
         files.sweep(folder)
-    if not found or force:
+    if not names or force:
         return
     if resume:
-        if found <= set(LEFT) or ASKED in found:
+        if names <= set(LEFT) or ASKED in names:
             return
         raise InputError(f"{folder}: holds no training to resume; choose another folder")
-    if CHECKPOINT in found:
+    if CHECKPOINT in names:
         raise InputError(
             f"{folder}: holds a training that was interrupted; pass `resume=True` to continue, or `force=True` to "
             "start again"
@@ -211,7 +211,7 @@ def check_place(folder: Path, *, force: bool, resume: bool = False) -> None:
     )
 
 
-def _check_same(folder: Path, asked: Asked) -> None:
+def _check_same(folder: Path, request: Asked) -> None:
     """Refuse settings that differ from the training in the folder; warn of other versions."""
     path = folder / ASKED
     try:
@@ -223,17 +223,17 @@ def _check_same(folder: Path, asked: Asked) -> None:
         before = build(Asked, table, source=str(path))
     except InputError as error:
         raise InputError(f"{path}: is damaged ({error}); start again with `force=True`") from error
-    if before.spikes_sha256 != asked.spikes_sha256:
+    if before.spikes_sha256 != request.spikes_sha256:
         raise InputError(
             f"{folder}: was started with other spikes, or the file has changed since ({before.spikes}, relative to the "
             "folder); give that file, or start again with `force=True`"
         )
-    for key, was, now in _differences(before.settings(), asked.settings()):
+    for key, was, now in _differences(before.settings(), request.settings()):
         raise InputError(
             f"{folder}: was started with {key} = {was}, not {now}; give that, or start again with `force=True`"
         )
     versions_before = {name: before.versions.get(name, "not recorded") for name in NUMBERS}
-    other = [f"{name} {was}" for name, was in versions_before.items() if was != asked.versions[name]]
+    other = [f"{name} {was}" for name, was in versions_before.items() if was != request.versions[name]]
     if other:
         warnings.warn(
             f"{folder}: was started with {', '.join(other)}; its numbers may differ from those of an uninterrupted run",
@@ -255,9 +255,9 @@ def _differences(before: Any, now: Any, key: str = "") -> Iterator[tuple[str, An
         yield from _differences(before.get(name), now.get(name), f"{key}.{name}" if key else str(name))
 
 
-def _load(folder: Path, asked: Asked, trains: SpikeTrains) -> Checkpoint:
-    net = training_checkpoint.Net(asked.network, len(trains.afferents), len(trains.classes))
-    return training_checkpoint.load(folder / CHECKPOINT, net, digest(asked.settings()))
+def _load(folder: Path, request: Asked, trains: SpikeTrains) -> Checkpoint:
+    net = training_checkpoint.Net(request.network, len(trains.afferents), len(trains.classes))
+    return training_checkpoint.load(folder / CHECKPOINT, net, digest(request.settings()))
 
 
 def _holds(folder: Path, *names: str) -> bool:

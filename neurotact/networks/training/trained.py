@@ -89,8 +89,8 @@ class _Extra(Spec):
 
 def files_of(folder: str | Path) -> list[Path]:
     """The files of a network, which no output may replace."""
-    found = files.existing(Path(folder), "folder").glob("*")
-    return [path for path in found if path.is_file() and path.suffix in (".json", ".safetensors")]
+    paths = files.existing(Path(folder), "folder").glob("*")
+    return [path for path in paths if path.is_file() and path.suffix in (".json", ".safetensors")]
 
 
 def restore(
@@ -116,9 +116,9 @@ def restore(
     table = {key: extra[key] for key in Provenance.model_fields if key in extra}
     provenance = build(Provenance, table, source=str(path)) if "trials" in table else None
     encoder = extra.get("encoder") if isinstance(extra.get("encoder"), dict) else None
-    place = files.existing(spikes) if spikes is not None else _spikes_of(path, known, provenance)
+    source = files.existing(spikes) if spikes is not None else _spikes_of(path, known, provenance)
     return Restored(
-        network.to(device), known.task, rule, known.classes, place, encoder, provenance, extra.get("fine_tuned"),
+        network.to(device), known.task, rule, known.classes, source, encoder, provenance, extra.get("fine_tuned"),
         known.recorded_Hz,
     )  # fmt: skip
 
@@ -126,10 +126,10 @@ def restore(
 def _spikes_of(path: Path, known: _Extra, provenance: Provenance | None) -> Path:
     """The file of spikes that a network names: of two that exist, the one with the trials of its training."""
     places = files.named_by(path, known.spikes)
-    found = [place for place in places if os.path.isfile(place)] or places
-    if len(found) == 1 or provenance is None:
-        return found[0]
-    return next((place for place in found if _has_trials(place, known.task, provenance)), found[0])
+    files_found = [path_ for path_ in places if os.path.isfile(path_)] or places
+    if len(files_found) == 1 or provenance is None:
+        return files_found[0]
+    return next((path_ for path_ in files_found if _has_trials(path_, known.task, provenance)), files_found[0])
 
 
 def _has_trials(path: Path, task: Task, provenance: Provenance) -> bool:
@@ -156,12 +156,12 @@ def recall(restored: Restored) -> Provenance | None:
         if restored.encoder is not None and first_difference(trains.encoder, (), restored.encoder, ()):
             raise InputError(f"{restored.spikes_path}: holds the spikes of another encoder")
         split = split_conditions(trains.conditions, restored.task.stratify, restored.task.split)  # as that version did
-        found = provenance_of(trains, trials_of(trains, restored.task, split))
+        trials = provenance_of(trains, trials_of(trains, restored.task, split))
     except InputError as error:
         warnings.warn(f"{about}, so its training trials are unknown ({error}); train it again", stacklevel=2)
         return None
     warnings.warn(f"{about}; its split is drawn again from {restored.spikes_path}", stacklevel=2)
-    return found
+    return trials
 
 
 def test_trials(restored: Restored, trains: SpikeTrains) -> np.ndarray:

@@ -108,15 +108,15 @@ def alone(course: Course[T]) -> T:
     answer = None
     while True:
         try:
-            asked = course.send(answer)
+            request = course.send(answer)
         except StopIteration as end:
             return end.value
-        if isinstance(asked, Tensor):
-            asked.backward()
+        if isinstance(request, Tensor):
+            request.backward()
             answer = None
         else:
-            with torch.set_grad_enabled(asked.learns):
-                answer = asked.network.counts(asked.spikes, asked.heard)
+            with torch.set_grad_enabled(request.learns):
+                answer = request.network.counts(request.spikes, request.heard)
 
 
 STATE = {"adam": ("step", "exp_avg", "exp_avg_sq"), "adamax": ("step", "exp_avg", "exp_inf")}
@@ -301,9 +301,9 @@ def disturbed(spikes: Tensor, dropout: float, jitter_steps: int, generator: torc
     trial, step, afferent = spikes.nonzero(as_tuple=True)
     kept = torch.rand(len(step), generator=generator) >= dropout
     moves = torch.randint(-jitter_steps, jitter_steps + 1, (len(step),), generator=generator)
-    found = torch.zeros_like(spikes)
-    found[trial[kept], (step + moves)[kept].clamp(0, spikes.shape[1] - 1), afferent[kept]] = 1
-    return found
+    moved = torch.zeros_like(spikes)
+    moved[trial[kept], (step + moves)[kept].clamp(0, spikes.shape[1] - 1), afferent[kept]] = 1
+    return moved
 
 
 def partly_heard(hidden: Tensor, dropout: float, generator: torch.Generator) -> Tensor:
@@ -414,11 +414,11 @@ def _counts_with_dropout(network: RSNN, spikes: Tensor, generator: torch.Generat
     if not dropout or network.bias is None:
         return (yield Batch(network, spikes, learns=True))
     if network.stretches is not None:
-        heard = partly_heard(torch.ones(len(spikes), network.spec.hidden), dropout, generator).to(network.w_out)
-        return (yield Batch(network, spikes, heard, learns=True))
+        factors = partly_heard(torch.ones(len(spikes), network.spec.hidden), dropout, generator).to(network.w_out)
+        return (yield Batch(network, spikes, factors, learns=True))
     if network.leaks:
-        heard = partly_heard(torch.ones(network.spec.hidden), dropout, generator).to(network.w_out)
-        return (yield Batch(network, spikes, heard, learns=True))
+        factors = partly_heard(torch.ones(network.spec.hidden), dropout, generator).to(network.w_out)
+        return (yield Batch(network, spikes, factors, learns=True))
     counts = yield Batch(network, spikes, learns=True)
     return counts._replace(readout=network.sums(partly_heard(counts.hidden, dropout, generator)))
 

@@ -249,16 +249,16 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
 
         Columns: predicted, steps, ms (until the decision), input_spikes, hidden_spikes, and sops_* as in a SOP report.
         """
-        found = self._infer(X, self._rule(early_exit))
-        steps = found.steps.cpu().numpy()
+        inferred = self._infer(X, self._rule(early_exit))
+        steps = inferred.steps.cpu().numpy()
         return pd.DataFrame(
             {
-                "predicted": self.classes_[found.labels.cpu().numpy()],
+                "predicted": self.classes_[inferred.labels.cpu().numpy()],
                 "steps": steps,
                 "ms": 1e3 * steps / self.sampling_rate_Hz_,
-                "input_spikes": found.input_spikes.cpu().numpy(),
-                "hidden_spikes": found.hidden_spikes.cpu().numpy(),
-                **{f"sops_{name}": each for name, each in synops_of(found, self.network_)._asdict().items()},
+                "input_spikes": inferred.input_spikes.cpu().numpy(),
+                "hidden_spikes": inferred.hidden_spikes.cpu().numpy(),
+                **{f"sops_{name}": values for name, values in synops_of(inferred, self.network_)._asdict().items()},
             }
         )
 
@@ -298,21 +298,19 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
             ) from error
 
     def _clock(self, X: ArrayLike) -> float:
-        found = getattr(X, "sampling_rate_Hz", None)
+        own = getattr(X, "sampling_rate_Hz", None)
         given = self.sampling_rate_Hz
-        if given is None and found is None:
+        if given is None and own is None:
             raise InputError(
                 "sampling_rate_Hz: X does not say its clock; pass SpikingClassifier(sampling_rate_Hz=...) or make X "
                 "with nt.windows"
             )
-        for rate_Hz in (given, found):
+        for rate_Hz in (given, own):
             if rate_Hz is not None:
                 check_sampling_rate(rate_Hz, "SpikingClassifier")
-        if given is not None and found is not None and given != found:
-            raise InputError(
-                f"sampling_rate_Hz: is {given:g} but X is sampled at {found:g} Hz; leave the parameter out"
-            )
-        return float(given if found is None else found)  # pyright: ignore[reportArgumentType]
+        if given is not None and own is not None and given != own:
+            raise InputError(f"sampling_rate_Hz: is {given:g} but X is sampled at {own:g} Hz; leave the parameter out")
+        return float(given if own is None else own)  # pyright: ignore[reportArgumentType]
 
     def _seeds(self) -> tuple[int, int, int]:
         """Random seeds of the weights, the order of windows and the windows that are held out."""

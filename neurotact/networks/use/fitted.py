@@ -31,15 +31,15 @@ def classifier_of(source: Any) -> SpikingClassifier:
 
     Raises InputError where the last step is another estimator, and scikit-learn's NotFittedError before `fit`.
     """
-    found = getattr(source, "best_estimator_", source)
-    found = found[-1] if isinstance(found, Pipeline) else found
-    if not isinstance(found, SpikingClassifier):
+    model = getattr(source, "best_estimator_", source)
+    model = model[-1] if isinstance(model, Pipeline) else model
+    if not isinstance(model, SpikingClassifier):
         raise InputError(
-            f"{type(source).__name__}: ends in {type(found).__name__}; give a SpikingClassifier, or a pipeline that "
+            f"{type(source).__name__}: ends in {type(model).__name__}; give a SpikingClassifier, or a pipeline that "
             "ends in one"
         )
-    check_is_fitted(found)
-    return found
+    check_is_fitted(model)
+    return model
 
 
 def name_of(source: Any) -> str:

@@ -85,10 +85,10 @@ def _check_encoder(restored: Restored, trains: SpikeTrains, allow_other: bool) -
 
 def _tested(trains: SpikeTrains, known: Provenance | None) -> np.ndarray:
     """The network's test trials among some trials, identified by their content."""
-    found = np.array([], np.int64) if known is None else known.tested(trains)
-    if not len(found):
+    trials = np.array([], np.int64) if known is None else known.tested(trains)
+    if not len(trials):
         raise InputError(
             "spikes: hold none of the network's test trials; give the spikes that it was trained on, or use "
             "neurotact infer"
         )
-    return found
+    return trials

@@ -47,7 +47,7 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
         "epochs": len(trained.training.epochs),
     }
     matrix = confusion_matrix(test.labels, full.labels.cpu(), labels=range(network.n_classes))
-    right, exit_right = ((found.labels.cpu() == test.labels).tolist() for found in (full, early))
+    right, exit_right = ((result.labels.cpu() == test.labels).tolist() for result in (full, early))
     return {"row": row, "confusion": matrix.tolist(), "right": right, "exit_right": exit_right}
 
 
@@ -88,11 +88,11 @@ def _oracle(network: RSNN, test: Examples) -> dict[str, float]:
     windows, n = truncated.simulate_windows(network, test), network.steps_per_bin
     patience = min(max(1, ORACLE_PATIENCE // n), windows.readout.shape[1])
     steps, labels, _ = oracle_exit(windows.readout, windows.labels, patience, windows.integration)
-    found = truncated.judged(network, windows, steps, labels)
+    row = truncated.judged(network, windows, steps, labels)
     return {
         "oracle_steps": n * float(steps.double().mean()),
-        "oracle_accuracy": found["accuracy_test"],
-        "oracle_sops_total": found["sops_total"],
+        "oracle_accuracy": row["accuracy_test"],
+        "oracle_sops_total": row["sops_total"],
     }
 
 
