@@ -18,7 +18,7 @@ from neurotact.studies import sweeps
 ENCODER = "encoder."
 CONDITIONING = f"{ENCODER}conditioning"
 PERIODS = tuple(
-    {f"{ENCODER}{dotted(each.part, 't_ref_ms')}": None for model in MODELS.values() for each in model.populations}
+    {f"{ENCODER}{dotted(kind.part, 't_ref_ms')}": None for model in MODELS.values() for kind in model.populations}
 )
 """Keys that can be swept without a new fit of the gains."""
 _DECIDED = f"{BY_CALIBRATION}, or set calibrate=false"

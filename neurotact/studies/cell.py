@@ -54,10 +54,10 @@ def run_cell(
         if cell.augmentation is not None:
             return _robust(cell, cell.augmentation, trains, spec, progress)
         fitted, sides = fitting.fit(trains, spec, task, cell.seeds, progress=progress)
-        return left_by(cell, trains, fitted, sides, perf_counter() - began)
+        return files_of(cell, trains, fitted, sides, perf_counter() - began)
     with scratch() as empty:
         searched = _search(cell, cell.network, trains, task, kept or empty, device)
-    return left_by(cell, trains, searched.fitted, searched.sides, perf_counter() - began, searched)
+    return files_of(cell, trains, searched.fitted, searched.sides, perf_counter() - began, searched)
 
 
 def trains_once(cell: Cell) -> bool:
@@ -71,8 +71,8 @@ def _robust(cell: Cell, augmentation: AugmentationSpec, trains: SpikeTrains, spe
     kinds = robust.candidates(augmentation, trains.conditions, cell.split)
     tried = [*robust.trainings(trains, spec, task_of(cell), cell.seeds, kinds, progress)]
     best = robust.best_of(tried)
-    rows = [each.row() | {"chosen": each is best} for each in tried]
-    return left_by(cell, trains, best.fitted, best.sides, perf_counter() - began, task=best.task, remedies=rows)
+    rows = [one.row() | {"chosen": one is best} for one in tried]
+    return files_of(cell, trains, best.fitted, best.sides, perf_counter() - began, task=best.task, remedies=rows)
 
 
 class LongTraining:
@@ -101,7 +101,7 @@ class LongTraining:
             )
 
 
-def left_by(
+def files_of(
     cell: Cell,
     trains: SpikeTrains,
     fitted: fitting.Trained,
@@ -133,14 +133,14 @@ def left_by(
         **(searched.row if searched else {}),
     }
     with scratch() as run:  # the layout of the run folder: paths between its files are the same
-        place = cell_folder(run, cell)
-        trained.save(fitted, place, trains, run / cell.given, task)
-        write_json(place / TIMING, {"seconds": perf_counter() - began, "epochs": len(fitted.training.epochs)})
+        target = cell_folder(run, cell)
+        trained.save(fitted, target, trains, run / cell.given, task)
+        write_json(target / TIMING, {"seconds": perf_counter() - began, "epochs": len(fitted.training.epochs)})
         for name, content in (searched.files if searched else {}).items():
-            with whole(place / name) as draft:
+            with whole(target / name) as draft:
                 draft.write_bytes(content)
-        write_json(place / RESULT, result)
-        return {path.relative_to(place).as_posix(): path.read_bytes() for path in place.rglob("*") if path.is_file()}
+        write_json(target / RESULT, result)
+        return {path.relative_to(target).as_posix(): path.read_bytes() for path in target.rglob("*") if path.is_file()}
 
 
 def task_of(cell: Cell) -> Task:
@@ -160,16 +160,16 @@ def task_of(cell: Cell) -> Task:
 
 def _tables(cell: Cell, fitted: fitting.Trained, sides: tasks.Sides, trains: SpikeTrains, task: Task) -> dict[str, Any]:
     """`tables`: the rows of each table that the study requests besides results.csv; empty if it requests none."""
-    network, found = fitted.network, {}
+    network, tables = fitted.network, {}
     windows = truncated.simulate_windows(network, sides.test) if cell.cut_short_ms or cell.exit_patiences else None
     if windows and cell.cut_short_ms:
-        found["cut_short"] = truncated.cut_short(network, windows, cell.cut_short_ms)
+        tables["cut_short"] = truncated.cut_short(network, windows, cell.cut_short_ms)
     if windows and cell.exit_patiences:
         on_validation = truncated.simulate_windows(network, sides.validation)
-        found["exit_curve"] = truncated.exit_curve(network, windows, on_validation, cell.exit_patiences)
+        tables["exit_curve"] = truncated.exit_curve(network, windows, on_validation, cell.exit_patiences)
     if cell.test_every_condition:
-        found["conditions"] = by_condition(network, trains, task)
-    return {"tables": found} if found else {}
+        tables["conditions"] = by_condition(network, trains, task)
+    return {"tables": tables} if tables else {}
 
 
 class Searched(NamedTuple):
@@ -189,13 +189,13 @@ def _search(cell: Cell, network: RSNNSpec, trains: SpikeTrains, task: Task, kept
     assert cell.search is not None
     spec = cell.search.model_copy(update={"seed": cell.seeds[0]})
     problem = search.problem_of(trains, spec, network, task, device)
-    place = kept / SEARCH
+    target = kept / SEARCH
     here = search.here(trains, task) if device == "cpu" else search.together(trains, task, device)
-    trials, _ = search.search(problem, place, here)
-    search_tables.write_tables(problem, place, trials)
+    trials, _ = search.search(problem, target, here)
+    search_tables.write_tables(problem, target, trials)
     best = journal.best_of(trials)
     fitted, sides = search.train_best(problem, trains, best, device)
     row = {"trial": best.id, **{f"network.{key}": as_cell(value) for key, value in best.parameters.items()}}
-    written = (path for path in sorted(place.iterdir()) if not path.name.startswith(DRAFT))
+    written = (path for path in sorted(target.iterdir()) if not path.name.startswith(DRAFT))
     left = {f"{SEARCH}/{path.name}": path.read_bytes() for path in written}
     return Searched(fitted, sides, row, left)

@@ -198,9 +198,9 @@ def _judge_change(claim: Claim, table: pd.DataFrame) -> Verdict:
 
 
 def _judge_order(claim: Claim, table: pd.DataFrame) -> Verdict:
-    places = [[_mean(table, claim, {**claim.where, **where}) for where in place] for place in claim.order]
+    places = [[_mean(table, claim, {**claim.where, **where}) for where in group] for group in claim.order]
     falls = all(min(before) >= max(after) for before, after in pairwise(places))
-    shown = " > ".join(", ".join(_figure(claim.measure, value, 4) for value in place) for place in places)
+    shown = " > ".join(", ".join(_figure(claim.measure, value, 4) for value in group) for group in places)
     return Verdict(claim, shown, falls)
 
 
@@ -222,8 +222,8 @@ def _for(where: dict[str, Any]) -> str:
 
 def _chain(order: tuple[tuple[dict[str, Any], ...], ...]) -> str:
     """The places of an order; words that all places share are written once."""
-    pairs_alone = all(set(where) == {"pair"} for place in order for where in place)
-    places = [" and ".join(str(where["pair"]) if pairs_alone else _words(where) for where in place) for place in order]
+    pairs_alone = all(set(where) == {"pair"} for group in order for where in group)
+    places = [" and ".join(str(where["pair"]) if pairs_alone else _words(where) for where in group) for group in order]
     return f"t_ref {' > '.join(places)} ms" if pairs_alone else " > ".join(places)
 
 

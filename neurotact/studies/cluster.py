@@ -59,9 +59,9 @@ def _check_packages(client: "Client") -> None:
 
     Dask itself asks: the functions of this version may not exist there.
     """
-    found: Any = client.get_versions(packages=[OURS])
-    here = found["client"]["packages"][OURS]
-    for address, about in found["workers"].items():
+    known: Any = client.get_versions(packages=[OURS])
+    here = known["client"]["packages"][OURS]
+    for address, about in known["workers"].items():
         there = about["packages"][OURS]
         if there is None:
             raise InputError(f"worker {address}: lacks {OURS}; install neurotact[dask] there")
@@ -152,10 +152,10 @@ def _check_worker(expected: dict[str, str], dask_worker: "Worker | None" = None)
     """
     from distributed import get_worker
 
-    worker, found = dask_worker or get_worker(), versions()
-    for name in (name for name in expected if name != "python" and found.get(name) != expected[name]):
+    worker, installed = dask_worker or get_worker(), versions()
+    for name in (name for name in expected if name != "python" and installed.get(name) != expected[name]):
         remedy = f"start it with {TORCH_INSTRUCTIONS}={expected[name].lower()}" if name == "instructions" else SAME
-        there = found.get(name, "unknown")
+        there = installed.get(name, "unknown")
         raise InputError(f"worker {worker.address}: {name} is {there} there and {expected[name]} here; {remedy}")
     if worker.state.nthreads != 1:
         raise InputError(

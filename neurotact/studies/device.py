@@ -60,4 +60,4 @@ def _trained_together(
     fitted = population.run(courses)
     seconds = (perf_counter() - began) / max(1, len(todo))
     for cell, side, network in zip(todo, sides, fitted, strict=True):
-        yield cell, cells.left_by(cell, trains[cell.given], network, side, seconds)
+        yield cell, cells.files_of(cell, trains[cell.given], network, side, seconds)

@@ -60,11 +60,11 @@ def run(cell: Cell, trains: SpikeTrains) -> dict[str, bytes]:
         table.insert(1, "gain", gain)
         table.insert(2, "t_ref_ms", t_ref_ms)
         parts.append(table)
-    with scratch() as place:
-        write_table(pd.concat(parts, ignore_index=True), place / ISI)
-        write_json(place / "result.json", {"row": row})
-        write_json(place / "timing.json", {"seconds": perf_counter() - began})
-        return {path.name: path.read_bytes() for path in place.iterdir()}
+    with scratch() as target:
+        write_table(pd.concat(parts, ignore_index=True), target / ISI)
+        write_json(target / "result.json", {"row": row})
+        write_json(target / "timing.json", {"seconds": perf_counter() - began})
+        return {path.name: path.read_bytes() for path in target.iterdir()}
 
 
 def isi_table(folders: Sequence[Path], rows: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
@@ -74,8 +74,8 @@ def isi_table(folders: Sequence[Path], rows: pd.DataFrame, keys: Sequence[str]) 
     """
     own = [key for key in keys if not key.endswith((".gain", ".t_ref_ms"))]
     parts = []
-    for place, (_, row) in zip(folders, rows.iterrows(), strict=True):
-        table = read_isi(place / ISI)
+    for cell_path, (_, row) in zip(folders, rows.iterrows(), strict=True):
+        table = read_isi(cell_path / ISI)
         for key in reversed(["dataset", *own]):
             table.insert(0, key, row[key])
         parts.append(table)
@@ -113,8 +113,8 @@ def encoding_table(trains: SpikeTrains, cell: Cell, by: Iterable[str]) -> pd.Dat
             of_touch = firing.firing_of(trains, touch, whole, columns).drop(columns=columns).add_prefix(TOUCH)
             table = table.join(of_touch)
     table.insert(len(columns), "stretch", stretch)
-    for place, (column, t_ref_ms) in enumerate(periods(cell).items()):
-        table.insert(place, column, t_ref_ms)
+    for column_index, (column, t_ref_ms) in enumerate(periods(cell).items()):
+        table.insert(column_index, column, t_ref_ms)
     return table
 
 

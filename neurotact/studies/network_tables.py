@@ -22,17 +22,17 @@ def tables(folder: Path, study: StudySpec, results: Results) -> Mapping[str, pd.
     with the swept values of their cell. Without networks, the intervals between spikes.
     """
     swept, rows = swept_columns(study), results_table(study, results)
-    found = {"results.csv": rows, "encoding.csv": _encoding_table(folder, results, swept)}
+    written = {"results.csv": rows, "encoding.csv": _encoding_table(folder, results, swept)}
     if study.network is None:
         places = [cell_folder(folder, cell) for cell, _ in results]
-        return found | {encoded.ISI: encoded.isi_table(places, rows, swept)}
+        return written | {encoded.ISI: encoded.isi_table(places, rows, swept)}
     further: dict[str, list[dict[str, Any]]] = {}
     for cell, result in results:
         keys = {name: result["row"][name] for name in ("dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed")}
         keys |= {key: value_at(cell, key) for key in swept}
         for name, lines in result.get("tables", {}).items():
             further.setdefault(f"{name}.csv", []).extend({**keys, **line} for line in lines)
-    return found | {name: pd.DataFrame(lines) for name, lines in further.items()}
+    return written | {name: pd.DataFrame(lines) for name, lines in further.items()}
 
 
 def results_table(study: StudySpec, results: Results) -> pd.DataFrame:

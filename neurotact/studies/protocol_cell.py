@@ -25,27 +25,27 @@ def prepare(folder: Path, study: ProtocolStudy, cells: Iterable[ProtocolCell]) -
 
     Raises InputError if their recordings changed since the study started.
     """
-    place = folder / "data"
+    target = folder / "data"
     distinct = {cell.data_name: cell for cell in cells}
     data_flaws = store.flaws(folder, [DATA])
-    flaws = store.flaws(place, [f"{name}.npz" for name in distinct])
+    flaws = store.flaws(target, [f"{name}.npz" for name in distinct])
     known = store.sound_json(folder, DATA) or {}
     store.say_flaws("", data_flaws, "written again")
-    store.say_flaws(f"{place.name}/", flaws, "written again")
+    store.say_flaws(f"{target.name}/", flaws, "written again")
     for name, cell in distinct.items():
         before, sources = known.get(name), _sources(cell)
         if before is not None and f"{name}.npz" not in flaws and _are_same(before.get("sources", {}), sources):
             continue
         arrays = module_of(study.protocol).load(cell.built().data)
-        found = {"sha256": _hash(arrays), "arrays": {key: list(value.shape) for key, value in arrays.items()}}
-        if before is not None and {key: before[key] for key in found} != found:
+        entry = {"sha256": _hash(arrays), "arrays": {key: list(value.shape) for key, value in arrays.items()}}
+        if before is not None and {key: before[key] for key in entry} != entry:
             raise InputError(f"{folder}: the recordings changed since this study began; run it in another folder")
-        known[name] = found | ({"sources": sources} if sources else {})
+        known[name] = entry | ({"sources": sources} if sources else {})
         write_json(folder / DATA, known)
         store.seal(folder, [DATA])
         with whole(folder / cell.given) as draft:
             np.savez(draft, allow_pickle=False, **arrays)
-        store.seal(place, [f"{name}.npz"])
+        store.seal(target, [f"{name}.npz"])
 
 
 def check(folder: Path, _: ProtocolStudy, cells: Iterable[ProtocolCell]) -> None:
@@ -55,8 +55,8 @@ def check(folder: Path, _: ProtocolStudy, cells: Iterable[ProtocolCell]) -> None
 
 def _sources(cell: ProtocolCell) -> dict[str, str]:
     """The fingerprint of each file or folder from which the cell's arrays may be read."""
-    found = {path: store.fingerprint(expand(path)) for path in _paths(cell.parameters["data"])}
-    return {path: sha256 for path, sha256 in sorted(found.items()) if sha256 is not None}
+    prints = {path: store.fingerprint(expand(path)) for path in _paths(cell.parameters["data"])}
+    return {path: sha256 for path, sha256 in sorted(prints.items()) if sha256 is not None}
 
 
 def _are_same(before: Mapping[str, str], now: Mapping[str, str]) -> bool:

@@ -77,13 +77,13 @@ def _compute(kind: Kind, study: Study, cells: list[Any], folder: Path, map_cells
             say(f"{_place(cell)}: {why}; computed again")
             store.discard(folder, cell)
     rule = study.selection if isinstance(study, StudySpec) else None
-    for name, asked in [("cells", cells)] if rule is None else selection.steps(rule, cells, folder):
-        todo: list[AnyCell] = [cell for cell in asked if not is_done(folder, cell)]
-        before = len(asked) - len(todo)
+    for name, step_cells in [("cells", cells)] if rule is None else selection.steps(rule, cells, folder):
+        todo: list[AnyCell] = [cell for cell in step_cells if not is_done(folder, cell)]
+        before = len(step_cells) - len(todo)
         if before and todo:
-            say(f"{folder}: resumes; {before} of {len(asked)} {name} are already done")
+            say(f"{folder}: resumes; {before} of {len(step_cells)} {name} are already done")
         if todo:
-            with track(name, len(asked), done=before) as advance:
+            with track(name, len(step_cells), done=before) as advance:
                 for cell, left in map_cells(kind, todo, folder):
                     store.write_cell(left, cell, folder)
                     advance(1, "")
@@ -207,7 +207,7 @@ def _differing(study: Study, path: Path) -> str:
         specs.read(path)
     except InputError:
         return ""
-    there, here = (specs.leaves(each.model_dump(mode="json", exclude=each.words)) for each in (read_back(path), study))
+    there, here = (specs.leaves(spec.model_dump(mode="json", exclude=spec.words)) for spec in (read_back(path), study))
     keys = [key for key in {**there, **here} if there.get(key) != here.get(key)]
     shown = [f"{key} = {_short(there.get(key))}, here {_short(here.get(key))}" for key in keys]
     return f" ({some(shown, 3, '; ')})" if shown else ""

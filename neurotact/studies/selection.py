@@ -168,7 +168,7 @@ def over_lengths(rows: pd.DataFrame, rule: SelectionSpec) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
-def as_table(found: Selection) -> pd.DataFrame:
+def as_table(selection: Selection) -> pd.DataFrame:
     """All steps as `selection.csv`: one row per window length, network, or network and window length.
 
     Columns: step (`window length`, `trade-off`, `persistence`, with `, not kept` for attempts that were rejected; and
@@ -176,13 +176,13 @@ def as_table(found: Selection) -> pd.DataFrame:
     (trained networks in the means), those of JUDGED and SHOWN, within, best, chosen, rank, persists, and the share of
     steps that early exit runs: exit_share, oracle_share (by the paper's own rule, which knows the true label).
     """
-    start = found.lengths.assign(step="window length", pair=found.first_pair)
+    start = selection.lengths.assign(step="window length", pair=selection.first_pair)
     parts = [start]
-    for attempt in found.attempts:
-        kept = "" if attempt is found.last else ", not kept"
-        at = attempt.networks.assign(step=f"trade-off{kept}", **{LENGTH: attempt.length_ms})
-        parts += [at, attempt.persistence.assign(step=f"persistence{kept}")]
-    choice = at[at["chosen"]].sort_values("rank").assign(step="choice", persists=list(found.last.persists))
+    for attempt in selection.attempts:
+        kept = "" if attempt is selection.last else ", not kept"
+        trade = attempt.networks.assign(step=f"trade-off{kept}", **{LENGTH: attempt.length_ms})
+        parts += [trade, attempt.persistence.assign(step=f"persistence{kept}")]
+    choice = trade[trade["chosen"]].sort_values("rank").assign(step="choice", persists=list(selection.last.persists))
     table = pd.concat([*parts, choice], ignore_index=True)
     for rule in ("exit", "oracle"):
         table[f"{rule}_share"] = table[f"{rule}_steps"] / table["window_steps"]

@@ -66,10 +66,10 @@ def seal(folder: Path, names: Iterable[str], made_from: Mapping[str, str] | None
 def read(folder: Path) -> Manifest | None:
     """The manifest of a folder; None if it is missing or damaged."""
     try:
-        found = files.read_json(folder / FILES)
+        table = files.read_json(folder / FILES)
     except InputError:
         return None
-    parts: list[Any] = [found.get(name) for name in Manifest._fields] if isinstance(found, dict) else []
+    parts: list[Any] = [table.get(name) for name in Manifest._fields] if isinstance(table, dict) else []
     are_texts = [isinstance(part, dict) and all(isinstance(text, str) for text in part.values()) for part in parts]
     return Manifest(*parts) if parts and all(are_texts) else None
 
@@ -80,8 +80,8 @@ def flaws(folder: Path, names: Iterable[str], made_from: Mapping[str, str] | Non
     made_from: the sources that the files must have; None if any are allowed.
     """
     known = read(folder)
-    found = {name: _flaw(folder, name, known, made_from) for name in names}
-    return {name: flaw for name, flaw in found.items() if flaw != ""}
+    by_name = {name: _flaw(folder, name, known, made_from) for name in names}
+    return {name: flaw for name, flaw in by_name.items() if flaw != ""}
 
 
 def _flaw(folder: Path, name: str, known: Manifest | None, made_from: Mapping[str, str] | None) -> str | None:
@@ -101,22 +101,22 @@ def _flaw(folder: Path, name: str, known: Manifest | None, made_from: Mapping[st
     return "" if files.sha256(path) == known.files[name] else "was changed"
 
 
-def say_flaws(place: str, found: Flaws, remedy: str) -> None:
+def say_flaws(folder: str, by_name: Flaws, remedy: str) -> None:
     """Print a line on stderr for each damaged file that was completely written before.
 
-    place: the name of the folder, with a slash at its end.
+    folder: the name of the folder, with a slash at its end.
     """
-    for name, flaw in found.items():
+    for name, flaw in by_name.items():
         if flaw is not None:
-            say(f"{place}{name}: {flaw}; {remedy}")
+            say(f"{folder}{name}: {flaw}; {remedy}")
 
 
 def check(folder: Path, paths: Iterable[str]) -> None:
     """Raise InputError if one of these files was changed; files that do not exist are ignored."""
     for path in paths:
-        place, name = (folder / path).parent, Path(path).name
-        flaw = flaws(place, [name]).get(name)
-        if flaw is not None and (place / name).is_file():
+        parent, name = (folder / path).parent, Path(path).name
+        flaw = flaws(parent, [name]).get(name)
+        if flaw is not None and (parent / name).is_file():
             raise InputError(f"{folder / path}: {flaw}; neurotact study resume {folder} writes it again")
 
 
@@ -165,10 +165,10 @@ def timed(folder: Path, part: str, *, again: bool = True) -> Iterator[None]:
 def parts_took(folder: Path) -> dict[str, float]:
     """The seconds of each part of a study beside its cells; empty if the file is damaged, since no result needs it."""
     try:
-        found = files.read_json(folder / TIMING)
+        table = files.read_json(folder / TIMING)
     except InputError:
         return {}
-    known: dict[str, Any] = found if isinstance(found, dict) else {}
+    known: dict[str, Any] = table if isinstance(table, dict) else {}
     return {name: value for name, value in known.items() if type(value) in (int, float) and 0 <= value < math.inf}
 
 
@@ -179,11 +179,11 @@ def cell_folder(folder: Path, cell: AnyCell) -> Path:
 
 def write_cell(left: Files, cell: AnyCell, folder: Path) -> None:
     """Write the files of a cell into its folder, then the manifest, which marks the cell as done."""
-    place = cell_folder(folder, cell)
+    target = cell_folder(folder, cell)
     for name, content in sorted(left.items()):
-        with files.whole(place / name) as draft:
+        with files.whole(target / name) as draft:
             draft.write_bytes(content)
-    seal(place, left.keys() - {TIMING}, _sources(folder, cell))
+    seal(target, left.keys() - {TIMING}, _sources(folder, cell))
 
 
 def is_done(folder: Path, cell: AnyCell) -> bool:
@@ -200,9 +200,9 @@ def damage(folder: Path, cell: AnyCell) -> str | None:
 
 
 def _flaws_of(folder: Path, cell: AnyCell) -> Flaws:
-    place = cell_folder(folder, cell)
-    known = read(place)
-    return flaws(place, dict.fromkeys([RESULT, *(known.files if known else ())]), _sources(folder, cell))
+    target = cell_folder(folder, cell)
+    known = read(target)
+    return flaws(target, dict.fromkeys([RESULT, *(known.files if known else ())]), _sources(folder, cell))
 
 
 def _sources(folder: Path, cell: AnyCell) -> dict[str, str]:
@@ -214,12 +214,12 @@ def _sources(folder: Path, cell: AnyCell) -> dict[str, str]:
 
 def discard(folder: Path, cell: AnyCell) -> None:
     """Remove all files of a cell."""
-    place = cell_folder(folder, cell)
+    target = cell_folder(folder, cell)
     try:
-        shutil.rmtree(place)
+        shutil.rmtree(target)
     except OSError as error:
         reason = error.strerror or str(error)
-        raise InputError(f"{place}: is damaged and cannot be removed ({reason}); remove it") from error
+        raise InputError(f"{target}: is damaged and cannot be removed ({reason}); remove it") from error
 
 
 def result_of(folder: Path, cell: AnyCell) -> dict[str, Any]:
@@ -230,9 +230,9 @@ def result_of(folder: Path, cell: AnyCell) -> dict[str, Any]:
 def timing_of(folder: Path, cell: AnyCell) -> dict[str, float]:
     """The seconds of a cell and, for a network, its epochs; empty if the file is damaged, since no result needs it."""
     try:
-        found = files.read_json(cell_folder(folder, cell) / TIMING)
+        table = files.read_json(cell_folder(folder, cell) / TIMING)
     except InputError:
         return {}
     parts = ("seconds", "epochs")
-    known: dict[str, Any] = {name: found.get(name) for name in parts} if isinstance(found, dict) else {}
+    known: dict[str, Any] = {name: table.get(name) for name in parts} if isinstance(table, dict) else {}
     return {name: value for name, value in known.items() if type(value) in (int, float) and 0 <= value < math.inf}

@@ -242,13 +242,13 @@ class StudySpec(Spec):
         swept = [key for key in sweeps.keys(self.sweep) if key.startswith(SOURCE)]
         if swept and self.dataset.simulate is None:
             raise ValueError(f"sweep: '{swept[0]}' needs dataset.simulate; recordings that are read have no parameters")
-        asked = {
+        is_given = {
             "baselines": self.baselines != "none",
             "reconstruction": self.reconstruction,
             "signals": self.signals,
             "same_drive": bool(self.same_drive),
         }
-        described = [name for name, is_asked in asked.items() if is_asked]
+        described = [name for name, is_asked in is_given.items() if is_asked]
         if swept and described:
             raise ValueError(f"{described[0]} describes one set of recordings; remove it, or the sweep of '{swept[0]}'")
         return self
@@ -349,7 +349,7 @@ def resolve(
     quick: apply the file's `[quick]` table of overrides first.
     data: the file of recordings of a study that names none.
     """
-    path, asked = specs.find(StudySpec.folder, name), overrides or {}
+    path, overridden = specs.find(StudySpec.folder, name), overrides or {}
     is_shipped = not (overrides or quick) and path in specs.shipped(StudySpec.folder)
     table = suited.table_of(path)
     table |= {key: suited.placed(table[key], path) for key in ("dataset",) if key in table}
@@ -394,7 +394,7 @@ def resolve(
         specs.build(model, study.dataset.parameters, source=f"dataset.parameters of {path}")
     # A wrong value in a sweep raises an error here, before any cell runs.
     every = list(cells(study))
-    given = [*specs.leaves(asked), *sweeps.keys(study.sweep)]
+    given = [*specs.leaves(overridden), *sweeps.keys(study.sweep)]
     effects.check_keys(given, map(_void_keys, every), str(path))
     starts = [cell.calibrate for cell in every]
     calibrated.check(overrides, study.sweep, [start for start in starts if start is not None])

@@ -98,12 +98,12 @@ def placed(table: Any, path: Path) -> Any:
     """
     if not isinstance(table, Mapping):
         return table
-    found = {key: placed(value, path) for key, value in table.items()}
-    for key in {"file", "path"} & {*found}:
-        place = files.place_of(path, found[key]) if isinstance(found[key], str) and found[key] else None
-        if place is not None and place != Path(found[key]):
-            found[key] = str(place.absolute())
-    return found
+    settings = {key: placed(value, path) for key, value in table.items()}
+    for key in {"file", "path"} & {*settings}:
+        near = files.place_of(path, settings[key]) if isinstance(settings[key], str) and settings[key] else None
+        if near is not None and near != Path(settings[key]):
+            settings[key] = str(near.absolute())
+    return settings
 
 
 def with_file(table: dict[str, Any], data: str | Path | None, path: Path) -> dict[str, Any]:
@@ -274,8 +274,8 @@ def look(
 
 def window(timing: Timing, given: Mapping[str, Any] = {}) -> tuple[dict[str, Any], list[str]]:
     """The window of a study, as `data.window_choice.choose`; given: dotted keys such as `window.length_ms`."""
-    asked = build(_Given, {"window": override({}, _of_window(given))}, source="`settings`").window
-    return choose(timing, {key: getattr(asked, key) for key in asked.model_fields_set}, WORDS)
+    given_window = build(_Given, {"window": override({}, _of_window(given))}, source="`settings`").window
+    return choose(timing, {key: getattr(given_window, key) for key in given_window.model_fields_set}, WORDS)
 
 
 def _of_window(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -302,10 +302,10 @@ def _with_seeds(
     conditions, each seed of the split validates on another one that training leaves out.
     """
     n_trials = len(recorded.timing.durations_s)
-    found, note = seeds(n_trials)
+    seeds_found, note = seeds(n_trials)
     if any(key.startswith(TESTED) for key in table["sweep"]):
-        found, note = [0], "Seeds: 1 for each tested condition."
-    sweep = {**table["sweep"]} if {"seed", SEED} & given.keys() else {**table["sweep"], "seed": found}
+        seeds_found, note = [0], "Seeds: 1 for each tested condition."
+    sweep = {**table["sweep"]} if {"seed", SEED} & given.keys() else {**table["sweep"], "seed": seeds_found}
     if split.test_where and not {"split.seed", "sweep.split.seed", "seed", SEED} & given.keys():
         turns = turns_of(recorded.conditions, split)[:TURNS]
         if len(turns) > 1:
