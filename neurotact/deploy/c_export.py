@@ -91,7 +91,7 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         "sampling_rate_Hz": f"{chain.sampling_rate_Hz:g}",
         "n_taxels": n_taxels, "n_afferents": network.n_inputs, "falling": encoder.sa1.opposite,
         "n_hidden": spec.hidden, "n_classes": network.n_classes,
-        "class_names": [_text(each) for each in chain.classes],
+        "class_names": [_text(name_of_class) for name_of_class in chain.classes],
         "length": plan.length, "start": plan.start, "hop": plan.hop, "quiet": plan.quiet, "at_once": plan.at_once,
         "most_decisions": plan.at_once * per_sample,
         "hold": max(1, int(HOLD_MS * 1e-3 * chain.sampling_rate_Hz)), "hold_ms": f"{HOLD_MS:g}",
@@ -136,7 +136,7 @@ def _in_float(chain: Chain) -> dict[str, Any]:
     sa1, ra1 = encoder.neuron(encoder.sa1, chain.clock_Hz), encoder.neuron(encoder.ra1, chain.clock_Hz)
     alpha, beta, threshold = (np.asarray(p.detach()) for p in (network.alpha, network.beta, network.threshold))
     matrices = {"w_in": network.w_in, "w_rec": network.w_rec, "w_out": network.readout_weights}
-    tables = [_floats(key, each.detach().numpy()) for key, each in matrices.items() if each is not None]
+    tables = [_floats(key, matrix.detach().numpy()) for key, matrix in matrices.items() if matrix is not None]
     offset, scale = conditioning.offset is not None, conditioning.scale is not None
     for key, values in (("offset", conditioning.offset), ("scale", conditioning.scale)):
         tables += [] if values is None else [_floats(key, np.array(values, np.float32))]
@@ -271,11 +271,11 @@ def _table(name: str, kind: str, values: Sequence[str]) -> Table:
 
 
 def _integers(name: str, values: np.ndarray, kind: str) -> Table:
-    return _table(name, kind, [str(each) for each in values.ravel().tolist()])
+    return _table(name, kind, [str(value) for value in values.ravel().tolist()])
 
 
 def _floats(name: str, values: np.ndarray) -> Table:
-    return _table(name, "float", [_float(each) for each in values.ravel()])
+    return _table(name, "float", [_float(value) for value in values.ravel()])
 
 
 def _wrapped(values: Iterable[str]) -> Iterable[str]:

@@ -260,7 +260,7 @@ def layers_of(
     options = {"weight_bits": weight_bits, "n_steps": n_steps, "steps": steps}
     if state_bits is None:
         layers = layers_of(network, seen, state_bits=16, **options)
-        leaks = [each.rounding_leak for each in layers if isinstance(each, Layer)]
+        leaks = [layer.rounding_leak for layer in layers if isinstance(layer, Layer)]
         return layers if max(leaks) <= MOST_LEAK else layers_of(network, seen, state_bits=24, **options)
     require("c-integer", Subject(None, network))
     if not 2 <= weight_bits <= 8:
@@ -384,18 +384,18 @@ def _layer(
 ) -> Layer:
     """bits: of weights and of states. given: the steps of the matrices; None: chosen here."""
     alpha, beta, threshold = _dynamics(network, index)
-    weights = [np.asarray(each.detach().double()) for each in matrices if each is not None]
+    weights = [np.asarray(matrix.detach().double()) for matrix in matrices if matrix is not None]
     top, most = (2 ** (n - 1) - 1 for n in bits)
     least_unit = HEADROOM * max(largest, threshold) / most
     # Sums of all weights stay below 2^30, and a state is at most 2^23.
-    most_shift = 29 - math.ceil(math.log2(top * sum(len(each) for each in weights)))
+    most_shift = 29 - math.ceil(math.log2(top * sum(len(matrix) for matrix in weights)))
     steps = [step for step in given if step is not None]
     if steps:
         unit = _unit_of(steps, least_unit, most_shift)
     else:
         unit, steps = _unit_and_steps(weights, top, least_unit, most_shift)
     shifts = [round(math.log2(step / unit)) for step in steps]
-    integers = [_integers(each, step, top) for each, step in zip(weights, steps, strict=True)]
+    integers = [_integers(matrix, step, top) for matrix, step in zip(weights, steps, strict=True)]
     if threshold > most * unit:
         raise InputError(f"state_bits: {bits[1]} bits do not hold the threshold with these weights; give more")
     v, shift_rec = (integers[1], shifts[1]) if len(integers) > 1 else (None, 0)
@@ -422,11 +422,11 @@ def _unit_and_steps(
     weights: Sequence[np.ndarray], top: int, least_unit: float, most_shift: int
 ) -> tuple[float, list[float]]:
     """The unit of a layer's states, and the step of each matrix: the unit times a power of two, from its largest."""
-    sizes = [float(np.abs(each).max()) for each in weights]
+    sizes = [float(np.abs(matrix).max()) for matrix in weights]
     largest = max((max(sizes) or 1.0) / top, least_unit)
     unit = largest / 2 ** _shift(largest, least_unit, most_shift)
     shifts = [max(0, math.ceil(math.log2(max(size, 1e-300) / (top * unit)) - 1e-9)) for size in sizes]
-    return unit, [unit * 2.0**each for each in shifts]
+    return unit, [unit * 2.0**shift for shift in shifts]
 
 
 def _unit_of(steps: Sequence[float], least_unit: float, most_shift: int) -> float:
@@ -444,7 +444,7 @@ def _shift(step: float, least_unit: float, most_shift: int) -> int:
 
 def _integrator(network: RSNN, weight_bits: int, n_steps: int, step: float | None) -> Integrator:
     assert network.bias is not None
-    w, bias = (np.asarray(each.detach().double()) for each in (network.readout_weights, network.bias))
+    w, bias = (np.asarray(matrix.detach().double()) for matrix in (network.readout_weights, network.bias))
     top = 2 ** (weight_bits - 1) - 1
     unit = step or (float(np.abs(w).max()) or 1.0) / top
     integers = _integers(w, unit, top)

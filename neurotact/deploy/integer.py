@@ -180,8 +180,8 @@ def infer(windows: np.ndarray, formats: Formats, neuron: CubaLIF, rule: ExitRule
     leader = Leader.start(n_windows, counts.shape[1], torch.device("cpu"))._replace(counts=torch.from_numpy(counts))
     running = np.full(n_windows, n_steps > 0)
     hidden_raster = np.zeros((n_windows, n_steps, hidden.w.shape[1]), np.uint8)
-    labels, steps, input_spikes, hidden_spikes, heard = (np.zeros(n_windows, np.int64) for _ in range(5))
-    decided = Decided(labels, steps, input_spikes, hidden_spikes, heard, hidden_raster)
+    labels, steps, input_spikes, hidden_spikes, is_heard = (np.zeros(n_windows, np.int64) for _ in range(5))
+    decided = Decided(labels, steps, input_spikes, hidden_spikes, is_heard, hidden_raster)
     for t in range(n_steps):
         inputs = windows[:, t].astype(np.int64)
         spikes, state = _step(hidden, neuron, inputs, state)

@@ -48,7 +48,7 @@ class CompiledStream:
         self._most_steps = math.ceil(most_samples * max(1.0, chain.clock_Hz / chain.sampling_rate_Hz)) + 1
         network, encoder, plan = chain.network, chain.lif, chain.windows
         spec, n_taxels = conditioner.how, chain.n_taxels
-        sa1, ra1 = (encoder.neuron(each, chain.clock_Hz) for each in (encoder.sa1, encoder.ra1))
+        sa1, ra1 = (encoder.neuron(kind, chain.clock_Hz) for kind in (encoder.sa1, encoder.ra1))
         smoothing, level = conditioner.smoothing, conditioner.following or 0.0
         standard = (spec.offset or (0.0,) * n_taxels, spec.scale or (1.0,) * n_taxels)
         offset, scale = (np.array(values, np.float32) for values in standard)
@@ -131,7 +131,7 @@ class CompiledStream:
         encoder = state.encoder
         last = None if encoder is None or encoder.last is None else encoder.last[0]
         parts = [np.array(counters, np.int64).tobytes()]
-        parts += [self._lanes(each, np.float32) for each in (smoothed, level, last)]
+        parts += [self._lanes(values, np.float32) for values in (smoothed, level, last)]
         parts.append(self._lanes(total, np.float64))
         if encoder is None:
             sa1, ra1 = (
@@ -148,7 +148,7 @@ class CompiledStream:
         kinds = {name: np.int32 if name.endswith("silent") else np.float32 for name in every}
         lanes = [self._lanes(every[name], kinds[name]) for name in self._lanes_of]
         for group in range(-(-n // LANES)):
-            parts += [each[4 * LANES * group : 4 * LANES * (group + 1)] for each in lanes]
+            parts += [lane[4 * LANES * group : 4 * LANES * (group + 1)] for lane in lanes]
         for window in state.windows:
             parts += _parts_of(window, adapts=self.chain.network.adaptation is not None)
         self._stream.restore(parts)
@@ -221,7 +221,7 @@ class CompiledStream:
             readout = CubaLIFState(current, membrane, spikes, zeros, zeros)
         leaky = row(read(np.float64)) if network.leaks else None
         counts = row(read(np.int64 if spiking else np.float64))
-        index, standing, since = (torch.tensor([each]) for each in read(np.int64).tolist())
+        index, standing, since = (torch.tensor([value]) for value in read(np.int64).tolist())
         leader = Leader(counts, index, standing, since, torch.tensor([bool(next(parts)[1][0])]), leaky)
         return Running(window, start, steps, hidden, readout, leader, waiting, input_spikes, hidden_spikes, held)
 

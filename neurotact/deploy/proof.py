@@ -166,13 +166,13 @@ def first_difference(said: Sequence[Spoken], expected: Sequence[Spoken]) -> str 
     if len(said) != len(expected):
         return f"{len(said)} trials where {len(expected)} are expected"
     for trial, (one, other) in enumerate(zip(said, expected, strict=True)):
-        at = _first(one.afferents, other.afferents)
-        if at:
-            return f"trial {trial}, afferents, {at}"
+        difference = _first(one.afferents, other.afferents)
+        if difference:
+            return f"trial {trial}, afferents, {difference}"
         for window in sorted({*one.hidden, *other.hidden}):
-            at = _first(one.hidden.get(window, []), other.hidden.get(window, []))
-            if at:
-                return f"trial {trial}, window {window}, hidden neurons, {at}"
+            difference = _first(one.hidden.get(window, []), other.hidden.get(window, []))
+            if difference:
+                return f"trial {trial}, window {window}, hidden neurons, {difference}"
         for mine, theirs in zip(one.decisions, other.decisions, strict=False):
             if mine != theirs:
                 return f"trial {trial}, decision {mine} where {theirs} is expected"
@@ -205,37 +205,37 @@ def _packed(trials: Sequence[np.ndarray]) -> bytes:
 
 def _parsed(output: bytes, name: str, folder: Path) -> tuple[list[Spoken], Ticks]:
     afferent, neuron = (_size_of(kind, name, folder) for kind in ("afferents", "neurons"))
-    trials, at = [], 0
+    trials, offset = [], 0
     afferents: list[tuple[int, ...]] = []
     hidden: dict[int, list[tuple[int, ...]]] = {}
     decisions: list[tuple[int, ...]] = []
-    while at < len(output):
-        tag, at = output[at : at + 1], at + 1
+    while offset < len(output):
+        tag, offset = output[offset : offset + 1], offset + 1
         if tag == b"S":
-            numbers, at = _numbers(output, at, afferent)
+            numbers, offset = _numbers(output, offset, afferent)
             afferents.append(numbers)
         elif tag == b"H":
-            window = int.from_bytes(output[at : at + 4], "little")
-            numbers, at = _numbers(output, at + 4, neuron)
+            window = int.from_bytes(output[offset : offset + 4], "little")
+            numbers, offset = _numbers(output, offset + 4, neuron)
             hidden.setdefault(window, []).append(numbers)
         elif tag == b"D":
-            decisions.append(struct.unpack_from("<7I", output, at))
-            at += 28
+            decisions.append(struct.unpack_from("<7I", output, offset))
+            offset += 28
         elif tag == b"E":
             trials.append(Spoken(afferents, hidden, sorted(decisions)))
             afferents, hidden, decisions = [], {}, []
         elif tag == b"T":
-            samples, most, low, high = struct.unpack_from("<4I", output, at)
+            samples, most, low, high = struct.unpack_from("<4I", output, offset)
             return trials, Ticks(samples, most, low + (high << 32))
         else:
             break
     raise InputError(f"{folder}: the harness stopped in the middle; compile and run it by hand")
 
 
-def _numbers(output: bytes, at: int, size: int) -> tuple[tuple[int, ...], int]:
-    n = int.from_bytes(output[at : at + 4], "little")
-    end = at + 4 + n * size
-    return tuple(np.frombuffer(output[at + 4 : end], f"<u{size}").tolist()), end
+def _numbers(output: bytes, offset: int, size: int) -> tuple[tuple[int, ...], int]:
+    n = int.from_bytes(output[offset : offset + 4], "little")
+    end = offset + 4 + n * size
+    return tuple(np.frombuffer(output[offset + 4 : end], f"<u{size}").tolist()), end
 
 
 def _size_of(what: str, name: str, folder: Path) -> int:
@@ -269,9 +269,9 @@ def spoken_of(
     windows = {}
     decisions = []
     for window, (start, raster, row) in enumerate(zip(starts.tolist(), hidden, decided.tolist(), strict=True)):
-        label, steps, input_spikes, hidden_spikes, heard = row
+        label, steps, input_spikes, hidden_spikes, is_heard = row
         windows[window] = [tuple(np.flatnonzero(step).tolist()) for step in raster[: -(-steps // steps_per_bin)]]
-        decisions.append((window, start, steps, input_spikes, hidden_spikes, heard, label))
+        decisions.append((window, start, steps, input_spikes, hidden_spikes, is_heard, label))
     return Spoken(rows, windows, decisions)
 
 

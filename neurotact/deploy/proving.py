@@ -47,7 +47,7 @@ def prove(
     Raises InputError if a spike or a decision differs.
     """
     trials = trials_of(run, chain, formats, n_trials, recordings, spikes)
-    rows = [("windows", sum(len(each.decisions) for each in trials.expected))]
+    rows = [("windows", sum(len(trial.decisions) for trial in trials.expected))]
     rows += [("accuracy on windows as in training", _accuracy(trials))]
     with files.scratch() as folder:
         c_export.write(chain, folder, formats, name=NAME, parts=c_export.HARNESS)
@@ -71,12 +71,12 @@ def trials_of(
 ) -> Trials:
     """Test trials of a run as input of a chain in C, and the output of its twin."""
     restored = fitted.restore(run, spikes=spikes)
-    found, learned = export.recorded(restored, recordings), restored.task.window.per_trial
-    signals = [np.asarray(signal, np.float32) for signal in found.test[:n_trials]]
+    recorded, learned = export.recorded(restored, recordings), restored.task.window.per_trial
+    signals = [np.asarray(signal, np.float32) for signal in recorded.test[:n_trials]]
     if formats is None:
-        return Trials(signals, [twin.said_in_float(chain, each) for each in signals], found.labels, learned)
-    given = [formats.raw.samples(each) for each in signals]
-    return Trials(given, twin.said_in_whole_numbers(chain, formats, given), found.labels, learned)
+        return Trials(signals, [twin.said_in_float(chain, signal) for signal in signals], recorded.labels, learned)
+    given = [formats.raw.samples(signal) for signal in signals]
+    return Trials(given, twin.said_in_whole_numbers(chain, formats, given), recorded.labels, learned)
 
 
 def _on_this_machine(folder: Path, trials: Trials, say: Callable[[str], None]) -> Iterator[tuple[str, Any]]:
@@ -102,7 +102,7 @@ def _emulated(folder: Path, trials: Trials, board: Board, chain: Chain, n_trials
     yield f"{name}, instructions per sample", f"{mean:.0f}, at most {ticks.most}"
     ms = 1e3 * mean * board.cycles_per_instruction / chip.clock_Hz
     yield f"{name}, ms per sample on {chip.name} (estimate)", f"{ms:.3f} of {1e3 / chain.sampling_rate_Hz:.3f}"
-    samples = np.mean([row[2] for each in trials.expected for row in each.decisions]) * chain.sampling_rate_Hz
+    samples = np.mean([row[2] for trial in trials.expected for row in trial.decisions]) * chain.sampling_rate_Hz
     energy_uJ = 1e3 * ms * 1e-3 * chip.watts * samples / chain.clock_Hz * 1e3
     yield f"{name}, energy per decision on {chip.name} (estimate)", f"{energy_uJ:.0f} µJ"
 
@@ -111,14 +111,14 @@ def _require_equal(output: list[Spoken], expected: Sequence[Spoken], where: str)
     difference = proof.first_difference(list(proof.cut_off(output, expected)), expected)
     if difference:
         raise InputError(f"{where}: differs from its twin: {difference}; report it")
-    return sum(len(each.decisions) for each in expected)
+    return sum(len(trial.decisions) for trial in expected)
 
 
 def _accuracy(trials: Trials) -> float:
     """The share of correct decisions among the decided windows."""
     is_correct = [
         row[-1] == label
-        for each, label in zip(trials.expected, trials.labels, strict=False)
-        for row in each.decisions[: trials.learned]
+        for trial, label in zip(trials.expected, trials.labels, strict=False)
+        for row in trial.decisions[: trials.learned]
     ]
     return float(np.mean(is_correct)) if is_correct else float("nan")

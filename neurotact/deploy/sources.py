@@ -299,7 +299,7 @@ def live(
         is_stalled, received_s = False, time.monotonic()
         while True:
             left_s = None if is_stalled else max(0.0, received_s + stall_s - time.monotonic())
-            wait_s = min(each for each in (left_s, tick_s, LONGEST_WAIT_S) if each is not None)
+            wait_s = min(limit_s for limit_s in (left_s, tick_s, LONGEST_WAIT_S) if limit_s is not None)
             ready, _, _ = select.select([descriptor], [], [], wait_s)
             if not ready:
                 stalls = not is_stalled and time.monotonic() - received_s >= stall_s
@@ -357,7 +357,7 @@ def at_its_rate(
         parts = [arrived]
         if arrived.samples is not None:
             samples = arrived.samples
-            parts = [arrived._replace(samples=samples[at : at + block]) for at in range(0, len(samples), block)]
+            parts = [arrived._replace(samples=samples[i : i + block]) for i in range(0, len(samples), block)]
         for part in parts:
             lasts_s = (part.missing if part.samples is None else len(part.samples)) / (rate_Hz * speed())
             due += lasts_s

@@ -127,8 +127,8 @@ Placed(values=[10], lost=1, restarts=False)]
         """Number of samples between the last row and a stamp; -1 if it stands for the same one; None for no number."""
         if self._origin is None:
             return len(self._held) if math.isfinite(stamp) else None
-        place = (stamp + self._offset + self._wrap(stamp) - self._origin) * self._per_unit
-        return round(place) - self._place - 1 if math.isfinite(place) else None
+        position = (stamp + self._offset + self._wrap(stamp) - self._origin) * self._per_unit
+        return round(position) - self._place - 1 if math.isfinite(position) else None
 
     def _wrap(self, stamp: float) -> float:
         """The length of the counter, if it has wrapped between the last row and this stamp; else 0."""
@@ -153,7 +153,7 @@ Placed(values=[10], lost=1, restarts=False)]
         self._place, self._last = self._place + lost + 1, row.stamp
         self._recent.append(row)
         self._hold([])
-        yield from (Placed(each.values) for each in filled)
+        yield from (Placed(row.values) for row in filled)
         yield Placed(row.values, lost - len(filled))
 
     def _ignore(self, used: list[Stamped], dropped: list[Stamped]) -> None:

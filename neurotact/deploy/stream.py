@@ -96,8 +96,8 @@ class Stream:
         self.hold_samples = max(1, int(hold_ms * 1e-3 * rate_Hz))
         self._state = StreamState(self.chain.windows.begin())
         # Synaptic operations are linear in the spikes: the cost of one input spike, and of one hidden spike.
-        each = synops.of_network(self.chain.network, np.array([1, 0]), np.array([0, 1])).total
-        self._sops = tuple(int(cost) for cost in each)
+        costs = synops.of_network(self.chain.network, np.array([1, 0]), np.array([0, 1])).total
+        self._sops = tuple(int(cost) for cost in costs)
         self._rates_Hz = rate_Hz, self.chain.clock_Hz
         self._classes = self.chain.classes
         self._compiled: CompiledStream | None = None
@@ -304,8 +304,8 @@ class Stream:
 
     def _condition(self, samples: np.ndarray, *, held: bool) -> list[Decision]:
         decisions: list[Decision] = []
-        for at in range(0, len(samples), self._most_samples):
-            block = np.ascontiguousarray(samples[at : at + self._most_samples])
+        for start in range(0, len(samples), self._most_samples):
+            block = np.ascontiguousarray(samples[start : start + self._most_samples])
             if self._compiled is not None:
                 decided = self._compiled.push(samples=block, held=held)
                 assert decided is not None  # all are valid by now
@@ -328,7 +328,7 @@ class Stream:
             for row in spikes:
                 decisions += self._step(np.flatnonzero(row), held, oldest)
         if self._watch is not None and len(spikes):
-            hidden, window = (np.array(each) for each in zip(*oldest, strict=True))
+            hidden, window = (np.array(part) for part in zip(*oldest, strict=True))
             self._report(first, spikes != 0, hidden, window)
         return decisions
 
@@ -340,11 +340,11 @@ class Stream:
     def _step(self, inputs: np.ndarray, held: bool, oldest: list[tuple[np.ndarray, int]]) -> list[Decision]:
         """One step; with `watch`, the hidden spikes of the oldest window, and its number, are added to `oldest`."""
         state, chain, length = self._state, self.chain, self.chain.windows.length
-        at = state.opening.step
+        step = state.opening.step
         opens, state.opening = state.opening.after(len(inputs) > 0)
         windows = state.windows
         if opens:
-            windows = (*windows, running.begin(chain.network, state.n_windows, at))
+            windows = (*windows, running.begin(chain.network, state.n_windows, step))
             state.n_windows += 1
         decisions, still_open = [], []
         for window in windows:
@@ -379,13 +379,13 @@ class Stream:
         if not decided:
             return []
         self._state.tally.decisions += len(decided)
-        return [self._decision(*each) for each in decided]
+        return [self._decision(*row) for row in decided]
 
     def _decision(
-        self, window: int, start: int, steps: int, index: int, inputs: int, hidden: int, held: int, heard: bool
+        self, window: int, start: int, steps: int, index: int, inputs: int, hidden: int, held: int, is_heard: bool
     ) -> Decision:
         rate_Hz, clock_Hz = self._rates_Hz
         time_s = self._state.origin / rate_Hz + (start + steps) / clock_Hz
         sops = self._sops[0] * inputs + self._sops[1] * hidden
         label, ms = self._classes[index], 1e3 * steps / clock_Hz
-        return Decision(window, time_s, start, label, index, steps, ms, inputs, hidden, sops, held, heard)
+        return Decision(window, time_s, start, label, index, steps, ms, inputs, hidden, sops, held, is_heard)

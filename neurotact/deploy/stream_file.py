@@ -111,7 +111,7 @@ def _parts(chain: Chain, state: StreamState) -> tuple[dict[str, Any], Arrays]:
             if layer is not None:
                 known = _fields(chain, name) if isinstance(layer, CubaLIFState) else layer._fields
                 parts = ((key, getattr(layer, key)) for key in known)
-                arrays |= {f"window{number}.{name}.{key}": each.numpy() for key, each in parts if each is not None}
+                arrays |= {f"window{number}.{name}.{key}": part.numpy() for key, part in parts if part is not None}
         arrays[f"window{number}.waiting"] = window.waiting
         windows.append({key: value for key, value in window._asdict().items() if isinstance(value, int)})
     table = {
@@ -132,8 +132,8 @@ def _leaves(part: Any, name: str, counters: dict[str, int]) -> Arrays:
     fields = part._asdict() if hasattr(part, "_asdict") else dict(enumerate(part))
     return {
         key: values
-        for field, each in fields.items()
-        for key, values in _leaves(each, f"{name}.{field}", counters).items()
+        for field, value in fields.items()
+        for key, values in _leaves(value, f"{name}.{field}", counters).items()
     }
 
 
@@ -145,8 +145,8 @@ def _rebuilt(example: Any, name: str, take: Any, counters: dict[str, int]) -> An
         return int(counters[name])
     if hasattr(example, "_asdict"):
         parts = example._asdict().items()
-        return type(example)(**{field: _rebuilt(each, f"{name}.{field}", take, counters) for field, each in parts})
-    return tuple(_rebuilt(each, f"{name}.{field}", take, counters) for field, each in enumerate(example))
+        return type(example)(**{field: _rebuilt(value, f"{name}.{field}", take, counters) for field, value in parts})
+    return tuple(_rebuilt(value, f"{name}.{field}", take, counters) for field, value in enumerate(example))
 
 
 def _state(chain: Chain, table: dict[str, Any], arrays: Arrays) -> StreamState:
@@ -176,9 +176,9 @@ def _state(chain: Chain, table: dict[str, Any], arrays: Arrays) -> StreamState:
         encoder = _rebuilt(example, "encoder", take, table["encoder"])
     if len(table["windows"]) > chain.windows.at_once:
         raise ValueError(f"{len(table['windows'])} windows where {chain.windows.at_once} may overlap")
-    windows = tuple(_window(chain, each, f"window{i}.", take) for i, each in enumerate(table["windows"]))
+    windows = tuple(_window(chain, part, f"window{i}.", take) for i, part in enumerate(table["windows"]))
     state = StreamState(
-        Opening(chain.windows, *(int(each) for each in table["opening"])), conditioned, encoder, windows,
+        Opening(chain.windows, *(int(number) for number in table["opening"])), conditioned, encoder, windows,
         int(table["n_windows"]), maybe("good", (n,)), int(table["bad_in_a_row"]), int(table["origin"]),
         Tally(**{key: int(value) for key, value in table["tally"].items()}),
     )  # fmt: skip

@@ -75,7 +75,7 @@ class Tally:
 
     def trouble(self) -> str:
         """The counts that are not zero, except samples and decisions, in words; empty without errors."""
-        counted = ((each.name, getattr(self, each.name)) for each in fields(self))
+        counted = ((count.name, getattr(self, count.name)) for count in fields(self))
         return ", ".join(f"{name} {n}" for name, n in counted if n and name not in ("samples", "decisions"))
 
 

@@ -68,8 +68,8 @@ def title(target: str) -> str:
     return f"Limits of {target}, from {SOURCES[target]}"
 
 
-def _xylo(asked: Asked) -> Iterator[Finding]:
-    network, spec = asked.network, asked.network.spec
+def _xylo(chain: Asked) -> Iterator[Finding]:
+    network, spec = chain.network, chain.network.spec
     yield _at_most("inputs", network.n_inputs, 16, "fewer taxels, or one population of afferents")
     yield _at_most(
         "hidden neurons", spec.hidden, 1000, "train a smaller network: `nt.train(..., settings={'hidden': 1000})`"
@@ -98,11 +98,11 @@ def _xylo(asked: Asked) -> Iterator[Finding]:
     fan_out = (spec.hidden if spec.recurrent else 0) + network.n_classes
     yield _at_most("fan-out of a hidden neuron, on average", fan_out, 32, "prune the recurrent weights")
     yield _front_end("on a microcontroller next to the chip: the first half of the C export")
-    yield _exit(asked.rule, "the microcontroller that reads the output spikes counts them and resets the chip")
+    yield _exit(chain.rule, "the microcontroller that reads the output spikes counts them and resets the chip")
 
 
-def _loihi(asked: Asked) -> Iterator[Finding]:
-    network, spec = asked.network, asked.network.spec
+def _loihi(chain: Asked) -> Iterator[Finding]:
+    network, spec = chain.network, chain.network.spec
     yield _at_most("neurons", spec.hidden + network.n_classes, 1024, "use more than one core")
     yield _is(
         "membrane",
@@ -130,21 +130,21 @@ def _loihi(asked: Asked) -> Iterator[Finding]:
         cost = f"12 bits change the time constant by {100 * change:.1f} %: train again with a shorter one"
         yield Finding(f"decay of the {name}", f"{steps:.1f} steps", "12 bits, to within 5 %", change <= 0.05, cost)
     yield from _weights(network, 8)
-    yield from _refractory(asked, 64)
+    yield from _refractory(chain, 64)
     yield _front_end("SA-I and RA-I as Loihi neurons with graded input, or on the embedded processor")
-    yield _exit(asked.rule, "a counter on the embedded processor, which also ends the run; it reads spikes every step")
+    yield _exit(chain.rule, "a counter on the embedded processor, which also ends the run; it reads spikes every step")
 
 
-def _spinnaker(asked: Asked) -> Iterator[Finding]:
-    network, spec = asked.network, asked.network.spec
+def _spinnaker(chain: Asked) -> Iterator[Finding]:
+    network, spec = chain.network, chain.network.spec
     weights = sum(weights.numel() for weights in network.weights)
     states = 4 * (spec.hidden + network.n_classes) + (spec.hidden if network.adaptation is not None else 0)
     states += 2 * network.n_inputs  # membranes and refractory counters of the afferents
     n_bytes = 4 * weights + 4 * states + 8192
     yield _at_most("bytes of one processor", n_bytes, PROCESSOR_BYTES, "8-bit weights, or several processors")
     lacked = None
-    if asked.encoder is not None:
-        lacked = lacking("c-float", Subject(encoder_of(asked.encoder, "run"), network, asked.rule))
+    if chain.encoder is not None:
+        lacked = lacking("c-float", Subject(encoder_of(chain.encoder, "run"), network, chain.rule))
     cost = "" if lacked is None else FEATURES[lacked].instead
     here = "what C has" if lacked is None else lacked
     yield Finding("conditioning and afferents", here, "what the C export has", lacked is None, cost)
@@ -169,7 +169,7 @@ def _shift(name: str, tau_ms: float, clock_Hz: float) -> Finding:
     """A decay by x -> x - x / 2^k: its possible time constants are -1 / log(1 - 2^-k) steps."""
     steps = tau_ms * 1e-3 * clock_Hz
     possible = {k: -1 / math.log(1 - 2.0**-k) for k in range(1, 16)}
-    k, nearest_one = min(possible.items(), key=lambda each: abs(math.log(each[1] / steps)))
+    k, nearest_one = min(possible.items(), key=lambda shift: abs(math.log(shift[1] / steps)))
     change = nearest_one / steps - 1
     tau = 1e3 * nearest_one / clock_Hz
     return Finding(
@@ -194,12 +194,12 @@ def _weights(network: RSNN, bits: int) -> Iterator[Finding]:
         yield Finding(f"{name} weights", f"rounding changes {100 * change:.2g} %", limit, change <= MOST_ROUNDING, cost)
 
 
-def _refractory(asked: Asked, most: int) -> Iterator[Finding]:
+def _refractory(chain: Asked, most: int) -> Iterator[Finding]:
     for part in ("sa1", "ra1"):
-        t_ref_ms = ((asked.encoder or {}).get(part) or {}).get("t_ref_ms")
+        t_ref_ms = ((chain.encoder or {}).get(part) or {}).get("t_ref_ms")
         if t_ref_ms is None:
             continue
-        steps = math.ceil(t_ref_ms * 1e-3 * asked.network.sampling_rate_Hz - 1e-9)
+        steps = math.ceil(t_ref_ms * 1e-3 * chain.network.sampling_rate_Hz - 1e-9)
         yield _at_most(f"refractory steps of {part}", steps, most, "a slower clock, or afferents outside the chip")
 
 

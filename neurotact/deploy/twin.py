@@ -25,10 +25,10 @@ def said_in_whole_numbers(chain: Chain, formats: Formats, trials: Sequence[np.nd
         for raster, n_samples in zip(rasters, lengths.tolist(), strict=True)
     ]
     cut, n = [_windows(chain, raster) for raster in spikes], chain.network.steps_per_bin
-    found = integer.infer(np.concatenate([windows for _, windows in cut]), formats, chain.network.neuron, chain.rule, n)
-    decided = np.stack([found.labels, found.steps, found.input_spikes, found.hidden_spikes, found.heard], axis=1)
+    made = integer.infer(np.concatenate([windows for _, windows in cut]), formats, chain.network.neuron, chain.rule, n)
+    decided = np.stack([made.labels, made.steps, made.input_spikes, made.hidden_spikes, made.heard], axis=1)
     ends = np.cumsum([len(starts) for starts, _ in cut])[:-1]
-    parts = zip(spikes, cut, np.split(found.hidden, ends), np.split(decided, ends), strict=True)
+    parts = zip(spikes, cut, np.split(made.hidden, ends), np.split(decided, ends), strict=True)
     return [spoken_of(raster, starts, hidden, rows, n) for raster, (starts, _), hidden, rows in parts]
 
 
@@ -39,15 +39,15 @@ def said_in_float(chain: Chain, trial: np.ndarray) -> Spoken:
     raster = afferents.encode(conditioner.whole(trial)[None], chain.clock_Hz, chain.lif)[0][0]
     starts, windows = _windows(chain, raster)
     inputs = torch.from_numpy(windows)
-    found, (hidden, readout) = chain.network.infer(inputs, chain.rule), chain.network.simulate(inputs)
+    made, (hidden, readout) = chain.network.infer(inputs, chain.rule), chain.network.simulate(inputs)
     n = chain.network.steps_per_bin
-    is_simulated = torch.arange(hidden.shape[1]) * n < found.steps[:, None]
-    heard = ((readout != 0).any(dim=2) & is_simulated).any(dim=1).long()
-    decided = torch.stack([found.labels, found.steps, found.input_spikes, found.hidden_spikes, heard], dim=1)
+    is_simulated = torch.arange(hidden.shape[1]) * n < made.steps[:, None]
+    fired = ((readout != 0).any(dim=2) & is_simulated).any(dim=1).long()
+    decided = torch.stack([made.labels, made.steps, made.input_spikes, made.hidden_spikes, fired], dim=1)
     return spoken_of(raster, starts, hidden.numpy(), decided.numpy(), n)
 
 
 def _windows(chain: Chain, raster: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     starts, length = chain.windows.starts(raster), chain.windows.length
     shape = (0, length, raster.shape[1])
-    return starts, np.stack([raster[at : at + length] for at in starts]) if len(starts) else np.zeros(shape, np.uint8)
+    return starts, np.stack([raster[i : i + length] for i in starts]) if len(starts) else np.zeros(shape, np.uint8)

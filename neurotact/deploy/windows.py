@@ -77,12 +77,12 @@ class WindowPlan:
         >>> WindowPlan(length=3, start=0, hop=0, quiet=2).starts(np.eye(9, 1, k=-4)).tolist()
         [4]
         """
-        opening, found = self.begin(), []
+        opening, starts = self.begin(), []
         for step, row in enumerate(np.asarray(raster)):
             opens, opening = opening.after(bool(row.any()))
             if opens and step + self.length <= len(raster):
-                found.append(step)
-        return np.array(found, np.int64)
+                starts.append(step)
+        return np.array(starts, np.int64)
 
 
 @dataclass(frozen=True)

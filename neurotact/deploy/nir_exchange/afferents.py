@@ -21,7 +21,7 @@ def of_encoder(
     encoder: AfferentSpec, n_taxels: int, clock_Hz: float, clock: Clock, *, lower_refractory: bool = False
 ) -> tuple[dict[str, Any], Edges]:
     """Nodes and edges from `input` to the node `afferents`."""
-    sa1, ra1 = (encoder.neuron(each, clock_Hz) for each in (encoder.sa1, encoder.ra1))
+    sa1, ra1 = (encoder.neuron(kind, clock_Hz) for kind in (encoder.sa1, encoder.ra1))
     n_each = [n_taxels * len(kind.gains) for kind in (encoder.sa1, encoder.ra1)]
     n = sum(n_each)
     tau = clock.tau(sa1.decay, "tau_mem_ms")

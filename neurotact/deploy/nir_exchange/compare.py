@@ -41,13 +41,13 @@ def first_differences(reference: Layers, others: Mapping[str, Layers]) -> pd.Dat
     """
     rows = []
     for simulator, layers in others.items():
-        for layer, found in layers.items():
+        for layer, raster in layers.items():
             expected = reference[layer]
-            if found.shape != expected.shape:
-                raise InputError(f"{simulator}: '{layer}' is {found.shape} where {expected.shape} is expected")
-            places = np.argwhere(found != expected)
+            if raster.shape != expected.shape:
+                raise InputError(f"{simulator}: '{layer}' is {raster.shape} where {expected.shape} is expected")
+            places = np.argwhere(raster != expected)
             first = tuple(int(index) for index in places[0]) if len(places) else (None, None, None)
-            values = (float(expected[first]), float(found[first])) if len(places) else (None, None)
+            values = (float(expected[first]), float(raster[first])) if len(places) else (None, None)
             rows.append((simulator, layer, *first, *values, int((expected != 0).sum()), len(places)))
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
@@ -68,12 +68,12 @@ def report(
         `(trial, time, taxel)`, which `encoder` encodes as `spikes`.
     simulators: "graph" (the interpreter), "snntorch", "norse"; the last two load only the plain form.
     """
-    found = network.simulate(torch.from_numpy(np.ascontiguousarray(spikes)))
-    readout = found.readout.numpy()
+    simulated = network.simulate(torch.from_numpy(np.ascontiguousarray(spikes)))
+    readout = simulated.readout.numpy()
     written = of(graph, "graph")
     if network.integration is not None and written is not None and written.form == "exact":
-        readout = torch.stack([*network.integration.detach().over(found.readout.detach())], dim=1).numpy()
-    reference = {"hidden": found.hidden.numpy(), "readout": readout}
+        readout = torch.stack([*network.integration.detach().over(simulated.readout.detach())], dim=1).numpy()
+    reference = {"hidden": simulated.hidden.numpy(), "readout": readout}
     inputs = np.asarray(spikes, np.float64)
     if conditioned is not None:
         assert encoder is not None
@@ -104,8 +104,8 @@ def _interpreted(graph: Any, inputs: np.ndarray, layers: Sequence[str]) -> dict[
     written = of(graph, "graph")
     dt_s = float(graph.metadata["dt"]) if written is None else written.dt_s
     names = {layer: "output" if layer == "readout" else layer for layer in layers}
-    found = Interpreter(graph, dt_s).run(inputs, tuple(names.values()))
-    return {layer: found[name] for layer, name in names.items()}
+    outputs = Interpreter(graph, dt_s).run(inputs, tuple(names.values()))
+    return {layer: outputs[name] for layer, name in names.items()}
 
 
 def _by_snntorch(graph: Any, inputs: np.ndarray, layers: Sequence[str]) -> dict[str, np.ndarray]:

@@ -99,8 +99,8 @@ def from_nir(
     if sampling_rate_Hz is not None and not (math.isfinite(sampling_rate_Hz) and sampling_rate_Hz > 0):
         raise InputError(f"sampling_rate_Hz: must be a positive number; got {sampling_rate_Hz}")
     is_file = isinstance(source, (str, Path))
-    found = file.read(source) if is_file else source
-    return parse.parsed(found, dt_s, str(source) if is_file else "graph", sampling_rate_Hz, backend)
+    content = file.read(source) if is_file else source
+    return parse.parsed(content, dt_s, str(source) if is_file else "graph", sampling_rate_Hz, backend)
 
 
 def proved(
@@ -131,25 +131,25 @@ def proved(
             raster = afferents.encode(conditioned, restored.network.sampling_rate_Hz, encoder)[0]
             more = {"conditioned": conditioned, "encoder": encoder} if has_afferents else {}
             try:
-                found = compare.report(restored.network, made, raster, (simulator,), **more)
+                table = compare.report(restored.network, made, raster, (simulator,), **more)
             except InputError as error:
                 say(f"{simulator} is skipped: {error}")
                 break
-            found["first_trial"] = found["first_trial"].where(found["first_trial"].isna(), trial)
-            tables.append(found)
+            table["first_trial"] = table["first_trial"].where(table["first_trial"].isna(), trial)
+            tables.append(table)
     return _joined(tables)
 
 
 def _joined(tables: list[pd.DataFrame]) -> pd.DataFrame:
     """One row per simulator and layer: the first trial that differs, and the sums."""
     rows = pd.concat(tables, ignore_index=True)
-    found = []
+    firsts = []
     for _, group in rows.groupby(["simulator", "layer"], sort=False):
         differing = group[group["differing"] > 0]
         first = (differing if len(differing) else group).iloc[0].copy()
         first["spikes"], first["differing"] = int(group["spikes"].sum()), int(group["differing"].sum())
-        found.append(first)
-    return pd.DataFrame(found).reset_index(drop=True)
+        firsts.append(first)
+    return pd.DataFrame(firsts).reset_index(drop=True)
 
 
 def summary(table: pd.DataFrame) -> list[str]:
@@ -165,7 +165,7 @@ def summary(table: pd.DataFrame) -> list[str]:
         if not row.differing:
             lines.append(f"{head}: equal, {row.spikes} values")
             continue
-        place = f"trial {int(row.first_trial)}, step {int(row.first_step)}, neuron {int(row.first_neuron)}"
+        position = f"trial {int(row.first_trial)}, step {int(row.first_step)}, neuron {int(row.first_neuron)}"
         values = f"{np.format_float_positional(row.reference, 6)} and not {np.format_float_positional(row.other, 6)}"
-        lines.append(f"{head}: {row.differing} differ of {row.spikes} values, first at {place} ({values})")
+        lines.append(f"{head}: {row.differing} differ of {row.spikes} values, first at {position} ({values})")
     return lines

@@ -36,13 +36,13 @@ def flat(graph: Any, prefix: str = "") -> Flat:
 
 
 def _end(nodes: dict[str, Any], name: str, kind: str) -> str:
-    found = [
-        each for each, node in nodes.items()
-        if type(node).__name__ == kind and each.startswith(f"{name}/") and each.count("/") == name.count("/") + 1
+    ends = [
+        key for key, node in nodes.items()
+        if type(node).__name__ == kind and key.startswith(f"{name}/") and key.count("/") == name.count("/") + 1
     ]  # fmt: skip
-    if len(found) != 1:
-        raise InputError(f"graph: '{name}' has {len(found)} {kind} nodes; give it one")
-    return found[0]
+    if len(ends) != 1:
+        raise InputError(f"graph: '{name}' has {len(ends)} {kind} nodes; give it one")
+    return ends[0]
 
 
 class Interpreter:
@@ -117,7 +117,7 @@ class Interpreter:
                 stack.append((begin, iter(following[begin])))
             while stack:
                 name, rest = stack[-1]
-                after = next((each for each in rest if each not in seen and each not in self.delays), None)
+                after = next((key for key in rest if key not in seen and key not in self.delays), None)
                 if after is None:
                     stack.pop()
                     finished.append(name)
@@ -138,12 +138,12 @@ def _delayed_output(history: Sequence[np.ndarray], steps: np.ndarray) -> np.ndar
 def _sum(inputs: Sequence[np.ndarray | None], n_trials: int, node: Any, name: str) -> np.ndarray:
     width = int(np.prod(next(iter(node.input_type.values()))))
     total = np.zeros((n_trials, width))
-    for each in inputs:
-        if each is None:  # a cycle, before its first step
+    for values in inputs:
+        if values is None:  # a cycle, before its first step
             continue
-        if each.shape[1] != width:
-            raise InputError(f"graph: '{name}' takes {width} values and receives {each.shape[1]}")
-        total = total + each
+        if values.shape[1] != width:
+            raise InputError(f"graph: '{name}' takes {width} values and receives {values.shape[1]}")
+        total = total + values
     return total
 
 

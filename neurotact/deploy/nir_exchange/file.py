@@ -45,15 +45,15 @@ def _graph(declared: Declared, name: str, depth: int, left: list[int]) -> dict[s
     """A graph as a table; `left` counts down the nodes and edges that a file may have."""
     if depth > DEEPEST:
         raise ValueError(f"{name} is nested deeper than {DEEPEST} graphs")
-    found = _table(declared, name, left)
-    if found.get("type") != "NIRGraph":
+    graph = _table(declared, name, left)
+    if graph.get("type") != "NIRGraph":
         raise ValueError(f"{name} is not a graph")
     nodes, edges = declared.group(f"{name}/nodes"), declared.value(f"{name}/edges")
     if edges.ndim != 2 or edges.shape[1] != 2:
         raise ValueError(f"{name}/edges are not pairs of names")
     left[0] -= len(edges)
-    found["edges"] = [(str(a), str(b)) for a, b in edges]
-    found["nodes"] = {}
+    graph["edges"] = [(str(a), str(b)) for a, b in edges]
+    graph["nodes"] = {}
     for key in nodes:
         kind = declared.value(f"{name}/nodes/{key}/type")
         if kind != "NIRGraph" and kind not in KINDS:
@@ -61,10 +61,10 @@ def _graph(declared: Declared, name: str, depth: int, left: list[int]) -> dict[s
                 f"{declared.path}: '{key}' is a {str(kind)[:40]!a}, which is not supported; known: {', '.join(KINDS)}"
             )
         inner = f"{name}/nodes/{key}"
-        found["nodes"][key] = (
+        graph["nodes"][key] = (
             _graph(declared, inner, depth + 1, left) if kind == "NIRGraph" else _table(declared, inner, left)
         )
-    return found
+    return graph
 
 
 def _table(declared: Declared, name: str, left: list[int]) -> dict[str, Any]:
@@ -75,15 +75,15 @@ def _table(declared: Declared, name: str, left: list[int]) -> dict[str, Any]:
     group = declared.group(name)
     if len(group) > 20:
         raise ValueError(f"{name} has {len(group)} fields")
-    found: dict[str, Any] = {}
+    table: dict[str, Any] = {}
     for key in group:
         if key == "metadata":
             notes = declared.group(f"{name}/{key}")
-            found[key] = {
+            table[key] = {
                 note: declared.value(f"{name}/{key}/{note}")
                 for note in list(notes)[:20]
                 if notes.get(note, getclass=True) is h5py.Dataset
             }
         elif key not in ("nodes", "edges"):
-            found[key] = declared.value(f"{name}/{key}")
-    return found
+            table[key] = declared.value(f"{name}/{key}")
+    return table

@@ -53,7 +53,7 @@ def of(
         form="plain" if plain else "exact",
         differences=tuple(_differences(network, silent, plain=plain, lowered=lower_refractory)),
         network=network.spec.model_dump(mode="json"),
-        unused=tuple(float(each[1].detach()) for each in (network.alpha, network.beta, network.threshold)),  # pyright: ignore
+        unused=tuple(float(values[1].detach()) for values in (network.alpha, network.beta, network.threshold)),  # pyright: ignore
         bias=None if network.bias is None else tuple(network.bias.detach().tolist()),
         classes=classes or tuple(str(index) for index in range(network.n_classes)),
         encoder=None if encoder is None else encoder.model_dump(mode="json", exclude_none=True),
@@ -67,11 +67,11 @@ def of(
 
 
 def _differences(network: RSNN, silent: dict[str, int] | None, *, plain: bool, lowered: bool) -> list[str]:
-    found = layers.differences(network) if plain else []
+    lines = layers.differences(network) if plain else []
     if silent is not None and not lowered and any(silent.values()):
         steps = " and ".join(f"{n} steps of {name}" for name, n in silent.items())
-        found.append(f"afferents have no refractory period ({steps}); `lower_refractory=True` adds them as nodes")
-    return found
+        lines.append(f"afferents have no refractory period ({steps}); `lower_refractory=True` adds them as nodes")
+    return lines
 
 
 def signals(conditioned: np.ndarray, clock_Hz: float) -> np.ndarray:

@@ -38,7 +38,7 @@ class Neuron(NamedTuple):
     @staticmethod
     def of(network: RSNN, layer: int, *, plain: bool) -> "Neuron":
         """The neuron of the hidden layer (0) or of the readout (1); plain: as in CubaLIF."""
-        alpha, beta, level = (float(each[layer].detach()) for each in (network.alpha, network.beta, network.threshold))
+        alpha, beta, level = (float(part[layer].detach()) for part in (network.alpha, network.beta, network.threshold))
         spec = network.spec
         late = 0 if plain or spec.membrane == "immediate" else 2
         return Neuron(
@@ -136,24 +136,24 @@ def _integrator(network: RSNN, clock: Clock) -> dict[str, Any]:
 
 def differences(network: RSNN) -> list[str]:
     """The differences between the plain form and the network, in words; empty if there are none."""
-    spec, found = network.spec, []
+    spec, lines = network.spec, []
     if spec.reset == "zero":
-        found.append("reset zero is written as hard: a neuron may spike again in the step after its spike")
+        lines.append("reset zero is written as hard: a neuron may spike again in the step after its spike")
     if spec.reset == "subtract":
-        found.append("reset subtract is written as hard: a membrane loses its value above the threshold")
+        lines.append("reset subtract is written as hard: a membrane loses its value above the threshold")
     if spec.membrane != "immediate":
         back = " and its recurrent spikes return one step earlier" if spec.recurrent else ""
-        found.append(f"membrane {spec.membrane} is written as immediate: each layer responds two steps earlier{back}")
+        lines.append(f"membrane {spec.membrane} is written as immediate: each layer responds two steps earlier{back}")
     if spec.recurrent and spec.recurrent_delay_steps:
-        found.append("the recurrent delay of one step is left out")
+        lines.append("the recurrent delay of one step is left out")
     if network.bias is not None:
         leak_ms = spec.readout_leak_ms
         decays = "" if leak_ms is None else f" with a decay of {leak_ms:g} ms"
         largest = ", and take the largest value over time" if spec.readout == "max" else ""
-        found.append(
+        lines.append(
             f"the output is the increment of an integrator in each step; sum it{decays}, from the bias on{largest}"
         )
-    return found
+    return lines
 
 
 def _chained(names: list[str]) -> Edges:

@@ -67,7 +67,7 @@ def of(graph: Any, source: str) -> Note | None:
         raise InputError(f"{source}: its note 'neurotact' is not JSON; write it again with neurotact export") from error
     if not isinstance(table, dict):
         raise InputError(f"{source}: its note 'neurotact' is not a table; write it again with neurotact export")
-    found = build(Note, table, source=f"{source}, neurotact")
-    if not math.isclose(float(metadata.get("dt", math.nan)), found.dt_s, rel_tol=1e-12):
+    note = build(Note, table, source=f"{source}, neurotact")
+    if not math.isclose(float(metadata.get("dt", math.nan)), note.dt_s, rel_tol=1e-12):
         raise InputError(f"{source}: its dt differs from that of its note; write it again with neurotact export")
-    return found
+    return note

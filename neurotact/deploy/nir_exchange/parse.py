@@ -63,16 +63,16 @@ def parsed(
 
 def _step(graph: Any, dt_s: float | None, source: str) -> float:
     stated = graph.metadata.get("dt") if isinstance(graph.metadata, dict) else None
-    found = dt_s if stated is None else float(stated)
+    step_s = dt_s if stated is None else float(stated)
     if stated is not None:
         _check_stated("dt_s", dt_s, float(stated), source)
-    if found is None:
+    if step_s is None:
         raise InputError(
             f"{source}: does not contain its step, on which the decays depend; give dt_s (snnTorch's files have 1e-4)"
         )
-    if not 1e-12 < found < 1e6:
-        raise InputError(f"{source}: a step of {found:g} s is not possible; give dt_s")
-    return found
+    if not 1e-12 < step_s < 1e6:
+        raise InputError(f"{source}: a step of {step_s:g} s is not possible; give dt_s")
+    return step_s
 
 
 def _check_stated(name: str, given: float | None, stated: float, source: str) -> None:
@@ -125,20 +125,20 @@ def _dynamics(nodes: dict[str, Any], layer: str, clock: Clock, spec: RSNNSpec) -
     """alpha, beta and threshold of a layer; None for an integrator."""
     if layer == "readout" and spec.integrates:
         return None, None, None
-    found = {name.rsplit("/", 1)[-1] if "/" in name else "lif": node for name, node in nodes.items()
+    parts = {name.rsplit("/", 1)[-1] if "/" in name else "lif": node for name, node in nodes.items()
              if name == layer or name.startswith(f"{layer}/")}  # fmt: skip
     if spec.reset == "hard":
-        lif = found["lif"]
+        lif = parts["lif"]
         alpha, beta = (1 - clock.dt_s / float(tau[0]) for tau in (lif.tau_syn, lif.tau_mem))
         return alpha, beta, float(lif.v_threshold[0])
-    synapse, membrane = found["synapse"], found["membrane"]
-    level = membrane.v_threshold if spec.reset == "zero" else found["spike"].threshold
+    synapse, membrane = parts["synapse"], parts["membrane"]
+    level = membrane.v_threshold if spec.reset == "zero" else parts["spike"].threshold
     return 1 - clock.dt_s / float(synapse.tau[0]), 1 - clock.dt_s / float(membrane.tau[0]), float(level[0])
 
 
-def _check_same(found: Any, rewritten: Any, source: str) -> None:
+def _check_same(graph: Any, rewritten: Any, source: str) -> None:
     """Refuse a graph that differs from the one that neurotact writes for its network."""
-    (nodes, edges), (expected, expected_edges) = flat(found), flat(rewritten)
+    (nodes, edges), (expected, expected_edges) = flat(graph), flat(rewritten)
     changed = sorted(set(nodes) ^ set(expected)) or sorted({str(e) for e in set(edges) ^ set(expected_edges)})
     for name in [] if changed else expected:
         wanted, read = expected[name].to_dict(), nodes[name].to_dict()
@@ -179,7 +179,7 @@ def _from_other(graph: Any, dt_s: float, rate_Hz: float, source: str, backend: B
     )
     values = {
         "w_in": w_in.T, "w_out": w_out.T,
-        "alpha": np.array([each.alpha for each in layers]), "beta": np.array([each.beta for each in layers]),
+        "alpha": np.array([layer.alpha for layer in layers]), "beta": np.array([layer.beta for layer in layers]),
         "threshold": np.ones(2),
     }  # fmt: skip
     if recurrent is not None:
@@ -204,25 +204,25 @@ class _Path(NamedTuple):
 def _path(nodes: dict[str, Any], edges: list[tuple[str, str]], endpoints: set[str], source: str) -> _Path:
     """The computing nodes from input to output, and the recurrent one of the first neurons."""
     following: dict[str, list[str]] = {name: [b for a, b in edges if a == name] for name in nodes}
-    at, chain, recurrent = (
+    node, chain, recurrent = (
         next(name for name in nodes if type(nodes[name]).__name__ == "Input" and "/" not in name),
         [],
         None,
     )
     while True:
-        after = following[at]
-        back = [each for each in after if at in following[each] and type(nodes[each]).__name__ in ("Linear", "Affine")]
-        if back and recurrent is None and type(nodes[at]).__name__ == "CubaLIF":
+        after = following[node]
+        back = [key for key in after if node in following[key] and type(nodes[key]).__name__ in ("Linear", "Affine")]
+        if back and recurrent is None and type(nodes[node]).__name__ == "CubaLIF":
             recurrent = back[0]
-            if following[recurrent] != [at]:
+            if following[recurrent] != [node]:
                 raise InputError(f"{source}: '{recurrent}' leads to more than one node, which is not a recurrence")
-        after = [each for each in after if each != recurrent]
+        after = [key for key in after if key != recurrent]
         if not after:
             break
         if len(after) != 1 or len(chain) > 8:
-            raise InputError(f"{source}: '{at}' leads to {len(after)} nodes where a chain of layers is expected")
-        at = after[0]
-        chain += [] if at in endpoints else [at]
+            raise InputError(f"{source}: '{node}' leads to {len(after)} nodes where a chain of layers is expected")
+        node = after[0]
+        chain += [] if node in endpoints else [node]
     if len(nodes) != len(chain) + len(endpoints) + (recurrent is not None):
         raise InputError(f"{source}: has nodes outside its chain of layers")
     if recurrent is not None and recurrent in chain[2:]:
