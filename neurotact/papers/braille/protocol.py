@@ -126,17 +126,17 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     network = RSNN(spikes.shape[2], parameters.outputs, parameters.network, rate_Hz, generator=weights)
     last: dict[str, Any] = {}
     done = train(network, sides.train, sides.chosen_on, generator=order, keep=lambda state: last.update(state.weights))
-    found = network.infer(sides.test.spikes)
+    inferred = network.infer(sides.test.spikes)
     row = {
         "model": parameters.network.model,
         "protocol": parameters.protocol,
         "seed": parameters.seed,
-        "accuracy_test": measuring.accuracy_of(found, sides.test),
+        "accuracy_test": measuring.accuracy_of(inferred, sides.test),
         "accuracy_train": done.best.train_accuracy,
         "epoch": done.best.epoch,
         "epochs": len(done.epochs),
-        "sops_total": float(measuring.synops_of(found, network).total.mean()),
-        "hidden_spikes": float(found.hidden_spikes.double().mean()),
+        "sops_total": float(measuring.synops_of(inferred, network).total.mean()),
+        "hidden_spikes": float(inferred.hidden_spikes.double().mean()),
         "n_train": len(sides.train.labels),
         "n_test": len(sides.test.labels),
     }
@@ -161,17 +161,17 @@ def draw_beside(results: pd.DataFrame) -> Figure:
     figure = new_figure(2.6)
     axes = figure.subplots()
     names = {"rsnn": "recurrent", "snn": "feed-forward"}
-    found = [model for model in names if model in set(results["model"])]
+    models = [model for model in names if model in set(results["model"])]
     for index, (protocol, rows) in enumerate(results.groupby("protocol", sort=False)):
-        at = [found.index(model) + 0.15 * (index - 0.5) for model in rows["model"]]
+        x = [models.index(model) + 0.15 * (index - 0.5) for model in rows["model"]]
         label = "best epoch on test letters" if protocol == "published" else "best epoch on validation letters"
-        axes.plot(at, rows["accuracy_test"], label=label, **{**series_style(index), "linestyle": "none"})
-    for place, model in enumerate(found):
-        axes.hlines(PUBLISHED[model], place - 0.3, place + 0.3, linestyle=":", color="0.4")
+        axes.plot(x, rows["accuracy_test"], label=label, **{**series_style(index), "linestyle": "none"})
+    for index_, model in enumerate(models):
+        axes.hlines(PUBLISHED[model], index_ - 0.3, index_ + 0.3, linestyle=":", color="0.4")
     axes.set(
-        xticks=range(len(found)), xticklabels=[names[model] for model in found], ylabel="test accuracy", ylim=(0, 1)
+        xticks=range(len(models)), xticklabels=[names[model] for model in models], ylabel="test accuracy", ylim=(0, 1)
     )
-    axes.set_xlim(-0.5, len(found) - 0.5)
+    axes.set_xlim(-0.5, len(models) - 0.5)
     axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
     axes.grid(axis="y")
     add_legend(figure, [axes], ncols=2)

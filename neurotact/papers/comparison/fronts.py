@@ -54,11 +54,11 @@ def _on_front(table: pd.DataFrame, cost: str, score: str = "accuracy_test") -> n
 
 def _point(key: object, part: pd.DataFrame, base: pd.DataFrame) -> dict:
     way, setting = key  # pyright: ignore[reportGeneralTypeIssues]
-    found = interval_of(part["accuracy_test"].to_numpy(), part)
+    interval = interval_of(part["accuracy_test"].to_numpy(), part)
     measures = ("accuracy_validation", "sops_total", "energy_estimate_nJ", "signal_ms")
     means = {name: float(part[name].mean()) for name in measures}
-    return {"way": way, "setting": setting, "seeds": len(part), "accuracy_test": found.mean, "low": found.low,
-            "high": found.high, **means, "share": _share(part, base)}  # fmt: skip
+    return {"way": way, "setting": setting, "seeds": len(part), "accuracy_test": interval.mean, "low": interval.low,
+            "high": interval.high, **means, "share": _share(part, base)}  # fmt: skip
 
 
 def interval_of(values: np.ndarray, rows: pd.DataFrame) -> Interval:
@@ -87,7 +87,7 @@ def halved(results: pd.DataFrame, share: float = HALF) -> list[Halved]:
     """
     base = results[results["way"] == NOTHING]
     before = base.set_index("seed")["accuracy_test"]
-    found = []
+    ways = []
     for way, rows in results[results["way"] != NOTHING].groupby("way", sort=False):
         enough = [part for _, part in rows.groupby("setting", sort=False) if _share(part, base) <= share]
         if enough:
@@ -96,8 +96,8 @@ def halved(results: pd.DataFrame, share: float = HALF) -> list[Halved]:
             seeds = [seed for seed in before.index if seed in mine.index]
             lost = (before.loc[seeds] - mine.loc[seeds, "accuracy_test"]).to_numpy()
             validation = float(best["accuracy_validation"].mean())
-            found.append(Halved(str(way), str(best["setting"].iloc[0]), _share(best, base), validation, lost, best))
-    return sorted(found, key=lambda each: (-each.accuracy_validation, each.share))
+            ways.append(Halved(str(way), str(best["setting"].iloc[0]), _share(best, base), validation, lost, best))
+    return sorted(ways, key=lambda way_: (-way_.accuracy_validation, way_.share))
 
 
 def _share(part: pd.DataFrame, base: pd.DataFrame) -> float:
@@ -118,7 +118,7 @@ def _listed(rows: pd.DataFrame) -> Listed:
     """
     points = fronts(rows)
     on_front = {cost: _on_front(points, cost, "accuracy_validation") for cost in COSTS}
-    points["front"] = [", ".join(SHORT[cost] for cost in COSTS if on_front[cost][at]) for at in range(len(points))]
+    points["front"] = [", ".join(SHORT[cost] for cost in COSTS if on_front[cost][row]) for row in range(len(points))]
     points["is_base"] = points["way"] == NOTHING
     shown = points[points["is_base"] | ((points["front"] != "") & (points["accuracy_validation"] > _guess(rows)))]
     shown = shown.sort_values(
@@ -216,16 +216,16 @@ def _answer(rows: pd.DataFrame, share: float) -> str:
         return "nothing to compare with, since no network without savings was trained."
     if unlearned := _not_learned(base):
         return f"nothing was learned, so no saving means anything: {unlearned}."
-    found = halved(rows, share)
+    ways = halved(rows, share)
     head = (
         f"a network that saves nothing has {_percent(base['accuracy_test'].mean())} at "
         f"{base['sops_total'].mean():,.0f} SOPs; "
     )
-    if not found:
+    if not ways:
         return f"{head}no way that was tried saves {_percent(1 - share)} of them."
-    best = found[0]
-    refractory = next((each for each in found if each.way == REFRACTORY), None)
-    rival = next((each for each in found if each.way != REFRACTORY), None)
+    best = ways[0]
+    refractory = next((half for half in ways if half.way == REFRACTORY), None)
+    rival = next((half for half in ways if half.way != REFRACTORY), None)
     sentence = f"{_verdict(refractory, rival)}; {head}to save at least {_percent(1 - share)} of them, {_costs(best)}"
     if refractory is None:
         return f"{sentence}, and {_too_little(rows, base)}."
@@ -254,11 +254,11 @@ def _verdict(refractory: Halved | None, rival: Halved | None) -> str:
     )
 
 
-def _costs(each: Halved) -> str:
-    found = interval_of(each.lost, each.rows)
-    verb = "costs" if found.mean >= 0 else "gains"
-    name = f"a {each.way} of {each.setting}" if each.way == REFRACTORY else f"{each.way} ({_bare(each.setting)})"
-    return f"{name} {verb} {_points(found)} at {_percent(each.share)} of the SOPs"
+def _costs(half: Halved) -> str:
+    interval = interval_of(half.lost, half.rows)
+    verb = "costs" if interval.mean >= 0 else "gains"
+    name = f"a {half.way} of {half.setting}" if half.way == REFRACTORY else f"{half.way} ({_bare(half.setting)})"
+    return f"{name} {verb} {_points(interval)} at {_percent(half.share)} of the SOPs"
 
 
 def _too_little(rows: pd.DataFrame, base: pd.DataFrame) -> str:
@@ -268,26 +268,26 @@ def _too_little(rows: pd.DataFrame, base: pd.DataFrame) -> str:
         return "no refractory period was tried"
     most = min(mine, key=lambda part: part["sops_total"].mean())
     lost = base.set_index("seed")["accuracy_test"] - most.set_index("seed")["accuracy_test"]
-    found = interval_of(lost.dropna().to_numpy(), most)
-    verb = "costs" if found.mean >= 0 else "gains"
+    interval = interval_of(lost.dropna().to_numpy(), most)
+    verb = "costs" if interval.mean >= 0 else "gains"
     share = _share(most, base)
     return (
-        f"no refractory period that was tried saves as much: {most['setting'].iloc[0]} {verb} {_points(found)} at "
+        f"no refractory period that was tried saves as much: {most['setting'].iloc[0]} {verb} {_points(interval)} at "
         f"{_percent(share)} of the SOPs"
     )
 
 
-def _points(found: Interval) -> str:
+def _points(interval: Interval) -> str:
     """Points of accuracy that are lost or gained, with the interval of this loss or gain, at most 100 points."""
-    text = f"{100 * abs(found.mean):.1f} points"
-    if np.isnan(found.low):
+    text = f"{100 * abs(interval.mean):.1f} points"
+    if np.isnan(interval.low):
         return f"{text} (one seed)"
-    low, high = np.clip([found.low, found.high], -1, 1) * (100 if found.mean >= 0 else -100)
+    low, high = np.clip([interval.low, interval.high], -1, 1) * (100 if interval.mean >= 0 else -100)
     return f"{text} (95 % interval {min(low, high):.1f} to {max(low, high):.1f})"
 
 
-def _words(found: Interval, more: str, less: str) -> str:
-    return f"{_points(found)} {more if found.mean >= 0 else less}"
+def _words(interval: Interval, more: str, less: str) -> str:
+    return f"{_points(interval)} {more if interval.mean >= 0 else less}"
 
 
 def _percent(share: float) -> str:

@@ -103,25 +103,23 @@ def _with_swept_seeds(given: Mapping[str, Any]) -> dict[str, Any]:
         )
     if SPLITS in given and "seed" in given:
         raise InputError("`repeats`: each seed has its own split, and seed is also given; give only one of them")
-    found = {key: value for key, value in given.items() if key not in (SPLITS, "seed")}
+    settings = {key: value for key, value in given.items() if key not in (SPLITS, "seed")}
     if "seed" in given:
-        found[SEED] = [given["seed"]]
-    return found | ({SEED: given[SPLITS]} if SPLITS in given else {})
+        settings[SEED] = [given["seed"]]
+    return settings | ({SEED: given[SPLITS]} if SPLITS in given else {})
 
 
 def _conditioning(given: Mapping[str, Any]) -> dict[str, Any]:
     """The conditioning of the shipped encoder on a clock of 1 kHz, with the given changes."""
-    asked = {
-        key.removeprefix("conditioning."): value for key, value in given.items() if key.startswith("conditioning.")
-    }
-    if asked.get("baseline") in ACAUSAL:
+    keys = {key.removeprefix("conditioning."): value for key, value in given.items() if key.startswith("conditioning.")}
+    if keys.get("baseline") in ACAUSAL:
         raise InputError(
-            f"conditioning.baseline: '{asked['baseline']}' uses the whole trial; name one of {', '.join(PAST)}, or "
+            f"conditioning.baseline: '{keys['baseline']}' uses the whole trial; name one of {', '.join(PAST)}, or "
             "leave it out: then the training trials choose one of them"
         )
     shipped = load(AfferentSpec, ENCODER).conditioning.model_dump(mode="json", exclude_none=True)
-    found = build(ConditioningSpec, {**shipped, "resample_Hz": CLOCK_HZ, **asked}, source="conditioning")
-    return found.model_dump(mode="json", exclude_none=True)
+    built = build(ConditioningSpec, {**shipped, "resample_Hz": CLOCK_HZ, **keys}, source="conditioning")
+    return built.model_dump(mode="json", exclude_none=True)
 
 
 def _look(path: Path, clock_Hz: float, choice: TrialChoice) -> Touches:

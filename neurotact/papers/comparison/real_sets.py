@@ -105,10 +105,10 @@ def points(results: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for key, part in results.groupby(["set", "split", "classifier", "input"], sort=False):
         assert isinstance(key, tuple)
-        found = fronts.interval_of(part["accuracy_test"].to_numpy(), part)
+        interval = fronts.interval_of(part["accuracy_test"].to_numpy(), part)
         means = {name: float(part[name].mean()) for name in ("accuracy_validation", "energy_estimate_nJ")}
         rows.append({**dict(zip(("set", "split", "classifier", "input"), key, strict=True)), "seeds": len(part),
-                     "accuracy_test": found.mean, "low": found.low, "high": found.high, **means})  # fmt: skip
+                     "accuracy_test": interval.mean, "low": interval.low, "high": interval.high, **means})  # fmt: skip
     return pd.DataFrame(rows)
 
 
@@ -169,13 +169,13 @@ def _answer(name: str, split: str, rows: pd.DataFrame) -> str:
 
 
 def _contenders(rows: pd.DataFrame) -> list[Contender]:
-    found = []
+    contenders = []
     for (classifier, source), part in rows.groupby(["classifier", "input"], sort=False):  # pyright: ignore
         validation = part["accuracy_validation"]
         error = float(validation.std() / np.sqrt(len(validation)))
         way = Way(float(validation.mean()), error, float(part["energy_estimate_nJ"].mean()))
-        found.append(Contender(f"{classifier} on {source}", part, way))
-    return found
+        contenders.append(Contender(f"{classifier} on {source}", part, way))
+    return contenders
 
 
 def _gained(one: Contender, other: Contender) -> np.ndarray:
@@ -225,11 +225,11 @@ def draw_energy(table: pd.DataFrame) -> Figure:
     figure, grid = new_panels(len(panels), COLUMNS, 2.6, 0.9)
     for axes, (name, split) in zip(grid, panels, strict=True):
         own = table[(table["set"] == name) & (table["split"] == split)]
-        for place, family in enumerate(families):
+        for index, family in enumerate(families):
             rows = own[own["classifier"].map(_family) == family].sort_values("energy_estimate_nJ")
             nJ, share = rows["energy_estimate_nJ"].to_numpy(), 100 * rows["accuracy_test"].to_numpy()
             front = pareto_front(nJ, share)
-            style: dict[str, Any] = {"color": COLOURS[place % len(COLOURS)], "marker": MARKS[place % len(MARKS)]}
+            style: dict[str, Any] = {"color": COLOURS[index % len(COLOURS)], "marker": MARKS[index % len(MARKS)]}
             filled = style["color"] if family == SPIKING else "none"
             axes.plot(nJ, share, ls="", ms=5 if family == SPIKING else 4, mfc=filled, label=family, **style)
             axes.plot(nJ[front], share[front], lw=1.6 if family == SPIKING else 0.8, color=style["color"])
@@ -254,10 +254,10 @@ def draw_points(table: pd.DataFrame) -> Figure:
     figure, grid = new_panels(len(panels), COLUMNS, 0.9 + 0.18 * len(names), sharey=True)
     for axes, (name, split) in zip(grid, panels, strict=True):
         for row in table[(table["set"] == name) & (table["split"] == split)].itertuples():
-            at, is_network = names.index((row.classifier, row.input)), row.classifier in MODELS
+            y, is_network = names.index((row.classifier, row.input)), row.classifier in MODELS
             low, high = (np.clip(100 * end, 0, 100) for end in (row.low, row.high))
-            axes.plot([low, high], [at, at], color=MUTED, lw=0.8)
-            axes.plot(100 * row.accuracy_test, at, "o", ms=4, color=INK, mfc=INK if is_network else "none")
+            axes.plot([low, high], [y, y], color=MUTED, lw=0.8)
+            axes.plot(100 * row.accuracy_test, y, "o", ms=4, color=INK, mfc=INK if is_network else "none")
         axes.set(title=f"{name}, by {split}", xlabel="test accuracy (%)")
         axes.grid(axis="x")
     short = [classifier.replace(LINEAR, "LR") for classifier, _ in names]

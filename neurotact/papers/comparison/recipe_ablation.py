@@ -81,7 +81,7 @@ def variants(whole: RSNNSpec, parameters: Parameters) -> dict[str, RSNNSpec]:
     changed = {f"without {name}": {key: _of(plain, key) for key in keys} for name, keys in parameters.without.items()}
     changed |= parameters.instead
     tables = {name: override(table, values) for name, values in changed.items()}
-    specs = {name: build(RSNNSpec, each, source=f"'{name}'") for name, each in tables.items()}
+    specs = {name: build(RSNNSpec, table, source=f"'{name}'") for name, table in tables.items()}
     return {name: spec for name, spec in specs.items() if spec != whole}
 
 
@@ -121,11 +121,11 @@ def changes(results: pd.DataFrame) -> pd.DataFrame:
 def answers(results: pd.DataFrame) -> list[str]:
     """One sentence for each set: the accuracy of the recipe, and the change with the largest loss."""
     shown = of_run(results)
-    found = changes(shown) if not shown.empty else pd.DataFrame()
+    both = changes(shown) if not shown.empty else pd.DataFrame()
     sentences = []
     for name, rows in shown.groupby("set", sort=False):
         reached = rows.loc[rows["change"] == WHOLE, "accuracy_test"].mean()
-        mine = found[found["set"] == name]
+        mine = both[both["set"] == name]
         sentence = f"{name}: the recipe has {100 * reached:.1f} %"
         if not mine.empty:
             most = mine.loc[mine["lost"].idxmax()]
@@ -159,15 +159,15 @@ def draw_changes(table: pd.DataFrame) -> Figure:
 
     table: of `changes`.
     """
-    each, names = list(table["set"].unique()), list(table["change"].unique())
+    kinds, names = list(table["set"].unique()), list(table["change"].unique())
     figure = new_figure(0.9 + 0.24 * len(names))
-    panels = figure.subplots(1, len(each), sharey=True, squeeze=False)[0].tolist()
-    for axes, name in zip(panels, each, strict=True):
+    panels = figure.subplots(1, len(kinds), sharey=True, squeeze=False)[0].tolist()
+    for axes, name in zip(panels, kinds, strict=True):
         mine = table[table["set"] == name]
-        at = [names.index(change) for change in mine["change"]]
+        ticks = [names.index(change) for change in mine["change"]]
         lost = 100 * mine["lost"]
         reach = [(lost - 100 * mine["low"]).fillna(0), (100 * mine["high"] - lost).fillna(0)]
-        axes.errorbar(lost, at, xerr=np.array(reach), fmt="o", color=INK, ms=4, elinewidth=0.8)
+        axes.errorbar(lost, ticks, xerr=np.array(reach), fmt="o", color=INK, ms=4, elinewidth=0.8)
         axes.axvline(0, color="0.6", lw=0.8)
         widest = max(LEAST_POINTS, 2 * float(lost.abs().max()))
         axes.set(title=name, xlabel="points lost", xlim=(-widest, widest))

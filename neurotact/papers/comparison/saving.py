@@ -132,17 +132,17 @@ def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[s
 def row_of(fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, pruned: bool = False) -> dict[str, Any]:
     """Accuracies, SOPs, energy and signal of a decision; of a pruned network, SOPs of the remaining weights."""
     network, validation, test = fitted.network, fitted.sides.validation, fitted.sides.test
-    found = network.infer(test.spikes, rule)
-    counted = pruning.remaining_synops(network, test.spikes) if pruned else measuring.synops_of(found, network)
+    inferred = network.infer(test.spikes, rule)
+    counted = pruning.remaining_synops(network, test.spikes) if pruned else measuring.synops_of(inferred, network)
     sops = {f"sops_{part}": float(values.mean()) for part, values in counted._asdict().items()}
-    spent = _cost(fitted, sops, float(found.steps.double().mean()))
+    spent = _cost(fitted, sops, float(inferred.steps.double().mean()))
     return {
         "accuracy_validation": measuring.accuracy_of(network.infer(validation.spikes, rule), validation),
-        "accuracy_test": measuring.accuracy_of(found, test),
+        "accuracy_test": measuring.accuracy_of(inferred, test),
         **sops,
         **spent.columns("energy_estimate_nJ", "signal_ms"),
-        "input_spikes": float(found.input_spikes.double().mean()),
-        "hidden_spikes": float(found.hidden_spikes.double().mean()),
+        "input_spikes": float(inferred.input_spikes.double().mean()),
+        "hidden_spikes": float(inferred.hidden_spikes.double().mean()),
         "n_train": len(fitted.sides.training.labels),
         "n_test": len(test.labels),
     }
@@ -221,7 +221,7 @@ def _select_afferents(trains: SpikeTrains, training: torch.Tensor, share: float)
     taxel_of = taxels_of(trains.afferents)
     taxels = list(dict.fromkeys(taxel_of))
     counts = training.sum(dim=1, dtype=torch.float64)
-    spread = [float(counts[:, [each == taxel for each in taxel_of]].sum(dim=1).var(correction=0)) for taxel in taxels]
+    spread = [float(counts[:, [own == taxel for own in taxel_of]].sum(dim=1).var(correction=0)) for taxel in taxels]
     best = np.argsort(spread, kind="stable")[::-1][: n_kept(len(taxels), share)]
     selected = {taxels[index] for index in best}
     return [index for index, taxel in enumerate(taxel_of) if taxel in selected], len(selected)

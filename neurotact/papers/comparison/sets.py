@@ -239,14 +239,14 @@ def _calibrated(training: Recordings, chosen: SetSpec, step_ms: float) -> Affere
     conditioning = chosen.conditioning.model_copy(update={"resample_Hz": 1e3 / fine_ms})
     start = AfferentSpec(unit=chosen.unit, conditioning=conditioning, sa1=least, ra1=least)
     if chosen.choose_baseline:
-        found = calibrate_causally(
+        calibrated = calibrate_causally(
             training, start, choose_ema=chosen.choose_ema, choose_opposite=chosen.choose_opposite, tell=False
         ).encoder
     else:
-        found = calibrate(training, start, tell=False).encoder
-    parts = {part: getattr(found, part).model_copy(update={"t_ref_ms": step_ms}) for part in ("sa1", "ra1")}
-    slower = found.conditioning.model_copy(update={"resample_Hz": 1e3 / step_ms})
-    return found.model_copy(update={"conditioning": slower, **parts})
+        calibrated = calibrate(training, start, tell=False).encoder
+    parts = {part: getattr(calibrated, part).model_copy(update={"t_ref_ms": step_ms}) for part in ("sa1", "ra1")}
+    slower = calibrated.conditioning.model_copy(update={"resample_Hz": 1e3 / step_ms})
+    return calibrated.model_copy(update={"conditioning": slower, **parts})
 
 
 def step_ms(data: WaysData, arrays: Arrays) -> float:

@@ -71,11 +71,11 @@ def decide(task: TaskData, split: Split, seed: int) -> list[Decided]:
     early = fitting.exit_rule(network, validation, EXIT_TOLERANCE, training)
     kind = "recurrent" if network.spec.recurrent else "feed-forward"
     settings = f"N {network.spec.hidden}, {kind}, tau {network.spec.tau_mem_ms:g} and {network.spec.tau_syn_ms:g} ms"
-    found = []
+    decided = []
     for name, rule in ((FAMILY, FULL_WINDOW), (EARLY, early)):
         accuracy_exit = accuracy_validation if rule is FULL_WINDOW else _accuracy(network, validation, rule)
-        found.append(Decided(name, settings, accuracy_exit, *_measure(network, trains, test, rule)))
-    return found
+        decided.append(Decided(name, settings, accuracy_exit, *_measure(network, trains, test, rule)))
+    return decided
 
 
 def _examples(trains: SpikeTrains, side: np.ndarray) -> Examples:
@@ -97,12 +97,12 @@ def _accuracy(network: RSNN, examples: Examples, rule: ExitRule) -> float:
 
 def _measure(network: RSNN, trains: SpikeTrains, test: Examples, rule: ExitRule) -> tuple[float, Cost, Cost]:
     """Test accuracy, and the mean cost of encoding and of the network."""
-    found = network.infer(test.spikes, rule)
-    measured = {f"sops_{name}": float(v.mean()) for name, v in measuring.synops_of(found, network)._asdict().items()}
-    steps = float(found.steps.double().mean())
+    inferred = network.infer(test.spikes, rule)
+    measured = {f"sops_{name}": float(v.mean()) for name, v in measuring.synops_of(inferred, network)._asdict().items()}
+    steps = float(inferred.steps.double().mean())
     signal_ms = 1e3 * steps / trains.sampling_rate_Hz
     n_taxels, spikes = taxels_of(len(trains.afferents), trains.encoder), measured["sops_input"] / network.spec.hidden
     encoder = encoding_cost(n_taxels, steps, signal_ms, trains.encoder, spikes=spikes)
     sizes = len(trains.afferents), network.n_classes
     network_spent = network_cost(network.spec, *sizes, measured, steps=steps, signal_ms=signal_ms)
-    return measuring.accuracy_of(found, test), encoder, network_spent
+    return measuring.accuracy_of(inferred, test), encoder, network_spent

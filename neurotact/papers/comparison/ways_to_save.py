@@ -74,12 +74,12 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     known: dict[str, Fitted] = {}
     rows: list[dict[str, Any]] = []
     tried = list(_differing(bench, parameters.ways))
-    for place, (way, setting) in enumerate(tried):
+    for index, (way, setting) in enumerate(tried):
         if not setting.recurrence and not known[Setting().first_training()].network.spec.recurrent:
             continue  # the recipe chose a feed-forward network
         name = named(setting, clock_ms, bench.encoder is None)
         rows.append({"way": way, "setting": name, **measured(bench, setting, known), SKIPPED: ""})
-        needed = {Setting().first_training(), *(each.first_training() for _, each in tried[place + 1 :])}
+        needed = {Setting().first_training(), *(later.first_training() for _, later in tried[index + 1 :])}
         known = {name: fitted for name, fitted in known.items() if name in needed}  # windows use much memory
     tested = _tested(bench, known[Setting().first_training()])
     return [{**row, **tested} for row in rows]
@@ -102,7 +102,7 @@ def _tested(bench: Bench, fitted: Fitted) -> dict[str, Any]:
     """The test side of a split: accuracy of guessing, number of trials, and number of trials of the rarest class."""
     n_classes = len(bench.touches.classes)
     labels = fitted.sides.test.labels.numpy(), bench.touches.labels[bench.split.test]
-    windows, trials = (np.bincount(each, minlength=n_classes) for each in labels)
+    windows, trials = (np.bincount(side, minlength=n_classes) for side in labels)
     return {
         "chance": max(1 / n_classes, float(windows.max() / windows.sum())),
         "test_trials": int(trials.sum()),

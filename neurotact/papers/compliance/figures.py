@@ -92,14 +92,14 @@ def _curves(curves: Mapping[str, np.ndarray], sampling_rate_Hz: float) -> Figure
     grid = figure.subplots(
         2 * len(curves), 2, sharex=True, sharey="row", squeeze=False, height_ratios=[1.1, 1.0] * len(curves)
     )
-    for at, (label, signal) in enumerate(curves.items()):
+    for row, (label, signal) in enumerate(curves.items()):
         for s, sensor in enumerate(SENSORS):
             own = signal[:, s * len(NAMES) : (s + 1) * len(NAMES)]
-            above, below = grid[2 * at : 2 * at + 2, s]
+            above, below = grid[2 * row : 2 * row + 2, s]
             _paint_moments(above, below, own, sampling_rate_Hz)
             above.set_title(f"{label}, {sensor}: M00 ≤ {own[:, 0].max():,.0f}, M20 ≤ {own[:, 4].max():,.0f}")
-        grid[2 * at, 0].set_ylabel("M00 (share)")
-        grid[2 * at + 1, 0].set_ylabel("from M00 (points)")
+        grid[2 * row, 0].set_ylabel("M00 (share)")
+        grid[2 * row + 1, 0].set_ylabel("from M00 (points)")
     for axes in grid[-1]:
         axes.set_xlabel("time (s)")
     add_legend(figure, grid.ravel(), ncols=6, handlelength=1.2)
@@ -195,11 +195,11 @@ def _merit(cases: pd.DataFrame, results: pd.DataFrame) -> Figure:
     axes = figure.subplots()
     places = np.arange(len(cases))[::-1]
     best = cases[cases["remark"] != "no accuracy"]["merit"].max()
-    for place, row in zip(places, cases.itertuples(), strict=True):
+    for y, row in zip(places, cases.itertuples(), strict=True):
         hatch: dict[str, Any] = {"hatch": "////", "edgecolor": MUTED} if row.remark else {}
         bound = "≤ " if row.remark == "no accuracy" else ""
-        axes.barh(place, row.merit / best, 0.62, color=PALE, linewidth=0.6, **hatch)
-        axes.text(1.03, place, f"{bound}{100 * row.accuracy:.1f} %", va="center", fontsize=7)
+        axes.barh(y, row.merit / best, 0.62, color=PALE, linewidth=0.6, **hatch)
+        axes.text(1.03, y, f"{bound}{100 * row.accuracy:.1f} %", va="center", fontsize=7)
     axes.fill_between([], [], color=PALE, label="published, with its accuracy")
     for protocol, colour in OURS.items():
         ours = np.array([_our_accuracy(results, protocol, row) for row in cases.itertuples()])
@@ -220,8 +220,8 @@ def _case(row: Any) -> str:
 
 def _our_accuracy(results: pd.DataFrame, protocol: str, row: Any) -> float:
     case = {"sensors": row.sensor, "moments": row.moments, "combination": row.combination, "bits": row.bits}
-    found = _of(results, protocol=protocol, components=row.components, **case)
-    return float(found["accuracy_test"].mean())
+    rows = _of(results, protocol=protocol, components=row.components, **case)
+    return float(rows["accuracy_test"].mean())
 
 
 def _of(table: pd.DataFrame, **where: Any) -> pd.DataFrame:

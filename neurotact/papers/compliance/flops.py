@@ -18,8 +18,8 @@ class TactileMoments(Layer):
     moments: int
 
     def cost(self) -> Cost:
-        each = self.taxels * self.frames
-        return Cost(macs=each * (self.moments - 1), acs=each, bytes=BYTES * self.moments)
+        samples = self.taxels * self.frames
+        return Cost(macs=samples * (self.moments - 1), acs=samples, bytes=BYTES * self.moments)
 
 
 @dataclass(frozen=True)

@@ -81,15 +81,15 @@ def draw_patterns(arrays: Mapping[str, np.ndarray]) -> Figure:
     common = {f: features[features[:, 0] == f, 2].mean() for f in frequencies}
     features[:, 2] -= [common[f] for f in features[:, 0]]
     for column, force_N in enumerate(forces_N):
-        for place, name in enumerate(names):
+        for index, name in enumerate(names):
             mine = features[(labels == name) & (set_force_N == force_N)]
-            at = np.arange(len(frequencies)) + 0.2 * (place - (len(names) - 1) / 2)
-            along = at[np.searchsorted(frequencies, mine[:, 0])]
+            x = np.arange(len(frequencies)) + 0.2 * (index - (len(names) - 1) / 2)
+            along = x[np.searchsorted(frequencies, mine[:, 0])]
             for axes, measure in zip(panels[:, column], (2, 3), strict=True):
                 means = [mine[mine[:, 0] == f, measure].mean() for f in frequencies]
                 style = _style(name)
                 axes.plot(along, mine[:, measure], ls="", ms=2, alpha=0.35, mew=0, **style)
-                axes.plot(at, means, ms=4, lw=0.9, label=name, **style)
+                axes.plot(x, means, ms=4, lw=0.9, label=name, **style)
         panels[0, column].set_title(f"set force {force_N:g} N")
         panels[1, column].set(xlabel="frequency (Hz)", ylim=(0, None))
         panels[1, column].set_xticks(np.arange(len(frequencies)), [f"{f:g}" for f in frequencies])
@@ -157,13 +157,13 @@ def _draw_beside(
     for index, classifier in enumerate(classifiers):
         mine = rows[rows["classifier"] == classifier].groupby(group)[measure]
         mean, deviation = mine.mean().reindex(names), mine.std(ddof=0).reindex(names).fillna(0.0)
-        at = np.arange(len(names)) + 0.22 * (index - (len(classifiers) - 1) / 2)
+        x = np.arange(len(names)) + 0.22 * (index - (len(classifiers) - 1) / 2)
         style = series_style((0, 2, 4)[CLASSIFIERS.index(classifier)])
         spread = bars(mean, deviation, 1.0 if measure.startswith("error") else None)
-        axes.errorbar(at, mean, spread, ls="", ms=4, lw=0.9, label=classifier, **style)
+        axes.errorbar(x, mean, spread, ls="", ms=4, lw=0.9, label=classifier, **style)
         printed_values = [p[CLASSIFIERS.index(classifier)] if p else np.nan for p in published]
         hollow: Any = {"ls": "", "marker": style["marker"], "mfc": "none", "mec": INK, "mew": 0.8, "clip_on": False}
-        axes.plot(at, printed_values, ms=6.5, gid="published", **hollow)
+        axes.plot(x, printed_values, ms=6.5, gid="published", **hollow)
     axes.plot([], [], ls="", marker="o", ms=6.5, mfc="none", mec=INK, mew=0.8, label="published, same shape")
     axes.grid(axis="y")
 

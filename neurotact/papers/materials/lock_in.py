@@ -39,8 +39,8 @@ def lock_in(
     angle = 2.0 * np.pi * frequency_Hz / sampling_rate_Hz * np.arange(n_samples)
     basis = np.stack([np.cos(angle), -np.sin(angle), np.ones(n_samples)], axis=1)
     # The root of the weights is on both sides; a Hann window that ends in zeros would waste the outer samples.
-    place = (np.arange(n_samples) + 0.5) / n_samples
-    root = np.ones(n_samples) if window == "rectangular" else np.sin(np.pi * place)
+    phase = (np.arange(n_samples) + 0.5) / n_samples
+    root = np.ones(n_samples) if window == "rectangular" else np.sin(np.pi * phase)
     fit = np.linalg.pinv(basis * root[:, None]) * root
     real, imaginary, _ = np.moveaxis(signal @ fit.T, -1, 0)
     return real + 1j * imaginary

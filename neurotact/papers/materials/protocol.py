@@ -111,9 +111,9 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
     for problem in problems:
         inside = np.isin(labels, problem)
         indices = np.searchsorted(sorted(problem), labels[inside])
-        found = evaluate(parameters, arrays["features"][inside][:, columns], indices)
+        row = evaluate(parameters, arrays["features"][inside][:, columns], indices)
         name = " vs ".join(problem) if len(problem) == 2 else "all"
-        rows.append({"problem": name, **found, "signal_ms": 1e3 * parameters.data.duration_s})
+        rows.append({"problem": name, **row, "signal_ms": 1e3 * parameters.data.duration_s})
     return rows
 
 

@@ -83,14 +83,14 @@ def next_peaks(signal: np.ndarray, spec: PeakSpec, state: PeakState) -> tuple[Pe
         )
     held = np.concatenate([state.kept, signal])
     triggers = np.flatnonzero((held <= -spec.threshold).any(axis=1))
-    found: list[tuple[int, int, np.ndarray]] = []
+    peaks: list[tuple[int, int, np.ndarray]] = []
     armed = state.armed_from - state.first
     while True:
-        at = np.searchsorted(triggers, armed)
-        if at == len(triggers):
+        index = np.searchsorted(triggers, armed)
+        if index == len(triggers):
             keep_from = max(len(held), armed) - spec.before
             break
-        trigger = int(triggers[at])
+        trigger = int(triggers[index])
         keep_from = trigger - spec.before
         if trigger + spec.search > len(held):
             break
@@ -100,11 +100,11 @@ def next_peaks(signal: np.ndarray, spec: PeakSpec, state: PeakState) -> tuple[Pe
         if end > len(held):
             break
         if minimum - spec.before >= 0:
-            found.append((state.first + minimum, channel, held[minimum - spec.before : end]))
+            peaks.append((state.first + minimum, channel, held[minimum - spec.before : end]))
         armed = end + spec.rest
     keep_from = min(max(keep_from, 0), len(held))
     after = PeakState(held[keep_from:].copy(), state.first + keep_from, state.first + armed)
-    return _as_peaks(found, spec, held), after
+    return _as_peaks(peaks, spec, held), after
 
 
 def find_peaks(signal: np.ndarray, spec: PeakSpec) -> Peaks:
@@ -128,8 +128,8 @@ def _deepest(piece: np.ndarray) -> tuple[int, int]:
     return int(time), int(channel)
 
 
-def _as_peaks(found: list[tuple[int, int, np.ndarray]], spec: PeakSpec, like: np.ndarray) -> Peaks:
-    minimum, channel = (np.array([peak[i] for peak in found], np.int64) for i in (0, 1))
-    shape = (len(found), spec.n_samples, like.shape[1])
-    samples = np.array([peak[2] for peak in found], like.dtype).reshape(shape)
+def _as_peaks(peaks: list[tuple[int, int, np.ndarray]], spec: PeakSpec, like: np.ndarray) -> Peaks:
+    minimum, channel = (np.array([peak[i] for peak in peaks], np.int64) for i in (0, 1))
+    shape = (len(peaks), spec.n_samples, like.shape[1])
+    samples = np.array([peak[2] for peak in peaks], like.dtype).reshape(shape)
     return Peaks(minimum, channel, samples)

@@ -67,11 +67,11 @@ VIEW = View(
 def load(data: StiffnessData) -> Arrays:
     """The peak of every grasp, its label and placement; three whole recordings for the figures."""
     recordings = grasps.simulate(data.simulation)
-    found = [find_peaks(signal, data.peaks) for signal in recordings.signals]
-    has_peak = np.array([len(peaks.minimum) > 0 for peaks in found])
+    found_peaks = [find_peaks(signal, data.peaks) for signal in recordings.signals]
+    has_peak = np.array([len(peaks.minimum) > 0 for peaks in found_peaks])
     if not has_peak.any():
         raise InputError(f"peaks.threshold: no grasp reaches {data.peaks.threshold:g} mV; lower it")
-    peaks = np.stack([peaks.samples[0] for peaks in found if len(peaks.minimum)])
+    peaks = np.stack([peaks.samples[0] for peaks in found_peaks if len(peaks.minimum)])
     conditions = recordings.conditions
     labels = conditions["label"].to_numpy(dtype=str)
     placement = pd.factorize(conditions["label"] + " " + conditions["placement"].astype(str))[0]

@@ -100,14 +100,14 @@ def load(data: HardnessData) -> Arrays:
     """The smoothed stretch of every press in mV, its moments, its cube, sequence and highest force."""
     recordings = cubes.read(expand(data.path)).to_unit("mV")
     weight = ema_coefficient(data.smoothing_Hz, recordings.sampling_rate_Hz)
-    found = []
+    found_peaks = []
     for signal in recordings.signals:
         resting = np.median(signal[: data.rest_samples], axis=0)
-        found.append(find_peaks(ema(signal - resting.astype(signal.dtype), weight), data.peaks))
-    has_peak = np.array([len(peaks.minimum) > 0 for peaks in found])
+        found_peaks.append(find_peaks(ema(signal - resting.astype(signal.dtype), weight), data.peaks))
+    has_peak = np.array([len(peaks.minimum) > 0 for peaks in found_peaks])
     if not has_peak.any():
         raise InputError(f"peaks.threshold: no press reaches {data.peaks.threshold:g} mV; lower it")
-    presses = np.stack([peaks.samples[0] for peaks in found if len(peaks.minimum)]).astype(np.float32)
+    presses = np.stack([peaks.samples[0] for peaks in found_peaks if len(peaks.minimum)]).astype(np.float32)
     conditions = recordings.conditions[has_peak]
     return {
         "presses": presses,
@@ -132,14 +132,14 @@ def splits_of(
     first = np.arange(len(labels)) if first is None else first
     if rule == "by trial":
         return [split_trials(labels, SplitSpec(seed=2 * (seed * n_splits + i)), first) for i in range(n_splits)]
-    found, sequence = [], sequence[first]
-    for at, held in enumerate(np.unique(sequence)):
+    splits, sequence = [], sequence[first]
+    for index, held in enumerate(np.unique(sequence)):
         rest = np.flatnonzero(sequence != held)
-        shares = SplitSpec(seed=2 * (seed * 100 + at), validation=0.1, test=0.1)
+        shares = SplitSpec(seed=2 * (seed * 100 + index), validation=0.1, test=0.1)
         inner = split_trials(labels[rest], shares, joined(first[rest]))
         sides = np.concatenate([inner.train, inner.test]), inner.validation
-        found.append(Split(np.sort(rest[sides[0]]), rest[sides[1]], np.flatnonzero(sequence == held)))
-    return found
+        splits.append(Split(np.sort(rest[sides[0]]), rest[sides[1]], np.flatnonzero(sequence == held)))
+    return splits
 
 
 def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
@@ -205,25 +205,25 @@ def _spiking_rows(parameters: Parameters, arrays: Arrays) -> list[dict]:
     conditions = pd.DataFrame({"label": arrays["labels"], "sequence": arrays["sequence"]})
     recorded = Recordings(arrays["presses"], float(arrays["sampling_rate_Hz"]), "mV", conditions, source="presses")
     splits = _splits(parameters, arrays)
-    return [row for at, split in enumerate(splits) for row in _spiking_split(parameters, recorded, at, split)]
+    return [row for number, split in enumerate(splits) for row in _spiking_split(parameters, recorded, number, split)]
 
 
-def _spiking_split(parameters: Parameters, recorded: Recordings, at: int, split: Split) -> Iterator[dict]:
+def _spiking_split(parameters: Parameters, recorded: Recordings, number: int, split: Split) -> Iterator[dict]:
     """The spiking chain on one split, over the full window and with early exit."""
     encoder = calibrate(recorded.select(split.train), parameters.encoder).encoder
     trains = encode_recordings(recorded, encoder)
     window_ms = 1e3 * int(trains.trial_steps[0]) / trains.sampling_rate_Hz
     what = tasks.Task(window=WindowSpec(length_ms=window_ms))
-    seeds = np.random.SeedSequence([parameters.seed, at]).generate_state(2 * parameters.starts).tolist()
+    seeds = np.random.SeedSequence([parameters.seed, number]).generate_state(2 * parameters.starts).tolist()
     pairs = list(zip(seeds[::2], seeds[1::2], strict=True))
     networks = [fitting.fit(trains, parameters.spiking, what, pair, split=split) for pair in pairs]
     fitted, sides = max(networks, key=lambda both: both[0].training.best.validation_accuracy)
-    found: dict[str, Any] = measuring.measure(fitted, sides, trains.populations)["row"]
+    row: dict[str, Any] = measuring.measure(fitted, sides, trains.populations)["row"]
     for chain, accuracy, prefix, steps in (
-        ("RSNN", "accuracy_test", "sops", found["window_steps"]),
-        (EARLY, "exit_accuracy", "exit_sops", found["exit_steps"]),
+        ("RSNN", "accuracy_test", "sops", row["window_steps"]),
+        (EARLY, "exit_accuracy", "exit_sops", row["exit_steps"]),
     ):
-        measured = {f"sops_{name}": found[f"{prefix}_{name}"] for name in ("input", "recurrent", "readout")}
+        measured = {f"sops_{name}": row[f"{prefix}_{name}"] for name in ("input", "recurrent", "readout")}
         signal_ms = 1e3 * steps / trains.sampling_rate_Hz
         smoothing = cost(MovingAverage(max(1, round(steps)), recorded.n_channels))  # `load` applied it, for all chains
         spikes = measured["sops_input"] / fitted.network.spec.hidden
@@ -234,11 +234,11 @@ def _spiking_split(parameters: Parameters, recorded: Recordings, at: int, split:
             "chain": chain,
             "features": "spikes",
             "protocol": parameters.protocol,
-            "split": at,
+            "split": number,
             "n_max": parameters.spiking.hidden,
             "neurons": float(parameters.spiking.hidden),
-            "accuracy_validation": found["accuracy_validation"],
-            "accuracy_test": found[accuracy],
+            "accuracy_validation": row["accuracy_validation"],
+            "accuracy_test": row[accuracy],
             "n_train": len(split.train),
             "n_test": len(split.test),
             "flops_published": float("nan"),

@@ -14,8 +14,8 @@ from neurotact.metrics.resampled import resampled_interval
 
 def accuracy_and_cost(results: pd.DataFrame) -> Drawn:
     """Mean accuracy over splits with its confidence interval, and the estimated energy of a decision."""
-    found = intervals(results)
-    best = [rows.loc[rows["mean"].idxmax()] for _, rows in found.groupby("protocol", sort=False)]
+    means = intervals(results)
+    best = [rows.loc[rows["mean"].idxmax()] for _, rows in means.groupby("protocol", sort=False)]
     words = "; ".join(
         f"{row['protocol']}, {row['chain']} with {row['features']}, {100 * row['mean']:.1f} % "
         f"({100 * row['low']:.1f} to {100 * row['high']:.1f})"
@@ -27,7 +27,7 @@ def accuracy_and_cost(results: pd.DataFrame) -> Drawn:
     )
     alt = "; ".join(
         f"{row['chain']} {row['features']} {100 * row['mean']:.1f} % at {row['energy_estimate_nJ']:.3g} nJ"
-        for _, row in found.iterrows()
+        for _, row in means.iterrows()
     )
     return Drawn("accuracy-and-cost", "Accuracy and its cost", draw_accuracy_and_cost(results), caption, alt)
 
@@ -58,17 +58,17 @@ def intervals(results: pd.DataFrame) -> pd.DataFrame:
 @printed
 def draw_accuracy_and_cost(results: pd.DataFrame) -> Figure:
     """A row per chain and set of features; a panel per protocol (grey: single splits), and the energy of a decision."""
-    found = intervals(results)
-    protocols, chains = (list(dict.fromkeys(found[column])) for column in ("protocol", "chain"))
-    places = [(chain, name) for chain in chains for name in dict.fromkeys(found["features"][found["chain"] == chain])]
-    heights = {place: at + 0.5 * chains.index(place[0]) for at, place in enumerate(places)}
+    means = intervals(results)
+    protocols, chains = (list(dict.fromkeys(means[column])) for column in ("protocol", "chain"))
+    places = [(chain, name) for chain in chains for name in dict.fromkeys(means["features"][means["chain"] == chain])]
+    heights = {key: row + 0.5 * chains.index(key[0]) for row, key in enumerate(places)}
     figure = new_figure(1.1 + 0.17 * max(heights.values()))
     grid = figure.subplots(1, len(protocols) + 1, sharey=True, width_ratios=[2] * len(protocols) + [1.2])
     for axes, protocol in zip(grid, protocols, strict=False):
         _paint_accuracy(axes, results[results["protocol"] == protocol], heights)
         axes.set(title=protocol, xlabel="test accuracy (%)")
         keep_within([axes], axis="x")
-    energy = found.groupby(["chain", "features"], sort=False)["energy_estimate_nJ"].mean()
+    energy = means.groupby(["chain", "features"], sort=False)["energy_estimate_nJ"].mean()
     grid[-1].barh([heights[str(chain), str(name)] for chain, name in energy.index], energy, 0.6, color=MUTED)
     grid[-1].set(title="cost of a decision", xlabel="energy estimate (nJ)")
     for axes in grid:
@@ -81,13 +81,13 @@ def draw_accuracy_and_cost(results: pd.DataFrame) -> Figure:
 
 def _paint_accuracy(axes: Axes, rows: pd.DataFrame, heights: Mapping[tuple[str, str], float]) -> None:
     """The mean of each chain and set of features with its interval, over its splits; from the least of them on."""
-    at = [heights[place] for place in zip(rows["chain"], rows["features"], strict=True)]
-    axes.plot(100 * rows["accuracy_test"], at, ls="", marker="|", ms=6, mew=0.7, color=MUTED, label="single splits")
-    found = intervals(rows)
-    at = [heights[place] for place in zip(found["chain"], found["features"], strict=True)]
-    mean, low, high = (100 * found[end] for end in ("mean", "low", "high"))
+    y = [heights[key] for key in zip(rows["chain"], rows["features"], strict=True)]
+    axes.plot(100 * rows["accuracy_test"], y, ls="", marker="|", ms=6, mew=0.7, color=MUTED, label="single splits")
+    means = intervals(rows)
+    y = [heights[key] for key in zip(means["chain"], means["features"], strict=True)]
+    mean, low, high = (100 * means[end] for end in ("mean", "low", "high"))
     style: Any = {"fmt": "o", "ms": 4, "lw": 0.9, "capsize": 2, "color": SERIES[0][0]}
-    axes.errorbar(mean, at, xerr=[mean - low, high - mean], label="mean and its 95 % interval", **style)
+    axes.errorbar(mean, y, xerr=[mean - low, high - mean], label="mean and its 95 % interval", **style)
 
 
 @printed
@@ -100,8 +100,8 @@ def draw_presses(arrays: Mapping[str, np.ndarray]) -> Figure:
         presses = arrays["presses"][arrays["labels"] == name]
         deepest = presses.min(axis=1).argmin(axis=1)
         lines = presses[np.arange(len(presses)), :, deepest]
-        at = int(np.median(lines.argmin(axis=1)))
-        time_ms = 1e3 * (np.arange(lines.shape[1]) - at) / float(arrays["sampling_rate_Hz"])
+        lowest = int(np.median(lines.argmin(axis=1)))
+        time_ms = 1e3 * (np.arange(lines.shape[1]) - lowest) / float(arrays["sampling_rate_Hz"])
         axes.plot(time_ms, lines.T, color=MUTED, lw=0.3, alpha=0.35)
         axes.fill_between(time_ms, *np.quantile(lines, (0.25, 0.75), axis=0), color=MUTED, alpha=0.4, lw=0)
         axes.plot(time_ms, lines.mean(axis=0), color=INK, lw=1.2)

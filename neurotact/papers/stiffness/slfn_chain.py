@@ -90,12 +90,12 @@ def choices(
         before the split.
     Ties go to fewer neurons, then to the larger penalty.
     """
-    found = list(_candidates(classifier, features, labels, splits, spec, seed, standardise_on))
+    candidates = list(_candidates(classifier, features, labels, splits, spec, seed, standardise_on))
     rows = []
     for split in range(len(splits)):
         for n_max in spec.n_max:
             chosen = [
-                _best(c for c in found if (c.split, c.draw) == (split, draw) and c.neurons <= n_max)
+                _best(c for c in candidates if (c.split, c.draw) == (split, draw) and c.neurons <= n_max)
                 for draw in range(spec.draws)
             ]
             neurons, validation, tests = (
@@ -162,17 +162,17 @@ Accuracies = dict[tuple[int, int], tuple[float, float]]
 def _elm_accuracies(classifier: str, parts: Sequence[Parts], spec: SLFNSpec, seed: int, neurons: int) -> Accuracies:
     """The candidates of extreme learning machines, each with the best penalty on validation."""
     alphas = [10.0**i for i in sorted(spec.exponents, reverse=True)]  # ties: the larger penalty
-    found = {}
-    for at, (train, validation, test) in enumerate(parts):
+    accuracies = {}
+    for part, (train, validation, test) in enumerate(parts):
         for draw in range(spec.draws):
             network = elm.ELMClassifier(
-                neurons, activation=ELM_ACTIVATION[classifier], random_state=_draw_seed(seed, at, draw)
+                neurons, activation=ELM_ACTIVATION[classifier], random_state=_draw_seed(seed, part, draw)
             ).fit(*train)
             on_validation = network.accuracy_path(alphas, *validation)
             best = int(on_validation.argmax())
             on_test = network.accuracy_path([alphas[best]], *test)
-            found[at, draw] = float(on_validation[best]), float(on_test[0])
-    return found
+            accuracies[part, draw] = float(on_validation[best]), float(on_test[0])
+    return accuracies
 
 
 def _fc_accuracies(classifier: str, parts: Sequence[Parts], spec: SLFNSpec, seed: int, neurons: int) -> Accuracies:
@@ -185,11 +185,11 @@ def _fc_accuracies(classifier: str, parts: Sequence[Parts], spec: SLFNSpec, seed
         batch=spec.batch,
         learning_rate=spec.learning_rate,
     )
-    keys = [(at, draw) for at in range(len(parts)) for draw in range(spec.draws)]
-    networks = slfn.fit_many(prototype, [parts[at][:2] for at, _ in keys], [_draw_seed(seed, *key) for key in keys])
+    keys = [(part, draw) for part in range(len(parts)) for draw in range(spec.draws)]
+    networks = slfn.fit_many(prototype, [parts[part][:2] for part, _ in keys], [_draw_seed(seed, *key) for key in keys])
     return {
-        (at, draw): (float(network.validation_accuracy_), float(network.score(*parts[at][2])))
-        for (at, draw), network in zip(keys, networks, strict=True)
+        (part, draw): (float(network.validation_accuracy_), float(network.score(*parts[part][2])))
+        for (part, draw), network in zip(keys, networks, strict=True)
     }
 
 

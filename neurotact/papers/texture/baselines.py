@@ -158,8 +158,8 @@ def load(data: GratingSpikesSpec) -> Arrays:
         if start + length > trains.trial_steps.min():
             raise InputError("longest_ms: windows end after the slide; lengthen gratings.duration_s or shorten them")
         every = Windows(np.arange(len(trains)), np.full(len(trains), start), length)
-        found = events_of_raster(trains.raster(every))
-        arrays |= {f"{name}/{key}": getattr(found, key).astype(np.int32) for key in ("trial", "afferent", "step")}
+        events = events_of_raster(trains.raster(every))
+        arrays |= {f"{name}/{key}": getattr(events, key).astype(np.int32) for key in ("trial", "afferent", "step")}
     return arrays
 
 
@@ -175,10 +175,10 @@ def seen_of(parameters: Parameters, arrays: Arrays) -> Seen:
     trial, afferent, step = (arrays[f"{name}/{key}"].astype(np.int64) for key in ("trial", "afferent", "step"))
     inside = step < n_steps
     lengths = np.full(n_trials, n_steps, np.int64)
-    found = Events(trial[inside], afferent[inside], step[inside], lengths, len(arrays["afferents"]))
+    events = Events(trial[inside], afferent[inside], step[inside], lengths, len(arrays["afferents"]))
     conditions = conditions_of(arrays)
     split = split_conditions(conditions, SIDES, parameters.split)
-    return Seen(found, class_indices(conditions), split, rate_Hz)
+    return Seen(events, class_indices(conditions), split, rate_Hz)
 
 
 def conditions_of(arrays: Arrays) -> pd.DataFrame:
@@ -241,29 +241,29 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     encoder = parameters.data.encoders[parameters.encoder].model_dump(mode="json")
     n_taxels = seen.events.n_afferents // 2
     rows = []
-    for found in _decided(parameters, seen, arrays):
-        steps = found.signal_ms * 1e-3 * seen.rate_Hz
-        encoding = encoding_cost(n_taxels, steps, found.signal_ms, encoder)
-        total = encoding + found.features + found.classifier
+    for decided in _decided(parameters, seen, arrays):
+        steps = decided.signal_ms * 1e-3 * seen.rate_Hz
+        encoding = encoding_cost(n_taxels, steps, decided.signal_ms, encoder)
+        total = encoding + decided.features + decided.classifier
         rows.append(
             {
                 "encoder": parameters.encoder,
                 "features": parameters.features,
                 "classifier": parameters.classifier,
                 "window_ms": parameters.window_ms,
-                "decision": found.decision,
-                "seed": found.seed,
+                "decision": decided.decision,
+                "seed": decided.seed,
                 "as_in": AS_IN.get((parameters.encoder, parameters.features, parameters.classifier), ""),
-                "accuracy_validation": found.accuracy_validation,
-                "accuracy_test": found.accuracy_test,
-                "signal_ms": found.signal_ms,
+                "accuracy_validation": decided.accuracy_validation,
+                "accuracy_test": decided.accuracy_test,
+                "signal_ms": decided.signal_ms,
                 "flops": total.flops,
                 "flops_encoder": encoding.flops,
-                "flops_features": found.features.flops,
-                "flops_classifier": found.classifier.flops,
+                "flops_features": decided.features.flops,
+                "flops_classifier": decided.classifier.flops,
                 **total.columns("macs", "acs", "sops", "parameters", "bytes", "energy_estimate_nJ"),
                 "spikes": seen.spikes,
-                "chosen": found.chosen,
+                "chosen": decided.chosen,
             }
         )
     return rows

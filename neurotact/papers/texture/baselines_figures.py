@@ -186,19 +186,19 @@ def draw_parts(results: pd.DataFrame, at_ms: float) -> Figure:
     means = rows.groupby(keys, sort=False)[[column for column, _ in PARTS]].mean()
     figure = new_figure(0.9 + 0.22 * max(1, len(means)))
     axes = figure.subplots()
-    at = np.arange(len(means))
-    axes.hlines(at, means.where(means > 0).min(axis=1), means.sum(axis=1), color=PALE, lw=2.0, zorder=1)
+    y = np.arange(len(means))
+    axes.hlines(y, means.where(means > 0).min(axis=1), means.sum(axis=1), color=PALE, lw=2.0, zorder=1)
     for index, (column, name) in enumerate(PARTS):
         values = means[column].to_numpy()
         # A part without operations has no mark.
         drawn = np.where(values > 0, values, np.nan)
-        axes.plot(drawn, at, ls="", ms=5, label=name, **series_style(PART_SERIES[index]))
-    axes.plot(means.sum(axis=1), at, ls="", marker="|", ms=10, mew=2.0, color=INK, label="all of them")
+        axes.plot(drawn, y, ls="", ms=5, label=name, **series_style(PART_SERIES[index]))
+    axes.plot(means.sum(axis=1), y, ls="", marker="|", ms=10, mew=2.0, color=INK, label="all of them")
     names = [
         f"{encoder}, {classifier if features == 'spikes' else f'{features} → {classifier}'} {as_in}".rstrip()
         for encoder, features, classifier, as_in in means.index
     ]
-    axes.set_yticks(at, names)
+    axes.set_yticks(y, names)
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)
     axes.set(xscale="log", xlabel=f"FLOPs of a decision on {at_ms:g} ms")

@@ -152,8 +152,8 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     rows = [_row(parameters, chain.network, TRAINED, (FLOAT, FLOAT), {key: measured[key] for key in columns})]
     if parameters.fine_tune_epochs:
         measured = measuring.measure(_trained_on(parameters, given, {}), sides, trains.populations)["row"]
-        found = {key: measured[key] for key in columns}
-        rows.append(_row(parameters, chain.network, TRAINED_ON, (FLOAT, FLOAT), found))
+        row = {key: measured[key] for key in columns}
+        rows.append(_row(parameters, chain.network, TRAINED_ON, (FLOAT, FLOAT), row))
     return [*rows, *_whole_rows(parameters, given)]
 
 
@@ -249,9 +249,9 @@ def draw_over_weight_bits(results: pd.DataFrame) -> Figure:
         _draw_float(axes, results, pair)
         rows = whole[whole["pair"] == pair]
         for index, (method, part) in enumerate(rows.groupby("method", sort=False)):
-            found = 100 * part.groupby("weight_bits")["exit_accuracy"].agg(["mean", "std"])
+            share = 100 * part.groupby("weight_bits")["exit_accuracy"].agg(["mean", "std"])
             axes.errorbar(
-                found.index, found["mean"], bars(found["mean"], found["std"]), label=method, **series_style(index)
+                share.index, share["mean"], bars(share["mean"], share["std"]), label=method, **series_style(index)
             )
         axes.set(title=f"t_ref {pair} ms", xlabel="weight bits", xticks=sorted(set(whole["weight_bits"])))
     panels[0].set_ylabel("test accuracy (%)")
@@ -303,7 +303,7 @@ def _row(
     n_weights = sum(weights.numel() for weights in network.weights)
     n_states = 2 * (network.spec.hidden + network.n_classes)
     ra1, sa1 = parameters.t_ref_ms
-    weight_bytes, state_bytes = (math.ceil(n * each / 8) for n, each in zip((n_weights, n_states), bits, strict=True))
+    weight_bytes, state_bytes = (math.ceil(n * b / 8) for n, b in zip((n_weights, n_states), bits, strict=True))
     about = {"pair": f"{ra1:g}&{sa1:g}", "method": method, "weight_bits": bits[0], "state_bits": bits[1]}
     sizes = {"weight_bytes": weight_bytes, "state_bytes": state_bytes, "bytes": weight_bytes + state_bytes}
     return {**about, "seed": parameters.seed, **measured, **sizes}

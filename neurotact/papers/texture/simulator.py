@@ -212,8 +212,8 @@ def trial_generator(
     spec: GratingsSpec, pitch_mm: float, force_N: float, speed_mm_per_s: float, start: str, trial: int
 ) -> np.random.Generator:
     """The random numbers of one trial, independent of all others: keyed by its conditions, to 0.001 of a unit."""
-    place = 1 + round(spec.start_mm * 1e3) if start == REPEATED else 0
-    key = (round(pitch_mm * 1e3), round(force_N * 1e3), round(speed_mm_per_s * 1e3), trial, place)
+    start_key = 1 + round(spec.start_mm * 1e3) if start == REPEATED else 0
+    key = (round(pitch_mm * 1e3), round(force_N * 1e3), round(speed_mm_per_s * 1e3), trial, start_key)
     return np.random.default_rng(np.random.SeedSequence(spec.seed, spawn_key=key))
 
 
@@ -392,10 +392,10 @@ def slide_by_hand(spec: GratingsSpec, values: Mapping[str, Any], number: int) ->
     pitch_mm = {_label(pitch): pitch for pitch in spec.pitches_mm}[values["grating"]]
     start = RANDOM if spec.start == "both" else spec.start
     _check_room(spec, 1)
-    place = (pitch_mm, values["force_N"], values["speed_mm_per_s"], start)
-    rng = trial_generator(spec, *place, FIRST_BY_HAND + number)
-    signal = record(spec, draw_slide(spec, *place, rng), rng)
-    conditions = pd.DataFrame([(values["grating"], *place, number)], columns=["label", *CONDITIONS[1:]])
+    slide = (pitch_mm, values["force_N"], values["speed_mm_per_s"], start)
+    rng = trial_generator(spec, *slide, FIRST_BY_HAND + number)
+    signal = record(spec, draw_slide(spec, *slide, rng), rng)
+    conditions = pd.DataFrame([(values["grating"], *slide, number)], columns=["label", *CONDITIONS[1:]])
     return Recordings(signal[None], spec.sampling_rate_Hz, "mV", conditions, source="a finger moved by hand")
 
 

@@ -204,12 +204,12 @@ def draw_images(images: np.ndarray, labels: Sequence[str], shown: int = 5) -> Fi
     numbers = np.linspace(0, images.shape[1] - 1, shown).round().astype(int)
     drawn = None
     for row, touch, label in zip(axes, images, labels, strict=True):
-        for place, number in zip(row, numbers, strict=True):
-            drawn = place.imshow(touch[number], cmap="RdBu_r", vmin=-limit_mV, vmax=limit_mV, interpolation="nearest")
-            place.set(xticks=[], yticks=[])
+        for panel, number in zip(row, numbers, strict=True):
+            drawn = panel.imshow(touch[number], cmap="RdBu_r", vmin=-limit_mV, vmax=limit_mV, interpolation="nearest")
+            panel.set(xticks=[], yticks=[])
         row[0].set_ylabel(label)
-    for place, number in zip(axes[0], numbers, strict=True):
-        place.set_title(f"image {number + 1}")
+    for panel, number in zip(axes[0], numbers, strict=True):
+        panel.set_title(f"image {number + 1}")
     if drawn is not None:
         figure.colorbar(drawn, ax=axes.ravel().tolist(), label="from rest (mV)", fraction=0.03)
     return figure
@@ -224,17 +224,17 @@ def draw_image_networks(results: pd.DataFrame) -> Figure:
     protocols = sorted(results["protocol"].unique())
     networks = list(dict.fromkeys(results["network"]))
     figure = new_figure(2.6)
-    for place, protocol in zip(
+    for panel, protocol in zip(
         figure.subplots(1, len(protocols), sharey=True, squeeze=False)[0], protocols, strict=True
     ):
-        for at, ((colour, marker), network) in enumerate(zip(SERIES, networks, strict=False)):
+        for x, ((colour, marker), network) in enumerate(zip(SERIES, networks, strict=False)):
             rows = results[(results["protocol"] == protocol) & (results["network"] == network)]
-            along = at + (np.arange(len(rows)) - (len(rows) - 1) / 2) * 0.1
-            place.scatter(along, 100 * rows["accuracy_train"], marker=marker, facecolors="none", edgecolors=colour)
-            place.scatter(along, 100 * rows["accuracy_test"], marker=marker, color=colour)
-        place.axhline(60, color=PUBLISHED, linestyle="--", linewidth=0.9)
-        place.set_xticks(range(len(networks)), networks)
-        place.set_title(f"protocol {protocol}")
-        place.set_ylim(0, 102)
+            along = x + (np.arange(len(rows)) - (len(rows) - 1) / 2) * 0.1
+            panel.scatter(along, 100 * rows["accuracy_train"], marker=marker, facecolors="none", edgecolors=colour)
+            panel.scatter(along, 100 * rows["accuracy_test"], marker=marker, color=colour)
+        panel.axhline(60, color=PUBLISHED, linestyle="--", linewidth=0.9)
+        panel.set_xticks(range(len(networks)), networks)
+        panel.set_title(f"protocol {protocol}")
+        panel.set_ylim(0, 102)
     figure.axes[0].set_ylabel("accuracy (%)")
     return figure

@@ -50,10 +50,10 @@ def folds_by_person(persons: np.ndarray, n_folds: int = 5, validation: float = 0
             f"folds: {len(people)} people are too few for {n_folds} folds with validation; give at least {n_folds + 1}"
         )
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
-    found = []
+    folds = []
     for tested in np.array_split(rng.permutation(people), n_folds):
         others = rng.permutation(np.setdiff1d(people, tested))
         validated = others[:n_validation]
         sides = (others[n_validation:], validated, tested)
-        found.append(Fold(*(np.flatnonzero(np.isin(persons, side)) for side in sides)))
-    return found
+        folds.append(Fold(*(np.flatnonzero(np.isin(persons, side)) for side in sides)))
+    return folds

@@ -215,19 +215,19 @@ def random_cnn(seed: int) -> nn.Module:
 
 def convolutions(network: nn.Module) -> tuple[Layer, ...]:
     """The convolutions of a network on one image of 64 x 64, as layers of the cost ledger; others are not counted."""
-    found: list[Layer] = []
+    layers: list[Layer] = []
 
     def count(module: nn.Conv2d, inputs: Any, output: torch.Tensor) -> None:
         height, width = output.shape[-2:]
         channels = module.in_channels // module.groups
-        found.append(flops.Conv2d(height, width, channels, module.out_channels, module.kernel_size[0]))
+        layers.append(flops.Conv2d(height, width, channels, module.out_channels, module.kernel_size[0]))
 
     hooks = [m.register_forward_hook(count) for m in network.modules() if isinstance(m, nn.Conv2d)]
     with torch.no_grad():
         network(torch.zeros(1, 3, IMAGE_SIDE, IMAGE_SIDE))
     for hook in hooks:
         hook.remove()
-    return tuple(found)
+    return tuple(layers)
 
 
 def _trained_parameters(fitted: Any) -> int:

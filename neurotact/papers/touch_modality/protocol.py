@@ -239,13 +239,13 @@ def choose(protocol: str, trained: list[Trained]) -> list[int]:
 
 def _on_other_steps(one: Trained, pair: tuple[int, int], arrays: Arrays, test: np.ndarray) -> dict[str, float]:
     """Accuracy of the same weights, with their own normalisation, on sequences of other lengths (Sec. V, 4)."""
-    found = {}
+    accuracies = {}
     for steps in STEP_COUNTS:
         seen = one.normalisation.apply(arrays[f"steps_{steps}"][test])
-        found[f"used_on_{steps}"] = np.mean(
+        accuracies[f"used_on_{steps}"] = np.mean(
             [(network.predict(seen) == arrays["labels"][test]).mean() for network in one.networks[pair]]
         )
-    return found
+    return accuracies
 
 
 def costs_of(parameters: Parameters, arrays: Arrays) -> tuple[Cost, int, Cost]:

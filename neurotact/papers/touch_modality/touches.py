@@ -63,8 +63,8 @@ def touches_of(data: TouchData) -> Touches:
     kept = pd.DataFrame(rows)
     order = np.argsort(kept["label"].to_numpy(str), kind="stable")
     patterns = np.empty((len(cuts), *cuts[0].shape), np.float32)
-    for place, index in enumerate(order):
-        patterns[place], cuts[index] = cuts[index], cuts[index][:0]
+    for number, index in enumerate(order):
+        patterns[number], cuts[index] = cuts[index], cuts[index][:0]
     kept = kept.iloc[order]
     persons = kept["person"].to_numpy(np.int64) if "person" in kept else np.array([], np.int64)
     return Touches(
