@@ -134,7 +134,7 @@ def warn_of_swapped(X: np.ndarray, axes: str) -> None:
 def _lengths(X: Any) -> list[int]:
     """The lengths of a list of arrays, ascending, each once; empty of what is no such list."""
     try:
-        return sorted({len(each) for each in X})
+        return sorted({len(part) for part in X})
     except TypeError:
         return []
 

@@ -114,8 +114,8 @@ NEEDS = (
 def voids(**values: Any) -> dict[str, str]:
     """The parameters that have no effect beside these values, given or not, and the rest of the sentence on each."""
     unmet = [need for need in NEEDS if need.beside in values and not need.suits(values[need.beside])]
-    found = [(name, f"has no effect {need.why}; {need.fix}") for need in unmet for name in need.names.split()]
-    return dict(reversed(found))  # the first need of a name counts
+    reasons = [(name, f"has no effect {need.why}; {need.fix}") for need in unmet for name in need.names.split()]
+    return dict(reversed(reasons))  # the first need of a name counts
 
 
 def check(**values: Any) -> None:
@@ -126,10 +126,10 @@ def check(**values: Any) -> None:
     Traceback (most recent call last):
     neurotact.effects.NoEffectError: `lsb`: has no effect without `format='int16'`; give that, or leave it out
     """
-    found = voids(**values)
+    reasons = voids(**values)
     for name in values:
-        if name in found and is_given(values[name]):
-            raise NoEffectError(f"`{name}`: {found[name]}")
+        if name in reasons and is_given(values[name]):
+            raise NoEffectError(f"`{name}`: {reasons[name]}")
 
 
 def check_keys(given: Collection[str], every: Iterable[Mapping[str, str]], source: str) -> None:
@@ -141,8 +141,8 @@ def check_keys(given: Collection[str], every: Iterable[Mapping[str, str]], sourc
     >>> check_keys(["fold"], [voids(folds=None), voids(folds=5)], "study.toml")
     """
     common: dict[str, str] | None = None
-    for found in every:
-        common = {**found} if common is None else {key: why for key, why in common.items() if key in found}
+    for keys in every:
+        common = {**keys} if common is None else {key: why for key, why in common.items() if key in keys}
     for key in given:
         if common and key in common:
             raise InputError(f"{key}: {common[key]} ({source})")

@@ -35,8 +35,8 @@ def nearest(word: str, known: "list[str] | tuple[str, ...]") -> str:
     >>> nearest("zzz", ["hidden", "tau_mem_ms"])
     'known: hidden, tau_mem_ms'
     """
-    found = closest(word, known)
-    return "known: " + ", ".join(known) if found is None else f"did you mean '{found}'?"
+    suggestion = closest(word, known)
+    return "known: " + ", ".join(known) if suggestion is None else f"did you mean '{suggestion}'?"
 
 
 def closest(word: str, known: Sequence[str], alike: float = 0.5) -> str | None:

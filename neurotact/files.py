@@ -164,7 +164,7 @@ def locked(folder: str | Path) -> Iterator[None]:
     with _writable(path):  # `exists` raises, too, for a name that is too long
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{folder}: is a file; name a folder")
-        made = [place for place in (folder, *folder.parents) if not place.exists()]
+        made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
         folder.mkdir(parents=True, exist_ok=True)
         descriptor = _take(path)
     if descriptor is None:
@@ -179,9 +179,9 @@ def locked(folder: str | Path) -> Iterator[None]:
         with suppress(OSError):  # the folder may have become read-only; a released lock file may stay
             path.unlink(missing_ok=True)
         os.close(descriptor)
-        for place in made:
+        for parent in made:
             with suppress(OSError):  # something was written to it
-                place.rmdir()
+                parent.rmdir()
 
 
 def _take(path: Path) -> int | None:
@@ -359,11 +359,11 @@ def empty(folder: str | Path) -> None:
     >>> is_free(folder)
     True
     """
-    for place in Path(folder).iterdir():
-        if place.is_dir() and not place.is_symlink():
-            shutil.rmtree(place)
-        elif place.name != LOCK:
-            place.unlink()
+    for entry in Path(folder).iterdir():
+        if entry.is_dir() and not entry.is_symlink():
+            shutil.rmtree(entry)
+        elif entry.name != LOCK:
+            entry.unlink()
 
 
 def existing(path: str | Path, what: str = "file") -> Path:
@@ -397,7 +397,7 @@ def named_by(holder: str | Path, name: str | Path) -> list[Path]:
 
 def place_of(holder: str | Path, name: str | Path) -> Path | None:
     """The file or folder that the file `holder` names: the first of its places (`named_by`) where there is one."""
-    return next((place for place in named_by(holder, name) if os.path.exists(place)), None)
+    return next((path for path in named_by(holder, name) if os.path.exists(path)), None)
 
 
 def check_text(word: str) -> None:
@@ -419,21 +419,21 @@ def below(folder: str | Path) -> list[Path]:
     >>> [path.relative_to(folder).as_posix() for path in below(folder)]
     ['felt/day1/a.csv']
     """
-    found: list[Path] = []
+    paths: list[Path] = []
     seen: dict[tuple[int, int], Path] = {}
     waiting = [existing(folder, "folder")]
     while waiting:
         here = waiting.pop()
         with _readable(here):
-            place = here.stat()
+            stat = here.stat()
             names = sorted(os.listdir(here))
-        first = seen.setdefault((place.st_dev, place.st_ino), here)
+        first = seen.setdefault((stat.st_dev, stat.st_ino), here)
         if first is not here:
             raise InputError(f"{here}: leads to {first}, which is read already; remove the link")
         for name in names:
             enters = os.path.isdir(here / name) and not is_hidden(name)
-            (waiting if enters else found).append(here / name)
-    return sorted(found)
+            (waiting if enters else paths).append(here / name)
+    return sorted(paths)
 
 
 def is_hidden(name: str) -> bool:

@@ -37,13 +37,13 @@ def load(group: Group, name: str, kind: type | None = None) -> Any:
     if name not in _found(group):  # it may have been installed since, as in a notebook
         _found.cache_clear()
         invalidate_caches()
-    found = _found(group).get(name)
-    if found is None:
+    points = _found(group).get(name)
+    if points is None:
         raise InputError(f"{group}: there is none called '{name}'; {nearest(name, names(group))}")
-    if len(found) > 1:
-        raise _twice(group, name, [_package(point) for point in found])
+    if len(points) > 1:
+        raise _twice(group, name, [_package(point) for point in points])
     try:
-        part = found[0].load()
+        part = points[0].load()
     except (Exception, SystemExit) as error:  # the code of another package runs here
         raise InputError(
             f"{_about(group, name)} cannot be imported ({first_line(error)}); update or remove it"
@@ -79,10 +79,10 @@ def _about(group: Group, name: str) -> str:
 @lru_cache
 def _found(group: Group) -> dict[str, list[EntryPoint]]:
     """Entry points by name; a package that is installed twice counts once."""
-    found: dict[str, dict[str, EntryPoint]] = {}
+    by_name: dict[str, dict[str, EntryPoint]] = {}
     for point in entry_points(group=f"neurotact.{group}"):
-        found.setdefault(point.name, {})[f"{_package(point)} {point.value}"] = point
-    return {name: list(points.values()) for name, points in found.items()}
+        by_name.setdefault(point.name, {})[f"{_package(point)} {point.value}"] = point
+    return {name: list(points.values()) for name, points in by_name.items()}
 
 
 def _package(point: EntryPoint) -> str:

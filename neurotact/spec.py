@@ -181,7 +181,7 @@ def _plain(value: Any, source: str, key: str = "", depth: int = 0) -> Any:
     if isinstance(value, dict):
         return {name: _plain(v, source, f"{key}.{name}" if key else name, depth + 1) for name, v in value.items()}
     if isinstance(value, list):
-        return [_plain(v, source, f"{key}.{place}", depth + 1) for place, v in enumerate(value)]
+        return [_plain(v, source, f"{key}.{index}", depth + 1) for index, v in enumerate(value)]
     if isinstance(value, (date, time)):
         return str(value)
     if isinstance(value, float):
@@ -248,9 +248,9 @@ def unsaved(table: Mapping[str, Any], holds: str, fix: str) -> dict[str, Any]:
     Traceback (most recent call last):
     neurotact.errors.InputError: run: holds a training of another neurotact (schema none, here 1); start again
     """
-    found = table.get("schema")
-    if found != SCHEMA:
-        raise InputError(f"{holds} of another neurotact (schema {found or 'none'}, here {SCHEMA}); {fix}")
+    schema = table.get("schema")
+    if schema != SCHEMA:
+        raise InputError(f"{holds} of another neurotact (schema {schema or 'none'}, here {SCHEMA}); {fix}")
     return {key: value for key, value in table.items() if key != "schema"}
 
 
@@ -296,13 +296,13 @@ def leaves(given: Mapping[str, Any]) -> dict[str, Any]:
     >>> leaves({"encoder.sa1": {"gain": 3.2}, "seed": 0})
     {'encoder.sa1.gain': 3.2, 'seed': 0}
     """
-    found: dict[str, Any] = {}
+    flat: dict[str, Any] = {}
     for key, value in given.items():
         if isinstance(value, Mapping):
-            found |= {f"{key}.{name}": inner for name, inner in leaves(value).items()}
+            flat |= {f"{key}.{name}": inner for name, inner in leaves(value).items()}
         else:
-            found[key] = value
-    return found
+            flat[key] = value
+    return flat
 
 
 def refuse(given: Mapping[str, Any], decided: Mapping[str, str]) -> None:
@@ -356,7 +356,7 @@ def parse_where(assignments: list[str], option: str) -> dict[str, list[Any]]:
     >>> parse_where(["speed=300,450", "subject=ann", "subject=bob"], "`test_where`")
     {'speed': [300, 450], 'subject': ['ann', 'bob']}
     """
-    found: dict[str, list[Any]] = {}
+    where: dict[str, list[Any]] = {}
     for assignment in assignments:
         column, equals, text = assignment.partition("=")
         if not equals or not column.strip() or not text.strip() or column.rstrip()[-1:] in "!<>":
@@ -365,8 +365,8 @@ def parse_where(assignments: list[str], option: str) -> dict[str, list[Any]]:
         if isinstance(whole, str) and whole == text.strip():  # no quotes, so that a comma parts values
             whole = [_value_of(part, assignment, option) for part in text.split(",") if part.strip()]
         values = _plain(whole if isinstance(whole, list) else [whole], option, column.strip())
-        found.setdefault(column.strip(), []).extend(values)
-    return found
+        where.setdefault(column.strip(), []).extend(values)
+    return where
 
 
 def parse_choice(
@@ -379,15 +379,15 @@ def parse_choice(
     >>> parse_choice(["speed=300", "material!=wood"], ["rest,moving"], "label")
     ({'speed': [300]}, {'material': ['wood'], 'label': ['rest', 'moving']})
     """
-    leave_out = [each if "=" in each else f"{classes}={each}" for each in leave_out]
-    found: tuple[dict[str, Any], dict[str, Any]] = {}, {}
+    leave_out = [word if "=" in word else f"{classes}={word}" for word in leave_out]
+    sides: tuple[dict[str, Any], dict[str, Any]] = {}, {}
     for side, assignments in enumerate((where, leave_out)):
         for assignment in assignments:
             is_not = assignment.partition("=")[0].endswith("!")
             parsed = parse_where([assignment.replace("!=", "=", 1) if is_not else assignment], options[side])
             for column, values in parsed.items():
-                found[is_not ^ side].setdefault(column, []).extend(values)
-    return found
+                sides[is_not ^ side].setdefault(column, []).extend(values)
+    return sides
 
 
 def _value_of(text: str, assignment: str, option: str = "`settings`") -> Any:
@@ -502,20 +502,20 @@ def _meant(path: list[str], known: list[str], model: Any, inner: Mapping[str, An
     if near is None:
         return nearest(key, known)
     # The deepest first: a key that stands alone is more often one of an encoder's populations than of a whole study.
-    places = sorted((dotted for dotted, name in names.items() if name == near), key=lambda place: -place.count("."))
-    quoted = [f"'{place}'" for place in places]
+    places = sorted((dotted for dotted, name in names.items() if name == near), key=lambda key: -key.count("."))
+    quoted = [f"'{key}'" for key in places]
     return f"did you mean {some(quoted, 3, ' or ')}?"
 
 
 def _keys(model: Any, before: str = "") -> dict[str, None]:
     """The dotted keys of a model and of the tables in it, each once; a union has those of all its tables."""
-    found: dict[str, None] = {}
+    keys: dict[str, None] = {}
     for table in _models_in(model):
         for name, field in table.model_fields.items():
-            found[f"{before}{name}"] = None
+            keys[f"{before}{name}"] = None
             if not _holds_many(field.annotation):
-                found |= _keys(field.annotation, f"{before}{name}.")
-    return found
+                keys |= _keys(field.annotation, f"{before}{name}.")
+    return keys
 
 
 def _holds_many(annotation: Any) -> bool:
@@ -533,8 +533,8 @@ def _misread(given: Any, taken: Any, key: str = "") -> Iterator[tuple[str, Any, 
         kinds = {*map(type, given), *map(type, taken)}
         if len(kinds) == 1 and kinds <= {str, bool, int, float}:
             return  # all alike, such as the thousands of trials of a network
-        for place, pair in enumerate(zip(given, taken, strict=False)):
-            yield from _misread(*pair, f"{key}.{place}")
+        for index, pair in enumerate(zip(given, taken, strict=False)):
+            yield from _misread(*pair, f"{key}.{index}")
     elif isinstance(taken, (bool, int, float)):
         mixed = isinstance(given, str) or isinstance(given, bool) != isinstance(taken, bool)
         if mixed or not _is_within_64_bits(taken):

@@ -59,14 +59,14 @@ def _with_text(table: pd.DataFrame, change: Callable[[Any], Any]) -> pd.DataFram
     """The table with its texts and the names of its columns changed; the same where nothing changes."""
     columns = [change(column) for column in table.columns]
     changed = table if columns == list(table.columns) else table.set_axis(columns, axis=1)
-    for place, kind in enumerate(table.dtypes):
+    for index, kind in enumerate(table.dtypes):
         if pd.api.types.is_numeric_dtype(kind):
             continue
-        column = table.iloc[:, place]
+        column = table.iloc[:, index]
         new = {text: change(text) for text in column.unique() if isinstance(text, str) and change(text) != text}
         if new:
             changed = changed.copy() if changed is table else changed
-            changed.isetitem(place, column.map(lambda value, new=new: new.get(value, value)))
+            changed.isetitem(index, column.map(lambda value, new=new: new.get(value, value)))
     return changed
 
 

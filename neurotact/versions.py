@@ -16,7 +16,7 @@ def versions() -> dict[str, str]:
 
     `instructions` are those that torch computes with, such as AVX2: with others, its last bits differ.
     """
-    found = {name: importlib.metadata.version(name) for name in PACKAGES}
+    known = {name: importlib.metadata.version(name) for name in PACKAGES}
     backend = "native" if native is not None else "reference"
     return {
         "python": platform.python_version(),
@@ -24,5 +24,5 @@ def versions() -> dict[str, str]:
         "instructions": torch.backends.cpu.get_cpu_capability(),
         "backend": backend,
         "neurotact": __version__,
-        **found,
+        **known,
     }

@@ -53,8 +53,8 @@ def pool(n_workers: int) -> Iterator[Run]:
         def in_order(task: Task, jobs: Sequence[Any]) -> Iterator[Any]:
             early: dict[int, Any] = {}
             due = 0
-            for place, result in run(task, jobs):
-                early[place] = result
+            for number, result in run(task, jobs):
+                early[number] = result
                 while due in early:
                     yield early.pop(due)
                     due += 1
@@ -148,30 +148,30 @@ def _run(
     task: Task, jobs: Sequence[Any], idle: list[ProcessPoolExecutor], start: Callable[[], ProcessPoolExecutor]
 ) -> Iterator[tuple[int, Any]]:
     """Give each idle process a job, and the next one when it has finished."""
-    todo = deque((place, 1) for place in range(len(jobs)))
+    todo = deque((number, 1) for number in range(len(jobs)))
     running: dict[Future, tuple[ProcessPoolExecutor, int, int]] = {}
 
     def deal() -> None:
         while todo and idle:
-            place, attempt = todo.popleft()
+            number, attempt = todo.popleft()
             with _ignoring_interrupts():
-                process, future = _submit(idle.pop(), start, (task, jobs[place], identity()))
-            running[future] = process, place, attempt
+                process, future = _submit(idle.pop(), start, (task, jobs[number], identity()))
+            running[future] = process, number, attempt
 
     deal()
     while running:
         future = next(iter(wait(running, return_when=FIRST_COMPLETED).done))
-        process, place, attempt = running.pop(future)
+        process, number, attempt = running.pop(future)
         died = isinstance(future.exception(), BrokenProcessPool)
         if died and attempt < ATTEMPTS:
             say("a worker process died; its job starts again in another")
-            todo.appendleft((place, attempt + 1))
+            todo.appendleft((number, attempt + 1))
         if died and attempt == ATTEMPTS:
             raise _all_died(process)
         idle.append(start() if died else process)
         deal()
         if not died:
-            yield place, future.result()
+            yield number, future.result()
 
 
 def _submit(
@@ -191,12 +191,12 @@ def _submit(
 def _do(job: tuple[Task, Any, dict[str, str]]) -> Any:
     """In a worker process: do a job, unless its numbers might differ from those of the parent."""
     task, what, expected = job
-    found = identity()
-    differing = [name for name in expected if found.get(name) != expected[name]]
+    here = identity()
+    differing = [name for name in expected if here.get(name) != expected[name]]
     if differing:
         name = differing[0]
         raise InputError(
-            f"worker processes: {name} is {found.get(name)} there and {expected[name]} here; leave one neurotact on "
+            f"worker processes: {name} is {here.get(name)} there and {expected[name]} here; leave one neurotact on "
             "Python's path and start again"
         )
     return task(what)

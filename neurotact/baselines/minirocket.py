@@ -81,13 +81,13 @@ class MiniRocket(TransformerMixin, BaseEstimator):
         shares = _quantiles(len(TRIPLES) * sum(n for _, n in per_dilation))
         self.convolutions_: list[Convolution] = []
         first = 0
-        for place, (dilation, n_biases) in enumerate(per_dilation):
+        for index, (dilation, n_biases) in enumerate(per_dilation):
             for kernel in range(len(TRIPLES)):
                 channels = _channels(self.n_channels_, rng)
                 example = torch.from_numpy(signals[rng.randint(len(signals))][None])
                 convolved = _convolve(_shifted(example, dilation), kernel, channels)[0].numpy()
                 biases = np.quantile(convolved, shares[first : first + n_biases]).astype(np.float32)
-                padded = (place + kernel) % 2 == 0
+                padded = (index + kernel) % 2 == 0
                 self.convolutions_.append(Convolution(dilation, kernel, channels, biases, padded))
                 first += n_biases
         return self
@@ -155,11 +155,11 @@ def dilations(n_steps: int, features: int) -> list[tuple[int, int]]:
     per_kernel = features // len(TRIPLES)
     most = min(per_kernel, MOST_DILATIONS)
     spaced = np.logspace(0, np.log2((n_steps - 1) / (KERNEL - 1)), most, base=2).astype(np.int32)
-    found, counts = np.unique(spaced, return_counts=True)
+    values, counts = np.unique(spaced, return_counts=True)
     counts = (counts * (per_kernel / most)).astype(np.int32)
-    for place in range(per_kernel - int(counts.sum())):
-        counts[place % len(counts)] += 1
-    return list(zip(found.tolist(), counts.tolist(), strict=True))
+    for index in range(per_kernel - int(counts.sum())):
+        counts[index % len(counts)] += 1
+    return list(zip(values.tolist(), counts.tolist(), strict=True))
 
 
 def _quantiles(n: int) -> np.ndarray:
@@ -180,8 +180,8 @@ def _shifted(signals: torch.Tensor, dilation: int) -> dict[int, torch.Tensor]:
     n_steps = by_channel.shape[2]
     edge = (KERNEL - 1) * dilation // 2
     padded = torch.nn.functional.pad(by_channel, (edge, edge))
-    shifted = {place: padded[:, :, place * dilation :][:, :, :n_steps] for place in range(KERNEL)}
-    return shifted | {-1: torch.stack([shifted[place] for place in range(KERNEL)]).sum(dim=0)}
+    shifted = {tap: padded[:, :, tap * dilation :][:, :, :n_steps] for tap in range(KERNEL)}
+    return shifted | {-1: torch.stack([shifted[tap] for tap in range(KERNEL)]).sum(dim=0)}
 
 
 def _convolve(shifted: dict[int, torch.Tensor], kernel: int, channels: np.ndarray) -> torch.Tensor:
@@ -189,6 +189,6 @@ def _convolve(shifted: dict[int, torch.Tensor], kernel: int, channels: np.ndarra
 
     Weights of 2 and -1 are 3 more than -1, and -1: the sum of all nine is shared by the 84 kernels.
     """
-    one, two, three = (shifted[place] for place in TRIPLES[kernel])
+    one, two, three = (shifted[tap] for tap in TRIPLES[kernel])
     parts = [3 * (one[:, c] + two[:, c] + three[:, c]) - shifted[-1][:, c] for c in channels.tolist()]
     return parts[0] if len(parts) == 1 else torch.stack(parts).sum(dim=0)

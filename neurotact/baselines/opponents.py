@@ -268,12 +268,12 @@ def _best_training(
     one: Input, family: Family, labels: np.ndarray, cuts: Cuts, kinds: Sequence[str]
 ) -> tuple[str, Sides, Candidate]:
     """The best candidate of a family on validation windows, with the varied copies on which it was trained."""
-    found = []
+    trainings = []
     for kind in kinds:
         sides = _sides(one, labels, cuts.with_training(kind))
         best = best_of(family, sides, 0)
-        found.append((families.accuracy(best, sides.validation, sides.y_validation), kind, sides, best))
-    return max(found, key=lambda each: each[0])[1:]
+        trainings.append((families.accuracy(best, sides.validation, sides.y_validation), kind, sides, best))
+    return max(trainings, key=lambda training: training[0])[1:]
 
 
 def _sides(one: Input, labels: np.ndarray, cuts: Cuts) -> Sides:

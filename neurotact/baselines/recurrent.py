@@ -159,7 +159,7 @@ def fit_snapshots(
 
     for _, group in groupby(sorted(range(len(networks)), key=shape), key=shape):
         alike = list(group)
-        for chosen in (alike[at : at + AT_ONCE] for at in range(0, len(alike), AT_ONCE)):
+        for chosen in (alike[start : start + AT_ONCE] for start in range(0, len(alike), AT_ONCE)):
             snapshots = _train(prototype, [problems[i] for i in chosen], epochs)
             for copies, weights in zip(fitted, snapshots, strict=True):
                 for i, w in zip(chosen, weights, strict=True):

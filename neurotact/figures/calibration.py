@@ -50,9 +50,9 @@ def draw_calibration(
         mine = isi[isi["afferent"] == afferent]
         shown = [_distributions(mine[mine["gain"] == gain], labels) for gain in gains.values()]
         darkest = float(shown[1][1].max()) or 1.0  # of the chosen gain: a class of one interval must not pale the rest
-        for column, ((title, gain), found) in enumerate(zip(gains.items(), shown, strict=True)):
+        for column, ((title, gain), intervals) in enumerate(zip(gains.items(), shown, strict=True)):
             axes = figure.add_subplot(grid[2 * row : 2 * row + 2, column + 1])
-            isi_ms, shares_of, none = found
+            isi_ms, shares_of, none = intervals
             mesh = _draw_distributions(axes, isi_ms, shares_of, labels if column == 0 else [], darkest, cmap)
             axes.set_title(f"{title}: {gain:g}", pad=14)
             axes.text(0.5, 1.02, f"no interval: {none:.0%}", transform=axes.transAxes, ha="center", fontsize=6.5)
@@ -78,8 +78,8 @@ def _draw_search(shares: Axes, separation: Axes, rows: pd.DataFrame, colour: str
     for column, line, ink in (("silent_share", "--", MUTED), ("floor_share", "-", INK)):
         shares.plot(gain, rows[column], line, color=ink)
     named = ((0.0, "left", MUTED, "silent trials"), (1.0, "right", INK, "ISIs at the floor"))
-    for place, side, ink, name in named:
-        shares.text(place, 1.03, name, transform=shares.transAxes, ha=side, va="bottom", color=ink, fontsize=7)
+    for x, side, ink, name in named:
+        shares.text(x, 1.03, name, transform=shares.transAxes, ha=side, va="bottom", color=ink, fontsize=7)
     shares.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
     shares.set_ylim(0, 1.02)
     shares.set_ylabel("share")

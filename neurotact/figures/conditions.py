@@ -98,7 +98,7 @@ def draw_same_drive(table: pd.DataFrame, published: Sequence[tuple[float, float]
     return figure
 
 
-def _legend(axes: Axes, **place: Any) -> None:
+def _legend(axes: Axes, **location: Any) -> None:
     """A legend with each label once."""
     handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    axes.legend(list(handles.values()), list(handles), **place)
+    axes.legend(list(handles.values()), list(handles), **location)

@@ -111,13 +111,13 @@ def draw_spike_counts(
     pairs = list(dict.fromkeys(table["pair"]))
     figure = new_figure(2.4)
     panels = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
-    at = np.arange(len(pairs))
+    ticks = np.arange(len(pairs))
     bars = (("sa", names[0], SA), ("ra", names[1], RA), ("total", "both", TOTAL))
     for axes, label in zip(panels, shown, strict=True):
         rows = table[table["label"] == label].groupby("pair", sort=False).mean(numeric_only=True).reindex(pairs)
-        for place, (kind, name, colour) in enumerate(bars):
+        for index, (kind, name, colour) in enumerate(bars):
             heights = rows[f"spikes_{kind}_per_s"]
-            axes.bar(at + (place - 1) * 0.27, heights, 0.25, color=colour, label=name)
+            axes.bar(ticks + (index - 1) * 0.27, heights, 0.25, color=colour, label=name)
         name_ticks(axes, pairs)
         axes.set(title=classes.long[label], xlabel=pair)
         axes.grid(axis="y")

@@ -48,18 +48,18 @@ def label_points(axes: Axes, x: Sequence[float], y: Sequence[float], words: Sequ
     strokes = _strokes(axes)
     places = axes.transData.transform(np.column_stack([np.asarray(x, float), np.asarray(y, float)]))
     written = 0
-    for place, value, word in zip(places, zip(x, y, strict=True), words, strict=True):
+    for point, value, word in zip(places, zip(x, y, strict=True), words, strict=True):
         text = axes.annotate(word, value, xytext=(0, 0), textcoords="offset points", **style)
         text.set_in_layout(False)
         left, bottom, right, top = text.get_window_extent().extents
-        boxes = _candidates(place, right - left, top - bottom, pixels_per_pt)
+        boxes = _candidates(point, right - left, top - bottom, pixels_per_pt)
         free = [box for box in boxes if _is_within(box, frame) and not _touches(box, taken, CLEAR_pt * pixels_per_pt)]
         if not free:
             text.remove()
             continue
         box = min(free, key=lambda box: _n_crossed(box, strokes))
         text.set_position(tuple((box[:2] - (left, bottom)) / pixels_per_pt))
-        if _gap(place, box) > pixels_per_pt * (DISTANCES_pt[0] + CLEAR_pt):
+        if _gap(point, box) > pixels_per_pt * (DISTANCES_pt[0] + CLEAR_pt):
             text.remove()
             line = {"arrowstyle": "-", "lw": 0.5, "color": text.get_color(), "shrinkA": 0, "shrinkB": 2}
             text = axes.annotate(
@@ -71,16 +71,16 @@ def label_points(axes: Axes, x: Sequence[float], y: Sequence[float], words: Sequ
     return written
 
 
-def _gap(place: np.ndarray, box: Box) -> float:
+def _gap(point: np.ndarray, box: Box) -> float:
     """From a point to the nearest edge of a box."""
-    return float(np.hypot(*np.maximum(np.maximum(box[:2] - place, place - box[2:]), 0.0)))
+    return float(np.hypot(*np.maximum(np.maximum(box[:2] - point, point - box[2:]), 0.0)))
 
 
-def _candidates(place: np.ndarray, width: float, height: float, pixels_per_pt: float) -> list[Box]:
+def _candidates(point: np.ndarray, width: float, height: float, pixels_per_pt: float) -> list[Box]:
     """Boxes of that size around a point, in order of preference."""
     half = np.array([width, height]) / 2
     middles = [
-        place + np.array(direction) * (half + pixels_per_pt * distance / np.hypot(*direction))
+        point + np.array(direction) * (half + pixels_per_pt * distance / np.hypot(*direction))
         for distance in DISTANCES_pt
         for direction in DIRECTIONS
     ]
@@ -95,7 +95,7 @@ def _marks(axes: Axes, pixels_per_pt: float) -> list[Box]:
             continue
         half = pixels_per_pt * line.get_markersize() / 2
         places = axes.transData.transform(np.asarray(line.get_xydata(), float))
-        boxes += [np.concatenate([place - half, place + half]) for place in places if np.isfinite(place).all()]
+        boxes += [np.concatenate([point - half, point + half]) for point in places if np.isfinite(point).all()]
     return boxes
 
 
@@ -128,8 +128,8 @@ def _is_within(box: Box, frame: Box) -> bool:
 def _touches(box: Box, others: Sequence[Box], clear: float) -> bool:
     if not others:
         return False
-    found = np.stack(others)
-    apart = (found[:, :2] >= box[2:] + clear) | (found[:, 2:] <= box[:2] - clear)
+    boxes = np.stack(others)
+    apart = (boxes[:, :2] >= box[2:] + clear) | (boxes[:, 2:] <= box[:2] - clear)
     return bool((~apart.any(axis=1)).any())
 
 

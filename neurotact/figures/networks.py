@@ -132,9 +132,9 @@ def draw_confusion(matrix: np.ndarray, names: Sequence[str], title: str) -> Figu
         if count:
             colour = "white" if shares[true, taken] > 0.6 else INK
             axes.text(taken + 0.5, true + 0.5, f"{count:.0f}", ha="center", va="center", fontsize=7, color=colour)
-    at = np.arange(len(names)) + 0.5
-    name_ticks(axes, names, at)
-    axes.set_yticks(at, names)
+    ticks = np.arange(len(names)) + 0.5
+    name_ticks(axes, names, ticks)
+    axes.set_yticks(ticks, names)
     axes.set(title=title, xlabel="predicted class", ylabel="true class", aspect="equal")
     axes.set_ylim(len(names), 0)
     axes.tick_params(length=0)
@@ -173,15 +173,15 @@ def _paint_networks(
     """Mean and deviation of all sizes side by side at each pair, the single seeds as faint dots."""
     means = over_seeds(rows, [measure])
     shades = sequence(len(sizes))
-    for place, (size, shade) in enumerate(zip(sizes, shades, strict=True)):
-        shift = _shift(place, len(sizes))
+    for index, (size, shade) in enumerate(zip(sizes, shades, strict=True)):
+        shift = _shift(index, len(sizes))
         seeds = rows[rows["hidden"] == size]
         x = np.array([pairs.index(pair) for pair in seeds["pair"]], float) + shift
         axes.plot(x, scale * seeds[measure], ls="", marker=".", ms=2.5, color=shade, alpha=0.45, gid="seed")
         mean = means[means["hidden"] == size].set_index("pair").reindex(pairs)
         y, sd = scale * mean[measure], scale * mean[f"{measure}_sd"]
         whole = 100.0 if measure.startswith("accuracy") else None
-        style = series_style(place) | {"color": shade, "ms": 4, "ls": "", "elinewidth": 1.0}
+        style = series_style(index) | {"color": shade, "ms": 4, "ls": "", "elinewidth": 1.0}
         spread = bars(y, sd, whole)
         axes.errorbar(np.arange(len(pairs)) + shift, y, spread, label=f"N = {size}", gid="mean", **style)
 
@@ -207,9 +207,9 @@ def _paint_published(
         )
 
 
-def _shift(place: int, n: int) -> float:
-    """The offset of the series at `place` of `n` from its tick."""
-    return 0.0 if n == 1 else -0.3 + 0.6 * place / (n - 1)
+def _shift(index: int, n: int) -> float:
+    """The offset of the series at `index` of `n` from its tick."""
+    return 0.0 if n == 1 else -0.3 + 0.6 * index / (n - 1)
 
 
 def _mark_chance(panels: Sequence[Axes], chance: float) -> None:

@@ -23,8 +23,8 @@ def save_found(problem: Problem, trials: Sequence[Trial], folder: Path) -> None:
     search_tables.write_tables(problem, folder, trials)
     table = search_tables.trials_table(trials)
     front = search_tables.front_table(table) if problem.search.weighs_sops else None
-    found = importance.importance(table, list(problem.search.space))
-    save(draw_search(table, found, front, search_tables.value_words(problem.search)), folder / "search.png")
+    shares = importance.importance(table, list(problem.search.space))
+    save(draw_search(table, shares, front, search_tables.value_words(problem.search)), folder / "search.png")
 
 
 @printed
@@ -41,10 +41,10 @@ def draw_search(
     figure = new_figure(5.2 if beside == 2 else 2.7)
     if beside == 2:
         places = figure.add_gridspec(2, 2)
-        panels = [figure.add_subplot(place) for place in (places[0, :], places[1, 0], places[1, 1])]
+        panels = [figure.add_subplot(cell) for cell in (places[0, :], places[1, 0], places[1, 1])]
     else:
         places = figure.add_gridspec(1, 1 + beside, width_ratios=[1.7, 1.0][: 1 + beside])
-        panels = [figure.add_subplot(place) for place in places]
+        panels = [figure.add_subplot(cell) for cell in places]
     over_trials, *others = panels
     _paint_values(over_trials, trials, unit)
     if importance is not None:

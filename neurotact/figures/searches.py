@@ -34,9 +34,9 @@ def draw_best_so_far(trials: pd.DataFrame) -> Figure:
             of_pair = rows[rows["pair"] == pair]
             if of_pair.empty:
                 continue
-            found = pd.DataFrame({c: best_so_far(own) for c, own in of_pair.groupby("cell", sort=False)})
+            best = pd.DataFrame({c: best_so_far(own) for c, own in of_pair.groupby("cell", sort=False)})
             style: dict[str, Any] = series_style(index) | {"marker": ""}
-            axes.step(np.arange(len(found)), found.median(axis=1), where="post", label=pair, lw=1.5, **style)
+            axes.step(np.arange(len(best)), best.median(axis=1), where="post", label=pair, lw=1.5, **style)
         axes.set(title=setting, xlabel="trial")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.grid(axis="y")
@@ -95,5 +95,5 @@ def _shares(
     is_log = "log" in dimension["_type"]
     edges = (np.geomspace if is_log else np.linspace)(tried.min(), tried.max(), MOST_BARS + 1)
     middles = np.sqrt(edges[1:] * edges[:-1]) if is_log else (edges[1:] + edges[:-1]) / 2
-    found = [(np.histogram(side, edges)[0] / len(side)).tolist() for side in (won, tried)]
-    return [f"{middle:.3g}" for middle in middles], found[0], found[1]
+    heights = [(np.histogram(side, edges)[0] / len(side)).tolist() for side in (won, tried)]
+    return [f"{middle:.3g}" for middle in middles], heights[0], heights[1]

@@ -102,8 +102,8 @@ def draw_persistence(table: pd.DataFrame, names: Sequence[str], least_ms: float,
     pair_of = table.groupby("name")["pair"].first()
     looks = {
         name: series_style(list(pairs).index(pair_of[name]))
-        | {"ls": "--" if pair_of[name] in [pair_of[other] for other in names[:at]] else "-"}
-        for at, name in enumerate(names)
+        | {"ls": "--" if pair_of[name] in [pair_of[other] for other in names[:index]] else "-"}
+        for index, name in enumerate(names)
     }
     figure = new_figure(2.6)
     panels = figure.subplots(1, 2)

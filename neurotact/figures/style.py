@@ -193,8 +193,8 @@ def as_shown(words: str, longest: int) -> str:
 
 def add_legend(figure: Figure, panels: Iterable[Axes], ncols: int, **kwargs: Any) -> None:
     """One legend above all panels, with each label once."""
-    found = [axes.get_legend_handles_labels() for axes in panels]
-    handles = {label: handle for both in found for handle, label in zip(*both, strict=True)}
+    legends = [axes.get_legend_handles_labels() for axes in panels]
+    handles = {label: handle for both in legends for handle, label in zip(*both, strict=True)}
     figure.legend(list(handles.values()), list(handles), loc="outside upper center", ncols=ncols, **kwargs)
 
 
@@ -227,10 +227,10 @@ def keep_within(panels: Iterable[Axes], whole: float = 100.0, axis: Literal["x",
             line.set_in_layout(False)
 
 
-def name_ticks(axes: Axes, names: Sequence[str], at: Sequence[float] | np.ndarray | None = None) -> None:
+def name_ticks(axes: Axes, names: Sequence[str], positions: Sequence[float] | np.ndarray | None = None) -> None:
     """Name ticks of the x axis, at 0, 1, ... by default; rotated if the names are long."""
     aslant: Any = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"} if max(map(len, names)) > 4 else {}
-    axes.set_xticks(np.arange(len(names)) if at is None else at, names, **aslant)
+    axes.set_xticks(np.arange(len(names)) if positions is None else positions, names, **aslant)
 
 
 def sequence(n: int) -> list[Any]:

@@ -36,11 +36,11 @@ class HttpConnection(H11Protocol):
         super().connection_made(transport)
         self._begin_to_wait()
         idle = sorted(
-            (each for each in self.connections if isinstance(each, HttpConnection) and each.is_idle),
-            key=lambda each: each.idle_since_s,
+            (other for other in self.connections if isinstance(other, HttpConnection) and other.is_idle),
+            key=lambda other: other.idle_since_s,
         )
-        for each in idle[: max(0, len(idle) - MOST_IDLE)]:
-            each.transport.abort()
+        for other in idle[: max(0, len(idle) - MOST_IDLE)]:
+            other.transport.abort()
 
     def on_response_complete(self) -> None:
         super().on_response_complete()

@@ -93,14 +93,14 @@ class FrameBuilder:
         return b"".join([len(text).to_bytes(4, "little"), text, padding, *arrays])
 
     def _events(self, t0_s: float, name: str) -> np.ndarray:
-        found = [np.empty(0, EVENT)]
+        parts = [np.empty(0, EVENT)]
         for trace in self._traces:
             steps, neurons = np.nonzero(getattr(trace, name))
             events = np.empty(len(steps), EVENT)
             events["after_s"] = trace.begin_s - t0_s + steps * trace.step_s
             events["neuron"] = neurons
-            found.append(events)
-        return np.concatenate(found)
+            parts.append(events)
+        return np.concatenate(parts)
 
 
 def _runs(begins_s: list[float], bucket_s: float) -> list[tuple[float, int]]:

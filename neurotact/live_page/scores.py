@@ -55,8 +55,8 @@ class Scored(NamedTuple):
 
 def cost_nJ(chain: Chain, decision: Decision) -> float:  # noqa: N802
     """An estimate of the energy of a decision: conditioning, encoding and network, as in the cost ledger."""
-    each = synops.of_network(chain.network, np.array([decision.input_spikes]), np.array([decision.hidden_spikes]))
-    measured: dict[str, Any] = {name: int(part[0]) for name, part in zip(SOPS, each[:3], strict=True)}
+    costs = synops.of_network(chain.network, np.array([decision.input_spikes]), np.array([decision.hidden_spikes]))
+    measured: dict[str, Any] = {name: int(part[0]) for name, part in zip(SOPS, costs[:3], strict=True)}
     network = network_cost(
         chain.network.spec, chain.network.n_inputs, chain.network.n_classes, measured,
         steps=decision.steps, signal_ms=decision.ms,
@@ -144,7 +144,7 @@ class Scores:
         if self._changed_at_s is not None and now_s - self._changed_at_s < ONE_CHANGE_S:
             firsts = {key: old for key, (old, _) in self.changes.items()}
             merged = {key: (firsts.get(key, old), new) for key, (old, new) in changes.items()}
-            self.changes = {key: each for key, each in (self.changes | merged).items() if each[0] != each[1]}
+            self.changes = {key: change for key, change in (self.changes | merged).items() if change[0] != change[1]}
         else:
             self._before, self.changes = self._after, changes
         self._after = deque(maxlen=MOST_WINDOWS)

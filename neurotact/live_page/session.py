@@ -178,13 +178,13 @@ class Session:
         if arrived.samples is not None:
             tally = self.stream.tally
             self._frames.samples(arrived.samples, tally.samples + tally.missing)
-        found = self.scores.take(self.stream.chain, sources.decide(self.stream, (arrived,)))
-        if found:
+        decisions = self.scores.take(self.stream.chain, sources.decide(self.stream, (arrived,)))
+        if decisions:
             self._has_news = True
-            rows = [scored.row() for scored in found]
+            rows = [scored.row() for scored in decisions]
             for box in (box for box in self.audience.each() if box.is_greeted):
                 box.decisions(rows)
-        return found
+        return decisions
 
     def _watch(self, trace: Trace) -> None:
         self._afferent_spikes += trace.afferents.sum(axis=0)
@@ -230,11 +230,11 @@ class Session:
 
     def _settings(self) -> dict[str, Any]:
         encoder = self.stream.chain.lif
-        found: dict[str, Any] = {}
+        settings: dict[str, Any] = {}
         for key in POPULATIONS:
             kind = getattr(encoder, key)
-            found |= {f"{key}.t_ref_ms": kind.t_ref_ms, f"{key}.gain": kind.gain}
-        return {**found, PATIENCE: self.stream.chain.rule.patience}
+            settings |= {f"{key}.t_ref_ms": kind.t_ref_ms, f"{key}.gain": kind.gain}
+        return {**settings, PATIENCE: self.stream.chain.rule.patience}
 
     def _change(self, message: messages.Change) -> None:
         now, chain = self._settings(), self.stream.chain

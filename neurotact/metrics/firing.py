@@ -68,8 +68,8 @@ def measures(touches: Events, is_kind: np.ndarray, trains: SpikeTrains) -> dict[
     trials without any spike), latency (of the population's first spike; of a silent trial, its whole length).
     """
     rate_Hz = trains.sampling_rate_Hz
-    found = spike_trains.isis_ms(touches, rate_Hz)
-    isi_ms = found.isi_ms[is_kind[found.afferent]]
+    intervals = spike_trains.isis_ms(touches, rate_Hz)
+    isi_ms = intervals.isi_ms[is_kind[intervals.afferent]]
     first_ms = spike_trains.latencies_ms(touches, rate_Hz)[:, is_kind]
     is_silent = np.isnan(first_ms).all(axis=1)
     until_ms = 1e3 * touches.trial_steps / rate_Hz
@@ -91,15 +91,15 @@ def isi_histograms(touches: Events, is_kind: np.ndarray, trains: SpikeTrains) ->
     """
     rate_Hz = trains.sampling_rate_Hz
     edges_ms = (1e3 / rate_Hz) * isi_distributions.bin_edges(1, int(touches.trial_steps.max()))
-    found = spike_trains.isis_ms(touches, rate_Hz)
-    mine = is_kind[found.afferent]
-    labels = trains.labels[found.trial[mine]]
-    return isi_distributions.histograms(found.isi_ms[mine], labels, len(trains.classes), edges_ms), edges_ms
+    intervals = spike_trains.isis_ms(touches, rate_Hz)
+    mine = is_kind[intervals.afferent]
+    labels = trains.labels[intervals.trial[mine]]
+    return isi_distributions.histograms(intervals.isi_ms[mine], labels, len(trains.classes), edges_ms), edges_ms
 
 
 def as_table(counts: np.ndarray, edges_ms: np.ndarray, classes: Sequence[str]) -> pd.DataFrame:
     """One row per class and non-empty bin: the number of intervals, and their share of all intervals of the class."""
-    label, at = np.nonzero(counts)
-    n = counts[label, at]
-    columns = {"label": np.array(classes)[label], "isi_from_ms": edges_ms[at], "isi_to_ms": edges_ms[at + 1], "n": n}
+    label, i = np.nonzero(counts)
+    n = counts[label, i]
+    columns = {"label": np.array(classes)[label], "isi_from_ms": edges_ms[i], "isi_to_ms": edges_ms[i + 1], "n": n}
     return pd.DataFrame({**columns, "share": n / counts.sum(axis=1)[label]})

@@ -408,13 +408,13 @@ class Moments(Layer):
         if self.order > 4:
             raise InputError(f"Moments.order: there are four moments; got {self.order}")
         n = self.samples
-        each = (
+        orders = (
             Cost(acs=n, other_flops=1),
             Cost(macs=n, acs=n, other_flops=1 + SQUARE_ROOT),
             Cost(macs=n, other_flops=3 + DIVISION),  # 1/n, two products for the cubed deviation
             Cost(macs=n, other_flops=1 + DIVISION),  # the sum of squares times the variance
         )
-        one = sum(each[: self.order], Cost())
+        one = sum(orders[: self.order], Cost())
         channels, kept = self.channels, n + self.order
         return Cost(
             macs=channels * one.macs,
@@ -464,10 +464,10 @@ class Afferents(Layer):
     onset: bool = False
 
     def cost(self) -> Cost:
-        each, n = self.taxels * self.steps, self.sa1 + self.ra1
+        updates, n = self.taxels * self.steps, self.sa1 + self.ra1
         state = (2 * n + 1) * self.taxels  # membranes, refractory counters, the sample before
         macs, other = 2 * n + self.onset, n + 1 + self.onset
-        return _with_weights(n, state, macs=macs * each, acs=each, other_flops=other * each)
+        return _with_weights(n, state, macs=macs * updates, acs=updates, other_flops=other * updates)
 
 
 @dataclass(frozen=True)
@@ -511,10 +511,10 @@ class IzhikevichAfferents(Layer):
     euler_steps: int = 1
 
     def cost(self) -> Cost:
-        afferents, each = 2 * self.taxels, self.taxels * self.steps
+        afferents, updates = 2 * self.taxels, self.taxels * self.steps
         euler = afferents * self.steps * self.euler_steps
         state = 2 * afferents + self.taxels  # v and u of both, the sample before
-        return _with_weights(2, state, macs=4 * euler, acs=3 * euler + each, other_flops=2 * euler + 3 * each)
+        return _with_weights(2, state, macs=4 * euler, acs=3 * euler + updates, other_flops=2 * euler + 3 * updates)
 
 
 @dataclass(frozen=True)
@@ -530,9 +530,9 @@ class PoissonAfferents(Layer):
     steps: int
 
     def cost(self) -> Cost:
-        afferents, each = 2 * self.taxels, self.taxels * self.steps
+        afferents, updates = 2 * self.taxels, self.taxels * self.steps
         state = afferents + self.taxels  # a random number each, the sample before
-        return _with_weights(2, state, macs=2 * each, acs=each, other_flops=2 * 2 * each + each)
+        return _with_weights(2, state, macs=2 * updates, acs=updates, other_flops=2 * 2 * updates + updates)
 
 
 @dataclass(frozen=True)
@@ -557,13 +557,13 @@ class MechanoreceptorAfferents(Layer):
     noisy: bool = True
 
     def cost(self) -> Cost:
-        n, each = self.afferents, self.taxels * self.steps
+        n, updates = self.afferents, self.taxels * self.steps
         macs = 1 + n * (7 + 2 + 1 + 2 * self.noisy) + 8 * self.pressed
         acs = 1 + n * (1 + 2 + 1) + self.saturating
         other = n * (1 + 2 + 2) + 2 * self.pressed + self.saturating * (2 + DIVISION)
         # Two samples before; of each afferent a filter, its last value, V, the steps since a spike, a random number.
         state = self.taxels * (2 + n * (3 + 1 + 2 + self.noisy) + 3 * self.pressed)
-        return _with_weights(n, state, macs=macs * each, acs=acs * each, other_flops=other * each)
+        return _with_weights(n, state, macs=macs * updates, acs=acs * updates, other_flops=other * updates)
 
 
 @dataclass(frozen=True)
@@ -578,9 +578,9 @@ class DeltaEvents(Layer):
     steps: int
 
     def cost(self) -> Cost:
-        each = self.taxels * self.steps
+        updates = self.taxels * self.steps
         state = 2 * self.taxels  # reference, refractory counter
-        return _with_weights(1, state, acs=each, other_flops=2 * each)
+        return _with_weights(1, state, acs=updates, other_flops=2 * updates)
 
 
 @dataclass(frozen=True)
@@ -596,9 +596,9 @@ class MovingWindowEvents(Layer):
     window: int
 
     def cost(self) -> Cost:
-        each = self.taxels * self.steps
+        updates = self.taxels * self.steps
         state = (self.window + 2) * self.taxels  # the samples, their sum, the refractory counter
-        return _with_weights(1, state, acs=3 * each, other_flops=3 * each)
+        return _with_weights(1, state, acs=3 * updates, other_flops=3 * updates)
 
 
 @dataclass(frozen=True)
@@ -615,8 +615,8 @@ class BensSpiker(Layer):
     taps: int
 
     def cost(self) -> Cost:
-        parts, each = 2 * self.taxels, 2 * self.taxels * self.steps
-        acs, others = (3 * self.taps + 1) * each, (2 * self.taps + 3) * each
+        parts, updates = 2 * self.taxels, 2 * self.taxels * self.steps
+        acs, others = (3 * self.taps + 1) * updates, (2 * self.taps + 3) * updates
         return _with_weights(2 + self.taps, parts * self.taps, acs=acs, other_flops=others)
 
 
@@ -632,9 +632,9 @@ class LatencyAfferents(Layer):
     steps: int
 
     def cost(self) -> Cost:
-        afferents, each = 2 * self.taxels, self.taxels * self.steps
+        afferents, updates = 2 * self.taxels, self.taxels * self.steps
         state = afferents + self.taxels + 2  # fired or not, the sample before, the threshold and the cycle's step
-        return _with_weights(2, state, acs=each, other_flops=2 * 2 * each + each + self.steps)
+        return _with_weights(2, state, acs=updates, other_flops=2 * 2 * updates + updates + self.steps)
 
 
 @dataclass(frozen=True)
@@ -651,10 +651,10 @@ class BurstAfferents(Layer):
     cycle: int
 
     def cost(self) -> Cost:
-        afferents, each = 2 * self.taxels, self.taxels * self.steps
+        afferents, updates = 2 * self.taxels, self.taxels * self.steps
         bursts = afferents * (self.steps / self.cycle)
         state = 4 * afferents + self.taxels + 1  # sum, spikes left, interval, time to the next; sample before; step
-        return _with_weights(2, state, macs=bursts, acs=3 * each, other_flops=3 * each + 6 * bursts)
+        return _with_weights(2, state, macs=bursts, acs=3 * updates, other_flops=3 * updates + 6 * bursts)
 
 
 @dataclass(frozen=True)
@@ -670,8 +670,8 @@ class ResonatorAfferents(Layer):
 
     def cost(self) -> Cost:
         afferents = 2 * self.taxels
-        each = afferents * self.steps
-        return _with_weights(2, 3 * afferents, macs=6 * each, other_flops=each)
+        updates = afferents * self.steps
+        return _with_weights(2, 3 * afferents, macs=6 * updates, other_flops=updates)
 
 
 @dataclass(frozen=True)

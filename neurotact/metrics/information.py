@@ -23,7 +23,7 @@ def class_information(counts: np.ndarray, labels: np.ndarray) -> np.ndarray:
     counts, labels = np.asarray(counts), np.asarray(labels)
     _, labels = np.unique(labels, return_inverse=True)
     n_classes, n_trials = int(labels.max(initial=-1)) + 1, len(labels)
-    found = np.zeros(counts.shape[1])
+    bits = np.zeros(counts.shape[1])
     for afferent, column in enumerate(counts.T):
         bins = _binned(column, max(2, min(MOST_BINS, n_trials // (PER_BIN * max(1, n_classes)))))
         joint = np.zeros((n_classes, bins.max(initial=-1) + 1))
@@ -33,8 +33,8 @@ def class_information(counts: np.ndarray, labels: np.ndarray) -> np.ndarray:
         shares = joint / n_trials
         expected = shares.sum(axis=1, keepdims=True) * shares.sum(axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):
-            found[afferent] = np.nansum(shares * np.log2(shares / expected)) - bias
-    return found
+            bits[afferent] = np.nansum(shares * np.log2(shares / expected)) - bias
+    return bits
 
 
 def _binned(column: np.ndarray, most: int) -> np.ndarray:

@@ -51,8 +51,8 @@ def segments(values: list[np.ndarray], sampling_rate_Hz: float) -> tuple[np.ndar
     n_steps = min(round(SEGMENT_s * sampling_rate_Hz), min(map(len, values)))
     if n_steps < 8:
         raise InputError(f"recordings: the shortest trial has {n_steps} steps, too few to decode; give longer trials")
-    places = [(trial, at) for trial, x in enumerate(values) for at in range(0, len(x) - n_steps + 1, n_steps)]
-    return np.stack([values[trial][at : at + n_steps] for trial, at in places]), np.array(
+    places = [(trial, start) for trial, x in enumerate(values) for start in range(0, len(x) - n_steps + 1, n_steps)]
+    return np.stack([values[trial][start : start + n_steps] for trial, start in places]), np.array(
         [trial for trial, _ in places]
     )
 
@@ -123,11 +123,11 @@ def _filter(x: np.ndarray, s: np.ndarray) -> np.ndarray:
     own = np.einsum("stjk,stjl->tkl", s.conj(), s)
     tiny = np.finfo(float).tiny
     ridge = np.trace(own, axis1=1, axis2=2).real.mean() / n_values + tiny  # at lines where afferents say little
-    found = np.linalg.solve(own + ridge * np.eye(n_kinds), cross[..., None])[..., 0]
-    explained = np.einsum("tk,tk->t", cross.conj(), found).real / np.maximum((np.abs(x) ** 2).sum(axis=(0, 2)), tiny)
+    weights = np.linalg.solve(own + ridge * np.eye(n_kinds), cross[..., None])[..., 0]
+    explained = np.einsum("tk,tk->t", cross.conj(), weights).real / np.maximum((np.abs(x) ** 2).sum(axis=(0, 2)), tiny)
     explained = np.clip(explained, 1e-12, 1)
     adjusted = 1 - (1 - explained) * n_values / max(n_values - n_kinds, 1) if n_values > n_kinds else 0 * explained
-    return found * np.maximum(adjusted / explained, 0)[:, None]
+    return weights * np.maximum(adjusted / explained, 0)[:, None]
 
 
 def direct(signal: np.ndarray, decoded: np.ndarray, sampling_rate_Hz: float) -> Reconstruction:

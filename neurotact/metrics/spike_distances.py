@@ -121,21 +121,21 @@ def _blocks(trains: _Padded, size: int) -> list[np.ndarray]:
     return [block for block in starts if len(block)]
 
 
-def _padded(found: Events, afferent: int, scale: float) -> _Padded:
-    mine = found.afferent == afferent
-    trial, step = found.trial[mine], found.step[mine]
-    counts = np.bincount(trial, minlength=len(found.trial_steps))
+def _padded(events: Events, afferent: int, scale: float) -> _Padded:
+    mine = events.afferent == afferent
+    trial, step = events.trial[mine], events.step[mine]
+    counts = np.bincount(trial, minlength=len(events.trial_steps))
     rank = np.arange(len(trial)) - np.repeat(np.cumsum(counts) - counts, counts)
     times = np.zeros((int(counts.max(initial=0)), len(counts)))
     times[rank, trial] = step * scale
     return _Padded(times, counts)
 
 
-def _raster(found: Events, afferent: int, n_steps: int) -> csr_array:
+def _raster(events: Events, afferent: int, n_steps: int) -> csr_array:
     """Spikes of one afferent, `(trial, time)`."""
-    mine = found.afferent == afferent
+    mine = events.afferent == afferent
     ones = np.ones(int(mine.sum()))
-    return csr_array((ones, (found.trial[mine], found.step[mine])), shape=(len(found.trial_steps), n_steps))
+    return csr_array((ones, (events.trial[mine], events.step[mine])), shape=(len(events.trial_steps), n_steps))
 
 
 def _blurred(raster: csr_array, decay: float) -> np.ndarray:

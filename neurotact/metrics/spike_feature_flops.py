@@ -43,10 +43,10 @@ class Intervals(_OfSpikes):
 
     def cost(self) -> Cost:
         squares = self.spikes * self.variation
-        each = DIVISION + self.variation * (DIVISION + SQUARE_ROOT)
+        per_afferent = DIVISION + self.variation * (DIVISION + SQUARE_ROOT)
         macs = squares + self.afferents * self.variation
         kept = self.afferents * (3 + self.variation)  # last spike, count, sum, sum of squares
-        return Cost(macs=macs, acs=2 * self.spikes, other_flops=self.afferents * each, bytes=BYTES * kept)
+        return Cost(macs=macs, acs=2 * self.spikes, other_flops=self.afferents * per_afferent, bytes=BYTES * kept)
 
 
 @dataclass(frozen=True)

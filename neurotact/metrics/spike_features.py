@@ -72,19 +72,19 @@ def co_occurrence(spikes: Spikes, lag_steps: int) -> np.ndarray:
     """
     if lag_steps < 0:
         raise InputError(f"lag_steps: must be >= 0; got {lag_steps}")
-    found = _events(spikes)
-    n_trials, n = len(found.trial_steps), found.n_afferents
-    room = int(found.trial_steps.max(initial=0)) + 2 * lag_steps + 2  # so that no lag reaches another group
-    group = found.trial * n + found.afferent
-    key = group * room + found.step + lag_steps  # ascending, since events are in this order
+    events = _events(spikes)
+    n_trials, n = len(events.trial_steps), events.n_afferents
+    room = int(events.trial_steps.max(initial=0)) + 2 * lag_steps + 2  # so that no lag reaches another group
+    group = events.trial * n + events.afferent
+    key = group * room + events.step + lag_steps  # ascending, since events are in this order
     pairs = np.zeros((n_trials * n, n), np.int64)
     for other in range(n):
-        centre = (found.trial * n + other) * room + found.step + lag_steps
+        centre = (events.trial * n + other) * room + events.step + lag_steps
         near = np.searchsorted(key, centre + lag_steps, "right") - np.searchsorted(key, centre - lag_steps, "left")
         pairs[:, other] = np.bincount(group, near, minlength=len(pairs)).astype(np.int64)
     pairs = pairs.reshape(n_trials, n, n)
     itself = np.arange(n)
-    pairs[:, itself, itself] = (pairs[:, itself, itself] - spike_counts(found)) // 2
+    pairs[:, itself, itself] = (pairs[:, itself, itself] - spike_counts(events)) // 2
     return pairs
 
 
@@ -110,15 +110,15 @@ def delayed_traces(
     _at_least_one("n_delays", n_delays)
     n_steps, step_ms = _n_steps(spikes), 1e3 / sampling_rate_Hz
     decay = np.exp(-step_ms / tau_ms)
-    at = n_steps - 1 - np.rint(np.arange(n_delays) * delay_ms / step_ms).astype(np.int64)
-    found = _events(spikes)
-    traces = np.zeros((n_delays, len(found.trial_steps) * found.n_afferents))
-    group = found.trial * found.n_afferents + found.afferent
-    for trace, last in zip(traces, at, strict=True):
-        before = found.step <= last
-        trace += np.bincount(group[before], decay ** (last - found.step[before]), minlength=len(trace))
-    shaped = traces.reshape(n_delays, len(found.trial_steps), found.n_afferents)
-    return np.moveaxis(shaped, 0, 1).reshape(len(found.trial_steps), -1)
+    ends = n_steps - 1 - np.rint(np.arange(n_delays) * delay_ms / step_ms).astype(np.int64)
+    events = _events(spikes)
+    traces = np.zeros((n_delays, len(events.trial_steps) * events.n_afferents))
+    group = events.trial * events.n_afferents + events.afferent
+    for trace, last in zip(traces, ends, strict=True):
+        before = events.step <= last
+        trace += np.bincount(group[before], decay ** (last - events.step[before]), minlength=len(trace))
+    shaped = traces.reshape(n_delays, len(events.trial_steps), events.n_afferents)
+    return np.moveaxis(shaped, 0, 1).reshape(len(events.trial_steps), -1)
 
 
 def grey_images(spikes: Spikes, columns: int, white: int) -> np.ndarray:
@@ -140,12 +140,12 @@ def grey_images(spikes: Spikes, columns: int, white: int) -> np.ndarray:
 
 def _binned(spikes: Spikes, bin_steps: int, n_bins: int, *, keep_rest: bool = False) -> np.ndarray:
     """Counts in consecutive bins, `(trial, afferent, bin)` int64."""
-    found = _events(spikes)
-    at = found.step // bin_steps
-    at = np.minimum(at, n_bins - 1) if keep_rest else at
-    inside = at < n_bins
-    group = (found.trial * found.n_afferents + found.afferent) * n_bins + at
-    shape = len(found.trial_steps), found.n_afferents, n_bins
+    events = _events(spikes)
+    bins = events.step // bin_steps
+    bins = np.minimum(bins, n_bins - 1) if keep_rest else bins
+    inside = bins < n_bins
+    group = (events.trial * events.n_afferents + events.afferent) * n_bins + bins
+    shape = len(events.trial_steps), events.n_afferents, n_bins
     return np.bincount(group[inside], minlength=int(np.prod(shape))).reshape(shape)
 
 

@@ -61,10 +61,10 @@ def events(
     trial = np.repeat(np.arange(len(lengths)), lengths)
     outside = (step < 0) | (step >= trial_steps[trial]) | (unit < 0) | (unit >= n_afferents)
     if outside.any():
-        at = int(np.argmax(outside))
+        first = int(np.argmax(outside))
         raise InputError(
-            f"spikes: trial {trial[at]} has a spike of afferent {unit[at]} at step {step[at]}, outside its "
-            f"{n_afferents} afferents and {trial_steps[trial[at]]} steps"
+            f"spikes: trial {trial[first]} has a spike of afferent {unit[first]} at step {step[first]}, outside its "
+            f"{n_afferents} afferents and {trial_steps[trial[first]]} steps"
         )
     return _sorted(trial, unit, step, trial_steps, n_afferents)
 
@@ -77,11 +77,11 @@ def events_of_raster(raster: np.ndarray) -> Events:
     """
     raster = _checked(raster)
     n_trials, n_steps, n_afferents = raster.shape
-    place = np.flatnonzero(raster.swapaxes(1, 2))
-    group = place // n_steps
+    index = np.flatnonzero(raster.swapaxes(1, 2))
+    group = index // n_steps
     trial = group // n_afferents
     return Events(
-        trial, group - trial * n_afferents, place - group * n_steps, np.full(n_trials, n_steps, np.int64), n_afferents
+        trial, group - trial * n_afferents, index - group * n_steps, np.full(n_trials, n_steps, np.int64), n_afferents
     )
 
 
@@ -121,11 +121,11 @@ def isis_ms(spikes: Spikes, sampling_rate_Hz: float) -> Intervals:
     [1.0, 0.5]
     """
     check_rate(sampling_rate_Hz)
-    found = spikes if isinstance(spikes, Events) else events_of_raster(spikes)
-    group = _group(found)
+    trains = spikes if isinstance(spikes, Events) else events_of_raster(spikes)
+    group = _group(trains)
     within = group[1:] == group[:-1]
-    isi = np.diff(found.step)[within] * (1e3 / sampling_rate_Hz)
-    return Intervals(found.trial[1:][within], found.afferent[1:][within], isi)
+    isi = np.diff(trains.step)[within] * (1e3 / sampling_rate_Hz)
+    return Intervals(trains.trial[1:][within], trains.afferent[1:][within], isi)
 
 
 def latencies_ms(spikes: Spikes, sampling_rate_Hz: float) -> np.ndarray:
@@ -135,12 +135,12 @@ def latencies_ms(spikes: Spikes, sampling_rate_Hz: float) -> np.ndarray:
     [[0.5, nan]]
     """
     check_rate(sampling_rate_Hz)
-    found = spikes if isinstance(spikes, Events) else events_of_raster(spikes)
-    group = _group(found)
+    trains = spikes if isinstance(spikes, Events) else events_of_raster(spikes)
+    group = _group(trains)
     is_first = np.diff(group, prepend=-1) != 0
-    latencies = np.full(len(found.trial_steps) * found.n_afferents, np.nan)
-    latencies[group[is_first]] = found.step[is_first] * (1e3 / sampling_rate_Hz)
-    return latencies.reshape(len(found.trial_steps), found.n_afferents)
+    latencies = np.full(len(trains.trial_steps) * trains.n_afferents, np.nan)
+    latencies[group[is_first]] = trains.step[is_first] * (1e3 / sampling_rate_Hz)
+    return latencies.reshape(len(trains.trial_steps), trains.n_afferents)
 
 
 def isi_mean_ms(spikes: Spikes, sampling_rate_Hz: float) -> np.ndarray:
@@ -167,10 +167,10 @@ def isi_cv(spikes: Spikes) -> np.ndarray:
 
 def _isi_moments(spikes: Spikes, sampling_rate_Hz: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean, standard deviation and number of the intervals of each trial and afferent."""
-    found = spikes if isinstance(spikes, Events) else events_of_raster(spikes)
-    shape = len(found.trial_steps), found.n_afferents
-    trial, afferent, isi = isis_ms(found, sampling_rate_Hz)
-    group = trial * found.n_afferents + afferent
+    trains = spikes if isinstance(spikes, Events) else events_of_raster(spikes)
+    shape = len(trains.trial_steps), trains.n_afferents
+    trial, afferent, isi = isis_ms(trains, sampling_rate_Hz)
+    group = trial * trains.n_afferents + afferent
     n_intervals = np.bincount(group, minlength=shape[0] * shape[1])
     some = np.where(n_intervals == 0, np.nan, n_intervals)
     mean = np.bincount(group, isi, minlength=len(some)) / some

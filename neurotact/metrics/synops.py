@@ -110,12 +110,12 @@ def synops(
     >>> synops(np.array([10]), np.array([4]), n_hidden=30, n_readout=8, recurrent=True).total.tolist()
     [452]
     """
-    sent, heard = (_counts(v, what) for v, what in ((input_spikes, "input"), (hidden_spikes, "hidden")))
-    if sent.shape != heard.shape:
-        raise InputError(f"synops: input spikes of {sent.size} windows but hidden spikes of {heard.size}")
+    sent, hidden = (_counts(v, what) for v, what in ((input_spikes, "input"), (hidden_spikes, "hidden")))
+    if sent.shape != hidden.shape:
+        raise InputError(f"synops: input spikes of {sent.size} windows but hidden spikes of {hidden.size}")
     if n_hidden < 1 or n_readout < 1:
         raise InputError(f"synops: a network has at least one neuron a layer; got {n_hidden} and {n_readout}")
-    into_hidden, among_hidden, into_readout = n_hidden * sent, n_hidden * recurrent * heard, n_readout * heard
+    into_hidden, among_hidden, into_readout = n_hidden * sent, n_hidden * recurrent * hidden, n_readout * hidden
     feedforward = into_hidden + into_readout
     return Synops(into_hidden, among_hidden, into_readout, feedforward + among_hidden, feedforward)
 
@@ -227,8 +227,8 @@ def _marked(means: pd.DataFrame) -> pd.DataFrame:
 
 
 def _sides_in(table: pd.DataFrame) -> list[str]:
-    found = set(table[SIDE])
-    return [side for side in SIDES if side in found] + sorted(found - {*SIDES}, key=str)
+    sides = set(table[SIDE])
+    return [side for side in SIDES if side in sides] + sorted(sides - {*SIDES}, key=str)
 
 
 def _summary_of_side(table: pd.DataFrame, side: str) -> pd.DataFrame:
