@@ -3,7 +3,8 @@
 The float variant gives the same spikes as `stream`, the integer variant the same as `integer`.
 """
 
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +17,7 @@ from neurotact.deploy import formats as whole
 from neurotact.deploy import integer
 from neurotact.deploy.chain import LARGEST, Chain
 from neurotact.deploy.formats import Formats, Integrator
+from neurotact.encoders.afferents import AfferentType, marks
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import require
 from neurotact.progress import printable
@@ -89,7 +91,7 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         "title": title_of(chain, formats), "version": __version__, "name": name, "macro": name.upper(),
         "integer": formats is not None, "unit": _in_comment(encoder.unit),
         "sampling_rate_Hz": f"{chain.sampling_rate_Hz:g}",
-        "n_taxels": n_taxels, "n_afferents": network.n_inputs, "falling": encoder.sa1.opposite,
+        "n_taxels": n_taxels, "n_afferents": network.n_inputs,
         "n_hidden": spec.hidden, "n_classes": network.n_classes,
         "class_names": [_text(name_of_class) for name_of_class in chain.classes],
         "length": plan.length, "start": plan.start, "hop": plan.hop, "quiet": plan.quiet, "at_once": plan.at_once,
@@ -154,20 +156,36 @@ def _in_float(chain: Chain) -> dict[str, Any]:
         "readout_leak": float(integration.decay).hex() if integration is not None and integration.leaks else None,
         "peak": integration is not None and integration.peak,
         "margin": margin if margin is None or integration is None else margin.hex(),
-        "silent_type": _unsigned(max(sa1.refractory_steps, ra1.refractory_steps) + 1),
-        "silent_sa1": sa1.refractory_steps, "silent_ra1": ra1.refractory_steps,
+        "silent_type": _unsigned(max(sa1.refractory_steps, ra1.refractory_steps) + 1), "kinds": [*_float_kinds(chain)],
         "smoothing": smoothing, "smoothing_keep": smoothing_keep,
         "baseline_weight": baseline_weight, "baseline_keep": baseline_keep,
         "baseline_steps": f"{conditioner.n_start}u",
         "stride": (chain.sampling_rate_Hz / chain.clock_Hz).hex(), "half": HALF.hex(),
         "rate": float(chain.sampling_rate_Hz).hex(), "clock": float(chain.clock_Hz).hex(),
         "offset": offset, "scale": scale, "sign": False, "plain": True, "leak": _float(sa1.decay),
-        "gain_sa1": _float(encoder.sa1.gain), "gain_falling": _float(-encoder.sa1.gain),
-        "gain_ra1": _float(encoder.ra1.gain * chain.clock_Hz * 1e-3),
-        "v_rest": _float(sa1.v_rest_mV), "v_threshold": _float(sa1.v_threshold_mV), "v_reset": _float(sa1.v_reset_mV),
+        "v_rest": _float(sa1.v_rest_mV),
         "tables": tables, "layers": layers[: 1 if network.bias is not None else 2],
         "threshold_out": _float(threshold[1]),
     }  # fmt: skip
+
+
+def _float_kinds(chain: Chain) -> Iterator[dict[str, Any]]:
+    """The afferents under each taxel: what drives them, their levels and refractory steps, and words for them."""
+    encoder, clock_Hz = chain.lif, chain.clock_Hz
+    for part, unit, drive in (("sa1", 1.0, "felt"), ("ra1", clock_Hz * 1e-3, "magnitude(change)")):
+        kind = getattr(encoder, part)
+        neuron = encoder.neuron(kind, clock_Hz)
+        for gain, about in zip(kind.gains, _words(kind, part), strict=True):
+            yield {
+                "about": about, "target": f"{_float(neuron.v_rest_mV)} + {_float(gain * unit)} * {drive}",
+                "threshold": _float(neuron.v_threshold_mV), "reset": _float(neuron.v_reset_mV),
+                "silent": neuron.refractory_steps,
+            }  # fmt: skip
+
+
+def _words(kind: AfferentType, part: str) -> list[str]:
+    """A word for each afferent of a type under a taxel, as `SA-I falling x0.5`."""
+    return [("SA-I" if part == "sa1" else "RA-I") + mark for mark in marks(kind.model_dump())]
 
 
 def _float_layer(chain: Chain, index: int, alpha: np.ndarray, beta: np.ndarray, threshold: np.ndarray) -> dict:
@@ -191,8 +209,9 @@ def _in_integers(chain: Chain, formats: Formats) -> dict[str, Any]:
     tables = [_integers("w_in", hidden.w, "int8_t")]
     tables += [] if hidden.v is None else [_integers("w_rec", hidden.v, "int8_t")]
     tables.append(_integers("w_out", readout.w, "int8_t"))
-    for key in ("threshold_sa1", "threshold_ra1", "reset_sa1", "reset_ra1"):
-        tables.append(_integers(key, getattr(front, key), "int32_t"))
+    levels = {kind.name: kind for kind in front.kinds}  # SA-I of the falling signal have those of the rising one
+    for what in ("threshold", "reset"):
+        tables += [_integers(f"{what}_{name}", getattr(kind, what), "int32_t") for name, kind in levels.items()]
     has_offset = bool(front.offset.any())
     tables += [_integers("offset", front.offset, "int32_t")] if has_offset else []
     has_sign = bool((front.sign < 0).any())
@@ -207,8 +226,7 @@ def _in_integers(chain: Chain, formats: Formats) -> dict[str, Any]:
         "state": "int16_t" if formats.state_bits <= 16 else "int32_t",
         "count": "int32_t" if isinstance(readout, Integrator) else _count(chain),
         "readout_leak": None, "peak": False, "margin": integer.whole_margin(chain.rule, readout),
-        "silent_type": _unsigned(max(front.silent_sa1, front.silent_ra1) + 1),
-        "silent_sa1": front.silent_sa1, "silent_ra1": front.silent_ra1,
+        "silent_type": _unsigned(max(kind.silent for kind in front.kinds) + 1), "kinds": _integer_kinds(chain, front),
         "smoothing": front.smoothing, "baseline_weight": front.baseline_weight,
         "baseline_steps": f"{front.baseline_steps}u",
         "stride_whole": stride[0], "stride_part": stride[1], "stride": stride[0] * 2**32 + stride[1],
@@ -219,6 +237,19 @@ def _in_integers(chain: Chain, formats: Formats) -> dict[str, Any]:
         "tables": tables, "layers": layers,
         "threshold_out": 0 if isinstance(readout, Integrator) else readout.threshold,
     }  # fmt: skip
+
+
+def _integer_kinds(chain: Chain, front: whole.FrontEnd) -> list[dict[str, Any]]:
+    """As `_float_kinds`."""
+    drives = {"signal": "felt", "falling": "-felt", "change": "change < 0 ? -change : change"}
+    words = _words(chain.lif.sa1, "sa1") + _words(chain.lif.ra1, "ra1")
+    return [
+        {
+            "about": about, "target": drives[kind.drive], "threshold": f"threshold_{kind.name}[i]",
+            "reset": f"reset_{kind.name}[i]", "silent": kind.silent,
+        }
+        for kind, about in zip(front.kinds, words, strict=True)
+    ]  # fmt: skip
 
 
 def _integer_layer(chain: Chain, index: int, layer: whole.Layer) -> dict[str, Any]:
@@ -264,10 +295,11 @@ ABOUT = {
     "reset_sa1": "Reset values of SA-I afferents, in the same unit.",
     "reset_ra1": "Reset values of RA-I afferents, in the same unit.",
 }
+"""What a table is, by its name; those of the second and later grades have a number after it."""
 
 
 def _table(name: str, kind: str, values: Sequence[str]) -> Table:
-    return Table(ABOUT[name], kind, name, len(values), list(_wrapped(values)))
+    return Table(ABOUT[re.sub(r"(?<=1)_\d+$", "", name)], kind, name, len(values), list(_wrapped(values)))
 
 
 def _integers(name: str, values: np.ndarray, kind: str) -> Table:

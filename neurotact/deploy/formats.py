@@ -7,8 +7,8 @@ largest value on training windows, times `HEADROOM`, fills its bits. Weights are
 """
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -16,6 +16,7 @@ from torch import Tensor
 
 from neurotact.data.conditioning import Conditioner
 from neurotact.deploy.chain import Chain
+from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
 from neurotact.networks.definition import reference
 from neurotact.networks.definition.executors import Subject, require
@@ -78,16 +79,29 @@ class Weight(NamedTuple):
         return Weight(min(round(value * 2.0**bits), 2**MANTISSA - 1), bits)
 
 
+class Afferents(NamedTuple):
+    """One afferent under each taxel, in integers.
+
+    name: of its levels: `sa1` or `ra1`, with a number from the second grade on. drive: what the afferent receives.
+    threshold, reset: `(taxel,)`, in units of 2^-FRACTION of a raw step. silent: refractory steps.
+    """
+
+    name: str
+    drive: Literal["signal", "falling", "change"]
+    threshold: np.ndarray
+    reset: np.ndarray
+    silent: int
+
+
 class FrontEnd(NamedTuple):
     """Conditioning and afferents in integers.
 
     smoothing: weight of the newest sample; None without a moving average.
     stride: samples from one step to the next, as an integer and 2^-32ths; None for one step per sample.
     baseline: as in the encoder; baseline_steps: of `start`; baseline_weight: of `high-pass`.
-    offset, thresholds and resets of SA-I and RA-I: `(taxel,)`, in units of 2^-FRACTION of a raw step.
+    offset: `(taxel,)`, in units of 2^-FRACTION of a raw step.
     sign: of each taxel's scale, `(taxel,)`; -1 for a signal that falls on contact. Thresholds contain its magnitude.
-    leak: of both populations; silent: their refractory steps. falling: whether a second SA-I under each taxel, with the
-    thresholds and resets of the first, receives the negative of the signal.
+    leak: of all afferents. kinds: the afferents under each taxel, SA-I first.
     """
 
     smoothing: Weight | None
@@ -99,13 +113,7 @@ class FrontEnd(NamedTuple):
     sign: np.ndarray
     rectify: bool
     leak: Weight
-    threshold_sa1: np.ndarray
-    threshold_ra1: np.ndarray
-    reset_sa1: np.ndarray
-    reset_ra1: np.ndarray
-    silent_sa1: int
-    silent_ra1: int
-    falling: bool
+    kinds: tuple[Afferents, ...]
 
 
 class Layer(NamedTuple):
@@ -323,7 +331,7 @@ def _is_fine(chain: Chain, raw: Raw) -> bool:
         front = _front_end(chain, raw)
     except InputError:  # an offset or a threshold that does not fit
         return False
-    return min(int(front.threshold_sa1.min()), int(front.threshold_ra1.min())) >= FINEST
+    return min(int(kind.threshold.min()) for kind in front.kinds) >= FINEST
 
 
 def _front_end(chain: Chain, raw: Raw) -> FrontEnd:
@@ -331,7 +339,6 @@ def _front_end(chain: Chain, raw: Raw) -> FrontEnd:
     encoder, clock_Hz = chain.lif, chain.clock_Hz
     conditioning = encoder.conditioning
     conditioner = Conditioner(chain.sampling_rate_Hz, chain.encoder.conditioning)
-    sa1, ra1 = encoder.neuron(encoder.sa1, clock_Hz), encoder.neuron(encoder.ra1, clock_Hz)
     fine = 2.0**FRACTION / raw.lsb
     zero = raw.zero if conditioning.baseline == "none" else 0.0
     offset = np.zeros(chain.n_taxels) if conditioning.offset is None else np.array(conditioning.offset)
@@ -339,12 +346,10 @@ def _front_end(chain: Chain, raw: Raw) -> FrontEnd:
     shifted = np.rint((offset - zero) * fine)
     if (np.abs(shifted) > MOST_OFFSET).any():
         raise InputError("lsb: the encoder's offsets do not fit in 28 bits; give a coarser one")
-    gains = encoder.sa1.gain, encoder.ra1.gain * clock_Hz * 1e-3
     stride = None
     if conditioner.clock_Hz != conditioner.rate_Hz:
         whole, part = divmod(round(conditioner.rate_Hz / conditioner.clock_Hz * 2**32), 2**32)
         stride = (whole, part)
-    levels = [_levels(neuron, gain, np.abs(scale) * fine) for neuron, gain in zip((sa1, ra1), gains, strict=True)]
     return FrontEnd(
         smoothing=None if conditioner.smoothing is None else Weight.of(conditioner.smoothing),
         stride=stride,
@@ -354,12 +359,21 @@ def _front_end(chain: Chain, raw: Raw) -> FrontEnd:
         offset=shifted.astype(np.int64),
         sign=np.sign(scale).astype(np.int64),
         rectify=conditioning.rectify,
-        leak=Weight.of(1.0 - sa1.decay),
-        threshold_sa1=levels[0][0], threshold_ra1=levels[1][0],
-        reset_sa1=levels[0][1], reset_ra1=levels[1][1],
-        silent_sa1=sa1.refractory_steps, silent_ra1=ra1.refractory_steps,
-        falling=encoder.sa1.opposite,
-    )  # fmt: skip
+        leak=Weight.of(1.0 - encoder.neuron(encoder.sa1, clock_Hz).decay),
+        kinds=tuple(_kinds(encoder, clock_Hz, np.abs(scale) * fine)),
+    )
+
+
+def _kinds(encoder: AfferentSpec, clock_Hz: float, fine: np.ndarray) -> Iterator[Afferents]:
+    """The afferents under each taxel; fine: units of the integers in one of the standardised signal, `(taxel,)`."""
+    for part, unit in (("sa1", 1.0), ("ra1", clock_Hz * 1e-3)):
+        kind = getattr(encoder, part)
+        neuron = encoder.neuron(kind, clock_Hz)
+        for index, gain in enumerate(kind.gains):
+            grade = index % len(kind.grades)
+            drive = "change" if part == "ra1" else "signal" if gain > 0 else "falling"
+            levels = _levels(neuron, abs(gain) * unit, fine)
+            yield Afferents(part if grade == 0 else f"{part}_{grade + 1}", drive, *levels, neuron.refractory_steps)
 
 
 def _levels(neuron: LIF, gain: float, fine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

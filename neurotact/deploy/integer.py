@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from neurotact.deploy.formats import FRACTION, Formats, FrontEnd, Integrator, Layer, Weight
+from neurotact.deploy.formats import FRACTION, Afferents, Formats, FrontEnd, Integrator, Layer, Weight
 from neurotact.networks.definition.clock import binned
 from neurotact.networks.exit.early_exit import ExitRule, Leader
 from neurotact.neurons import CubaLIF
@@ -63,7 +63,7 @@ def encode(
 ) -> np.ndarray:
     """Spikes of raw samples, `(trial, time, taxel)` int16 to `(trial, step, afferent)` uint8.
 
-    Afferents: SA-I of every taxel, those of the falling signal if the chain has them, RA-I of every taxel.
+    Afferents: those of each of `FrontEnd.kinds`, of every taxel.
     lengths: samples of each trial, `(trial,)`, where shorter trials are padded; all when None. After its last sample a
     trial holds it, as resampling does until the trial ends; steps after that end are to be cut (`n_steps`).
     averaged: of earlier steps, in the baselines `start` and `running`.
@@ -72,34 +72,31 @@ def encode(
     n_trials, n_samples, n_taxels = raw.shape
     lengths = np.full(n_trials, n_samples) if lengths is None else lengths
     rest = np.zeros((n_trials, n_taxels), np.int64)
-    sa1 = front.threshold_sa1, front.reset_sa1, front.silent_sa1
-    ra1 = front.threshold_ra1, front.reset_ra1, front.silent_ra1
-    kinds = [sa1, sa1, ra1] if front.falling else [sa1, ra1]
-    states = [[rest, rest]] * len(kinds)
+    states = [[rest, rest]] * len(front.kinds)
     rows, before = [], None
     for signal in _conditioned(raw, front, lengths, averaged):
         change = np.abs(signal - (signal if before is None else before))
         before = signal
-        targets = [signal, -signal, change] if front.falling else [signal, change]
+        drives = {"signal": signal, "falling": -signal, "change": change}
         stepped = [
-            _afferent(target, state, front.leak, *kind)
-            for target, state, kind in zip(targets, states, kinds, strict=True)
+            _afferent(drives[kind.drive], state, front.leak, kind)
+            for state, kind in zip(states, front.kinds, strict=True)
         ]
         rows.append(np.concatenate([fired for fired, _ in stepped], axis=1))
         states = [state for _, state in stepped]
     if not rows:
-        return np.zeros((n_trials, 0, len(kinds) * n_taxels), np.uint8)
+        return np.zeros((n_trials, 0, len(front.kinds) * n_taxels), np.uint8)
     return np.stack(rows, axis=1).astype(np.uint8)
 
 
 def _afferent(
-    target: np.ndarray, state: list[np.ndarray], leak: Weight, threshold: np.ndarray, reset: np.ndarray, silent: int
+    target: np.ndarray, state: list[np.ndarray], leak: Weight, kind: Afferents
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     membrane, remaining = state
     is_active = remaining == 0
-    membrane = np.where(is_active, follow(membrane, target, leak), reset)
-    fired = is_active & (membrane >= threshold)
-    return fired, [np.where(fired, reset, membrane), np.where(fired, silent, np.maximum(remaining - 1, 0))]
+    membrane = np.where(is_active, follow(membrane, target, leak), kind.reset)
+    fired = is_active & (membrane >= kind.threshold)
+    return fired, [np.where(fired, kind.reset, membrane), np.where(fired, kind.silent, np.maximum(remaining - 1, 0))]
 
 
 def _conditioned(

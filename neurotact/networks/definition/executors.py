@@ -115,9 +115,7 @@ FEATURES: dict[str, Feature] = {
         lambda s: _lif(s) is not None,
         LIF_INSTEAD,
     ),
-    "several grades a taxel": Feature(
-        "encoder", ("grades",), _has_grades, "stream it or export it to NIR, or train without sa1.grades and ra1.grades"
-    ),
+    "several grades a taxel": Feature("encoder", ("grades",), _has_grades, "train without sa1.grades and ra1.grades"),
     "SA-I of the falling signal": Feature(
         "encoder",
         ("opposite",),
@@ -222,7 +220,6 @@ _IN_INTEGERS = {
 }
 _IN_C = {
     **dict.fromkeys(OTHER_MODELS, "C has LIF afferents alone"),
-    "several grades a taxel": "C has one gain for the SA-I and one for the RA-I of each taxel",
     "half-wave rate of change": "the RA-I of C are driven by rise and fall alike",
     "rise in SA-I": "the SA-I of C are driven by the signal alone",
     "membranes in closed form": "C has no logarithm without a library",
