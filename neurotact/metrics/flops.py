@@ -710,7 +710,7 @@ class SpikingLayer(Layer):
     """A layer of CUBA-LIF neurons over `steps` steps, from the synaptic operations that were measured.
 
     sops: operations into this layer in one decision, a mean or a number: an AC each.
-    recurrent: whether its neurons are connected to one another.
+    recurrent: whether its neurons are connected to one another, or with how many of them each is.
     Per neuron and step the current and the membrane decay (two MACs), and the membrane is compared with its threshold.
     adapts: whether thresholds adapt. Then the adaptation decays and takes the neuron's spike, and its multiple comes
     off the membrane before the comparison: two MACs more per neuron and step, and a third state.
@@ -720,7 +720,7 @@ class SpikingLayer(Layer):
     neurons: int
     steps: float
     sops: float
-    recurrent: bool
+    recurrent: bool | int
     adapts: bool = False
 
     def __post_init__(self) -> None:
@@ -729,7 +729,8 @@ class SpikingLayer(Layer):
             raise InputError(f"SpikingLayer: steps and sops must be >= 0; got {self.steps} and {self.sops}")
 
     def cost(self) -> Cost:
-        weights = self.neurons * (self.inputs + (self.neurons if self.recurrent else 0))
+        n_among = self.neurons * self.recurrent if isinstance(self.recurrent, bool) else self.recurrent
+        weights = self.neurons * (self.inputs + n_among)
         updates, adapting = self.neurons * self.steps, int(self.adapts)
         return _with_weights(
             weights, (2 + adapting) * self.neurons, macs=(2 + 2 * adapting) * updates, acs=self.sops,

@@ -73,7 +73,7 @@ class NetworkSpec(Protocol):
     @property
     def hidden(self) -> int: ...
     @property
-    def recurrent(self) -> bool: ...
+    def fan_among(self) -> int: ...
 
 
 class Network(Protocol):
@@ -89,33 +89,36 @@ def of_network(network: Network, input_spikes: np.ndarray, hidden_spikes: np.nda
     """SOPs of trials on a network: `synops` with its own sizes and its own recurrence.
 
     >>> from types import SimpleNamespace
-    >>> feed_forward = SimpleNamespace(spec=SimpleNamespace(hidden=30, recurrent=False), n_classes=8)
+    >>> feed_forward = SimpleNamespace(spec=SimpleNamespace(hidden=30, fan_among=0), n_classes=8)
     >>> of_network(feed_forward, np.array([10]), np.array([4])).total.tolist()
     [332]
     """
     spec = network.spec
-    return synops(input_spikes, hidden_spikes, spec.hidden, network.n_classes, recurrent=spec.recurrent)
+    return synops(input_spikes, hidden_spikes, spec.hidden, network.n_classes, recurrent=spec.fan_among)
 
 
 def synops(
-    input_spikes: np.ndarray, hidden_spikes: np.ndarray, n_hidden: int, n_readout: int, *, recurrent: bool
+    input_spikes: np.ndarray, hidden_spikes: np.ndarray, n_hidden: int, n_readout: int, *, recurrent: bool | int
 ) -> Synops:
     """SOPs of windows, from what their input and hidden layers sent (texture paper, Eqs. 8 and 9).
 
     input_spikes, hidden_spikes: spikes of each window, summed over neurons and simulated steps, `(window,)`.
     n_hidden, n_readout: neurons that an input spike and a hidden spike reach.
-    recurrent: whether a hidden spike also reaches the hidden neurons.
+    recurrent: whether a hidden spike also reaches all hidden neurons, or how many of them it reaches.
     Raises InputError for counts that are negative, not whole or of two shapes.
 
     >>> synops(np.array([10]), np.array([4]), n_hidden=30, n_readout=8, recurrent=True).total.tolist()
     [452]
+    >>> synops(np.array([10]), np.array([4]), n_hidden=30, n_readout=8, recurrent=10).recurrent.tolist()
+    [40]
     """
     sent, hidden = (_counts(v, what) for v, what in ((input_spikes, "input"), (hidden_spikes, "hidden")))
     if sent.shape != hidden.shape:
         raise InputError(f"synops: input spikes of {sent.size} windows but hidden spikes of {hidden.size}")
     if n_hidden < 1 or n_readout < 1:
         raise InputError(f"synops: a network has at least one neuron a layer; got {n_hidden} and {n_readout}")
-    into_hidden, among_hidden, into_readout = n_hidden * sent, n_hidden * recurrent * hidden, n_readout * hidden
+    n_among = n_hidden * recurrent if isinstance(recurrent, bool) else recurrent
+    into_hidden, among_hidden, into_readout = n_hidden * sent, n_among * hidden, n_readout * hidden
     feedforward = into_hidden + into_readout
     return Synops(into_hidden, among_hidden, into_readout, feedforward + among_hidden, feedforward)
 
@@ -147,7 +150,7 @@ def to_table(
     hidden_spikes: np.ndarray,
     n_hidden: int,
     n_readout: int,
-    recurrent: bool,
+    recurrent: bool | int,
     trials: np.ndarray | None = None,
 ) -> pd.DataFrame:
     """The SOP report: one row per window, with the columns of `COLUMNS`.

@@ -13,7 +13,7 @@ from neurotact.figures.networks import Published
 from neurotact.figures.style import Drawn
 from neurotact.metrics.fronts import pareto_front
 from neurotact.report import periods
-from neurotact.report.tables import confusion, in_the_paper, kept_epoch
+from neurotact.report.tables import confusion, first_member, in_the_paper, kept_epoch
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import Cell, StudySpec
 from neurotact.tables import NETWORK, over_seeds
@@ -179,9 +179,12 @@ def _best_network(folder: Path, done: list[Cell], results: pd.DataFrame, classes
         yield Drawn("confusion", "Confusion matrix", figure, caption, caption)
     log = cell_folder(folder, done[best]) / "training.csv"
     if log.is_file():
-        kept = kept_epoch(folder, done[best])
-        figure = network_figures.draw_training(pd.read_csv(log), kept)
-        caption = f"Training of the same network ({what}). It has the weights of epoch {kept} (dotted line)."
+        table, kept = pd.read_csv(log), kept_epoch(folder, done[best])
+        figure = network_figures.draw_training(first_member(table), kept)
+        whose = (
+            f"the first of the {row['members']} networks that were joined" if "members" in row else "the same network"
+        )
+        caption = f"Training of {whose} ({what}). It has the weights of epoch {kept} (dotted line)."
         yield Drawn("training", "Training", figure, caption, caption)
 
 

@@ -12,6 +12,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.figures.columns import in_unit, quantity
 from neurotact.figures.encoding import Classes
 from neurotact.networks.definition import recipe
+from neurotact.networks.training.cautions import MEMBER
 from neurotact.networks.training.trained import LOG
 from neurotact.networks.training.training import Epoch, best_of
 from neurotact.report import periods
@@ -69,10 +70,20 @@ def in_the_paper(study: StudySpec, figure: str) -> str:
 
 
 def kept_epoch(folder: Path, cell: Cell) -> int:
-    """The epoch of the weights of a done cell's network, from its training log."""
-    log = [Epoch(*row) for row in pd.read_csv(cell_folder(folder, cell) / LOG)[list(Epoch._fields)].to_numpy()]
+    """The epoch of the weights of a done cell's network, or of the first of those joined, from its training log."""
+    table = first_member(pd.read_csv(cell_folder(folder, cell) / LOG))
+    log = [Epoch(*row) for row in table[[*Epoch._fields[:-1]]].to_numpy()]
     keep = "loss" if cell.network is None else recipe.training_of(cell.network).keep
     return int(best_of(log, keep).epoch)
+
+
+def first_member(log: pd.DataFrame) -> pd.DataFrame:
+    """The epochs of a training log that are of its first network, where several were joined.
+
+    >>> first_member(pd.DataFrame({"epoch": [1, 1], "member": [1, 2]}))["epoch"].tolist()
+    [1]
+    """
+    return log[log[MEMBER] == 1] if MEMBER in log else log
 
 
 def extra_tables(study: StudySpec, folder: Path) -> dict[str, pd.DataFrame]:

@@ -11,7 +11,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.files import DRAFT, scratch, whole, write_json
 from neurotact.metrics import paired
 from neurotact.networks.definition import recipe
-from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.exit import truncated
 from neurotact.networks.search import journal, search, search_tables
 from neurotact.networks.search.search_tables import as_cell
@@ -49,7 +49,7 @@ def run_cell(
     task = task_of(cell)
     if cell.search is None:
         spec = cell.network
-        long = LongTraining(lambda: recipe.resolve(spec, tasks.seen(trains, task)).training.epochs)
+        long = LongTraining(lambda: recipe.resolve(spec, tasks.seen(trains, task)).training)
         progress = long if tells else None
         if cell.augmentation is not None:
             return _robust(cell, cell.augmentation, trains, spec, progress)
@@ -61,7 +61,7 @@ def run_cell(
 
 
 def trains_once(cell: Cell) -> bool:
-    """Whether a cell trains one network: it neither searches nor chooses varied copies."""
+    """Whether a cell has one training: it neither searches nor chooses varied copies."""
     return cell.network is not None and cell.search is None and cell.augmentation is None
 
 
@@ -78,26 +78,32 @@ def _robust(cell: Cell, augmentation: AugmentationSpec, trains: SpikeTrains, spe
 class LongTraining:
     """Called after each epoch; says once if the training takes minutes, and what takes less.
 
-    epochs: gives the most epochs of the training.
+    training: gives the keys of the training.
     """
 
-    def __init__(self, epochs: Callable[[], int]) -> None:
-        self._epochs = epochs
-        self._first: tuple[float, int] | None = None
+    def __init__(self, training: Callable[[], TrainingSpec]) -> None:
+        self._training = training
+        self._began: float | None = None
+        self._n_epochs = 0
         self._is_judged = False
 
     def __call__(self, epoch: Epoch) -> None:
-        began, before = self._first = self._first or (perf_counter(), epoch.epoch)
-        seconds = perf_counter() - began
+        if self._began is None:
+            self._began = perf_counter()
+            return
+        self._n_epochs += 1
+        seconds = perf_counter() - self._began
         if self._is_judged or seconds < JUDGED_S:
             return
-        self._is_judged, most = True, self._epochs()
-        minutes = seconds / (epoch.epoch - before) * most / 60
+        self._is_judged, spec = True, self._training()
+        most = spec.members * spec.epochs
+        minutes = seconds / self._n_epochs * most / 60
         if minutes > LONG_MIN:
+            members = f" of {spec.members} networks that are joined" if spec.members > 1 else ""
             say(
-                f"a network takes up to {minutes:.0f} min ({most} epochs); fewer taxels, shorter windows "
+                f"a network takes up to {minutes:.0f} min ({most} epochs{members}); fewer taxels, shorter windows "
                 "(window.length_ms) or fewer epochs "
-                f"(`settings={{'network.training.epochs': {max(1, most // 4)}}}`) take less"
+                f"(`settings={{'network.training.epochs': {max(1, spec.epochs // 4)}}}`) take less"
             )
 
 

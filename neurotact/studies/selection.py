@@ -240,7 +240,7 @@ def _networks(table: pd.DataFrame) -> list[Network]:
 def _network(cell: Cell) -> Network:
     assert cell.network is not None
     sa_ms, ra_ms = t_ref_pair_ms(cell.encoder)
-    return Network(f"{ra_ms:g}&{sa_ms:g}", cell.network.hidden)
+    return Network(f"{ra_ms:g}&{sa_ms:g}", cell.network.joined_hidden)
 
 
 def _frame(done: list[Cell], rows: list[Row]) -> pd.DataFrame:

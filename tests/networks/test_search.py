@@ -28,7 +28,7 @@ from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.search import importance, search, search_tables, tuning
 from neurotact.networks.search.journal import FAILED, FINISHED, JOURNAL, STOPPED, Trial, best_of, read_journal
 from neurotact.networks.search.tuning import Proposal, SearchSpec, load_space
-from neurotact.networks.training import tasks, trained
+from neurotact.networks.training import tasks, trained, training
 from neurotact.networks.training.tasks import Task
 from neurotact.networks.training.training import Epoch, Training
 from neurotact.networks.use import measuring
@@ -150,7 +150,7 @@ def test_a_stopped_trial_has_the_accuracy_and_the_network_of_its_last_epoch_thou
             return len(epochs) == 2
 
     what = problem(trains, objective="accuracy")
-    monkeypatch.setattr(search, "course", course)
+    monkeypatch.setattr(training, "course", course)
     job = search.Job(what, Proposal(0, {}), AfterTwo())  # pyright: ignore
     trial = search.try_network(job, trains, tasks.sides_of(trains, what.task))
     assert trial.epochs == [0.75, 0.25]
@@ -271,14 +271,14 @@ def test_a_folder_that_holds_anything_else_is_refused(trains, tmp_path):
 
 
 def test_a_trial_that_cannot_be_trained_fails_and_the_search_goes_on(trains, tmp_path, monkeypatch):
-    course = search.course
+    course = training.course
 
     def fragile(network, *args, **kwargs):
         if network.spec.hidden == 6:
             raise InputError("training: weights are not finite after epoch 1; lower training.learning_rate")
         return course(network, *args, **kwargs)
 
-    monkeypatch.setattr(search, "course", fragile)
+    monkeypatch.setattr(training, "course", fragile)
     trials = run(trains, tmp_path)
     failed = [trial for trial in trials if trial.outcome == FAILED]
     assert {trial.parameters["hidden"] for trial in failed} == {6}
@@ -380,7 +380,7 @@ def test_a_trials_accuracy_is_that_of_the_epoch_whose_weights_it_kept(trains, mo
         return Training(log, log[0])
         yield
 
-    monkeypatch.setattr(search, "course", course)
+    monkeypatch.setattr(training, "course", course)
     trial = search.try_network(search.Job(what, Proposal(0, {}), None), trains, tasks.sides_of(trains, what.task))
     assert (trial.accuracy, trial.value) == (0.75, 0.75)
 

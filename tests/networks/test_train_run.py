@@ -95,7 +95,7 @@ class Stop:
     def __init__(self, after: int, error: type[BaseException] = KeyboardInterrupt) -> None:
         self.left, self.error = after, error
 
-    def __call__(self, _epoch) -> str:
+    def __call__(self, *_) -> str:
         if self.left == 0:
             raise self.error
         self.left -= 1

@@ -21,7 +21,7 @@ from neurotact.metrics.synops import summary
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import ExitRule
-from neurotact.networks.training import fitting, tasks, trained
+from neurotact.networks.training import fitting, tasks, trained, training
 from neurotact.networks.training.fitting import Trained
 from neurotact.networks.training.tasks import Task
 from neurotact.networks.training.training import Epoch, Examples, Training
@@ -187,7 +187,7 @@ def test_training_windows_judge_a_steady_rule_too():
 @pytest.mark.parametrize(("choice", "patience"), [("least", 1), ("steady", 10)])
 def test_a_fit_chooses_as_the_task_says(monkeypatch, choice, patience):
     trains = trains_of(*VALIDATION, (STEADY, 0), (STEADY, 1), (STEADY, 0))
-    monkeypatch.setattr(fitting, "course", untrained)
+    monkeypatch.setattr(training, "course", untrained)
     monkeypatch.setattr(fitting, "new_network", lambda *_, **__: (wired(), torch.Generator()))
     task = Task(window={"length_ms": N_STEPS}, exit_choice=choice)
     split = Split(np.arange(4), np.array([4]), np.array([5, 6]))
@@ -204,7 +204,7 @@ def test_a_fit_takes_the_tasks_tolerance_and_its_validation_trials(monkeypatch, 
         seen.extend([training.labels.tolist(), validation.labels.tolist()])
         return untrained()
 
-    monkeypatch.setattr(fitting, "course", watched)
+    monkeypatch.setattr(training, "course", watched)
     monkeypatch.setattr(fitting, "new_network", lambda *_, **__: (wired(), torch.Generator()))
     split = Split(np.array([0, 1]), np.array([2, 3, 4, 5]), np.array([6, 7]))
     task = Task(window={"length_ms": N_STEPS}, exit_tolerance=tolerance)
@@ -364,7 +364,7 @@ def test_a_margin_is_saved_and_stops_where_the_network_says(tmp_path):
 @pytest.mark.parametrize("choice", ["least", "steady"])
 def test_a_fit_exits_by_a_margin_where_the_task_says_so(monkeypatch, choice):
     trains = trains_of(*VALIDATION, (STEADY, 0), (STEADY, 1), (STEADY, 0))
-    monkeypatch.setattr(fitting, "course", untrained)
+    monkeypatch.setattr(training, "course", untrained)
     monkeypatch.setattr(fitting, "new_network", lambda *_, **__: (wired(), torch.Generator()))
     task = Task(window={"length_ms": N_STEPS}, exit_choice=choice, exit_by="margin")
     split = Split(np.arange(4), np.array([4]), np.array([5, 6]))

@@ -34,7 +34,7 @@ def test_a_checkpoint_comes_back_as_it_was(tmp_path, checkpoint):
     save(checkpoint, path, "one")
     again = load(path, NET, "one")
     assert again.epochs == checkpoint.epochs
-    assert [type(value) for value in again.epochs[0]] == [int, float, float, float, float]
+    assert [type(value) for value in again.epochs[0]] == [int, float, float, float, float, int]
     for field in ("weights", "best_weights", "optimiser"):
         before, after = getattr(checkpoint, field), getattr(again, field)
         assert before.keys() == after.keys()

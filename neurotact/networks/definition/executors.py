@@ -151,7 +151,10 @@ FEATURES: dict[str, Feature] = {
         "export the network alone, on whose own clock spikes then arrive, or train with step_ms = 'encoder'",
     ),
     "recurrence": Feature(
-        "network", ("model", "recurrent_weight_scale"), _of_spec("model", "rsnn"), "train with model = 'snn'"
+        "network",
+        ("model", "recurrent_weight_scale", "recurrent_blocks"),
+        _of_spec("model", "rsnn"),
+        "train with model = 'snn'",
     ),
     "recurrent delay": Feature(
         "network",
@@ -204,7 +207,7 @@ FEATURES: dict[str, Feature] = {
 
 SETTINGS = frozenset({
     "hidden", "tau_mem_ms", "tau_syn_ms", "surrogate_scale", "readout_surrogate_scale", "forward_weight_scale",
-    "input_deviation", "recipe", "training", "unit", "conditioning", "sa1", "ra1",
+    "input_deviation", "recipe", "effort", "training", "unit", "conditioning", "sa1", "ra1",
 })  # fmt: skip
 """Keys of specs of networks, LIF afferents and conditioning that are sizes, constants or how a network is trained."""
 

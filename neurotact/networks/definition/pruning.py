@@ -20,7 +20,8 @@ def prune(network: RSNN, share: float) -> None:
     """Set a share of each weight matrix to 0, the smallest magnitudes first (Han et al. 2015, NeurIPS).
 
     Among equal magnitudes, lower indices go first; an integrator's bias is not pruned. A synapse with a weight in each
-    of `readout_stretches` has the magnitude of their root mean square. Raises InputError for a share outside 0 to 1.
+    of `readout_stretches` has the magnitude of their root mean square. Of recurrent weights the share is of those
+    within `recurrent_blocks`. Raises InputError for a share outside 0 to 1.
 
     >>> net = RSNN(2, 2, hidden=4, sampling_rate_Hz=1000.0, generator=torch.Generator().manual_seed(0))
     >>> prune(net, 0.75)
@@ -35,7 +36,12 @@ def prune(network: RSNN, share: float) -> None:
         magnitudes = weights.abs()
         if weights is network.w_out and network.w_stretch is not None:
             magnitudes = network.readout_weights.square().mean(dim=0).sqrt()
-        pruned = magnitudes.flatten().argsort(stable=True)[: round(share * weights.numel())]
+        n_absent = 0
+        if weights is network.w_rec:
+            within = network.within_blocks()
+            n_absent = int((~within).sum())
+            magnitudes = magnitudes.where(within, -1.0)
+        pruned = magnitudes.flatten().argsort(stable=True)[: n_absent + round(share * (weights.numel() - n_absent))]
         weights.view(-1)[pruned] = 0.0
         if weights is network.w_out and network.w_stretch is not None:
             network.w_stretch.flatten(1)[:, pruned] = 0.0

@@ -16,12 +16,14 @@ from torch import Tensor
 from neurotact import spec as specs
 from neurotact.networks.definition import clock
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.definition.specs import BEST_MEMBERS, RSNNSpec, TrainingSpec
 from neurotact.networks.definition.specs import void_keys as of_network
 from neurotact.networks.definition.surrogate import FastSigmoid
 from neurotact.neurons import CubaLIF, cuba_lif_start, cuba_lif_step
 
 BATCH, EPOCHS, LEAST_STEPS, MOST_STEPS = 32, 40, 3000, 10_000
+QUICK = 3
+"""How many times fewer epochs and steps `effort = "quick"` trains."""
 LONGEST_STEP_MS, FEWEST_BINS = 5.0, 30
 """Of the network's clock: the longest step, and the fewest steps of a window."""
 STRETCHES = 4
@@ -82,7 +84,7 @@ class Choice(NamedTuple):
 def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[Choice]:
     """The choices of the default recipe for training windows.
 
-    given: keys of the network that are given, and on which others depend: its clock and its readout.
+    given: keys of the network that are given, and on which others depend: its clock, its readout and the effort.
 
     >>> {choice.key: choice.value for choice in choices(Seen(900, 1000, 1000.0, 50.0))}["tau_mem_ms"]
     50.0
@@ -91,9 +93,15 @@ def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[Choice]:
     window_ms = seen.steps * step_ms
     batch = max(BATCH, math.ceil(seen.windows * EPOCHS / MOST_STEPS))
     batches = math.ceil(seen.windows / batch)
-    epochs = max(EPOCHS, math.ceil(LEAST_STEPS / max(1, batches)))
     sparse = seen.spikes < SPARSE
     given = given or {}
+    effort = given.get("effort", "default")
+    fewer = QUICK if effort == "quick" else 1
+    least_epochs, least_steps = math.ceil(EPOCHS / fewer), LEAST_STEPS // fewer
+    epochs = max(least_epochs, math.ceil(least_steps / max(1, batches)))
+    quick = f"; effort = 'quick': {QUICK} times fewer than by default" if fewer > 1 else ""
+    best = f"networks that are trained and joined; effort = 'best': {BEST_MEMBERS}"
+    members = [Choice("training.members", BEST_MEMBERS, best)] if effort == "best" else []
     per_bin = clock.steps_per_bin(given["step_ms"], seen.sampling_rate_Hz) if "step_ms" in given else seen.steps_per_bin
     bins, bin_ms = math.ceil(seen.steps / per_bin), per_bin * step_ms
     recurrent = sparse and bins <= RECURRENT_STEPS
@@ -125,7 +133,7 @@ def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[Choice]:
         Choice("tau_syn_ms", _short(max(window_ms / 20, bin_ms)), "a twentieth of the window, at least one step"),
         Choice("input_deviation", 1.0, "deviation of free membranes on the training windows, in thresholds"),
         Choice("training.batch", batch, f"windows per step: {BATCH}, or more for at most {MOST_STEPS} steps"),
-        Choice("training.epochs", epochs, f"{EPOCHS}, or more for at least {LEAST_STEPS} steps"),
+        Choice("training.epochs", epochs, f"{least_epochs}, or more for at least {least_steps} steps{quick}"),
         Choice("training.patience", epochs, "all epochs run, since the rates fall to 0"),
         Choice("training.relative_learning_rate", 0.05, "in units of each matrix's standard deviation"),
         Choice("training.schedule", "cosine", "the rates fall to 0"),
@@ -134,6 +142,7 @@ def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[Choice]:
         Choice("training.input_dropout", 0.1 if sparse else 0.0, f"share of input spikes left out; {scarce}"),
         Choice("training.input_jitter_ms", _short(window_ms / 130) if sparse else 0.0, f"window / 130; {scarce}"),
         Choice("training.readout_dropout", 0.2 if sparse else 0.0, f"share of hidden neurons left out; {scarce}"),
+        *members,
     ]
 
 
@@ -176,9 +185,10 @@ def resolve(spec: RSNNSpec, seen: Seen) -> RSNNSpec:
     if spec.recipe is None:
         return spec
     given = spec.model_dump(mode="json", exclude={"recipe"})
+    without_effort = {key: value for key, value in given.items() if key != "effort"}
     chosen = {choice.key: choice.value for choice in choices(seen, given)}
-    training = given.pop("training", {})
-    table = specs.override(given, {key: value for key, value in chosen.items() if key not in given})
+    training = without_effort.pop("training", {})
+    table = specs.override(without_effort, {key: value for key, value in chosen.items() if key not in given})
     table["training"] = {**table.get("training", {}), **training}
     return specs.build(RSNNSpec, table, source=f"recipe = '{spec.recipe}'")
 
@@ -217,14 +227,23 @@ def training_of(spec: RSNNSpec) -> TrainingSpec:
 
 
 def described(spec: RSNNSpec, seen: Seen) -> Iterator[str]:
-    """The choices of a spec's recipe, one line per key, without given keys; nothing without a recipe."""
-    if spec.recipe is None:
-        return
-    given = spec.model_dump(mode="json")
-    known = {*given, *(f"training.{key}" for key in given.get("training", {}))}
-    for choice in choices(seen, given):
-        if choice.key not in known:
-            yield f"{choice.key} = {choice.value} ({choice.why})"
+    """The choices of a spec's recipe, one line per key, without given keys; then what joined networks cost.
+
+    >>> joins = RSNNSpec(hidden=4, readout="integrator", training=TrainingSpec(members=2))
+    >>> print(*described(joins, Seen(9, 9, 1e3, 9)))
+    2 networks of 4 neurons are joined into one of 8: about 2 times the training time, and the network's SOPs and energy
+    """
+    if spec.recipe is not None:
+        given = spec.model_dump(mode="json")
+        known = {*given, *(f"training.{key}" for key in given.get("training", {}))}
+        for choice in choices(seen, given):
+            if choice.key not in known:
+                yield f"{choice.key} = {choice.value} ({choice.why})"
+    if (n := spec.n_members) > 1:
+        yield (
+            f"{n} networks of {spec.hidden} neurons are joined into one of {spec.joined_hidden}: about {n} times the "
+            "training time, and the network's SOPs and energy"
+        )
 
 
 def _around(value: float, factors: Sequence[float], least: float = 0.0) -> list[float]:

@@ -142,7 +142,11 @@ class RSNN(nn.Module):
 
         forward, recurrent = spec.forward_weight_scale, spec.forward_weight_scale * spec.recurrent_weight_scale
         self.w_in = normal(n_inputs, spec.hidden, forward / math.sqrt(n_inputs))
-        self.w_rec = normal(spec.hidden, spec.hidden, recurrent / math.sqrt(spec.hidden)) if spec.recurrent else None
+        self.w_rec = None
+        if spec.recurrent:
+            self.w_rec = normal(spec.hidden, spec.hidden, recurrent / math.sqrt(spec.fan_among))
+            if spec.recurrent_blocks > 1:
+                self.w_rec.data.mul_(self.within_blocks())
         self.w_out = normal(spec.hidden, n_classes, forward / math.sqrt(spec.hidden))
         self.stretches = stretches_of(spec, self.clock_Hz)
         self.w_stretch: nn.Parameter | None = None
@@ -158,8 +162,11 @@ class RSNN(nn.Module):
         return nn.Parameter(torch.full((2,), value, dtype=dtype), requires_grad=name in self.spec.learn)
 
     def __repr__(self) -> str:
-        kind = "recurrent" if self.spec.recurrent else "feed-forward"
-        n_weights = sum(weights.numel() for weights in self.weights)
+        blocks = self.spec.recurrent_blocks
+        within = f" in {blocks} blocks" if blocks > 1 else ""
+        kind = f"recurrent{within}" if self.spec.recurrent else "feed-forward"
+        absent = 0 if self.w_rec is None else self.spec.hidden * (self.spec.hidden - self.spec.fan_among)
+        n_weights = sum(weights.numel() for weights in self.weights) - absent
         adapts = ""
         if self.adaptation is not None:
             adapts = (
@@ -175,6 +182,16 @@ class RSNN(nn.Module):
     def weights(self) -> list[nn.Parameter]:
         """The weight matrices: input, recurrent (if any), readout, and its deviations (if any)."""
         return [weights for weights in (self.w_in, self.w_rec, self.w_out, self.w_stretch) if weights is not None]
+
+    def within_blocks(self) -> Tensor:
+        """Which recurrent synapses exist, `(hidden, hidden)` bool.
+
+        >>> RSNN(2, 2, hidden=4, recurrent_blocks=2, sampling_rate_Hz=1000.0).within_blocks().int().tolist()
+        [[1, 1, 0, 0], [1, 1, 0, 0], [0, 0, 1, 1], [0, 0, 1, 1]]
+        """
+        size = self.spec.hidden // self.spec.recurrent_blocks
+        block = torch.arange(self.spec.hidden, device=self.w_in.device) // size
+        return block[:, None] == block
 
     @property
     def readout_weights(self) -> Tensor:

@@ -46,6 +46,15 @@ def drawn(settings: Any) -> tuple[int, int]:
     return int(content[:6], 16), int(content[6:], 16)
 
 
+def of_member(first: tuple[int, int], member: int) -> tuple[int, int]:
+    """The two seeds of the members of a network, from those of the first one, whose `member` is 1.
+
+    >>> of_member((3, 4), 1), of_member((3, 4), 2) != of_member((3, 4), 3)
+    ((3, 4), True)
+    """
+    return first if member == 1 else drawn(["member", *first, member])
+
+
 def _counted(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _counted(inner) for key, inner in value.items()}

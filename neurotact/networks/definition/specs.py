@@ -12,8 +12,13 @@ from neurotact.neurons import Membrane, Reset
 from neurotact.spec import Spec
 
 Keep = Literal["loss", "accuracy", "both"]
+Effort = Literal["quick", "default", "best"]
 MOST_HIDDEN = 1024
 """Neurons of the largest hidden layer."""
+MOST_MEMBERS = 16
+"""The most networks that are joined into one."""
+BEST_MEMBERS = 3
+"""Networks that `effort = "best"` joins."""
 MOST_STRETCHES = 64
 """The most stretches of a window with readout weights of their own."""
 
@@ -63,6 +68,10 @@ class TrainingSpec(Spec):
     readout_dropout: float = Field(default=0.0, ge=0, lt=1)
     """Share of hidden neurons from which an integrator receives nothing in training. They are drawn for each window, or
     for each training step if the integrator leaks or takes a maximum. A readout that counts receives all."""
+    members: int = Field(default=1, ge=1, le=MOST_MEMBERS)
+    """Networks that are trained on the same windows from different initial weights, and then joined into one network,
+    whose class scores are the means of theirs (`networks.definition.joining`): a deep ensemble (Lakshminarayanan et
+    al. 2017, arXiv 1612.01474). It has as many times the hidden neurons, and costs as many times the training."""
 
     @property
     def lower_rate(self) -> str:
@@ -88,7 +97,7 @@ class RSNNSpec(Spec):
     folder: ClassVar[str] = "networks"
 
     model: Literal["rsnn", "snn"] = "rsnn"
-    """rsnn: the hidden layer is recurrent; snn: it is not, and the two `recurrent_...` keys are ignored."""
+    """rsnn: the hidden layer is recurrent; snn: it is not, and the `recurrent_...` keys are ignored."""
     hidden: int = Field(default=30, ge=1, le=MOST_HIDDEN)
     """Neurons in the hidden layer."""
     step_ms: Annotated[float, Field(gt=0)] | Literal["encoder"] | None = None
@@ -119,6 +128,8 @@ class RSNNSpec(Spec):
     """g: w ~ N(0, (g / sqrt(fan-in))^2)."""
     recurrent_weight_scale: float = Field(default=0.1, ge=0)
     """r: v ~ N(0, (g r / sqrt(hidden))^2)."""
+    recurrent_blocks: int = Field(default=1, ge=1)
+    """Blocks of equal size into which the hidden neurons are divided: recurrent synapses exist only within a block."""
     learn: tuple[Literal["alpha", "beta", "threshold"], ...] = ()
     """Which dynamics are learned with the weights: one value for the hidden layer, one for the readout."""
     readout: Literal["count", "integrator", "max"] = "count"
@@ -138,6 +149,9 @@ class RSNNSpec(Spec):
     per class. If absent, weights are not scaled."""
     recipe: Literal["default"] | None = None
     """The rules that choose the keys that are not given."""
+    effort: Effort = "default"
+    """What the recipe spends on accuracy: `quick` trains for a third of the steps, `best` joins three networks
+    (`training.members`)."""
     training: TrainingSpec = TrainingSpec()
 
     @property
@@ -149,6 +163,34 @@ class RSNNSpec(Spec):
     def recurrent(self) -> bool:
         """Whether hidden neurons are connected to one another."""
         return self.model == "rsnn"
+
+    @property
+    def fan_among(self) -> int:
+        """Hidden neurons that the spike of a hidden neuron reaches.
+
+        >>> [RSNNSpec(hidden=12, recurrent_blocks=3).fan_among, RSNNSpec(model="snn").fan_among]
+        [4, 0]
+        """
+        return self.hidden // self.recurrent_blocks if self.recurrent else 0
+
+    @property
+    def n_members(self) -> int:
+        """Networks that a training joins, with the choice of the recipe.
+
+        >>> [RSNNSpec(recipe="default", effort=effort).n_members for effort in ("quick", "best")]
+        [1, 3]
+        """
+        chooses = self.effort == "best" and "members" not in self.training.model_fields_set
+        return BEST_MEMBERS if chooses else self.training.members
+
+    @property
+    def joined_hidden(self) -> int:
+        """Hidden neurons of the trained network.
+
+        >>> RSNNSpec(recipe="default", hidden=50, effort="best").joined_hidden
+        150
+        """
+        return self.n_members * self.hidden
 
     @property
     def integrates(self) -> bool:
@@ -182,12 +224,46 @@ class RSNNSpec(Spec):
             raise ValueError("tau_adaptation_ms needs threshold_adaptation above 0; set that, or drop the key")
         return self
 
+    @model_validator(mode="after")
+    def _effort_has_a_recipe(self) -> "RSNNSpec":
+        if "effort" in self.model_fields_set and self.recipe is None:
+            raise ValueError(
+                "effort has no effect without a recipe; set recipe = 'default' or training.members, or drop the key"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _members_can_be_joined(self) -> "RSNNSpec":
+        if self.n_members == 1:
+            return self
+        chooses = self.recipe is not None and "readout" not in self.model_fields_set
+        if self.learn or not (chooses or self.readout == "integrator"):
+            raise ValueError(
+                f"{self.n_members} networks (training.members) join into one only with readout = 'integrator' and "
+                "without learn; set these, or training.members = 1"
+            )
+        if self.joined_hidden > MOST_HIDDEN:
+            raise ValueError(
+                f"{self.n_members} networks (training.members) of {self.hidden} hidden neurons join into one of "
+                f"{self.joined_hidden}, and {MOST_HIDDEN} is the most; take smaller or fewer ones"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _blocks_are_equal(self) -> "RSNNSpec":
+        if self.hidden % self.recurrent_blocks:
+            raise ValueError(
+                f"recurrent_blocks: {self.hidden} hidden neurons are not divisible into {self.recurrent_blocks} equal "
+                "blocks; change either"
+            )
+        return self
+
     @model_serializer(mode="wrap")
     def _without_unused(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         table = dump(self)
         if self.recipe is None:
-            unused = set() if self.threshold_adaptation else {"tau_adaptation_ms"}  # which no spec may name then
-            return {key: value for key, value in table.items() if key not in unused}
+            unused = {"effort"} | (set() if self.threshold_adaptation else {"tau_adaptation_ms"})
+            return {key: value for key, value in table.items() if key not in unused}  # which no spec may name then
         given = {key: value for key, value in table.items() if key in self.model_fields_set and key != "training"}
         training = {key: getattr(self.training, key) for key in sorted(self.training.model_fields_set)}
         return {**given, "training": training} if training else given
@@ -196,8 +272,8 @@ class RSNNSpec(Spec):
 def void_keys(spec: RSNNSpec) -> dict[str, str]:
     """The keys that have no effect in a network without a recipe, and why.
 
-    >>> list(void_keys(RSNNSpec(model="snn", training=TrainingSpec(readout_dropout=0.1))))[-3:]
-    ['training.readout_dropout', 'recurrent_delay_steps', 'recurrent_weight_scale']
+    >>> list(void_keys(RSNNSpec(model="snn", training=TrainingSpec(readout_dropout=0.1))))[-4:]
+    ['training.readout_dropout', 'recurrent_blocks', 'recurrent_delay_steps', 'recurrent_weight_scale']
     """
     scales_all = spec.input_deviation is not None and spec.integrates and not spec.recurrent
     is_relative = spec.training.relative_learning_rate is not None

@@ -24,6 +24,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import check_stratify
 from neurotact.errors import InputError
 from neurotact.networks.definition import recipe, seeds
+from neurotact.networks.definition.joining import joined
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec, void_keys
 from neurotact.networks.search import tuning
@@ -39,10 +40,10 @@ from neurotact.networks.search.journal import (
     value_of,
 )
 from neurotact.networks.search.tuning import MedianStop, Proposal, SearchSpec, Tuner
-from neurotact.networks.training import fitting, population, tasks, trained
+from neurotact.networks.training import fitting, members, population, tasks, trained
 from neurotact.networks.training.outcome import Outcome, outcome_of
 from neurotact.networks.training.tasks import Sides, Task
-from neurotact.networks.training.training import Course, Epoch, alone, course
+from neurotact.networks.training.training import Course, Epoch, alone
 from neurotact.networks.use import measuring
 from neurotact.progress import Advance, silent, time_left
 from neurotact.spec import Spec, build, saved, unsaved
@@ -299,17 +300,25 @@ def _train(
     """The trained network, its validation accuracy, the outcome; appends each epoch's accuracy to `epochs`."""
     proposal = job.proposal
     spec = job.problem.network_of(proposal.parameters)
-    network, order = fitting.new_network(trains, spec, job.problem.seeds_of(proposal), sides.train.spikes)
+    member: RSNN | None = None
+
+    def new(seeds: tuple[int, int]) -> tuple[RSNN, torch.Generator]:
+        nonlocal member
+        network, order = fitting.new_network(trains, spec, seeds, sides.train.spikes)
+        member = network.to(device)
+        return member, order
 
     def watch(epoch: Epoch) -> None:
         epochs.append(epoch.validation_accuracy)
         if job.median_stop and job.median_stop.stops(proposal.id, epochs):
             raise _StopTrialError
 
+    first = job.problem.seeds_of(proposal)
     try:
-        training = yield from course(network.to(device), sides.train, sides.validation, generator=order, progress=watch)
+        network, training = yield from members.course(new, first, sides.train, sides.validation, progress=watch)
     except _StopTrialError:
-        return network.cpu(), epochs[-1], STOPPED
+        assert member is not None
+        return joined([member.cpu()] * spec.n_members), epochs[-1], STOPPED
     return network.cpu(), training.best.validation_accuracy, FINISHED
 
 

@@ -12,6 +12,8 @@ from neurotact.networks.training.comparison import Comparison
 
 Command = Literal["train", "tune", "fine-tune"]
 """The command that an outcome is of: a remedy names only options that it has."""
+MEMBER = "member"
+"""Column of a training log: which of the networks that were joined an epoch is of."""
 FEW_PER_CLASS = 5
 """With fewer test trials, the accuracy of a class says little."""
 FEW_VALIDATION = 30
@@ -118,12 +120,17 @@ def few_for_exit(n_validation: int, tolerance: float) -> Iterator[str]:
 def training(log: pd.DataFrame, spec: TrainingSpec, keys: str = "", command: Command = "train") -> Iterator[str]:
     """Whether a training diverged, or stopped at its largest number of epochs.
 
-    log: one row per epoch (`training.csv`). keys: what stands before `training.` where the spec is set.
+    log: one row per epoch (`training.csv`), of several networks if they were joined. keys: what stands before
+    `training.` where the spec is set.
     If the learning rates fall to 0, all epochs always run: no caution.
 
     >>> print(*training(pd.DataFrame({"epoch": [1, 2], "train_loss": [2.0, np.inf]}), TrainingSpec(), "network."))
     the loss became infinite; lower the learning rate (`settings={'network.training.learning_rate': 0.0005}`)
     """
+    if MEMBER in log:
+        members = [own.drop(columns=MEMBER) for _, own in log.groupby(MEMBER)]
+        yield from together([list(training(own, spec, keys, command)) for own in members])
+        return
     losses = log["train_loss"].to_numpy(float)
     if not len(losses):
         return

@@ -15,8 +15,9 @@ from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit import exit_choice
 from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.training import members
 from neurotact.networks.training.tasks import ExitBy, Sides, Task, sides_of
-from neurotact.networks.training.training import Checkpoint, Course, Examples, Training, alone, course
+from neurotact.networks.training.training import Checkpoint, Course, Examples, Training, alone
 
 AT_ONCE = 256
 """Windows that are simulated together."""
@@ -43,7 +44,7 @@ def fit(
     start: Checkpoint | None = None,
     keep: Callable[[Checkpoint], None] | None = None,
 ) -> tuple[Trained, Sides]:
-    """Train a network; the two seeds (initial weights, order of trials) determine every number.
+    """Train a network, or several that are joined; two seeds (initial weights, order of trials) determine every number.
 
     split: replaces the split that the task draws.
     start: a checkpoint to continue from. keep: called with a checkpoint after each epoch (see `training.train`).
@@ -68,10 +69,14 @@ def fit_course(
 ) -> Course[Trained]:
     """`fit` on these sides, as a course that runs alone or with others; the trained network is on the CPU.
 
-    options: of `training.course`.
+    options: of `members.course`.
     """
-    network, order = new_network(trains, spec, seeds, sides.train.spikes, backend=backend)
-    training = yield from course(network.to(device), sides.train, sides.validation, generator=order, **options)
+
+    def new(seeds: tuple[int, int]) -> tuple[RSNN, torch.Generator]:
+        network, order = new_network(trains, spec, seeds, sides.train.spikes, backend=backend)
+        return network.to(device), order
+
+    network, training = yield from members.course(new, seeds, sides.train, sides.validation, **options)
     return finished(network.cpu(), training, sides, task)
 
 

@@ -3,8 +3,6 @@
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any, NamedTuple
 
-import pandas as pd
-
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
@@ -106,7 +104,7 @@ def _cautions(
     yield from cautions.not_learned(compared.accuracy, compared.low, max(compared.chance, compared.commonest), command)
     spec = fitted.network.spec
     yield from cautions.worse_than_baseline(compared, spec, command, searched)
-    yield from cautions.training(pd.DataFrame(fitted.training.epochs), spec.training, command=command)
+    yield from cautions.training(fitted.training.table(), spec.training, command=command)
     known = sorted(set(trains.labels[parts.train].tolist()))
     tested = trains.labels[parts.test]
     per_class = {trains.classes[label]: int((tested == label).sum()) for label in known}

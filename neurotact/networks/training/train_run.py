@@ -121,17 +121,17 @@ def run(
 
 def _train(trains: SpikeTrains, request: Asked, spikes: Path, folder: Path, start: Checkpoint | None) -> Outcome:
     writer = _CheckpointWriter(folder, request, start)
-    n_before = len(start.epochs) if start else 0
+    n_before, training = len(start.epochs) if start else 0, request.network.training
     with terminated_as_interrupted():
         try:
-            with track("train", request.network.training.epochs, done=n_before, at_most=True) as advance:
+            with track("train", training.members * training.epochs, done=n_before, at_most=True) as advance:
                 fitted, sides = fitting.fit(
                     trains,
                     request.network,
                     request.task,
                     (request.seed, request.seed + 1),
                     device=request.device,
-                    progress=lambda epoch: advance(1, line_of(epoch)),
+                    progress=lambda epoch: advance(1, line_of(epoch, training.members)),
                     start=start,
                     keep=writer.keep,
                 )
@@ -269,6 +269,11 @@ def saved_in(folder: Path) -> str:
     return f"saved in {folder}: the network, {RESULT} with all numbers, {trained.LOG}"
 
 
-def line_of(epoch: Epoch) -> str:
-    """An epoch in words, next to a progress bar."""
-    return f"loss {epoch.validation_loss:.3f}, validation accuracy {epoch.validation_accuracy:.3f}"
+def line_of(epoch: Epoch, n_members: int = 1) -> str:
+    """An epoch in words, next to a progress bar.
+
+    >>> line_of(Epoch(7, 0.7, 0.5, 0.6, 0.75, 2), 3)
+    'network 2 of 3, loss 0.600, validation accuracy 0.750'
+    """
+    member = f"network {epoch.member} of {n_members}, " if n_members > 1 else ""
+    return f"{member}loss {epoch.validation_loss:.3f}, validation accuracy {epoch.validation_accuracy:.3f}"

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 from pydantic import Field
 
 from neurotact import files
@@ -21,12 +20,11 @@ from neurotact.networks.training import checkpoint
 from neurotact.networks.training.fitting import Trained
 from neurotact.networks.training.provenance import Provenance, first_difference, provenance_of
 from neurotact.networks.training.tasks import Task, load_spikes, trials_of
-from neurotact.networks.training.training import Epoch
 from neurotact.spec import Spec, build
 from neurotact.tables import write_table
 
 LOG = "training.csv"
-"""The training log: a row per epoch."""
+"""The training log: a row per epoch, of all networks where several were joined."""
 
 
 def save(
@@ -40,9 +38,10 @@ def save(
 ) -> None:
     """Write the network with its task, its exit rule, its training log and what it was trained on into `folder`.
 
+    Of networks that were joined, their number and the hidden neurons of each are saved, too.
     split: as given to `fit`. more: further JSON values for `restore`.
     """
-    folder = Path(folder)
+    folder, n_members, n_hidden = Path(folder), trained.training.n_members, trained.network.spec.hidden
     extra = {
         "classes": list(trains.classes),
         "spikes": os.path.relpath(spikes_path, folder),
@@ -51,10 +50,11 @@ def save(
         **({} if trained.rule.margin is None else {"exit_margin": trained.rule.margin}),
         **({} if trains.recorded_Hz is None else {"recorded_Hz": trains.recorded_Hz}),
         "best_epoch": trained.training.best.epoch,
+        **({} if n_members == 1 else {"joined": {"networks": n_members, "hidden": n_hidden // n_members}}),
         **provenance_of(trains, trials_of(trains, task, split)).model_dump(mode="json"),
         **(more or {}),
     }
-    write_table(pd.DataFrame(trained.training.epochs, columns=list(Epoch._fields)), folder / LOG)
+    write_table(trained.training.table(), folder / LOG)
     checkpoint.save(trained.network, folder, extra)
 
 

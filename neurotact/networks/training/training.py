@@ -32,36 +32,55 @@ class Examples(NamedTuple):
         return self._replace(spikes=network.binned(self.spikes))
 
 
+JOINED = 0
+
+
 class Epoch(NamedTuple):
-    """One line of the training log; accuracies are shares of trials."""
+    """One line of the training log; accuracies are shares of trials.
+
+    member: which of the networks that are joined, from 1; `JOINED`: the joined network.
+    """
 
     epoch: int
     train_loss: float
     train_accuracy: float
     validation_loss: float
     validation_accuracy: float
+    member: int = 1
 
 
 @dataclass(frozen=True)
 class Training:
-    """The result of a training: its log, and the epoch whose weights the network now has."""
+    """The result of a training: its log, and the epoch whose weights the network now has.
+
+    If several networks were joined, `epochs` are those of all of them, one network after another, and `best` is the
+    joined network.
+    """
 
     epochs: tuple[Epoch, ...]
     best: Epoch
 
+    @property
+    def n_members(self) -> int:
+        """The number of networks that were joined; 1: one was trained."""
+        return max((epoch.member for epoch in self.epochs), default=1)
+
     def __repr__(self) -> str:
+        n = self.n_members
+        found = f"{n} networks joined" if n > 1 else f"best: epoch {self.best.epoch}"
         return (
-            f"Training({len(self.epochs)} epochs; best: epoch {self.best.epoch}, validation loss "
+            f"Training({len(self.epochs)} epochs; {found}, validation loss "
             f"{self.best.validation_loss:.3g}, validation accuracy {self.best.validation_accuracy:.3g})"
         )
 
     def table(self) -> pd.DataFrame:
-        """The log: a row for each epoch, with the columns of `Epoch`.
+        """The log: a row for each epoch, with the columns of `Epoch`, `member` only where several were joined.
 
         >>> Training((Epoch(1, 0.7, 0.5, 0.6, 0.75),), Epoch(1, 0.7, 0.5, 0.6, 0.75)).table().shape
         (1, 5)
         """
-        return pd.DataFrame(self.epochs, columns=list(Epoch._fields))
+        log = pd.DataFrame(self.epochs, columns=list(Epoch._fields))
+        return log if self.n_members > 1 else log.drop(columns="member")
 
     def _repr_html_(self) -> str:
         return html_of(self, table=self.table().to_html(index=False, float_format="{:.3f}".format))
@@ -75,6 +94,7 @@ class Checkpoint:
     weights: the network's state after the last epoch; best_weights: after the best one.
     optimiser: its values of each trained parameter, named as in "w_in.exp_avg" (see `STATE`).
     generator: the state of the generator that orders the trials.
+    finished: of a network with members, the states of those before the present one.
     """
 
     epochs: tuple[Epoch, ...]
@@ -82,6 +102,7 @@ class Checkpoint:
     best_weights: Mapping[str, Tensor]
     optimiser: Mapping[str, Tensor]
     generator: Tensor
+    finished: tuple[Mapping[str, Tensor], ...] = ()
 
 
 class Batch(NamedTuple):
@@ -174,6 +195,7 @@ def course(
     progress: Callable[[Epoch], None] | None = None,
     start: Checkpoint | None = None,
     keep: Callable[[Checkpoint], None] | None = None,
+    member: int = 1,
 ) -> Course[Training]:
     """Train `network` in place by its spec; at the end it has the weights of the best epoch (`TrainingSpec.keep`).
 
@@ -182,8 +204,12 @@ def course(
     start: the last checkpoint of an earlier call with the same arguments; the result is that of an uninterrupted call.
         With a relative learning rate, `network` has its initial weights, which the rates depend on.
     keep: called after each epoch with a checkpoint for `start`.
-    Raises InputError if a weight is no longer finite: its neurons would become silent without an error.
+    member: of its epochs.
+    Raises InputError if a weight is no longer finite: its neurons would become silent without an error. And for a spec
+    with several members, which `members.course` trains.
     """
+    if network.spec.training.members > 1:
+        raise InputError("training.members: this trains one network; set it to 1, or train with `nt.train`")
     training, validation = _on_its_clock(network, training), validation.binned(network)
     optimiser = _optimiser(network)
     rates = [group["lr"] for group in optimiser.param_groups]
@@ -197,15 +223,15 @@ def course(
         epoch_rates = _Rates(network.spec.training, rates, len(log))
         fitted = yield from _pass(network, training, order, optimiser, epoch_rates, generator)
         judged = yield from judge(network, validation)
-        log.append(Epoch(len(log) + 1, *fitted, *judged))
+        log.append(Epoch(len(log) + 1, *fitted, *judged, member))
         if not all(p.isfinite().all() for p in network.parameters()):
             raise not_finite(len(log), network.spec.training)
         if progress:
             progress(log[-1])
         if best_of(log, network.spec.training.keep) is log[-1]:
-            best_weights = _copied(network.state_dict())
+            best_weights = copied(network.state_dict())
         if keep:
-            state = _copied(network.state_dict()), best_weights, _state(network, optimiser)
+            state = copied(network.state_dict()), best_weights, _state(network, optimiser)
             keep(Checkpoint(tuple(log), *state, generator.get_state()))
     network.load_state_dict(best_weights)
     return Training(tuple(log), best_of(log, network.spec.training.keep))
@@ -265,6 +291,8 @@ def rates_of(network: RSNN) -> dict[str, float]:
         shares = {name: spec.stretch_rate if name == "w_stretch" else 1.0 for name in trained}
         return {name: share * spec.learning_rate for name, share in shares.items()}
     deviation = {name: float(p.square().mean().sqrt()) if p.ndim == 2 else 0.0 for name, p in trained.items()}
+    if "w_rec" in trained:
+        deviation["w_rec"] *= math.sqrt(network.spec.recurrent_blocks)  # of the synapses that exist
     if "w_stretch" in trained:  # it begins at 0
         deviation["w_stretch"] = spec.stretch_rate * deviation["w_out"]
     return {name: spec.relative_learning_rate * size or spec.learning_rate for name, size in deviation.items()}
@@ -387,6 +415,7 @@ def _pass(
         counts = yield from _counts_with_dropout(network, spikes, generator)
         batch_loss = loss(counts, labels, spec, _weights(training, batch, device))
         yield batch_loss
+        _stay_apart(network)
         norms.append(_relative_norm(network))
         optimiser.step()
         _bound(network)
@@ -394,6 +423,16 @@ def _pass(
         right.append((counts.readout.argmax(dim=1) == labels).sum())
     _warn_of_explosion(norms, rates.epochs_before + 1)
     return _mean(losses, right, batches)
+
+
+def _stay_apart(network: RSNN) -> None:
+    """Remove the gradients of recurrent synapses between blocks, whose weights then stay 0."""
+    if network.w_rec is None or network.spec.recurrent_blocks == 1:
+        return
+    within = network.within_blocks()
+    for name, parameter in network.named_parameters():
+        if "w_rec" in name.split(".") and parameter.grad is not None:  # also where it is parametrised
+            parameter.grad.mul_(within)
 
 
 def _weights(examples: Examples, batch: Tensor, device: torch.device) -> Tensor | None:
@@ -430,7 +469,7 @@ def _restore(start: Checkpoint, network: RSNN, optimiser: torch.optim.Optimizer,
     keys = STATE[network.spec.training.optimiser]
     state = {i: {key: start.optimiser[f"{name}.{key}"] for key in keys} for i, name in enumerate(trained)}
     # Loading does not copy tensors that fit, and steps work in place: the copy protects the checkpoint.
-    state = {i: _copied(values) for i, values in state.items()}
+    state = {i: copied(values) for i, values in state.items()}
     optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
     generator.set_state(start.generator)
 
@@ -438,10 +477,11 @@ def _restore(start: Checkpoint, network: RSNN, optimiser: torch.optim.Optimizer,
 def _state(network: RSNN, optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:
     parameters = ((name, p) for name, p in network.named_parameters() if p.requires_grad)
     keys = STATE[network.spec.training.optimiser]
-    return _copied({f"{name}.{key}": optimiser.state[p][key] for name, p in parameters for key in keys})
+    return copied({f"{name}.{key}": optimiser.state[p][key] for name, p in parameters for key in keys})
 
 
-def _copied(tensors: Mapping[Any, Tensor]) -> dict[Any, Tensor]:
+def copied(tensors: Mapping[Any, Tensor]) -> dict[Any, Tensor]:
+    """Copies of tensors, on the CPU and without gradients."""
     return {name: tensor.detach().to("cpu", copy=True) for name, tensor in tensors.items()}
 
 

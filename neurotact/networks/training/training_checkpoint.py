@@ -1,11 +1,12 @@
 """Checkpoints of a training on disk: one safetensors file, replaced only as a whole, never pickle.
 
 Tensors: `log` (a row per epoch, the fields of `Epoch`), `generator`, `weights.*` and `best.*` (the network's state now
-and after its best epoch), `adam.*` (also of Adamax), and the SHA-256 of all of these with the name of the training.
+and after its best epoch), `adam.*` (also of Adamax), `member1.*` and so on (the states of members that are finished),
+and the SHA-256 of all of these with the name of the training.
 """
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -43,6 +44,8 @@ def save(checkpoint: Checkpoint, path: str | Path, training: str) -> None:
     tensors = {"log": log, "generator": checkpoint.generator}
     for part, field in PARTS.items():
         tensors |= {f"{part}.{name}": tensor for name, tensor in getattr(checkpoint, field).items()}
+    for number, weights in enumerate(checkpoint.finished, 1):
+        tensors |= {f"member{number}.{name}": tensor for name, tensor in weights.items()}
     content = safetensors.torch.save({**tensors, SHA256: _sha256(tensors, training)})
     with whole(path) as draft:
         draft.write_bytes(content)
@@ -53,21 +56,38 @@ def load(path: str | Path, net: Net, training: str) -> Checkpoint:
     path = Path(path)
     tensors = _read(path)
     log = tensors.get("log", torch.empty(0))
-    n_epochs = len(log) if log.ndim else 0
-    if not 1 <= n_epochs <= net.spec.training.epochs:
-        raise _damaged(path, f"its log has {n_epochs} epochs where 1 to {net.spec.training.epochs} are possible")
-    check(tensors, _expected(net, n_epochs), path, FIX)
+    n_epochs, most = len(log) if log.ndim else 0, net.spec.training.members * net.spec.training.epochs
+    if not 1 <= n_epochs <= most:
+        raise _damaged(path, f"its log has {n_epochs} epochs where 1 to {most} are possible")
+    n_finished = _n_finished(log, net.spec.training.members)
+    check(tensors, _expected(net, n_epochs, n_finished), path, FIX)
     if not torch.equal(tensors.pop(SHA256), _sha256(tensors, training)):
         raise _damaged(path, "its content has changed, or it is of another training")
-    if log[:, 0].tolist() != list(range(1, n_epochs + 1)):
+    epochs = tuple(Epoch(int(number), *values, member=int(member)) for number, *values, member in log.tolist())
+    if not _is_numbered(epochs, n_finished + 1):
         raise _damaged(path, "its log does not number the epochs")
-    epochs = tuple(Epoch(number, *row[1:]) for number, row in enumerate(log.tolist(), 1))
     _check_generator(tensors["generator"], path)
-    parts = {
-        field: {name.removeprefix(f"{part}."): t for name, t in tensors.items() if name.startswith(f"{part}.")}
-        for part, field in PARTS.items()
-    }
-    return Checkpoint(epochs=epochs, generator=tensors["generator"], **parts)
+    parts = {field: _part(tensors, part) for part, field in PARTS.items()}
+    finished = tuple(_part(tensors, f"member{number}") for number in range(1, n_finished + 1))
+    return Checkpoint(epochs=epochs, generator=tensors["generator"], finished=finished, **parts)
+
+
+def _part(tensors: Mapping[str, Tensor], part: str) -> dict[str, Tensor]:
+    """The tensors with a prefix, by the rest of their names."""
+    return {name.removeprefix(f"{part}."): t for name, t in tensors.items() if name.startswith(f"{part}.")}
+
+
+def _n_finished(log: Tensor, most: int) -> int:
+    """How many members are finished: those before the one of the last epoch; 0 of a log that does not say it."""
+    last = float(log[-1, -1]) if log.ndim == 2 and log.shape[1] == len(Epoch._fields) else 1.0
+    return int(last) - 1 if last in range(1, most + 1) else 0
+
+
+def _is_numbered(epochs: Sequence[Epoch], n_members: int) -> bool:
+    """Whether the members, and the epochs of each, are numbered from 1."""
+    members = [epoch.member for epoch in epochs]
+    expected = [(m, number) for m in range(1, n_members + 1) for number in range(1, members.count(m) + 1)]
+    return set(members) == {*range(1, n_members + 1)} and [(e.member, e.epoch) for e in epochs] == expected
 
 
 def _read(path: Path) -> dict[str, Tensor]:
@@ -78,7 +98,7 @@ def _read(path: Path) -> dict[str, Tensor]:
         raise _damaged(path, f"it is not a safetensors file: {error}") from error
 
 
-def _expected(net: Net, n_epochs: int) -> dict[str, tuple[tuple[int, ...], torch.dtype]]:
+def _expected(net: Net, n_epochs: int, n_finished: int) -> dict[str, tuple[tuple[int, ...], torch.dtype]]:
     shapes = shapes_of(*net)
     fixed = {"alpha", "beta", "threshold"} - set(net.spec.learn)
     adam = {
@@ -87,7 +107,8 @@ def _expected(net: Net, n_epochs: int) -> dict[str, tuple[tuple[int, ...], torch
         for key in STATE[net.spec.training.optimiser]
         if name not in fixed
     }
-    states = {f"{part}.{name}": shape for part in ("weights", "best") for name, shape in shapes.items()}
+    parts = ["weights", "best", *(f"member{number}" for number in range(1, n_finished + 1))]
+    states = {f"{part}.{name}": shape for part in parts for name, shape in shapes.items()}
     return {
         "log": ((n_epochs, len(Epoch._fields)), torch.float64),
         "generator": (tuple(torch.Generator().get_state().shape), torch.uint8),

@@ -34,9 +34,10 @@ from neurotact.networks.definition import recipe
 from neurotact.networks.definition.rsnn import RSNN, Inference
 from neurotact.networks.definition.specs import RSNNSpec, given_keys, void_keys
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.training import members
 from neurotact.networks.training.fitting import begin, exit_rule
 from neurotact.networks.training.tasks import ExitBy
-from neurotact.networks.training.training import Epoch, Examples, Training, train
+from neurotact.networks.training.training import Epoch, Examples, Training, alone
 from neurotact.networks.use import ledger
 from neurotact.networks.use.measuring import synops_of
 from neurotact.spec import checked_settings, resolve
@@ -180,13 +181,16 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
         else:
             train_side = _examples(spikes, indices, weights)
             validation_side = _validation(validation, classes, spikes.shape[1:])
-        generator = torch.Generator().manual_seed(weights_seed)
         spec = recipe.chosen_for(self.spec(), train_side.spikes, rate_Hz)
         effects.check_keys(given_keys(self.network, self.settings), [void_keys(spec)], "SpikingClassifier")
-        network = begin(train_side.spikes, len(classes), spec, rate_Hz, generator).to(self.device)
-        order = torch.Generator().manual_seed(order_seed)
-        progress = _print_epoch if self.verbose else None
-        self.training_: Training = train(network, train_side, validation_side, generator=order, progress=progress)
+
+        def new(seeds: tuple[int, int]) -> tuple[RSNN, torch.Generator]:
+            weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
+            return begin(train_side.spikes, len(classes), spec, rate_Hz, weights).to(self.device), order
+
+        progress, first = _print_epoch if self.verbose else None, (weights_seed, order_seed)
+        network, training = alone(members.course(new, first, train_side, validation_side, progress=progress))
+        self.training_: Training = training
         self.network_: RSNN = network
         self.exit_rule_: ExitRule = exit_rule(
             network, validation_side, self.exit_tolerance, train_side, cast(ExitBy, self.exit_by)

@@ -56,7 +56,7 @@ def infer(
         hidden_spikes=hidden_spikes,
         n_hidden=network.spec.hidden,
         n_readout=network.n_classes,
-        recurrent=network.spec.recurrent,
+        recurrent=network.spec.fan_among,
         trials=windows.trial,
     )
     table.insert(1, synops.SIDE, sides[windows.trial])

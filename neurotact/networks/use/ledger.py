@@ -28,6 +28,8 @@ STEPS_PER_BIN = "steps_per_bin"
 """Column of results: steps of the encoder's clock in one of the network's."""
 STRETCHES = "readout_stretches"
 """Column of results: stretches of a window with readout weights of their own."""
+BLOCKS = "recurrent_blocks"
+"""Column of results: blocks of hidden neurons within which recurrent synapses exist; absent where all have one."""
 ABOUT = (
     "Conditioning and encoding are counted for both populations of every taxel, on every step of the encoder's clock "
     "(with integration = exact, on every sample, and for every spike); neurons on every step of the network's clock. "
@@ -68,7 +70,7 @@ def network_cost(
     )
     return cost(
         SpikingLayer(
-            n_afferents, spec.hidden, steps=steps, sops=into_hidden, recurrent=spec.recurrent,
+            n_afferents, spec.hidden, steps=steps, sops=into_hidden, recurrent=spec.fan_among,
             adapts=spec.threshold_adaptation > 0,
         ),
         readout,
@@ -134,7 +136,7 @@ def study_ledger(
         rows.append((f"conditioning and encoding alone, {window_ms:g} ms", encoding))
     by = [*NETWORK, *([MODEL] if MODEL in results else [])]
     for _, row in means_over(
-        results, by, [*SOPS, "window_steps", *({STEPS_PER_BIN, STRETCHES} & {*results})], "seeds"
+        results, by, [*SOPS, "window_steps", *({STEPS_PER_BIN, STRETCHES, BLOCKS} & {*results})], "seeds"
     ).iterrows():
         name = f"spiking: {row['setting']}, t_ref {row['pair']} ms, N = {row['hidden']}"
         sizes: dict[str, Any] = {"n_afferents": n_afferents, "n_classes": n_classes}
@@ -166,7 +168,7 @@ def row_cost(
     own = chosen.model_copy(
         update={
             "hidden": int(row["hidden"]), "model": row.get(MODEL, chosen.model), "step_ms": step_ms,
-            STRETCHES: round(row.get(STRETCHES, 1)),
+            STRETCHES: round(row.get(STRETCHES, 1)), BLOCKS: _blocks_of(row),
         }
     )  # fmt: skip
     measured = {name: row[f"exit_{name}" if early else name] for name in SOPS}
@@ -175,3 +177,9 @@ def row_cost(
         return network
     n_taxels, spikes = taxels_of(n_afferents, encoder), measured["sops_input"] / own.hidden
     return network + encoding_cost(n_taxels, steps, signal_ms, encoder, spikes=spikes)
+
+
+def _blocks_of(row: Mapping[str, Any]) -> int:
+    """The recurrent blocks of a row's network; beside rows with several, others have an empty cell."""
+    blocks = row.get(BLOCKS)
+    return 1 if blocks is None or pd.isna(blocks) else round(blocks)

@@ -45,6 +45,8 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
         "steps_per_bin": network.steps_per_bin,
         "readout_stretches": network.spec.readout_stretches,
         "epochs": len(trained.training.epochs),
+        **({} if (n := trained.training.n_members) == 1 else {"members": n}),
+        **({} if (blocks := network.spec.recurrent_blocks) == 1 else {"recurrent_blocks": blocks}),
     }
     matrix = confusion_matrix(test.labels, full.labels.cpu(), labels=range(network.n_classes))
     right, exit_right = ((result.labels.cpu() == test.labels).tolist() for result in (full, early))

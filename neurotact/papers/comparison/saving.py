@@ -24,8 +24,8 @@ from neurotact.networks.definition import pruning, recipe
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.training import fitting, tasks
-from neurotact.networks.training.training import Examples, train
+from neurotact.networks.training import fitting, members, tasks
+from neurotact.networks.training.training import Examples, alone, train
 from neurotact.networks.use import measuring
 from neurotact.networks.use.ledger import network_cost
 from neurotact.spec import Spec, build
@@ -163,11 +163,12 @@ def cut(bench: Bench, setting: Setting) -> Sides:
 
 def fit(sides: Sides, spec: RSNNSpec, seeds: tuple[int, int]) -> Fitted:
     """A network trained on `sides`; seeds: of its weights and of the order of windows."""
-    weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
-    n_classes, rate_Hz = len(sides.trains.classes), sides.trains.sampling_rate_Hz
-    network = fitting.begin(sides.training.spikes, n_classes, spec, rate_Hz, weights)
-    train(network, sides.training, sides.validation, generator=order)
-    return Fitted(network, sides, order)
+
+    def new(seeds: tuple[int, int]) -> tuple[RSNN, torch.Generator]:
+        return fitting.new_network(sides.trains, spec, seeds, sides.training.spikes)
+
+    network, _ = alone(members.course(new, seeds, sides.training, sides.validation))
+    return Fitted(network, sides, torch.Generator().manual_seed(seeds[1]))
 
 
 def changed(spec: RSNNSpec, setting: Setting, seen: recipe.Seen, whole_steps: int) -> RSNNSpec:

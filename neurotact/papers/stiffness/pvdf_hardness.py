@@ -229,14 +229,14 @@ def _spiking_split(parameters: Parameters, recorded: Recordings, number: int, sp
         spikes = measured["sops_input"] / fitted.network.spec.hidden
         encoding = encoding_cost(recorded.n_channels, steps, signal_ms, trains.encoder, spikes=spikes)
         sizes = len(trains.afferents), len(trains.classes)
-        network = ledger.network_cost(parameters.spiking, *sizes, measured, steps=steps, signal_ms=signal_ms)
+        network = ledger.network_cost(fitted.network.spec, *sizes, measured, steps=steps, signal_ms=signal_ms)
         yield {
             "chain": chain,
             "features": "spikes",
             "protocol": parameters.protocol,
             "split": number,
-            "n_max": parameters.spiking.hidden,
-            "neurons": float(parameters.spiking.hidden),
+            "n_max": fitted.network.spec.hidden,
+            "neurons": float(fitted.network.spec.hidden),
             "accuracy_validation": row["accuracy_validation"],
             "accuracy_test": row[accuracy],
             "n_train": len(split.train),
