@@ -31,6 +31,7 @@ from neurotact.encoders.gain_search import (
     drives,
     part_of,
     rates_of,
+    rates_of_every,
     search,
     suited_rule,
 )
@@ -53,6 +54,8 @@ NEAR = 0.2
 WIDER, MOST_CUTOFFS = 4.0, 3
 """Cut-offs of the moving average that are tried: the encoder's own, `WIDER` times that, and none."""
 
+GRADES = (0.5, 1.0)
+"""Grades to begin with where several SA-I of different thresholds are tried under each taxel."""
 MORE_RESTLESS = 0.1
 """Share of the afferents that may fire at rest, beyond those that do so without the falling signal."""
 
@@ -104,6 +107,11 @@ class Calibration(Generic[Encoder]):
     def accuracy_of_both(self) -> float:
         """As `accuracy`, on the rates of SA-I and RA-I."""
         return cross_validated_accuracy(np.hstack([self.rates, self.rates_ra]), self.labels, self.apart)
+
+    @property
+    def is_apart(self) -> bool:
+        """Whether these accuracies are of each value of a condition by the trials of the others."""
+        return self.apart is not None and len(np.unique(self.apart)) > 1
 
 
 def calibrate(
@@ -193,6 +201,8 @@ def calibrate(
     notes += _on_scaling(scaling)
     if tell:
         _log(notes, recordings)
+    if isinstance(turned_to, AfferentSpec) and not turned_to.has_one_grade:
+        rates = rates_of_every(conditioned, turned_to)
     first, *others = rates.values()
     others = others[0] if others else first[:, :0]
     if populations(spec)[0] not in SA_RA:  # all populations choose the baseline
@@ -209,6 +219,7 @@ def calibrate_causally(
     *,
     choose_ema: bool = False,
     choose_opposite: bool = False,
+    choose_grades: bool = False,
     apart: tuple[str, ...] = (),
     tell: bool = True,
 ) -> Calibration[Encoder]:
@@ -226,6 +237,10 @@ def calibrate_causally(
     choose_opposite: also choose whether SA-I of the falling signal are added (`sa1.opposite`): if without them
         `Calibration.accuracy_of_both` is more than one standard error below, and they do not fire at rest (`resting`).
         Only of LIF afferents without them.
+    choose_grades: with `apart`, also choose whether several SA-I of different thresholds are under each taxel
+        (`sa1.grades`): by the same rule, or, where training trials have one value of the conditions, without a
+        comparison. At another condition thresholds tell the size of a touch from its timing. Only of LIF afferents with
+        one grade.
     apart: conditions that the test leaves out: with several values of them, the accuracies are those of each value by
         the trials of the others, so that the choices are made for untrained ones.
     progress: called with 1 and a note at each of `rule.candidates` steps of each combination. tell: log the notes, too.
@@ -251,14 +266,12 @@ def calibrate_causally(
     if choose_opposite and (signed := with_opposite(spec)) is not None:
         with contextlib.suppress(InputError):  # no gain suits the falling signal: the encoder stays as it is
             both, on_its_baseline = _of_baselines(fit, signed, cutoff_Hz, {})
-            reached = best.accuracy_of_both, both.accuracy_of_both
-            if _best_of(dict(enumerate(reached)), len(best.labels)) == 1:
-                if _wakes(recordings, best.encoder, both.encoder):
-                    notes = *notes, _on_opposite(*reached, wakes=True)
-                else:
-                    best, notes = both, (*notes[:-1], on_its_baseline, _on_opposite(*reached))
+            best, notes = _of_polarities(recordings, (best, both), notes, on_its_baseline)
+    if choose_grades and apart and (graded := with_grades(_refit(spec, best.encoder))) is not None:
+        with contextlib.suppress(InputError):
+            best, notes = _of_grades((best, fit(graded)), notes)
     notes = *best.notes, *notes
-    if best.apart is not None and len(np.unique(best.apart)) > 1:
+    if best.is_apart:
         notes = *notes, f"these accuracies are of each value of {', '.join(apart)} by the training trials of the others"
     if tell:
         _log(notes, recordings)
@@ -282,6 +295,33 @@ def _of_baselines(
     return calibrated[best], _on_baseline(accuracy, best, spec)
 
 
+def _of_polarities(
+    recordings: Trials,
+    without_and_with: tuple[Calibration[Encoder], Calibration[Encoder]],
+    notes: tuple[str, ...],
+    on_its_baseline: str,
+) -> tuple[Calibration[Encoder], tuple[str, ...]]:
+    """The calibration without or with SA-I of the falling signal, and the notes; the last one is on the baseline."""
+    best, both = without_and_with
+    reached = best.accuracy_of_both, both.accuracy_of_both
+    if _best_of(dict(enumerate(reached)), len(best.labels)) == 0:
+        return best, notes
+    if _wakes(recordings, best.encoder, both.encoder):
+        return best, (*notes, _on_opposite(*reached, wakes=True))
+    return both, (*notes[:-1], on_its_baseline, _on_opposite(*reached))
+
+
+def _of_grades(
+    without_and_with: tuple[Calibration[Encoder], Calibration[Encoder]], notes: tuple[str, ...]
+) -> tuple[Calibration[Encoder], tuple[str, ...]]:
+    """The calibration without or with several grades, and the notes."""
+    best, several = without_and_with
+    reached = best.accuracy_of_both, several.accuracy_of_both
+    if best.is_apart and _best_of(dict(enumerate(reached)), len(best.labels)) == 0:
+        return best, notes
+    return several, (*notes, _on_grades(several.encoder, *reached, is_ranked=best.is_apart))
+
+
 def with_opposite(spec: Encoder) -> Encoder | None:
     """The encoder with SA-I of the falling signal, too; None if it has them already, or cannot have them.
 
@@ -293,6 +333,27 @@ def with_opposite(spec: Encoder) -> Encoder | None:
     if not isinstance(spec, AfferentSpec) or spec.sa1.opposite or spec.conditioning.rectify:
         return None
     return spec.model_copy(update={"sa1": spec.sa1.model_copy(update={"opposite": True})})
+
+
+def with_grades(spec: Encoder) -> Encoder | None:
+    """The encoder with several SA-I of different thresholds under each taxel; None if it has or cannot have them.
+
+    >>> from neurotact.spec import load
+    >>> graded = with_grades(load(AfferentSpec, "sa1-ra1-lif"))
+    >>> graded.sa1.grades, with_grades(graded)
+    ((0.5, 1.0), None)
+    """
+    if not isinstance(spec, AfferentSpec) or not spec.has_one_grade:
+        return None
+    return spec.model_copy(update={"sa1": spec.sa1.model_copy(update={"grades": GRADES})})
+
+
+def _refit(spec: Encoder, fitted: Encoder) -> Encoder:
+    """The encoder to calibrate again with what was chosen: baseline, moving average and polarities."""
+    chosen = fitted.conditioning
+    again = _with(spec, chosen.baseline, chosen.ema_cutoff_Hz)
+    is_signed = isinstance(fitted, AfferentSpec) and fitted.sa1.opposite
+    return with_opposite(again) or again if is_signed else again
 
 
 def _wakes(recordings: Trials, without: EncoderSpec, signed: EncoderSpec) -> bool:
@@ -319,6 +380,21 @@ def _on_opposite(without: float, reached: float, *, wakes: bool = False) -> str:
     return (
         f"sa1.opposite = true is chosen: a second SA-I under each taxel receives the falling signal; {accuracies}; to "
         "leave it out, set sa1.opposite = false"
+    )
+
+
+def _on_grades(spec: EncoderSpec, without: float, reached: float, *, is_ranked: bool) -> str:
+    """The note on several grades; without, reached: the accuracies without and with them."""
+    assert isinstance(spec, AfferentSpec)
+    why = (
+        f"accuracy of logistic regression on the SA-I and RA-I rates of the training trials: {100 * reached:.0f} %, "
+        f"without them {100 * without:.0f} %"
+        if is_ranked
+        else "no training trials are of another condition, by which they could be compared"
+    )
+    return (
+        f"sa1.grades: {len(spec.sa1.grades)} SA-I of different thresholds under each taxel tell the size of a touch at "
+        f"another condition, for as many times the SA-I to compute; {why}; to leave them out, set sa1.grades = [1.0]"
     )
 
 
@@ -412,14 +488,15 @@ def calibration_for(
     *,
     choose_ema: bool = True,
     choose_opposite: bool = True,
+    choose_grades: bool = False,
     apart: tuple[str, ...] = (),
 ) -> tuple[Callable[..., Calibration[Any]], int]:
     """The calibration of an encoder, and how many times at most it goes through all candidates of its rule.
 
     A baseline that uses the whole trial is replaced by a causal one, and then the moving average (`choose_ema`) and
-    SA-I of the falling signal (`choose_opposite`) are chosen, too, unless their keys are among `given`, the dotted keys
-    that were set. apart: as of `calibrate_causally`. Raises InputError if one of them is in `FITTED`, or a gain or
-    threshold that calibration finds.
+    SA-I of the falling signal (`choose_opposite`) are chosen, too, and for other conditions (`apart`) their grades
+    (`choose_grades`), unless their keys are among `given`, the dotted keys that were set. Raises InputError if one of
+    them is in `FITTED`, or a gain or threshold that calibration finds.
 
     >>> from neurotact.spec import load
     >>> paper = load(AfferentSpec, "sa1-ra1-lif")
@@ -432,8 +509,10 @@ def calibration_for(
         return partial(calibrate, apart=apart), 1
     choose_ema = choose_ema and "conditioning.ema_cutoff_Hz" not in given
     choose_opposite = choose_opposite and "sa1.opposite" not in given and with_opposite(spec) is not None
-    n_times = len(PAST) * (2 if choose_opposite else 1) + (MOST_CUTOFFS - 1 if choose_ema else 0)
-    how = {"choose_ema": choose_ema, "choose_opposite": choose_opposite, "apart": apart}
+    is_graded = {"sa1.grades", "ra1.grades"} & {*given} or with_grades(spec) is None
+    choose_grades = choose_grades and bool(apart) and not is_graded
+    n_times = len(PAST) * (2 if choose_opposite else 1) + (MOST_CUTOFFS - 1 if choose_ema else 0) + choose_grades
+    how = {"choose_ema": choose_ema, "choose_opposite": choose_opposite, "choose_grades": choose_grades, "apart": apart}
     return partial(calibrate_causally, **how), n_times
 
 

@@ -117,6 +117,13 @@ def rates_of(excerpts: Excerpts, spec: EncoderSpec, values: Mapping[Knob, float]
     return {knob.name: _per_second(excerpts, spikes) for knob, spikes in zip(values, fired, strict=True)}
 
 
+def rates_of_every(excerpts: Excerpts, spec: EncoderSpec) -> dict[str, np.ndarray]:
+    """As `rates_of`, of a calibrated encoder with all its grades: those of each taxel are in it."""
+    knobs = knobs_of(spec)
+    fired = _fire(excerpts, spec, knobs)
+    return {knob.name: _per_second(excerpts, each) for knob, each in zip(knobs, fired, strict=True)}
+
+
 def _per_second(excerpts: Excerpts, fired: "Fired") -> np.ndarray:
     n_seconds = np.array(excerpts.signals.lengths) / excerpts.sampling_rate_Hz
     return (fired.counts / n_seconds[:, None]).astype(np.float32)

@@ -54,7 +54,11 @@ EVERY, LONGER_MS = "every", 10.0
 """In place of the values of `encoder & t_ref_ms`: every model that is compared, with its own period and with this."""
 OF_SPIKES = ("encoder", "spikes_per_s")
 """Keys of a sweep that decide spikes, besides those that begin with `encoder.`."""
-CHOICES = {"choose_ema": f"{calibrated.CONDITIONING}.ema_cutoff_Hz", "choose_opposite": "encoder.sa1.opposite"}
+CHOICES = {
+    "choose_ema": f"{calibrated.CONDITIONING}.ema_cutoff_Hz",
+    "choose_opposite": "encoder.sa1.opposite",
+    "choose_grades": "encoder.sa1.grades",
+}
 """Keys of a study that let calibration choose a key of the encoder, and this key."""
 log = logging.getLogger("neurotact")
 PAIR = f"encoder.ra1.t_ref_ms{sweeps.JOIN}encoder.sa1.t_ref_ms"
@@ -173,6 +177,8 @@ class StudySpec(Spec):
     """Also choose the cut-off of the encoder's moving average there, unless it is set or swept."""
     choose_opposite: bool = False
     """Also choose there whether LIF afferents include SA-I of the falling signal, unless this is set or swept."""
+    choose_grades: bool = False
+    """Also choose there, where the test is on other conditions, whether they include SA-I of several thresholds."""
     spikes_per_s: float | None = Field(default=None, gt=0)
     """Fit gains and thresholds there to this rate of an afferent, so that encoders spend equally many spikes."""
     window: WindowSpec = WindowSpec()
@@ -297,6 +303,8 @@ class Cell(Spec):
     """Whether the cut-off of its moving average is chosen there, too."""
     choose_opposite: bool = False
     """Whether SA-I of the falling signal are chosen there, too."""
+    choose_grades: bool = False
+    """Whether SA-I of several thresholds are chosen there, too."""
     spikes_per_s: float | None = None
     """The rate of an afferent to which gains and thresholds are fitted there; None: they separate classes best."""
     encoded_ms: float | None = None

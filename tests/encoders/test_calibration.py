@@ -22,6 +22,7 @@ from neurotact.data.splits import SplitSpec, split_conditions
 from neurotact.encoders import gain_search
 from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
 from neurotact.encoders.calibration import (
+    GRADES,
     Calibration,
     _best_of,
     _wakes,
@@ -550,6 +551,51 @@ def test_choices_for_untrained_conditions_are_made_between_them():
         calibrate_causally(one_day, SPEC, rule=RULE, apart=("day",)).encoder
         == calibrate_causally(one_day, SPEC, rule=RULE).encoder
     )
+
+
+def test_several_grades_are_for_untrained_conditions_alone():
+    recordings = slides((2.0, 8.0))
+    days = recordings.conditions.assign(day=np.arange(len(recordings)) // 2 % 2)
+    one_day = replace(recordings, conditions=days.assign(day=0))
+    without = calibrate_causally(recordings, SPEC, rule=RULE, choose_grades=True)
+    assert without.encoder == calibrate_causally(recordings, SPEC, rule=RULE).encoder
+    # With one day, no other one can rank them: they are added, and it is said.
+    found = calibrate_causally(one_day, SPEC, rule=RULE, choose_grades=True, apart=("day",))
+    assert len(found.encoder.sa1.grades) == len(GRADES)
+    assert found.rates.shape[1] == len(GRADES) * recordings.n_channels
+    assert found.encoder.conditioning == without.encoder.conditioning
+    assert any("no training trials are of another condition" in note for note in found.notes)
+    # With two days, they are chosen by accuracy; two frequencies are told by any rate.
+    ranked = calibrate_causally(
+        replace(recordings, conditions=days), SPEC, rule=RULE, choose_grades=True, apart=("day",)
+    )
+    assert ranked.encoder.sa1.grades == (1.0,)
+
+
+def presses_of_three_sizes_and_speeds() -> Recordings:
+    """Ten presses of each size and speed, and a vibration of any size that RA-I respond to."""
+    rng, time_s = np.random.default_rng(11), np.arange(0, 1, 1e-3)[:, None]
+    rows = [(size, speed) for size in (1.0, 2.0, 4.0) for speed in (1.0, 2.0, 4.0) for _ in range(10)]
+
+    def press(size: float, speed: float) -> np.ndarray:
+        rise = 10 * size * np.exp(-0.5 * (speed * (time_s - 0.5 - rng.uniform(-0.05, 0.05)) / 0.12) ** 2)
+        return rise + rng.uniform(0, 6) * np.sin(2 * np.pi * rng.uniform(20, 25) * time_s)
+
+    table = pd.DataFrame(rows, columns=["label", "speed"]).astype(str)
+    return Recordings([press(*row) for row in rows], 1000.0, "mV", table)
+
+
+def test_grades_are_added_where_size_tells_more_at_another_condition():
+    recordings = presses_of_three_sizes_and_speeds()
+    how = {"rule": CalibrationRule(candidates=12, shuffles=2), "apart": ("speed",)}
+    without, found = (calibrate_causally(recordings, SPEC, choose_grades=on, **how) for on in (False, True))
+    assert found.accuracy_of_both > without.accuracy_of_both + 0.05
+    assert (len(without.encoder.sa1.grades), len(found.encoder.sa1.grades)) == (1, len(GRADES))
+    assert found.accuracy_of_both == cross_validated_accuracy(
+        np.hstack([found.rates, found.rates_ra]), found.labels, found.apart
+    )
+    (note,) = [note for note in found.notes if note.startswith("sa1.grades")]
+    assert f"without them {100 * without.accuracy_of_both:.0f} %" in note
 
 
 def rising() -> Recordings:
