@@ -20,8 +20,10 @@ Part = Literal["time", "gain", "start"]
 NONE, AUTO, JOIN = "none", "auto", "+"
 CANDIDATES = (NONE, "time", "gain", "time+gain")
 """What `auto` chooses among, on validation trials of a condition that is not trained on."""
-UNRANKED = CANDIDATES[-1]
-"""What `auto` takes where validation cannot leave out a condition."""
+EVERY = "time+gain+start"
+"""What it may choose, too, where windows do not begin at contact."""
+UNRANKED = (CANDIDATES[-1], EVERY)
+"""What `auto` takes where validation cannot leave out a condition: the last of its candidates."""
 BEGIN_S = 0.05
 """Of a trial without rest, the beginning whose mean stands for it."""
 
@@ -32,13 +34,15 @@ class AugmentationSpec(Spec):
     kind: str = AUTO
     """What varies: `time`, `gain` and `start`, joined by `+`; `none`: no copies; `auto`: where the test is on other
     conditions, none, time, gain or time+gain, whichever is best on validation trials of another condition."""
+    any_start: bool = False
+    """With `auto`: time+gain+start is a candidate, too. Studies set it where windows do not begin at contact."""
     copies: int = Field(default=3, ge=1, le=20)
     """Copies of each training trial."""
     time_factor: float = Field(default=2.0, gt=1, le=10)
     """A copy is played up to this many times faster or slower; the logarithm is uniform."""
     gain_factor: float = Field(default=2.0, gt=1, le=10)
     """The deviation of its signals from rest is up to this many times larger or smaller; the logarithm is uniform."""
-    shift_ms: float = Field(default=200.0, gt=0)
+    shift_ms: float = Field(default=500.0, gt=0)
     """A copy begins up to this much later."""
     seed: int = Field(default=0, ge=0)
     """Random seed of the copies."""
@@ -57,16 +61,27 @@ class AugmentationSpec(Spec):
         """How much of a trial the copies need that last `end_ms`.
 
         >>> AugmentationSpec(kind="time+start").reach_ms(500.0), AugmentationSpec(kind="gain").reach_ms(500.0)
-        (1200.0, 500.0)
+        (1500.0, 500.0)
         """
         parts = {part for kind in self.kinds for part in kind.split(JOIN)}
         faster = self.time_factor if "time" in parts else 1.0
         return faster * end_ms + (self.shift_ms if "start" in parts else 0.0)
 
     @property
+    def candidates(self) -> tuple[str, ...]:
+        """The kinds of copies that may be chosen, without copies first; of a named kind that alone.
+
+        >>> AugmentationSpec(kind="gain").candidates, AugmentationSpec(any_start=True).candidates[-1]
+        (('gain',), 'time+gain+start')
+        """
+        if self.kind != AUTO:
+            return (self.kind,)
+        return (*CANDIDATES, EVERY) if self.any_start else CANDIDATES
+
+    @property
     def kinds(self) -> tuple[str, ...]:
-        """The kinds of copies that are needed; those that `auto` may choose."""
-        return CANDIDATES[1:] if self.kind == AUTO else () if self.kind == NONE else (self.kind,)
+        """The kinds of copies that are needed."""
+        return tuple(kind for kind in self.candidates if kind != NONE)
 
 
 def in_words(kind: str, spec: AugmentationSpec) -> str:
@@ -80,7 +95,8 @@ def in_words(kind: str, spec: AugmentationSpec) -> str:
         "gain": f"scaled up to {spec.gain_factor:g} times",
         "start": f"begun up to {spec.shift_ms:g} ms later",
     }
-    return ", and ".join(words[part] for part in kind.split(JOIN))
+    *first, last = (words[part] for part in kind.split(JOIN))
+    return ", and ".join([", ".join(first), last]) if first else last
 
 
 BLOCK_VALUES = 16_000_000

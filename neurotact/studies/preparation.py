@@ -14,7 +14,7 @@ import pandas as pd
 
 from neurotact.baselines import opponents
 from neurotact.data import doubtful, hdf5
-from neurotact.data.augmentation import UNRANKED, varied_copies
+from neurotact.data.augmentation import varied_copies
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.copies import copies_of
 from neurotact.data.recordings import Recordings, class_indices, select_conditions
@@ -219,9 +219,9 @@ def _with_training(cuts: opponents.Cuts, trains: SpikeTrains, cell: Cell, parts:
         rows = trains.variations.rows(parts.train, kind)
         rows = rows[np.isin(trains.variations.of[rows], cuts.windows.trial[known])]
         made[kind] = cuts.sides[0] | np.isin(cuts.windows.trial, len(trains) + rows)
-    if [*made] != [UNRANKED]:
+    if not robust.are_unranked([*made]):
         return cuts._replace(copies=made)
-    rows = trains.variations.rows(parts.validation, UNRANKED)
+    rows = trains.variations.rows(parts.validation, next(iter(made)))
     validation = cuts.sides[1] | np.isin(cuts.windows.trial, len(trains) + rows)
     return cuts._replace(copies=made, sides=(cuts.sides[0], validation, cuts.sides[2]))
 

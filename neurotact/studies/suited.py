@@ -16,7 +16,7 @@ import pandas as pd
 from neurotact import files
 from neurotact.data import hdf5, nested
 from neurotact.data.augmentation import AUTO as ANY_KIND
-from neurotact.data.augmentation import NONE, UNRANKED, AugmentationSpec, in_words
+from neurotact.data.augmentation import NONE, AugmentationSpec, in_words
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.copies import copies_of
 from neurotact.data.onset import common_onset_s, onsets_s
@@ -194,7 +194,10 @@ def _for_remedies(
     table: dict[str, Any], recorded: Recorded, given: Mapping[str, Any], columns: Sequence[str]
 ) -> tuple[dict[str, Any], list[str]]:
     """A study that trains on varied copies, too, with fewer periods and sizes: each takes several trainings."""
-    augmentation = build(AugmentationSpec, table["augmentation"], source="augmentation")
+    copies = table["augmentation"]
+    if copies.get("kind", ANY_KIND) == ANY_KIND:
+        copies = {**_starts(table.get("window", {})), **copies}
+    augmentation = build(AugmentationSpec, copies, source="augmentation")
     if augmentation.kind == NONE:
         return table, []
     sweep, fewer = {**table["sweep"]}, []
@@ -205,18 +208,21 @@ def _for_remedies(
     if augmentation.kind != ANY_KIND:
         what = f"also on copies {in_words(augmentation.kind, augmentation)}"
     elif _can_rank(recorded, table, columns):
-        what = (
-            f"also on copies {in_words('time', augmentation)}, or {in_words('gain', augmentation)}, or both, where "
-            f"that is best on validation trials of another {names}"
-        )
+        every = in_words(augmentation.candidates[-1], augmentation)
+        what = f"also on copies {every}, or some of these, where that is best on validation trials of another {names}"
     else:
-        what = (
-            f"also on copies {in_words(UNRANKED, augmentation)}, since training trials have too few values of {names} "
-            "to choose"
-        )
+        every = in_words(augmentation.candidates[-1], augmentation)
+        what = f"also on copies {every}, since training trials have too few values of {names} to choose"
     note = f"Training: on the recorded trials and {what}; without copies: `settings={{'augmentation.kind': 'none'}}`."
     less = " Fewer sizes and refractory periods are trained, because of that." if fewer else ""
-    return {**table, "sweep": sweep}, [note + less]
+    return {**table, "augmentation": copies, "sweep": sweep}, [note + less]
+
+
+def _starts(window: Mapping[str, Any]) -> dict[str, Any]:
+    """Whether copies may begin later, and how much: up to a window, where windows do not begin at contact."""
+    if window.get("align") == "onset" or "length_ms" not in window:
+        return {}
+    return {"any_start": True, "shift_ms": min(AugmentationSpec().shift_ms, float(window["length_ms"]))}
 
 
 def _can_rank(recorded: Recorded, table: Mapping[str, Any], columns: Sequence[str]) -> bool:

@@ -6,6 +6,7 @@ import pytest
 
 import neurotact as nt
 from neurotact.data import hdf5
+from neurotact.data.augmentation import CANDIDATES, EVERY
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
 from neurotact.report.robustness import sentence
@@ -50,7 +51,7 @@ def run(tmp_path_factory):
 def test_every_kind_is_tried_and_the_best_on_validation_is_used(run):
     remedies, results = (pd.read_csv(run / f"{name}.csv") for name in ("remedies", "results"))
     for speed, tried in remedies.groupby("split.test_where.speed"):
-        assert tried["augmentation"].tolist() == ["none", "time", "gain", "time+gain"]
+        assert tried["augmentation"].tolist() == [*CANDIDATES, EVERY]
         (chosen,) = tried[tried["chosen"]].to_dict("records")
         assert chosen["accuracy_validation"] == tried["accuracy_validation"].max()
         (used,) = results[results["split.test_where.speed"] == speed].to_dict("records")
@@ -60,7 +61,7 @@ def test_every_kind_is_tried_and_the_best_on_validation_is_used(run):
         assert (n.drop("none") == 2 * n["none"]).all()
     baselines = pd.read_csv(run / "baselines.csv")
     kinds = baselines["settings"].str.extract("varied copies: (.*)")[0]
-    assert kinds.isin(["none", "time", "gain", "time+gain"]).all()
+    assert kinds.isin([*CANDIDATES, EVERY]).all()
 
 
 def test_the_report_says_what_is_lost_and_gained(run):
@@ -105,6 +106,16 @@ def test_windows_start_at_contact_where_touches_begin_at_different_times(tmp_pat
     fixed = {**FEW, "split.test_where": {"speed": 3}, "window.start_ms": 90}
     assert loading.resolve("own-recordings", fixed, data=path).window.align == "trial"
     assert loading.resolve("own-recordings", FEW, data=path).window.align == "trial"
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_copies_that_begin_later_are_for_windows_that_do_not_begin_at_contact(tmp_path, late):
+    path = presses(tmp_path / "touches.h5", late=late)
+    what = loading.resolve("own-recordings", {**FEW, "split.test_where": {"speed": 3}}, data=path)
+    assert (EVERY in what.augmentation.candidates) == (not late)
+    assert late or what.augmentation.shift_ms == min(500.0, what.window.length_ms)
+    without = {**FEW, "split.test_where": {"speed": 3}, "augmentation.any_start": False}
+    assert EVERY not in loading.resolve("own-recordings", without, data=path).augmentation.candidates
 
 
 def test_fewer_networks_are_trained_since_each_takes_several_trainings(tmp_path):

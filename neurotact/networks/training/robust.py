@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from neurotact.data.augmentation import AUTO, CANDIDATES, UNRANKED, AugmentationSpec
+from neurotact.data.augmentation import UNRANKED, AugmentationSpec
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, turns_of
 from neurotact.networks.definition.specs import RSNNSpec
@@ -52,9 +52,17 @@ def candidates(augmentation: AugmentationSpec, conditions: pd.DataFrame, split: 
     >>> candidates(AugmentationSpec(), table, SplitSpec(test_where={"speed": 300}))
     ('time+gain',)
     """
-    if augmentation.kind != AUTO:
-        return (augmentation.kind,)
-    return CANDIDATES if turns_of(conditions, split) else (UNRANKED,)
+    kinds = augmentation.candidates
+    return kinds if turns_of(conditions, split) else kinds[-1:]
+
+
+def are_unranked(kinds: Sequence[str]) -> bool:
+    """Whether a single kind of copies was taken because no validation trials could choose.
+
+    >>> are_unranked(["time+gain"]), are_unranked(["gain"]), are_unranked(["none", "gain"])
+    (True, False, False)
+    """
+    return len(kinds) == 1 and kinds[0] in UNRANKED
 
 
 def trainings(
@@ -70,7 +78,7 @@ def trainings(
     A single kind was not chosen on validation trials of another condition; these then vary as training trials do.
     """
     for kind in kinds:
-        own = task.model_copy(update={"augmentation": kind, "varied_validation": kinds == (UNRANKED,)})
+        own = task.model_copy(update={"augmentation": kind, "varied_validation": are_unranked(kinds)})
         fitted, sides = fitting.fit(trains, spec, own, seeds, progress=progress)
         seen = tasks.seen_side(trains, own)
         spikes = None if seen is None else fitted.network.infer(seen.spikes)
