@@ -157,12 +157,12 @@ def _fitted(
     if trains.variations is not None:  # the trial of a varied copy is that of which it is one
         first = np.concatenate([first, first[trains.variations.of]])
     windows, labels = every.cut(cells[0].window), class_indices(every.conditions)
-    pieces = _with_copies(recordings, windows, trains, cell) if is_first and trains.variations else ()
+    pieces = pieces_with_copies(recordings, windows, trains, cell) if is_first and trains.variations else ()
     first_ms, second_ms = t_ref_pair_ms(cell.encoder)
     pair = second_ms, first_ms
     for name, where in {cell.dataset: cell.subset for cell in cells}.items():
         cuts = opponents.cuts_of(every.conditions, windows, trains.sampling_rate_Hz, parts, where)
-        cuts = _with_training(cuts, trains, cell, parts)
+        cuts = with_training(cuts, trains, cell, parts)
         of_signals = opponents.signal_inputs(recordings, cuts, study.baselines, pieces) if is_first else ()
         counts = {"is_first": is_first, "encoding": study.encoding_in == "processor"}
         of_spikes = opponents.spike_inputs(every, pair, cuts, study.baselines, **counts)
@@ -195,7 +195,7 @@ def _reconstruction_table(
     return pd.DataFrame(rows)
 
 
-def _with_copies(recordings: Recordings, windows: Windows, trains: SpikeTrains, cell: Cell) -> list[np.ndarray]:
+def pieces_with_copies(recordings: Recordings, windows: Windows, trains: SpikeTrains, cell: Cell) -> list[np.ndarray]:
     """The samples of each window of the recorded trials, then of those of their varied copies."""
     assert cell.augmentation is not None
     of_recorded = windows.trial < len(trains)
@@ -210,7 +210,7 @@ def _with_copies(recordings: Recordings, windows: Windows, trains: SpikeTrains, 
     return found
 
 
-def _with_training(cuts: opponents.Cuts, trains: SpikeTrains, cell: Cell, parts: Split) -> opponents.Cuts:
+def with_training(cuts: opponents.Cuts, trains: SpikeTrains, cell: Cell, parts: Split) -> opponents.Cuts:
     """The cuts with a choice of varied copies to train on, as the networks have it."""
     if cell.augmentation is None or trains.variations is None:
         return cuts
@@ -276,7 +276,7 @@ def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recor
     calibrated: dict[str, EncoderSpec] = {}
     for cell in missing:
         with store.timed(folder, "calibrate"):
-            encoder = _encoder_of(cell, recordings, calibrated)
+            encoder = encoder_of(cell, recordings, calibrated)
         with store.timed(folder, "encode"):
             trains = encode_recordings(
                 recordings, encoder, augmentation=cell.augmentation, copied=copied_part(recordings, cell)
@@ -323,15 +323,25 @@ def _encoded(cell: Cell) -> list[str]:
     return [f"{cell.spikes_name}.csv", f"{cell.spikes_name}.h5"]
 
 
-def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, EncoderSpec]) -> EncoderSpec:
+def encoder_of(
+    cell: Cell,
+    recordings: Recordings,
+    calibrated: dict[str, EncoderSpec],
+    *,
+    between: bool = True,
+    tell: bool = True,
+) -> EncoderSpec:
     """The cell's encoder, with gains fitted on the training trials if the study calibrates.
 
     calibrated: what was fitted for other cells. If unknown conditions are tested, only training trials of the cell's
     own subset are used: gains must not depend on the other conditions.
+    between: whether calibration chooses between the conditions that the split tests, and not within them. tell: log its
+    notes.
     """
     if cell.calibrate is None:
         return cell.encoder
     known = cell.subset if cell.test_every_condition else {}
+    apart = tuple(cell.split.test_where) if between else ()
 
     def fitted(start: EncoderSpec, spikes_per_s: float | None) -> EncoderSpec:
         key = digest([start.model_dump(mode="json"), cell.split.model_dump(), known, spikes_per_s])
@@ -341,10 +351,9 @@ def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, Encode
             training = recordings.select(train)
             if cell.split.folds:  # each fold has its own encoder, and its notes name the fold
                 training = replace(training, source=f"{recordings.source}, fold {cell.split.fold}")
-            fit, _ = calibration_for(
-                start, {}, **{choice: getattr(cell, choice) for choice in CHOICES}, apart=tuple(cell.split.test_where)
-            )
-            calibrated[key] = fit(training, start, rule=CalibrationRule(spikes_per_s=spikes_per_s)).encoder
+            fit, _ = calibration_for(start, {}, **{choice: getattr(cell, choice) for choice in CHOICES}, apart=apart)
+            rule = CalibrationRule(spikes_per_s=spikes_per_s)
+            calibrated[key] = fit(training, start, rule=rule, tell=tell).encoder
         return calibrated[key]
 
     start = cell.calibrate

@@ -48,7 +48,7 @@ def encoded(touches, monkeypatch, **changes):
 
     def quickly(spec, given, **choices):
         fit, times = calibration_for(spec, given, **choices)
-        return lambda recordings, spec, rule: fit(recordings, spec, rule=RULE), times
+        return lambda recordings, spec, rule, tell: fit(recordings, spec, rule=RULE, tell=tell), times
 
     monkeypatch.setattr(preparation, "calibration_for", quickly)
     what = loading.resolve("own-recordings", {**SMALL, **changes}, data=touches)
@@ -186,7 +186,7 @@ def test_the_choice_of_the_moving_average_decides_the_spikes_of_a_cell(touches, 
     assert chosen.digest() != own.digest()
     for cell in (chosen, own):
         with pytest.raises(AttributeError):  # None has no encoder
-            preparation._encoder_of(cell, hdf5.load(touches), {})
+            preparation.encoder_of(cell, hdf5.load(touches), {})
     assert asked == [True, False]
 
 

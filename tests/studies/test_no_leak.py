@@ -74,7 +74,7 @@ def _few_candidates(monkeypatch):
         preparation,
         "calibration_for",
         lambda spec, given, **choices: (
-            lambda recordings, spec, *, rule: calibration.calibrate(recordings, spec, rule=RULE),
+            lambda recordings, spec, *, rule, tell: calibration.calibrate(recordings, spec, rule=RULE, tell=tell),
             1,
         ),
     )
