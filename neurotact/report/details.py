@@ -17,11 +17,12 @@ from neurotact.data.windows import Windows
 from neurotact.figures.encoding import Classes
 from neurotact.networks.definition import clock
 from neurotact.networks.training import checkpoint, tasks, trained
+from neurotact.networks.training.cautions import MEMBER
 from neurotact.networks.training.trained import LOG, Restored
-from neurotact.networks.training.training import Epoch, Examples
+from neurotact.networks.training.training import Examples
 from neurotact.report import front
 from neurotact.report.periods import named
-from neurotact.report.tables import confusion, in_words, kept_epoch
+from neurotact.report.tables import LOGGED, confusion, first_member, in_words, kept_epoch
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import SPLIT, Cell
 from neurotact.tables import records, write_table
@@ -190,12 +191,17 @@ def _events(raster: np.ndarray) -> list[list[int]]:
 
 
 def _training(folder: Path, cell: Cell) -> dict[str, Any] | None:
-    """The training log by column, to four digits, and under `kept` the epoch of the network's weights."""
+    """The training log by column, to four digits, and under `kept` the epoch of the network's weights.
+
+    Where several networks were joined, `members` of them, it is that of the first one.
+    """
     path = cell_folder(folder, cell) / LOG
     if not path.is_file():
         return None
-    log = pd.read_csv(path)
+    whole = pd.read_csv(path)
+    log = first_member(whole)
     columns: dict[str, Any] = {
-        column: [None if pd.isna(value) else float(f"{value:.4g}") for value in log[column]] for column in Epoch._fields
+        column: [None if pd.isna(value) else float(f"{value:.4g}") for value in log[column]] for column in LOGGED
     }
-    return columns | {"kept": kept_epoch(folder, cell)}
+    members = {"members": int(whole[MEMBER].max())} if MEMBER in whole else {}
+    return columns | members | {"kept": kept_epoch(folder, cell)}

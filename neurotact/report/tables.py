@@ -29,6 +29,8 @@ EXTRA_TABLES = {
     "remedies": "augmentation",
 }
 """Tables that only some studies have, and the key of a study that requests each."""
+LOGGED = [name for name in Epoch._fields if name != MEMBER]
+"""Columns that every training log has."""
 
 
 def with_pair(table: pd.DataFrame, study: StudySpec) -> pd.DataFrame:
@@ -72,7 +74,7 @@ def in_the_paper(study: StudySpec, figure: str) -> str:
 def kept_epoch(folder: Path, cell: Cell) -> int:
     """The epoch of the weights of a done cell's network, or of the first of those joined, from its training log."""
     table = first_member(pd.read_csv(cell_folder(folder, cell) / LOG))
-    log = [Epoch(*row) for row in table[[*Epoch._fields[:-1]]].to_numpy()]
+    log = [Epoch(*row) for row in table[LOGGED].to_numpy()]
     keep = "loss" if cell.network is None else recipe.training_of(cell.network).keep
     return int(best_of(log, keep).epoch)
 

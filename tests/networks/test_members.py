@@ -326,14 +326,17 @@ def test_effort_sets_steps_and_members_and_given_keys_stay():
     assert 3 * quick.training.epochs == pytest.approx(usual.training.epochs, abs=2)
     same = {"training": usual.training}
     assert quick.model_copy(update=same) == best.model_copy(update=same) == usual
-    asked = build(RSNNSpec, {"recipe": "default", "effort": "best", "training": {"members": 2}}, source="a spec")
-    assert (asked.n_members, recipe.resolve(asked, SEEN).training.members) == (2, 2)
+    assert recipe.resolve(spec_of(recipe="default"), SEEN).training.members == 3
 
 
 def test_effort_is_of_the_recipe_alone():
     for keys in ({"effort": "best"}, {"effort": "default"}):
         with pytest.raises(InputError, match="effort has no effect without a recipe"):
             build(RSNNSpec, keys, source="a spec")
+    for effort, key in (("quick", "epochs"), ("best", "members")):
+        table = {"recipe": "default", "effort": effort, "training": {key: 1}}
+        with pytest.raises(InputError, match=rf"effort = '{effort}' has no effect beside training\.{key}"):
+            build(RSNNSpec, table, source="a spec")
     with pytest.raises(InputError, match="join into one only with readout = 'integrator'"):
         build(RSNNSpec, {"recipe": "default", "effort": "best", "readout": "count"}, source="a spec")
 

@@ -180,8 +180,7 @@ class RSNNSpec(Spec):
         >>> [RSNNSpec(recipe="default", effort=effort).n_members for effort in ("quick", "best")]
         [1, 3]
         """
-        chooses = self.effort == "best" and "members" not in self.training.model_fields_set
-        return BEST_MEMBERS if chooses else self.training.members
+        return BEST_MEMBERS if self.effort == "best" else self.training.members
 
     @property
     def joined_hidden(self) -> int:
@@ -225,11 +224,14 @@ class RSNNSpec(Spec):
         return self
 
     @model_validator(mode="after")
-    def _effort_has_a_recipe(self) -> "RSNNSpec":
+    def _effort_has_an_effect(self) -> "RSNNSpec":
         if "effort" in self.model_fields_set and self.recipe is None:
             raise ValueError(
                 "effort has no effect without a recipe; set recipe = 'default' or training.members, or drop the key"
             )
+        key = {"quick": "epochs", "best": "members"}.get(self.effort)
+        if key in self.training.model_fields_set:
+            raise ValueError(f"effort = '{self.effort}' has no effect beside training.{key}; leave out either")
         return self
 
     @model_validator(mode="after")

@@ -152,7 +152,8 @@ function training(log, width) {
   const each = width < 520 ? width : width / 2;
   const charts = [["loss", 1, "loss"], ["accuracy", 100, "accuracy (%)"]].map(([what, scale, words]) =>
     chart(log.epoch, log[`train_${what}`], log[`validation_${what}`], scale, words, log.kept, Math.floor(each) - 6));
-  const note = log.kept == null ? "" : ` The network has the weights of epoch ${log.kept} (dotted line).`;
+  const whose = log.members ? ` Of the first of ${log.members} networks that were joined.` : "";
+  const note = log.kept == null ? "" : `${whose} The network has the weights of epoch ${log.kept} (dotted line).`;
   return [element("div", { class: "charts" }, ...charts),
     element("p", { class: "soft" }, `Solid: validation. Dashed: training.${note}`)];
 }
