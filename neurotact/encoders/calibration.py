@@ -488,7 +488,7 @@ def calibration_for(
     *,
     choose_ema: bool = True,
     choose_opposite: bool = True,
-    choose_grades: bool = False,
+    choose_grades: bool = True,
     apart: tuple[str, ...] = (),
 ) -> tuple[Callable[..., Calibration[Any]], int]:
     """The calibration of an encoder, and how many times at most it goes through all candidates of its rule.
