@@ -43,16 +43,22 @@ NT_INLINE uint64_t lif_step(Population<T>& p, typename VectorOf<T, kLanes>::type
     return eight;
 }
 
+// How much a signal has changed, rise or fall.
+template <class T>
+NT_INLINE typename VectorOf<T, kLanes>::type change_of(typename VectorOf<T, kLanes>::type now,
+                                                       typename VectorOf<T, kLanes>::type last) {
+    using V = typename VectorOf<T, kLanes>::type;
+    using Bits = typename VectorOf<typename IntegerFor<T>::type, kLanes>::type;
+    return (V)((Bits)(now - last) & ~(Bits)(-V{}));
+}
+
 // Spikes of SA-I and RA-I under eight taxels, a byte of 0 or 1 each, from the signal now and a step before.
 template <class T>
 NT_INLINE void afferent_step(Population<T>& slow, Population<T>& rapid, typename VectorOf<T, kLanes>::type now,
                              typename VectorOf<T, kLanes>::type last, const Constants<T>& sa, const Constants<T>& ra,
                              uint64_t& sa_fired, uint64_t& ra_fired) {
-    using V = typename VectorOf<T, kLanes>::type;
-    using Bits = typename VectorOf<typename IntegerFor<T>::type, kLanes>::type;
-    const V rate = (V)((Bits)(now - last) & ~(Bits)(-V{}));
     sa_fired = lif_step(slow, sa.gain * now, sa);
-    ra_fired = lif_step(rapid, ra.gain * rate, ra);
+    ra_fired = lif_step(rapid, ra.gain * change_of<T>(now, last), ra);
 }
 
 }  // namespace neurotact::NT_ISA

@@ -186,8 +186,10 @@ struct StreamPlan {
     int64_t start_steps;                 // of the baseline `start`
     float base_new, base_kept;           // of the baseline `high_pass`
     const float *offset, *scale;         // (taxel), null where there are none
-    float sa_gain, ra_gain, decay, v_rest, v_reset, v_threshold;
+    float decay, v_rest, v_reset, v_threshold;
     int32_t sa_silent, ra_silent;
+    const float* gains;                  // of the afferents under a taxel: SA-I (below 0: of the falling signal), RA-I
+    int n_slow, n_rapid;                 // their numbers
     int64_t length, start, hop, quiet;   // of windows, in steps; hop 0: at a contact
     int64_t bin;                         // steps of the encoder's clock in one of the network's
     int at_once;                         // windows that overlap at most

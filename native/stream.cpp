@@ -50,8 +50,9 @@ struct Streaming {
     ForwardTables<T> tables;
     Counters at{};
     int groups;
-    Constants<T> sa{}, fall{}, ra{};
-    Population<T>*slow, *falling, *rapid;                // (group of taxels)
+    int kinds;                                           // afferents under a taxel
+    Constants<T>* constants;                             // (kind)
+    Population<T>* populations;                          // (group of taxels, kind)
     T *smoothed, *before, *level, *last, *signal;        // (taxel), padded to whole groups
     double* total;
     int64_t* order;                                      // windows under way, the oldest first
@@ -60,13 +61,13 @@ struct Streaming {
 
     Streaming(const StreamPlan& plan, Carver& carver)
         : tables(plan.net, carver), groups((plan.taxels + kLanes - 1) / kLanes),
-          slow(carver.take<Population<T>>(groups)), falling(carver.take<Population<T>>(groups)),
-          rapid(carver.take<Population<T>>(groups)),
+          kinds(plan.n_slow + plan.n_rapid), constants(carver.take<Constants<T>>(kinds)),
+          populations(carver.take<Population<T>>(groups * kinds)),
           smoothed(carver.take<T>(groups * kLanes)), before(carver.take<T>(groups * kLanes)),
           level(carver.take<T>(groups * kLanes)), last(carver.take<T>(groups * kLanes)),
           signal(carver.take<T>(groups * kLanes)), total(carver.take<double>(groups * kLanes)),
           order(carver.take<int64_t>(plan.at_once)), windows(carver.take<Window<Readout>*>(plan.at_once)),
-          arriving(carver.take<uint32_t>(3 * plan.taxels)) {
+          arriving(carver.take<uint32_t>(kinds * plan.taxels)) {
         for (int i = 0; i < plan.at_once; i++) {
             void* here = carver.take<Window<Readout>>(1);
             if (here) {
@@ -75,15 +76,13 @@ struct Streaming {
                 Window<Readout>(plan.net, tables, carver);
             }
         }
-        if (!slow) return;
+        if (!populations) return;
         const auto fill = [](T value) __attribute__((always_inline)) { return V{} + value; };
-        sa = fall = ra = Constants<T>{fill(plan.sa_gain), fill(plan.decay),       fill(plan.v_rest),
-                               fill(plan.v_reset), fill(plan.v_threshold), {}};
-        fall.gain = fill(-plan.sa_gain);
-        ra.gain = fill(plan.ra_gain);
-        sa.silent_steps += plan.sa_silent;
-        fall.silent_steps += plan.sa_silent;
-        ra.silent_steps += plan.ra_silent;
+        for (int k = 0; k < kinds; k++) {
+            constants[k] = Constants<T>{fill(plan.gains[k]), fill(plan.decay),       fill(plan.v_rest),
+                                        fill(plan.v_reset),  fill(plan.v_threshold), {}};
+            constants[k].silent_steps += k < plan.n_slow ? plan.sa_silent : plan.ra_silent;
+        }
         begin(plan);
         for (int i = 0; i < plan.at_once; i++) start_window(plan, *windows[i]);
     }
@@ -94,11 +93,9 @@ struct Streaming {
         at = {};
         at.n_windows = n_windows;
         at.silent = plan.quiet;
-        for (int g = 0; g < groups; g++) {
-            slow[g].membrane = falling[g].membrane = rapid[g].membrane = V{} + plan.v_rest;
-            slow[g].silent -= slow[g].silent;
-            falling[g].silent -= falling[g].silent;
-            rapid[g].silent -= rapid[g].silent;
+        for (int i = 0; i < groups * kinds; i++) {
+            populations[i].membrane = V{} + plan.v_rest;
+            populations[i].silent -= populations[i].silent;
         }
         for (int i = 0; i < groups * kLanes; i++) smoothed[i] = before[i] = level[i] = last[i] = signal[i] = 0;
         for (int i = 0; i < groups * kLanes; i++) total[i] = 0;
@@ -140,30 +137,24 @@ struct Streaming {
         }
     }
 
-    static bool has_falling(const StreamPlan& plan) { return plan.net.sizes.inputs == 3 * plan.taxels; }
-
-    // Numbers of the afferents that spike, ascending: SA-I of the falling signal and RA-I wait behind the place of those
-    // before them.
+    // Numbers of the afferents that spike, ascending; those of a kind wait behind the place of the kinds before it.
     NT_INLINE int encode(const StreamPlan& plan) {
         if (at.steps == 0) std::memcpy(last, signal, groups * kLanes * sizeof(T));
-        const bool both = has_falling(plan);
-        uint32_t *lower = arriving + plan.taxels, *waiting = lower + plan.taxels;
-        int n = 0, n_lower = 0, n_rapid = 0;
-        for (int g = 0; g < groups; g++) {
-            V now, earlier;
-            std::memcpy(&now, signal + g * kLanes, sizeof now);
-            std::memcpy(&earlier, last + g * kLanes, sizeof earlier);
-            uint64_t sa_fired, ra_fired;
-            afferent_step(slow[g], rapid[g], now, earlier, sa, ra, sa_fired, ra_fired);
-            std::memcpy(last + g * kLanes, &now, sizeof now);
-            n = list(sa_fired, g * kLanes, 0, plan.taxels, arriving, n);
-            if (both)
-                n_lower = list(lif_step(falling[g], fall.gain * now, fall), g * kLanes, plan.taxels, plan.taxels, lower,
-                               n_lower);
-            n_rapid = list(ra_fired, g * kLanes, plan.net.sizes.inputs - plan.taxels, plan.taxels, waiting, n_rapid);
+        int n = 0;
+        for (int k = 0; k < kinds; k++) {
+            const int first = k * plan.taxels;
+            int n_fired = 0;
+            for (int g = 0; g < groups; g++) {
+                V now, earlier;
+                std::memcpy(&now, signal + g * kLanes, sizeof now);
+                std::memcpy(&earlier, last + g * kLanes, sizeof earlier);
+                const V drive = constants[k].gain * (k < plan.n_slow ? now : change_of<T>(now, earlier));
+                const uint64_t fired = lif_step(populations[g * kinds + k], drive, constants[k]);
+                n_fired = list(fired, g * kLanes, first, plan.taxels, arriving + first, n_fired);
+            }
+            for (int e = 0; e < n_fired; e++) arriving[n++] = arriving[first + e];
         }
-        for (int e = 0; e < n_lower; e++) arriving[n++] = lower[e];
-        for (int e = 0; e < n_rapid; e++) arriving[n++] = waiting[e];
+        std::memcpy(last, signal, groups * kLanes * sizeof(T));
         return n;
     }
     // The taxels of a group whose byte is 1; those that only fill up the last group are left out.
@@ -285,14 +276,9 @@ struct Streaming {
         part("level", level, lanes);
         part("last", last, lanes);
         part("total", total, 2 * lanes);
-        for (int g = 0; g < groups; g++) {
-            part("sa_membrane", &slow[g].membrane, sizeof(V));
-            part("ra_membrane", &rapid[g].membrane, sizeof(V));
-            part("sa_silent", &slow[g].silent, sizeof slow[g].silent);
-            part("ra_silent", &rapid[g].silent, sizeof rapid[g].silent);
-            if (!has_falling(plan)) continue;
-            part("falling_membrane", &falling[g].membrane, sizeof(V));
-            part("falling_silent", &falling[g].silent, sizeof falling[g].silent);
+        for (int i = 0; i < groups * kinds; i++) {
+            part("afferents", &populations[i].membrane, sizeof(V));
+            part("silent", &populations[i].silent, sizeof populations[i].silent);
         }
         std::memcpy(before, smoothed, lanes);  // between samples they are the same
         for (int64_t i = 0; i < at.under_way; i++) {

@@ -21,8 +21,6 @@ BASELINES = ("none", "first", "start", "running", "high-pass")
 COUNTERS = ("samples", "steps", "silent", "free_at", "n_windows", "under_way")
 Decided = tuple[int, int, int, int, int, int, int, bool]
 """A decided window: its number, start, steps, label, input spikes, hidden spikes, held, heard."""
-LANES_OF = ("sa_membrane", "ra_membrane", "sa_silent", "ra_silent", "falling_membrane", "falling_silent")
-"""Parts of the state of a group of taxels; the last two only with SA-I of the falling signal."""
 LANES = 8
 """Number of taxels that are computed together; arrays are padded to a multiple of it."""
 
@@ -63,7 +61,8 @@ class CompiledStream:
             baseline=BASELINES.index(spec.baseline), start_steps=conditioner.n_start,
             base_new=level, base_kept=1.0 - level,
             offset=offset.ctypes.data if is_standard else 0, scale=scale.ctypes.data if is_standard else 0,
-            rectify=spec.rectify, sa_gain=encoder.sa1.gain, ra_gain=encoder.ra1.gain * chain.clock_Hz * 1e-3,
+            rectify=spec.rectify, sa_gains=[*encoder.sa1.gains],
+            ra_gains=[gain * chain.clock_Hz * 1e-3 for gain in encoder.ra1.gains],
             decay=sa1.decay, v_rest=sa1.v_rest_mV, v_reset=sa1.v_reset_mV, v_threshold=sa1.v_threshold_mV,
             sa_silent=sa1.refractory_steps, ra_silent=ra1.refractory_steps, length=plan.length, start=plan.start,
             hop=plan.hop, quiet=plan.quiet, bin=network.steps_per_bin, at_once=plan.at_once,
@@ -99,29 +98,23 @@ class CompiledStream:
         parts = list(self._stream.state())
         counters: dict[str, int] = dict(zip(COUNTERS, np.frombuffer(parts[0][1], np.int64).tolist(), strict=True))
         taxels = dict(parts[1:5])
-        groups: dict[str, list[bytes]] = {}
-        n_lanes = len(self._lanes_of) * -(-self.chain.n_taxels // LANES)
-        for name, content in parts[5 : 5 + n_lanes]:
-            groups.setdefault(name, []).append(content)
-        rest = iter(parts[5 + n_lanes :])
+        n_states = 2 * self._n_groups * self._n_kinds
+        states = [content for _, content in parts[5 : 5 + n_states]]
+        rest = iter(parts[5 + n_states :])
         values = {
             name: self._taxels(content, np.float64 if name == "total" else np.float32)
             for name, content in taxels.items()
         }
-        lanes = {
-            name: self._taxels(b"".join(contents), np.int32 if name.endswith("silent") else np.float32)
-            for name, contents in groups.items()
-        }
         opening = Opening(self.chain.windows, counters["steps"], counters["silent"], counters["free_at"])
         windows = tuple(self._window(rest) for _ in range(counters["under_way"]))
         return Remembered(
-            opening, self._conditioned(counters, values), self._encoder(counters, values, lanes), windows,
+            opening, self._conditioned(counters, values), self._encoder(counters, values, states), windows,
             counters["n_windows"],
         )  # fmt: skip
 
     def remember(self, state: Remembered) -> None:
         """Continue from a state."""
-        n, spec = self.chain.n_taxels, self.conditioner.how
+        spec = self.conditioner.how
         done, opening = state.conditioned, state.opening
         counters = (done.n_samples, done.n_steps, opening.silent, opening.free_at, state.n_windows, len(state.windows))
         smoothed = done.smoothed if done.held is None else done.held[-1]
@@ -133,30 +126,41 @@ class CompiledStream:
         parts = [np.array(counters, np.int64).tobytes()]
         parts += [self._lanes(values, np.float32) for values in (smoothed, level, last)]
         parts.append(self._lanes(total, np.float64))
-        if encoder is None:
-            sa1, ra1 = (
-                lif_start(self.chain.lif.neuron(kind, self.chain.clock_Hz), (1, n_each), np.dtype(np.float32))
-                for kind, n_each in ((self.chain.lif.sa1, self.chain.network.n_inputs - n), (self.chain.lif.ra1, n))
-            )
-        else:
-            sa1, ra1 = encoder.sa1, encoder.ra1
-        every = {
-            "sa_membrane": sa1.membrane_mV[0, :n], "ra_membrane": ra1.membrane_mV[0],
-            "sa_silent": sa1.silent_steps[0, :n], "ra_silent": ra1.silent_steps[0],
-            "falling_membrane": sa1.membrane_mV[0, n:], "falling_silent": sa1.silent_steps[0, n:],
-        }  # fmt: skip
-        kinds = {name: np.int32 if name.endswith("silent") else np.float32 for name in every}
-        lanes = [self._lanes(every[name], kinds[name]) for name in self._lanes_of]
-        for group in range(-(-n // LANES)):
-            parts += [lane[4 * LANES * group : 4 * LANES * (group + 1)] for lane in lanes]
+        parts += self._states_of(encoder)
         for window in state.windows:
             parts += _parts_of(window, adapts=self.chain.network.adaptation is not None)
         self._stream.restore(parts)
 
     @property
-    def _lanes_of(self) -> tuple[str, ...]:
-        """The parts of the state of a group of taxels."""
-        return LANES_OF if self.chain.lif.sa1.opposite else LANES_OF[:4]
+    def _n_kinds(self) -> int:
+        """Afferents under a taxel."""
+        return self.chain.network.n_inputs // self.chain.n_taxels
+
+    @property
+    def _n_groups(self) -> int:
+        """Groups of taxels that are computed together."""
+        return -(-self.chain.n_taxels // LANES)
+
+    def _states_of(self, encoder: EncoderState | None) -> list[bytes]:
+        """Membranes and refractory steps of each kind of afferent of each group of taxels."""
+        n, lif = self.chain.n_taxels, self.chain.lif
+        if encoder is None:
+            populations = [
+                lif_start(lif.neuron(kind, self.chain.clock_Hz), (1, n * len(kind.gains)), np.dtype(np.float32))
+                for kind in (lif.sa1, lif.ra1)
+            ]
+        else:
+            populations = [encoder.sa1, encoder.ra1]
+        lanes: list[tuple[bytes, bytes]] = []
+        for population in populations:
+            membranes, silent = (values[0].reshape(-1, n) for values in population)
+            lanes += [
+                (self._lanes(of_kind, np.float32), self._lanes(left, np.int32))
+                for of_kind, left in zip(membranes, silent, strict=True)
+            ]
+        width = 4 * LANES
+        places = [slice(width * group, width * (group + 1)) for group in range(self._n_groups)]
+        return [part[place] for place in places for kind in lanes for part in kind]
 
     def _taxels(self, content: bytes, kind: Any) -> np.ndarray:
         return np.frombuffer(content, kind)[: self.chain.n_taxels].copy()
@@ -185,17 +189,24 @@ class CompiledStream:
         )  # fmt: skip
 
     def _encoder(
-        self, counters: dict[str, int], values: dict[str, np.ndarray], lanes: dict[str, np.ndarray]
+        self, counters: dict[str, int], values: dict[str, np.ndarray], states: list[bytes]
     ) -> EncoderState | None:
+        """states: as `_states_of` gives them."""
         if not counters["steps"]:
             return None
-        sa1, ra1, *falling = (
-            LIFState(lanes[f"{kind}_membrane"][None], lanes[f"{kind}_silent"][None])
-            for kind in ("sa", "ra", "falling")
-            if f"{kind}_silent" in self._lanes_of
+        every = [
+            (
+                self._taxels(b"".join(states[2 * kind :: 2 * self._n_kinds]), np.float32),
+                self._taxels(b"".join(states[2 * kind + 1 :: 2 * self._n_kinds]), np.int32),
+            )
+            for kind in range(self._n_kinds)
+        ]
+        n_slow = len(self.chain.lif.sa1.gains)
+        sa1, ra1 = (
+            LIFState(*(np.concatenate(parts)[None] for parts in zip(*kinds, strict=True)))
+            for kinds in (every[:n_slow], every[n_slow:])
         )
-        slow = LIFState(*(np.concatenate(parts, axis=1) for parts in zip(sa1, *falling, strict=True)))
-        return EncoderState(slow, ra1, values["last"][None])
+        return EncoderState(sa1, ra1, values["last"][None])
 
     def _window(self, parts: Iterator[tuple[str, bytes]]) -> Running:
         network = self.chain.network
