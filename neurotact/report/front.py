@@ -485,6 +485,6 @@ def _of_training(folder: Path, cell: Cell) -> Iterator[str]:
 
 def chosen(trains: SpikeTrains | None, done: Sequence[Cell]) -> list[str]:
     """The choices of the recipe for the first network on its training windows; empty without a recipe."""
-    if trains is None or not done or done[0].network is None:
+    if trains is None or not done or done[0].network is None or done[0].network.recipe is None:
         return []
     return list(recipe.described(done[0].network, tasks.seen(trains, task_of(done[0]))))

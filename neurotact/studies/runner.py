@@ -14,6 +14,7 @@ from neurotact import effects, files
 from neurotact import spec as specs
 from neurotact.errors import InputError, some
 from neurotact.interrupt import stop_if_asked
+from neurotact.networks.definition import recipe
 from neurotact.networks.training import population
 from neurotact.progress import say, track
 from neurotact.studies import selection, store
@@ -21,7 +22,7 @@ from neurotact.studies.executors import executor
 from neurotact.studies.kind import AnyCell, Kind, MapCells
 from neurotact.studies.loading import Study, kind_of, read_back
 from neurotact.studies.store import cell_folder, is_done
-from neurotact.studies.study import StudySpec, to_toml
+from neurotact.studies.study import Cell, StudySpec, to_toml
 from neurotact.tables import read_table, write_table
 from neurotact.versions import versions
 from neurotact.workers import in_a_process
@@ -76,6 +77,11 @@ def _compute(kind: Kind, study: Study, cells: list[Any], folder: Path, map_cells
         if why is not None:
             say(f"{_place(cell)}: {why}; computed again")
             store.discard(folder, cell)
+    unfinished = (
+        cell.network for cell in cells if isinstance(cell, Cell) and cell.network and not is_done(folder, cell)
+    )
+    for line in dict.fromkeys(line for network in unfinished for line in recipe.joined_cost(network)):
+        say(line)
     rule = study.selection if isinstance(study, StudySpec) else None
     for name, step_cells in [("cells", cells)] if rule is None else selection.steps(rule, cells, folder):
         todo: list[AnyCell] = [cell for cell in step_cells if not is_done(folder, cell)]

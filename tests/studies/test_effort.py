@@ -20,11 +20,25 @@ pytestmark = pytest.mark.thorough
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def told():
+    return []
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, told):
     folder = tmp_path_factory.mktemp("efforts")
-    runner.run(study.resolve(TINY, SETTINGS), folder, workers=1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(runner, "say", told.append)
+        runner.run(study.resolve(TINY, SETTINGS), folder, workers=1)
     report.write(folder)
     return folder
+
+
+def test_what_joined_networks_cost_is_said_once(folder, told):
+    assert [line for line in told if "joined" in line] == [
+        "3 networks of 4 neurons are joined into one of 12: about 3 times the training time, and the network's SOPs "
+        "and energy"
+    ]
 
 
 def test_a_row_is_of_the_joined_network(folder):

@@ -227,18 +227,22 @@ def training_of(spec: RSNNSpec) -> TrainingSpec:
 
 
 def described(spec: RSNNSpec, seen: Seen) -> Iterator[str]:
-    """The choices of a spec's recipe, one line per key, without given keys; then what joined networks cost.
-
-    >>> joins = RSNNSpec(hidden=4, readout="integrator", training=TrainingSpec(members=2))
-    >>> print(*described(joins, Seen(9, 9, 1e3, 9)))
-    2 networks of 4 neurons are joined into one of 8: about 2 times the training time, and the network's SOPs and energy
-    """
+    """The choices of a spec's recipe, one line per key, without given keys; then `joined_cost`."""
     if spec.recipe is not None:
         given = spec.model_dump(mode="json")
         known = {*given, *(f"training.{key}" for key in given.get("training", {}))}
         for choice in choices(seen, given):
             if choice.key not in known:
                 yield f"{choice.key} = {choice.value} ({choice.why})"
+    yield from joined_cost(spec)
+
+
+def joined_cost(spec: RSNNSpec) -> Iterator[str]:
+    """What it costs that several networks are joined, in one line; nothing where one is trained.
+
+    >>> print(*joined_cost(RSNNSpec(hidden=4, readout="integrator", training=TrainingSpec(members=2))))
+    2 networks of 4 neurons are joined into one of 8: about 2 times the training time, and the network's SOPs and energy
+    """
     if (n := spec.n_members) > 1:
         yield (
             f"{n} networks of {spec.hidden} neurons are joined into one of {spec.joined_hidden}: about {n} times the "
