@@ -153,12 +153,13 @@ def search(
     labels = excerpts.labels
     labellings = [labels, *(rng.permutation(labels) for _ in range(rule.shuffles))]
     knobs = knobs_of(spec)
+    edges = [_edges(excerpts, spec, knob) for knob in knobs]
     rows, isi, rates = [], [], {}
 
     def tried(values: Sequence[float]) -> list[float]:
         """Spikes per second of an afferent of each knob at these values, which are added to the tables."""
         encoder = _with(spec, dict(zip(knobs, values, strict=True)))
-        for knob, value, fired in zip(knobs, values, _fire(excerpts, encoder, knobs), strict=True):
+        for knob, value, steps, fired in zip(knobs, values, edges, _fire(excerpts, encoder, knobs), strict=True):
             row = {
                 "afferent": knob.name,
                 "gain": value,
@@ -169,8 +170,9 @@ def search(
             }
             rows.append(row)
             rates[knob.name, value] = _per_second(excerpts, fired)
-            edges_ms = _edges(excerpts, spec, knob) / _clock(excerpts, spec) * 1e3
-            isi.append(_isi_table(fired.shares, labels, excerpts.classes, edges_ms, knob.name, value))
+            of_trials = fired.shares.mean(axis=1)
+            of_classes = [of_trials[labels == label].mean(axis=0) for label in range(len(excerpts.classes))]
+            isi.append((knob.name, value, steps / _clock(excerpts, spec) * 1e3, of_classes))
         if progress:
             progress(1, ", ".join(f"{knob.name} {value:g}" for knob, value in zip(knobs, values, strict=True)))
         return [row["spikes_per_s"] for row in rows[-len(knobs) :]]
@@ -188,7 +190,7 @@ def search(
     column, sign = (table.afferent.map({name: pair[i] for name, pair in places.items()}) for i in (0, 1))
     table = table.iloc[np.lexsort([sign * table.gain, column])].reset_index(drop=True)  # from few spikes to many
     within = (table.silent_share <= rule.max_silent_share) & (table.floor_share <= rule.max_floor_share)
-    shares = pd.concat(isi, ignore_index=True).drop_duplicates(["afferent", "gain", "label", "isi_ms"])
+    shares = _isi_table(isi, excerpts.classes).drop_duplicates(["afferent", "gain", "label", "isi_ms"])
     return Searched(table.assign(admissible=within, chosen=False), shares, rates)
 
 
@@ -420,12 +422,16 @@ def choose(table: pd.DataFrame, rule: CalibrationRule, where: str, knob: str = "
 
 
 def _isi_table(
-    shares: np.ndarray, labels: np.ndarray, classes: tuple[str, ...], edges_ms: np.ndarray, afferent: str, gain: float
+    tried: Iterable[tuple[str, float, np.ndarray, list[np.ndarray]]], classes: Sequence[str]
 ) -> pd.DataFrame:
-    middles_ms = [*np.sqrt(edges_ms[1:] * edges_ms[:-1]), np.inf]
-    of_trials = shares.mean(axis=1)
-    parts = [
-        pd.DataFrame({"label": name, "isi_ms": middles_ms, "share": of_trials[labels == label].mean(axis=0)})
-        for label, name in enumerate(classes)
+    """`Calibration.isi`: a row for each bin, class and value of a knob.
+
+    tried: the afferent, its gain, the edges of the bins in ms, and the share of each bin in each class.
+    """
+    rows = [
+        (name, isi_ms, share, afferent, gain)
+        for afferent, gain, edges_ms, of_classes in tried
+        for name, shares in zip(classes, of_classes, strict=True)
+        for isi_ms, share in zip([*np.sqrt(edges_ms[1:] * edges_ms[:-1]), np.inf], shares, strict=True)
     ]
-    return pd.concat(parts, ignore_index=True).assign(afferent=afferent, gain=gain)
+    return pd.DataFrame(rows, columns=["label", "isi_ms", "share", "afferent", "gain"])

@@ -85,17 +85,19 @@ def separation(shares: np.ndarray, labellings: Sequence[np.ndarray]) -> float:
 
     The Jensen-Shannon divergence of two classes' mean distributions, averaged over pairs and afferents; less the
     average over shuffled labels, because distributions of few trials always differ.
+    labellings: the labels `(trial,)`, then the same labels shuffled, as often as one likes.
     """
-    true, *shuffled = (_divergence(shares, labels) for labels in labellings)
+    classes = np.unique(labellings[0])
+    one, other = np.triu_indices(len(classes), k=1)
+
+    def divergence(labels: np.ndarray) -> float:
+        means = np.stack([shares[labels == label].mean(axis=0) for label in classes])
+        entropies = _entropy(means)
+        mixed = _entropy((means[one] + means[other]) / 2)
+        return float((mixed - (entropies[one] + entropies[other]) / 2).mean())
+
+    true, *shuffled = map(divergence, labellings)
     return float(true - np.mean(shuffled))
-
-
-def _divergence(shares: np.ndarray, labels: np.ndarray) -> float:
-    means = np.stack([shares[labels == label].mean(axis=0) for label in np.unique(labels)])
-    one, other = np.triu_indices(len(means), k=1)
-    entropies = _entropy(means)
-    mixed = _entropy((means[one] + means[other]) / 2)
-    return float((mixed - (entropies[one] + entropies[other]) / 2).mean())
 
 
 def _entropy(shares: np.ndarray) -> np.ndarray:
