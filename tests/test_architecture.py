@@ -4,10 +4,10 @@ import ast
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
-
-import pytest
+from typing import NamedTuple
 
 import neurotact
 
@@ -35,6 +35,7 @@ FLOORS = (
 LARGEST_ROOM = 0.30
 """Share of the package's lines that one room may hold."""
 FLOOR = {part: floor for floor, parts in enumerate(FLOORS) for part in parts}
+LOADS = re.compile("^(load|save)$|pickle")
 PICKLES = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal"}
 PLAIN_VALUES = "plain_objects.py"
 """Checks every opcode of a pickle before it is read, and refuses every name in it."""
@@ -54,21 +55,47 @@ OF_CLI_ALONE = {
     "deploy": {"effects"},  # `export` is two functions and a check, and knows which options belong to which
 }
 
-each_module = pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
+
+class Module(NamedTuple):
+    """imports: dotted names, wherever in the module the import stands. loads: calls that may read or write a pickle.
+
+    texts: the string literals; of an f-string all parts in one, with `X` in place of each value.
+    """
+
+    docstring: str | None
+    imports: tuple[str, ...]
+    loads: tuple[ast.Call, ...]
+    texts: tuple[str, ...]
 
 
-def tree_of(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
+@cache
+def module(path: Path) -> Module:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    nodes = list(ast.walk(tree))
+    inner = {id(part) for node in nodes if isinstance(node, ast.JoinedStr) for part in node.values}
+    loads = tuple(node for node in nodes if isinstance(node, ast.Call) and LOADS.search(_name(node)))
+    return Module(ast.get_docstring(tree), tuple(_imports(path, nodes)), loads, tuple(_texts(nodes, inner)))
 
 
-def imported(path: Path) -> Iterator[str]:
-    """Dotted names of all that a module imports, wherever in it the import stands."""
-    for node in ast.walk(tree_of(path)):
+def _name(call: ast.Call) -> str:
+    return call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
+
+
+def _imports(path: Path, nodes: list[ast.AST]) -> Iterator[str]:
+    for node in nodes:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: imports are absolute"
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def _texts(nodes: list[ast.AST], inner: set[int]) -> Iterator[str]:
+    for node in nodes:
+        if isinstance(node, ast.JoinedStr):
+            yield "".join(str(part.value) if isinstance(part, ast.Constant) else "X" for part in node.values)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in inner:
+            yield node.value
 
 
 def part_of(path: Path) -> str:
@@ -77,7 +104,7 @@ def part_of(path: Path) -> str:
 
 def parts_used(path: Path) -> set[str]:
     """Which parts of neurotact a module imports; the package itself (`neurotact.__version__`) is no part."""
-    names = [name.split(".") for name in imported(path)]
+    names = [name.split(".") for name in module(path).imports]
     return {name[1] for name in names if name[0] == "neurotact" and len(name) > 1 and not name[1].startswith("_")}
 
 
@@ -86,14 +113,11 @@ def test_every_part_has_its_floor():
     assert parts <= set(FLOOR)
 
 
-@each_module
-def test_a_module_imports_from_lower_floors_alone(path):
-    part = part_of(path)
-    if part == "__init__":
-        assert not parts_used(path)
-        return
-    same_or_higher = {used for used in parts_used(path) if used != part and FLOOR[used] >= FLOOR[part]}
-    assert not same_or_higher
+def test_a_module_imports_from_lower_floors_alone():
+    for path in MODULES:
+        part = part_of(path)
+        floor = FLOOR.get(part, 0)  # that of the package itself: it imports nothing
+        assert not {used for used in parts_used(path) if used != part and FLOOR[used] >= floor}, path
 
 
 def test_the_command_line_calls_the_api_alone():
@@ -103,7 +127,9 @@ def test_the_command_line_calls_the_api_alone():
 
 def test_no_module_imports_itself_in_a_circle():
     names = {module_of(path): path for path in MODULES}
-    used = {name: {_module_in(one, names) for one in imported(path)} - {None, name} for name, path in names.items()}
+    used = {
+        name: {_module_in(one, names) for one in module(path).imports} - {None, name} for name, path in names.items()
+    }
     TopologicalSorter(used).prepare()  # raises CycleError, which names the circle
 
 
@@ -127,27 +153,25 @@ def test_no_room_holds_most_of_the_package():
 
 def test_only_the_papers_import_a_paper():
     """The framework finds them by name (`neurotact.plugins`)."""
-    knowing = {path for path in MODULES if any(name.startswith("neurotact.papers") for name in imported(path))}
+    knowing = {path for path in MODULES if any(name.startswith("neurotact.papers") for name in module(path).imports)}
     assert {part_of(path) for path in knowing} == {"papers"}
 
 
-@each_module
-def test_nothing_reads_or_writes_a_pickle(path):
-    assert path.name == PLAIN_VALUES or not PICKLES & {name.split(".")[0] for name in imported(path)}
-    for call in (node for node in ast.walk(tree_of(path)) if isinstance(node, ast.Call)):
-        called = ast.unparse(call.func)
-        assert called not in ("torch.load", "torch.save"), f"{path}, line {call.lineno}: {called} is a pickle"
-        assert "pickle" not in called.rpartition(".")[2], f"{path}, line {call.lineno}: {called}"
-        if called in ("np.load", "numpy.load"):
-            given = {word.arg: ast.unparse(word.value) for word in call.keywords}
-            assert given.get("allow_pickle") == "False", (
-                f"{path}, line {call.lineno}: np.load without allow_pickle=False"
-            )
+def test_nothing_reads_or_writes_a_pickle():
+    for path in MODULES:
+        assert path.name == PLAIN_VALUES or not PICKLES & {name.split(".")[0] for name in module(path).imports}, path
+        for call in module(path).loads:
+            called = ast.unparse(call.func)
+            where = f"{path}, line {call.lineno}: {called}"
+            assert "pickle" not in called.rpartition(".")[2], where
+            assert called not in ("torch.load", "torch.save"), f"{where} is a pickle"
+            if called in ("np.load", "numpy.load"):
+                given = {word.arg: ast.unparse(word.value) for word in call.keywords}
+                assert given.get("allow_pickle") == "False", f"{where} without allow_pickle=False"
 
 
-@each_module
-def test_a_module_says_what_it_is(path):
-    assert ast.get_docstring(tree_of(path))
+def test_a_module_says_what_it_is():
+    assert [path for path in MODULES if not module(path).docstring] == []
 
 
 def test_no_two_test_files_have_one_name():
@@ -156,22 +180,10 @@ def test_no_two_test_files_have_one_name():
     assert len(names) == len(set(names))
 
 
-def texts(path: Path) -> Iterator[str]:
-    """The string literals of a module; of an f-string all parts in one, with `X` in place of each value."""
-    tree = tree_of(path)
-    inner = {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.JoinedStr):
-            yield "".join(part.value if isinstance(part, ast.Constant) else "X" for part in node.values)
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in inner:
-            yield node.value
-
-
-@each_module
-def test_only_the_command_line_names_an_option(path):
+def test_only_the_command_line_names_an_option():
     """A message names the parameter, in backquotes; the command line turns it into the option (`cli.words`)."""
-    name = path.relative_to(PACKAGE).as_posix()
-    if part_of(path) == "cli" or name in OPTIONS_ALLOWED:
-        return
-    found = [text for text in texts(path) if OPTION.search(TYPED.sub("", OTHER_PROGRAMS.sub("", text)))]
-    assert not found
+    for path in MODULES:
+        if part_of(path) == "cli" or path.relative_to(PACKAGE).as_posix() in OPTIONS_ALLOWED:
+            continue
+        texts = module(path).texts
+        assert [text for text in texts if OPTION.search(TYPED.sub("", OTHER_PROGRAMS.sub("", text)))] == [], path
