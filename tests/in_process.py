@@ -1,7 +1,8 @@
-"""The command line in this process: no start, no import. Processes of their own are for laws about processes."""
+"""The command line and studies in this process: no start, no import. Processes are for laws about processes."""
 
 import sys
-from contextlib import redirect_stderr, redirect_stdout
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
@@ -9,6 +10,8 @@ from typing import NamedTuple
 import pytest
 
 from neurotact import cli
+from neurotact.studies import runner
+from neurotact.studies.store import cell_folder
 
 
 class Done(NamedTuple):
@@ -27,3 +30,19 @@ def typed(*words: object, cwd: Path | None = None) -> Done:
         with pytest.raises(SystemExit) as end:
             cli.main()
     return Done(int(end.value.code or 0), out.getvalue(), err.getvalue())
+
+
+@contextmanager
+def studies_here() -> Iterator[pytest.MonkeyPatch]:
+    """Studies prepare and compute their cells in this process, with what tests have patched."""
+
+    @contextmanager
+    def here(*_):
+        yield lambda kind, cells, folder: (
+            (cell, kind.run(cell, kind.load(folder / cell.given), cell_folder(folder, cell), False)) for cell in cells
+        )
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(runner, "in_a_process", lambda task, *arguments: task(*arguments))
+        patch.setattr(runner, "executor", here)
+        yield patch

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from in_process import studies_here
 
 from neurotact.data.hdf5 import load_spikes
 from neurotact.errors import InputError
@@ -30,7 +31,8 @@ UNKNOWN = {
 def run(tmp_path_factory):
     what = study.resolve(TINY, UNKNOWN)
     folder = tmp_path_factory.mktemp("unknown")
-    runner.run(what, folder, workers=1)
+    with studies_here():
+        runner.run(what, folder)
     report.write(folder)
     return what, folder
 
@@ -95,7 +97,8 @@ def told(tmp_path_factory):
     small = {"sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1]], "network.hidden": 4}
     what = study.resolve(TINY, {**asked, **small, "dataset.stratify": ["force_N", "speed_mm_per_s"]})
     folder = tmp_path_factory.mktemp("told")
-    runner.run(what, folder, workers=1)
+    with studies_here():
+        runner.run(what, folder)
     report.write(folder)
     return what, folder
 

@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from in_process import studies_here
 from toy import bring
 
 from neurotact import files
@@ -23,7 +24,6 @@ from neurotact.errors import InputError
 from neurotact.networks.search import journal
 from neurotact.spec import shipped
 from neurotact.studies import loading, preparation, protocol, runner, store, study
-from neurotact.studies.store import cell_folder
 
 HERE = Path(__file__).parent
 TINY = HERE / "tiny.toml"
@@ -44,17 +44,8 @@ KINDS = {
 @contextmanager
 def one_process() -> Iterator[pytest.MonkeyPatch]:
     """Studies run in this process, which knows the toy protocol."""
-
-    @contextmanager
-    def here(*_):
-        yield lambda kind, cells, folder: (
-            (cell, kind.run(cell, kind.load(folder / cell.given), cell_folder(folder, cell), False)) for cell in cells
-        )
-
-    with pytest.MonkeyPatch.context() as patch:
+    with studies_here() as patch:
         bring(patch)
-        patch.setattr(runner, "in_a_process", lambda task, *arguments: task(*arguments))
-        patch.setattr(runner, "executor", here)
         yield patch
 
 
@@ -191,7 +182,10 @@ def test_a_whole_run_is_left_as_it_is_and_its_inputs_are_hashed_once(run, monkey
 # --- what cells share ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("junk", [b"", b"[]", b"a,b\n1\n"])
+SHARED_JUNK = (b"", b"[]", b"a,b\n1\n")
+
+
+@pytest.mark.parametrize("junk", SHARED_JUNK)
 def test_junk_in_what_cells_share_is_written_again(whole, run, junk, capsys):
     before = times_of_results(run)
     shared = (
@@ -204,7 +198,8 @@ def test_junk_in_what_cells_share_is_written_again(whole, run, junk, capsys):
         "spikes/*.*",
         "data/*.*",
     )
-    for path in sorted(path for name in shared for path in run.glob(name) if path.name != store.FILES):
+    paths = sorted(path for name in shared for path in run.glob(name) if path.name != store.FILES)
+    for path in paths[SHARED_JUNK.index(junk) :: len(SHARED_JUNK)]:  # all paths, spread over the kinds of junk
         path.write_bytes(junk)
         resume(run)
         assert f"{path.relative_to(run).as_posix()}: was changed; " in capsys.readouterr().err

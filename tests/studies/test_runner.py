@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from in_process import studies_here
 
 from neurotact import cli, files
 from neurotact.errors import InputError
-from neurotact.report import report
+from neurotact.report import page, report
 from neurotact.studies import runner, study
 
 TINY = Path(__file__).parent / "tiny.toml"
@@ -140,7 +141,8 @@ def test_a_study_that_goes_on_says_how_much_is_done(finished, tmp_path, capsys):
     folder = tmp_path / "run"
     shutil.copytree(finished, folder)
     shutil.rmtree(next(folder.glob("cells/*")))
-    runner.run(study.resolve(TINY), folder, workers=1)
+    with studies_here():
+        runner.run(study.resolve(TINY), folder)
     assert f"neurotact: {folder}: resumes; 7 of 8 cells are already done\n" in capsys.readouterr().err
 
 
@@ -151,11 +153,13 @@ def test_a_folder_that_holds_anything_else_is_refused(tmp_path):
     assert (tmp_path / "thesis.tex").read_text() == "dear"
 
 
-def test_a_finished_study_runs_again_without_training(finished):
+def test_a_finished_study_runs_again_without_training(finished, monkeypatch):
+    monkeypatch.setattr(page, "_keep", lambda drawn, _: {"source": "", "width": 0, **drawn._asdict()})  # no picture
     before = {path: path.stat().st_mtime_ns for path in finished.glob("cells/*/result.json")}
     claimed = {"name": "c", "source": "s", "published": "p", "kind": "at_least", "measure": "hidden", "value": 1}
-    runner.run(study.resolve(TINY, {"claims": [claimed]}), finished, workers=1)
-    report.write(finished)
-    assert "1 of 1 claims reproduced" in (finished / "report.html").read_text()
-    runner.run(study.resolve(TINY), finished, workers=1)
+    with studies_here():
+        runner.run(study.resolve(TINY, {"claims": [claimed]}), finished)
+        report.write(finished)
+        assert "1 of 1 claims reproduced" in (finished / "report.html").read_text()
+        runner.run(study.resolve(TINY), finished)
     assert before == {path: path.stat().st_mtime_ns for path in finished.glob("cells/*/result.json")}

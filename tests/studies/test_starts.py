@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from in_process import studies_here
 
 from neurotact.data.hdf5 import load_spikes
 from neurotact.data.splits import SplitSpec
@@ -30,8 +31,9 @@ STARTS = {
 def run(tmp_path_factory):
     what = study.resolve(TINY, STARTS)
     folder = tmp_path_factory.mktemp("starts")
-    runner.run(what, folder, workers=1)
-    return what, folder
+    with studies_here():
+        runner.run(what, folder)
+        yield what, folder
 
 
 def test_each_cell_works_on_the_recordings_of_its_own_start(run):
@@ -61,7 +63,7 @@ def test_every_encoding_stays_listed_and_is_not_made_again(run):
     assert {path.name for path in paths} <= set(listed)
     made = [path.stat().st_mtime_ns for path in paths]
     (folder / "results.csv").unlink()
-    runner.run(what, folder, workers=1)
+    runner.run(what, folder)
     assert [path.stat().st_mtime_ns for path in paths] == made
 
 
@@ -70,7 +72,7 @@ def test_a_lost_encoding_of_a_later_start_is_made_again_the_same(run):
     path = folder / list(study.cells(what))[1].given
     before = path.read_bytes()
     path.unlink()
-    runner.run(what, folder, workers=1)
+    runner.run(what, folder)
     assert path.read_bytes() == before
 
 

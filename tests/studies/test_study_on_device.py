@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from in_process import studies_here
 
 from neurotact.errors import InputError
 from neurotact.studies import device, loading, runner
@@ -32,7 +33,8 @@ def on_device(tmp_path_factory):
 
 
 def test_a_study_trains_its_networks_at_once_to_the_same_results(on_device, tmp_path):
-    runner.run(resolved(), tmp_path, workers=1)
+    with studies_here():
+        runner.run(resolved(), tmp_path)
     found, wanted = (pd.read_csv(folder / "results.csv") for folder in (on_device, tmp_path))
     assert len(found) == 4
     pd.testing.assert_frame_equal(found, wanted, rtol=1e-6)

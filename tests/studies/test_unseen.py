@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from in_process import studies_here
 
 import neurotact as nt
 from neurotact.data import hdf5
@@ -43,8 +44,9 @@ def presses(path, speeds=(1, 2, 3), each=8, late=False):
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     place = tmp_path_factory.mktemp("unseen")
-    path = presses(place / "touches.h5", each=40)
-    nt.run_study("own-recordings", place / "run", FEW, data=path, leave_out_each="speed", workers=1)
+    path = presses(place / "touches.h5", each=20)
+    with studies_here():
+        nt.run_study("own-recordings", place / "run", FEW, data=path, leave_out_each="speed")
     return place / "run"
 
 
@@ -77,7 +79,8 @@ def test_a_resumed_study_has_the_same_copies(run):
     before = (run / "results.csv").read_bytes()
     for path in (run / "spikes").glob("*.h5"):
         path.unlink()
-    nt.resume_study(run, workers=1)
+    with studies_here():
+        nt.resume_study(run)
     assert (run / "results.csv").read_bytes() == before
 
 

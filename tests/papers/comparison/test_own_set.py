@@ -2,6 +2,7 @@
 
 import re
 import shutil
+import warnings
 from pathlib import Path
 
 import h5py
@@ -11,6 +12,7 @@ import pytest
 from browser import browser
 from hypothesis import given
 from hypothesis import strategies as st
+from in_process import studies_here
 from levels import examples
 
 import neurotact as nt
@@ -199,10 +201,11 @@ def test_the_studies_that_ship_hold_no_key_of_a_file():
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """A file, and the folder of its study, run by one process."""
+    """A file, and the folder of its study, run by this process."""
     place = tmp_path_factory.mktemp("own")
     path = saved(place)
-    nt.run_study("ways-to-save", place / "run", SMALL, data=path, workers=1)
+    with studies_here(), warnings.catch_warnings(action="ignore"):  # of silent neurons, in so few trials
+        nt.run_study("ways-to-save", place / "run", SMALL, data=path)
     return path, place / "run"
 
 
