@@ -6,6 +6,7 @@ import sys
 from types import SimpleNamespace
 
 import pytest
+from levels import thinned
 
 from neurotact import backend
 from neurotact.networks.definition import native
@@ -26,9 +27,9 @@ def capability(**environment: str) -> str:
 
 
 @pytest.mark.skipif(not WIDE, reason="this processor has no AVX-512")
-def test_the_command_holds_torch_to_avx2_unless_the_user_has_said_otherwise():
-    assert capability() == "AVX2"
-    assert capability(**{backend.TORCH_INSTRUCTIONS: "avx512"}) == "AVX512"
+@thinned(("said", "used"), [({}, "AVX2"), ({backend.TORCH_INSTRUCTIONS: "avx512"}, "AVX512")])
+def test_the_command_holds_torch_to_avx2_unless_the_user_has_said_otherwise(said, used):
+    assert capability(**said) == used
 
 
 @pytest.mark.parametrize(
@@ -46,3 +47,6 @@ def test_only_processors_with_avx512_are_held(monkeypatch, kernels, held):
     monkeypatch.setattr(os, "environ", {})
     backend.hold_torch_to_avx2()
     assert os.environ.get(backend.TORCH_INSTRUCTIONS) == held
+    monkeypatch.setattr(os, "environ", {backend.TORCH_INSTRUCTIONS: "default"})  # what the user has said stays
+    backend.hold_torch_to_avx2()
+    assert os.environ[backend.TORCH_INSTRUCTIONS] == "default"

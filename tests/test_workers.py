@@ -10,6 +10,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import pytest
+from levels import thinned
 from processes import descendants
 
 import neurotact
@@ -154,7 +155,7 @@ def test_a_server_that_dies_is_replaced():
         assert [*run(_server, [0])] != [(server, 1)]
 
 
-@pytest.mark.parametrize("fault", [EOFError, ConnectionResetError, ConnectionRefusedError])
+@thinned("fault", [EOFError, ConnectionResetError, ConnectionRefusedError])
 def test_a_server_that_dies_while_it_starts_a_process_costs_nothing(fault, monkeypatch):
     submit, faults = ProcessPoolExecutor.submit, [fault] * 2
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from levels import thinned
 
 from neurotact.data.recordings import Recordings
 from neurotact.encoders.afferents import AfferentSpec
@@ -31,7 +32,7 @@ def presses(sign: float, n: int = 8, noisy: bool = False) -> Recordings:
     return Recordings(signals, 1000.0, "count", pd.DataFrame({"label": ["light", "firm"] * n}))
 
 
-@pytest.mark.parametrize(("sign", "loses"), [(1.0, "falling"), (-1.0, "rising")])
+@thinned(("sign", "loses"), [(1.0, "falling"), (-1.0, "rising")])
 def test_the_polarity_of_the_sensor_is_found(sign, loses):
     """Taken from its own start, a signal that falls on contact tells nothing by its rise, and the other way round."""
     found = compare(presses(sign), START, rule=RULE)

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from levels import thinned
 
 import neurotact as nt
 from neurotact.data.recordings import Recordings
@@ -50,7 +51,7 @@ def touches(n_trials=24):
     return Recordings(signals, 1000.0, "mV", pd.DataFrame({"label": ["slow", "fast"] * (n_trials // 2)}))
 
 
-@pytest.mark.parametrize("model", [model for model in MODELS if model != "mechanoreceptor"])
+@thinned("model", [model for model in MODELS if model != "mechanoreceptor"], every=3)
 def test_what_survives_is_measured_for_every_model(model):
     encoder = load(default_of(model))
     found = survival.what_survives(touches(), encoder)

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from browser import Browser, browser
+from levels import thinned
 from live_pages import Given, cut, serving, session_of
 from made_chains import make_chain, make_signal, offline
 
@@ -151,7 +152,7 @@ def test_freezing_stops_the_drawing_and_not_the_stream(window):
         window.wait_for(f"{drawn} !== {before!r}")
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@thinned("scheme", ["light", "dark"])
 def test_the_page_fits_and_draws_with_sixteen_taxels(window, scheme):
     chain, signal = make_chain({}, n_taxels=16, hidden=60), make_signal(3000, 16)
     with serving(session_of(chain, Given(cut(signal), ["1"] * 300))) as server:

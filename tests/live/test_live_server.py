@@ -10,6 +10,7 @@ from threading import Thread
 
 import numpy as np
 import pytest
+from levels import thinned
 from live_pages import Given, cut, has_ended, page_of, serving, session_of
 from made_chains import make_chain, make_signal, offline
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -23,6 +24,13 @@ from neurotact.live_page.server import Allowance, Server, content_policy, page
 
 @pytest.fixture
 def up():
+    with serving(session_of(make_chain({}, patience=5))) as server:
+        yield server
+
+
+@pytest.fixture(scope="module")
+def door():
+    """A server for visitors who change nothing."""
     with serving(session_of(make_chain({}, patience=5))) as server:
         yield server
 
@@ -42,13 +50,13 @@ def get(server: Server, path: str, **headers: str) -> http.client.HTTPResponse:
 # --- who may come in ----------------------------------------------------------------------------------
 
 
-def test_the_page_is_served_with_a_policy_that_runs_its_own_script_alone(up):
-    answer = get(up, f"/{up.token}/")
+def test_the_page_is_served_with_a_policy_that_runs_its_own_script_alone(door):
+    answer = get(door, f"/{door.token}/")
     assert answer.status == 200
     assert answer.body == page()
     policy = dict(part.strip().split(" ", 1) for part in answer.headers["content-security-policy"].split(";"))
     assert policy["default-src"] == "'none'"
-    assert policy["connect-src"] == f"ws://127.0.0.1:{up.port}"
+    assert policy["connect-src"] == f"ws://127.0.0.1:{door.port}"
     assert policy["script-src"].startswith("'sha256-")
     assert "unsafe" not in str(policy)
     assert answer.headers["referrer-policy"] == "no-referrer"
@@ -70,9 +78,9 @@ def test_the_page_asks_nobody_else_for_anything():
 @pytest.mark.parametrize(
     "path", ["/", "/stream", "/{token}", "/{wrong}/", "/{token}/stream", "/{token}/../", "/{token}/x"]
 )
-def test_nothing_else_is_served(up, path):
-    wrong = ("b" if up.token[0] == "a" else "a") + up.token[1:]
-    answer = get(up, path.format(token=up.token, wrong=wrong))
+def test_nothing_else_is_served(door, path):
+    wrong = ("b" if door.token[0] == "a" else "a") + door.token[1:]
+    answer = get(door, path.format(token=door.token, wrong=wrong))
     assert answer.status == 404
     assert page() not in answer.body
 
@@ -81,26 +89,26 @@ def test_nothing_else_is_served(up, path):
     "headers",
     [{"Host": "evil.example"}, {"Host": "127.0.0.1"}, {"Host": "127.0.0.1:1"}, {"Origin": "http://evil.example"}],
 )
-def test_another_host_or_origin_gets_nothing(up, headers):
-    assert get(up, f"/{up.token}/", **headers).status == 404
+def test_another_host_or_origin_gets_nothing(door, headers):
+    assert get(door, f"/{door.token}/", **headers).status == 404
 
 
-def test_localhost_is_this_machine_too(up):
-    answer = get(up, f"/{up.token}/", Host=f"localhost:{up.port}")
+def test_localhost_is_this_machine_too(door):
+    answer = get(door, f"/{door.token}/", Host=f"localhost:{door.port}")
     assert answer.status == 200
-    assert f"connect-src ws://localhost:{up.port};" in answer.headers["content-security-policy"]
+    assert f"connect-src ws://localhost:{door.port};" in answer.headers["content-security-policy"]
 
 
 @pytest.mark.parametrize(
     "origin", [None, "null", "http://evil.example", "https://127.0.0.1:{port}", "http://localhost:{port}"]
 )
-def test_a_websocket_of_another_origin_is_refused(up, origin):
+def test_a_websocket_of_another_origin_is_refused(door, origin):
     with (
         pytest.raises(InvalidStatus, match="404"),
-        page_of(up, origin=origin and origin.format(port=up.port)) as _,
+        page_of(door, origin=origin and origin.format(port=door.port)) as _,
     ):
         pass
-    assert len(up.session.audience) == 0
+    assert len(door.session.audience) == 0
 
 
 def test_a_websocket_without_the_token_is_refused(up):
@@ -120,13 +128,13 @@ def test_tokens_are_long_and_never_the_same():
         each._socket.close()
 
 
-def test_it_listens_on_loopback_alone(up):
-    assert up._socket.getsockname()[0] == "127.0.0.1"
+def test_it_listens_on_loopback_alone(door):
+    assert door._socket.getsockname()[0] == "127.0.0.1"
 
 
-def test_a_port_that_is_taken_is_refused(up):
-    with pytest.raises(InputError, match=f"`port={up.port}`: cannot be used"):
-        Server(up.session, up.port)
+def test_a_port_that_is_taken_is_refused(door):
+    with pytest.raises(InputError, match=f"`port={door.port}`: cannot be used"):
+        Server(door.session, door.port)
 
 
 def test_more_pages_than_a_room_holds_are_sent_away(up, monkeypatch):
@@ -175,15 +183,15 @@ def test_what_is_no_message_is_dropped_and_counted(up):
         ({"kind": "save", "name": "mine"}, "saving is off"),
     ],
 )
-def test_what_cannot_be_done_is_answered_and_changes_nothing(up, message, why):
-    with page_of(up) as me:
+def test_what_cannot_be_done_is_answered_and_changes_nothing(door, message, why):
+    with page_of(door) as me:
         me.until(lambda me: me.state)
         before = me.state["settings"]
         me.ask(**message)
         me.until(lambda me: me.answers)
         assert me.answers[0]["kind"] == "refused"
         assert why in me.answers[0]["why"]
-        assert up.session._settings() == before
+        assert door.session._settings() == before
 
 
 # --- who stays -----------------------------------------------------------------------------------------
@@ -221,7 +229,7 @@ def test_a_browser_comes_in_whatever_a_hundred_others_hold_open(up, said):
         each.close()
 
 
-@pytest.mark.parametrize("said", [b"", b"GET /a HTTP/1.1\r\nHost: a\r\n", b"GET /a/ HTTP/1.1\r\nHost: a\r\n\r\nGET /a"])
+@thinned("said", [b"", b"GET /a HTTP/1.1\r\nHost: a\r\n", b"GET /a/ HTTP/1.1\r\nHost: a\r\n\r\nGET /a"])
 def test_a_connection_that_never_ends_its_request_is_closed(monkeypatch, said):
     monkeypatch.setattr(connections, "ANSWERED_S", 0.5)
     with serving(session_of(make_chain({}, patience=5))) as up:

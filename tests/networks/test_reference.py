@@ -6,7 +6,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from levels import examples
+from levels import examples, thinned
 from snntorch import surrogate
 from torch import Tensor
 
@@ -87,7 +87,7 @@ def finite_difference(net: RSNN, x: Tensor, parameter: Tensor, h: float = 1e-6) 
 
 
 @each_delay
-@pytest.mark.parametrize(("membrane", "reset"), VARIANTS)
+@thinned(("membrane", "reset"), VARIANTS, every=2)
 def test_gradients_equal_finite_differences(membrane, reset, delay):
     net, x = network(membrane, reset, recurrent_delay_steps=delay), spikes()
     loss, resets = loss_of(net, x)

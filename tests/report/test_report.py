@@ -241,6 +241,7 @@ def test_a_run_that_is_not_complete_says_so(tmp_path, n_done):
     assert f"{n_done} of 24" in page.text
 
 
+@pytest.mark.usefixtures("text_alone")
 @thinned("stratify", [["finger"], []])
 def test_other_touch_than_gratings(tmp_path, stratify):
     sweep = {"encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [5, 10]], "network.hidden": [30]}

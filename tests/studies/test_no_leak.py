@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from levels import thinned
 
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
@@ -143,7 +144,7 @@ def test_test_trials_decide_nothing_but_the_test(tmp_path):
     assert rows[0]["spikes_sa"] != rows[1]["spikes_sa"]  # the plant was there
 
 
-@pytest.mark.parametrize("side", ["train", "validation"])
+@thinned("side", ["train", "validation"])
 def test_what_a_study_may_look_at_does_change_it(tmp_path, side):
     """So the test above can fail: gains see the training trials, and training both."""
     one = cell_of(tmp_path, 0)
