@@ -11,7 +11,7 @@ from sklearn.utils.validation import check_is_fitted
 from torch import Tensor, nn
 from torch.nn import functional, init
 
-from neurotact.baselines.targets import encode
+from neurotact.baselines.targets import ProbabilitiesMixin, encode
 from neurotact.checks import at_least, sequences, trial_labels
 from neurotact.errors import InputError
 
@@ -21,7 +21,7 @@ TRIALS_AT_ONCE = 8
 """Trials per gradient computation; a batch is the sum of such parts, since 48 trials would need gigabytes."""
 
 
-class ConvLSTMClassifier(ClassifierMixin, BaseEstimator):
+class ConvLSTMClassifier(ProbabilitiesMixin, ClassifierMixin, BaseEstimator):
     """One ConvLSTM layer, a dense ReLU layer on its last state and a softmax, trained by Adam (touch-modality paper).
 
     The LSTM of `LSTMClassifier` with convolutions in place of products: that of the image without padding (so it
@@ -99,11 +99,6 @@ class ConvLSTMClassifier(ClassifierMixin, BaseEstimator):
             raise InputError(f"X: images are {tuple(images.shape[2:])} but were {expected} in training; give those")
         parts = [self.network_(part.to(self.device)).softmax(dim=1) for part in images.split(TRIALS_AT_ONCE)]
         return torch.cat(parts).cpu().numpy()
-
-    def predict(self, X: ArrayLike) -> np.ndarray:
-        """Labels `(trial,)`."""
-        winners = self.predict_proba(X).argmax(axis=1)
-        return self.classes_[winners]
 
     def _train(self, images: Tensor, labels: Tensor, generator: torch.Generator) -> None:
         optimiser = torch.optim.Adam(self.network_.parameters(), lr=self.learning_rate, eps=1e-7)

@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn import functional, init
 
 from neurotact.baselines.recurrent_layers import GRULayers, Layers, LSTMLayers, Shape
-from neurotact.baselines.targets import encode
+from neurotact.baselines.targets import ProbabilitiesMixin, encode
 from neurotact.checks import at_least, sequences, trial_labels
 from neurotact.errors import InputError
 
@@ -27,7 +27,7 @@ PREDICTED_AT_ONCE = 256
 """Trials in one prediction, which bounds its memory."""
 
 
-class _RecurrentClassifier(ClassifierMixin, BaseEstimator):
+class _RecurrentClassifier(ProbabilitiesMixin, ClassifierMixin, BaseEstimator):
     """The common part: a layer of `hidden` cells whose last state feeds a dense softmax."""
 
     _layers: ClassVar[type[Layers]]
@@ -60,11 +60,6 @@ class _RecurrentClassifier(ClassifierMixin, BaseEstimator):
             raise InputError(f"X: has {signals.shape[2]} channels, but training had {self.n_channels_}; give those")
         parts = [self._logits(part) for part in torch.tensor(signals).split(PREDICTED_AT_ONCE)]
         return torch.cat(parts).softmax(dim=1).numpy()
-
-    def predict(self, X: ArrayLike) -> np.ndarray:
-        """Labels `(trial,)`."""
-        winners = self.predict_proba(X).argmax(axis=1)
-        return self.classes_[winners]
 
     def _logits(self, signals: Tensor) -> Tensor:
         n_trials, n_steps, n_channels = signals.shape

@@ -14,7 +14,7 @@ from sklearn.utils import check_random_state
 from torch import Tensor
 from torch.nn import functional
 
-from neurotact.baselines.targets import encode, indices_of
+from neurotact.baselines.targets import ProbabilitiesMixin, encode, indices_of
 from neurotact.checks import at_least, fraction, further_examples, one_of, training_examples
 from neurotact.data.copies import equal_examples
 from neurotact.data.splits import hold_out
@@ -24,7 +24,7 @@ Activation = Literal["sigmoid", "relu"]
 Examples = tuple[ArrayLike, ArrayLike]
 
 
-class SLFNClassifier(ClassifierMixin, BaseEstimator):
+class SLFNClassifier(ProbabilitiesMixin, ClassifierMixin, BaseEstimator):
     """Single-hidden-layer feed-forward network with a softmax, trained by back-propagation on cross-entropy.
 
     Stiffness paper, Eq. 1 (S-FC, R-FC): Adam, initial weights uniform in (-1, 1), biases zero; training stops when the
@@ -84,11 +84,6 @@ class SLFNClassifier(ClassifierMixin, BaseEstimator):
         drive = X @ self.hidden_weights_ + self.hidden_biases_
         active = expit(drive) if self.activation == "sigmoid" else np.maximum(drive, 0.0)
         return softmax(active @ self.coef_ + self.intercept_, axis=1)
-
-    def predict(self, X: ArrayLike) -> np.ndarray:
-        """Labels `(example,)`."""
-        winners = self.predict_proba(X).argmax(axis=1)
-        return self.classes_[winners]
 
     def _keep(self, trained: "_Trained") -> None:
         weights = (w.double().numpy() for w in trained.weights)
