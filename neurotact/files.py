@@ -176,6 +176,7 @@ def locked(folder: str | Path) -> Iterator[None]:
             os.write(descriptor, json.dumps(who).encode())
         yield
     finally:
+        # Removed while it is locked: afterwards it may be the lock of another process.
         with suppress(OSError):  # the folder may have become read-only; a released lock file may stay
             path.unlink(missing_ok=True)
         os.close(descriptor)

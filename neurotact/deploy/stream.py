@@ -94,6 +94,8 @@ class Stream:
             raise InputError(f"hold_ms: must be from 0 to 1e9 ms; got {hold_ms:g}")
         self._most_samples = max(1, int(MOST_STEPS_AT_ONCE * min(1.0, rate_Hz / self.chain.clock_Hz)))
         self.hold_samples = max(1, int(hold_ms * 1e-3 * rate_Hz))
+        # Where the step is compiled, filters, neurons and windows are kept there, and this state is behind until
+        # `_copy_state` fetches them.
         self._state = StreamState(self.chain.windows.begin())
         # Synaptic operations are linear in the spikes: the cost of one input spike, and of one hidden spike.
         costs = synops.of_network(self.chain.network, np.array([1, 0]), np.array([0, 1])).total
@@ -120,7 +122,7 @@ class Stream:
 
         samples: `(sample, taxel)`, or `(taxel,)` for one, in the given unit; NaN for a missing value.
         """
-        decided = self._take(samples)
+        decided = self._take(samples)  # which checks for itself, in a fraction of the time of `_checked`
         if decided is None:
             samples = self._checked(samples)
             decided = self._take(samples)
