@@ -51,6 +51,7 @@ NETWORKS = {
     "clock of the network": {"step_ms": 3.0},
     "clock slower than its encoder's": {"step_ms": 3.0},
     "recurrence": {"model": "rsnn"},
+    "recurrence in blocks": {"recurrent_blocks": 3},
     "recurrent delay": {"recurrent_delay_steps": 1},
     "membrane eq4": {"membrane": "eq4"},
     "membrane delayed": {"membrane": "delayed"},

@@ -16,6 +16,8 @@ from made_chains import READOUTS
 import neurotact as nt
 from neurotact.data.hdf5 import save_spikes
 from neurotact.data.spikes import from_rasters
+from neurotact.deploy import fine_tuning
+from neurotact.deploy.formats import Steps
 from neurotact.errors import InputError
 from neurotact.networks.definition import kernels, recipe, seeds
 from neurotact.networks.definition.joining import joined
@@ -302,6 +304,16 @@ def test_blocks_stay_apart_in_training_and_pruning_takes_a_share_of_what_exists(
     assert not torch.equal(net.w_rec, before)
     prune(net, 0.5)
     assert int(net.w_rec.count_nonzero()) == 6
+
+
+def test_fine_tuning_leaves_the_blocks_of_a_joined_network_apart():
+    whole = joined([network(k, recurrent_weight_scale=0.5) for k in range(3)])
+    side = Examples(spikes(n_trials=16), torch.arange(16) % 2)
+    grids = fine_tuning.grids_of(whole, Steps(0.05, 0.05, 0.05), weight_bits=6)
+    before = whole.w_rec.detach().clone()
+    fine_tuning.fine_tune(whole, side, side, grids, generator=torch.Generator().manual_seed(0), epochs=3)
+    assert not whole.w_rec[~whole.within_blocks()].any()
+    assert not torch.equal(whole.w_rec, before)
 
 
 def test_rates_of_blocks_are_those_of_the_synapses_that_exist():

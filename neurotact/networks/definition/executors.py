@@ -151,10 +151,13 @@ FEATURES: dict[str, Feature] = {
         "export the network alone, on whose own clock spikes then arrive, or train with step_ms = 'encoder'",
     ),
     "recurrence": Feature(
+        "network", ("model", "recurrent_weight_scale"), _of_spec("model", "rsnn"), "train with model = 'snn'"
+    ),
+    "recurrence in blocks": Feature(
         "network",
-        ("model", "recurrent_weight_scale", "recurrent_blocks"),
-        _of_spec("model", "rsnn"),
-        "train with model = 'snn'",
+        ("recurrent_blocks",),
+        lambda s: s.network.spec.recurrent and s.network.spec.recurrent_blocks > 1,
+        "train with recurrent_blocks = 1 and training.members = 1",
     ),
     "recurrent delay": Feature(
         "network",
