@@ -38,11 +38,29 @@ def test_a_network_that_stays_behind_is_named(low, high, verdict, expected):
     ({"hidden": 30}, "try `network='default'` or more hidden neurons (`settings={'hidden': 60}`) or `nt.tune`"),
     ({"hidden": 128, "input_deviation": 1.0}, "try more hidden neurons (`settings={'hidden': 256}`) or `nt.tune`"),
     ({"hidden": 600, "input_deviation": 1.0}, "; try `nt.tune`"),
+    ({"hidden": 600, "input_deviation": 1.0, "readout": "integrator"}, "; try `nt.tune`"),
+    (
+        {"hidden": 60, "input_deviation": 1.0, "readout": "integrator"},
+        "(`settings={'hidden': 120}`) or 3 networks joined (`settings={'effort': 'best'}`) or `nt.tune`",
+    ),
 ])  # fmt: skip
 def test_the_remedy_for_a_network_behind_a_classifier_changes_this_network(given, expected):
     one = compared(0.6, 0.8)
     (line,) = cautions.worse_than_baseline(one, RSNNSpec(**given))
     assert expected in line
+
+
+def test_more_neurons_are_those_of_each_network_that_is_joined():
+    spec = RSNNSpec(hidden=150, input_deviation=1.0, readout="integrator")
+    (line,) = cautions.worse_than_baseline(compared(0.6, 0.8), spec, members=3)
+    assert line.endswith("try more hidden neurons (`settings={'hidden': 100}`) or `nt.tune`")
+
+
+def test_a_log_of_joined_networks_is_judged_network_by_network():
+    good, bad = log([2.0, 0.5]).assign(member=1), log([2.0, 0.5, 2.1]).assign(member=2)
+    spec = TrainingSpec(schedule="cosine")
+    (line,) = cautions.training(pd.concat([good, bad, good.assign(member=3)]), spec)
+    assert line.startswith("1 of 3 networks: training diverged")
 
 
 @pytest.mark.parametrize(("n", "warned"), [(4, True), (5, False)])

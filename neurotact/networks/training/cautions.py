@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.splits import SplitSpec
-from neurotact.networks.definition.specs import MOST_HIDDEN, RSNNSpec, TrainingSpec
+from neurotact.networks.definition.specs import BEST_MEMBERS, MOST_HIDDEN, RSNNSpec, TrainingSpec
 from neurotact.networks.training.comparison import Comparison
 
 Command = Literal["train", "tune", "fine-tune"]
@@ -35,18 +35,26 @@ def not_learned(accuracy: float, low: float, guess: float, command: Command = "t
 
 
 def worse_than_baseline(
-    comparison: Comparison, spec: RSNNSpec, command: Command = "train", searched: Collection[str] = ()
+    comparison: Comparison,
+    spec: RSNNSpec,
+    command: Command = "train",
+    searched: Collection[str] = (),
+    members: int = 1,
 ) -> Iterator[str]:
     """Whether a classifier on the same spikes is clearly better than the network of this spec.
 
-    searched: keys of the network that a search has chosen.
+    searched: keys of the network that a search has chosen. members: how many networks were joined into it.
     """
     if comparison.verdict == "worse":
         is_larger_possible = spec.hidden <= MOST_HIDDEN // 2 and "hidden" not in searched
+        larger = 2 * spec.hidden // members
+        can_join = spec.readout == "integrator" and not spec.learn and BEST_MEMBERS * spec.hidden <= MOST_HIDDEN
+        joins = command == "train" and members == 1 and spec.input_deviation is not None and can_join
         last = {"train": "`nt.tune`", "tune": "more trials (`trials`)", "fine-tune": "`nt.tune`"}[command]
         remedies = [
             *(["`network='default'`"] if spec.input_deviation is None else []),
-            *([f"more hidden neurons (`settings={{'hidden': {2 * spec.hidden}}}`)"] if is_larger_possible else []),
+            *([f"more hidden neurons (`settings={{'hidden': {larger}}}`)"] if is_larger_possible else []),
+            *([f"{BEST_MEMBERS} networks joined (`settings={{'effort': 'best'}}`)"] if joins else []),
             last,
         ]
         yield (

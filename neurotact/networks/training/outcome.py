@@ -103,7 +103,7 @@ def _cautions(
 ) -> Iterator[str]:
     yield from cautions.not_learned(compared.accuracy, compared.low, max(compared.chance, compared.commonest), command)
     spec = fitted.network.spec
-    yield from cautions.worse_than_baseline(compared, spec, command, searched)
+    yield from cautions.worse_than_baseline(compared, spec, command, searched, fitted.training.n_members)
     yield from cautions.training(fitted.training.table(), spec.training, command=command)
     known = sorted(set(trains.labels[parts.train].tolist()))
     tested = trains.labels[parts.test]
