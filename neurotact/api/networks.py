@@ -23,6 +23,7 @@ from neurotact.figures.conditions_curve import draw_conditions_curve
 from neurotact.figures.search import save_found
 from neurotact.figures.style import save as save_figure
 from neurotact.metrics import synops
+from neurotact.networks.definition import recipe
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec, given_keys
 from neurotact.networks.search import journal, search, search_tables
@@ -322,6 +323,8 @@ def tune(
     source = f"`nt.tune(space={str(space)!r})`" if isinstance(space, (str, Path)) else "tune"
     search_spec = search.asked(source, space, what, table, trains, task, given)
     problem = search.problem_of(trains, search_spec, what, task, device)
+    for line in recipe.joined_cost(what):
+        tell(f"of each trial: {line}")
     with files.locked(path):
         with search.runner(problem, spikes, workers or 2, device) as run, track("tune", trials) as advance:
             tried, timing = search.search(problem, path, run, advance, resume=resume)

@@ -237,9 +237,10 @@ def test_the_default_network_has_the_recipe_and_little_else():
 # --- the search space around the choices ------------------------------------------------------------------
 
 
-@given(seen=seen, hidden=st.integers(1, 600))
-def test_a_space_holds_what_is_chosen_and_nothing_that_a_network_cannot_have(seen, hidden):
-    asked = RSNNSpec(recipe="default", hidden=hidden)
+@given(seen=seen, hidden=st.integers(1, 1024), effort=st.sampled_from(["quick", "default", "best"]))
+def test_a_space_holds_what_is_chosen_and_nothing_that_a_network_cannot_have(seen, hidden, effort):
+    hidden = max(1, hidden // 3) if effort == "best" else hidden
+    asked = RSNNSpec(recipe="default", hidden=hidden, effort=effort)
     space = recipe.space(asked, seen)
     tuning.check(space, asked, source="space")
     chosen = tuning.values_of(resolve(asked, seen), space)

@@ -16,7 +16,7 @@ from torch import Tensor
 from neurotact import spec as specs
 from neurotact.networks.definition import clock
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.definition.specs import BEST_MEMBERS, RSNNSpec, TrainingSpec
+from neurotact.networks.definition.specs import BEST_MEMBERS, MOST_HIDDEN, RSNNSpec, TrainingSpec
 from neurotact.networks.definition.specs import void_keys as of_network
 from neurotact.networks.definition.surrogate import FastSigmoid
 from neurotact.neurons import CubaLIF, cuba_lif_start, cuba_lif_step
@@ -155,9 +155,9 @@ def space(spec: RSNNSpec, seen: Seen) -> dict[str, dict[str, Any]]:
     {'_type': 'choice', '_value': [20, 30, 50, 80]}
     """
     chosen, given = resolve(spec, seen), spec.model_dump(mode="json")
-    step_ms = 1e3 / seen.sampling_rate_Hz
+    step_ms, most = 1e3 / seen.sampling_rate_Hz, MOST_HIDDEN // chosen.n_members
     values: dict[str, list[Any]] = {
-        "hidden": sorted({max(1, round(share * chosen.hidden)) for share in (0.4, 0.6, 1.0, 1.6)}),
+        "hidden": sorted({min(most, max(1, round(share * chosen.hidden))) for share in (0.4, 0.6, 1.0, 1.6)}),
         "tau_mem_ms": _around(chosen.tau_mem_ms, (0.25, 0.5, 1.0, 2.0, 4.0), step_ms),
         "tau_syn_ms": _around(chosen.tau_syn_ms, (0.25, 0.5, 1.0, 2.0, 4.0), step_ms),
         "input_deviation": [0.5, 1.0, 2.0],
