@@ -54,6 +54,7 @@ NEAR = 0.2
 WIDER, MOST_CUTOFFS = 4.0, 3
 """Cut-offs of the moving average that are tried: the encoder's own, `WIDER` times that, and none."""
 
+KEPT = "; each taxel keeps its level, which another day or mounting may change"
 GRADES = (0.5, 1.0)
 """Grades to begin with where several SA-I of different thresholds are tried under each taxel."""
 MORE_RESTLESS = 0.1
@@ -414,6 +415,7 @@ def _on_baseline(accuracy: Mapping[Baseline, float], best: Baseline, spec: Encod
     return (
         f"conditioning.baseline = '{best}' is chosen, the first within one standard error of the best; accuracy of "
         f"logistic regression on the {_judged(spec, 1)} rates of the training trials: {', '.join(accuracies)}"
+        f"{KEPT if best == PAST[0] else ''}"
     )
 
 
