@@ -27,7 +27,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split, SplitSpec, split_conditions, turns_of
 from neurotact.data.trial_choice import chosen_trials
 from neurotact.data.windows import check_fit
-from neurotact.encoders.calibration import CLOCK_HZ
+from neurotact.encoders.calibration import CLOCK_HZ, GRADES
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.specs import t_ref_pair_ms
 from neurotact.errors import InputError, nearest, some
@@ -69,6 +69,8 @@ class Remedy(Spec):
     """Varied copies of the training trials."""
     falling: Literal["no", "yes", "chosen"] = "no"
     """SA-I of the falling signal; `chosen`: by calibration."""
+    thresholds: Literal["one", "two", "chosen"] = "one"
+    """Thresholds of the SA-I under a taxel; `chosen`: by calibration."""
     between: bool = False
     """Calibration chooses between conditions, each of which it tests by the others, and not within them."""
     trained: bool = False
@@ -77,14 +79,16 @@ class Remedy(Spec):
     def keys(self) -> dict[str, Any]:
         """The keys of `own-recordings` that differ from what it does by itself.
 
-        >>> Remedy(from_contact=True, copies=AugmentationSpec(), falling="chosen").keys()
+        >>> Remedy(from_contact=True, copies=AugmentationSpec(), falling="chosen", thresholds="chosen").keys()
         {'augmentation': {}}
-        >>> Remedy().keys()
-        {'augmentation': {'kind': 'none'}, 'window.align': 'trial', 'encoder.sa1.opposite': False}
+        >>> [*Remedy().keys()]
+        ['augmentation', 'window.align', 'encoder.sa1.opposite', 'encoder.sa1.grades']
         """
         found: dict[str, Any] = {"augmentation": self.copies.model_dump(mode="json", exclude_defaults=True)}
         found |= {} if self.from_contact else {"window.align": "trial"}
         found |= {} if self.falling == "chosen" else {"encoder.sa1.opposite": self.falling == "yes"}
+        grades = {"one": (1.0,), "two": GRADES}
+        found |= {} if self.thresholds == "chosen" else {"encoder.sa1.grades": [*grades[self.thresholds]]}
         return found
 
 

@@ -67,7 +67,8 @@ def test_a_remedy_has_the_trials_of_nothing_and_changes_what_it_names(remedy):
         changed = {name for name in type(cell).model_fields if getattr(cell, name) != getattr(plain, name)}
         named = {key for key, value in REMEDIES[remedy].items() if value != REMEDIES[NOTHING][key]}
         allowed = {"from_contact": {"window"}, "copies": {"augmentation"}, "between": set(),
-                   "falling": {"encoder", "calibrate", "choose_opposite"}}  # fmt: skip
+                   "falling": {"encoder", "calibrate", "choose_opposite"},
+                   "thresholds": {"encoder", "calibrate", "choose_grades"}}  # fmt: skip
         assert changed <= {"encoded_ms"}.union(*(allowed[key] for key in named))
 
 
