@@ -77,15 +77,14 @@ class Remedy(Spec):
     """Half of the trials of the tested condition are trained on, and the other half tested, in turn: a ceiling."""
 
     def keys(self) -> dict[str, Any]:
-        """The keys of `own-recordings` that differ from what it does by itself.
+        """The keys of `own-recordings` besides those of its windows, where it would choose otherwise.
 
-        >>> Remedy(from_contact=True, copies=AugmentationSpec(), falling="chosen", thresholds="chosen").keys()
+        >>> Remedy(copies=AugmentationSpec(), falling="chosen", thresholds="chosen").keys()
         {'augmentation': {}}
-        >>> [*Remedy().keys()]
-        ['augmentation', 'window.align', 'encoder.sa1.opposite', 'encoder.sa1.grades']
+        >>> Remedy().keys()
+        {'augmentation': {'kind': 'none'}, 'encoder.sa1.opposite': False, 'encoder.sa1.grades': [1.0]}
         """
         found: dict[str, Any] = {"augmentation": self.copies.model_dump(mode="json", exclude_defaults=True)}
-        found |= {} if self.from_contact else {"window.align": "trial"}
         found |= {} if self.falling == "chosen" else {"encoder.sa1.opposite": self.falling == "yes"}
         grades = {"one": (1.0,), "two": GRADES}
         found |= {} if self.thresholds == "chosen" else {"encoder.sa1.grades": [*grades[self.thresholds]]}
@@ -160,7 +159,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     if parameters.condition:
         recordings = _halved(recordings, parameters)
     rows: list[dict[str, Any]] = []
-    for cell in cells(parameters, recordings):
+    for cell in _saved_cells(parameters, recordings):
         prepared = _prepared(recordings, cell, parameters)
         rows += [_of_network(prepared), *_of_opponents(prepared)]
     return [{"tested": tested, **_told(row, parameters), SKIPPED: ""} for row in rows]
@@ -183,23 +182,33 @@ def _told(row: Mapping[str, Any], parameters: Parameters) -> dict[str, Any]:
     return {**row, "validated": validated, "accuracy_validation": validated if parameters.remedy == DEFAULT else np.nan}
 
 
-def cells(parameters: Parameters, recordings: Recordings) -> list[Cell]:
+def _saved_cells(parameters: Parameters, recordings: Recordings) -> list[Cell]:
+    with scratch() as folder:
+        hdf5.save_recordings(recordings, folder / "touches.h5")
+        return cells(parameters, folder / "touches.h5")
+
+
+def cells(parameters: Parameters, path: Path) -> list[Cell]:
     """The cells of `own-recordings` under a remedy: one, or one for each half under `Remedy.trained`.
 
-    recordings: with the column `HALF`, if the remedy needs it. Empty if the remedy changes nothing of the set.
+    path: of the recordings, with the column `HALF` if the remedy needs it. Empty if the remedy changes nothing of them.
     """
     remedy, tested = parameters.chosen, {parameters.condition: parameters.value} if parameters.condition else {}
     if remedy.trained:
-        return [_cell(parameters, remedy, recordings, {**tested, HALF: half}) for half in (0, 1) if tested]
-    cell = _cell(parameters, remedy, recordings, tested)
+        return [_cell(parameters, remedy, path, {**tested, HALF: half}) for half in (0, 1) if tested]
+    cell = _cell(parameters, remedy, path, tested)
     if parameters.remedy == NOTHING or (remedy.between and tested):
         return [cell]
-    plain = _cell(parameters, parameters.remedies[NOTHING], recordings, tested)
+    plain = _cell(parameters, parameters.remedies[NOTHING], path, tested)
     return [] if cell == plain else [cell]
 
 
-def _cell(parameters: Parameters, remedy: Remedy, recordings: Recordings, tested: Mapping[str, Any]) -> Cell:
+def _cell(parameters: Parameters, remedy: Remedy, path: Path, tested: Mapping[str, Any]) -> Cell:
     """The only cell of `own-recordings` on these recordings, with one size and one pair of refractory periods."""
+    given = spec.leaves({**parameters.keys, **parameters.data.chosen.keys})
+    if not remedy.from_contact:  # where it would start without a test on other conditions
+        fixed, _ = suited.window(suited.look(path, CLOCK_HZ).timing, given)
+        given = {"window.start_ms": fixed.get("start_ms", 0.0), **given}
     split: dict[str, Any] = {"seed": parameters.seed}
     if tested:
         split |= {"test_where": tested, "nested": not remedy.trained}
@@ -209,14 +218,10 @@ def _cell(parameters: Parameters, remedy: Remedy, recordings: Recordings, tested
         "past_windows": False,
         "seed": parameters.seed,
         **{f"split.{key}": value for key, value in split.items()},
-        **spec.leaves({**parameters.keys, **parameters.data.chosen.keys}),
+        **given,
         **remedy.keys(),
     }
-    with scratch() as folder:
-        path = folder / "touches.h5"
-        hdf5.save_recordings(recordings, path)
-        resolved = study.resolve("own-recordings", keys, data=path)
-    (found,) = study.cells(resolved)
+    (found,) = study.cells(study.resolve("own-recordings", keys, data=path))
     return found
 
 

@@ -37,8 +37,7 @@ def made(condition="day"):
 
 
 def cells_of(remedy, condition="day", value=0.0):
-    parameters = asked(remedy, condition, value)
-    return untrained.cells(parameters, made(condition) if condition else touches())
+    return untrained._saved_cells(asked(remedy, condition, value), made(condition) if condition else touches())
 
 
 def test_the_study_has_the_remedies_of_which_its_sentences_tell():
@@ -55,6 +54,7 @@ def test_the_default_is_what_own_recordings_does_by_itself(tmp_path):
     (ours,) = cells_of(DEFAULT)
     assert ours.augmentation is not None
     assert ours.choose_opposite
+    assert ours.choose_grades
     assert REMEDIES[DEFAULT]["between"]
     assert ours.model_copy(update={"encoded_ms": None}) == theirs
 
