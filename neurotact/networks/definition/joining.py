@@ -16,8 +16,8 @@ def joined(networks: Sequence[RSNN]) -> RSNN:
 
     Input weights stand side by side, recurrent ones in blocks (`recurrent_blocks`), and the weights and the bias of the
     readout are divided by the number of networks n: the sum of all scores over n is b + W s with these weights, for any
-    readout that is linear in the hidden spikes. A deep ensemble (Lakshminarayanan et al. 2017, arXiv 1612.01474)
-    is thus an ordinary network, whose hidden spikes are those of its members.
+    readout that is linear in the hidden spikes. A deep ensemble (Lakshminarayanan et al. 2017, arXiv 1612.01474), which
+    averages scores and not probabilities, is thus an ordinary network, whose hidden spikes are those of its members.
 
     networks: of one spec, on one clock and one device, with an integrator as readout and without learned dynamics.
     Raises InputError otherwise, and for a hidden layer that is too large. Returns the network itself if it is one.

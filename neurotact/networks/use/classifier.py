@@ -426,7 +426,8 @@ def _window_of(origin: Origin | None, n_steps: int, rate_Hz: float) -> WindowSpe
 
 
 def _print_epoch(epoch: Epoch) -> None:
+    member = f"network {epoch.member}, " if epoch.member > 1 else ""
     print(
-        f"epoch {epoch.epoch}: loss {epoch.train_loss:.3f}, in validation {epoch.validation_loss:.3f}; "
+        f"{member}epoch {epoch.epoch}: loss {epoch.train_loss:.3f}, in validation {epoch.validation_loss:.3f}; "
         f"accuracy {epoch.train_accuracy:.3f}, in validation {epoch.validation_accuracy:.3f}"
     )
