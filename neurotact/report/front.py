@@ -59,7 +59,8 @@ class Front(NamedTuple):
 
     cells: for each network the row of `results.csv` that stands for it. untold: what validation cannot choose, else
     empty. figures: of the best network. chosen: which one that is. details: the answer in words, after the headline.
-    table: every way that a sentence names. lost: the losses of accuracy.
+    table: every way that a sentence names. lost: the losses of accuracy. classes: of `robustness.by_class`, for the
+    best network.
     """
 
     setting: str
@@ -73,6 +74,7 @@ class Front(NamedTuple):
     details: list[str]
     table: Table
     lost: list[str]
+    classes: pd.DataFrame
 
     @property
     def headline(self) -> str:
@@ -307,8 +309,10 @@ def fronts(
             lost += answers.where_lost(found, baselines)
         saved = answers.of_refractory_periods(found, networks)
         felt = as_encoded(study, rows.iloc[0].get("encoder"), trains)
+        classes = robustness.by_class(folder, cells_of(done, rows, found.best), trains)
         words = [
             *robustness.sentence(tables.get(robustness.REMEDIES), found.best),
+            *robustness.hardest(classes),
             *answers.details(found),
             *_of_encoding(found, felt, study),
             *saved,
@@ -326,7 +330,14 @@ def fronts(
             words,
             first_screen.table(found, networks, baselines, periods.head(study)),
             lost,
+            classes,
         )
+
+
+def cells_of(done: Sequence[Cell], rows: pd.DataFrame, network: Network) -> list[Cell]:
+    """The cells of a network. rows: of `results.csv`, whose index counts `done`."""
+    places = robustness.of_network(rows, network).index
+    return [done[place] for place in places if place < len(done)]
 
 
 def _either(value: Any) -> str:

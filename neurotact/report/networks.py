@@ -140,7 +140,10 @@ def write(study: StudySpec, folder: Path) -> Path:
         network_heads=[*(NETWORK_COLUMNS | {"pair": f"{periods.head(study)} (ms)"}).values()],
         means=means_table(results.join(spent), study),
         searches=search.table(trials, results, study),
-        conditions=robustness.tables(study, remedies, shown.networks, shown.answer.best),
+        conditions=[
+            *robustness.tables(study, remedies, shown.networks, shown.answer.best),
+            *robustness.class_table(shown.classes, shown.answer.best),
+        ],
         baselines=_baselines_table(baselines, study),
         ledger=_ledger_table(costs),
         ledger_about=ledger.ABOUT,

@@ -1,17 +1,24 @@
 """Accuracy at conditions of training and at others, and what varied copies of the training trials gain."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from neurotact.data.augmentation import NONE
+from neurotact.data.recordings import LABEL
+from neurotact.data.spikes import SpikeTrains
+from neurotact.metrics.shares import wilson_interval
 from neurotact.report.answer import Network, percent
 from neurotact.report.page import Table
-from neurotact.studies.study import StudySpec
+from neurotact.studies.cell import RIGHT_SEEN
+from neurotact.studies.store import result_of
+from neurotact.studies.study import Cell, StudySpec
 from neurotact.studies.suited import TESTED
 
 REMEDIES = "remedies"
+TRAINED = "at trained conditions"
 
 
 def of_network(table: pd.DataFrame, network: Network) -> pd.DataFrame:
@@ -44,6 +51,81 @@ def condition_of(study: StudySpec, row: Mapping[str, Any]) -> str:
     """The tested condition of a row in words, such as "speed = 150"."""
     swept = {key.removeprefix(TESTED): row[key] for key in row if str(key).startswith(TESTED)}
     return ", ".join(f"{name} = {value}" for name, value in {**study.split.test_where, **swept}.items())
+
+
+def by_class(folder: Path, cells: Sequence[Cell], trains: SpikeTrains | None) -> pd.DataFrame:
+    """A row for each class and tested condition, and for each class at the conditions of training (`TRAINED`).
+
+    cells: of one network, done, with a condition that is tested and not trained on. trains: of one of them.
+    Columns: label, condition, trials, right (share of whole windows, a mean over trials). Empty without such cells.
+    """
+    shares = []
+    for cell in cells if trains is not None else ():
+        result = result_of(folder, cell)
+        tested = ", ".join(f"{name} = {value}" for name, value in cell.split.test_where.items())
+        for condition, right in ((tested, "right"), (TRAINED, RIGHT_SEEN)):
+            known = result.get(right, {}) if tested else {}
+            shares += [(condition, int(trial), share) for trial, share in known.items()]
+    if trains is None or not shares or max(trial for _, trial, _ in shares) >= len(trains):  # spikes of other trials
+        return pd.DataFrame(columns=["label", "condition", "trials", "right"])
+    by_trial = pd.DataFrame(shares, columns=["condition", "trial", "right"])
+    once = by_trial.groupby(["condition", "trial"], sort=False)["right"].mean().reset_index()
+    once["label"] = trains.conditions[LABEL].astype(str).to_numpy()[once["trial"]]
+    found = once.groupby(["label", "condition"])["right"].agg(["size", "mean"]).reset_index()
+    return found.rename(columns={"size": "trials", "mean": "right"})
+
+
+def hardest(classes: pd.DataFrame) -> list[str]:
+    """The class that loses most at untrained conditions, in one sentence; none if chance may be the reason.
+
+    classes: of `by_class`. It is named if it loses more than the others do by more than both of its intervals, at
+    trained and at untrained conditions, which are wider since it is chosen among all classes.
+    """
+    both = {is_seen: part.assign(n_right=part["right"] * part["trials"]).groupby("label")[["n_right", "trials"]].sum()
+            for is_seen, part in classes.groupby(classes["condition"] == TRAINED)}  # fmt: skip
+    if len(both) < 2 or len(both[False]) < 2 or set(both[False].index) != set(both[True].index):
+        return []
+    unseen, seen = both[False], both[True]
+    lost = seen["n_right"] / seen["trials"] - unseen["n_right"] / unseen["trials"]
+    label = str(lost.idxmax())
+    others = [one.drop(label).sum() for one in (unseen, seen)]
+    at, at_seen = (float(one["n_right"] / one["trials"]) for one in others)
+    own, own_seen = (float(one.loc[label, "n_right"] / one.loc[label, "trials"]) for one in (unseen, seen))
+    n, n_seen = (int(one.loc[label, "trials"]) for one in (unseen, seen))
+    _, high = wilson_interval(own, n, chosen_of=len(unseen))
+    low, _ = wilson_interval(own_seen, n_seen, chosen_of=len(unseen))
+    if high >= low - max(0.0, at_seen - at):
+        return []
+    return [
+        f"'{label}' loses most at untrained conditions: it is right in {percent(own)} of {n} trials, at trained ones "
+        f"in {percent(own_seen)} of {n_seen}; the other classes in {percent(at)} and {percent(at_seen)}."
+    ]
+
+
+def class_table(classes: pd.DataFrame, best: Network) -> list[Table]:
+    """Each class at each untrained condition and at conditions of training; none without such conditions.
+
+    classes: of `by_class`.
+    """
+    if classes.empty:
+        return []
+    conditions = sorted(dict.fromkeys(classes["condition"]), key=lambda name: name != TRAINED)
+    cells = classes.set_index(["label", "condition"])
+    rows = [
+        [str(label), *(_with_trials(cells, (label, condition)) for condition in conditions)]
+        for label in dict.fromkeys(classes["label"])
+    ]
+    caption = (
+        f"Each class by the best network, {best.name}: share of whole windows that are right, in %, and the number of "
+        "trials."
+    )
+    return [Table(caption, ["class", *conditions], rows, 1)]
+
+
+def _with_trials(cells: pd.DataFrame, key: tuple[str, str]) -> str:
+    if key not in cells.index:
+        return ""
+    return f"{100 * cells.loc[key, 'right']:.1f} ({cells.loc[key, 'trials']:.0f})"
 
 
 def tables(study: StudySpec, table: pd.DataFrame | None, networks: Sequence[Network], best: Network) -> list[Table]:

@@ -28,6 +28,8 @@ from neurotact.studies.study import Cell
 
 JUDGED_S, LONG_MIN = 20.0, 5.0
 """Seconds of a training after which its time is estimated, and the minutes from which on a line is printed."""
+RIGHT_SEEN = "right_seen"
+"""Of a result: the share of correct windows of each trial that tests the conditions of training."""
 SEARCH = "search"
 """The folder of a cell's search."""
 
@@ -125,6 +127,7 @@ def files_of(
     result = measuring.measure(fitted, sides, trains.populations) | _tables(cell, fitted, sides, trains, task)
     if remedies:
         result["tables"] = {**result.get("tables", {}), "remedies": [*remedies]}
+        result[RIGHT_SEEN] = robust.right_seen(fitted.network, trains, task)
     trial = copies_of(trains).first[trains.cut(task.window, tasks.trials_of(trains, task).test).trial]
     for decided in ("right", "exit_right"):
         result[decided] = paired.by_trial(trial, result[decided])

@@ -134,6 +134,12 @@ def test_each_kind_starts_from_the_same_weights_and_the_best_on_validation_wins(
     assert [one.task.augmentation for one in tried] == list(CANDIDATES)
     assert [one.row()["n_train"] for one in tried] == [len(one.sides.train.labels) for one in tried]
     assert all(0 <= one.seen <= 1 and not one.task.varied_validation for one in tried)
+    kept = tasks.seen_trials(trains, tried[0].task)
+    for one in tried:  # one window of each trial
+        right = robust.right_seen(one.fitted.network, trains, one.task)
+        assert [*right] == kept.tolist()
+        assert np.mean([*right.values()]) == pytest.approx(one.seen)
+    assert robust.right_seen(tried[0].fitted.network, trains, task()) == {}
     best = robust.best_of(tried)
     assert best.validation == max(one.validation for one in tried)
     equal = [one for one in tried if one.validation == best.validation]

@@ -1,16 +1,21 @@
 """A study that tests untrained conditions: what it trains on, what it chooses, what its report says."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from in_process import studies_here
+from levels import examples
 
 import neurotact as nt
 from neurotact.data import hdf5
 from neurotact.data.augmentation import CANDIDATES, EVERY
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
-from neurotact.report.robustness import sentence
+from neurotact.report.robustness import TRAINED, hardest, sentence
 from neurotact.studies import loading, runner, study, suited
 
 FEW = {
@@ -71,6 +76,10 @@ def test_the_report_says_what_is_lost_and_gained(run):
     assert 'id="conditions"' in page
     for words in ("speed = 1", "speed = 2", "speed = 3", "at trained conditions (%)", "Each kind of varied copies"):
         assert words in page
+    _, _, by_class = page.partition("Each class by the best network")
+    heads = re.findall(r"<th[^>]*>([^<]*)</th>", by_class.partition("</table>")[0])
+    assert heads == ["class", "speed = 1", "speed = 2", "speed = 3", "hard", "soft"]
+    assert by_class.partition("</table>")[0].count("(20)") == 6
     (answer,) = nt.study_answer(run)["answers"]
     assert any(line.startswith("At untrained conditions the network is right in") for line in answer["details"])
 
@@ -143,6 +152,40 @@ def test_the_sentence_tells_losses_and_gains():
         "points are lost; without varied copies it is right in 50.0 %."
     ]
     assert sentence(None, network) == []
+
+
+def classes(trained, untrained):
+    """A table of classes: right and trials of each, at trained conditions and at one that is not."""
+    return pd.DataFrame([
+        {"label": label, "condition": condition, "trials": trials, "right": right / trials}
+        for condition, shares in ((TRAINED, trained), ("speed = 1", untrained))
+        for label, (right, trials) in shares.items()
+    ])  # fmt: skip
+
+
+def test_the_class_that_loses_most_is_named():
+    trained = {"felt": (20, 20), "linen": (20, 20), "silk": (19, 20)}
+    untrained = {"felt": (36, 40), "linen": (12, 40), "silk": (34, 40)}
+    assert hardest(classes(trained, untrained)) == [
+        "'linen' loses most at untrained conditions: it is right in 30.0 % of 40 trials, at trained ones in 100.0 % of "
+        "20; the other classes in 87.5 % and 97.5 %."
+    ]
+
+
+@given(st.lists(st.tuples(st.integers(0, 6), st.integers(0, 20)), min_size=1, max_size=4))
+@examples(20)
+def test_no_class_is_named_where_all_lose_alike_or_chance_may_be_the_reason(counts):
+    alike = {str(label): counts[0] for label in range(len(counts))}
+    assert hardest(classes({label: (seen, 6) for label, (seen, _) in alike.items()},
+                           {label: (at, 20) for label, (_, at) in alike.items()})) == []  # fmt: skip
+    few = {str(label): (seen % 2, 1) for label, (seen, _) in enumerate(counts)}
+    untrained = {str(label): (at, 20) for label, (_, at) in enumerate(counts)}
+    assert hardest(classes(few, untrained)) == []  # one trained trial a class tells nothing
+
+
+def test_a_class_that_is_wrong_at_trained_conditions_too_loses_nothing():
+    trained, untrained = {"felt": (20, 20), "linen": (6, 20)}, {"felt": (38, 40), "linen": (12, 40)}
+    assert hardest(classes(trained, untrained)) == []
 
 
 def test_a_device_chooses_among_the_same_copies(run, tmp_path):

@@ -6,8 +6,11 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from neurotact.data.augmentation import UNRANKED, AugmentationSpec
+from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, turns_of
+from neurotact.metrics import paired
+from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import fitting, tasks
 from neurotact.networks.training.fitting import Trained
@@ -88,3 +91,16 @@ def trainings(
 def best_of(tried: Sequence[Tried]) -> Tried:
     """The training with the highest accuracy on validation windows; of equal ones that with the lowest loss."""
     return max(tried, key=lambda one: (one.validation, -one.fitted.training.best.validation_loss))
+
+
+def right_seen(network: RSNN, trains: SpikeTrains, task: Task) -> dict[int, float]:
+    """The share of correct windows of each trial that is kept for a test at the conditions of training.
+
+    Copies of a trial are one trial, the first of them. Empty if the task keeps none.
+    """
+    kept = tasks.seen_trials(trains, task)
+    if not len(kept):
+        return {}
+    examples, windows = tasks.examples_of(trains, kept, task.window)
+    labels = network.infer(examples.spikes).labels.cpu()
+    return paired.by_trial(copies_of(trains).first[windows.trial], (labels == examples.labels).tolist())

@@ -121,10 +121,15 @@ def sides_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sid
     return Sides(train, validation, examples_of(trains, sides.test, task.window)[0])
 
 
+def seen_trials(trains: SpikeTrains, task: Task) -> np.ndarray:
+    """The training trials that are kept for a test at the conditions of training; none if the task keeps none."""
+    every = trials_of(trains, task.model_copy(update={"seen": 0.0})).train
+    return np.setdiff1d(every, trials_of(trains, task).train)
+
+
 def seen_side(trains: SpikeTrains, task: Task) -> Examples | None:
     """The windows that test the conditions of training; None if the task keeps none."""
-    every = trials_of(trains, task.model_copy(update={"seen": 0.0})).train
-    kept = np.setdiff1d(every, trials_of(trains, task).train)
+    kept = seen_trials(trains, task)
     return examples_of(trains, kept, task.window)[0] if len(kept) else None
 
 

@@ -245,10 +245,8 @@ def _prepared(recordings: Recordings, cell: Cell, parameters: Parameters) -> Pre
     encoder = preparation.encoder_of(cell, recordings, {}, between=parameters.chosen.between, tell=False)
     copied = preparation.copied_part(recordings, cell)
     trains = encode_recordings(recordings, encoder, augmentation=cell.augmentation, copied=copied)
-    whole = task_of(cell).model_copy(update={"seen": 0.0})
-    task = whole.model_copy(update={"seen": robust.SEEN if parameters.condition else 0.0})
-    split = tasks.trials_of(trains, task)
-    seen = np.setdiff1d(tasks.trials_of(trains, whole).train, split.train)
+    task = task_of(cell).model_copy(update={"seen": robust.SEEN if parameters.condition else 0.0})
+    split, seen = tasks.trials_of(trains, task), tasks.seen_trials(trains, task)
     return Prepared(cell, recordings, trains, task, split, seen, (2 * parameters.seed, 2 * parameters.seed + 1))
 
 
