@@ -144,7 +144,7 @@ def standardised(sequences: np.ndarray, labels: np.ndarray, sides: Sequence[np.n
     return Sides(*(standard[side] for side in sides), *(labels[side] for side in sides))
 
 
-MACHINES, MOST_MACHINES = "SVM", 3000
+MACHINES, MOST_MACHINES = "SVM", 10_000
 """Training examples up to which support vector machines are fitted: their time grows with the square of the number."""
 ON_FEATURES: dict[str, Family] = {
     "logistic regression": logistic_regression,

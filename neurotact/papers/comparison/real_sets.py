@@ -38,8 +38,6 @@ COLUMNS = 3
 NETWORK_INPUT = "spikes: every step"
 SPIKING = "spiking networks"
 """The family of both networks in the figure of energy."""
-MOST_MACHINES = 10_000
-"""Training windows up to which support vector machines are fitted; this takes minutes."""
 
 
 class Parameters(Spec):
@@ -92,7 +90,7 @@ def _classical(bench: Bench, trains: SpikeTrains) -> Iterator[dict[str, Any]]:
     inputs += opponents.spike_inputs(trains, (0.0, 0.0), cuts, "all")
     wanted = {"classifier", "input", "accuracy_validation", "accuracy_test", "energy_estimate_nJ", "flops",
               "parameters", "signal_ms", "n_train", "n_test"}  # fmt: skip
-    for row in opponents.rows(inputs, trains.labels[windows.trial], cuts, most_machines=MOST_MACHINES):
+    for row in opponents.rows(inputs, trains.labels[windows.trial], cuts):
         yield {**{key: value for key, value in row.items() if key in wanted}, "sops_total": float("nan")}
 
 
