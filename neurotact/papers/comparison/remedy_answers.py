@@ -125,11 +125,12 @@ def cautions(results: pd.DataFrame) -> list[str]:
     if shown.empty:
         return []
     lines = []
-    by_default = shown[(shown["classifier"] == NETWORK) & (shown["remedy"] == DEFAULT) & shown["accuracy_seen"].notna()]
+    has_condition = shown["condition"].fillna("-").str.strip("-") != ""
+    chosen = shown[(shown["classifier"] == NETWORK) & (shown["remedy"] == DEFAULT) & has_condition]
     lines += [
         f"{task}: validation cannot leave out a value, so that copies and opponents are chosen on trained ones; record "
         "a third value"
-        for task, rows in by_default.groupby(_tasks(by_default), sort=False)
+        for task, rows in chosen.groupby(_tasks(chosen), sort=False)
         if not rows["ranked"].astype(bool).all()
     ]
     if shown["seed"].nunique() == 1:
