@@ -27,7 +27,7 @@ from neurotact.encoders.specs import (
 )
 from neurotact.errors import InputError
 from neurotact.metrics import reconstruction
-from neurotact.metrics.information import class_information
+from neurotact.metrics.information import binned, class_information, information_of_bins
 from neurotact.metrics.reconstruction import Reconstruction
 
 ALL = "all"
@@ -174,7 +174,8 @@ def _told(rasters: Sequence[np.ndarray], labels: np.ndarray, rate_Hz: float, rng
     so_far = np.stack([np.cumsum(raster[:n_steps], axis=0, dtype=int)[ends - 1] for raster in rasters], axis=1)
     told = np.array([class_information(counts, labels).mean() for counts in so_far])
     few = so_far[np.linspace(0, len(ends) - 1, min(8, len(ends))).round().astype(int)]
-    shuffled = [max(class_information(c, order).mean() for c in few) for order in _orders(labels, rng)]
+    bins = [binned(counts, labels) for counts in few]
+    shuffled = [max(information_of_bins(one, order).mean() for one in bins) for order in _orders(labels, rng)]
     chance = float(np.quantile(shuffled, 1 - ALPHA))
     return pd.DataFrame({"time_ms": 1e3 * ends / rate_Hz, "class_bits": told, "by_chance": chance})
 

@@ -20,14 +20,30 @@ def class_information(counts: np.ndarray, labels: np.ndarray) -> np.ndarray:
     >>> class_information(told, labels).round(2).tolist()
     [1.01, 0.0, -0.01]
     """
-    counts, labels = np.asarray(counts), np.asarray(labels)
+    return information_of_bins(binned(counts, labels), labels)
+
+
+def binned(counts: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """The bin of each count, `(trial, afferent)`: the same for any order of the labels.
+
+    >>> binned(np.array([[0], [5], [5], [9]]), np.array([0, 0, 1, 1])).ravel().tolist()
+    [0, 1, 1, 1]
+    """
+    counts = np.asarray(counts)
+    n_classes = len(np.unique(labels))
+    most = max(2, min(MOST_BINS, len(labels) // (PER_BIN * max(1, n_classes))))
+    columns = [_binned(column, most) for column in counts.T]
+    return np.stack(columns, axis=1) if columns else np.zeros(counts.shape, np.int64)
+
+
+def information_of_bins(bins: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """`class_information` of counts that are `binned`, in any order of the labels."""
     _, labels = np.unique(labels, return_inverse=True)
     n_classes, n_trials = int(labels.max(initial=-1)) + 1, len(labels)
-    bits = np.zeros(counts.shape[1])
-    for afferent, column in enumerate(counts.T):
-        bins = _binned(column, max(2, min(MOST_BINS, n_trials // (PER_BIN * max(1, n_classes)))))
-        joint = np.zeros((n_classes, bins.max(initial=-1) + 1))
-        np.add.at(joint, (labels, bins), 1)
+    bits = np.zeros(bins.shape[1])
+    for afferent, column in enumerate(bins.T):
+        n_bins = column.max(initial=-1) + 1
+        joint = np.bincount(labels * n_bins + column, minlength=n_classes * n_bins).reshape(n_classes, n_bins)
         occupied = (joint > 0).sum(axis=1)
         bias = ((occupied - 1).sum() - (joint.shape[1] - 1)) / (2 * n_trials * np.log(2))
         shares = joint / n_trials
