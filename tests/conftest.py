@@ -43,11 +43,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="module", autouse=True)
 def _few_trees() -> Iterator[None]:
-    """Each training compares its network with forests, which take longer here than it: they have few trees."""
+    """Trainings and searches end in forests, which take longer here than they do: they have few trees."""
     from neurotact.baselines import families
+    from neurotact.networks.search import importance
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(families, "TREES", 10)
+        patch.setattr(importance, "TREES", 40)
         yield
 
 

@@ -35,7 +35,7 @@ def touches(n_trials, seed, n_steps=60):
 
 def network(**training):
     spec = RSNNSpec(hidden=10, training=TrainingSpec(**{"epochs": 12, "batch": 16, "learning_rate": 0.01} | training))
-    return RSNN(4, 2, spec, 2000.0, backend="reference", generator=torch.Generator().manual_seed(1))
+    return RSNN(4, 2, spec, 2000.0, generator=torch.Generator().manual_seed(1))
 
 
 def fit(net, seed=2):

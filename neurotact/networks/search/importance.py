@@ -10,6 +10,8 @@ from sklearn.inspection import permutation_importance
 
 FOREST_LEAST = 16
 """With fewer trials, no importance is estimated."""
+TREES = 200
+"""Of a forest."""
 
 
 class Importance(NamedTuple):
@@ -33,7 +35,7 @@ def importance(table: pd.DataFrame, keys: Sequence[str]) -> Importance | None:
     even = np.arange(len(trials)) % 2 == 0
     drops, scores = [], []
     for fitted in (even, ~even):
-        forest = RandomForestRegressor(200, min_samples_leaf=2, random_state=0)
+        forest = RandomForestRegressor(TREES, min_samples_leaf=2, random_state=0)
         forest.fit(features[fitted], trials["value"][fitted])
         unseen = (features[~fitted], trials["value"][~fitted])
         drops.append(permutation_importance(forest, *unseen, n_repeats=10, random_state=0)["importances_mean"])

@@ -35,7 +35,7 @@ def arrays():
 
 @pytest.mark.parametrize("network", ["GRU", "CNN-LSTM"])
 def test_touches_of_other_levels_are_told_apart(network, arrays):
-    asked = build(Parameters, {**SMALL, "network": network, "epochs": 60}, source="test")
+    asked = build(Parameters, {**SMALL, "network": network, "epochs": 40}, source="test")
     (row,) = images.run(asked, arrays)
     assert row["accuracy_test"] == 1
     assert (row["patterns_train"], row["patterns_test"]) == (12, 3)
