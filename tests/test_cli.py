@@ -195,7 +195,7 @@ def test_a_longer_refractory_period_gives_fewer_spikes(neurotact, made, tmp_path
     assert counts[0] > counts[1] > counts[2] > 0
 
 
-@pytest.mark.parametrize(("baseline", "is_acausal"), [("mean", True), ("start", False), ("none", False)])
+@thinned(("baseline", "is_acausal"), [("mean", True), ("start", False), ("none", False)], every=2)
 def test_results_of_a_baseline_that_knows_the_future_are_marked(neurotact, made, tmp_path, baseline, is_acausal):
     spikes, run = tmp_path / "spikes.h5", tmp_path / "run"
     encoded = neurotact("encode", made / "touch.h5", "--set", f"conditioning.baseline={baseline}", "-o", spikes)
@@ -258,6 +258,7 @@ def test_training_leaves_a_network_with_its_log_and_its_result(made):
     assert len(pd.read_csv(made / "run" / "training.csv")) == 2
 
 
+@pytest.mark.thorough
 def test_the_same_seed_trains_the_same_network(neurotact, made, tmp_path):
     assert neurotact("train", made / "spikes.h5", "-o", tmp_path / "again", *QUICK, "--seed", 1)[0] == 0
     assert neurotact("train", made / "spikes.h5", "-o", tmp_path / "same", *QUICK, "--seed", 1)[0] == 0

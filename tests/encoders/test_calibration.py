@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from levels import thinned
 from made_recordings import made, most_held
 
 from neurotact import spec as specs
@@ -622,7 +623,7 @@ def test_given_polarities_and_rectified_signals_leave_no_choice():
         assert calibration_for(spec, keys)[1] == 5
 
 
-@pytest.mark.parametrize("rate_Hz", [1000.0, 100.0, 50.0])
+@thinned("rate_Hz", [1000.0, 100.0, 50.0], every=2)
 def test_every_step_of_the_choice_is_counted_whatever_the_sampling_rate(rate_Hz):
     fit, times = calibration_for(SPEC, {})
     steps = []

@@ -133,7 +133,7 @@ def test_c_adapts_from_what_was_sent_where_a_threshold_is_negative(membrane, tmp
 
 
 @needs_compiler
-@pytest.mark.parametrize("bits", [(8, 24), (2, 8), (5, 12)])
+@thinned("bits", [(8, 24), (2, 8), (5, 12)])
 def test_c_keeps_to_its_twin_where_states_saturate(bits, tmp_path):
     """Formats from a quiet recording, so that the loud one leaves every range."""
     chain = make_chain({"ema_cutoff_Hz": 30.0}, patience=5, forward_weight_scale=8.0)

@@ -250,7 +250,7 @@ def aged(chain: Chain, state: StreamState) -> StreamState:
 
 
 @needs_compiler
-@thinned("kind", [*KINDS], every=3)
+@thinned("kind", [*KINDS], every=4)  # those that other tests have compiled
 def test_no_step_is_the_last_of_a_chain_in_float(kind, driven):
     """With sanitizers, over the step and the window at which a counter of 32 bits ends."""
     exported = driven(kind)
@@ -274,7 +274,7 @@ def test_no_step_is_the_last_of_a_chain_in_float(kind, driven):
 
 
 @needs_compiler
-@thinned("kind", IN_INTEGERS, every=3)
+@thinned("kind", IN_INTEGERS, every=4)
 def test_no_step_is_the_last_of_a_chain_in_integers(kind, driven):
     exported = driven(kind, "integer")
     chain, formats = exported.chain, exported.formats
@@ -353,7 +353,7 @@ def test_windows_whose_spikes_no_counter_holds_are_refused(tmp_path):
 
 
 @pytest.mark.skipif(ABSENT is not None, reason=str(ABSENT))
-@pytest.mark.parametrize(("kind", "variant"), [("running", "float"), ("slower", "float"), ("running", "integer")])
+@thinned(("kind", "variant"), [("running", "float"), ("slower", "float"), ("running", "integer")], every=2)
 def test_an_emulated_processor_does_the_same(kind, variant, driven, tmp_path):
     here = driven(kind, variant)
     chain, formats = here.chain, here.formats

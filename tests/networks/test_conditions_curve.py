@@ -57,6 +57,7 @@ def test_trainings_have_as_many_trials_and_test_all_of_one_value(spikes, monkeyp
         assert not set(split.train) & {*split.validation, *split.test}
 
 
+@pytest.mark.thorough
 def test_options_of_the_curve(spikes, tmp_path):
     """network, settings, length_ms, align, where, leave_out, augmentation, seed, out, figure, force: all act."""
     said = []

@@ -224,6 +224,7 @@ def test_an_event_belongs_to_the_step_that_it_falls_into():
     assert to_trains(one, EventSpec(step_ms=0.1), "e.csv").steps[0].tolist() == [3]
 
 
+@pytest.mark.thorough
 def test_braille_letters_are_ordinary_events():
     path = DATA / "braille-th10" / "events.npz"
     if not path.is_file():
