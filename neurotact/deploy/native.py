@@ -160,7 +160,7 @@ class CompiledStream:
             ]
         width = 4 * LANES
         places = [slice(width * group, width * (group + 1)) for group in range(self._n_groups)]
-        return [part[place] for place in places for kind in lanes for part in kind]
+        return [part[index] for index in places for kind in lanes for part in kind]
 
     def _taxels(self, content: bytes, kind: Any) -> np.ndarray:
         return np.frombuffer(content, kind)[: self.chain.n_taxels].copy()

@@ -121,7 +121,7 @@ def rates_of_every(excerpts: Excerpts, spec: EncoderSpec) -> dict[str, np.ndarra
     """As `rates_of`, of a calibrated encoder with all its grades: those of each taxel are in it."""
     knobs = knobs_of(spec)
     fired = _fire(excerpts, spec, knobs)
-    return {knob.name: _per_second(excerpts, each) for knob, each in zip(knobs, fired, strict=True)}
+    return {knob.name: _per_second(excerpts, spikes) for knob, spikes in zip(knobs, fired, strict=True)}
 
 
 def _per_second(excerpts: Excerpts, fired: "Fired") -> np.ndarray:

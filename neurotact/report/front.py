@@ -125,7 +125,7 @@ def as_encoded(study: StudySpec, model: Any, trains: SpikeTrains | None) -> Spik
 def _costs(study: StudySpec, row: Mapping[str, Any], trains: SpikeTrains | None, kind: str) -> dict[str, float | None]:
     before = KINDS[kind]
     steps = row["exit_steps"] if before else row["window_steps"]
-    found: dict[str, float | None] = {
+    costs: dict[str, float | None] = {
         "sops": row[f"{before}sops_total"],
         "ms": None,
         "spikes": row[f"{before}sops_input"] / row["hidden"],
@@ -136,8 +136,8 @@ def _costs(study: StudySpec, row: Mapping[str, Any], trains: SpikeTrains | None,
         clock = {"rate_Hz": trains.sampling_rate_Hz, "encoder": trains.encoder}
         counts = study.encoding_in == "processor"
         spent = ledger.row_cost(study.network, row, **sizes, **clock, early=bool(before), encoding=counts)
-        found |= {"ms": 1e3 * steps / trains.sampling_rate_Hz, "nJ": spent.energy_estimate_nJ}
-    return found
+        costs |= {"ms": 1e3 * steps / trains.sampling_rate_Hz, "nJ": spent.energy_estimate_nJ}
+    return costs
 
 
 def known_exits(results: pd.DataFrame, n_validation: int) -> pd.DataFrame:
@@ -191,20 +191,20 @@ def decisions_of_row(row: Mapping[str, Any], costs: Mapping[str, float | None]) 
     }
 
 
-def as_json(found: Front) -> dict[str, Any]:
+def as_json(front: Front) -> dict[str, Any]:
     """The drawing of one data set: its networks with their intervals, its baselines, and guessing."""
     drawn = []
-    for network, cell in zip(found.networks, found.cells, strict=True):
-        low, high = wilson_interval(network.used.accuracy, found.answer.trials.test)
+    for network, cell in zip(front.networks, front.cells, strict=True):
+        low, high = wilson_interval(network.used.accuracy, front.answer.trials.test)
         name = f"{periods.in_ms(network.pair)}, N = {network.hidden}"
         more = {"low": low, "high": high, "used": USED[network.exits], "cell": cell, "name": name}
         entry = network._asdict() | more
         drawn.append(entry | {kind: _as_json(getattr(network, kind)) for kind in KINDS})
-    one = found.answer
+    one = front.answer
     return {
         "networks": drawn,
-        "best": found.networks.index(one.best),
-        "cheapest": found.networks.index(one.cheapest),
+        "best": front.networks.index(one.best),
+        "cheapest": front.networks.index(one.cheapest),
         "used": USED[one.best.exits],
         "baseline": _shown(one.baseline),
         "cheapest_on_signals": _shown(one.cheapest_on_signals),
@@ -236,7 +236,7 @@ def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], result: M
     """
     if LENGTH in study.sweep:
         return []
-    found, dataset = [], str(result["dataset"])
+    baselines, dataset = [], str(result["dataset"])
     if "baselines" in tables:
         table = tables["baselines"]
         for key in (key for key in encoder_columns(study) if key in table):
@@ -253,8 +253,8 @@ def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], result: M
             name = f"{row['classifier']} on {pair}{source} ({words})"
             shares = row["accuracy_validation"], row["accuracy_test"]
             right = validated(tables["baselines_trials"], rows) if "baselines_trials" in tables else None
-            found.append(Baseline(name, *shares, float(row["energy_estimate_nJ"]), rows, right))
-    return found
+            baselines.append(Baseline(name, *shares, float(row["energy_estimate_nJ"]), rows, right))
+    return baselines
 
 
 def sides_of(trains: SpikeTrains | None, cells: Sequence[Cell], counts: Sequence[int]) -> Sides:
@@ -302,33 +302,33 @@ def fronts(
         networks = networks_of(known_exits(rows, 0 if unranked else sides.trials.validation))
         baselines = baselines_of(study, tables, rows.iloc[0].to_dict())
         compare = _comparing(study, folder, done, rows, tables)
-        found = answers.answer(networks, baselines, guess, sides.trials, compare)
+        answer = answers.answer(networks, baselines, guess, sides.trials, compare)
         split = first_of_splits[0].split
-        lost = [*answers.gaps(found, likely_cause(split))]
+        lost = [*answers.gaps(answer, likely_cause(split))]
         if "encoder" not in rows:  # else the table of encoders tells it
-            lost += answers.where_lost(found, baselines)
-        saved = answers.of_refractory_periods(found, networks)
+            lost += answers.where_lost(answer, baselines)
+        saved = answers.of_refractory_periods(answer, networks)
         felt = as_encoded(study, rows.iloc[0].get("encoder"), trains)
-        classes = robustness.by_class(folder, cells_of(done, rows, found.best), trains)
+        classes = robustness.by_class(folder, cells_of(done, rows, answer.best), trains)
         words = [
-            *robustness.sentence(tables.get(robustness.REMEDIES), found.best),
+            *robustness.sentence(tables.get(robustness.REMEDIES), answer.best),
             *robustness.hardest(classes),
-            *answers.details(found),
-            *_of_encoding(found, felt, study),
+            *answers.details(answer),
+            *_of_encoding(answer, felt, study),
             *saved,
         ]
         standing = [representative(rows, network) for network in networks]
         yield Front(
             str(setting),
-            found,
+            answer,
             sides,
             networks,
             standing,
             unranked,
-            first_screen.figures(found),
-            first_screen.chosen(found, networks, baselines),
+            first_screen.figures(answer),
+            first_screen.chosen(answer, networks, baselines),
             words,
-            first_screen.table(found, networks, baselines, periods.head(study)),
+            first_screen.table(answer, networks, baselines, periods.head(study)),
             lost,
             classes,
         )
@@ -337,7 +337,7 @@ def fronts(
 def cells_of(done: Sequence[Cell], rows: pd.DataFrame, network: Network) -> list[Cell]:
     """The cells of a network. rows: of `results.csv`, whose index counts `done`."""
     places = robustness.of_network(rows, network).index
-    return [done[place] for place in places if place < len(done)]
+    return [done[index] for index in places if index < len(done)]
 
 
 def _either(value: Any) -> str:
@@ -382,10 +382,10 @@ def likely_cause(split: SplitSpec) -> str:
     return "the classifiers were chosen among many on few validation trials, or these resemble training trials more"
 
 
-def _of_encoding(found: Answer, trains: SpikeTrains | None, study: StudySpec) -> Iterator[str]:
+def _of_encoding(answer: Answer, trains: SpikeTrains | None, study: StudySpec) -> Iterator[str]:
     """The energy of conditioning and encoding for the cheapest decision, which fewer spikes do not lower."""
-    decision = found.cheapest.used
-    if trains is None or decision.nJ is None or not found.is_above_chance:
+    decision = answer.cheapest.used
+    if trains is None or decision.nJ is None or not answer.is_above_chance:
         return
     rate_Hz, n_taxels = trains.sampling_rate_Hz, ledger.taxels_of(len(trains.afferents), trains.encoder)
     recorded_Hz, spikes = trains.encoder.get("recorded_Hz"), None
@@ -396,11 +396,11 @@ def _of_encoding(found: Answer, trains: SpikeTrains | None, study: StudySpec) ->
     if study.encoding_in == "sensor":
         yield f"Conditioning and encoding are in the sensor and not counted; on the processor they take {alone} more."
         return
-    at = f"{rate_Hz:g} steps per second, for any number of spikes"
+    clock = f"{rate_Hz:g} steps per second, for any number of spikes"
     if recorded_Hz is not None:
-        at = f"{recorded_Hz:.4g} samples per second, and more for each spike"
+        clock = f"{recorded_Hz:.4g} samples per second, and more for each spike"
     yield (
-        f"Conditioning and encoding, on the processor, take {alone} of {answers.energy(decision.nJ)}, at {at}; "
+        f"Conditioning and encoding, on the processor, take {alone} of {answers.energy(decision.nJ)}, at {clock}; "
         "`settings={'encoding_in': 'sensor'}` leaves them out."
     )
 
@@ -435,10 +435,10 @@ def _comparing(
     return compare
 
 
-def levels(found: Sequence[Front]) -> dict[str, dict[str, float]]:
+def levels(all_fronts: Sequence[Front]) -> dict[str, dict[str, float]]:
     """For each data set the accuracies at any cost: the baseline chosen on validation trials, and guessing."""
     known = {}
-    for front in found:
+    for front in all_fronts:
         best = front.answer.baseline
         known[front.setting] = ({} if best is None else {"baseline chosen on validation": best.accuracy}) | {
             "guessing": front.answer.guess
@@ -460,14 +460,14 @@ def tested(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def beware(
-    study: StudySpec, folder: Path, done: Sequence[Cell], found: Sequence[Front], trains: SpikeTrains | None
+    study: StudySpec, folder: Path, done: Sequence[Cell], all_fronts: Sequence[Front], trains: SpikeTrains | None
 ) -> list[str]:
     """Warnings about this run, one line each with the fix."""
     by_line: dict[str, list[str]] = {}
-    for front in found:
+    for front in all_fronts:
         for line in _of_front(study, front, trains):
             by_line.setdefault(line, []).append(front.setting)
-    for_all = len(found)
+    for_all = len(all_fronts)
     lines = [line if len(of) == for_all else f"{'; '.join(of)}: {line}" for line, of in by_line.items()]
     if study.baselines == "quick":
         lines.append(opponents.without_slow())

@@ -59,8 +59,8 @@ RECONSTRUCTION = "reconstruction.csv"
 
 def load_dataset(spec: DatasetSpec) -> Recordings:
     """Simulate, read or load the recordings of a study, of the trials that it uses; a line says how many they are."""
-    found, source = _dataset(spec), spec.file or spec.path or spec.simulate or ""
-    chosen = chosen_trials(found, spec.choice, source)
+    recordings, source = _dataset(spec), spec.file or spec.path or spec.simulate or ""
+    chosen = chosen_trials(recordings, spec.choice, source)
     if spec.read is not None:
         doubtful.check(chosen, source)
     return chosen
@@ -85,12 +85,12 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
 
     A line on stderr names each damaged file. Raises InputError if the recordings changed since the study started.
     """
-    dataset, place = study.dataset, folder / "spikes"
+    dataset, target = study.dataset, folder / "spikes"
     table_flaws = store.flaws(folder, [DATA, *tables_of(study)])
     distinct = {cell.spikes_name: cell for cell in cells}
-    spikes_flaws = store.flaws(place, [name for cell in distinct.values() for name in _encoded(cell)])
+    spikes_flaws = store.flaws(target, [name for cell in distinct.values() for name in _encoded(cell)])
     store.say_flaws("", table_flaws, "written again")
-    store.say_flaws(f"{place.name}/", spikes_flaws, "encoded again")
+    store.say_flaws(f"{target.name}/", spikes_flaws, "encoded again")
     source = _source(dataset)
     before = store.sound_json(folder, DATA)
     is_same = before is not None and (source is None or source == before.get("source"))
@@ -131,20 +131,20 @@ def _baselines_tables(
     share of correctly classified windows; copies are one trial, the first of them.
     """
     groups = [list({cell.spikes_name: cell for cell in group}.values()) for group in by_split(cells)]
-    found = []
+    fitted_rows = []
     with track("baselines", sum(map(len, groups))) as advance:
         for group in groups:
             for cell in group:
-                found += _fitted(folder, recordings, study, cell, cells, is_first=cell is group[0])
+                fitted_rows += _fitted(folder, recordings, study, cell, cells, is_first=cell is group[0])
                 advance(1, "")
-    shares = [row.pop(opponents.RIGHT) for row in found]
+    shares = [row.pop(opponents.RIGHT) for row in fitted_rows]
     trials = [
         (row, side, *pair)
         for row, sides in enumerate(shares)
         for side, by_trial in sides.items()
         for pair in by_trial.items()
     ]
-    return pd.DataFrame(found), pd.DataFrame(trials, columns=["baseline", "side", "trial", "right"])
+    return pd.DataFrame(fitted_rows), pd.DataFrame(trials, columns=["baseline", "side", "trial", "right"])
 
 
 def _fitted(
@@ -188,9 +188,9 @@ def _reconstruction_table(
         for cell in distinct.values():
             trains = hdf5.load_spikes(folder / cell.given)
             sides = tasks.trials_of(trains, task_of(cell).model_copy(update={"subset": {}}))
-            found = regained.regained(recordings, trains, sides, start_s=cell.window.start_ms * 1e-3)
+            measured = regained.regained(recordings, trains, sides, start_s=cell.window.start_ms * 1e-3)
             own = {key: value_at(cell, key) for key in keys}
-            rows.append({**encoded.periods(cell), **own, **found._asdict()})
+            rows.append({**encoded.periods(cell), **own, **measured._asdict()})
             advance(1, "")
     return pd.DataFrame(rows)
 
@@ -200,14 +200,14 @@ def pieces_with_copies(recordings: Recordings, windows: Windows, trains: SpikeTr
     assert cell.augmentation is not None
     of_recorded = windows.trial < len(trains)
     recorded = Windows(windows.trial[of_recorded], windows.start[of_recorded], windows.n_steps)
-    found = [*opponents.pieces_of(recordings, recorded, trains.sampling_rate_Hz)]
+    pieces = [*opponents.pieces_of(recordings, recorded, trains.sampling_rate_Hz)]
     before = len(trains)
     for copies in varied_copies(copied_part(recordings, cell), cell.augmentation):
         inside = (windows.trial >= before) & (windows.trial < before + len(copies.of))
         own = Windows(windows.trial[inside] - before, windows.start[inside], windows.n_steps)
-        found += [piece.copy() for piece in opponents.pieces_of(copies.recordings, own, trains.sampling_rate_Hz)]
+        pieces += [piece.copy() for piece in opponents.pieces_of(copies.recordings, own, trains.sampling_rate_Hz)]
         before += len(copies.of)
-    return found
+    return pieces
 
 
 def with_training(cuts: opponents.Cuts, trains: SpikeTrains, cell: Cell, parts: Split) -> opponents.Cuts:
@@ -268,9 +268,9 @@ def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recor
     content: hash of the study's first set of recordings, which identifies the whole folder of spikes: the same code
     simulates the other sets, and they changed if and only if the first set did.
     """
-    place, made_from = folder / "spikes", {"recordings": content}
+    target, made_from = folder / "spikes", {"recordings": content}
     distinct = {cell.spikes_name: cell for cell in cells}
-    missing = [cell for cell in distinct.values() if store.flaws(place, _encoded(cell), made_from)]
+    missing = [cell for cell in distinct.values() if store.flaws(target, _encoded(cell), made_from)]
     if missing:
         _check_windows(recordings, cells)
     calibrated: dict[str, EncoderSpec] = {}
@@ -282,11 +282,11 @@ def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recor
                 recordings, encoder, augmentation=cell.augmentation, copied=copied_part(recordings, cell)
             )
             table = encoded.encoding_table(trains, cell, study.dataset.stratify)
-            write_table(table, place / f"{cell.spikes_name}.csv")
+            write_table(table, target / f"{cell.spikes_name}.csv")
             if not study.reconstruction:  # which compares longer stretches
-                trains = _used(trains, [each for each in cells if each.given == cell.given])
+                trains = _used(trains, [one for one in cells if one.given == cell.given])
             hdf5.save_spikes(trains, folder / cell.given)
-            store.seal(place, _encoded(cell), made_from)
+            store.seal(target, _encoded(cell), made_from)
 
 
 def _used(trains: SpikeTrains, cells: Iterable[Cell]) -> SpikeTrains:
@@ -302,13 +302,13 @@ def _used(trains: SpikeTrains, cells: Iterable[Cell]) -> SpikeTrains:
 
 def tables_of(study: StudySpec) -> list[str]:
     """The tables of its recordings that a study requests, before any cell is run."""
-    asked = {
+    wanted = {
         **dict.fromkeys(BASELINES, study.baselines != "none"),
         RECONSTRUCTION: study.reconstruction,
         "signals.csv": study.signals,
         "same_drive.csv": study.same_drive is not None,
     }
-    return [name for name, is_asked in asked.items() if is_asked]
+    return [name for name, is_asked in wanted.items() if is_asked]
 
 
 def check(folder: Path, study: StudySpec, cells: Iterable[Cell]) -> None:
@@ -384,9 +384,9 @@ def _check_unchanged(folder: Path, recordings: Recordings, before: Mapping[str, 
 
     before: the earlier content of data.json; None if it is missing or damaged. source: of `_source`.
     """
-    found = {"sha256": _content(recordings), "trials": len(recordings), "classes": list(recordings.classes)}
-    if before is not None and {key: before[key] for key in found} != found:
+    entry = {"sha256": _content(recordings), "trials": len(recordings), "classes": list(recordings.classes)}
+    if before is not None and {key: before[key] for key in entry} != entry:
         raise InputError(f"{folder}: the recordings changed since this study began; run it in another folder")
-    write_json(folder / DATA, found | ({"source": source} if source is not None else {}))
+    write_json(folder / DATA, entry | ({"source": source} if source is not None else {}))
     store.seal(folder, [DATA])
-    return found["sha256"]
+    return entry["sha256"]

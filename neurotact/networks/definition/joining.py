@@ -40,7 +40,7 @@ def joined(networks: Sequence[RSNN]) -> RSNN:
     ).to(first.w_in.device)  # fmt: skip
     whole.spike = first.spike
     parts = {name: [network.state_dict()[name] for network in networks] for name in first.state_dict()}
-    whole.load_state_dict({name: _whole(name, each) for name, each in parts.items()})
+    whole.load_state_dict({name: _whole(name, tensors) for name, tensors in parts.items()})
     return whole
 
 
@@ -60,9 +60,9 @@ def _whole(name: str, parts: Sequence[Tensor]) -> Tensor:
 def _check(networks: Sequence[RSNN]) -> None:
     first = networks[0]
     sizes = first.n_inputs, first.n_classes, first.sampling_rate_Hz
-    if any((each.n_inputs, each.n_classes, each.sampling_rate_Hz) != sizes for each in networks):
+    if any((network.n_inputs, network.n_classes, network.sampling_rate_Hz) != sizes for network in networks):
         raise InputError("networks: differ in their afferents, classes or clock; join networks of the same spikes")
-    if any(each.spec != first.spec for each in networks):
+    if any(network.spec != first.spec for network in networks):
         raise InputError("networks: have different specs; join networks of one spec")
     if first.spec.readout != "integrator" or first.spec.learn:
         raise InputError("networks: join only with readout = 'integrator' and without learn; train such ones")

@@ -53,12 +53,12 @@ def course(
             continue
         before = tuple(log), tuple(members[:-1])
         kept = None if keep is None else _with_earlier(keep, *before)
-        found = yield from one.course(
+        own_training = yield from one.course(
             network, training, validation, generator=order, progress=progress, start=own, keep=kept, member=number
         )
         if n == 1:
-            return network, found
-        log += found.epochs
+            return network, own_training
+        log += own_training.epochs
     whole = joined(members)
     fitted = yield from one.judge(whole, training.binned(whole))
     judged = yield from one.judge(whole, validation.binned(whole))

@@ -67,9 +67,9 @@ class Training:
 
     def __repr__(self) -> str:
         n = self.n_members
-        found = f"{n} networks joined" if n > 1 else f"best: epoch {self.best.epoch}"
+        state = f"{n} networks joined" if n > 1 else f"best: epoch {self.best.epoch}"
         return (
-            f"Training({len(self.epochs)} epochs; {found}, validation loss "
+            f"Training({len(self.epochs)} epochs; {state}, validation loss "
             f"{self.best.validation_loss:.3g}, validation accuracy {self.best.validation_accuracy:.3g})"
         )
 

@@ -31,17 +31,17 @@ def points(results: pd.DataFrame) -> pd.DataFrame:
     """
     by = ["task", "remedy", "classifier", "input"]
     named = results.assign(task=_tasks(results), value=results["value"].astype(str))
-    each = named.groupby([*by, "value", "seed"], sort=False)[MEASURES].mean()
-    plain = each.xs(NOTHING, level="remedy")["accuracy_test"].rename("plain")
-    each = each.join(plain, on=plain.index.names)
-    each["gained"] = each["accuracy_test"] - each["plain"]
-    at = each.groupby([*by, "value"], sort=False)[[*MEASURES, "gained"]].mean()  # over seeds
-    found = at.groupby(by, sort=False)
-    table = found.mean()
+    rows = named.groupby([*by, "value", "seed"], sort=False)[MEASURES].mean()
+    plain = rows.xs(NOTHING, level="remedy")["accuracy_test"].rename("plain")
+    rows = rows.join(plain, on=plain.index.names)
+    rows["gained"] = rows["accuracy_test"] - rows["plain"]
+    of_values = rows.groupby([*by, "value"], sort=False)[[*MEASURES, "gained"]].mean()  # over seeds
+    of_remedies = of_values.groupby(by, sort=False)
+    table = of_remedies.mean()
     for name, column in (("", "accuracy_test"), ("gained_", "gained")):
-        table[f"{name}low"], table[f"{name}high"] = found[column].min(), found[column].max()
-    table.loc[found.size() < 2, ["low", "high", "gained_low", "gained_high"]] = np.nan
-    return table.assign(values=found.size()).reset_index()
+        table[f"{name}low"], table[f"{name}high"] = of_remedies[column].min(), of_remedies[column].max()
+    table.loc[of_remedies.size() < 2, ["low", "high", "gained_low", "gained_high"]] = np.nan
+    return table.assign(values=of_remedies.size()).reset_index()
 
 
 def _tasks(results: pd.DataFrame) -> pd.Series:
@@ -75,11 +75,13 @@ def _answer(task: str, rows: pd.DataFrame) -> str:
 
 def _lost(row: pd.Series, words: str) -> str:
     """What a network reaches at untrained and at trained conditions."""
-    at, seen = row["accuracy_test"], row["accuracy_seen"]
+    share, seen = row["accuracy_test"], row["accuracy_seen"]
     if pd.isna(seen):
-        return f"{words} the network has {_percent(at)}"
-    lost = f"{_points(seen - at)} are lost" if seen > at else "nothing is lost"
-    return f"{words} the network has {_percent(at)} at untrained values and {_percent(seen)} at trained ones ({lost})"
+        return f"{words} the network has {_percent(share)}"
+    lost = f"{_points(seen - share)} are lost" if seen > share else "nothing is lost"
+    return (
+        f"{words} the network has {_percent(share)} at untrained values and {_percent(seen)} at trained ones ({lost})"
+    )
 
 
 def _beside(network: pd.Series, rival: pd.Series) -> str:
@@ -201,12 +203,12 @@ def draw_points(table: pd.DataFrame) -> Figure:
     for axes, task in zip(grid, tasks, strict=True):
         rows = table[table["task"] == task]
         network = rows[rows["classifier"] == NETWORK]
-        at = [names.index(remedy) for remedy in network["remedy"]]
+        y = [names.index(remedy) for remedy in network["remedy"]]
         shares = 100 * network["accuracy_test"].to_numpy()
         reach = np.array([shares - 100 * network["low"], 100 * network["high"] - shares])
         axes.errorbar(
             shares,
-            at,
+            y,
             xerr=np.nan_to_num(reach),
             fmt="o",
             color=INK,
@@ -214,10 +216,10 @@ def draw_points(table: pd.DataFrame) -> Figure:
             elinewidth=0.8,
             label="network, untrained value",
         )
-        axes.plot(100 * network["accuracy_seen"], at, "|", color=INK, ms=7, label="network, trained values")
+        axes.plot(100 * network["accuracy_seen"], y, "|", color=INK, ms=7, label="network, trained values")
         rivals = [best_opponent(rows[rows["remedy"] == remedy]) for remedy in network["remedy"]]
         theirs = [np.nan if rival is None else 100 * rival["accuracy_test"] for rival in rivals]
-        axes.plot(theirs, at, "D", color=MUTED, mfc="none", ms=4, label="best opponent, untrained value")
+        axes.plot(theirs, y, "D", color=MUTED, mfc="none", ms=4, label="best opponent, untrained value")
         axes.set(title=task, xlabel="accuracy (%)")
         axes.grid(axis="x")
     grid[0].set_yticks(range(len(names)), names)

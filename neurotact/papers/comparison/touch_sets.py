@@ -95,12 +95,12 @@ def load(data: TouchData) -> Arrays:
         return left_out(data.set, error)
 
 
-def recordings_of(found: Arrays, source: str) -> Recordings:
+def recordings_of(stored: Arrays, source: str) -> Recordings:
     """The recordings of `load`; source: their name in messages."""
-    signals = np.split(found["values"], np.cumsum(found["lengths"])[:-1])
-    conditions = {key.removeprefix(CONDITION): found[key] for key in found if key.startswith(CONDITION)}
-    rate_Hz, channels = float(found["sampling_rate_Hz"]), tuple(found["channels"].tolist())
-    return Recordings(signals, rate_Hz, str(found["unit"]), pd.DataFrame(conditions), channels, source)
+    signals = np.split(stored["values"], np.cumsum(stored["lengths"])[:-1])
+    conditions = {key.removeprefix(CONDITION): stored[key] for key in stored if key.startswith(CONDITION)}
+    rate_Hz, channels = float(stored["sampling_rate_Hz"]), tuple(stored["channels"].tolist())
+    return Recordings(signals, rate_Hz, str(stored["unit"]), pd.DataFrame(conditions), channels, source)
 
 
 def _parts_of(chosen: TouchSet) -> Iterator[Recordings]:

@@ -84,11 +84,11 @@ class Remedy(Spec):
         >>> Remedy().keys()
         {'augmentation': {'kind': 'none'}, 'encoder.sa1.opposite': False, 'encoder.sa1.grades': [1.0]}
         """
-        found: dict[str, Any] = {"augmentation": self.copies.model_dump(mode="json", exclude_defaults=True)}
-        found |= {} if self.falling == "chosen" else {"encoder.sa1.opposite": self.falling == "yes"}
+        settings: dict[str, Any] = {"augmentation": self.copies.model_dump(mode="json", exclude_defaults=True)}
+        settings |= {} if self.falling == "chosen" else {"encoder.sa1.opposite": self.falling == "yes"}
         grades = {"one": (1.0,), "two": GRADES}
-        found |= {} if self.thresholds == "chosen" else {"encoder.sa1.grades": [*grades[self.thresholds]]}
-        return found
+        settings |= {} if self.thresholds == "chosen" else {"encoder.sa1.grades": [*grades[self.thresholds]]}
+        return settings
 
 
 class Parameters(Spec):
@@ -221,8 +221,8 @@ def _cell(parameters: Parameters, remedy: Remedy, path: Path, tested: Mapping[st
         **given,
         **remedy.keys(),
     }
-    (found,) = study.cells(study.resolve("own-recordings", keys, data=path))
-    return found
+    (cell,) = study.cells(study.resolve("own-recordings", keys, data=path))
+    return cell
 
 
 class Prepared(NamedTuple):
@@ -295,10 +295,10 @@ def _of_opponents(prepared: Prepared) -> Iterator[dict[str, Any]]:
     n_test = int(np.isin(windows.trial, split.test).sum())
     for row in opponents.rows(_inputs(prepared, every, cuts), labels, cuts):
         shares = row[opponents.RIGHT]["test"]
-        at, seen = (_accuracy(shares, trials, windows.trial) for trials in (split.test, prepared.seen))
+        unseen, seen = (_accuracy(shares, trials, windows.trial) for trials in (split.test, prepared.seen))
         kept = ("classifier", "input", "accuracy_validation", "energy_estimate_nJ", "signal_ms", "n_train")
         _, _, copies = row["settings"].partition("varied copies: ")
-        own = {"copies": copies or NONE, "accuracy_test": at, "accuracy_seen": seen, "n_test": n_test}
+        own = {"copies": copies or NONE, "accuracy_test": unseen, "accuracy_seen": seen, "n_test": n_test}
         yield {**{key: row[key] for key in kept}, **own}
 
 
@@ -345,15 +345,15 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     (`where`, `leave_out`) and the number of seeds (`repeats`) apply to the file. Raises InputError without a condition,
     for another choice of test trials, and where `own-recordings` cannot use the file.
     """
-    asked = {key.removeprefix(TESTED): values for key, values in given.items() if key.startswith(TESTED)}
+    conditions = {key.removeprefix(TESTED): values for key, values in given.items() if key.startswith(TESTED)}
     choice = suited.choice_of(given)
     touches = chosen_trials(hdf5.load_recordings(path), choice, str(path), tell=False)
-    if len(asked) != 1:
+    if len(conditions) != 1:
         names = [str(name) for name in touches.conditions if name != LABEL]
         raise InputError(
             f"`leave_out_each`: name the condition of which each value is tested; {path} has {some(names) or 'none'}"
         )
-    ((condition, values),) = asked.items()
+    ((condition, values),) = conditions.items()
     of_set = {key: value for key, value in given.items() if key.startswith(suited.WINDOW)}
     others = {
         key: value for key, value in given.items() if key not in {*of_set, *suited.CHOICE, f"{TESTED}{condition}"}
