@@ -161,8 +161,9 @@ def test_gains_are_fitted_on_training_trials_alone(tmp_path, monkeypatch, only_k
     cell = next(study.cells(what))
     given = []
 
-    def fitted(recordings, spec, *, rule):
+    def fitted(recordings, spec, *, rule, tell):
         assert rule.spikes_per_s is None
+        assert tell
         given.append(sorted({int(signal[0, 0]) for signal in recordings.signals}))
         return SimpleNamespace(encoder=spec.model_copy(update={"tau_mem_ms": 8.0}))
 
