@@ -91,7 +91,8 @@ def _beside(network: pd.Series, rival: pd.Series) -> str:
     verdict = f"{_points(more)} {'more' if more > 0 else 'fewer'}" if more else "as much"
     return (
         f"of opponents with the same remedies, the best on validation trials, {rival['classifier']} on "
-        f"{rival['input']}, has {_percent(rival['accuracy_test'])}, {verdict}, for {energy:.2g} times the energy"
+        f"{rival['input']}, has {_percent(rival['accuracy_test'])}, {verdict}, at {100 * energy:,.3g} % of the "
+        "network's energy"
     )
 
 
@@ -129,12 +130,14 @@ def cautions(results: pd.DataFrame) -> list[str]:
     lines = []
     has_condition = shown["condition"].fillna("-").str.strip("-") != ""
     chosen = shown[(shown["classifier"] == NETWORK) & (shown["remedy"] == DEFAULT) & has_condition]
-    lines += [
-        f"{task}: validation cannot leave out a value, so that copies and opponents are chosen on trained ones; record "
-        "a third value"
-        for task, rows in chosen.groupby(_tasks(chosen), sort=False)
-        if not rows["ranked"].astype(bool).all()
+    unranked = [
+        str(task) for task, rows in chosen.groupby(_tasks(chosen), sort=False) if not rows["ranked"].astype(bool).all()
     ]
+    if unranked:
+        lines.append(
+            f"{'; '.join(unranked)}: validation cannot leave out a value, so that copies and opponents are chosen on "
+            "trained ones; record a third value"
+        )
     if shown["seed"].nunique() == 1:
         more = "`settings={'sweep.seed': [0, 1, 2]}`"
         lines.append(f"one seed: another training may differ by several points; give more, as in {more}")
@@ -154,8 +157,9 @@ def _listed(rows: pd.DataFrame) -> Listed:
     network = rows[rows["classifier"] == NETWORK]
     rivals = [best_opponent(rows[rows["remedy"] == remedy]) for remedy in network["remedy"]]
     return Listed(
-        "The network under each remedy. Points gained: compared with nothing, at the same value and seed. The best "
-        "opponent on validation trials has the same windows, trials and copies.",
+        "The network under each remedy; in parentheses the worst and the best value of the condition. Points gained: "
+        "compared with nothing, at the same value and seed. The best opponent on validation trials has the same "
+        "windows, trials and copies.",
         pd.DataFrame(
             {
                 "remedy": network["remedy"].to_numpy(),

@@ -125,9 +125,11 @@ class Parameters(Spec):
 VIEW = View(
     by=("tested", "remedy", "classifier", "input"),
     measures=heads(
-        "accuracy_test accuracy_seen sops_total energy_estimate_nJ signal_ms",
+        "accuracy_test accuracy_seen sops_total energy_estimate_nJ signal_ms exit_accuracy exit_ms",
         accuracy_test="at the untrained condition (%)",
         accuracy_seen="at trained conditions (%)",
+        exit_accuracy="with early exit (%)",
+        exit_ms="with early exit (ms)",
     ),
     cost="energy_estimate_nJ",
     score="accuracy_test",

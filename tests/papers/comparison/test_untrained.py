@@ -241,8 +241,8 @@ def test_one_sentence_tells_what_is_lost_and_what_gains():
         "made by speed: with nothing the network has 45.0 % at untrained values and 90.0 % at trained ones (45.0 "
         "points are lost); by default the network has 80.0 % at untrained values and 90.0 % at trained ones (10.0 "
         "points are lost); of 1 others, 'gain' gains most, 20.0 points (10.0 to 30.0 over 2 values); of opponents with "
-        "the same remedies, the best on validation trials, SVM on spikes, has 90.0 %, 10.0 points more, for 0.91 times "
-        "the energy; trained on such trials, too, the network has 90.0 %."
+        "the same remedies, the best on validation trials, SVM on spikes, has 90.0 %, 10.0 points more, at 90.9 % of "
+        "the network's energy; trained on such trials, too, the network has 90.0 %."
     )
 
 
