@@ -10,6 +10,7 @@ from typing import NamedTuple
 import pytest
 
 from neurotact import cli
+from neurotact.report import page
 from neurotact.studies import runner
 from neurotact.studies.store import cell_folder
 
@@ -46,3 +47,8 @@ def studies_here() -> Iterator[pytest.MonkeyPatch]:
         patch.setattr(runner, "in_a_process", lambda task, *arguments: task(*arguments))
         patch.setattr(runner, "executor", here)
         yield patch
+
+
+def without_pictures(patch: pytest.MonkeyPatch) -> None:
+    """Figures of reports are drawn, but neither saved nor shown, which takes most of the time of a report."""
+    patch.setattr(page, "_keep", lambda drawn, _: {"source": "", "width": 0, **drawn._asdict()})

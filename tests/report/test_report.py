@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 import torch
 from browser import browser
+from in_process import without_pictures
 from levels import thinned
 from made_run import GRATINGS, SUBSETS, grating_conditions, make_run
 
@@ -22,7 +23,6 @@ from neurotact.networks.definition.specs import TrainingSpec
 from neurotact.networks.training import tasks, trained
 from neurotact.networks.training.training import Epoch
 from neurotact.report import front, networks, tables
-from neurotact.report import page as pages
 from neurotact.report.details import SOPS_COLUMNS
 from neurotact.report.encoding_drawings import name_classes
 from neurotact.report.tables import kept_epoch
@@ -112,8 +112,7 @@ def written(tmp_path_factory):
 
 @pytest.fixture
 def text_alone(monkeypatch):
-    """Figures are drawn, but neither saved nor shown, which takes most of the time of a report."""
-    monkeypatch.setattr(pages, "_keep", lambda drawn, _: {"source": "", "width": 0, **drawn._asdict()})
+    without_pictures(monkeypatch)
 
 
 def test_the_report_needs_nothing_from_the_network(written):

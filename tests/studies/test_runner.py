@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from in_process import studies_here
+from in_process import studies_here, without_pictures
 
 from neurotact import cli, files
 from neurotact.errors import InputError
-from neurotact.report import page, report
+from neurotact.report import report
 from neurotact.studies import runner, study
 
 TINY = Path(__file__).parent / "tiny.toml"
@@ -154,7 +154,7 @@ def test_a_folder_that_holds_anything_else_is_refused(tmp_path):
 
 
 def test_a_finished_study_runs_again_without_training(finished, monkeypatch):
-    monkeypatch.setattr(page, "_keep", lambda drawn, _: {"source": "", "width": 0, **drawn._asdict()})  # no picture
+    without_pictures(monkeypatch)
     before = {path: path.stat().st_mtime_ns for path in finished.glob("cells/*/result.json")}
     claimed = {"name": "c", "source": "s", "published": "p", "kind": "at_least", "measure": "hidden", "value": 1}
     with studies_here():

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from in_process import studies_here
+from in_process import studies_here, without_pictures
 from levels import examples
 
 import neurotact as nt
@@ -50,7 +50,8 @@ def presses(path, speeds=(1, 2, 3), each=8, late=False):
 def run(tmp_path_factory):
     place = tmp_path_factory.mktemp("unseen")
     path = presses(place / "touches.h5", each=20)
-    with studies_here():
+    with studies_here() as patch:
+        without_pictures(patch)
         nt.run_study("own-recordings", place / "run", FEW, data=path, leave_out_each="speed")
     return place / "run"
 
@@ -88,7 +89,8 @@ def test_a_resumed_study_has_the_same_copies(run):
     before = (run / "results.csv").read_bytes()
     for path in (run / "spikes").glob("*.h5"):
         path.unlink()
-    with studies_here():
+    with studies_here() as patch:
+        without_pictures(patch)
         nt.resume_study(run)
     assert (run / "results.csv").read_bytes() == before
 
