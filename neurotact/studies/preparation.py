@@ -219,7 +219,7 @@ def with_training(cuts: opponents.Cuts, trains: SpikeTrains, cell: Cell, parts: 
         rows = trains.variations.rows(parts.train, kind)
         rows = rows[np.isin(trains.variations.of[rows], cuts.windows.trial[known])]
         made[kind] = cuts.sides[0] | np.isin(cuts.windows.trial, len(trains) + rows)
-    if not robust.are_unranked([*made]):
+    if not robust.are_unranked([*made], trains.conditions, cell.split):
         return cuts._replace(copies=made)
     rows = trains.variations.rows(parts.validation, next(iter(made)))
     validation = cuts.sides[1] | np.isin(cuts.windows.trial, len(trains) + rows)

@@ -59,13 +59,18 @@ def candidates(augmentation: AugmentationSpec, conditions: pd.DataFrame, split: 
     return kinds if turns_of(conditions, split) else kinds[-1:]
 
 
-def are_unranked(kinds: Sequence[str]) -> bool:
-    """Whether a single kind of copies was taken because no validation trials could choose.
+def are_unranked(kinds: Sequence[str], conditions: pd.DataFrame, split: SplitSpec) -> bool:
+    """Whether copies of every kind are trained on where no validation trials are of another condition.
 
-    >>> are_unranked(["time+gain"]), are_unranked(["gain"]), are_unranked(["none", "gain"])
-    (True, False, False)
+    Validation trials then vary as training trials do, since recorded ones would rank for the conditions of training.
+
+    >>> table = pd.DataFrame({"label": ["felt", "silk"] * 6, "speed": [150] * 4 + [300] * 4 + [450] * 4})
+    >>> fast, slow = SplitSpec(test_where={"speed": 300}), table[table.speed < 400]
+    >>> [are_unranked(["time+gain"], known, fast) for known in (table, slow)], are_unranked(["gain"], slow, fast)
+    ([False, True], False)
     """
-    return len(kinds) == 1 and kinds[0] in UNRANKED
+    is_every = len(kinds) == 1 and kinds[0] in UNRANKED
+    return is_every and bool(split.test_where) and not turns_of(conditions, split)
 
 
 def trainings(
@@ -80,8 +85,9 @@ def trainings(
 
     A single kind was not chosen on validation trials of another condition; these then vary as training trials do.
     """
+    varied = are_unranked(kinds, trains.conditions, task.split)
     for kind in kinds:
-        own = task.model_copy(update={"augmentation": kind, "varied_validation": are_unranked(kinds)})
+        own = task.model_copy(update={"augmentation": kind, "varied_validation": varied})
         fitted, sides = fitting.fit(trains, spec, own, seeds, progress=progress)
         seen = tasks.seen_side(trains, own)
         spikes = None if seen is None else fitted.network.infer(seen.spikes)
