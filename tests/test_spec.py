@@ -266,7 +266,8 @@ def test_a_recurrent_delay_is_no_step_or_one(value):
 @pytest.mark.parametrize("spec", [RSNNSpec(), RSNNSpec(recurrent_delay_steps=1), RSNNSpec(threshold_adaptation=0.5)])
 def test_a_spec_is_written_whole_and_read_back_equal(spec):
     written = spec.model_dump(mode="json")
-    assert {*RSNNSpec.model_fields} - {*written} <= {"tau_adaptation_ms"}  # which no spec without adaptation may name
+    # Neither may be named in a spec without adaptation or without a recipe.
+    assert {*RSNNSpec.model_fields} - {*written} <= {"tau_adaptation_ms", "effort"}
     assert build(RSNNSpec, written, "my.toml") == spec
 
 
