@@ -307,14 +307,16 @@ def _readable(path: Path) -> Iterator[None]:
         raise InputError(f"{path}: cannot be read ({reason}); check the file and its permissions") from error
 
 
-def check_size(path: str | Path, n_bytes: int) -> None:
+def check_size(path: str | Path, n_bytes: int, limit: int | None = None) -> None:
     """Refuse an input that would exceed the memory limit, by its declared size, before it is read.
+
+    limit: of `max_bytes` if absent.
 
     >>> check_size("touch.npz", 10**13)
     Traceback (most recent call last):
     neurotact.errors.InputError: touch.npz: holds 10,000,000 MB, more than the limit of 512 MB; set NEUROTACT_MAX_MB=...
     """
-    limit = max_bytes()
+    limit = max_bytes() if limit is None else limit
     if n_bytes > limit:
         raise InputError(
             f"{path}: holds {n_bytes / 1e6:,.0f} MB, more than the limit of {limit / 1e6:,.0f} MB; "
@@ -328,6 +330,20 @@ def max_bytes() -> int:
     if not (text.isascii() and text.isdigit() and len(text) <= 9 and int(text) >= 1):
         raise InputError(f"{MAX_MB}: must be a whole number of megabytes >= 1; got '{text[:40]}'")
     return int(text) * 1_000_000
+
+
+def room_bytes() -> int:
+    """How many bytes an array that is computed may take: `$NEUROTACT_MAX_MB`, or a quarter of the machine's memory.
+
+    What a file declares may be damaged; what is computed has the size of recordings that were read.
+    """
+    if MAX_MB in os.environ:
+        return max_bytes()
+    try:
+        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):  # not on every system
+        memory = 0
+    return max(max_bytes(), memory // 4)
 
 
 @contextmanager

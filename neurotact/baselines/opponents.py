@@ -14,7 +14,7 @@ from sklearn.preprocessing import StandardScaler
 
 from neurotact.baselines import families
 from neurotact.baselines.families import Candidate, Family, Sides, best_of
-from neurotact.baselines.features import averaged, band_powers, counted
+from neurotact.baselines.features import averaged, band_powers, bin_edges
 from neurotact.baselines.minirocket import KERNEL
 from neurotact.data.augmentation import NONE
 from neurotact.data.recordings import Recordings, select_conditions
@@ -206,18 +206,17 @@ def spike_inputs(
     they cost nothing to encode, and with all opponents there are sequences of them, too. encoding: whether the energy
     of conditioning and encoding counts.
     """
-    rasters = trains.raster(cuts.windows)
-    n_windows, n_steps, n_afferents = rasters.shape
+    n_windows, n_steps, n_afferents = len(cuts.windows), cuts.windows.n_steps, len(trains.afferents)
     source = SPIKES if trains.encoder else EVENTS
     n_taxels = taxels_of(n_afferents, trains.encoder)
     is_counted = encoding and bool(trains.encoder)
-    spikes = float(rasters.sum()) / n_windows
+    n_bins = min(BINS, n_steps)
+    counts = trains.binned(cuts.windows, bin_edges(n_steps, n_bins))
+    spikes = float(counts.sum()) / n_windows
     encoded = encoding_cost(n_taxels, n_steps, cuts.length_ms, trains.encoder, spikes=spikes) if is_counted else Cost()
     made = encoded + Cost(acs=spikes)
     is_linear = opponents == "readout" or not is_first
     of_features = {LINEAR: families.logistic_regression} if is_linear else families.ON_FEATURES
-    n_bins = min(BINS, n_steps)
-    counts = counted(rasters, n_bins)
     yield Input(source, "counts", pair, counts.sum(axis=1).astype(float), made, of_features)
     if opponents == "readout":
         return
@@ -225,7 +224,7 @@ def spike_inputs(
     if opponents != "all" or source != EVENTS or not is_first:
         return
     for words, n_sequence, of_sequences in _sequences_of("steps", cuts.length_ms, n_steps):
-        sequences = counted(rasters, n_sequence).astype(np.float32)
+        sequences = trains.binned(cuts.windows, bin_edges(n_steps, n_sequence)).astype(np.float32)
         yield Input(source, words, pair, sequences, made + cost(signal_ms=cuts.length_ms), of_sequences)
 
 

@@ -20,7 +20,7 @@ from neurotact.data.recordings import (
 )
 from neurotact.data.windows import LONGEST_STEPS, Windows, WindowSpec, cut
 from neurotact.errors import InputError
-from neurotact.files import check_size
+from neurotact.files import check_size, room_bytes
 from neurotact.notebook import html_of
 
 
@@ -286,10 +286,28 @@ class SpikeTrains:
         ]
         return np.array(totals, np.int64)
 
+    def binned(self, windows: Windows, edges: np.ndarray) -> np.ndarray:
+        """Spikes of each afferent in bins of each window, `(window, bin, afferent)` int64.
+
+        edges: the first step of each bin and the end of the last one, `(bin + 1,)`, from the start of a window.
+
+        >>> spikes, table = [np.array([[1], [1], [0], [1]])], pd.DataFrame({"label": ["felt"]})
+        >>> trains = from_rasters(spikes, 1000.0, ("SA-I taxel1",), table)
+        >>> trains.binned(Windows(np.array([0]), np.array([1]), 3), np.array([0, 2, 3])).ravel().tolist()
+        [1, 1]
+        """
+        counts = np.zeros((len(windows), len(edges) - 1, len(self.afferents)), np.int64)
+        for window, (trial, start) in enumerate(zip(windows.trial, windows.start, strict=True)):
+            first, last = np.searchsorted(self.steps[trial], (start + edges[0], start + edges[-1]))
+            bins = np.searchsorted(edges, self.steps[trial][first:last] - start, side="right") - 1
+            np.add.at(counts[window], (bins, self.units[trial][first:last]), 1)
+        return counts
+
     def raster(self, windows: Windows) -> np.ndarray:
         """Spikes in the given windows, `(window, time, afferent)` uint8; InputError if it is too large."""
         shape = (len(windows), windows.n_steps, len(self.afferents))
-        check_size(f"the raster of {shape[0]} windows, {shape[1]} steps and {shape[2]} afferents", math.prod(shape))
+        what = f"the raster of {shape[0]} windows, {shape[1]} steps and {shape[2]} afferents"
+        check_size(what, math.prod(shape), room_bytes())
         raster = np.zeros(shape, np.uint8)
         for window, (trial, start) in enumerate(zip(windows.trial, windows.start, strict=True)):
             first, last = np.searchsorted(self.steps[trial], (start, start + windows.n_steps))

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from neurotact.baselines.features import bin_edges
 from neurotact.data.spikes import SpikeTrains, from_rasters
 from neurotact.data.windows import Windows, WindowSpec, cut
 from neurotact.errors import InputError
@@ -49,6 +50,15 @@ def test_a_window_of_the_events_is_the_slice_of_the_raster(rasters, length, hop)
     found = trains.raster(windows)
     for i, (trial, start) in enumerate(zip(windows.trial, windows.start, strict=True)):
         np.testing.assert_array_equal(found[i], rasters[trial][start : start + windows.n_steps])
+
+
+@given(RASTERS, st.integers(1, 12), st.integers(1, 5), st.integers(1, 12))
+def test_counts_in_bins_are_sums_of_the_raster(rasters, length, hop, n_bins):
+    trains = trains_of(rasters)
+    windows = cut(trains.trial_steps, 1000.0, WindowSpec(length_ms=min(length, *map(len, rasters), 12), hop_ms=hop))
+    edges = bin_edges(windows.n_steps, min(n_bins, windows.n_steps))
+    expected = np.add.reduceat(trains.raster(windows), edges[:-1], axis=1, dtype=np.int64)
+    np.testing.assert_array_equal(trains.binned(windows, edges), expected)
 
 
 @given(RASTERS, st.randoms())
