@@ -52,6 +52,8 @@ FEWER: dict[str, list[Any]] = {
     "encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [5, 5], [10, 10]],
 }
 """What is swept where each network is trained with several kinds of varied copies."""
+MANY = 2000
+"""Trials from which on each has one varied copy of a kind: with three, encoding and opponents take hours."""
 CHOICE = ("dataset.where", "dataset.leave_out")
 """The keys of the trials that a study uses."""
 
@@ -194,7 +196,9 @@ def _for_remedies(
     table: dict[str, Any], recorded: Recorded, given: Mapping[str, Any], columns: Sequence[str]
 ) -> tuple[dict[str, Any], list[str]]:
     """A study that trains on varied copies, too, with fewer periods and sizes: each takes several trainings."""
-    copies = table["augmentation"]
+    copies, of_each = table["augmentation"], ""
+    if len(recorded.timing.durations_s) > MANY and "copies" not in copies:
+        copies, of_each = {"copies": 1, **copies}, ", one of each trial since there are many"
     if copies.get("kind", ANY_KIND) == ANY_KIND:
         copies = {**_starts(table.get("window", {})), **copies}
     augmentation = build(AugmentationSpec, copies, source="augmentation")
@@ -213,6 +217,7 @@ def _for_remedies(
     else:
         every = in_words(augmentation.candidates[-1], augmentation)
         what = f"also on copies {every}, since training trials have too few values of {names} to choose"
+    what += of_each
     note = f"Training: on the recorded trials and {what}; without copies: `settings={{'augmentation.kind': 'none'}}`."
     less = " Fewer sizes and refractory periods are trained, because of that." if fewer else ""
     return {**table, "augmentation": copies, "sweep": sweep}, [note + less]

@@ -132,6 +132,19 @@ def test_copies_that_begin_later_are_for_windows_that_do_not_begin_at_contact(tm
     assert EVERY not in loading.resolve("own-recordings", without, data=path).augmentation.candidates
 
 
+def test_of_many_trials_each_has_one_copy_and_it_is_said(tmp_path, monkeypatch):
+    path, asked = presses(tmp_path / "touches.h5"), {**FEW, "split.test_where": {"speed": 3}}
+    asked.pop("augmentation.copies", None)
+    assert loading.resolve("own-recordings", asked, data=path).augmentation.copies == 3
+    monkeypatch.setattr(suited, "MANY", 10)
+    what = loading.resolve("own-recordings", asked, data=path)
+    assert what.augmentation.copies == 1
+    assert any("one of each trial since there are many" in note for note in what.notes)
+    given = loading.resolve("own-recordings", {**asked, "augmentation.copies": 2}, data=path)
+    assert given.augmentation.copies == 2
+    assert not any("one of each trial" in note for note in given.notes)
+
+
 def test_fewer_networks_are_trained_since_each_takes_several_trainings(tmp_path):
     path = presses(tmp_path / "touches.h5")
     asked = {"split.test_where": {"speed": 3}}
