@@ -240,8 +240,9 @@ def calibrate_causally(
         Only of LIF afferents without them.
     choose_grades: with `apart`, also choose whether several SA-I of different thresholds are under each taxel
         (`sa1.grades`): by the same rule, or, where training trials have one value of the conditions, without a
-        comparison. At another condition thresholds tell the size of a touch from its timing. Only of LIF afferents with
-        one grade.
+        comparison. At another condition thresholds tell the size of a touch from its timing, if a network also learns
+        from varied copies (`data.augmentation`); without them it learns the sizes of one condition. Only of LIF
+        afferents with one grade.
     apart: conditions that the test leaves out: with several values of them, the accuracies are those of each value by
         the trials of the others, so that the choices are made for untrained ones.
     progress: called with 1 and a note at each of `rule.candidates` steps of each combination. tell: log the notes, too.
@@ -490,7 +491,7 @@ def calibration_for(
     *,
     choose_ema: bool = True,
     choose_opposite: bool = True,
-    choose_grades: bool = True,
+    choose_grades: bool = False,
     apart: tuple[str, ...] = (),
 ) -> tuple[Callable[..., Calibration[Any]], int]:
     """The calibration of an encoder, and how many times at most it goes through all candidates of its rule.

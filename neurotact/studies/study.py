@@ -178,7 +178,8 @@ class StudySpec(Spec):
     choose_opposite: bool = False
     """Also choose there whether LIF afferents include SA-I of the falling signal, unless this is set or swept."""
     choose_grades: bool = False
-    """Also choose there, where the test is on other conditions, whether they include SA-I of several thresholds."""
+    """Also choose there, where the test is on other conditions and networks learn from varied copies, whether they
+    include SA-I of several thresholds."""
     spikes_per_s: float | None = Field(default=None, gt=0)
     """Fit gains and thresholds there to this rate of an afferent, so that encoders spend equally many spikes."""
     window: WindowSpec = WindowSpec()
@@ -521,7 +522,9 @@ def _augmented(cell: Cell) -> Cell:
     is_idle = kind == NONE or (kind == AUTO and (not cell.split.test_where or cell.search is not None))
     if kind is not None and not is_idle and cell.search is not None:
         raise InputError("augmentation.kind: a search trains without varied copies; leave one of them out")
-    return cell.model_copy(update={"augmentation": None}) if is_idle else cell
+    if kind is None or is_idle:  # without copies a network learns the sizes of its own conditions
+        return cell.model_copy(update={"augmentation": None, "choose_grades": False})
+    return cell
 
 
 def reach_ms(cell: Cell) -> float | None:

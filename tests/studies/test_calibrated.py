@@ -164,15 +164,6 @@ def test_sa1_of_the_falling_signal_are_chosen_unless_they_are_given(touches, cha
     assert {cell.choose_opposite for cell in study.cells(what)} == {is_chosen}
 
 
-@pytest.mark.parametrize(
-    ("changes", "is_chosen"),
-    [({}, True), ({"encoder.sa1.grades": [1.0]}, False), ({"choose_grades": False}, False)],
-)
-def test_grades_are_chosen_unless_they_are_given(touches, changes, is_chosen):
-    what = loading.resolve("own-recordings", {**SMALL, **changes}, data=touches)
-    assert {cell.choose_grades for cell in study.cells(what)} == {is_chosen}
-
-
 def test_the_choice_of_the_moving_average_decides_the_spikes_of_a_cell(touches, monkeypatch):
     """With the same encoder to begin with; and what is given reaches the calibration."""
     asked = []

@@ -132,6 +132,22 @@ def test_copies_that_begin_later_are_for_windows_that_do_not_begin_at_contact(tm
     assert EVERY not in loading.resolve("own-recordings", without, data=path).augmentation.candidates
 
 
+@pytest.mark.parametrize(
+    ("changes", "is_chosen"),
+    [
+        ({}, True),
+        ({"encoder.sa1.grades": [1.0]}, False),
+        ({"choose_grades": False}, False),
+        ({"augmentation.kind": "none"}, False),
+        ({"split.test_where": {}}, False),
+    ],
+)
+def test_grades_are_chosen_for_other_conditions_beside_copies_unless_they_are_given(tmp_path, changes, is_chosen):
+    elsewhere = {**FEW, "calibrate": True, "split.test_where": {"speed": 3}}
+    what = loading.resolve("own-recordings", {**elsewhere, **changes}, data=presses(tmp_path / "touches.h5"))
+    assert {cell.choose_grades for cell in study.cells(what)} == {is_chosen}
+
+
 def test_of_many_trials_each_has_one_copy_and_it_is_said(tmp_path, monkeypatch):
     path, asked = presses(tmp_path / "touches.h5"), {**FEW, "split.test_where": {"speed": 3}}
     asked.pop("augmentation.copies", None)
