@@ -7,6 +7,7 @@ from pydantic import Field, model_validator
 
 from neurotact.data.recordings import Trials
 from neurotact.data.spikes import SpikeTrains
+from neurotact.data.windows import Windows
 from neurotact.errors import InputError
 from neurotact.spec import Spec
 
@@ -166,13 +167,9 @@ def common_spike_onset_s(spikes: SpikeTrains) -> float:
         return 0.0
     edges = _edges(shortest)
     chosen = _sample(len(spikes), n_afferents)
-    rates = np.empty((len(chosen), len(edges) - 1, 1, n_afferents), np.float32)
-    for row, trial in enumerate(chosen):
-        n_inside = np.searchsorted(spikes.steps[trial], shortest)
-        bins = np.searchsorted(edges, spikes.steps[trial][:n_inside], "right") - 1
-        cell = bins * n_afferents + spikes.units[trial][:n_inside]
-        counts = np.bincount(cell, minlength=rates[row].size).reshape(-1, n_afferents)
-        rates[row, :, 0] = counts / np.diff(edges)[:, None]
+    windows = Windows(np.array(chosen), np.zeros(len(chosen), np.int64), shortest)
+    counts = spikes.binned(windows, np.array(edges))
+    rates = (counts / np.diff(edges)[:, None]).astype(np.float32)[:, :, None]
     return _begin(rates, edges) / spikes.sampling_rate_Hz
 
 

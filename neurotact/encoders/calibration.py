@@ -31,7 +31,6 @@ from neurotact.encoders.gain_search import (
     drives,
     part_of,
     rates_of,
-    rates_of_every,
     search,
     suited_rule,
 )
@@ -203,7 +202,7 @@ def calibrate(
     if tell:
         _log(notes, recordings)
     if isinstance(turned_to, AfferentSpec) and not turned_to.has_one_grade:
-        rates = rates_of_every(conditioned, turned_to)
+        rates = rates_of(conditioned, turned_to)
     first, *others = rates.values()
     others = others[0] if others else first[:, :0]
     if populations(spec)[0] not in SA_RA:  # all populations choose the baseline

@@ -111,16 +111,15 @@ def part_of(excerpts: Excerpts, rule: CalibrationRule) -> Excerpts:
     return replace(excerpts, signals=Spool(signals[trial][:, chosen] for trial in kept.tolist()), labels=labels[kept])
 
 
-def rates_of(excerpts: Excerpts, spec: EncoderSpec, values: Mapping[Knob, float]) -> dict[str, np.ndarray]:
-    """Spikes per second of each trial and afferent, `(trial, afferent)`, by the name of each knob, at these values."""
-    fired = _fire(excerpts, _with(spec, values), [*values])
-    return {knob.name: _per_second(excerpts, spikes) for knob, spikes in zip(values, fired, strict=True)}
+def rates_of(
+    excerpts: Excerpts, spec: EncoderSpec, values: Mapping[Knob, float] | None = None
+) -> dict[str, np.ndarray]:
+    """Spikes per second of each trial and afferent, `(trial, afferent)`, by the name of each knob.
 
-
-def rates_of_every(excerpts: Excerpts, spec: EncoderSpec) -> dict[str, np.ndarray]:
-    """As `rates_of`, of a calibrated encoder with all its grades: those of each taxel are in it."""
+    values: of the knobs, with one grade; if absent, the encoder is as it is, with all its grades.
+    """
     knobs = knobs_of(spec)
-    fired = _fire(excerpts, spec, knobs)
+    fired = _fire(excerpts, spec if values is None else _with(spec, values), knobs)
     return {knob.name: _per_second(excerpts, spikes) for knob, spikes in zip(knobs, fired, strict=True)}
 
 
