@@ -172,12 +172,13 @@ def _in_float(chain: Chain) -> dict[str, Any]:
 def _float_kinds(chain: Chain) -> Iterator[dict[str, Any]]:
     """The afferents under each taxel: what drives them, their levels and refractory steps, and words for them."""
     encoder, clock_Hz = chain.lif, chain.clock_Hz
-    for part, unit, drive in (("sa1", 1.0, "felt"), ("ra1", clock_Hz * 1e-3, "magnitude(change)")):
+    drives = ("sa1", "felt"), ("ra1", "magnitude(change)")
+    for (part, drive), gains in zip(drives, encoder.gains_at(clock_Hz), strict=True):
         kind = getattr(encoder, part)
         neuron = encoder.neuron(kind, clock_Hz)
-        for gain, about in zip(kind.gains, _words(kind, part), strict=True):
+        for gain, about in zip(gains, _words(kind, part), strict=True):
             yield {
-                "about": about, "target": f"{_float(neuron.v_rest_mV)} + {_float(gain * unit)} * {drive}",
+                "about": about, "target": f"{_float(neuron.v_rest_mV)} + {_float(gain)} * {drive}",
                 "threshold": _float(neuron.v_threshold_mV), "reset": _float(neuron.v_reset_mV),
                 "silent": neuron.refractory_steps,
             }  # fmt: skip

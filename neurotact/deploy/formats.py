@@ -366,13 +366,13 @@ def _front_end(chain: Chain, raw: Raw) -> FrontEnd:
 
 def _kinds(encoder: AfferentSpec, clock_Hz: float, fine: np.ndarray) -> Iterator[Afferents]:
     """The afferents under each taxel; fine: units of the integers in one of the standardised signal, `(taxel,)`."""
-    for part, unit in (("sa1", 1.0), ("ra1", clock_Hz * 1e-3)):
+    for part, gains in zip(("sa1", "ra1"), encoder.gains_at(clock_Hz), strict=True):
         kind = getattr(encoder, part)
         neuron = encoder.neuron(kind, clock_Hz)
-        for index, gain in enumerate(kind.gains):
+        for index, gain in enumerate(gains):
             grade = index % len(kind.grades)
             drive = "change" if part == "ra1" else "signal" if gain > 0 else "falling"
-            levels = _levels(neuron, abs(gain) * unit, fine)
+            levels = _levels(neuron, abs(gain), fine)
             yield Afferents(part if grade == 0 else f"{part}_{grade + 1}", drive, *levels, neuron.refractory_steps)
 
 

@@ -47,6 +47,7 @@ class CompiledStream:
         network, encoder, plan = chain.network, chain.lif, chain.windows
         spec, n_taxels = conditioner.how, chain.n_taxels
         sa1, ra1 = (encoder.neuron(kind, chain.clock_Hz) for kind in (encoder.sa1, encoder.ra1))
+        gains = encoder.gains_at(chain.clock_Hz)
         smoothing, level = conditioner.smoothing, conditioner.following or 0.0
         standard = (spec.offset or (0.0,) * n_taxels, spec.scale or (1.0,) * n_taxels)
         offset, scale = (np.array(values, np.float32) for values in standard)
@@ -61,8 +62,7 @@ class CompiledStream:
             baseline=BASELINES.index(spec.baseline), start_steps=conditioner.n_start,
             base_new=level, base_kept=1.0 - level,
             offset=offset.ctypes.data if is_standard else 0, scale=scale.ctypes.data if is_standard else 0,
-            rectify=spec.rectify, sa_gains=[*encoder.sa1.gains],
-            ra_gains=[gain * chain.clock_Hz * 1e-3 for gain in encoder.ra1.gains],
+            rectify=spec.rectify, sa_gains=[*gains[0]], ra_gains=[*gains[1]],
             decay=sa1.decay, v_rest=sa1.v_rest_mV, v_reset=sa1.v_reset_mV, v_threshold=sa1.v_threshold_mV,
             sa_silent=sa1.refractory_steps, ra_silent=ra1.refractory_steps, length=plan.length, start=plan.start,
             hop=plan.hop, quiet=plan.quiet, bin=network.steps_per_bin, at_once=plan.at_once,

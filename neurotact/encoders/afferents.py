@@ -152,6 +152,16 @@ class AfferentSpec(Spec):
         """Whether the signal below zero drives afferents, too."""
         return self.sa1.opposite
 
+    def gains_at(self, sampling_rate_Hz: float) -> Gains:
+        """The gains of SA-I and of RA-I under a taxel on a clock: RA-I is driven by the change of a step, in ms.
+
+        >>> spec = AfferentSpec(sa1=AfferentType(gain=3.0, opposite=True), ra1=AfferentType(gain=16.0))
+        >>> spec.gains_at(2000.0)
+        ((3.0, -3.0), (32.0,))
+        """
+        per_ms = sampling_rate_Hz * 1e-3
+        return self.sa1.gains, tuple(gain * per_ms for gain in self.ra1.gains)
+
     @property
     def gain_units(self) -> dict[str, str]:
         """The unit of each type's gain on standardised signals, by the type's name."""
@@ -255,15 +265,14 @@ def encode(
     """
     signal = checked(signal)
     neurons = (spec.neuron(spec.sa1, sampling_rate_Hz), spec.neuron(spec.ra1, sampling_rate_Hz))
-    # RA-I is driven by the change per ms; this is the factor per sample.
-    per_ms = sampling_rate_Hz * 1e-3
-    gains = (spec.sa1.gains, tuple(gain * per_ms for gain in spec.ra1.gains))
+    gains = spec.gains_at(sampling_rate_Hz)
     state = _start(signal, gains, neurons) if state is None else state
     compiled = use_native(backend, signal.dtype in (np.float32, np.float64), "signals in float32 or float64")
     if compiled and spec.is_plain:
         return _encode_natively(signal, gains, neurons, state, out)
     half_wave = spec.ra1.change != "rectified"
-    drive, last = drives(signal, gains, state.last, rate_steps=spec.sa1.rate_ms * per_ms, half_wave=half_wave)
+    rate_steps = spec.sa1.rate_ms * (sampling_rate_Hz * 1e-3)
+    drive, last = drives(signal, gains, state.last, rate_steps=rate_steps, half_wave=half_wave)
     encode_drive = _encode_drive_natively if compiled else _encode_drive_by_steps
     spikes = np.empty(drive.shape, np.uint8) if out is None else out
     return spikes, encode_drive(drive, neurons, state, spikes)._replace(last=last)
