@@ -388,10 +388,8 @@ def _of_encoding(answer: Answer, trains: SpikeTrains | None, study: StudySpec) -
     if trains is None or decision.nJ is None or not answer.is_above_chance:
         return
     rate_Hz, n_taxels = trains.sampling_rate_Hz, ledger.taxels_of(len(trains.afferents), trains.encoder)
-    recorded_Hz, spikes = trains.encoder.get("recorded_Hz"), None
-    if recorded_Hz is not None:
-        spikes = float(trains.counts(trains.cut(study.window)).mean()) * decision.ms / study.window.length_ms
-    spent = encoding_cost(n_taxels, 1e-3 * decision.ms * rate_Hz, decision.ms, trains.encoder, spikes=spikes)
+    recorded_Hz, steps = trains.encoder.get("recorded_Hz"), 1e-3 * decision.ms * rate_Hz
+    spent = encoding_cost(n_taxels, steps, decision.ms, trains.encoder, spikes=decision.spikes)
     alone = answers.energy(spent.energy_estimate_nJ)
     if study.encoding_in == "sensor":
         yield f"Conditioning and encoding are in the sensor and not counted; on the processor they take {alone} more."

@@ -1,14 +1,22 @@
 """No sentence gives a ratio of energy to a baseline that guesses, or that tests show to be clearly worse."""
 
 import re
+from types import SimpleNamespace
 
+import numpy as np
+import pandas as pd
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from neurotact.data.spikes import from_rasters
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.cost import encoding_cost
 from neurotact.metrics.paired import compare_shares
 from neurotact.report import answer as answers
-from neurotact.report import first_screen
+from neurotact.report import first_screen, front
 from neurotact.report.answer import Baseline, Decision, Network, Trials, answer, details, headline
+from neurotact.spec import load
 
 GUESS = 1 / 3
 SHARES = st.integers(0, 40).map(lambda right: right / 40)
@@ -89,3 +97,17 @@ def test_what_is_the_cheapest_says_in_which_cost():
         "1&1 ms with 20 neurons is the cheapest in energy (an estimate): 3.2 % less energy, although 33 % more SOPs "
         "(6,140 against 4,620), than 10&10 ms with 20 neurons" in next(iter(details(found)))
     )
+
+
+@pytest.mark.parametrize("spikes", [100.0, 1500.0])
+def test_the_energy_of_encoding_is_that_of_the_decision_it_is_part_of(spikes):
+    """In closed form it grows with the spikes: those of this network, not of the study's first one."""
+    conditions = pd.DataFrame({"label": ["felt", "silk"]})
+    encoder = load(AfferentSpec, "sa1-ra1-lif", {"integration": "exact"}).model_dump(mode="json", exclude_none=True)
+    rasters = np.ones((2, 1000, 2), np.uint8)  # of the first network: many more
+    trains = from_rasters(rasters, 1000.0, ("SA-I taxel1", "RA-I taxel1"), conditions, {**encoder, "recorded_Hz": 50.0})
+    decision = Decision(0.9, 1000.0, 1000.0, spikes, 500.0)
+    judged = SimpleNamespace(cheapest=SimpleNamespace(used=decision), is_above_chance=True)
+    (said,) = front._of_encoding(judged, trains, SimpleNamespace(encoding_in="processor"))
+    spent = encoding_cost(1, 1000.0, 1000.0, trains.encoder, spikes=spikes)
+    assert f"take {answers.energy(spent.energy_estimate_nJ)} of 500 nJ" in said
