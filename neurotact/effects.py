@@ -38,6 +38,11 @@ def more_than_one(value: Any) -> bool:
     return value > 1
 
 
+def more_than_one_of(value: Any) -> bool:
+    """Whether a list or a table has more than one entry."""
+    return value is not None and len(value) > 1
+
+
 class Need(NamedTuple):
     """names: of parameters. beside: another parameter. suits: the values of it with which they have an effect.
 
@@ -64,6 +69,7 @@ NEEDS = (
     Need("fold", "folds", is_given, "without `folds`, the number of folds", OR_GIVE),
     Need("split_seed", "order", is_absent, "with `order`, which draws nothing at random"),
     Need("nested", "test_where", is_given, "without `test_where`", OR_GIVE),
+    Need("leave_aside", "test_where", more_than_one_of, "without several conditions in `test_where`", OR_GIVE),
     Need("stratify", "drawn", bool, "with `test_where`, where validation leaves out one of the other values"),
     Need("test", "test_where", is_absent, "with `test_where`, which selects the test trials"),
     Need("test", "folds", is_absent, "with `folds`, of which one is tested"),

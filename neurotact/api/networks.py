@@ -8,13 +8,24 @@ import pandas as pd
 import torch
 
 from neurotact import effects, files, spec
-from neurotact.api.arguments import Conditions, LeftOut, Settings, Tell, check_folder, check_instance, path_of, silent
+from neurotact.api.arguments import (
+    Columns,
+    Conditions,
+    LeftOut,
+    Settings,
+    Tell,
+    check_folder,
+    check_instance,
+    columns_of,
+    path_of,
+    silent,
+)  # fmt: skip
 from neurotact.data import hdf5
 from neurotact.data.augmentation import NONE
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import check_one_way, split_table
+from neurotact.data.splits import check_each, check_one_way, split_table
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.window_choice import ARGUMENTS
 from neurotact.data.windows import Align, window_table
@@ -62,7 +73,7 @@ def train(
     order: str | None = None,
     folds: int | None = None,
     fold: int | None = None,
-    leave_out_each: str | None = None,
+    leave_out_each: Columns | None = None,
     repeats: int = 1,
     stratify: Sequence[str] = (),
     split_seed: int | None = None,
@@ -94,7 +105,9 @@ def train(
         such as `test_where={"speed": 450}`. stratify: conditions that are balanced. split_seed: of the division, 0 if
         None.
     folds: divide the trials into this many folds and test on each in turn, or on `fold` alone. leave_out_each: a
-        condition, such as "speed": test on each of its values in turn, of which no training trial has that one.
+        condition, such as "speed": test on each of its values in turn, which no training trial has; or several, such
+        as `["speed", "force_N"]`: test on each pair of their values, of which no training trial has one. Beside it,
+        test_where says which of these values are tested.
         repeats: number of random splits, with seeds from `split_seed` upwards.
     augmentation: which varied copies of training trials are trained on, too, of those in the file (see `encode`); None
         takes them if there is one kind, "none" leaves them out.
@@ -112,7 +125,8 @@ def train(
     True
     """
     window = window_table(length_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
-    check_one_way(leave_out_each, test_where=test_where, order=order, folds=folds, test=test)
+    columns = columns_of(leave_out_each)
+    check_one_way(columns, order=order, folds=folds, test=test)
     split = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
     trains, task = _task("train", spikes, window, split, stratify, exit_tolerance, exit_by, where, leave_out)
     task = task.model_copy(update={"augmentation": _kind_of_copies(trains, augmentation, tell)})
@@ -121,12 +135,15 @@ def train(
     population.device_of(device, torch.float32)
     options = {"given": given, "seed": seed, "device": device, "force": force, "resume": resume, "tell": tell}
     every_fold = folds is not None and fold is None
-    if every_fold or leave_out_each or repeats > 1:
+    if every_fold or columns or repeats > 1:
         splits = (
-            repeated.tasks_without(task, leave_out_each, trains.conditions, repeats=repeats)
-            if leave_out_each
+            repeated.tasks_without(task, columns, trains.conditions, repeats=repeats)
+            if columns
             else repeated.tasks_of(task, every_fold=every_fold, repeats=repeats)
         )
+        tests = [one.split.test_where for one in splits.values() if one.split.seed == task.split.seed]
+        for line in check_each(trains.conditions, tests, task.split, copies_of(trains).first):
+            tell(line)
         return _of_repeated(repeated.run(spikes, path, what, splits, **options), path, trains, tell)
     done = train_run.run(spikes, path, what, task, **options)
     if done is None:

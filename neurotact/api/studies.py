@@ -8,15 +8,16 @@ from typing import Any
 import pandas as pd
 
 from neurotact import files, spec, tables
-from neurotact.api.arguments import Conditions, LeftOut, Settings
+from neurotact.api.arguments import Columns, Conditions, LeftOut, Settings, columns_of
 from neurotact.data import hdf5
-from neurotact.data.splits import check_one_way, values_to_leave_out
+from neurotact.data.splits import check_one_way, each_left_out
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.windows import check_not_seconds
 from neurotact.errors import InputError
 from neurotact.report import report
 from neurotact.report.page import ANSWER, PAGE
 from neurotact.studies import loading, runner, store
+from neurotact.studies.sweeps import JOIN
 
 log = logging.getLogger("neurotact")
 
@@ -35,7 +36,7 @@ def run_study(
     group: str | Sequence[str] = (),
     order: str | None = None,
     folds: int | None = None,
-    leave_out_each: str | None = None,
+    leave_out_each: Columns | None = None,
     repeats: int | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
@@ -49,8 +50,9 @@ def run_study(
         data="touches.h5")`, or "ways-to-save".
     length_ms: of the windows. where, leave_out: the trials that are used, as of `read`. test_where, group, order: how
         they are divided, as for `train`. folds, leave_out_each, repeats: every network is trained for each fold, for
-        each value of a condition of `data`, such as "speed", which is tested and never trained on, or for this many
-        random splits; results are means over them.
+        each value of a condition of `data`, such as "speed", or each pair of values of two, such as `["speed",
+        "force_N"]`, which is tested and never trained on, or for this many random splits; results are means over them.
+        Beside leave_out_each, test_where says which of these values are tested.
     workers: processes on this machine, 2 if None. scheduler: address of a Dask scheduler, in their place. device:
         another torch device than "cpu", such as "cuda", trains all networks at once.
     The folder holds all tables, the figures and `report.html`; what was done before is not done again.
@@ -62,12 +64,13 @@ def run_study(
     """
     check_not_seconds(length_ms)
     changes = {**spec.checked_settings(settings), **({} if length_ms is None else {"window.length_ms": length_ms})}
-    changes |= _split_changes(test_where, group, order, folds, repeats)
-    check_one_way(leave_out_each, test_where=test_where, order=order, folds=folds)
+    columns = columns_of(leave_out_each)
+    changes |= _split_changes(None if columns else test_where, group, order, folds, repeats)
+    check_one_way(columns, order=order, folds=folds)
     choice = TrialChoice.of(where, leave_out)
     changes |= loading.choice_changes(**choice._asdict())
-    if leave_out_each is not None:
-        changes |= _left_out_changes(leave_out_each, data, choice)
+    if columns:
+        changes |= _left_out_changes(columns, test_where, data, choice)
     study = loading.resolve(name, changes, quick=quick, data=data)
     for note in getattr(study, "notes", ()):
         log.warning("%s", note)
@@ -126,12 +129,18 @@ def _reported(folder: Path) -> pd.DataFrame:
     return tables.read_table(folder / "results.csv")
 
 
-def _left_out_changes(column: str, data: str | Path | None, choice: TrialChoice) -> dict[str, Any]:
-    """Changes of a study that test each value of a condition of its file in turn."""
+def _left_out_changes(
+    columns: Sequence[str], test_where: Conditions | None, data: str | Path | None, choice: TrialChoice
+) -> dict[str, Any]:
+    """Changes of a study that test each value of a condition of its file in turn, or of several each combination."""
     if data is None:
         raise InputError("`leave_out_each`: needs `data`, a file of recordings with this condition; give it")
     touches = chosen_trials(hdf5.load(data), choice, str(data), tell=False)
-    return {f"sweep.split.test_where.{column}": values_to_leave_out(touches.conditions, column)}
+    tests = each_left_out(touches.conditions, columns, test_where)
+    axis = f"sweep.{JOIN.join(f'split.test_where.{column}' for column in columns)}"
+    if len(columns) == 1:
+        return {axis: [test[columns[0]] for test in tests]}
+    return {axis: [[*test.values()] for test in tests], "split.leave_aside": True}
 
 
 def _split_changes(

@@ -108,7 +108,8 @@ OPTIONS: dict[str, Any] = {
     "folds": option(int | None, "Divide the trials into this many folds and test on one.", min=2),
     "fold": option(int | None, "The fold that is tested, from 0.", min=0, show_default="0"),
     "leave_out_each": option(
-        str | None, "Test on each value of this condition in turn, as in speed; no training trial has that value.",
+        Texts, "Test on each value of this condition in turn, as in speed; no training trial has that value. Twice, as "
+        "for speed and force: on each pair of values, of which no training trial has one.",
         metavar="CONDITION",
     ),
     "stratify": option(Texts, "A condition to balance in the split; may be repeated."),

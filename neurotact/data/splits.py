@@ -7,6 +7,7 @@ No trial is on two sides and, if groups are named, no group is. Windows follow t
 import logging
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,6 +27,8 @@ from neurotact.spec import Spec
 
 log = logging.getLogger("neurotact")
 
+MANY_TESTS = 12
+"""Tests of combinations beyond which a line says how to have fewer."""
 AS_RECORDED = "trial"
 """The value of `order` that means the order in the file, if no condition has this name."""
 
@@ -44,6 +47,9 @@ class SplitSpec(Spec):
     test_where: Where = {}
     """Test on the trials with these conditions and train on the others: `{ speed = 450, force_N = [3, 6] }`. A trial is
     tested if each condition has the value, or one of the values."""
+    leave_aside: bool = False
+    """With several conditions in `test_where`, use no trial that has some of them and not all: no training or
+    validation trial shares a value with the test trials."""
     nested: bool = True
     """With `test_where`, validate on one of the other values of its conditions, which no training trial has; the random
     seed chooses which. Otherwise, and where there are too few of them, on random trials."""
@@ -106,7 +112,7 @@ def split_table(
 def values_to_leave_out(conditions: pd.DataFrame, column: str) -> list[Any]:
     """The values of a condition, of which each is tested in turn and never trained on, in ascending order.
 
-    Raises InputError for an unknown condition, and for one with a single value.
+    Raises InputError for an unknown condition, for one that a trial lacks, and for one with a single value.
 
     >>> values_to_leave_out(pd.DataFrame({"label": ["felt", "silk"], "speed": [300, 150]}), "speed")
     [150, 300]
@@ -114,20 +120,88 @@ def values_to_leave_out(conditions: pd.DataFrame, column: str) -> list[Any]:
     if column not in conditions or column == LABEL:
         known = [str(name) for name in conditions.columns if name != LABEL]
         raise InputError(f"`leave_out_each`: no condition is called '{column}'; {nearest(column, known)}")
+    if conditions[column].isna().any():
+        raise InputError(f"`leave_out_each`: trial {int(conditions[column].isna().argmax())} has no '{column}'; add it")
     values = sorted(set(conditions[column].tolist()), key=lambda value: (isinstance(value, str), value))
     if len(values) < 2:
         raise InputError(f"`leave_out_each`: all trials have {column} = {values[0]}; record another value")
     return values
 
 
-def check_one_way(leave_out_each: str | None, **ways: Any) -> None:
+def each_left_out(
+    conditions: pd.DataFrame, columns: Sequence[str], test_where: Mapping[str, Any] | None = None
+) -> list[dict[str, Any]]:
+    """The tests of each value of a condition in turn, or of each combination of values of several that trials have.
+
+    In ascending order. test_where: values of some of these conditions; the others are not tested.
+    Raises InputError for an unknown condition, and for one with a single value or one that no trial has.
+
+    >>> table = pd.DataFrame({"label": ["felt", "silk"] * 2, "speed": [300, 150] * 2, "force": [1, 1, 2, 2]})
+    >>> each_left_out(table, ["speed"])
+    [{'speed': 150}, {'speed': 300}]
+    >>> each_left_out(table, ["speed", "force"], {"speed": 150})
+    [{'speed': 150, 'force': 1}, {'speed': 150, 'force': 2}]
+    """
+    values = [values_to_leave_out(conditions, column) for column in columns]
+    if len({*columns}) < len(columns):
+        raise InputError(f"`leave_out_each`: names '{columns[0]}' twice; name each condition once")
+    for column in test_where or {}:
+        if column not in columns:
+            raise InputError(
+                f"`test_where`: beside `leave_out_each` it chooses among the values of {' and '.join(columns)}; drop "
+                f"'{column}', or name it in `leave_out_each`, too"
+            )
+    chosen = conditions.iloc[_where(conditions, test_where or {})]
+    known = set(zip(*(chosen[column].tolist() for column in columns), strict=True))
+    return [dict(zip(columns, test, strict=True)) for test in product(*values) if test in known]
+
+
+def check_each(
+    conditions: pd.DataFrame, tests: Sequence[Mapping[str, Any]], spec: SplitSpec, first: np.ndarray | None = None
+) -> list[str]:
+    """How many combinations are tested, and how many trials are left aside, in one line; none for a single condition.
+
+    tests: of `each_left_out`. spec, first: as of `split_conditions`. Raises InputError, which names the combination,
+    where too few trials are left.
+
+    >>> rows = [(label, speed, force) for label in ("felt", "silk") for speed in (1, 2) for force in (3, 4)] * 3
+    >>> table = pd.DataFrame(rows, columns=["label", "speed", "force"])
+    >>> print(*check_each(table, each_left_out(table, ["speed", "force"]), SplitSpec()))
+    4 pairs of speed and force are tested in turn; trials that share a tested value are left aside: 12 of 24
+    """
+    columns, counts = [*tests[0]], []
+    for test in tests if len(columns) > 1 else ():
+        own = spec.model_copy(update={"test_where": dict(test), "leave_aside": True})
+        try:
+            sides = split_conditions(conditions, (), own, first)
+        except InputError as error:
+            raise InputError(
+                f"`leave_out_each`: to test {_asked(test)}, trials that share a value with it are left aside, and too "
+                f"few are left ({error}); test other values (`test_where`), or leave out each of one condition"
+            ) from error
+        counts.append(len(conditions) - sum(map(len, sides)))
+    if not counts:
+        return []
+    noun = nested.combination(columns)
+    tested = f"1 {noun} of {{}} is tested" if len(tests) == 1 else f"{len(tests)} {noun}s of {{}} are tested in turn"
+    n_aside = f"{min(counts)} to {max(counts)}" if min(counts) < max(counts) else f"{counts[0]}"
+    line = (
+        f"{tested.format(' and '.join(columns))}; trials that share a tested value are left aside: {n_aside} of "
+        f"{len(conditions)}"
+    )
+    if len(tests) <= MANY_TESTS:
+        return [line]
+    return [f"{line}. `test_where={{{columns[0]!r}: {tests[0][columns[0]]!r}}}` tests fewer of them"]
+
+
+def check_one_way(leave_out_each: Sequence[str], **ways: Any) -> None:
     """InputError for `leave_out_each` beside another parameter that selects the test trials."""
     for other in (name for name, value in ways.items() if value and leave_out_each):
         raise InputError(f"`leave_out_each` and `{other}` both select the test trials; give one of them")
 
 
 class Split(NamedTuple):
-    """Sorted indices of trials; together they are all trials, and none is in two."""
+    """Sorted indices of trials, of which none is in two; together they are all trials but those left aside."""
 
     train: np.ndarray
     validation: np.ndarray
@@ -223,14 +297,16 @@ def split_conditions(
         return _with_copies(first, labels, lambda distinct: split_trials(strata[distinct], spec))
     groups = None if groups is None else groups[joined(groups, first)]
     tested = _where(conditions, spec.test_where) if spec.test_where else None
-    turns = turns_of(conditions, spec)
-    held = np.isin(nested.units_of(conditions, spec.test_where), turns[spec.seed % len(turns)]) if turns else None
+    turns, aside, held = turns_of(conditions, spec), aside_of(conditions, spec), None
+    if turns:
+        units, turn = nested.units_of(conditions, spec.test_where), turns[spec.seed % len(turns)]
+        held, aside = np.isin(units, turn.held), aside | np.isin(units, turn.aside)
 
     def divided(distinct: np.ndarray) -> Split:
         own = None if groups is None else groups[distinct]
         test = None if tested is None else np.flatnonzero(np.isin(distinct, tested))
         trials = _Trials(labels[distinct], strata[distinct], own, spec)
-        return _divided(trials, test, None if held is None else held[distinct])
+        return _divided(trials, test, None if held is None else held[distinct], aside[distinct])
 
     return _with_copies(first, labels, divided)
 
@@ -259,10 +335,11 @@ def _with_copies(first: np.ndarray, labels: np.ndarray, divided: Callable[[np.nd
     return sides
 
 
-def _divided(trials: "_Trials", test: np.ndarray | None, held: np.ndarray | None) -> Split:
+def _divided(trials: "_Trials", test: np.ndarray | None, held: np.ndarray | None, aside: np.ndarray) -> Split:
     """The split of trials by group, by condition or by folds.
 
     test: the trials that a condition chooses. held: which trials validation leaves out, `(trial,)`, if none is drawn.
+    aside: which are on no side, `(trial,)`.
     """
     spec, every = trials.spec, np.arange(len(trials.labels))
     if test is not None:
@@ -271,8 +348,9 @@ def _divided(trials: "_Trials", test: np.ndarray | None, held: np.ndarray | None
         test = trials.fold(spec.folds, spec.fold)
     else:
         test = trials.share(every, spec.test, spec.seed)
-    rest = np.setdiff1d(every, test)
+    rest = np.setdiff1d(every[~aside], test)
     if held is not None and held[rest].any():
+        trials.check_trained(rest[~held[rest]])
         return Split(rest[~held[rest]], rest[held[rest]], test)
     is_share_of_rest = bool(spec.test_where) or spec.folds is not None
     share = spec.validation if is_share_of_rest else spec.validation / (1 - spec.test)
@@ -285,13 +363,41 @@ def turns_of(conditions: pd.DataFrame, spec: SplitSpec) -> list[Turn]:
 
     >>> table = pd.DataFrame({"label": ["felt", "silk"] * 6, "speed": [150, 150, 300, 300, 450, 450] * 2})
     >>> turns_of(table, SplitSpec(test_where={"speed": 450}))
-    [('speed = 150',), ('speed = 300',)]
+    [Turn(held=('speed = 150',), aside=()), Turn(held=('speed = 300',), aside=())]
     """
     if not spec.test_where or not spec.nested or spec.group:
         return []
-    rest = np.setdiff1d(np.arange(len(conditions)), _where(conditions, spec.test_where))
+    rest = np.setdiff1d(np.flatnonzero(~aside_of(conditions, spec)), _where(conditions, spec.test_where))
     labels = conditions[LABEL].astype(str).to_numpy(dtype=str)
+    if spec.leave_aside and (turns := nested.turns_apart(conditions, [*spec.test_where], labels, rest)):
+        return turns
     return nested.turns_of(nested.units_of(conditions, spec.test_where), labels, rest)
+
+
+def aside_of(conditions: pd.DataFrame, spec: SplitSpec) -> np.ndarray:
+    """Which trials have some of the tested conditions and not all, and are on no side, `(trial,)` boolean.
+
+    >>> table = pd.DataFrame({"speed": [1, 1, 2, 2], "force": [3, 4, 3, 4]})
+    >>> aside_of(table, SplitSpec(test_where={"speed": 1, "force": 3}, leave_aside=True)).tolist()
+    [False, True, True, False]
+    """
+    if not (spec.leave_aside and spec.test_where):
+        return np.zeros(len(conditions), bool)
+    has = [
+        select_conditions(conditions, {column: value}, "split.test_where") for column, value in spec.test_where.items()
+    ]
+    return np.any(has, axis=0) & ~np.all(has, axis=0)
+
+
+def validation_note(
+    conditions: pd.DataFrame, spec: SplitSpec, *, varied: bool = False, at_most: int | None = None
+) -> str:
+    """How validation chooses for a test on other conditions, in one sentence.
+
+    varied: whether it is on varied copies, too. at_most: the number of its turns, if not all are taken.
+    """
+    turns = turns_of(conditions, spec)[:at_most]
+    return nested.note(spec.test_where, turns, varied=varied, pairs=spec.leave_aside)
 
 
 def check_stratify(conditions: pd.DataFrame, stratify: Iterable[str] | None, spec: SplitSpec) -> None:
@@ -351,7 +457,7 @@ class _Trials(NamedTuple):
         self._check_left(trials, n_groups)
         wanted = min(max(2, round(1 / share)), n_groups)
         chosen = self._best(self._folds_of(trials, wanted, seed), trials)
-        self._check_trained(np.setdiff1d(trials, chosen))
+        self.check_trained(np.setdiff1d(trials, chosen))
         return np.sort(chosen)
 
     def fold(self, n_folds: int, fold: int) -> np.ndarray:
@@ -369,7 +475,7 @@ class _Trials(NamedTuple):
         chosen = self._folds_of(every, n_folds, self.spec.seed)[fold]
         if not len(chosen):
             raise InputError(f"split.fold: fold {fold} of {n_folds} holds no group; choose fewer folds")
-        self._check_trained(np.setdiff1d(every, chosen))
+        self.check_trained(np.setdiff1d(every, chosen))
         return np.sort(chosen)
 
     def check_whole_groups(self, test: np.ndarray) -> None:
@@ -386,7 +492,7 @@ class _Trials(NamedTuple):
     def _random_share(self, trials: np.ndarray, share: float, seed: int) -> np.ndarray:
         strata = self.strata[trials]
         values, counts = np.unique(strata, return_counts=True)
-        self._check_trained(trials)
+        self.check_trained(trials)
         n_found = max(len(values), round(share * len(trials)))
         if counts.min() < 2 or n_found + len(values) > len(trials):
             rarest = values[counts.argmin()]
@@ -395,7 +501,7 @@ class _Trials(NamedTuple):
                 "validate on; add trials"
             )
         _, chosen = train_test_split(trials, test_size=n_found, stratify=strata, random_state=seed)
-        self._check_trained(np.setdiff1d(trials, chosen))
+        self.check_trained(np.setdiff1d(trials, chosen))
         return np.sort(chosen)
 
     def _folds_of(self, trials: np.ndarray, n_folds: int, seed: int) -> list[np.ndarray]:
@@ -419,7 +525,7 @@ class _Trials(NamedTuple):
 
         return max((fold for fold in folds if len(fold)), key=merit)
 
-    def _check_trained(self, training: np.ndarray) -> None:
+    def check_trained(self, training: np.ndarray) -> None:
         """Refuse training trials that lack a class."""
         absent = np.setdiff1d(self.labels, self.labels[training])
         if len(absent):
@@ -475,7 +581,7 @@ def _check_copies(conditions: pd.DataFrame, first: np.ndarray, spec: SplitSpec) 
     if not len(copies):
         return
     if spec.test_where:
-        group = np.isin(np.arange(len(first)), _where(conditions, spec.test_where))
+        group = np.isin(np.arange(len(first)), _where(conditions, spec.test_where)) + 2 * aside_of(conditions, spec)
         key, what = "split.test_where", f"only one of them has {_asked(spec.test_where)}"
     elif spec.order is not None and spec.order in conditions:
         group = conditions[spec.order].astype(str).to_numpy(dtype=str)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from neurotact import effects
 from neurotact.data.recordings import chosen
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_touches
@@ -112,6 +113,7 @@ class WindowedSpikes:
         stratify: Sequence[str] = (),
         group: str | Sequence[str] = (),
         test_where: Mapping[str, Any] | None = None,
+        leave_aside: bool = False,
         nested: bool = True,
         order: str | None = None,
         folds: int | None = None,
@@ -123,6 +125,8 @@ class WindowedSpikes:
         stratify: conditions that are balanced over the sides, besides the class.
         group: conditions that name a group, such as "subject"; its trials are on one side.
         test_where: test on the trials with these conditions, `{"speed": 450}`, and train on the others.
+        leave_aside: with several conditions in test_where, use no trial that has some of them and not all, so that no
+            training or validation trial shares a value with the test trials.
         nested: with test_where, validate on another value of these conditions, which the seed chooses.
         order: test on the last trials of each class by this condition; "trial": the order in the file.
         folds, fold: divide the trials into this many folds, and test on one of them, from 0; repeat with other seeds.
@@ -131,7 +135,9 @@ class WindowedSpikes:
         table = {
             "seed": seed, "validation": validation, "test": test, "test_where": dict(test_where or {}), "order": order,
             "group": group if isinstance(group, str) else list(group), "folds": folds, "fold": fold, "nested": nested,
+            "leave_aside": leave_aside,
         }  # fmt: skip
+        effects.check(leave_aside=leave_aside, test_where=test_where)
         spec = build(SplitSpec, table, source="split")
         sides = split_touches(self.trains, stratify, spec)
         return WindowedSplit(*(self.select(np.isin(self.groups, side)) for side in sides))

@@ -10,11 +10,10 @@ import numpy as np
 import pandas as pd
 
 from neurotact.baselines import opponents
-from neurotact.data import nested
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import SplitSpec, turns_of
+from neurotact.data.splits import SplitSpec, turns_of, validation_note
 from neurotact.data.window_choice import on_late_onsets, timing_of
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.cost import encoding_cost
@@ -352,7 +351,7 @@ def untold(cells: Sequence[Cell], trains: SpikeTrains | None) -> str:
     """
     for cell in cells:
         if cell.split.test_where and trains is not None and not turns_of(trains.conditions, cell.split):
-            return nested.note(cell.split.test_where, (), varied=cell.augmentation is not None)
+            return validation_note(trains.conditions, cell.split, varied=cell.augmentation is not None)
     return ""
 
 

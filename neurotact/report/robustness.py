@@ -134,17 +134,19 @@ def tables(study: StudySpec, table: pd.DataFrame | None, networks: Sequence[Netw
         return []
     own = of_network(table, best)
     named = own.assign(condition=[condition_of(study, row) for row in own.to_dict("records")])
+    heads = ["tested", "at trained conditions (%)", "at this one (%)", "lost (points)", "without varied copies (%)"]
     rows = []
     for condition, part in named.groupby("condition", sort=False):
         chosen, without = part[part["chosen"]], part[part["augmentation"] == NONE]
         kinds = ", ".join(dict.fromkeys(chosen["augmentation"]))
-        shares = [chosen["accuracy_seen"].mean(), chosen["accuracy_test"].mean(), without["accuracy_test"].mean()]
+        seen, unseen = chosen["accuracy_seen"].mean(), chosen["accuracy_test"].mean()
+        shares = [seen, unseen, seen - unseen, without["accuracy_test"].mean()]
         rows.append([str(condition), *map(_share, shares), kinds])
     shown = [
         Table(
             f"The best network, {best.name}, at each untrained condition: whole windows. At trained conditions: on "
             "trials that were kept for this test.",
-            ["tested", "at trained conditions (%)", "at this one (%)", "without varied copies (%)", "copies"],
+            [*heads, "copies"],
             rows,
             1,
         )

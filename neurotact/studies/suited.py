@@ -14,20 +14,21 @@ import numpy as np
 import pandas as pd
 
 from neurotact import files
-from neurotact.data import hdf5, nested
+from neurotact.data import hdf5
 from neurotact.data.augmentation import AUTO as ANY_KIND
 from neurotact.data.augmentation import NONE, AugmentationSpec, in_words
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.copies import copies_of
 from neurotact.data.onset import common_onset_s, onsets_s
 from neurotact.data.recordings import LABEL
-from neurotact.data.splits import SplitSpec, turns_of
+from neurotact.data.splits import SplitSpec, check_each, turns_of, validation_note
 from neurotact.data.trial_choice import EVERY, TrialChoice, chosen_trials
 from neurotact.data.window_choice import FOUND, LATE, RESTS, Timing, Words, choose, left_after
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.calibration import CLOCK_HZ
 from neurotact.errors import InputError
 from neurotact.spec import Spec, build, override, read, unsaved
+from neurotact.studies import sweeps
 
 AUTO = "auto"
 SMALL = 1000
@@ -146,6 +147,9 @@ def suit(
     if "augmentation" in table and "search" not in table and (columns := untrained_conditions(table)):
         table, note = _for_remedies(table, recorded, given, columns)
         notes += note
+    if split.leave_aside:
+        tests = [spec.test_where for spec in _tested(table)]
+        notes += [f"Split: {line}." for line in check_each(recorded.conditions, tests, split)]
     if SEED in left:
         table, note = _with_seeds(table, recorded, given, split=split)
         notes += [] if {"seed", SEED} & given.keys() else [note]
@@ -155,12 +159,12 @@ def suit(
 def untrained_conditions(table: Mapping[str, Any]) -> list[str]:
     """The conditions whose values a study tests and does not train on.
 
-    >>> untrained_conditions({"sweep": {"split.test_where.speed": [150, 300]}})
-    ['speed']
+    >>> untrained_conditions({"sweep": {"split.test_where.speed & split.test_where.force": [[150, 3], [300, 6]]}})
+    ['speed', 'force']
     """
     split = table.get("split")
     fixed = split.get("test_where") if isinstance(split, Mapping) else None
-    swept = [key.removeprefix(TESTED) for key in table.get("sweep", {}) if key.startswith(TESTED)]
+    swept = [key.removeprefix(TESTED) for key in sweeps.keys(table.get("sweep", {})) if key.startswith(TESTED)]
     return [*(fixed or {}), *swept]
 
 
@@ -211,7 +215,7 @@ def _for_remedies(
     names = " and ".join(columns)
     if augmentation.kind != ANY_KIND:
         what = f"also on copies {in_words(augmentation.kind, augmentation)}"
-    elif _can_rank(recorded, table, columns):
+    elif _can_rank(recorded, table):
         every = in_words(augmentation.candidates[-1], augmentation)
         what = f"also on copies {every}, or some of these, where that is best on validation trials of another {names}"
     else:
@@ -230,15 +234,19 @@ def _starts(window: Mapping[str, Any]) -> dict[str, Any]:
     return {"any_start": True, "shift_ms": min(AugmentationSpec().shift_ms, float(window["length_ms"]))}
 
 
-def _can_rank(recorded: Recorded, table: Mapping[str, Any], columns: Sequence[str]) -> bool:
+def _can_rank(recorded: Recorded, table: Mapping[str, Any]) -> bool:
     """Whether validation can leave out a value of the tested conditions, whichever of them is tested."""
+    return all(turns_of(recorded.conditions, spec) for spec in _tested(table))
+
+
+def _tested(table: Mapping[str, Any]) -> list[SplitSpec]:
+    """The split of each test on other conditions."""
     split = table.get("split") or {}
-    tests = [dict(split.get("test_where") or {})]
-    for column in columns:
-        values = table["sweep"].get(f"{TESTED}{column}")
-        tests = tests if values is None else [{**test, column: value} for test in tests for value in values]
-    specs = (build(SplitSpec, {**split, "test_where": test}, source="split") for test in tests)
-    return all(turns_of(recorded.conditions, spec) for spec in specs)
+    swept = {axis: values for axis, values in table["sweep"].items() if TESTED in axis}
+    points = ({key.removeprefix(TESTED): value for key, value in point.items() if key.startswith(TESTED)}
+              for point in sweeps.points(swept))  # fmt: skip
+    tests = ({**(split.get("test_where") or {}), **point} for point in points)
+    return [build(SplitSpec, {**split, "test_where": test}, source="split") for test in tests]
 
 
 def file_of(data: str | Path) -> Path:
@@ -314,14 +322,14 @@ def _with_seeds(
     """
     n_trials = len(recorded.timing.durations_s)
     seeds_found, note = seeds(n_trials)
-    if any(key.startswith(TESTED) for key in table["sweep"]):
+    if any(key.startswith(TESTED) for key in sweeps.keys(table["sweep"])):
         seeds_found, note = [0], "Seeds: 1 for each tested condition."
     sweep = {**table["sweep"]} if {"seed", SEED} & given.keys() else {**table["sweep"], "seed": seeds_found}
     if split.test_where and not {"split.seed", "sweep.split.seed", "seed", SEED} & given.keys():
         turns = turns_of(recorded.conditions, split)[:TURNS]
         if len(turns) > 1:
             sweep |= {"split.seed": [*range(len(turns))], "seed": [0]}
-        return {**table, "sweep": sweep}, f"Split: {nested.note(split.test_where, turns)}."
+        return {**table, "sweep": sweep}, f"Split: {validation_note(recorded.conditions, split, at_most=TURNS)}."
     is_given = any(key == "seed" or key.startswith(("split", SEED, "sweep.split")) for key in given)
     if is_given or split.model_fields_set or n_trials > FOLDED or recorded.rarest < FOLDS:
         return {**table, "sweep": sweep}, note

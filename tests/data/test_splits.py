@@ -8,7 +8,15 @@ from hypothesis import strategies as st
 from levels import examples
 
 from neurotact.data.recordings import select_conditions
-from neurotact.data.splits import SplitSpec, split_conditions, split_trials, turns_of
+from neurotact.data.splits import (
+    SplitSpec,
+    aside_of,
+    check_each,
+    each_left_out,
+    split_conditions,
+    split_trials,
+    turns_of,
+)  # fmt: skip
 from neurotact.data.windows import WindowSpec, cut
 from neurotact.errors import InputError
 from neurotact.spec import build
@@ -114,6 +122,7 @@ PLACES = [{"speed": 450}, {"speed": [100, 450]}, {"speed": 300, "subject": ["ann
 WAYS = st.one_of(
     st.fixed_dictionaries({"group": st.sampled_from([("subject",), ("subject", "speed"), ("label", "subject")])}),
     st.fixed_dictionaries({"test_where": st.sampled_from(PLACES)}),
+    st.fixed_dictionaries({"test_where": st.sampled_from(PLACES), "leave_aside": st.just(True)}),
     st.builds(lambda who: {"group": ("subject",), "test_where": {"subject": who}}, st.sampled_from(["ann", "bob"])),
     st.builds(
         lambda n, group: {"folds": n, "fold": n // 2, "group": group},
@@ -133,7 +142,8 @@ def test_no_trial_and_no_group_stands_on_two_sides(table, way, seed, stratify):
         assert "\n" not in refusal
         assert refusal.startswith(("split", "dataset.stratify"))
         return
-    assert sorted(np.concatenate(split)) == list(range(len(table)))
+    sides = np.concatenate(split)
+    assert sorted(sides) == (sorted({*sides}) if spec.leave_aside else list(range(len(table))))
     assert all(len(side) and (np.diff(side) > 0).all() for side in split)
     assert set(table.label[split.train]) == set(table.label)
     if spec.group:
@@ -211,14 +221,14 @@ def test_validation_leaves_out_a_condition_as_the_test_does(seed, tested):
     assert len(subjects[1]) == 1
     assert not subjects[0] & (subjects[1] | subjects[2])
     turns = turns_of(table, spec)
-    assert [f"subject = {name}" for name in sorted(subjects[0] | subjects[1])] == [turn[0] for turn in turns]
-    assert subjects[1] == {turns[seed % len(turns)][0].removeprefix("subject = ")}
+    assert [f"subject = {name}" for name in sorted(subjects[0] | subjects[1])] == [turn.held[0] for turn in turns]
+    assert subjects[1] == {turns[seed % len(turns)].held[0].removeprefix("subject = ")}
 
 
 def test_many_values_are_left_out_several_at_a_time():
     table, spec = table_of(n_each=1, n_subjects=20), SplitSpec(test_where={"subject": "s0"})
     turns = turns_of(table, spec)
-    assert sorted(map(len, turns)) == [2, 2, 3, 3, 3, 3, 3]
+    assert sorted(len(turn.held) for turn in turns) == [2, 2, 3, 3, 3, 3, 3]
     assert len(split_conditions(table, (), spec).validation) == 6
 
 
@@ -229,10 +239,127 @@ def test_where_no_condition_can_be_left_out_trials_are_drawn(where):
     table.loc[(table.subject == "s0") & (table.repetition < 4), "label"] = "jute"
     spec = SplitSpec(test_where=where)
     split = split_conditions(table, (), spec)
-    left = {turn[0] for turn in turns_of(table, spec)}
+    left = {turn.held[0] for turn in turns_of(table, spec)}
     assert left == (set() if "s1" in where["subject"] else {"subject = s1"})
     assert len(split.train)
     assert set(table.label[split.train]) == set(table.label[np.concatenate(split[:2])])
+
+
+# --- pairs of conditions ------------------------------------------------------------------------------
+
+GRIDS = st.builds(
+    lambda speeds, forces, n_each, random: pd.DataFrame(
+        [
+            {"label": label, "speed": speed, "day": f"d{force}", "drawn": random.random()}
+            for label in ("felt", "silk") for speed in range(speeds) for force in range(forces) for _ in range(n_each)
+        ]
+    ).sort_values("drawn", ignore_index=True),
+    st.integers(2, 9), st.integers(2, 5), st.integers(1, 3), st.randoms(use_true_random=False),
+)  # fmt: skip
+PAIR = ["speed", "day"]
+
+
+def specs_of(table, seed=0):
+    tests = each_left_out(table, PAIR)
+    return tests, [SplitSpec(test_where=test, leave_aside=True, seed=seed, validation=0.3) for test in tests]
+
+
+@examples(40)
+@given(GRIDS, st.integers(0, 60))
+def test_of_a_tested_pair_no_value_is_trained_or_validated(table, seed):
+    """Each pair is tested once; each trial is on one side or left aside, where it shares a value."""
+    assume(len(table) >= 24)
+    tests, specs = specs_of(table, seed)
+    assert len({*map(str, tests)}) == len(tests) == len(table.groupby(PAIR))
+    found = [split_conditions(table, (), spec) for spec in specs]
+    assert sorted(np.concatenate([split.test for split in found])) == [*range(len(table))]
+    for test, spec, (train, validation, tested) in zip(tests, specs, found, strict=True):
+        np.testing.assert_array_equal(tested, np.flatnonzero(select_conditions(table, test)))
+        of_side = [table.iloc[side] for side in (train, validation)]
+        assert all(len(side) and not (side[PAIR] == [*test.values()]).any(axis=None) for side in of_side)
+        aside = np.setdiff1d(np.arange(len(table)), np.concatenate([train, validation, tested]))
+        is_apart = any(turn.aside for turn in turns_of(table, spec))
+        if is_apart:
+            assert all({*of_side[0][column]}.isdisjoint(of_side[1][column]) for column in PAIR)
+            assert len(train) >= 0.3 * (len(train) + len(validation) + len(aside) - aside_of(table, spec).sum())
+        else:
+            np.testing.assert_array_equal(aside, np.flatnonzero(aside_of(table, spec)))
+
+
+def grid(speeds=3, forces=3, n_each=2):
+    rows = [(label, speed, force) for label in ("felt", "silk") for speed in range(speeds) for force in range(forces)]
+    return pd.DataFrame(rows * n_each, columns=["label", "speed", "force"])
+
+
+def test_validation_leaves_out_a_further_pair_and_what_shares_its_values_if_enough_is_left():
+    spec = SplitSpec(test_where={"speed": 0, "force": 0}, leave_aside=True)
+    wide = split_conditions(grid(4, 4), (), spec)
+    assert [len(side) for side in wide] == [16, 4, 4]  # of 4 x 4 pairs with 4 trials: 2 x 2, one, one
+    narrow = split_conditions(grid(3, 3), (), spec)
+    assert [len(side) for side in narrow] == [12, 4, 4]  # of 3 x 3: training would keep a single pair
+    assert [len(side) for side in split_conditions(grid(2, 3), (), spec)] == [4, 4, 4]
+    assert turns_of(grid(2, 2), spec) == []
+    assert len(split_conditions(grid(2, 2, 5), (), spec).test) == 10
+
+
+def test_successive_seeds_validate_on_other_values_of_both_conditions():
+    spec = SplitSpec(test_where={"speed": 0, "force": 0}, leave_aside=True)
+    sides = [split_conditions(grid(4, 4), (), spec.model_copy(update={"seed": seed})).validation for seed in range(3)]
+    pairs = [grid(4, 4).iloc[side][["speed", "force"]].drop_duplicates().values.tolist() for side in sides]
+    assert pairs == [[[1, 1]], [[2, 2]], [[3, 3]]]
+
+
+def test_a_pair_that_leaves_too_little_is_named():
+    table = grid()
+    table = table[(table.label == "felt") | (table.speed == 1)]  # silk at one speed alone
+    with pytest.raises(InputError, match=r"to test speed = 1, force = 0, .* too few are left .*'silk'.*`test_where`"):
+        check_each(table, each_left_out(table, ["speed", "force"]), SplitSpec())
+    others = each_left_out(table, ["speed", "force"], {"speed": [0, 2]})
+    assert "6 pairs" in check_each(table, others, SplitSpec())[0]
+
+
+def test_the_number_of_pairs_is_said_and_how_to_have_fewer():
+    (line,) = check_each(grid(4, 4), each_left_out(grid(4, 4), ["speed", "force"]), SplitSpec())
+    assert line.startswith("16 pairs of speed and force are tested in turn; ")
+    assert line.endswith("are left aside: 40 of 64. `test_where={'speed': 0}` tests fewer of them")
+    fewer = each_left_out(grid(4, 4), ["speed", "force"], {"speed": [0, 3], "force": 2})
+    assert fewer == [{"speed": 0, "force": 2}, {"speed": 3, "force": 2}]
+    assert "2 pairs" in check_each(grid(4, 4), fewer, SplitSpec())[0]
+    assert check_each(grid(), each_left_out(grid(), ["speed"]), SplitSpec()) == []
+
+
+def test_pairs_that_no_trial_has_are_not_tested():
+    table = pd.DataFrame({"label": ["felt", "silk"] * 4, "subject": list("aabbccdd"), "day": [1, 1, 2, 2, 3, 3, 4, 4]})
+    tests = each_left_out(table, ["subject", "day"])
+    assert [(*test.values(),) for test in tests] == [("a", 1), ("b", 2), ("c", 3), ("d", 4)]
+    assert "left aside: 0 of 8" in check_each(table, tests, SplitSpec())[0]
+
+
+@pytest.mark.parametrize(
+    ("columns", "where", "said"),
+    [
+        (["speed", "speed"], None, "names 'speed' twice"),
+        (["speed", "forse"], None, "no condition is called 'forse'; did you mean 'force'"),
+        (["speed"], {"force": 1}, "`test_where`: .* it chooses among the values of speed; drop 'force'"),
+        (["speed", "force"], {"speed": 9}, "no trial has speed = 9"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_left_out_is_refused(columns, where, said):
+    with pytest.raises(InputError, match=said):
+        each_left_out(grid(), columns, where)
+
+
+def test_trials_without_the_condition_are_named():
+    table = grid().assign(speed=[float("nan"), *[1.0, 2.0] * 17, 1.0])
+    with pytest.raises(InputError, match="trial 0 has no 'speed'"):
+        each_left_out(table, ["speed"])
+
+
+def test_a_copy_of_a_trial_that_is_left_aside_is_refused_on_another_side():
+    table, first = grid(), np.arange(len(grid()))
+    first[4] = 1  # (felt, 1, 1) is a copy of (felt, 0, 1)
+    with pytest.raises(InputError, match="is a copy of"):
+        split_conditions(table, (), SplitSpec(test_where={"speed": 0, "force": 0}, leave_aside=True), first)
 
 
 def test_the_last_trials_as_recorded_are_tested():
@@ -301,7 +428,7 @@ def test_copies_stand_on_one_side_for_any_structure(table, way, seed, stratify, 
         assert "\n" not in refusal
         assert refusal.startswith(("split", "dataset.stratify"))
         return
-    assert sorted(np.concatenate(split)) == list(range(n))
+    assert spec.leave_aside or sorted(np.concatenate(split)) == list(range(n))
     groups = table[list(spec.group)].astype(str).agg(", ".join, axis=1).to_numpy() if spec.group else touch
     for names in (touch, groups):
         sides = [set(names[side]) for side in split]

@@ -103,10 +103,36 @@ def test_each_speed_is_tested_by_a_network_that_has_not_seen_it(at_speeds, tmp_p
         tested = trained.test_trials(restored, trains)
         assert set(trains.conditions["speed"][tested]) == {speed}
         assert len(tested) == 8
-        assert f"speed = {speed} " in done.stdout
+        assert f"speed = {speed}: " in done.stdout
     assert "over 3 splits" in done.stdout
     table = pd.read_csv(tmp_path / "run" / "splits.csv", comment="#")
     assert table["left_out"].tolist() == ["speed = 150", "speed = 300", "speed = 450"]
+
+
+def test_each_pair_is_tested_by_a_network_that_has_seen_neither_value(tmp_path):
+    rng = np.random.default_rng(0)
+    rows = [(label, speed, f"d{day}") for speed in (1, 2) for day in (1, 2, 3) for label in ("felt", "silk")] * 2
+    table = pd.DataFrame(rows, columns=["label", "speed", "day"])
+    rasters = [rng.random((60, 2)) < (0.1 if label == "felt" else 0.5) for label in table["label"]]
+    hdf5.save_spikes(from_rasters(rasters, 1000.0, ("SA-I a", "RA-I a"), table), tmp_path / "spikes.h5")
+    words = ["train", str(tmp_path / "spikes.h5"), "-o", str(tmp_path / "run"), *COMMAND.split()]
+    each = ["--leave-out-each", "speed", "--leave-out-each", "day", "--test-where", "day=d1,d3"]
+    done = CliRunner().invoke(app, [*words, *each], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    assert "4 pairs of speed and day are tested in turn; trials that share a tested value are left aside: 12 of 24" in (
+        done.stdout
+    )
+    found = pd.read_csv(tmp_path / "run" / "splits.csv", comment="#")
+    assert found["left_out"].tolist() == [f"speed = {speed}, day = {day}" for speed in (1, 2) for day in ("d1", "d3")]
+    trains = hdf5.load_spikes(tmp_path / "spikes.h5")
+    for name, left in zip(found["folder"], found["left_out"], strict=True):
+        sides = trained.restore(tmp_path / "run" / name).provenance.sides(trains)
+        of_test = trains.conditions[sides == "test"]
+        assert {f"speed = {row.speed}, day = {row.day}" for row in of_test.itertuples()} == {left}
+        others = trains.conditions[(sides == "training") | (sides == "validation")]
+        assert {*others["speed"]}.isdisjoint(of_test["speed"])
+        assert {*others["day"]}.isdisjoint(of_test["day"])
+        assert (sides == "unseen").sum() == 12
 
 
 @pytest.mark.parametrize(

@@ -180,9 +180,54 @@ def test_each_value_of_a_condition_is_tested_and_never_trained(tmp_path, monkeyp
     assert sorted(tested) == [*range(18)]
 
 
+def at_pairs(path, speeds=3, forces=3):
+    rows = [(label, s, f) for s in range(speeds) for f in range(forces) for label in ("felt", "silk") for _ in range(3)]
+    conditions = pd.DataFrame(rows, columns=["label", "speed", "force"])
+    hdf5.save_recordings(Recordings(np.zeros((len(rows), 20, 2), np.float32), 500.0, "mV", conditions), path)
+    return path
+
+
+@pytest.mark.parametrize(("where", "tested"), [(None, 9), ({"speed": [0, 1], "force": 2}, 2)])
+def test_each_pair_of_values_is_tested_and_neither_value_trained(tmp_path, monkeypatch, where, tested):
+    path, asked = at_pairs(tmp_path / "touches.h5"), []
+    monkeypatch.setattr(studies, "_run", lambda what, *_: asked.append(what) or pd.DataFrame())
+    pairs = {"leave_out_each": ["speed", "force"], "test_where": where}
+    nt.run_study("own-recordings", tmp_path / "run", data=path, **pairs)
+    conditions, pairs = hdf5.load_recordings(path).conditions, set()
+    for split in {str(cell.split): cell.split for cell in study.cells(asked[0])}.values():
+        sides = split_conditions(conditions, (), split)
+        ((speed, force),) = {*conditions.iloc[sides.test][["speed", "force"]].itertuples(index=False, name=None)}
+        for side in sides[:2]:
+            assert speed not in set(conditions["speed"][side])
+            assert force not in set(conditions["force"][side])
+        pairs.add((speed, force))
+    assert len(pairs) == tested
+    notes = " ".join(asked[0].notes)
+    assert f"{tested} pairs of speed and force are tested in turn" in notes
+    assert "best on validation trials of another speed and force" in notes
+    assert asked[0].sweep["seed"] == [0]
+    again = study.to_toml(asked[0])
+    (tmp_path / "again.toml").write_text(again)
+    assert [*study.cells(loading.read_back(tmp_path / "again.toml"))] == [*study.cells(asked[0])]
+
+
+def test_a_pair_that_leaves_too_few_trials_is_refused_before_anything_runs(tmp_path):
+    path = at_pairs(tmp_path / "touches.h5", 2, 2)
+    touches = hdf5.load_recordings(path)
+    silk = (touches.conditions["label"] == "silk") & (touches.conditions["speed"] == 0)
+    hdf5.save_recordings(touches.select(~silk.to_numpy()), tmp_path / "fewer.h5")
+    with pytest.raises(InputError, match=r"to test speed = 1, force = 0, .* too few are left"):
+        nt.run_study("own-recordings", tmp_path / "run", data=tmp_path / "fewer.h5", leave_out_each=["speed", "force"])
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
+        ({"leave_out_each": "speed", "test_where": {"label": "felt"}, "data": "touches.h5"}, "drop 'label'"),
+        (
+            {"settings": {"split.leave_aside": True, "split.test_where": {"speed": 150}}, "data": "touches.h5"},
+            "split.leave_aside: has no effect without several conditions",
+        ),
         ({"leave_out_each": "speed"}, "needs `data`, a file of recordings"),
         ({"leave_out_each": "sped", "data": "touches.h5"}, "no condition is called 'sped'; did you mean 'speed'"),
         ({"leave_out_each": "speed", "folds": 3, "data": "touches.h5"}, "both select the test trials"),

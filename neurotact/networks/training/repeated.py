@@ -1,14 +1,15 @@
 """One training for each fold, each value of a condition left out, or each of several random splits; and their mean."""
 
+import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pandas as pd
 
 from neurotact import files
-from neurotact.data.splits import values_to_leave_out
+from neurotact.data.splits import SplitSpec, each_left_out
 from neurotact.errors import InputError
 from neurotact.metrics.resampled import Interval, resampled_interval
 from neurotact.networks.definition.specs import RSNNSpec
@@ -48,21 +49,22 @@ def tasks_of(task: Task, *, every_fold: bool, repeats: int) -> dict[str, Task]:
     return tasks
 
 
-def tasks_without(task: Task, column: str, conditions: pd.DataFrame, *, repeats: int) -> dict[str, Task]:
+def tasks_without(task: Task, columns: Sequence[str], conditions: pd.DataFrame, *, repeats: int) -> dict[str, Task]:
     """The task with each value of a condition tested in turn and never trained on, by the name of its folder.
 
-    repeats: random seeds of each, which choose what validation leaves out. Raises InputError as `values_to_leave_out`.
+    Of several conditions, each combination of values is tested; the values of `test_where` of the task alone, if it has
+    some. repeats: random seeds of each, which choose what validation leaves out. Raises InputError as `each_left_out`.
 
     >>> table = pd.DataFrame({"label": ["felt", "silk"] * 3, "speed": [150, 150, 300, 300, 450, 450]})
-    >>> [task.split.test_where for task in tasks_without(Task(), "speed", table, repeats=1).values()]
+    >>> [task.split.test_where for task in tasks_without(Task(), ["speed"], table, repeats=1).values()]
     [{'speed': 150}, {'speed': 300}, {'speed': 450}]
     """
-    values = values_to_leave_out(conditions, column)
-    tasks = {}
+    tests, tasks = each_left_out(conditions, columns, task.split.test_where), {}
     for seed in range(task.split.seed, task.split.seed + repeats):
-        for index, value in enumerate(values):
-            name = f"{index}-{re.sub('[^A-Za-z0-9.+-]+', '_', f'{column}-{value}')[:60]}"
-            split = task.split.model_copy(update={"seed": seed, "test_where": {column: value}})
+        for index, test in enumerate(tests):
+            values = "-".join(f"{column}-{value}" for column, value in test.items())
+            name = f"{index}-{re.sub('[^A-Za-z0-9.+-]+', '_', values)[:60]}"
+            split = task.split.model_copy(update={"seed": seed, "test_where": test, "leave_aside": len(columns) > 1})
             tasks[f"seed-{seed}-{name}" if repeats > 1 else name] = task.model_copy(update={"split": split})
     return tasks
 
@@ -90,7 +92,7 @@ def run(
             raise InputError(
                 f"{folder / TABLE}: already exists; choose another folder, or pass `force=True` or `resume=True`"
             )
-        rows = []
+        rows, compared = [], {}
         for name, task in tasks.items():
             subfolder = folder / name
             train_run.run(spikes, subfolder, network, task, force=force, resume=resume, tell=tell, **options)
@@ -101,13 +103,28 @@ def run(
                 split["fold"] = task.split.fold
             if task.split.test_where:
                 split[LEFT_OUT] = ", ".join(f"{key} = {value}" for key, value in task.split.test_where.items())
-            rows.append({"folder": name, **split, **result["row"], "baseline": result["compared"]["baseline_accuracy"]})
+            compared = result["compared"]
+            rows.append({"folder": name, **split, **result["row"], "baseline": compared["baseline_accuracy"]})
         table = pd.DataFrame(rows)
         write_table(table, folder / TABLE)
-    first = next(iter(tasks.values())).split
-    n_parts = first.folds or (len(set(table[LEFT_OUT])) if LEFT_OUT in table else None)
-    share = 1 / n_parts if n_parts and n_parts > 1 else first.test
+    if len(table) == 1:  # no spread over splits: the interval is that of its test trials
+        return Repeated(table, Interval(table["accuracy_test"].item(), compared["low"], compared["high"]))
+    share = _share([task.split for task in tasks.values()])
     return Repeated(table, resampled_interval(table["accuracy_test"], round(1000 * (1 - share)), round(1000 * share)))
+
+
+def _share(splits: Sequence[SplitSpec]) -> float:
+    """The share of test trials among those that are not left aside, for splits of equally many trials.
+
+    >>> [round(_share([SplitSpec(test_where={"speed": s, "force": f}, leave_aside=True) for s in range(n)
+    ...        for f in range(n)]), 2) for n in (2, 3)], _share([SplitSpec(folds=4)]), _share([SplitSpec()])
+    ([0.5, 0.2], 0.25, 0.15)
+    """
+    first = splits[0]
+    if first.folds:
+        return 1 / first.folds
+    others = [len({repr(split.test_where.get(column)) for split in splits}) - 1 for column in first.test_where]
+    return 1 / (1 + math.prod(others)) if others and min(others) else first.test
 
 
 def line(repeats: Repeated) -> str:
@@ -119,14 +136,18 @@ def line(repeats: Repeated) -> str:
     """  # noqa: E501
     mean, low, high = (100 * min(1.0, max(0.0, share)) for share in repeats.accuracy)
     by_value = ""
-    if LEFT_OUT in repeats.table and repeats.table[LEFT_OUT].nunique() > 1:
+    if LEFT_OUT in repeats.table:
         means = repeats.table.groupby(LEFT_OUT, sort=False)["accuracy_test"].mean()
-        by_value = f"; without {', '.join(f'{value} {100 * share:.1f} %' for value, share in means.items())}"
+        by_value = f"; without {'; '.join(f'{value}: {100 * share:.1f} %' for value, share in means.items())}"
     return (
-        f"accuracy {mean:.1f} % (95 % interval {low:.1f} to {high:.1f} %) over {len(repeats.table)} splits, "
+        f"accuracy {mean:.1f} % (95 % interval {low:.1f} to {high:.1f} %) over {_splits(len(repeats.table))}, "
         f"{repeats.table['sops_total'].mean():.0f} synaptic operations per window; "
         f"the best baseline on the same spikes {100 * repeats.table['baseline'].mean():.1f} %{by_value}"
     )
+
+
+def _splits(n: int) -> str:
+    return "1 split" if n == 1 else f"{n} splits"
 
 
 def _silent(line: str) -> None:

@@ -14,9 +14,8 @@ from typing import Any
 from pydantic import Field
 
 from neurotact import effects, files
-from neurotact.data import nested
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import check_stratify, turns_of
+from neurotact.data.splits import check_stratify, validation_note
 from neurotact.errors import InputError
 from neurotact.interrupt import stop_if_asked, terminated_as_interrupted
 from neurotact.networks.definition import recipe
@@ -113,7 +112,7 @@ def run(
                 return None
             start = _load(folder, request, trains)
         if task.split.test_where:
-            tell(nested.note(task.split.test_where, turns_of(trains.conditions, task.split)))
+            tell(validation_note(trains.conditions, task.split))
         for line in recipe.described(network, seen):
             tell(line)
         return _train(trains, request, spikes, folder, start)

@@ -46,6 +46,7 @@ from neurotact.studies.cell import task_of
 from neurotact.studies.protocol import Arrays, Own, View, heads
 from neurotact.studies.study import Cell
 from neurotact.studies.suited import AUTO
+from neurotact.studies.sweeps import JOIN
 
 HIDDEN = 50
 """Neurons of the network."""
@@ -350,10 +351,11 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     conditions = {key.removeprefix(TESTED): values for key, values in given.items() if key.startswith(TESTED)}
     choice = suited.choice_of(given)
     touches = chosen_trials(hdf5.load_recordings(path), choice, str(path), tell=False)
-    if len(conditions) != 1:
+    if len(conditions) != 1 or JOIN in next(iter(conditions)):
         names = [str(name) for name in touches.conditions if name != LABEL]
         raise InputError(
-            f"`leave_out_each`: name the condition of which each value is tested; {path} has {some(names) or 'none'}"
+            f"`leave_out_each`: name the condition of which each value is tested, a single one; {path} has "
+            f"{some(names) or 'none'}"
         )
     ((condition, values),) = conditions.items()
     of_set = {key: value for key, value in given.items() if key.startswith(suited.WINDOW)}
