@@ -1,6 +1,6 @@
 """The encoder specs (`encoders/*.toml`): `model` selects the neurons of the afferents."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple, TypeGuard
@@ -25,7 +25,7 @@ from neurotact.encoders import (
     sigma_delta,
     step_forward,
 )
-from neurotact.encoders.afferents import AfferentSpec, EncoderState, marks
+from neurotact.encoders.afferents import LEAST_EXACT_MS, AfferentSpec, EncoderState, marks
 from neurotact.encoders.bens_spiker import BensSpikerSpec, BensSpikerState
 from neurotact.encoders.burst import BurstSpec, BurstState
 from neurotact.encoders.exact import ExactState
@@ -405,6 +405,22 @@ def is_exact(spec: EncoderSpec) -> TypeGuard[AfferentSpec]:
     (False, True)
     """
     return isinstance(spec, AfferentSpec) and spec.integration == "exact"
+
+
+def pays_exact(spec: EncoderSpec, recorded_Hz: float, periods_ms: Iterable[object] = ()) -> bool:
+    """Whether closed form is the default for recordings of that rate: it costs less, and allows each refractory period.
+
+    It costs less for SA-I and RA-I whose sensor is slower than their clock. periods_ms: further periods that are tried.
+
+    >>> spec = load("sa1-ra1-lif", {"conditioning.resample_Hz": 1000.0})
+    >>> pays_exact(spec, 93.0, [5.0]), pays_exact(spec, 93.0, [0.0]), pays_exact(spec, 2000.0)
+    (True, False, False)
+    """
+    clock_Hz = spec.conditioning.resample_Hz
+    if not isinstance(spec, AfferentSpec) or clock_Hz is None or recorded_Hz >= clock_Hz:
+        return False
+    tried = [*t_ref_pair_ms(spec), *periods_ms]
+    return all(isinstance(period, (int, float)) and period >= LEAST_EXACT_MS for period in tried)
 
 
 def conditioning_of(spec: EncoderSpec, recorded_Hz: float) -> ConditioningSpec:

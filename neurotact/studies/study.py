@@ -22,9 +22,9 @@ from neurotact.data.splits import SplitSpec
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders import specs as encoders
-from neurotact.encoders.afferents import LEAST_EXACT_MS, AfferentSpec
+from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.same_drive import SameDriveSpec
-from neurotact.encoders.specs import EncoderSpec, is_exact
+from neurotact.encoders.specs import EncoderSpec, is_exact, pays_exact
 from neurotact.errors import InputError, nearest
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.seeds import drawn
@@ -458,19 +458,11 @@ def _suited(
     recorded = suited.look(expand(study.dataset.file), clock_Hz, study.dataset.choice, onsets=uses_onsets)
     table, notes = suited.suit(table, recorded, left, given, split=study.split)
     exact = is_exact(study.encoder)
-    if suited.INTEGRATION in left and _pays_exact(study, recorded, clock_Hz):
+    swept = [value for key in calibrated.PERIODS for value in sweeps.values(study.sweep, key)]
+    if suited.INTEGRATION in left and pays_exact(study.encoder, recorded.sampling_rate_Hz, swept):
         exact, table = True, {**table, "encoder": {**table["encoder"], "integration": "exact"}}
     notes += suited.clock(recorded, clock_Hz, exact=exact, chosen=suited.INTEGRATION in left)
     return {**table, "notes": [*study.notes, *notes]}
-
-
-def _pays_exact(study: StudySpec, recorded: suited.Recorded, clock_Hz: float | None) -> bool:
-    """Whether the sensor is slower than the clock, and afferents in closed form allow all refractory periods."""
-    if not isinstance(study.encoder, AfferentSpec) or clock_Hz is None or recorded.sampling_rate_Hz >= clock_Hz:
-        return False
-    swept = [value for key in calibrated.PERIODS for value in sweeps.values(study.sweep, key)]
-    periods = [*encoders.t_ref_pair_ms(study.encoder), *swept]
-    return all(isinstance(period, (int, float)) and period >= LEAST_EXACT_MS for period in periods)
 
 
 def to_toml(study: Spec) -> str:
