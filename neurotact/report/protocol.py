@@ -41,7 +41,7 @@ class Front(NamedTuple):
     verdict: str
     figures: list[Figure]
     details: list[str]
-    table: Table
+    tables: Sequence[Table]
 
 
 FIRST_LOOK = "this is a first look, with fewer settings and seeds; run the whole study for an answer to build on"
@@ -94,13 +94,15 @@ class Told(NamedTuple):
 
     answers: list[str]
     cautions: list[str]
-    tables: dict[str, Table]
+    tables: dict[str, list[Table]]
 
     def as_json(self) -> dict[str, Any]:
         """The first screen for programs."""
         return {
             "answers": [{"dataset": "", "headline": said, "details": []} for said in self.answers],
-            "tables": [table._asdict() | {"setting": setting} for setting, table in self.tables.items()],
+            "tables": [
+                table._asdict() | {"setting": setting} for setting, several in self.tables.items() for table in several
+            ],
             "cautions": self.cautions,
         }
 
@@ -112,7 +114,9 @@ def _told(study: ProtocolStudy, results: pd.DataFrame) -> Told:
     return Told(
         answers(results) if answers else [],
         first_look + (cautions(results) if cautions else []),
-        {name: listed(one, module.VIEW) for name, one in tables(results).items()} if tables else {},
+        {name: [listed(one, module.VIEW) for one in several] for name, several in tables(results).items()}
+        if tables
+        else {},
     )
 
 
@@ -145,11 +149,11 @@ def _in_words(row: Mapping[Any, Any], column: str, head: str, view: View) -> str
 
 
 def seen(
-    means: pd.DataFrame, view: View, answers: Sequence[ProtocolAnswer] = (), tables: Mapping[str, Table] = {}
+    means: pd.DataFrame, view: View, answers: Sequence[ProtocolAnswer] = (), tables: Mapping[str, Sequence[Table]] = {}
 ) -> dict[str, Any]:
     """What `protocol.html.jinja` shows of the means of `over_rows`: its answers, points and table, and their words.
 
-    tables: of an answer by its setting, in place of the best of each kind.
+    tables: of an answer by its setting, in place of the table of the best of each kind.
     """
     return {
         "fronts": [
@@ -159,7 +163,7 @@ def seen(
                 protocol_answer.verdict(one),
                 protocol_answer.figures(one, view),
                 [protocol_answer.evidence(one, view), *protocol_answer.details(one, view)],
-                tables.get(one.setting) or protocol_answer.table(one, view),
+                tables.get(one.setting) or [protocol_answer.table(one, view)],
             )
             for one in answers
         ],

@@ -115,8 +115,8 @@ class ProtocolModule(Protocol):
     Four functions are optional (`optional`):
     `answers(results) -> list[str]`: sentences at the top of the report, which the command also prints.
     `cautions(results) -> list[str]`: what limits these answers, each with its remedy.
-    `tables(results) -> dict[str, Listed]`: a table for each answer by its setting (`View.apart`, in words), which
-    replaces the table of the best of each kind and is printed.
+    `tables(results) -> dict[str, Sequence[Listed]]`: tables for each answer by its setting (`View.apart`, in words),
+    which replace the table of the best of each kind and are printed.
     `own(path, given) -> Own`: the changes for a file that `data` names; without it `data` is refused. path:
     absolute, of a file that exists. given: the dotted keys that are set, including `[with_data]` of the study file. It
     raises InputError if the file or a key is wrong.

@@ -1,4 +1,4 @@
-"""The ways to save on the Pareto front of accuracy and a cost, and the accuracy lost by each if it halves the SOPs."""
+"""The ways to save on the Pareto front of accuracy and a cost, and the accuracy lost by each if it halves a cost."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -14,11 +14,20 @@ from neurotact.studies.protocol import Listed
 
 NOTHING = "nothing saved"
 REFRACTORY = "refractory period"
+LONGEST_STEPS = "longest steps"
+LONGEST = f"{REFRACTORY}, {LONGEST_STEPS}"
+PERIODS = (REFRACTORY, LONGEST)
+"""The ways of a refractory period: with the network's clock of the recipe, and with the slowest that it allows."""
 HALF = 0.5
 COSTS = {"sops_total": "SOPs per window", "energy_estimate_nJ": "energy estimate (nJ)", "signal_ms": "signal (ms)"}
 """The costs of a decision, with their axis labels."""
 SHORT = {"sops_total": "SOPs", "energy_estimate_nJ": "nJ", "signal_ms": "ms"}
+SOPS, ENERGY = "sops_total", "energy_estimate_nJ"
+ANSWERED = {SOPS: "SOPs", ENERGY: "energy"}
+"""The costs of which half is saved in a sentence of their own, and what they are called there."""
 ENOUGH_SEEDS = 3
+EVENTS = "events"
+"""In the column `afferents` of results: there are none."""
 
 
 def fronts(results: pd.DataFrame, cost: str = "sops_total") -> pd.DataFrame:
@@ -69,7 +78,10 @@ def interval_of(values: np.ndarray, rows: pd.DataFrame) -> Interval:
 
 
 class Halved(NamedTuple):
-    """The cost of a way that halves the SOPs: the accuracy that each seed loses compared with `NOTHING`, `(seed,)`."""
+    """A way that halves a cost.
+
+    share: of the cost of `NOTHING`. lost: the accuracy that each seed loses compared with `NOTHING`, `(seed,)`.
+    """
 
     way: str
     setting: str
@@ -79,35 +91,65 @@ class Halved(NamedTuple):
     rows: pd.DataFrame
 
 
-def halved(results: pd.DataFrame, share: float = HALF) -> list[Halved]:
-    """For each way, the setting with the best validation accuracy among those with at most this share of the SOPs.
+def halved(results: pd.DataFrame, share: float = HALF, cost: str = SOPS) -> list[Halved]:
+    """For each way, the setting with the best validation accuracy among those with at most this share of the cost.
 
-    results: rows of one set. The first of the list is the way with the best validation accuracy; of equal ones, the
-    one with the fewest SOPs. Ways that never save as much are left out. No choice depends on test accuracy.
+    results: rows of one set. cost: a key of `COSTS`. The first of the list is the way with the best validation
+    accuracy; of equal ones, the one with the lowest cost. Ways that never save as much are left out. No choice depends
+    on test accuracy.
     """
     base = results[results["way"] == NOTHING]
     before = base.set_index("seed")["accuracy_test"]
     ways = []
     for way, rows in results[results["way"] != NOTHING].groupby("way", sort=False):
-        enough = [part for _, part in rows.groupby("setting", sort=False) if _share(part, base) <= share]
+        enough = [part for _, part in rows.groupby("setting", sort=False) if _share(part, base, cost) <= share]
         if enough:
-            best = max(enough, key=lambda part: (part["accuracy_validation"].mean(), -part["sops_total"].mean()))
+            best = max(enough, key=lambda part: (part["accuracy_validation"].mean(), -part[cost].mean()))
             mine = best.set_index("seed")
             seeds = [seed for seed in before.index if seed in mine.index]
             lost = (before.loc[seeds] - mine.loc[seeds, "accuracy_test"]).to_numpy()
             validation = float(best["accuracy_validation"].mean())
-            ways.append(Halved(str(way), str(best["setting"].iloc[0]), _share(best, base), validation, lost, best))
+            setting, left = str(best["setting"].iloc[0]), _share(best, base, cost)
+            ways.append(Halved(str(way), setting, left, validation, lost, best))
     return sorted(ways, key=lambda way_: (-way_.accuracy_validation, way_.share))
 
 
-def _share(part: pd.DataFrame, base: pd.DataFrame) -> float:
-    """The share of the SOPs of the network that saves nothing, over the same seeds; NaN without such a network."""
-    return float(part["sops_total"].mean() / base.loc[base["seed"].isin(part["seed"]), "sops_total"].mean())
+def _share(part: pd.DataFrame, base: pd.DataFrame, cost: str = SOPS) -> float:
+    """The share of a cost of the network that saves nothing, over the same seeds; NaN without such a network."""
+    return float(part[cost].mean() / base.loc[base["seed"].isin(part["seed"]), cost].mean())
 
 
-def tables(results: pd.DataFrame) -> dict[str, Listed]:
-    """The Pareto front of each set by its name, from the best network down."""
-    return {str(name): _listed(rows) for name, rows in results.groupby("set", sort=False)}
+def tables(results: pd.DataFrame) -> dict[str, tuple[Listed, Listed]]:
+    """Of each set by its name: the Pareto front from the best network down, and what half of each cost costs."""
+    return {str(name): (_listed(rows), _halves(rows)) for name, rows in results.groupby("set", sort=False)}
+
+
+def _halves(rows: pd.DataFrame) -> Listed:
+    """The setting and the accuracy lost of each way that halves a cost, a column per cost of `COSTS`."""
+    found = {cost: {half.way: half for half in halved(rows, cost=cost)} for cost in COSTS}
+    ways = [way for way in rows["way"].unique() if any(way in halves for halves in found.values())]
+    return Listed(
+        "What it costs to save half, way by way: the points of accuracy that are lost, with their 95 % interval from "
+        "the differences of the seeds, and the share that is left of the cost. Validation accuracy chooses the "
+        "setting. Ways that never save half of any cost are left out.",
+        pd.DataFrame(
+            {
+                "way": ways,
+                **{
+                    f"half of the {SHORT[cost]}": [_half_in_words(halves.get(way)) for way in ways]
+                    for cost, halves in found.items()
+                },
+            }
+        ),
+    )
+
+
+def _half_in_words(half: Halved | None) -> str:
+    if half is None:
+        return "-"
+    interval = interval_of(half.lost, half.rows)
+    within = "" if np.isnan(interval.low) else f" ({100 * interval.low:.1f} to {100 * interval.high:.1f})"
+    return f"{_bare(half.setting)}: {100 * interval.mean:.1f} points{within}, {_percent(half.share)} left"
 
 
 def _listed(rows: pd.DataFrame) -> Listed:
@@ -148,7 +190,7 @@ def _point_name(way: str, setting: str) -> str:
 
 def _bare(setting: str) -> str:
     """A setting without the words that the name of its way already contains."""
-    return setting.removesuffix(", trained on")
+    return setting.removesuffix(", trained on").removesuffix(f", {LONGEST_STEPS}")
 
 
 def _guess(rows: pd.DataFrame) -> float:
@@ -201,39 +243,66 @@ def _not_learned(base: pd.DataFrame) -> str:
 
 
 def answers(results: pd.DataFrame, share: float = HALF) -> list[str]:
-    """One sentence for each set: the cost of halving the SOPs in the best way, and with refractory periods.
+    """Two sentences for each set: the cost of halving SOPs and energy in the best way, and with refractory periods.
 
-    The set is named if there are several.
+    The set is named if there are several. Where nothing was learned, there is one sentence.
     """
     several = results["set"].nunique() > 1
-    sentences = {str(name): _answer(rows, share) for name, rows in results.groupby("set", sort=False)}
-    return [f"{name}: {text}" if several else text[0].upper() + text[1:] for name, text in sentences.items()]
+    sentences = []
+    for name, rows in results.groupby("set", sort=False):
+        if unfit := _unfit(rows):
+            sentences.append(f"{name}: {unfit}" if several else _capital(unfit))
+            continue
+        for cost, called in ANSWERED.items():
+            heads = [str(name)] * several + [called if several else _capital(called)] * (cost != SOPS)
+            text = _answer(rows, share, cost)
+            sentences.append(f"{', '.join(heads)}: {text}" if heads else _capital(text))
+    return sentences
 
 
-def _answer(rows: pd.DataFrame, share: float) -> str:
+def _capital(text: str) -> str:
+    return text[0].upper() + text[1:]
+
+
+def _unfit(rows: pd.DataFrame) -> str:
+    """Why nothing can be said of a set; empty if something can."""
     base = rows[rows["way"] == NOTHING]
     if base.empty:
         return "nothing to compare with, since no network without savings was trained."
     if unlearned := _not_learned(base):
         return f"nothing was learned, so no saving means anything: {unlearned}."
-    ways = halved(rows, share)
+    return ""
+
+
+def _answer(rows: pd.DataFrame, share: float, cost: str) -> str:
+    base = rows[rows["way"] == NOTHING]
+    ways, called = halved(rows, share, cost), ANSWERED[cost]
     head = (
-        f"a network that saves nothing has {_percent(base['accuracy_test'].mean())} at "
-        f"{base['sops_total'].mean():,.0f} SOPs; "
+        f"a network that saves nothing has {_percent(base['accuracy_test'].mean())} at {base[cost].mean():,.0f} "
+        f"{SHORT[cost]}{afferents_in_words(base) if cost == ENERGY else ''}; "
     )
+    of_them = "of them" if cost == SOPS else "of it"
     if not ways:
-        return f"{head}no way that was tried saves {_percent(1 - share)} of them."
+        return f"{head}no way that was tried saves {_percent(1 - share)} {of_them}."
     best = ways[0]
-    refractory = next((half for half in ways if half.way == REFRACTORY), None)
-    rival = next((half for half in ways if half.way != REFRACTORY), None)
-    sentence = f"{_verdict(refractory, rival)}; {head}to save at least {_percent(1 - share)} of them, {_costs(best)}"
+    refractory = next((half for half in ways if half.way in PERIODS), None)
+    rival = next((half for half in ways if half.way not in PERIODS), None)
+    sentence = (
+        f"{_verdict(refractory, rival)}; {head}to save at least {_percent(1 - share)} {of_them}, {_costs(best, called)}"
+    )
     if refractory is None:
-        return f"{sentence}, and {_too_little(rows, base)}."
+        return f"{sentence}, and {_too_little(rows, base, cost)}."
     if refractory is best:
-        other = f", and {_costs(rival)}" if rival else ""
+        other = f", and {_costs(rival, called)}" if rival else ""
         return f"{sentence}{other}."
     more = _words(interval_of(refractory.lost - best.lost, refractory.rows), "more", "less")
-    return f"{sentence}, and {_costs(refractory)}, {more} than {best.way}."
+    return f"{sentence}, and {_costs(refractory, called)}, {more} than {best.way}."
+
+
+def afferents_in_words(rows: pd.DataFrame) -> str:
+    """When the afferents of a set are computed; empty for events, and for a run that does not say it."""
+    said = str(rows["afferents"].iloc[0]) if "afferents" in rows else EVENTS
+    return "" if said == EVENTS else f", with afferents computed {said}"
 
 
 def _verdict(refractory: Halved | None, rival: Halved | None) -> str:
@@ -254,26 +323,34 @@ def _verdict(refractory: Halved | None, rival: Halved | None) -> str:
     )
 
 
-def _costs(half: Halved) -> str:
+def _costs(half: Halved, called: str) -> str:
     interval = interval_of(half.lost, half.rows)
     verb = "costs" if interval.mean >= 0 else "gains"
-    name = f"a {half.way} of {half.setting}" if half.way == REFRACTORY else f"{half.way} ({_bare(half.setting)})"
-    return f"{name} {verb} {_points(interval)} at {_percent(half.share)} of the SOPs"
+    name = f"a {_period(half.way, half.setting)}" if half.way in PERIODS else f"{half.way} ({_bare(half.setting)})"
+    return f"{name} {verb} {_points(interval)} at {_percent(half.share)} of the {called}"
 
 
-def _too_little(rows: pd.DataFrame, base: pd.DataFrame) -> str:
+def _period(way: str, setting: str) -> str:
+    """
+    >>> _period(LONGEST, "5 & 5 ms, longest steps")
+    'refractory period of 5 & 5 ms with the longest steps'
+    """
+    return f"{REFRACTORY} of {_bare(setting)}{f' with the {LONGEST_STEPS}' if way == LONGEST else ''}"
+
+
+def _too_little(rows: pd.DataFrame, base: pd.DataFrame, cost: str) -> str:
     """The result of the refractory period that saves most, if none saves enough."""
-    mine = [part for _, part in rows[rows["way"] == REFRACTORY].groupby("setting", sort=False)]
+    mine = [part for _, part in rows[rows["way"].isin(PERIODS)].groupby(["way", "setting"], sort=False)]
     if not mine:
         return "no refractory period was tried"
-    most = min(mine, key=lambda part: part["sops_total"].mean())
+    most = min(mine, key=lambda part: part[cost].mean())
     lost = base.set_index("seed")["accuracy_test"] - most.set_index("seed")["accuracy_test"]
     interval = interval_of(lost.dropna().to_numpy(), most)
     verb = "costs" if interval.mean >= 0 else "gains"
-    share = _share(most, base)
+    setting, share = _bare(str(most["setting"].iloc[0])), _percent(_share(most, base, cost))
     return (
-        f"no refractory period that was tried saves as much: {most['setting'].iloc[0]} {verb} {_points(interval)} at "
-        f"{_percent(share)} of the SOPs"
+        f"no refractory period that was tried saves as much: {setting} {verb} {_points(interval)} at {share} of the "
+        f"{ANSWERED[cost]}"
     )
 
 

@@ -1,6 +1,6 @@
 """A user's own file as the only set of a study: the choices for it, and errors if it cannot be used.
 
-Window, seeds, clock and baseline are chosen as in the study `own-recordings`.
+Window, seeds, clock, baseline and how afferents are computed are chosen as in the study `own-recordings`.
 """
 
 from collections.abc import Mapping
@@ -22,11 +22,11 @@ from neurotact.data.windows import cut
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.calibration import CLOCK_HZ, PAST
 from neurotact.errors import InputError
-from neurotact.papers.comparison.sets import SetSpec, sides
+from neurotact.papers.comparison.sets import SetSpec, integration_of, sides
 from neurotact.spec import build, load, override
 from neurotact.studies import suited
 from neurotact.studies.protocol import Own
-from neurotact.studies.suited import AUTO, Recorded
+from neurotact.studies.suited import AUTO, INTEGRATION, Recorded
 
 ENCODER = "sa1-ra1-lif"
 """The encoder with the conditioning to use, except its clock, and except a baseline that uses the whole trial."""
@@ -57,22 +57,23 @@ class Touches(NamedTuple):
 def own(path: Path, given: Mapping[str, Any]) -> Own:
     """The study of a file in place of its sets; see `studies.protocol.ProtocolModule`.
 
-    Keys that begin with `window.` and `conditioning.`, `split.group`, the choice of trials (`where`, `leave_out`)
-    and the seeds of splits (`repeats`) apply to the file's set. Raises InputError for a file without trials of two
-    classes, for windows that do not fit into a trial, for trials that some seed cannot split, and for another choice of
-    test trials.
+    Keys that begin with `window.` and `conditioning.`, `encoder.integration`, `split.group`, the choice of trials
+    (`where`, `leave_out`) and the seeds of splits (`repeats`) apply to the file's set. Raises InputError for a file
+    without trials of two classes, for windows that do not fit into a trial, for trials that some seed cannot split, and
+    for another choice of test trials.
     """
     of_set = {key: value for key, value in given.items() if key.startswith(OF_SET)}
     group = build(SplitSpec, {"group": given[GROUP]} if GROUP in given else {}, source=GROUP).group
-    others = _with_swept_seeds(
-        {key: value for key, value in given.items() if key not in {*of_set, GROUP, *suited.CHOICE}}
-    )
+    elsewhere = {*of_set, GROUP, INTEGRATION, *suited.CHOICE}
+    others = _with_swept_seeds({key: value for key, value in given.items() if key not in elsewhere})
     choice = suited.choice_of(given)
     conditioning = _conditioning(of_set)
     clock_Hz = float(conditioning["resample_Hz"])
     touches = _look(path, clock_Hz, choice)
     if touches.unit is None and any(key.startswith("conditioning.") for key in of_set):
         raise InputError(f"conditioning: {path} holds events, which are not conditioned; leave it out")
+    if touches.unit is None and INTEGRATION in given:
+        raise InputError(f"{INTEGRATION}: {path} holds events, which no afferents encode; leave it out")
     window, notes = suited.window(touches.recorded.timing, of_set)
     notes = [*([] if (note := suited.note_of(choice)) is None else [note]), *notes]
     chosen: dict[str, Any] = {"window": window, "path": str(path), "content": touches.content, "group": [*group]}
@@ -80,14 +81,18 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     if touches.unit is not None:
         is_open = {key: f"conditioning.{of}" not in of_set for key, of in CHOSEN.items()}
         is_open["choose_opposite"] = is_open["choose_baseline"]
-        chosen |= {"unit": touches.unit, "conditioning": conditioning, **is_open}
-        notes += suited.clock(touches.recorded, clock_Hz)
+        computed = {"integration": given[INTEGRATION]} if INTEGRATION in given else {}
+        chosen |= {"unit": touches.unit, "conditioning": conditioning, **computed, **is_open}
     table = override(chosen, of_set)
     if others.get(SEED) == AUTO:
         others[SEED], note = suited.seeds(len(touches.conditions))
         notes.append(note)
     notes += doubtful.of_copies(touches.conditions, touches.copies)
-    _check(touches, build(SetSpec, table, source=str(path)), others.get(SEED))
+    built = build(SetSpec, table, source=str(path))
+    if touches.unit is not None:
+        is_exact = integration_of(built, touches.recorded.sampling_rate_Hz) == "exact"
+        notes += suited.clock(touches.recorded, clock_Hz, exact=is_exact, chosen=INTEGRATION not in given)
+    _check(touches, built, others.get(SEED))
     by = {"data.split": "groups"} if group else {}
     changes = {"sweep.data.set": [touches.name], "data.sets": {touches.name: table}, **by, **others}
     return Own(changes, tuple(notes))

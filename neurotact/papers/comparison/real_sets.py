@@ -55,8 +55,9 @@ VIEW = View(
     cost="energy_estimate_nJ",
     score="accuracy_test",
     note="Each seed has its own split, the same for all classifiers. Energy is an estimate of the arithmetic from "
-    "the recording to the decision, encoder included, without memory. Only networks have SOPs, the others FLOPs. "
-    "Sets whose recordings are not available are left out; the column `skipped` of results.csv gives the reason.",
+    "the recording to the decision, encoder included, without memory. Only networks have SOPs, the others FLOPs. The "
+    "column `afferents` of results.csv says when afferents are computed. Sets whose recordings are not available are "
+    "left out; the column `skipped` gives the reason.",
     apart=("set", "split"),
 )
 
@@ -70,7 +71,8 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     bench = sets.bench_of(parameters.data, parameters.network, parameters.seed, arrays)
     sides = cut(bench, Setting())
     rows = [*_spiking(bench, sides), *_classical(bench, sides.trains)]
-    return [{**row, SKIPPED: ""} for row in rows]
+    computed = sets.computed_at(parameters.data, arrays)
+    return [{**row, "afferents": computed, SKIPPED: ""} for row in rows]
 
 
 def _spiking(bench: Bench, sides: Sides) -> Iterator[dict[str, Any]]:
@@ -156,8 +158,9 @@ def _answer(name: str, split: str, rows: pd.DataFrame) -> str:
     verb = "more" if gained.mean >= 0 else "fewer"
     level = f", one of {len(rivals)} that validation cannot tell apart" if len(rivals) > 1 else ""
     energy = f"{100 * network.energy_nJ / rival.energy_nJ:,.3g} % of its energy"
+    computed = fronts.afferents_in_words(rows)
     sentence = (
-        f"{name}, split by {split}: {said}. {network.words}; {rival.words}{level}: the network has "
+        f"{name}, split by {split}: {said}. {network.words}{computed}; {rival.words}{level}: the network has "
         f"{abs(gained.mean):.1f} points {verb}{within}, at {energy}."
     )
     if cheapest is None or cheapest is rival:

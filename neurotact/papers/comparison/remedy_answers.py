@@ -144,13 +144,13 @@ def cautions(results: pd.DataFrame) -> list[str]:
     return lines
 
 
-def tables(results: pd.DataFrame) -> dict[str, Listed]:
+def tables(results: pd.DataFrame) -> dict[str, tuple[Listed]]:
     """The remedies of each set and condition, with the best opponent of each."""
     shown = of_run(results)
     if shown.empty:
         return {}
     table = points(shown)
-    return {str(task): _listed(rows) for task, rows in table.groupby("task", sort=False)}
+    return {str(task): (_listed(rows),) for task, rows in table.groupby("task", sort=False)}
 
 
 def _listed(rows: pd.DataFrame) -> Listed:

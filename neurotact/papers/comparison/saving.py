@@ -4,6 +4,7 @@ Everything that a `Setting` does not name is the same for all ways: recordings, 
 network's recipe. All choices (gains, taxels, weights, patience) use only training and validation windows.
 """
 
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, NamedTuple
 
@@ -20,7 +21,7 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.metrics.flops import Cost
-from neurotact.networks.definition import pruning, recipe
+from neurotact.networks.definition import clock, pruning, recipe
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
@@ -31,8 +32,11 @@ from neurotact.networks.use.ledger import network_cost
 from neurotact.spec import Spec, build
 
 Share = Annotated[float, Field(gt=0, le=1)]
+Period = Annotated[float, Field(ge=0)]
 TRAINED_ON = 0.25
 """Share of the epochs for the further training of a pruned network."""
+MERGES = ".* lie in one step of the network"
+"""The warning that a clock merges spikes, by which a slower clock saves."""
 AFTERWARDS = ("prune", "train_on", "exit_tolerance")
 """Keys that do not change the first training."""
 
@@ -40,8 +44,13 @@ AFTERWARDS = ("prune", "train_on", "exit_tolerance")
 class Setting(Spec):
     """One way to save and its amount; by default nothing is saved."""
 
-    t_ref_steps: tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]] | None = None
-    """Refractory periods of RA-I and SA-I in steps of the set's clock; events use only the first."""
+    t_ref_ms: tuple[Period, Period] | None = None
+    """Refractory periods of RA-I and SA-I; the first one is the dead time of events."""
+    step_ms: float | None = Field(default=None, gt=0)
+    """A step of the network's clock; by default the recipe chooses it."""
+    longest_steps: bool = False
+    """The longest steps of the network's clock that merge no spikes of training windows, also if the recipe allows no
+    such steps."""
     rate_penalty: float | None = Field(default=None, ge=0)
     """`training.rate_penalty`, on the spikes of a hidden neuron in a window."""
     adaptation: float = Field(default=0.0, ge=0)
@@ -67,6 +76,32 @@ class Setting(Spec):
         if self.train_on and self.prune is None:
             raise ValueError("train_on trains a pruned network further; give prune, too")
         return self
+
+    @model_validator(mode="after")
+    def _has_one_clock(self) -> "Setting":
+        if self.longest_steps and self.step_ms is not None:
+            raise ValueError("longest_steps: the clock has steps of step_ms; leave one of them out")
+        return self
+
+    def on(self, step_ms: float, *, is_events: bool) -> "Setting":
+        """The setting on a set's clock: times are whole steps of it, and those that change nothing are left out.
+
+        Afferents have a refractory period of at least a step, and events have one dead time.
+
+        >>> Setting(t_ref_ms=(1, 12)).on(5.0, is_events=False).t_ref_ms
+        (5.0, 10.0)
+        >>> Setting(t_ref_ms=(1, 5), step_ms=5).on(5.0, is_events=False) == Setting()
+        True
+        """
+        t_ref_ms, own_ms = self.t_ref_ms, self.step_ms
+        if t_ref_ms is not None:
+            least = 0 if is_events else 1
+            ra1, sa1 = (max(least, round(period / step_ms)) for period in t_ref_ms)
+            sa1 = ra1 if is_events else sa1
+            t_ref_ms = None if ra1 == sa1 == least else (ra1 * step_ms, sa1 * step_ms)
+        if own_ms is not None:
+            own_ms = None if (n := round(own_ms / step_ms)) <= 1 else n * step_ms
+        return self.model_copy(update={"t_ref_ms": t_ref_ms, "step_ms": own_ms})
 
     def first_training(self) -> str:
         """The keys that decide the first training, as JSON; settings with the same text share one training."""
@@ -118,8 +153,13 @@ def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[s
     if name not in known:
         sides = cut(bench, setting)
         seen = recipe.Seen.of(sides.training.spikes, sides.trains.sampling_rate_Hz)
+        if setting.longest_steps:
+            seen = seen._replace(apart=clock.apart(sides.training.spikes))
         whole_steps = round(bench.window.length_ms * 1e-3 * seen.sampling_rate_Hz)
-        known[name] = fit(sides, changed(bench.network, setting, seen, whole_steps), bench.seeds)
+        with warnings.catch_warnings():
+            if setting.step_ms is not None:
+                warnings.filterwarnings("ignore", MERGES)
+            known[name] = fit(sides, changed(bench.network, setting, seen, whole_steps), bench.seeds)
     fitted = known[name]
     if setting.prune is not None:
         fitted = _pruned(fitted, setting)
@@ -135,7 +175,7 @@ def row_of(fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, pruned: bool = False
     inferred = network.infer(test.spikes, rule)
     counted = pruning.remaining_synops(network, test.spikes) if pruned else measuring.synops_of(inferred, network)
     sops = {f"sops_{part}": float(values.mean()) for part, values in counted._asdict().items()}
-    spent = _cost(fitted, sops, float(inferred.steps.double().mean()))
+    spent = _cost(fitted, sops, inferred.steps)
     return {
         "accuracy_validation": measuring.accuracy_of(network.infer(validation.spikes, rule), validation),
         "accuracy_test": measuring.accuracy_of(inferred, test),
@@ -143,6 +183,7 @@ def row_of(fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, pruned: bool = False
         **spent.columns("energy_estimate_nJ", "signal_ms"),
         "input_spikes": float(inferred.input_spikes.double().mean()),
         "hidden_spikes": float(inferred.hidden_spikes.double().mean()),
+        "network_step_ms": network.spec.own_step_ms or 1e3 / network.sampling_rate_Hz,
         "n_train": len(fitted.sides.training.labels),
         "n_test": len(test.labels),
     }
@@ -182,6 +223,9 @@ def changed(spec: RSNNSpec, setting: Setting, seen: recipe.Seen, whole_steps: in
     >>> spec.hidden, spec.tau_mem_ms, spec.tau_syn_ms, spec.model
     (25, 20.0, 20.0, 'snn')
     """
+    own_ms = seen.apart * 1e3 / seen.sampling_rate_Hz if setting.longest_steps else setting.step_ms
+    if own_ms is not None:
+        spec = spec.model_copy(update={"step_ms": float(f"{own_ms:.9g}")})
     whole = recipe.resolve(spec, seen._replace(steps=whole_steps))
     spec = recipe.resolve(spec.model_copy(update={"step_ms": whole.step_ms}), seen)
     least_ms = spec.own_step_ms or 1e3 / seen.sampling_rate_Hz
@@ -203,13 +247,14 @@ def changed(spec: RSNNSpec, setting: Setting, seen: recipe.Seen, whole_steps: in
 def _encoded(bench: Bench, setting: Setting) -> SpikeTrains:
     """The spikes of every trial under the setting's refractory periods."""
     if isinstance(bench.touches, SpikeTrains):
-        return bench.touches if setting.t_ref_steps is None else with_dead_time(bench.touches, setting.t_ref_steps[0])
+        if setting.t_ref_ms is None:
+            return bench.touches
+        return with_dead_time(bench.touches, round(setting.t_ref_ms[0] * 1e-3 * bench.touches.sampling_rate_Hz))
     assert bench.encoder is not None
     encoder = bench.encoder
-    if setting.t_ref_steps is not None:
-        step_ms = 1e3 / encoder.conditioning.clock_Hz(bench.touches.sampling_rate_Hz)
-        periods = zip(("ra1", "sa1"), setting.t_ref_steps, strict=True)
-        update = {part: getattr(encoder, part).model_copy(update={"t_ref_ms": n * step_ms}) for part, n in periods}
+    if setting.t_ref_ms is not None:
+        periods = zip(("ra1", "sa1"), setting.t_ref_ms, strict=True)
+        update = {part: getattr(encoder, part).model_copy(update={"t_ref_ms": period}) for part, period in periods}
         encoder = encoder.model_copy(update=update)
     return encode_recordings(bench.touches, encoder)
 
@@ -264,12 +309,15 @@ def _pruned(fitted: Fitted, setting: Setting) -> Fitted:
     return fitted._replace(network=network)
 
 
-def _cost(fitted: Fitted, sops: Mapping[str, float], steps: float) -> Cost:
-    network = fitted.network
+def _cost(fitted: Fitted, sops: Mapping[str, float], decided: torch.Tensor) -> Cost:
+    """The cost of a decision. decided: the steps until each one, `(window,)`."""
+    network, steps = fitted.network, float(decided.double().mean())
     signal_ms = 1e3 * steps / network.sampling_rate_Hz
     sizes = network.n_inputs, network.n_classes
     spent = network_cost(network.spec, *sizes, sops, steps=steps, signal_ms=signal_ms)
     if fitted.sides.encoder is None:
         return spent
-    spikes = sops["sops_input"] / network.spec.hidden
+    # Counted before bins merge some, and before weights are pruned: the encoder has sent all of them.
+    sent = fitted.sides.test.spikes.sum(dim=2, dtype=torch.float64).cumsum(dim=1)
+    spikes = float(sent.gather(1, decided.cpu()[:, None] - 1).mean())
     return spent + encoding_cost(fitted.sides.n_taxels, steps, signal_ms, fitted.sides.encoder, spikes=spikes)

@@ -17,10 +17,12 @@ from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_rasters, from_t
 from neurotact.data.splits import Split, SplitSpec, split_conditions
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_trials
 from neurotact.data.windows import Windows, WindowSpec
-from neurotact.encoders.afferents import AfferentSpec, AfferentType
+from neurotact.encoders.afferents import AfferentSpec, AfferentType, Integration
 from neurotact.encoders.calibration import calibrate, calibrate_causally
+from neurotact.encoders.specs import pays_exact
 from neurotact.errors import InputError, nearest
 from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.papers.comparison.fronts import EVENTS
 from neurotact.papers.comparison.saving import Bench
 from neurotact.papers.comparison.skipped import left_out
 from neurotact.spec import Spec
@@ -43,6 +45,9 @@ class SetSpec(Spec):
     unit: str = "mV"
     conditioning: ConditioningSpec = ConditioningSpec()
     """Conditioning before the afferents; `resample_Hz` is their clock. Events have none."""
+    integration: Literal["auto", "clock", "exact"] = "auto"
+    """How afferents are computed (`AfferentSpec.integration`); `auto`: by the rule of `own-recordings`, in closed form
+    if the sensor is slower than their clock. Events have no afferents."""
     choose_baseline: bool = False
     """Choose a causal baseline on training trials, in place of the baseline of `conditioning`."""
     choose_ema: bool = False
@@ -237,7 +242,8 @@ def _calibrated(training: Recordings, chosen: SetSpec, step_ms: float) -> Affere
     fine_ms = min(CALIBRATED_AT_MS, step_ms)
     least = AfferentType(gain=1.0, t_ref_ms=fine_ms)
     conditioning = chosen.conditioning.model_copy(update={"resample_Hz": 1e3 / fine_ms})
-    start = AfferentSpec(unit=chosen.unit, conditioning=conditioning, sa1=least, ra1=least)
+    integration = integration_of(chosen, training.sampling_rate_Hz)
+    start = AfferentSpec(unit=chosen.unit, integration=integration, conditioning=conditioning, sa1=least, ra1=least)
     if chosen.choose_baseline:
         calibrated = calibrate_causally(
             training, start, choose_ema=chosen.choose_ema, choose_opposite=chosen.choose_opposite, tell=False
@@ -247,6 +253,30 @@ def _calibrated(training: Recordings, chosen: SetSpec, step_ms: float) -> Affere
     parts = {part: getattr(calibrated, part).model_copy(update={"t_ref_ms": step_ms}) for part in ("sa1", "ra1")}
     slower = calibrated.conditioning.model_copy(update={"resample_Hz": 1e3 / step_ms})
     return calibrated.model_copy(update={"conditioning": slower, **parts})
+
+
+def integration_of(chosen: SetSpec, recorded_Hz: float) -> Integration:
+    """How the afferents of a set are computed, from recordings of that rate.
+
+    >>> slow = SetSpec(simulate="gratings", conditioning=ConditioningSpec(resample_Hz=1000.0))
+    >>> integration_of(slow, 35.6), integration_of(slow, 2000.0)
+    ('exact', 'clock')
+    """
+    if chosen.integration != "auto":
+        return chosen.integration
+    least = AfferentType(gain=1.0, t_ref_ms=1e3 / chosen.conditioning.clock_Hz(recorded_Hz))
+    default = AfferentSpec(conditioning=chosen.conditioning, sa1=least, ra1=least)
+    return "exact" if pays_exact(default, recorded_Hz) else "clock"
+
+
+def computed_at(data: WaysData, arrays: Arrays) -> str:
+    """When the afferents of a set are computed, in words; `EVENTS` if it has none."""
+    if "afferents" in arrays:
+        return EVENTS
+    rate_Hz = float(arrays["sampling_rate_Hz"])
+    if integration_of(data.chosen, rate_Hz) == "exact":
+        return f"at each sample ({rate_Hz:.4g} Hz)"
+    return f"in each step of {step_ms(data, arrays):g} ms"
 
 
 def step_ms(data: WaysData, arrays: Arrays) -> float:

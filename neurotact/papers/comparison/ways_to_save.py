@@ -1,4 +1,4 @@
-"""Is a refractory period the cheapest way to save? Eleven ways, compared by accuracy over SOPs, for several sets.
+"""Is a refractory period the cheapest way to save? Several ways, compared by accuracy over costs, on several sets.
 
 A way is a list of settings (`saving.Setting`); all of them share recordings, split, seeds and the network's recipe.
 `sets.py` defines the sets, and `own_set.py` the set of a user's own file.
@@ -18,7 +18,7 @@ from neurotact.papers.comparison import fronts, own_set, sets
 from neurotact.papers.comparison.fronts import NOTHING
 from neurotact.papers.comparison.saving import Bench, Fitted, Setting, measured, n_kept, taxels_of
 from neurotact.papers.comparison.saving_figures import draw_costs, draw_fronts
-from neurotact.papers.comparison.sets import WaysData, bench_of, step_ms
+from neurotact.papers.comparison.sets import WaysData, bench_of, computed_at, step_ms
 from neurotact.papers.comparison.skipped import SKIPPED, of_run, skipped_row
 from neurotact.spec import Spec
 from neurotact.studies.protocol import Arrays, Listed, View, heads
@@ -44,15 +44,18 @@ class Parameters(Spec):
 VIEW = View(
     by=("set", "way", "setting"),
     measures=heads(
-        "accuracy_test accuracy_validation sops_total energy_estimate_nJ signal_ms input_spikes hidden_spikes chance",
+        "accuracy_test accuracy_validation sops_total energy_estimate_nJ signal_ms network_step_ms input_spikes "
+        "hidden_spikes chance",
+        network_step_ms="network's clock (ms)",
         chance="guessing (%)",
     ),
     cost="sops_total",
     score="accuracy_test",
     note="Each seed has its own split, the same for all ways. A single refractory period applies to both populations; "
     "events have a dead time. SOPs of pruned networks count the remaining weights. Energy is an estimate of the "
-    "arithmetic of afferents and network, without memory: both compute at every step, with or without spikes. Sets "
-    "whose recordings are not available are left out; the column `skipped` of results.csv gives the reason.",
+    "arithmetic of afferents and network, without memory. A network computes at every step of its clock, with or "
+    "without spikes; the column `afferents` of results.csv says when afferents do. Sets whose recordings are not "
+    "available are left out; the column `skipped` gives the reason.",
     apart=("set",),
 )
 
@@ -64,34 +67,34 @@ own = own_set.own
 def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     """A row for each setting of each way, after that of the network that saves nothing.
 
-    `no recurrence` is left out if the recipe chose a feed-forward network. Settings with the same number of taxels as
-    an earlier one are also left out; a sensor of few taxels may have some.
+    `no recurrence` is left out if the recipe chose a feed-forward network. Settings that are on this set the same as an
+    earlier one are also left out: such as taxels of a sensor that has few, and times below a step of its clock.
     """
     if SKIPPED in arrays:
         return [{"way": "", "setting": "", **skipped_row(arrays, VIEW.measures)}]
     bench = bench_of(parameters.data, parameters.network, parameters.seed, arrays)
-    clock_ms = step_ms(parameters.data, arrays)
+    shared = {"afferents": computed_at(parameters.data, arrays), SKIPPED: ""}
     known: dict[str, Fitted] = {}
     rows: list[dict[str, Any]] = []
-    tried = list(_differing(bench, parameters.ways))
+    tried = list(_differing(bench, parameters.ways, step_ms(parameters.data, arrays)))
     for index, (way, setting) in enumerate(tried):
         if not setting.recurrence and not known[Setting().first_training()].network.spec.recurrent:
             continue  # the recipe chose a feed-forward network
-        name = named(setting, clock_ms, bench.encoder is None)
-        rows.append({"way": way, "setting": name, **measured(bench, setting, known), SKIPPED: ""})
+        name = named(setting, is_events=bench.encoder is None)
+        rows.append({"way": way, "setting": name, **measured(bench, setting, known), **shared})
         needed = {Setting().first_training(), *(later.first_training() for _, later in tried[index + 1 :])}
         known = {name: fitted for name, fitted in known.items() if name in needed}  # windows use much memory
     tested = _tested(bench, known[Setting().first_training()])
     return [{**row, **tested} for row in rows]
 
 
-def _differing(bench: Bench, ways: dict[str, tuple[Setting, ...]]) -> Iterator[tuple[str, Setting]]:
-    """Every way and setting, `NOTHING` first, without settings that use the same taxels as an earlier one."""
+def _differing(bench: Bench, ways: dict[str, tuple[Setting, ...]], step_ms: float) -> Iterator[tuple[str, Setting]]:
+    """Every way and its settings on the set's clock, `NOTHING` first, each once."""
     touches = bench.touches
     n_taxels = touches.n_channels if isinstance(touches, Recordings) else len({*taxels_of(touches.afferents)})
     seen: set[str] = set()
     for way, settings in {NOTHING: (Setting(),), **ways}.items():
-        for setting in settings:
+        for setting in (asked.on(step_ms, is_events=bench.encoder is None) for asked in settings):
             used = setting.model_copy(update={"taxels": n_kept(n_taxels, setting.taxels) / n_taxels}).model_dump_json()
             if used not in seen:
                 yield way, setting
@@ -110,16 +113,13 @@ def _tested(bench: Bench, fitted: Fitted) -> dict[str, Any]:
     }
 
 
-def named(setting: Setting, step_ms: float, events: bool) -> str:
+def named(setting: Setting, *, is_events: bool = False) -> str:
     """A setting in words.
 
-    >>> named(Setting(t_ref_steps=(1, 5)), 2.0, False), named(Setting(prune=0.5, train_on=True), 2.0, False)
-    ('2 & 10 ms', '50 % of the weights, trained on')
+    >>> named(Setting(t_ref_ms=(2, 10))), named(Setting(prune=0.5, train_on=True)), named(Setting(step_ms=5))
+    ('2 & 10 ms', '50 % of the weights, trained on', 'steps of 5 ms')
     """
-    parts = []
-    if setting.t_ref_steps is not None:
-        periods = setting.t_ref_steps[:1] if events else setting.t_ref_steps
-        parts.append(" & ".join(f"{n * step_ms:g}" for n in periods) + " ms")
+    parts = _times_in_words(setting, is_events=is_events)
     if setting.rate_penalty is not None:
         parts.append(f"penalty {setting.rate_penalty:g}")
     if setting.adaptation:
@@ -139,8 +139,20 @@ def named(setting: Setting, step_ms: float, events: bool) -> str:
     return ", ".join(parts) or "-"
 
 
+def _times_in_words(setting: Setting, *, is_events: bool) -> list[str]:
+    parts = []
+    if setting.t_ref_ms is not None:
+        periods = setting.t_ref_ms[:1] if is_events else setting.t_ref_ms
+        parts.append(" & ".join(f"{period:g}" for period in periods) + " ms")
+    if setting.step_ms is not None:
+        parts.append(f"steps of {setting.step_ms:g} ms")
+    if setting.longest_steps:
+        parts.append(fronts.LONGEST_STEPS)
+    return parts
+
+
 def answers(results: pd.DataFrame) -> list[str]:
-    """One sentence for each set with results: the cost of saving half of the SOPs."""
+    """Two sentences for each set with results: what it costs to save half of the SOPs, and half of the energy."""
     return fronts.answers(of_run(results))
 
 
@@ -149,8 +161,8 @@ def cautions(results: pd.DataFrame) -> list[str]:
     return fronts.cautions(of_run(results))
 
 
-def tables(results: pd.DataFrame) -> dict[str, Listed]:
-    """The Pareto front of each set with results, from the best network down."""
+def tables(results: pd.DataFrame) -> dict[str, tuple[Listed, ...]]:
+    """Of each set with results its Pareto front, and what it costs in each way to save half."""
     return fronts.tables(of_run(results))
 
 

@@ -10,6 +10,7 @@ from neurotact.metrics.fronts import pareto_front
 from neurotact.metrics.resampled import resampled_interval
 from neurotact.papers.comparison.fronts import (
     COSTS,
+    LONGEST,
     NOTHING,
     REFRACTORY,
     SHORT,
@@ -74,6 +75,51 @@ def test_a_way_that_saves_nothing_is_beaten_by_saving_nothing():
     assert not found.loc[NOTHING, "on_front"]
 
 
+SPENT = {  # nJ of each setting of POINTS and LONGER, where their SOPs tell another order
+    "-": 200.0, "5 & 5 ms": 90.0, "10 & 10 ms": 95.0, "20 & 20 ms": 94.0, "50 %": 190.0, "75 %": 180.0,
+    "10 & 10 ms, longest steps": 60.0, "80 %": 80.0,
+}  # fmt: skip
+LONGER = [(LONGEST, "10 & 10 ms, longest steps", 700.0, 0.895, 0.895), ("shorter windows", "80 %", 600.0, 0.85, 0.86)]
+
+
+def with_energies(points, **more) -> pd.DataFrame:
+    rows = table(points)
+    return rows.assign(energy_estimate_nJ=rows["setting"].map(SPENT), **more)
+
+
+def test_energy_is_halved_by_other_ways_than_operations():
+    rows = with_energies([*POINTS[:6], *LONGER])
+    halves = halved(rows, cost="energy_estimate_nJ")
+    assert [(each.way, each.setting, each.share) for each in halves] == [
+        (LONGEST, "10 & 10 ms, longest steps", 0.3), (REFRACTORY, "5 & 5 ms", 0.45), ("shorter windows", "80 %", 0.4)
+    ]  # fmt: skip
+    _, of_energy = answers(rows.assign(afferents="at each sample (35.6 Hz)"))
+    assert of_energy == (
+        "Energy: a refractory period is the cheapest way; a network that saves nothing has 91 % at 200 nJ, with "
+        "afferents computed at each sample (35.6 Hz); to save at least 50 % of it, a refractory period of 10 & 10 ms "
+        "with the longest steps costs 0.5 points (95 % interval 0.5 to 0.5) at 30 % of the energy, and shorter windows "
+        "(80 %) costs 4.0 points (95 % interval 4.0 to 4.0) at 40 % of the energy."
+    )
+
+
+def test_events_have_no_afferents_to_compute():
+    assert "afferents" not in answers(with_energies(POINTS[:6], afferents="events"))[1]
+
+
+def test_what_half_costs_is_listed_way_by_way():
+    _, shown = tables(with_energies([*POINTS[:6], *LONGER]))["made up"]
+    assert shown.rows.to_dict("records") == [
+        {"way": REFRACTORY, "half of the SOPs": "10 & 10 ms: 10.0 points (10.0 to 10.0), 40 % left",
+         "half of the nJ": "5 & 5 ms: 1.0 points (1.0 to 1.0), 45 % left", "half of the ms": "-"},
+        {"way": "pruning", "half of the SOPs": "50 %: 4.0 points (4.0 to 4.0), 50 % left", "half of the nJ": "-",
+         "half of the ms": "-"},
+        {"way": LONGEST, "half of the SOPs": "-",
+         "half of the nJ": "10 & 10 ms: 0.5 points (0.5 to 0.5), 30 % left", "half of the ms": "-"},
+        {"way": "shorter windows", "half of the SOPs": "-",
+         "half of the nJ": "80 %: 4.0 points (4.0 to 4.0), 40 % left", "half of the ms": "-"},
+    ]  # fmt: skip
+
+
 def test_settings_are_chosen_on_validation_and_judged_on_test():
     found = halved(table(POINTS))
     # On test windows 75 % would be the better one; a taxel of four left out saves too little.
@@ -89,7 +135,8 @@ def test_of_equal_validation_the_fewest_operations_decide():
 
 
 def test_the_sentence_compares_seed_by_seed():
-    (sentence,) = answers(table(POINTS))
+    sentence, of_energy = answers(table(POINTS))
+    assert of_energy == "Energy: a network that saves nothing has 91 % at 1 nJ; no way that was tried saves 50 % of it."
     assert sentence == (
         "A refractory period is not the cheapest way; a network that saves nothing has 91 % at 1,000 SOPs; "
         "to save at least 50 % of them, pruning (50 %) "
@@ -100,7 +147,7 @@ def test_the_sentence_compares_seed_by_seed():
 
 
 def test_refractory_periods_that_save_too_little_are_said():
-    (sentence,) = answers(table([point for point in POINTS if "10 &" not in point[1] and "20 &" not in point[1]]))
+    sentence, _ = answers(table([point for point in POINTS if "10 &" not in point[1] and "20 &" not in point[1]]))
     assert sentence.endswith(
         "and no refractory period that was tried saves as much: 5 & 5 ms costs 1.0 points (95 % interval 1.0 to 1.0) "
         "at 60 % of the SOPs."
@@ -109,7 +156,7 @@ def test_refractory_periods_that_save_too_little_are_said():
 
 def test_a_refractory_period_may_be_the_cheapest_and_may_gain():
     points = [(NOTHING, "-", 1000.0, 0.9, 0.9), (REFRACTORY, "5 & 5 ms", 400.0, 0.95, 0.92)]
-    (sentence,) = answers(table(points, seeds=1))
+    sentence, _ = answers(table(points, seeds=1))
     assert "a refractory period of 5 & 5 ms gains 2.0 points (one seed) at 40 % of the SOPs." in sentence
 
 
@@ -141,13 +188,15 @@ def test_the_sentence_begins_with_a_verdict(rows, verdict):
 
 
 def test_no_interval_is_wider_than_all_points():
-    (sentence,) = answers(spread(POINTS, "pruning", -0.7))
+    sentence, _ = answers(spread(POINTS, "pruning", -0.7))
     assert "(95 % interval -100.0 to 100.0)" in sentence
 
 
 def test_several_sets_are_named():
     both = pd.concat([table(POINTS), table(POINTS).assign(set="other")])
-    assert [sentence.split(": ")[0] for sentence in answers(both)] == ["made up", "other"]
+    assert [sentence.split(": ")[0] for sentence in answers(both)] == [
+        "made up", "made up, energy", "other", "other, energy"
+    ]  # fmt: skip
 
 
 def test_where_nothing_was_learned_no_saving_means_anything():
@@ -192,7 +241,7 @@ def some_points(draw):
 @given(some_points())
 def test_the_list_is_the_front_of_each_cost_from_the_best_down(points):
     rows = pd.DataFrame(points)
-    shown = tables(rows)["made up"].rows
+    shown = tables(rows)["made up"][0].rows
     assert shown["how it is reached"].iloc[0] == NOTHING
     keys = [*COSTS, "accuracy_validation"]
     for cost in COSTS:

@@ -30,7 +30,7 @@ from neurotact.papers.comparison.ways_to_save import Parameters
 from neurotact.studies import loading, protocol_study, runner, suited
 
 WAYS = {
-    "refractory period": [{"t_ref_steps": [20, 20]}],
+    "refractory period": [{"t_ref_ms": [20, 20]}],
     "fewer taxels": [{"taxels": 0.75}, {"taxels": 0.5}, {"taxels": 0.25}],
     "pruning": [{"prune": 0.5}],
     "early exit": [{"exit_tolerance": 0.5}],
@@ -86,7 +86,7 @@ def bench_of(path: Path, **changes):
 def test_window_clock_seeds_and_baseline_are_those_of_own_recordings(tmp_path):
     path = saved(tmp_path, lengths=(300, 400) * 12)
     ours = loading.resolve("ways-to-save", data=path)
-    theirs = loading.resolve("own-recordings", {"encoder.integration": "clock"}, data=path)  # the ways share a clock
+    theirs = loading.resolve("own-recordings", data=path)
     chosen = ours.parameters["data"]["sets"]["recordings"]
     assert chosen["window"] == theirs.window.model_dump(mode="json", exclude_none=True)
     assert chosen["conditioning"]["resample_Hz"] == theirs.encoder.conditioning.resample_Hz
@@ -100,6 +100,22 @@ def test_window_clock_seeds_and_baseline_are_those_of_own_recordings(tmp_path):
     assert {*ours.notes} - {*of_splits[0]} == {*theirs.notes} - {*of_splits[1]}
     assert not ours.as_shipped
     assert ours.title != loading.resolve("ways-to-save").title
+
+
+@pytest.mark.parametrize(
+    ("rate_Hz", "changes", "integration"),
+    [(93.0, {}, "exact"), (93.0, {"encoder.integration": "clock"}, "clock"), (2000.0, {}, "clock"),
+     (2000.0, {"encoder.integration": "exact"}, "exact"), (93.0, {"conditioning.resample_Hz": 50.0}, "clock")],
+)  # fmt: skip
+def test_afferents_are_computed_as_own_recordings_computes_them(tmp_path, rate_Hz, changes, integration):
+    path = saved(tmp_path, lengths=(round(0.4 * rate_Hz),) * 24, rate_Hz=rate_Hz)
+    given = {key.replace("conditioning", "encoder.conditioning"): value for key, value in changes.items()}
+    assert loading.resolve("own-recordings", given, data=path).encoder.integration == integration
+    encoder = bench_of(path, **changes).encoder
+    assert encoder is not None
+    assert encoder.integration == integration
+    said = [note for note in resolved(path, **changes).notes if note.startswith("Clock of the spikes")]
+    assert len(said) == (integration == "exact")
 
 
 def test_a_moving_average_that_is_given_is_not_chosen(tmp_path):
@@ -141,6 +157,11 @@ def test_events_come_as_they_are(tmp_path):
     for ours, theirs in zip((*bench.touches.steps, *bench.touches.units), (*whole.steps, *whole.units), strict=True):
         np.testing.assert_array_equal(ours, theirs)
     assert bench.window.length_ms == 300.0
+
+
+def test_events_have_no_afferents(tmp_path):
+    with pytest.raises(InputError, match=r"encoder\.integration: .* holds events, which no afferents encode"):
+        resolved(sent(tmp_path), **{"encoder.integration": "exact"})
 
 
 def test_people_stand_on_one_side(tmp_path):
@@ -252,14 +273,16 @@ def test_a_file_that_was_replaced_is_refused(run, tmp_path):
 def test_the_answer_lists_the_front_and_says_what_it_is_worth(run):
     _, folder = run
     answer = files.read_json(folder / "answer.json")
-    (said,) = answer["answers"]
+    (said,) = answer["answers"]  # too few trials to learn: nothing is said of energy
     results = pd.read_csv(folder / "results.csv")
     assert set(results["chance"]) == {0.5}
     assert results["way"].drop_duplicates().tolist() == [NOTHING, *WAYS]
     # Two taxels: three quarters of them are both, and a quarter of them is one, as a half is.
     assert results.loc[results["way"] == "fewer taxels", "setting"].unique().tolist() == ["50 % taxels"]
-    (table,) = answer["tables"]
-    assert table["setting"] == "recordings"
+    table, halves = answer["tables"]
+    assert table["setting"] == halves["setting"] == "recordings"
+    assert halves["columns"][0] == "way"
+    assert set(results["afferents"]) == {"at each sample (93 Hz)"}
     assert table["rows"][0][0] == NOTHING
     assert any("2 seeds" in line for line in answer["cautions"])
     assert any("one trial is" in line for line in answer["cautions"])
@@ -325,6 +348,7 @@ def test_taxels_whose_names_end_alike_are_taxels_of_their_own(tmp_path):
         ({"window.length": 100.0}, "window.length: unknown key; did you mean"),
         ({"conditioning.baseline": "mean"}, "'mean' uses the whole trial; name one of none, start, high-pass"),
         ({"conditioning.resample_Hz": -1.0}, "resample_Hz: must be > 0"),
+        ({"encoder.integration": "exactly"}, "integration: must be "),
         ({"data.set": "gratings"}, "set: 'gratings' is not one of the sets; did you mean 'recordings'?"),
         ({"network.hiden": 5}, "network.hiden: unknown key; did you mean 'hidden'?"),
     ],

@@ -255,7 +255,7 @@ def test_what_limits_the_answer_is_said():
 
 
 def test_a_table_has_a_row_for_each_remedy():
-    (listed,) = untrained.tables(table(FOUND)).values()
+    ((listed,),) = untrained.tables(table(FOUND)).values()
     assert listed.rows["remedy"].tolist() == [*FOUND]
     assert listed.rows["best opponent"].tolist()[0] == "SVM: 55.0 %"
 

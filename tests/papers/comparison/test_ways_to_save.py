@@ -2,19 +2,26 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from neurotact.encoders.cost import encoding_cost
 from neurotact.errors import InputError
+from neurotact.metrics.flops import ExactSpikes, cost
 from neurotact.networks.definition.recipe import Seen
 from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.use.ledger import network_cost
 from neurotact.papers.comparison import ways_to_save
 from neurotact.papers.comparison.fronts import NOTHING
-from neurotact.papers.comparison.saving import Setting, changed
+from neurotact.papers.comparison.saving import Setting, changed, cut, measured
 from neurotact.papers.comparison.sets import WaysData, bench_of
-from neurotact.papers.comparison.ways_to_save import Parameters
+from neurotact.papers.comparison.ways_to_save import Parameters, named
 from neurotact.spec import build
 
 WAYS = {
-    "refractory period": [{"t_ref_steps": [10, 10]}],
+    "refractory period": [{"t_ref_ms": [20, 20]}],
+    "refractory period, longest steps": [{"t_ref_ms": [20, 20], "longest_steps": True}],
+    "slower clock": [{"step_ms": 10.0}],
     "rate penalty": [{"rate_penalty": 50.0}],
     "fewer taxels": [{"taxels": 0.25}],
     "shorter windows": [{"window": 0.5}],
@@ -77,6 +84,16 @@ def test_refractory_periods_save_input_spikes_and_penalties_hidden_ones(rows):
     assert rows["rate penalty"]["input_spikes"] == rows[NOTHING]["input_spikes"]
 
 
+def test_a_refractory_period_of_20_ms_allows_steps_of_20_ms_which_merge_no_spikes(rows):
+    own, longest, slower = (
+        rows[way] for way in ("refractory period", "refractory period, longest steps", "slower clock")
+    )
+    assert longest["network_step_ms"] >= 20.0 > 10.0 == slower["network_step_ms"] > own["network_step_ms"]
+    assert longest["energy_estimate_nJ"] < own["energy_estimate_nJ"]
+    assert longest["input_spikes"] == pytest.approx(own["input_spikes"], rel=0.02)  # those of training windows, all
+    assert slower["input_spikes"] < rows[NOTHING]["input_spikes"]
+
+
 def test_a_quarter_of_the_taxels_and_half_the_window_send_less(rows):
     assert 0 < rows["fewer taxels"]["input_spikes"] < rows[NOTHING]["input_spikes"]
     assert 0 < rows["shorter windows"]["input_spikes"] < rows[NOTHING]["input_spikes"]
@@ -102,6 +119,41 @@ def test_early_exit_waits_less(rows):
     assert rows["early exit"]["signal_ms"] < rows[NOTHING]["signal_ms"]
     assert rows["early exit"]["sops_total"] < rows[NOTHING]["sops_total"]
     assert rows["early exit"]["energy_estimate_nJ"] < rows[NOTHING]["energy_estimate_nJ"]
+
+
+SLOW = {**SETS["gratings"], "conditioning": {"ema_cutoff_Hz": 30.0, "baseline": "start", "resample_Hz": 4000.0}}
+
+
+def test_in_closed_form_samples_and_all_spikes_that_are_sent_cost():
+    network = {**NETWORK, "model": "snn"}
+    table = {"data": {"set": "slow", "sets": {"slow": SLOW}}, "ways": {}, "network": network}
+    parameters = build(Parameters, table, source="test")
+    bench = bench_of(parameters.data, parameters.network, 0, ways_to_save.load(parameters.data))
+    assert bench.encoder is not None
+    assert bench.encoder.integration == "exact"
+    sent, known = float(cut(bench, Setting()).test.spikes.sum(dim=(1, 2)).double().mean()), {}
+    for setting in (Setting(), Setting(step_ms=10.0), Setting(prune=0.5)):  # bins merge, and pruned weights count less
+        row = measured(bench, setting, known)
+        network, sides, _ = known[setting.first_training()]
+        alone = network_cost(network.spec, network.n_inputs, network.n_classes, row, steps=400, signal_ms=100.0)
+        encoder = {**sides.encoder, "integration": "clock", "conditioning": {**sides.encoder["conditioning"]}}
+        del encoder["conditioning"]["resample_Hz"]
+        encoding = encoding_cost(sides.n_taxels, 200, 100.0, encoder) + cost(ExactSpikes(sent))  # samples at 2 kHz
+        assert row["energy_estimate_nJ"] == pytest.approx((alone + encoding).energy_estimate_nJ)
+
+
+@given(
+    t_ref_ms=st.tuples(*[st.floats(0, 200)] * 2), own_ms=st.none() | st.floats(0.01, 50),
+    clock_ms=st.sampled_from([0.5, 1.0, 2.0, 5.0]), is_events=st.booleans(),
+)  # fmt: skip
+def test_times_of_a_setting_are_whole_steps_once_and_for_all(t_ref_ms, own_ms, clock_ms, is_events):
+    setting = Setting(t_ref_ms=t_ref_ms, step_ms=own_ms).on(clock_ms, is_events=is_events)
+    assert setting.on(clock_ms, is_events=is_events) == setting
+    for period in setting.t_ref_ms or ():
+        assert period / clock_ms == round(period / clock_ms)
+        assert period >= clock_ms * (not is_events)
+    assert setting.step_ms is None or setting.step_ms > clock_ms
+    assert named(setting, is_events=is_events) == "-" if setting == Setting() else True
 
 
 def test_taxels_that_vary_stay(tmp_path):
