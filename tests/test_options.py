@@ -382,7 +382,11 @@ WAYS = {
                 "--resume": TWICE,
             },
             NO_NETWORK,
-            {"--device": "tests/networks/test_train_run.py", "--augmentation": "tests/networks/test_robust.py"},
+            {
+                "--device": "tests/networks/test_train_run.py",
+                "--augmentation": "tests/networks/test_robust.py",
+                "--balance": "tests/networks/test_balancing.py",
+            },
             is_slow=True,
         )
     ],

@@ -40,6 +40,7 @@ from neurotact.networks.definition.specs import RSNNSpec, given_keys
 from neurotact.networks.search import journal, search, search_tables
 from neurotact.networks.training import cautions, checkpoint, population, repeated, tasks, train_run, trained
 from neurotact.networks.training import conditions_curve as curves
+from neurotact.networks.training.balancing import Balance
 from neurotact.networks.training.outcome import summary_of
 from neurotact.networks.training.tasks import ExitBy, Task
 from neurotact.networks.training.train_run import Interrupted as Interrupted
@@ -81,6 +82,7 @@ def train(
     test: float | None = None,
     nested: bool | None = None,
     augmentation: str | None = None,
+    balance: Balance = "none",
     exit_tolerance: float = 0.01,
     exit_by: ExitBy = "stability",
     seed: int = 0,
@@ -111,6 +113,8 @@ def train(
         repeats: number of random splits, with seeds from `split_seed` upwards.
     augmentation: which varied copies of training trials are trained on, too, of those in the file (see `encode`); None
         takes them if there is one kind, "none" leaves them out.
+    balance: "classes" weights training windows so that each class counts the same in the loss; "conditions" so
+        that each value of the split's conditions (to test, to group by, to stratify) does within a class, too.
     exit_tolerance: validation accuracy that early exit may lose.
     exit_by: "stability", the leading class unchanged for long enough, or "margin", a lead that is large enough.
     seed: of the weights and of the order of windows. device: a torch device.
@@ -129,7 +133,8 @@ def train(
     check_one_way(columns, order=order, folds=folds, test=test)
     split = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
     trains, task = _task("train", spikes, window, split, stratify, exit_tolerance, exit_by, where, leave_out)
-    task = task.model_copy(update={"augmentation": _kind_of_copies(trains, augmentation, tell)})
+    kind = _kind_of_copies(trains, augmentation, tell)
+    task = spec.build(Task, {**task.model_dump(), "augmentation": kind, "balance": balance}, source="train")
     path, spikes = Path(folder), Path(spikes)
     what, given = spec.resolve(RSNNSpec, network, settings), given_keys(network, settings)
     population.device_of(device, torch.float32)

@@ -35,6 +35,10 @@ SIDES = {
     api.train,
     network=option(str, "Name or path of a network spec."),
     augmentation=COPIES,
+    balance=option(
+        Literal["none", "classes", "conditions"],
+        "Training windows count the same for each class, or for each condition of the split within a class, too.",
+    ),
     folds=option(
         int | None, "Divide the trials into this many folds and test on each in turn, or on --fold alone.", min=2
     ),

@@ -159,6 +159,7 @@ def task_of(cell: Cell) -> Task:
         split=cell.split,
         stratify=tuple(cell.source["stratify"]),
         subset=cell.subset,
+        balance=cell.balance,
         training_windows=cell.training_windows,
         exit_tolerance=cell.early_exit.tolerance,
         exit_choice=cell.early_exit.choice,

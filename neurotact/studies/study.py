@@ -31,6 +31,8 @@ from neurotact.networks.definition.seeds import drawn
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.search import tuning
 from neurotact.networks.search.tuning import SearchSpec
+from neurotact.networks.training import balancing
+from neurotact.networks.training.balancing import Balance
 from neurotact.networks.training.tasks import ExitBy
 from neurotact.spec import Spec
 from neurotact.studies import calibrated, suited, sweeps
@@ -217,6 +219,9 @@ class StudySpec(Spec):
     """Select a network step by step; only the cells of the sweep that a step requests are run."""
     augmentation: AugmentationSpec | None = None
     """Varied copies of the training trials, for tests at conditions that no training trial has."""
+    balance: Balance = "none"
+    """Whose training windows count the same in sum: those of each class, or of each of the split's conditions within a
+    class, too. Opponents are fitted without it."""
     training_windows: int | None = Field(default=None, ge=1)
     """Windows of a trial to train and validate on, `window.hop_ms` apart; the same number as for testing if absent."""
     sweep: dict[str, list[Any]]
@@ -317,6 +322,7 @@ class Cell(Spec):
     exit_patiences: tuple[Steps, ...] = ()
     test_every_condition: bool = False
     augmentation: AugmentationSpec | None = None
+    balance: Balance = "none"
     training_windows: int | None = Field(default=None, ge=1)
 
     @property
@@ -481,7 +487,7 @@ def cells(study: StudySpec) -> Iterator[Cell]:
         **({"network": _whole(study.network)} if study.network else {}),
         **({"search": search} if search else {}),
         **{choice: study.calibrate and getattr(study, choice) for choice in CHOICES},
-        **{name: getattr(study, name) for name in ("training_windows", *MEASURES)},
+        **{name: getattr(study, name) for name in ("balance", "training_windows", *MEASURES)},
         **({} if study.spikes_per_s is None else {"spikes_per_s": study.spikes_per_s}),
         **({} if study.augmentation is None else {"augmentation": _whole(study.augmentation)}),
     }
@@ -500,6 +506,7 @@ def cells(study: StudySpec) -> Iterator[Cell]:
             chosen |= calibrated.start(point)
         cell = specs.build(Cell, specs.override(base, chosen), source=f"sweep of {study.title}")
         cell = _augmented(cell)
+        balancing.columns_of(cell.balance, cell.split, cell.source["stratify"])
         cell = cell.model_copy(update={"encoded_ms": None if study.past_windows else reach_ms(cell)})
         _check_source(cell, study)
         yield cell
@@ -533,10 +540,12 @@ def _void_keys(cell: Cell) -> dict[str, str]:
     """The keys of a study that have no effect in a cell, and why."""
     split = effects.voids(folds=cell.split.folds, test_where=cell.split.test_where, order=cell.split.order)
     onset = effects.voids(align=cell.window.align)["rest_ms"] if cell.window.align == "trial" else None
+    without = "has no effect without a network, as in `settings={'network': 'rsnn'}`; leave it out"
     network = {} if cell.network is None or cell.search is not None else recipe.void_keys(cell.network)
     return {
         **({f"window.onset.{key}": onset for key in OnsetSpec.model_fields} if onset else {}),
         **{f"split.{key.removeprefix('split_')}": why for key, why in split.items()},
+        **({"balance": without} if cell.network is None else {}),
         **{f"network.{key}": why for key, why in network.items()},
     }
 

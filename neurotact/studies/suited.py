@@ -21,12 +21,13 @@ from neurotact.data.conditioning import conditioned_length
 from neurotact.data.copies import copies_of
 from neurotact.data.onset import common_onset_s, onsets_s
 from neurotact.data.recordings import LABEL
-from neurotact.data.splits import SplitSpec, check_each, turns_of, validation_note
+from neurotact.data.splits import SplitSpec, check_each, split_conditions, turns_of, validation_note
 from neurotact.data.trial_choice import EVERY, TrialChoice, chosen_trials
 from neurotact.data.window_choice import FOUND, LATE, RESTS, Timing, Words, choose, left_after
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.calibration import CLOCK_HZ
 from neurotact.errors import InputError
+from neurotact.networks.training import balancing
 from neurotact.spec import Spec, build, override, read, unsaved
 from neurotact.studies import sweeps
 
@@ -147,6 +148,8 @@ def suit(
     if "augmentation" in table and "search" not in table and (columns := untrained_conditions(table)):
         table, note = _for_remedies(table, recorded, given, columns)
         notes += note
+    if table.get("balance", "none") != "none":
+        notes += _of_balance(table, recorded)
     if split.leave_aside:
         tests = [spec.test_where for spec in _tested(table)]
         notes += [f"Split: {line}." for line in check_each(recorded.conditions, tests, split)]
@@ -225,6 +228,16 @@ def _for_remedies(
     note = f"Training: on the recorded trials and {what}; without copies: `settings={{'augmentation.kind': 'none'}}`."
     less = " Fewer sizes and refractory periods are trained, because of that." if fewer else ""
     return {**table, "augmentation": copies, "sweep": sweep}, [note + less]
+
+
+def _of_balance(table: Mapping[str, Any], recorded: Recorded) -> list[str]:
+    """What the balance of training trials changes in the first test."""
+    stratify = table.get("dataset", {}).get("stratify", ())
+    first = _tested(table)[0]
+    columns = balancing.columns_of(table["balance"], first, stratify)
+    training = recorded.conditions.iloc[split_conditions(recorded.conditions, stratify, first).train]
+    line = balancing.note(training, table["balance"], columns)
+    return [f"{line[0].upper()}{line[1:]}."]
 
 
 def _starts(window: Mapping[str, Any]) -> dict[str, Any]:

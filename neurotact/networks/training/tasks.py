@@ -20,6 +20,8 @@ from neurotact.data.window_choice import Words, suited_window
 from neurotact.data.windows import Windows, WindowSpec
 from neurotact.errors import InputError
 from neurotact.networks.definition import recipe
+from neurotact.networks.training import balancing
+from neurotact.networks.training.balancing import Balance
 from neurotact.networks.training.provenance import SIDES
 from neurotact.networks.training.training import Examples
 from neurotact.spec import Spec, build
@@ -48,6 +50,8 @@ class Task(Spec):
     the patience from which on all are within it, on validation windows, and on these and training windows together."""
     augmentation: str = NONE
     """Which varied copies of training trials are trained on, too: their kind, or `none`."""
+    balance: Balance = "none"
+    """Whose training windows count the same in sum: those of each class, or of each condition within a class, too."""
     varied_validation: bool = False
     """Whether validation is on these copies of validation trials, too: where it cannot leave out a condition."""
     seen: float = Field(default=0.0, ge=0, lt=1)
@@ -60,6 +64,11 @@ class Task(Spec):
     def choice(self) -> TrialChoice:
         """The trials that are used."""
         return TrialChoice(self.where, self.leave_out)
+
+    @property
+    def balanced_columns(self) -> list[str]:
+        """The conditions whose values count the same within a class."""
+        return balancing.columns_of(self.balance, self.split, self.stratify)
 
     @property
     def training_window(self) -> WindowSpec:
@@ -113,9 +122,10 @@ def sides_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sid
     split: replaces the split that the task draws.
     """
     sides = trials_of(trains, task, split)
-    train = _with_copies(trains, task, sides.train)
+    train, of = _with_copies(trains, task, sides.train)
+    train = train._replace(weights=_weights(trains, task, of))
     if task.varied_validation:
-        validation = _with_copies(trains, task, sides.validation)
+        validation, _ = _with_copies(trains, task, sides.validation)
     else:
         validation, _ = examples_of(trains, sides.validation, task.training_window)
     return Sides(train, validation, examples_of(trains, sides.test, task.window)[0])
@@ -133,17 +143,33 @@ def seen_side(trains: SpikeTrains, task: Task) -> Examples | None:
     return examples_of(trains, kept, task.window)[0] if len(kept) else None
 
 
-def _with_copies(trains: SpikeTrains, task: Task, trials: np.ndarray) -> Examples:
-    """The windows of some trials for training or validation, and of their varied copies."""
-    recorded, _ = examples_of(trains, trials, task.training_window)
+def _weights(trains: SpikeTrains, task: Task, of: np.ndarray) -> torch.Tensor | None:
+    """The weights of training windows, `(window,)` float32; None if they are all 1. of: the trial of each window."""
+    found = balancing.weights(trains.conditions.iloc[of], task.balance, task.balanced_columns)
+    return None if found is None else torch.from_numpy(found.astype(np.float32))
+
+
+def balance_note(trains: SpikeTrains, task: Task) -> list[str]:
+    """What the balance of a task changes, in one line; none without one."""
+    if task.balance == "none":
+        return []
+    _, of = _with_copies(trains, task, trials_of(trains, task).train)
+    return [balancing.note(trains.conditions.iloc[of], task.balance, task.balanced_columns)]
+
+
+def _with_copies(trains: SpikeTrains, task: Task, trials: np.ndarray) -> tuple[Examples, np.ndarray]:
+    """The windows of some trials for training or validation, and of their varied copies; the trial of each window."""
+    recorded, own = examples_of(trains, trials, task.training_window)
     if task.augmentation == NONE:
-        return recorded
+        return recorded, own.trial
     if trains.variations is None:
         raise InputError(f"spikes: hold no varied copies, and training asks for '{task.augmentation}'; encode them")
     rows = trains.variations.rows(trials, task.augmentation)
     varied, windows = examples_of(trains.variations.trains, rows, task.training_window)
-    labels = torch.from_numpy(trains.labels[trains.variations.of[windows.trial]])
-    return Examples(torch.cat([recorded.spikes, varied.spikes]), torch.cat([recorded.labels, labels]))
+    of = trains.variations.of[windows.trial]
+    labels = torch.from_numpy(trains.labels[of])
+    every = Examples(torch.cat([recorded.spikes, varied.spikes]), torch.cat([recorded.labels, labels]))
+    return every, np.concatenate([own.trial, of])
 
 
 def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Split:
@@ -203,7 +229,7 @@ def examples_of(trains: SpikeTrains, trials: np.ndarray, window: WindowSpec) -> 
 
 def seen(trains: SpikeTrains, task: Task) -> recipe.Seen:
     """The properties of the training windows that a recipe uses."""
-    training = _with_copies(trains, task, trials_of(trains, task).train)
+    training, _ = _with_copies(trains, task, trials_of(trains, task).train)
     return recipe.Seen.of(training.spikes, trains.sampling_rate_Hz)
 
 

@@ -113,7 +113,7 @@ def run(
             start = _load(folder, request, trains)
         if task.split.test_where:
             tell(validation_note(trains.conditions, task.split))
-        for line in recipe.described(network, seen):
+        for line in (*tasks.balance_note(trains, task), *recipe.described(network, seen)):
             tell(line)
         return _train(trains, request, spikes, folder, start)
 

@@ -1,0 +1,76 @@
+"""Weights of training windows, so that classes, and conditions within a class, count the same in the loss.
+
+Touches are rarely recorded equally often in each class and at each condition. The cross-entropy of a window is weighted
+by the inverse of the number of windows like it, as by scikit-learn's `class_weight="balanced"` (King and Zeng 2001,
+"Logistic regression in rare events data", doi 10.1093/oxfordjournals.pan.a004868). Use costs the same.
+"""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+
+from neurotact.data.recordings import LABEL
+from neurotact.data.splits import SplitSpec
+from neurotact.errors import InputError
+
+Balance = Literal["none", "classes", "conditions"]
+WITHIN = 1e-9
+"""Relative difference of equal weights, by rounding."""
+
+
+def columns_of(balance: Balance, split: SplitSpec, stratify: Sequence[str]) -> list[str]:
+    """The conditions that `conditions` balances: those that the split names; none for another balance.
+
+    stratify: conditions that are balanced over the sides of the split. Raises InputError if the split names none.
+
+    >>> columns_of("conditions", SplitSpec(test_where={"speed": 450}), ["force"])
+    ['speed', 'force']
+    """
+    if balance != "conditions":
+        return []
+    columns = [*dict.fromkeys([*split.test_where, *split.group, *stratify])]
+    if not columns:
+        raise InputError(
+            "`balance`: 'conditions' balances those that the split names, and it names none; give "
+            "`balance='classes'`, or a condition to test, to group by or to stratify"
+        )
+    return columns
+
+
+def weights(conditions: pd.DataFrame, balance: Balance, columns: Sequence[str]) -> np.ndarray | None:
+    """A weight for each training window, `(window,)` with the mean 1; None if all are 1.
+
+    conditions: of the trial of each window. balance: `classes`: the weights of each class have the same sum.
+    `conditions`: within a class, those of each combination of values in `columns` have, too.
+
+    >>> table = pd.DataFrame({"label": ["felt", "felt", "felt", "silk"], "speed": [1, 1, 2, 1]})
+    >>> weights(table, "classes", []).round(2).tolist(), weights(table, "conditions", ["speed"]).tolist()
+    ([0.67, 0.67, 0.67, 2.0], [0.5, 0.5, 1.0, 2.0])
+    >>> weights(table[2:], "classes", []) is None
+    True
+    """
+    if balance == "none":
+        return None
+    labels = conditions[LABEL].astype(str).to_numpy()
+    kinds = conditions[[LABEL, *columns]].astype(str).agg("\n".join, axis=1).to_numpy()
+    of_class = pd.Series(kinds).groupby(labels).transform("nunique").to_numpy()
+    alike = pd.Series(kinds).groupby(kinds).transform("size").to_numpy()
+    found = len(labels) / (len(np.unique(labels)) * of_class * alike)
+    return None if np.ptp(found) <= WITHIN else found
+
+
+def note(conditions: pd.DataFrame, balance: Balance, columns: Sequence[str]) -> str:
+    """What a balance does to training windows, in one line; arguments as of `weights`.
+
+    >>> table = pd.DataFrame({"label": ["felt", "felt", "felt", "silk"]})
+    >>> note(table, "classes", []), note(table[2:], "classes", [])
+    ('training: windows count 0.667 to 2 times, so that each class counts the same', 'training: `balance` changes nothing, since each class has as many windows already')
+    """  # noqa: E501
+    found = weights(conditions, balance, columns)
+    what = f"each class at each {' and '.join(columns)}" if columns else "each class"
+    if found is None:
+        return f"training: `balance` changes nothing, since {what} has as many windows already"
+    within = f"each class, and within it each {' and '.join(columns)}," if columns else what
+    return f"training: windows count {found.min():.3g} to {found.max():.3g} times, so that {within} counts the same"
