@@ -59,7 +59,8 @@ def encode(
     encoder: a spec, or the name or path of one. settings: changes of it, dotted keys.
     where, leave_out: the trials to encode, as of `read`.
     augmentation: also encode varied copies of each trial, for training alone: what varies, of "time" (played faster or
-        slower), "gain" (scaled) and "start" (begun later), as in "time+gain". copies: of each trial, 3 if None.
+        slower), "gain" (scaled), "start" (begun later) and "taxels" (a quarter of them at rest), as in "time+gain".
+        copies: of each trial, 3 if None.
     progress: called with the number of trials done since its last call.
     Raises InputError for an unknown encoder, key, condition or value. Warns (`FiringWarning`) of a population that is
     silent, or whose every firing afferent is saturated.

@@ -36,7 +36,7 @@ def calibrate(given: dict[str, Any]) -> None:
     augmentation=option(
         str | None,
         "Also encode varied copies of each trial, for training alone: time (played faster or slower), gain "
-        "(scaled), start (begun later), or time+gain.",
+        "(scaled), start (begun later), taxels (a quarter of them at rest), or time+gain.",
         metavar="KIND",
     ),
     copies=option(int | None, "Varied copies of each trial.", min=1, max=20, show_default="3"),

@@ -1,8 +1,9 @@
 """Varied copies of recorded trials, from which a network learns what does not depend on speed, force or start.
 
-A copy is the signal of a training trial, played faster or slower (another speed), scaled from its rest (another force)
-or begun later (another start), and encoded like any recording. Sources: window warping (Le Guennec, Malinowski and
-Tavenard 2016) and magnitude scaling (Um et al. 2017, doi 10.1145/3136755.3136817).
+A copy is the signal of a training trial, played faster or slower (another speed), scaled from its rest (another
+force), begun later (another start) or with some taxels at rest (another place on the skin, a dead taxel), and encoded
+like any recording. Sources: window warping (Le Guennec, Malinowski and Tavenard 2016), magnitude scaling (Um et al.
+2017, doi 10.1145/3136755.3136817), and drop-out of whole channels (Tompson et al. 2015, arXiv 1411.4280).
 """
 
 from collections.abc import Iterator
@@ -14,9 +15,10 @@ from pydantic import Field, field_validator
 from neurotact.data.onset import common_onset_s, evenly
 from neurotact.data.recordings import Recordings
 from neurotact.data.window_choice import RESTS
+from neurotact.errors import InputError
 from neurotact.spec import Spec
 
-Part = Literal["time", "gain", "start"]
+Part = Literal["time", "gain", "start", "taxels"]
 NONE, AUTO, JOIN = "none", "auto", "+"
 CANDIDATES = (NONE, "time", "gain", "time+gain")
 """What `auto` chooses among, on validation trials of a condition that is not trained on."""
@@ -32,8 +34,8 @@ class AugmentationSpec(Spec):
     """Varied copies of the training trials."""
 
     kind: str = AUTO
-    """What varies: `time`, `gain` and `start`, joined by `+`; `none`: no copies; `auto`: where the test is on other
-    conditions, none, time, gain or time+gain, whichever is best on validation trials of another condition."""
+    """What varies: `time`, `gain`, `start` and `taxels`, joined by `+`; `none`: no copies; `auto`: where the test is on
+    other conditions, none, time, gain or time+gain, whichever is best on validation trials of another condition."""
     any_start: bool = False
     """With `auto`: time+gain+start is a candidate, too. Studies set it where windows do not begin at contact."""
     copies: int = Field(default=3, ge=1, le=20)
@@ -44,6 +46,8 @@ class AugmentationSpec(Spec):
     """The deviation of its signals from rest is up to this many times larger or smaller; the logarithm is uniform."""
     shift_ms: float = Field(default=500.0, gt=0)
     """A copy begins up to this much later."""
+    taxel_share: float = Field(default=0.25, gt=0, lt=1)
+    """Share of the taxels that are at rest in a copy, drawn for each; at least one is, and one is not."""
     seed: int = Field(default=0, ge=0)
     """Random seed of the copies."""
 
@@ -63,9 +67,17 @@ class AugmentationSpec(Spec):
         >>> AugmentationSpec(kind="time+start").reach_ms(500.0), AugmentationSpec(kind="gain").reach_ms(500.0)
         (1500.0, 500.0)
         """
-        parts = {part for kind in self.kinds for part in kind.split(JOIN)}
-        faster = self.time_factor if "time" in parts else 1.0
-        return faster * end_ms + (self.shift_ms if "start" in parts else 0.0)
+        faster = self.time_factor if "time" in self.parts else 1.0
+        return faster * end_ms + (self.shift_ms if "start" in self.parts else 0.0)
+
+    @property
+    def parts(self) -> set[str]:
+        """What varies in some of the copies.
+
+        >>> sorted(AugmentationSpec(kind="gain+taxels").parts)
+        ['gain', 'taxels']
+        """
+        return {part for kind in self.kinds for part in kind.split(JOIN)}
 
     @property
     def candidates(self) -> tuple[str, ...]:
@@ -94,9 +106,21 @@ def in_words(kind: str, spec: AugmentationSpec) -> str:
         "time": f"played up to {spec.time_factor:g} times faster or slower",
         "gain": f"scaled up to {spec.gain_factor:g} times",
         "start": f"begun up to {spec.shift_ms:g} ms later",
+        "taxels": f"with {100 * spec.taxel_share:g} % of the taxels at rest",
     }
     *first, last = (words[part] for part in kind.split(JOIN))
     return ", and ".join([", ".join(first), last]) if first else last
+
+
+def check_taxels(spec: AugmentationSpec | None, n_channels: int) -> None:
+    """InputError for copies with taxels at rest of a sensor with a single one: nothing of the touch would be left.
+
+    >>> check_taxels(AugmentationSpec(kind="gain+taxels"), 2)
+    """
+    if spec is not None and "taxels" in spec.parts and n_channels < 2:
+        raise InputError(
+            "augmentation: 'taxels' leaves some of the taxels at rest, and these recordings have only one; leave it out"
+        )
 
 
 BLOCK_VALUES = 16_000_000
@@ -117,12 +141,13 @@ def varied_copies(recordings: Recordings, spec: AugmentationSpec) -> Iterator[Va
     The same trials and spec give the same copies.
 
     A copy is at least as long as its trial: one that is played faster goes on backwards from its end, where a touch is
-    over and a slide goes on.
+    over and a slide goes on. Raises InputError as `check_taxels`.
 
     >>> touches = Recordings([np.arange(8.0)[:, None]], 100.0, "mV", {"label": ["felt"]})
     >>> [(each.kind, len(each.recordings)) for each in varied_copies(touches, AugmentationSpec(copies=2))]
     [('time', 2), ('gain', 2), ('time+gain', 2)]
     """
+    check_taxels(spec, recordings.n_channels)
     rest = _Rest.of(recordings)
     longest = max(1, int(recordings.lengths.max()) * recordings.n_channels * spec.copies)
     at_once = max(1, BLOCK_VALUES // longest)
@@ -170,6 +195,11 @@ def _copy(
         varied = level + gain * (signal - level)
     if "time" in parts or "start" in parts:
         varied = played(varied, speed if "time" in parts else 1.0, shift if "start" in parts else 0.0)
+    if "taxels" in parts:
+        n = signal.shape[1]
+        still = rng.choice(n, min(n - 1, max(1, round(spec.taxel_share * n))), replace=False)
+        varied = varied.copy()
+        varied[:, still] = rest.level(signal)[still]
     return varied.astype(np.float32)
 
 

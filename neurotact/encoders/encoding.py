@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data import hdf5
-from neurotact.data.augmentation import AugmentationSpec, order_of, varied_copies
+from neurotact.data.augmentation import AugmentationSpec, check_taxels, order_of, varied_copies
 from neurotact.data.conditioning import PIECE_VALUES, condition, condition_pieces, conditioned_length, is_long
 from neurotact.data.copies import copies_of, with_touches
 from neurotact.data.digests import recorded_digest
@@ -68,6 +68,7 @@ def encode_recordings(
     >>> len(trains), len(trains.afferents), int(trains.trial_steps[0])
     (1, 16, 400)
     """
+    check_taxels(augmentation, recordings.n_channels)
     trains = from_trials(encode_trials(recordings, spec, progress), **_about(recordings, spec))
     if augmentation is None or not augmentation.kinds:
         return trains
@@ -96,6 +97,7 @@ def encode_file(
 
     progress: called with the number of trials done since its last call.
     """
+    check_taxels(augmentation, recordings.n_channels)
     about, varied = _about(recordings, spec), None
     if augmentation is not None:
         varied = order_of(len(recordings), augmentation)

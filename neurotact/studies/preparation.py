@@ -14,7 +14,7 @@ import pandas as pd
 
 from neurotact.baselines import opponents
 from neurotact.data import doubtful, hdf5
-from neurotact.data.augmentation import varied_copies
+from neurotact.data.augmentation import check_taxels, varied_copies
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.copies import copies_of
 from neurotact.data.recordings import Recordings, class_indices, select_conditions
@@ -99,6 +99,8 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
     first, *others = _by_source(cells)
     with store.timed(folder, "read"):
         recordings = load_dataset(dataset_of(study, first[0]))
+    for cell in cells:
+        check_taxels(cell.augmentation, recordings.n_channels)
     content = _check_unchanged(folder, recordings, before, source)
     recordings = encoded_part(recordings, first[0])
     _encode(folder, study, first, recordings, content)

@@ -545,8 +545,21 @@ def _void_keys(cell: Cell) -> dict[str, str]:
     return {
         **({f"window.onset.{key}": onset for key in OnsetSpec.model_fields} if onset else {}),
         **{f"split.{key.removeprefix('split_')}": why for key, why in split.items()},
+        **_void_in_copies(cell.augmentation),
         **({"balance": without} if cell.network is None else {}),
         **{f"network.{key}": why for key, why in network.items()},
+    }
+
+
+def _void_in_copies(copies: AugmentationSpec | None) -> dict[str, str]:
+    """The keys of varied copies that belong to a part which does not vary, where kinds are named."""
+    if copies is None or copies.kind == AUTO:
+        return {}
+    keys = {"time_factor": "time", "gain_factor": "gain", "shift_ms": "start", "taxel_share": "taxels"}
+    return {
+        f"augmentation.{key}": f"has no effect without '{part}' in augmentation.kind; add it there, or leave it out"
+        for key, part in keys.items()
+        if part not in copies.parts
     }
 
 

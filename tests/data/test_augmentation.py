@@ -97,7 +97,51 @@ def test_blocks_do_not_change_copies(monkeypatch):
         np.testing.assert_array_equal(one, other)
 
 
-@pytest.mark.parametrize("kind", ["gain+time", "time+time", "speed", ""])
+def skin(n_taxels, n_trials=4):
+    rng = np.random.default_rng(1)
+    signals = 100 + np.arange(n_taxels) + rng.normal(0, 2, (n_trials, 1, n_taxels)) * np.cos(np.arange(80) / 5)[:, None]
+    return Recordings(signals, RATE_HZ, "mV", pd.DataFrame({"label": ["felt", "silk"] * (n_trials // 2)}))
+
+
+@given(n_taxels=st.integers(2, 12), share=st.floats(0.05, 0.95), kind=st.sampled_from(["taxels", "time+gain+taxels"]))
+def test_a_share_of_the_taxels_rests_and_the_others_are_those_of_the_kind_without_it(n_taxels, share, kind):
+    recordings, how = skin(n_taxels), {"copies": 3, "taxel_share": share}
+    without = kind.removesuffix("+taxels")
+    others = recordings if kind == "taxels" else copies(recordings, kind=without, **how)[without].recordings
+    found = copies(recordings, kind=kind, **how)[kind]
+    drawn = set()
+    for number, (signal, trial) in enumerate(zip(found.recordings.signals, found.of, strict=True)):
+        still = np.ptp(signal, axis=0) == 0
+        assert 1 <= still.sum() <= n_taxels - 1
+        assert abs(still.sum() - share * n_taxels) <= 1
+        own = others.signals[trial if kind == "taxels" else number]
+        np.testing.assert_array_equal(signal[:, ~still], own[:, ~still].astype(np.float32))
+        drawn.add((*still,))
+    assert len(drawn) > 1 or n_taxels == 2 or share > 0.5
+
+
+def test_afferents_of_a_taxel_at_rest_are_silent():
+    encoder = specs.resolve("sa1-ra1-lif", {**CLOCK, "conditioning.baseline": "first", "sa1.gain": 60, "ra1.gain": 600})
+    recordings, spec = skin(4), AugmentationSpec(kind="taxels", copies=3, taxel_share=0.5)
+    varied = encode_recordings(recordings, encoder, augmentation=spec).variations
+    assert varied is not None
+    for signal, units in zip(copies(recordings, **spec.model_dump())["taxels"].recordings.signals, varied.trains.units,
+                             strict=True):  # fmt: skip
+        fired = np.bincount(units, minlength=8).reshape(2, 4)  # SA-I and RA-I of each taxel
+        still = np.ptp(signal, axis=0) == 0
+        assert still.sum() == 2
+        assert not fired[:, still].any()
+        assert fired.any()
+
+
+def test_a_sensor_with_one_taxel_has_none_to_leave_at_rest(tmp_path):
+    alone = AugmentationSpec(kind="gain+taxels")
+    with pytest.raises(InputError, match="'taxels' leaves some of the taxels at rest, and these recordings have only"):
+        encode_recordings(skin(1), specs.resolve("sa1-ra1-lif", CLOCK), augmentation=alone)
+    assert encode_recordings(skin(1), specs.resolve("sa1-ra1-lif", CLOCK)).variations is None
+
+
+@pytest.mark.parametrize("kind", ["gain+time", "time+time", "speed", "taxels+start", ""])
 def test_a_kind_is_written_in_one_way(kind):
     with pytest.raises(InputError, match="must be none, auto, or some of time, gain, start"):
         build(AugmentationSpec, {"kind": kind}, "augmentation")

@@ -112,6 +112,15 @@ def test_without_another_condition_nothing_changes(tmp_path):
     assert all(cell.augmentation is None for cell in study.cells(loading.resolve("own-recordings", without, data=path)))
 
 
+def test_keys_of_copies_without_their_part_are_refused(tmp_path):
+    path = presses(tmp_path / "touches.h5")
+    asked = {**FEW, "split.test_where": {"speed": 3}, "augmentation.taxel_share": 0.5}
+    with pytest.raises(InputError, match=r"augmentation.taxel_share: has no effect without 'taxels'"):
+        loading.resolve("own-recordings", {**asked, "augmentation.kind": "gain"}, data=path)
+    what = loading.resolve("own-recordings", {**asked, "augmentation.kind": "gain+taxels"}, data=path)
+    assert any("and with 50 % of the taxels at rest" in note for note in what.notes)
+
+
 @pytest.mark.parametrize("late", [False, True])
 def test_windows_start_at_contact_where_touches_begin_at_different_times(tmp_path, late):
     path = presses(tmp_path / "touches.h5", late=late)
