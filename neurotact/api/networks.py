@@ -149,7 +149,8 @@ def train(
         tests = [one.split.test_where for one in splits.values() if one.split.seed == task.split.seed]
         for line in check_each(trains.conditions, tests, task.split, copies_of(trains).first):
             tell(line)
-        return _of_repeated(repeated.run(spikes, path, what, splits, **options), path, trains, tell)
+        each = f"leave_out_each={columns}" if columns else f"folds={folds}" if every_fold else f"repeats={repeats}"
+        return _of_repeated(repeated.run(spikes, path, what, splits, **options), path, trains, each, tell)
     done = train_run.run(spikes, path, what, task, **options)
     if done is None:
         tell(f"{path}: this training is done already; its result is in {path / train_run.RESULT}")
@@ -188,13 +189,18 @@ def _task(
     return trains, tasks.with_suited_window(task, trains, ARGUMENTS)
 
 
-def _of_repeated(repeats: repeated.Repeated, folder: Path, trains: SpikeTrains, tell: Tell) -> dict[str, Any]:
+def _of_repeated(
+    repeats: repeated.Repeated, folder: Path, trains: SpikeTrains, each: str, tell: Tell
+) -> dict[str, Any]:
+    """What several trainings came to. each: what has a turn, as an argument."""
     tell(repeats.table[REPEATED])
     tell(f"{folder / repeated.TABLE}: {repeated.line(repeats)}")
     return {
         "accuracy_test": repeats.accuracy.mean, "low": repeats.accuracy.low, "high": repeats.accuracy.high,
         "baseline_accuracy": repeats.table["baseline"].mean(), "sops_total": repeats.table["sops_total"].mean(),
-        "splits": repeats.table, "cautions": [*cautions.copies(len(copies_of(trains).trials), len(trains))],
+        "splits": repeats.table, "cautions": [
+            *cautions.copies(len(copies_of(trains).trials), len(trains)), *cautions.calibrated(trains.encoder, each),
+        ],
     }  # fmt: skip
 
 

@@ -1,5 +1,8 @@
 """Cross-validation and repeated splits: every trial is tested once, and the mean is that of the trainings."""
 
+from dataclasses import replace
+
+import in_process
 import numpy as np
 import pandas as pd
 import pytest
@@ -133,6 +136,26 @@ def test_each_pair_is_tested_by_a_network_that_has_seen_neither_value(tmp_path):
         assert {*others["speed"]}.isdisjoint(of_test["speed"])
         assert {*others["day"]}.isdisjoint(of_test["day"])
         assert (sides == "unseen").sum() == 12
+
+
+@pytest.mark.parametrize(
+    ("is_calibrated", "each", "typed"),
+    [
+        (True, ["--leave-out-each", "speed"], "study run ... --leave-out-each speed of own-recordings"),
+        (True, ["--folds", "2"], "study run ... --folds 2 of own-recordings"),
+        (False, ["--folds", "2"], None),
+    ],
+)
+def test_an_encoder_that_was_calibrated_once_for_all_tests_is_named(
+    at_speeds, tmp_path, capsys, is_calibrated, each, typed
+):
+    trains = hdf5.load_spikes(at_speeds)
+    scale = {"scale": [2.0], "offset": [0.0]} if is_calibrated else {}
+    hdf5.save_spikes(replace(trains, encoder={"conditioning": scale}), tmp_path / "calibrated.h5")
+    words = ["train", tmp_path / "calibrated.h5", "-o", tmp_path / "run", *COMMAND.split(), *each]
+    said = in_process.typed(*words).err
+    assert ("the encoder was calibrated once for all tests" in said) == is_calibrated
+    assert typed is None or f"neurotact {typed} calibrates for each test" in said
 
 
 @pytest.mark.parametrize(

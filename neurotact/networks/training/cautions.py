@@ -1,7 +1,7 @@
 """Cautions about a training or its test: one line each, with the fix."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -74,6 +74,23 @@ def copies(n_copies: int, n_trials: int) -> Iterator[str]:
         yield (
             f"{n_copies} of {n_trials} trials {what} (neurotact info); copies are on one side, and intervals count "
             "them once"
+        )
+
+
+def calibrated(encoder: Mapping[str, Any], each: str) -> Iterator[str]:
+    """Whether spikes that are tested in several turns come from one encoder that was calibrated.
+
+    encoder: its table, as spikes have it. each: what has a turn, as an argument, such as "folds=5".
+
+    >>> list(calibrated({"conditioning": {"baseline": "first"}}, "folds=5"))
+    []
+    >>> print(*calibrated({"conditioning": {"scale": [2.0]}}, "folds=5"))
+    the encoder was calibrated once for all tests: if on trials of this file, it knows trials that are tested; `nt.run_study(..., folds=5)` of own-recordings calibrates for each test without its trials
+    """  # noqa: E501
+    if (encoder.get("conditioning") or {}).get("scale") is not None:
+        yield (
+            "the encoder was calibrated once for all tests: if on trials of this file, it knows trials that are "
+            f"tested; `nt.run_study(..., {each})` of own-recordings calibrates for each test without its trials"
         )
 
 
