@@ -337,6 +337,16 @@ def load_spikes(path: str | Path) -> SpikeTrains:
         return (_spikes if kind == "spikes" else _events)(Declared(file, path))
 
 
+def encoded_by(path: str | Path) -> tuple[tuple[str, ...], dict[str, Any], float]:
+    """What made the spikes in a file: the afferents, the table of their encoder, and the steps of its clock per second.
+
+    The spikes are not read. Raises InputError as `load_spikes`.
+    """
+    with opened(path, "spikes") as (file, _):
+        afferents, encoder = (attribute(file, name, path) for name in ("afferents", "encoder"))
+        return names(afferents), table(encoder, dict), float(attribute(file, "sampling_rate_Hz", path))
+
+
 def _events(declared: Declared) -> SpikeTrains:
     log.warning("%s: its events are put on a clock of 1 ms; neurotact import events chooses another", declared.path)
     return heidelberg.read(declared, EventSpec(merge_events=True))

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,8 +14,6 @@ from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, turns_of, validation_note
 from neurotact.data.window_choice import on_late_onsets, timing_of
-from neurotact.encoders import specs as encoders
-from neurotact.encoders.cost import encoding_cost
 from neurotact.errors import InputError
 from neurotact.metrics import paired
 from neurotact.metrics.paired import Paired
@@ -25,11 +22,12 @@ from neurotact.networks.definition import recipe
 from neurotact.networks.training import cautions, tasks
 from neurotact.networks.training.trained import LOG
 from neurotact.networks.use import ledger
+from neurotact.networks.use.ledger import Afferents
 from neurotact.report import answer as answers
 from neurotact.report import first_screen, periods, robustness
 from neurotact.report.answer import Answer, Baseline, Decision, Network, Trials
 from neurotact.report.page import Figure, Table
-from neurotact.studies import suited, sweeps
+from neurotact.studies import suited
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import LENGTH, Cell, StudySpec, by_split, encoder_columns, split_columns, value_at
@@ -93,35 +91,25 @@ class Front(NamedTuple):
         return f"{said[0].upper()}{said[1:]}."
 
 
-def costs_of(study: StudySpec, results: pd.DataFrame, trains: SpikeTrains | None) -> pd.DataFrame:
+def costs_of(
+    study: StudySpec, results: pd.DataFrame, afferents: Sequence[Afferents | None], n_classes: int
+) -> pd.DataFrame:
     """The costs of each row of `results.csv`: columns `whole_sops`, `whole_ms` ... `early_nJ`.
 
-    trains: of the first cell. Without them the clock is unknown, so ms and nJ are missing.
+    afferents: of each row. Without them the clock is unknown, so ms and nJ are missing.
     """
-    rows = results.to_dict("records")
-    felt = {row.get("encoder"): as_encoded(study, row.get("encoder"), trains) for row in rows}
+    own = [*afferents, *[None] * len(results)]
     return pd.DataFrame(
         [{f"{kind}_{key}": value for kind in KINDS
-          for key, value in _costs(study, row, felt[row.get("encoder")], kind).items()}
-         for row in rows],
+          for key, value in _costs(study, row, made_by, n_classes, kind).items()}
+         for row, made_by in zip(results.to_dict("records"), own, strict=False)],
         index=results.index, dtype=float,
     )  # fmt: skip
 
 
-def as_encoded(study: StudySpec, model: Any, trains: SpikeTrains | None) -> SpikeTrains | None:
-    """The spike trains of the first cell as if another encoder of the study had made them: for counting its costs.
-
-    model: of the encoder; all encoders of a study have one conditioning.
-    """
-    for name in sweeps.values(study.sweep, "encoder"):
-        encoder = encoders.load(name)
-        if trains is not None and encoder.model == model:
-            table = encoder.model_dump(mode="json", exclude_none=True)
-            return replace(trains, encoder={**table, "conditioning": trains.encoder.get("conditioning", {})})
-    return trains
-
-
-def _costs(study: StudySpec, row: Mapping[str, Any], trains: SpikeTrains | None, kind: str) -> dict[str, float | None]:
+def _costs(
+    study: StudySpec, row: Mapping[str, Any], afferents: Afferents | None, n_classes: int, kind: str
+) -> dict[str, float | None]:
     before = KINDS[kind]
     steps = row["exit_steps"] if before else row["window_steps"]
     costs: dict[str, float | None] = {
@@ -130,12 +118,12 @@ def _costs(study: StudySpec, row: Mapping[str, Any], trains: SpikeTrains | None,
         "spikes": row[f"{before}sops_input"] / row["hidden"],
         "nJ": None,
     }
-    if trains is not None and study.network is not None:
-        sizes = {"n_afferents": len(trains.afferents), "n_classes": len(trains.classes)}
-        clock = {"rate_Hz": trains.sampling_rate_Hz, "encoder": trains.encoder}
+    if afferents is not None and study.network is not None:
+        sizes = {"n_afferents": afferents.n, "n_classes": n_classes}
+        clock = {"rate_Hz": afferents.rate_Hz, "encoder": afferents.encoder}
         counts = study.encoding_in == "processor"
         spent = ledger.row_cost(study.network, row, **sizes, **clock, early=bool(before), encoding=counts)
-        costs |= {"ms": 1e3 * steps / trains.sampling_rate_Hz, "nJ": spent.energy_estimate_nJ}
+        costs |= {"ms": 1e3 * steps / afferents.rate_Hz, "nJ": spent.energy_estimate_nJ}
     return costs
 
 
@@ -282,11 +270,13 @@ def fronts(
     done: Sequence[Cell],
     results: pd.DataFrame,
     trains: SpikeTrains | None,
+    afferents: Sequence[Afferents | None],
     tables: Mapping[str, pd.DataFrame],
 ) -> Iterator[Front]:
     """The answer of each data set, in the order of the table.
 
     results: a run's `results.csv` with the columns `pair` and `setting` and those of `costs_of`, a row per done cell.
+    afferents: of each of these cells.
     tables: `baselines` and `baselines_trials`, if they exist.
     """
     for setting, rows in results.groupby("setting", sort=False):
@@ -307,13 +297,14 @@ def fronts(
         if "encoder" not in rows:  # else the table of encoders tells it
             lost += answers.where_lost(answer, baselines)
         saved = answers.of_refractory_periods(answer, networks)
-        felt = as_encoded(study, rows.iloc[0].get("encoder"), trains)
+        cheapest = robustness.of_network(rows, answer.cheapest).index
+        made_by = [one for index in cheapest if index < len(afferents) and (one := afferents[index]) is not None]
         classes = robustness.by_class(folder, cells_of(done, rows, answer.best), trains)
         words = [
             *robustness.sentence(tables.get(robustness.REMEDIES), answer.best),
             *robustness.hardest(classes),
             *answers.details(answer),
-            *_of_encoding(answer, felt, study),
+            *_of_encoding(answer, made_by, study),
             *saved,
         ]
         standing = [representative(rows, network) for network in networks]
@@ -381,15 +372,17 @@ def likely_cause(split: SplitSpec) -> str:
     return "the classifiers were chosen among many on few validation trials, or these resemble training trials more"
 
 
-def _of_encoding(answer: Answer, trains: SpikeTrains | None, study: StudySpec) -> Iterator[str]:
-    """The energy of conditioning and encoding for the cheapest decision, which fewer spikes do not lower."""
+def _of_encoding(answer: Answer, afferents: Sequence[Afferents], study: StudySpec) -> Iterator[str]:
+    """The energy of conditioning and encoding for the cheapest decision, which fewer spikes do not lower.
+
+    afferents: of each training of that network; the energy is a mean over them.
+    """
     decision = answer.cheapest.used
-    if trains is None or decision.nJ is None or not answer.is_above_chance:
+    if not afferents or decision.nJ is None or not answer.is_above_chance:
         return
-    rate_Hz, n_taxels = trains.sampling_rate_Hz, ledger.taxels_of(len(trains.afferents), trains.encoder)
-    recorded_Hz, steps = trains.encoder.get("recorded_Hz"), 1e-3 * decision.ms * rate_Hz
-    spent = encoding_cost(n_taxels, steps, decision.ms, trains.encoder, spikes=decision.spikes)
-    alone = answers.energy(spent.energy_estimate_nJ)
+    rate_Hz, recorded_Hz = afferents[0].rate_Hz, afferents[0].encoder.get("recorded_Hz")
+    spent = [one.cost(1e-3 * decision.ms * one.rate_Hz, decision.spikes).energy_estimate_nJ for one in afferents]
+    alone = answers.energy(float(np.mean(spent)))
     if study.encoding_in == "sensor":
         yield f"Conditioning and encoding are in the sensor and not counted; on the processor they take {alone} more."
         return

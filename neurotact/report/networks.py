@@ -14,13 +14,14 @@ from neurotact.figures.style import Drawn
 from neurotact.files import write_json
 from neurotact.metrics import referee
 from neurotact.networks.use import ledger
+from neurotact.networks.use.ledger import Afferents
 from neurotact.report import details, encoder_choice, front, page, periods, robustness, search, selection_steps
 from neurotact.report.encoding_drawings import encoding_drawings, name_classes, names_of
 from neurotact.report.extra_drawings import extra_drawings
 from neurotact.report.front import Front
 from neurotact.report.network_drawings import network_drawings
 from neurotact.report.page import ANSWER, Entry, Table, plain
-from neurotact.report.tables import extra_tables, first_spikes, with_pair, with_setting
+from neurotact.report.tables import afferents_of, extra_tables, first_spikes, with_pair, with_setting
 from neurotact.spec import to_toml
 from neurotact.studies import preparation, selection
 from neurotact.studies import study as studies
@@ -96,8 +97,9 @@ def write(study: StudySpec, folder: Path) -> Path:
     beside = {name.removesuffix(".csv"): read_table(folder / name) for name in names if (folder / name).is_file()}
     baselines, remedies = beside.get("baselines"), extra.get(robustness.REMEDIES)
     beside |= {} if remedies is None else {robustness.REMEDIES: remedies}
-    spent = front.costs_of(study, results, trains)
-    fronts = list(front.fronts(study, folder, done, results.join(spent), trains, beside))
+    afferents, n_classes = afferents_of(folder, done), len(trains.classes) if trains else 0
+    spent = front.costs_of(study, results, afferents, n_classes)
+    fronts = list(front.fronts(study, folder, done, results.join(spent), trains, afferents, beside))
     cautions = front.beware(study, folder, done, fronts, trains)
     every_encoder = encoder_choice.choices(study, fronts, results.join(spent), beside)
     among, of_encoders = encoder_choice.sentence(every_encoder), encoder_choice.table(every_encoder)
@@ -105,7 +107,7 @@ def write(study: StudySpec, folder: Path) -> Path:
     write_json(folder / ANSWER, answers_as_json(fronts, cautions) | shared)
     shown = fronts[first_shown(fronts)]
     best = selection_steps.best_row(chosen, results) if chosen else shown.cells[shown.networks.index(shown.answer.best)]
-    costs = _ledger(study, results, baselines, trains)
+    costs = _ledger(study, results, baselines, afferents, n_classes)
     left = {"selection": selection.as_table(chosen)} if chosen else {}
     left |= {"encoders": encoder_choice.as_table(every_encoder)} if every_encoder else {}
     _write_tables(folder, study.title, results, swept, trials, costs, left)
@@ -322,20 +324,23 @@ def _baselines_table(baselines: pd.DataFrame | None, study: StudySpec) -> Table 
 
 
 def _ledger(
-    study: StudySpec, results: pd.DataFrame, baselines: pd.DataFrame | None, trains: SpikeTrains | None
+    study: StudySpec,
+    results: pd.DataFrame,
+    baselines: pd.DataFrame | None,
+    afferents: Sequence[Afferents | None],
+    n_classes: int,
 ) -> pd.DataFrame | None:
     """The cost of a decision; None without spikes, since the number of afferents is then unknown."""
-    if trains is None or study.network is None:
+    known = [one for one in afferents if one is not None]
+    if study.network is None or len(known) < len(results):
         return None
-    sizes = {"n_afferents": len(trains.afferents), "n_classes": len(trains.classes)}
     parts = []
     for model, rows in results.groupby("encoder", sort=False) if "encoder" in results else [(None, results)]:
-        felt, own = front.as_encoded(study, model, trains), baselines
-        assert felt is not None
+        own = baselines
         if model is not None and baselines is not None:  # those on signals once, on spikes those of this encoder
             own = baselines[(baselines["encoder"] == model) | (baselines["encoder"].isna() & (not parts))]
-        clock = {"rate_Hz": trains.sampling_rate_Hz, "encoder": felt.encoder}
-        table = ledger.study_ledger(study.network, rows, own, **sizes, **clock)
+        made_by = [known[index] for index in rows.index]
+        table = ledger.study_ledger(study.network, rows, own, afferents=made_by, n_classes=n_classes)
         parts.append(table if model is None else table.assign(name=f"{model}: " + table["name"]))
     return pd.concat(parts, ignore_index=True)
 

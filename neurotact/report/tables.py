@@ -1,20 +1,22 @@
 """The tables of a run of afferents or networks, for its report."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from neurotact.data.hdf5 import load_spikes
+from neurotact.data.hdf5 import encoded_by, load_spikes
 from neurotact.data.spikes import SpikeTrains
+from neurotact.encoders.specs import EncoderSpec
 from neurotact.figures.columns import in_unit, quantity
 from neurotact.figures.encoding import Classes
 from neurotact.networks.definition import recipe
 from neurotact.networks.training.cautions import MEMBER
 from neurotact.networks.training.trained import LOG
 from neurotact.networks.training.training import Epoch, best_of
+from neurotact.networks.use.ledger import Afferents
 from neurotact.report import periods
 from neurotact.studies.store import cell_folder
 from neurotact.studies.study import SPLIT, Cell, StudySpec
@@ -104,6 +106,29 @@ def confusion(result: Mapping[str, Any], classes: Classes) -> np.ndarray | None:
     alphabetical = sorted(classes.order)
     order = [alphabetical.index(label) for label in classes.order]
     return matrix[np.ix_(order, order)] if matrix.shape == (len(order), len(order)) else None
+
+
+def afferents_of(folder: Path, done: Sequence[Cell]) -> list[Afferents | None]:
+    """What made the spikes of each done cell; where its file is missing, its encoder as if conditioned as the first.
+
+    None for all where no file is left. Encoders that are calibrated for each split may differ.
+    """
+    given = [name for name in dict.fromkeys(cell.given for cell in done) if (folder / name).is_file()]
+    known = {name: _afferents(folder / name) for name in given}
+    first = known[given[0]] if given else None
+    return [known.get(cell.given, None if first is None else _like(first, cell.encoder)) for cell in done]
+
+
+def _afferents(path: Path) -> Afferents:
+    names, encoder, rate_Hz = encoded_by(path)
+    return Afferents(len(names), encoder, rate_Hz)
+
+
+def _like(first: Afferents, encoder: EncoderSpec) -> Afferents:
+    if first.encoder.get("model") == encoder.model:
+        return first
+    table = encoder.model_dump(mode="json", exclude_none=True)
+    return first._replace(encoder={**table, "conditioning": first.encoder.get("conditioning", {})})
 
 
 def first_spikes(folder: Path, done: list[Cell]) -> SpikeTrains | None:

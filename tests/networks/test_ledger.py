@@ -1,5 +1,6 @@
 """The ledger of spiking chains, from SOPs counted by hand."""
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -9,6 +10,7 @@ from neurotact.encoders.cost import encoding_cost
 from neurotact.metrics import synops
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.use import ledger
+from neurotact.networks.use.ledger import Afferents
 
 SMOOTHED = {"model": "lif", "conditioning": {"ema_cutoff_Hz": 30.0, "baseline": "none", "rectify": False}}
 
@@ -40,10 +42,10 @@ def test_a_study_has_the_baseline_the_encoding_and_each_network():
         for seed in (0, 1)
     ]  # fmt: skip
     results = pd.DataFrame(rows)
-    sizes = {"n_afferents": 16, "n_classes": 8, "rate_Hz": 2000.0, "encoder": SMOOTHED}
+    made_by = Afferents(16, SMOOTHED, 2000.0)
     spent = {"macs": 36.0, "acs": 40.0, "other_flops": 0.0, "parameters": 23, "bytes": 92, "signal_ms": 150.0}
     baselines = pd.DataFrame([{"classifier": "SVM", "input": "signals: 10 time bins", **spent}] * 2)
-    table = ledger.study_ledger(RSNNSpec(), results, baselines, **sizes)
+    table = ledger.study_ledger(RSNNSpec(), results, baselines, afferents=[made_by] * 2, n_classes=8)
     assert table["name"].tolist() == [
         "SVM on signals: 10 time bins",
         "conditioning and encoding alone, 150 ms",
@@ -52,7 +54,7 @@ def test_a_study_has_the_baseline_the_encoding_and_each_network():
     assert table["sops"].tolist() == [0.0, 0.0, 115.5]
     assert (table["signal_ms"] == 150).all()
     assert table["energy_estimate_nJ"].iloc[0] == pytest.approx(1e-3 * (36 * 4.6 + 40 * 0.9))
-    assert len(ledger.study_ledger(RSNNSpec(), results, None, **sizes)) == 2
+    assert len(ledger.study_ledger(RSNNSpec(), results, None, afferents=[made_by] * 2, n_classes=8)) == 2
 
 
 def test_a_feed_forward_network_has_no_recurrent_weights():
@@ -69,8 +71,8 @@ def test_a_study_that_sweeps_recurrence_counts_each_network_as_it_is():
         {**row, "setting": f"all, model {model}", "network.model": model, "sops_recurrent": sops}
         for model, sops in (("rsnn", 10.0), ("snn", 0.0))
     ]
-    sizes = {"n_afferents": 16, "n_classes": 8, "rate_Hz": 2000.0, "encoder": SMOOTHED}
-    table = ledger.study_ledger(RSNNSpec(), pd.DataFrame(rows), None, **sizes)
+    made_by = Afferents(16, SMOOTHED, 2000.0)
+    table = ledger.study_ledger(RSNNSpec(), pd.DataFrame(rows), None, afferents=[made_by] * len(rows), n_classes=8)
     of_networks = table[table["name"].str.startswith("spiking")]
     assert of_networks["sops"].tolist() == [12.0, 2.0]
     assert of_networks["parameters"].diff().iloc[1] == -20 * 20
@@ -80,10 +82,38 @@ def test_a_study_that_sweeps_recurrence_counts_each_network_as_it_is():
 def test_a_study_by_a_recipe_counts_what_the_recipe_chose(steps, recurrent):
     row = {"pair": "1&1", "hidden": 20, "seed": 0, "window_steps": steps, "setting": "all"}
     rows = [{**row, "sops_input": 1.0, "sops_recurrent": 0.0, "sops_readout": 1.0}]
-    sizes = {"n_afferents": 16, "n_classes": 8, "rate_Hz": 2000.0, "encoder": SMOOTHED}
-    table = ledger.study_ledger(RSNNSpec(recipe="default"), pd.DataFrame(rows), None, **sizes)
+    made_by = Afferents(16, SMOOTHED, 2000.0)
+    table = ledger.study_ledger(
+        RSNNSpec(recipe="default"), pd.DataFrame(rows), None, afferents=[made_by] * len(rows), n_classes=8
+    )
     alone, chain = (table[table["name"].str.startswith(name)].iloc[0] for name in ("conditioning", "spiking"))
     assert chain["parameters"] - alone["parameters"] == 16 * 20 + recurrent + (20 + 1) * 8
+
+
+def test_each_training_counts_its_own_afferents():
+    """Calibrated for each split, encoders may differ, as in the thresholds under a taxel; a network has their mean."""
+    row = {
+        "setting": "all",
+        "pair": "1&1",
+        "hidden": 20,
+        "window_steps": 300,
+        "sops_recurrent": 10.0,
+        "sops_readout": 5.0,
+    }
+    rows = pd.DataFrame([{**row, "seed": turn, "sops_input": 100.0 * (1 + turn)} for turn in (0, 1, 2)])
+    graded = {**SMOOTHED, "sa1": {"grades": [1.0, 0.5]}}
+    made_by = [Afferents(16, SMOOTHED, 2000.0), Afferents(24, graded, 2000.0), Afferents(16, SMOOTHED, 2000.0)]
+    table = ledger.study_ledger(RSNNSpec(), rows, None, afferents=made_by, n_classes=8).set_index("name")
+    each = [
+        ledger.row_cost(RSNNSpec(), row, n_afferents=own.n, rate_Hz=own.rate_Hz, encoder=own.encoder, n_classes=8)
+        for row, own in zip(rows.to_dict("records"), made_by, strict=True)
+    ]
+    found = table.loc["spiking: all, t_ref 1&1 ms, N = 20"]
+    assert each[1].parameters > each[0].parameters
+    for key in ("macs", "acs", "sops", "energy_estimate_nJ"):
+        assert found[key] == pytest.approx(np.mean([getattr(one, key) for one in each]))
+    alone = table.loc["conditioning and encoding alone, 150 ms"]
+    assert alone["macs"] == pytest.approx(np.mean([own.cost(300, 5.0).macs for own in made_by]))
 
 
 def test_encoding_in_the_sensor_costs_a_decision_nothing():

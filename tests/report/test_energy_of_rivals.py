@@ -3,16 +3,14 @@
 import re
 from types import SimpleNamespace
 
-import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from neurotact.data.spikes import from_rasters
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.cost import encoding_cost
 from neurotact.metrics.paired import compare_shares
+from neurotact.networks.use.ledger import Afferents
 from neurotact.report import answer as answers
 from neurotact.report import first_screen, front
 from neurotact.report.answer import Baseline, Decision, Network, Trials, answer, details, headline
@@ -102,12 +100,10 @@ def test_what_is_the_cheapest_says_in_which_cost():
 @pytest.mark.parametrize("spikes", [100.0, 1500.0])
 def test_the_energy_of_encoding_is_that_of_the_decision_it_is_part_of(spikes):
     """In closed form it grows with the spikes: those of this network, not of the study's first one."""
-    conditions = pd.DataFrame({"label": ["felt", "silk"]})
     encoder = load(AfferentSpec, "sa1-ra1-lif", {"integration": "exact"}).model_dump(mode="json", exclude_none=True)
-    rasters = np.ones((2, 1000, 2), np.uint8)  # of the first network: many more
-    trains = from_rasters(rasters, 1000.0, ("SA-I taxel1", "RA-I taxel1"), conditions, {**encoder, "recorded_Hz": 50.0})
+    made_by = Afferents(2, {**encoder, "recorded_Hz": 50.0}, 1000.0)
     decision = Decision(0.9, 1000.0, 1000.0, spikes, 500.0)
     judged = SimpleNamespace(cheapest=SimpleNamespace(used=decision), is_above_chance=True)
-    (said,) = front._of_encoding(judged, trains, SimpleNamespace(encoding_in="processor"))
-    spent = encoding_cost(1, 1000.0, 1000.0, trains.encoder, spikes=spikes)
+    (said,) = front._of_encoding(judged, [made_by], SimpleNamespace(encoding_in="processor"))
+    spent = encoding_cost(1, 1000.0, 1000.0, made_by.encoder, spikes=spikes)
     assert f"take {answers.energy(spent.energy_estimate_nJ)} of 500 nJ" in said

@@ -1,7 +1,10 @@
 """A study that tests untrained conditions: what it trains on, what it chooses, what its report says."""
 
+import json
 import re
+import shutil
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
@@ -16,6 +19,7 @@ from neurotact.data.augmentation import CANDIDATES, EVERY
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
 from neurotact.report.robustness import TRAINED, hardest, sentence
+from neurotact.report.tables import afferents_of
 from neurotact.studies import loading, runner, study, suited
 
 FEW = {
@@ -83,6 +87,23 @@ def test_the_report_says_what_is_lost_and_gained(run):
     assert by_class.partition("</table>")[0].count("(20)") == 6
     (answer,) = nt.study_answer(run)["answers"]
     assert any(line.startswith("At untrained conditions the network is right in") for line in answer["details"])
+
+
+def test_costs_are_of_the_afferents_of_each_turn(run, tmp_path):
+    cell = next(study.cells(runner.load(run)))
+    turns = [cell.model_copy(update={"encoded_ms": end_ms}) for end_ms in (300.0, 301.0, 302.0)]
+    (tmp_path / "spikes").mkdir()
+    for turn in turns:
+        shutil.copy(run / cell.given, tmp_path / turn.given)
+    with h5py.File(tmp_path / turns[1].given, "a") as file:
+        file.attrs["encoder"] = json.dumps({**json.loads(file.attrs["encoder"]), "tau_mem_ms": 7.0})
+    found = afferents_of(tmp_path, turns)
+    assert [one.encoder["tau_mem_ms"] == 7.0 for one in found] == [False, True, False]
+    trains = hdf5.load_spikes(run / cell.given)
+    assert found[0] == (len(trains.afferents), trains.encoder, trains.sampling_rate_Hz)
+    (tmp_path / turns[1].given).unlink()
+    assert afferents_of(tmp_path, turns) == [found[0]] * 3
+    assert afferents_of(tmp_path / "elsewhere", turns) == [None] * 3
 
 
 def test_a_resumed_study_has_the_same_copies(run):

@@ -3,9 +3,9 @@
 The layers are those of `neurotact.metrics.flops`; SOPs and steps are the measured means over test windows.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 
@@ -20,6 +20,7 @@ from neurotact.metrics.flops import (
 )
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.spec import digest
 from neurotact.tables import NETWORK, means_over
 
 SOPS = ("sops_input", "sops_recurrent", "sops_readout")
@@ -30,12 +31,27 @@ STRETCHES = "readout_stretches"
 """Column of results: stretches of a window with readout weights of their own."""
 BLOCKS = "recurrent_blocks"
 """Column of results: blocks of hidden neurons within which recurrent synapses exist; absent where all have one."""
+KIND = "afferents"
+"""Column of the rows of a study: which afferents made the spikes of the network."""
 ABOUT = (
     "Conditioning and encoding are counted for both populations of every taxel, on every step of the encoder's clock "
     "(with integration = exact, on every sample, and for every spike); neurons on every step of the network's clock. "
     "Energy is an estimate of the arithmetic alone, without memory: 4.6 pJ per MAC and 0.9 pJ per other operation, "
     "32-bit floating point at 45 nm (Horowitz, ISSCC 2014)."
 )
+
+
+class Afferents(NamedTuple):
+    """What made the spikes of a network: how many afferents, by an encoder (its table), and its steps per second."""
+
+    n: int
+    encoder: Mapping[str, Any]
+    rate_Hz: float
+
+    def cost(self, steps: float, spikes: float | None = None) -> Cost:
+        """The cost of conditioning and encoding; steps, spikes: of a decision."""
+        signal_ms = 1e3 * steps / self.rate_Hz
+        return encoding_cost(taxels_of(self.n, self.encoder), steps, signal_ms, self.encoder, spikes=spikes)
 
 
 def network_cost(
@@ -108,10 +124,8 @@ def study_ledger(
     results: pd.DataFrame,
     baselines: pd.DataFrame | None,
     *,
-    n_afferents: int,
+    afferents: Sequence[Afferents],
     n_classes: int,
-    rate_Hz: float,
-    encoder: Mapping[str, Any],
 ) -> pd.DataFrame:
     """The ledger of a study: the baselines, encoding alone, and encoding with each network (means over seeds).
 
@@ -119,9 +133,10 @@ def study_ledger(
         `network.model` come from `results`.
     results: a run's `results.csv` with the columns `pair` and `setting`.
     baselines: its `baselines.csv`, whose rows are means over splits and data sets; None: no such rows.
-    encoder: as for `encoding_cost`.
+    afferents: of each row of `results`; they may differ where encoders are calibrated for each split.
     """
-    n_taxels = taxels_of(n_afferents, encoder)
+    kinds = [digest([*one]) for one in afferents]
+    of_kind, results = dict(zip(kinds, afferents, strict=True)), results.assign(**{KIND: kinds})
     rows: list[tuple[str, Cost]] = []
     if baselines is not None:
         spent = [field.name for field in fields(Cost) if field.name in baselines]
@@ -130,18 +145,34 @@ def study_ledger(
             whole = {name: round(row[name]) for name in ("parameters", "bytes") if name in row}
             rows.append((f"{classifier} on {source}", Cost(**{**row.to_dict(), **whole})))
     for steps in sorted(results["window_steps"].unique()):
-        window_ms, mine = 1e3 * steps / rate_Hz, results[results["window_steps"] == steps]
-        spikes = float((mine["sops_input"] / mine["hidden"]).mean())
-        encoding = encoding_cost(n_taxels, steps, window_ms, encoder, spikes=spikes)
-        rows.append((f"conditioning and encoding alone, {window_ms:g} ms", encoding))
+        mine = results[results["window_steps"] == steps]
+        spikes = (mine["sops_input"] / mine["hidden"]).groupby(mine[KIND], sort=False).agg(["mean", "size"])
+        alone = [(of_kind[str(kind)].cost(steps, own["mean"]), own["size"]) for kind, own in spikes.iterrows()]
+        encoding = _mean(alone)
+        rows.append((f"conditioning and encoding alone, {encoding.signal_ms:g} ms", encoding))
     by = [*NETWORK, *([MODEL] if MODEL in results else [])]
-    for _, row in means_over(
-        results, by, [*SOPS, "window_steps", *({STEPS_PER_BIN, STRETCHES, BLOCKS} & {*results})], "seeds"
-    ).iterrows():
-        name = f"spiking: {row['setting']}, t_ref {row['pair']} ms, N = {row['hidden']}"
-        sizes: dict[str, Any] = {"n_afferents": n_afferents, "n_classes": n_classes}
-        rows.append((name, row_cost(spec, row, **sizes, rate_Hz=rate_Hz, encoder=encoder)))
+    measures = [*SOPS, "window_steps", *({STEPS_PER_BIN, STRETCHES, BLOCKS} & {*results})]
+    means = means_over(results, [*by, KIND], measures, "seeds")
+    for _, parts in means.groupby(by, sort=False, dropna=False):
+        first, spent = parts.iloc[0], []
+        for row in parts.to_dict("records"):
+            own = of_kind[row[KIND]]
+            how = {"n_afferents": own.n, "rate_Hz": own.rate_Hz, "encoder": own.encoder}
+            spent.append((row_cost(spec, row, **how, n_classes=n_classes), row["seeds"]))
+        name = f"spiking: {first['setting']}, t_ref {first['pair']} ms, N = {first['hidden']}"
+        rows.append((name, _mean(spent)))
     return ledger_table(rows)
+
+
+def _mean(costs: Sequence[tuple[Cost, float]]) -> Cost:
+    """The mean of costs, each with its weight."""
+    if len(costs) == 1:
+        return costs[0][0]
+    total = sum(weight for _, weight in costs)
+    means: dict[str, Any] = {
+        field.name: sum(getattr(cost, field.name) * weight for cost, weight in costs) / total for field in fields(Cost)
+    }
+    return Cost(**means | {name: round(means[name]) for name in ("parameters", "bytes")})
 
 
 def row_cost(
@@ -157,8 +188,8 @@ def row_cost(
 ) -> Cost:
     """The cost of a decision for one row of `results.csv`, encoding and network together; a row of means works too.
 
-    early: with early exit. encoding: whether conditioning and encoding count. The other arguments are as for
-    `study_ledger`.
+    n_afferents, rate_Hz, encoder: as of `Afferents`. early: with early exit. encoding: whether conditioning and
+    encoding count. The other arguments are as for `study_ledger`.
     """
     window_steps = float(row["window_steps"])
     steps = float(row["exit_steps"]) if early else window_steps
