@@ -162,7 +162,7 @@ def check_each(
     """How many combinations are tested, and how many trials are left aside, in one line; none for a single condition.
 
     tests: of `each_left_out`. spec, first: as of `split_conditions`. Raises InputError, which names the combination,
-    where too few trials are left.
+    where a split is impossible, as where too few trials are left.
 
     >>> rows = [(label, speed, force) for label in ("felt", "silk") for speed in (1, 2) for force in (3, 4)] * 3
     >>> table = pd.DataFrame(rows, columns=["label", "speed", "force"])
@@ -176,8 +176,8 @@ def check_each(
             sides = split_conditions(conditions, (), own, first)
         except InputError as error:
             raise InputError(
-                f"`leave_out_each`: to test {_asked(test)}, trials that share a value with it are left aside, and too "
-                f"few are left ({error}); test other values (`test_where`), or leave out each of one condition"
+                f"`leave_out_each`: cannot test {_asked(test)}, with the trials that share one of these values left "
+                f"aside ({error}); test other values (`test_where`), or leave out each of a single condition"
             ) from error
         counts.append(len(conditions) - sum(map(len, sides)))
     if not counts:

@@ -151,8 +151,10 @@ def suit(
     if table.get("balance", "none") != "none":
         notes += _of_balance(table, recorded)
     if split.leave_aside:
-        tests = [spec.test_where for spec in _tested(table)]
-        notes += [f"Split: {line}." for line in check_each(recorded.conditions, tests, split)]
+        first, *_ = tested = _tested(table)
+        chooses = validation_note(recorded.conditions, first)
+        lines = check_each(recorded.conditions, [spec.test_where for spec in tested], split)
+        notes += [f"Split: {line}. For the first one: {chooses[0].lower()}{chooses[1:]}." for line in lines]
     if SEED in left:
         table, note = _with_seeds(table, recorded, given, split=split)
         notes += [] if {"seed", SEED} & given.keys() else [note]

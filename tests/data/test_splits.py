@@ -312,7 +312,7 @@ def test_successive_seeds_validate_on_other_values_of_both_conditions():
 def test_a_pair_that_leaves_too_little_is_named():
     table = grid()
     table = table[(table.label == "felt") | (table.speed == 1)]  # silk at one speed alone
-    with pytest.raises(InputError, match=r"to test speed = 1, force = 0, .* too few are left .*'silk'.*`test_where`"):
+    with pytest.raises(InputError, match=r"cannot test speed = 1, force = 0, .*left aside .*'silk'.*`test_where`"):
         check_each(table, each_left_out(table, ["speed", "force"]), SplitSpec())
     others = each_left_out(table, ["speed", "force"], {"speed": [0, 2]})
     assert "6 pairs" in check_each(table, others, SplitSpec())[0]

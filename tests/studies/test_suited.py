@@ -216,7 +216,7 @@ def test_a_pair_that_leaves_too_few_trials_is_refused_before_anything_runs(tmp_p
     touches = hdf5.load_recordings(path)
     silk = (touches.conditions["label"] == "silk") & (touches.conditions["speed"] == 0)
     hdf5.save_recordings(touches.select(~silk.to_numpy()), tmp_path / "fewer.h5")
-    with pytest.raises(InputError, match=r"to test speed = 1, force = 0, .* too few are left"):
+    with pytest.raises(InputError, match=r"cannot test speed = 1, force = 0, .* left aside"):
         nt.run_study("own-recordings", tmp_path / "run", data=tmp_path / "fewer.h5", leave_out_each=["speed", "force"])
 
 
