@@ -123,5 +123,5 @@ def note(columns: Iterable[str], turns: Sequence[Turn], *, varied: bool = False,
         noun = combination(columns)
         what = f"{f'one {noun}' if is_one else f'some {noun}s'} of {named} of the training trials in turn"
         is_apart = any(turn.aside for turn in turns)
-        how = f"{how}, and trials that share a value" if is_apart else "whose values are each trained with others"
+        how = f"with what shares a value, {how}" if is_apart else "whose values are each trained with others"
     return f"Validation leaves out {what}, {how} ({some})"

@@ -143,8 +143,8 @@ def each_left_out(
     [{'speed': 150, 'force': 1}, {'speed': 150, 'force': 2}]
     """
     values = [values_to_leave_out(conditions, column) for column in columns]
-    if len({*columns}) < len(columns):
-        raise InputError(f"`leave_out_each`: names '{columns[0]}' twice; name each condition once")
+    for column in (column for place, column in enumerate(columns) if column in columns[:place]):
+        raise InputError(f"`leave_out_each`: names '{column}' twice; name each condition once")
     for column in test_where or {}:
         if column not in columns:
             raise InputError(
@@ -169,7 +169,7 @@ def check_each(
     >>> print(*check_each(table, each_left_out(table, ["speed", "force"]), SplitSpec()))
     4 pairs of speed and force are tested in turn; trials that share a tested value are left aside: 12 of 24
     """
-    columns, counts = [*tests[0]], []
+    columns, counts, is_apart = [*tests[0]], [], False
     for test in tests if len(columns) > 1 else ():
         own = spec.model_copy(update={"test_where": dict(test), "leave_aside": True})
         try:
@@ -180,18 +180,19 @@ def check_each(
                 f"aside ({error}); test other values (`test_where`), or leave out each of a single condition"
             ) from error
         counts.append(len(conditions) - sum(map(len, sides)))
+        is_apart |= counts[-1] > aside_of(conditions, own).sum()
     if not counts:
         return []
     noun = nested.combination(columns)
     tested = f"1 {noun} of {{}} is tested" if len(tests) == 1 else f"{len(tests)} {noun}s of {{}} are tested in turn"
     n_aside = f"{min(counts)} to {max(counts)}" if min(counts) < max(counts) else f"{counts[0]}"
     line = (
-        f"{tested.format(' and '.join(columns))}; trials that share a tested value are left aside: {n_aside} of "
-        f"{len(conditions)}"
+        f"{tested.format(' and '.join(columns))}; trials that share a {'tested or validated' if is_apart else 'tested'} "
+        f"value are left aside: {n_aside} of {len(conditions)}"
     )
     if len(tests) <= MANY_TESTS:
         return [line]
-    return [f"{line}. `test_where={{{columns[0]!r}: {tests[0][columns[0]]!r}}}` tests fewer of them"]
+    return [f"{line}. `test_where={{{columns[0]!r}: {tests[0][columns[0]]!r}}}` tests fewer"]
 
 
 def check_one_way(leave_out_each: Sequence[str], **ways: Any) -> None:

@@ -321,7 +321,9 @@ def test_a_pair_that_leaves_too_little_is_named():
 def test_the_number_of_pairs_is_said_and_how_to_have_fewer():
     (line,) = check_each(grid(4, 4), each_left_out(grid(4, 4), ["speed", "force"]), SplitSpec())
     assert line.startswith("16 pairs of speed and force are tested in turn; ")
-    assert line.endswith("are left aside: 40 of 64. `test_where={'speed': 0}` tests fewer of them")
+    assert line.endswith(
+        "that share a tested or validated value are left aside: 40 of 64. `test_where={'speed': 0}` tests fewer of them"
+    )
     fewer = each_left_out(grid(4, 4), ["speed", "force"], {"speed": [0, 3], "force": 2})
     assert fewer == [{"speed": 0, "force": 2}, {"speed": 3, "force": 2}]
     assert "2 pairs" in check_each(grid(4, 4), fewer, SplitSpec())[0]
@@ -338,7 +340,7 @@ def test_pairs_that_no_trial_has_are_not_tested():
 @pytest.mark.parametrize(
     ("columns", "where", "said"),
     [
-        (["speed", "speed"], None, "names 'speed' twice"),
+        (["speed", "force", "force"], None, "names 'force' twice"),
         (["speed", "forse"], None, "no condition is called 'forse'; did you mean 'force'"),
         (["speed"], {"force": 1}, "`test_where`: .* it chooses among the values of speed; drop 'force'"),
         (["speed", "force"], {"speed": 9}, "no trial has speed = 9"),
