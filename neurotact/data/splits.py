@@ -186,9 +186,10 @@ def check_each(
     noun = nested.combination(columns)
     tested = f"1 {noun} of {{}} is tested" if len(tests) == 1 else f"{len(tests)} {noun}s of {{}} are tested in turn"
     n_aside = f"{min(counts)} to {max(counts)}" if min(counts) < max(counts) else f"{counts[0]}"
+    shared = "tested or validated value" if is_apart else "tested value"
     line = (
-        f"{tested.format(' and '.join(columns))}; trials that share a {'tested or validated' if is_apart else 'tested'} "
-        f"value are left aside: {n_aside} of {len(conditions)}"
+        f"{tested.format(' and '.join(columns))}; trials that share a {shared} are left aside: {n_aside} of "
+        f"{len(conditions)}"
     )
     if len(tests) <= MANY_TESTS:
         return [line]

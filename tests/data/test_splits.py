@@ -322,7 +322,7 @@ def test_the_number_of_pairs_is_said_and_how_to_have_fewer():
     (line,) = check_each(grid(4, 4), each_left_out(grid(4, 4), ["speed", "force"]), SplitSpec())
     assert line.startswith("16 pairs of speed and force are tested in turn; ")
     assert line.endswith(
-        "that share a tested or validated value are left aside: 40 of 64. `test_where={'speed': 0}` tests fewer of them"
+        "that share a tested or validated value are left aside: 40 of 64. `test_where={'speed': 0}` tests fewer"
     )
     fewer = each_left_out(grid(4, 4), ["speed", "force"], {"speed": [0, 3], "force": 2})
     assert fewer == [{"speed": 0, "force": 2}, {"speed": 3, "force": 2}]
