@@ -313,3 +313,28 @@ def test_the_first_of_equal_epochs_is_the_best_and_patience_counts_from_it():
     over = [is_over(log[:n], TrainingSpec(epochs=9, patience=2)) for n in range(5)]
     assert over == [False, False, False, False, True]
     assert is_over(log[:2], TrainingSpec(epochs=2, patience=7))
+
+
+@given(target_loss=st.sampled_from([0.01, 0.1, 0.3, 0.6]), seed=st.integers(0, 9))
+@examples(6)
+def test_a_training_with_a_target_is_the_whole_one_up_to_its_first_epoch_that_reaches_it(target_loss, seed):
+    settings = {"rate_penalty": 0.0, "patience": 12}
+    whole = fit(network(**settings), seed).epochs
+    stopped = fit(network(**settings, target_loss=target_loss), seed).epochs
+    assert stopped == whole[: len(stopped)]
+    right = [epoch.train_accuracy == epoch.validation_accuracy == 1 for epoch in whole]
+    sure = [max(epoch.train_loss, epoch.validation_loss) <= target_loss for epoch in whole]
+    reached = [epoch.epoch for epoch, *both in zip(whole, right, sure, strict=True) if all(both)]
+    assert len(stopped) == (reached[0] if reached else len(whole))
+
+
+@pytest.mark.parametrize("part", ["train_loss", "validation_loss", "train_accuracy", "validation_accuracy"])
+def test_a_target_is_of_losses_and_accuracies_of_training_and_validation(part):
+    learned = Epoch(1, 0.01, 1.0, 0.01, 1.0)
+    assert is_over([learned], TrainingSpec(target_loss=0.01))
+    worse = learned._replace(**{part: 0.99 if "accuracy" in part else 0.011})
+    assert not is_over([worse], TrainingSpec(target_loss=0.01))
+
+
+def test_without_a_target_a_loss_of_0_ends_nothing():
+    assert not is_over([Epoch(1, 0.0, 1.0, 0.0, 1.0)], TrainingSpec())

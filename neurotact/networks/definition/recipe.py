@@ -22,6 +22,8 @@ from neurotact.networks.definition.surrogate import FastSigmoid
 from neurotact.neurons import CubaLIF, cuba_lif_start, cuba_lif_step
 
 BATCH, EPOCHS, LEAST_STEPS, MOST_STEPS = 32, 40, 3000, 10_000
+LEARNED = 0.01
+"""Mean loss at which windows that are all right teach nothing more: their class has 99 % of the probability."""
 QUICK = 3
 """How many times fewer epochs and steps `effort = "quick"` trains."""
 LONGEST_STEP_MS, FEWEST_BINS = 5.0, 30
@@ -135,6 +137,7 @@ def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[Choice]:
         Choice("training.batch", batch, f"windows per step: {BATCH}, or more for at most {MOST_STEPS} steps"),
         Choice("training.epochs", epochs, f"{least_epochs}, or more for at least {least_steps} steps{quick}"),
         Choice("training.patience", epochs, "all epochs run, since the rates fall to 0"),
+        Choice("training.target_loss", LEARNED, "unless every window is right by far before: nothing is left to learn"),
         Choice("training.relative_learning_rate", 0.05, "in units of each matrix's standard deviation"),
         Choice("training.schedule", "cosine", "the rates fall to 0"),
         Choice("training.keep", "both", "of the best epoch on training and validation windows"),

@@ -43,6 +43,9 @@ class TrainingSpec(Spec):
     """The most epochs of a training."""
     patience: int = Field(default=7, ge=1)
     """Epochs without a better one after which training stops."""
+    target_loss: float = Field(default=0.0, ge=0)
+    """Training stops, too, at an epoch in which all training and validation windows are right and the mean loss of each
+    of the two is at most this: nothing is left to learn from them. 0: never."""
     rate_penalty: float = Field(default=0.0015, ge=0)
     """lambda1, on the mean over trials and hidden neurons of the spikes in a window."""
     population_penalty: float = Field(default=0.0, ge=0)

@@ -260,8 +260,22 @@ def best_of(log: Sequence[Epoch], keep: Keep = "loss") -> Epoch:
 
 
 def is_over(log: Sequence[Epoch], spec: TrainingSpec) -> bool:
-    """Whether a training with this log has run all its epochs, or has exceeded its patience without a better one."""
-    return bool(log) and (len(log) >= spec.epochs or log[-1].epoch - best_of(log, spec.keep).epoch >= spec.patience)
+    """Whether a training with this log has run all its epochs, has exceeded its patience or has learned its windows.
+
+    >>> log = [Epoch(1, 0.004, 1.0, 0.009, 1.0)]
+    >>> is_over(log, TrainingSpec(epochs=9)), is_over(log, TrainingSpec(epochs=9, target_loss=0.01))
+    (False, True)
+    """
+    if not log:
+        return False
+    has_ended = len(log) >= spec.epochs or log[-1].epoch - best_of(log, spec.keep).epoch >= spec.patience
+    return has_ended or (spec.target_loss > 0 and _is_learned(log[-1], spec.target_loss))
+
+
+def _is_learned(epoch: Epoch, target_loss: float) -> bool:
+    """Whether every window is right, with mean losses of at most `target_loss`."""
+    accuracies, losses = (epoch.train_accuracy, epoch.validation_accuracy), (epoch.train_loss, epoch.validation_loss)
+    return min(accuracies) == 1 and max(losses) <= target_loss
 
 
 def not_finite(epoch: int, spec: TrainingSpec) -> InputError:
