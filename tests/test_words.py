@@ -17,8 +17,8 @@ PACKAGE = Path(nt.__file__).parent
 PUBLIC = vars(nt)["__all__"]
 ALONE = {"to"}
 """Parameters of a command alone: the target of `export`."""
-OTHERS = {"published", "honest", "paper", "skipped", "accuracy_class_means", "task", "X"}
-"""Names in backquotes that are no parameters: ways of protocols, and the place of a name."""
+OTHERS = {"published", "honest", "paper", "skipped", "afferents", "accuracy_class_means", "task", "X"}
+"""Names in backquotes that are no parameters: ways and columns of protocols, and the place of a name."""
 
 
 def commands(group=None, before: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
