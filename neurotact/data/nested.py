@@ -15,8 +15,9 @@ LARGEST = 0.6
 """Share of the trials outside the test side that validation may leave out at most."""
 MOST_TURNS = 7
 """Turns of validation at most: with more values of a condition, a turn leaves out several."""
-LEAST_APART = 0.3
-"""Share of these trials that are left for training at least where trials that share a value are left aside, too."""
+LEAST_APART = 0.2
+"""Share of these trials that are left for training at least where trials that share a value are left aside, too: one
+pair of 3 x 3, of which one is tested and one validates."""
 SHOWN = 3
 """Turns that a sentence names."""
 
@@ -55,8 +56,9 @@ def turns_of(units: np.ndarray, labels: np.ndarray, rest: np.ndarray) -> list[Tu
 def turns_apart(conditions: pd.DataFrame, columns: Sequence[str], labels: np.ndarray, rest: np.ndarray) -> list[Turn]:
     """The combinations of values that validation can leave out in turn, with every trial that shares one of the values.
 
-    Successive turns differ in every column. labels, rest: as of `turns_of`. Empty if less than `LEAST_APART` of the
-    trials, or not every class, would be left for training.
+    Less does not ask what the test asks: of gratings, all kinds of varied copies were equal at another force, and 85 to
+    100 % right at another force and speed. Successive turns differ in every column. labels, rest: as of `turns_of`.
+    Empty if less than `LEAST_APART` of the trials, or not every class, would be left for training.
 
     >>> table = pd.DataFrame([(speed, force) for speed in (1, 2, 3, 4) for force in (5, 6, 7)])
     >>> table = pd.concat([table] * 2, ignore_index=True).set_axis(["speed", "force"], axis=1)
@@ -118,10 +120,7 @@ def note(columns: Iterable[str], turns: Sequence[Turn], *, varied: bool = False,
     some = "; ".join(" or ".join(turn.held) for turn in turns[:SHOWN]) + ("; ..." if len(turns) > SHOWN else "")
     is_one = all(len(turn.held) == 1 for turn in turns)
     what = f"{'one' if is_one else 'some values of'} {named} of the training trials in turn"
-    how = "as the test does"
     if pairs:
         noun = combination(columns)
-        what = f"{f'one {noun}' if is_one else f'some {noun}s'} of {named} of the training trials in turn"
-        is_apart = any(turn.aside for turn in turns)
-        how = f"with what shares a value, {how}" if is_apart else "whose values are each trained with others"
-    return f"Validation leaves out {what}, {how} ({some})"
+        what = f"{f'one {noun}' if is_one else f'some {noun}s'} of {named} in turn, with what shares a value"
+    return f"Validation leaves out {what}, as the test does ({some})"

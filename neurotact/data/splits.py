@@ -371,8 +371,8 @@ def turns_of(conditions: pd.DataFrame, spec: SplitSpec) -> list[Turn]:
         return []
     rest = np.setdiff1d(np.flatnonzero(~aside_of(conditions, spec)), _where(conditions, spec.test_where))
     labels = conditions[LABEL].astype(str).to_numpy(dtype=str)
-    if spec.leave_aside and (turns := nested.turns_apart(conditions, [*spec.test_where], labels, rest)):
-        return turns
+    if spec.leave_aside:
+        return nested.turns_apart(conditions, [*spec.test_where], labels, rest)
     return nested.turns_of(nested.units_of(conditions, spec.test_where), labels, rest)
 
 
