@@ -98,7 +98,8 @@ class Setting(Spec):
             least = 0 if is_events else 1
             ra1, sa1 = (max(least, round(period / step_ms)) for period in t_ref_ms)
             sa1 = ra1 if is_events else sa1
-            t_ref_ms = None if ra1 == sa1 == least else (ra1 * step_ms, sa1 * step_ms)
+            changes_nothing = ra1 == sa1 == least and not self.longest_steps
+            t_ref_ms = None if changes_nothing else (ra1 * step_ms, sa1 * step_ms)
         if own_ms is not None:
             own_ms = None if (n := round(own_ms / step_ms)) <= 1 else n * step_ms
         return self.model_copy(update={"t_ref_ms": t_ref_ms, "step_ms": own_ms})

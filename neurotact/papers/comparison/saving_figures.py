@@ -10,28 +10,27 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from neurotact.figures.style import INK, MUTED, add_legend, new_figure, new_panels, printed, write_out_log_ticks
-from neurotact.papers.comparison.fronts import COSTS, NOTHING
+from neurotact.papers.comparison.fronts import COSTS, NOTHING, SOPS
 
 COLOURS = (
     "#E06C00", "#0072B2", "#56B4E9", "#009E73", "#7fb800", "#999999", "#CC79A7", "#882255", "#332288", "#c4a000",
-    "#8c510a",
+    "#8c510a", "#e7298a", "#17becf",
 )  # fmt: skip
-MARKS = ("o", "s", "^", "v", "P", "X", "D", "d", "<", ">", "p")
+MARKS = ("o", "s", "^", "v", "P", "X", "D", "d", "<", ">", "p", "h", "8")
 """Colours and markers of the ways, in turn."""
-SOPS = "sops_total"
 
 
 @printed
-def draw_fronts(points: pd.DataFrame) -> Figure:
+def draw_fronts(points: pd.DataFrame, cost: str = SOPS) -> Figure:
     """A panel per set, a line per way.
 
-    points: of `fronts.fronts`.
+    points: of `fronts.fronts`, whose fronts are of this cost.
     """
     names = list(points["set"].unique())
     figure, panels = new_panels(len(names), 2, 2.9, 0.9)
     ways = [way for way in points["way"].unique() if way != NOTHING]
     for axes, name in zip(panels, names, strict=True):
-        _draw_set(axes, points[points["set"] == name], ways, SOPS)
+        _draw_set(axes, points[points["set"] == name], ways, cost)
         axes.set_title(name)
     add_legend(figure, panels, ncols=4)
     return figure

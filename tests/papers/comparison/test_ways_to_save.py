@@ -1,6 +1,7 @@
 """Each way to save changes what it names and nothing else, on touches small enough to count by hand."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -154,6 +155,25 @@ def test_times_of_a_setting_are_whole_steps_once_and_for_all(t_ref_ms, own_ms, c
         assert period >= clock_ms * (not is_events)
     assert setting.step_ms is None or setting.step_ms > clock_ms
     assert named(setting, is_events=is_events) == "-" if setting == Setting() else True
+
+
+def test_the_longest_steps_may_be_tried_with_the_shortest_refractory_period():
+    shortest = Setting(t_ref_ms=(5, 5), longest_steps=True).on(5.0, is_events=False)
+    assert named(shortest) == "5 & 5 ms, longest steps"
+    assert Setting(t_ref_ms=(5, 5)).on(5.0, is_events=False) == Setting()
+    with pytest.raises(InputError, match="longest_steps: the clock has steps of step_ms"):
+        Setting(longest_steps=True, step_ms=5.0)
+
+
+def test_a_run_of_several_sets_is_drawn_over_operations_and_over_energy():
+    row = {"seed": 0, "accuracy_validation": 0.9, "accuracy_test": 0.9, "signal_ms": 10.0, "n_train": 70, "n_test": 15}
+    costs = {"sops_total": 1000.0, "energy_estimate_nJ": 100.0}
+    results = pd.DataFrame(
+        [{"set": name, "way": way, "setting": "-", **row, **costs} for name in "ab" for way in (NOTHING, *WAYS)]
+    )
+    drawn = list(ways_to_save.draw(results, {}))
+    assert [one.name for one in drawn] == ["ways-to-save", "ways-to-save-energy"]
+    assert len(list(ways_to_save.draw(results[results["set"] == "a"], {}))) == 1
 
 
 def test_taxels_that_vary_stay(tmp_path):
