@@ -61,8 +61,7 @@ class Seen(NamedTuple):
         """
         n_windows, n_steps, n_afferents = training.shape
         spikes = float(training.sum()) / max(1, n_windows * n_afferents)
-        longest = math.ceil(LONGEST_STEP_MS * 1e-3 * sampling_rate_Hz)
-        return cls(n_windows, n_steps, sampling_rate_Hz, spikes, clock.apart(training, longest))
+        return cls(n_windows, n_steps, sampling_rate_Hz, spikes, clock.apart(training, looked_apart(sampling_rate_Hz)))
 
     @property
     def steps_per_bin(self) -> int:
@@ -73,6 +72,15 @@ class Seen(NamedTuple):
         """
         longest = int(LONGEST_STEP_MS * 1e-3 * self.sampling_rate_Hz)
         return max(1, min(self.apart, longest, self.steps // FEWEST_BINS))
+
+
+def looked_apart(sampling_rate_Hz: float) -> int:
+    """How far apart spikes of an afferent are looked at: a larger distance allows no longer steps of the network.
+
+    >>> looked_apart(1000.0)
+    5
+    """
+    return math.ceil(LONGEST_STEP_MS * 1e-3 * sampling_rate_Hz)
 
 
 class Choice(NamedTuple):

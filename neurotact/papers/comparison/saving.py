@@ -154,8 +154,10 @@ def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[s
     if name not in known:
         sides = cut(bench, setting)
         seen = recipe.Seen.of(sides.training.spikes, sides.trains.sampling_rate_Hz)
-        if setting.longest_steps:
-            seen = seen._replace(apart=clock.apart(sides.training.spikes))
+        # A part of the window may lack the closest spikes; the clock stays that of the whole one.
+        whole = sides if setting.window == 1 else cut(bench, setting.model_copy(update={"window": 1.0}))
+        longest = None if setting.longest_steps else recipe.looked_apart(seen.sampling_rate_Hz)
+        seen = seen._replace(apart=clock.apart(whole.training.spikes, longest))
         whole_steps = round(bench.window.length_ms * 1e-3 * seen.sampling_rate_Hz)
         with warnings.catch_warnings():
             if setting.step_ms is not None:

@@ -6,6 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from neurotact.data.spikes import from_rasters
+from neurotact.data.splits import Split
+from neurotact.data.windows import WindowSpec
 from neurotact.encoders.cost import encoding_cost
 from neurotact.errors import InputError
 from neurotact.metrics.flops import ExactSpikes, cost
@@ -14,7 +17,7 @@ from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.use.ledger import network_cost
 from neurotact.papers.comparison import ways_to_save
 from neurotact.papers.comparison.fronts import NOTHING
-from neurotact.papers.comparison.saving import Setting, changed, cut, measured
+from neurotact.papers.comparison.saving import Bench, Setting, changed, cut, measured
 from neurotact.papers.comparison.sets import WaysData, bench_of
 from neurotact.papers.comparison.ways_to_save import Parameters, named
 from neurotact.spec import build
@@ -193,6 +196,17 @@ def test_a_shorter_window_leaves_the_clock_as_it_is():
     asked, seen = RSNNSpec(recipe="default"), Seen(100, 60, 1000.0, 20.0, apart=6)
     spec = changed(asked, Setting(window=0.5), seen, 120)
     assert (spec.step_ms, spec.readout_stretch_ms) == (4.0, 16.0)
+
+
+def test_half_of_the_window_has_the_clock_of_the_whole_one():
+    raster = np.zeros((40, 300, 2), np.uint8)
+    raster[:20, ::10, 0] = raster[20:, ::10, 1] = 1
+    raster[:, 281, :] |= raster[:, 280, :]  # spikes of neighbouring steps in the second half alone
+    trains = from_rasters(raster, 1000.0, ("a", "b"), pd.DataFrame({"label": ["felt", "silk"] * 20}))
+    split = Split(np.arange(24), np.arange(24, 32), np.arange(32, 40))
+    network = build(RSNNSpec, {"recipe": "default", "hidden": 4, "training": {"epochs": 1}}, source="test")
+    bench = Bench(trains, None, split, WindowSpec(length_ms=300.0, per_trial=1), network, (0, 1))
+    assert [measured(bench, Setting(window=share), {})["network_step_ms"] for share in (1.0, 0.5)] == [1.0, 1.0]
 
 
 def test_thresholds_adapt_where_a_setting_says_so():
