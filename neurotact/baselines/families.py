@@ -4,8 +4,8 @@ Features and sequences are standardised on training examples. A family yields it
 in validation accuracy: the first.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from sklearn.ensemble import ExtraTreesClassifier
@@ -19,6 +19,7 @@ from neurotact.metrics.flops import Layer
 from neurotact.metrics.linear import fit_linear
 from neurotact.metrics.signal_flops import FixedConvolutions, PooledStates
 
+T = TypeVar("T")
 LINEAR_CS = (1.0, 0.01, 0.1, 10.0, 100.0)
 """Inverse penalties, the usual one first: it stands if none is better."""
 TREES, LEAVES = 200, (3, 1)
@@ -157,7 +158,22 @@ ON_FEATURES: dict[str, Family] = {
 
 def best_of(family: Family, sides: Sides, seed: int) -> Candidate:
     """The candidate with the highest validation accuracy (ties: the first); test examples are not used."""
-    return max(family(sides, seed), key=lambda candidate: accuracy(candidate, sides.validation, sides.y_validation))
+    return first_best((accuracy(one, sides.validation, sides.y_validation), one) for one in family(sides, seed))[1]
+
+
+def first_best(scored: Iterable[tuple[float, T]]) -> tuple[float, T]:
+    """The first of the highest accuracy; after one of 1 no other is asked for, as none can be better.
+
+    scored: `(accuracy, what has it)`, at least one.
+
+    >>> first_best(iter([(0.5, "a"), (0.9, "b"), (0.9, "c")]))
+    (0.9, 'b')
+    """
+    remaining = iter(scored)
+    best = next(remaining)
+    while best[0] < 1 and (following := next(remaining, None)) is not None:
+        best = following if following[0] > best[0] else best
+    return best
 
 
 def accuracy(candidate: Candidate, x: np.ndarray, y: np.ndarray) -> float:

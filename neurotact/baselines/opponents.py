@@ -13,7 +13,7 @@ import pandas as pd
 from sklearn.preprocessing import StandardScaler
 
 from neurotact.baselines import families
-from neurotact.baselines.families import Candidate, Family, Sides, best_of
+from neurotact.baselines.families import Candidate, Family, Sides, best_of, first_best
 from neurotact.baselines.features import averaged, band_powers, bin_edges
 from neurotact.baselines.minirocket import KERNEL
 from neurotact.data.augmentation import NONE
@@ -267,12 +267,13 @@ def _best_training(
     one: Input, family: Family, labels: np.ndarray, cuts: Cuts, kinds: Sequence[str]
 ) -> tuple[str, Sides, Candidate]:
     """The best candidate of a family on validation windows, with the varied copies on which it was trained."""
-    trainings = []
-    for kind in kinds:
+
+    def training(kind: str) -> tuple[float, tuple[str, Sides, Candidate]]:
         sides = _sides(one, labels, cuts.with_training(kind))
         best = best_of(family, sides, 0)
-        trainings.append((families.accuracy(best, sides.validation, sides.y_validation), kind, sides, best))
-    return max(trainings, key=lambda training: training[0])[1:]
+        return families.accuracy(best, sides.validation, sides.y_validation), (kind, sides, best)
+
+    return first_best(map(training, kinds))[1]
 
 
 def _sides(one: Input, labels: np.ndarray, cuts: Cuts) -> Sides:

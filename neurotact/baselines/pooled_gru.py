@@ -19,6 +19,9 @@ BATCHES, MOST_BATCH, LEAST_BATCH = 16, 64, 8
 """Batches of an epoch that are aimed at, and the limits of a batch."""
 LEAST_STEPS, LEAST_EPOCHS, MOST_EPOCHS = 800, 40, 200
 """Training steps that few windows get by more epochs."""
+LEARNED = 0.01
+"""Mean loss, of the training and of the validation trials, at which training ends if all of them are right: nothing is
+left to learn. The default network ends by the same rule."""
 LARGEST_GRADIENT = 1.0
 PREDICTED_AT_ONCE = 512
 
@@ -28,7 +31,8 @@ class PooledGRUClassifier(ClassifierMixin, BaseEstimator):
 
     Trained on cross-entropy by AdamW with one cycle of the learning rate (Smith and Topin 2018) and clipped gradients.
     The number of epochs and the batch follow from the number of training trials. With validation trials the weights of
-    the epoch with the highest accuracy on them are kept (ties: the lowest loss), otherwise those of the last epoch.
+    the epoch with the highest accuracy on them are kept (ties: the lowest loss), and training ends when it has learned
+    all trials (`LEARNED`); otherwise those of the last epoch are kept.
 
     Parameters
     ----------
@@ -105,11 +109,15 @@ class PooledGRUClassifier(ClassifierMixin, BaseEstimator):
         )
         best: tuple[float, float] = (-1.0, 0.0)
         kept: dict[str, Tensor] = {}
-        for _ in range(self.epochs_):
+        for epoch in range(1, self.epochs_ + 1):
             self.network_.train()
+            n_right, total = 0, 0.0
             for chosen in torch.randperm(len(labels)).split(batch):
                 optimiser.zero_grad()
-                loss = nn.functional.cross_entropy(self.network_(signals[chosen]), labels[chosen])
+                logits = self.network_(signals[chosen])
+                loss = nn.functional.cross_entropy(logits, labels[chosen])
+                n_right += int((logits.argmax(dim=1) == labels[chosen]).sum())
+                total += len(chosen) * float(loss.detach())
                 loss.backward()
                 nn.utils.clip_grad_norm_(self.network_.parameters(), LARGEST_GRADIENT)
                 optimiser.step()
@@ -122,6 +130,10 @@ class PooledGRUClassifier(ClassifierMixin, BaseEstimator):
             if merit > best:
                 best = merit
                 kept = {name: weights.clone() for name, weights in self.network_.state_dict().items()}
+            is_right = accuracy == 1 and n_right == len(labels)
+            if is_right and max(-merit[1], total / len(labels)) <= LEARNED:
+                self.epochs_ = epoch
+                break
         if kept:
             self.network_.load_state_dict(kept)
         self.network_.eval()

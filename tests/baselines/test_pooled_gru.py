@@ -75,3 +75,13 @@ def test_other_channels_than_those_of_training_are_refused():
     fitted = clone(SMALL).set_params(epochs=1).fit(*bursts(8))
     with pytest.raises(InputError, match="has 3 channels, but training had 2"):
         fitted.predict(np.zeros((1, 40, 3)))
+
+
+def test_it_ends_when_all_trials_are_learned_and_not_before():
+    X, y = bursts(60)
+    learned = clone(SMALL).set_params(dropout=0.0, epochs=200).fit(X, y, validation=(X, y))
+    assert learned.epochs_ < 200
+    assert learned.score(X, y) == 1
+    wrong = np.where(np.arange(60) == 7, np.roll(y, 1), y)  # never all right: a trial of the other class
+    assert clone(SMALL).fit(X, y, validation=(X, wrong)).epochs_ == 30
+    assert clone(SMALL).fit(X, y).epochs_ == 30  # without validation trials there is nothing to judge by
