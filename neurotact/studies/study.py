@@ -552,14 +552,13 @@ def _void_keys(cell: Cell) -> dict[str, str]:
 
 
 def _void_in_copies(copies: AugmentationSpec | None) -> dict[str, str]:
-    """The keys of varied copies that belong to a part which does not vary, where kinds are named."""
-    if copies is None or copies.kind == AUTO:
-        return {}
+    """The keys of varied copies that belong to a part which does not vary. copies: None if none are made."""
+    parts = set[str]() if copies is None else copies.parts
     keys = {"time_factor": "time", "gain_factor": "gain", "shift_ms": "start", "taxel_share": "taxels"}
     return {
         f"augmentation.{key}": f"has no effect without '{part}' in augmentation.kind; add it there, or leave it out"
         for key, part in keys.items()
-        if part not in copies.parts
+        if part not in parts
     }
 
 

@@ -138,6 +138,12 @@ def test_keys_of_copies_without_their_part_are_refused(tmp_path):
     asked = {**FEW, "split.test_where": {"speed": 3}, "augmentation.taxel_share": 0.5}
     with pytest.raises(InputError, match=r"augmentation.taxel_share: has no effect without 'taxels'"):
         loading.resolve("own-recordings", {**asked, "augmentation.kind": "gain"}, data=path)
+    for unmade in (asked, {**FEW, "augmentation.taxel_share": 0.5}, {**FEW, "augmentation.time_factor": 3}):
+        with pytest.raises(InputError, match=r"has no effect without '(taxels|time)' in augmentation\.kind"):
+            loading.resolve("own-recordings", unmade, data=path)
+    loading.resolve(
+        "own-recordings", {**FEW, "split.test_where": {"speed": 3}, "augmentation.time_factor": 3}, data=path
+    )
     what = loading.resolve("own-recordings", {**asked, "augmentation.kind": "gain+taxels"}, data=path)
     assert any("and with 50 % of the taxels at rest" in note for note in what.notes)
 
