@@ -100,11 +100,14 @@ def combination(columns: Sequence[str]) -> str:
     return "pair" if len(columns) == 2 else "combination"
 
 
-def note(columns: Iterable[str], turns: Sequence[Turn], *, varied: bool = False, pairs: bool = False) -> str:
+def note(
+    columns: Iterable[str], turns: Sequence[Turn], *, varied: bool = False, pairs: bool = False, why: str = ""
+) -> str:
     """How validation chooses for a test on other values of some conditions, in one sentence.
 
-    turns: of `splits.turns_of`; none if validation cannot leave out any. varied: whether it is on varied copies, too.
-    pairs: whether the test is on combinations of values, each of which is untrained.
+    turns: of `splits.turns_of`; none if validation leaves out none. varied: whether it is on varied copies, too.
+    pairs: whether the test is on combinations of values, each of which is untrained. why: there are no turns; too few
+    values if empty.
 
     >>> note(["speed"], [Turn(("speed = 150",)), Turn(("speed = 300",))])
     'Validation leaves out one speed of the training trials in turn, as the test does (speed = 150; speed = 300)'
@@ -113,14 +116,13 @@ def note(columns: Iterable[str], turns: Sequence[Turn], *, varied: bool = False,
     named = " and ".join(columns)
     if not turns:
         copies = " and on varied copies of them" if varied else ""
-        return (
-            f"Validation ranks nothing for this test: training trials have too few values of {named} to leave one out, "
-            f"so that it is on trials of the trained ones{copies}"
-        )
+        why = why or f"training trials have too few values of {named} to leave one out"
+        return f"Validation ranks nothing for this test: {why}, so that it is on trials of trained values{copies}"
     some = "; ".join(" or ".join(turn.held) for turn in turns[:SHOWN]) + ("; ..." if len(turns) > SHOWN else "")
     is_one = all(len(turn.held) == 1 for turn in turns)
     what = f"{'one' if is_one else 'some values of'} {named} of the training trials in turn"
     if pairs:
         noun = combination(columns)
-        what = f"{f'one {noun}' if is_one else f'some {noun}s'} of {named} in turn, with what shares a value"
+        some_of = f"{f'one {noun}' if is_one else f'some {noun}s'} of {named}"
+        what = f"{some_of} in turn, and all trials that share a value with it"
     return f"Validation leaves out {what}, as the test does ({some})"

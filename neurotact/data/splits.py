@@ -117,7 +117,9 @@ def values_to_leave_out(conditions: pd.DataFrame, column: str) -> list[Any]:
     >>> values_to_leave_out(pd.DataFrame({"label": ["felt", "silk"], "speed": [300, 150]}), "speed")
     [150, 300]
     """
-    if column not in conditions or column == LABEL:
+    if column == LABEL:
+        raise InputError(f"`leave_out_each`: '{LABEL}' is the class, and every class is trained on; name a condition")
+    if column not in conditions:
         known = [str(name) for name in conditions.columns if name != LABEL]
         raise InputError(f"`leave_out_each`: no condition is called '{column}'; {nearest(column, known)}")
     if conditions[column].isna().any():
@@ -399,7 +401,10 @@ def validation_note(
     varied: whether it is on varied copies, too. at_most: the number of its turns, if not all are taken.
     """
     turns = turns_of(conditions, spec)[:at_most]
-    return nested.note(spec.test_where, turns, varied=varied, pairs=spec.leave_aside)
+    why = "" if spec.nested else "split.nested is false"
+    if spec.group:
+        why = f"split.group keeps trials of one {' and '.join(spec.group)} together"
+    return nested.note(spec.test_where, turns, varied=varied, pairs=spec.leave_aside, why=why)
 
 
 def check_stratify(conditions: pd.DataFrame, stratify: Iterable[str] | None, spec: SplitSpec) -> None:

@@ -1,5 +1,7 @@
 """Splits: every trial on one side, every class on every side, the same for the same seed."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -16,6 +18,7 @@ from neurotact.data.splits import (
     split_conditions,
     split_trials,
     turns_of,
+    validation_note,
 )  # fmt: skip
 from neurotact.data.windows import WindowSpec, cut
 from neurotact.errors import InputError
@@ -341,6 +344,7 @@ def test_pairs_that_no_trial_has_are_not_tested():
     [
         (["speed", "force", "force"], None, "names 'force' twice"),
         (["speed", "forse"], None, "no condition is called 'forse'; did you mean 'force'"),
+        (["label", "speed"], None, "'label' is the class, and every class is trained on"),
         (["speed"], {"force": 1}, "`test_where`: .* it chooses among the values of speed; drop 'force'"),
         (["speed", "force"], {"speed": 9}, "no trial has speed = 9"),
     ],
@@ -348,6 +352,20 @@ def test_pairs_that_no_trial_has_are_not_tested():
 def test_what_cannot_be_left_out_is_refused(columns, where, said):
     with pytest.raises(InputError, match=said):
         each_left_out(grid(), columns, where)
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({}, "leaves out one speed"),
+        ({"nested": False}, "ranks nothing for this test: split.nested is false"),
+        ({"group": ["force"]}, "ranks nothing for this test: split.group keeps trials of one force together"),
+        ({"test_where": {"speed": [0, 1]}}, "ranks nothing .*: training trials have too few values of speed"),
+        ({"test_where": {"speed": 0, "force": 0}, "leave_aside": True}, "one pair .* all trials that share a value"),
+    ],
+)  # fmt: skip
+def test_what_validation_does_is_said_with_its_reason(keys, said):
+    assert re.search(said, validation_note(grid(), SplitSpec(**{"test_where": {"speed": 0}, **keys})))
 
 
 def test_trials_without_the_condition_are_named():
