@@ -5,10 +5,11 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from levels import examples
 
+from neurotact.data.nested import LEAST_APART
 from neurotact.data.recordings import select_conditions
 from neurotact.data.splits import (
     SplitSpec,
@@ -262,6 +263,11 @@ GRIDS = st.builds(
 PAIR = ["speed", "day"]
 
 
+def grid(speeds=3, forces=3, n_each=2):
+    rows = [(label, speed, force) for label in ("felt", "silk") for speed in range(speeds) for force in range(forces)]
+    return pd.DataFrame(rows * n_each, columns=["label", "speed", "force"])
+
+
 def specs_of(table, seed=0):
     tests = each_left_out(table, PAIR)
     return tests, [SplitSpec(test_where=test, leave_aside=True, seed=seed, validation=0.3) for test in tests]
@@ -269,6 +275,7 @@ def specs_of(table, seed=0):
 
 @examples(40)
 @given(GRIDS, st.integers(0, 60))
+@example(grid(3, 3).rename(columns={"force": "day"}), 0)
 def test_of_a_tested_pair_no_value_is_trained_or_validated(table, seed):
     """Each pair is tested once; each trial is on one side or left aside, where it shares a value."""
     assume(len(table) >= 24)
@@ -284,14 +291,9 @@ def test_of_a_tested_pair_no_value_is_trained_or_validated(table, seed):
         is_apart = any(turn.aside for turn in turns_of(table, spec))
         if is_apart:
             assert all({*of_side[0][column]}.isdisjoint(of_side[1][column]) for column in PAIR)
-            assert len(train) >= 0.3 * (len(train) + len(validation) + len(aside) - aside_of(table, spec).sum())
+            assert len(train) >= LEAST_APART * (len(train) + len(validation) + len(aside) - aside_of(table, spec).sum())
         else:
             np.testing.assert_array_equal(aside, np.flatnonzero(aside_of(table, spec)))
-
-
-def grid(speeds=3, forces=3, n_each=2):
-    rows = [(label, speed, force) for label in ("felt", "silk") for speed in range(speeds) for force in range(forces)]
-    return pd.DataFrame(rows * n_each, columns=["label", "speed", "force"])
 
 
 def test_validation_leaves_out_a_further_pair_and_what_shares_its_values_if_something_is_left():
