@@ -42,6 +42,7 @@ from neurotact.networks.training import cautions, checkpoint, population, repeat
 from neurotact.networks.training import conditions_curve as curves
 from neurotact.networks.training.balancing import Balance
 from neurotact.networks.training.outcome import summary_of
+from neurotact.networks.training.repeated import trained_in as trained_in
 from neurotact.networks.training.tasks import ExitBy, Task
 from neurotact.networks.training.train_run import Interrupted as Interrupted
 from neurotact.networks.use import fitted, inference, ledger

@@ -57,7 +57,7 @@ def train_command(given: dict[str, Any], as_json: Json = False) -> None:
     try:
         row = api.train(**given, tell=unless(as_json))
     except api.Interrupted as interrupted:
-        say(_how_to_go_on(interrupted.epochs))
+        say(_how_to_go_on(given["folder"], interrupted.epochs))
         sys.exit(INTERRUPTED)
     splits = row.pop("splits", None)
     if as_json:
@@ -75,12 +75,13 @@ def _print_next(run: Path, spikes: Path) -> None:
     print(f"      neurotact sops {where} -o sops.csv")
 
 
-def _how_to_go_on(epochs: int) -> str:
-    """The message of an interrupted training, with the command that continues it."""
-    if epochs == 0:
+def _how_to_go_on(folder: Path, epochs: int) -> str:
+    """The message of an interrupted training, or of one of several, with the command that continues it."""
+    if epochs == 0 and not api.trained_in(folder):
         return "interrupted before the first epoch was over; nothing is saved"
     words = [word for word in sys.argv[1:] if word not in ("--force", "--resume")]
-    return f"interrupted after epoch {epochs}; go on with: {shlex.join(['neurotact', *words, '--resume'])}"
+    after = f"after epoch {epochs}" if epochs else "before the first epoch was over; earlier trainings are saved"
+    return f"interrupted {after}; go on with: {shlex.join(['neurotact', *words, '--resume'])}"
 
 
 @calling(

@@ -1,5 +1,6 @@
 """Cross-validation and repeated splits: every trial is tested once, and the mean is that of the trainings."""
 
+import sys
 from dataclasses import replace
 
 import in_process
@@ -8,6 +9,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from neurotact import cli
 from neurotact.cli import app
 from neurotact.data import hdf5
 from neurotact.data.spikes import from_rasters
@@ -16,7 +18,7 @@ from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
 from neurotact.files import read_json
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training import repeated, trained
+from neurotact.networks.training import repeated, train_run, trained
 from neurotact.networks.training.tasks import Task
 
 COMMAND = "--network rsnn --set hidden=4 --set training.epochs=1 --window-ms 60"
@@ -60,6 +62,32 @@ def test_what_is_done_is_not_done_again(spikes, tmp_path):
     again = repeated.run(spikes, tmp_path / "run", SMALL, tasks, resume=True)
     assert again.table.equals(first.table)
     assert (tmp_path / "run/seed-0/weights.safetensors").stat().st_mtime_ns == before
+
+
+def test_other_splits_are_not_mixed_into_the_folder_of_an_earlier_run(spikes, tmp_path):
+    few, more = (repeated.tasks_of(task_of(), every_fold=False, repeats=n) for n in (2, 3))
+    repeated.run(spikes, tmp_path / "run", SMALL, few)
+    table = (tmp_path / "run/splits.csv").read_bytes()
+    folds = repeated.tasks_of(task_of(folds=2), every_fold=True, repeats=1)
+    with pytest.raises(InputError, match=r"holds trainings of other splits \(seed-0, seed-1\)"):
+        repeated.run(spikes, tmp_path / "run", SMALL, folds, resume=True)
+    assert (tmp_path / "run/splits.csv").read_bytes() == table
+    assert len(repeated.run(spikes, tmp_path / "run", SMALL, more, resume=True).table) == 3
+
+
+def test_an_interruption_of_a_later_training_tells_how_to_go_on(spikes, tmp_path, monkeypatch, capsys):
+    begun, folder = repeated.tasks_of(task_of(), every_fold=False, repeats=1), tmp_path / "run"
+    words = ["train", str(spikes), "-o", str(folder), *COMMAND.split(), "--repeats", "2"]
+    repeated.run(spikes, folder, SMALL, begun)
+
+    def interrupted(*_, **__):
+        raise train_run.Interrupted(0)
+
+    monkeypatch.setattr(train_run, "run", interrupted)
+    monkeypatch.setattr(sys, "argv", ["neurotact", *words, "--resume"])
+    with pytest.raises(SystemExit):
+        cli.main()
+    assert "earlier trainings are saved; go on with: neurotact train" in capsys.readouterr().err
 
 
 def test_one_fold_is_one_training(spikes, tmp_path):

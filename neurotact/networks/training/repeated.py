@@ -10,7 +10,7 @@ import pandas as pd
 
 from neurotact import files
 from neurotact.data.splits import SplitSpec, each_left_out
-from neurotact.errors import InputError
+from neurotact.errors import InputError, some
 from neurotact.metrics.resampled import Interval, resampled_interval
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import train_run
@@ -92,6 +92,11 @@ def run(
             raise InputError(
                 f"{folder / TABLE}: already exists; choose another folder, or pass `force=True` or `resume=True`"
             )
+        if resume and (strangers := [name for name in trained_in(folder) if name not in tasks]):
+            raise InputError(
+                f"{folder}: holds trainings of other splits ({some(strangers)}); give the options that it was begun "
+                "with, or choose another folder"
+            )
         rows, compared = [], {}
         for name, task in tasks.items():
             subfolder = folder / name
@@ -111,6 +116,11 @@ def run(
         return Repeated(table, Interval(table["accuracy_test"].item(), compared["low"], compared["high"]))
     share = _share([task.split for task in tasks.values()])
     return Repeated(table, resampled_interval(table["accuracy_test"], round(1000 * (1 - share)), round(1000 * share)))
+
+
+def trained_in(folder: Path) -> list[str]:
+    """The names of the folders below `folder` that hold a finished training."""
+    return sorted(result.parent.name for result in folder.glob(f"*/{train_run.RESULT}"))
 
 
 def _share(splits: Sequence[SplitSpec]) -> float:
