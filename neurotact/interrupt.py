@@ -51,6 +51,30 @@ def terminated_as_interrupted() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
+@contextmanager
+def deferred() -> Iterator[None]:
+    """Within it, Ctrl-C and SIGTERM wait until the block is left.
+
+    For steps that must not be left halfway, such as the start of a process that must be ended later. A blocked signal
+    does not wait where another thread takes it: Python's handler then runs in this one.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    arrived: list[tuple[int, FrameType | None]] = []
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    handlers = {number: handler for number, handler in handlers.items() if callable(handler)}
+    for number in handlers:
+        signal.signal(number, lambda number, frame: arrived.append((number, frame)))
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for number, frame in arrived[:1]:
+            handlers[signal.Signals(number)](number, frame)
+
+
 def stop_if_asked() -> None:
     """Raise KeyboardInterrupt if SIGTERM has arrived within `terminated_as_interrupted`."""
     if signal.getsignal(signal.SIGTERM) is _ignore:

@@ -29,6 +29,7 @@ import torch
 import neurotact
 from neurotact.backend import native
 from neurotact.errors import InputError
+from neurotact.interrupt import deferred
 from neurotact.progress import say
 
 Task = Callable[[Any], Any]
@@ -154,7 +155,7 @@ def _run(
     def deal() -> None:
         while todo and idle:
             number, attempt = todo.popleft()
-            with _ignoring_interrupts():
+            with deferred(), _ignoring_interrupts():
                 process, future = _submit(idle.pop(), start, (task, jobs[number], identity()))
             running[future] = process, number, attempt
 

@@ -5,7 +5,7 @@ import signal
 
 import pytest
 
-from neurotact.interrupt import stop_if_asked, terminated_as_interrupted
+from neurotact.interrupt import deferred, stop_if_asked, terminated_as_interrupted
 from neurotact.progress import track
 
 
@@ -63,3 +63,26 @@ def test_a_sigterm_that_is_ignored_stays_so():
         assert signal.getsignal(signal.SIGTERM) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_waits_until_a_step_is_whole(number):
+    done = []
+
+    def a_step() -> None:
+        with deferred():
+            os.kill(os.getpid(), number)
+            done.append("first half")
+            done.append("second half")
+        done.append("after it")
+
+    with terminated_as_interrupted(), pytest.raises(KeyboardInterrupt):
+        a_step()
+    assert done == ["first half", "second half"]
+
+
+def test_handlers_are_as_before_a_step_that_is_not_interrupted():
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    with deferred():
+        assert signal.getsignal(signal.SIGINT) is not before[0]
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
