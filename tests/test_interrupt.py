@@ -65,7 +65,16 @@ def test_a_sigterm_that_is_ignored_stays_so():
         signal.signal(signal.SIGTERM, before)
 
 
+@pytest.fixture
+def with_ctrl_c():
+    """Ctrl-C acts, also where the tests run in the background, in which shells ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.usefixtures("with_ctrl_c")
 def test_a_signal_waits_until_a_step_is_whole(number):
     done = []
 
@@ -81,6 +90,7 @@ def test_a_signal_waits_until_a_step_is_whole(number):
     assert done == ["first half", "second half"]
 
 
+@pytest.mark.usefixtures("with_ctrl_c")
 def test_handlers_are_as_before_a_step_that_is_not_interrupted():
     before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
     with deferred():
