@@ -228,19 +228,16 @@ def spike_inputs(
         yield Input(source, words, pair, sequences, made + cost(signal_ms=cuts.length_ms), of_sequences)
 
 
-def rows(
-    inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts, *, most_machines: int = families.MOST_MACHINES
-) -> Iterator[dict[str, Any]]:
+def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts) -> Iterator[dict[str, Any]]:
     """A row of `baselines.csv` for each classifier on each input; labels: class of each window, `(window,)`.
 
     A GRU, which takes minutes, is trained with the varied copies that were best for the classifiers before it.
     Under `RIGHT` a row also has, for validation and test, the share of correctly classified windows of each trial.
-    most_machines: training windows up to which support vector machines are fitted.
     """
     best_yet: tuple[float, str] | None = None
     for one in inputs:
         for name, family in one.families.items():
-            most = most_machines if name == families.MACHINES else None
+            most = families.MOST_MACHINES if name == families.MACHINES else None
             kinds = [kind for kind, train in cuts.trained.items() if most is None or train.sum() <= most]
             if not kinds:
                 least = min(int(train.sum()) for train in cuts.trained.values())

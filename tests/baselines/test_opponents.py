@@ -63,11 +63,11 @@ def test_a_window_behind_the_last_sample_sees_the_last_one():
     assert all(len(piece) >= 1 for piece in pieces)
 
 
-def rows_of(features, of=families.ON_FEATURES, **limits):
+def rows_of(features, of=families.ON_FEATURES):
     made = cuts(np.full(40, 20))
     labels = np.arange(40) % 2
     one = Input("signals", "made up", None, features, Cost(acs=7.0, signal_ms=20.0), of)
-    return list(opponents.rows([one], labels, made, **limits))
+    return list(opponents.rows([one], labels, made))
 
 
 def test_what_a_line_tells_apart_all_tell_apart():
@@ -93,12 +93,14 @@ def test_test_windows_choose_nothing():
         assert before["right"]["test"].keys() == after["right"]["test"].keys()
 
 
-def test_many_windows_are_too_many_for_machines(capsys):
+def test_many_windows_are_too_many_for_machines(monkeypatch, capsys):
     features = np.arange(40.0)[:, None] % 2
-    left = rows_of(features, most_machines=23)
+    monkeypatch.setattr(families, "MOST_MACHINES", 23)
+    left = rows_of(features)
     assert [row["classifier"] for row in left] == ["logistic regression", "ELM", "extra trees"]
     assert "no SVM on signals: made up: 24 training windows, at most 23" in capsys.readouterr().err
-    assert len(rows_of(features, most_machines=24)) == 4
+    monkeypatch.setattr(families, "MOST_MACHINES", 24)
+    assert len(rows_of(features)) == 4
 
 
 def sequences_of(n_steps=60):
