@@ -119,10 +119,9 @@ def _costs(
         "nJ": None,
     }
     if afferents is not None and study.network is not None:
-        sizes = {"n_afferents": afferents.n, "n_classes": n_classes}
-        clock = {"rate_Hz": afferents.rate_Hz, "encoder": afferents.encoder}
         counts = study.encoding_in == "processor"
-        spent = ledger.row_cost(study.network, row, **sizes, **clock, early=bool(before), encoding=counts)
+        how = {"n_classes": n_classes, "early": bool(before), "encoding": counts}
+        spent = ledger.row_cost(study.network, row, afferents, **how)
         costs |= {"ms": 1e3 * steps / afferents.rate_Hz, "nJ": spent.energy_estimate_nJ}
     return costs
 

@@ -105,7 +105,7 @@ def test_each_training_counts_its_own_afferents():
     made_by = [Afferents(16, SMOOTHED, 2000.0), Afferents(24, graded, 2000.0), Afferents(16, SMOOTHED, 2000.0)]
     table = ledger.study_ledger(RSNNSpec(), rows, None, afferents=made_by, n_classes=8).set_index("name")
     each = [
-        ledger.row_cost(RSNNSpec(), row, n_afferents=own.n, rate_Hz=own.rate_Hz, encoder=own.encoder, n_classes=8)
+        ledger.row_cost(RSNNSpec(), row, own, n_classes=8)
         for row, own in zip(rows.to_dict("records"), made_by, strict=True)
     ]
     found = table.loc["spiking: all, t_ref 1&1 ms, N = 20"]
@@ -119,7 +119,7 @@ def test_each_training_counts_its_own_afferents():
 def test_encoding_in_the_sensor_costs_a_decision_nothing():
     row = {"hidden": 3, "window_steps": 10.0, "exit_steps": 10.0, "sops_input": 6.0, "sops_recurrent": 0.0,
            "sops_readout": 4.0}  # fmt: skip
-    sizes = {"n_afferents": 2, "n_classes": 4, "rate_Hz": 2000.0, "encoder": SMOOTHED}
+    sizes = {"afferents": Afferents(2, SMOOTHED, 2000.0), "n_classes": 4}
     both, alone = (ledger.row_cost(RSNNSpec(hidden=3), row, **sizes, encoding=counts) for counts in (True, False))
     assert both.macs - alone.macs == encoding_cost(1, 10, 5.0, SMOOTHED).macs
     assert both.sops == alone.sops == 10.0
@@ -127,7 +127,7 @@ def test_encoding_in_the_sensor_costs_a_decision_nothing():
 
 def test_a_row_of_a_slower_clock_counts_a_step_in_five():
     row = {"hidden": 3, "window_steps": 100.0, "sops_input": 6.0, "sops_recurrent": 0.0, "sops_readout": 4.0}
-    sizes = {"n_afferents": 2, "n_classes": 4, "rate_Hz": 2000.0, "encoder": SMOOTHED, "encoding": False}
+    sizes = {"afferents": Afferents(2, SMOOTHED, 2000.0), "n_classes": 4, "encoding": False}
     found = {n: ledger.row_cost(RSNNSpec(hidden=3), {**row, "steps_per_bin": n}, **sizes) for n in (1, 5)}
     by_hand = ledger.network_cost(RSNNSpec(hidden=3), 2, 4, row, steps=20, signal_ms=50.0)
     assert found[5] == by_hand

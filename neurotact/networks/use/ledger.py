@@ -156,9 +156,7 @@ def study_ledger(
     for _, parts in means.groupby(by, sort=False, dropna=False):
         first, spent = parts.iloc[0], []
         for row in parts.to_dict("records"):
-            own = of_kind[row[KIND]]
-            how = {"n_afferents": own.n, "rate_Hz": own.rate_Hz, "encoder": own.encoder}
-            spent.append((row_cost(spec, row, **how, n_classes=n_classes), row["seeds"]))
+            spent.append((row_cost(spec, row, of_kind[row[KIND]], n_classes=n_classes), row["seeds"]))
         name = f"spiking: {first['setting']}, t_ref {first['pair']} ms, N = {first['hidden']}"
         rows.append((name, _mean(spent)))
     return ledger_table(rows)
@@ -178,20 +176,18 @@ def _mean(costs: Sequence[tuple[Cost, float]]) -> Cost:
 def row_cost(
     spec: RSNNSpec,
     row: Mapping[str, Any],
+    afferents: Afferents,
     *,
-    n_afferents: int,
     n_classes: int,
-    rate_Hz: float,
-    encoder: Mapping[str, Any],
     early: bool = False,
     encoding: bool = True,
 ) -> Cost:
     """The cost of a decision for one row of `results.csv`, encoding and network together; a row of means works too.
 
-    n_afferents, rate_Hz, encoder: as of `Afferents`. early: with early exit. encoding: whether conditioning and
-    encoding count. The other arguments are as for `study_ledger`.
+    afferents: of this row. early: with early exit. encoding: whether conditioning and encoding count. The other
+    arguments are as for `study_ledger`.
     """
-    window_steps = float(row["window_steps"])
+    window_steps, rate_Hz = float(row["window_steps"]), afferents.rate_Hz
     steps = float(row["exit_steps"]) if early else window_steps
     signal_ms = 1e3 * steps / rate_Hz
     chosen = recipe.resolve(spec, recipe.Seen(1, round(window_steps), rate_Hz, 1.0))
@@ -203,11 +199,10 @@ def row_cost(
         }
     )  # fmt: skip
     measured = {name: row[f"exit_{name}" if early else name] for name in SOPS}
-    network = network_cost(own, n_afferents, n_classes, measured, steps=steps, signal_ms=signal_ms)
+    network = network_cost(own, afferents.n, n_classes, measured, steps=steps, signal_ms=signal_ms)
     if not encoding:
         return network
-    n_taxels, spikes = taxels_of(n_afferents, encoder), measured["sops_input"] / own.hidden
-    return network + encoding_cost(n_taxels, steps, signal_ms, encoder, spikes=spikes)
+    return network + afferents.cost(steps, measured["sops_input"] / own.hidden)
 
 
 def _blocks_of(row: Mapping[str, Any]) -> int:

@@ -263,9 +263,9 @@ def _of_network(prepared: Prepared) -> dict[str, Any]:
     best = robust.best_of([*robust.trainings(trains, cell.network, prepared.task, prepared.seeds, kinds)])
     measured = measuring.measure(best.fitted, best.sides, trains.populations)["row"]
     row = {**measured, "hidden": best.fitted.network.spec.hidden}
-    sizes = {"n_afferents": len(trains.afferents), "n_classes": len(trains.classes)}
-    clock = {"rate_Hz": trains.sampling_rate_Hz, "encoder": trains.encoder}
-    spent, early = (ledger.row_cost(cell.network, row, **sizes, **clock, early=early) for early in (False, True))
+    afferents = ledger.Afferents(len(trains.afferents), trains.encoder, trains.sampling_rate_Hz)
+    how = {"afferents": afferents, "n_classes": len(trains.classes)}
+    spent, early = (ledger.row_cost(cell.network, row, **how, early=early) for early in (False, True))
     return {
         "classifier": NETWORK,
         "input": opponents.SPIKES,
