@@ -98,8 +98,8 @@ def train(
     `chance`, `commonest` and `baseline_accuracy` (of `baseline`, the best of eight classifiers on the same spikes) to
     compare it with; SOPs and steps, also with early exit (`exit_...`); and `cautions`, the list of what may be wrong.
     With all folds or with repeats, one network is trained per split, in a folder of its own: then the means
-    `accuracy_test` (`low`, `high`), `baseline_accuracy` and `sops_total`, `cautions`, and `splits`, a table with a row
-    per split.
+    `accuracy_test` (`low`, `high`; NaN for fewer than three splits), `baseline_accuracy` and `sops_total`, `cautions`,
+    and `splits`, a table with a row per split.
 
     network: a spec, or the name or path of one. settings: changes of it, dotted keys.
     length_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations: as for `windows`.

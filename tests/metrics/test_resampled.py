@@ -1,15 +1,17 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy import stats
 
 from neurotact.errors import InputError
-from neurotact.metrics.resampled import resampled_interval
+from neurotact.metrics.resampled import DIFFERENCES, resampled_interval, resampled_p
 
 
 def test_by_hand():
     # s = 0.1, J = 4, test/train = 1/4: s sqrt(1/4 + 1/4) = 0.0707; t of 3 degrees at 97.5 % is 3.182.
-    found = resampled_interval([0.7, 0.9, 0.8 - np.sqrt(0.005), 0.8 + np.sqrt(0.005)], 40, 10)
-    assert found.mean == pytest.approx(0.8)
+    found = resampled_interval([0.6, 0.8, 0.7 - np.sqrt(0.005), 0.7 + np.sqrt(0.005)], 40, 10)
+    assert found.mean == pytest.approx(0.7)
     assert found.high - found.mean == pytest.approx(3.1824 * 0.1 * np.sqrt(0.5), rel=1e-4)
     assert found.mean - found.low == pytest.approx(found.high - found.mean)
 
@@ -36,7 +38,30 @@ def test_it_covers_the_truth_where_splits_share_their_examples():
     assert naive / 300 < 0.8
 
 
-@pytest.mark.parametrize(("values", "sizes"), [([0.5], (1, 1)), ([[0.5, 0.6]], (1, 1)), ([0.5, 0.6], (0, 1))])
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=6))
+def test_the_ends_are_what_a_mean_can_be_and_two_splits_have_none(shares):
+    found = resampled_interval(shares, 70, 30)
+    wide = resampled_interval(shares, 70, 30, within=(-np.inf, np.inf))
+    assert found.mean == wide.mean == pytest.approx(np.mean(shares))
+    if len(shares) < 3:
+        assert np.isnan([found.low, found.high]).all()
+    else:
+        assert (found.low, found.high) == (max(0.0, wide.low), min(1.0, wide.high))
+
+
+def test_a_difference_may_be_negative():
+    found = resampled_interval([0.9, 0.0, -0.9], 70, 30, within=DIFFERENCES)
+    assert (found.low, found.high) == (-1.0, 1.0)
+    assert -1.0 < resampled_interval([-0.1, -0.2, -0.15], 70, 30, within=DIFFERENCES).low < -0.15
+
+
+@pytest.mark.parametrize(("values", "sizes"), [([], (1, 1)), ([[0.5, 0.6]], (1, 1)), ([0.5, 0.6, 0.7], (0, 1))])
 def test_what_cannot_be_is_refused(values, sizes):
-    with pytest.raises(InputError):
-        resampled_interval(values, *sizes)
+    for test in (resampled_interval, resampled_p):
+        with pytest.raises(InputError):
+            test(values, *sizes)
+
+
+def test_two_equal_differences_are_no_evidence():
+    with pytest.raises(InputError, match="at least 3 splits"):
+        resampled_p([0.1, 0.1], 70, 30)

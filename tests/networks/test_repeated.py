@@ -16,7 +16,8 @@ from neurotact.data.spikes import from_rasters
 from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
-from neurotact.files import read_json
+from neurotact.files import read_json, write_json
+from neurotact.metrics.resampled import resampled_interval
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.training import repeated, train_run, trained
 from neurotact.networks.training.tasks import Task
@@ -112,7 +113,8 @@ def test_the_command_prints_a_row_of_each_training_and_the_mean(spikes):
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
     assert "baseline" in done.output
-    assert "over 2 splits" in done.output
+    assert "% over 2 splits (too few for an interval: " in done.output
+    assert "95 %" not in done.output
 
 
 @pytest.fixture
@@ -138,6 +140,26 @@ def test_each_speed_is_tested_by_a_network_that_has_not_seen_it(at_speeds, tmp_p
     assert "over 3 splits" in done.stdout
     table = pd.read_csv(tmp_path / "run" / "splits.csv", comment="#")
     assert table["left_out"].tolist() == ["speed = 150", "speed = 300", "speed = 450"]
+
+
+def test_further_seeds_of_two_tested_values_give_no_interval(at_speeds, tmp_path, monkeypatch):
+    given = ["--where", "speed=150,300", "--leave-out-each", "speed", "--repeats", "2"]
+    said = in_process.typed("train", at_speeds, "-o", tmp_path / "run", *COMMAND.split(), *given).out
+    assert "over 4 splits (too few for an interval: test 3 values or more)" in said
+    # Of three, it is that of the means at each of them: their seeds test the same trials.
+    tasks = repeated.tasks_without(task_of(), ["speed"], hdf5.load_spikes(at_speeds).conditions, repeats=2)
+    accuracies = iter([0.3, 0.5, 0.7, 0.5, 0.5, 0.5])
+    run = train_run.run
+
+    def trained_as(spikes, folder, *more, **options):
+        run(spikes, folder, *more, **options)
+        result = read_json(folder / train_run.RESULT)
+        result["row"]["accuracy_test"] = next(accuracies)
+        write_json(folder / train_run.RESULT, result)
+
+    monkeypatch.setattr(train_run, "run", trained_as)
+    found = repeated.run(at_speeds, tmp_path / "three", SMALL, tasks).accuracy
+    assert [*found] == pytest.approx([*resampled_interval([0.4, 0.5, 0.6], 667, 333)])
 
 
 def test_each_pair_is_tested_by_a_network_that_has_seen_neither_value(tmp_path):

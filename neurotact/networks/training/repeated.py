@@ -11,7 +11,7 @@ import pandas as pd
 from neurotact import files
 from neurotact.data.splits import SplitSpec, each_left_out
 from neurotact.errors import InputError, some
-from neurotact.metrics.resampled import Interval, resampled_interval
+from neurotact.metrics.resampled import LEAST_SPLITS, Interval, resampled_interval
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import train_run
 from neurotact.networks.training.tasks import Task
@@ -24,7 +24,11 @@ LEFT_OUT = "left_out"
 
 
 class Repeated(NamedTuple):
-    """One row per training, and the mean test accuracy with a 95 % interval that considers trials shared by splits."""
+    """One row per training, and the mean test accuracy with a 95 % interval that considers trials shared by splits.
+
+    Where each value of a condition is tested in turn, the interval is of the means at these values: further seeds test
+    the same trials again. Its ends are NaN where there are fewer than `LEAST_SPLITS` of them, or of splits.
+    """
 
     table: pd.DataFrame
     accuracy: Interval
@@ -115,7 +119,8 @@ def run(
     if len(table) == 1:  # no spread over splits: the interval is that of its test trials
         return Repeated(table, Interval(table["accuracy_test"].item(), compared["low"], compared["high"]))
     share = _share([task.split for task in tasks.values()])
-    return Repeated(table, resampled_interval(table["accuracy_test"], round(1000 * (1 - share)), round(1000 * share)))
+    values = table["accuracy_test"] if not _are_values(table) else _by_value(table)
+    return Repeated(table, resampled_interval(values.to_numpy(), round(1000 * (1 - share)), round(1000 * share)))
 
 
 def trained_in(folder: Path) -> list[str]:
@@ -141,23 +146,40 @@ def line(repeats: Repeated) -> str:
     """The mean accuracy of all trainings in one sentence.
 
     >>> table = pd.DataFrame({"sops_total": [100.0, 200.0], "baseline": [0.5, 0.5]})
-    >>> line(Repeated(table, Interval(0.9, 0.8, 1.0)))
-    'accuracy 90.0 % (95 % interval 80.0 to 100.0 %) over 2 splits, 150 synaptic operations per window; the best baseline on the same spikes 50.0 %'
+    >>> line(Repeated(table, Interval(0.9, math.nan, math.nan)))
+    'accuracy 90.0 % over 2 splits (too few for an interval: `repeats=3` or more), 150 synaptic operations per window; the best baseline on the same spikes 50.0 %'
     """  # noqa: E501
-    mean, low, high = (100 * min(1.0, max(0.0, share)) for share in repeats.accuracy)
+    table = repeats.table
     by_value = ""
-    if LEFT_OUT in repeats.table:
-        means = repeats.table.groupby(LEFT_OUT, sort=False)["accuracy_test"].mean()
-        by_value = f"; without {'; '.join(f'{value}: {100 * share:.1f} %' for value, share in means.items())}"
+    if LEFT_OUT in table:
+        shares = _by_value(table).items()
+        by_value = f"; without {'; '.join(f'{value}: {100 * share:.1f} %' for value, share in shares)}"
     return (
-        f"accuracy {mean:.1f} % (95 % interval {low:.1f} to {high:.1f} %) over {_splits(len(repeats.table))}, "
-        f"{repeats.table['sops_total'].mean():.0f} synaptic operations per window; "
-        f"the best baseline on the same spikes {100 * repeats.table['baseline'].mean():.1f} %{by_value}"
+        f"accuracy {100 * repeats.accuracy.mean:.1f} % {_over(repeats)}, "
+        f"{table['sops_total'].mean():.0f} synaptic operations per window; "
+        f"the best baseline on the same spikes {100 * table['baseline'].mean():.1f} %{by_value}"
     )
 
 
-def _splits(n: int) -> str:
-    return "1 split" if n == 1 else f"{n} splits"
+def _over(repeats: Repeated) -> str:
+    """The interval of the mean and the splits that it is over, or why there is none."""
+    (_, low, high), n = repeats.accuracy, len(repeats.table)
+    over = "over 1 split" if n == 1 else f"over {n} splits"
+    if not math.isnan(low):
+        return f"(95 % interval {100 * low:.1f} to {100 * high:.1f} %) {over}"
+    if _are_values(repeats.table):
+        return f"{over} (too few for an interval: test {LEAST_SPLITS} values or more)"
+    return f"{over} (too few for an interval: `repeats={LEAST_SPLITS}` or more)"
+
+
+def _are_values(table: pd.DataFrame) -> bool:
+    """Whether each value of a condition is tested in turn."""
+    return LEFT_OUT in table and table[LEFT_OUT].nunique() > 1
+
+
+def _by_value(table: pd.DataFrame) -> pd.Series:
+    """The mean accuracy at each tested value of a condition, in the order of the table."""
+    return table.groupby(LEFT_OUT, sort=False)["accuracy_test"].mean()
 
 
 def _silent(line: str) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from neurotact.metrics.fronts import pareto_front
-from neurotact.metrics.resampled import Interval, resampled_interval
+from neurotact.metrics.resampled import DIFFERENCES, LEAST_SPLITS, SHARES, Interval, resampled_interval
 from neurotact.metrics.shares import wilson_interval
 from neurotact.networks.training.cautions import FEW_PER_CLASS
 from neurotact.studies.protocol import Listed
@@ -25,7 +25,6 @@ SHORT = {"sops_total": "SOPs", "energy_estimate_nJ": "nJ", "signal_ms": "ms"}
 SOPS, ENERGY = "sops_total", "energy_estimate_nJ"
 ANSWERED = {SOPS: "SOPs", ENERGY: "energy"}
 """The costs of which half is saved in a sentence of their own, and what they are called there."""
-ENOUGH_SEEDS = 3
 EVENTS = "events"
 """In the column `afferents` of results: there are none."""
 
@@ -35,8 +34,8 @@ def fronts(results: pd.DataFrame, cost: str = "sops_total") -> pd.DataFrame:
 
     results: rows with set, way, setting, seed, n_train, n_test, both accuracies, sops_total, energy_estimate_nJ and
         signal_ms. cost: the key of `COSTS` for the fronts.
-    Columns: low, high (95 % interval of the accuracy, NaN for one seed); share (of the SOPs of `NOTHING`); on_own_front
-    (no point of its way, nor `NOTHING`, dominates it) and on_front (no point of the set dominates it).
+    Columns: low, high (95 % interval of the accuracy, NaN for one or two seeds); share (of the SOPs of `NOTHING`);
+    on_own_front (no point of its way, nor `NOTHING`, dominates it) and on_front (no point of the set dominates it).
     """
     parts = []
     for name, rows in results.groupby("set", sort=False):
@@ -63,18 +62,16 @@ def _on_front(table: pd.DataFrame, cost: str, score: str = "accuracy_test") -> n
 
 def _point(key: object, part: pd.DataFrame, base: pd.DataFrame) -> dict:
     way, setting = key  # pyright: ignore[reportGeneralTypeIssues]
-    interval = interval_of(part["accuracy_test"].to_numpy(), part)
+    interval = interval_of(part["accuracy_test"].to_numpy(), part, SHARES)
     measures = ("accuracy_validation", "sops_total", "energy_estimate_nJ", "signal_ms")
     means = {name: float(part[name].mean()) for name in measures}
     return {"way": way, "setting": setting, "seeds": len(part), "accuracy_test": interval.mean, "low": interval.low,
             "high": interval.high, **means, "share": _share(part, base)}  # fmt: skip
 
 
-def interval_of(values: np.ndarray, rows: pd.DataFrame) -> Interval:
-    """The mean over splits with its interval; for one split, the bounds are NaN."""
-    if len(values) < 2:
-        return Interval(float(np.mean(values)), float("nan"), float("nan"))
-    return resampled_interval(values, int(rows["n_train"].iloc[0]), int(rows["n_test"].iloc[0]))
+def interval_of(values: np.ndarray, rows: pd.DataFrame, within: tuple[float, float] = DIFFERENCES) -> Interval:
+    """The mean over splits with its interval, as of `resampled_interval`, whose sides are those of the rows."""
+    return resampled_interval(values, int(rows["n_train"].iloc[0]), int(rows["n_test"].iloc[0]), within=within)
 
 
 class Halved(NamedTuple):
@@ -217,9 +214,11 @@ def _cautions_of(rows: pd.DataFrame) -> Iterator[str]:
         windows = "`settings={'window.length_ms': ..., 'window.align': 'onset'}`"
         yield f"{learned}; give more trials, or windows that contain the touch ({windows})"
     seeds = base["seed"].nunique()
-    if seeds < ENOUGH_SEEDS:
-        reason = "one seed, so there is no interval" if seeds == 1 else f"{seeds} seeds, so intervals are wide"
-        yield f"{reason}: another split may reverse the answer; give `repeats={ENOUGH_SEEDS}` or more"
+    if seeds < LEAST_SPLITS:
+        yield (
+            f"{in_seeds(seeds)}, so there is no interval: another split may reverse the answer; give "
+            f"`repeats={LEAST_SPLITS}` or more"
+        )
     if "least_test_trials" in base and base["least_test_trials"].min() < FEW_PER_CLASS:
         least, trials = int(base["least_test_trials"].min()), int(base["test_trials"].min())
         yield (
@@ -295,7 +294,7 @@ def _answer(rows: pd.DataFrame, share: float, cost: str) -> str:
     if refractory is best:
         other = f", and {_costs(rival, called)}" if rival else ""
         return f"{sentence}{other}."
-    more = _words(interval_of(refractory.lost - best.lost, refractory.rows), "more", "less")
+    more = _words(refractory.lost - best.lost, refractory.rows, "more", "less")
     return f"{sentence}, and {_costs(refractory, called)}, {more} than {best.way}."
 
 
@@ -313,7 +312,7 @@ def _verdict(refractory: Halved | None, rival: Halved | None) -> str:
         return "a refractory period alone saves enough"
     more = interval_of(refractory.lost - rival.lost, refractory.rows)
     if np.isnan(more.low):
-        return "one seed cannot tell whether a refractory period is cheapest"
+        return f"{in_seeds(len(refractory.lost))} cannot tell whether a refractory period is cheapest"
     if more.low > 0:
         return "a refractory period is not the cheapest way"
     return (
@@ -324,10 +323,9 @@ def _verdict(refractory: Halved | None, rival: Halved | None) -> str:
 
 
 def _costs(half: Halved, called: str) -> str:
-    interval = interval_of(half.lost, half.rows)
-    verb = "costs" if interval.mean >= 0 else "gains"
+    verb = "costs" if half.lost.mean() >= 0 else "gains"
     name = f"a {_period(half.way, half.setting)}" if half.way in PERIODS else f"{half.way} ({_bare(half.setting)})"
-    return f"{name} {verb} {_points(interval)} at {_percent(half.share)} of the {called}"
+    return f"{name} {verb} {_points(half.lost, half.rows)} at {_percent(half.share)} of the {called}"
 
 
 def _period(way: str, setting: str) -> str:
@@ -344,27 +342,35 @@ def _too_little(rows: pd.DataFrame, base: pd.DataFrame, cost: str) -> str:
     if not mine:
         return "no refractory period was tried"
     most = min(mine, key=lambda part: part[cost].mean())
-    lost = base.set_index("seed")["accuracy_test"] - most.set_index("seed")["accuracy_test"]
-    interval = interval_of(lost.dropna().to_numpy(), most)
-    verb = "costs" if interval.mean >= 0 else "gains"
+    lost = (base.set_index("seed")["accuracy_test"] - most.set_index("seed")["accuracy_test"]).dropna().to_numpy()
+    verb = "costs" if lost.mean() >= 0 else "gains"
     setting, share = _bare(str(most["setting"].iloc[0])), _percent(_share(most, base, cost))
     return (
-        f"no refractory period that was tried saves as much: {setting} {verb} {_points(interval)} at {share} of the "
+        f"no refractory period that was tried saves as much: {setting} {verb} {_points(lost, most)} at {share} of the "
         f"{ANSWERED[cost]}"
     )
 
 
-def _points(interval: Interval) -> str:
-    """Points of accuracy that are lost or gained, with the interval of this loss or gain, at most 100 points."""
-    text = f"{100 * abs(interval.mean):.1f} points"
-    if np.isnan(interval.low):
-        return f"{text} (one seed)"
-    low, high = np.clip([interval.low, interval.high], -1, 1) * (100 if interval.mean >= 0 else -100)
-    return f"{text} (95 % interval {min(low, high):.1f} to {max(low, high):.1f})"
+def _points(lost: np.ndarray, rows: pd.DataFrame) -> str:
+    """Points of accuracy that are lost or gained, with the interval of this loss or gain, or its number of seeds."""
+    mean, low, high = interval_of(lost, rows)
+    text = f"{100 * abs(mean):.1f} points"
+    if np.isnan(low):
+        return f"{text} ({in_seeds(len(lost))})"
+    ends = sorted((100 if mean >= 0 else -100) * end for end in (low, high))
+    return f"{text} (95 % interval {ends[0]:.1f} to {ends[1]:.1f})"
 
 
-def _words(interval: Interval, more: str, less: str) -> str:
-    return f"{_points(interval)} {more if interval.mean >= 0 else less}"
+def in_seeds(n: int) -> str:
+    """
+    >>> in_seeds(1), in_seeds(2)
+    ('one seed', '2 seeds')
+    """
+    return "one seed" if n == 1 else f"{n} seeds"
+
+
+def _words(lost: np.ndarray, rows: pd.DataFrame, more: str, less: str) -> str:
+    return f"{_points(lost, rows)} {more if lost.mean() >= 0 else less}"
 
 
 def _percent(share: float) -> str:

@@ -22,7 +22,7 @@ from neurotact.metrics import referee
 from neurotact.metrics.fronts import pareto_front
 from neurotact.metrics.paired import Paired
 from neurotact.metrics.referee import Way
-from neurotact.metrics.resampled import resampled_p
+from neurotact.metrics.resampled import LEAST_SPLITS, SHARES, resampled_p
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.papers.comparison import fronts, sets
 from neurotact.papers.comparison.saving import Bench, Setting, Sides, cut, fit, row_of
@@ -99,13 +99,13 @@ def _classical(bench: Bench, trains: SpikeTrains) -> Iterator[dict[str, Any]]:
 def points(results: pd.DataFrame) -> pd.DataFrame:
     """A row for each set, split, classifier and input: means over seeds and the 95 % interval of the test accuracy.
 
-    Columns: set, split, classifier, input, seeds, accuracy_test, low and high (NaN for one seed), accuracy_validation,
-    energy_estimate_nJ.
+    Columns: set, split, classifier, input, seeds, accuracy_test, low and high (NaN for one or two),
+    accuracy_validation, energy_estimate_nJ.
     """
     rows = []
     for key, part in results.groupby(["set", "split", "classifier", "input"], sort=False):
         assert isinstance(key, tuple)
-        interval = fronts.interval_of(part["accuracy_test"].to_numpy(), part)
+        interval = fronts.interval_of(part["accuracy_test"].to_numpy(), part, SHARES)
         means = {name: float(part[name].mean()) for name in ("accuracy_validation", "energy_estimate_nJ")}
         rows.append({**dict(zip(("set", "split", "classifier", "input"), key, strict=True)), "seeds": len(part),
                      "accuracy_test": interval.mean, "low": interval.low, "high": interval.high, **means})  # fmt: skip
@@ -146,22 +146,22 @@ def _answer(name: str, split: str, rows: pd.DataFrame) -> str:
     near = [others[index] for index in referee.within_error([one.way for one in others])]
     on_signals = [one for one in near if f" on {opponents.SPIKES}: " not in one.name]
     cheapest = min(on_signals, key=lambda one: one.energy_nJ, default=None)
-    if len(network.rows) > 1:
+    if (seeds := len(network.rows)) >= LEAST_SPLITS:
         verdict = referee.judge([_compared(network, rival) for rival in rivals])
         rival = rivals[verdict.decisive]
         kind = {"better": "spiking is more accurate", "worse": "spiking costs accuracy", "tie": "no clear difference"}
         said = kind[verdict.kind]
     else:
-        rival, said = best, "one seed, so that no difference is clear"
-    gained = fronts.interval_of(100 * _gained(network, rival), network.rows)
-    within = "" if np.isnan(gained.low) else f", 95 % interval {gained.low:.1f} to {gained.high:.1f}"
-    verb = "more" if gained.mean >= 0 else "fewer"
+        rival, said = best, f"{fronts.in_seeds(seeds)}, so that no difference is clear"
+    gained, low, high = (100 * end for end in fronts.interval_of(_gained(network, rival), network.rows))
+    within = "" if np.isnan(low) else f", 95 % interval {low:.1f} to {high:.1f}"
+    verb = "more" if gained >= 0 else "fewer"
     level = f", one of {len(rivals)} that validation cannot tell apart" if len(rivals) > 1 else ""
     energy = f"{100 * network.energy_nJ / rival.energy_nJ:,.3g} % of its energy"
     computed = fronts.afferents_in_words(rows)
     sentence = (
         f"{name}, split by {split}: {said}. {network.words}{computed}; {rival.words}{level}: the network has "
-        f"{abs(gained.mean):.1f} points {verb}{within}, at {energy}."
+        f"{abs(gained):.1f} points {verb}{within}, at {energy}."
     )
     if cheapest is None or cheapest is rival:
         return sentence

@@ -102,7 +102,7 @@ def changes(results: pd.DataFrame) -> pd.DataFrame:
 
     results: rows with set, change, seed, n_train, n_test, accuracy_test and sops_total.
     Columns: set, change, seeds, accuracy_test (mean), lost (mean of the differences), low and high (95 % interval of
-    `lost`, corrected for splits that share trials; NaN for one seed), share (of the recipe's SOPs).
+    `lost`, corrected for splits that share trials; NaN for one or two seeds), share (of the recipe's SOPs).
     """
     rows = []
     for name, part in results.groupby("set", sort=False):
@@ -148,7 +148,7 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
         "Accuracy lost by each change of the recipe",
         draw_changes(changes(shown)),
         "Mean over seeds of the test accuracy that a change loses compared with the recipe, on the same split, with "
-        "its 95 % interval if there are several seeds, cut at the ends of the axis. Left of 0 the change is better.",
+        "its 95 % interval if there are three seeds, cut at the ends of the axis. Left of 0 the change is better.",
         "A panel per set; a mark per change, right of the line at 0 if the change loses accuracy.",
     )
 

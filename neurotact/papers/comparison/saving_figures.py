@@ -77,7 +77,7 @@ def _draw_set(axes: Axes, points: pd.DataFrame, ways: list[str], cost: str) -> N
 
 
 def _whiskers(rows: pd.DataFrame) -> np.ndarray:
-    """Distances of the interval's ends below and above each mean, within 0 to 100 %; 0 without an interval."""
+    """Distances of the interval's ends below and above each mean; 0 without an interval."""
     mean = rows["accuracy_test"]
-    low, high = (rows[bound].clip(0, 1).fillna(mean) for bound in ("low", "high"))
+    low, high = (rows[bound].fillna(mean) for bound in ("low", "high"))
     return np.array([mean - low, high - mean])

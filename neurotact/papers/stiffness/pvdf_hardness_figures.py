@@ -44,14 +44,14 @@ def presses(arrays: Mapping[str, np.ndarray]) -> Drawn:
 def intervals(results: pd.DataFrame) -> pd.DataFrame:
     """Mean accuracy and 95 % interval of each chain and set of features, with its mean energy estimate.
 
-    Columns: protocol, chain, features, energy_estimate_nJ, mean, low, high (within 0 and 1); one split has no width.
+    Columns: protocol, chain, features, energy_estimate_nJ, mean, low, high (NaN for one or two splits).
     """
     rows = []
     for (protocol, chain, features), group in results.groupby(["protocol", "chain", "features"], sort=False):
         values = group["accuracy_test"].to_numpy(float)
         sides = int(group["n_train"].mean()), int(group["n_test"].mean())
-        mean, *ends = resampled_interval(values, *sides) if len(values) > 1 else (values[0],) * 3
-        rows.append([protocol, chain, features, group["energy_estimate_nJ"].mean(), mean, *np.clip(ends, 0.0, 1.0)])
+        interval = resampled_interval(values, *sides)
+        rows.append([protocol, chain, features, group["energy_estimate_nJ"].mean(), *interval])
     return pd.DataFrame(rows, columns=["protocol", "chain", "features", "energy_estimate_nJ", "mean", "low", "high"])
 
 
@@ -85,7 +85,7 @@ def _paint_accuracy(axes: Axes, rows: pd.DataFrame, heights: Mapping[tuple[str, 
     axes.plot(100 * rows["accuracy_test"], y, ls="", marker="|", ms=6, mew=0.7, color=MUTED, label="single splits")
     means = intervals(rows)
     y = [heights[key] for key in zip(means["chain"], means["features"], strict=True)]
-    mean, low, high = (100 * means[end] for end in ("mean", "low", "high"))
+    mean, low, high = (100 * means[end].fillna(means["mean"]) for end in ("mean", "low", "high"))
     style: Any = {"fmt": "o", "ms": 4, "lw": 0.9, "capsize": 2, "color": SERIES[0][0]}
     axes.errorbar(mean, y, xerr=[mean - low, high - mean], label="mean and its 95 % interval", **style)
 

@@ -187,6 +187,24 @@ def test_the_sentence_begins_with_a_verdict(rows, verdict):
     assert answers(rows)[0].startswith(verdict)
 
 
+def test_two_seeds_have_no_interval():
+    two = table(POINTS, seeds=2)
+    assert fronts(two)[["low", "high"]].isna().all(axis=None)
+    said = " ".join(answers(two))
+    assert said.startswith("2 seeds cannot tell whether a refractory period is cheapest; ")
+    assert "costs 4.0 points (2 seeds) at 50 % of the SOPs" in said
+    assert "interval" not in said
+    assert tables(two)["made up"][1].rows["half of the SOPs"].tolist() == [
+        "10 & 10 ms: 10.0 points, 40 % left", "50 %: 4.0 points, 50 % left"
+    ]  # fmt: skip
+
+
+def test_an_accuracy_is_within_0_and_100_percent():
+    rows = spread([(NOTHING, "-", 1000.0, 0.9, 0.9), ("pruning", "50 %", 500.0, 0.5, 0.3)], "pruning", 0.6)
+    low, high = fronts(rows).set_index("way").loc["pruning", ["low", "high"]]
+    assert (low, high) == (0.0, 1.0)
+
+
 def test_no_interval_is_wider_than_all_points():
     sentence, _ = answers(spread(POINTS, "pruning", -0.7))
     assert "(95 % interval -100.0 to 100.0)" in sentence
@@ -220,7 +238,7 @@ def test_few_trials_and_few_seeds_are_told_with_the_remedy():
     ]
     enough = rows.assign(test_trials=60, least_test_trials=15)
     assert cautions(enough) == cautions(table(POINTS)) == []
-    for seeds, words in ((1, "one seed, so there is no interval"), (2, "2 seeds, so intervals are wide")):
+    for seeds, words in ((1, "one seed, so there is no interval"), (2, "2 seeds, so there is no interval")):
         (caution,) = cautions(enough[enough["seed"] < seeds])
         assert caution.startswith(words)
         assert "`repeats=3`" in caution
