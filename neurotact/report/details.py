@@ -14,6 +14,7 @@ import torch
 from neurotact.data.hdf5 import load_spikes
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.windows import Windows
+from neurotact.figures.columns import in_unit
 from neurotact.figures.encoding import Classes
 from neurotact.networks.definition import clock
 from neurotact.networks.training import checkpoint, tasks, trained
@@ -22,7 +23,7 @@ from neurotact.networks.training.trained import LOG, Restored
 from neurotact.networks.training.training import Examples
 from neurotact.report import front
 from neurotact.report.periods import named
-from neurotact.report.tables import LOGGED, confusion, first_member, in_words, kept_epoch
+from neurotact.report.tables import LOGGED, confusion, first_member, in_words_of_split, kept_epoch
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import SPLIT, Cell
 from neurotact.tables import records, write_table
@@ -90,10 +91,12 @@ def cell_details(folder: Path, done: list[Cell], classes: Classes) -> list[dict[
 def cell_name(row: pd.Series) -> str:
     """The name of a cell.
 
-    >>> cell_name(pd.Series({"setting": "mixed", "pair": "1&10", "hidden": 30, "seed": 2, "split.fold": 1}))
-    'mixed, t_ref 1&10 ms, N = 30, seed 2, split fold 1'
+    >>> row = {"setting": "mixed", "pair": "1&10", "hidden": 30, "seed": 2, "split.test_where.force_N": 6.0}
+    >>> cell_name(pd.Series(row))
+    'mixed, t_ref 1&10 ms, N = 30, seed 2, tested force 6 N'
     """
-    split = "".join(f", {in_words(key)} {value}" for key, value in row.items() if str(key).startswith(SPLIT))
+    keys = [str(key) for key in row.index if str(key).startswith(SPLIT)]
+    split = "".join(f", {in_words_of_split(key)} {in_unit(key, row[key])}" for key in keys)
     return f"{row['setting']}, {named(row['pair'])}, N = {row['hidden']}, seed {row['seed']}{split}"
 
 

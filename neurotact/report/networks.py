@@ -9,6 +9,7 @@ import pandas as pd
 
 from neurotact.baselines import opponents
 from neurotact.data.spikes import SpikeTrains
+from neurotact.figures.columns import quantity
 from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
 from neurotact.files import write_json
@@ -21,7 +22,14 @@ from neurotact.report.extra_drawings import extra_drawings
 from neurotact.report.front import Front
 from neurotact.report.network_drawings import network_drawings
 from neurotact.report.page import ANSWER, Entry, Table, plain
-from neurotact.report.tables import afferents_of, extra_tables, first_spikes, with_pair, with_setting
+from neurotact.report.tables import (
+    afferents_of,
+    extra_tables,
+    first_spikes,
+    in_words_of_split,
+    with_pair,
+    with_setting,
+)
 from neurotact.spec import to_toml
 from neurotact.studies import preparation, selection
 from neurotact.studies import study as studies
@@ -29,7 +37,7 @@ from neurotact.studies.encoded import read_encoding
 from neurotact.studies.protocol import HEADS
 from neurotact.studies.selection import Selection
 from neurotact.studies.store import is_done
-from neurotact.studies.study import SPLIT, Cell, StudySpec, cells, setting_columns, swept_columns
+from neurotact.studies.study import SPLIT, Cell, StudySpec, cells, setting_columns, split_columns, swept_columns
 from neurotact.tables import over_seeds, read_table, write_table
 
 DOWNLOADS = {
@@ -138,8 +146,8 @@ def write(study: StudySpec, folder: Path) -> Path:
         seeds=study.sweep.get("seed", [0]),
         data=page.if_there(folder / "data.json"),
         selection=selection_steps.shown(course, study.selection) if course and study.selection else [],
-        networks=networks_table(results.join(spent)),
-        network_heads=[*(NETWORK_COLUMNS | {"pair": f"{periods.head(study)} (ms)"}).values()],
+        networks=networks_table(results.join(spent), study),
+        network_heads=[*network_columns(study).values()],
         means=means_table(results.join(spent), study),
         searches=search.table(trials, results, study),
         conditions=[
@@ -285,13 +293,29 @@ def means_table(results: pd.DataFrame, study: StudySpec) -> Table:
     return Table(f"Means over {over} ± SD (n - 1)", columns, rows, n_heads=3)
 
 
-def networks_table(results: pd.DataFrame) -> list[list[Entry]]:
-    """One row per trained network, with the columns of `NETWORK_COLUMNS`."""
+def network_columns(study: StudySpec) -> dict[str, str]:
+    """The columns of the table of networks and their heads: `NETWORK_COLUMNS`, and after the seed the swept split."""
+    columns = {}
+    for column, head in (NETWORK_COLUMNS | {"pair": f"{periods.head(study)} (ms)"}).items():
+        columns[column] = head
+        if column == "seed":
+            columns |= {key: _head_of_split(key) for key in split_columns(study)}
+    return columns
+
+
+def _head_of_split(key: str) -> str:
+    unit = quantity(key)[1]
+    return f"{in_words_of_split(key)} ({unit})" if unit else in_words_of_split(key)
+
+
+def networks_table(results: pd.DataFrame, study: StudySpec) -> list[list[Entry]]:
+    """One row per trained network, with the columns of `network_columns`."""
     order = results[["t_ref_ra_ms", "t_ref_sa_ms"]].apply(tuple, axis=1).rank(method="dense")
+    columns = list(network_columns(study))
     return [
         [
             Entry(_entry(column, row[column]), int(order[index]) if column == "pair" else plain(row[column]))
-            for column in NETWORK_COLUMNS
+            for column in columns
         ]
         for index, row in results.iterrows()
     ]

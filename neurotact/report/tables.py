@@ -20,6 +20,7 @@ from neurotact.networks.use.ledger import Afferents
 from neurotact.report import periods
 from neurotact.studies.store import cell_folder
 from neurotact.studies.study import SPLIT, Cell, StudySpec
+from neurotact.studies.suited import TESTED
 from neurotact.tables import read_table
 
 EXTRA_TABLES = {
@@ -59,6 +60,18 @@ def with_setting(results: pd.DataFrame, swept: list[str]) -> pd.DataFrame:
         for _, row in results.iterrows()
     ]
     return results.assign(setting=words)
+
+
+def in_words_of_split(key: str) -> str:
+    """A swept key of the split in words.
+
+    >>> in_words_of_split("split.test_where.speed"), in_words_of_split("split.fold"), in_words_of_split("split.seed")
+    ('tested speed', 'fold', 'split seed')
+    """
+    if key.startswith(TESTED):
+        return f"tested {quantity(key.removeprefix(TESTED))[0]}"
+    name = key.removeprefix(SPLIT)
+    return "split seed" if name == "seed" else quantity(name)[0]
 
 
 def in_words(key: str) -> str:

@@ -14,7 +14,7 @@ import torch
 from browser import browser
 from in_process import without_pictures
 from levels import thinned
-from made_run import GRATINGS, SUBSETS, grating_conditions, make_run
+from made_run import GRATINGS, SUBSETS, grating_conditions, make_run, row_of
 
 from neurotact.data.hdf5 import load_spikes
 from neurotact.errors import InputError
@@ -187,6 +187,26 @@ def test_tables_hold_the_numbers(written):
     accuracy = 100 * rows["accuracy_test"]
     assert shown[5] == f"{accuracy.mean():.1f} ± {accuracy.std():.1f}"
     assert Page(written).text.count("10&10") > 4
+
+
+def test_the_row_of_a_network_tells_which_pair_of_conditions_it_tests():
+    sweep = {
+        "split.test_where.force_N & split.test_where.speed_mm_per_s": [[3.0, 8.6], [3.0, 13.7], [12.0, 8.6]],
+        "seed": [0],
+    }
+    what = make_study(sweep=sweep, claims=())
+    rows = [
+        row_of(cell, np.random.default_rng(0))
+        | {"early_ms": 1.0}
+        | {f"split.test_where.{column}": value for column, value in cell.split.test_where.items()}
+        for cell in study.cells(what)
+    ]
+    results = tables.with_setting(tables.with_pair(pd.DataFrame(rows), what), study.setting_columns(what))
+    heads = [*networks.network_columns(what).values()]
+    shown = [[entry.text for entry in row] for row in networks.networks_table(results, what)]
+    assert {len(row) for row in shown} == {len(heads)}
+    places = [heads.index(head) for head in ("tested force (N)", "tested speed (mm/s)")]
+    assert [[row[place] for place in places] for row in shown] == [["3.0", "8.6"], ["3.0", "13.7"], ["12.0", "8.6"]]
 
 
 @pytest.mark.thorough

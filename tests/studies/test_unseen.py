@@ -81,6 +81,8 @@ def test_the_report_says_what_is_lost_and_gained(run):
     assert 'id="conditions"' in page
     for words in ("speed = 1", "speed = 2", "speed = 3", "at trained conditions (%)", "Each kind of varied copies"):
         assert words in page
+    _, _, trained = page.partition("Every trained network (")
+    assert "tested speed" in re.findall(r"<th[^>]*>([^<]*)</th>", trained.partition("</thead>")[0])
     _, _, by_class = page.partition("Each class by the best network")
     heads = re.findall(r"<th[^>]*>([^<]*)</th>", by_class.partition("</table>")[0])
     assert heads == ["class", "speed = 1", "speed = 2", "speed = 3", "hard", "soft"]
