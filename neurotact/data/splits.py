@@ -408,7 +408,9 @@ def validation_note(
 
 
 def check_stratify(conditions: pd.DataFrame, stratify: Iterable[str] | None, spec: SplitSpec) -> None:
-    """NoEffectError for conditions to balance where no side of the split is drawn at random."""
+    """InputError for an unknown condition to balance; NoEffectError where no side of the split is drawn at random."""
+    for column in stratify or ():
+        _known(conditions, column, "`stratify`")
     effects.check(stratify=[*(stratify or ())], drawn=not turns_of(conditions, spec))
 
 

@@ -506,7 +506,7 @@ def cells(study: StudySpec) -> Iterator[Cell]:
             chosen |= calibrated.start(point)
         cell = specs.build(Cell, specs.override(base, chosen), source=f"sweep of {study.title}")
         cell = _augmented(cell)
-        balancing.columns_of(cell.balance, cell.split, cell.source["stratify"])
+        balancing.columns_of(cell.balance, cell.split, cell.source["stratify"], balancing.SETTINGS)
         cell = cell.model_copy(update={"encoded_ms": None if study.past_windows else reach_ms(cell)})
         _check_source(cell, study)
         yield cell

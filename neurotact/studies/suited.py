@@ -236,9 +236,9 @@ def _of_balance(table: Mapping[str, Any], recorded: Recorded) -> list[str]:
     """What the balance of training trials changes in the first test."""
     stratify = table.get("dataset", {}).get("stratify", ())
     first = _tested(table)[0]
-    columns = balancing.columns_of(table["balance"], first, stratify)
+    columns = balancing.columns_of(table["balance"], first, stratify, balancing.SETTINGS)
     training = recorded.conditions.iloc[split_conditions(recorded.conditions, stratify, first).train]
-    line = balancing.note(training, table["balance"], columns)
+    line = balancing.note(training, table["balance"], columns, balancing.SETTINGS)
     return [f"{line[0].upper()}{line[1:]}."]
 
 

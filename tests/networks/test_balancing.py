@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from in_process import typed
 
 import neurotact as nt
+from neurotact.cli.words import in_options, options_of
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import from_rasters
@@ -89,7 +90,7 @@ def test_training_differs_where_classes_do_and_is_the_same_where_they_do_not(tmp
             nt.train(path, tmp_path / f"{n_silk}-{balance}", "rsnn", SMALL, **how)
         weights = [(tmp_path / f"{n_silk}-{name}" / "weights.safetensors").read_bytes() for name in ("none", "classes")]
         assert (weights[0] != weights[1]) == changes
-        assert any("balance` changes nothing" in str(line) for line in lines) != changes
+        assert any("`balance='classes'` changes nothing" in str(line) for line in lines) != changes
         assert any("so that each class counts the same" in str(line) for line in lines) == changes
 
 
@@ -98,7 +99,29 @@ def test_conditions_that_no_split_names_are_refused(tmp_path):
     words = f"train {path} -o {tmp_path / 'run'} --network rsnn --window-ms 60 --balance conditions"
     done = typed(*words.split())
     assert done.code == 2
-    assert "--balance: 'conditions' balances those that the split names, and it names none" in done.err
+    assert done.err.endswith(
+        "neurotact: --balance conditions: balances the conditions that the split names, and it names none; give "
+        "--balance classes, or a condition with --test-where, --group or --stratify\n"
+    )
+
+
+def test_a_study_names_what_is_typed_to_balance(tmp_path):
+    path = touches(tmp_path / "equal.h5", 24)
+    words = f"study run own-recordings --data {path} -o {tmp_path / 'run'} --set balance=conditions"
+    assert typed(*words.split()).err.endswith(
+        "neurotact: --set balance=conditions: balances the conditions that the split names, and it names none; give "
+        "--set balance=classes, or a condition with --test-where, --group or --set dataset.stratify=...\n"
+    )
+    notes = loading.resolve("own-recordings", {"balance": "classes"}, data=path).notes
+    said = [in_options(note, options_of(["study", "run"])) for note in notes]
+    assert "Training: --set balance=classes changes nothing, since each class has as many windows already." in said
+
+
+@pytest.mark.parametrize("command", ["train {} -o run --window-ms 60", "tune {} -o run --window-ms 60"])
+def test_an_unknown_condition_to_stratify_is_named_as_it_is_typed(tmp_path, command):
+    path = spikes_of(tmp_path / "spikes.h5", 9)
+    done = typed(*command.format(path).split(), "--network", "rsnn", "--stratify", "sped", cwd=tmp_path)
+    assert done.err.endswith("neurotact: --stratify: there is no condition 'sped'; did you mean 'speed'?\n")
 
 
 def touches(path, n_silk=9):
@@ -119,10 +142,10 @@ def test_a_study_weights_each_network_and_keeps_its_seeds(tmp_path):
     assert [cell.seeds for cell in cells[0]] == [cell.seeds for cell in cells[1]]
     assert not any("count" in note and "class" in note for note in plain.notes)
     assert any("times, so that each class counts the same" in note for note in balanced.notes)
-    with pytest.raises(InputError, match="'conditions' balances those that the split names"):
+    with pytest.raises(InputError, match="balances the conditions that the split names"):
         loading.resolve("own-recordings", {"balance": "conditions"}, data=path)
     each = {"balance": "conditions", "sweep.split.test_where.speed": [0, 1, 2]}
     assert any("each class, and within it each speed" in note for note in loading.resolve(
         "own-recordings", each, data=path).notes)  # fmt: skip
     equal = loading.resolve("own-recordings", {"balance": "classes"}, data=touches(tmp_path / "equal.h5", 24))
-    assert any("`balance` changes nothing" in note for note in equal.notes)
+    assert any("`settings={'balance': 'classes'}` changes nothing" in note for note in equal.notes)

@@ -6,7 +6,7 @@ by the inverse of the number of windows like it, as by scikit-learn's `class_wei
 """
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -20,7 +20,20 @@ WITHIN = 1e-9
 """Relative difference of equal weights, by rounding."""
 
 
-def columns_of(balance: Balance, split: SplitSpec, stratify: Sequence[str]) -> list[str]:
+class Words(NamedTuple):
+    """How the user writes the balance, with a place for it, and the conditions to stratify."""
+
+    balance: str
+    stratify: str
+
+
+ARGUMENTS = Words("`balance='{}'`", "`stratify`")
+"""The parameters of functions that train a network."""
+SETTINGS = Words("`settings={{'balance': '{}'}}`", "`settings={'dataset.stratify': ...}`")
+"""The keys of a study."""
+
+
+def columns_of(balance: Balance, split: SplitSpec, stratify: Sequence[str], words: Words = ARGUMENTS) -> list[str]:
     """The conditions that `conditions` balances: those that the split names; none for another balance.
 
     stratify: conditions that are balanced over the sides of the split. Raises InputError if the split names none.
@@ -33,8 +46,8 @@ def columns_of(balance: Balance, split: SplitSpec, stratify: Sequence[str]) -> l
     columns = [*dict.fromkeys([*split.test_where, *split.group, *stratify])]
     if not columns:
         raise InputError(
-            "`balance`: 'conditions' balances those that the split names, and it names none; give "
-            "`balance='classes'`, or a condition to test, to group by or to stratify"
+            f"{words.balance.format(balance)}: balances the conditions that the split names, and it names none; give "
+            f"{words.balance.format('classes')}, or a condition with `test_where`, `group` or {words.stratify}"
         )
     return columns
 
@@ -61,16 +74,17 @@ def weights(conditions: pd.DataFrame, balance: Balance, columns: Sequence[str]) 
     return None if np.ptp(found) <= WITHIN else found
 
 
-def note(conditions: pd.DataFrame, balance: Balance, columns: Sequence[str]) -> str:
+def note(conditions: pd.DataFrame, balance: Balance, columns: Sequence[str], words: Words = ARGUMENTS) -> str:
     """What a balance does to training windows, in one line; arguments as of `weights`.
 
     >>> table = pd.DataFrame({"label": ["felt", "felt", "felt", "silk"]})
     >>> note(table, "classes", []), note(table[2:], "classes", [])
-    ('training: windows count 0.667 to 2 times, so that each class counts the same', 'training: `balance` changes nothing, since each class has as many windows already')
+    ('training: windows count 0.667 to 2 times, so that each class counts the same', "training: `balance='classes'` changes nothing, since each class has as many windows already")
     """  # noqa: E501
     found = weights(conditions, balance, columns)
     what = f"each class at each {' and '.join(columns)}" if columns else "each class"
     if found is None:
-        return f"training: `balance` changes nothing, since {what} has as many windows already"
+        asked = words.balance.format(balance)
+        return f"training: {asked} changes nothing, since {what} has as many windows already"
     within = f"each class, and within it each {' and '.join(columns)}," if columns else what
     return f"training: windows count {found.min():.3g} to {found.max():.3g} times, so that {within} counts the same"
