@@ -474,6 +474,7 @@ def _of_front(study: StudySpec, front: Front, trains: SpikeTrains | None) -> Ite
     yield from front.lost
     if trains is not None:
         yield from cautions.few_test_trials(front.sides.tested, study.split)
+    if trains is not None and (one.best.exits or one.cheapest.exits):
         yield from cautions.few_for_exit(front.sides.trials.validation, study.early_exit.tolerance)
 
 

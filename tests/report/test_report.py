@@ -509,6 +509,24 @@ def test_what_to_beware_of_is_told_with_the_number_of_networks(tmp_path):
     assert any(line.startswith("24 of 24 networks: training stopped after epoch 20, its last") for line in cautions)
 
 
+@pytest.mark.usefixtures("text_alone")
+@pytest.mark.parametrize(("trials", "saved_ms", "is_told"), [(4, 80, False), (7, 80, True), (7, 0, False)])
+def test_few_validation_trials_are_told_where_early_exit_decides(tmp_path, trials, saved_ms, is_told):
+    """With 14 of them the answer uses whole windows, with 25 early exit, unless it saves nothing."""
+    sweep = {"encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1]], "network.hidden": [20], "seed": [0]}
+    what = make_study(sweep=sweep, claims=(), dataset={"simulate": "gratings", "subsets": {"mixed": {}}})
+    make_run(what, tmp_path, grating_conditions(trials=trials))
+    table = pd.read_csv(tmp_path / "results.csv")
+    if not saved_ms:
+        table["exit_steps"], table["exit_sops_total"] = table["window_steps"], table["sops_total"]
+    table.assign(exit_accuracy_validation=0.9).to_csv(tmp_path / "results.csv", index=False)
+    networks.write(what, tmp_path)
+    answer = read_json(tmp_path / "answer.json")
+    assert answer["answers"][0]["used"] == ("early" if is_told else "whole")
+    assert any(line.startswith("early exit was chosen on 25") for line in answer["cautions"]) == is_told
+    assert any(line.startswith("early exit was chosen on") for line in answer["cautions"]) == is_told
+
+
 def test_classes_stand_in_their_natural_order():
     encoding = pd.DataFrame({"label": ["class 10", "class 2", "class 1"]})
     assert name_classes(encoding, None).order == ("class 1", "class 2", "class 10")
