@@ -54,6 +54,7 @@ class Sides(NamedTuple):
 class Front(NamedTuple):
     """The first screen for one data set.
 
+    split: that of the first training, one of several where a study sweeps it.
     cells: for each network the row of `results.csv` that stands for it. untold: what validation cannot choose, else
     empty. figures: of the best network. chosen: which one that is. details: the answer in words, after the headline.
     table: every way that a sentence names. lost: the losses of accuracy. classes: of `robustness.by_class`, for the
@@ -63,6 +64,7 @@ class Front(NamedTuple):
     setting: str
     answer: Answer
     sides: Sides
+    split: SplitSpec
     networks: list[Network]
     cells: list[int]
     untold: str
@@ -311,6 +313,7 @@ def fronts(
             str(setting),
             answer,
             sides,
+            split,
             networks,
             standing,
             unranked,
@@ -473,7 +476,7 @@ def _of_front(study: StudySpec, front: Front, trains: SpikeTrains | None) -> Ite
         yield from cautions.not_learned(one.best.whole.accuracy, one.interval[0], one.guess)
     yield from front.lost
     if trains is not None:
-        yield from cautions.few_test_trials(front.sides.tested, study.split)
+        yield from cautions.few_test_trials(front.sides.tested, front.split)
     if trains is not None and (one.best.exits or one.cheapest.exits):
         yield from cautions.few_for_exit(front.sides.trials.validation, study.early_exit.tolerance)
 

@@ -91,6 +91,18 @@ def test_the_report_says_what_is_lost_and_gained(run):
     assert any(line.startswith("At untrained conditions the network is right in") for line in answer["details"])
 
 
+def test_where_each_value_is_tested_no_folds_are_advised(tmp_path):
+    """Every trial is a test trial already, and `--folds` is refused beside `--leave-out-each`."""
+    path = presses(tmp_path / "touches.h5", speeds=(1, 2), each=2)
+    given = {**FEW, "augmentation.kind": "none", "baselines": "none"}
+    with studies_here() as patch:
+        without_pictures(patch)
+        nt.run_study("own-recordings", tmp_path / "run", given, data=path, leave_out_each="speed")
+    (few,) = [line for line in nt.study_answer(tmp_path / "run")["cautions"] if "test trials" in line]
+    assert few.startswith("2 of 2 classes have fewer than 5 test trials")
+    assert few.endswith("; record more")
+
+
 def test_costs_are_of_the_afferents_of_each_turn(run, tmp_path):
     cell = next(study.cells(runner.load(run)))
     turns = [cell.model_copy(update={"encoded_ms": end_ms}) for end_ms in (300.0, 301.0, 302.0)]
