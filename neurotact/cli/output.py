@@ -15,6 +15,8 @@ from neurotact.cli.words import as_typed
 from neurotact.tables import to_json
 
 console = Console(soft_wrap=True, highlight=False)
+WIDEST = 10_000
+"""Characters of a line in which no table is folded."""
 
 
 def show(what: str | pd.DataFrame) -> None:
@@ -42,15 +44,24 @@ def print_json(table: pd.DataFrame) -> None:
 
 
 def print_table(frame: pd.DataFrame, title: str | None = None, least_width: int = 0) -> None:
-    """Print a table without rules, a row per row of `frame`.
+    """Print a table without rules, a row per row of `frame`; what is too wide is folded, first the names of columns.
 
     least_width: characters of a line that it may have where the terminal is narrower.
     """
-    table = Table(*map(str, frame.columns), title=title, title_justify="left", box=None)
+    wide = Console(soft_wrap=True, highlight=False, width=max(console.width, least_width))
+    table = _table(frame, title)
+    if wide.measure(table, options=wide.options.update(max_width=WIDEST)).maximum > wide.width:
+        table = _table(frame.rename(columns=lambda name: str(name).replace("_", "_\n")), title)
+    wide.print(table)
+
+
+def _table(frame: pd.DataFrame, title: str | None) -> Table:
+    table = Table(title=title, title_justify="left", box=None)
+    for column in frame.columns:
+        table.add_column(str(column), overflow="fold")
     for row in frame.itertuples(index=False):
         table.add_row(*map(_shown, row))
-    wide = Console(soft_wrap=True, highlight=False, width=max(console.width, least_width))
-    wide.print(table)
+    return table
 
 
 def _shown(value: Any) -> str:

@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from neurotact import cli
-from neurotact.cli import app
+from neurotact.cli import app, output
 from neurotact.data import hdf5
 from neurotact.data.spikes import from_rasters
 from neurotact.data.splits import SplitSpec
@@ -140,6 +140,20 @@ def test_each_speed_is_tested_by_a_network_that_has_not_seen_it(at_speeds, tmp_p
     assert "over 3 splits" in done.stdout
     table = pd.read_csv(tmp_path / "run" / "splits.csv", comment="#")
     assert table["left_out"].tolist() == ["speed = 150", "speed = 300", "speed = 450"]
+
+
+@pytest.mark.parametrize("width", [80, 200])
+def test_no_name_of_a_folder_is_cut(monkeypatch, capsys, width):
+    monkeypatch.setattr(output.console, "width", width)
+    folders = [f"{number}-speed_mm_per_s-{number}.6-force_N-12.0" for number in range(3)]
+    row = {"accuracy_validation": 0.3333, "accuracy_test": 0.5, "baseline": 0.525, "sops_total": 167.6}
+    output.show(pd.DataFrame([{"folder": folder, **row, "exit_steps": 600.0} for folder in folders]))
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= width
+    first = "".join(line[1:].split("  ")[0] for line in lines)
+    assert "…" not in "".join(lines)
+    assert first.strip() == f"folder{''.join(folders)}"
+    assert (len(lines) == 4) == (width == 200)  # folded only where it has to be
 
 
 def test_further_seeds_of_two_tested_values_give_no_interval(at_speeds, tmp_path, monkeypatch):
