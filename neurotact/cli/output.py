@@ -14,7 +14,9 @@ from neurotact.api.recordings import Recordings, SpikeTrains
 from neurotact.cli.words import as_typed
 from neurotact.tables import to_json
 
-console = Console(soft_wrap=True, highlight=False)
+PLAIN: Any = {"soft_wrap": True, "highlight": False, "markup": False, "emoji": False}
+"""Text is printed as it is: a class may be called `[red]` or `:tada:`."""
+console = Console(**PLAIN)
 WIDEST = 10_000
 """Characters of a line in which no table is folded."""
 
@@ -48,7 +50,7 @@ def print_table(frame: pd.DataFrame, title: str | None = None, least_width: int 
 
     least_width: characters of a line that it may have where the terminal is narrower.
     """
-    wide = Console(soft_wrap=True, highlight=False, width=max(console.width, least_width))
+    wide = Console(**PLAIN, width=max(console.width, least_width))
     table = _table(frame, title)
     if wide.measure(table, options=wide.options.update(max_width=WIDEST)).maximum > wide.width:
         table = _table(frame.rename(columns=lambda name: str(name).replace("_", "_\n")), title)

@@ -156,6 +156,12 @@ def test_no_name_of_a_folder_is_cut(monkeypatch, capsys, width):
     assert (len(lines) == 4) == (width == 200)  # folded only where it has to be
 
 
+def test_a_name_with_brackets_or_colons_is_printed_as_it_is(capsys):
+    names = ["[red]felt", "[/b]", ":tada:", "[felt]"]
+    output.show(pd.DataFrame({"[dim]label": names}))
+    assert [line.strip() for line in capsys.readouterr().out.splitlines()] == ["[dim]label", *names]
+
+
 def test_further_seeds_of_two_tested_values_give_no_interval(at_speeds, tmp_path, monkeypatch):
     given = ["--where", "speed=150,300", "--leave-out-each", "speed", "--repeats", "2"]
     said = in_process.typed("train", at_speeds, "-o", tmp_path / "run", *COMMAND.split(), *given).out
