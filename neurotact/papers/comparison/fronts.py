@@ -19,21 +19,34 @@ LONGEST = f"{REFRACTORY}, {LONGEST_STEPS}"
 PERIODS = (REFRACTORY, LONGEST)
 """The ways of a refractory period: with the network's clock of the recipe, and with the slowest that it allows."""
 HALF = 0.5
-COSTS = {"sops_total": "SOPs per window", "energy_estimate_nJ": "energy estimate (nJ)", "signal_ms": "signal (ms)"}
-"""The costs of a decision, with their axis labels."""
-SHORT = {"sops_total": "SOPs", "energy_estimate_nJ": "nJ", "signal_ms": "ms"}
-SOPS, ENERGY = "sops_total", "energy_estimate_nJ"
-ANSWERED = {SOPS: "SOPs", ENERGY: "energy"}
-"""The costs of which half is saved in a sentence of their own, and what they are called there."""
+SOPS, ENERGY, SIGNAL = "sops_total", "energy_estimate_nJ", "signal_ms"
 EVENTS = "events"
 """In the column `afferents` of results: there are none."""
 
 
-def fronts(results: pd.DataFrame, cost: str = "sops_total") -> pd.DataFrame:
+class Cost(NamedTuple):
+    """What a cost of a decision is called: in a sentence, after a number and as the head of a column, on an axis."""
+
+    called: str
+    unit: str
+    axis: str
+
+
+COSTS = {
+    SOPS: Cost("SOPs", "SOPs", "SOPs per window"),
+    ENERGY: Cost("energy", "nJ", "energy estimate (nJ)"),
+    SIGNAL: Cost("time", "ms", "signal (ms)"),
+}
+"""The costs of a decision, by their columns."""
+ANSWERED = (SOPS, ENERGY)
+"""Those of which half is saved in a sentence of their own."""
+
+
+def fronts(results: pd.DataFrame, cost: str = SOPS) -> pd.DataFrame:
     """A row for each set, way and setting: means over seeds, intervals, and whether it is on the Pareto fronts.
 
-    results: rows with set, way, setting, seed, n_train, n_test, both accuracies, sops_total, energy_estimate_nJ and
-        signal_ms. cost: the key of `COSTS` for the fronts.
+    results: rows with set, way, setting, seed, n_train, n_test, both accuracies, and the columns of `COSTS`. cost: the
+        one of these for the fronts.
     Columns: low, high (95 % interval of the accuracy, NaN for one or two seeds); share (of the SOPs of `NOTHING`);
     on_own_front (no point of its way, nor `NOTHING`, dominates it) and on_front (no point of the set dominates it).
     """
@@ -63,8 +76,7 @@ def _on_front(table: pd.DataFrame, cost: str, score: str = "accuracy_test") -> n
 def _point(key: object, part: pd.DataFrame, base: pd.DataFrame) -> dict:
     way, setting = key  # pyright: ignore[reportGeneralTypeIssues]
     interval = interval_of(part["accuracy_test"].to_numpy(), part, SHARES)
-    measures = ("accuracy_validation", "sops_total", "energy_estimate_nJ", "signal_ms")
-    means = {name: float(part[name].mean()) for name in measures}
+    means = {name: float(part[name].mean()) for name in ("accuracy_validation", *COSTS)}
     return {"way": way, "setting": setting, "seeds": len(part), "accuracy_test": interval.mean, "low": interval.low,
             "high": interval.high, **means, "share": _share(part, base)}  # fmt: skip
 
@@ -133,7 +145,7 @@ def _halves(rows: pd.DataFrame) -> Listed:
             {
                 "way": ways,
                 **{
-                    f"half of the {SHORT[cost]}": [_half_in_words(halves.get(way)) for way in ways]
+                    f"half of the {COSTS[cost].unit}": [_half_in_words(halves.get(way)) for way in ways]
                     for cost, halves in found.items()
                 },
             }
@@ -157,11 +169,13 @@ def _listed(rows: pd.DataFrame) -> Listed:
     """
     points = fronts(rows)
     on_front = {cost: _on_front(points, cost, "accuracy_validation") for cost in COSTS}
-    points["front"] = [", ".join(SHORT[cost] for cost in COSTS if on_front[cost][row]) for row in range(len(points))]
+    points["front"] = [
+        ", ".join(called.unit for cost, called in COSTS.items() if on_front[cost][row]) for row in range(len(points))
+    ]
     points["is_base"] = points["way"] == NOTHING
     shown = points[points["is_base"] | ((points["front"] != "") & (points["accuracy_validation"] > _guess(rows)))]
     shown = shown.sort_values(
-        ["is_base", "accuracy_validation", "sops_total"], ascending=[False, False, True], kind="stable"
+        ["is_base", "accuracy_validation", SOPS], ascending=[False, False, True], kind="stable"
     ).drop_duplicates(["accuracy_validation", "accuracy_test", *COSTS])
     return Listed(
         "The front, from the best network down: no other setting has both a higher validation accuracy and fewer SOPs, "
@@ -170,7 +184,7 @@ def _listed(rows: pd.DataFrame) -> Listed:
             {
                 "how it is reached": [_point_name(*key) for key in zip(shown["way"], shown["setting"], strict=True)],
                 **{name: shown[name].to_numpy() for name in ("accuracy_test", "low", "high")},
-                **{SHORT[cost]: shown[cost].to_numpy() for cost in COSTS},
+                **{called.unit: shown[cost].to_numpy() for cost, called in COSTS.items()},
                 "on the front of": shown["front"].to_numpy(),
             }
         ),
@@ -252,7 +266,8 @@ def answers(results: pd.DataFrame, share: float = HALF) -> list[str]:
         if unfit := _unfit(rows):
             sentences.append(f"{name}: {unfit}" if several else _capital(unfit))
             continue
-        for cost, called in ANSWERED.items():
+        for cost in ANSWERED:
+            called = COSTS[cost].called
             heads = [str(name)] * several + [called if several else _capital(called)] * (cost != SOPS)
             text = _answer(rows, share, cost)
             sentences.append(f"{', '.join(heads)}: {text}" if heads else _capital(text))
@@ -275,10 +290,10 @@ def _unfit(rows: pd.DataFrame) -> str:
 
 def _answer(rows: pd.DataFrame, share: float, cost: str) -> str:
     base = rows[rows["way"] == NOTHING]
-    ways, called = halved(rows, share, cost), ANSWERED[cost]
+    ways, called = halved(rows, share, cost), COSTS[cost].called
     head = (
         f"a network that saves nothing has {_percent(base['accuracy_test'].mean())} at {base[cost].mean():,.0f} "
-        f"{SHORT[cost]}{afferents_in_words(base) if cost == ENERGY else ''}; "
+        f"{COSTS[cost].unit}{afferents_in_words(base) if cost == ENERGY else ''}; "
     )
     of_them = "of them" if cost == SOPS else "of it"
     if not ways:
@@ -347,7 +362,7 @@ def _too_little(rows: pd.DataFrame, base: pd.DataFrame, cost: str) -> str:
     setting, share = _bare(str(most["setting"].iloc[0])), _percent(_share(most, base, cost))
     return (
         f"no refractory period that was tried saves as much: {setting} {verb} {_points(lost, most)} at {share} of the "
-        f"{ANSWERED[cost]}"
+        f"{COSTS[cost].called}"
     )
 
 

@@ -66,7 +66,7 @@ def _draw_set(axes: Axes, points: pd.DataFrame, ways: list[str], cost: str) -> N
     style: Any = {"where": "post", "color": MUTED, "ls": "--", "lw": 0.8, "zorder": 0}
     axes.step(front[cost], front["accuracy_test"], label="front of all ways", **style)
     axes.plot([], [], "o", mfc="none", color=MUTED, ms=4.5, label="beaten by its own way")
-    axes.set(xlabel=COSTS[cost], ylabel="test accuracy")
+    axes.set(xlabel=COSTS[cost].axis, ylabel="test accuracy")
     if cost == SOPS:
         axes.set_xscale("log")
         write_out_log_ticks(axes.xaxis)

@@ -186,10 +186,10 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
             "nothing to a lower cost.",
         )
         return
-    for cost, called in fronts.ANSWERED.items():
+    for cost in fronts.ANSWERED:
         yield Drawn(
             "ways-to-save" if cost == fronts.SOPS else "ways-to-save-energy",
-            f"Accuracy over {called}, way by way",
+            f"Accuracy over {fronts.COSTS[cost].called}, way by way",
             draw_fronts(fronts.fronts(shown, cost), cost),
             f"{mean} {joined}{' Energy is an estimate of the arithmetic.' if cost == fronts.ENERGY else ''}",
             "A panel per set; each way is a line of marks from the network that saves nothing to a lower cost.",

@@ -13,7 +13,6 @@ from neurotact.papers.comparison.fronts import (
     LONGEST,
     NOTHING,
     REFRACTORY,
-    SHORT,
     answers,
     cautions,
     fronts,
@@ -265,11 +264,11 @@ def test_the_list_is_the_front_of_each_cost_from_the_best_down(points):
     for cost in COSTS:
         on_it = pareto_front(rows[cost].to_numpy(), rows["accuracy_validation"].to_numpy())
         wanted = {tuple(row) for row in rows.loc[on_it & (rows["accuracy_validation"] > 0), keys].to_numpy()}
-        listed = shown[shown["on the front of"].str.split(", ").map(lambda names, cost=cost: SHORT[cost] in names)]
-        costs = {tuple(row) for row in listed[list(SHORT.values())].to_numpy()}
+        listed = shown[shown["on the front of"].str.split(", ").map(lambda names, cost=cost: COSTS[cost].unit in names)]
+        costs = {tuple(row) for row in listed[[cost.unit for cost in COSTS.values()]].to_numpy()}
         assert {row[:-1] for row in wanted} <= costs | {tuple(rows.loc[0, list(COSTS)])}
     order = [
         rows.loc[(rows[list(COSTS)] == row).all(axis=1), "accuracy_validation"].max()
-        for row in shown[list(SHORT.values())].iloc[1:].to_numpy()
+        for row in shown[[cost.unit for cost in COSTS.values()]].iloc[1:].to_numpy()
     ]
     assert order == sorted(order, reverse=True) or len(set(map(tuple, rows[list(COSTS)].to_numpy()))) < len(rows)
