@@ -11,10 +11,13 @@ from in_process import typed
 import neurotact as nt
 from neurotact.cli.words import in_options, options_of
 from neurotact.data import hdf5
+from neurotact.data.augmentation import AugmentationSpec
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import from_rasters
 from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
+from neurotact.encoders import specs
+from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import Counts
 from neurotact.networks.definition.specs import TrainingSpec
@@ -80,6 +83,20 @@ def test_copies_and_windows_are_weighted_by_their_trial(tmp_path):
     assert test.weights is None
     for label in train.labels.unique():
         assert float(train.weights[train.labels == label].sum()) == pytest.approx(len(train.labels) / 2)
+
+
+def test_the_note_counts_windows_without_a_raster(tmp_path, monkeypatch):
+    recordings = hdf5.load_recordings(touches(tmp_path / "touches.h5"))
+    encoded = encode_recordings(
+        recordings, specs.resolve("sa1-ra1-lif"), augmentation=AugmentationSpec(kind="gain", copies=2)
+    )
+    task = Task(window=WindowSpec(length_ms=300), balance="classes", augmentation="gain")
+    train = tasks.sides_of(encoded, task).train
+    assert len(train.labels) == 3 * len(tasks.trials_of(encoded, task).train)  # with two copies of each
+    monkeypatch.setattr(type(encoded), "raster", lambda *_: pytest.fail("a raster was made"))
+    (line,) = tasks.balance_note(encoded, task)
+    assert train.weights is not None
+    assert f"windows count {float(train.weights.min()):.3g} to {float(train.weights.max()):.3g} times" in line
 
 
 def test_training_differs_where_classes_do_and_is_the_same_where_they_do_not(tmp_path):

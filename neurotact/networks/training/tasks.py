@@ -1,7 +1,7 @@
 """What a network is trained and tested on: the windows of the trials on each side of a split."""
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -153,23 +153,38 @@ def balance_note(trains: SpikeTrains, task: Task) -> list[str]:
     """What the balance of a task changes, in one line; none without one."""
     if task.balance == "none":
         return []
-    _, of = _with_copies(trains, task, trials_of(trains, task).train)
+    of = np.concatenate([cut.trial for cut in _cuts(trains, task, trials_of(trains, task).train)])
     return [balancing.note(trains.conditions.iloc[of], task.balance, task.balanced_columns)]
+
+
+class _Cut(NamedTuple):
+    """Windows of spike trains, and the recorded trial that each is of, or of whose copy: `(window,)`."""
+
+    trains: SpikeTrains
+    windows: Windows
+    trial: np.ndarray
+
+
+def _cuts(trains: SpikeTrains, task: Task, trials: np.ndarray) -> Iterator[_Cut]:
+    """The windows of some trials for training or validation, then those of their varied copies."""
+    own = trains.cut(task.training_window, trials)
+    yield _Cut(trains, own, own.trial)
+    if task.augmentation == NONE:
+        return
+    if trains.variations is None:
+        raise InputError(f"spikes: hold no varied copies, and training asks for '{task.augmentation}'; encode them")
+    varied = trains.variations.trains
+    windows = varied.cut(task.training_window, trains.variations.rows(trials, task.augmentation))
+    yield _Cut(varied, windows, trains.variations.of[windows.trial])
 
 
 def _with_copies(trains: SpikeTrains, task: Task, trials: np.ndarray) -> tuple[Examples, np.ndarray]:
     """The windows of some trials for training or validation, and of their varied copies; the trial of each window."""
-    recorded, own = examples_of(trains, trials, task.training_window)
-    if task.augmentation == NONE:
-        return recorded, own.trial
-    if trains.variations is None:
-        raise InputError(f"spikes: hold no varied copies, and training asks for '{task.augmentation}'; encode them")
-    rows = trains.variations.rows(trials, task.augmentation)
-    varied, windows = examples_of(trains.variations.trains, rows, task.training_window)
-    of = trains.variations.of[windows.trial]
-    labels = torch.from_numpy(trains.labels[of])
-    every = Examples(torch.cat([recorded.spikes, varied.spikes]), torch.cat([recorded.labels, labels]))
-    return every, np.concatenate([own.trial, of])
+    cuts = [*_cuts(trains, task, trials)]
+    rasters = [torch.from_numpy(cut.trains.raster(cut.windows)) for cut in cuts]
+    of = np.concatenate([cut.trial for cut in cuts])
+    spikes = rasters[0] if len(rasters) == 1 else torch.cat(rasters)
+    return Examples(spikes, torch.from_numpy(trains.labels[of])), of
 
 
 def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Split:
