@@ -102,9 +102,10 @@ def _with_swept_seeds(given: Mapping[str, Any]) -> dict[str, Any]:
     """The keys with all given seeds as `sweep.seed`: each seed has its own split."""
     wrong = [key for key in given if key.removeprefix("sweep.").startswith("split") and key != SPLITS]
     if wrong:
+        asked = "`leave_out_each`" if wrong[0].startswith(f"sweep.{suited.TESTED}") else wrong[0]
         raise InputError(
-            f"{wrong[0]}: this study draws its test trials at random, 15 % for each seed, and `order`, `folds` and "
-            "`test_where` do not apply; give `group` or `repeats`, or leave it out"
+            f"{asked}: this study draws its test trials at random, 15 % for each seed, and `order`, `folds`, "
+            "`test_where` and `leave_out_each` do not apply; give `group` or `repeats`, or leave it out"
         )
     if SPLITS in given and "seed" in given:
         raise InputError("`repeats`: each seed has its own split, and seed is also given; give only one of them")

@@ -339,7 +339,8 @@ def test_taxels_whose_names_end_alike_are_taxels_of_their_own(tmp_path):
     ("changes", "words"),
     [
         ({"split.folds": 3}, "split.folds: this study draws its test trials at random, 15 % for each seed"),
-        ({"split.order": "trial"}, "`order`, `folds` and `test_where` do not apply"),
+        ({"split.order": "trial"}, "`order`, `folds`, `test_where` and `leave_out_each` do not apply"),
+        ({"sweep.split.test_where.day & split.test_where.speed": [[1, 2]]}, "`leave_out_each`: this study draws"),
         ({"split.test_where": {"subject": "s1"}}, "split.test_where: this study draws"),
         ({"sweep.split.fold": [0, 1]}, "sweep.split.fold: this study draws"),
         ({"split.group": ["person"]}, "`group`: there is no condition 'person'; known: label, subject"),
