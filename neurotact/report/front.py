@@ -293,8 +293,8 @@ def fronts(
         baselines = baselines_of(study, tables, rows.iloc[0].to_dict())
         compare = _comparing(study, folder, done, rows, tables)
         answer = answers.answer(networks, baselines, guess, sides.trials, compare)
-        split = first_of_splits[0].split
-        lost = [*answers.gaps(answer, likely_cause(split))]
+        splits = [cell.split for cell in first_of_splits]
+        lost = [*answers.gaps(answer, likely_cause(splits))]
         if "encoder" not in rows:  # else the table of encoders tells it
             lost += answers.where_lost(answer, baselines)
         saved = answers.of_refractory_periods(answer, networks)
@@ -313,7 +313,7 @@ def fronts(
             str(setting),
             answer,
             sides,
-            split,
+            splits[0],
             networks,
             standing,
             unranked,
@@ -358,12 +358,20 @@ def representative(rows: pd.DataFrame, network: Network) -> int:
     return int(ordered[(len(ordered) - 1) // 2])
 
 
-def likely_cause(split: SplitSpec) -> str:
+def likely_cause(splits: Sequence[SplitSpec]) -> str:
     """Why test trials may differ from validation trials, by the way in which they are chosen.
 
-    >>> likely_cause(SplitSpec(test_where={"speed": 150}))
+    splits: of all trainings, which may test one value of a condition after the other.
+
+    >>> likely_cause([SplitSpec(test_where={"speed": 150})])
     'test trials have speed = 150, validation trials have not'
+    >>> likely_cause([SplitSpec(test_where={"speed": 150}), SplitSpec(test_where={"speed": 300})])
+    'test trials have a speed that validation trials have not'
     """
+    split = splits[0]
+    if any(other.test_where != split.test_where for other in splits):
+        names = " and ".join(f"a {name}" for name in split.test_where)
+        return f"test trials have {names} that validation trials have not"
     if split.test_where:
         values = " and ".join(f"{name} = {_either(value)}" for name, value in split.test_where.items())
         return f"test trials have {values}, validation trials have not"
