@@ -5,6 +5,7 @@ in validation accuracy: the first.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -43,57 +44,77 @@ class Sides(NamedTuple):
 
 
 class Candidate(NamedTuple):
-    """A description, the fitted classifier, and the layers of its decision."""
+    """A description, the fitted classifier, and the layers of its decision.
+
+    again: fits the same settings to other sides; None of families that are not fitted again after the choice.
+    """
 
     settings: str
     fitted: Any
     layers: tuple[Layer, ...]
+    again: "Callable[[Sides], Candidate] | None" = None
 
 
 Family = Callable[[Sides, int], Iterator[Candidate]]
 
 
+def _refittable(fit: Callable[[Sides], Candidate], sides: Sides) -> Candidate:
+    """The candidate that `fit` makes of these sides, and can make of others."""
+    return fit(sides)._replace(again=fit)
+
+
 def logistic_regression(sides: Sides, seed: int = 0) -> Iterator[Candidate]:
     """Logistic regressions with several penalties; all cost the same."""
-    layer = flops.Dense(sides.train.shape[1], len(np.unique(sides.y_train)))
     for c in LINEAR_CS:
-        yield Candidate(f"C {c:g}", fit_linear(sides.train, sides.y_train, c), (layer,))
+        yield _refittable(partial(_logistic_regression, c=c), sides)
+
+
+def _logistic_regression(sides: Sides, c: float) -> Candidate:
+    layer = flops.Dense(sides.train.shape[1], len(np.unique(sides.y_train)))
+    return Candidate(f"C {c:g}", fit_linear(sides.train, sides.y_train, c), (layer,))
 
 
 def elm(sides: Sides, seed: int) -> Iterator[Candidate]:
     """Sigmoid ELMs, each with the penalty of the best validation accuracy (ties: the strongest)."""
-    n_features, n_classes = sides.train.shape[1], len(np.unique(sides.y_train))
     for hidden in ELM_HIDDEN:
         network = ELMClassifier(hidden, alpha=ELM_ALPHAS[0], random_state=seed).fit(sides.train, sides.y_train)
         alpha = ELM_ALPHAS[int(network.accuracy_path(ELM_ALPHAS, sides.validation, sides.y_validation).argmax())]
-        fitted = ELMClassifier(hidden, alpha=alpha, random_state=seed).fit(sides.train, sides.y_train)
-        layers = (flops.Dense(n_features, hidden, "sigmoid"), flops.Dense(hidden, n_classes, bias=False))
-        yield Candidate(f"N {hidden}, alpha {alpha:g}", fitted, layers)
+        yield _refittable(partial(_elm, hidden=hidden, alpha=alpha, seed=seed), sides)
+
+
+def _elm(sides: Sides, hidden: int, alpha: float, seed: int) -> Candidate:
+    n_features, n_classes = sides.train.shape[1], len(np.unique(sides.y_train))
+    fitted = ELMClassifier(hidden, alpha=alpha, random_state=seed).fit(sides.train, sides.y_train)
+    layers = (flops.Dense(n_features, hidden, "sigmoid"), flops.Dense(hidden, n_classes, bias=False))
+    return Candidate(f"N {hidden}, alpha {alpha:g}", fitted, layers)
 
 
 def svm(sides: Sides, seed: int) -> Iterator[Candidate]:
     """RBF support vector machines, one against one, with shared support vectors."""
+    machines = [_refittable(partial(_svm, gamma=gamma, c=c), sides) for gamma in SVM_GAMMAS for c in SVM_CS]
+    yield from sorted(machines, key=lambda machine: int(machine.fitted.n_support_.sum()))
+
+
+def _svm(sides: Sides, gamma: float, c: float) -> Candidate:
     n_features, n_classes = sides.train.shape[1], len(np.unique(sides.y_train))
-    fits = [
-        (gamma, c, SVC(C=c, gamma=gamma / n_features).fit(sides.train, sides.y_train))
-        for gamma in SVM_GAMMAS
-        for c in SVM_CS
-    ]
-    for gamma, c, fitted in sorted(fits, key=lambda fit: int(fit[2].n_support_.sum())):
-        vectors = int(fitted.n_support_.sum())
-        layer = flops.SupportVectorMachines(vectors, n_features, n_classes)
-        yield Candidate(f"C {c:g}, gamma {gamma:g}/{n_features}, {vectors} vectors", fitted, (layer,))
+    fitted = SVC(C=c, gamma=gamma / n_features).fit(sides.train, sides.y_train)
+    vectors = int(fitted.n_support_.sum())
+    layer = flops.SupportVectorMachines(vectors, n_features, n_classes)
+    return Candidate(f"C {c:g}, gamma {gamma:g}/{n_features}, {vectors} vectors", fitted, (layer,))
 
 
 def extra_trees(sides: Sides, seed: int) -> Iterator[Candidate]:
     """Forests of extremely randomised trees (Geurts et al. 2006)."""
-    n_classes = len(np.unique(sides.y_train))
     for leaf in LEAVES:
-        forest = ExtraTreesClassifier(TREES, min_samples_leaf=leaf, random_state=seed)
-        fitted = forest.fit(sides.train, sides.y_train)
-        trees = [tree.tree_ for tree in fitted.estimators_]
-        layer = flops.Trees(TREES, mean_depth(fitted, sides.train), sum(tree.node_count for tree in trees), n_classes)
-        yield Candidate(f"{TREES} trees, leaves of {leaf}", fitted, (layer,))
+        yield _refittable(partial(_extra_trees, leaf=leaf, seed=seed), sides)
+
+
+def _extra_trees(sides: Sides, leaf: int, seed: int) -> Candidate:
+    forest = ExtraTreesClassifier(TREES, min_samples_leaf=leaf, random_state=seed)
+    fitted = forest.fit(sides.train, sides.y_train)
+    n_nodes = sum(tree.tree_.node_count for tree in fitted.estimators_)
+    layer = flops.Trees(TREES, mean_depth(fitted, sides.train), n_nodes, len(np.unique(sides.y_train)))
+    return Candidate(f"{TREES} trees, leaves of {leaf}", fitted, (layer,))
 
 
 def mean_depth(forest: ExtraTreesClassifier, features: np.ndarray) -> float:
@@ -105,33 +126,41 @@ def mean_depth(forest: ExtraTreesClassifier, features: np.ndarray) -> float:
 
 def minirocket(sides: Sides, seed: int) -> Iterator[Candidate]:
     """MiniRocket with few and with many features, on sequences `(example, time, channel)` of at least nine steps."""
-    _, n_steps, n_channels = sides.train.shape
     for features in ROCKET_FEATURES:
-        fitted = MiniRocketClassifier(features, seed).fit(sides.train, sides.y_train)
-        convolutions = fitted.transform_.convolutions_
-        made = FixedConvolutions(
-            n_steps,
-            n_channels,
-            dilations=len({one.dilation for one in convolutions}),
-            convolved=sum(len(one.channels) for one in convolutions),
-            biases=sum(len(one.biases) for one in convolutions),
-        )
-        dense = flops.Dense(features, len(fitted.classes_))
-        yield Candidate(f"{features} features", fitted, (made, flops.Standardise(features), dense))
+        yield _refittable(partial(_minirocket, features=features, seed=seed), sides)
+
+
+def _minirocket(sides: Sides, features: int, seed: int) -> Candidate:
+    _, n_steps, n_channels = sides.train.shape
+    fitted = MiniRocketClassifier(features, seed).fit(sides.train, sides.y_train)
+    convolutions = fitted.transform_.convolutions_
+    made = FixedConvolutions(
+        n_steps,
+        n_channels,
+        dilations=len({one.dilation for one in convolutions}),
+        convolved=sum(len(one.channels) for one in convolutions),
+        biases=sum(len(one.biases) for one in convolutions),
+    )
+    dense = flops.Dense(features, len(fitted.classes_))
+    return Candidate(f"{features} features", fitted, (made, flops.Standardise(features), dense))
 
 
 def pooled_gru(sides: Sides, seed: int) -> Iterator[Candidate]:
     """GRUs of two sizes by a modern recipe, on sequences `(example, time, channel)`."""
-    _, n_steps, n_channels = sides.train.shape
     for hidden in GRU_HIDDEN:
-        network = PooledGRUClassifier(hidden, random_state=seed)
-        fitted = network.fit(sides.train, sides.y_train, validation=(sides.validation, sides.y_validation))
-        layers = (
-            flops.GRU(n_channels, hidden, n_steps),
-            PooledStates(hidden, n_steps),
-            flops.Dense(2 * hidden, len(fitted.classes_), "softmax"),
-        )
-        yield Candidate(f"N {hidden}, {fitted.epochs_} epochs", fitted, layers)
+        yield _refittable(partial(_pooled_gru, hidden=hidden, seed=seed), sides)
+
+
+def _pooled_gru(sides: Sides, hidden: int, seed: int) -> Candidate:
+    _, n_steps, n_channels = sides.train.shape
+    network = PooledGRUClassifier(hidden, random_state=seed)
+    fitted = network.fit(sides.train, sides.y_train, validation=(sides.validation, sides.y_validation))
+    layers = (
+        flops.GRU(n_channels, hidden, n_steps),
+        PooledStates(hidden, n_steps),
+        flops.Dense(2 * hidden, len(fitted.classes_), "softmax"),
+    )
+    return Candidate(f"N {hidden}, {fitted.epochs_} epochs", fitted, layers)
 
 
 def standardised(sequences: np.ndarray, labels: np.ndarray, sides: Sequence[np.ndarray]) -> Sides:

@@ -72,17 +72,24 @@ class Cuts(NamedTuple):
     """Windows on the encoder's clock, and three boolean `(window,)` that select those of each side.
 
     copies: for each kind of varied copies (`data.augmentation`), the windows to train on with these copies.
+    last: the cuts of the last training, after these have chosen, with the same test trials; None if there is none.
     """
 
     windows: Windows
     clock_Hz: float
     sides: tuple[np.ndarray, np.ndarray, np.ndarray]
     copies: Mapping[str, np.ndarray] = {}
+    last: "Cuts | None" = None
 
     @property
     def trained(self) -> Mapping[str, np.ndarray]:
         """The windows to train on, by the kind of varied copies; the recorded ones alone if there are none."""
         return self.copies or {NONE: self.sides[0]}
+
+    def most_trained(self, kind: str) -> int:
+        """The largest number of windows that one training has."""
+        numbers = (int(cuts.trained[kind].sum()) for cuts in (self, self.last) if cuts is not None)
+        return max(numbers)
 
     def with_training(self, kind: str) -> "Cuts":
         """The same windows, with one of `trained` for training."""
@@ -231,26 +238,32 @@ def spike_inputs(
 def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts) -> Iterator[dict[str, Any]]:
     """A row of `baselines.csv` for each classifier on each input; labels: class of each window, `(window,)`.
 
-    A GRU, which takes minutes, is trained with the varied copies that were best for the classifiers before it.
+    A GRU, which takes minutes, is trained with the varied copies that were best for the classifiers before it. A
+    classifier that is chosen is fitted again to the training windows of `cuts.last`, as networks are.
     Under `RIGHT` a row also has, for validation and test, the share of correctly classified windows of each trial.
     """
     best_yet: tuple[float, str] | None = None
     for one in inputs:
         for name, family in one.families.items():
             most = families.MOST_MACHINES if name == families.MACHINES else None
-            kinds = [kind for kind, train in cuts.trained.items() if most is None or train.sum() <= most]
+            kinds = [kind for kind in cuts.trained if most is None or cuts.most_trained(kind) <= most]
             if not kinds:
-                least = min(int(train.sum()) for train in cuts.trained.values())
+                least = min(map(cuts.most_trained, cuts.trained))
                 say(f"baselines: no SVM on {one.column}: {least} training windows, at most {most}")
                 continue
             if name in ON_BINS and best_yet is not None and best_yet[1] in kinds:
                 kinds = [best_yet[1]]
             kind, sides, best = _best_training(one, family, labels, cuts, kinds)
-            right = {  # predicted once: sequences take seconds
-                "validation": best.fitted.predict(sides.validation) == sides.y_validation,
-                "test": best.fitted.predict(sides.test) == sides.y_test,
-            }
-            trials = (cuts.windows.trial[selected] for selected in cuts.sides[1:])
+            validated = best.fitted.predict(sides.validation) == sides.y_validation
+            last = cuts
+            if cuts.last is not None:
+                last, fit = cuts.last, best.again
+                assert fit is not None, f"{name} cannot be fitted again"
+                sides = _sides(one, labels, last.with_training(kind))
+                best = fit(sides)
+            # predicted once: sequences take seconds
+            right = {"validation": validated, "test": best.fitted.predict(sides.test) == sides.y_test}
+            trials = cuts.windows.trial[cuts.sides[1]], last.windows.trial[last.sides[2]]
             by_trial = {side: paired.by_trial(trial, right[side]) for side, trial in zip(right, trials, strict=True)}
             row = _row(one, name, best, sides, right)
             if best_yet is None or row["accuracy_validation"] > best_yet[0]:
@@ -299,7 +312,7 @@ def _row(one: Input, name: str, best: Candidate, sides: Sides, right: Mapping[st
         "t_ref_sa_ms": sa_ms,
         "settings": best.settings,
         "n_train": len(sides.y_train),
-        "n_validation": len(sides.y_validation),
+        "n_validation": len(right["validation"]),
         "n_test": len(sides.y_test),
         **{f"accuracy_{side}": float(windows.mean()) for side, windows in right.items()},
         **{name: value for name, value in spent.columns().items() if name != "sops"},

@@ -110,8 +110,8 @@ def note(
     values if empty.
 
     >>> note(["speed"], [Turn(("speed = 150",)), Turn(("speed = 300",))])
-    'Validation leaves out one speed of the training trials in turn, as the test does (speed = 150; speed = 300)'
-    """
+    'Validation leaves out one speed of the training trials in turn, as the test does (speed = 150; speed = 300); after the choice all are trained on'
+    """  # noqa: E501
     columns = [*columns]
     named = " and ".join(columns)
     if not turns:
@@ -125,4 +125,4 @@ def note(
         noun = combination(columns)
         some_of = f"{f'one {noun}' if is_one else f'some {noun}s'} of {named}"
         what = f"{some_of} in turn, and all trials that share a value with it"
-    return f"Validation leaves out {what}, as the test does ({some})"
+    return f"Validation leaves out {what}, as the test does ({some}); after the choice all are trained on"

@@ -84,6 +84,11 @@ class SplitSpec(Spec):
             raise ValueError(f"fold must {hint}; got {self.fold}")
         return self
 
+    @property
+    def validates_elsewhere(self) -> bool:
+        """Whether validation is on another value of the tested conditions than training, where there are enough."""
+        return bool(self.test_where) and self.nested and not self.group
+
 
 def split_table(
     split_seed: int | None = None,
@@ -369,7 +374,7 @@ def turns_of(conditions: pd.DataFrame, spec: SplitSpec) -> list[Turn]:
     >>> turns_of(table, SplitSpec(test_where={"speed": 450}))
     [Turn(held=('speed = 150',), aside=()), Turn(held=('speed = 300',), aside=())]
     """
-    if not spec.test_where or not spec.nested or spec.group:
+    if not spec.validates_elsewhere:
         return []
     rest = np.setdiff1d(np.flatnonzero(~aside_of(conditions, spec)), _where(conditions, spec.test_where))
     labels = conditions[LABEL].astype(str).to_numpy(dtype=str)

@@ -19,6 +19,7 @@ from neurotact.studies.suited import TESTED
 
 REMEDIES = "remedies"
 TRAINED = "at trained conditions"
+GAINS = ("gained by copies (points)", "gained by the last training (points)")
 
 
 def of_network(table: pd.DataFrame, network: Network) -> pd.DataFrame:
@@ -34,17 +35,40 @@ def sentence(table: pd.DataFrame | None, network: Network) -> list[str]:
     if table is None:
         return []
     own = of_network(table, network)
-    chosen = own[own["chosen"]]
-    unseen, seen = chosen["accuracy_test"].mean(), chosen["accuracy_seen"].mean()
+    used = _used(own)
+    unseen, seen = used["accuracy_test"].mean(), used["accuracy_seen"].mean()
     said = f"At untrained conditions the network is right in {percent(unseen)} of whole windows"
     if pd.notna(seen):
         lost = 100 * (seen - unseen)
         said += f", at trained ones in {percent(seen)}"
         said += f": {lost:.1f} points are lost" if lost > 0 else ": nothing is lost"
-    without = own[own["augmentation"] == NONE]
-    if len(without) and (chosen["augmentation"] != NONE).any():
-        said += f"; without varied copies it is right in {percent(without['accuracy_test'].mean())}"
+    if (used["augmentation"] != NONE).any() and pd.notna(gained := 100 * _gained_by_copies(own)):
+        said += f"; varied copies of training trials {'gain' if gained >= 0 else 'lose'} {abs(gained):.1f} points"
     return [f"{said}."]
+
+
+def _used(table: pd.DataFrame) -> pd.DataFrame:
+    """The trainings whose networks are used: the last of each network."""
+    return table[table["last"]]
+
+
+def _tried(table: pd.DataFrame) -> pd.DataFrame:
+    """The trainings that validation chooses among."""
+    return table[table["chosen"] | ~table["last"]]
+
+
+def _gained_by_copies(table: pd.DataFrame) -> float:
+    """Accuracy of the chosen copies less that without copies, of trainings alike; NaN without the latter."""
+    tried = _tried(table)
+    without = tried[tried["augmentation"] == NONE]["accuracy_test"].mean()
+    return float(tried[tried["chosen"]]["accuracy_test"].mean() - without)
+
+
+def _gained_by_last(table: pd.DataFrame) -> float:
+    """Accuracy after the last training less that of the chosen one; NaN if that is the last."""
+    if (table["chosen"] & table["last"]).all():
+        return float("nan")
+    return float(_used(table)["accuracy_test"].mean() - table[table["chosen"]]["accuracy_test"].mean())
 
 
 def condition_of(study: StudySpec, row: Mapping[str, Any]) -> str:
@@ -134,24 +158,26 @@ def tables(study: StudySpec, table: pd.DataFrame | None, networks: Sequence[Netw
         return []
     own = of_network(table, best)
     named = own.assign(condition=[condition_of(study, row) for row in own.to_dict("records")])
-    heads = ["tested", "at trained conditions (%)", "at this one (%)", "lost (points)", "without varied copies (%)"]
+    heads = ["tested", "at trained conditions (%)", "at this one (%)", "lost (points)", *GAINS]
     rows = []
     for condition, part in named.groupby("condition", sort=False):
-        chosen, without = part[part["chosen"]], part[part["augmentation"] == NONE]
-        kinds = ", ".join(dict.fromkeys(chosen["augmentation"]))
-        seen, unseen = chosen["accuracy_seen"].mean(), chosen["accuracy_test"].mean()
-        shares = [seen, unseen, seen - unseen, without["accuracy_test"].mean()]
+        used = _used(part)
+        kinds = ", ".join(dict.fromkeys(used["augmentation"]))
+        seen, unseen = used["accuracy_seen"].mean(), used["accuracy_test"].mean()
+        shares = [seen, unseen, seen - unseen, _gained_by_copies(part), _gained_by_last(part)]
         rows.append([str(condition), *map(_share, shares), kinds])
     shown = [
         Table(
             f"The best network, {best.name}, at each untrained condition: whole windows. At trained conditions: on "
-            "trials that were kept for this test.",
+            "trials that were kept for this test. The copies are chosen at a condition that validation leaves out; the "
+            "last training has this condition, too.",
             [*heads, "copies"],
             rows,
             1,
         )
     ]
-    counted = table.groupby("augmentation", sort=False)
+    tried = _tried(table)
+    counted = tried.groupby("augmentation", sort=False)
     if len(counted) > 1:
         kinds = [
             [
@@ -163,8 +189,8 @@ def tables(study: StudySpec, table: pd.DataFrame | None, networks: Sequence[Netw
         heads = ["validation (%)", "at trained conditions (%)", "at untrained ones (%)", "SOPs", "training windows"]
         shown.append(
             Table(
-                f"Each kind of varied copies: means over {len(table) // len(counted)} trainings. Validation trials "
-                "have a condition that training trials have not; they choose.",
+                f"Each kind of varied copies: means over {len(tried) // len(counted)} trainings, before the last one. "
+                "Validation trials have a condition that training trials have not; they choose.",
                 ["copies", *heads, "chosen"],
                 kinds,
                 1,

@@ -5,7 +5,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
 
-from neurotact.data.augmentation import AugmentationSpec
+from neurotact.data.augmentation import NONE
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
 from neurotact.files import DRAFT, scratch, whole, write_json
@@ -16,6 +16,7 @@ from neurotact.networks.exit import truncated
 from neurotact.networks.search import journal, search, search_tables
 from neurotact.networks.search.search_tables import as_cell
 from neurotact.networks.training import fitting, robust, tasks, trained
+from neurotact.networks.training.robust import Tried
 from neurotact.networks.training.tasks import Task
 from neurotact.networks.training.training import Epoch
 from neurotact.networks.use import measuring
@@ -53,28 +54,34 @@ def run_cell(
         spec = cell.network
         long = LongTraining(lambda: recipe.resolve(spec, tasks.seen(trains, task)).training)
         progress = long if tells else None
-        if cell.augmentation is not None:
-            return _robust(cell, cell.augmentation, trains, spec, progress)
+        if not trains_once(cell):
+            return _robust(cell, trains, spec, progress)
         fitted, sides = fitting.fit(trains, spec, task, cell.seeds, progress=progress)
         return files_of(cell, trains, fitted, sides, perf_counter() - began)
     with scratch() as empty:
         searched = _search(cell, cell.network, trains, task, kept or empty, device)
-    return files_of(cell, trains, searched.fitted, searched.sides, perf_counter() - began, searched)
+    last = robust.again(trains, Tried(task, searched.fitted, searched.sides), cell.seeds)
+    return files_of(cell, trains, last.fitted, last.sides, perf_counter() - began, searched, last)
 
 
 def trains_once(cell: Cell) -> bool:
-    """Whether a cell has one training: it neither searches nor chooses varied copies."""
-    return cell.network is not None and cell.search is None and cell.augmentation is None
+    """Whether a cell has one training: it neither searches nor chooses, and trains on each condition but the tested."""
+    chooses = cell.search is not None or cell.augmentation is not None or cell.split.validates_elsewhere
+    return cell.network is not None and not chooses
 
 
-def _robust(cell: Cell, augmentation: AugmentationSpec, trains: SpikeTrains, spec: RSNNSpec, progress: Any) -> Files:
-    """The files of a cell whose varied copies are chosen on validation trials."""
-    began = perf_counter()
-    kinds = robust.candidates(augmentation, trains.conditions, cell.split)
+def _robust(cell: Cell, trains: SpikeTrains, spec: RSNNSpec, progress: Any) -> Files:
+    """The files of a cell whose varied copies are chosen on validation trials, and which is trained again."""
+    began, kinds = perf_counter(), (NONE,)
+    if cell.augmentation is not None:
+        kinds = robust.candidates(cell.augmentation, trains.conditions, cell.split)
     tried = [*robust.trainings(trains, spec, task_of(cell), cell.seeds, kinds, progress)]
     best = robust.best_of(tried)
-    rows = [one.row() | {"chosen": one is best} for one in tried]
-    return files_of(cell, trains, best.fitted, best.sides, perf_counter() - began, task=best.task, remedies=rows)
+    last = robust.again(trains, best, cell.seeds, progress)
+    every = tried if last is best else [*tried, last]
+    rows = [one.row() | {"chosen": one is best, "last": one is last} for one in every]
+    remedies = rows if cell.augmentation is not None else ()
+    return files_of(cell, trains, last.fitted, last.sides, perf_counter() - began, last=last, remedies=remedies)
 
 
 class LongTraining:
@@ -116,14 +123,15 @@ def files_of(
     sides: tasks.Sides,
     seconds: float,
     searched: "Searched | None" = None,
-    task: Task | None = None,
+    last: Tried | None = None,
     remedies: Sequence[dict[str, Any]] = (),
 ) -> Files:
     """The files of a cell after its network is trained; seconds: the time of the training.
 
-    task: on which it was trained, if not `task_of` the cell. remedies: a row for each kind of varied copies.
+    last: the training, if it was on another task than that of the cell. remedies: a row for each training with varied
+    copies.
     """
-    began, task = perf_counter() - seconds, task or task_of(cell)
+    began, task = perf_counter() - seconds, task_of(cell) if last is None else last.task
     result = measuring.measure(fitted, sides, trains.populations) | _tables(cell, fitted, sides, trains, task)
     if remedies:
         result["tables"] = {**result.get("tables", {}), "remedies": [*remedies]}
@@ -138,8 +146,9 @@ def files_of(
         "seed": cell.seed,
         **result["row"],
         "sops_validation": measuring.mean_sops(fitted.network, sides.validation),
-        **{key: row[key] for row in remedies if row["chosen"] for key in ("augmentation", "accuracy_seen")},
+        **{key: row[key] for row in remedies if row["last"] for key in ("augmentation", "accuracy_seen")},
         **(searched.row if searched else {}),
+        **(last.validated() if last else {}),
     }
     with scratch() as run:  # the layout of the run folder: paths between its files are the same
         target = cell_folder(run, cell)

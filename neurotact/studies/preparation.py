@@ -5,6 +5,7 @@ import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -154,7 +155,8 @@ def _fitted(
 ) -> Iterator[dict[str, Any]]:
     """Rows of `baselines.csv` on the spikes of one cell, the only spikes in memory; if `is_first`, also on signals."""
     trains, split = hdf5.load_spikes(folder / cell.given), {key: value_at(cell, key) for key in split_columns(study)}
-    parts = tasks.trials_of(trains, task_of(cell).model_copy(update={"subset": {}}))
+    task = task_of(cell).model_copy(update={"subset": {}})
+    parts, last = tasks.trials_of(trains, task), tasks.with_every_condition(trains, task)
     every, first = trains.with_variations(), copies_of(trains).first
     if trains.variations is not None:  # the trial of a varied copy is that of which it is one
         first = np.concatenate([first, first[trains.variations.of]])
@@ -163,8 +165,11 @@ def _fitted(
     first_ms, second_ms = t_ref_pair_ms(cell.encoder)
     pair = second_ms, first_ms
     for name, where in {cell.dataset: cell.subset for cell in cells}.items():
-        cuts = opponents.cuts_of(every.conditions, windows, trains.sampling_rate_Hz, parts, where)
-        cuts = with_training(cuts, trains, cell, parts)
+        cut = partial(opponents.cuts_of, every.conditions, windows, trains.sampling_rate_Hz, subset=where)
+        cuts = with_training(cut(parts), trains, cell, parts)
+        if last is not None:
+            known = tasks.trials_of(trains, last)
+            cuts = cuts._replace(last=with_training(cut(known), trains, cell, known))
         of_signals = opponents.signal_inputs(recordings, cuts, study.baselines, pieces) if is_first else ()
         counts = {"is_first": is_first, "encoding": study.encoding_in == "processor"}
         of_spikes = opponents.spike_inputs(every, pair, cuts, study.baselines, **counts)

@@ -62,13 +62,17 @@ def run(tmp_path_factory):
 
 def test_every_kind_is_tried_and_the_best_on_validation_is_used(run):
     remedies, results = (pd.read_csv(run / f"{name}.csv") for name in ("remedies", "results"))
-    for speed, tried in remedies.groupby("split.test_where.speed"):
+    for speed, every in remedies.groupby("split.test_where.speed"):
+        tried = every[~every["last"]]
         assert tried["augmentation"].tolist() == [*CANDIDATES, EVERY]
         (chosen,) = tried[tried["chosen"]].to_dict("records")
         assert chosen["accuracy_validation"] == tried["accuracy_validation"].max()
         (used,) = results[results["split.test_where.speed"] == speed].to_dict("records")
-        assert used["augmentation"] == chosen["augmentation"]
-        assert used["accuracy_test"] == chosen["accuracy_test"]
+        (last,) = every[every["last"]].to_dict("records")
+        assert used["augmentation"] == last["augmentation"] == chosen["augmentation"]
+        assert [used[f"accuracy_{side}"] for side in ("test", "seen")] == [last["accuracy_test"], last["accuracy_seen"]]
+        assert used["accuracy_validation"] == chosen["accuracy_validation"]
+        assert last["n_train"] > chosen["n_train"]
         n = tried.set_index("augmentation")["n_train"]
         assert (n.drop("none") == 2 * n["none"]).all()
     baselines = pd.read_csv(run / "baselines.csv")
@@ -85,7 +89,7 @@ def test_the_report_says_what_is_lost_and_gained(run):
     assert "tested speed" in re.findall(r"<th[^>]*>([^<]*)</th>", trained.partition("</thead>")[0])
     _, _, by_class = page.partition("Each class by the best network")
     heads = re.findall(r"<th[^>]*>([^<]*)</th>", by_class.partition("</table>")[0])
-    assert heads == ["class", "speed = 1", "speed = 2", "speed = 3", "hard", "soft"]
+    assert heads == ["class", TRAINED, "speed = 1", "speed = 2", "speed = 3", "hard", "soft"]
     assert by_class.partition("</table>")[0].count("(20)") == 6
     (answer,) = nt.study_answer(run)["answers"]
     assert any(line.startswith("At untrained conditions the network is right in") for line in answer["details"])
@@ -226,11 +230,16 @@ def test_the_sentence_tells_losses_and_gains():
     from neurotact.report.answer import Decision, Network
 
     network = Network("5&5", 20, 1, 0.9, Decision(0.9, 1.0, 1.0, 1.0, None), None)
-    rows = {"pair": "5&5", "hidden": 20, "augmentation": ["none", "time"], "chosen": [False, True]}
-    rows |= {"accuracy_seen": [0.9, 0.95], "accuracy_test": [0.5, 0.8]}
+    rows = {"pair": "5&5", "hidden": 20, "augmentation": ["none", "time", "time"], "chosen": [False, True, False]}
+    rows |= {"accuracy_seen": [0.9, 0.95, 0.97], "accuracy_test": [0.5, 0.8, 0.9], "last": [False, False, True]}
     assert sentence(pd.DataFrame(rows), network) == [
+        "At untrained conditions the network is right in 90.0 % of whole windows, at trained ones in 97.0 %: 7.0 "
+        "points are lost; varied copies of training trials gain 30.0 points."
+    ]
+    alone = pd.DataFrame(rows)[1:2].assign(last=True)
+    assert sentence(alone, network) == [
         "At untrained conditions the network is right in 80.0 % of whole windows, at trained ones in 95.0 %: 15.0 "
-        "points are lost; without varied copies it is right in 50.0 %."
+        "points are lost."
     ]
     assert sentence(None, network) == []
 

