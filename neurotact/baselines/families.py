@@ -190,6 +190,12 @@ def best_of(family: Family, sides: Sides, seed: int) -> Candidate:
     return first_best((accuracy(one, sides.validation, sides.y_validation), one) for one in family(sides, seed))[1]
 
 
+def refitted(chosen: Candidate, sides: Sides) -> Candidate:
+    """The chosen candidate fitted to other sides."""
+    assert chosen.again is not None, f"{chosen.settings}: this family is not fitted again"
+    return chosen.again(sides)
+
+
 def first_best(scored: Iterable[tuple[float, T]]) -> tuple[float, T]:
     """The first of the highest accuracy; after one of 1 no other is asked for, as none can be better.
 

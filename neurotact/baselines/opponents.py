@@ -257,10 +257,9 @@ def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts) -> Iterator[di
             validated = best.fitted.predict(sides.validation) == sides.y_validation
             last = cuts
             if cuts.last is not None:
-                last, fit = cuts.last, best.again
-                assert fit is not None, f"{name} cannot be fitted again"
+                last = cuts.last
                 sides = _sides(one, labels, last.with_training(kind))
-                best = fit(sides)
+                best = families.refitted(best, sides)
             # predicted once: sequences take seconds
             right = {"validation": validated, "test": best.fitted.predict(sides.test) == sides.y_test}
             trials = cuts.windows.trial[cuts.sides[1]], last.windows.trial[last.sides[2]]

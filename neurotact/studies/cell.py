@@ -148,7 +148,7 @@ def files_of(
         "sops_validation": measuring.mean_sops(fitted.network, sides.validation),
         **{key: row[key] for row in remedies if row["last"] for key in ("augmentation", "accuracy_seen")},
         **(searched.row if searched else {}),
-        **(last.validated() if last else {}),
+        **(last.choice.row() if last and last.choice else {}),
     }
     with scratch() as run:  # the layout of the run folder: paths between its files are the same
         target = cell_folder(run, cell)

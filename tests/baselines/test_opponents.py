@@ -190,3 +190,25 @@ def test_each_classifier_trains_on_the_copies_that_validation_prefers():
     assert [row["settings"].rpartition("; ")[2] for row in rows] == ["varied copies: time"] * 2
     assert [row["accuracy_test"] for row in rows] == [1.0, 1.0]
     assert asked == [12]  # the slow one is trained once, on the kind that was best before it
+
+
+def test_a_choice_is_fitted_again_with_the_condition_of_validation():
+    """The sign of the feature differs in the trials that validation leaves out; test trials are as these are."""
+    labels = np.arange(40) % 2
+    sign = np.where(np.arange(40) < 12, -1.0, 1.0)
+    features = ((2 * labels - 1) * sign)[:, None]
+    place = np.arange(40)
+    sides = (place < 12, (place >= 12) & (place < 28), place >= 32)
+    made = cuts(np.full(40, 20))._replace(sides=sides)
+    last = made._replace(sides=((place >= 8) & (place < 28), (place >= 28) & (place < 32), place >= 32))
+    family = {"logistic regression": families.logistic_regression}
+    one = Input("signals", "made up", None, features, Cost(signal_ms=20.0), family)
+    (before,), (after,) = (list(opponents.rows([one], labels, each)) for each in (made, made._replace(last=last)))
+    assert (before["accuracy_validation"], before["accuracy_test"]) == (0.0, 0.0)
+    assert (after["accuracy_validation"], after["accuracy_test"]) == (0.0, 1.0)
+    assert (after["n_train"], after["n_validation"], after["n_test"]) == (20, 16, 8)
+    assert after["right"]["validation"] == before["right"]["validation"]
+    assert after["right"]["test"].keys() == before["right"]["test"].keys()
+    both = made._replace(copies={"none": sides[0]}, last=last._replace(copies={"none": last.sides[0]}))
+    assert [row["accuracy_test"] for row in opponents.rows([one], labels, both)] == [1.0]
+    assert both.most_trained("none") == 20

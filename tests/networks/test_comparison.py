@@ -40,6 +40,20 @@ def test_opponents_learn_what_counts_tell(tells):
         assert np.mean([*found[name].test.values()]) == pytest.approx(shares[1])
 
 
+def test_a_chosen_opponent_is_fitted_again_and_ranked_by_the_choice():
+    labels = [0, 1, 2] * 20
+    told, untold = sides_of(labels, True), sides_of(labels, False)
+    choosing = Sides(untold.train, untold.validation, told.test)
+    alone = [*opponents_of(choosing, one_each(told))]
+    again = [*opponents_of(choosing, one_each(told), told)]
+    for before, after in zip(alone, again, strict=True):
+        assert (after.name, after.validation) == (before.name, before.validation)
+        assert after.accuracy_validation < 0.6 < 0.8 < after.accuracy_test
+        assert before.accuracy_test < 0.8
+    right = [True] * len(labels)
+    assert compare(right, choosing, one_each(told), 3, told).baseline_accuracy > 0.8
+
+
 def test_when_spikes_come_is_seen_in_time_bins_alone():
     """Both classes have as many spikes; one has them in the first half, the other in the second."""
     labels = [0, 1] * 20

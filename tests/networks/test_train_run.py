@@ -25,8 +25,8 @@ from neurotact.data.hdf5 import save_spikes
 from neurotact.data.spikes import SpikeTrains, from_rasters
 from neurotact.errors import InputError
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training import fitting, tasks, train_run
-from neurotact.networks.training.train_run import ASKED, CHECKPOINT, LEFT, RESULT, Interrupted, run
+from neurotact.networks.training import fitting, tasks, train_run, trained
+from neurotact.networks.training.train_run import ASKED, CHECKPOINT, CHOICE, LAST, LEFT, RESULT, Interrupted, run
 from neurotact.spec import override, read, to_toml
 
 ROOT = Path(__file__).parents[2]
@@ -61,7 +61,7 @@ def whole(spikes) -> dict[str, bytes]:
     """What an uninterrupted training leaves."""
     assert run(spikes, spikes.parent / "whole", NETWORK, TASK) is not None
     left = contents(spikes.parent / "whole")
-    assert set(left) == set(LEFT) - {CHECKPOINT}
+    assert set(left) == set(LEFT) - {CHECKPOINT, LAST, CHOICE}
     return left
 
 
@@ -167,6 +167,78 @@ def test_an_interrupt_after_the_last_epoch_loses_nothing(monkeypatch, spikes, wh
         patch.setattr(train_run, "line_of", Stop(0))  # no epoch is trained again
         assert run(spikes, folder, NETWORK, TASK, resume=True) is not None
     assert contents(folder) == whole
+
+
+ELSEWHERE = tasks.Task(window={"length_ms": 40.0}, split={"test_where": {"speed": 3}})
+
+
+@pytest.fixture(scope="module")
+def at_speeds(tmp_path_factory) -> Path:
+    """Spikes of three speeds."""
+    path, trains = tmp_path_factory.mktemp("speeds") / "spikes.h5", spikes_of(0)
+    trains.conditions["speed"] = np.repeat([1, 2, 3], 8)
+    save_spikes(trains, path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def elsewhere(at_speeds) -> dict[str, bytes]:
+    """What a training leaves that is tested at an untrained speed."""
+    assert run(at_speeds, at_speeds.parent / "whole", NETWORK, ELSEWHERE) is not None
+    left = contents(at_speeds.parent / "whole")
+    assert set(left) == set(LEFT) - {CHECKPOINT, LAST}
+    return left
+
+
+def test_after_the_choice_every_other_condition_is_trained_on(at_speeds, elsewhere):
+    trains = tasks.load_spikes(at_speeds, ELSEWHERE)
+    first, seeds = tasks.trials_of(trains, ELSEWHERE), (0, 1)
+    assert np.unique(trains.conditions["speed"].iloc[first.train]).size == 1
+    chosen, sides = fitting.fit(trains, NETWORK, ELSEWHERE, seeds)
+    choice, row = json.loads(elsewhere[CHOICE]), json.loads(elsewhere[RESULT])["row"]
+    assert choice["accuracy_validation"] == row["accuracy_validation"] == chosen.training.best.validation_accuracy
+    assert choice["exit_patience"] == row["exit_patience"] == chosen.rule.patience
+    assert choice["exit_accuracy_validation"] == row["exit_accuracy_validation"]
+    restored = trained.restore(at_speeds.parent / "whole")
+    last = tasks.trials_of(trains, restored.task)
+    assert np.unique(trains.conditions["speed"].iloc[last.train]).tolist() == [1, 2]
+    assert last.test.tolist() == first.test.tolist() == list(range(16, 24))
+    again, _ = fitting.fit(trains, NETWORK, restored.task, seeds)
+    torch.testing.assert_close(restored.network.state_dict(), again.network.state_dict(), rtol=0, atol=0)
+    assert not torch.equal(restored.network.w_in, chosen.network.w_in)
+    assert len(sides.validation.labels) == 8
+
+
+@pytest.mark.parametrize("after", range(2 * N_EPOCHS))
+def test_both_trainings_go_on_after_any_epoch(monkeypatch, at_speeds, elsewhere, after):
+    folder = new_folder(at_speeds)
+    with monkeypatch.context() as patch:
+        patch.setattr(train_run, "line_of", Stop(after))
+        with pytest.raises(Interrupted):
+            run(at_speeds, folder, NETWORK, ELSEWHERE)
+    if after:
+        with pytest.raises(InputError, match="pass `resume=True` to continue"):
+            run(at_speeds, folder, NETWORK, ELSEWHERE)
+    with monkeypatch.context() as patch:
+        patch.setattr(train_run, "line_of", Stop(2 * N_EPOCHS - after))  # no epoch is trained again
+        assert run(at_speeds, folder, NETWORK, ELSEWHERE, resume=True) is not None
+    assert contents(folder) == elsewhere
+    assert run(at_speeds, folder, NETWORK, ELSEWHERE, resume=True) is None
+
+
+def test_a_kill_between_the_trainings_loses_nothing(monkeypatch, at_speeds, elsewhere):
+    folder = new_folder(at_speeds)
+
+    def killed(self, *_):
+        raise MemoryError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(train_run._Run, "last", killed)
+        with pytest.raises(MemoryError):
+            run(at_speeds, folder, NETWORK, ELSEWHERE)
+    assert set(contents(folder)) == {ASKED, CHOICE}
+    assert run(at_speeds, folder, NETWORK, ELSEWHERE, resume=True) is not None
+    assert contents(folder) == elsewhere
 
 
 def test_a_training_that_is_done_is_left_alone(monkeypatch, spikes, whole, folder):

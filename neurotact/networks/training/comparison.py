@@ -62,14 +62,16 @@ class Trials(NamedTuple):
     test: np.ndarray
 
 
-def compare(right: Sequence[bool], sides: Sides, trials: Trials, n_classes: int) -> Comparison:
+def compare(
+    right: Sequence[bool], sides: Sides, trials: Trials, n_classes: int, last: Sides | None = None
+) -> Comparison:
     """Measure chance and classifiers on the windows of a network; right: whether it has each test window right.
 
-    The interval counts trials, because windows of one trial are not independent.
+    last: as of `opponents_of`. The interval counts trials, because windows of one trial are not independent.
     """
     commonest = int(sides.train.labels.bincount().argmax())
     accuracy, n_trials = float(np.mean(right)), len(np.unique(trials.test))
-    opponents = list(opponents_of(sides, trials))
+    opponents = list(opponents_of(sides, trials, last))
     n_held = len(np.unique(trials.validation))
     ways = [
         Way(one.accuracy_validation, standard_error(one.accuracy_validation, n_held), right=one.validation)
@@ -97,25 +99,34 @@ def compare(right: Sequence[bool], sides: Sides, trials: Trials, n_classes: int)
     )
 
 
-def opponents_of(sides: Sides, trials: Trials) -> Iterator[Opponent]:
-    """Classifiers on each afferent's spikes, counted over the window and in time bins, sized on validation windows."""
+def opponents_of(sides: Sides, trials: Trials, last: Sides | None = None) -> Iterator[Opponent]:
+    """Classifiers on each afferent's spikes, counted over the window and in time bins, sized on validation windows.
+
+    last: the sides to which a classifier is fitted again after that, with the same test windows; None: it is not.
+    """
     n_steps = sides.train.spikes.shape[1]
     for n_bins in sorted({1, min(BINS, n_steps)}):
-        features = [_counts(side, n_bins) for side in sides]
-        scaler = StandardScaler().fit(features[0])
-        inputs = families.Sides(*map(scaler.transform, features), *(side.labels.numpy() for side in sides))
+        inputs = _inputs(sides, n_bins)
+        again = None if last is None else _inputs(last, n_bins)
         for name, family in families.ON_FEATURES.items():
-            if name == families.MACHINES and (n_train := len(inputs.y_train)) > families.MOST_MACHINES:
+            n_train = len((inputs if again is None else again).y_train)
+            if name == families.MACHINES and n_train > families.MOST_MACHINES:
                 say(f"baselines: no {name}: {n_train} training windows, at most {families.MOST_MACHINES}")
                 continue
-            fitted = families.best_of(family, inputs, 0).fitted
-            held, tested = (
-                fitted.predict(x) == y
-                for x, y in ((inputs.validation, inputs.y_validation), (inputs.test, inputs.y_test))
-            )
+            best = families.best_of(family, inputs, 0)
+            held = best.fitted.predict(inputs.validation) == inputs.y_validation
+            used, of = (best, inputs) if again is None else (families.refitted(best, again), again)
+            tested = used.fitted.predict(of.test) == of.y_test
             shares = by_trial(trials.validation, held), by_trial(trials.test, tested)
             source = "counts" if n_bins == 1 else f"{n_bins} time bins"
             yield Opponent(f"{name} on {source}", *shares, float(held.mean()), float(tested.mean()))
+
+
+def _inputs(sides: Sides, n_bins: int) -> families.Sides:
+    """Spikes of each afferent in time bins, standardised on the training side."""
+    features = [_counts(side, n_bins) for side in sides]
+    scaler = StandardScaler().fit(features[0])
+    return families.Sides(*map(scaler.transform, features), *(side.labels.numpy() for side in sides))
 
 
 def lines(against: Comparison) -> tuple[str, str]:

@@ -8,6 +8,7 @@ from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.networks.training import cautions, comparison, tasks
+from neurotact.networks.training.choice import Choice
 from neurotact.networks.training.comparison import Comparison, Trials, compare
 from neurotact.networks.training.fitting import Trained
 from neurotact.networks.training.tasks import Sides, Task
@@ -47,6 +48,13 @@ class Outcome(NamedTuple):
         return [*comparison.lines(self.compared), costs, confused, *([self.acausal] if self.acausal else [])]
 
 
+class Chosen(NamedTuple):
+    """A training before the last one: its task, and what it chose."""
+
+    task: Task
+    choice: Choice
+
+
 def summary_of(result: Mapping[str, Any]) -> dict[str, Any]:
     """The content of `result.json` in one row: the numbers, then those of `Comparison`, and `cautions`."""
     compared = {name: value for name, value in result["compared"].items() if name != "accuracy"}
@@ -60,18 +68,24 @@ def outcome_of(
     task: Task,
     command: cautions.Command = "train",
     searched: Collection[str] = (),
+    chosen: Chosen | None = None,
 ) -> Outcome:
     """Measure a trained network on its test windows.
 
     command: whose options the remedies of its cautions name. searched: keys of the network that a search has chosen.
+    chosen: on which task a training before the last one chose, and what; None if there is one training.
     """
     result = measuring.measure(fitted, sides, trains.populations)
+    last = None
+    if chosen is not None:
+        result["row"] |= chosen.choice.row()
+        task, last, sides = chosen.task, sides, tasks.sides_of(trains, chosen.task)
     parts = tasks.trials_of(trains, task)
     copies = copies_of(trains)
     distinct = Split(*map(copies.distinct, parts))
     held, tested = ((task.training_window, parts.validation), (task.window, parts.test))
     trials = Trials(*(copies.first[trains.cut(window, side).trial] for window, side in (held, tested)))
-    compared = compare(result["right"], sides, trials, len(trains.classes))
+    compared = compare(result["right"], sides, trials, len(trains.classes), last)
     return Outcome(
         result["row"],
         result["confusion"],

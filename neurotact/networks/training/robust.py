@@ -15,7 +15,8 @@ from neurotact.data.splits import SplitSpec, turns_of
 from neurotact.metrics import paired
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.training import fitting, members, tasks
+from neurotact.networks.training import fitting, tasks
+from neurotact.networks.training.choice import Choice, last
 from neurotact.networks.training.fitting import Trained
 from neurotact.networks.training.tasks import Sides, Task
 from neurotact.networks.use import measuring
@@ -27,38 +28,27 @@ SEEN = 0.15
 class Tried(NamedTuple):
     """A training with one kind of varied copies; seen: its accuracy at conditions of training, None if unknown.
 
-    chosen_by: of a training after the choice, the one that was chosen; its validation trials tell of the test, and its
-    own do not.
+    choice: of the last training, what the one before it chose.
     """
 
     task: Task
     fitted: Trained
     sides: Sides
     seen: float | None = None
-    chosen_by: "Tried | None" = None
+    choice: Choice | None = None
 
     @property
     def validation(self) -> float:
         """The accuracy on validation windows, which chooses."""
         return self.fitted.training.best.validation_accuracy
 
-    def validated(self) -> dict[str, float]:
-        """The accuracies on validation windows by which the network is compared: those of the training that was chosen.
-
-        Empty if that is this one.
-        """
-        if self.chosen_by is None:
-            return {}
-        early = measuring.exit_accuracy(self.chosen_by.fitted, self.chosen_by.sides.validation)
-        return {"accuracy_validation": self.chosen_by.validation, "exit_accuracy_validation": early}
-
     def row(self) -> dict[str, Any]:
-        """A row of `remedies.csv`; a training after the choice has no validation accuracy that compares."""
+        """A row of `remedies.csv`; the validation accuracy of the last training does not compare."""
         network, test = self.fitted.network, self.sides.test
         inferred = network.infer(test.spikes)
         return {
             "augmentation": self.task.augmentation,
-            "accuracy_validation": self.validation if self.chosen_by is None else None,
+            "accuracy_validation": self.validation if self.choice is None else None,
             "accuracy_seen": self.seen,
             "accuracy_test": measuring.accuracy_of(inferred, test),
             "sops_total": float(measuring.synops_of(inferred, network).total.mean()),
@@ -106,14 +96,14 @@ def trainings(
     varied = are_unranked(kinds, trains.conditions, task.split)
     for kind in kinds:
         own = task.model_copy(update={"augmentation": kind, "varied_validation": varied})
-        yield _trained(trains, spec, own, seeds, progress)
+        fitted, sides = fitting.fit(trains, spec, own, seeds, progress=progress)
+        yield Tried(own, fitted, sides, _accuracy_seen(fitted, trains, own))
 
 
-def _trained(trains: SpikeTrains, spec: RSNNSpec, task: Task, seeds: tuple[int, int], progress: Any) -> Tried:
-    fitted, sides = fitting.fit(trains, spec, task, seeds, progress=progress)
+def _accuracy_seen(fitted: Trained, trains: SpikeTrains, task: Task) -> float | None:
+    """The accuracy on trials that are kept for a test at the conditions of training; None if none are."""
     seen = tasks.seen_side(trains, task)
-    spikes = None if seen is None else fitted.network.infer(seen.spikes)
-    return Tried(task, fitted, sides, None if seen is None or spikes is None else measuring.accuracy_of(spikes, seen))
+    return None if seen is None else measuring.accuracy_of(fitted.network.infer(seen.spikes), seen)
 
 
 def best_of(tried: Sequence[Tried]) -> Tried:
@@ -122,17 +112,13 @@ def best_of(tried: Sequence[Tried]) -> Tried:
 
 
 def again(trains: SpikeTrains, chosen: Tried, seeds: tuple[int, int], progress: Any = None) -> Tried:
-    """The chosen training once more, with the condition that validation left out; itself where it left none out.
-
-    The network has the spec of the chosen one, and exits early by its rule, which was found at a condition that the
-    chosen one was not trained on.
-    """
+    """The chosen training once more, with the condition that validation left out; itself where it left none out."""
     task = tasks.with_every_condition(trains, chosen.task)
     if task is None:
         return chosen
-    spec = members.spec_of(chosen.fitted.network, chosen.fitted.training.n_members)
-    last = _trained(trains, spec, task, seeds, progress)
-    return last._replace(fitted=last.fitted._replace(rule=chosen.fitted.rule), chosen_by=chosen)
+    choice = Choice.of(chosen.fitted, chosen.sides.validation)
+    fitted, sides = last(trains, choice, task, seeds, progress=progress)
+    return Tried(task, fitted, sides, _accuracy_seen(fitted, trains, task), choice)
 
 
 def right_seen(network: RSNN, trains: SpikeTrains, task: Task) -> dict[int, float]:

@@ -2,6 +2,8 @@
 
 While it runs, the folder holds `train.toml`, its settings, and `checkpoint.safetensors`, the state between two epochs;
 at its end `train.toml`, the network and its results. Until the first epoch ends, the folder is not changed.
+Where the test is on conditions that validation leaves out in turn, the first training chooses (`choice.json`), and the
+last one (`last.safetensors`, its state) has these conditions, too.
 """
 
 import os
@@ -9,7 +11,7 @@ import time
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import Field
 
@@ -21,17 +23,21 @@ from neurotact.interrupt import stop_if_asked, terminated_as_interrupted
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.specs import RSNNSpec, void_keys
 from neurotact.networks.training import checkpoint, fitting, tasks, trained, training_checkpoint
-from neurotact.networks.training.outcome import Outcome, outcome_of
-from neurotact.networks.training.tasks import Task
+from neurotact.networks.training.choice import Choice
+from neurotact.networks.training.fitting import Trained
+from neurotact.networks.training.outcome import Chosen, Outcome, outcome_of
+from neurotact.networks.training.tasks import Sides, Task
 from neurotact.networks.training.training import Checkpoint, Epoch
 from neurotact.progress import track
 from neurotact.spec import Spec, build, digest, read, saved, to_toml, unsaved
 from neurotact.versions import versions
 
+T = TypeVar("T")
 ASKED = "train.toml"
 CHECKPOINT = "checkpoint.safetensors"
+CHOICE, LAST = "choice.json", "last.safetensors"
 RESULT = "result.json"
-LEFT = (RESULT, CHECKPOINT, trained.LOG, checkpoint.WEIGHTS, checkpoint.NETWORK, ASKED)
+LEFT = (RESULT, CHECKPOINT, LAST, CHOICE, trained.LOG, checkpoint.WEIGHTS, checkpoint.NETWORK, ASKED)
 """All files of a training; the files that show its end or its progress are removed first."""
 SECONDS_BETWEEN = 1.0
 """Least time between two checkpoints: short epochs are not slowed down by writing."""
@@ -105,53 +111,102 @@ def run(
             network=chosen,
             versions=versions(),
         )
-        start = None
-        if resume and _holds(folder, CHECKPOINT, RESULT):
+        choice = start = None
+        if resume and _holds(folder, CHECKPOINT, LAST, CHOICE, RESULT):
             _check_same(folder, request)
-            if not _holds(folder, CHECKPOINT):
+            if not _holds(folder, CHECKPOINT, LAST) and _holds(folder, RESULT):
                 return None
-            start = _load(folder, request, trains)
+            choice = _choice(folder)
+            start = _load(folder, request, trains, CHECKPOINT if choice is None else LAST)
         if task.split.test_where:
             tell(validation_note(trains.conditions, task.split))
         for line in (*tasks.balance_note(trains, task), *recipe.described(network, seen)):
             tell(line)
-        return _train(trains, request, spikes, folder, start)
+        run_of = _Run(trains, request, spikes, folder)
+        last = tasks.with_every_condition(trains, task)
+        if last is None:
+            return run_of.only(start)
+        if choice is None:
+            choice, start = run_of.choice(start), None
+        return run_of.last(last, choice, start)
 
 
-def _train(trains: SpikeTrains, request: Asked, spikes: Path, folder: Path, start: Checkpoint | None) -> Outcome:
-    writer = _CheckpointWriter(folder, request, start)
-    n_before, training = len(start.epochs) if start else 0, request.network.training
-    with terminated_as_interrupted():
-        try:
-            with track("train", training.members * training.epochs, done=n_before, at_most=True) as advance:
-                fitted, sides = fitting.fit(
-                    trains,
-                    request.network,
-                    request.task,
-                    (request.seed, request.seed + 1),
-                    device=request.device,
-                    progress=lambda epoch: advance(1, line_of(epoch, training.members)),
-                    start=start,
-                    keep=writer.keep,
-                )
-            writer.write()
-            trained.save(fitted, folder, trains, spikes, request.task)
-            outcome = outcome_of(fitted, sides, trains, request.task)
-            files.write_json(folder / RESULT, outcome.as_json())
-            (folder / CHECKPOINT).unlink(missing_ok=True)
-        except KeyboardInterrupt:
-            writer.write()
-            raise Interrupted(writer.epochs) from None
-    return outcome
+class _Run:
+    """The trainings of a folder, each of which is resumed from a checkpoint."""
+
+    def __init__(self, trains: SpikeTrains, request: Asked, spikes: Path, folder: Path) -> None:
+        self.trains, self.asked, self.spikes, self.folder = trains, request, spikes, folder
+
+    def only(self, start: Checkpoint | None) -> Outcome:
+        """The only training, on the task that was asked for."""
+        task = self.asked.task
+        return self._trained(
+            self.asked.network, task, CHECKPOINT, start, lambda fitted, sides: self._end(fitted, sides, task)
+        )
+
+    def choice(self, start: Checkpoint | None) -> Choice:
+        """The training that chooses, without a condition."""
+
+        def end(fitted: Trained, sides: Sides) -> Choice:
+            chosen = Choice.of(fitted, sides.validation)
+            files.write_json(self.folder / CHOICE, chosen.model_dump(mode="json", exclude_none=True))
+            return chosen
+
+        return self._trained(self.asked.network, self.asked.task, CHECKPOINT, start, end)
+
+    def last(self, task: Task, choice: Choice, start: Checkpoint | None) -> Outcome:
+        """The training after the choice, with every condition."""
+
+        def end(fitted: Trained, sides: Sides) -> Outcome:
+            exits = fitted._replace(rule=choice.rule)
+            return self._end(exits, sides, task, Chosen(self.asked.task, choice))
+
+        (self.folder / CHECKPOINT).unlink(missing_ok=True)  # left if the first training was interrupted at its very end
+        return self._trained(choice.network, task, LAST, start, end)
+
+    def _trained(
+        self, network: RSNNSpec, task: Task, name: str, start: Checkpoint | None, end: Callable[[Trained, Sides], T]
+    ) -> T:
+        """What `end` makes of a training; name: of its checkpoint."""
+        writer = _CheckpointWriter(self.folder, self.asked, name, is_ours=start is not None or name == LAST)
+        writer.epochs = n_before = len(start.epochs) if start else 0
+        n_members = network.training.members
+        with terminated_as_interrupted():
+            try:
+                told = "train" if name == CHECKPOINT else "train again"
+                with track(told, n_members * network.training.epochs, done=n_before, at_most=True) as advance:
+                    fitted, sides = fitting.fit(
+                        self.trains,
+                        network,
+                        task,
+                        (self.asked.seed, self.asked.seed + 1),
+                        device=self.asked.device,
+                        progress=lambda epoch: advance(1, line_of(epoch, n_members)),
+                        start=start,
+                        keep=writer.keep,
+                    )
+                writer.write()
+                made = end(fitted, sides)
+                (self.folder / name).unlink(missing_ok=True)
+            except KeyboardInterrupt:
+                writer.write()
+                raise Interrupted(writer.epochs) from None
+        return made
+
+    def _end(self, fitted: Trained, sides: Sides, task: Task, chosen: Chosen | None = None) -> Outcome:
+        """Save the network and its results."""
+        trained.save(fitted, self.folder, self.trains, self.spikes, task)
+        outcome = outcome_of(fitted, sides, self.trains, task, chosen=chosen)
+        files.write_json(self.folder / RESULT, outcome.as_json())
+        return outcome
 
 
 class _CheckpointWriter:
     """Writes the latest checkpoint of a training, at most every `SECONDS_BETWEEN` seconds while it runs."""
 
-    def __init__(self, folder: Path, request: Asked, start: Checkpoint | None) -> None:
-        self.folder, self.asked = folder, request
-        self.is_ours = start is not None
-        self.epochs = len(start.epochs) if start else 0
+    def __init__(self, folder: Path, request: Asked, name: str, *, is_ours: bool) -> None:
+        self.folder, self.asked, self.name, self.is_ours = folder, request, name, is_ours
+        self.epochs = 0
         self.latest: Checkpoint | None = None
         self.written_at = float("-inf")
 
@@ -168,7 +223,7 @@ class _CheckpointWriter:
         if not self.is_ours:
             _begin(self.folder, self.asked)
             self.is_ours = True
-        training_checkpoint.save(self.latest, self.folder / CHECKPOINT, digest(self.asked.settings()))
+        training_checkpoint.save(self.latest, self.folder / self.name, _training(self.asked, self.name))
         self.epochs, self.latest = len(self.latest.epochs), None
         self.written_at = time.monotonic()
 
@@ -199,7 +254,7 @@ def check_place(folder: Path, *, force: bool, resume: bool = False) -> None:
         if names <= set(LEFT) or ASKED in names:
             return
         raise InputError(f"{folder}: holds no training to resume; choose another folder")
-    if CHECKPOINT in names:
+    if names & {CHECKPOINT, LAST} or (CHOICE in names and RESULT not in names):
         raise InputError(
             f"{folder}: holds a training that was interrupted; pass `resume=True` to continue, or `force=True` to "
             "start again"
@@ -254,9 +309,23 @@ def _differences(before: Any, now: Any, key: str = "") -> Iterator[tuple[str, An
         yield from _differences(before.get(name), now.get(name), f"{key}.{name}" if key else str(name))
 
 
-def _load(folder: Path, request: Asked, trains: SpikeTrains) -> Checkpoint:
+def _load(folder: Path, request: Asked, trains: SpikeTrains, name: str) -> Checkpoint | None:
+    """The checkpoint of a training; None if it has not begun."""
+    if not _holds(folder, name):
+        return None
     net = training_checkpoint.Net(request.network, len(trains.afferents), len(trains.classes))
-    return training_checkpoint.load(folder / CHECKPOINT, net, digest(request.settings()))
+    return training_checkpoint.load(folder / name, net, _training(request, name))
+
+
+def _choice(folder: Path) -> Choice | None:
+    """What an interrupted training chose; None if it has not."""
+    path = folder / CHOICE
+    return build(Choice, files.read_json(path), source=str(path)) if _holds(folder, CHOICE) else None
+
+
+def _training(request: Asked, name: str) -> str:
+    """The name of a training in its checkpoint, whose file is called `name`."""
+    return digest(request.settings()) + ("" if name == CHECKPOINT else f" {name}")
 
 
 def _holds(folder: Path, *names: str) -> bool:

@@ -1,0 +1,58 @@
+"""The last training of a network that is tested on untrained conditions: with the condition that validation left out.
+
+The training before it chooses. What it came to is kept (`Choice`), since validation trials of the last one have only
+conditions that are trained on, and say nothing of the test.
+"""
+
+from typing import Any
+
+from pydantic import Field
+
+from neurotact.data.spikes import SpikeTrains
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.training import fitting, members
+from neurotact.networks.training.fitting import Trained
+from neurotact.networks.training.tasks import Sides, Task
+from neurotact.networks.training.training import Examples
+from neurotact.networks.use import measuring
+from neurotact.spec import Spec
+
+
+class Choice(Spec):
+    """What a training chose on validation trials of another condition."""
+
+    network: RSNNSpec
+    """The network, with its recipe resolved."""
+    exit_patience: int | None = Field(default=None, ge=1)
+    exit_margin: float | None = Field(default=None, gt=0)
+    accuracy_validation: float = Field(ge=0, le=1)
+    exit_accuracy_validation: float = Field(ge=0, le=1)
+
+    @classmethod
+    def of(cls, fitted: Trained, validation: Examples) -> "Choice":
+        """Of a trained network and its validation windows."""
+        return cls(
+            network=members.spec_of(fitted.network, fitted.training.n_members),
+            exit_patience=fitted.rule.patience,
+            exit_margin=fitted.rule.margin,
+            accuracy_validation=fitted.training.best.validation_accuracy,
+            exit_accuracy_validation=measuring.exit_accuracy(fitted, validation),
+        )
+
+    @property
+    def rule(self) -> ExitRule:
+        """The rule of early exit."""
+        return ExitRule(self.exit_patience, from_first_spike=True, margin=self.exit_margin)
+
+    def row(self) -> dict[str, float]:
+        """The columns of results by which networks are compared: their accuracies at a condition not trained on."""
+        return self.model_dump(include={"accuracy_validation", "exit_accuracy_validation"})
+
+
+def last(
+    trains: SpikeTrains, choice: Choice, task: Task, seeds: tuple[int, int], **options: Any
+) -> tuple[Trained, Sides]:
+    """Train the chosen network; task: of `tasks.with_every_condition`, options: of `fitting.fit`."""
+    fitted, sides = fitting.fit(trains, choice.network, task, seeds, **options)
+    return fitted._replace(rule=choice.rule), sides
