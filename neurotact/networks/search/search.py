@@ -40,8 +40,8 @@ from neurotact.networks.search.journal import (
     value_of,
 )
 from neurotact.networks.search.tuning import MedianStop, Proposal, SearchSpec, Tuner
-from neurotact.networks.training import fitting, members, population, tasks, trained
-from neurotact.networks.training.outcome import Outcome, outcome_of
+from neurotact.networks.training import fitting, members, population, robust, tasks, trained
+from neurotact.networks.training.outcome import Chosen, Outcome, outcome_of
 from neurotact.networks.training.tasks import Sides, Task
 from neurotact.networks.training.training import Course, Epoch, alone
 from neurotact.networks.use import measuring
@@ -271,13 +271,16 @@ def train_best(
 def save_best(problem: Problem, spikes: Path, folder: Path, trials: Sequence[Trial], device: str = "cpu") -> Outcome:
     """Train the best network again and write it into `folder/best` as `neurotact train` does; returns its outcome.
 
-    It is trained with one thread, as in the search, to be the same network to the last bit.
+    It is trained with one thread, as in the search, to be the same network to the last bit; after that with the
+    condition that validation leaves out, where it does.
     """
-    trains = tasks.load_spikes(spikes, problem.task)
+    trains, task, best = tasks.load_spikes(spikes, problem.task), problem.task, best_of(trials)
     with workers.one_thread():
-        fitted, sides = train_best(problem, trains, best_of(trials), device)
-    trained.save(fitted, folder / "best", trains, spikes, problem.task)
-    outcome = outcome_of(fitted, sides, trains, problem.task, "tune", problem.search.space)
+        first = robust.Tried(task, *train_best(problem, trains, best, device))
+        last = robust.again(trains, first, problem.seeds_of(Proposal(best.id, best.parameters)))
+    trained.save(last.fitted, folder / "best", trains, spikes, last.task)
+    chosen = None if last.choice is None else Chosen(task, last.choice)
+    outcome = outcome_of(last.fitted, last.sides, trains, last.task, "tune", problem.search.space, chosen)
     files.write_json(folder / "best" / "result.json", outcome.as_json())
     return outcome
 
