@@ -14,6 +14,8 @@ from neurotact.errors import InputError
 
 log = logging.getLogger("neurotact")
 
+LEAST_OF_CLASS = 10
+"""Trials of a class that are kept of a large file, if it has as many."""
 Touches = TypeVar("Touches", bound=Trials | SpikeTrains)
 
 
@@ -155,6 +157,30 @@ def chosen_trials(touches: Touches, choice: TrialChoice, source: str, *, tell: b
     if tell:
         choice.say(keep, source)
     return touches.select(keep)  # pyright: ignore[reportReturnType]  # of the same kind
+
+
+def evenly_of(conditions: pd.DataFrame, n: int) -> np.ndarray:
+    """The places of at most n trials, evenly spaced within each class, and within each condition of it, ascending.
+
+    A class keeps its share, but at least `LEAST_OF_CLASS` trials. Those of a class are ordered by the other conditions,
+    first by those with the fewest values, so that each combination of values keeps its share as far as n allows.
+
+    >>> table = pd.DataFrame({"label": ["felt", "silk"] * 6, "speed": [1] * 6 + [2] * 6})
+    >>> evenly_of(table, 4).tolist(), len(evenly_of(table, 99))
+    ([0, 1, 6, 7], 12)
+    """
+    if n >= len(conditions):
+        return np.arange(len(conditions))
+    codes = {str(name): pd.factorize(conditions[name].astype(str))[0] for name in conditions}
+    others = sorted((name for name in codes if name != LABEL), key=lambda name: int(codes[name].max()))
+    ordered = np.lexsort([codes[name] for name in (*others[::-1], LABEL)])
+    sizes = np.bincount(codes[LABEL])
+    kept = np.maximum(n * sizes // len(conditions), np.minimum(sizes, LEAST_OF_CLASS))
+    while kept.sum() > n:
+        kept[kept.argmax()] -= 1
+    begins = np.cumsum(sizes) - sizes
+    places = [begin + np.arange(k) * size // max(1, k) for begin, k, size in zip(begins, kept, sizes, strict=True)]
+    return np.sort(ordered[np.concatenate(places)])
 
 
 def trials_with(

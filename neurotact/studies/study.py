@@ -87,6 +87,8 @@ class DatasetSpec(Spec):
     """Conditions of the trials that are used, such as `{ speed = 300 }`; the others are as if never recorded."""
     leave_out: LeaveOut = {}
     """Conditions of trials that are not used, or classes, such as `"rest"`."""
+    at_most: int | None = Field(default=None, ge=2)
+    """Trials that are used at most, evenly spaced within each class and condition; absent: all."""
 
     @field_validator("subsets")
     @classmethod
@@ -117,7 +119,8 @@ class DatasetSpec(Spec):
         """The keys that decide the recordings, independent of the location of the files."""
         decides = {"simulate": self.simulate, "parameters": self.parameters, "read": self.read}
         chosen = {key: value for key, value in self.choice._asdict().items() if value}
-        return {**decides, "stratify": self.stratify, **chosen}
+        some = {} if self.at_most is None else {"at_most": self.at_most}
+        return {**decides, "stratify": self.stratify, **chosen, **some}
 
     @property
     def choice(self) -> TrialChoice:
@@ -461,8 +464,10 @@ def _suited(
         )
     clock_Hz = study.encoder.conditioning.resample_Hz
     uses_onsets = "window" in left and bool(suited.untrained_conditions(table))
-    recorded = suited.look(expand(study.dataset.file), clock_Hz, study.dataset.choice, onsets=uses_onsets)
+    choice, at_most = study.dataset.choice, study.dataset.at_most
+    recorded = suited.look(expand(study.dataset.file), clock_Hz, choice, at_most=at_most, onsets=uses_onsets)
     table, notes = suited.suit(table, recorded, left, given, split=study.split)
+    notes = [*suited.of_fewer(recorded), *notes]
     exact = is_exact(study.encoder)
     swept = [value for key in calibrated.PERIODS for value in sweeps.values(study.sweep, key)]
     if suited.INTEGRATION in left and pays_exact(study.encoder, recorded.sampling_rate_Hz, swept):

@@ -22,7 +22,7 @@ from neurotact.data.copies import copies_of
 from neurotact.data.onset import common_onset_s, onsets_s
 from neurotact.data.recordings import LABEL
 from neurotact.data.splits import SplitSpec, check_each, split_conditions, turns_of, validation_note
-from neurotact.data.trial_choice import EVERY, TrialChoice, chosen_trials
+from neurotact.data.trial_choice import EVERY, TrialChoice, chosen_trials, evenly_of
 from neurotact.data.window_choice import FOUND, LATE, RESTS, Timing, Words, choose, left_after
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.calibration import CLOCK_HZ
@@ -69,7 +69,7 @@ class Recorded(NamedTuple):
 
     timing: of the trials, on the clock of their windows. rarest: number of trials of the smallest class, without
     copies. conditions: of the trials. onsets_s: of contact, from the start of each trial; NaN without one, None if not
-    looked for.
+    looked for. n_chosen: trials of the file that may be used, if not all of them are.
     """
 
     timing: Timing
@@ -77,6 +77,7 @@ class Recorded(NamedTuple):
     rarest: int = 0
     conditions: pd.DataFrame = pd.DataFrame()
     onsets_s: np.ndarray | None = None
+    n_chosen: int = 0
 
 
 def table_of(path: Path) -> dict[str, Any]:
@@ -281,12 +282,29 @@ def note_of(choice: TrialChoice) -> str | None:
     return f"Trials: {choice}." if choice else None
 
 
+def of_fewer(recorded: Recorded) -> list[str]:
+    """How many trials are used, in words; nothing if none but the chosen ones are left out."""
+    n = len(recorded.conditions)
+    if n >= recorded.n_chosen:
+        return []
+    return [
+        f"Trials: {n:,} of {recorded.n_chosen:,}, evenly spaced within each class and condition, for an answer in one "
+        f"sitting; all: `settings={{'dataset.at_most': {recorded.n_chosen}}}`."
+    ]
+
+
 def look(
-    path: str | Path, clock_Hz: float | None = None, choice: TrialChoice = EVERY, *, onsets: bool = False
+    path: str | Path,
+    clock_Hz: float | None = None,
+    choice: TrialChoice = EVERY,
+    *,
+    at_most: int | None = None,
+    onsets: bool = False,
 ) -> Recorded:
     """The properties of the chosen trials in a file of recordings, with trial durations on a clock.
 
     clock_Hz: of the encoder; if absent, the sampling rate of the recordings, but at least the clock of calibration.
+    at_most: as of a study's data set.
     """
     if hdf5.kind_of(path) != "recordings":
         raise InputError(
@@ -295,6 +313,8 @@ def look(
         )
     with hdf5.open_recordings(path) as every:
         stored = chosen_trials(every, choice, str(path), tell=False)
+        n_chosen = len(stored)
+        stored = stored if at_most is None else stored.select(evenly_of(stored.conditions, at_most))
         rate_Hz = stored.sampling_rate_Hz
         on_Hz = clock_Hz or max(rate_Hz, CLOCK_HZ)
         n_steps = [conditioned_length(n_samples, rate_Hz, on_Hz) for n_samples in stored.lengths.tolist()]
@@ -303,7 +323,7 @@ def look(
         touch_s = common_onset_s(stored)
         begin_s = onsets_s(stored, RESTS * touch_s) if onsets else None
         timing = Timing(np.array(n_steps) / on_Hz, on_Hz, touch_s)
-        return Recorded(timing, rate_Hz, rarest, stored.conditions, begin_s)
+        return Recorded(timing, rate_Hz, rarest, stored.conditions, begin_s, n_chosen)
 
 
 def window(timing: Timing, given: Mapping[str, Any] = {}) -> tuple[dict[str, Any], list[str]]:

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 import neurotact as nt
 from neurotact import workers
 from neurotact.cli import app
-from neurotact.data.trial_choice import TrialChoice, chosen_trials
+from neurotact.data.trial_choice import LEAST_OF_CLASS, TrialChoice, chosen_trials, evenly_of
 from neurotact.deploy import export
 from neurotact.errors import InputError
 from neurotact.networks.training import trained
@@ -219,6 +219,49 @@ def test_recordings_are_found_again_by_their_content(place, tmp_path):
             app, ["raster", str(spikes), "--recordings", str(tmp_path / "others.h5"), "-o", str(tmp_path / "b.png")],
             catch_exceptions=False,
         )  # fmt: skip
+
+
+@examples(40)
+@given(
+    sizes=st.lists(st.lists(st.integers(1, 40), min_size=2, max_size=2), min_size=1, max_size=4),
+    n=st.integers(2, 200),
+    seed=st.integers(0, 9),
+)
+def test_fewer_trials_keep_the_share_of_each_class_and_condition(sizes, n, seed):
+    rows = [(label, speed, i) for label, each in enumerate(sizes) for speed, k in enumerate(each) for i in range(k)]
+    table = pd.DataFrame(rows, columns=["label", "speed", "file"]).sample(frac=1, random_state=seed)
+    table = table.reset_index(drop=True)
+    kept = evenly_of(table, n)
+    assert kept.tolist() == sorted(set(kept.tolist()))
+    if n >= len(table):
+        assert len(kept) == len(table)
+        return
+    assert n - len(sizes) <= len(kept) <= n
+    total, left = table["label"].value_counts(), table.iloc[kept]["label"].value_counts()
+    for label, size in total.items():
+        if n >= len(sizes) * LEAST_OF_CLASS:
+            assert left[label] >= min(size, LEAST_OF_CLASS)
+        both = table[table["label"] == label]["speed"].value_counts()
+        of_label = table.iloc[kept].query("label == @label")["speed"].value_counts()
+        for speed, count in both.items():
+            assert abs(of_label.get(speed, 0) - left.get(label, 0) * count / size) <= 1
+
+
+def test_a_first_look_at_many_trials_takes_some_and_says_so(tmp_path, monkeypatch):
+    rng = np.random.default_rng(0)
+    conditions = pd.DataFrame({"label": ["felt", "silk"] * 20, "speed": np.repeat([1, 2], 20)})
+    path = tmp_path / "many.h5"
+    nt.save(nt.Recordings([rng.normal(size=(60, 2)) for _ in range(40)], 1000.0, "mV", conditions), path)
+    quick = loading.resolve("own-recordings", {"dataset.at_most": 24}, quick=True, data=path)
+    said = "Trials: 24 of 40, evenly spaced within each class and condition, for an answer in one sitting; all:"
+    assert [note.startswith(said) for note in quick.notes].count(True) == 1
+    loaded = preparation.load_dataset(quick.dataset)
+    assert loaded.conditions.groupby(["label", "speed"]).size().tolist() == [6] * 4
+    every = loading.resolve("own-recordings", {}, quick=True, data=path)
+    assert every.dataset.at_most == 1000
+    assert not any(note.startswith("Trials") for note in every.notes)
+    assert len(preparation.load_dataset(every.dataset)) == 40
+    assert loading.resolve("own-recordings", {}, data=path).dataset.at_most is None
 
 
 def test_a_study_uses_the_chosen_trials_and_says_which(place, caplog):
