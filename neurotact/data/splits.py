@@ -21,7 +21,7 @@ from neurotact.data.copies import copies_of, joined, name_of
 from neurotact.data.nested import Turn
 from neurotact.data.recordings import LABEL, Trials, select_conditions
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.trial_choice import Where, trials_with
+from neurotact.data.trial_choice import Where, trials_with, values_in_words
 from neurotact.errors import InputError, nearest, some
 from neurotact.spec import Spec
 
@@ -183,8 +183,8 @@ def check_each(
             sides = split_conditions(conditions, (), own, first)
         except InputError as error:
             raise InputError(
-                f"`leave_out_each`: cannot test {_asked(test)}, with the trials that share one of these values left "
-                f"aside ({error}); test other values (`test_where`), or leave out each of a single condition"
+                f"`leave_out_each`: cannot test {values_in_words(test)}, with the trials that share one of these "
+                f"values left aside ({error}); test others (`test_where`), or leave out each of a single condition"
             ) from error
         counts.append(len(conditions) - sum(map(len, sides)))
         is_apart |= counts[-1] > aside_of(conditions, own).sum()
@@ -596,7 +596,7 @@ def _check_copies(conditions: pd.DataFrame, first: np.ndarray, spec: SplitSpec) 
         return
     if spec.test_where:
         group = np.isin(np.arange(len(first)), _where(conditions, spec.test_where)) + 2 * aside_of(conditions, spec)
-        key, what = "split.test_where", f"only one of them has {_asked(spec.test_where)}"
+        key, what = "split.test_where", f"only one of them has {values_in_words(spec.test_where)}"
     elif spec.order is not None and spec.order in conditions:
         group = conditions[spec.order].astype(str).to_numpy(dtype=str)
         key, what = "split.order", f"they have different values of '{spec.order}'"
@@ -610,10 +610,6 @@ def _check_copies(conditions: pd.DataFrame, first: np.ndarray, spec: SplitSpec) 
             f"{key}: {copy} is a copy of {copied}, but {what}{more}; remove the one with the wrong condition, or split "
             "otherwise"
         )
-
-
-def _asked(where: Mapping[str, Any]) -> str:
-    return ", ".join(f"{column} = {wanted}" for column, wanted in where.items())
 
 
 def _ranks(conditions: pd.DataFrame, order: str) -> np.ndarray:

@@ -1,7 +1,7 @@
 """The choice of trials by their conditions: those to keep (`where`) and those to leave out."""
 
 import logging
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from typing import Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -87,8 +87,8 @@ class TrialChoice(NamedTuple):
         return bool(self.where or self.leave_out)
 
     def __str__(self) -> str:
-        parts = [f"{_listed(self.where)}"] if self.where else []
-        return " ".join([*parts, *([f"without {_listed(self.leave_out)}"] if self.leave_out else [])])
+        parts = [values_in_words(self.where)] if self.where else []
+        return " ".join([*parts, *([f"without {values_in_words(self.leave_out)}"] if self.leave_out else [])])
 
     def among(self, columns: Collection[str]) -> "TrialChoice":
         """The part of the choice that these conditions decide."""
@@ -193,7 +193,11 @@ def trials_with(
     return keep
 
 
-def _listed(where: Mapping[str, Any]) -> str:
-    parts = [(name, value if isinstance(value, Sequence) and not isinstance(value, str) else [value])
-             for name, value in where.items()]  # fmt: skip
-    return ", ".join(f"{name} = {' or '.join(map(str, values))}" for name, values in parts)
+def values_in_words(where: Mapping[str, Any], joint: str = ", ") -> str:
+    """Conditions and their values.
+
+    >>> values_in_words({"speed": [300, 450], "force_N": 3})
+    'speed = 300 or 450, force_N = 3'
+    """
+    several = {name: value if isinstance(value, (list, tuple)) else [value] for name, value in where.items()}
+    return joint.join(f"{name} = {' or '.join(map(str, values))}" for name, values in several.items())

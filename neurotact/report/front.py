@@ -13,6 +13,7 @@ from neurotact.data.conditioning import acausal_note
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, turns_of, validation_note
+from neurotact.data.trial_choice import values_in_words
 from neurotact.data.window_choice import on_late_onsets, timing_of
 from neurotact.errors import InputError
 from neurotact.metrics import paired
@@ -332,11 +333,6 @@ def cells_of(done: Sequence[Cell], rows: pd.DataFrame, network: Network) -> list
     return [done[index] for index in places if index < len(done)]
 
 
-def _either(value: Any) -> str:
-    """A value, or one of several, in words."""
-    return " or ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
-
-
 def untold(cells: Sequence[Cell], trains: SpikeTrains | None) -> str:
     """A statement that validation cannot choose for the test, because it cannot leave out a condition; else empty.
 
@@ -373,8 +369,7 @@ def likely_cause(splits: Sequence[SplitSpec]) -> str:
         names = " and ".join(f"a {name}" for name in split.test_where)
         return f"test trials have {names} that validation trials have not"
     if split.test_where:
-        values = " and ".join(f"{name} = {_either(value)}" for name, value in split.test_where.items())
-        return f"test trials have {values}, validation trials have not"
+        return f"test trials have {values_in_words(split.test_where, ' and ')}, validation trials have not"
     if split.order is not None:
         return f"test trials are the last ones by {split.order}"
     if split.group:

@@ -9,6 +9,7 @@ import pandas as pd
 from neurotact.data.augmentation import NONE
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains
+from neurotact.data.trial_choice import values_in_words
 from neurotact.metrics.shares import wilson_interval
 from neurotact.report.answer import Network, percent
 from neurotact.report.page import Table
@@ -74,7 +75,7 @@ def _gained_by_last(table: pd.DataFrame) -> float:
 def condition_of(study: StudySpec, row: Mapping[str, Any]) -> str:
     """The tested condition of a row in words, such as "speed = 150"."""
     swept = {key.removeprefix(TESTED): row[key] for key in row if str(key).startswith(TESTED)}
-    return ", ".join(f"{name} = {value}" for name, value in {**study.split.test_where, **swept}.items())
+    return values_in_words({**study.split.test_where, **swept})
 
 
 def by_class(folder: Path, cells: Sequence[Cell], trains: SpikeTrains | None) -> pd.DataFrame:
@@ -86,7 +87,7 @@ def by_class(folder: Path, cells: Sequence[Cell], trains: SpikeTrains | None) ->
     shares = []
     for cell in cells if trains is not None else ():
         result = result_of(folder, cell)
-        tested = ", ".join(f"{name} = {value}" for name, value in cell.split.test_where.items())
+        tested = values_in_words(cell.split.test_where)
         for condition, right in ((tested, "right"), (TRAINED, RIGHT_SEEN)):
             known = result.get(right, {}) if tested else {}
             shares += [(condition, int(trial), share) for trial, share in known.items()]
