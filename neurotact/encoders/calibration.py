@@ -231,9 +231,10 @@ def calibrate_causally(
     they are finer if an afferent fires less, whatever the baseline removes. RA-I responds to changes, which a baseline
     hardly affects.
 
-    choose_ema: also choose the moving average: its own cut-off, `WIDER` times that, or none, without a baseline. The
-        first one whose `Calibration.accuracy_of_both` is within one standard error of the highest is chosen, so that a
-        sensor of vibrations above the cut-off keeps them.
+    choose_ema: also choose the moving average, after the baseline and the polarity, which are chosen with its own: its
+        own cut-off, `WIDER` times that, or none. The first one whose `Calibration.accuracy_of_both` is within one
+        standard error of the highest is chosen, so that a sensor of vibrations above the cut-off keeps them. Without
+        the polarity that suits, a wider one may seem better only for want of it.
     choose_opposite: also choose whether SA-I of the falling signal are added (`sa1.opposite`): if without them
         `Calibration.accuracy_of_both` is more than one standard error below, and they do not fire at rest (`resting`).
         Only of LIF afferents without them.
@@ -253,21 +254,17 @@ def calibrate_causally(
     def fit(tried: Encoder) -> Calibration[Encoder]:
         return calibrate(recordings, tried, progress, rule, apart=apart, tell=False)
 
-    smoothed, _ = _each(fit, {cutoff: _with(spec, PAST[0], cutoff) for cutoff in cutoffs_Hz})
-    if choose_ema and progress:
-        progress((MOST_CUTOFFS - len(cutoffs_Hz)) * rule.candidates, "")
-    cutoff_Hz = own_Hz
-    of_cutoffs: dict[float | None, float] = {}
-    if smoothed and len(cutoffs_Hz) > 1:
-        of_cutoffs = {cutoff: one.accuracy_of_both for cutoff, one in smoothed.items()}
-        cutoff_Hz = _best_of(of_cutoffs, _n_trials(smoothed))
-    done: dict[Baseline, Calibration[Encoder]] = {PAST[0]: smoothed[cutoff_Hz]} if cutoff_Hz in smoothed else {}
-    best, on_baseline = _of_baselines(fit, spec, cutoff_Hz, done)
-    notes = *_on_ema(of_cutoffs, cutoff_Hz, own_Hz, spec), on_baseline
+    best, on_baseline = _of_baselines(fit, spec, cutoffs_Hz)
+    notes: tuple[str, ...] = (on_baseline,)
     if choose_opposite and (signed := with_opposite(spec)) is not None:
         with contextlib.suppress(InputError):  # no gain suits the falling signal: the encoder stays as it is
-            both, on_its_baseline = _of_baselines(fit, signed, cutoff_Hz, {})
+            both, on_its_baseline = _of_baselines(fit, signed, cutoffs_Hz)
             best, notes = _of_polarities(recordings, (best, both), notes, on_its_baseline)
+    if len(cutoffs_Hz) > 1:
+        best, on_ema = _of_cutoffs(fit, best, _refit(spec, best.encoder), cutoffs_Hz)
+        notes = *on_ema, *notes
+    if choose_ema and progress:
+        progress((MOST_CUTOFFS - len(cutoffs_Hz)) * rule.candidates, "")
     if choose_grades and apart and (graded := with_grades(_refit(spec, best.encoder))) is not None:
         with contextlib.suppress(InputError):
             best, notes = _of_grades((best, fit(graded)), notes)
@@ -280,20 +277,38 @@ def calibrate_causally(
 
 
 def _of_baselines(
-    fit: Callable[[Encoder], Calibration[Encoder]],
-    spec: Encoder,
-    cutoff_Hz: float | None,
-    done: Mapping[Baseline, Calibration[Encoder]],
+    fit: Callable[[Encoder], Calibration[Encoder]], spec: Encoder, cutoffs_Hz: Iterable[float | None]
 ) -> tuple[Calibration[Encoder], str]:
-    """The calibration with the best baseline of `PAST`, and the note on it; done: those that are known."""
-    tried: dict[Baseline, Encoder] = {base: _with(spec, base, cutoff_Hz) for base in PAST if base not in done}
-    others, errors = _each(fit, tried)
-    calibrated: dict[Baseline, Calibration[Encoder]] = {**done, **others}
-    if not calibrated:
-        raise errors[PAST[-1]]
-    accuracy: dict[Baseline, float] = {baseline: calibration.accuracy for baseline, calibration in calibrated.items()}
-    best = _best_of(accuracy, _n_trials(calibrated))
-    return calibrated[best], _on_baseline(accuracy, best, spec)
+    """The calibration with the best baseline of `PAST`, and the note on it, at the first cut-off that has one."""
+    errors: list[InputError] = []
+    for cutoff_Hz in cutoffs_Hz:
+        tried: dict[Baseline, Encoder] = {base: _with(spec, base, cutoff_Hz) for base in PAST}
+        calibrated, failed = _each(fit, tried)
+        if calibrated:
+            accuracy: dict[Baseline, float] = {baseline: one.accuracy for baseline, one in calibrated.items()}
+            best = _best_of(accuracy, _n_trials(calibrated))
+            return calibrated[best], _on_baseline(accuracy, best, spec)
+        errors.append(failed[PAST[-1]])
+    raise errors[0]
+
+
+def _of_cutoffs(
+    fit: Callable[[Encoder], Calibration[Encoder]],
+    best: Calibration[Encoder],
+    start: Encoder,
+    cutoffs_Hz: list[float | None],
+) -> tuple[Calibration[Encoder], list[str]]:
+    """The calibration with the best moving average, and the note on another one than the encoder's own.
+
+    best: that of the first cut-off that can be calibrated. start: the encoder to calibrate with those that follow.
+    """
+    known = best.encoder.conditioning
+    wider_Hz = cutoffs_Hz[cutoffs_Hz.index(known.ema_cutoff_Hz) + 1 :]
+    others, _ = _each(fit, {cutoff_Hz: _with(start, known.baseline, cutoff_Hz) for cutoff_Hz in wider_Hz})
+    calibrated = {known.ema_cutoff_Hz: best, **others}
+    accuracy = {cutoff_Hz: one.accuracy_of_both for cutoff_Hz, one in calibrated.items()}
+    chosen_Hz = _best_of(accuracy, len(best.labels))
+    return calibrated[chosen_Hz], _on_ema(accuracy, chosen_Hz, cutoffs_Hz[0], start)
 
 
 def _of_polarities(

@@ -526,6 +526,43 @@ def test_sa1_of_the_falling_signal_are_added_where_they_tell_more():
     assert found.encoder == calibrate_causally(falling(), given, rule=RULE).encoder
 
 
+def humming(seed: int) -> Recordings:
+    """Presses of random size, a sag whose depth is the class's, and a hum of 450 Hz that is a little stronger in one.
+
+    SA-I of the falling signal tell the depth.
+    """
+    rng, time_s = np.random.default_rng(seed), np.arange(0, 2, 1e-3)[:, None]
+    signals, labels = [], []
+    for index, (depth, strength) in enumerate([(3.0, 0.3), (20.0, 0.45)]):
+        for _ in range(16):
+            presses = sum(
+                rng.uniform(10, 60, 3) * np.exp(-0.5 * ((time_s - rng.uniform(0, 2, 3)) / 0.02) ** 2) for _ in range(6)
+            )
+            sag = np.minimum(-depth * np.sin(2 * np.pi * (time_s + rng.uniform(size=3))), 0) * rng.uniform(0.8, 1.2)
+            hum = strength * rng.lognormal(0, 0.4, 3) * np.sin(2 * np.pi * (450 * time_s + rng.uniform(size=3)))
+            signals.append(300 * rng.normal(size=3) + presses + sag + hum)
+            labels.append(f"class {index}")
+    return Recordings(signals, 1000.0, "mV", pd.DataFrame({"label": labels}))
+
+
+@pytest.mark.parametrize("seed", [6, 7, 8])
+def test_the_own_moving_average_stays_where_the_falling_signal_tells_more(seed):
+    """Without SA-I of the falling signal a wider one is better, as it lets the hum pass; with them it adds nothing."""
+    rule = RULE.model_copy(update={"excerpt_s": 2.0, "trials_per_class": 16})
+    steps = []
+    found = calibrate_causally(
+        humming(seed), SPEC, lambda n, _: steps.append(n), rule, choose_ema=True, choose_opposite=True
+    )
+    plain = calibrate_causally(humming(seed), SPEC, rule=rule, choose_ema=True)
+    assert plain.encoder.conditioning.ema_cutoff_Hz != 30.0
+    assert found.encoder == calibrate_causally(humming(seed), SPEC, rule=rule, choose_opposite=True).encoder
+    assert found.encoder.sa1.opposite
+    assert found.accuracy_of_both >= plain.accuracy_of_both
+    assert not [note for note in found.notes if "ema_cutoff_Hz" in note]
+    _, times = calibration_for(SPEC, {})
+    assert sum(steps) == times * rule.candidates
+
+
 def test_sa1_of_the_falling_signal_are_left_out_where_they_tell_no_more():
     found = calibrate_causally(slides(), SPEC, rule=RULE, choose_opposite=True)
     assert found.encoder == calibrate_causally(slides(), SPEC, rule=RULE).encoder
