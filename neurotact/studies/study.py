@@ -375,8 +375,8 @@ def resolve(
     overrides = {**(quick_overrides if quick else {}), **(overrides or {})}
     # A study's own table `set` contains the changes of its parts.
     overrides = {**specs.pop_table(table, "set", path), **overrides}
-    is_open = overrides.get(suited.INTEGRATION) == suited.AUTO
-    overrides = {key: value for key, value in overrides.items() if not (is_open and key == suited.INTEGRATION)}
+    is_open = {key for key in suited.OPEN if overrides.get(key) == suited.AUTO}
+    overrides = {key: value for key, value in overrides.items() if key not in is_open}
     named = {part: overrides.pop(part) for part in PARTS if isinstance(overrides.get(part), str)}
     for part, load in PARTS.items():
         if part in named:
@@ -384,7 +384,7 @@ def resolve(
         elif isinstance(table.get(part), str):
             table[part] = _whole(load(_relative_to(path, table[part])))
     table, left = suited.closed(table)
-    left |= {suited.INTEGRATION} if is_open else set()
+    left |= is_open
     axes = {key: value for key, value in overrides.items() if key.startswith(sweeps.SWEEP)}
     sweeps.unswept(table.setdefault("sweep", {}), axes, path)
     _suit_periods(table)
@@ -473,6 +473,13 @@ def _suited(
     if suited.INTEGRATION in left and pays_exact(study.encoder, recorded.sampling_rate_Hz, swept):
         exact, table = True, {**table, "encoder": {**table["encoder"], "integration": "exact"}}
     notes += suited.clock(recorded, clock_Hz, exact=exact, chosen=suited.INTEGRATION in left)
+    is_open = suited.MEMBRANE in left and not suited.untrained_conditions(table)
+    if is_open and isinstance(study.encoder, AfferentSpec):
+        own_ms, length_ms = study.encoder.tau_mem_ms, study.window.length_ms
+        length_ms = table["window"].get("length_ms", length_ms)
+        tau_ms = suited.membrane_ms(length_ms, own_ms)
+        table = {**table, "encoder": {**table["encoder"], "tau_mem_ms": tau_ms}}
+        notes += suited.of_membrane(tau_ms, own_ms)
     return {**table, "notes": [*study.notes, *notes]}
 
 

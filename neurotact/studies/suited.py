@@ -47,7 +47,11 @@ WORDS = Words(
 )
 """How the keys of a window are given to a study."""
 WINDOW, SEED = "window.", "sweep.seed"
-INTEGRATION = "encoder.integration"
+INTEGRATION, MEMBRANE = "encoder.integration", "encoder.tau_mem_ms"
+OPEN = (INTEGRATION, MEMBRANE)
+"""Keys of an encoder that a study may leave open."""
+LONGEST_MS, OF_WINDOW = 50.0, 20.0
+"""Of an afferent's membrane: its longest time constant, and how many of them a window lasts."""
 SWEPT, TESTED = "sweep.", "split.test_where."
 FEWER: dict[str, list[Any]] = {
     "network.hidden": [50],
@@ -280,6 +284,28 @@ def choice_of(given: Mapping[str, Any]) -> TrialChoice:
 def note_of(choice: TrialChoice) -> str | None:
     """The trials that a study uses, in words; None for all."""
     return f"Trials: {choice}." if choice else None
+
+
+def membrane_ms(length_ms: float, own_ms: float) -> float:
+    """The time constant of the afferents' membranes, for windows of a length: a twentieth of it, at most `LONGEST_MS`.
+
+    It is not below the encoder's own. A membrane of 10 ms sends its spikes far above threshold or not at all; a longer
+    one averages noise and sends a half to a third of them at the accuracy of before, in windows of 1 s or more.
+
+    >>> membrane_ms(2000.0, 10.0), membrane_ms(500.0, 10.0), membrane_ms(150.0, 10.0)
+    (50.0, 25.0, 10.0)
+    """
+    return max(own_ms, min(LONGEST_MS, round(length_ms / OF_WINDOW, 1)))
+
+
+def of_membrane(tau_ms: float, own_ms: float) -> list[str]:
+    """The note on other membranes than the encoder's own."""
+    if tau_ms == own_ms:
+        return []
+    return [
+        f"Afferents: membranes of {tau_ms:g} ms, a twentieth of the window and at most {LONGEST_MS:g} ms, which send "
+        f"fewer spikes; those of the encoder: `settings={{'{MEMBRANE}': {own_ms:g}}}`."
+    ]
 
 
 def of_fewer(recorded: Recorded) -> list[str]:

@@ -3,6 +3,8 @@
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import neurotact as nt
 from neurotact.api import studies
@@ -73,7 +75,7 @@ def test_the_shipped_study_takes_any_recordings(tmp_path):
     assert what.dataset.file == str(path)
     assert what.window == WindowSpec(length_ms=2000.0, per_trial=1)
     assert what.sweep["seed"] == [0]
-    assert len(what.notes) == 3
+    assert len(what.notes) == 4
     changed = loading.resolve("own-recordings", {"window.length_ms": 300.0, "sweep.seed": [5]}, data=path)
     assert changed.window == WindowSpec(length_ms=300.0, per_trial=4)
     assert changed.sweep["seed"] == [5]
@@ -279,3 +281,39 @@ def test_afferents_of_a_slow_sensor_are_computed_once_per_sample(tmp_path, rate_
 def test_an_encoder_without_membranes_has_no_integration(tmp_path):
     what = loading.resolve("own-recordings", {"encoder": "send-on-delta"}, data=slow_touches(tmp_path / "t.h5", 93.0))
     assert not hasattr(what.encoder, "integration")
+
+
+@given(length_ms=st.floats(1, 10_000), own_ms=st.floats(1, 200))
+def test_membranes_follow_the_window_and_are_never_shorter_than_their_own(length_ms, own_ms):
+    chosen_ms = suited.membrane_ms(length_ms, own_ms)
+    assert chosen_ms >= own_ms
+    assert chosen_ms in (own_ms, suited.LONGEST_MS) or abs(chosen_ms - length_ms / 20) <= 0.05
+    assert suited.membrane_ms(2 * length_ms, own_ms) >= chosen_ms
+
+
+@pytest.mark.parametrize(
+    ("changes", "tau_ms"),
+    [
+        ({}, 50.0),
+        ({"window.length_ms": 600}, 30.0),
+        ({"window.length_ms": 100}, 10.0),
+        ({"encoder.tau_mem_ms": 7}, 7.0),
+        ({"split.test_where": {"speed": 2}}, 10.0),
+        ({"sweep.split.test_where.speed": [1, 2, 3]}, 10.0),
+    ],
+)
+def test_membranes_are_longer_where_conditions_are_trained_on(tmp_path, changes, tau_ms):
+    path, speeds = tmp_path / "touches.h5", np.repeat([1, 2, 3], 8)
+    conditions = pd.DataFrame({"label": ["felt", "silk"] * 12, "speed": speeds})
+    nt.save(nt.Recordings([np.zeros((300, 2), np.float32)] * 24, 93.0, "count", conditions), path)
+    what = loading.resolve("own-recordings", changes, data=path)
+    assert {cell.encoder.tau_mem_ms for cell in study.cells(what)} == {tau_ms}
+    assert {cell.calibrate.tau_mem_ms for cell in study.cells(what)} == {tau_ms}
+    said = [note for note in what.notes if note.startswith("Afferents: membranes of")]
+    assert len(said) == (tau_ms not in (7.0, 10.0))
+
+
+def test_other_models_keep_their_membranes(tmp_path):
+    path = save(tmp_path / "touches.h5", [300] * 12, 93.0)
+    what = loading.resolve("own-recordings", {"encoder": "izhikevich"}, data=path)
+    assert not any(note.startswith("Afferents: membranes") for note in what.notes)

@@ -26,7 +26,7 @@ from neurotact.papers.comparison.sets import SetSpec, integration_of, sides
 from neurotact.spec import build, load, override
 from neurotact.studies import suited
 from neurotact.studies.protocol import Own
-from neurotact.studies.suited import AUTO, INTEGRATION, Recorded
+from neurotact.studies.suited import AUTO, INTEGRATION, MEMBRANE, OPEN, Recorded
 
 ENCODER = "sa1-ra1-lif"
 """The encoder with the conditioning to use, except its clock, and except a baseline that uses the whole trial."""
@@ -57,14 +57,14 @@ class Touches(NamedTuple):
 def own(path: Path, given: Mapping[str, Any]) -> Own:
     """The study of a file in place of its sets; see `studies.protocol.ProtocolModule`.
 
-    Keys that begin with `window.` and `conditioning.`, `encoder.integration`, `split.group`, the choice of trials
+    Keys that begin with `window.` and `conditioning.`, those of `suited.OPEN`, `split.group`, the choice of trials
     (`where`, `leave_out`) and the seeds of splits (`repeats`) apply to the file's set. Raises InputError for a file
     without trials of two classes, for windows that do not fit into a trial, for trials that some seed cannot split, and
     for another choice of test trials.
     """
     of_set = {key: value for key, value in given.items() if key.startswith(OF_SET)}
     group = build(SplitSpec, {"group": given[GROUP]} if GROUP in given else {}, source=GROUP).group
-    elsewhere = {*of_set, GROUP, INTEGRATION, *suited.CHOICE}
+    elsewhere = {*of_set, GROUP, *OPEN, *suited.CHOICE}
     others = _with_swept_seeds({key: value for key, value in given.items() if key not in elsewhere})
     choice = suited.choice_of(given)
     conditioning = _conditioning(of_set)
@@ -72,16 +72,21 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     touches = _look(path, clock_Hz, choice)
     if touches.unit is None and any(key.startswith("conditioning.") for key in of_set):
         raise InputError(f"conditioning: {path} holds events, which are not conditioned; leave it out")
-    if touches.unit is None and INTEGRATION in given:
-        raise InputError(f"{INTEGRATION}: {path} holds events, which no afferents encode; leave it out")
+    of_afferents = [key for key in OPEN if key in given]
+    if touches.unit is None and of_afferents:
+        raise InputError(f"{of_afferents[0]}: {path} holds events, which no afferents encode; leave it out")
     window, notes = suited.window(touches.recorded.timing, of_set)
-    notes = [*([] if (note := suited.note_of(choice)) is None else [note]), *notes]
+    notes, on_membrane = [*([] if (note := suited.note_of(choice)) is None else [note]), *notes], list[str]()
     chosen: dict[str, Any] = {"window": window, "path": str(path), "content": touches.content, "group": [*group]}
     chosen |= choice._asdict()
     if touches.unit is not None:
         is_open = {key: f"conditioning.{of}" not in of_set for key, of in CHOSEN.items()}
         is_open["choose_opposite"] = is_open["choose_baseline"]
-        computed = {"integration": given[INTEGRATION]} if INTEGRATION in given else {}
+        computed = {key.removeprefix("encoder."): given[key] for key in of_afferents}
+        if MEMBRANE not in given:
+            own_ms = SetSpec.model_fields["tau_mem_ms"].default
+            tau_ms = suited.membrane_ms(window["length_ms"], own_ms)
+            computed, on_membrane = {**computed, "tau_mem_ms": tau_ms}, suited.of_membrane(tau_ms, own_ms)
         chosen |= {"unit": touches.unit, "conditioning": conditioning, **computed, **is_open}
     table = override(chosen, of_set)
     if others.get(SEED) == AUTO:
@@ -92,6 +97,7 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     if touches.unit is not None:
         is_exact = integration_of(built, touches.recorded.sampling_rate_Hz) == "exact"
         notes += suited.clock(touches.recorded, clock_Hz, exact=is_exact, chosen=INTEGRATION not in given)
+        notes += on_membrane
     _check(touches, built, others.get(SEED))
     by = {"data.split": "groups"} if group else {}
     changes = {"sweep.data.set": [touches.name], "data.sets": {touches.name: table}, **by, **others}

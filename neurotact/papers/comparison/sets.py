@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from neurotact.data import hdf5
 from neurotact.data.conditioning import ConditioningSpec
@@ -48,6 +48,8 @@ class SetSpec(Spec):
     integration: Literal["auto", "clock", "exact"] = "auto"
     """How afferents are computed (`AfferentSpec.integration`); `auto`: by the rule of `own-recordings`, in closed form
     if the sensor is slower than their clock. Events have no afferents."""
+    tau_mem_ms: float = Field(default=10.0, gt=0)
+    """Time constant of the afferents' membranes."""
     choose_baseline: bool = False
     """Choose a causal baseline on training trials, in place of the baseline of `conditioning`."""
     choose_ema: bool = False
@@ -243,7 +245,8 @@ def _calibrated(training: Recordings, chosen: SetSpec, step_ms: float) -> Affere
     least = AfferentType(gain=1.0, t_ref_ms=fine_ms)
     conditioning = chosen.conditioning.model_copy(update={"resample_Hz": 1e3 / fine_ms})
     integration = integration_of(chosen, training.sampling_rate_Hz)
-    start = AfferentSpec(unit=chosen.unit, integration=integration, conditioning=conditioning, sa1=least, ra1=least)
+    how = {"integration": integration, "tau_mem_ms": chosen.tau_mem_ms, "conditioning": conditioning}
+    start = AfferentSpec(unit=chosen.unit, **how, sa1=least, ra1=least)
     if chosen.choose_baseline:
         calibrated = calibrate_causally(
             training, start, choose_ema=chosen.choose_ema, choose_opposite=chosen.choose_opposite, tell=False
