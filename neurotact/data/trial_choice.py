@@ -1,7 +1,8 @@
 """The choice of trials by their conditions: those to keep (`where`) and those to leave out."""
 
 import logging
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from itertools import count
 from typing import Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -16,6 +17,8 @@ log = logging.getLogger("neurotact")
 
 LEAST_OF_CLASS = 10
 """Trials of a class that are kept of a large file, if it has as many."""
+GOLDEN = (5**0.5 - 1) / 2
+"""Multiples of it spread evenly over 0 to 1, however many are taken."""
 Touches = TypeVar("Touches", bound=Trials | SpikeTrains)
 
 
@@ -162,25 +165,43 @@ def chosen_trials(touches: Touches, choice: TrialChoice, source: str, *, tell: b
 def evenly_of(conditions: pd.DataFrame, n: int) -> np.ndarray:
     """The places of at most n trials, evenly spaced within each class, and within each condition of it, ascending.
 
-    A class keeps its share, but at least `LEAST_OF_CLASS` trials. Those of a class are ordered by the other conditions,
-    first by those with the fewest values, so that each combination of values keeps its share as far as n allows.
+    A class keeps its share, but at least `LEAST_OF_CLASS` trials. Within it each value of the condition with the fewest
+    values keeps its share, within that each value of the next condition, and so on as far as n allows.
 
     >>> table = pd.DataFrame({"label": ["felt", "silk"] * 6, "speed": [1] * 6 + [2] * 6})
     >>> evenly_of(table, 4).tolist(), len(evenly_of(table, 99))
-    ([0, 1, 6, 7], 12)
+    ([2, 3, 10, 11], 12)
     """
     if n >= len(conditions):
         return np.arange(len(conditions))
     codes = {str(name): pd.factorize(conditions[name].astype(str))[0] for name in conditions}
     others = sorted((name for name in codes if name != LABEL), key=lambda name: int(codes[name].max()))
-    ordered = np.lexsort([codes[name] for name in (*others[::-1], LABEL)])
     sizes = np.bincount(codes[LABEL])
     kept = np.maximum(n * sizes // len(conditions), np.minimum(sizes, LEAST_OF_CLASS))
     while kept.sum() > n:
         kept[kept.argmax()] -= 1
-    begins = np.cumsum(sizes) - sizes
-    places = [begin + np.arange(k) * size // max(1, k) for begin, k, size in zip(begins, kept, sizes, strict=True)]
-    return np.sort(ordered[np.concatenate(places)])
+    turns, keys = count(), [codes[name] for name in others]
+    of_classes = (_shares(np.flatnonzero(codes[LABEL] == label), keys, int(k), turns) for label, k in enumerate(kept))
+    return np.sort(np.concatenate([*of_classes]))
+
+
+def _shares(places: np.ndarray, keys: Sequence[np.ndarray], k: int, turns: Iterator[int]) -> np.ndarray:
+    """Choose k of these places: of each value of the first key its share, and so on within it; evenly without keys.
+
+    keys: a code of each place. turns: where shares are fractions, which of them are rounded up differs from turn to
+    turn, so that not the same few values of a later key are taken of each value of an earlier one.
+    """
+    n = len(places)
+    if k in (0, n):
+        return places[:k]
+    parts = np.split(places, np.arange(1, n))
+    if keys:
+        codes = keys[0][places]
+        parts = [places[codes == code] for code in np.unique(codes)]
+    offset = int(next(turns) * GOLDEN % 1 * n)
+    ends = (np.cumsum([len(part) for part in parts]) * k + offset) // n
+    shares = zip(parts, np.diff(ends, prepend=0).tolist(), strict=True)
+    return np.concatenate([_shares(part, keys[1:], own, turns) for part, own in shares if own])
 
 
 def trials_with(

@@ -247,6 +247,16 @@ def test_fewer_trials_keep_the_share_of_each_class_and_condition(sizes, n, seed)
             assert abs(of_label.get(speed, 0) - left.get(label, 0) * count / size) <= 1
 
 
+def test_no_value_of_a_condition_is_passed_over_again_and_again():
+    """With as many subjects as lie between two trials of an even choice, it was the same one in every speed."""
+    rows = [(label, speed, subject, n)
+            for label in ("felt", "silk") for speed in range(4) for subject in range(25) for n in range(4)]  # fmt: skip
+    table = pd.DataFrame(rows, columns=["label", "speed", "subject", "n"])
+    kept = table.iloc[evenly_of(table, 32)]
+    assert kept.groupby(["label", "speed"]).size().tolist() == [4] * 8
+    assert kept["subject"].nunique() >= 15
+
+
 def test_a_first_look_at_many_trials_takes_some_and_says_so(tmp_path, monkeypatch):
     rng = np.random.default_rng(0)
     conditions = pd.DataFrame({"label": ["felt", "silk"] * 20, "speed": np.repeat([1, 2], 20)})
