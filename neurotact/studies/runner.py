@@ -130,8 +130,8 @@ def load(folder: Path) -> Study:
         )
     if known.made_from != _made_from(study):
         raise InputError(
-            f"{path}: was changed since the study began; restore it with {again}, or run the changed study in "
-            f"another folder: neurotact study run {path} -o ANOTHER"
+            f"{path}: was changed since the study began, or another version of neurotact began it; restore it with "
+            f"{again}, or run this study in another folder: neurotact study run {path} -o ANOTHER"
         )
     return study
 

@@ -238,7 +238,9 @@ def test_an_edited_study_is_refused_and_mended_by_running_it_again(whole, run):
     path = run / "study.toml"
     path.write_text(path.read_text().replace("length_ms = 50.0", "length_ms = 40.0"))
     for go_on in (resume, runner.write_tables):
-        with pytest.raises(InputError, match=r"study\.toml: was changed since the study began; restore it with"):
+        with pytest.raises(
+            InputError, match=r"study\.toml: was changed since the study began, or another version .* restore it with"
+        ):
             go_on(run)
     changed = loading.resolve(path)
     with pytest.raises(InputError, match="already holds another study"):
