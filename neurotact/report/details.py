@@ -23,7 +23,15 @@ from neurotact.networks.training.trained import LOG, Restored
 from neurotact.networks.training.training import Examples
 from neurotact.report import front
 from neurotact.report.periods import named
-from neurotact.report.tables import LOGGED, confusion, first_member, in_words_of_split, kept_epoch
+from neurotact.report.tables import (
+    LAST_TRAINING,
+    LOGGED,
+    confusion,
+    first_member,
+    in_words_of_split,
+    is_last_training,
+    kept_epoch,
+)
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import SPLIT, Cell
 from neurotact.tables import records, write_table
@@ -196,7 +204,7 @@ def _events(raster: np.ndarray) -> list[list[int]]:
 def _training(folder: Path, cell: Cell) -> dict[str, Any] | None:
     """The training log by column, to four digits, and under `kept` the epoch of the network's weights.
 
-    Where several networks were joined, `members` of them, it is that of the first one.
+    Where several networks were joined, `members` of them, it is that of the first one. `note`: of a last training.
     """
     path = cell_folder(folder, cell) / LOG
     if not path.is_file():
@@ -207,4 +215,5 @@ def _training(folder: Path, cell: Cell) -> dict[str, Any] | None:
         column: [None if pd.isna(value) else float(f"{value:.4g}") for value in log[column]] for column in LOGGED
     }
     members = {"members": int(whole[MEMBER].max())} if MEMBER in whole else {}
-    return columns | members | {"kept": kept_epoch(folder, cell)}
+    note = {"note": LAST_TRAINING} if is_last_training(folder, cell) else {}
+    return columns | members | note | {"kept": kept_epoch(folder, cell)}

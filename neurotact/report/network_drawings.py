@@ -13,7 +13,14 @@ from neurotact.figures.networks import Published
 from neurotact.figures.style import Drawn
 from neurotact.metrics.fronts import pareto_front
 from neurotact.report import periods
-from neurotact.report.tables import confusion, first_member, in_the_paper, kept_epoch
+from neurotact.report.tables import (
+    LAST_TRAINING,
+    confusion,
+    first_member,
+    in_the_paper,
+    is_last_training,
+    kept_epoch,
+)
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import Cell, StudySpec
 from neurotact.tables import NETWORK, over_seeds
@@ -185,6 +192,7 @@ def _best_network(folder: Path, done: list[Cell], results: pd.DataFrame, classes
             f"the first of the {row['members']} networks that were joined" if "members" in row else "the same network"
         )
         caption = f"Training of {whose} ({what}). It has the weights of epoch {kept} (dotted line)."
+        caption += f" {LAST_TRAINING}" if is_last_training(folder, done[best]) else ""
         yield Drawn("training", "Training", figure, caption, caption)
 
 

@@ -45,6 +45,7 @@ def sentence(table: pd.DataFrame | None, network: Network) -> list[str]:
         said += f": {lost:.1f} points are lost" if lost > 0 else ": nothing is lost"
     if (used["augmentation"] != NONE).any() and pd.notna(gained := 100 * _gained_by_copies(own)):
         said += f"; varied copies of training trials {'gain' if gained >= 0 else 'lose'} {abs(gained):.1f} points"
+        said += " before the last training" if not own[own["chosen"]]["last"].all() else ""
     return [f"{said}."]
 
 

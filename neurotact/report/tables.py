@@ -12,7 +12,9 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.figures.columns import in_unit, quantity
 from neurotact.figures.encoding import Classes
+from neurotact.files import read_json
 from neurotact.networks.definition import recipe
+from neurotact.networks.training import checkpoint
 from neurotact.networks.training.cautions import MEMBER
 from neurotact.networks.training.trained import LOG
 from neurotact.networks.training.training import Epoch, best_of
@@ -92,6 +94,18 @@ def kept_epoch(folder: Path, cell: Cell) -> int:
     log = [Epoch(*row) for row in table[LOGGED].to_numpy()]
     keep = "loss" if cell.network is None else recipe.training_of(cell.network).keep
     return int(best_of(log, keep).epoch)
+
+
+LAST_TRAINING = (
+    "It is the last training, with validation trials of trained conditions; the validation accuracy in tables is that "
+    "of the choice before it, at a condition that was left out."
+)
+
+
+def is_last_training(folder: Path, cell: Cell) -> bool:
+    """Whether a training before that of the done cell's network made the choices (`training.choice`)."""
+    path = cell_folder(folder, cell) / checkpoint.NETWORK
+    return path.is_file() and not read_json(path)["extra"].get("has_own_rule", True)
 
 
 def first_member(log: pd.DataFrame) -> pd.DataFrame:

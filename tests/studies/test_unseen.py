@@ -19,7 +19,7 @@ from neurotact.data.augmentation import CANDIDATES, EVERY
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
 from neurotact.report.robustness import TRAINED, hardest, sentence
-from neurotact.report.tables import afferents_of
+from neurotact.report.tables import LAST_TRAINING, afferents_of
 from neurotact.studies import loading, runner, study, suited
 
 FEW = {
@@ -83,6 +83,9 @@ def test_every_kind_is_tried_and_the_best_on_validation_is_used(run):
 def test_the_report_says_what_is_lost_and_gained(run):
     page = (run / "report.html").read_text()
     assert 'id="conditions"' in page
+    _, _, caption = page.partition('id="figure-training"')
+    assert LAST_TRAINING in caption.partition("</figure>")[0]
+    assert page.count(LAST_TRAINING) >= 1 + len(pd.read_csv(run / "results.csv"))
     for words in ("speed = 1", "speed = 2", "speed = 3", "at trained conditions (%)", "Each kind of varied copies"):
         assert words in page
     _, _, trained = page.partition("Every trained network (")
@@ -234,8 +237,11 @@ def test_the_sentence_tells_losses_and_gains():
     rows |= {"accuracy_seen": [0.9, 0.95, 0.97], "accuracy_test": [0.5, 0.8, 0.9], "last": [False, False, True]}
     assert sentence(pd.DataFrame(rows), network) == [
         "At untrained conditions the network is right in 90.0 % of whole windows, at trained ones in 97.0 %: 7.0 "
-        "points are lost; varied copies of training trials gain 30.0 points."
+        "points are lost; varied copies of training trials gain 30.0 points before the last training."
     ]
+    last = pd.DataFrame(rows)[:2].assign(last=[False, True])
+    (said,) = sentence(last, network)
+    assert said.endswith("gain 30.0 points.")
     alone = pd.DataFrame(rows)[1:2].assign(last=True)
     assert sentence(alone, network) == [
         "At untrained conditions the network is right in 80.0 % of whole windows, at trained ones in 95.0 %: 15.0 "

@@ -153,7 +153,7 @@ function training(log, width) {
   const charts = [["loss", 1, "loss"], ["accuracy", 100, "accuracy (%)"]].map(([what, scale, words]) =>
     chart(log.epoch, log[`train_${what}`], log[`validation_${what}`], scale, words, log.kept, Math.floor(each) - 6));
   const whose = log.members ? ` Of the first of ${log.members} networks that were joined.` : "";
-  const note = log.kept == null ? "" : `${whose} The network has the weights of epoch ${log.kept} (dotted line).`;
+  const note = log.kept == null ? "" : `${whose} The network has the weights of epoch ${log.kept} (dotted line).${log.note ? ` ${log.note}` : ""}`;
   return [element("div", { class: "charts" }, ...charts),
     element("p", { class: "soft" }, `Solid: validation. Dashed: training.${note}`)];
 }
