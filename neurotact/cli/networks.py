@@ -24,7 +24,7 @@ SHOWN = ["label", "windows", "accuracy", "steps", "input_spikes", "hidden_spikes
 """The columns of a SOP summary that fit a terminal; the files hold all of them."""
 SIDES = {
     "training": "training windows: seen in training, so their accuracy does not hold for new touches",
-    "validation": "validation windows: used to choose the epoch and the exit rule",
+    "validation": "validation windows: used to choose the epoch, and the exit rule if not at a left-out condition",
     "test": "test windows",
     "unseen": "unseen windows: of trials outside the split",
     "unknown": "windows that may have been seen in training: the network was saved without the list of its trials",

@@ -177,4 +177,5 @@ def _trained_on(
         )  # fmt: skip
     # Refuse what an export refuses, before anything is saved.
     layers_of(restored, sides, weight_bits=weight_bits, state_bits=layers.hidden.state_bits, steps=steps)
-    return fitting.finished(network, training, sides, restored.task)
+    done = fitting.finished(network, training, sides, restored.task)
+    return done if restored.has_own_rule else done.with_rule(restored.rule)

@@ -188,6 +188,21 @@ def test_test_trials_are_not_seen(spiking, tmp_path):
     assert (found["test"] / "training.csv").read_bytes() == log != (found["train"] / "training.csv").read_bytes()
 
 
+@pytest.mark.parametrize("has_own_rule", [True, False])
+def test_an_exit_that_was_chosen_at_another_condition_stays(spiking, tmp_path, has_own_rule):
+    shutil.copytree(spiking.parent, tmp_path / "kept")
+    path = tmp_path / "kept" / "run" / checkpoint.NETWORK
+    network = json.loads(path.read_text())
+    own, other = network["extra"]["exit_patience"], 39
+    network["extra"] |= {"exit_patience": other, "has_own_rule": has_own_rule}
+    path.write_text(json.dumps(network))
+    fine_tuning.run(tmp_path / "kept" / "run", tmp_path / "tuned", epochs=0)
+    tuned = trained.restore(tmp_path / "tuned")
+    assert own != other
+    assert (tuned.rule.patience == other) is not has_own_rule
+    assert tuned.has_own_rule is has_own_rule
+
+
 def test_spikes_with_other_trials_are_refused(tmp_path):
     run = make_run(tmp_path / "a")
     make_run(tmp_path / "b", shown=0)

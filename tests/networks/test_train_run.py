@@ -206,6 +206,8 @@ def test_after_the_choice_every_other_condition_is_trained_on(at_speeds, elsewhe
     again, _ = fitting.fit(trains, NETWORK, restored.task, seeds)
     torch.testing.assert_close(restored.network.state_dict(), again.network.state_dict(), rtol=0, atol=0)
     assert not torch.equal(restored.network.w_in, chosen.network.w_in)
+    assert restored.rule == chosen.rule
+    assert not restored.has_own_rule
     assert len(sides.validation.labels) == 8
 
 

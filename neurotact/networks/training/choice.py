@@ -55,4 +55,4 @@ def last(
 ) -> tuple[Trained, Sides]:
     """Train the chosen network; task: of `tasks.with_every_condition`, options: of `fitting.fit`."""
     fitted, sides = fitting.fit(trains, choice.network, task, seeds, **options)
-    return fitted._replace(rule=choice.rule), sides
+    return fitted.with_rule(choice.rule), sides

@@ -24,11 +24,19 @@ AT_ONCE = 256
 
 
 class Trained(NamedTuple):
-    """A network, the log of its training, and the exit rule chosen on its validation trials."""
+    """A network, the log of its training, and the exit rule chosen on its validation trials.
+
+    has_own_rule: False if a training before chose the rule, at a condition that this one has.
+    """
 
     network: RSNN
     training: Training
     rule: ExitRule
+    has_own_rule: bool = True
+
+    def with_rule(self, rule: ExitRule) -> "Trained":
+        """The network with the exit rule that a training before it chose."""
+        return self._replace(rule=rule, has_own_rule=False)
 
 
 def fit(

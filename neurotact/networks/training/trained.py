@@ -49,6 +49,7 @@ def save(
         "exit_patience": trained.rule.patience,
         **({} if trained.rule.margin is None else {"exit_margin": trained.rule.margin}),
         **({} if trains.recorded_Hz is None else {"recorded_Hz": trains.recorded_Hz}),
+        **({} if trained.has_own_rule else {"has_own_rule": False}),
         "best_epoch": trained.training.best.epoch,
         **({} if n_members == 1 else {"joined": {"networks": n_members, "hidden": n_hidden // n_members}}),
         **provenance_of(trains, trials_of(trains, task, split)).model_dump(mode="json"),
@@ -74,6 +75,8 @@ class Restored(NamedTuple):
     """What `deploy.fine_tuning` saved; None for a network that was not fine-tuned."""
     recorded_Hz: float | None = None
     """Samples per second of the recordings that it was trained on; None if unknown."""
+    has_own_rule: bool = True
+    """As of `fitting.Trained`."""
 
 
 class _Extra(Spec):
@@ -84,6 +87,7 @@ class _Extra(Spec):
     spikes: str
     exit_patience: int | None = Field(ge=1, le=2**31 - 1)
     exit_margin: float | None = Field(default=None, gt=0)
+    has_own_rule: bool = True
     recorded_Hz: float | None = Field(default=None, gt=0)
 
 
@@ -119,7 +123,7 @@ def restore(
     source = files.existing(spikes) if spikes is not None else _spikes_of(path, known, provenance)
     return Restored(
         network.to(device), known.task, rule, known.classes, source, encoder, provenance, extra.get("fine_tuned"),
-        known.recorded_Hz,
+        known.recorded_Hz, known.has_own_rule,
     )  # fmt: skip
 
 
