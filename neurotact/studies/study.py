@@ -473,7 +473,8 @@ def _suited(
     if suited.INTEGRATION in left and pays_exact(study.encoder, recorded.sampling_rate_Hz, swept):
         exact, table = True, {**table, "encoder": {**table["encoder"], "integration": "exact"}}
     notes += suited.clock(recorded, clock_Hz, exact=exact, chosen=suited.INTEGRATION in left)
-    is_open = suited.MEMBRANE in left and not suited.untrained_conditions(table)
+    is_swept = not {"encoder", suited.MEMBRANE}.isdisjoint(sweeps.keys(study.sweep))
+    is_open = suited.MEMBRANE in left and not is_swept and not suited.untrained_conditions(table)
     if is_open and isinstance(study.encoder, AfferentSpec):
         own_ms, length_ms = study.encoder.tau_mem_ms, study.window.length_ms
         length_ms = table["window"].get("length_ms", length_ms)

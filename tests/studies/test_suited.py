@@ -313,6 +313,14 @@ def test_membranes_are_longer_where_conditions_are_trained_on(tmp_path, changes,
     assert len(said) == (tau_ms not in (7.0, 10.0))
 
 
+@pytest.mark.parametrize("sweep", [{"encoder.tau_mem_ms": [10.0, 30.0]}, {"encoder": ["sa1-ra1-lif"]}])
+def test_swept_membranes_are_not_said_to_be_chosen(tmp_path, sweep):
+    path = slow_touches(tmp_path / "t.h5", 93.0)
+    what = loading.resolve("own-recordings", {f"sweep.{key}": values for key, values in sweep.items()}, data=path)
+    assert {cell.encoder.tau_mem_ms for cell in study.cells(what)} == {*sweep.get("encoder.tau_mem_ms", [10.0])}
+    assert not any(note.startswith("Afferents: membranes") for note in what.notes)
+
+
 def test_other_models_keep_their_membranes(tmp_path):
     path = save(tmp_path / "touches.h5", [300] * 12, 93.0)
     what = loading.resolve("own-recordings", {"encoder": "izhikevich"}, data=path)
