@@ -21,7 +21,9 @@ from typer.main import get_command
 
 from neurotact import __version__, cli, files, plugins, spec
 from neurotact.api import encoding
+from neurotact.api import studies as api
 from neurotact.cli import commands
+from neurotact.cli.studies import _print_answer
 from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec
@@ -1120,3 +1122,12 @@ def test_info_says_when_the_touch_begins(neurotact, tmp_path):
 @pytest.mark.parametrize("name", cli.COMMANDS)
 def test_a_command_and_the_list_of_commands_say_the_same(name):
     assert " ".join(commands._load(name).help.split("\n\n")[0].split()) == cli.COMMANDS[name].help
+
+
+@pytest.mark.parametrize(("dataset", "begin"), [("", "a verdict"), ("hard", "hard: a verdict")])
+def test_an_answer_begins_with_its_data_set_if_that_has_a_name(monkeypatch, capsys, dataset, begin):
+    one = {"dataset": dataset, "headline": "a verdict", "details": []}
+    answer = {"answers": [one, one], "cautions": [], "report": "run/report.html"}
+    monkeypatch.setattr(api, "study_answer", lambda folder: answer)
+    _print_answer(Path("run"), as_json=False)
+    assert capsys.readouterr().out.splitlines()[:2] == [begin, begin]

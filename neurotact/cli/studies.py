@@ -78,7 +78,7 @@ def _print_answer(folder: Path, as_json: bool) -> None:
     if answer.get("among"):
         print(as_typed(answer["among"]))
     for one in [] if answer.get("among") else answer["answers"]:
-        before = f"{one['dataset']}: " if len(answer["answers"]) > 1 else ""
+        before = f"{one['dataset']}: " if one["dataset"] and len(answer["answers"]) > 1 else ""
         for sentence in (f"{before}{one['headline']}", *one["details"]):
             print(as_typed(sentence))
     for table in answer.get("tables", []):

@@ -137,10 +137,11 @@ def _halves(rows: pd.DataFrame) -> Listed:
     """The setting and the accuracy lost of each way that halves a cost, a column per cost of `COSTS`."""
     found = {cost: {half.way: half for half in halved(rows, cost=cost)} for cost in COSTS}
     ways = [way for way in rows["way"].unique() if any(way in halves for halves in found.values())]
+    within = ", with their 95 % interval from the differences of the seeds," if has_intervals(rows) else ""
     return Listed(
-        "What it costs to save half, way by way: the points of accuracy that are lost, with their 95 % interval from "
-        "the differences of the seeds, and the share that is left of the cost. Validation accuracy chooses the "
-        "setting. Ways that never save half of any cost are left out.",
+        f"What it costs to save half, way by way: the points of accuracy that are lost{within} and the share that is "
+        "left of the cost. Validation accuracy chooses the setting. Ways that never save half of any cost are left "
+        "out.",
         pd.DataFrame(
             {
                 "way": ways,
@@ -151,6 +152,11 @@ def _halves(rows: pd.DataFrame) -> Listed:
             }
         ),
     )
+
+
+def has_intervals(rows: pd.DataFrame) -> bool:
+    """Whether there are enough seeds for an interval of their mean."""
+    return rows["seed"].nunique() >= LEAST_SPLITS
 
 
 def _half_in_words(half: Halved | None) -> str:

@@ -209,8 +209,8 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
         "real-sets",
         "Spiking networks compared with other classifiers",
         draw_points(table),
-        "Mean test accuracy over seeds with its 95 % interval if there are several, on the same windows and splits. "
-        "Spiking networks are filled. LR: logistic regression.",
+        "Mean test accuracy over seeds with its 95 % interval if there are three or more, on the same windows and "
+        "splits. Spiking networks are filled. LR: logistic regression.",
         "A panel per set and split; a mark per classifier and input; more accurate ones are further right.",
     )
 

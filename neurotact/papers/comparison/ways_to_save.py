@@ -175,7 +175,7 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
         "Joined: neither another setting of the same way nor the network that saves nothing (star) has both a lower "
         "cost and a higher accuracy. Dashed: the Pareto front of all ways."
     )
-    mean = "Mean test accuracy over seeds with its 95 % interval."
+    mean = f"Mean test accuracy over seeds{' with its 95 % interval' if fronts.has_intervals(shown) else ''}."
     if shown["set"].nunique() == 1:
         yield Drawn(
             "ways-to-save",

@@ -193,6 +193,8 @@ def test_two_seeds_have_no_interval():
     assert said.startswith("2 seeds cannot tell whether a refractory period is cheapest; ")
     assert "costs 4.0 points (2 seeds) at 50 % of the SOPs" in said
     assert "interval" not in said
+    assert "interval" not in tables(two)["made up"][1].caption
+    assert "interval" in tables(table(POINTS, seeds=3))["made up"][1].caption
     assert tables(two)["made up"][1].rows["half of the SOPs"].tolist() == [
         "10 & 10 ms: 10.0 points, 40 % left", "50 %: 4.0 points, 50 % left"
     ]  # fmt: skip
