@@ -101,13 +101,19 @@ def combination(columns: Sequence[str]) -> str:
 
 
 def note(
-    columns: Iterable[str], turns: Sequence[Turn], *, varied: bool = False, pairs: bool = False, why: str = ""
+    columns: Iterable[str],
+    turns: Sequence[Turn],
+    *,
+    varied: bool = False,
+    pairs: bool = False,
+    why: str = "",
+    again: bool = True,
 ) -> str:
     """How validation chooses for a test on other values of some conditions, in one sentence.
 
     turns: of `splits.turns_of`; none if validation leaves out none. varied: whether it is on varied copies, too.
     pairs: whether the test is on combinations of values, each of which is untrained. why: there are no turns; too few
-    values if empty.
+    values if empty. again: whether the values that are left out are trained on after the choice.
 
     >>> note(["speed"], [Turn(("speed = 150",)), Turn(("speed = 300",))])
     'Validation leaves out one speed of the training trials in turn, as the test does (speed = 150; speed = 300); after the choice all are trained on'
@@ -125,4 +131,5 @@ def note(
         noun = combination(columns)
         some_of = f"{f'one {noun}' if is_one else f'some {noun}s'} of {named}"
         what = f"{some_of} in turn, and all trials that share a value with it"
-    return f"Validation leaves out {what}, as the test does ({some}); after the choice all are trained on"
+    then = "; after the choice all are trained on" if again else ""
+    return f"Validation leaves out {what}, as the test does ({some}){then}"

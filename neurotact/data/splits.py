@@ -399,17 +399,23 @@ def aside_of(conditions: pd.DataFrame, spec: SplitSpec) -> np.ndarray:
 
 
 def validation_note(
-    conditions: pd.DataFrame, spec: SplitSpec, *, varied: bool = False, at_most: int | None = None
+    conditions: pd.DataFrame,
+    spec: SplitSpec,
+    *,
+    varied: bool = False,
+    at_most: int | None = None,
+    again: bool = True,
 ) -> str:
     """How validation chooses for a test on other conditions, in one sentence.
 
     varied: whether it is on varied copies, too. at_most: the number of its turns, if not all are taken.
+    again: as of `nested.note`.
     """
     turns = turns_of(conditions, spec)[:at_most]
     why = "" if spec.nested else "split.nested is false"
     if spec.group:
         why = f"split.group keeps trials of one {' and '.join(spec.group)} together"
-    return nested.note(spec.test_where, turns, varied=varied, pairs=spec.leave_aside, why=why)
+    return nested.note(spec.test_where, turns, varied=varied, pairs=spec.leave_aside, why=why, again=again)
 
 
 def check_stratify(conditions: pd.DataFrame, stratify: Iterable[str] | None, spec: SplitSpec) -> None:

@@ -211,6 +211,31 @@ def test_after_the_choice_every_other_condition_is_trained_on(at_speeds, elsewhe
     assert len(sides.validation.labels) == 8
 
 
+@pytest.mark.parametrize("is_possible", [True, False])
+def test_a_last_training_is_said_where_there_is_one(monkeypatch, at_speeds, is_possible):
+    said: list[str] = []
+    with monkeypatch.context() as patch:
+        if not is_possible:  # as where a class has a single trial at other speeds
+            patch.setattr(tasks, "trials_of", refuses_other_splits(tasks.trials_of))
+            with pytest.warns(UserWarning, match="not again with the condition that validation leaves out"):
+                run(at_speeds, new_folder(at_speeds), NETWORK, ELSEWHERE, tell=said.append)
+        else:
+            run(at_speeds, new_folder(at_speeds), NETWORK, ELSEWHERE, tell=said.append)
+    assert [line.endswith("; after the choice all are trained on") for line in said].count(True) == is_possible
+    assert said[0].startswith("Validation leaves out one speed")
+
+
+def refuses_other_splits(trials_of):
+    """`tasks.trials_of` that refuses a split without a condition left out for validation."""
+
+    def refusing(trains, task, split=None):
+        if not task.split.nested:
+            raise InputError("split: too few trials")
+        return trials_of(trains, task, split)
+
+    return refusing
+
+
 @pytest.mark.parametrize("after", range(2 * N_EPOCHS))
 def test_both_trainings_go_on_after_any_epoch(monkeypatch, at_speeds, elsewhere, after):
     folder = new_folder(at_speeds)

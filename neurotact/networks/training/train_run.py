@@ -118,12 +118,12 @@ def run(
                 return None
             choice = _choice(folder)
             start = _load(folder, request, trains, CHECKPOINT if choice is None else LAST)
+        last = tasks.with_every_condition(trains, task)
         if task.split.test_where:
-            tell(validation_note(trains.conditions, task.split))
+            tell(validation_note(trains.conditions, task.split, again=last is not None))
         for line in (*tasks.balance_note(trains, task), *recipe.described(network, seen)):
             tell(line)
         run_of = _Run(trains, request, spikes, folder)
-        last = tasks.with_every_condition(trains, task)
         if last is None:
             return run_of.only(start)
         if choice is None:
