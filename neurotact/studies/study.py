@@ -477,10 +477,11 @@ def _suited(
     is_open = suited.MEMBRANE in left and not is_swept and not suited.untrained_conditions(table)
     if is_open and isinstance(study.encoder, AfferentSpec):
         own_ms, length_ms = study.encoder.tau_mem_ms, study.window.length_ms
-        length_ms = table["window"].get("length_ms", length_ms)
+        swept_ms = sweeps.values(study.sweep, LENGTH)
+        length_ms = min(swept_ms) if swept_ms else table["window"].get("length_ms", length_ms)
         tau_ms = suited.membrane_ms(length_ms, own_ms)
         table = {**table, "encoder": {**table["encoder"], "tau_mem_ms": tau_ms}}
-        notes += suited.of_membrane(tau_ms, own_ms)
+        notes += suited.of_membrane(tau_ms, own_ms, "shortest window" if swept_ms else "window")
     return {**table, "notes": [*study.notes, *notes]}
 
 

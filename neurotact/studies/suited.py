@@ -298,12 +298,12 @@ def membrane_ms(length_ms: float, own_ms: float) -> float:
     return max(own_ms, min(LONGEST_MS, round(length_ms / OF_WINDOW, 1)))
 
 
-def of_membrane(tau_ms: float, own_ms: float) -> list[str]:
-    """The note on other membranes than the encoder's own."""
+def of_membrane(tau_ms: float, own_ms: float, window: str = "window") -> list[str]:
+    """The note on other membranes than the encoder's own; window: which of them they follow, in words."""
     if tau_ms == own_ms:
         return []
     return [
-        f"Afferents: membranes of {tau_ms:g} ms, a twentieth of the window and at most {LONGEST_MS:g} ms, which send "
+        f"Afferents: membranes of {tau_ms:g} ms, a twentieth of the {window} and at most {LONGEST_MS:g} ms, which send "
         f"fewer spikes; those of the encoder: `settings={{'{MEMBRANE}': {own_ms:g}}}`."
     ]
 

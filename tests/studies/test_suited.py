@@ -313,6 +313,13 @@ def test_membranes_are_longer_where_conditions_are_trained_on(tmp_path, changes,
     assert len(said) == (tau_ms not in (7.0, 10.0))
 
 
+def test_membranes_follow_the_shortest_of_swept_windows(tmp_path):
+    path = slow_touches(tmp_path / "t.h5", 93.0)
+    what = loading.resolve("own-recordings", {"sweep.window.length_ms": [700.0, 500.0, 900.0]}, data=path)
+    assert {cell.encoder.tau_mem_ms for cell in study.cells(what)} == {25.0}
+    assert any(note.startswith("Afferents: membranes of 25 ms, a twentieth of the shortest") for note in what.notes)
+
+
 @pytest.mark.parametrize("sweep", [{"encoder.tau_mem_ms": [10.0, 30.0]}, {"encoder": ["sa1-ra1-lif"]}])
 def test_swept_membranes_are_not_said_to_be_chosen(tmp_path, sweep):
     path = slow_touches(tmp_path / "t.h5", 93.0)
