@@ -65,6 +65,16 @@ def test_what_is_done_is_not_done_again(spikes, tmp_path):
     assert (tmp_path / "run/seed-0/weights.safetensors").stat().st_mtime_ns == before
 
 
+def test_one_interrupted_after_a_split_is_told_to_resume(spikes, tmp_path):
+    """Not to start again, which would train the first split anew."""
+    one, both = (repeated.tasks_of(task_of(), every_fold=False, repeats=n) for n in (1, 2))
+    repeated.run(spikes, tmp_path / "run", SMALL, one)
+    (tmp_path / "run/splits.csv").unlink()
+    with pytest.raises(InputError, match="were interrupted; pass `resume=True` to continue"):
+        repeated.run(spikes, tmp_path / "run", SMALL, both)
+    assert len(repeated.run(spikes, tmp_path / "run", SMALL, both, resume=True).table) == 2
+
+
 def test_other_splits_are_not_mixed_into_the_folder_of_an_earlier_run(spikes, tmp_path):
     few, more = (repeated.tasks_of(task_of(), every_fold=False, repeats=n) for n in (2, 3))
     repeated.run(spikes, tmp_path / "run", SMALL, few)

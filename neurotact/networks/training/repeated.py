@@ -96,6 +96,11 @@ def run(
             raise InputError(
                 f"{folder / TABLE}: already exists; choose another folder, or pass `force=True` or `resume=True`"
             )
+        if not (force or resume) and trained_in(folder):
+            raise InputError(
+                f"{folder}: holds trainings that were interrupted; pass `resume=True` to continue, or `force=True` to "
+                "start again"
+            )
         if resume and (strangers := [name for name in trained_in(folder) if name not in tasks]):
             raise InputError(
                 f"{folder}: holds trainings of other splits ({some(strangers)}); give the options that it was begun "
