@@ -97,7 +97,7 @@ def by_class(folder: Path, cells: Sequence[Cell], trains: SpikeTrains | None) ->
     by_trial = pd.DataFrame(shares, columns=["condition", "trial", "right"])
     once = by_trial.groupby(["condition", "trial"], sort=False)["right"].mean().reset_index()
     once["label"] = trains.conditions[LABEL].astype(str).to_numpy()[once["trial"]]
-    found = once.groupby(["label", "condition"])["right"].agg(["size", "mean"]).reset_index()
+    found = once.groupby(["label", "condition"], sort=False)["right"].agg(["size", "mean"]).reset_index()
     return found.rename(columns={"size": "trials", "mean": "right"})
 
 
@@ -139,7 +139,7 @@ def class_table(classes: pd.DataFrame, best: Network) -> list[Table]:
     cells = classes.set_index(["label", "condition"])
     rows = [
         [str(label), *(_with_trials(cells, (label, condition)) for condition in conditions)]
-        for label in dict.fromkeys(classes["label"])
+        for label in sorted(set(classes["label"]))
     ]
     caption = (
         f"Each class by the best network, {best.name}: share of whole windows that are right, in %, and the number of "

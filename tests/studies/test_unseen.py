@@ -3,6 +3,8 @@
 import json
 import re
 import shutil
+from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -17,7 +19,10 @@ import neurotact as nt
 from neurotact.data import hdf5
 from neurotact.data.augmentation import CANDIDATES, EVERY
 from neurotact.data.recordings import Recordings
+from neurotact.data.splits import SplitSpec
 from neurotact.errors import InputError
+from neurotact.report import robustness
+from neurotact.report.answer import Decision, Network
 from neurotact.report.robustness import TRAINED, hardest, sentence
 from neurotact.report.tables import LAST_TRAINING, afferents_of
 from neurotact.studies import loading, runner, study, suited
@@ -230,8 +235,6 @@ def test_fewer_networks_are_trained_since_each_takes_several_trainings(tmp_path)
 
 
 def test_the_sentence_tells_losses_and_gains():
-    from neurotact.report.answer import Decision, Network
-
     network = Network("5&5", 20, 1, 0.9, Decision(0.9, 1.0, 1.0, 1.0, None), None)
     rows = {"pair": "5&5", "hidden": 20, "augmentation": ["none", "time", "time"], "chosen": [False, True, False]}
     rows |= {"accuracy_seen": [0.9, 0.95, 0.97], "accuracy_test": [0.5, 0.8, 0.9], "last": [False, False, True]}
@@ -257,6 +260,20 @@ def classes(trained, untrained):
         for condition, shares in ((TRAINED, trained), ("speed = 1", untrained))
         for label, (right, trials) in shares.items()
     ])  # fmt: skip
+
+
+def test_classes_are_at_the_tested_conditions_in_their_order(monkeypatch):
+    """Not in that of their letters, nor in that in which the first class has them."""
+    trials = pd.DataFrame({"label": ["silk", "silk", "felt", "felt"], "speed": [90, 300, 90, 1000]})
+    tests = {90: {"0": 1.0, "2": 0.5}, 300: {"1": 0.0}, 1000: {"3": 1.0}}
+    cells = [SimpleNamespace(split=SplitSpec(test_where={"speed": speed})) for speed in tests]
+    monkeypatch.setattr(robustness, "result_of", lambda _, cell: {"right": tests[cell.split.test_where["speed"]]})
+    trains = nt.Recordings(np.zeros((4, 5, 1)), 1000.0, "mV", trials)  # of which conditions are read, as of spikes
+    found = robustness.by_class(Path(), cells, trains)  # pyright: ignore[reportArgumentType]
+    network = Network("5&5", 20, 1, 0.9, Decision(0.9, 1.0, 1.0, 1.0, None), None)
+    (shown,) = robustness.class_table(found, network)
+    assert shown.columns == ["class", "speed = 90", "speed = 300", "speed = 1000"]
+    assert shown.rows == [["felt", "50.0 (1)", "", "100.0 (1)"], ["silk", "100.0 (1)", "0.0 (1)", ""]]
 
 
 def test_the_class_that_loses_most_is_named():
