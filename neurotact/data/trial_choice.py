@@ -162,6 +162,13 @@ def chosen_trials(touches: Touches, choice: TrialChoice, source: str, *, tell: b
     return touches.select(keep)  # pyright: ignore[reportReturnType]  # of the same kind
 
 
+def fewer_trials(touches: Touches, n: int | None) -> Touches:
+    """At most n of the trials, by `evenly_of`; all if it is None."""
+    if n is None or n >= len(touches):
+        return touches
+    return touches.select(evenly_of(touches.conditions, n))  # pyright: ignore[reportReturnType]  # of the same kind
+
+
 def evenly_of(conditions: pd.DataFrame, n: int) -> np.ndarray:
     """The places of at most n trials, evenly spaced within each class, and within each condition of it, ascending.
 

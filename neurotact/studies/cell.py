@@ -5,7 +5,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
 
-from neurotact.data.augmentation import NONE
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
 from neurotact.files import DRAFT, scratch, whole, write_json
@@ -72,9 +71,8 @@ def trains_once(cell: Cell) -> bool:
 
 def _robust(cell: Cell, trains: SpikeTrains, spec: RSNNSpec, progress: Any) -> Files:
     """The files of a cell whose varied copies are chosen on validation trials, and which is trained again."""
-    began, kinds = perf_counter(), (NONE,)
-    if cell.augmentation is not None:
-        kinds = robust.candidates(cell.augmentation, trains.conditions, cell.split)
+    began = perf_counter()
+    kinds = robust.candidates(cell.augmentation, trains.conditions, cell.split)
     tried = [*robust.trainings(trains, spec, task_of(cell), cell.seeds, kinds, progress)]
     best = robust.best_of(tried)
     last = robust.again(trains, best, cell.seeds, progress)
@@ -148,7 +146,7 @@ def files_of(
         "sops_validation": measuring.mean_sops(fitted.network, sides.validation),
         **{key: row[key] for row in remedies if row["last"] for key in ("augmentation", "accuracy_seen")},
         **(searched.row if searched else {}),
-        **(last.choice.row() if last and last.choice else {}),
+        **(last.validated if last else {}),
     }
     with scratch() as run:  # the layout of the run folder: paths between its files are the same
         target = cell_folder(run, cell)

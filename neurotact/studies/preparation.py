@@ -22,7 +22,7 @@ from neurotact.data.recordings import Recordings, class_indices, select_conditio
 from neurotact.data.sources import expand, read_recordings, simulator
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split, training_touches
-from neurotact.data.trial_choice import chosen_trials, evenly_of
+from neurotact.data.trial_choice import chosen_trials, fewer_trials
 from neurotact.data.windows import Windows, check_fit
 from neurotact.encoders import regained
 from neurotact.encoders.afferents import AfferentSpec
@@ -61,9 +61,7 @@ RECONSTRUCTION = "reconstruction.csv"
 def load_dataset(spec: DatasetSpec) -> Recordings:
     """Simulate, read or load the recordings of a study, of the trials that it uses; a line says how many they are."""
     recordings, source = _dataset(spec), spec.file or spec.path or spec.simulate or ""
-    chosen = chosen_trials(recordings, spec.choice, source)
-    if spec.at_most is not None and spec.at_most < len(chosen):
-        chosen = chosen.select(evenly_of(chosen.conditions, spec.at_most))
+    chosen = fewer_trials(chosen_trials(recordings, spec.choice, source), spec.at_most)
     if spec.read is not None:
         doubtful.check(chosen, source)
     return chosen

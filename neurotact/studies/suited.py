@@ -22,7 +22,7 @@ from neurotact.data.copies import copies_of
 from neurotact.data.onset import common_onset_s, onsets_s
 from neurotact.data.recordings import LABEL
 from neurotact.data.splits import SplitSpec, check_each, split_conditions, turns_of, validation_note
-from neurotact.data.trial_choice import EVERY, TrialChoice, chosen_trials, evenly_of
+from neurotact.data.trial_choice import EVERY, TrialChoice, chosen_trials, fewer_trials
 from neurotact.data.window_choice import FOUND, LATE, RESTS, Timing, Words, choose, left_after
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.calibration import CLOCK_HZ
@@ -338,9 +338,8 @@ def look(
             "`nt.infer(..., early_exit=True)` report the accuracy of a network, and its SOPs and ms per decision"
         )
     with hdf5.open_recordings(path) as every:
-        stored = chosen_trials(every, choice, str(path), tell=False)
-        n_chosen = len(stored)
-        stored = stored if at_most is None else stored.select(evenly_of(stored.conditions, at_most))
+        chosen = chosen_trials(every, choice, str(path), tell=False)
+        stored = fewer_trials(chosen, at_most)
         rate_Hz = stored.sampling_rate_Hz
         on_Hz = clock_Hz or max(rate_Hz, CLOCK_HZ)
         n_steps = [conditioned_length(n_samples, rate_Hz, on_Hz) for n_samples in stored.lengths.tolist()]
@@ -349,7 +348,7 @@ def look(
         touch_s = common_onset_s(stored)
         begin_s = onsets_s(stored, RESTS * touch_s) if onsets else None
         timing = Timing(np.array(n_steps) / on_Hz, on_Hz, touch_s)
-        return Recorded(timing, rate_Hz, rarest, stored.conditions, begin_s, n_chosen)
+        return Recorded(timing, rate_Hz, rarest, stored.conditions, begin_s, len(chosen))
 
 
 def window(timing: Timing, given: Mapping[str, Any] = {}) -> tuple[dict[str, Any], list[str]]:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from neurotact.data.augmentation import UNRANKED, AugmentationSpec
+from neurotact.data.augmentation import NONE, UNRANKED, AugmentationSpec
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, turns_of
@@ -42,6 +42,11 @@ class Tried(NamedTuple):
         """The accuracy on validation windows, which chooses."""
         return self.fitted.training.best.validation_accuracy
 
+    @property
+    def validated(self) -> dict[str, float]:
+        """The columns of results that are of the choice, in place of this training's own; empty without a choice."""
+        return {} if self.choice is None else self.choice.row()
+
     def row(self) -> dict[str, Any]:
         """A row of `remedies.csv`; the validation accuracy of the last training does not compare."""
         network, test = self.fitted.network, self.sides.test
@@ -56,14 +61,14 @@ class Tried(NamedTuple):
         }
 
 
-def candidates(augmentation: AugmentationSpec, conditions: pd.DataFrame, split: SplitSpec) -> tuple[str, ...]:
-    """The kinds of copies to train with: those that `auto` chooses among, if validation can choose.
+def candidates(augmentation: AugmentationSpec | None, conditions: pd.DataFrame, split: SplitSpec) -> tuple[str, ...]:
+    """The kinds of copies to train with: those that `auto` chooses among, if validation can choose; `none` without any.
 
     >>> table = pd.DataFrame({"label": ["felt", "silk"] * 4, "speed": [150, 150, 300, 300] * 2})
     >>> candidates(AugmentationSpec(), table, SplitSpec(test_where={"speed": 300}))
     ('time+gain',)
     """
-    kinds = augmentation.candidates
+    kinds = (NONE,) if augmentation is None else augmentation.candidates
     return kinds if turns_of(conditions, split) else kinds[-1:]
 
 

@@ -29,6 +29,8 @@ from neurotact.studies.protocol import Own
 from neurotact.studies.suited import AUTO, INTEGRATION, MEMBRANE, OPEN, Recorded
 
 ENCODER = "sa1-ra1-lif"
+OWN_MS: float = SetSpec.model_fields["tau_mem_ms"].default
+"""The time constant of membranes where nothing else is chosen."""
 """The encoder with the conditioning to use, except its clock, and except a baseline that uses the whole trial."""
 SEED, SPLITS, GROUP = "sweep.seed", "sweep.split.seed", "split.group"
 CHOSEN = {"choose_baseline": "baseline", "choose_ema": "ema_cutoff_Hz"}
@@ -76,17 +78,14 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     if touches.unit is None and of_afferents:
         raise InputError(f"{of_afferents[0]}: {path} holds events, which no afferents encode; leave it out")
     window, notes = suited.window(touches.recorded.timing, of_set)
-    notes, on_membrane = [*([] if (note := suited.note_of(choice)) is None else [note]), *notes], list[str]()
+    notes = [*([] if (note := suited.note_of(choice)) is None else [note]), *notes]
     chosen: dict[str, Any] = {"window": window, "path": str(path), "content": touches.content, "group": [*group]}
     chosen |= choice._asdict()
     if touches.unit is not None:
         is_open = {key: f"conditioning.{of}" not in of_set for key, of in CHOSEN.items()}
         is_open["choose_opposite"] = is_open["choose_baseline"]
         computed = {key.removeprefix("encoder."): given[key] for key in of_afferents}
-        if MEMBRANE not in given:
-            own_ms = SetSpec.model_fields["tau_mem_ms"].default
-            tau_ms = suited.membrane_ms(window["length_ms"], own_ms)
-            computed, on_membrane = {**computed, "tau_mem_ms": tau_ms}, suited.of_membrane(tau_ms, own_ms)
+        computed = {"tau_mem_ms": suited.membrane_ms(window["length_ms"], OWN_MS), **computed}
         chosen |= {"unit": touches.unit, "conditioning": conditioning, **computed, **is_open}
     table = override(chosen, of_set)
     if others.get(SEED) == AUTO:
@@ -97,7 +96,7 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     if touches.unit is not None:
         is_exact = integration_of(built, touches.recorded.sampling_rate_Hz) == "exact"
         notes += suited.clock(touches.recorded, clock_Hz, exact=is_exact, chosen=INTEGRATION not in given)
-        notes += on_membrane
+        notes += [] if MEMBRANE in given else suited.of_membrane(built.tau_mem_ms, OWN_MS)
     _check(touches, built, others.get(SEED))
     by = {"data.split": "groups"} if group else {}
     changes = {"sweep.data.set": [touches.name], "data.sets": {touches.name: table}, **by, **others}

@@ -251,14 +251,11 @@ def _of_network(prepared: Prepared) -> dict[str, Any]:
     """The row of the network, trained with the kind of varied copies that is best on validation trials."""
     cell, trains = prepared.cell, prepared.trains
     assert cell.network is not None
-    kinds = (NONE,)
-    if cell.augmentation is not None:
-        kinds = robust.candidates(cell.augmentation, trains.conditions, cell.split)
+    kinds = robust.candidates(cell.augmentation, trains.conditions, cell.split)
     chosen = robust.best_of([*robust.trainings(trains, cell.network, prepared.task, prepared.seeds, kinds)])
     best = robust.again(trains, chosen, prepared.seeds)
     measured = measuring.measure(best.fitted, best.sides, trains.populations)["row"]
-    validated = {} if best.choice is None else best.choice.row()
-    row = {**measured, **validated, "hidden": best.fitted.network.spec.hidden}
+    row = {**measured, **best.validated, "hidden": best.fitted.network.spec.hidden}
     afferents = ledger.Afferents(len(trains.afferents), trains.encoder, trains.sampling_rate_Hz)
     how = {"afferents": afferents, "n_classes": len(trains.classes)}
     spent, early = (ledger.row_cost(cell.network, row, **how, early=early) for early in (False, True))
