@@ -102,7 +102,12 @@ NEEDS = (
     Need("time_column", "format", is_in(None, "csv"), "without `format='csv'`: other frames have no time", OR_GIVE),
     Need("lsb zero", "format", is_in("int16"), "without `format='int16'`", OR_GIVE),
     # keys of a network
-    Need("recurrent_weight_scale recurrent_delay_steps recurrent_blocks", "model", is_in("rsnn"), "with model = 'snn'"),
+    Need(
+        "recurrent_weight_scale recurrent_delay_steps recurrent_blocks",
+        "model",
+        is_in("rsnn", "auto"),
+        "with model = 'snn'",
+    ),
     Need("readout_surrogate_scale", "readout", is_in("count"), "with a readout that does not spike"),
     Need("training.readout_dropout", "readout", is_in("integrator", "max"), "with readout = 'count'"),
     Need("readout_stretch_ms training.stretch_rate", "readout_stretches", more_than_one, "with readout_stretches = 1"),

@@ -323,7 +323,7 @@ class Switch(Spec):
         (Switch, "shares", 3, "shares: must be a list; got 3"),
         (RSNNSpec, "hidden", 0.5, "hidden: must be a whole number; got 0.5"),
         (RSNNSpec, "hidden", "many", "hidden: must be a whole number; got 'many'"),
-        (RSNNSpec, "model", [], "model: must be 'rsnn' or 'snn'; got []"),
+        (RSNNSpec, "model", [], "model: must be 'rsnn', 'snn' or 'auto'; got []"),
         (Switch, "shares", [0.5, "0.5"], "shares.1: must be a number; got '0.5'"),
     ],
 )

@@ -214,6 +214,6 @@ def _training(folder: Path, cell: Cell) -> dict[str, Any] | None:
     columns: dict[str, Any] = {
         column: [None if pd.isna(value) else float(f"{value:.4g}") for value in log[column]] for column in LOGGED
     }
-    members = {"members": int(whole[MEMBER].max())} if MEMBER in whole else {}
+    members = {"members": n} if (n := int(whole[MEMBER].max()) if MEMBER in whole else 1) > 1 else {}
     note = {"note": LAST_TRAINING} if is_last_training(folder, cell) else {}
     return columns | members | note | {"kept": kept_epoch(folder, cell)}

@@ -109,7 +109,7 @@ def is_last_training(folder: Path, cell: Cell) -> bool:
 
 
 def first_member(log: pd.DataFrame) -> pd.DataFrame:
-    """The epochs of a training log that are of its first network, where several were joined.
+    """The epochs of a training log that are of the first network that is kept, where several were trained.
 
     >>> first_member(pd.DataFrame({"epoch": [1, 1], "member": [1, 2]}))["epoch"].tolist()
     [1]

@@ -10,7 +10,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.files import DRAFT, scratch, whole, write_json
 from neurotact.metrics import paired
 from neurotact.networks.definition import recipe
-from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit import truncated
 from neurotact.networks.search import journal, search, search_tables
 from neurotact.networks.search.search_tables import as_cell
@@ -51,7 +51,7 @@ def run_cell(
     task = task_of(cell)
     if cell.search is None:
         spec = cell.network
-        long = LongTraining(lambda: recipe.resolve(spec, tasks.seen(trains, task)).training)
+        long = LongTraining(lambda: recipe.resolve(spec, tasks.seen(trains, task)))
         progress = long if tells else None
         if not trains_once(cell):
             return _robust(cell, trains, spec, progress)
@@ -85,11 +85,11 @@ def _robust(cell: Cell, trains: SpikeTrains, spec: RSNNSpec, progress: Any) -> F
 class LongTraining:
     """Called after each epoch; says once if the training takes minutes, and what takes less.
 
-    training: gives the keys of the training.
+    network: gives the network, with the choices of its recipe.
     """
 
-    def __init__(self, training: Callable[[], TrainingSpec]) -> None:
-        self._training = training
+    def __init__(self, network: Callable[[], RSNNSpec]) -> None:
+        self._network = network
         self._began: float | None = None
         self._n_epochs = 0
         self._is_judged = False
@@ -102,15 +102,16 @@ class LongTraining:
         seconds = perf_counter() - self._began
         if self._is_judged or seconds < JUDGED_S:
             return
-        self._is_judged, spec = True, self._training()
-        most = spec.members * spec.epochs
+        self._is_judged, spec = True, self._network()
+        n, epochs = spec.n_trainings, spec.training.epochs
+        most = n * epochs
         minutes = seconds / self._n_epochs * most / 60
         if minutes > LONG_MIN:
-            members = f" of {spec.members} networks that are joined" if spec.members > 1 else ""
+            members = f" of {n} trainings" if n > 1 else ""
             say(
                 f"a network takes up to {minutes:.0f} min ({most} epochs{members}); fewer taxels, shorter windows "
                 "(window.length_ms) or fewer epochs "
-                f"(`settings={{'network.training.epochs': {max(1, spec.epochs // 4)}}}`) take less"
+                f"(`settings={{'network.training.epochs': {max(1, epochs // 4)}}}`) take less"
             )
 
 

@@ -78,10 +78,10 @@ def test_a_study_that_sweeps_recurrence_counts_each_network_as_it_is():
     assert of_networks["parameters"].diff().iloc[1] == -20 * 20
 
 
-@pytest.mark.parametrize(("steps", "recurrent"), [(300, 20 * 20), (1000, 0)])
-def test_a_study_by_a_recipe_counts_what_the_recipe_chose(steps, recurrent):
+@pytest.mark.parametrize(("steps", "sops", "recurrent"), [(300, 5.0, 20 * 20), (300, 0.0, 0), (1000, 0.0, 0)])
+def test_a_study_by_a_recipe_counts_what_the_recipe_and_training_chose(steps, sops, recurrent):
     row = {"pair": "1&1", "hidden": 20, "seed": 0, "window_steps": steps, "setting": "all"}
-    rows = [{**row, "sops_input": 1.0, "sops_recurrent": 0.0, "sops_readout": 1.0}]
+    rows = [{**row, "sops_input": 1.0, "sops_recurrent": sops, "sops_readout": 1.0}]
     made_by = Afferents(16, SMOOTHED, 2000.0)
     table = ledger.study_ledger(
         RSNNSpec(recipe="default"), pd.DataFrame(rows), None, afferents=[made_by] * len(rows), n_classes=8

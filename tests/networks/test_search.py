@@ -456,7 +456,7 @@ def test_without_a_space_the_choices_of_the_recipe_are_searched(trains):
     network = spec.load(RSNNSpec, "default", {"hidden": 10, "tau_syn_ms": 3.0})
     asked = search.asked("tune", None, network, {"trials": 2}, trains, task)
     assert asked.space == recipe.space(network, tasks.seen(trains, task))
-    assert asked.first == tuning.values_of(recipe.resolve(network, tasks.seen(trains, task)), asked.space)
+    assert asked.first == tuning.values_of(recipe.first_of(network, tasks.seen(trains, task)), asked.space)
     assert search.asked("tune", None, NETWORK, {}, trains, task).space == load_space("texture")
     assert search.asked("tune", SPACE, NETWORK, {"tuner": "grid"}, trains, task).first is None
 

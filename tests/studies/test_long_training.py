@@ -2,7 +2,7 @@
 
 import pytest
 
-from neurotact.networks.definition.specs import TrainingSpec
+from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.training.training import Epoch
 from neurotact.studies import cell
 from neurotact.studies.cell import LongTraining
@@ -15,7 +15,7 @@ def epochs(monkeypatch):
     monkeypatch.setattr(cell, "perf_counter", lambda: now[0])
 
     def run(n: int, seconds: float, most: int) -> None:
-        progress = LongTraining(lambda: TrainingSpec(epochs=most))
+        progress = LongTraining(lambda: RSNNSpec(training=TrainingSpec(epochs=most)))
         for number in range(1, n + 1):
             now[0] += seconds
             progress(Epoch(number, 1.0, 0.5, 1.0, 0.5))

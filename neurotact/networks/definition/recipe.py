@@ -114,7 +114,7 @@ def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[Choice]:
     members = [Choice("training.members", BEST_MEMBERS, best)] if effort == "best" else []
     per_bin = clock.steps_per_bin(given["step_ms"], seen.sampling_rate_Hz) if "step_ms" in given else seen.steps_per_bin
     bins, bin_ms = math.ceil(seen.steps / per_bin), per_bin * step_ms
-    recurrent = sparse and bins <= RECURRENT_STEPS
+    recurrent = sparse and bins <= RECURRENT_STEPS  # may be: training decides
     adds_up = given.get("readout", "integrator") == "integrator" and given.get("readout_tau_ms") is None
     stretches = given.get("readout_stretches", 1 if sparse or not adds_up or bins < STRETCHES else STRETCHES)
     stretch_ms = _exact(math.ceil(bins / stretches) * per_bin, seen.sampling_rate_Hz)
@@ -123,8 +123,9 @@ def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[Choice]:
     return [
         Choice(
             "model",
-            "rsnn" if recurrent else "snn",
-            f"recurrent for fewer than {SPARSE:g} spikes per afferent and window, of {RECURRENT_STEPS} steps at most",
+            "auto" if recurrent else "snn",
+            f"recurrent where validation gains, for fewer than {SPARSE:g} spikes per afferent and window, of "
+            f"{RECURRENT_STEPS} steps at most",
         ),
         Choice(
             "step_ms",
@@ -177,7 +178,7 @@ def space(spec: RSNNSpec, seen: Seen) -> dict[str, dict[str, Any]]:
         "training.input_dropout": [0.0, 0.1, 0.2],
         "training.readout_dropout": [0.0, 0.2, 0.4],
     }
-    if chosen.recurrent:
+    if chosen.recurrent:  # or may be: the search decides, by which trials differ
         values |= {"model": ["rsnn", "snn"], "training.rate_penalty": [0.0, 0.001, 0.01]}
     known = {*given, *(f"training.{key}" for key in given.get("training", {}))} - {"hidden"}
     return {key: {"_type": "choice", "_value": value} for key, value in values.items() if key not in known}
@@ -202,6 +203,16 @@ def resolve(spec: RSNNSpec, seen: Seen) -> RSNNSpec:
     table = specs.override(without_effort, {key: value for key, value in chosen.items() if key not in given})
     table["training"] = {**table.get("training", {}), **training}
     return specs.build(RSNNSpec, table, source=f"recipe = '{spec.recipe}'")
+
+
+def first_of(spec: RSNNSpec, seen: Seen) -> RSNNSpec:
+    """The network with which a search of `space` begins: the choices of the recipe, one model of `auto`.
+
+    >>> first_of(RSNNSpec(recipe="default"), Seen(900, 260, 200.0, 2.0)).model
+    'rsnn'
+    """
+    chosen = resolve(spec, seen)
+    return chosen.of_model("rsnn") if chosen.model == "auto" else chosen
 
 
 def chosen_for(spec: RSNNSpec, training: Tensor, sampling_rate_Hz: float) -> RSNNSpec:

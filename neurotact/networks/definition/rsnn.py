@@ -125,6 +125,8 @@ class RSNN(nn.Module):
             at_least(name, number, 1, whole=True)
         table = {} if spec is None else spec.model_dump(mode="json")
         self.spec = spec = build(RSNNSpec, override(table, keys), source="RSNN") if keys or spec is None else spec
+        if spec.model == "auto":
+            raise InputError("model: 'auto' is decided in training; give 'rsnn' or 'snn', or train with `nt.train`")
         effects.check_keys(leaves(keys), [void_keys(spec)], "RSNN")
         self.sampling_rate_Hz = sampling_rate_Hz
         self.steps_per_bin = clock.steps_per_bin(spec.step_ms, sampling_rate_Hz)

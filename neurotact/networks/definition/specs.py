@@ -12,6 +12,7 @@ from neurotact.neurons import Membrane, Reset
 from neurotact.spec import Spec
 
 Keep = Literal["loss", "accuracy", "both"]
+Model = Literal["rsnn", "snn"]
 Effort = Literal["quick", "default", "best"]
 MOST_HIDDEN = 1024
 """Neurons of the largest hidden layer."""
@@ -99,8 +100,10 @@ class RSNNSpec(Spec):
 
     folder: ClassVar[str] = "networks"
 
-    model: Literal["rsnn", "snn"] = "rsnn"
-    """rsnn: the hidden layer is recurrent; snn: it is not, and the `recurrent_...` keys are ignored."""
+    model: Literal["rsnn", "snn", "auto"] = "rsnn"
+    """rsnn: the hidden layer is recurrent; snn: it is not, and the `recurrent_...` keys are ignored. auto: both are
+    trained, and recurrence stays if it classifies more validation windows correctly, by more than the standard error;
+    a trained network is one of the two."""
     hidden: int = Field(default=30, ge=1, le=MOST_HIDDEN)
     """Neurons in the hidden layer."""
     step_ms: Annotated[float, Field(gt=0)] | Literal["encoder"] | None = None
@@ -164,8 +167,8 @@ class RSNNSpec(Spec):
 
     @property
     def recurrent(self) -> bool:
-        """Whether hidden neurons are connected to one another."""
-        return self.model == "rsnn"
+        """Whether hidden neurons are connected to one another, or may be after training."""
+        return self.model != "snn"
 
     @property
     def fan_among(self) -> int:
@@ -178,12 +181,29 @@ class RSNNSpec(Spec):
 
     @property
     def n_members(self) -> int:
-        """Networks that a training joins, with the choice of the recipe.
+        """Networks that training joins, with the choice of the recipe.
 
         >>> [RSNNSpec(recipe="default", effort=effort).n_members for effort in ("quick", "best")]
         [1, 3]
         """
         return BEST_MEMBERS if self.effort == "best" else self.training.members
+
+    @property
+    def n_trainings(self) -> int:
+        """The most networks that are trained, one after another.
+
+        >>> RSNNSpec().n_trainings, RSNNSpec(model="auto", recipe="default", effort="best").n_trainings
+        (1, 4)
+        """
+        return self.n_members + (self.model == "auto")
+
+    def of_model(self, model: Model) -> "RSNNSpec":
+        """The same network with this model in place of its own.
+
+        >>> RSNNSpec(model="auto", hidden=8).of_model("snn").model
+        'snn'
+        """
+        return self.model_copy(update={"model": model})
 
     @property
     def joined_hidden(self) -> int:

@@ -121,7 +121,7 @@ def asked(
     tuning.check(built.space, network, source="search.space")
     if built.tuner == "grid":
         return built
-    return built.model_copy(update={"first": tuning.values_of(recipe.resolve(network, seen), built.space)})
+    return built.model_copy(update={"first": tuning.values_of(recipe.first_of(network, seen), built.space)})
 
 
 def problem_of(trains: SpikeTrains, search: SearchSpec, network: RSNNSpec, task: Task, device: str = "cpu") -> Problem:
@@ -302,10 +302,11 @@ def _train(
 ) -> Course[tuple[RSNN, float, str]]:
     """The trained network, its validation accuracy, the outcome; appends each epoch's accuracy to `epochs`."""
     proposal = job.proposal
-    spec = job.problem.network_of(proposal.parameters)
+    asked_for = job.problem.network_of(proposal.parameters)
+    spec = recipe.chosen_for(asked_for, sides.train.spikes, trains.sampling_rate_Hz)
     member: RSNN | None = None
 
-    def new(seeds: tuple[int, int]) -> tuple[RSNN, torch.Generator]:
+    def new(spec: RSNNSpec, seeds: tuple[int, int]) -> tuple[RSNN, torch.Generator]:
         nonlocal member
         network, order = fitting.new_network(trains, spec, seeds, sides.train.spikes)
         member = network.to(device)
@@ -318,7 +319,7 @@ def _train(
 
     first = job.problem.seeds_of(proposal)
     try:
-        network, training = yield from members.course(new, first, sides.train, sides.validation, progress=watch)
+        network, training = yield from members.course(new, spec, first, sides.train, sides.validation, progress=watch)
     except _StopTrialError:
         assert member is not None
         return joined([member.cpu()] * spec.n_members), epochs[-1], STOPPED

@@ -9,11 +9,12 @@ import pandas as pd
 from neurotact.data.splits import SplitSpec
 from neurotact.networks.definition.specs import BEST_MEMBERS, MOST_HIDDEN, RSNNSpec, TrainingSpec
 from neurotact.networks.training.comparison import Comparison
+from neurotact.networks.training.training import NOT_KEPT
 
 Command = Literal["train", "tune", "fine-tune"]
 """The command that an outcome is of: a remedy names only options that it has."""
 MEMBER = "member"
-"""Column of a training log: which of the networks that were joined an epoch is of."""
+"""Column of a training log: which of the networks that were trained an epoch is of (`training.Epoch`)."""
 FEW_PER_CLASS = 5
 """With fewer test trials, the accuracy of a class says little."""
 FEW_VALIDATION = 30
@@ -145,7 +146,7 @@ def few_for_exit(n_validation: int, tolerance: float) -> Iterator[str]:
 def training(log: pd.DataFrame, spec: TrainingSpec, keys: str = "", command: Command = "train") -> Iterator[str]:
     """Whether a training diverged, or stopped at its largest number of epochs.
 
-    log: one row per epoch (`training.csv`), of several networks if they were joined. keys: what stands before
+    log: one row per epoch (`training.csv`), of several networks if they were trained. keys: what stands before
     `training.` where the spec is set.
     If the learning rates fall to 0, all epochs always run: no caution.
 
@@ -153,9 +154,12 @@ def training(log: pd.DataFrame, spec: TrainingSpec, keys: str = "", command: Com
     the loss became infinite; lower the learning rate (`settings={'network.training.learning_rate': 0.0005}`)
     """
     if MEMBER in log:
-        members = [own.drop(columns=MEMBER) for _, own in log.groupby(MEMBER)]
-        yield from together([list(training(own, spec, keys, command)) for own in members])
-        return
+        kept = log[log[MEMBER] != NOT_KEPT]
+        members = [own.drop(columns=MEMBER) for _, own in kept.groupby(MEMBER)]
+        if len(members) > 1:
+            yield from together([list(training(own, spec, keys, command)) for own in members])
+            return
+        (log,) = members
     losses = log["train_loss"].to_numpy(float)
     if not len(losses):
         return

@@ -28,6 +28,8 @@ class Choice(Spec):
     exit_margin: float | None = Field(default=None, gt=0)
     accuracy_validation: float = Field(ge=0, le=1)
     exit_accuracy_validation: float = Field(ge=0, le=1)
+    recurrence_gain: float | None = Field(default=None, ge=-1, le=1)
+    """Of validation accuracy; None if recurrence was not tried (`training.Training`)."""
 
     @classmethod
     def of(cls, fitted: Trained, validation: Examples) -> "Choice":
@@ -38,6 +40,7 @@ class Choice(Spec):
             exit_margin=fitted.rule.margin,
             accuracy_validation=fitted.training.best.validation_accuracy,
             exit_accuracy_validation=measuring.exit_accuracy(fitted, validation),
+            recurrence_gain=fitted.training.recurrence_gain,
         )
 
     @property
@@ -47,7 +50,8 @@ class Choice(Spec):
 
     def row(self) -> dict[str, float]:
         """The columns of results by which networks are compared: their accuracies at a condition not trained on."""
-        return self.model_dump(include={"accuracy_validation", "exit_accuracy_validation"})
+        columns = {"accuracy_validation", "exit_accuracy_validation", "recurrence_gain"}
+        return self.model_dump(include=columns, exclude_none=True)
 
 
 def last(

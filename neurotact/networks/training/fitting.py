@@ -77,15 +77,35 @@ def fit_course(
 ) -> Course[Trained]:
     """`fit` on these sides, as a course that runs alone or with others; the trained network is on the CPU.
 
+    options: of `network_course`.
+    """
+    how = {"device": device, "backend": backend, **options}
+    network, training = yield from network_course(trains, spec, seeds, sides.train, sides.validation, **how)
+    return finished(network.cpu(), training, sides, task)
+
+
+def network_course(
+    trains: SpikeTrains,
+    spec: RSNNSpec,
+    seeds: tuple[int, int],
+    training: Examples,
+    validation: Examples,
+    *,
+    device: str | torch.device = "cpu",
+    backend: Backend = "auto",
+    **options: Any,
+) -> Course[tuple[RSNN, Training]]:
+    """Train a network for the afferents and classes of some spike trains, with the choices of its recipe; and its log.
+
     options: of `members.course`.
     """
 
-    def new(seeds: tuple[int, int]) -> tuple[RSNN, torch.Generator]:
-        network, order = new_network(trains, spec, seeds, sides.train.spikes, backend=backend)
+    def new(spec: RSNNSpec, seeds: tuple[int, int]) -> tuple[RSNN, torch.Generator]:
+        network, order = new_network(trains, spec, seeds, training.spikes, backend=backend)
         return network.to(device), order
 
-    network, training = yield from members.course(new, seeds, sides.train, sides.validation, **options)
-    return finished(network.cpu(), training, sides, task)
+    chosen = recipe.chosen_for(spec, training.spikes, trains.sampling_rate_Hz)
+    return (yield from members.course(new, chosen, seeds, training, validation, **options))
 
 
 def warn_of_silence(training: Examples) -> None:

@@ -1,11 +1,12 @@
-"""A network that is trained once, or as several members that are then joined (`definition.joining`).
+"""A network that is trained once, or as several that are trained one after another.
 
-The members differ in their initial weights and in the order of their windows. The first one has the seeds that are
-given: it is the network that one training without members gives. Members are trained one after another; a checkpoint
-holds the weights of those that are finished.
+With `model = "auto"`, one is trained without recurrence and one with it, and the first stays unless the second
+classifies clearly more validation windows correctly. Several members differ in their initial weights and in the order
+of their windows, and are then joined (`definition.joining`). The first one has the seeds that are given: it is the
+network that one training without members gives. A checkpoint holds the weights of the networks that are finished.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 
 import torch
@@ -18,12 +19,13 @@ from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import training as one
 from neurotact.networks.training.training import Checkpoint, Course, Epoch, Examples, Training
 
-New = Callable[[tuple[int, int]], tuple[RSNN, torch.Generator]]
-"""Makes an untrained network, and the generator of the order of its windows, from two seeds."""
+New = Callable[[RSNNSpec, tuple[int, int]], tuple[RSNN, torch.Generator]]
+"""Makes an untrained network, and the generator of the order of its windows, from a spec and two seeds."""
 
 
 def course(
     new: New,
+    spec: RSNNSpec,
     first: tuple[int, int],
     training: Examples,
     validation: Examples,
@@ -32,38 +34,64 @@ def course(
     start: Checkpoint | None = None,
     keep: Callable[[Checkpoint], None] | None = None,
 ) -> Course[tuple[RSNN, Training]]:
-    """Train the members of a network, and join them; the network, and the log of all of them.
+    """Train the networks of a spec, and keep one or join them; the network, and the log of all of them.
 
-    new: is called for each member; `training.members` of its network says how many there are.
-    first: the seeds of the first member.
+    new: is called for each network. spec: with the choices of its recipe. first: the seeds of the first network.
     progress, start, keep: as for `training.course`.
     Raises InputError as that does.
     """
-    network, order = new(first)
-    n, members = network.spec.training.members, [network]
-    log: list[Epoch] = []
-    for number in range(1, n + 1):
-        if number > 1:
-            network, order = new(seeds.of_member(first, number))
-            members.append(network)
-        _be_one(network)
-        own, finished = _part_of(start, number)
-        if finished is not None:
-            network.load_state_dict(finished)
-            log += own.epochs if own else ()
-            continue
-        before = tuple(log), tuple(members[:-1])
-        kept = None if keep is None else _with_earlier(keep, *before)
-        own_training = yield from one.course(
-            network, training, validation, generator=order, progress=progress, start=own, keep=kept, member=number
-        )
-        if n == 1:
-            return network, own_training
-        log += own_training.epochs
+    series, gain = _Series(training, validation, progress, start, keep), None
+    alone = spec.model_copy(update={"training": spec.training.model_copy(update={"members": 1})})
+    if spec.model == "auto":
+        member, own, gain = yield from _with_recurrence_if_it_gains(series, new, alone, first)
+    else:
+        member, own = yield from series.train(*new(alone, first))
+    if (n := spec.training.members) == 1:
+        return member, Training(series.numbered(), own.best._replace(member=1), gain)
+    members = [member]
+    for number in range(2, n + 1):
+        another, _ = yield from series.train(*new(member.spec, seeds.of_member(first, number)))
+        members.append(another)
     whole = joined(members)
     fitted = yield from one.judge(whole, training.binned(whole))
     judged = yield from one.judge(whole, validation.binned(whole))
-    return whole, Training(tuple(log), Epoch(log[-1].epoch, *fitted, *judged, one.JOINED))
+    best = Epoch(series.log[-1].epoch, *fitted, *judged, one.JOINED)
+    return whole, Training(series.numbered(), best, gain)
+
+
+def _with_recurrence_if_it_gains(
+    series: "_Series", new: New, spec: RSNNSpec, first: tuple[int, int]
+) -> Course[tuple[RSNN, Training, float | None]]:
+    """The better network of the two, its training, and the validation accuracy that recurrence gains.
+
+    Where all windows are learned without recurrence, it can gain nothing and is not tried (None).
+    """
+    plain, own = yield from series.train(*new(spec.of_model("snn"), first))
+    if one.has_learned(own.epochs, spec.training):
+        return plain, own, None
+    recurrent, its_own = yield from series.train(*new(spec.of_model("rsnn"), first))
+    without = yield from one.right_of(plain, series.validation.binned(plain))
+    with_it = yield from one.right_of(recurrent, series.validation.binned(recurrent))
+    gain = float(with_it.double().mean() - without.double().mean())
+    if pays(without, with_it):
+        series.dropped = own.best.member
+        return recurrent, its_own, gain
+    series.dropped = its_own.best.member
+    return plain, own, gain
+
+
+def pays(without: Tensor, with_it: Tensor) -> bool:
+    """Whether recurrence gains more than the standard error of its gain, from the windows that it decides otherwise.
+
+    without, with_it: whether each validation window is classified correctly, `(window,)`. Of `n` windows that only one
+    of the two has right, chance alone favours either by the root of `n` (McNemar 1947, doi 10.1007/BF02295996).
+
+    >>> without = torch.tensor([True, False, False, False])
+    >>> pays(without, torch.tensor([True, True, True, False])), pays(without, torch.tensor([False, True, True, False]))
+    (True, False)
+    """
+    gained, lost = int((with_it & ~without).sum()), int((without & ~with_it).sum())
+    return gained - lost > (gained + lost) ** 0.5
 
 
 def spec_of(network: RSNN, n_members: int) -> RSNNSpec:
@@ -80,23 +108,58 @@ def spec_of(network: RSNN, n_members: int) -> RSNNSpec:
     return spec.model_copy(update={**keys, **blocks})
 
 
-def _be_one(network: RSNN) -> None:
-    """Have the spec of a member say what it is: one network."""
-    alone = network.spec.training.model_copy(update={"members": 1})
-    network.spec = network.spec.model_copy(update={"training": alone})
+class _Series:
+    """Trainings one after another, each of which is resumed from a checkpoint or is finished in it.
 
+    log: the epochs of all trainings so far. dropped: the number of the one whose network is not kept.
+    """
 
-def _part_of(start: Checkpoint | None, number: int) -> tuple[Checkpoint | None, Mapping[str, Tensor] | None]:
-    """The part of a checkpoint with the epochs of a member, and that member's weights if it is finished."""
-    if start is None or number > len(start.finished) + 1:
-        return None, None
-    own = replace(start, epochs=tuple(epoch for epoch in start.epochs if epoch.member == number))
-    return own, start.finished[number - 1] if number <= len(start.finished) else None
+    def __init__(
+        self,
+        training: Examples,
+        validation: Examples,
+        progress: Callable[[Epoch], None] | None,
+        start: Checkpoint | None,
+        keep: Callable[[Checkpoint], None] | None,
+    ) -> None:
+        self.training, self.validation, self.log, self.dropped = training, validation, list[Epoch](), 0
+        self._progress, self._start, self._keep, self._networks = progress, start, keep, list[RSNN]()
 
+    def train(self, network: RSNN, order: torch.Generator) -> Course[tuple[RSNN, Training]]:
+        """Train the next network."""
+        number, start = len(self._networks) + 1, self._start
+        own, finished = None, None
+        if start is not None and number <= len(start.finished) + 1:
+            own = replace(start, epochs=tuple(epoch for epoch in start.epochs if epoch.member == number))
+            finished = start.finished[number - 1] if number <= len(start.finished) else None
+        if own is not None and finished is not None:
+            network.load_state_dict(finished)
+            done = Training(own.epochs, one.best_of(own.epochs, network.spec.training.keep))
+        else:
+            done = yield from one.course(
+                network,
+                self.training,
+                self.validation,
+                generator=order,
+                progress=self._progress,
+                start=own,
+                keep=self._with_earlier(),
+                member=number,
+            )
+        self.log += done.epochs
+        self._networks.append(network)
+        return network, done
 
-def _with_earlier(
-    keep: Callable[[Checkpoint], None], log: tuple[Epoch, ...], members: tuple[RSNN, ...]
-) -> Callable[[Checkpoint], None]:
-    """`keep` for the checkpoints of one member: they get the epochs and the weights of the members before it."""
-    finished = tuple(one.copied(member.state_dict()) for member in members)
-    return lambda latest: keep(replace(latest, epochs=(*log, *latest.epochs), finished=finished))
+    def numbered(self) -> tuple[Epoch, ...]:
+        """The log, in which those networks are numbered that are kept; a network that is not has `NOT_KEPT`."""
+        kept = sorted({epoch.member for epoch in self.log} - {self.dropped})
+        numbers = {self.dropped: one.NOT_KEPT} | {member: number for number, member in enumerate(kept, 1)}
+        return tuple(epoch._replace(member=numbers[epoch.member]) for epoch in self.log)
+
+    def _with_earlier(self) -> Callable[[Checkpoint], None] | None:
+        """`keep` for the checkpoints of one network: they get the epochs and weights of the networks before it."""
+        keep, log = self._keep, tuple(self.log)
+        if keep is None:
+            return None
+        finished = tuple(one.copied(network.state_dict()) for network in self._networks)
+        return lambda latest: keep(replace(latest, epochs=(*log, *latest.epochs), finished=finished))

@@ -45,7 +45,14 @@ class Outcome(NamedTuple):
         """The accuracy, the cost and the confusions in words."""
         costs = comparison.costs(self.row, self.step_ms)
         confused = comparison.confused(self.confusion, self.classes)
-        return [*comparison.lines(self.compared), costs, confused, *([self.acausal] if self.acausal else [])]
+        recurrence = comparison.recurrence(self.row)
+        return [
+            *comparison.lines(self.compared),
+            costs,
+            *recurrence,
+            confused,
+            *([self.acausal] if self.acausal else []),
+        ]
 
 
 class Chosen(NamedTuple):

@@ -169,18 +169,18 @@ class _Run:
         """What `end` makes of a training; name: of its checkpoint."""
         writer = _CheckpointWriter(self.folder, self.asked, name, is_ours=start is not None or name == LAST)
         writer.epochs = n_before = len(start.epochs) if start else 0
-        n_members = network.training.members
+        n_trainings = network.n_trainings
         with terminated_as_interrupted():
             try:
                 told = "train" if name == CHECKPOINT else "train again"
-                with track(told, n_members * network.training.epochs, done=n_before, at_most=True) as advance:
+                with track(told, n_trainings * network.training.epochs, done=n_before, at_most=True) as advance:
                     fitted, sides = fitting.fit(
                         self.trains,
                         network,
                         task,
                         (self.asked.seed, self.asked.seed + 1),
                         device=self.asked.device,
-                        progress=lambda epoch: advance(1, line_of(epoch, n_members)),
+                        progress=lambda epoch: advance(1, line_of(epoch, n_trainings)),
                         start=start,
                         keep=writer.keep,
                     )
@@ -336,11 +336,11 @@ def saved_in(folder: Path) -> str:
     return f"saved in {folder}: the network, {RESULT} with all numbers, {trained.LOG}"
 
 
-def line_of(epoch: Epoch, n_members: int = 1) -> str:
+def line_of(epoch: Epoch, n_trainings: int = 1) -> str:
     """An epoch in words, next to a progress bar.
 
     >>> line_of(Epoch(7, 0.7, 0.5, 0.6, 0.75, 2), 3)
     'network 2 of 3, loss 0.600, validation accuracy 0.750'
     """
-    member = f"network {epoch.member} of {n_members}, " if n_members > 1 else ""
+    member = f"network {epoch.member} of {n_trainings}, " if n_trainings > 1 else ""
     return f"{member}loss {epoch.validation_loss:.3f}, validation accuracy {epoch.validation_accuracy:.3f}"

@@ -32,13 +32,14 @@ class Examples(NamedTuple):
         return self._replace(spikes=network.binned(self.spikes))
 
 
-JOINED = 0
+JOINED = NOT_KEPT = 0
 
 
 class Epoch(NamedTuple):
     """One line of the training log; accuracies are shares of trials.
 
-    member: which of the networks that are joined, from 1; `JOINED`: the joined network.
+    member: in a checkpoint, which of the networks that are trained one after another, from 1. In the log of a finished
+        training, which of those that are kept, from 1, `NOT_KEPT` of the other one; `JOINED`: the joined network.
     """
 
     epoch: int
@@ -53,16 +54,19 @@ class Epoch(NamedTuple):
 class Training:
     """The result of a training: its log, and the epoch whose weights the network now has.
 
-    If several networks were joined, `epochs` are those of all of them, one network after another, and `best` is the
-    joined network.
+    If several networks were trained, `epochs` are those of all of them, one network after another. `best` is of the
+    network that is kept; if several were joined, of the joined network.
+    recurrence_gain: with `model = "auto"`, the validation accuracy with recurrence minus that without; None if it was
+        not tried.
     """
 
     epochs: tuple[Epoch, ...]
     best: Epoch
+    recurrence_gain: float | None = None
 
     @property
     def n_members(self) -> int:
-        """The number of networks that were joined; 1: one was trained."""
+        """The number of networks that were joined; 1: one is kept."""
         return max((epoch.member for epoch in self.epochs), default=1)
 
     def __repr__(self) -> str:
@@ -74,13 +78,13 @@ class Training:
         )
 
     def table(self) -> pd.DataFrame:
-        """The log: a row for each epoch, with the columns of `Epoch`, `member` only where several were joined.
+        """The log: a row for each epoch, with the columns of `Epoch`, `member` only where several were trained.
 
         >>> Training((Epoch(1, 0.7, 0.5, 0.6, 0.75),), Epoch(1, 0.7, 0.5, 0.6, 0.75)).table().shape
         (1, 5)
         """
         log = pd.DataFrame(self.epochs, columns=list(Epoch._fields))
-        return log if self.n_members > 1 else log.drop(columns="member")
+        return log if log["member"].nunique() > 1 else log.drop(columns="member")
 
     def _repr_html_(self) -> str:
         return html_of(self, table=self.table().to_html(index=False, float_format="{:.3f}".format))
@@ -94,7 +98,7 @@ class Checkpoint:
     weights: the network's state after the last epoch; best_weights: after the best one.
     optimiser: its values of each trained parameter, named as in "w_in.exp_avg" (see `STATE`).
     generator: the state of the generator that orders the trials.
-    finished: of a network with members, the states of those before the present one.
+    finished: where several networks are trained one after another, the states of those before the present one.
     """
 
     epochs: tuple[Epoch, ...]
@@ -269,13 +273,14 @@ def is_over(log: Sequence[Epoch], spec: TrainingSpec) -> bool:
     if not log:
         return False
     has_ended = len(log) >= spec.epochs or log[-1].epoch - best_of(log, spec.keep).epoch >= spec.patience
-    return has_ended or (spec.target_loss > 0 and _is_learned(log[-1], spec.target_loss))
+    return has_ended or has_learned(log, spec)
 
 
-def _is_learned(epoch: Epoch, target_loss: float) -> bool:
-    """Whether every window is right, with mean losses of at most `target_loss`."""
-    accuracies, losses = (epoch.train_accuracy, epoch.validation_accuracy), (epoch.train_loss, epoch.validation_loss)
-    return min(accuracies) == 1 and max(losses) <= target_loss
+def has_learned(log: Sequence[Epoch], spec: TrainingSpec) -> bool:
+    """Whether the last epoch has every window right, with mean losses of at most `target_loss`."""
+    *_, (_, train_loss, train_accuracy, validation_loss, validation_accuracy, _) = log
+    is_low = max(train_loss, validation_loss) <= spec.target_loss
+    return spec.target_loss > 0 and is_low and min(train_accuracy, validation_accuracy) == 1
 
 
 def not_finite(epoch: int, spec: TrainingSpec) -> InputError:
@@ -513,6 +518,15 @@ def judge(network: RSNN, examples: Examples) -> Course[tuple[float, float]]:
         losses.append(loss(counts, labels.to(device), spec, _weights(examples, batch, device)))
         right.append((counts.readout.argmax(dim=1) == labels.to(device)).sum())
     return _mean(losses, right, batches)
+
+
+def right_of(network: RSNN, examples: Examples) -> Course[Tensor]:
+    """Whether each window is classified correctly, `(window,)`; the examples are on the network's clock."""
+    right, size = [], network.spec.training.batch
+    for spikes, labels in zip(examples.spikes.split(size), examples.labels.split(size), strict=True):
+        counts = yield Batch(network, spikes.to(network.w_in.device))
+        right.append(counts.readout.argmax(dim=1).cpu() == labels)
+    return torch.cat(right)
 
 
 @torch.no_grad()

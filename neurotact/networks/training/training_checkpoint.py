@@ -1,8 +1,8 @@
 """Checkpoints of a training on disk: one safetensors file, replaced only as a whole, never pickle.
 
 Tensors: `log` (a row per epoch, the fields of `Epoch`), `generator`, `weights.*` and `best.*` (the network's state now
-and after its best epoch), `adam.*` (also of Adamax), `member1.*` and so on (the states of members that are finished),
-and the SHA-256 of all of these with the name of the training.
+and after its best epoch), `adam.*` (also of Adamax), `member1.*` and so on (the states of networks that are finished,
+where several are trained), and the SHA-256 of all of these with the name of the training.
 """
 
 import hashlib
@@ -56,11 +56,11 @@ def load(path: str | Path, net: Net, training: str) -> Checkpoint:
     path = Path(path)
     tensors = _read(path)
     log = tensors.get("log", torch.empty(0))
-    n_epochs, most = len(log) if log.ndim else 0, net.spec.training.members * net.spec.training.epochs
+    n_epochs, most = len(log) if log.ndim else 0, net.spec.n_trainings * net.spec.training.epochs
     if not 1 <= n_epochs <= most:
         raise _damaged(path, f"its log has {n_epochs} epochs where 1 to {most} are possible")
-    n_finished = _n_finished(log, net.spec.training.members)
-    check(tensors, _expected(net, n_epochs, n_finished), path, FIX)
+    n_finished = _n_finished(log, net.spec.n_trainings)
+    check(tensors, _expected(net, n_epochs, n_finished, tensors), path, FIX)
     if not torch.equal(tensors.pop(SHA256), _sha256(tensors, training)):
         raise _damaged(path, "its content has changed, or it is of another training")
     epochs = tuple(Epoch(int(number), *values, member=int(member)) for number, *values, member in log.tolist())
@@ -98,17 +98,26 @@ def _read(path: Path) -> dict[str, Tensor]:
         raise _damaged(path, f"it is not a safetensors file: {error}") from error
 
 
-def _expected(net: Net, n_epochs: int, n_finished: int) -> dict[str, tuple[tuple[int, ...], torch.dtype]]:
-    shapes = shapes_of(*net)
+def _expected(
+    net: Net, n_epochs: int, n_finished: int, found: Mapping[str, Tensor]
+) -> dict[str, tuple[tuple[int, ...], torch.dtype]]:
+    """found: the tensors of the file; with `model = "auto"`, they tell which networks are recurrent."""
+
+    def shapes(part: str) -> dict[str, tuple[int, ...]]:
+        if net.spec.model != "auto":
+            return shapes_of(*net)
+        spec = net.spec.of_model("rsnn" if f"{part}.w_rec" in found else "snn")
+        return shapes_of(*net._replace(spec=spec))
+
     fixed = {"alpha", "beta", "threshold"} - set(net.spec.learn)
     adam = {
         f"adam.{name}.{key}": () if key == "step" else shape
-        for name, shape in shapes.items()
+        for name, shape in shapes("weights").items()
         for key in STATE[net.spec.training.optimiser]
         if name not in fixed
     }
     parts = ["weights", "best", *(f"member{number}" for number in range(1, n_finished + 1))]
-    states = {f"{part}.{name}": shape for part in parts for name, shape in shapes.items()}
+    states = {f"{part}.{name}": shape for part in parts for name, shape in shapes(part).items()}
     return {
         "log": ((n_epochs, len(Epoch._fields)), torch.float64),
         "generator": (tuple(torch.Generator().get_state().shape), torch.uint8),

@@ -185,12 +185,12 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
         spec = recipe.chosen_for(self.spec(), train_side.spikes, rate_Hz)
         effects.check_keys(given_keys(self.network, self.settings), [void_keys(spec)], "SpikingClassifier")
 
-        def new(seeds: tuple[int, int]) -> tuple[RSNN, torch.Generator]:
+        def new(spec: RSNNSpec, seeds: tuple[int, int]) -> tuple[RSNN, torch.Generator]:
             weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
             return begin(train_side.spikes, len(classes), spec, rate_Hz, weights).to(self.device), order
 
         progress, first = _print_epoch if self.verbose else None, (weights_seed, order_seed)
-        network, training = alone(members.course(new, first, train_side, validation_side, progress=progress))
+        network, training = alone(members.course(new, spec, first, train_side, validation_side, progress=progress))
         self.training_: Training = training
         self.network_: RSNN = network
         self.exit_rule_: ExitRule = exit_rule(

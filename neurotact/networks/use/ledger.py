@@ -192,9 +192,12 @@ def row_cost(
     signal_ms = 1e3 * steps / rate_Hz
     chosen = recipe.resolve(spec, recipe.Seen(1, round(window_steps), rate_Hz, 1.0))
     step_ms = 1e3 * row.get(STEPS_PER_BIN, 1) / rate_Hz
+    model = row.get(MODEL, chosen.model)
+    if model == "auto":  # decided in training: hidden neurons that are connected have operations among them
+        model = "rsnn" if row["sops_recurrent"] > 0 else "snn"
     own = chosen.model_copy(
         update={
-            "hidden": int(row["hidden"]), "model": row.get(MODEL, chosen.model), "step_ms": step_ms,
+            "hidden": int(row["hidden"]), "model": model, "step_ms": step_ms,
             STRETCHES: round(row.get(STRETCHES, 1)), BLOCKS: _blocks_of(row),
         }
     )  # fmt: skip

@@ -46,6 +46,7 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
         "readout_stretches": network.spec.readout_stretches,
         "epochs": len(trained.training.epochs),
         **({} if (n := trained.training.n_members) == 1 else {"members": n}),
+        **({} if (gain := trained.training.recurrence_gain) is None else {"recurrence_gain": gain}),
         **({} if (blocks := network.spec.recurrent_blocks) == 1 else {"recurrent_blocks": blocks}),
     }
     matrix = confusion_matrix(test.labels, full.labels.cpu(), labels=range(network.n_classes))

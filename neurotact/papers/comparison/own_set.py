@@ -22,15 +22,13 @@ from neurotact.data.windows import cut
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.calibration import CLOCK_HZ, PAST
 from neurotact.errors import InputError
-from neurotact.papers.comparison.sets import SetSpec, integration_of, sides
+from neurotact.papers.comparison.sets import OWN_MS, SetSpec, integration_of, sides
 from neurotact.spec import build, load, override
 from neurotact.studies import suited
 from neurotact.studies.protocol import Own
 from neurotact.studies.suited import AUTO, INTEGRATION, MEMBRANE, OPEN, Recorded
 
 ENCODER = "sa1-ra1-lif"
-OWN_MS: float = SetSpec.model_fields["tau_mem_ms"].default
-"""The time constant of membranes where nothing else is chosen."""
 """The encoder with the conditioning to use, except its clock, and except a baseline that uses the whole trial."""
 SEED, SPLITS, GROUP = "sweep.seed", "sweep.split.seed", "split.group"
 CHOSEN = {"choose_baseline": "baseline", "choose_ema": "ema_cutoff_Hz"}
@@ -85,7 +83,6 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
         is_open = {key: f"conditioning.{of}" not in of_set for key, of in CHOSEN.items()}
         is_open["choose_opposite"] = is_open["choose_baseline"]
         computed = {key.removeprefix("encoder."): given[key] for key in of_afferents}
-        computed = {"tau_mem_ms": suited.membrane_ms(window["length_ms"], OWN_MS), **computed}
         chosen |= {"unit": touches.unit, "conditioning": conditioning, **computed, **is_open}
     table = override(chosen, of_set)
     if others.get(SEED) == AUTO:
@@ -96,7 +93,7 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     if touches.unit is not None:
         is_exact = integration_of(built, touches.recorded.sampling_rate_Hz) == "exact"
         notes += suited.clock(touches.recorded, clock_Hz, exact=is_exact, chosen=INTEGRATION not in given)
-        notes += [] if MEMBRANE in given else suited.of_membrane(built.tau_mem_ms, OWN_MS)
+        notes += [] if MEMBRANE in given else suited.of_membrane(built.membrane_ms, OWN_MS)
     _check(touches, built, others.get(SEED))
     by = {"data.split": "groups"} if group else {}
     changes = {"sweep.data.set": [touches.name], "data.sets": {touches.name: table}, **by, **others}

@@ -25,7 +25,7 @@ from neurotact.networks.definition import clock, pruning, recipe
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.training import fitting, members, tasks
+from neurotact.networks.training import fitting, tasks
 from neurotact.networks.training.training import Examples, alone, train
 from neurotact.networks.use import measuring
 from neurotact.networks.use.ledger import network_cost
@@ -148,7 +148,8 @@ class Fitted(NamedTuple):
 def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[str, Any]:
     """A row of results: accuracies, SOPs, energy and signal of a decision with one setting.
 
-    known: first trainings by their key; a new one is added.
+    known: first trainings by their key; a new one is added. With that of `Setting()`, which saves nothing, among them,
+    whether a network is recurrent is decided there.
     """
     name = setting.first_training()
     if name not in known:
@@ -159,10 +160,13 @@ def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[s
         longest = None if setting.longest_steps else recipe.looked_apart(seen.sampling_rate_Hz)
         seen = seen._replace(apart=clock.apart(whole.training.spikes, longest))
         whole_steps = round(bench.window.length_ms * 1e-3 * seen.sampling_rate_Hz)
+        spec, plain = changed(bench.network, setting, seen, whole_steps), known.get(Setting().first_training())
+        if spec.model == "auto" and plain is not None:  # a way changes nothing else
+            spec = spec.of_model("rsnn" if plain.network.spec.recurrent else "snn")
         with warnings.catch_warnings():
             if setting.step_ms is not None:
                 warnings.filterwarnings("ignore", MERGES)
-            known[name] = fit(sides, changed(bench.network, setting, seen, whole_steps), bench.seeds)
+            known[name] = fit(sides, spec, bench.seeds)
     fitted = known[name]
     if setting.prune is not None:
         fitted = _pruned(fitted, setting)
@@ -207,11 +211,7 @@ def cut(bench: Bench, setting: Setting) -> Sides:
 
 def fit(sides: Sides, spec: RSNNSpec, seeds: tuple[int, int]) -> Fitted:
     """A network trained on `sides`; seeds: of its weights and of the order of windows."""
-
-    def new(seeds: tuple[int, int]) -> tuple[RSNN, torch.Generator]:
-        return fitting.new_network(sides.trains, spec, seeds, sides.training.spikes)
-
-    network, _ = alone(members.course(new, seeds, sides.training, sides.validation))
+    network, _ = alone(fitting.network_course(sides.trains, spec, seeds, sides.training, sides.validation))
     return Fitted(network, sides, torch.Generator().manual_seed(seeds[1]))
 
 

@@ -1,7 +1,7 @@
 """The sets of touches on which networks are compared: simulated, read as published, or a user's own file."""
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -26,9 +26,12 @@ from neurotact.papers.comparison.fronts import EVENTS
 from neurotact.papers.comparison.saving import Bench
 from neurotact.papers.comparison.skipped import left_out
 from neurotact.spec import Spec
+from neurotact.studies import suited
 from neurotact.studies.protocol import Arrays
 
 CALIBRATED_AT_MS = 1.0
+OWN_MS: float = AfferentSpec.model_fields["tau_mem_ms"].default
+"""Membranes of the encoder, which those of a set are not shorter than."""
 
 
 class SetSpec(Spec):
@@ -48,8 +51,8 @@ class SetSpec(Spec):
     integration: Literal["auto", "clock", "exact"] = "auto"
     """How afferents are computed (`AfferentSpec.integration`); `auto`: by the rule of `own-recordings`, in closed form
     if the sensor is slower than their clock. Events have no afferents."""
-    tau_mem_ms: float = Field(default=10.0, gt=0)
-    """Time constant of the afferents' membranes."""
+    tau_mem_ms: Annotated[float, Field(gt=0)] | Literal["auto"] = "auto"
+    """Time constant of the afferents' membranes; `auto`: by the rule of `own-recordings`, a twentieth of the window."""
     choose_baseline: bool = False
     """Choose a causal baseline on training trials, in place of the baseline of `conditioning`."""
     choose_ema: bool = False
@@ -63,6 +66,15 @@ class SetSpec(Spec):
     """Conditions of the trials that are used."""
     leave_out: LeaveOut = {}
     """Conditions of trials that are not used, or classes."""
+
+    @property
+    def membrane_ms(self) -> float:
+        """The time constant of the afferents' membranes.
+
+        >>> SetSpec(simulate="gratings", window=WindowSpec(length_ms=600.0)).membrane_ms
+        30.0
+        """
+        return suited.membrane_ms(self.window.length_ms, OWN_MS) if self.tau_mem_ms == "auto" else self.tau_mem_ms
 
     @property
     def choice(self) -> TrialChoice:
@@ -245,7 +257,7 @@ def _calibrated(training: Recordings, chosen: SetSpec, step_ms: float) -> Affere
     least = AfferentType(gain=1.0, t_ref_ms=fine_ms)
     conditioning = chosen.conditioning.model_copy(update={"resample_Hz": 1e3 / fine_ms})
     integration = integration_of(chosen, training.sampling_rate_Hz)
-    how = {"integration": integration, "tau_mem_ms": chosen.tau_mem_ms, "conditioning": conditioning}
+    how = {"integration": integration, "tau_mem_ms": chosen.membrane_ms, "conditioning": conditioning}
     start = AfferentSpec(unit=chosen.unit, **how, sa1=least, ra1=least)
     if chosen.choose_baseline:
         calibrated = calibrate_causally(

@@ -72,10 +72,12 @@ def test_a_misspelt_key_is_named(keys):
 
 
 def test_the_recipe_and_each_change_leave_a_row():
-    parameters = asked(without={"readout": ["readout"]}, instead={"feed-forward": {"model": "snn"}})
+    parameters = asked(
+        without={"readout": ["readout"]}, instead={"feed-forward": {"model": "snn"}, "recurrent": {"model": "rsnn"}}
+    )
     rows = ablation.run(parameters, ablation.load(parameters.data))
-    assert [row["change"] for row in rows] == [WHOLE, "without readout", "feed-forward"]
-    assert rows[2]["sops_recurrent"] == 0 < rows[0]["sops_recurrent"]
+    assert [row["change"] for row in rows] == [WHOLE, "without readout", "feed-forward", "recurrent"]
+    assert rows[2]["sops_recurrent"] == 0 < rows[3]["sops_recurrent"]
     assert len({row["input_spikes"] for row in rows}) == 1
     again = ablation.run(parameters, ablation.load(parameters.data))
     assert again == rows

@@ -14,6 +14,7 @@ from neurotact.errors import InputError
 from neurotact.metrics.flops import ExactSpikes, cost
 from neurotact.networks.definition.recipe import Seen
 from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.training import members
 from neurotact.networks.use.ledger import network_cost
 from neurotact.papers.comparison import ways_to_save
 from neurotact.papers.comparison.fronts import NOTHING
@@ -187,9 +188,25 @@ def test_taxels_that_vary_stay(tmp_path):
 
 def test_a_shorter_window_leaves_recurrence_as_it_is():
     asked, seen = RSNNSpec(recipe="default"), Seen(100, 300, 1000.0, 3.0)
-    for whole_steps, model, scale in ((300, "rsnn", 20.0), (600, "snn", 10.0)):
+    for whole_steps, model, scale in ((300, "auto", 20.0), (600, "snn", 10.0)):
         spec = changed(asked, Setting(window=0.5), seen, whole_steps)
         assert (spec.model, spec.surrogate_scale, spec.tau_mem_ms) == (model, scale, 15.0)
+
+
+@pytest.mark.parametrize("decided", ["rsnn", "snn"])
+def test_whether_a_network_is_recurrent_is_decided_where_nothing_is_saved(decided, monkeypatch):
+    raster = np.zeros((40, 60, 2), np.uint8)
+    raster[:20, 10::20, 0] = raster[20:, 10::20, 1] = 1
+    trains = from_rasters(raster, 1000.0, ("a", "b"), pd.DataFrame({"label": ["felt", "silk"] * 20}))
+    split = Split(np.arange(24), np.arange(24, 32), np.arange(32, 40))
+    network = build(RSNNSpec, {"recipe": "default", "hidden": 4, "training": {"epochs": 1}}, source="test")
+    bench = Bench(trains, None, split, WindowSpec(length_ms=60.0, per_trial=1), network, (0, 1))
+    monkeypatch.setattr(members, "pays", lambda without, with_it: decided == "rsnn")
+    known: dict = {}
+    measured(bench, Setting(), known)
+    monkeypatch.setattr(members, "pays", lambda without, with_it: pytest.fail("is decided already"))
+    measured(bench, Setting(hidden=0.5), known)
+    assert [fitted.network.spec.model for fitted in known.values()] == [decided, decided]
 
 
 def test_a_shorter_window_leaves_the_clock_as_it_is():

@@ -1,0 +1,236 @@
+"""Recurrence is kept where it gains: two trainings, and what is left of the one that is not kept."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from neurotact import InputError, SpikingClassifier
+from neurotact.data.hdf5 import save_spikes
+from neurotact.data.spikes import from_rasters
+from neurotact.data.splits import SplitSpec
+from neurotact.data.windows import WindowSpec
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.search import search
+from neurotact.networks.search.tuning import Proposal, SearchSpec
+from neurotact.networks.training import (
+    cautions,
+    comparison,
+    fitting,
+    members,
+    population,
+    train_run,
+    training,
+    training_checkpoint,
+)
+from neurotact.networks.training.members import pays
+from neurotact.networks.training.tasks import Task
+from neurotact.networks.training.train_run import Interrupted
+from neurotact.spec import build, override
+
+N_EPOCHS = 3
+TRAINED = {
+    "model": "auto", "hidden": 5, "readout": "integrator", "forward_weight_scale": 4.0, "recurrent_weight_scale": 0.3,
+    "training": {"epochs": N_EPOCHS, "patience": N_EPOCHS, "batch": 8, "learning_rate": 0.05},
+}  # fmt: skip
+TASK = Task(window=WindowSpec(length_ms=40.0, per_trial=1), split=SplitSpec(validation=0.25, test=0.25))
+RIGHT = st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=40)
+
+
+def trains():
+    """Two classes that fire on different afferents, which is learned in part."""
+    labels = np.arange(24) % 2
+    rates = np.where(labels[:, None] == np.array([[0, 0, 1, 1]]), 0.4, 0.2)
+    rasters = np.random.default_rng(0).random((24, 40, 4)) < rates[:, None]
+    names = ("SA-I a", "SA-I b", "RA-I a", "RA-I b")
+    return from_rasters(rasters, 1000.0, names, pd.DataFrame({"label": [("felt", "silk")[i] for i in labels]}))
+
+
+def spec_of(**keys) -> RSNNSpec:
+    return build(RSNNSpec, override(TRAINED, keys), source="a spec")
+
+
+def same(one: RSNN, other: RSNN) -> bool:
+    ours, theirs = one.state_dict(), other.state_dict()
+    return ours.keys() == theirs.keys() and all(torch.equal(ours[name], theirs[name]) for name in ours)
+
+
+@pytest.fixture(params=[True, False], ids=["it pays", "it does not"])
+def kept(request, monkeypatch) -> str:
+    """The model that is kept, whatever the networks have learned."""
+    monkeypatch.setattr(members, "pays", lambda without, with_it: request.param)
+    return "rsnn" if request.param else "snn"
+
+
+# --- the rule -----------------------------------------------------------------------------------------------------
+
+
+@given(right=RIGHT, both=st.integers(0, 20))
+def test_recurrence_pays_one_way_at_most_and_windows_that_both_decide_alike_do_not_count(right, both):
+    without, with_it = torch.tensor(right).unbind(dim=1)
+    assert not (pays(without, with_it) and pays(with_it, without))
+    assert not pays(with_it | without, with_it)
+    alike = torch.ones(both, dtype=torch.bool)
+    assert pays(torch.cat([without, alike]), torch.cat([with_it, alike])) == pays(without, with_it)
+
+
+@pytest.mark.parametrize(("gained", "lost", "it_pays"), [(1, 0, False), (2, 0, True), (6, 3, False), (7, 3, True)])
+def test_recurrence_pays_beyond_one_standard_error(gained, lost, it_pays):
+    without = torch.tensor([False] * gained + [True] * lost)
+    assert pays(without, ~without) == it_pays
+
+
+# --- training -----------------------------------------------------------------------------------------------------
+
+
+def test_the_network_that_is_kept_is_that_of_its_own_training(kept):
+    done, sides = fitting.fit(trains(), spec_of(), TASK, (3, 4))
+    each = {model: fitting.fit(trains(), spec_of(model=model), TASK, (3, 4))[0] for model in ("snn", "rsnn")}
+    assert done.network.spec == each[kept].network.spec
+    assert same(done.network, each[kept].network)
+    assert done.rule == each[kept].rule
+    assert done.training.best == each[kept].training.best
+    accuracies = (each[model].training.best.validation_accuracy for model in ("rsnn", "snn"))
+    assert done.training.recurrence_gain == pytest.approx(np.subtract(*accuracies))
+    log = done.training.table()
+    numbers = {"snn": 0, "rsnn": 1} if kept == "rsnn" else {"snn": 1, "rsnn": 0}
+    for model, number in numbers.items():
+        own = log[log["member"] == number].drop(columns="member").reset_index(drop=True)
+        pd.testing.assert_frame_equal(own, each[model].training.table())
+    assert done.training.n_members == 1
+    assert len(sides.train.labels) == 12
+
+
+def test_the_rule_decides_on_validation_windows():
+    done, sides = fitting.fit(trains(), spec_of(), TASK, (3, 4))
+    right = []
+    for model in ("snn", "rsnn"):
+        network = fitting.fit(trains(), spec_of(model=model), TASK, (3, 4))[0].network
+        right.append(network.infer(sides.validation.spikes).labels == sides.validation.labels)
+    assert done.network.spec.recurrent == pays(*right)
+
+
+def test_recurrence_is_not_tried_where_nothing_is_left_to_learn(monkeypatch):
+    monkeypatch.setattr(training, "has_learned", lambda log, spec: len(log) == 2)
+    done, _ = fitting.fit(trains(), spec_of(), TASK, (3, 4))
+    assert done.network.spec.model == "snn"
+    assert done.training.recurrence_gain is None
+    assert done.training.table().columns.tolist() == list(training.Epoch._fields)[:-1]
+    assert len(done.training.epochs) == 2
+
+
+def test_further_members_are_of_the_model_that_is_kept(kept):
+    done, _ = fitting.fit(trains(), spec_of(**{"training.members": 2}), TASK, (3, 4))
+    whole, _ = fitting.fit(trains(), spec_of(**{"training.members": 2, "model": kept}), TASK, (3, 4))
+    assert same(done.network, whole.network)
+    assert done.network.spec == whole.network.spec
+    assert done.training.best == whole.training.best
+    assert done.training.n_members == 2
+    assert {epoch.member for epoch in done.training.epochs} == {0, 1, 2}
+
+
+@pytest.mark.parametrize("n_members", [1, 2])
+def test_an_interrupted_training_goes_on_from_any_epoch(kept, n_members, tmp_path):
+    checkpoints: list[training.Checkpoint] = []
+    spec = spec_of(**{"training.members": n_members})
+    done, _ = fitting.fit(trains(), spec, TASK, (3, 4), keep=checkpoints.append)
+    assert len(checkpoints) == (1 + n_members) * N_EPOCHS
+    net = training_checkpoint.Net(spec, 4, 2)
+    for latest in checkpoints:
+        training_checkpoint.save(latest, tmp_path / "c", "one")
+        again = training_checkpoint.load(tmp_path / "c", net, "one")
+        resumed, _ = fitting.fit(trains(), spec, TASK, (3, 4), start=again)
+        assert resumed.training == done.training
+        assert same(resumed.network, done.network)
+
+
+def test_a_checkpoint_of_more_trainings_than_there_are_is_refused(kept, tmp_path):
+    checkpoints: list[training.Checkpoint] = []
+    fitting.fit(trains(), spec_of(), TASK, (3, 4), keep=checkpoints.append)
+    training_checkpoint.save(checkpoints[-1], tmp_path / "c", "one")
+    with pytest.raises(InputError, match=f"where 1 to {N_EPOCHS} are possible"):
+        training_checkpoint.load(tmp_path / "c", training_checkpoint.Net(spec_of(model=kept), 4, 2), "one")
+
+
+def test_a_run_is_interrupted_in_its_second_training_and_leaves_what_a_whole_one_leaves(kept, tmp_path, monkeypatch):
+    save_spikes(trains(), tmp_path / "spikes.h5")
+    outcome = train_run.run(tmp_path / "spikes.h5", tmp_path / "whole", spec_of(), TASK)
+    assert outcome is not None
+    assert any(line.startswith(f"hidden neurons: with{'' if kept == 'rsnn' else 'out'} ") for line in outcome.lines())
+    keep = train_run._CheckpointWriter.keep
+
+    def stopped(writer, latest):
+        keep(writer, latest)
+        if len(latest.epochs) == N_EPOCHS + 1:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(train_run._CheckpointWriter, "keep", stopped)
+        with pytest.raises(Interrupted):
+            train_run.run(tmp_path / "spikes.h5", tmp_path / "cut", spec_of(), TASK)
+    train_run.run(tmp_path / "spikes.h5", tmp_path / "cut", spec_of(), TASK, resume=True)
+    whole, cut = ({p.name: p.read_bytes() for p in (tmp_path / name).iterdir()} for name in ("whole", "cut"))
+    assert whole == cut
+    assert json.loads(whole["network.json"])["spec"]["model"] == kept
+    row = json.loads(whole["result.json"])["row"]
+    assert row["epochs"] == 2 * N_EPOCHS
+    assert (row["sops_recurrent"] > 0) == (kept == "rsnn")
+    assert "members" not in row
+    assert -1 <= row["recurrence_gain"] <= 1
+
+
+def test_a_population_decides_for_each_network(kept):
+    sides = fitting.sides_of(trains(), TASK, None)
+    courses = [fitting.fit_course(trains(), spec_of(), TASK, seeds, sides) for seeds in ((3, 4), (5, 6))]
+    found = population.run(courses)
+    assert [one.network.spec.model for one in found] == [kept, kept]
+    alone, _ = fitting.fit(trains(), spec_of(), TASK, (3, 4))
+    torch.testing.assert_close(found[0].network.w_in, alone.network.w_in, rtol=1e-3, atol=1e-4)
+
+
+def test_a_trial_of_a_search_decides_too(kept):
+    space, found = {"hidden": {"_type": "choice", "_value": [5]}}, trains()
+    problem = search.problem_of(found, SearchSpec(space=space, trials=1), spec_of(), TASK)
+    trial = search.try_network(
+        search.Job(problem, Proposal(0, {"hidden": 5}), None), found, fitting.sides_of(found, TASK, None)
+    )
+    assert len(trial.epochs) == 2 * N_EPOCHS
+    best, _ = search.train_best(problem, found, trial)
+    assert best.network.spec.model == kept
+    assert best.training.best.validation_accuracy == trial.accuracy
+
+
+def test_a_classifier_decides_on_the_windows_that_it_holds_out(kept):
+    spikes = np.random.default_rng(1).random((40, 30, 3)) < 0.3
+    clf = SpikingClassifier(network=spec_of(), sampling_rate_Hz=1000.0, random_state=0).fit(
+        spikes.astype(np.uint8), np.arange(40) % 2
+    )
+    assert clf.network_.spec.model == kept
+    assert clf.training_.recurrence_gain is not None
+
+
+# --- what is said -------------------------------------------------------------------------------------------------
+
+
+def test_a_network_whose_recurrence_is_open_cannot_be_built():
+    with pytest.raises(InputError, match="model: 'auto' is decided in training"):
+        RSNN(4, 2, hidden=3, model="auto", sampling_rate_Hz=1000.0)
+
+
+def test_cautions_are_of_the_network_that_is_kept():
+    log = pd.DataFrame({"epoch": [1, 2, 1, 2], "member": [0, 0, 1, 1], "train_loss": [0.1, 9.0, 2.0, 0.1]})
+    spec = RSNNSpec().training
+    assert list(cautions.training(log, spec)) == []
+    (line,) = cautions.training(log.assign(member=[1, 1, 0, 0]), spec)
+    assert line.startswith("training diverged")
+
+
+def test_what_recurrence_gains_is_said_where_it_was_tried():
+    assert comparison.recurrence({"sops_recurrent": 5.0}) == []
+    (line,) = comparison.recurrence({"sops_recurrent": 5.0, "recurrence_gain": 0.085})
+    assert line == "hidden neurons: with recurrence; validation accuracy gains 8.5 points"
