@@ -19,6 +19,8 @@ LEAST_OF_CLASS = 10
 """Trials of a class that are kept of a large file, if it has as many."""
 GOLDEN = (5**0.5 - 1) / 2
 """Multiples of it spread evenly over 0 to 1, however many are taken."""
+LEAST_OF_SIDES = 3
+"""Trials of a class that are kept at least: one to train, one to validate and one to test on."""
 Touches = TypeVar("Touches", bound=Trials | SpikeTrains)
 
 
@@ -163,9 +165,20 @@ def chosen_trials(touches: Touches, choice: TrialChoice, source: str, *, tell: b
 
 
 def fewer_trials(touches: Touches, n: int | None) -> Touches:
-    """At most n of the trials, by `evenly_of`; all if it is None."""
+    """At most n of the trials, by `evenly_of`; all if it is None.
+
+    Raises InputError, which names the key `dataset.at_most` of a study, if a class would have fewer than
+    `LEAST_OF_SIDES` of the trials that it has.
+    """
     if n is None or n >= len(touches):
         return touches
+    sizes = touches.conditions[LABEL].value_counts()
+    least = int(sizes.clip(upper=LEAST_OF_SIDES).sum())
+    if n < least:
+        raise InputError(
+            f"dataset.at_most: {n} trials of {len(sizes)} classes are too few to train, validate and test on; give at "
+            f"least {least} ({LEAST_OF_SIDES} of each class)"
+        )
     return touches.select(evenly_of(touches.conditions, n))  # pyright: ignore[reportReturnType]  # of the same kind
 
 

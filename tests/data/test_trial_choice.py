@@ -14,7 +14,8 @@ from typer.testing import CliRunner
 import neurotact as nt
 from neurotact import workers
 from neurotact.cli import app
-from neurotact.data.trial_choice import LEAST_OF_CLASS, TrialChoice, chosen_trials, evenly_of
+from neurotact.data.splits import SplitSpec, split_conditions
+from neurotact.data.trial_choice import LEAST_OF_CLASS, TrialChoice, chosen_trials, evenly_of, fewer_trials
 from neurotact.deploy import export
 from neurotact.errors import InputError
 from neurotact.networks.training import trained
@@ -255,6 +256,26 @@ def test_no_value_of_a_condition_is_passed_over_again_and_again():
     kept = table.iloc[evenly_of(table, 32)]
     assert kept.groupby(["label", "speed"]).size().tolist() == [4] * 8
     assert kept["subject"].nunique() >= 15
+
+
+@pytest.mark.parametrize(("sizes", "least"), [((20, 20), 6), ((20, 20, 20, 20), 12), ((3, 300), 6), ((2, 40), 5)])
+def test_too_few_trials_of_many_are_refused_with_the_least_that_work(sizes, least):
+    conditions = pd.DataFrame({"label": np.repeat([*"abcd"][: len(sizes)], sizes)})
+    many = nt.Recordings([np.zeros((9, 1)) for _ in conditions.index], 1000.0, "mV", conditions)
+    said = f"dataset.at_most: {least - 1} trials of {len(sizes)} classes are too few .* give at least {least} "
+    with pytest.raises(InputError, match=said):
+        fewer_trials(many, least - 1)
+    kept = fewer_trials(many, least).conditions["label"].value_counts()
+    assert sorted(kept) == sorted(min(size, 3) for size in sizes)
+    if min(kept) == 3:
+        split_conditions(fewer_trials(many, least).conditions, (), SplitSpec())  # has every class on every side
+
+
+def test_a_study_of_too_few_trials_names_the_key_that_leaves_them(place):
+    with pytest.raises(InputError, match=r"^dataset\.at_most: 8 trials of 3 classes .* give at least 9 "):
+        loading.resolve("own-recordings", {"dataset.at_most": 8}, data=place / "touches.h5")
+    nine = loading.resolve("own-recordings", {"dataset.at_most": 9}, data=place / "touches.h5")
+    assert len(preparation.load_dataset(nine.dataset)) == 9
 
 
 def test_a_first_look_at_many_trials_takes_some_and_says_so(tmp_path, monkeypatch):
