@@ -147,7 +147,7 @@ def test_each_speed_is_tested_by_a_network_that_has_not_seen_it(at_speeds, tmp_p
         assert set(trains.conditions["speed"][tested]) == {speed}
         assert len(tested) == 8
         assert f"speed = {speed}: " in done.stdout
-    assert "over 3 splits" in done.stdout
+    assert "%) over 3 values of speed, " in done.stdout
     table = pd.read_csv(tmp_path / "run" / "splits.csv", comment="#")
     assert table["left_out"].tolist() == ["speed = 150", "speed = 300", "speed = 450"]
 
@@ -175,7 +175,7 @@ def test_a_name_with_brackets_or_colons_is_printed_as_it_is(capsys):
 def test_further_seeds_of_two_tested_values_give_no_interval(at_speeds, tmp_path, monkeypatch):
     given = ["--where", "speed=150,300", "--leave-out-each", "speed", "--repeats", "2"]
     said = in_process.typed("train", at_speeds, "-o", tmp_path / "run", *COMMAND.split(), *given).out
-    assert "over 4 splits (too few for an interval: test 3 values or more)" in said
+    assert "over 2 values of speed, 2 splits each (too few for an interval: test 3 values or more)" in said
     # Of three, it is that of the means at each of them: their seeds test the same trials.
     tasks = repeated.tasks_without(task_of(), ["speed"], hdf5.load_spikes(at_speeds).conditions, repeats=2)
     accuracies = iter([0.3, 0.5, 0.7, 0.5, 0.5, 0.5])
@@ -188,8 +188,9 @@ def test_further_seeds_of_two_tested_values_give_no_interval(at_speeds, tmp_path
         write_json(folder / train_run.RESULT, result)
 
     monkeypatch.setattr(train_run, "run", trained_as)
-    found = repeated.run(at_speeds, tmp_path / "three", SMALL, tasks).accuracy
-    assert [*found] == pytest.approx([*resampled_interval([0.4, 0.5, 0.6], 667, 333)])
+    found = repeated.run(at_speeds, tmp_path / "three", SMALL, tasks)
+    assert [*found.accuracy] == pytest.approx([*resampled_interval([0.4, 0.5, 0.6], 667, 333)])
+    assert "%) over 3 values of speed, 2 splits each, " in repeated.line(found)
 
 
 def test_each_pair_is_tested_by_a_network_that_has_seen_neither_value(tmp_path):
@@ -205,6 +206,7 @@ def test_each_pair_is_tested_by_a_network_that_has_seen_neither_value(tmp_path):
     assert "4 pairs of speed and day are tested in turn; trials that share a tested value are left aside: 12 of 24" in (
         done.stdout
     )
+    assert "%) over 4 pairs of speed and day, " in done.stdout
     found = pd.read_csv(tmp_path / "run" / "splits.csv", comment="#")
     assert found["left_out"].tolist() == [f"speed = {speed}, day = {day}" for speed in (1, 2) for day in ("d1", "d3")]
     trains = hdf5.load_spikes(tmp_path / "spikes.h5")

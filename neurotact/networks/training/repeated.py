@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from neurotact import files
+from neurotact.data.nested import combination
 from neurotact.data.splits import SplitSpec, each_left_out
 from neurotact.errors import InputError, some
 from neurotact.metrics.resampled import LEAST_SPLITS, Interval, resampled_interval
@@ -28,10 +29,12 @@ class Repeated(NamedTuple):
 
     Where each value of a condition is tested in turn, the interval is of the means at these values: further seeds test
     the same trials again. Its ends are NaN where there are fewer than `LEAST_SPLITS` of them, or of splits.
+    tested: the conditions whose values are tested in turn.
     """
 
     table: pd.DataFrame
     accuracy: Interval
+    tested: tuple[str, ...] = ()
 
 
 def tasks_of(task: Task, *, every_fold: bool, repeats: int) -> dict[str, Task]:
@@ -123,9 +126,11 @@ def run(
         write_table(table, folder / TABLE)
     if len(table) == 1:  # no spread over splits: the interval is that of its test trials
         return Repeated(table, Interval(table["accuracy_test"].item(), compared["low"], compared["high"]))
-    share = _share([task.split for task in tasks.values()])
+    splits = [task.split for task in tasks.values()]
+    share = _share(splits)
     values = table["accuracy_test"] if not _are_values(table) else _by_value(table)
-    return Repeated(table, resampled_interval(values.to_numpy(), round(1000 * (1 - share)), round(1000 * share)))
+    accuracy = resampled_interval(values.to_numpy(), round(1000 * (1 - share)), round(1000 * share))
+    return Repeated(table, accuracy, (*splits[0].test_where,))
 
 
 def trained_in(folder: Path) -> list[str]:
@@ -167,14 +172,22 @@ def line(repeats: Repeated) -> str:
 
 
 def _over(repeats: Repeated) -> str:
-    """The interval of the mean and the splits that it is over, or why there is none."""
+    """The interval of the mean and what it is over, or why there is none.
+
+    >>> table = pd.DataFrame({LEFT_OUT: ["speed = 150", "speed = 300", "speed = 450"] * 2})
+    >>> _over(Repeated(table, Interval(0.9, 0.8, 1.0), ("speed",)))
+    '(95 % interval 80.0 to 100.0 %) over 3 values of speed, 2 splits each'
+    """
     (_, low, high), n = repeats.accuracy, len(repeats.table)
-    over = "over 1 split" if n == 1 else f"over {n} splits"
-    if not math.isnan(low):
-        return f"(95 % interval {100 * low:.1f} to {100 * high:.1f} %) {over}"
+    over, more = "over 1 split" if n == 1 else f"over {n} splits", f"`repeats={LEAST_SPLITS}` or more"
     if _are_values(repeats.table):
-        return f"{over} (too few for an interval: test {LEAST_SPLITS} values or more)"
-    return f"{over} (too few for an interval: `repeats={LEAST_SPLITS}` or more)"
+        n_values, tested = repeats.table[LEFT_OUT].nunique(), repeats.tested
+        noun = "value" if len(tested) == 1 else combination(tested)
+        each = f", {n // n_values} splits each" if n > n_values else ""
+        over, more = f"over {n_values} {noun}s of {' and '.join(tested)}{each}", f"test {LEAST_SPLITS} {noun}s or more"
+    if math.isnan(low):
+        return f"{over} (too few for an interval: {more})"
+    return f"(95 % interval {100 * low:.1f} to {100 * high:.1f} %) {over}"
 
 
 def _are_values(table: pd.DataFrame) -> bool:
