@@ -6,6 +6,7 @@ from scipy import stats
 
 from neurotact.errors import InputError
 from neurotact.metrics.resampled import DIFFERENCES, resampled_interval, resampled_p
+from neurotact.metrics.shares import wilson_interval
 
 
 def test_by_hand():
@@ -45,8 +46,26 @@ def test_the_ends_are_what_a_mean_can_be_and_two_splits_have_none(shares):
     assert found.mean == wide.mean == pytest.approx(np.mean(shares))
     if len(shares) < 3:
         assert np.isnan([found.low, found.high]).all()
+    elif np.ptp(shares) < 1e-12:
+        assert 0 <= found.low <= found.mean <= found.high <= 1
+        assert found.high - found.low > 0.01
     else:
         assert (found.low, found.high) == (max(0.0, wide.low), min(1.0, wide.high))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.6, 1.0])
+@pytest.mark.parametrize("n_splits", [3, 5, 10])
+def test_equal_shares_are_no_certainty(share, n_splits):
+    """The interval is not tighter than that of all test trials, as if no split shared one, nor by further windows."""
+    found = resampled_interval([share] * n_splits, 70, 15)
+    n_trials = round(15 / (1 / n_splits + 15 / 70))
+    assert n_trials <= min(15 * n_splits, 70)
+    assert found[1:] == pytest.approx(wilson_interval(share, n_trials))
+    low, high = wilson_interval(share, 15 * n_splits)
+    assert found.high - found.low >= high - low > 0.01
+    assert resampled_interval([share] * n_splits, 140, 30, trials=15) == found
+    nearly = [np.nextafter(share, 0.5), *[share] * (n_splits - 1)]
+    assert resampled_interval(nearly, 70, 15)[1:] == pytest.approx(found[1:])
 
 
 def test_a_difference_may_be_negative():

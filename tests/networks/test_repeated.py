@@ -18,6 +18,7 @@ from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
 from neurotact.files import read_json, write_json
 from neurotact.metrics.resampled import resampled_interval
+from neurotact.metrics.shares import wilson_interval
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.training import repeated, train_run, trained
 from neurotact.networks.training.tasks import Task
@@ -172,22 +173,36 @@ def test_a_name_with_brackets_or_colons_is_printed_as_it_is(capsys):
     assert [line.strip() for line in capsys.readouterr().out.splitlines()] == ["[dim]label", *names]
 
 
+def trained_with(accuracies):
+    """`train_run.run` with these test accuracies in its results, one after the other."""
+    run, left = train_run.run, iter(accuracies)
+
+    def trained_as(spikes, folder, *more, **options):
+        run(spikes, folder, *more, **options)
+        result = read_json(folder / train_run.RESULT)
+        result["row"]["accuracy_test"] = next(left)
+        write_json(folder / train_run.RESULT, result)
+
+    return trained_as
+
+
+def test_splits_that_are_all_right_have_the_interval_of_their_test_trials(spikes, tmp_path, monkeypatch):
+    monkeypatch.setattr(train_run, "run", trained_with([1.0] * 3))
+    found = repeated.run(
+        spikes, tmp_path / "run", SMALL, repeated.tasks_of(task_of(folds=3), every_fold=True, repeats=1)
+    )
+    # Each fold tests 6 of 18 trials: 6 / (1/3 + 6/12) are 7.
+    assert [*found.accuracy] == pytest.approx([1.0, *wilson_interval(1.0, 7)])
+    assert "accuracy 100.0 % (95 % interval 64.6 to 100.0 %) over 3 splits" in repeated.line(found)
+
+
 def test_further_seeds_of_two_tested_values_give_no_interval(at_speeds, tmp_path, monkeypatch):
     given = ["--where", "speed=150,300", "--leave-out-each", "speed", "--repeats", "2"]
     said = in_process.typed("train", at_speeds, "-o", tmp_path / "run", *COMMAND.split(), *given).out
     assert "over 2 values of speed, 2 splits each (too few for an interval: test 3 values or more)" in said
     # Of three, it is that of the means at each of them: their seeds test the same trials.
     tasks = repeated.tasks_without(task_of(), ["speed"], hdf5.load_spikes(at_speeds).conditions, repeats=2)
-    accuracies = iter([0.3, 0.5, 0.7, 0.5, 0.5, 0.5])
-    run = train_run.run
-
-    def trained_as(spikes, folder, *more, **options):
-        run(spikes, folder, *more, **options)
-        result = read_json(folder / train_run.RESULT)
-        result["row"]["accuracy_test"] = next(accuracies)
-        write_json(folder / train_run.RESULT, result)
-
-    monkeypatch.setattr(train_run, "run", trained_as)
+    monkeypatch.setattr(train_run, "run", trained_with([0.3, 0.5, 0.7, 0.5, 0.5, 0.5]))
     found = repeated.run(at_speeds, tmp_path / "three", SMALL, tasks)
     assert [*found.accuracy] == pytest.approx([*resampled_interval([0.4, 0.5, 0.6], 667, 333)])
     assert "%) over 3 values of speed, 2 splits each, " in repeated.line(found)

@@ -109,7 +109,7 @@ def run(
                 f"{folder}: holds trainings of other splits ({some(strangers)}); give the options that it was begun "
                 "with, or choose another folder"
             )
-        rows, compared = [], {}
+        rows, compared, trials = [], {}, []
         for name, task in tasks.items():
             subfolder = folder / name
             train_run.run(spikes, subfolder, network, task, force=force, resume=resume, tell=tell, **options)
@@ -121,6 +121,7 @@ def run(
             if task.split.test_where:
                 split[LEFT_OUT] = ", ".join(f"{key} = {value}" for key, value in task.split.test_where.items())
             compared = result["compared"]
+            trials.append(compared["trials"])
             rows.append({"folder": name, **split, **result["row"], "baseline": compared["baseline_accuracy"]})
         table = pd.DataFrame(rows)
         write_table(table, folder / TABLE)
@@ -129,7 +130,8 @@ def run(
     splits = [task.split for task in tasks.values()]
     share = _share(splits)
     values = table["accuracy_test"] if not _are_values(table) else _by_value(table)
-    accuracy = resampled_interval(values.to_numpy(), round(1000 * (1 - share)), round(1000 * share))
+    sizes = round(1000 * (1 - share)), round(1000 * share)
+    accuracy = resampled_interval(values.to_numpy(), *sizes, trials=sum(trials) / len(trials))
     return Repeated(table, accuracy, (*splits[0].test_where,))
 
 

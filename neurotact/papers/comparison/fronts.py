@@ -82,8 +82,13 @@ def _point(key: object, part: pd.DataFrame, base: pd.DataFrame) -> dict:
 
 
 def interval_of(values: np.ndarray, rows: pd.DataFrame, within: tuple[float, float] = DIFFERENCES) -> Interval:
-    """The mean over splits with its interval, as of `resampled_interval`, whose sides are those of the rows."""
-    return resampled_interval(values, int(rows["n_train"].iloc[0]), int(rows["n_test"].iloc[0]), within=within)
+    """The mean over splits with its interval, as of `resampled_interval`, whose sides are those of the rows.
+
+    rows: with `test_trials` where several windows of `n_test` are of one trial.
+    """
+    n_train, n_test = int(rows["n_train"].iloc[0]), int(rows["n_test"].iloc[0])
+    trials = rows.get("test_trials", rows["n_test"]).fillna(rows["n_test"]).mean()
+    return resampled_interval(values, n_train, n_test, within=within, trials=float(trials))
 
 
 class Halved(NamedTuple):

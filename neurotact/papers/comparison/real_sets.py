@@ -72,7 +72,8 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     sides = cut(bench, Setting())
     rows = [*_spiking(bench, sides), *_classical(bench, sides.trains)]
     computed = sets.computed_at(parameters.data, arrays)
-    return [{**row, "afferents": computed, SKIPPED: ""} for row in rows]
+    shared = {"test_trials": len(bench.split.test), "afferents": computed, SKIPPED: ""}
+    return [{**row, **shared} for row in rows]
 
 
 def _spiking(bench: Bench, sides: Sides) -> Iterator[dict[str, Any]]:

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from neurotact.metrics.fronts import pareto_front
 from neurotact.metrics.resampled import resampled_interval
+from neurotact.metrics.shares import wilson_interval
 from neurotact.papers.comparison.fronts import (
     COSTS,
     LONGEST,
@@ -56,6 +57,16 @@ def test_fronts_are_of_points_that_none_beats():
     assert row["share"] == pytest.approx(0.4)
     assert row["accuracy_test"] == pytest.approx(0.81)
     assert (row["low"], row["high"]) == pytest.approx(resampled_interval([0.8, 0.81, 0.82], 70, 15)[1:])
+
+
+def test_networks_that_are_all_right_have_the_interval_of_their_test_trials():
+    rows = table([(NOTHING, "-", 1000.0, 1.0, 1.0), ("pruning", "50 %", 500.0, 1.0, 1.0)]).assign(accuracy_test=1.0)
+    of_windows, of_trials = (fronts(each).iloc[0] for each in (rows, rows.assign(test_trials=5)))
+    # 15 windows, or the 5 trials that they are of, divided by 1/3 + 15/70.
+    assert (of_windows["low"], of_windows["high"]) == pytest.approx(wilson_interval(1.0, 27))
+    assert (of_trials["low"], of_trials["high"]) == pytest.approx(wilson_interval(1.0, 9))
+    earlier = pd.concat([rows, rows.assign(set="own", test_trials=5)])  # a run of an earlier version beside another
+    assert fronts(earlier)["low"].tolist() == pytest.approx([of_windows["low"]] * 2 + [of_trials["low"]] * 2)
 
 
 def test_shares_are_of_the_same_seeds():

@@ -59,6 +59,7 @@ def test_networks_and_classifiers_on_signals_and_spikes_leave_a_row(rows):
     assert names[:2] == [("RSNN", NETWORK_INPUT), ("SNN", NETWORK_INPUT)]
     assert ("GRU", "signals: 20 ms bins") in names
     assert {row["n_test"] for row in rows} == {rows[0]["n_test"]}
+    assert {row["test_trials"] for row in rows} == {rows[0]["n_test"]}  # a window each
     assert {row["n_train"] for row in rows} == {rows[0]["n_train"]}
     assert len({row["signal_ms"] for row in rows}) == 1
 
