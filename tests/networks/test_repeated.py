@@ -1,6 +1,7 @@
 """Cross-validation and repeated splits: every trial is tested once, and the mean is that of the trainings."""
 
 import sys
+import warnings
 from dataclasses import replace
 
 import in_process
@@ -151,6 +152,27 @@ def test_each_speed_is_tested_by_a_network_that_has_not_seen_it(at_speeds, tmp_p
     assert "%) over 3 values of speed, " in done.stdout
     table = pd.read_csv(tmp_path / "run" / "splits.csv", comment="#")
     assert table["left_out"].tolist() == ["speed = 150", "speed = 300", "speed = 450"]
+
+
+def test_each_speed_without_a_last_training_is_said_once(tmp_path):
+    """Of silk one trial is left where 150 or 300 is tested, too few to train and validate on."""
+    rng = np.random.default_rng(0)
+    table = pd.DataFrame(
+        [("felt", speed) for speed in (150, 300, 450) for _ in range(6)] + [("silk", 150), ("silk", 300)]
+    )
+    table.columns = ["label", "speed"]
+    rasters = [rng.random((60, 2)) < (0.1 if label == "felt" else 0.5) for label in table["label"]]
+    hdf5.save_spikes(from_rasters(rasters, 1000.0, ("SA-I a", "RA-I a"), table), tmp_path / "spikes.h5")
+    words = [tmp_path / "spikes.h5", "-o", tmp_path / "run", *COMMAND.split(), "--leave-out-each", "speed"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        done = in_process.typed("train", *words)
+    assert done.code == 0, done.err
+    said = [
+        f"where speed = {speed} is tested, training is not repeated with the condition" for speed in (150, 300, 450)
+    ]
+    assert [done.err.count(line) for line in said] == [1, 1, 0]
+    assert done.err.count("training is not repeated") == 2
 
 
 @pytest.mark.parametrize("width", [80, 200])

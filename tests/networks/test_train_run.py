@@ -217,7 +217,9 @@ def test_a_last_training_is_said_where_there_is_one(monkeypatch, at_speeds, is_p
     with monkeypatch.context() as patch:
         if not is_possible:  # as where a class has a single trial at other speeds
             patch.setattr(tasks, "trials_of", refuses_other_splits(tasks.trials_of))
-            with pytest.warns(UserWarning, match="not again with the condition that validation leaves out"):
+            with pytest.warns(
+                UserWarning, match="speed = 3 is tested, training is not repeated with the condition that "
+            ):
                 run(at_speeds, new_folder(at_speeds), NETWORK, ELSEWHERE, tell=said.append)
         else:
             run(at_speeds, new_folder(at_speeds), NETWORK, ELSEWHERE, tell=said.append)

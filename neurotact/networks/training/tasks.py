@@ -15,7 +15,7 @@ from neurotact.data.copies import copies_of
 from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split, SplitSpec, hold_out, split_touches, turns_of
-from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_trials
+from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_trials, values_in_words
 from neurotact.data.window_choice import Words, suited_window
 from neurotact.data.windows import Windows, WindowSpec
 from neurotact.errors import InputError
@@ -144,7 +144,12 @@ def with_every_condition(trains: SpikeTrains, task: Task) -> Task | None:
     try:
         trials_of(trains, again)
     except InputError as error:
-        warnings.warn(f"training: not again with the condition that validation leaves out ({error})", stacklevel=2)
+        tested = values_in_words(task.split.test_where)  # Python may show warnings of the same words once
+        warnings.warn(
+            f"where {tested} is tested, training is not repeated with the condition that validation leaves out "
+            f"({error})",
+            stacklevel=2,
+        )
         return None
     return again
 
