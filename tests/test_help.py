@@ -11,6 +11,8 @@ import neurotact as nt
 from neurotact import cli
 from neurotact.cli.commands import app
 from neurotact.cli.help import EXAMPLES, GROUPS
+from neurotact.encoders import specs
+from neurotact.studies import suited
 
 
 def commands(group=None, before=""):
@@ -49,6 +51,18 @@ def test_a_help_ends_with_its_example_and_has_groups_where_options_are_many(caps
     assert places == sorted(places)
     assert said.index("--window-ms") > said.index("\nWindows:")
     assert "Windows:" not in printed(capsys, monkeypatch, "stream", "--help")
+
+
+def test_the_help_of_calibrate_says_which_membranes_own_recordings_has(capsys, monkeypatch):
+    said = " ".join(printed(capsys, monkeypatch, "calibrate", "--help").split())
+    own_ms, given_ms = (
+        specs.resolve("sa1-ra1-lif", settings).model_dump()["tau_mem_ms"] for settings in ({}, {"tau_mem_ms": 50})
+    )
+    least_ms, most_ms = (suited.membrane_ms(length_ms, own_ms) for length_ms in (1.0, 1e6))
+    assert f"Membranes keep the spec's time constant, {own_ms:g} ms by default; own-recordings takes" in said
+    assert f"takes a twentieth of the window, {least_ms:g} to {most_ms:g} ms: give it as --set tau_mem_ms=50." in said
+    assert given_ms == most_ms
+    assert suited.membrane_ms(600.0, own_ms) == 600.0 / 20
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,8 @@ def calibrate(given: dict[str, Any]) -> None:
 
     A baseline that uses the whole trial is replaced by a causal one, and the
     cut-off of the moving average is chosen, unless they are given with --set.
+    Membranes keep the spec's time constant, 10 ms by default; own-recordings
+    takes a twentieth of the window, 10 to 50 ms: give it as --set tau_mem_ms=50.
     Afferents that fire at rest are listed, with a remedy.
     """
     api.calibrate(**given, tell=show)
