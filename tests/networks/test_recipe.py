@@ -260,11 +260,13 @@ def test_what_is_given_is_not_searched_and_recurrence_only_where_it_is_chosen():
 @pytest.mark.parametrize(
     ("seen", "step_ms", "stretches", "model"),
     [
-        (Seen(900, 1000, 1000.0, 50.0, apart=6), 5.0, 4, "snn"),  # 5 ms at most
+        (Seen(900, 1000, 1000.0, 50.0, apart=12), 10.0, 4, "snn"),  # a hundredth of the window at most
+        (Seen(900, 4000, 1000.0, 50.0, apart=40), 20.0, 4, "snn"),  # 20 ms at most
+        (Seen(900, 300, 1000.0, 50.0, apart=12), 5.0, 4, "snn"),  # 5 ms in short windows
         (Seen(900, 1000, 1000.0, 50.0, apart=3), 3.0, 4, "snn"),  # no spike is lost
         (Seen(900, 300, 2000.0, 20.0, apart=20), 5.0, 4, "snn"),
         (Seen(900, 60, 1000.0, 20.0, apart=6), 2.0, 4, "snn"),  # 30 steps at least
-        (Seen(900, 260, 200.0, 2.0, apart=9), 5.0, 1, "auto"),  # few spikes: an order may have to be remembered
+        (Seen(900, 260, 200.0, 2.0, apart=1), 5.0, 1, "auto"),  # few spikes: an order may have to be remembered
         (Seen(900, 1300, 1000.0, 2.0, apart=1), 1.0, 1, "snn"),  # too many steps to remember
     ],
 )
@@ -285,7 +287,8 @@ def test_what_is_chosen_beside_given_keys_is_a_network(steps, rate, apart, spike
     seen = Seen(100, steps, rate, spikes, apart)
     chosen = recipe.resolve(RSNNSpec(recipe="default", **keys), seen)
     network = RSNN(2, 2, recipe.first_of(chosen, seen), rate)
-    assert network.steps_per_bin <= (1 if "step_ms" in keys else max(1, min(apart, steps // 30, 5e-3 * rate)))
+    longest = max(5e-3, min(20e-3, steps / rate / 100))
+    assert network.steps_per_bin <= (1 if "step_ms" in keys else max(1, min(apart, steps // 30, longest * rate)))
     assert {key: getattr(chosen, key) for key in keys} == keys
     if network.stretches is not None:
         n_bins = -(-steps // network.steps_per_bin)

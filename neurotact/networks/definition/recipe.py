@@ -26,8 +26,8 @@ LEARNED = 0.01
 """Mean loss at which windows that are all right teach nothing more: their class has 99 % of the probability."""
 QUICK = 3
 """How many times fewer epochs and steps `effort = "quick"` trains."""
-LONGEST_STEP_MS, FEWEST_BINS = 5.0, 30
-"""Of the network's clock: the longest step, and the fewest steps of a window."""
+LONGEST_STEPS_MS, STEPS, FEWEST_BINS = (5.0, 20.0), 100, 30
+"""Of the network's clock: bounds of its longest step, which is a hundredth of the window; fewest steps of a window."""
 STRETCHES = 4
 RECURRENT_STEPS = 300
 SPARSE = 5.0
@@ -61,26 +61,38 @@ class Seen(NamedTuple):
         """
         n_windows, n_steps, n_afferents = training.shape
         spikes = float(training.sum()) / max(1, n_windows * n_afferents)
-        return cls(n_windows, n_steps, sampling_rate_Hz, spikes, clock.apart(training, looked_apart(sampling_rate_Hz)))
+        return cls(
+            n_windows, n_steps, sampling_rate_Hz, spikes, clock.apart(training, looked_apart(n_steps, sampling_rate_Hz))
+        )
 
     @property
     def steps_per_bin(self) -> int:
         """Steps of the encoder's clock in one of the network's.
 
         >>> Seen(900, 1000, 1000.0, 50.0, apart=6).steps_per_bin, Seen(900, 150, 1000.0, 50.0, apart=6).steps_per_bin
-        (5, 5)
+        (6, 5)
         """
-        longest = int(LONGEST_STEP_MS * 1e-3 * self.sampling_rate_Hz)
+        longest = int(longest_step_ms(self.steps, self.sampling_rate_Hz) * 1e-3 * self.sampling_rate_Hz)
         return max(1, min(self.apart, longest, self.steps // FEWEST_BINS))
 
 
-def looked_apart(sampling_rate_Hz: float) -> int:
+def longest_step_ms(steps: int, sampling_rate_Hz: float) -> float:
+    """The longest step of the network's clock in windows of so many steps of the encoder: a hundredth, 5 to 20 ms.
+
+    >>> [longest_step_ms(steps, 1000.0) for steps in (300, 1000, 4000)]
+    [5.0, 10.0, 20.0]
+    """
+    least, most = LONGEST_STEPS_MS
+    return max(least, min(most, 1e3 * steps / sampling_rate_Hz / STEPS))
+
+
+def looked_apart(steps: int, sampling_rate_Hz: float) -> int:
     """How far apart spikes of an afferent are looked at: a larger distance allows no longer steps of the network.
 
-    >>> looked_apart(1000.0)
-    5
+    >>> looked_apart(1000, 1000.0)
+    10
     """
-    return math.ceil(LONGEST_STEP_MS * 1e-3 * sampling_rate_Hz)
+    return math.ceil(longest_step_ms(steps, sampling_rate_Hz) * 1e-3 * sampling_rate_Hz)
 
 
 class Choice(NamedTuple):
@@ -114,6 +126,7 @@ def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[Choice]:
     members = [Choice("training.members", BEST_MEMBERS, best)] if effort == "best" else []
     per_bin = clock.steps_per_bin(given["step_ms"], seen.sampling_rate_Hz) if "step_ms" in given else seen.steps_per_bin
     bins, bin_ms = math.ceil(seen.steps / per_bin), per_bin * step_ms
+    longest_ms, (least_ms, most_ms) = _short(longest_step_ms(seen.steps, seen.sampling_rate_Hz)), LONGEST_STEPS_MS
     recurrent = sparse and bins <= RECURRENT_STEPS  # may be: training decides
     adds_up = given.get("readout", "integrator") == "integrator" and given.get("readout_tau_ms") is None
     stretches = given.get("readout_stretches", 1 if sparse or not adds_up or bins < STRETCHES else STRETCHES)
@@ -130,7 +143,8 @@ def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[Choice]:
         Choice(
             "step_ms",
             _exact(per_bin, seen.sampling_rate_Hz),
-            f"at most {LONGEST_STEP_MS:g} ms and the least distance of two spikes of an afferent: none is lost",
+            f"at most {longest_ms:g} ms, a hundredth of the window from {least_ms:g} to {most_ms:g} ms, "
+            "and the least distance of two spikes of an afferent: none is lost",
         ),
         Choice("surrogate_scale", 20.0 if recurrent else 10.0, "steeper if recurrence multiplies gradients"),
         Choice("readout", "integrator", "it adds up hidden spikes and does not spike"),
@@ -221,7 +235,7 @@ def chosen_for(spec: RSNNSpec, training: Tensor, sampling_rate_Hz: float) -> RSN
     Without a recipe the windows are not looked at.
 
     >>> chosen_for(RSNNSpec(recipe="default"), torch.zeros(4, 1000, 2, dtype=torch.uint8), 1000.0).step_ms
-    5.0
+    10.0
     """
     return spec if spec.recipe is None else resolve(spec, Seen.of(training, sampling_rate_Hz))
 
