@@ -266,7 +266,9 @@ def test_what_is_given_is_not_searched_and_recurrence_only_where_it_is_chosen():
         (Seen(900, 1000, 1000.0, 50.0, apart=3), 3.0, 4, "snn"),  # no spike is lost
         (Seen(900, 300, 2000.0, 20.0, apart=20), 5.0, 4, "snn"),
         (Seen(900, 60, 1000.0, 20.0, apart=6), 2.0, 4, "snn"),  # 30 steps at least
-        (Seen(900, 260, 200.0, 2.0, apart=1), 5.0, 1, "auto"),  # few spikes: an order may have to be remembered
+        (Seen(900, 1300, 1000.0, 2.0, apart=12), 5.0, 1, "auto"),  # ... and is kept
+        (Seen(900, 4000, 1000.0, 2.0, apart=40), 20.0, 1, "snn"),  # too long to remember at 5 ms
+        (Seen(900, 260, 200.0, 2.0, apart=9), 5.0, 1, "auto"),  # few spikes: an order may have to be remembered
         (Seen(900, 1300, 1000.0, 2.0, apart=1), 1.0, 1, "snn"),  # too many steps to remember
     ],
 )

@@ -72,7 +72,21 @@ class Seen(NamedTuple):
         >>> Seen(900, 1000, 1000.0, 50.0, apart=6).steps_per_bin, Seen(900, 150, 1000.0, 50.0, apart=6).steps_per_bin
         (6, 5)
         """
-        longest = int(longest_step_ms(self.steps, self.sampling_rate_Hz) * 1e-3 * self.sampling_rate_Hz)
+        longest_ms = longest_step_ms(self.steps, self.sampling_rate_Hz)
+        return self._per_bin(LONGEST_STEPS_MS[0] if self.must_remember else longest_ms)
+
+    @property
+    def must_remember(self) -> bool:
+        """Whether spikes are so few, and the window so short, that a network may have to remember their order.
+
+        >>> Seen(900, 1300, 1000.0, 2.0, apart=6).must_remember, Seen(900, 4000, 1000.0, 2.0, apart=6).must_remember
+        (True, False)
+        """
+        bins = math.ceil(self.steps / self._per_bin(LONGEST_STEPS_MS[0]))
+        return self.spikes < SPARSE and bins <= RECURRENT_STEPS
+
+    def _per_bin(self, longest_ms: float) -> int:
+        longest = int(longest_ms * 1e-3 * self.sampling_rate_Hz)
         return max(1, min(self.apart, longest, self.steps // FEWEST_BINS))
 
 
@@ -126,8 +140,12 @@ def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[Choice]:
     members = [Choice("training.members", BEST_MEMBERS, best)] if effort == "best" else []
     per_bin = clock.steps_per_bin(given["step_ms"], seen.sampling_rate_Hz) if "step_ms" in given else seen.steps_per_bin
     bins, bin_ms = math.ceil(seen.steps / per_bin), per_bin * step_ms
-    longest_ms, (least_ms, most_ms) = _short(longest_step_ms(seen.steps, seen.sampling_rate_Hz)), LONGEST_STEPS_MS
-    recurrent = sparse and bins <= RECURRENT_STEPS  # may be: training decides
+    least_ms, most_ms = LONGEST_STEPS_MS
+    limit = f"{_short(longest_step_ms(seen.steps, seen.sampling_rate_Hz)):g} ms"
+    limit = f"{limit} (a hundredth of the window, {least_ms:g} to {most_ms:g} ms)"
+    if seen.must_remember:
+        limit = f"{least_ms:g} ms (the order of few spikes may count)"
+    recurrent = seen.must_remember and bins <= RECURRENT_STEPS  # may be: training decides
     adds_up = given.get("readout", "integrator") == "integrator" and given.get("readout_tau_ms") is None
     stretches = given.get("readout_stretches", 1 if sparse or not adds_up or bins < STRETCHES else STRETCHES)
     stretch_ms = _exact(math.ceil(bins / stretches) * per_bin, seen.sampling_rate_Hz)
@@ -143,8 +161,7 @@ def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[Choice]:
         Choice(
             "step_ms",
             _exact(per_bin, seen.sampling_rate_Hz),
-            f"at most {longest_ms:g} ms, a hundredth of the window from {least_ms:g} to {most_ms:g} ms, "
-            "and the least distance of two spikes of an afferent: none is lost",
+            f"at most {limit} and the least distance of two spikes of an afferent: none is lost",
         ),
         Choice("surrogate_scale", 20.0 if recurrent else 10.0, "steeper if recurrence multiplies gradients"),
         Choice("readout", "integrator", "it adds up hidden spikes and does not spike"),
@@ -235,7 +252,7 @@ def chosen_for(spec: RSNNSpec, training: Tensor, sampling_rate_Hz: float) -> RSN
     Without a recipe the windows are not looked at.
 
     >>> chosen_for(RSNNSpec(recipe="default"), torch.zeros(4, 1000, 2, dtype=torch.uint8), 1000.0).step_ms
-    10.0
+    5.0
     """
     return spec if spec.recipe is None else resolve(spec, Seen.of(training, sampling_rate_Hz))
 
