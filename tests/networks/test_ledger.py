@@ -90,6 +90,22 @@ def test_a_study_by_a_recipe_counts_what_the_recipe_and_training_chose(steps, so
     assert chain["parameters"] - alone["parameters"] == 16 * 20 + recurrent + (20 + 1) * 8
 
 
+def test_a_mean_over_networks_has_their_mean_parameters_where_recurrence_stayed_in_some():
+    # 1250 steps of the encoder are 105 of the network, few enough for recurrence, which two of three keep.
+    row = {"pair": "1&1", "hidden": 20, "window_steps": 1250, "steps_per_bin": 12, "setting": "all"}
+    rows = [
+        {**row, "seed": seed, "sops_input": 6.0, "sops_recurrent": sops, "sops_readout": 3.0, "readout_stretches": n}
+        for seed, (sops, n) in enumerate([(0.0, 1), (9.0, 1), (3.0, 4)])
+    ]
+    made_by = Afferents(16, SMOOTHED, 1000.0)
+    spec, results = RSNNSpec(recipe="default"), pd.DataFrame(rows)
+    table = ledger.study_ledger(spec, results, None, afferents=[made_by] * len(rows), n_classes=8)
+    alone, chain = (table[table["name"].str.startswith(name)].iloc[0] for name in ("conditioning", "spiking"))
+    own = [16 * 20 + (20 + 1) * 8, 16 * 20 + 20 * 20 + (20 + 1) * 8, 16 * 20 + 20 * 20 + (4 * 20 + 1) * 8]
+    assert chain["parameters"] - alone["parameters"] == round(np.mean(own))
+    assert chain["sops"] == pytest.approx(6.0 + 4.0 + 3.0)
+
+
 def test_each_training_counts_its_own_afferents():
     """Calibrated for each split, encoders may differ, as in the thresholds under a taxel; a network has their mean."""
     row = {

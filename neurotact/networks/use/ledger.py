@@ -33,6 +33,8 @@ BLOCKS = "recurrent_blocks"
 """Column of results: blocks of hidden neurons within which recurrent synapses exist; absent where all have one."""
 KIND = "afferents"
 """Column of the rows of a study: which afferents made the spikes of the network."""
+AMONG = "among"
+"""Column of the rows of a study: whether hidden neurons sent spikes to one another."""
 ABOUT = (
     "Conditioning and encoding are counted for both populations of every taxel, on every step of the encoder's clock "
     "(with integration = exact, on every sample, and for every spike); neurons on every step of the network's clock. "
@@ -151,8 +153,9 @@ def study_ledger(
         encoding = _mean(alone)
         rows.append((f"conditioning and encoding alone, {encoding.signal_ms:g} ms", encoding))
     by = [*NETWORK, *([MODEL] if MODEL in results else [])]
-    measures = [*SOPS, "window_steps", *({STEPS_PER_BIN, STRETCHES, BLOCKS} & {*results})]
-    means = means_over(results, [*by, KIND], measures, "seeds")
+    results = results.assign(**{AMONG: results["sops_recurrent"] > 0})
+    alike = [KIND, AMONG, *(name for name in (STEPS_PER_BIN, STRETCHES, BLOCKS) if name in results)]
+    means = means_over(results, [*by, *alike], [*SOPS, "window_steps"], "seeds")
     for _, parts in means.groupby(by, sort=False, dropna=False):
         first, spent = parts.iloc[0], []
         for row in parts.to_dict("records"):
@@ -192,7 +195,8 @@ def row_cost(
     signal_ms = 1e3 * steps / rate_Hz
     chosen = recipe.resolve(spec, recipe.Seen(1, round(window_steps), rate_Hz, 1.0))
     step_ms = 1e3 * row.get(STEPS_PER_BIN, 1) / rate_Hz
-    model = row.get(MODEL, chosen.model)
+    is_given = spec.recipe is None or "model" in spec.model_fields_set
+    model = row.get(MODEL, spec.model if is_given else "auto")
     if model == "auto":  # decided in training: hidden neurons that are connected have operations among them
         model = "rsnn" if row["sops_recurrent"] > 0 else "snn"
     own = chosen.model_copy(
