@@ -138,11 +138,15 @@ class Sides(NamedTuple):
 
 
 class Fitted(NamedTuple):
-    """A trained network, its windows, and the random generator of their order."""
+    """A trained network, its windows, and the random generator of their order.
+
+    was_open: whether training decided if it is recurrent.
+    """
 
     network: RSNN
     sides: Sides
     order: torch.Generator
+    was_open: bool = False
 
 
 def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[str, Any]:
@@ -166,7 +170,7 @@ def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[s
         with warnings.catch_warnings():
             if setting.step_ms is not None:
                 warnings.filterwarnings("ignore", MERGES)
-            known[name] = fit(sides, spec, bench.seeds)
+            known[name] = fit(sides, spec, bench.seeds)._replace(was_open=spec.model == "auto")
     fitted = known[name]
     if setting.prune is not None:
         fitted = _pruned(fitted, setting)

@@ -67,7 +67,8 @@ own = own_set.own
 def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     """A row for each setting of each way, after that of the network that saves nothing.
 
-    `no recurrence` is left out if the recipe chose a feed-forward network. Settings that are on this set the same as an
+    `no recurrence` is left out if the recipe chose a feed-forward network; where training left recurrence out, it
+    changes nothing, so that its mean is over the same seeds as the others. Settings that are on this set the same as an
     earlier one are also left out: such as taxels of a sensor that has few, and times below a step of its clock.
     """
     if SKIPPED in arrays:
@@ -78,10 +79,13 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     tried = list(_differing(bench, parameters.ways, step_ms(parameters.data, arrays)))
     for index, (way, setting) in enumerate(tried):
-        if not setting.recurrence and not known[Setting().first_training()].network.spec.recurrent:
-            continue  # the recipe chose a feed-forward network
-        name = named(setting, is_events=bench.encoder is None)
-        rows.append({"way": way, "setting": name, **measured(bench, setting, known), **shared})
+        name, used = named(setting, is_events=bench.encoder is None), setting
+        plain = known.get(Setting().first_training())
+        if not setting.recurrence and plain is not None and not plain.network.spec.recurrent:
+            if not plain.was_open:
+                continue
+            used = setting.model_copy(update={"recurrence": True})
+        rows.append({"way": way, "setting": name, **measured(bench, used, known), **shared})
         needed = {Setting().first_training(), *(later.first_training() for _, later in tried[index + 1 :])}
         known = {name: fitted for name, fitted in known.items() if name in needed}  # windows use much memory
     tested = _tested(bench, known[Setting().first_training()])

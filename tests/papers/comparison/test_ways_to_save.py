@@ -63,9 +63,9 @@ def letters(folder):
     return str(path)
 
 
-def ran(name, folder, ways=WAYS):
+def ran(name, folder, ways=WAYS, network=NETWORK):
     sets = {**SETS, "letters": {**SETS["letters"], "path": letters(folder)}}
-    table = {"data": {"set": name, "sets": sets}, "ways": ways, "network": NETWORK}
+    table = {"data": {"set": name, "sets": sets}, "ways": ways, "network": network}
     parameters = build(Parameters, table, source="test")
     arrays = ways_to_save.load(parameters.data)
     return parameters, arrays, {row["way"]: row for row in ways_to_save.run(parameters, arrays)}
@@ -113,6 +113,21 @@ def test_smaller_networks_count_less_for_each_spike(rows):
     assert rows["no recurrence"]["sops_recurrent"] == 0 < whole["sops_recurrent"]
 
 
+@pytest.mark.parametrize(("model", "pays"), [("auto", True), ("auto", False), ("snn", False)])
+def test_no_recurrence_has_a_row_in_every_seed_in_which_training_decides(model, pays, monkeypatch, tmp_path):
+    monkeypatch.setattr(members, "pays", lambda without, with_it: pays)
+    ways = {"no recurrence": [{"recurrence": False}, {"recurrence": False, "hidden": 0.5}]}
+    network = {**NETWORK, "model": model, "training": {**NETWORK["training"], "epochs": 2, "patience": 2}}
+    parameters, arrays, _ = ran("letters", tmp_path, ways, network)
+    rows = ways_to_save.run(parameters, arrays)
+    assert [row["way"] for row in rows] == [NOTHING, *["no recurrence"] * (2 if model == "auto" else 0)]
+    for whole, none, fewer in [rows] if model == "auto" else []:
+        assert none["sops_recurrent"] == fewer["sops_recurrent"] == 0
+        assert 2 * fewer["sops_input"] == none["sops_input"] == whole["sops_input"]
+        assert (none["sops_total"] == whole["sops_total"]) == (not pays)
+        assert none["setting"] == "feed-forward"
+
+
 def test_pruning_changes_no_spike_that_comes_in_and_counts_what_remains(rows):
     for way in ("pruning", "pruning, trained on"):
         assert rows[way]["input_spikes"] == rows[NOTHING]["input_spikes"]
@@ -139,7 +154,7 @@ def test_in_closed_form_samples_and_all_spikes_that_are_sent_cost():
     sent, known = float(cut(bench, Setting()).test.spikes.sum(dim=(1, 2)).double().mean()), {}
     for setting in (Setting(), Setting(step_ms=10.0), Setting(prune=0.5)):  # bins merge, and pruned weights count less
         row = measured(bench, setting, known)
-        network, sides, _ = known[setting.first_training()]
+        network, sides, *_ = known[setting.first_training()]
         alone = network_cost(network.spec, network.n_inputs, network.n_classes, row, steps=400, signal_ms=100.0)
         encoder = {**sides.encoder, "integration": "clock", "conditioning": {**sides.encoder["conditioning"]}}
         del encoder["conditioning"]["resample_Hz"]
