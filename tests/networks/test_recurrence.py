@@ -31,6 +31,7 @@ from neurotact.networks.training import (
 from neurotact.networks.training.members import pays
 from neurotact.networks.training.tasks import Task
 from neurotact.networks.training.train_run import Interrupted
+from neurotact.networks.use import measuring
 from neurotact.spec import build, override
 
 N_EPOCHS = 3
@@ -91,7 +92,7 @@ def test_recurrence_pays_beyond_one_standard_error(gained, lost, it_pays):
 def test_the_network_that_is_kept_is_that_of_its_own_training(kept):
     done, sides = fitting.fit(trains(), spec_of(), TASK, (3, 4))
     each = {model: fitting.fit(trains(), spec_of(model=model), TASK, (3, 4))[0] for model in ("snn", "rsnn")}
-    assert done.network.spec == each[kept].network.spec
+    assert done.network.spec == each[kept].network.spec.of_model(kept)
     assert same(done.network, each[kept].network)
     assert done.rule == each[kept].rule
     assert done.training.best == each[kept].training.best
@@ -104,6 +105,16 @@ def test_the_network_that_is_kept_is_that_of_its_own_training(kept):
         pd.testing.assert_frame_equal(own, each[model].training.table())
     assert done.training.n_members == 1
     assert len(sides.train.labels) == 12
+
+
+def test_a_network_without_recurrence_has_no_blocks_and_its_spec_can_be_trained_again(kept):
+    asked = spec_of(hidden=6, recurrent_blocks=3, recurrent_delay_steps=1)
+    done, sides = fitting.fit(trains(), asked, TASK, (3, 4))
+    row = measuring.measure(done, sides, {})["row"]
+    assert row.get("recurrent_blocks") == (3 if kept == "rsnn" else None)
+    again = SpikingClassifier(network=done.network.spec, sampling_rate_Hz=1000.0, random_state=0)
+    again.fit(sides.train.spikes.numpy(), sides.train.labels.numpy())
+    assert again.network_.spec.model == kept
 
 
 def test_the_rule_decides_on_validation_windows():
@@ -128,7 +139,7 @@ def test_further_members_are_of_the_model_that_is_kept(kept):
     done, _ = fitting.fit(trains(), spec_of(**{"training.members": 2}), TASK, (3, 4))
     whole, _ = fitting.fit(trains(), spec_of(**{"training.members": 2, "model": kept}), TASK, (3, 4))
     assert same(done.network, whole.network)
-    assert done.network.spec == whole.network.spec
+    assert done.network.spec == whole.network.spec.of_model(kept)
     assert done.training.best == whole.training.best
     assert done.training.n_members == 2
     assert {epoch.member for epoch in done.training.epochs} == {0, 1, 2}

@@ -198,12 +198,15 @@ class RSNNSpec(Spec):
         return self.n_members + (self.model == "auto")
 
     def of_model(self, model: Model) -> "RSNNSpec":
-        """The same network with this model in place of its own.
+        """The same network with this model in place of its own; one without recurrence has no keys of recurrence.
 
-        >>> RSNNSpec(model="auto", hidden=8).of_model("snn").model
-        'snn'
+        >>> chosen = RSNNSpec(model="auto", hidden=8, recurrent_blocks=2).of_model("snn")
+        >>> chosen.model, chosen.hidden, chosen.recurrent_blocks
+        ('snn', 8, 1)
         """
-        return self.model_copy(update={"model": model})
+        fields = type(self).model_fields
+        unused = effects.voids(model=model).keys() & self.model_fields_set
+        return self.model_copy(update={"model": model, **{key: fields[key].default for key in unused}})
 
     @property
     def joined_hidden(self) -> int:
