@@ -225,6 +225,13 @@ def test_a_classifier_decides_on_the_windows_that_it_holds_out(kept):
     assert clf.training_.recurrence_gain is not None
 
 
+@pytest.mark.parametrize(("models", "first"), [(["auto", "snn"], "auto"), (["rsnn", "snn"], "rsnn")])
+def test_a_search_begins_with_a_model_of_its_space(models, first):
+    space = {"model": {"_type": "choice", "_value": models}}
+    asked = search.asked("tune", space, spec_of(), {"trials": 2}, trains(), TASK)
+    assert asked.first == {"model": first}
+
+
 # --- what is said -------------------------------------------------------------------------------------------------
 
 

@@ -121,7 +121,9 @@ def asked(
     tuning.check(built.space, network, source="search.space")
     if built.tuner == "grid":
         return built
-    return built.model_copy(update={"first": tuning.values_of(recipe.first_of(network, seen), built.space)})
+    keeps_auto = "auto" in built.space.get("model", {}).get("_value", ())
+    first = recipe.resolve(network, seen) if keeps_auto else recipe.first_of(network, seen)
+    return built.model_copy(update={"first": tuning.values_of(first, built.space)})
 
 
 def problem_of(trains: SpikeTrains, search: SearchSpec, network: RSNNSpec, task: Task, device: str = "cpu") -> Problem:
