@@ -252,3 +252,11 @@ def test_what_recurrence_gains_is_said_where_it_was_tried():
     assert comparison.recurrence({"sops_recurrent": 5.0}) == []
     (line,) = comparison.recurrence({"sops_recurrent": 5.0, "recurrence_gain": 0.085})
     assert line == "hidden neurons: with recurrence; validation accuracy gains 8.5 points"
+
+
+@pytest.mark.parametrize(
+    ("gain", "change"), [(0.05, "+5.0 points, within the standard error"), (0.0, "+0.0 points"), (-0.1, "-10.0 points")]
+)
+def test_a_gain_that_is_not_clear_is_called_so(gain, change):
+    (line,) = comparison.recurrence({"sops_recurrent": 0.0, "recurrence_gain": gain})
+    assert line == f"hidden neurons: without recurrence; with it, validation accuracy changes by {change}"
