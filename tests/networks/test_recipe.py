@@ -1,6 +1,7 @@
 """The rules by which a network is trained unless told otherwise."""
 
 import math
+import re
 import warnings
 
 import pytest
@@ -255,6 +256,15 @@ def test_what_is_given_is_not_searched_and_recurrence_only_where_it_is_chosen():
     short, long = (recipe.space(asked, Seen(100, steps, 1000.0, 3.0)) for steps in (200, 2000))
     assert not {"tau_mem_ms", "training.input_dropout"} & {*short, *long}
     assert {*short} - {*long} == {"model", "training.rate_penalty"}
+
+
+@pytest.mark.parametrize("n_spikes", [3.0, 30.0])
+@pytest.mark.parametrize("rate_Hz", [35.61, 93.0, 150.0, 200.0, 1000.0])
+def test_the_reason_of_the_clock_names_no_bound_that_it_exceeds(rate_Hz, n_spikes):
+    (clock,) = (one for one in recipe.choices(Seen(90, round(rate_Hz), rate_Hz, n_spikes, 9)) if one.key == "step_ms")
+    named = re.match(r"at most ([\d.]+) ms", clock.why)
+    assert (named is None) == (1e3 / rate_Hz > (5 if n_spikes < 5 else 10))
+    assert named is None or clock.value <= float(named[1])
 
 
 @pytest.mark.parametrize(

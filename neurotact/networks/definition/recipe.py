@@ -141,10 +141,12 @@ def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[Choice]:
     per_bin = clock.steps_per_bin(given["step_ms"], seen.sampling_rate_Hz) if "step_ms" in given else seen.steps_per_bin
     bins, bin_ms = math.ceil(seen.steps / per_bin), per_bin * step_ms
     least_ms, most_ms = LONGEST_STEPS_MS
-    limit = f"{_short(longest_step_ms(seen.steps, seen.sampling_rate_Hz)):g} ms"
-    limit = f"{limit} (a hundredth of the window, {least_ms:g} to {most_ms:g} ms)"
+    limit_ms = longest_step_ms(seen.steps, seen.sampling_rate_Hz)
+    limit = f"{_short(limit_ms):g} ms (a hundredth of the window, {least_ms:g} to {most_ms:g} ms)"
     if seen.must_remember:
-        limit = f"{least_ms:g} ms (the order of few spikes may count)"
+        limit_ms, limit = least_ms, f"{least_ms:g} ms (the order of few spikes may count)"
+    slow = f"at most {limit} and the least distance of two spikes of an afferent: none is lost"
+    why_step = slow if step_ms <= limit_ms else "a step of the encoder's clock, the shortest that there is"
     recurrent = seen.must_remember and bins <= RECURRENT_STEPS  # may be: training decides
     adds_up = given.get("readout", "integrator") == "integrator" and given.get("readout_tau_ms") is None
     stretches = given.get("readout_stretches", 1 if sparse or not adds_up or bins < STRETCHES else STRETCHES)
@@ -158,11 +160,7 @@ def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[Choice]:
             f"recurrent where validation gains, for fewer than {SPARSE:g} spikes per afferent and window, of "
             f"{RECURRENT_STEPS} steps at most",
         ),
-        Choice(
-            "step_ms",
-            _exact(per_bin, seen.sampling_rate_Hz),
-            f"at most {limit} and the least distance of two spikes of an afferent: none is lost",
-        ),
+        Choice("step_ms", _exact(per_bin, seen.sampling_rate_Hz), why_step),
         Choice("surrogate_scale", 20.0 if recurrent else 10.0, "steeper if recurrence multiplies gradients"),
         Choice("readout", "integrator", "it adds up hidden spikes and does not spike"),
         Choice(
