@@ -356,7 +356,7 @@ def test_effort_is_of_the_recipe_alone():
 def test_what_an_effort_costs_is_told():
     best = [*recipe.described(RSNNSpec(recipe="default", hidden=50, effort="best"), SEEN)]
     assert best[-1] == (
-        "3 networks of 50 neurons are joined into one of 150: about 3 times the training time, and the network's SOPs "
+        "3 networks of 50 neurons are joined into one of 150: up to 3 times the training time, and 3 times the SOPs "
         "and energy"
     )
     assert any(line.startswith("training.members = 3 (") and "effort = 'best'" in line for line in best)

@@ -36,7 +36,7 @@ def folder(tmp_path_factory, told):
 
 def test_what_joined_networks_cost_is_said_once(folder, told):
     assert [line for line in told if "joined" in line] == [
-        "3 networks of 4 neurons are joined into one of 12: about 3 times the training time, and the network's SOPs "
+        "3 networks of 4 neurons are joined into one of 12: up to 3 times the training time, and 3 times the SOPs "
         "and energy"
     ]
 

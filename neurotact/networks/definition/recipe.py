@@ -292,12 +292,12 @@ def joined_cost(spec: RSNNSpec) -> Iterator[str]:
     """What it costs that several networks are joined, in one line; nothing where one is trained.
 
     >>> print(*joined_cost(RSNNSpec(hidden=4, readout="integrator", training=TrainingSpec(members=2))))
-    2 networks of 4 neurons are joined into one of 8: about 2 times the training time, and the network's SOPs and energy
+    2 networks of 4 neurons are joined into one of 8: up to 2 times the training time, and 2 times the SOPs and energy
     """
     if (n := spec.n_members) > 1:
         yield (
-            f"{n} networks of {spec.hidden} neurons are joined into one of {spec.joined_hidden}: about {n} times the "
-            "training time, and the network's SOPs and energy"
+            f"{n} networks of {spec.hidden} neurons are joined into one of {spec.joined_hidden}: up to {n} times the "
+            f"training time, and {n} times the SOPs and energy"
         )
 
 

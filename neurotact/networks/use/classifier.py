@@ -49,12 +49,13 @@ VALIDATION = 0.15
 
 
 class SpikingClassifier(ClassifierMixin, NestedSettings):
-    """A spiking network, recurrent by default, trained by surrogate gradients (texture paper, Eqs. 4 to 7).
+    """A spiking network, recurrent where that gains, trained by surrogate gradients (texture paper, Eqs. 4 to 7).
 
     Parameters
     ----------
     hidden : neurons of the hidden layer.
-    recurrent : whether hidden neurons are connected to one another.
+    recurrent : whether hidden neurons are connected to one another. The default network tries both where spikes are few,
+        and keeps recurrence if it gains on validation windows.
     tau_mem_ms, tau_syn_ms : time constants.
     learning_rate, batch, epochs, patience : of the training.
     network : name or path of a network spec (`networks/*.toml`), or an `RSNNSpec`; it gives every value that is None
