@@ -54,8 +54,8 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
     Parameters
     ----------
     hidden : neurons of the hidden layer.
-    recurrent : whether hidden neurons are connected to one another. The default network tries both where spikes are few,
-        and keeps recurrence if it gains on validation windows.
+    recurrent : whether hidden neurons are connected to one another. The default network tries both where spikes are
+        few, and keeps recurrence if it gains on validation windows.
     tau_mem_ms, tau_syn_ms : time constants.
     learning_rate, batch, epochs, patience : of the training.
     network : name or path of a network spec (`networks/*.toml`), or an `RSNNSpec`; it gives every value that is None
@@ -84,9 +84,9 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
     itself or in a pipeline behind a `SpikeEncoder`.
 
     How long `fit` takes: the default network trains for 40 epochs, or for as many as make 3000 steps of the weights:
-    750 epochs for 100 training windows in batches of 32, unless it has learned every window before. On a processor that
-    is up to minutes for each fit, and for each fold of `cross_val_score`, without a word unless `verbose=True`. For a
-    first look, `epochs=15`.
+    750 epochs for 100 training windows in batches of 32, unless it has learned every window before; twice where it
+    tries recurrence. On a processor that is up to minutes for each fit, and for each fold of `cross_val_score`, without
+    a word unless `verbose=True`. For a first look, `epochs=15`.
 
     Raises InputError for spikes that are not `(window, time, afferent)` zeros and ones, for a single class, for an
     unknown clock and for parameters out of range.
