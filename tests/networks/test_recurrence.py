@@ -160,6 +160,38 @@ def test_an_interrupted_training_goes_on_from_any_epoch(kept, n_members, tmp_pat
         assert same(resumed.network, done.network)
 
 
+@pytest.mark.parametrize("n_members", [1, 2, 3])
+def test_a_training_with_recurrence_that_fails_leaves_the_network_without_it(n_members, monkeypatch, tmp_path):
+    real = members.one.course
+
+    def fails(network, *arguments, keep=None, **options):
+        def kept(latest):
+            if network.spec.recurrent and latest.epochs[-1].epoch == 2:
+                raise training.not_finite(2, network.spec.training)
+            if keep is not None:
+                keep(latest)
+
+        return real(network, *arguments, keep=kept, **options)
+
+    monkeypatch.setattr(members.one, "course", fails)
+    spec, checkpoints = spec_of(**{"training.members": n_members}), []
+    with pytest.warns(UserWarning, match=r"not finite after epoch 2.*; the network without recurrence stays"):
+        done, _ = fitting.fit(trains(), spec, TASK, (3, 4), keep=checkpoints.append)
+    plain, _ = fitting.fit(trains(), spec.of_model("snn"), TASK, (3, 4))
+    assert same(done.network, plain.network)
+    assert done.training == plain.training
+    assert done.training.recurrence_gain is None
+    net = training_checkpoint.Net(spec, 4, 2)
+    for latest in checkpoints:
+        training_checkpoint.save(latest, tmp_path / "c", "one")
+        with pytest.warns(UserWarning, match="the network without recurrence stays"):
+            resumed, _ = fitting.fit(
+                trains(), spec, TASK, (3, 4), start=training_checkpoint.load(tmp_path / "c", net, "one")
+            )
+        assert resumed.training == done.training
+        assert same(resumed.network, done.network)
+
+
 def test_a_checkpoint_of_more_trainings_than_there_are_is_refused(kept, tmp_path):
     checkpoints: list[training.Checkpoint] = []
     fitting.fit(trains(), spec_of(), TASK, (3, 4), keep=checkpoints.append)

@@ -6,12 +6,14 @@ of their windows, and are then joined (`definition.joining`). The first one has 
 network that one training without members gives. A checkpoint holds the weights of the networks that are finished.
 """
 
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import torch
 from torch import Tensor
 
+from neurotact.errors import InputError
 from neurotact.networks.definition import seeds
 from neurotact.networks.definition.joining import joined
 from neurotact.networks.definition.rsnn import RSNN
@@ -64,12 +66,17 @@ def _with_recurrence_if_it_gains(
 ) -> Course[tuple[RSNN, Training, float | None]]:
     """The better network of the two, its training, and the validation accuracy that recurrence gains.
 
-    Where all windows are learned without recurrence, it can gain nothing and is not tried (None).
+    Where all windows are learned without recurrence, it can gain nothing and is not tried (None). If weights with
+    recurrence do not stay finite, a warning says so, and the other network stays (None).
     """
     plain, own = yield from series.train(*new(spec.of_model("snn"), first))
     if one.has_learned(own.epochs, spec.training):
         return plain, own, None
-    recurrent, its_own = yield from series.train(*new(spec.of_model("rsnn"), first))
+    try:
+        recurrent, its_own = yield from series.train(*new(spec.of_model("rsnn"), first))
+    except InputError as error:
+        warnings.warn(f"{error}; the network without recurrence stays", stacklevel=2)
+        return plain, own, None
     without = yield from one.right_of(plain, series.validation.binned(plain))
     with_it = yield from one.right_of(recurrent, series.validation.binned(recurrent))
     gain = float(with_it.double().mean() - without.double().mean())
@@ -127,11 +134,8 @@ class _Series:
 
     def train(self, network: RSNN, order: torch.Generator) -> Course[tuple[RSNN, Training]]:
         """Train the next network."""
-        number, start = len(self._networks) + 1, self._start
-        own, finished = None, None
-        if start is not None and number <= len(start.finished) + 1:
-            own = replace(start, epochs=tuple(epoch for epoch in start.epochs if epoch.member == number))
-            finished = start.finished[number - 1] if number <= len(start.finished) else None
+        number = len(self._networks) + 1
+        own, finished = self._saved(number, network)
         if own is not None and finished is not None:
             network.load_state_dict(finished)
             done = Training(own.epochs, one.best_of(own.epochs, network.spec.training.keep))
@@ -149,6 +153,19 @@ class _Series:
         self.log += done.epochs
         self._networks.append(network)
         return network, done
+
+    def _saved(self, number: int, network: RSNN) -> tuple[Checkpoint | None, Mapping[str, Tensor] | None]:
+        """The part of the checkpoint with the epochs of a network, and its weights if it is finished.
+
+        Neither of a network that has other weights: where one with recurrence failed, the next one has its number.
+        """
+        start = self._start
+        if start is None or number > len(start.finished) + 1:
+            return None, None
+        finished = start.finished[number - 1] if number <= len(start.finished) else None
+        if (start.weights if finished is None else finished).keys() != network.state_dict().keys():
+            return None, None
+        return replace(start, epochs=tuple(epoch for epoch in start.epochs if epoch.member == number)), finished
 
     def numbered(self) -> tuple[Epoch, ...]:
         """The log, in which those networks are numbered that are kept; a network that is not has `NOT_KEPT`."""
