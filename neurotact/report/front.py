@@ -41,8 +41,6 @@ USED = {False: "whole", True: "early"}
 """The way to decide of `KINDS` that is advised, by whether early exit is."""
 EXIT_VALIDATION = "exit_accuracy_validation"
 """The column by which networks with early exit are chosen; runs of earlier versions lack it."""
-LEAST_FOR_EXIT = 20
-"""With fewer validation trials, one is more than 5 points: they do not tell what early exit loses."""
 
 
 class Sides(NamedTuple):
@@ -132,13 +130,13 @@ def _costs(
 def known_exits(results: pd.DataFrame, n_validation: int) -> pd.DataFrame:
     """The rows, without the validation accuracy of early exit if too few validation trials rank it.
 
-    n_validation: trials that may rank it.
+    n_validation: trials that may rank it. Of fewer than `cautions.FEW_VALIDATION`, a handful decide.
 
     >>> rows = pd.DataFrame({EXIT_VALIDATION: [0.9]})
-    >>> [float(known_exits(rows, n)[EXIT_VALIDATION].iloc[0]) for n in (LEAST_FOR_EXIT - 1, LEAST_FOR_EXIT)]
+    >>> [float(known_exits(rows, n)[EXIT_VALIDATION].iloc[0]) for n in (29, 30)]
     [nan, 0.9]
     """
-    return results if n_validation >= LEAST_FOR_EXIT else results.assign(**{EXIT_VALIDATION: float("nan")})
+    return results if n_validation >= cautions.FEW_VALIDATION else results.assign(**{EXIT_VALIDATION: float("nan")})
 
 
 def networks_of(results: pd.DataFrame) -> list[Network]:
@@ -480,8 +478,6 @@ def _of_front(study: StudySpec, front: Front, trains: SpikeTrains | None) -> Ite
     yield from front.lost
     if trains is not None:
         yield from cautions.few_test_trials(front.sides.tested, front.split)
-    if trains is not None and (one.best.exits or one.cheapest.exits):
-        yield from cautions.few_for_exit(front.sides.trials.validation, study.early_exit.tolerance)
 
 
 def _of_training(folder: Path, cell: Cell) -> Iterator[str]:
