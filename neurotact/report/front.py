@@ -44,10 +44,14 @@ EXIT_VALIDATION = "exit_accuracy_validation"
 
 
 class Sides(NamedTuple):
-    """Numbers of trials of one data set: on each side of the split, and test trials of each class."""
+    """Numbers of trials of one data set: on each side, over all splits, and test trials of each class.
+
+    fewest: validation trials of the split that has the fewest, on which its early exit was chosen.
+    """
 
     trials: Trials
     tested: dict[str, int]
+    fewest: int
 
 
 class Front(NamedTuple):
@@ -130,7 +134,7 @@ def _costs(
 def known_exits(results: pd.DataFrame, n_validation: int) -> pd.DataFrame:
     """The rows, without the validation accuracy of early exit if too few validation trials rank it.
 
-    n_validation: trials that may rank it. Of fewer than `cautions.FEW_VALIDATION`, a handful decide.
+    n_validation: trials of a split that may rank it. Of fewer than `cautions.FEW_VALIDATION`, a handful decide.
 
     >>> rows = pd.DataFrame({EXIT_VALIDATION: [0.9]})
     >>> [float(known_exits(rows, n)[EXIT_VALIDATION].iloc[0]) for n in (29, 30)]
@@ -250,7 +254,7 @@ def sides_of(trains: SpikeTrains | None, cells: Sequence[Cell], counts: Sequence
     cells: one per split; a trial that several of them test counts once, and so do copies. counts: their test windows of
     each class.
     """
-    without = Sides(Trials(sum(counts), sum(counts)), {str(index): n for index, n in enumerate(counts)})
+    without = Sides(Trials(sum(counts), sum(counts)), {str(index): n for index, n in enumerate(counts)}, sum(counts))
     if trains is None:
         return without
     try:
@@ -261,7 +265,8 @@ def sides_of(trains: SpikeTrains | None, cells: Sequence[Cell], counts: Sequence
     distinct = copies_of(trains).distinct
     train, validation, test = (distinct(np.unique(np.concatenate(side))) for side in zip(*parts, strict=True))
     known, tests = Counter(labels[train]), Counter(labels[test])
-    return Sides(Trials(len(validation), len(test)), {label: tests[label] for label in sorted(known)})
+    fewest = min(len(distinct(part.validation)) for part in parts)
+    return Sides(Trials(len(validation), len(test)), {label: tests[label] for label in sorted(known)}, fewest)
 
 
 def fronts(
@@ -288,7 +293,7 @@ def fronts(
         sides = sides_of(trains, first_of_splits, counts)
         guess = max(1 / len(counts), max(counts) / max(1, sum(counts)))
         unranked = untold(first_of_splits, trains)
-        networks = networks_of(known_exits(rows, 0 if unranked else sides.trials.validation))
+        networks = networks_of(known_exits(rows, 0 if unranked else sides.fewest))
         baselines = baselines_of(study, tables, rows.iloc[0].to_dict())
         compare = _comparing(study, folder, done, rows, tables)
         answer = answers.answer(networks, baselines, guess, sides.trials, compare)
