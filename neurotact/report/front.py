@@ -463,7 +463,7 @@ def beware(
     """Warnings about this run, one line each with the fix."""
     by_line: dict[str, list[str]] = {}
     for front in all_fronts:
-        for line in _of_front(study, front, trains):
+        for line in _of_front(front, trains):
             by_line.setdefault(line, []).append(front.setting)
     for_all = len(all_fronts)
     lines = [line if len(of) == for_all else f"{'; '.join(of)}: {line}" for line, of in by_line.items()]
@@ -476,7 +476,7 @@ def beware(
     return [*lines, *cautions.together([list(_of_training(folder, cell)) for cell in done])]
 
 
-def _of_front(study: StudySpec, front: Front, trains: SpikeTrains | None) -> Iterator[str]:
+def _of_front(front: Front, trains: SpikeTrains | None) -> Iterator[str]:
     one = front.answer
     if not one.is_above_chance:
         yield from cautions.not_learned(one.best.whole.accuracy, one.interval[0], one.guess)

@@ -72,8 +72,13 @@ class Seen(NamedTuple):
         >>> Seen(900, 1000, 1000.0, 50.0, apart=6).steps_per_bin, Seen(900, 150, 1000.0, 50.0, apart=6).steps_per_bin
         (6, 5)
         """
-        longest_ms = longest_step_ms(self.steps, self.sampling_rate_Hz)
-        return self._per_bin(LONGEST_STEPS_MS[0] if self.must_remember else longest_ms)
+        return self._per_bin(self.limit_ms)
+
+    @property
+    def limit_ms(self) -> float:
+        """The longest step of the network's clock, where the spikes are far enough apart for it."""
+        least_ms, _ = LONGEST_STEPS_MS
+        return least_ms if self.must_remember else longest_step_ms(self.steps, self.sampling_rate_Hz)
 
     @property
     def must_remember(self) -> bool:
@@ -141,12 +146,10 @@ def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[Choice]:
     per_bin = clock.steps_per_bin(given["step_ms"], seen.sampling_rate_Hz) if "step_ms" in given else seen.steps_per_bin
     bins, bin_ms = math.ceil(seen.steps / per_bin), per_bin * step_ms
     least_ms, most_ms = LONGEST_STEPS_MS
-    limit_ms = longest_step_ms(seen.steps, seen.sampling_rate_Hz)
-    limit = f"{_short(limit_ms):g} ms (a hundredth of the window, {least_ms:g} to {most_ms:g} ms)"
-    if seen.must_remember:
-        limit_ms, limit = least_ms, f"{least_ms:g} ms (the order of few spikes may count)"
-    slow = f"at most {limit} and the least distance of two spikes of an afferent: none is lost"
-    why_step = slow if step_ms <= limit_ms else "a step of the encoder's clock, the shortest that there is"
+    few, many = "the order of few spikes may count", f"a hundredth of the window, {least_ms:g} to {most_ms:g} ms"
+    limit = f"at most {_short(seen.limit_ms):g} ms ({few if seen.must_remember else many})"
+    slow = f"{limit} and the least distance of two spikes of an afferent: none is lost"
+    why_step = slow if step_ms <= seen.limit_ms else "a step of the encoder's clock, the shortest that there is"
     recurrent = seen.must_remember and bins <= RECURRENT_STEPS  # may be: training decides
     adds_up = given.get("readout", "integrator") == "integrator" and given.get("readout_tau_ms") is None
     stretches = given.get("readout_stretches", 1 if sparse or not adds_up or bins < STRETCHES else STRETCHES)
