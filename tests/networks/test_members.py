@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from made_chains import READOUTS
+from stopped_trainings import stopped_after
 
 import neurotact as nt
 from neurotact.data.hdf5 import save_spikes
@@ -28,7 +29,6 @@ from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.networks.search import search
 from neurotact.networks.search.tuning import MedianStop, Proposal, SearchSpec
 from neurotact.networks.training import fitting, population, tasks, train_run, trained, training, training_checkpoint
-from neurotact.networks.training.train_run import Interrupted
 from neurotact.networks.training.training import Checkpoint, Examples
 from neurotact.networks.use.ledger import network_cost
 from neurotact.networks.use.measuring import synops_of
@@ -236,18 +236,8 @@ def test_a_run_is_interrupted_in_its_second_member_and_leaves_what_a_whole_one_l
     told: list[str] = []
     train_run.run(tmp_path / "spikes.h5", tmp_path / "whole", spec_of(), TASK, tell=told.append)
     assert told == [*recipe.described(spec_of(), SEEN)] != []
-    keep = train_run._CheckpointWriter.keep
-
-    def stopped(writer, latest):
-        keep(writer, latest)
-        if len(latest.epochs) == N_EPOCHS + 1:
-            raise KeyboardInterrupt
-
-    with monkeypatch.context() as patched:
-        patched.setattr(train_run._CheckpointWriter, "keep", stopped)
-        with pytest.raises(Interrupted) as raised:
-            train_run.run(tmp_path / "spikes.h5", tmp_path / "cut", spec_of(), TASK)
-    assert raised.value.epochs == N_EPOCHS + 1
+    with stopped_after(N_EPOCHS + 1, monkeypatch):
+        train_run.run(tmp_path / "spikes.h5", tmp_path / "cut", spec_of(), TASK)
     train_run.run(tmp_path / "spikes.h5", tmp_path / "cut", spec_of(), TASK, resume=True)
     whole, cut = ({p.name: p.read_bytes() for p in (tmp_path / name).iterdir()} for name in ("whole", "cut"))
     assert whole == cut

@@ -8,6 +8,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from stopped_trainings import stopped_after
 
 from neurotact import InputError, SpikingClassifier
 from neurotact.data.hdf5 import save_spikes
@@ -30,7 +31,6 @@ from neurotact.networks.training import (
 )
 from neurotact.networks.training.members import pays
 from neurotact.networks.training.tasks import Task
-from neurotact.networks.training.train_run import Interrupted
 from neurotact.networks.use import measuring
 from neurotact.spec import build, override
 
@@ -205,17 +205,8 @@ def test_a_run_is_interrupted_in_its_second_training_and_leaves_what_a_whole_one
     outcome = train_run.run(tmp_path / "spikes.h5", tmp_path / "whole", spec_of(), TASK)
     assert outcome is not None
     assert any(line.startswith(f"hidden neurons: with{'' if kept == 'rsnn' else 'out'} ") for line in outcome.lines())
-    keep = train_run._CheckpointWriter.keep
-
-    def stopped(writer, latest):
-        keep(writer, latest)
-        if len(latest.epochs) == N_EPOCHS + 1:
-            raise KeyboardInterrupt
-
-    with monkeypatch.context() as patched:
-        patched.setattr(train_run._CheckpointWriter, "keep", stopped)
-        with pytest.raises(Interrupted):
-            train_run.run(tmp_path / "spikes.h5", tmp_path / "cut", spec_of(), TASK)
+    with stopped_after(N_EPOCHS + 1, monkeypatch):
+        train_run.run(tmp_path / "spikes.h5", tmp_path / "cut", spec_of(), TASK)
     train_run.run(tmp_path / "spikes.h5", tmp_path / "cut", spec_of(), TASK, resume=True)
     whole, cut = ({p.name: p.read_bytes() for p in (tmp_path / name).iterdir()} for name in ("whole", "cut"))
     assert whole == cut
