@@ -19,8 +19,9 @@ from typing import NamedTuple
 import pandas as pd
 
 from neurotact.report.tables import with_pair
-from neurotact.studies.claims import Claim, Verdict, judge
+from neurotact.studies.claims import Claim
 from neurotact.studies.encoded import read_encoding
+from neurotact.studies.verdicts import Verdict, judge
 from neurotact.tables import read_table
 
 STUDIES = Path(__file__).parents[1] / "studies"
