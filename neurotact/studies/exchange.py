@@ -46,13 +46,15 @@ def arrangements(blocks: np.ndarray) -> np.ndarray:
 
 
 def n_distinct(blocks: np.ndarray, classes: np.ndarray) -> int:
-    """How many arrangements a rule can tell apart that reads rows of a class alike.
+    """How many arrangements a rule can tell apart that reads rows of a class alike; both numbered from 0.
 
     >>> n_distinct(np.zeros(6, dtype=int), np.array([0, 0, 0, 1, 1, 1]))
     20
     """
-    counts = pd.crosstab(blocks, classes).to_numpy().tolist()
-    return prod(factorial(sum(block)) // prod(map(factorial, block)) for block in counts)
+    n_classes = int(classes.max()) + 1
+    counts = np.bincount(blocks * n_classes + classes, minlength=n_classes * (int(blocks.max()) + 1))
+    per_block = counts.reshape(-1, n_classes).tolist()
+    return prod(factorial(sum(block)) // prod(map(factorial, block)) for block in per_block)
 
 
 @lru_cache(maxsize=16)

@@ -15,6 +15,7 @@ from scipy.stats import binom
 
 from neurotact.errors import InputError
 from neurotact.report.page import tally
+from neurotact.studies import exchange
 from neurotact.studies.claims import CONTRASTS, LEVELS, Claim
 from neurotact.studies.exchange import arrangements, blocks_of, n_distinct
 from neurotact.studies.verdicts import ALPHA, State, Verdict, judge
@@ -164,6 +165,7 @@ def test_a_fit_is_no_reproduction():
     ("kind", "columns", "values", "state"),
     [
         ("at_least", {"dataset": ["d"]}, [1.0], State.BASELINE),  # a baseline has no pair: it is at this level anyway
+        ("at_least", {"pair": [None]}, [1.0], State.BASELINE),
         ("at_least", {"dataset": ["d"]}, [0.1], State.REPRODUCED),
         ("order", {"pair": ["a", "b"]}, [0.7, 0.6], State.BASELINE),
         ("order", {"pair": ["a", "b"]}, [0.6, 0.7], State.REPRODUCED),
@@ -230,7 +232,11 @@ def test_arrangements_move_every_value_within_its_block(blocks):
     assert tried[0].tolist() == [*range(len(blocks))]
     assert (np.sort(tried, axis=1) == np.arange(len(blocks))).all()
     assert (blocks[tried] == blocks).all()
-    assert (tried == arrangements(blocks)).all()
+
+
+def test_random_arrangements_are_always_the_same():
+    blocks = (0,) * 9
+    assert (arrangements(np.array(blocks)) == exchange._arranged.__wrapped__(blocks)).all()
 
 
 def test_random_arrangements_take_each_value_to_each_place_of_its_block():
