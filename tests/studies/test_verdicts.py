@@ -95,6 +95,17 @@ def test_ties_never_satisfy_an_order(value, n_seeds, n_pairs):
     assert verdict(one, shuffled).state is State.FAILS
 
 
+@pytest.mark.parametrize("order", ["ab", "ba"])
+def test_sums_that_differ_in_their_last_bits_are_ties(order):
+    numbers = np.array([0.1, 0.2, 0.3, 0.7, 1.1])
+    one = claim("order", order=tuple(({"pair": pair},) for pair in order))
+    for seed in range(20):
+        assert (
+            verdict(one, np.stack([numbers, np.random.default_rng(seed).permutation(numbers)], axis=1)).state
+            is State.FAILS
+        )
+
+
 def test_a_change_against_its_direction_fails_within_a_tolerance_that_includes_none():
     assert verdict(TOYS["change"], [[0.5, 0.0]] * 6).state is State.REPRODUCED
     assert verdict(TOYS["change"], [[0.0, 0.5]] * 6).state is State.FAILS
@@ -111,6 +122,21 @@ def test_few_rows_cannot_tell():
     for kind in ("order", "change", "at_least"):
         assert verdict(TOYS[kind], [[1.0, 0.0]] * 4).state is State.FEW
         assert verdict(TOYS[kind], [[1.0, 0.0]] * 5).state is State.REPRODUCED
+
+
+def test_rows_of_one_place_or_level_are_alike():
+    """Of five rows three are selected: ten arrangements differ."""
+    rows = pd.DataFrame({"pair": [*"aaabb"], "x": [1.0, 1.1, 1.2, 0.0, 0.1]})
+    assert judge(TOYS["at_least"], {"results": rows}).state is State.FEW
+    places = tuple(tuple({"pair": pair} for pair in place) for place in ("abc", "de"))
+    assert verdict(claim("order", order=places), [[9.0, 8.0, 7.0, 2.0, 1.0]]).state is State.FEW
+
+
+def test_a_relative_change_is_no_less_exact_for_large_numbers():
+    one = claim("change", where={"pair": "a"}, against={"pair": "b"}, value=-0.25, tolerance=1e-6, relative=True)
+    assert verdict(one, [[0.75e6, 1e6]] * 6).state is State.REPRODUCED
+    assert verdict(one, [[0.7501e6, 1e6]] * 6).state is State.FAILS
+    assert verdict(one, [[0.0, 0.0]] * 6).state is State.MISSING
 
 
 def test_an_order_whose_steps_differ_by_orders_of_magnitude_is_seen():
@@ -177,6 +203,12 @@ def test_a_fit_is_no_reproduction():
 def test_what_holds_for_a_baseline_is_not_the_networks(kind, columns, values, state):
     baselines = pd.DataFrame({**columns, "x": values})
     assert verdict(TOYS[kind], [[1.0, 0.0]] * 6, baselines=baselines).state is state
+
+
+def test_a_baseline_need_not_have_the_conditions_that_are_alike():
+    one = TOYS["order"].model_copy(update={"where": {"seed": [0, 1, 2, 3, 4]}})
+    baselines = pd.DataFrame({"pair": ["a", "b"], "x": [0.7, 0.6]})
+    assert verdict(one, [[1.0, 0.0]] * 6, baselines=baselines).state is State.BASELINE
 
 
 def test_only_results_are_compared_with_baselines():
