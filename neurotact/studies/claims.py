@@ -22,7 +22,7 @@ class Claim(Spec):
     kind `at_least`, `at_most`: the measure does not fall below (rise above) `value`; with `each`, in no selected row.
     kind `change`: the measure changes from `against` to `where` in the direction of `value`, by `value` within
         `tolerance`, as a share of `against` when `relative`; computed for each combination of the other swept columns,
-        then averaged.
+        then averaged. A change by 0 has no direction, so it holds without an effect too: use `equal`.
     kind `equal`: the 95 % interval of the change from `against` to `where`, over the rows that differ in nothing else,
         is within `tolerance` of 0.
     kind `order`: the measure falls along `order`, without ties; each place contains one or more selections.
@@ -77,8 +77,6 @@ class Claim(Spec):
         for key in needed.get(self.kind, ("value",)):
             if getattr(self, key) in (None, {}, ()):
                 raise ValueError(f"a claim of kind '{self.kind}' needs '{key}'")
-        if self.kind == "change" and not self.value:
-            raise ValueError("a change of 0 is no change: use kind 'equal'")
         if self.kind == "order" and (len(self.order) < 2 or not all(self.order)):
             raise ValueError("order: needs at least two places, each with at least one selection")
         return self

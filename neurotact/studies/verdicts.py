@@ -261,8 +261,8 @@ def _weigh(claim: Claim, parts: np.ndarray, ranks: np.ndarray) -> tuple[np.ndarr
         return _least_step(claim, parts) > close, _least_step(claim, ranks)
     if claim.kind == "change":
         change = _mean(_changes(claim, parts))
-        forward = np.sign(value) * change
-        return (np.abs(change - value) <= tolerance) & (forward > close), forward
+        is_near, forward = np.abs(change - value) <= tolerance, np.sign(value) * change
+        return (is_near & (forward > close), forward) if value else (is_near, is_near.astype(float))
     if claim.kind == "equal":
         middle, half = _interval(_changes(claim, parts))
         holds = np.abs(middle) + half <= tolerance

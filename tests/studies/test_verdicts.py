@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from levels import thinned
 from scipy.stats import binom
 
-from neurotact.errors import InputError
 from neurotact.report.page import tally
 from neurotact.studies import exchange
 from neurotact.studies.claims import CONTRASTS, LEVELS, Claim
@@ -173,9 +172,11 @@ def test_a_margin_that_holds_all_values_is_no_claim():
     assert verdict(wide, apart).state is State.CHANCE
 
 
-def test_a_change_of_nothing_is_an_equality():
-    with pytest.raises(InputError, match="use kind 'equal'"):
-        claim("change", where={"pair": "a"}, against={"pair": "b"}, value=0.0, tolerance=0.1)
+def test_a_change_by_nothing_holds_without_the_effect():
+    """As in the files of earlier runs."""
+    one = claim("change", where={"pair": "a"}, against={"pair": "b"}, value=0.0, tolerance=0.5)
+    assert verdict(one, [[1.0, 1.1], [1.2, 1.0]] * 3).state is State.CHANCE
+    assert verdict(one, [[2.0, 1.0]] * 6).state is State.FAILS
 
 
 # --- fits and baselines -----------------------------------------------------------------------------------------------
