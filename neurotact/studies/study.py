@@ -193,7 +193,7 @@ class StudySpec(Spec):
     baselines: Opponents = "none"
     """The opponents to fit on the same windows, in baselines.csv: `linear`, logistic regression on mean and deviation
     of the signals; `readout`, also on the spike counts of each encoder; `quick`, on more features, SVM, ELM and trees,
-    and on spikes; `all`, also spectra, MiniRocket and a GRU."""
+    also on spikes, and MiniRocket on the signals; `all`, also spectra and a GRU."""
     encoding_in: Literal["processor", "sensor"] = "processor"
     """Where conditioning and encoding are computed: their energy counts on the processor, and not in the sensor."""
     cut_short_ms: tuple[Milliseconds, ...] = ()
