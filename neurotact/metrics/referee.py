@@ -11,7 +11,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from scipy.stats import fisher_exact
 
-from neurotact.metrics.paired import Paired, compare
+from neurotact.errors import InputError
+from neurotact.metrics.paired import Paired, compare, sign_test
 
 LEVEL = 0.05
 """The probability below which a difference is clear, after Holm's correction."""
@@ -133,6 +134,31 @@ def judge(comparisons: Sequence[Paired]) -> Verdict:
     if all(comparisons[index].difference > 0 and corrected[index] < LEVEL for index in indices):
         return verdict("better", max(indices, key=lambda index: (corrected[index], -comparisons[index].difference)))
     return verdict("tie", min(indices, key=lambda index: comparisons[index].difference))
+
+
+def least_difference(n_trials: int, opponents: int = 1, discordance: float | None = None) -> float:
+    """The least difference of two accuracies, as a share, that `judge` can find clear on so many test trials.
+
+    opponents: comparisons of Holm's correction. discordance: the share of trials on which exactly one of both is right;
+    without it the least difference of all, where every trial that differs favors the same one. Infinite if no
+    difference can be clear. It is that of McNemar's exact test of trials that are right or wrong as a whole. Raises
+    InputError for no opponent, for a negative number of trials, and for a discordance outside 0 to 1.
+
+    >>> round(least_difference(9), 2), least_difference(5), round(least_difference(90, opponents=3), 2)
+    (0.67, inf, 0.08)
+    >>> least_difference(100, discordance=0.2)
+    0.1
+    """
+    if n_trials < 0 or opponents < 1 or not 0 <= (discordance or 0.0) <= 1:
+        given = f"got {n_trials}, {opponents} and {discordance}"
+        raise InputError(f"n_trials, opponents, discordance: give 0 or more, 1 or more, and a share; {given}")
+    if discordance is None:
+        ways = ((n, 0) for n in range(n_trials + 1))
+    else:
+        apart = round(discordance * n_trials)
+        ways = ((apart - n_worse, n_worse) for n_worse in range(apart // 2, -1, -1))
+    clear = (better - worse for better, worse in ways if opponents * sign_test(better, worse) < LEVEL)
+    return next((surplus / n_trials for surplus in clear), math.inf)
 
 
 def is_gap(validation: float, n_validation: int, test: float, n_test: int, level: float = GAP) -> bool:

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from levels import thinned
 from scipy.stats import binomtest
 
-from neurotact.metrics import referee
+from neurotact.errors import InputError
+from neurotact.metrics import paired, referee
 from neurotact.metrics.paired import Paired
 from neurotact.metrics.referee import Way
 from neurotact.report.answer import Baseline, Decision, Network, Trials, answer
@@ -120,6 +121,28 @@ def test_one_strong_opponent_late_in_the_list_decides():
 def test_a_comparison_at_the_level_is_not_clear():
     assert referee.judge([Paired(0.1, 0.05, 40)]).kind == "tie"
     assert referee.judge([Paired(0.1, 0.025, 40)] * 2).kind == "tie"  # twice 0.025
+
+
+def shown(n: int, better: int, worse: int, opponents: int) -> referee.Kind:
+    """The verdict on one that is right on `better` trials where each opponent is wrong, and wrong on `worse` others."""
+    mine, other = np.zeros(n), np.zeros(n)
+    mine[:better], other[better : better + worse] = 1.0, 1.0
+    return referee.judge([paired.compare(mine, other)] * opponents).kind
+
+
+@given(st.integers(1, 120), st.integers(1, 25), st.none() | st.floats(0, 1))
+def test_the_least_difference_is_clear_and_a_smaller_one_is_not(n, opponents, discordance):
+    least = referee.least_difference(n, opponents, discordance)
+    apart = n if discordance is None else round(discordance * n)
+    ways = [(b, w) for b in range(apart + 1) for w in ([0] if discordance is None else [apart - b]) if b > w]
+    found = [(b - w) / n for b, w in ways if shown(n, b, w, opponents) == "better"]
+    assert least == min(found, default=math.inf)
+
+
+@pytest.mark.parametrize("wrong", [(-1, 1, None), (9, 0, None), (9, 1, 1.2), (9, 1, -0.1)])
+def test_a_least_difference_of_nothing_is_refused(wrong):
+    with pytest.raises(InputError, match="n_trials, opponents, discordance"):
+        referee.least_difference(*wrong)
 
 
 @pytest.mark.parametrize(
