@@ -49,3 +49,11 @@ def test_a_choice_is_fitted_again_with_its_settings(monkeypatch, family, shape):
             assert elsewhere.settings == candidate.settings
         elif family is not families.svm:  # whose order depends on the data
             np.testing.assert_array_equal(elsewhere.fitted.predict(others.test), own.fitted.predict(others.test))
+
+
+def test_minirocket_has_one_candidate_of_the_default_size(monkeypatch):
+    monkeypatch.setattr(rocket, "FEATURES", 168)
+    (candidate,) = minirocket(sides_of(0, shape=(40, 2)), 0)
+    assert candidate.settings == "168 features"
+    assert len(candidate.fitted.transform_.convolutions_) == 84 * 2
+    assert sum(len(one.biases) for one in candidate.fitted.transform_.convolutions_) == 168
