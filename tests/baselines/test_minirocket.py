@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from sklearn.linear_model import RidgeClassifierCV
 
 from neurotact.baselines.minirocket import TRIPLES, Convolution, MiniRocket, MiniRocketClassifier, dilations
 from neurotact.errors import InputError
@@ -57,6 +58,24 @@ def test_biases_are_quantiles_of_the_convolution_of_one_training_sequence():
         taken, first = [*taken, number], first + len(convolution.biases)
     assert {*taken} == {0, 1, 2}
     assert first == 336
+
+
+def test_every_second_kernel_and_dilation_is_padded():
+    padded = [one.padded for one in MiniRocket(400, random_state=0).fit(np.zeros((1, 40, 1))).convolutions_]
+    rows = np.reshape(padded, (-1, 84))
+    assert len(rows) > 1
+    assert (rows[:, 1:] != rows[:, :-1]).all()
+    assert (rows[1:] != rows[:-1]).all()
+    assert rows[0, 0]
+
+
+def test_its_ridge_sees_standardised_features():
+    X, y = waves()
+    fitted = MiniRocketClassifier(168, random_state=0).fit(X, y)
+    features = fitted.transform_.transform(X)
+    standard = (features - features.mean(axis=0)) / np.where(features.std(axis=0) > 0, features.std(axis=0), 1.0)
+    wanted = RidgeClassifierCV(alphas=np.logspace(-3, 3, 10)).fit(standard, y).decision_function(standard)
+    np.testing.assert_allclose(fitted.ridge_.decision_function(features), wanted, rtol=1e-3)
 
 
 def test_it_is_as_large_as_published_unless_another_size_is_asked_for():

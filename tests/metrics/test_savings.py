@@ -35,6 +35,14 @@ def test_the_cheapest_is_kept_and_what_speaks_against_it_is_named(rows, worse, a
     assert [tested[at] for at in found.contrary] == sorted((tested[at] for at in found.contrary), reverse=True)
 
 
+def test_of_equal_costs_the_more_accurate_on_validation_and_no_way_as_accurate_speaks_against_it_for_the_same():
+    equal = [Way(0.88, 0.1, 1.0), Way(0.9, 0.1, 1.0), Way(0.5, 0.1, 1.0)]
+    assert savings(equal, [0.9, 0.9, 0.9])[3:] == (1, [])
+    cheaper = [Way(0.9, 0.1, 2.0), Way(0.5, 0.1, 1.0)]
+    assert savings(cheaper, [0.9, 0.9]).contrary == [1]
+    assert savings(cheaper, [0.9, 0.8]).is_clear
+
+
 @given(TABLES)
 def test_a_cost_orders_and_decides_nothing_else(rows):
     """Costs on any other scale with the same order, and of the same validation, choose the same."""

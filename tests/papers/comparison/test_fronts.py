@@ -178,6 +178,13 @@ def test_a_setting_that_test_windows_show_to_be_worse_keeps_no_accuracy():
     assert answers(table(worse))[0].endswith("show each one within its standard error to be clearly less accurate.")
 
 
+def test_a_refractory_period_that_saves_nothing_is_said_to_save_nothing():
+    points = [LEVEL[0], ("pruning", "75 %", 500.0, 0.9, 0.9), (REFRACTORY, "5 & 5 ms", 1001.0, 0.9, 0.9)]
+    said = answers(table(points))[0]
+    assert "; no refractory period does: validation is highest where a refractory period of 5 & 5 ms" in said
+    assert "100.1 % of the SOPs." in said
+
+
 def test_of_equal_costs_none_is_the_cheapest():
     points = [LEVEL[0], ("pruning", "75 %", 500.0, 0.9, 0.9), (REFRACTORY, "5 & 5 ms", 500.0, 0.9, 0.9)]
     assert answers(table(points))[0].startswith("A refractory period is among the cheapest ways at an accuracy")
