@@ -22,6 +22,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from scipy import stats
 
 from neurotact.errors import InputError
@@ -150,6 +151,18 @@ def effective_trials(n_splits: int, n_train: float, n_test: float, trials: float
     (95, 140)
     """
     return (trials or n_test) / (1 / n_splits + n_test / n_train)
+
+
+def sizes_of(rows: pd.DataFrame) -> tuple[int, int, float]:
+    """The sides of a split, means over the rows: training and test examples, and test trials; as `resampled_p` asks.
+
+    rows: with n_train, n_test, and `test_trials` where several examples are of one trial.
+
+    >>> sizes_of(pd.DataFrame({"n_train": [70, 72], "n_test": [30, 28], "test_trials": [10, 10]}))
+    (71, 29, 10.0)
+    """
+    trials = rows.get("test_trials", rows["n_test"]).fillna(rows["n_test"])
+    return round(rows["n_train"].mean()), round(rows["n_test"].mean()), float(trials.mean())
 
 
 def _checked(values: Sequence[float] | np.ndarray, n_train: int, n_test: int, least: int) -> np.ndarray:

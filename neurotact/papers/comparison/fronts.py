@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from neurotact.metrics.fronts import pareto_front
-from neurotact.metrics.resampled import DIFFERENCES, LEAST_SPLITS, SHARES, Interval, resampled_interval
+from neurotact.metrics.resampled import DIFFERENCES, LEAST_SPLITS, SHARES, Interval, resampled_interval, sizes_of
 from neurotact.metrics.shares import wilson_interval
 from neurotact.networks.training.cautions import FEW_PER_CLASS
 from neurotact.studies.protocol import Listed
@@ -82,13 +82,9 @@ def _point(key: object, part: pd.DataFrame, base: pd.DataFrame) -> dict:
 
 
 def interval_of(values: np.ndarray, rows: pd.DataFrame, within: tuple[float, float] = DIFFERENCES) -> Interval:
-    """The mean over splits with its interval, as of `resampled_interval`, whose sides are those of the rows.
-
-    rows: with `test_trials` where several windows of `n_test` are of one trial.
-    """
-    n_train, n_test = int(rows["n_train"].iloc[0]), int(rows["n_test"].iloc[0])
-    trials = rows.get("test_trials", rows["n_test"]).fillna(rows["n_test"]).mean()
-    return resampled_interval(values, n_train, n_test, within=within, trials=float(trials))
+    """The mean over splits with its interval, as of `resampled_interval`; rows: as of `sizes_of`."""
+    n_train, n_test, trials = sizes_of(rows)
+    return resampled_interval(values, n_train, n_test, within=within, trials=trials)
 
 
 class Halved(NamedTuple):

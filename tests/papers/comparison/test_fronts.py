@@ -28,7 +28,7 @@ def table(points, seeds=3) -> pd.DataFrame:
         {
             "set": "made up", "way": way, "setting": setting, "seed": seed, "accuracy_validation": validation,
             "accuracy_test": test + 0.01 * seed, "sops_total": sops, "energy_estimate_nJ": 1.0, "signal_ms": 10.0,
-            "n_train": 70, "n_test": 15,
+            "n_train": 7000, "n_test": 1500,
         }
         for way, setting, sops, validation, test in points
         for seed in range(seeds)
@@ -56,11 +56,12 @@ def test_fronts_are_of_points_that_none_beats():
     row = found.loc[(REFRACTORY, "10 & 10 ms")]
     assert row["share"] == pytest.approx(0.4)
     assert row["accuracy_test"] == pytest.approx(0.81)
-    assert (row["low"], row["high"]) == pytest.approx(resampled_interval([0.8, 0.81, 0.82], 70, 15)[1:])
+    assert (row["low"], row["high"]) == pytest.approx(resampled_interval([0.8, 0.81, 0.82], 7000, 1500)[1:])
 
 
 def test_networks_that_are_all_right_have_the_interval_of_their_test_trials():
-    rows = table([(NOTHING, "-", 1000.0, 1.0, 1.0), ("pruning", "50 %", 500.0, 1.0, 1.0)]).assign(accuracy_test=1.0)
+    rows = table([(NOTHING, "-", 1000.0, 1.0, 1.0), ("pruning", "50 %", 500.0, 1.0, 1.0)])
+    rows = rows.assign(accuracy_test=1.0, n_train=70, n_test=15)
     of_windows, of_trials = (fronts(each).iloc[0] for each in (rows, rows.assign(test_trials=5)))
     # 15 windows, or the 5 trials that they are of, divided by 1/3 + 15/70.
     assert (of_windows["low"], of_windows["high"]) == pytest.approx(wilson_interval(1.0, 27))
@@ -107,8 +108,8 @@ def test_energy_is_halved_by_other_ways_than_operations():
     assert of_energy == (
         "Energy: a refractory period is the cheapest way; a network that saves nothing has 91 % at 200 nJ, with "
         "afferents computed at each sample (35.6 Hz); to save at least 50 % of it, a refractory period of 10 & 10 ms "
-        "with the longest steps costs 0.5 points (95 % interval 0.5 to 0.5) at 30 % of the energy, and shorter windows "
-        "(80 %) costs 4.0 points (95 % interval 4.0 to 4.0) at 40 % of the energy."
+        "with the longest steps costs 0.5 points (95 % interval 0.2 to 0.8) at 30 % of the energy, and shorter windows "
+        "(80 %) costs 4.0 points (95 % interval 3.2 to 4.8) at 40 % of the energy."
     )
 
 
@@ -119,14 +120,14 @@ def test_events_have_no_afferents_to_compute():
 def test_what_half_costs_is_listed_way_by_way():
     _, shown = tables(with_energies([*POINTS[:6], *LONGER]))["made up"]
     assert shown.rows.to_dict("records") == [
-        {"way": REFRACTORY, "half of the SOPs": "10 & 10 ms: 10.0 points (10.0 to 10.0), 40 % left",
-         "half of the nJ": "5 & 5 ms: 1.0 points (1.0 to 1.0), 45 % left", "half of the ms": "-"},
-        {"way": "pruning", "half of the SOPs": "50 %: 4.0 points (4.0 to 4.0), 50 % left", "half of the nJ": "-",
+        {"way": REFRACTORY, "half of the SOPs": "10 & 10 ms: 10.0 points (8.8 to 11.2), 40 % left",
+         "half of the nJ": "5 & 5 ms: 1.0 points (0.6 to 1.4), 45 % left", "half of the ms": "-"},
+        {"way": "pruning", "half of the SOPs": "50 %: 4.0 points (3.2 to 4.8), 50 % left", "half of the nJ": "-",
          "half of the ms": "-"},
         {"way": LONGEST, "half of the SOPs": "-",
-         "half of the nJ": "10 & 10 ms: 0.5 points (0.5 to 0.5), 30 % left", "half of the ms": "-"},
+         "half of the nJ": "10 & 10 ms: 0.5 points (0.2 to 0.8), 30 % left", "half of the ms": "-"},
         {"way": "shorter windows", "half of the SOPs": "-",
-         "half of the nJ": "80 %: 4.0 points (4.0 to 4.0), 40 % left", "half of the ms": "-"},
+         "half of the nJ": "80 %: 4.0 points (3.2 to 4.8), 40 % left", "half of the ms": "-"},
     ]  # fmt: skip
 
 
@@ -150,8 +151,8 @@ def test_the_sentence_compares_seed_by_seed():
     assert sentence == (
         "A refractory period is not the cheapest way; a network that saves nothing has 91 % at 1,000 SOPs; "
         "to save at least 50 % of them, pruning (50 %) "
-        "costs 4.0 points (95 % interval 4.0 to 4.0) at 50 % of the SOPs, and a refractory period of 10 & 10 ms costs "
-        "10.0 points (95 % interval 10.0 to 10.0) at 40 % of the SOPs, 6.0 points (95 % interval 6.0 to 6.0) more than "
+        "costs 4.0 points (95 % interval 3.2 to 4.8) at 50 % of the SOPs, and a refractory period of 10 & 10 ms costs "
+        "10.0 points (95 % interval 8.8 to 11.2) at 40 % of the SOPs, 6.0 points (95 % interval 5.1 to 6.9) more than "
         "pruning."
     )
 
@@ -159,7 +160,7 @@ def test_the_sentence_compares_seed_by_seed():
 def test_refractory_periods_that_save_too_little_are_said():
     sentence, _ = answers(table([point for point in POINTS if "10 &" not in point[1] and "20 &" not in point[1]]))
     assert sentence.endswith(
-        "and no refractory period that was tried saves as much: 5 & 5 ms costs 1.0 points (95 % interval 1.0 to 1.0) "
+        "and no refractory period that was tried saves as much: 5 & 5 ms costs 1.0 points (95 % interval 0.6 to 1.4) "
         "at 60 % of the SOPs."
     )
 
@@ -195,6 +196,16 @@ def spread(points, way, by):
 )
 def test_the_sentence_begins_with_a_verdict(rows, verdict):
     assert answers(rows)[0].startswith(verdict)
+
+
+def test_differences_that_are_equal_in_every_seed_are_no_certainty_on_few_trials():
+    """Six points are one and a half of the 27 trials that three seeds of 15 test trials are worth."""
+    few = table(POINTS).assign(n_train=70, n_test=15)
+    assert answers(few)[0].startswith("No clear difference between a refractory period and the best other way; ")
+    assert "6.0 points (95 % interval -7.8 to 19.8) more than pruning" in answers(few)[0]
+    fewer_trials = table(POINTS).assign(test_trials=15)
+    assert answers(fewer_trials)[0].startswith("No clear difference")
+    assert answers(table(POINTS))[0].startswith("A refractory period is not the cheapest way")
 
 
 def test_two_seeds_have_no_interval():
@@ -263,7 +274,7 @@ def some_points(draw):
     return [
         {"set": "made up", "way": "pruning" if number else NOTHING, "setting": f"{number} %", "seed": 0,
          "accuracy_validation": validation / 10, "accuracy_test": 0.5, "sops_total": 100.0 + sops,
-         "energy_estimate_nJ": 100.0 + energy, "signal_ms": 100.0 + ms, "n_train": 70, "n_test": 15}
+         "energy_estimate_nJ": 100.0 + energy, "signal_ms": 100.0 + ms, "n_train": 7000, "n_test": 1500}
         for number, (validation, sops, energy, ms) in enumerate(rows)
     ]  # fmt: skip
 
