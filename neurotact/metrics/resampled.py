@@ -26,7 +26,7 @@ import pandas as pd
 from scipy import stats
 
 from neurotact.errors import InputError
-from neurotact.metrics.paired import Paired
+from neurotact.metrics.paired import Paired, least_p
 from neurotact.metrics.shares import Z_95, standard_error, wilson_interval
 
 LEAST_SPLITS = 3
@@ -104,8 +104,7 @@ def resampled_p(
     values = _checked(differences, n_train, n_test, least=LEAST_SPLITS)
     mean, error = float(values.mean()), _error(values, n_train, n_test)
     n_apart = abs(mean) * effective_trials(len(values), n_train, n_test, trials)
-    of_signs = min(1.0, 2.0 ** (1 - n_apart))
-    return max(of_signs, float(2 * stats.t.sf(abs(mean) / error, len(values) - 1)) if error else 0.0)
+    return max(least_p(n_apart), float(2 * stats.t.sf(abs(mean) / error, len(values) - 1)) if error else 0.0)
 
 
 def resampled_error(
@@ -151,6 +150,23 @@ def effective_trials(n_splits: int, n_train: float, n_test: float, trials: float
     (95, 140)
     """
     return (trials or n_test) / (1 / n_splits + n_test / n_train)
+
+
+def least_difference_over_splits(
+    n_splits: int, n_train: int, n_test: int, opponents: int = 1, trials: float | None = None
+) -> float:
+    """The least mean difference, as a share, that can be clear over so many splits; infinite if none can.
+
+    opponents: comparisons of Holm's correction; others as of `resampled_p`. Where the differences of the splits spread,
+    a larger one is needed. As `referee.least_difference` says it of one split.
+
+    >>> round(least_difference_over_splits(10, n_train=139, n_test=30), 3), least_difference_over_splits(2, 139, 30)
+    (0.056, inf)
+    """
+    if n_splits < LEAST_SPLITS:
+        return math.inf
+    least = (LEAST_APART + math.log2(opponents)) / effective_trials(n_splits, n_train, n_test, trials)
+    return least if least < 1 else math.inf
 
 
 def sizes_of(rows: pd.DataFrame) -> tuple[int, int, float]:
