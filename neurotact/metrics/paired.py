@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.stats import binom, permutation_test, t
+from scipy.stats import binom, permutation_test
 
 from neurotact.errors import InputError
 from neurotact.metrics.shares import standard_error
@@ -117,20 +117,6 @@ def compare_shares(share: float, other: float, n: int) -> Paired:
     error = math.hypot(standard_error(share, n), standard_error(other, n))
     apart = max(0.0, abs(share - other) * n - 0.5) / (n + 4)
     return Paired(share - other, max(math.erfc(apart / error / math.sqrt(2)), least_p(abs(share - other) * n)), n)
-
-
-def compare_means(one: tuple[float, float, int], other: tuple[float, float, int]) -> Paired:
-    """Compare two means of independent rows by Welch's t test; each: mean, standard error, rows (at least two).
-
-    >>> compare_means((0.9, 0.02, 4), (0.8, 0.02, 4)).is_clear, compare_means((0.9, 0.02, 4), (0.86, 0.02, 4)).is_clear
-    (True, False)
-    """
-    difference, error = one[0] - other[0], math.hypot(one[1], other[1])
-    n = min(one[2], other[2])
-    if not error:
-        return Paired(difference, 0.0 if difference else 1.0, n)
-    parts = (own**4 / (rows - 1) for _, own, rows in (one, other))
-    return Paired(difference, float(2 * t.sf(abs(difference) / error, error**4 / sum(parts))), n)
 
 
 def compare_by_trial(right: Mapping[int, float], other: Mapping[int, float]) -> Paired:
