@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.stats import binom, permutation_test, t
+from scipy.stats import binom, permutation_test
 
 from neurotact.errors import InputError
 from neurotact.metrics.shares import standard_error
@@ -94,10 +94,20 @@ def sign_test(n_better: int, n_worse: int) -> float:
     return min(1.0, 2 * float(binom.sf(max(n_better, n_worse) - 1, n, 0.5)))
 
 
+def least_p(n_apart: float) -> float:
+    """The least p of any exact test of two classifiers of which at least so many trials differ: all in favor of one.
+
+    >>> least_p(6), least_p(0.5)
+    (0.03125, 1.0)
+    """
+    return min(1.0, 2.0 ** (1 - n_apart))
+
+
 def compare_shares(share: float, other: float, n: int) -> Paired:
     """Compare two shares of `n` trials each whose single trials are unknown, as if they were different trials.
 
-    The normal approximation, with two correct and two wrong trials added (Agresti and Caffo 2000). It finds fewer
+    The normal approximation, with two correct and two wrong trials added to each (as Agresti and Caffo 2000 add one)
+    and a correction of half a trial, which holds 5 % with any number of trials; p is at least `least_p`. It finds fewer
     differences than a paired test.
 
     >>> found = compare_shares(0.9, 0.5, 100)
@@ -105,21 +115,8 @@ def compare_shares(share: float, other: float, n: int) -> Paired:
     (0.4, True, False)
     """
     error = math.hypot(standard_error(share, n), standard_error(other, n))
-    return Paired(share - other, math.erfc(abs(share - other) / error / math.sqrt(2)), n)
-
-
-def compare_means(one: tuple[float, float, int], other: tuple[float, float, int]) -> Paired:
-    """Compare two means of independent rows by Welch's t test; each: mean, standard error, rows (at least two).
-
-    >>> compare_means((0.9, 0.02, 4), (0.8, 0.02, 4)).is_clear, compare_means((0.9, 0.02, 4), (0.86, 0.02, 4)).is_clear
-    (True, False)
-    """
-    difference, error = one[0] - other[0], math.hypot(one[1], other[1])
-    n = min(one[2], other[2])
-    if not error:
-        return Paired(difference, 0.0 if difference else 1.0, n)
-    parts = (own**4 / (rows - 1) for _, own, rows in (one, other))
-    return Paired(difference, float(2 * t.sf(abs(difference) / error, error**4 / sum(parts))), n)
+    apart = max(0.0, abs(share - other) * n - 0.5) / (n + 4)
+    return Paired(share - other, max(math.erfc(apart / error / math.sqrt(2)), least_p(abs(share - other) * n)), n)
 
 
 def compare_by_trial(right: Mapping[int, float], other: Mapping[int, float]) -> Paired:

@@ -22,10 +22,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from scipy import stats
 
 from neurotact.errors import InputError
-from neurotact.metrics.paired import Paired
+from neurotact.metrics.paired import Paired, least_p
 from neurotact.metrics.shares import Z_95, standard_error, wilson_interval
 
 LEAST_SPLITS = 3
@@ -103,8 +104,7 @@ def resampled_p(
     values = _checked(differences, n_train, n_test, least=LEAST_SPLITS)
     mean, error = float(values.mean()), _error(values, n_train, n_test)
     n_apart = abs(mean) * effective_trials(len(values), n_train, n_test, trials)
-    of_signs = min(1.0, 2.0 ** (1 - n_apart))
-    return max(of_signs, float(2 * stats.t.sf(abs(mean) / error, len(values) - 1)) if error else 0.0)
+    return max(least_p(n_apart), float(2 * stats.t.sf(abs(mean) / error, len(values) - 1)) if error else 0.0)
 
 
 def resampled_error(
@@ -150,6 +150,35 @@ def effective_trials(n_splits: int, n_train: float, n_test: float, trials: float
     (95, 140)
     """
     return (trials or n_test) / (1 / n_splits + n_test / n_train)
+
+
+def least_difference_over_splits(
+    n_splits: int, n_train: int, n_test: int, opponents: int = 1, trials: float | None = None
+) -> float:
+    """The least mean difference, as a share, that can be clear over so many splits; infinite if none can.
+
+    opponents: comparisons of Holm's correction; others as of `resampled_p`. Where the differences of the splits spread,
+    a larger one is needed. As `referee.least_difference` says it of one split.
+
+    >>> round(least_difference_over_splits(10, n_train=139, n_test=30), 3), least_difference_over_splits(2, 139, 30)
+    (0.056, inf)
+    """
+    if n_splits < LEAST_SPLITS:
+        return math.inf
+    least = (LEAST_APART + math.log2(opponents)) / effective_trials(n_splits, n_train, n_test, trials)
+    return least if least < 1 else math.inf
+
+
+def sizes_of(rows: pd.DataFrame) -> tuple[int, int, float]:
+    """The sides of a split, means over the rows: training and test examples, and test trials; as `resampled_p` asks.
+
+    rows: with n_train, n_test, and `test_trials` where several examples are of one trial.
+
+    >>> sizes_of(pd.DataFrame({"n_train": [70, 72], "n_test": [30, 28], "test_trials": [10, 10]}))
+    (71, 29, 10.0)
+    """
+    trials = rows.get("test_trials", rows["n_test"]).fillna(rows["n_test"])
+    return round(rows["n_train"].mean()), round(rows["n_test"].mean()), float(trials.mean())
 
 
 def _checked(values: Sequence[float] | np.ndarray, n_train: int, n_test: int, least: int) -> np.ndarray:

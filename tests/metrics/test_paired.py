@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import binomtest, norm
+from levels import thinned
+from scipy.stats import binom, binomtest, norm
 
 from neurotact.errors import InputError
 from neurotact.metrics import paired
@@ -62,6 +63,29 @@ def test_unlike_differences_beyond_count_are_compared_with_random_signs_and_neve
     mixed = values * np.resize([1.0, 1.0, -1.0], 60)
     z = mixed.sum() / np.sqrt((mixed**2).sum())
     assert paired.compare(mixed, np.zeros(60)).p == pytest.approx(2 * norm.sf(abs(z)), rel=0.2)
+
+
+@thinned("n", [9, 5, 6, 8, 12, 15, 20, 31, 45, 60, 96, 200])
+def test_shares_of_equal_classifiers_differ_in_at_most_one_of_twenty(n):
+    """Exact, over all numbers of right trials of both; any accuracy."""
+    clear = np.array([[paired.compare_shares(i / n, j / n, n).is_clear for j in range(n + 1)] for i in range(n + 1)])
+    for accuracy in np.linspace(0.01, 0.99, 50):
+        chances = binom.pmf(range(n + 1), n, accuracy)
+        assert chances @ clear @ chances <= 0.05
+
+
+@given(st.integers(1, 200), st.data())
+def test_shares_tell_no_more_than_the_trials_that_must_differ(n, data):
+    right, other = (data.draw(st.integers(0, n)) for _ in range(2))
+    found = paired.compare_shares(right / n, other / n, n)
+    assert found.p >= paired.sign_test(abs(right - other), 0) * 0.999
+    assert found == paired.compare_shares(other / n, right / n, n)._replace(difference=found.difference)
+    assert (found.difference, found.n) == (pytest.approx((right - other) / n), n)
+
+
+def test_shares_far_apart_are_clear():
+    assert paired.compare_shares(0.9, 0.5, 40).is_clear
+    assert paired.compare_shares(0.9, 0.5, 40).p == pytest.approx(0.000117, rel=0.01)  # z = (15.5 / 44) / 0.0914
 
 
 @pytest.mark.parametrize(("n", "m"), [(3, 4), (0, 0)])

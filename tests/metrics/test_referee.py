@@ -82,6 +82,40 @@ def test_single_trials_tell_apart_what_shares_cannot():
     assert referee.level_with_best([best._replace(right=None), other]) == [0, 1]  # two errors are 21 points
     close = Way(0.9, 0.05, right=right(*range(4)))
     assert referee.level_with_best([best, close]) == [0, 1]  # four trials: p = 0.125
+    near = best._replace(error=0.2)
+    assert referee.level_with_best([near, other]) == [0, 1]  # within the error, whatever single trials say
+    elsewhere = Way(0.6, 0.03, right={f"other {trial}": 0.0 for trial in range(8)})
+    assert referee.level_with_best([best, elsewhere]) == [0]  # no common trial: by the errors
+    assert referee.level_with_best([best, elsewhere._replace(error=0.3)]) == [0, 1]
+    few = Way(0.2, 0.01, right={**right(*range(5), n=5)})
+    assert referee.level_with_best([best, few]) == [0, 1]  # five common trials tell nothing: p = 0.0625
+
+
+ERRORS = st.floats(0, 0.2) | st.just(math.nan)
+UNSURE = st.lists(st.builds(Way, share | st.just(math.nan), ERRORS, st.just(1.0), st.none()), min_size=1, max_size=8)
+
+
+@given(UNSURE)
+def test_of_an_unknown_error_nothing_is_said_to_be_level(some):
+    at = referee.best_of(some)
+    best = some[at]
+    for index in referee.level_with_best(some):
+        way = some[index]
+        known = not math.isnan(best.error) and best.validation - way.validation <= best.error + 1e-9
+        both = best.validation - way.validation <= 2 * math.hypot(best.error, way.error)  # false if one is NaN
+        assert index == at or way.validation == best.validation or known or both
+    assert at in referee.within_error(some)
+    assert referee.cheapest_of(some) in referee.within_error(some)
+
+
+@given(st.lists(share, min_size=2, max_size=8, unique=True), st.integers(0, 7))
+def test_with_one_seed_the_best_stands_alone(shares, at):
+    """A single row has no error: neither near nor far is told, whichever of them has none."""
+    unknown = [Way(validation, math.nan) for validation in shares]
+    best = referee.best_of(unknown)
+    assert referee.level_with_best(unknown) == referee.within_error(unknown) == [best] == [shares.index(max(shares))]
+    one = [way if index == at % len(shares) else way._replace(error=0.0) for index, way in enumerate(unknown)]
+    assert referee.level_with_best(one) == [best]
 
 
 def test_holm_by_hand():

@@ -20,6 +20,7 @@ from neurotact.metrics.resampled import (
     compare_over_splits,
     resampled_error,
     resampled_interval,
+    sizes_of,
 )
 from neurotact.metrics.savings import Savings, savings
 from neurotact.metrics.shares import standard_error, wilson_interval
@@ -95,19 +96,9 @@ def _point(key: object, part: pd.DataFrame, base: pd.DataFrame) -> dict:
 
 
 def interval_of(values: np.ndarray, rows: pd.DataFrame, within: tuple[float, float] = DIFFERENCES) -> Interval:
-    """The mean over splits with its interval, as of `resampled_interval`, whose sides are those of the rows.
-
-    rows: with `test_trials` where several windows of `n_test` are of one trial.
-    """
+    """The mean over splits with its interval, as of `resampled_interval`; rows: as of `sizes_of`."""
     n_train, n_test, trials = sizes_of(rows)
     return resampled_interval(values, n_train, n_test, within=within, trials=trials)
-
-
-def sizes_of(rows: pd.DataFrame) -> tuple[int, int, float]:
-    """The training and the test windows of a split, and its test trials (where unknown, a window is a trial)."""
-    n_train, n_test = int(rows["n_train"].iloc[0]), int(rows["n_test"].iloc[0])
-    trials = rows.get("test_trials", rows["n_test"]).fillna(rows["n_test"]).mean()
-    return n_train, n_test, float(trials)
 
 
 class Saved(NamedTuple):

@@ -139,6 +139,7 @@ VIEW = View(
     "results.csv gives the reason.",
     apart=("tested",),
     spiking=("classifier", (NETWORK,)),
+    splits=("split",),
 )
 
 load = touch_sets.load
@@ -162,8 +163,11 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     for cell in _saved_cells(parameters, recordings):
         prepared = _prepared(recordings, cell, parameters)
-        rows += [_of_network(prepared), *_of_opponents(prepared)]
-    return [{"tested": tested, **_told(row, parameters), SKIPPED: ""} for row in rows]
+        trials = {"test_trials": len(tasks.trials_of(prepared.trains, prepared.task).test)}
+        rows += [{**row, **trials} for row in (_of_network(prepared), *_of_opponents(prepared))]
+    # Seeds of a value test the same trials; without a condition, each draws its own.
+    head = {"tested": tested, "split": str(parameters.value) if parameters.condition else f"seed {parameters.seed}"}
+    return [{**head, **_told(row, parameters), SKIPPED: ""} for row in rows]
 
 
 def _tested(parameters: Parameters) -> str:

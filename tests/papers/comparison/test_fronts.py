@@ -178,6 +178,15 @@ def test_a_setting_that_test_windows_show_to_be_worse_keeps_no_accuracy():
     assert answers(table(worse))[0].endswith("show each one within its standard error to be clearly less accurate.")
 
 
+def test_differences_that_are_equal_in_every_seed_are_no_certainty_on_few_trials():
+    """Six points are one and a half of the 27 trials that three seeds of 15 test trials are worth."""
+    points = [LEVEL[0], ("pruning", "75 %", 500.0, 0.9, 0.84), (REFRACTORY, "5 & 5 ms", 600.0, 0.9, 0.9)]
+    few, fewer_trials = table(points).assign(n_train=70, n_test=15), table(points).assign(test_trials=15)
+    for rows in (few, fewer_trials):
+        assert "standard error: pruning (75 %) costs 6.0 points" in answers(rows)[0]
+    assert "pruning" not in answers(table(points))[0]
+
+
 def test_a_refractory_period_that_saves_nothing_is_said_to_save_nothing():
     points = [LEVEL[0], ("pruning", "75 %", 500.0, 0.9, 0.9), (REFRACTORY, "5 & 5 ms", 1001.0, 0.9, 0.9)]
     said = answers(table(points))[0]
