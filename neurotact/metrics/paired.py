@@ -6,13 +6,17 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.stats import permutation_test, t
+from scipy.stats import binom, permutation_test
 
 from neurotact.errors import InputError
 from neurotact.metrics.shares import standard_error
 
 RESAMPLES = 9999
-"""Number of random sign vectors if there are too many trials to try all."""
+"""Number of random sign vectors if differences give too many sums to know all."""
+MOST_SUMS = 500_000
+"""Sums of signed differences that one step of the exact test may form, about 0.1 s."""
+DECIMALS, ROUNDING = 12, 1e-9
+"""Shares are equal up to the former, sums up to the latter: means of several differ in their last bits."""
 AT_ONCE = 2_000_000
 """Signs in memory at once."""
 
@@ -37,29 +41,73 @@ def compare(right: np.ndarray, other: np.ndarray) -> Paired:
     """Compare two classifiers on the same trials with a sign-flip permutation test.
 
     right, other: the share of correct decisions of each trial, `(trial,)`, over its windows and over trainings. If
-    each is 0 or 1, p is that of McNemar's exact test (1947, Psychometrika 12:153). If up to 13 trials differ, all
-    signs are tried, else 9,999 random ones. Raises InputError for other shapes, and for no trial.
+    each is 0 or 1, p is that of McNemar's exact test (1947, Psychometrika 12:153). p is exact, over all signs, unless
+    so many differences are unlike that their signs give more than `MOST_SUMS` sums: then it is of 9,999 random sign
+    vectors (Monte Carlo), and at least 1 / 10,000. Raises InputError for other shapes, and for no trial.
 
-    >>> compare(np.array([1, 1, 1, 1, 1, 1, 0.0]), np.array([0, 0, 0, 0, 0, 0, 0.0]))
-    Paired(difference=0.8571428571428571, p=0.03125, n=7)
+    >>> found = compare(np.array([1, 1, 1, 1, 1, 1, 0.0]), np.array([0, 0, 0, 0, 0, 0, 0.0]))
+    >>> round(found.difference, 3), round(found.p, 5), found.n
+    (0.857, 0.03125, 7)
     """
     if right.shape != other.shape or right.ndim != 1 or not len(right):
         raise InputError(f"right, other: give the same trials, (trial,); got {right.shape} and {other.shape}")
     differences = np.asarray(right, float) - other
-    apart = differences[differences != 0]  # others have no sign to flip
-    difference = float(differences.mean())
-    if len(apart) < 2:  # with one difference, both signs give the same magnitude
-        return Paired(difference, 1.0, len(right))
-    tried = permutation_test(
-        (apart,), _sums, permutation_type="samples", n_resamples=RESAMPLES, batch=max(1, AT_ONCE // len(apart)), rng=0
-    )
-    return Paired(difference, float(tried.pvalue), len(right))
+    return Paired(float(differences.mean()), _p_of_signs(differences), len(right))
+
+
+def _p_of_signs(differences: np.ndarray) -> float:
+    """The two-sided p-value of a sum whose signs are random.
+
+    The n equal differences d with their signs give `d (2B - n)`, where B is binomial, so that p is exact as long as
+    unlike differences give few sums.
+    """
+    sizes, counts = np.unique(np.abs(differences).round(DECIMALS), return_counts=True)
+    sums, chances = np.zeros(1), np.ones(1)
+    for size, n in zip(sizes, counts, strict=True):
+        if size == 0:  # no sign to flip
+            continue
+        if len(sums) * (n + 1) > MOST_SUMS:
+            return _p_of_random_signs(differences)
+        ways = np.arange(n + 1)
+        every = np.add.outer(sums, size * (2 * ways - n)).round(DECIMALS).ravel()
+        of_every = np.multiply.outer(chances, binom.pmf(ways, n, 0.5)).ravel()
+        sums, at = np.unique(every, return_inverse=True)
+        chances = np.bincount(at, weights=of_every)
+    as_large = np.abs(sums) > abs(differences.sum()) - ROUNDING
+    return min(1.0, float(chances[as_large].sum()))
+
+
+def _p_of_random_signs(differences: np.ndarray) -> float:
+    apart = differences[differences != 0]
+    batch = max(1, AT_ONCE // len(apart))
+    tried = permutation_test((apart,), _sums, permutation_type="samples", n_resamples=RESAMPLES, batch=batch, rng=0)
+    return float(tried.pvalue)
+
+
+def sign_test(n_better: int, n_worse: int) -> float:
+    """The exact two-sided p-value of the sign test: of `n_better + n_worse` trials that differ, so many each way.
+
+    >>> sign_test(6, 0), sign_test(0, 0)
+    (0.03125, 1.0)
+    """
+    n = n_better + n_worse
+    return min(1.0, 2 * float(binom.sf(max(n_better, n_worse) - 1, n, 0.5)))
+
+
+def least_p(n_apart: float) -> float:
+    """The least p of any exact test of two classifiers of which at least so many trials differ: all in favor of one.
+
+    >>> least_p(6), least_p(0.5)
+    (0.03125, 1.0)
+    """
+    return min(1.0, 2.0 ** (1 - n_apart))
 
 
 def compare_shares(share: float, other: float, n: int) -> Paired:
     """Compare two shares of `n` trials each whose single trials are unknown, as if they were different trials.
 
-    The normal approximation, with two correct and two wrong trials added (Agresti and Caffo 2000). It finds fewer
+    The normal approximation, with two correct and two wrong trials added to each (as Agresti and Caffo 2000 add one)
+    and a correction of half a trial, which holds 5 % with any number of trials; p is at least `least_p`. It finds fewer
     differences than a paired test.
 
     >>> found = compare_shares(0.9, 0.5, 100)
@@ -67,21 +115,8 @@ def compare_shares(share: float, other: float, n: int) -> Paired:
     (0.4, True, False)
     """
     error = math.hypot(standard_error(share, n), standard_error(other, n))
-    return Paired(share - other, math.erfc(abs(share - other) / error / math.sqrt(2)), n)
-
-
-def compare_means(one: tuple[float, float, int], other: tuple[float, float, int]) -> Paired:
-    """Compare two means of independent rows by Welch's t test; each: mean, standard error, rows (at least two).
-
-    >>> compare_means((0.9, 0.02, 4), (0.8, 0.02, 4)).is_clear, compare_means((0.9, 0.02, 4), (0.86, 0.02, 4)).is_clear
-    (True, False)
-    """
-    difference, error = one[0] - other[0], math.hypot(one[1], other[1])
-    n = min(one[2], other[2])
-    if not error:
-        return Paired(difference, 0.0 if difference else 1.0, n)
-    parts = (own**4 / (rows - 1) for _, own, rows in (one, other))
-    return Paired(difference, float(2 * t.sf(abs(difference) / error, error**4 / sum(parts))), n)
+    apart = max(0.0, abs(share - other) * n - 0.5) / (n + 4)
+    return Paired(share - other, max(math.erfc(apart / error / math.sqrt(2)), least_p(abs(share - other) * n)), n)
 
 
 def compare_by_trial(right: Mapping[int, float], other: Mapping[int, float]) -> Paired:

@@ -11,7 +11,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from scipy.stats import fisher_exact
 
-from neurotact.metrics.paired import Paired, compare
+from neurotact.errors import InputError
+from neurotact.metrics.paired import Paired, compare, sign_test
 
 LEVEL = 0.05
 """The probability below which a difference is clear, after Holm's correction."""
@@ -23,8 +24,9 @@ Kind = Literal["better", "worse", "tie"]
 class Way(NamedTuple):
     """What the referee knows of one way to decide.
 
-    validation: its accuracy on validation trials. error: one standard error of it. cost: of a decision; infinite if
-    unknown. right: by validation trial, the share of its windows that are decided correctly; None if unknown.
+    validation: its accuracy on validation trials. error: one standard error of it; NaN if unknown. cost: of a decision;
+    infinite if unknown. right: by validation trial, the share of its windows that are decided correctly; None if
+    unknown.
     """
 
     validation: float
@@ -58,18 +60,18 @@ def best_of(ways: Sequence[Way]) -> int:
 
 
 def within_error(ways: Sequence[Way]) -> list[int]:
-    """The indices of all ways within one standard error of the best.
+    """The indices of all ways within one standard error of the best; if that is unknown, of those as accurate as it.
 
     >>> within_error([Way(0.9, 0.03), Way(0.87), Way(0.8)])
     [0, 1]
     """
-    best = ways[best_of(ways)]
-    least = best.validation - (0.0 if math.isnan(best.error) else best.error) - 1e-12
-    return [index for index, way in enumerate(ways) if way.validation >= least]
+    at = best_of(ways)
+    least = ways[at].validation - (0.0 if math.isnan(ways[at].error) else ways[at].error) - 1e-12
+    return [index for index, way in enumerate(ways) if index == at or way.validation >= least]
 
 
 def cheapest_of(ways: Sequence[Way]) -> int:
-    """The index of the cheapest way within one standard error of the best; of equal ones, the more accurate.
+    """The index of the cheapest way among those `within_error`; of equal ones, the more accurate.
 
     >>> cheapest_of([Way(0.9, 0.03, 5.0), Way(0.88, 0.03, 3.0), Way(0.8, 0.03, 1.0)])
     1
@@ -82,21 +84,24 @@ def level_with_best(ways: Sequence[Way]) -> list[int]:
 
     A paired test on common validation trials tells a way from the best if its p is below `LEVEL`. Without single trials
     the accuracies must differ by more than two standard errors of their difference. A way within one standard error of
-    the best is never told apart.
+    the best is never told apart. An error that is not known (NaN) tells nothing: then a way with another accuracy is
+    not said to be level.
 
     >>> level_with_best([Way(0.95, 0.03), Way(0.9, 0.04), Way(0.5, 0.07)])
     [0, 1]
+    >>> level_with_best([Way(0.9, math.nan), Way(0.8, math.nan)])
+    [0]
     """
     best, near = ways[best_of(ways)], {*within_error(ways)}
-    return [index for index, way in enumerate(ways) if index in near or not _is_told_apart(best, way)]
+    return [index for index, way in enumerate(ways) if index in near or _is_level(best, way)]
 
 
-def _is_told_apart(best: Way, other: Way) -> bool:
+def _is_level(best: Way, other: Way) -> bool:
     common = sorted(best.right.keys() & other.right.keys(), key=str) if best.right and other.right else []
     if common and best.right and other.right:
         shares = (np.array([way.right[trial] for trial in common]) for way in (best, other) if way.right)
-        return compare(*shares).p < LEVEL
-    return best.validation - other.validation > 2 * math.hypot(best.error, other.error)
+        return compare(*shares).p >= LEVEL
+    return best.validation - other.validation <= 2 * math.hypot(best.error, other.error)
 
 
 def holm(p: Sequence[float]) -> list[float]:
@@ -133,6 +138,31 @@ def judge(comparisons: Sequence[Paired]) -> Verdict:
     if all(comparisons[index].difference > 0 and corrected[index] < LEVEL for index in indices):
         return verdict("better", max(indices, key=lambda index: (corrected[index], -comparisons[index].difference)))
     return verdict("tie", min(indices, key=lambda index: comparisons[index].difference))
+
+
+def least_difference(n_trials: int, opponents: int = 1, discordance: float | None = None) -> float:
+    """The least difference of two accuracies, as a share, that `judge` can find clear on so many test trials.
+
+    opponents: comparisons of Holm's correction. discordance: the share of trials on which exactly one of both is right;
+    without it the least difference of all, where every trial that differs favors the same one. Infinite if no
+    difference can be clear. It is that of McNemar's exact test of trials that are right or wrong as a whole. Raises
+    InputError for no opponent, for a negative number of trials, and for a discordance outside 0 to 1.
+
+    >>> round(least_difference(9), 2), least_difference(5), round(least_difference(90, opponents=3), 2)
+    (0.67, inf, 0.08)
+    >>> least_difference(100, discordance=0.2)
+    0.1
+    """
+    if n_trials < 0 or opponents < 1 or not 0 <= (discordance or 0.0) <= 1:
+        given = f"got {n_trials}, {opponents} and {discordance}"
+        raise InputError(f"n_trials, opponents, discordance: give 0 or more, 1 or more, and a share; {given}")
+    if discordance is None:
+        ways = ((n, 0) for n in range(n_trials + 1))
+    else:
+        apart = round(discordance * n_trials)
+        ways = ((apart - n_worse, n_worse) for n_worse in range(apart // 2, -1, -1))
+    clear = (better - worse for better, worse in ways if opponents * sign_test(better, worse) < LEVEL)
+    return next((surplus / n_trials for surplus in clear), math.inf)
 
 
 def is_gap(validation: float, n_validation: int, test: float, n_test: int, level: float = GAP) -> bool:

@@ -83,7 +83,7 @@ def write(study: ProtocolStudy, folder: Path) -> Path:
         **seen(
             means,
             module.VIEW,
-            protocol_answer.answers(_with_choice(results, means, module.VIEW), module.VIEW),
+            protocol_answer.answers(_with_choice(results, means, module.VIEW), module.VIEW, results),
             told.tables,
         ),
     )

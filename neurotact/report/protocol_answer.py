@@ -1,25 +1,37 @@
 """What a run of a protocol answers: the best configuration, the cheapest within its error, and what stands beside it.
 
-The referee (`metrics.referee`) chooses by validation rows where the run holds them; test rows tell. Errors are standard
-errors over the rows of a configuration (seeds, splits, folds); rows that share examples are not independent, so that
-they are rather too small.
+The referee (`metrics.referee`) chooses by validation rows where the run holds them; test rows tell. A verdict is over
+splits (`metrics.resampled`), or on the test trials of a single one; without knowing which rows test the same trials
+there is none. Errors are those of the same test; where it is impossible, standard errors over rows, which are rather
+too small.
 """
 
 import math
-from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Literal, NamedTuple
 
+import numpy as np
 import pandas as pd
 
 from neurotact.figures.columns import in_unit
 from neurotact.metrics import referee
-from neurotact.metrics.paired import Paired, compare_means
+from neurotact.metrics.paired import Paired, compare_shares
 from neurotact.metrics.referee import Verdict, Way
+from neurotact.metrics.resampled import (
+    LEAST_SPLITS,
+    compare_over_splits,
+    least_difference_over_splits,
+    resampled_error,
+    sizes_of,
+)
+from neurotact.metrics.shares import standard_error
 from neurotact.report.answer import count
 from neurotact.report.page import Figure, Table
 from neurotact.studies.protocol import HEADS, View
 
 VALIDATION = "accuracy_validation"
+SIDES, TRIALS, N_VALIDATION = ("n_train", "n_test"), "test_trials", "n_validation"
+"""Columns of results with the sizes of a split: training and test examples, test trials, validation trials."""
 SPENT = {"signal_ms": "ms of signal", "energy_estimate_nJ": HEADS["energy_estimate_nJ"]}
 """What the first screen shows beside the view's own cost, where the run holds it."""
 MOST_KINDS = 8
@@ -30,8 +42,8 @@ class Configuration(NamedTuple):
     """One configuration, means over its rows.
 
     index: its row in the table of means. kind: the first of what names it. chosen_by, choice_error: what it is chosen
-    by and its standard error, NaN with one row. score, error: the same of what is reported. All scores as the run holds
-    them.
+    by and its standard error, NaN if unknown. score, error: the same of what is reported. All scores as the run holds
+    them. by_split: means over the rows of each split, with its sizes; None if splits or sizes are unknown.
     """
 
     index: int
@@ -44,6 +56,7 @@ class Configuration(NamedTuple):
     cost: float
     rows: int
     spent: dict[str, float]
+    by_split: pd.DataFrame | None = None
 
     @property
     def way(self) -> Way:
@@ -56,8 +69,9 @@ class ProtocolAnswer(NamedTuple):
 
     setting: its name; empty where there is only one. cheapest: the cheapest within the best one's error.
     spiking: the best that spikes; None where the view names no kinds. others: all without spikes. rivals: those of them
-    that validation cannot tell from the best, `other`. verdict: on `spiking` against them; None without an error.
-    chance: the accuracy of guessing; None where the run does not hold it.
+    that validation cannot tell from the best, `other`. verdict: on `spiking` against them; None if there is nothing to
+    compare, or no test. chance: the accuracy of guessing; None where the run does not hold it. untested: why there is
+    no test; empty if there is one.
     """
 
     setting: str
@@ -72,13 +86,15 @@ class ProtocolAnswer(NamedTuple):
     chance: float | None
     is_validated: bool
     is_optimistic: bool
+    untested: str = ""
 
 
-def answers(means: pd.DataFrame, view: View) -> list[ProtocolAnswer]:
+def answers(means: pd.DataFrame, view: View, results: pd.DataFrame | None = None) -> list[ProtocolAnswer]:
     """An answer for each combination of `view.apart`, those whose choices saw test data last.
 
     means: of `protocol.over_rows`; configurations without a score are left out. Where some have a validation accuracy,
-    those without one are not chosen: such as early exit, which is the same network again.
+    those without one are not chosen: such as early exit, which is the same network again. results: the rows of these
+    means, which `View.splits` assigns to splits; without them nothing is tested.
 
     >>> view = View(("kind",), {"accuracy_test": "test accuracy (%)", "flops": "FLOPs"}, "flops", "accuracy_test")
     >>> rows = {"kind": ["elm", "svm"], "rows": [4, 4], "accuracy_test": [0.90, 0.89], "accuracy_test_sd": [0.04, 0.02]}
@@ -86,18 +102,41 @@ def answers(means: pd.DataFrame, view: View) -> list[ProtocolAnswer]:
     >>> found.best.name, found.cheapest.name
     ('elm', 'svm')
     """
+    by_split = {} if results is None else dict(_by_split(results, view))
     known = means[means[view.score].notna()]
     groups = known.groupby(list(view.apart), sort=False) if view.apart else [((), known)]
-    all_answers = [_answer(key, rows, view) for key, rows in groups if len(rows)]
+    all_answers = [_answer(key, rows, view, by_split) for key, rows in groups if len(rows)]
     return sorted(all_answers, key=lambda one: one.is_optimistic)
 
 
-def _answer(key: tuple[Any, ...], rows: pd.DataFrame, view: View) -> ProtocolAnswer:
+def _by_split(results: pd.DataFrame, view: View) -> Iterator[tuple[int, pd.DataFrame]]:
+    """Of each configuration, by its row in the table of means, the means of its rows by split.
+
+    Nothing where splits or their sizes are unknown, or what is reported is no share.
+    """
+    score = results[view.score]
+    is_share = scale(view.measures[view.score]) > 1 and bool(score.dropna().between(0, 1).all())
+    if view.splits is None or not is_share or not {*SIDES} <= {*results}:
+        return
+    columns = [name for name in (view.score, VALIDATION, *SIDES, TRIALS, N_VALIDATION) if name in results]
+    named = [name for name in view.splits if name in results]
+    for index, (_, rows) in enumerate(results.groupby(list(view.by), sort=False, dropna=False)):
+        known = rows[rows[view.score].notna() & rows[[*SIDES]].notna().all(axis=1)]
+        if len(known):
+            yield index, known.groupby(named or np.zeros(len(known)), dropna=False)[columns].mean()
+
+
+def _answer(
+    key: tuple[Any, ...], rows: pd.DataFrame, view: View, by_split: Mapping[int, pd.DataFrame]
+) -> ProtocolAnswer:
     is_validated = VALIDATION in rows and bool(rows[VALIDATION].notna().any())
     choice = VALIDATION if is_validated else view.score
-    rows_ = [_configuration(int(str(index)), row, view, choice) for index, row in rows.iterrows()]
+    rows_ = [
+        _configuration(int(str(index)), row, view, choice, by_split.get(int(str(index))))
+        for index, row in rows.iterrows()
+    ]
     best, cheapest = (rows_[choose([one.way for one in rows_])] for choose in (referee.best_of, referee.cheapest_of))
-    spiking, others, other, rivals, verdict = None, (), None, (), None
+    spiking, others, other, rivals, verdict, untested = None, (), None, (), None, ""
     if view.spiking is not None:
         column, names = view.spiking
         are_spiking = dict(zip(rows.index, rows[column].isin(names), strict=True))
@@ -106,24 +145,49 @@ def _answer(key: tuple[Any, ...], rows: pd.DataFrame, view: View) -> ProtocolAns
         others = tuple(sides[1])
         level = referee.level_with_best([one.way for one in sides[1]]) if sides[1] else []
         rivals = tuple(sides[1][index] for index in level)
-        comparisons = [one for one in (_compared(spiking, rival) for rival in rivals) if one is not None]
-        verdict = referee.judge(comparisons) if comparisons and len(comparisons) == len(rivals) else None
+    if spiking is not None and rivals:
+        untested = next((why for rival in rivals if (why := _why_untested(spiking, rival))), "")
+        verdict = None if untested else referee.judge([_compared(spiking, rival, view) for rival in rivals])
     chance = float(rows["chance"].mean()) if "chance" in rows and rows["chance"].notna().any() else None
     setting = setting_of(key, view)
     is_optimistic = any(str(value) in view.optimistic for value in key)
     return ProtocolAnswer(
-        setting, rows_, best, cheapest, spiking, others, other, rivals, verdict, chance, is_validated, is_optimistic
-    )
+        setting, rows_, best, cheapest, spiking, others, other, rivals, verdict, chance, is_validated, is_optimistic,
+        untested,
+    )  # fmt: skip
 
 
-def _compared(one: Configuration | None, other: Configuration) -> Paired | None:
-    """Their reported scores, by Welch's t test over rows; None if one of them has no error."""
-    if one is None or math.isnan(one.error) or math.isnan(other.error):
+def _on_common(one: Configuration, other: Configuration) -> tuple[pd.DataFrame, pd.DataFrame] | None:
+    """The splits on which both were tested; None if they are unknown."""
+    if one.by_split is None or other.by_split is None:
         return None
-    return compare_means((one.score, one.error, one.rows), (other.score, other.error, other.rows))
+    common = one.by_split.index.intersection(other.by_split.index)
+    return one.by_split.loc[common], other.by_split.loc[common]
 
 
-def _configuration(index: int, row: pd.Series, view: View, choice: str) -> Configuration:
+def _why_untested(one: Configuration, other: Configuration) -> str:
+    """Why two configurations are not compared; empty where they are."""
+    both = _on_common(one, other)
+    if both is None:
+        return "the run does not say which rows test the same trials, and how many"
+    n_splits = len(both[0])
+    if not n_splits:
+        return f"{one.name} and {other.name} share no split"
+    return f"{n_splits} splits are too few" if 1 < n_splits < LEAST_SPLITS else ""
+
+
+def _compared(one: Configuration, other: Configuration, view: View) -> Paired:
+    """The differences of their reported shares over splits, or the two shares of the trials of a single split."""
+    both = _on_common(one, other)
+    assert both is not None
+    mine, its = (rows[view.score].to_numpy() for rows in both)
+    n_train, n_test, trials = sizes_of(both[0])
+    if len(mine) == 1:
+        return compare_shares(mine.item(), its.item(), round(trials))
+    return compare_over_splits(mine - its, n_train, n_test, trials)
+
+
+def _configuration(index: int, row: pd.Series, view: View, choice: str, by_split: pd.DataFrame | None) -> Configuration:
     named = [column for column in view.by if column not in view.apart]
     parts = [str(row[column]) if isinstance(row[column], str) else f"{words(column)} {name_of(row[column])}"
              for column in named if row[column] != "-"]  # fmt: skip
@@ -133,17 +197,26 @@ def _configuration(index: int, row: pd.Series, view: View, choice: str) -> Confi
         ", ".join(parts),
         name_of(row[named[0]]),
         float(row[choice]),
-        _error(row, choice),
+        _error(row, choice, by_split),
         float(row[view.score]),
-        _error(row, view.score),
+        _error(row, view.score, by_split),
         float(row[view.cost]),
         int(row["rows"]),
         {column: value for column, value in spent.items() if not math.isnan(value)},
+        by_split,
     )
 
 
-def _error(row: pd.Series, measure: str) -> float:
-    return float(row[f"{measure}_sd"]) / math.sqrt(row["rows"])
+def _error(row: pd.Series, measure: str, by_split: pd.DataFrame | None) -> float:
+    """One standard error of a mean: over splits, of the trials of a single one, or over rows if splits are unknown."""
+    if by_split is None:
+        return float(row[f"{measure}_sd"]) / math.sqrt(row["rows"])
+    known = by_split[by_split[measure].notna()]
+    if len(known) > 1:
+        return resampled_error(known[measure].to_numpy(), *sizes_of(known))
+    n_validation = known[N_VALIDATION].sum() if N_VALIDATION in known else 0
+    trials = n_validation if measure == VALIDATION else sizes_of(known)[2] if len(known) else 0
+    return standard_error(known[measure].item(), round(trials)) if trials else math.nan
 
 
 def headline(answer: ProtocolAnswer, view: View) -> str:
@@ -156,12 +229,11 @@ def verdict(answer: ProtocolAnswer) -> str:
     """The verdict of the headline, without its numbers; empty where there is nothing to compare."""
     if answer.spiking is None or answer.other is None:
         return ""
-    if answer.verdict is None:
-        return "A comparison of single rows, without an error"
     return {
         "better": "Spiking is more accurate",
         "worse": "Spiking costs accuracy",
         "tie": "No clear difference between spiking and the others",
+        "untested": f"Not tested, since {answer.untested}",
     }[kind_of(answer)]
 
 
@@ -210,9 +282,10 @@ def _costs(one: Configuration, view: View) -> dict[str, float]:
     return {head: value for head, value in costs.items() if not math.isnan(value)}
 
 
-def kind_of(answer: ProtocolAnswer) -> referee.Kind:
+def kind_of(answer: ProtocolAnswer) -> referee.Kind | Literal["untested"]:
     """The verdict on spiking. A table with a more accurate row without spikes contradicts `better`: that is a tie."""
-    assert answer.verdict is not None
+    if answer.verdict is None:
+        return "untested"
     return "tie" if answer.verdict.kind == "better" and _unranked(answer) is not None else answer.verdict.kind
 
 
@@ -230,8 +303,10 @@ def _rivals(answer: ProtocolAnswer, view: View) -> str:
         return f"{lower.name}, which validation ranks lower, has {_score(lower.score, view)}"
     if answer.verdict is not None and len(answer.rivals) > 1:
         worst, best = _ends(answer.rivals)
+        is_unsure = math.isnan(answer.other.choice_error)
+        level = "are equal on validation rows" if is_unsure else "validation cannot tell apart"
         return (
-            f"{len(answer.rivals)} without spikes that validation cannot tell apart have {_score(worst.score, view)} "
+            f"{len(answer.rivals)} without spikes that {level} have {_score(worst.score, view)} "
             f"({worst.name}) to {_score(best.score, view)} ({best.name})"
         )
     return f"the best without spikes, {answer.other.name}, has {_score(answer.other.score, view)}"
@@ -242,7 +317,8 @@ def details(answer: ProtocolAnswer, view: View) -> Iterator[str]:
     best, cheapest = answer.best, answer.cheapest
     rows = "validation" if answer.is_validated else "test"
     if math.isnan(best.choice_error):
-        yield f"{best.name} has one row, so that its error is not known."
+        few = "one row" if best.rows == 1 else "too few splits"
+        yield f"{best.name} has {few}, so that its error is not known."
     elif cheapest.index == best.index:
         yield f"{best.name} is also the cheapest within its error ({_points(best.choice_error, view)} on {rows} rows)."
     else:
@@ -254,6 +330,26 @@ def details(answer: ProtocolAnswer, view: View) -> Iterator[str]:
         yield "The run holds no validation accuracy: the best is chosen by what is shown, which flatters it."
     if answer.is_optimistic:
         yield "Choices of this protocol saw test data, so that its accuracies flatter."
+    if answer.verdict is not None:
+        yield _tested_on(answer, view)
+
+
+def _tested_on(answer: ProtocolAnswer, view: View) -> str:
+    """On what the verdict rests, and below which difference there can be none."""
+    assert answer.spiking is not None
+    assert answer.verdict is not None
+    both = _on_common(answer.spiking, answer.rivals[answer.verdict.decisive])
+    assert both is not None
+    n_splits, (n_train, n_test, trials), n = len(both[0]), sizes_of(both[0]), answer.verdict.opponents
+    if n_splits == 1:
+        said = f"The comparison is of {round(trials)} test trials of one split, and says nothing of other splits"
+        least = referee.least_difference(round(trials), n)
+    else:
+        said = f"The comparison is over {n_splits} splits, which tell as much as {answer.verdict.n} independent trials"
+        least = least_difference_over_splits(n_splits, n_train, n_test, n, trials)
+    if kind_of(answer) != "tie":
+        return f"{said}."
+    return f"{said}; no difference {'' if math.isinf(least) else f'below {_points(least, view)} '}could be clear."
 
 
 def table(answer: ProtocolAnswer, view: View) -> Table:
@@ -264,7 +360,9 @@ def table(answer: ProtocolAnswer, view: View) -> Table:
     shown = list(kinds.values())[:MOST_KINDS]
     shown += [one for one in _named(answer) if one not in shown]
     spent = [column for column in SPENT if any(column in one.spent for one in shown)]
-    marks = ((answer.best, "best"), (answer.cheapest, "cheapest within its error"))
+    marks = [(answer.best, "best")]
+    if not math.isnan(answer.best.choice_error):
+        marks.append((answer.cheapest, "cheapest within its error"))
     rows = []
     for one in shown:
         said = " and ".join(word for of, word in marks if of.index == one.index)
@@ -274,9 +372,8 @@ def table(answer: ProtocolAnswer, view: View) -> Table:
         rows.append(["guessing", _score(answer.chance, view), *[""] * (1 + len(spent))])
     least, most = (of(one.rows for one in shown) for of in (min, max))
     over = f"{least} to {most}" if least < most else f"{most}"
-    what = (
-        f"means over {over} rows of results.csv ± their standard error" if most > 1 else "one row of results.csv each"
-    )
+    error = "" if all(math.isnan(one.error) for one in shown) else " ± their standard error"
+    what = f"means over {over} rows of results.csv{error}" if most > 1 else f"one row of results.csv each{error}"
     setting = f", {answer.setting}" if answer.setting else ""
     chosen = ", chosen on validation rows" if answer.is_validated else ""
     caption = f"The best of each kind{setting}{chosen}: {what}."

@@ -58,6 +58,11 @@ class View(NamedTuple):
     apart: columns of `by` with tasks or rules that are not compared with each other; each value has its own answer.
     optimistic: values of these columns that use test data for choices; their answers come last.
     spiking: a column of `by` and its values that are spiking networks; they are compared with the best of the others.
+    splits: columns of `results.csv` that name the test trials of a row: a split, a fold, the value that is left out.
+        Rows that are alike there are seeds of one split, whose mean counts once. Empty: all rows test the same trials;
+        None: unknown. If the results have n_train and n_test (and test_trials, where several examples are of one
+        trial), shares are compared over splits (`metrics.resampled`), or on the trials of a single one; otherwise
+        nothing is tested. The column n_validation has the validation trials of a single split.
     """
 
     by: tuple[str, ...]
@@ -68,6 +73,7 @@ class View(NamedTuple):
     apart: tuple[str, ...] = ()
     optimistic: tuple[str, ...] = ()
     spiking: tuple[str, tuple[str, ...]] | None = None
+    splits: tuple[str, ...] | None = None
 
 
 class Own(NamedTuple):

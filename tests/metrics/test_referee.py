@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from levels import thinned
 from scipy.stats import binomtest
 
-from neurotact.metrics import referee
+from neurotact.errors import InputError
+from neurotact.metrics import paired, referee
 from neurotact.metrics.paired import Paired
 from neurotact.metrics.referee import Way
 from neurotact.report.answer import Baseline, Decision, Network, Trials, answer
@@ -81,6 +82,40 @@ def test_single_trials_tell_apart_what_shares_cannot():
     assert referee.level_with_best([best._replace(right=None), other]) == [0, 1]  # two errors are 21 points
     close = Way(0.9, 0.05, right=right(*range(4)))
     assert referee.level_with_best([best, close]) == [0, 1]  # four trials: p = 0.125
+    near = best._replace(error=0.2)
+    assert referee.level_with_best([near, other]) == [0, 1]  # within the error, whatever single trials say
+    elsewhere = Way(0.6, 0.03, right={f"other {trial}": 0.0 for trial in range(8)})
+    assert referee.level_with_best([best, elsewhere]) == [0]  # no common trial: by the errors
+    assert referee.level_with_best([best, elsewhere._replace(error=0.3)]) == [0, 1]
+    few = Way(0.2, 0.01, right={**right(*range(5), n=5)})
+    assert referee.level_with_best([best, few]) == [0, 1]  # five common trials tell nothing: p = 0.0625
+
+
+ERRORS = st.floats(0, 0.2) | st.just(math.nan)
+UNSURE = st.lists(st.builds(Way, share | st.just(math.nan), ERRORS, st.just(1.0), st.none()), min_size=1, max_size=8)
+
+
+@given(UNSURE)
+def test_of_an_unknown_error_nothing_is_said_to_be_level(some):
+    at = referee.best_of(some)
+    best = some[at]
+    for index in referee.level_with_best(some):
+        way = some[index]
+        known = not math.isnan(best.error) and best.validation - way.validation <= best.error + 1e-9
+        both = best.validation - way.validation <= 2 * math.hypot(best.error, way.error)  # false if one is NaN
+        assert index == at or way.validation == best.validation or known or both
+    assert at in referee.within_error(some)
+    assert referee.cheapest_of(some) in referee.within_error(some)
+
+
+@given(st.lists(share, min_size=2, max_size=8, unique=True), st.integers(0, 7))
+def test_with_one_seed_the_best_stands_alone(shares, at):
+    """A single row has no error: neither near nor far is told, whichever of them has none."""
+    unknown = [Way(validation, math.nan) for validation in shares]
+    best = referee.best_of(unknown)
+    assert referee.level_with_best(unknown) == referee.within_error(unknown) == [best] == [shares.index(max(shares))]
+    one = [way if index == at % len(shares) else way._replace(error=0.0) for index, way in enumerate(unknown)]
+    assert referee.level_with_best(one) == [best]
 
 
 def test_holm_by_hand():
@@ -120,6 +155,28 @@ def test_one_strong_opponent_late_in_the_list_decides():
 def test_a_comparison_at_the_level_is_not_clear():
     assert referee.judge([Paired(0.1, 0.05, 40)]).kind == "tie"
     assert referee.judge([Paired(0.1, 0.025, 40)] * 2).kind == "tie"  # twice 0.025
+
+
+def shown(n: int, better: int, worse: int, opponents: int) -> referee.Kind:
+    """The verdict on one that is right on `better` trials where each opponent is wrong, and wrong on `worse` others."""
+    mine, other = np.zeros(n), np.zeros(n)
+    mine[:better], other[better : better + worse] = 1.0, 1.0
+    return referee.judge([paired.compare(mine, other)] * opponents).kind
+
+
+@given(st.integers(1, 120), st.integers(1, 25), st.none() | st.floats(0, 1))
+def test_the_least_difference_is_clear_and_a_smaller_one_is_not(n, opponents, discordance):
+    least = referee.least_difference(n, opponents, discordance)
+    apart = n if discordance is None else round(discordance * n)
+    ways = [(b, w) for b in range(apart + 1) for w in ([0] if discordance is None else [apart - b]) if b > w]
+    found = [(b - w) / n for b, w in ways if shown(n, b, w, opponents) == "better"]
+    assert least == min(found, default=math.inf)
+
+
+@pytest.mark.parametrize("wrong", [(-1, 1, None), (9, 0, None), (9, 1, 1.2), (9, 1, -0.1)])
+def test_a_least_difference_of_nothing_is_refused(wrong):
+    with pytest.raises(InputError, match="n_trials, opponents, discordance"):
+        referee.least_difference(*wrong)
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,22 @@
+import math
+
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import stats
 
 from neurotact.errors import InputError
-from neurotact.metrics.resampled import DIFFERENCES, resampled_interval, resampled_p
-from neurotact.metrics.shares import wilson_interval
+from neurotact.metrics.paired import sign_test
+from neurotact.metrics.resampled import (
+    DIFFERENCES,
+    compare_over_splits,
+    effective_trials,
+    resampled_error,
+    resampled_interval,
+    resampled_p,
+)
+from neurotact.metrics.shares import standard_error, wilson_interval
 
 
 def test_by_hand():
@@ -72,6 +82,70 @@ def test_a_difference_may_be_negative():
     found = resampled_interval([0.9, 0.0, -0.9], 70, 30, within=DIFFERENCES)
     assert (found.low, found.high) == (-1.0, 1.0)
     assert -1.0 < resampled_interval([-0.1, -0.2, -0.15], 70, 30, within=DIFFERENCES).low < -0.15
+
+
+SPLITS = st.lists(st.integers(-30, 30).map(lambda n: n / 30), min_size=3, max_size=12)
+SIZES = st.tuples(st.integers(10, 400), st.integers(1, 200))
+
+
+@given(SPLITS, SIZES)
+def test_p_is_below_the_level_exactly_where_the_interval_omits_zero(differences, sizes):
+    p, found = resampled_p(differences, *sizes), resampled_interval(differences, *sizes, within=DIFFERENCES)
+    assume(abs(p - 0.05) > 1e-9)
+    assert (p < 0.05) == (found.low > 0 or found.high < 0)
+    assert found.high > found.low
+    assert resampled_p([-value for value in differences], *sizes) == pytest.approx(p)
+
+
+@given(st.integers(-30, 30), st.integers(3, 12), SIZES, st.none() | st.integers(1, 50))
+def test_equal_differences_are_no_certainty(n_more, n_splits, sizes, trials):
+    """Then p is that of the sign test on the trials that differ, of as many as the splits are worth."""
+    equal = [n_more / 30] * n_splits
+    n = (trials or sizes[1]) / (1 / n_splits + sizes[1] / sizes[0])
+    assert effective_trials(n_splits, *sizes, trials) == pytest.approx(n)
+    n_apart = abs(n_more) / 30 * n
+    p = resampled_p(equal, *sizes, trials)
+    assert sign_test(math.ceil(n_apart), 0) <= p * 1.0001
+    assert p <= sign_test(math.floor(n_apart), 0) * 1.0001
+    found = resampled_interval(equal, *sizes, within=DIFFERENCES, trials=trials)
+    assert found.mean - found.low >= min(1.0, 2 / n) * 0.9999 or found.low == -1.0
+
+
+def test_one_trial_more_in_each_of_three_splits_tells_nothing():
+    assert resampled_p([1 / 30] * 3, 139, 30) > 0.5
+    assert resampled_p([0.0] * 3, 139, 30) == 1.0
+    zero = resampled_interval([0.0] * 3, 139, 30, within=DIFFERENCES)
+    assert zero.high == -zero.low == pytest.approx(1.96 * 2.05**0.5 / 54.6, rel=1e-2)
+
+
+@given(SPLITS, SIZES, st.integers(0, 11), st.floats(-1e-6, 1e-6))
+def test_almost_equal_differences_are_almost_as_equal_ones(differences, sizes, at, more):
+    """A spread that is next to nothing tells next to nothing more: p and interval do not jump."""
+    equal = [differences[0]] * len(differences)
+    nearly = [*equal]
+    nearly[at % len(equal)] += more
+    assert resampled_p(nearly, *sizes) == pytest.approx(resampled_p(equal, *sizes), abs=1e-3)
+    ends = (resampled_interval(some, *sizes, within=DIFFERENCES)[1:] for some in (equal, nearly))
+    assert next(ends) == pytest.approx(next(ends), abs=1e-4)
+
+
+@given(SPLITS, SIZES, st.none() | st.integers(1, 50))
+def test_a_comparison_has_the_p_of_its_differences_and_the_trials_that_they_are_worth(differences, sizes, trials):
+    found = compare_over_splits(differences, *sizes, trials)
+    assert found.difference == pytest.approx(np.mean(differences))
+    assert found.p == resampled_p(differences, *sizes, trials)
+    assert found.n == round(effective_trials(len(differences), *sizes, trials))
+
+
+@given(st.lists(st.integers(0, 30).map(lambda n: n / 30), min_size=1, max_size=12), SIZES)
+def test_an_error_is_that_of_the_interval_and_at_least_that_of_trials(shares, sizes):
+    error = resampled_error(shares, *sizes)
+    if len(shares) < 3:
+        assert math.isnan(error)
+        return
+    of_spread = np.std(shares, ddof=1) * math.sqrt(1 / len(shares) + sizes[1] / sizes[0])
+    n = max(1, round(effective_trials(len(shares), *sizes)))
+    assert error == pytest.approx(max(of_spread, standard_error(float(np.mean(shares)), n)))
 
 
 @pytest.mark.parametrize(("values", "sizes"), [([], (1, 1)), ([[0.5, 0.6]], (1, 1)), ([0.5, 0.6, 0.7], (0, 1))])

@@ -2,11 +2,17 @@
 
 import math
 
+import equal_learners
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from levels import QUICK, thinned
 
+from neurotact.metrics.paired import compare_shares
+from neurotact.metrics.referee import least_difference
+from neurotact.metrics.resampled import least_difference_over_splits, resampled_error, resampled_p
+from neurotact.metrics.shares import standard_error
 from neurotact.report import protocol, protocol_answer
 from neurotact.studies.protocol import View
 
@@ -19,6 +25,27 @@ def means(*rows, **columns):
     names = ["kind", "size", "accuracy_validation", "accuracy_test", "flops"]
     table = pd.DataFrame(list(rows), columns=names).assign(rows=4, flops_sd=0.0)
     return table.assign(accuracy_validation_sd=0.04, accuracy_test_sd=0.04, **columns)
+
+
+SPIKING = VIEW._replace(spiking=("kind", ("rsnn",)), splits=("split",))
+SPREAD = [0.02, -0.02, 0.01, -0.01, 0.02, -0.01, -0.01]
+
+
+def runs(*rows, splits=4, n_train=700, n_test=150, **columns):
+    """Results of these rows, as of `means`, on every split: what is added to one split adds up to about nothing."""
+    names = ["kind", "size", "accuracy_validation", "accuracy_test", "flops"]
+    table = pd.DataFrame(list(rows), columns=names)
+    shifted = [
+        table.assign(split=split, accuracy_test=table["accuracy_test"] + SPREAD[split % 7] * (splits > 1))
+        for split in range(splits)
+    ]
+    return pd.concat(shifted).assign(n_train=n_train, n_test=n_test, **columns).reset_index(drop=True)
+
+
+def answer_of(results, view=SPIKING):
+    shown = protocol.over_rows(results, view)
+    (found,) = protocol_answer.answers(protocol._with_choice(results, shown, view), view, results)
+    return found
 
 
 def test_validation_rows_choose_and_test_rows_tell():
@@ -59,37 +86,172 @@ def test_one_row_has_no_error():
     ("spiking", "words"),
     [
         (0.80, "Spiking costs accuracy: rsnn, size 1 has a test accuracy of 80.0 %; the best without spikes, svm,"),
-        (0.99, "Spiking is more accurate: rsnn"),
+        (0.97, "Spiking is more accurate: rsnn"),
         (0.91, "No clear difference between spiking and the others: rsnn"),
     ],
 )
 def test_spiking_is_set_beside_the_best_of_the_others(spiking, words):
-    view = VIEW._replace(spiking=("kind", ("rsnn",)))
-    table = means(("rsnn", 1, 0.9, spiking, 9.0), ("svm", 1, 0.9, 0.90, 9.0), ("elm", 1, 0.6, 0.95, 9.0), chance=0.125)
-    (found,) = protocol_answer.answers(table, view)
-    said = protocol_answer.headline(found, view)
+    found = answer_of(
+        runs(("rsnn", 1, 0.9, spiking, 9.0), ("svm", 1, 0.9, 0.90, 9.0), ("elm", 1, 0.6, 0.95, 9.0)).assign(
+            chance=0.125
+        ),
+        SPIKING._replace(measures=MEASURES | {"chance": "guessing (%)"}),
+    )
+    said = protocol_answer.headline(found, SPIKING)
     assert said.startswith(words)
     assert said.endswith("guessing reaches 12.5 %.")
 
 
 def test_what_a_row_of_the_table_contradicts_is_not_claimed():
-    view = VIEW._replace(spiking=("kind", ("rsnn",)))
-    table = means(("rsnn", 1, 0.9, 0.95, 9.0), ("svm", 1, 0.9, 0.8, 9.0), ("elm", 1, 0.6, 0.99, 9.0))
-    (found,) = protocol_answer.answers(table, view)
-    said = protocol_answer.headline(found, view)
+    found = answer_of(runs(("rsnn", 1, 0.9, 0.95, 9.0), ("svm", 1, 0.9, 0.8, 9.0), ("elm", 1, 0.6, 0.97, 9.0)))
+    said = protocol_answer.headline(found, SPIKING)
     assert said.startswith("No clear difference between spiking and the others: rsnn")
-    assert "elm, size 1, which validation ranks lower, has 99.0 %" in said
+    assert "elm, size 1, which validation ranks lower, has 97.0 %" in said
 
 
 def test_of_rivals_that_validation_cannot_tell_apart_each_counts():
-    view = VIEW._replace(spiking=("kind", ("rsnn",)))
-    table = means(("rsnn", 1, 0.9, 0.8, 9.0), ("svm", 1, 0.9, 0.6, 1.0), ("elm", 1, 0.88, 0.98, 9.0))
-    (found,) = protocol_answer.answers(table, view)
-    said = protocol_answer.headline(found, view)
+    found = answer_of(runs(("rsnn", 1, 0.9, 0.8, 9.0), ("svm", 1, 0.9, 0.6, 1.0), ("elm", 1, 0.88, 0.97, 9.0)))
+    said = protocol_answer.headline(found, SPIKING)
     assert said.startswith("Spiking costs accuracy: rsnn")
-    assert "2 without spikes that validation cannot tell apart have 60.0 % (svm, size 1) to 98.0 % (elm" in said
-    shown = " ".join(str(row[0]) for row in protocol_answer.table(found, view).rows)
+    assert "2 without spikes that validation cannot tell apart have 60.0 % (svm, size 1) to 97.0 % (elm" in said
+    shown = " ".join(str(row[0]) for row in protocol_answer.table(found, SPIKING).rows)
     assert all(kind in shown for kind in ("rsnn", "svm", "elm"))
+
+
+APART = ("rsnn", 1, 0.9, 0.95, 9.0), ("svm", 1, 0.9, 0.8, 9.0)
+
+
+def test_a_verdict_is_over_the_differences_of_splits():
+    rows = runs(*APART, splits=7)
+    rows.loc[(rows["kind"] == "svm") & (rows["split"] == 2), "accuracy_test"] += 0.1
+    gained = rows[rows["kind"] == "rsnn"]["accuracy_test"].to_numpy() - rows[rows["kind"] == "svm"]["accuracy_test"]
+    found = answer_of(rows)
+    assert found.verdict.p == pytest.approx(resampled_p(gained, 700, 150))
+    mixed = rows.sample(frac=1, random_state=3).sort_values("kind", kind="stable")  # pairs are by split, not by place
+    assert answer_of(mixed).verdict.p == pytest.approx(found.verdict.p)
+    few = answer_of(rows.assign(test_trials=15))  # windows of one trial tell less
+    assert few.verdict.p == pytest.approx(resampled_p(gained, 700, 150, 15)) != found.verdict.p
+
+
+def test_seeds_of_a_split_are_no_further_splits():
+    one = runs(*APART, splits=4)
+    seeds = pd.concat([one.assign(seed=seed, accuracy_test=one["accuracy_test"] + more)
+                       for seed, more in enumerate((0.01, -0.02, 0.01))])  # fmt: skip
+    assert answer_of(seeds).verdict == pytest.approx(answer_of(one).verdict)
+    assert answer_of(seeds).best.error == pytest.approx(answer_of(one).best.error)
+    several = answer_of(seeds[seeds["split"] == 0])
+    (mine, its) = (several.spiking.score, several.other.score)
+    assert several.verdict.p == compare_shares(mine, its, 150).p
+    assert "of 150 test trials of one split" in [*protocol_answer.details(several, SPIKING)][-1]
+    trials = answer_of(seeds[seeds["split"] == 0].assign(test_trials=9))
+    assert (protocol_answer.kind_of(trials), trials.verdict.n) == ("tie", 9)
+
+
+@pytest.mark.parametrize(
+    ("results", "view", "why"),
+    [
+        (runs(*APART), SPIKING._replace(splits=None), "the run does not say which rows test the same trials"),
+        (runs(*APART).drop(columns="n_train"), SPIKING, "the run does not say which rows test the same trials"),
+        (runs(*APART, n_test=None), SPIKING, "the run does not say which rows test the same trials"),
+        (runs(*APART, splits=2), SPIKING, "2 splits are too few"),
+        (pd.concat([runs(APART[0]), runs(APART[1]).assign(split=[5, 6, 7, 8])]), SPIKING,
+         "rsnn, size 1 and svm, size 1 share no split"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_tested_is_not_told_apart(results, view, why):
+    found = answer_of(results, view)
+    assert (protocol_answer.kind_of(found), found.verdict) == ("untested", None)
+    said = protocol_answer.headline(found, view)
+    assert said.startswith(f"Not tested, since {why}")
+    assert "rsnn, size 1 has a test accuracy of 95." in said
+
+
+def test_a_score_that_is_no_share_is_not_tested():
+    view = SPIKING._replace(measures=MEASURES | {"accuracy_test": "information (bits)"})
+    assert protocol_answer.kind_of(answer_of(runs(*APART), view)) == "untested"
+    beyond = runs(*APART).assign(accuracy_test=lambda rows: 2 * rows["accuracy_test"])
+    assert protocol_answer.kind_of(answer_of(beyond)) == "untested"
+
+
+def test_means_without_their_rows_are_not_tested():
+    table = means(*APART)
+    (found,) = protocol_answer.answers(table, SPIKING)
+    assert protocol_answer.kind_of(found) == "untested"
+
+
+def test_errors_are_those_of_splits_or_of_the_trials_of_one():
+    rows = runs(*APART, splits=4)
+    rows["accuracy_validation"] += [0.02, 0.0] * 4
+    best = answer_of(rows).best
+    mine = rows[rows["kind"] == best.kind]
+    assert best.error == pytest.approx(resampled_error(mine["accuracy_test"].to_numpy(), 700, 150))
+    assert best.choice_error == pytest.approx(resampled_error(mine["accuracy_validation"].to_numpy(), 700, 150))
+    one = answer_of(runs(*APART, splits=1))
+    assert one.best.error == pytest.approx(standard_error(one.best.score, 150))
+    assert math.isnan(one.best.choice_error)
+    known = answer_of(runs(*APART, splits=1, n_validation=40)).best
+    assert known.choice_error == pytest.approx(standard_error(known.chosen_by, 40))
+    (told,) = (line for line in protocol_answer.details(one, SPIKING) if "not known" in line)
+    assert "one row" in told
+    two = answer_of(runs(*APART, splits=2))
+    assert math.isnan(two.best.error)
+    assert "too few splits" in " ".join(protocol_answer.details(two, SPIKING))
+    shown = protocol_answer.table(two, SPIKING)
+    assert "standard error" not in shown.caption
+    assert "within its error" not in str(shown.rows)
+
+
+@pytest.mark.parametrize("splits", [1, 5])
+def test_a_tie_says_below_which_difference_none_is_seen(splits):
+    near = ("rsnn", 1, 0.9, 0.8, 9.0), ("svm", 1, 0.9, 0.801, 9.0), ("elm", 1, 0.9, 0.802, 9.0)
+    found = answer_of(runs(*near, splits=splits))
+    over = least_difference_over_splits(splits, 700, 150, 2)
+    least = least_difference(150, 2) if splits == 1 else over
+    *_, said = protocol_answer.details(found, SPIKING)
+    assert f"no difference below {100 * least:.1f} points could be clear." in said
+    *_, said = protocol_answer.details(answer_of(runs(*near, splits=splits, n_test=1)), SPIKING)
+    assert said.endswith("no difference could be clear.")
+    *_, said = protocol_answer.details(answer_of(runs(*APART, splits=splits)), SPIKING)
+    assert "could be clear" not in said
+
+
+def test_of_an_unknown_error_nothing_is_said_to_be_level():
+    rows = runs(("rsnn", 1, 0.9, 0.95, 9.0), ("svm", 1, 0.9, 0.8, 9.0), ("elm", 1, 0.2, 0.3, 9.0), splits=1)
+    said = protocol_answer.headline(answer_of(rows), SPIKING)
+    assert not any(word in said for word in ("elm", "cannot tell apart"))
+    rows = runs(("rsnn", 1, 0.9, 0.95, 9.0), ("svm", 1, 0.9, 0.8, 9.0), ("elm", 1, 0.9, 0.79, 9.0), splits=1)
+    said = protocol_answer.headline(answer_of(rows), SPIKING)
+    assert "2 without spikes that are equal on validation rows have 79.0 %" in said
+
+
+def page_verdict(rng, **how):
+    return protocol_answer.kind_of(
+        answer_of(equal_learners.rows(equal_learners.study(rng, **how)), equal_learners.VIEW)
+    )
+
+
+@thinned(
+    "how",
+    [
+        {"n": 199, "learners": 2, "splits": 10},
+        {"n": 199, "learners": 6, "splits": 10},
+        {"n": 199, "learners": 6, "splits": 3},
+        {"n": 60, "learners": 2, "splits": 10},
+        {"n": 60, "learners": 2, "splits": 1},
+        {"n": 400, "learners": 2, "splits": 30, "apart": 1.2},
+        {"n": 199, "learners": 2, "splits": 5, "kind": "folds"},
+        {"n": 100, "learners": 2, "splits": 10, "kind": "folds", "apart": 1.0},
+        {"n": 199, "learners": 2, "splits": 6, "kind": "groups"},
+    ],
+)
+def test_of_equal_learners_one_is_called_better_in_at_most_one_of_twenty_studies(how):
+    studies = 100 if settings.default.max_examples == QUICK else 400
+    assert equal_learners.claims(lambda rng: page_verdict(rng, **how), studies) <= equal_learners.most(studies)
+
+
+def test_a_better_learner_is_found():
+    how = {"n": 199, "learners": 2, "splits": 10, "best": 2.0}
+    assert equal_learners.claims(lambda rng: page_verdict(rng, **how), 20) >= 15
 
 
 def test_tasks_apart_have_an_answer_each_and_what_saw_test_data_comes_last():

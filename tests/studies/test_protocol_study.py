@@ -138,7 +138,8 @@ def test_an_unknown_protocol_is_refused_by_its_nearest_name(tmp_path):
 
 def test_results_have_a_row_for_each_that_a_cell_gives_and_what_was_swept_first(finished):
     results = pd.read_csv(finished / "results.csv")
-    assert list(results.columns) == ["rule", "heads", "seed", "repetition", "accuracy_test", "flops"]
+    given = ["repetition", "accuracy_test", "flops", "n_train", "n_test"]
+    assert list(results.columns) == ["rule", "heads", "seed", *given]
     assert len(results) == 8 * 3
     fell = np.random.default_rng(0).random(30) < 0.9
     rows = results[(results["rule"] == "heads") & (results["heads"] == 0.9)]
@@ -201,8 +202,11 @@ def test_the_report_shows_claims_figures_and_every_configuration(finished):
 def test_the_first_screen_answers_before_anything_else(finished):
     page = (finished / "report.html").read_text()
     view = protocol.module_of("coins").VIEW
-    (found,) = protocol_answer.answers(read_table(finished / "means.csv"), view)
-    said = protocol_answer.headline(found, view).replace(" %", "\u00a0%")
+    results = read_table(finished / "results.csv")
+    (found,) = protocol_answer.answers(read_table(finished / "means.csv"), view, results)
+    assert protocol_answer.kind_of(found) == "worse"  # of the rule that is right where heads fall
+    said = protocol_answer.evidence(found, view).replace(" %", "\u00a0%")
+    assert "The comparison is of 30 test trials of one split, and says nothing of other splits." in page
     assert found.best.name.startswith("heads")
     parts = ("The best rule foresees", 'id="plot"', "The best of each kind", said, "Explore every", 'id="claims"')
     order = [page.index(part) for part in parts]
@@ -232,4 +236,5 @@ def test_the_protocols_that_ship_hold_what_a_protocol_holds(monkeypatch):
         assert {view.cost, view.score} <= set(view.measures), name
         assert set(view.apart) < set(view.by), name
         assert view.spiking is None or view.spiking[0] in set(view.by) - set(view.apart), name
+        assert view.spiking is None or view.splits is not None, name  # otherwise its verdict is never tested
         assert all(callable(getattr(module, part)) for part in ("load", "run", "draw")), name

@@ -1,14 +1,29 @@
-"""The ways to save on the Pareto front of accuracy and a cost, and the accuracy lost by each if it halves a cost."""
+"""The ways to save on the Pareto front of accuracy and a cost, and the cheapest of those that keep the accuracy.
 
-from collections.abc import Iterator
+The referee chooses on validation (`metrics.savings`); no share of a cost is a threshold.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from neurotact.metrics.fronts import pareto_front
-from neurotact.metrics.resampled import DIFFERENCES, LEAST_SPLITS, SHARES, Interval, resampled_interval
-from neurotact.metrics.shares import wilson_interval
+from neurotact.metrics.paired import compare_shares
+from neurotact.metrics.referee import Way, within_error
+from neurotact.metrics.resampled import (
+    DIFFERENCES,
+    LEAST_SPLITS,
+    SHARES,
+    Interval,
+    compare_over_splits,
+    resampled_error,
+    resampled_interval,
+    sizes_of,
+)
+from neurotact.metrics.savings import Savings, savings
+from neurotact.metrics.shares import standard_error, wilson_interval
 from neurotact.networks.training.cautions import FEW_PER_CLASS
 from neurotact.studies.protocol import Listed
 
@@ -18,7 +33,6 @@ LONGEST_STEPS = "longest steps"
 LONGEST = f"{REFRACTORY}, {LONGEST_STEPS}"
 PERIODS = (REFRACTORY, LONGEST)
 """The ways of a refractory period: with the network's clock of the recipe, and with the slowest that it allows."""
-HALF = 0.5
 SOPS, ENERGY, SIGNAL = "sops_total", "energy_estimate_nJ", "signal_ms"
 EVENTS = "events"
 """In the column `afferents` of results: there are none."""
@@ -39,7 +53,7 @@ COSTS = {
 }
 """The costs of a decision, by their columns."""
 ANSWERED = (SOPS, ENERGY)
-"""Those of which half is saved in a sentence of their own."""
+"""Those whose saving has a sentence of its own."""
 
 
 def fronts(results: pd.DataFrame, cost: str = SOPS) -> pd.DataFrame:
@@ -82,50 +96,84 @@ def _point(key: object, part: pd.DataFrame, base: pd.DataFrame) -> dict:
 
 
 def interval_of(values: np.ndarray, rows: pd.DataFrame, within: tuple[float, float] = DIFFERENCES) -> Interval:
-    """The mean over splits with its interval, as of `resampled_interval`, whose sides are those of the rows.
-
-    rows: with `test_trials` where several windows of `n_test` are of one trial.
-    """
-    n_train, n_test = int(rows["n_train"].iloc[0]), int(rows["n_test"].iloc[0])
-    trials = rows.get("test_trials", rows["n_test"]).fillna(rows["n_test"]).mean()
-    return resampled_interval(values, n_train, n_test, within=within, trials=float(trials))
+    """The mean over splits with its interval, as of `resampled_interval`; rows: as of `sizes_of`."""
+    n_train, n_test, trials = sizes_of(rows)
+    return resampled_interval(values, n_train, n_test, within=within, trials=trials)
 
 
-class Halved(NamedTuple):
-    """A way that halves a cost.
-
-    share: of the cost of `NOTHING`. lost: the accuracy that each seed loses compared with `NOTHING`, `(seed,)`.
-    """
+class Saved(NamedTuple):
+    """A setting of a way. share: of the cost of `NOTHING`. lost: test accuracy, seed by seed, `(seed,)`."""
 
     way: str
     setting: str
     share: float
-    accuracy_validation: float
     lost: np.ndarray
     rows: pd.DataFrame
 
+    @property
+    def is_refractory(self) -> bool:
+        return self.way in PERIODS
 
-def halved(results: pd.DataFrame, share: float = HALF, cost: str = SOPS) -> list[Halved]:
-    """For each way, the setting with the best validation accuracy among those with at most this share of the cost.
+    @property
+    def saves(self) -> bool:
+        """Whether it costs less than the network that saves nothing."""
+        return self.share < 1
 
-    results: rows of one set. cost: a key of `COSTS`. The first of the list is the way with the best validation
-    accuracy; of equal ones, the one with the lowest cost. Ways that never save as much are left out. No choice depends
-    on test accuracy.
+
+class Compared(NamedTuple):
+    """The settings of one set with `NOTHING` first, and what the referee knows of them for one cost.
+
+    worse: settings within the standard error that test windows show to be clearly less accurate than another.
     """
-    base = results[results["way"] == NOTHING]
-    before = base.set_index("seed")["accuracy_test"]
-    ways = []
-    for way, rows in results[results["way"] != NOTHING].groupby("way", sort=False):
-        enough = [part for _, part in rows.groupby("setting", sort=False) if _share(part, base, cost) <= share]
-        if enough:
-            best = max(enough, key=lambda part: (part["accuracy_validation"].mean(), -part[cost].mean()))
-            mine = best.set_index("seed")
-            seeds = [seed for seed in before.index if seed in mine.index]
-            lost = (before.loc[seeds] - mine.loc[seeds, "accuracy_test"]).to_numpy()
-            validation = float(best["accuracy_validation"].mean())
-            setting, left = str(best["setting"].iloc[0]), _share(best, base, cost)
-            ways.append(Halved(str(way), setting, left, validation, lost, best))
-    return sorted(ways, key=lambda way_: (-way_.accuracy_validation, way_.share))
+
+    settings: list[Saved]
+    ways: list[Way]
+    worse: set[int]
+
+    @staticmethod
+    def of(rows: pd.DataFrame, cost: str) -> "Compared":
+        """rows: of one set, with a network that saves nothing. cost: a key of `COSTS`."""
+        base = rows[rows["way"] == NOTHING]
+        others = [part for _, part in rows[rows["way"] != NOTHING].groupby(["way", "setting"], sort=False)]
+        settings = [_saved(part, base, cost) for part in (base, *others)]
+        ways, tested = [_way(one.rows, one.share) for one in settings], [_by_seed(one.rows) for one in settings]
+        sizes = sizes_of(rows)
+        worse = {at for at in within_error(ways) if any(_is_worse(tested[at], other, sizes) for other in tested)}
+        return Compared(settings, ways, worse)
+
+    def savings(self, of: Callable[[Saved], bool] | None = None) -> Savings:
+        """The cheapest setting that keeps the accuracy; of: of those for which it holds."""
+        among = None if of is None else [at for at, one in enumerate(self.settings) if of(one)]
+        return savings(self.ways, [_tested(one.rows) for one in self.settings], self.worse, among)
+
+
+def _is_worse(one: pd.Series, other: pd.Series, sizes: tuple[int, int, float]) -> bool:
+    """Whether test windows show that one setting is clearly less accurate than another, seed by seed."""
+    lost = (other - one).dropna().to_numpy()
+    if len(lost) >= LEAST_SPLITS:
+        found = compare_over_splits(lost, *sizes)
+    else:
+        found = compare_shares(float(other.mean()), float(one.mean()), max(1, round(sizes[2])))
+    return found.difference > 0 and found.is_clear
+
+
+def _by_seed(rows: pd.DataFrame) -> pd.Series:
+    return rows.set_index("seed")["accuracy_test"]
+
+
+def _saved(part: pd.DataFrame, base: pd.DataFrame, cost: str) -> Saved:
+    way, setting = (str(part[name].iloc[0]) for name in ("way", "setting"))
+    return Saved(way, setting, _share(part, base, cost), (_by_seed(base) - _by_seed(part)).dropna().to_numpy(), part)
+
+
+def _way(part: pd.DataFrame, share: float) -> Way:
+    """What the referee knows of a setting; a validation side is about as large as a test side."""
+    values = part["accuracy_validation"].to_numpy()
+    n_train, n_test, trials = sizes_of(part)
+    error = resampled_error(values, n_train, n_test, trials)
+    if np.isnan(error):  # of one or two seeds: that of the trials alone
+        error = standard_error(float(values.mean()), max(1, round(trials)))
+    return Way(float(values.mean()), error, share)
 
 
 def _share(part: pd.DataFrame, base: pd.DataFrame, cost: str = SOPS) -> float:
@@ -133,29 +181,27 @@ def _share(part: pd.DataFrame, base: pd.DataFrame, cost: str = SOPS) -> float:
     return float(part[cost].mean() / base.loc[base["seed"].isin(part["seed"]), cost].mean())
 
 
-def tables(results: pd.DataFrame) -> dict[str, tuple[Listed, Listed]]:
-    """Of each set by its name: the Pareto front from the best network down, and what half of each cost costs."""
-    return {str(name): (_listed(rows), _halves(rows)) for name, rows in results.groupby("set", sort=False)}
+def tables(results: pd.DataFrame) -> dict[str, tuple[Listed, ...]]:
+    """Of each set by its name: the Pareto front from the best network down, and what each way saves at its accuracy."""
+    return {str(name): (_listed(rows), *_kept(rows)) for name, rows in results.groupby("set", sort=False)}
 
 
-def _halves(rows: pd.DataFrame) -> Listed:
-    """The setting and the accuracy lost of each way that halves a cost, a column per cost of `COSTS`."""
-    found = {cost: {half.way: half for half in halved(rows, cost=cost)} for cost in COSTS}
-    ways = [way for way in rows["way"].unique() if any(way in halves for halves in found.values())]
+def _kept(rows: pd.DataFrame) -> Iterator[Listed]:
+    """The setting of each way that is the cheapest at the accuracy of the best, a column per cost of `COSTS`."""
+    if not (rows["way"] == NOTHING).any():
+        return
+    ways = [way for way in rows["way"].unique() if way != NOTHING]
+    table = {"way": ways}
+    for cost, called in COSTS.items():
+        compared = Compared.of(rows, cost)
+        found = {way: compared.savings(lambda one, way=way: one.way == way) for way in ways}
+        table[f"fewest {called.unit}"] = [_kept_in_words(compared.settings, found[way].cheapest) for way in ways]
     within = ", with their 95 % interval from the differences of the seeds," if has_intervals(rows) else ""
-    return Listed(
-        f"What it costs to save half, way by way: the points of accuracy that are lost{within} and the share that is "
-        "left of the cost. Validation accuracy chooses the setting. Ways that never save half of any cost are left "
-        "out.",
-        pd.DataFrame(
-            {
-                "way": ways,
-                **{
-                    f"half of the {COSTS[cost].unit}": [_half_in_words(halves.get(way)) for way in ways]
-                    for cost, halves in found.items()
-                },
-            }
-        ),
+    yield Listed(
+        "What each way saves: its cheapest setting within the standard error of the best validation accuracy that test "
+        f"windows do not show to be clearly less accurate than another; the points of accuracy that are lost{within} "
+        "and the share that is left of the cost. -: the way has no such setting that saves.",
+        pd.DataFrame(table),
     )
 
 
@@ -164,12 +210,13 @@ def has_intervals(rows: pd.DataFrame) -> bool:
     return rows["seed"].nunique() >= LEAST_SPLITS
 
 
-def _half_in_words(half: Halved | None) -> str:
-    if half is None:
+def _kept_in_words(settings: Sequence[Saved], at: int | None) -> str:
+    if at is None or not settings[at].saves:
         return "-"
-    interval = interval_of(half.lost, half.rows)
+    one = settings[at]
+    interval = interval_of(one.lost, one.rows)
     within = "" if np.isnan(interval.low) else f" ({100 * interval.low:.1f} to {100 * interval.high:.1f})"
-    return f"{_bare(half.setting)}: {100 * interval.mean:.1f} points{within}, {_percent(half.share)} left"
+    return f"{_bare(one.setting)}: {100 * interval.mean:.1f} points{within}, {_percent(one.share)} left"
 
 
 def _listed(rows: pd.DataFrame) -> Listed:
@@ -184,6 +231,7 @@ def _listed(rows: pd.DataFrame) -> Listed:
         ", ".join(called.unit for cost, called in COSTS.items() if on_front[cost][row]) for row in range(len(points))
     ]
     points["is_base"] = points["way"] == NOTHING
+    base = rows[rows["way"] == NOTHING]
     shown = points[points["is_base"] | ((points["front"] != "") & (points["accuracy_validation"] > _guess(rows)))]
     shown = shown.sort_values(
         ["is_base", "accuracy_validation", SOPS], ascending=[False, False, True], kind="stable"
@@ -195,6 +243,7 @@ def _listed(rows: pd.DataFrame) -> Listed:
             {
                 "how it is reached": [_point_name(*key) for key in zip(shown["way"], shown["setting"], strict=True)],
                 **{name: shown[name].to_numpy() for name in ("accuracy_test", "low", "high")},
+                "lost (points)": [f"{100 * share:.1f}" for share in _tested(base) - shown["accuracy_test"]],
                 **{called.unit: shown[cost].to_numpy() for cost, called in COSTS.items()},
                 "on the front of": shown["front"].to_numpy(),
             }
@@ -266,8 +315,8 @@ def _not_learned(base: pd.DataFrame) -> str:
     )
 
 
-def answers(results: pd.DataFrame, share: float = HALF) -> list[str]:
-    """Two sentences for each set: the cost of halving SOPs and energy in the best way, and with refractory periods.
+def answers(results: pd.DataFrame) -> list[str]:
+    """Two sentences for each set: the cheapest way in SOPs and in energy that keeps the accuracy, and a refractory one.
 
     The set is named if there are several. Where nothing was learned, there is one sentence.
     """
@@ -280,7 +329,7 @@ def answers(results: pd.DataFrame, share: float = HALF) -> list[str]:
         for cost in ANSWERED:
             called = COSTS[cost].called
             heads = [str(name)] * several + [called if several else _capital(called)] * (cost != SOPS)
-            text = _answer(rows, share, cost)
+            text = _answer(rows, cost)
             sentences.append(f"{', '.join(heads)}: {text}" if heads else _capital(text))
     return sentences
 
@@ -299,29 +348,71 @@ def _unfit(rows: pd.DataFrame) -> str:
     return ""
 
 
-def _answer(rows: pd.DataFrame, share: float, cost: str) -> str:
-    base = rows[rows["way"] == NOTHING]
-    ways, called = halved(rows, share, cost), COSTS[cost].called
+def _answer(rows: pd.DataFrame, cost: str) -> str:
+    base, called = rows[rows["way"] == NOTHING], COSTS[cost].called
+    compared = Compared.of(rows, cost)
+    settings, found = compared.settings, compared.savings()
     head = (
-        f"a network that saves nothing has {_percent(base['accuracy_test'].mean())} at {base[cost].mean():,.0f} "
-        f"{COSTS[cost].unit}{afferents_in_words(base) if cost == ENERGY else ''}; "
+        f"a network that saves nothing has {_percent(_tested(base))} at {base[cost].mean():,.0f} "
+        f"{COSTS[cost].unit}{afferents_in_words(base) if cost == ENERGY else ''}"
     )
-    of_them = "of them" if cost == SOPS else "of it"
-    if not ways:
-        return f"{head}no way that was tried saves {_percent(1 - share)} {of_them}."
-    best = ways[0]
-    refractory = next((half for half in ways if half.way in PERIODS), None)
-    rival = next((half for half in ways if half.way not in PERIODS), None)
-    sentence = (
-        f"{_verdict(refractory, rival)}; {head}to save at least {_percent(1 - share)} {of_them}, {_costs(best, called)}"
-    )
-    if refractory is None:
-        return f"{sentence}, and {_too_little(rows, base, cost)}."
-    if refractory is best:
-        other = f", and {_costs(rival, called)}" if rival else ""
-        return f"{sentence}{other}."
-    more = _words(refractory.lost - best.lost, refractory.rows, "more", "less")
-    return f"{sentence}, and {_costs(refractory, called)}, {more} than {best.way}."
+    level = f"validation windows cannot tell {len(found.level)} of {len(settings)} settings from the most accurate"
+    said = f"{_verdict(compared, found, called)}; {head}; {level}"
+    if found.cheapest is None:
+        return f"{said}, and test windows show each one within its standard error to be clearly less accurate."
+    cheapest = settings[found.cheapest]
+    if found.contrary:
+        other = settings[found.contrary[0]]
+        return (
+            f"{said}; validation prefers the cheapest within its standard error, where {_costs(cheapest, called)}, and "
+            f"on test windows another is no dearer and no less accurate: {_costs(other, called)}."
+        )
+    if not cheapest.saves:
+        return f"{said}, and none within its standard error saves {called}{_refractory(compared, called, None)}."
+    chosen = f"{said}; the cheapest within its standard error: {_costs(cheapest, called)}"
+    if not cheapest.is_refractory:
+        return f"{chosen}{_refractory(compared, called, cheapest)}."
+    rival = compared.savings(lambda one: not one.is_refractory).cheapest
+    if rival is None or not settings[rival].saves:
+        return f"{chosen}, and no other way saves {called}."
+    return f"{chosen}, and {_costs(settings[rival], called)}."
+
+
+def _verdict(compared: Compared, found: Savings, called: str) -> str:
+    """Whether a refractory period is the cheapest way that keeps the accuracy."""
+    kept = "at an accuracy that cannot be told from the best"
+    if (seeds := len(compared.settings[0].rows)) < LEAST_SPLITS:
+        return f"{in_seeds(seeds)} cannot tell which way is the cheapest"
+    if found.cheapest is None or found.contrary:
+        return "validation and test windows cannot tell which way is the cheapest"
+    cheapest = compared.settings[found.cheapest]
+    if not cheapest.saves:
+        return f"no way that was tried saves {called} {kept}"
+    equal = {compared.settings[at].is_refractory for at in found.kept if compared.settings[at].share == cheapest.share}
+    place = "among the cheapest ways" if len(equal) > 1 else "the cheapest way"
+    return f"a refractory period is {'' if True in equal else 'not '}{place} {kept}"
+
+
+def _refractory(compared: Compared, called: str, cheapest: Saved | None) -> str:
+    """The cheapest refractory period that keeps the accuracy, after another way; else the best that there is."""
+    settings = compared.settings
+    tried = [at for at, one in enumerate(settings) if one.is_refractory]
+    if not tried:
+        return "; no refractory period was tried"
+    at = compared.savings(lambda one: one.is_refractory).cheapest
+    if at is not None and settings[at].saves:
+        more = ""
+        if cheapest is not None:
+            more = (
+                f", {_words(settings[at].lost - cheapest.lost, settings[at].rows, 'more', 'less')} than {cheapest.way}"
+            )
+        return f", and {_costs(settings[at], called)}{more}"
+    most = settings[max(tried, key=lambda at: (compared.ways[at].validation, -settings[at].share))]
+    return f"; no refractory period does: validation is highest where {_costs(most, called)}"
+
+
+def _tested(rows: pd.DataFrame) -> float:
+    return float(rows["accuracy_test"].mean())
 
 
 def afferents_in_words(rows: pd.DataFrame) -> str:
@@ -330,28 +421,11 @@ def afferents_in_words(rows: pd.DataFrame) -> str:
     return "" if said == EVENTS else f", with afferents computed {said}"
 
 
-def _verdict(refractory: Halved | None, rival: Halved | None) -> str:
-    """How a refractory period compares with the best of the other ways, by the interval of their difference."""
-    if refractory is None:
-        return "a refractory period saves too little"
-    if rival is None:
-        return "a refractory period alone saves enough"
-    more = interval_of(refractory.lost - rival.lost, refractory.rows)
-    if np.isnan(more.low):
-        return f"{in_seeds(len(refractory.lost))} cannot tell whether a refractory period is cheapest"
-    if more.low > 0:
-        return "a refractory period is not the cheapest way"
-    return (
-        "a refractory period is the cheapest way"
-        if more.high < 0
-        else "no clear difference between a refractory period and the best other way"
-    )
-
-
-def _costs(half: Halved, called: str) -> str:
-    verb = "costs" if half.lost.mean() >= 0 else "gains"
-    name = f"a {_period(half.way, half.setting)}" if half.way in PERIODS else f"{half.way} ({_bare(half.setting)})"
-    return f"{name} {verb} {_points(half.lost, half.rows)} at {_percent(half.share)} of the {called}"
+def _costs(one: Saved, called: str) -> str:
+    verb = "costs" if round(one.lost.mean(), 3) >= 0 else "gains"
+    name = f"a {_period(one.way, one.setting)}" if one.is_refractory else f"{one.way} ({_bare(one.setting)})"
+    name = "a network that saves nothing" if one.way == NOTHING else name
+    return f"{name} {verb} {_points(one.lost, one.rows)} at {_percent(one.share)} of the {called}"
 
 
 def _period(way: str, setting: str) -> str:
@@ -360,21 +434,6 @@ def _period(way: str, setting: str) -> str:
     'refractory period of 5 & 5 ms with the longest steps'
     """
     return f"{REFRACTORY} of {_bare(setting)}{f' with the {LONGEST_STEPS}' if way == LONGEST else ''}"
-
-
-def _too_little(rows: pd.DataFrame, base: pd.DataFrame, cost: str) -> str:
-    """The result of the refractory period that saves most, if none saves enough."""
-    mine = [part for _, part in rows[rows["way"].isin(PERIODS)].groupby(["way", "setting"], sort=False)]
-    if not mine:
-        return "no refractory period was tried"
-    most = min(mine, key=lambda part: part[cost].mean())
-    lost = (base.set_index("seed")["accuracy_test"] - most.set_index("seed")["accuracy_test"]).dropna().to_numpy()
-    verb = "costs" if lost.mean() >= 0 else "gains"
-    setting, share = _bare(str(most["setting"].iloc[0])), _percent(_share(most, base, cost))
-    return (
-        f"no refractory period that was tried saves as much: {setting} {verb} {_points(lost, most)} at {share} of the "
-        f"{COSTS[cost].called}"
-    )
 
 
 def _points(lost: np.ndarray, rows: pd.DataFrame) -> str:

@@ -86,7 +86,9 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
     majority = np.unique(task.labels[split.train], return_counts=True)
     shared = {
         "examples": len(task.labels),
+        "n_train": len(split.train),
         "n_test": len(split.test),
+        "test_trials": len(np.unique(groups[split.test])),
         "chance": float((task.labels[split.test] == majority[0][majority[1].argmax()]).mean()),
     }
     rows = _spiking(task, arrays, parameters, split) if parameters.family == spiking_family.FAMILY else None
@@ -196,4 +198,5 @@ VIEW = View(
     "available are left out; the column `skipped` of results.csv gives the reason.",
     apart=("task",),
     spiking=("family", (spiking_family.FAMILY, spiking_family.EARLY)),
+    splits=("seed",),
 )

@@ -22,7 +22,7 @@ from neurotact.metrics import referee
 from neurotact.metrics.fronts import pareto_front
 from neurotact.metrics.paired import Paired
 from neurotact.metrics.referee import Way
-from neurotact.metrics.resampled import LEAST_SPLITS, SHARES, resampled_p
+from neurotact.metrics.resampled import LEAST_SPLITS, SHARES, compare_over_splits, resampled_error, sizes_of
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.papers.comparison import fronts, sets
 from neurotact.papers.comparison.saving import Bench, Setting, Sides, cut, fit, row_of
@@ -146,7 +146,8 @@ def _answer(name: str, split: str, rows: pd.DataFrame) -> str:
     rivals = [others[index] for index in referee.level_with_best([one.way for one in others])]
     near = [others[index] for index in referee.within_error([one.way for one in others])]
     on_signals = [one for one in near if f" on {opponents.SPIKES}: " not in one.name]
-    cheapest = min(on_signals, key=lambda one: one.energy_nJ, default=None)
+    is_known = not np.isnan(best.way.error)  # of one or two seeds the error is not, so that nothing is said of it
+    cheapest = min(on_signals, key=lambda one: one.energy_nJ, default=None) if is_known else None
     if (seeds := len(network.rows)) >= LEAST_SPLITS:
         verdict = referee.judge([_compared(network, rival) for rival in rivals])
         rival = rivals[verdict.decisive]
@@ -157,7 +158,7 @@ def _answer(name: str, split: str, rows: pd.DataFrame) -> str:
     gained, low, high = (100 * end for end in fronts.interval_of(_gained(network, rival), network.rows))
     within = "" if np.isnan(low) else f", 95 % interval {low:.1f} to {high:.1f}"
     verb = "more" if gained >= 0 else "fewer"
-    level = f", one of {len(rivals)} that validation cannot tell apart" if len(rivals) > 1 else ""
+    level = f", one of {len(rivals)} that validation cannot tell apart" if is_known and len(rivals) > 1 else ""
     energy = f"{100 * network.energy_nJ / rival.energy_nJ:,.3g} % of its energy"
     computed = fronts.afferents_in_words(rows)
     sentence = (
@@ -173,8 +174,8 @@ def _answer(name: str, split: str, rows: pd.DataFrame) -> str:
 def _contenders(rows: pd.DataFrame) -> list[Contender]:
     contenders = []
     for (classifier, source), part in rows.groupby(["classifier", "input"], sort=False):  # pyright: ignore
-        validation = part["accuracy_validation"]
-        error = float(validation.std() / np.sqrt(len(validation)))
+        validation = part["accuracy_validation"].to_numpy()
+        error = resampled_error(validation, *sizes_of(part))
         way = Way(float(validation.mean()), error, float(part["energy_estimate_nJ"].mean()))
         contenders.append(Contender(f"{classifier} on {source}", part, way))
     return contenders
@@ -187,9 +188,7 @@ def _gained(one: Contender, other: Contender) -> np.ndarray:
 
 
 def _compared(one: Contender, other: Contender) -> Paired:
-    gained, sizes = _gained(one, other), one.rows.iloc[0]
-    p = resampled_p(gained, int(sizes["n_train"]), int(sizes["n_test"]))
-    return Paired(float(gained.mean()), p, len(gained))
+    return compare_over_splits(_gained(one, other), *sizes_of(one.rows))
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:

@@ -7,7 +7,6 @@ test trials.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -57,8 +56,7 @@ TASKS = "sweep.data.set & condition & value"
 TESTED, SPLITS = f"sweep.{suited.TESTED}", "sweep.split.seed"
 """Keys that `leave_out_each` (without the condition) and `repeats` set."""
 CLASSIFIERS: dict[str, Family] = {name: family for name, family in families.ON_FEATURES.items() if name != "ELM"}
-"""The opponents on features; on sequences there is MiniRocket with its smaller number of features."""
-ROCKET = "MiniRocket"
+"""The opponents on features; on sequences there is MiniRocket."""
 
 
 class Remedy(Spec):
@@ -141,6 +139,7 @@ VIEW = View(
     "results.csv gives the reason.",
     apart=("tested",),
     spiking=("classifier", (NETWORK,)),
+    splits=("split",),
 )
 
 load = touch_sets.load
@@ -164,8 +163,11 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     for cell in _saved_cells(parameters, recordings):
         prepared = _prepared(recordings, cell, parameters)
-        rows += [_of_network(prepared), *_of_opponents(prepared)]
-    return [{"tested": tested, **_told(row, parameters), SKIPPED: ""} for row in rows]
+        trials = {"test_trials": len(tasks.trials_of(prepared.trains, prepared.task).test)}
+        rows += [{**row, **trials} for row in (_of_network(prepared), *_of_opponents(prepared))]
+    # Seeds of a value test the same trials; without a condition, each draws its own.
+    head = {"tested": tested, "split": str(parameters.value) if parameters.condition else f"seed {parameters.seed}"}
+    return [{**head, **_told(row, parameters), SKIPPED: ""} for row in rows]
 
 
 def _tested(parameters: Parameters) -> str:
@@ -312,17 +314,10 @@ def _inputs(prepared: Prepared, every: SpikeTrains, cuts: Cuts) -> Iterator[Inpu
     cell, trains, recordings = prepared.cell, prepared.trains, prepared.recordings
     pieces = preparation.pieces_with_copies(recordings, cuts.windows, trains, cell) if trains.variations else ()
     for one in opponents.signal_inputs(recordings, cuts, "quick", pieces):
-        yield one._replace(families=CLASSIFIERS)
-    for one in opponents.signal_inputs(recordings, cuts, "all", pieces):
-        if ROCKET in one.families:
-            yield one._replace(families={ROCKET: _small_rocket})
+        yield one if one.families is opponents.ON_SAMPLES else one._replace(families=CLASSIFIERS)
     first_ms, second_ms = t_ref_pair_ms(cell.encoder)
     *_, binned = opponents.spike_inputs(every, (second_ms, first_ms), cuts)
     yield binned._replace(families=CLASSIFIERS)
-
-
-def _small_rocket(sides: families.Sides, seed: int) -> Iterator[families.Candidate]:
-    return islice(families.minirocket(sides, seed), 1)
 
 
 def _accuracy(shares: Mapping[int, float], trials: np.ndarray, trial_of: np.ndarray) -> float:

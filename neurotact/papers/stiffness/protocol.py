@@ -61,6 +61,7 @@ VIEW = View(
     "the paper's (Tables I and II) for the whole unit; MACs, ACs and energy are the ledger's.",
     apart=("protocol",),
     optimistic=("paper",),
+    splits=("split",),
 )
 
 
@@ -116,6 +117,8 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
         standardise_on="all" if parameters.protocol == "paper" else "training",
     )
     samples = arrays["peaks"].shape[1]
+    # Grasps of a placement resemble each other: where they are split as a whole, a placement is a trial.
+    trial = arrays["placement"] if parameters.protocol == "by placement" else np.arange(len(arrays["labels"]))
     rows = []
     for choice in chosen:
         unit = unit_cost(
@@ -133,6 +136,9 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
                 "features": parameters.features,
                 "protocol": parameters.protocol,
                 **choice._asdict(),
+                "n_train": len(sides[choice.split].train),
+                "n_test": len(sides[choice.split].test),
+                "test_trials": len(np.unique(trial[sides[choice.split].test])),
                 "flops": slfn_unit_flops(
                     parameters.classifier, parameters.features, choice.neurons, n_classes, samples, channels
                 ),

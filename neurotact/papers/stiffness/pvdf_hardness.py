@@ -93,6 +93,7 @@ VIEW = View(
     "from the trigger on.",
     apart=("protocol",),
     spiking=("chain", ("RSNN", EARLY)),
+    splits=("split",),
 )
 
 

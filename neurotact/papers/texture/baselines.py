@@ -262,6 +262,9 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
                 "flops_features": decided.features.flops,
                 "flops_classifier": decided.classifier.flops,
                 **total.columns("macs", "acs", "sops", "parameters", "bytes", "energy_estimate_nJ"),
+                "n_train": len(seen.split.train),
+                "n_validation": len(seen.split.validation),
+                "n_test": len(seen.split.test),
                 "spikes": seen.spikes,
                 "chosen": decided.chosen,
             }
@@ -468,4 +471,5 @@ VIEW = View(
     ),
     apart=("window_ms",),
     spiking=("classifier", ("SNN", "RSNN")),
+    splits=(),
 )

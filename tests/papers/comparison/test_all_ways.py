@@ -54,6 +54,8 @@ def test_rows_of_a_family(arrays, family):
         assert 0 < row["signal_ms"] <= 200.0
         assert (row["sops"] > 0) == (family == "SNN")
         assert row["n_test"] == 6
+        assert row["test_trials"] == 6  # touches, each of its own group
+        assert row["n_train"] > 12
         assert row["chance"] == 0.5
     assert all_ways.run(Parameters(data=TINY, family=family), arrays) == rows
 

@@ -102,8 +102,8 @@ def test_a_set_without_groups_is_left_out_by_group(caplog):
 def table(values):
     """Rows of one set: accuracies by classifier and seed; validation accuracy the same, energy by the order."""
     return pd.DataFrame([
-        {"set": "made", "split": "trials", "classifier": name, "input": words, "seed": seed, "n_train": 70,
-         "n_test": 15, "accuracy_test": accuracy, "accuracy_validation": accuracy,
+        {"set": "made", "split": "trials", "classifier": name, "input": words, "seed": seed, "n_train": 700,
+         "n_test": 150, "accuracy_test": accuracy, "accuracy_validation": accuracy,
          "energy_estimate_nJ": 100.0 * (place + 1)}
         for place, ((name, words), accuracies) in enumerate(values.items()) for seed, accuracy in enumerate(accuracies)
     ])  # fmt: skip
@@ -117,7 +117,7 @@ def test_one_sentence_sets_the_best_network_beside_the_best_of_the_others():
     (said,) = answers(table(values))
     assert said == (
         "made, split by trials: spiking is more accurate. RSNN on spikes: every step has 85.0 % at 100 nJ; SVM on "
-        "spikes: counts has 75.0 % at 300 nJ: the network has 10.0 points more, 95 % interval 10.0 to 10.0, at 33.3 % "
+        "spikes: counts has 75.0 % at 300 nJ: the network has 10.0 points more, 95 % interval 6.1 to 13.9, at 33.3 % "
         "of its energy."
     )
 
@@ -141,6 +141,21 @@ def test_one_or_two_seeds_claim_nothing(n, seeds):
     (said,) = answers(table({of: n * accuracy for of, accuracy in values.items()}))
     assert f"{seeds}, so that no difference is clear. RSNN on a has 80.0 % at 100 nJ; SVM on a has 90.0 %" in said
     assert "interval" not in said
+    assert "cannot tell apart" not in said
+    assert "within the error" not in said
+
+
+def test_a_rival_that_is_far_off_is_not_said_to_be_level_with_one_seed():
+    values = {("RSNN", "a"): [0.8], ("SVM", "signals: a"): [0.9], ("ELM", "signals: a"): [0.2]}
+    (said,) = answers(table(values))
+    assert "SVM on signals: a has 90.0 %" in said
+    assert not any(word in said for word in ("ELM", "cannot tell apart", "within the error"))
+
+
+def test_equal_differences_count_trials_and_not_their_windows():
+    values = {("RSNN", "a"): [0.8, 0.85, 0.9], ("SVM", "a"): [0.7, 0.75, 0.8]}
+    assert "spiking is more accurate" in answers(table(values))[0]
+    assert "no clear difference" in answers(table(values).assign(test_trials=15))[0]
 
 
 def test_each_family_has_its_front_of_accuracy_over_energy():

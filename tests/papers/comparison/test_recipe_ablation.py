@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from neurotact.errors import InputError
+from neurotact.metrics.resampled import DIFFERENCES, resampled_interval
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.papers.comparison import recipe_ablation as ablation
@@ -103,7 +104,7 @@ def test_a_set_that_is_not_at_hand_is_left_out(tmp_path):
 def table(values):
     """Rows of one set: accuracies by change and seed, SOPs 1000, or 250 without the recipe."""
     return pd.DataFrame([
-        {"set": "made", "change": change, "seed": seed, "accuracy_test": accuracy, "n_train": 70, "n_test": 15,
+        {"set": "made", "change": change, "seed": seed, "accuracy_test": accuracy, "n_train": 700, "n_test": 150,
          "sops_total": 1000.0 if change == WHOLE else 250.0}
         for change, accuracies in values.items() for seed, accuracy in enumerate(accuracies)
     ])  # fmt: skip
@@ -112,7 +113,9 @@ def table(values):
 def test_losses_are_taken_seed_by_seed():
     found = changes(table({WHOLE: [0.9, 0.7, 0.8], "worse": [0.8, 0.6, 0.7], "none": [0.9, 0.7, 0.8]}))
     assert found["lost"].to_numpy() == pytest.approx([0.1, 0.0])
-    assert found["low"].to_numpy() == pytest.approx([0.1, 0.0])  # every seed loses as much
+    ends = [resampled_interval([lost] * 3, 700, 150, DIFFERENCES) for lost in (0.1, 0.0)]  # every seed loses as much
+    assert found["low"].to_numpy() == pytest.approx([end.low for end in ends])
+    assert found["high"].to_numpy() == pytest.approx([end.high for end in ends])
     assert found["share"].to_numpy() == pytest.approx(0.25)
     assert found["accuracy_test"].to_numpy() == pytest.approx([0.7, 0.8])
 

@@ -114,6 +114,8 @@ def test_the_network_and_each_opponent_leave_a_row(remedy):
     network = [row for row in rows if row["classifier"] == NETWORK]
     assert len(network) == (2 if remedy == CEILING else 1)
     assert sum(row["n_test"] for row in network) == 12  # six trials of two windows
+    assert sum(row["test_trials"] for row in network) == 6
+    assert {row["split"] for row in rows} == {str(asked(remedy).value)}  # seeds test the same trials
     assert {"logistic regression", "SVM", "extra trees", "MiniRocket"} < {row["classifier"] for row in rows}
     assert {row["copies"] for row in rows} == {"gain" if remedy == "copies in gain" else "none"}
     assert all(0 <= row["accuracy_test"] <= 1 for row in rows)

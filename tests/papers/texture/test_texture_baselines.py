@@ -129,6 +129,9 @@ def test_the_brightest_pixel_is_that_of_a_training_trial(arrays):
 
 def test_features_wait_for_the_window_and_networks_may_not(arrays):
     rows = pd.DataFrame(protocol.run(parameters(features="spikes", classifier="RSNN", seeds=(0, 1)), arrays))
+    sides = protocol.seen_of(parameters(features="spikes", classifier="RSNN"), arrays).split
+    sizes = rows[["n_train", "n_validation", "n_test"]].drop_duplicates().to_numpy().tolist()
+    assert sizes == [[len(side) for side in sides]]
     assert rows["decision"].tolist() == ["window", "early exit"] * 2
     assert (rows["signal_ms"][rows["decision"] == "window"] == 200.0).all()
     assert (rows["signal_ms"] <= 200.0).all()

@@ -25,7 +25,13 @@ class Parameters(Spec):
 
 
 VIEW = View(
-    ("rule", "heads"), {"accuracy_test": "test accuracy (%)", "flops": "FLOPs"}, "flops", "accuracy_test", "Coins."
+    ("rule", "heads"),
+    {"accuracy_test": "test accuracy (%)", "flops": "FLOPs"},
+    "flops",
+    "accuracy_test",
+    "Coins.",
+    spiking=("rule", ("toss",)),
+    splits=(),
 )
 
 
@@ -39,7 +45,8 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
     for repetition in range(parameters.repetitions):
         guesses = generator.random(len(arrays["fell"])) < 0.5 if parameters.rule == "toss" else True
         accuracy = (guesses == arrays["fell"]).mean()
-        rows.append({"heads": parameters.data.heads, "repetition": repetition, "accuracy_test": accuracy, "flops": 1.0})
+        row = {"heads": parameters.data.heads, "repetition": repetition, "accuracy_test": accuracy, "flops": 1.0}
+        rows.append({**row, "n_train": 1, "n_test": len(arrays["fell"])})
     return rows
 
 
