@@ -78,7 +78,8 @@ class Recordings(Trials):
     conditions: one row per trial, index 0..n-1; the column `label` (str) names the class, the others
         describe the trial (`force_N`, `speed_mm_per_s`, ...). A mapping of columns is converted to such a
         table, and a sequence of class names to one with only the column `label`.
-    channels: the taxels' names; `taxel1..` when not given.
+    channels: the taxels' names; `taxel1..` when not given. Tables of pandas have those of their columns, and are put
+        into the order of the first one.
     source: where the recordings come from, in one line.
 
     Raises InputError for signals that hold NaN or infinity, are empty, differ in their number of
@@ -114,7 +115,8 @@ class Recordings(Trials):
         check_unit(self.unit, where)
         object.__setattr__(self, "channels", tuple(self.channels))
         object.__setattr__(self, "conditions", conditions_table(self.conditions, where))
-        given = self.signals
+        given, named = _by_name(self.signals, self.channels, where)
+        object.__setattr__(self, "channels", named)
         signals = _as_signal(given) if isinstance(given, np.ndarray) else [_as_signal(s) for s in given]
         object.__setattr__(self, "signals", signals)
         if len(self.signals) == 0:
@@ -400,10 +402,30 @@ def check_finite(signal: np.ndarray, trial: int, channels: Sequence[str], where:
     )
 
 
+def _by_name(signals: Any, channels: tuple[str, ...], where: str) -> tuple[Any, tuple[str, ...]]:
+    """Tables of pandas in the order of the first one's columns, which name the channels; other signals as they are."""
+    if isinstance(signals, np.ndarray) or not all(isinstance(signal, pd.DataFrame) for signal in signals):
+        return signals, channels
+    tables = list(signals)
+    names = [*map(str, tables[0].columns)] if tables else []
+    if channels and sorted(channels) != sorted(names):
+        return signals, channels  # other names, given by place
+    names = list(channels or names)
+    for trial, table in enumerate(tables):
+        own = [*map(str, table.columns)]
+        if sorted(own) != sorted(names):
+            raise InputError(f"{where}: trial {trial} has the columns {', '.join(own)} where {', '.join(names)} are "
+                             "expected; give the same taxels in each table")  # fmt: skip
+        tables[trial] = table.set_axis(own, axis=1)[names]
+    return tables, tuple(names)
+
+
 def _as_signal(signal: np.ndarray) -> np.ndarray:
     try:
         if np.iscomplexobj(signal):
             raise TypeError("complex numbers")
+        if np.ma.is_masked(signal):
+            raise InputError("recordings: a signal holds masked values; fill them, or leave the trial out")
         with np.errstate(over="ignore"):  # a number that is too large becomes infinite, and is refused
             return np.asarray(signal, dtype=np.float32)
     except (TypeError, ValueError) as error:
