@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from neurotact import effects
-from neurotact.data.recordings import chosen
+from neurotact.data.recordings import chosen, order_by_name
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_touches
 from neurotact.data.window_choice import ARGUMENTS, suited_window
@@ -80,9 +80,9 @@ class SpikeArray(np.ndarray):
         return made
 
     def __array_finalize__(self, obj: np.ndarray | None) -> None:
-        is_known = isinstance(obj, SpikeArray) and self.shape[1:] == obj.shape[1:]
-        self.sampling_rate_Hz = obj.sampling_rate_Hz if is_known else None
-        self.origin = obj.origin if is_known else None
+        known = obj if isinstance(obj, SpikeArray) and self.shape[1:] == obj.shape[1:] else None
+        self.sampling_rate_Hz = None if known is None else known.sampling_rate_Hz
+        self.origin = None if known is None else known.origin
 
     def __getitem__(self, key: Any) -> Any:
         part = super().__getitem__(key)
@@ -128,13 +128,8 @@ def in_order(X: Any, spikes: np.ndarray, afferents: Sequence[str] | None, name: 
     [[[1, 0]]]
     """
     origin = getattr(X, "origin", None)
-    if origin is None or afferents is None or origin.afferents == tuple(afferents):
-        return spikes
-    own, wanted = list(origin.afferents), list(afferents)
-    if sorted(own) != sorted(wanted) or len({*own}) < len(own):
-        other = next(here for here, there in zip(own, wanted, strict=False) if here != there)
-        raise InputError(f"{name}: holds the afferent {other}, which training had not there; give those of training")
-    return spikes[..., [own.index(afferent) for afferent in wanted]]
+    order = None if origin is None else order_by_name(origin.afferents, afferents, name, "afferent")
+    return spikes if order is None else spikes[..., order]
 
 
 @dataclass(frozen=True, eq=False)

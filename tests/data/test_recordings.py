@@ -212,7 +212,7 @@ def test_tables_are_put_into_the_order_of_the_first_by_name():
     assert read.channels == ("left", "right")
     assert (read.signals[0] == read.signals[1]).all()
     assert Recordings(tables, 100.0, "mV", ["a", "b"], ("right", "left")).signals[1][0].tolist() == [10, 0]
-    with pytest.raises(InputError, match="trial 1 has the columns left, top where left, right are expected"):
+    with pytest.raises(InputError, match="trial 1: has the column 'top' where left, right are expected"):
         Recordings([tables[0], tables[0].set_axis(["left", "top"], axis=1)], 100.0, "mV", ["a", "b"])
 
 

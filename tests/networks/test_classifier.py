@@ -381,12 +381,12 @@ def test_afferents_are_matched_by_name_or_refused():
     assert (fitted.decision_function(known[..., order]) == fitted.decision_function(known)).all()
     assert (fitted.decision_function(np.asarray(known)) == fitted.decision_function(known)).all()
     other = SpikeArray.of(np.asarray(X), RATE_HZ, Origin(None, ("a", "b", "c", "e")))
-    with pytest.raises(InputError, match="X: holds the afferent e, which training had not"):
+    with pytest.raises(InputError, match="X: has the afferent 'e' where a, b, c, d are expected"):
         fitted.predict(other)
     side = known[:20], y[:20]
     again = small().fit(known, y, validation=(side[0][..., order], side[1]))
     assert again.training_.epochs == small().fit(known, y, validation=side).training_.epochs
-    with pytest.raises(InputError, match="validation: holds the afferent e"):
+    with pytest.raises(InputError, match="validation: has the afferent 'e'"):
         small().fit(known, y, validation=(other, y))
 
 
