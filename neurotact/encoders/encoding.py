@@ -68,6 +68,7 @@ def encode_recordings(
     >>> len(trains), len(trains.afferents), int(trains.trial_steps[0])
     (1, 16, 400)
     """
+    recordings = recordings.in_order(spec.conditioning.taxels)
     check_taxels(augmentation, recordings.n_channels)
     trains = from_trials(encode_trials(recordings, spec, progress), **_about(recordings, spec))
     if augmentation is None or not augmentation.kinds:
@@ -97,6 +98,7 @@ def encode_file(
 
     progress: called with the number of trials done since its last call.
     """
+    recordings = recordings.in_order(spec.conditioning.taxels)
     check_taxels(augmentation, recordings.n_channels)
     about, varied = _about(recordings, spec), None
     if augmentation is not None:
@@ -120,6 +122,7 @@ def encode_trials(recordings: Trials, spec: EncoderSpec, progress: Progress | No
     Short trials are encoded side by side; a long one in pieces, since conditioning and afferents carry their state
     from one piece to the next. The spikes are the same.
     """
+    recordings = recordings.in_order(spec.conditioning.taxels)
     firing.check_periods(spec, recordings.lengths.min() / recordings.sampling_rate_Hz)
     firing.check_rate(spec, recordings.sampling_rate_Hz)
     yield from with_touches(_encode_blocks(recordings, spec, progress), copies_of(recordings).first)

@@ -300,6 +300,18 @@ def afferent_names(taxels: Sequence[str], encoder: Mapping[str, Any] = MappingPr
     return tuple(f"{name} {taxel}{mark}" for name, its in kinds for mark in its for taxel in taxels)
 
 
+def taxel_names(afferents: Sequence[str], encoder: Mapping[str, Any]) -> tuple[str, ...] | None:
+    """The names of the taxels of which an encoder, its spec as a table, named these afferents; None of other names.
+
+    >>> taxel_names(("SA-I left", "SA-I right", "RA-I left", "RA-I right"), {})
+    ('left', 'right')
+    """
+    before, _, after = afferent_names(("\0",), encoder)[0].partition("\0")
+    first = afferents[: taxels_of(len(afferents), encoder)]
+    taxels = tuple(name.removeprefix(before).removesuffix(after) for name in first)
+    return taxels if afferent_names(taxels, encoder) == tuple(afferents) else None
+
+
 def n_per_taxel(encoder: Spec) -> int:
     """The number of an encoder's afferents under a taxel.
 
