@@ -97,6 +97,25 @@ def test_blocks_do_not_change_copies(monkeypatch):
         np.testing.assert_array_equal(one, other)
 
 
+@given(order=st.permutations(range(6)), kept=st.integers(1, 6))
+def test_a_trial_has_its_copies_at_any_index_and_beside_any_others(order, kept):
+    recordings, chosen = touches(), list(order)[:kept]
+    for kind in ("time+start", "gain+taxels"):
+        every, found = (
+            [*copies(some, kind=kind, copies=2)[kind].recordings.signals]
+            for some in (recordings, recordings.select(chosen))
+        )
+        assert not np.array_equal(every[0], every[1])
+        for place, trial in enumerate(chosen):
+            for copy in range(2):
+                one, other = found[2 * place + copy], every[2 * trial + copy]
+                if kind == "time+start":
+                    np.testing.assert_array_equal(one, other)
+                else:  # the rest that is scaled about is the mean over all trials
+                    np.testing.assert_array_equal(np.ptp(one, axis=0) == 0, np.ptp(other, axis=0) == 0)
+                    np.testing.assert_allclose(np.diff(one, axis=0), np.diff(other, axis=0), rtol=1e-3, atol=1e-5)
+
+
 def skin(n_taxels, n_trials=4):
     rng = np.random.default_rng(1)
     signals = 100 + np.arange(n_taxels) + rng.normal(0, 2, (n_trials, 1, n_taxels)) * np.cos(np.arange(80) / 5)[:, None]
