@@ -77,6 +77,20 @@ def test_copies_vary_in_what_their_kind_says_and_share_their_factors():
         assert one.min() >= other.min() - 1e-4
 
 
+def test_kinds_differ_only_in_what_varies():
+    """The speed is seen in the length; gain and start in the first sample."""
+    kinds = ("time", "gain", "start", "time+gain", "time+start", "gain+start", "time+gain+start")
+    found = {kind: copies(touches(), kind=kind, shift_ms=100.0)[kind].recordings.signals for kind in kinds}
+    for number in range(len(found["time"])):
+        first: dict[tuple[bool, bool], list[np.ndarray]] = {}
+        for kind, signals in found.items():
+            first.setdefault(("gain" in kind, "start" in kind), []).append(signals[number][0])
+        for same in first.values():
+            np.testing.assert_allclose(same, np.broadcast_to(same[0], np.shape(same)), atol=1e-5)
+        assert len({len(signals[number]) for kind, signals in found.items() if "time" in kind}) == 1
+        assert len({round(float(same[0][0]), 6) for same in first.values()}) == 4
+
+
 def test_gain_is_about_the_rest_before_the_touch():
     recordings = touches(rest=20, offset=1820.0)
     for each, trial in zip(

@@ -178,6 +178,11 @@ def test_a_burst_tells_the_mean_drive_of_the_cycle_before():
     assert sa1 == [50, 52, 54, 56, 58, 100, 107]
 
 
+def test_a_burst_of_a_drive_beyond_the_strongest_is_the_strongest():
+    settings = {"cycle_ms": 50.0, "sa1.gain": 1.0, "ra1.gain": 1e-9}
+    assert steps_of([7.0] * 100, settings, "burst") == steps_of([1.0] * 100, settings, "burst")
+
+
 def test_bens_spiker_gives_a_spike_where_the_filter_fits_and_sends_it_late():
     """The signal is two responses: two spikes, each a filter's length later; what they leave is nothing."""
     h, signal = response(5.0, 1.0), np.zeros(40)
