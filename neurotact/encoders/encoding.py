@@ -146,7 +146,7 @@ def _encode_together(recordings: Trials, block: np.ndarray, spec: EncoderSpec) -
     encoded: dict[int, TrialSpikes] = {}
     for group in _of_like_length(np.array([*map(len, signals)]), 1.0 if is_exact(spec) else PADDED):
         together, n_steps = side_by_side([signals[trial] for trial in group])
-        rasters = encode_whole(together, rate_Hz, spec, trials=block[group])
+        rasters = encode_whole(together, rate_Hz, spec)
         for trial, raster, n in zip(group.tolist(), rasters, n_steps, strict=True):
             encoded[trial] = spikes_of(raster if is_exact(spec) else raster[:n])
     for trial in range(len(block)):
@@ -184,7 +184,7 @@ def _rasters(recordings: Trials, trial: int, spec: EncoderSpec) -> Iterator[np.n
     for piece in condition_pieces(recordings, trial, how, spec.unit):
         for first in range(0, len(piece), n_rows):
             part = piece[None, first : first + n_rows]
-            raster, state = encode(part, rate_Hz, spec, state, trials=np.array([trial]))
+            raster, state = encode(part, rate_Hz, spec, state)
             yield raster
     if state is not None and (rest := finish(rate_Hz, spec, state)) is not None:
         yield rest
