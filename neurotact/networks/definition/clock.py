@@ -13,6 +13,8 @@ from neurotact.errors import InputError
 
 NEARLY = 1e-6
 """How far a network's step may be from a whole number of the encoder's, of it: rates are not exact in decimals."""
+AT_ONCE = 64
+"""Windows whose spikes are listed together."""
 
 
 def steps_per_bin(step_ms: float | str | None, sampling_rate_Hz: float, name: str = "step_ms") -> int:
@@ -69,14 +71,40 @@ def spread(spikes: Tensor, n: int, n_steps: int) -> Tensor:
     return fine
 
 
-def merged(spikes: Tensor, n: int) -> float:
-    """The share of spikes that bins of `n` steps merge with another of the same afferent.
+def merged(spikes: Tensor, n: int) -> int:
+    """How many spikes bins of `n` steps merge with another of the same afferent.
 
     >>> merged(torch.tensor([[[1], [1], [0], [0]]]), 2)
-    0.5
+    1
     """
-    n_spikes = 0 if n == 1 else int(spikes.count_nonzero())
-    return 1 - int(binned(spikes, n).count_nonzero()) / n_spikes if n_spikes else 0.0
+    return 0 if n == 1 else int(spikes.count_nonzero()) - int(binned(spikes, n).count_nonzero())
+
+
+def merging(spikes: Tensor, most: int) -> tuple[int, ...]:
+    """How many spikes of windows `(trial, time, afferent)` are `merged` in bins of 1, 2, ... and `most` steps.
+
+    >>> merging(torch.tensor([[[1], [1], [0], [1]]]), 4)
+    (0, 1, 1, 2)
+    """
+    found = torch.zeros(most, dtype=torch.int64)
+    for part in spikes.split(AT_ONCE):
+        *train, step = (part != 0).transpose(1, 2).nonzero(as_tuple=True)
+        is_next = torch.stack([which[1:] == which[:-1] for which in train]).all(dim=0) & (step.diff() < most)
+        one, other = step[:-1][is_next], step[1:][is_next]
+        found += torch.tensor([int((one // n == other // n).sum()) for n in range(1, most + 1)])
+    return tuple(found.tolist())
+
+
+def in_words(n_merged: int, n_spikes: int) -> str:
+    """How many of the input spikes are merged.
+
+    >>> in_words(3, 1200)
+    '3 of 1,200 input spikes (0.25 %) lie in one step of the network with another of the same afferent, and count once'
+    """
+    return (
+        f"{n_merged:,} of {n_spikes:,} input spikes ({100 * n_merged / n_spikes:.2g} %) lie in one step of the network "
+        "with another of the same afferent, and count once"
+    )
 
 
 def apart(spikes: Tensor, most: int | None = None) -> int:
