@@ -368,9 +368,10 @@ def test_a_thousandth_of_the_events_decides_nothing(seed, n_steps, n_spikes, res
 
 @pytest.mark.parametrize("steps", [300, 1300, 4000])
 @pytest.mark.parametrize("edge", [recipe.FEW, recipe.ENOUGH])
-def test_where_rules_begin_and_end_they_have_faded(edge, steps):
+@pytest.mark.parametrize("apart", [1, 20])
+def test_where_rules_begin_and_end_they_have_faded(apart, edge, steps):
     """Both sides differ in what validation decides, in stretches that hardly learn yet, and in a step of the clock."""
-    fewer, more = (chosen_at(Seen(900, steps, 1000.0, edge + by, apart=20)) for by in (-1e-3, 1e-3))
+    fewer, more = (chosen_at(Seen(900, steps, 1000.0, edge + by, apart)) for by in (-1e-3, 1e-3))
     differing = {key for key in fewer.keys() | more.keys() if fewer.get(key) != more.get(key)}
     if edge == recipe.FEW:
         assert (fewer["readout_stretches"], more["readout_stretches"]) == (1, 4)
