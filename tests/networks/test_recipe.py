@@ -485,3 +485,15 @@ def test_to_give_what_is_chosen_changes_nothing(given_seen, keys):
 @pytest.mark.parametrize(("model", "scale"), [("snn", 10.0), ("rsnn", 20.0), ("auto", 20.0)])
 def test_the_surrogate_is_that_of_the_model_that_is_given(model, scale):
     assert chosen_at(Seen(900, 1300, 1000.0, 2.0), model=model)["surrogate_scale"] == scale
+
+
+def test_stretches_that_are_given_learn_at_the_usual_rate():
+    at = Seen(900, 1300, 1000.0, 5.0)
+    usual = TrainingSpec().stretch_rate
+    assert chosen_at(at)["training.stretch_rate"] == usual / 2
+    for given_key in ({"readout_stretches": 3}, {"readout_stretch_ms": 400.0}):
+        assert chosen_at(at, **given_key)["training.stretch_rate"] == usual
+
+
+def test_a_key_that_has_an_effect_in_some_windows_is_not_void():
+    assert {"training.stretch_rate", "recurrent_weight_scale"}.isdisjoint(recipe.void_keys(DEFAULT))
