@@ -5,6 +5,7 @@ and the network is computed once a bin.
 """
 
 from functools import reduce
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -80,19 +81,32 @@ def merged(spikes: Tensor, n: int) -> int:
     return 0 if n == 1 else int(spikes.count_nonzero()) - int(binned(spikes, n).count_nonzero())
 
 
-def merging(spikes: Tensor, most: int) -> tuple[int, ...]:
-    """How many spikes of windows `(trial, time, afferent)` are `merged` in bins of 1, 2, ... and `most` steps.
+class Close(NamedTuple):
+    """Spikes that are close to another of their afferent, for 1, 2, 3, ... steps.
 
-    >>> merging(torch.tensor([[[1], [1], [0], [1]]]), 4)
-    (0, 1, 1, 2)
+    following: how many are fewer steps than that after another one. merged: how many bins of so many steps merge, which
+    is no more, whenever the bins begin.
     """
-    found = torch.zeros(most, dtype=torch.int64)
+
+    following: tuple[int, ...]
+    merged: tuple[int, ...]
+
+
+def close(spikes: Tensor, most: int) -> Close:
+    """The close spikes of windows `(trial, time, afferent)`, for up to `most` steps.
+
+    >>> close(torch.tensor([[[1], [1], [0], [1]]]), 4)
+    Close(following=(0, 1, 2, 2), merged=(0, 1, 1, 2))
+    """
+    following, merged = torch.zeros(2, most, dtype=torch.int64)
     for part in spikes.split(AT_ONCE):
         *train, step = (part != 0).transpose(1, 2).nonzero(as_tuple=True)
         is_next = torch.stack([which[1:] == which[:-1] for which in train]).all(dim=0) & (step.diff() < most)
         one, other = step[:-1][is_next], step[1:][is_next]
-        found += torch.tensor([int((one // n == other // n).sum()) for n in range(1, most + 1)])
-    return tuple(found.tolist())
+        steps = range(1, most + 1)
+        following += torch.tensor([int((other - one < n).sum()) for n in steps])
+        merged += torch.tensor([int((one // n == other // n).sum()) for n in steps])
+    return Close(tuple(following.tolist()), tuple(merged.tolist()))
 
 
 def in_words(n_merged: int, n_spikes: int) -> str:

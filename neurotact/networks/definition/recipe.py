@@ -8,7 +8,6 @@ read, changed and saved; given keys stay. `start` scales the initial weights and
 import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import takewhile
 from typing import Any, NamedTuple
 
 import torch
@@ -30,7 +29,7 @@ QUICK = 3
 LONGEST_STEPS_MS, STEPS, FEWEST_BINS = (5.0, 20.0), 100, 30
 """Of the network's clock: bounds of its longest step, which is a hundredth of the window; fewest steps of a window."""
 MERGED = 0.005
-"""Share of the spikes that the network's clock may merge: a rare pair of close spikes does not decide it."""
+"""Share of the spikes that may be close enough for the network's clock to merge: a rare pair does not decide it."""
 STRETCHES = 4
 RECURRENT_STEPS, RECURRENT_MS = 300, 1500.0
 """Where recurrence is tried: the most steps of the network, and the longest window."""
@@ -50,8 +49,9 @@ class Seen(NamedTuple):
     A thousandth of the spikes changes none of them much.
 
     windows, steps, sampling_rate_Hz: number of training windows, their length in steps, and steps per second.
-    spikes: mean number per afferent and window. apart: steps of the longest bins that merge at most `MERGED` of the
-    spikes with another of their afferent. n_spikes: number of all spikes. merging: of `clock.merging`.
+    spikes: mean number per afferent and window. apart: the most steps such that at most `MERGED` of the spikes are
+    fewer steps after another of their afferent. n_spikes: number of all spikes. merging: how many spikes bins of 1, 2,
+    ... steps merge.
     """
 
     windows: int
@@ -72,11 +72,9 @@ class Seen(NamedTuple):
         n_windows, n_steps, n_afferents = training.shape
         spikes = float(training.sum()) / max(1, n_windows * n_afferents)
         n_spikes = int(training.count_nonzero())
-        merging = clock.merging(
-            training, math.ceil(longest_step_ms(n_steps, sampling_rate_Hz) * 1e-3 * sampling_rate_Hz)
-        )
-        apart = sum(1 for _ in takewhile(lambda n_merged: n_merged <= MERGED * n_spikes, merging))
-        return cls(n_windows, n_steps, sampling_rate_Hz, spikes, apart, n_spikes, merging)
+        close = clock.close(training, math.ceil(longest_step_ms(n_steps, sampling_rate_Hz) * 1e-3 * sampling_rate_Hz))
+        apart = sum(n <= MERGED * n_spikes for n in close.following)
+        return cls(n_windows, n_steps, sampling_rate_Hz, spikes, apart, n_spikes, close.merged)
 
     @property
     def steps_per_bin(self) -> int:
@@ -193,8 +191,8 @@ def _why_step(seen: Seen) -> str:
         return f"at most {RECURRENT_STEPS} steps, over which recurrence may have to remember the order of few spikes"
     few, many = "the order of few spikes may count", f"a hundredth of the window, {least_ms:g} to {most_ms:g} ms"
     return (
-        f"at most {_short(limit_ms):g} ms ({few if seen.must_remember else many}), and merging at most "
-        f"{100 * MERGED:g} % of the spikes with another of their afferent"
+        f"at most {_short(limit_ms):g} ms ({few if seen.must_remember else many}), and at most "
+        f"{100 * MERGED:g} % of the spikes less than a step after another of their afferent"
     )
 
 
