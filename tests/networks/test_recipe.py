@@ -497,3 +497,11 @@ def test_stretches_that_are_given_learn_at_the_usual_rate():
 
 def test_a_key_that_has_an_effect_in_some_windows_is_not_void():
     assert {"training.stretch_rate", "recurrent_weight_scale"}.isdisjoint(recipe.void_keys(DEFAULT))
+
+
+def test_the_clock_is_that_of_a_refractory_period_wherever_bins_begin():
+    events = torch.zeros(4, 1000, 3, dtype=torch.uint8)
+    events[:, ::50] = 1
+    events[0, [58, 158, 258], 0] = 1  # one spike in eighty follows after 8 steps, in no bin of 9 with the one before
+    assert clock.merged(events, 9) == 0
+    assert Seen.of(events, 1000.0).apart == 8
