@@ -162,8 +162,10 @@ def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[s
         # A part of the window may lack the closest spikes; the clock stays that of the whole one.
         whole = sides if setting.window == 1 else cut(bench, setting.model_copy(update={"window": 1.0}))
         whole_steps = round(bench.window.length_ms * 1e-3 * seen.sampling_rate_Hz)
-        longest = None if setting.longest_steps else recipe.looked_apart(whole_steps, seen.sampling_rate_Hz)
-        seen = seen._replace(apart=clock.apart(whole.training.spikes, longest))
+        of_whole = seen if whole is sides else recipe.Seen.of(whole.training.spikes, seen.sampling_rate_Hz)
+        # The longest steps that merge none may be longer than those that a recipe looks at.
+        longest = clock.apart(whole.training.spikes) if setting.longest_steps else 1
+        seen = seen._replace(apart=max(of_whole.apart, longest))
         spec, plain = changed(bench.network, setting, seen, whole_steps), known.get(Setting().first_training())
         if spec.model == "auto" and plain is not None:  # a way changes nothing else
             spec = spec.of_model("rsnn" if plain.network.spec.recurrent else "snn")

@@ -203,7 +203,7 @@ def test_taxels_that_vary_stay(tmp_path):
 
 def test_a_shorter_window_leaves_recurrence_as_it_is():
     asked, seen = RSNNSpec(recipe="default"), Seen(100, 300, 1000.0, 3.0)
-    for whole_steps, model, scale in ((300, "auto", 20.0), (600, "snn", 10.0)):
+    for whole_steps, model, scale in ((300, "auto", 20.0), (2000, "snn", 10.0)):
         spec = changed(asked, Setting(window=0.5), seen, whole_steps)
         assert (spec.model, spec.surrogate_scale, spec.tau_mem_ms) == (model, scale, 15.0)
 
