@@ -2,7 +2,7 @@
 
 import re
 from array import array
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Literal, NamedTuple, cast
 
 import numpy as np
@@ -41,6 +41,10 @@ SHORTEST_S, LONGEST_S = 0.02, 600.0
 """Lengths of a trial of touch."""
 NEAR_RATE = 10.0
 """Stamps in the right unit give a sampling rate within this factor of the user's."""
+
+OF_GIVEN_RATE = "check `sampling_rate_Hz`, which is in samples per second"
+OF_STAMPS = "if the unit of the time stamps is another, give it with `time_unit`"
+"""What to do about a rate that is given, and about one that time stamps tell."""
 
 
 class Stamps(NamedTuple):
@@ -131,6 +135,26 @@ def seconds_of(cells: Iterable[str], where: str, column: str, first_line: int, u
         zone = HOUR_S * int(zone_hours or 0) + 60 * int(f"{(zone_hours or '+')[0]}{zone_minutes or 0}")
         seconds.append(DAY_S * days + of_day - zone)
     return np.array(seconds)
+
+
+def of_rate(lengths: np.ndarray, rate_Hz: float, fix: str) -> Iterator[str]:
+    """The doubt of a rate of samples or steps that is none of touch, else of the length of the median trial.
+
+    >>> list(of_rate(np.array([9000, 9000]), 10.0, "check the rate"))
+    ['the median trial lasts 900 s at 10 Hz, which is long for touch; check the rate']
+    """
+    if not SLOWEST_HZ <= rate_Hz <= FASTEST_HZ:
+        yield f"{rate_Hz:g} Hz is {'slow' if rate_Hz < SLOWEST_HZ else 'fast'} for touch; {fix}"
+    elif lengths.max() > 1:
+        yield from of_length(float(np.median(lengths)) / rate_Hz, fix, f" at {rate_Hz:g} Hz")
+
+
+def of_length(trial_s: float, fix: str, at: str = "") -> Iterator[str]:
+    """The doubt of the length of the median trial in s. at: the rate that it is of, in words."""
+    if not SHORTEST_S <= trial_s <= LONGEST_S:
+        long = "short" if trial_s < SHORTEST_S else "long"
+        lasts = f"{trial_s:.3g}" if trial_s < 1000 else f"{trial_s:,.0f}"
+        yield f"the median trial lasts {lasts} s{at}, which is {long} for touch; {fix}"
 
 
 class Timing(NamedTuple):

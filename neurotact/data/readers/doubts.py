@@ -13,9 +13,8 @@ import numpy as np
 
 from neurotact.checks import swapped
 from neurotact.data.readers import thousands
-from neurotact.data.readers.clock import FASTEST_HZ, GAP, LONGEST_S, SHORTEST_S, SLOWEST_HZ
+from neurotact.data.readers.clock import GAP, OF_GIVEN_RATE, OF_STAMPS, of_rate
 from neurotact.data.recordings import Recordings
-from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import some
 
 RASTER = "neurotact import raster reads spikes, of arrays or of a folder of files"
@@ -33,10 +32,6 @@ FEW, RARE = 0.01, 0.001
 """Shares of steps or samples, and of the samples of a taxel that is mostly at rest, that are exceptions to a doubt."""
 LEAST_TRIALS = 10
 """Trials from which on a class of its own for each of them is a doubt."""
-
-OF_GIVEN_RATE = "check `sampling_rate_Hz`, which is in samples per second"
-OF_STAMPS = "if the unit of the time stamps is another, give it with `time_unit`"
-"""What to do about a rate that is given, and about one that time stamps tell."""
 
 log = logging.getLogger("neurotact")
 
@@ -109,27 +104,6 @@ def doubts(recordings: Recordings, fixes: Fixes, *, rate_is_given: bool = True) 
     fix = OF_GIVEN_RATE if rate_is_given else OF_STAMPS
     yield from of_rate(recordings.lengths, recordings.sampling_rate_Hz, fix)
     yield from _of_classes(recordings)
-
-
-def say_of_spikes(trains: SpikeTrains, where: str, fix: str) -> SpikeTrains:
-    """Warn of lengths and steps of spike trains that touch rarely has; `fix` ends each line. The trains themselves."""
-    for doubt in of_rate(np.asarray(trains.trial_steps), trains.sampling_rate_Hz, fix):
-        log.warning("%s: %s", where, doubt)
-    return trains
-
-
-def of_rate(lengths: np.ndarray, rate_Hz: float, fix: str) -> Iterator[str]:
-    """The doubt of a rate of samples or steps that is none of touch, else of the length of the median trial.
-
-    >>> list(of_rate(np.array([9000, 9000]), 10.0, "check the rate"))
-    ['the median trial lasts 900 s at 10 Hz, which is long for touch; check the rate']
-    """
-    median_s = float(np.median(lengths)) / rate_Hz
-    if not SLOWEST_HZ <= rate_Hz <= FASTEST_HZ:
-        yield f"{rate_Hz:g} Hz is {'slow' if rate_Hz < SLOWEST_HZ else 'fast'} for touch; {fix}"
-    elif not SHORTEST_S <= median_s <= LONGEST_S and lengths.max() > 1:
-        long = "short" if median_s < SHORTEST_S else "long"
-        yield f"the median trial lasts {median_s:,.3g} s at {rate_Hz:g} Hz, which is {long} for touch; {fix}"
 
 
 def are_thousandths(signals: Sequence[np.ndarray] | np.ndarray) -> bool:

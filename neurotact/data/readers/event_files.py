@@ -179,7 +179,8 @@ def _of_columns(
             f"{path}: no column is called {absent} ({', '.join(list(columns)[:12])}); name it with "
             f"`names={{{absent!r}: ...}}`"
         )
-    unit = spec.time_unit or unit_in(time_name) or ("us" if is_grid else usual)
+    said_unit = spec.time_unit or unit_in(time_name) or ("us" if is_grid or usual == "us" else None)
+    unit = said_unit or usual
     if columns[time_name].ndim != 1:
         raise InputError(f"{path}: '{time_name}' has the shape {columns[time_name].shape}; give one time per event")
     stamps = _stamps(columns[time_name], time_name, path)
@@ -203,6 +204,7 @@ def _of_columns(
         ignored=tuple(name for name in unused if columns[name].shape == stamps.shape),
         other=tuple(f"{name} {columns[name].shape}" for name in unused if columns[name].shape != stamps.shape),
         error_s=times.error_s, resolutions=times.resolutions, n_back=ordered.n_back, n_wraps=ordered.n_wraps,
+        has_unit=said_unit is not None or bool((stamps != np.floor(stamps)).any()),
     )  # fmt: skip
 
 

@@ -28,7 +28,7 @@ from neurotact.data.readers.event_times import (
     rounding_of,
     steps_of,
 )
-from neurotact.data.readers.events import BYTES_PER_EVENT, on_clock, say_merged
+from neurotact.data.readers.events import BYTES_PER_EVENT, on_clock, say_length, say_merged
 from neurotact.data.readers.layout import Table
 from neurotact.data.readers.nwb_tables import MOST_NAMED, columns, electrodes_of, named
 from neurotact.data.readers.nwb_units import (
@@ -55,6 +55,7 @@ NOTES, OURS = "general/notes", "neurotact"
 STEP_MS = 1.0
 SYMBOLS = {"volts": "V", "volt": "V", "newtons": "N", "newton": "N", "pascals": "Pa", "amperes": "A", "meters": "m"}
 """Short names of units that NWB spells out."""
+OF_TRIALS = "check its times of trials, which NWB has in seconds"
 OF_SERIES = doubts.Fixes("save the series without it")
 """What mends a wrong column of a series."""
 
@@ -230,6 +231,7 @@ def _spikes(declared: Declared, trials: _Trials, spec: NWBSpec) -> SpikeTrains:
         len(afferents),
     )
     say_merged(binned, 1 / rate_Hz, str(path), accept=spec.merge_events)
+    say_length(lengths, rate_Hz, OF_TRIALS, str(path))
     told = (names or [""] * len(binned.trials) for names in (trials.digests, trials.touches))
     return from_trials(
         (row._replace(digest=digest, touch=touch) for row, digest, touch in zip(binned.trials, *told, strict=True)),
