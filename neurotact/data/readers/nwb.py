@@ -41,6 +41,7 @@ from neurotact.data.readers.nwb_units import (
 )
 from neurotact.data.readers.observed import Unobserved
 from neurotact.data.readers.sampled import Read
+from neurotact.data.readers.tables import check_digits
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.sources import Reader
 from neurotact.data.spikes import SpikeTrains, from_trials
@@ -294,6 +295,7 @@ def _recordings(declared: Declared, trials: _Trials, spec: NWBSpec) -> Recording
     channels, read = electrodes_of(declared, series, 1 if data.ndim == 1 else data.shape[1]), []
     for trial, (start, stop) in enumerate(cuts):
         signal = data[start:stop].reshape(stop - start, -1) * factor + offset
+        check_digits(signal, f"{path}: {series}, trial {trial}")
         table = Table(channels, signal, None if time_s is None else time_s[start:stop], 0, "s")
         read.append(Read(f"{path}: {series}, trial {trial}", f"trial {trial}", table))
     unit = spec.unit or str(attribute(data, "unit", path) if "unit" in data.attrs else "")

@@ -25,6 +25,7 @@ from neurotact.data.readers.table_trials import (
 from neurotact.data.readers.tables import (
     TextTable,
     called,
+    check_digits,
     columns_of,
     finite_called,
     is_meant_as_number,
@@ -126,6 +127,8 @@ def _cut(
 ) -> Iterator[Read]:
     """The samples and the stamps of each trial."""
     taxels = [finite_called(table, name, columns) for name in roles.taxels]
+    for samples in taxels:
+        check_digits(samples, table.path)
     signal = np.stack(taxels, axis=1).astype(np.float32)
     for begin, end, name in zip(trials.begin, trials.end, trials.names, strict=True):
         its_time = None if clock.time is None else clock.time[begin:end]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from neurotact.data.readers import clock, doubts, repeats, shared_stamps
+from neurotact.data.readers import clock, doubts, first_rows, repeats, shared_stamps
 from neurotact.data.readers.layout import Table
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
@@ -64,6 +64,7 @@ def recordings(
     messages. fixes: of doubts about them; None says no doubt. Raises InputError for trials of other taxels, stamps that
     make no clock, or a wrong unit of time.
     """
+    _check_first_rows(read, sampling_rate_Hz, where)
     _check_same_channels(read)
     channels = _same_names(read)
     unit_of_time = _unit_of_time([trial.table for trial in read], sampling_rate_Hz, where)
@@ -210,6 +211,22 @@ def _check_unit(found_Hz: float, given_Hz: float | None, where: str) -> None:
             f"{where}: the time stamps give {found_Hz:.3g} Hz and `sampling_rate_Hz` says {given_Hz:g} Hz; give the "
             "unit of the stamps with `time_unit` (s, ms, us, ns), or leave `sampling_rate_Hz` out"
         )
+
+
+def _check_first_rows(read: Sequence[Read], given_Hz: float | None, where: str) -> None:
+    """Refuse trials that begin with a start time; warn of those that seem to begin with their sampling rate."""
+    for trial in read:
+        first_rows.check(trial.table.signal, trial.where, trial.table.first_line)
+    rates = [(trial, first_rows.rate_in(trial.table.signal, given_Hz)) for trial in read]
+    found = [(trial, rate_Hz) for trial, rate_Hz in rates if rate_Hz is not None]
+    if found:
+        trial, rate_Hz = found[0]
+        line = trial.table.first_line
+        skip = f"skip it with `header_lines={line}`" if line else "remove it"
+        log.warning(
+            "%s: the first row of %d of %d trials looks like a sampling rate above the samples, as %g in %s; if it is "
+            "one, %s", where, len(found), len(read), rate_Hz, trial.file, skip,
+        )  # fmt: skip
 
 
 def _check_same_channels(read: Sequence[Read]) -> None:

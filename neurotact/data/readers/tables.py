@@ -19,6 +19,8 @@ from neurotact.errors import InputError
 MAX_CHANNELS = 10_000
 """Maximum number of columns; a table with more is transposed, or is not a table."""
 FLOAT32_MAX = float(np.finfo(np.float32).max)
+WHOLE_IN_FLOAT32 = 2**24
+"""Whole numbers up to this one are held by float32."""
 BLANKS = " "
 """The separator of a table whose columns are any number of blanks and tabs apart."""
 SPACES = re.compile(r"[ \t]+")
@@ -337,6 +339,32 @@ def finite(table: TextTable, column: int, values: np.ndarray) -> np.ndarray:
         return floats
     line, its_cells = next(islice(table.rows(), row, None))
     raise InputError(f"{table.path}: line {line}{_fault(table, column, its_cells[column], values)}")
+
+
+def lost_digits(values: np.ndarray) -> str:
+    """What is wrong with whole numbers that float32, in which samples are kept, does not hold, and the fix; often "".
+
+    values: finite numbers.
+
+    >>> lost_digits(np.array([2**24, 2**24 + 2])), lost_digits(np.array([2**24 + 1]))[:42]
+    ('', 'holds 16777217, of which float32 keeps 16777')
+    """
+    if values.dtype.kind not in "iuf" or not len(values) or np.abs(values).max() <= WHOLE_IN_FLOAT32:
+        return ""
+    lost = values.astype(np.float32).astype(np.float64) != values
+    if not lost.any() or (values.dtype.kind == "f" and not (values == np.rint(values)).all()):
+        return ""
+    value = int(values[lost].flat[0])
+    return (
+        f"holds {value}, of which float32 keeps {int(np.float32(value))}; subtract an offset that leaves numbers up to "
+        f"{WHOLE_IN_FLOAT32}, or round them so that float32 holds them"
+    )
+
+
+def check_digits(values: np.ndarray, where: str | Path) -> None:
+    """Refuse samples of which `lost_digits` says something; `where` begins the message."""
+    if lost := lost_digits(values):
+        raise InputError(f"{where}: {lost}")
 
 
 def finite_called(table: TextTable, name: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
