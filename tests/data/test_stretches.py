@@ -79,9 +79,26 @@ def test_rests_ramps_and_steps_are_equal_by_chance(signals):
 
 def test_regular_spikes_are_equal_by_chance():
     """Saturated afferents, of which the spikes come one after the other, at equal intervals."""
-    units = np.tile(np.arange(4), 200)
-    steps = np.arange(800) // 4 * 9 + units
-    assert not found_in(trains_of([(steps, units), (steps + 1, units), (steps[:500], units[:500])]))
+    for period in range(5, 25):
+        units = np.tile(np.arange(4), 200)
+        steps = np.arange(800) // 4 * period + units
+        assert not found_in(trains_of([(steps, units), (steps + 1, units), (steps[:500], units[:500])]))
+
+
+def test_equal_values_for_other_times_are_no_stretch():
+    """A slow sensor that gives the same values, each held for another time."""
+    rng = np.random.default_rng(0)
+    values = rng.integers(0, 999, (300, 1)).astype(float)
+    held = [np.repeat(values, rng.integers(1, 6, len(values)), axis=0) for _ in range(2)]
+    assert not found_in(recordings_of(held))
+    assert found_in(recordings_of([held[0], held[0][200:]]))
+
+
+def test_a_short_stretch_first_hides_no_long_one():
+    """A trial begins as an earlier one, and goes on as another."""
+    short, long = counts(0, 400), counts(1, 400)
+    found = shared_stretches(recordings_of([short, long, np.concatenate([short[350:], long[20:370]])]), np.arange(3))
+    assert [(each.trial, each.other) for each in found] == [(2, 1)]
 
 
 @given(st.integers(0, 99), st.integers(1, 4))
