@@ -1,5 +1,6 @@
 """Stretches that trials share: windows of one recording and events on another clock are found, and others are not."""
 
+from itertools import product
 from unittest.mock import patch
 
 import numpy as np
@@ -79,9 +80,9 @@ def test_rests_ramps_and_steps_are_equal_by_chance(signals):
 
 def test_regular_spikes_are_equal_by_chance():
     """Saturated afferents, of which the spikes come one after the other, at equal intervals."""
-    for period in range(5, 25):
-        units = np.tile(np.arange(4), 200)
-        steps = np.arange(800) // 4 * period + units
+    for period, n in product(range(5, 25), (2, 4)):
+        units = np.tile(np.arange(n), 800 // n)
+        steps = np.arange(800) // n * period + units
         assert not found_in(trains_of([(steps, units), (steps + 1, units), (steps[:500], units[:500])]))
 
 
