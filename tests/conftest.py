@@ -33,7 +33,7 @@ for name, n_examples in (("quick", levels.QUICK), ("thorough", levels.THOROUGH),
 settings.load_profile("quick")
 
 
-LONG = ("live", "report", "studies", "papers", "export", "test_cli.py", "test_workers.py", "test_options.py")
+LONG = ("live", "report", "studies", "of_studies", "export", "test_cli.py", "test_workers.py", "test_options.py")
 """Folders and files with tests that take seconds: they begin first, so that no worker is alone with them at the end."""
 
 
