@@ -97,7 +97,7 @@ def chain_of(
     else:
         restored = fitted.restore(source)
         encoder, network, classes = build_encoder(restored, fitted.name_of(source)), restored.network, restored.classes
-        rule = restored.rule if early_exit else FULL_WINDOW
+        rule = restored.exits(early_exit)
         recorded_Hz = restored.recorded_Hz
         trained_window = restored.task.window
         for key in settings:
