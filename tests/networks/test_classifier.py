@@ -114,6 +114,12 @@ def test_early_exit_is_used_where_enough_validation_windows_bound_its_loss():
     assert steps.min() < 60
 
 
+def test_held_out_windows_of_a_group_are_one_trial():
+    X, y = touches()
+    clf = small(validation_fraction=0.3).fit(X, y, groups=np.arange(40) // 4)
+    assert len(clf.exit_choice_.losses) == 4  # sixteen windows
+
+
 def test_equal_validation_windows_are_one_trial():
     X, y = touches()
     X_held, y_held = touches(10, seed=1)

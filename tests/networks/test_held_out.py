@@ -14,6 +14,7 @@ from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit import held_out
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.exit.exit_choice import steady
 from neurotact.networks.exit.held_out import ExitChoice, Judged, choose, losses, upper_bound
 from neurotact.networks.training import fitting, tasks
 from neurotact.networks.training.tasks import Task
@@ -42,10 +43,11 @@ def seen(seed: int | None, rules: int) -> tuple[torch.Tensor, int] | None:
     return None if seed is None else (torch.from_numpy(np.random.default_rng(seed).integers(0, 50, rules)), 50)
 
 
-@given(decisions(), TOLERANCES, TRAINING)
-def test_a_trial_is_judged_by_the_rule_that_the_other_trials_choose(validation, tolerance, seed):
+@pytest.mark.parametrize("helped", [False, True])
+@given(decisions(), TOLERANCES, st.integers(0, 2**32))
+def test_a_trial_is_judged_by_the_rule_that_the_other_trials_choose(helped, validation, tolerance, seed):
     """Of up to ten trials each is a fold; windows of one trial stay together."""
-    training, expected = seen(seed, validation.right.shape[1]), {}
+    training, expected = seen(seed if helped else None, validation.right.shape[1]), {}
     for trial in np.unique(validation.trial):
         own = validation.trial == trial
         rule = choose(Judged(*(part[~own] for part in validation)), tolerance, training)
@@ -55,12 +57,12 @@ def test_a_trial_is_judged_by_the_rule_that_the_other_trials_choose(validation, 
 
 @given(st.integers(11, 60), st.integers(0, 2**32))
 def test_of_many_trials_a_tenth_is_judged_at_once_and_each_once(n, seed):
-    chosen, right = [], np.random.default_rng(seed).random((n, 4)) < 0.7
-    found = judged(right)
+    right = np.random.default_rng(seed).random((n, 4)) < 0.7
+    found = judged(right, classes=5)
     fold = held_out._folds(found)
     assert {*losses(found, 0.1)} == {*found.trial.tolist()}
     assert sorted(np.unique(fold)) == [*range(held_out.FOLDS)]
-    for label in range(3):  # as many of each class in each fold as can be
+    for label in range(5):  # as many of each class in each fold as can be
         chosen = np.bincount(fold[found.labels == label], minlength=held_out.FOLDS)
         assert chosen.max() - chosen.min() <= 1
 
@@ -99,6 +101,13 @@ def test_with_enough_trials_the_steady_rule_has_a_bound_within_the_tolerance(n, 
     assert choose(found, 0.05) < index
 
 
+@given(st.integers(2, 50), st.integers(0, 2**32))
+def test_with_too_few_trials_for_a_bound_it_is_the_steady_rule_itself(n, seed):
+    right, training = np.random.default_rng(seed).random((n, 6)) < 0.9, seen(seed, 6)
+    expected = steady(torch.from_numpy(right.sum(axis=0)), n, *training, 0.05)
+    assert choose(judged(right), 0.05, training) == expected
+
+
 def test_a_rule_that_loses_much_in_training_is_not_made_safe_by_validation():
     right, training = np.ones((400, 3)), (torch.tensor([0, 400, 400]), 400)
     assert choose(judged(right), 0.05, training) == 1
@@ -116,6 +125,13 @@ def test_the_bound_of_a_loss_without_gains_is_too_low_in_five_cases_of_a_hundred
     bounds = np.array([float(upper_bound([1.0] * lost + [0.0] * (n - lost))) for lost in range(n + 1)])
     for true in np.linspace(0.002, 0.9, 60):
         assert binom.pmf(np.arange(n + 1), n, true)[bounds < true].sum() <= 1 - held_out.CONFIDENCE + 1e-9
+
+
+def test_losses_that_gains_outweigh_are_not_certain():
+    """As many lost as gained: the bound is that of a mean of 0 with their spread."""
+    lost = [1.0] * 30 + [-1.0] * 30 + [0.0] * 140
+    assert upper_bound(lost) == pytest.approx(1.645 * (60 / 200 / 200) ** 0.5, rel=0.02)
+    assert upper_bound(lost) > 4 * upper_bound([0.0] * 200)
 
 
 def test_without_other_trials_nothing_is_known():
@@ -145,12 +161,12 @@ def relay(n: int) -> RSNN:
     return network
 
 
-def late(n: int) -> Examples:
-    """Two windows a trial: every second trial first speaks for the wrong class."""
+def late(n: int, steps: int = 4) -> Examples:
+    """Two windows a trial: the first of every second trial first speaks for the wrong class, for so many steps."""
     spikes = torch.zeros(2 * n, 20, 2, dtype=torch.uint8)
     labels = torch.arange(2 * n) // 2 % 2
     spikes[torch.arange(2 * n), :, labels] = 1
-    spikes[::4, :4] = spikes[::4, :4].flip(2)
+    spikes[::4, :steps] = spikes[::4, :steps].flip(2)
     return Examples(spikes, labels, of=torch.arange(2 * n) // 2)
 
 
@@ -158,7 +174,7 @@ def late(n: int) -> Examples:
 @pytest.mark.parametrize("with_training", [False, True])
 def test_a_network_is_judged_by_trials_and_not_by_windows(by, with_training):
     side = late(6)
-    network, training = relay(2), side if with_training else None
+    network, training = relay(2), late(6, steps=7) if with_training else None
     choice = fitting.exit_of(network, side, 0.3, training, by)
     assert choice.rule == fitting.exit_rule(network, side, 0.3, training, by)
     assert (choice.tolerance, [*choice.losses]) == (0.3, [*range(6)])

@@ -243,6 +243,9 @@ def test_a_run_with_early_exit_streams_with_it_where_its_loss_is_bounded(run, tm
     early = nt.Stream(tmp_path / "run")
     full = nt.Stream(tmp_path / "run", early_exit=False)
     assert early.chain.rule.patience is not None
+    assert [nt.from_nir(nt.to_nir(one / "run")).rule.never for one in (run, tmp_path)] == [True, False]
+    chips = [nt.check_chip(one / "run", "loihi2") for one in (run, tmp_path)]
+    assert not chips[0].equals(chips[1])
     assert full.chain.rule.patience is None
     assert [row[2] for row in told(full.push(signal))] == [40] * 3
     assert torch.equal(early.chain.network.w_in, full.chain.network.w_in)

@@ -76,7 +76,7 @@ def choose(validation: Judged, tolerance: float, training: tuple[torch.Tensor, i
     if training is None:
         return least(right, len(validation.right), tolerance)
     index = steady(right, len(validation.right), *training, tolerance)
-    above = np.flatnonzero(~is_within(upper_bound(_lost(validation)), tolerance)[:-1])
+    above = np.flatnonzero(~is_within(upper_bound(_lost(validation)), tolerance))
     safe = int(above[-1]) + 1 if len(above) else 0
     return max(index, safe) if safe < len(right) - 1 else index
 
