@@ -161,12 +161,12 @@ def relay(n: int) -> RSNN:
     return network
 
 
-def late(n: int, steps: int = 4) -> Examples:
-    """Two windows a trial: the first of every second trial first speaks for the wrong class, for so many steps."""
+def late(n: int, every: int = 4) -> Examples:
+    """Two windows a trial: one of so many windows first speaks for the wrong class."""
     spikes = torch.zeros(2 * n, 20, 2, dtype=torch.uint8)
     labels = torch.arange(2 * n) // 2 % 2
     spikes[torch.arange(2 * n), :, labels] = 1
-    spikes[::4, :steps] = spikes[::4, :steps].flip(2)
+    spikes[::every, :4] = spikes[::every, :4].flip(2)
     return Examples(spikes, labels, of=torch.arange(2 * n) // 2)
 
 
@@ -174,7 +174,7 @@ def late(n: int, steps: int = 4) -> Examples:
 @pytest.mark.parametrize("with_training", [False, True])
 def test_a_network_is_judged_by_trials_and_not_by_windows(by, with_training):
     side = late(6)
-    network, training = relay(2), late(6, steps=7) if with_training else None
+    network, training = relay(2), late(6, every=1) if with_training else None
     choice = fitting.exit_of(network, side, 0.3, training, by)
     assert choice.rule == fitting.exit_rule(network, side, 0.3, training, by)
     assert (choice.tolerance, [*choice.losses]) == (0.3, [*range(6)])
