@@ -3,8 +3,10 @@
 import re
 from collections.abc import Callable, Iterator
 from random import Random
+from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,7 +14,7 @@ from hypothesis import strategies as st
 from neurotact.metrics import power, referee
 from neurotact.metrics.paired import Paired, compare_shares
 from neurotact.report import answer as answers
-from neurotact.report import first_screen
+from neurotact.report import first_screen, front
 from neurotact.report.answer import Baseline, Decision, Network, Trials, answer, details, headline
 
 NAMES = [
@@ -154,6 +156,9 @@ def test_no_row_of_signals_that_is_cheaper_and_as_accurate_stays_unnamed(network
 def test_a_ratio_of_energy_is_that_of_the_rows_it_names(networks, baselines, trials, guess):
     found = answer(networks, baselines, guess, trials)
     figure = next((one.against for one in first_screen.figures(found) if one.what == "energy per decision"), "")
+    beside = found.comparable or found.priced[0].cheapest
+    assert figure.partition(" (")[0].partition(": ")[0].endswith(beside.short if beside and figure else "")
+    assert bool(figure) == (beside is not None and found.best.used.nJ is not None)
     ratios = [(found.best, headline(found)), (found.best, figure), *energies(found)]
     for network, sentence in ratios:
         for ratio, kind in re.findall(r"([\d.,]+) times (as much|less)", sentence):
@@ -245,6 +250,36 @@ def test_a_gap_between_validation_and_test_is_of_whole_windows(networks, baselin
     for told in answers.gaps(found, "few trials"):
         validation, test = (answers.percent(share) for share in (found.best.validation, found.best.whole.accuracy))
         assert f"the best network {validation} and {test}" in told
+
+
+@of_tables
+def test_the_answer_for_programs_is_that_of_the_rows(networks, baselines, trials, guess):
+    found = answer(networks, baselines, guess, trials)
+    told = front.as_json(SimpleNamespace(networks=networks, cells=range(len(networks)), answer=found))
+    for network, entry in zip(networks, told["networks"], strict=True):
+        assert entry["used"] == ("early" if network.exits else "whole")
+        assert (entry["low"], entry["high"]) == answers.interval_of(network.used, trials)
+    assert told["used"] == ("early" if found.best.exits else "whole")
+    used = found.best.used
+    expected = {one.name for one in baselines if not one.is_of_spikes and one.nJ is not None
+                and used.nJ is not None and one.nJ < used.nJ and one.accuracy >= used.accuracy}  # fmt: skip
+    assert {one["name"] for one in told["cheaper"]} == expected
+    cautions = [*front._of_front(SimpleNamespace(answer=found, lost=[]), None)]
+    assert cautions == [] if found.is_above_chance else f"accuracy of {answers.percent(used.accuracy)}" in cautions[0]
+
+
+@pytest.mark.parametrize("exits", [False, True])
+def test_trials_are_those_of_the_decision_that_is_used(monkeypatch, exits):
+    results = {"right": {"3": 1.0, "4": 1.0, "5": 0.0}, "exit_right": {"3": 0.0, "4": 1.0, "5": 0.0}}
+    monkeypatch.setattr(front, "result_of", lambda folder, cell: results)
+    whole = Decision(0.9, 900.0, 500.0, 80.0, None)
+    network = Network("1&1", 20, 1, 0.9, whole, whole._replace(sops=100.0), 0.0 if exits else None)
+    rows = pd.DataFrame({"pair": ["1&1"], "hidden": [20]})
+    trials = pd.DataFrame({"baseline": [0, 0, 0], "trial": [3, 4, 5], "right": [0.0, 0.0, 0.0]})
+    baselines = {"baselines": pd.DataFrame(index=[0]), "baselines_trials": trials}
+    compare = front._comparing(SimpleNamespace(sweep={}), None, [None], rows, baselines)
+    found = compare(network, Baseline("SVM on signals", 0.9, 0.0, 1.0, (0,)))
+    assert found.difference == pytest.approx((1 if exits else 2) / 3)
 
 
 @given(st.integers(0, 200), st.integers(1, 8))

@@ -536,6 +536,18 @@ def test_early_exit_answers_only_where_its_loss_is_bounded(tmp_path, monkeypatch
     assert ("which is not used" in found["headline"]) == (not is_used and "saved" not in changes)
 
 
+@pytest.mark.usefixtures("text_alone")
+def test_the_loss_of_a_network_is_bounded_by_its_own_trainings(tmp_path, monkeypatch):
+    asked, bounded = [], front.with_exit_bound
+    monkeypatch.setattr(front, "with_exit_bound", lambda *given: asked.append(given) or bounded(*given))
+    sweep = {"encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1]], "network.hidden": [20, 30], "seed": [0, 1]}
+    what = make_study(sweep=sweep, claims=(), dataset={"simulate": "gratings", "subsets": {"mixed": {}}})
+    networks.write(what, make_run(what, tmp_path, grating_conditions()))
+    assert [(network.hidden, [cell.network.hidden for cell in cells]) for network, _, cells, _ in asked] == [
+        (20, [20, 20]), (30, [30, 30]),
+    ]  # fmt: skip
+
+
 def test_trials_of_all_trainings_bound_the_loss_together(monkeypatch):
     losses = {"a": {"1": 1.0, "2": 0.0}, "b": {"2": 0.0, "3": 0.0}, "c": {"1": 0.0}}
     monkeypatch.setattr(front, "result_of", lambda folder, cell: {"exit_losses": losses.get(cell)})
