@@ -203,3 +203,9 @@ def test_recordings_are_read_by_the_piece_as_stored_ones_are():
     np.testing.assert_array_equal(touch.piece(0, 1, 3), RAGGED[0][1:3])
     assert touch.piece(0, 3, 9).tolist() == [[6, 7]]
     assert touch.loaded() is touch
+
+
+@pytest.mark.parametrize("wanted", [True, "true", ["true"]])
+def test_truth_is_chosen_as_it_is_and_as_it_is_written(wanted):
+    table = pd.DataFrame({"label": ["a", "b"], "wet": [True, False]})
+    assert select_conditions(table, {"wet": wanted}).tolist() == [True, False]

@@ -89,8 +89,10 @@ def test_a_baseline_is_a_remedy_only_where_none_is_taken_off(baseline, remedy):
 
 def test_an_alternative_that_cannot_be_calibrated_counts_as_many_steps(monkeypatch):
     told: list[tuple[int, str]] = []
+    quiet: list[bool] = []
 
     def only_rising(recordings, spec, progress, rule, *, inverted, **options):
+        quiet.append(not options["tell"])
         if inverted or spec.conditioning.rectify:
             progress(1, "the search")
             raise InputError("no gain suits it")
@@ -99,6 +101,7 @@ def test_an_alternative_that_cannot_be_calibrated_counts_as_many_steps(monkeypat
     monkeypatch.setattr(alternatives, "calibrate", only_rising)
     found = compare(presses(1.0), START, lambda n, note: told.append((n, note)), rule=RULE)
     assert sum(n for n, _ in told) == n_steps(RULE)
+    assert quiet == [True] * (len(quiet) - 1) + [False]  # the notes are those of the chosen one
     assert {note for n, note in told if n > 1} == {f"{base}, {which}" for base in BASELINES for which in POLARITIES[1:]}
     assert (found.table.why_not != "").tolist() == (found.table.polarity != "rising").tolist()
 
