@@ -23,6 +23,7 @@ from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.networks.exit.held_out import ExitChoice
 from neurotact.networks.training import fitting, tasks, trained, training
+from neurotact.networks.training.choice import Choice
 from neurotact.networks.training.fitting import Trained
 from neurotact.networks.training.tasks import Task
 from neurotact.networks.training.training import Epoch, Examples, Training
@@ -360,6 +361,7 @@ def test_a_margin_is_saved_and_stops_where_the_network_says(tmp_path):
     assert table["steps"].tolist() == found.steps.tolist()
     assert found.steps.min() < N_STEPS
     assert measuring.measure(done, alike(examples), trains.populations)["row"]["exit_margin"] == 2.0
+    assert Choice.of(done, examples).rule == done.rule
 
 
 @pytest.mark.parametrize("choice", ["least", "steady"])

@@ -144,7 +144,7 @@ def restore(
     source = files.existing(spikes) if spikes is not None else _spikes_of(path, known, provenance)
     return Restored(
         network.to(device), known.task, rule, known.classes, source, encoder, provenance, extra.get("fine_tuned"),
-        known.recorded_Hz, known.has_own_rule, held,
+        known.recorded_Hz, known.has_own_rule, held=held,
     )  # fmt: skip
 
 
