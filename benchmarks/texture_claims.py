@@ -67,7 +67,7 @@ class Run(NamedTuple):
 def read(folder: Path) -> Run:
     """A run folder's tables, under the name of its study."""
     title = tomllib.loads((folder / "study.toml").read_text())["title"]
-    specs = {path.stem: tomllib.loads(path.read_text()) for path in sorted(STUDIES.glob("*.toml"))}
+    specs = {path.stem: tomllib.loads(path.read_text()) for path in sorted(STUDIES.rglob("*.toml"))}
     (name,) = (name for name, spec in specs.items() if spec["title"] == title)
     spec = resolve(name) if "protocol" not in specs[name] else None
     tables = {}

@@ -3,7 +3,6 @@
 import tomllib
 from collections.abc import Iterator
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -13,13 +12,14 @@ from hypothesis import strategies as st
 from levels import thinned
 from scipy.stats import binom
 
+from neurotact import spec
 from neurotact.report.page import tally
 from neurotact.studies import exchange
 from neurotact.studies.claims import CONTRASTS, LEVELS, Claim
 from neurotact.studies.exchange import arrangements, blocks_of, n_distinct
 from neurotact.studies.verdicts import ALPHA, State, Verdict, judge
 
-STUDIES = sorted((Path(__file__).parents[2] / "studies").glob("*.toml"))
+STUDIES = spec.shipped("studies")
 CLAIMS = {path.stem: [Claim(**one) for one in tomllib.loads(path.read_text()).get("claims", [])] for path in STUDIES}
 CLAIMS = {name: claims for name, claims in CLAIMS.items() if claims}
 KINDS = (*LEVELS, *CONTRASTS, "order")
