@@ -128,7 +128,7 @@ def from_neo(
         len(places),
     )
     say_merged(binned, 1 / rate_Hz, "block", accept=merge_events, step="`step_ms`")
-    say_length(lengths, rate_Hz, "check `t_start` and `t_stop` of its spike trains", "block")
+    say_length(lengths, rate_Hz, "check t_start and t_stop of its spike trains", "block")
     told = [[str(segment.annotations.get(key, "")) for segment in segments] for key in (DIGEST, TOUCH)]
     return from_trials(
         (row._replace(digest=digest, touch=touch) for row, digest, touch in zip(binned.trials, *told, strict=True)),

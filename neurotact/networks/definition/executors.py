@@ -211,6 +211,7 @@ FEATURES: dict[str, Feature] = {
 SETTINGS = frozenset({
     "hidden", "tau_mem_ms", "tau_syn_ms", "surrogate_scale", "readout_surrogate_scale", "forward_weight_scale",
     "input_deviation", "recipe", "effort", "training", "unit", "conditioning", "sa1", "ra1",
+    "taxels",
 })  # fmt: skip
 """Keys of specs of networks, LIF afferents and conditioning that are sizes, constants or how a network is trained."""
 

@@ -4,6 +4,7 @@ Networks of one split and one seed start alike, whether a study or `train` train
 so that the spread of accuracies over splits is that of starts, too. Trials of a search draw theirs from their settings.
 """
 
+from numbers import Real
 from typing import Any
 
 from neurotact.data.splits import SplitSpec
@@ -32,8 +33,13 @@ def of_start(seed: int, split: SplitSpec) -> tuple[int, int]:
     >>> of_start(0, SplitSpec()) == of_start(0, SplitSpec(test=0.3)) != of_start(0, SplitSpec(folds=5, fold=1))
     True
     """
-    tested = {key: f"{value:g}" if isinstance(value, int | float) else value for key, value in split.test_where.items()}
-    return drawn([seed, split.seed, split.fold, tested])  # 450 and 450.0 are one condition
+    return drawn([seed, split.seed, split.fold, {key: _named(value) for key, value in split.test_where.items()}])
+
+
+def _named(value: Any) -> list[str]:
+    """A value of a condition, or several, as texts: 450, 450.0 and [450] are one condition."""
+    values = value if isinstance(value, list | tuple) else [value]
+    return [f"{float(one):g}" if isinstance(one, Real) else str(one) for one in values]
 
 
 def drawn(settings: Any) -> tuple[int, int]:
