@@ -61,11 +61,10 @@ def _p_of_signs(differences: np.ndarray) -> float:
     The n equal differences d with their signs give `d (2B - n)`, where B is binomial, so that p is exact as long as
     unlike differences give few sums.
     """
-    sizes, counts = np.unique(np.abs(differences).round(DECIMALS), return_counts=True)
+    apart = np.abs(differences).round(DECIMALS)
+    sizes, counts = np.unique(apart[apart > 0], return_counts=True)
     sums, chances = np.zeros(1), np.ones(1)
     for size, n in zip(sizes, counts, strict=True):
-        if size == 0:  # no sign to flip
-            continue
         if len(sums) * (n + 1) > MOST_SUMS:
             return _p_of_random_signs(differences)
         ways = np.arange(n + 1)
