@@ -31,7 +31,7 @@ def figures(outcome: Answer) -> list[Figure]:
     >>> found = answers.answer([Network("1&1", 50, 1, 0.9, used, None)], [rival], 0.25, Trials(40, 40))
     >>> for one in figures(found):
     ...     print(one.value, "|", one.of, "|", one.against)
-    90.0 % | 95 % interval 77 to 96 %, 40 test trials | SVM on signals: 95.0 % (83 to 99), p = 0.5
+    90.0 % | 95 % interval 77 to 96 %, 40 test trials | SVM on signals: 95.0 % (83 to 99), p = 0.6
     250 nJ | an estimate of the arithmetic | 10 times as much as SVM on signals (25 nJ, 95.0 %)
     500 ms | the whole window | the others wait as long
     """
