@@ -122,9 +122,15 @@ def cv_of_isis(raster: np.ndarray) -> float:
     return float(np.mean(found)) if found else float("nan")
 
 
-def noisy(encoder: EncoderSpec) -> EncoderSpec:
+def noisy(encoder: EncoderSpec, seed: int = 0) -> EncoderSpec:
     """The encoder with its noise, if its model has any."""
-    return encoder.model_copy(update={"noise": True}) if encoder.model == "mechanoreceptor" else encoder
+    return encoder.model_copy(update={"noise": True, "seed": seed}) if encoder.model == "mechanoreceptor" else encoder
+
+
+def fire_repeatedly(encoder: EncoderSpec, depth_mm: np.ndarray, n_trials: int) -> dict[str, np.ndarray]:
+    """The spikes of each population, `(trial, time, afferent)`, of one depth `(time,)` with other noise each time."""
+    trials = [fire(noisy(encoder, seed), depth_mm) for seed in range(n_trials)]
+    return {kind: np.concatenate([fired[kind] for fired in trials]) for kind in trials[0]}
 
 
 def ramps_table() -> pd.DataFrame:
@@ -133,7 +139,7 @@ def ramps_table() -> pd.DataFrame:
     for name, encoder in encoders().items():
         held = [late_rate(fire(encoder, ramp(depth, FAST_mm_per_s))["SA-I"]) for depth in DEPTHS_mm]
         standard = fire(encoder, STANDARD)
-        many = fire(noisy(encoder), np.repeat(STANDARD[None], 10, axis=0))["SA-I"]
+        many = fire_repeatedly(encoder, STANDARD, 60)["SA-I"]
         slow = [spikes_of_rise(fire(encoder, ramp(0.5, speed))["RA-I"]) for speed in SLOW_mm_per_s]
         rows.append(
             {

@@ -17,6 +17,7 @@ from afferent_validation import (
     STATIC_MODEL_Hz,
     encoders,
     fire,
+    fire_repeatedly,
     locking,
     noisy,
     ramp,
@@ -151,8 +152,7 @@ def draw_periods() -> Figure:
     bins_ms = np.arange(0, 205, 5)
     for t_ref_ms, colour in tones.items():
         changed, label = with_t_ref(encoder, t_ref_ms), f"{t_ref_ms:g} ms"
-        repeated = np.repeat(ramp(1.44, FAST_mm_per_s)[None], REPEATS, axis=0)
-        pressed = fire(noisy(changed), repeated)["SA-I"]
+        pressed = fire_repeatedly(changed, ramp(1.44, FAST_mm_per_s), REPEATS)["SA-I"]
         when_ms = 1e3 * (np.nonzero(pressed)[1] / RATE_Hz - LEAD_s)
         counts, edges = np.histogram(when_ms, bins=bins_ms)
         panels[0].stairs(counts / (pressed.shape[2] * REPEATS) / 0.005, edges, color=colour, label=label)

@@ -14,12 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from signal_facts import Fact, keep, print_facts
-
-from neurotact.figures.style import INK, SERIES, add_legend, new_figure, printed, save
-from neurotact.papers.compliance.curve_features import curve_features, instants
-from neurotact.papers.compliance.figures import draw_curves, draw_features
-from neurotact.papers.compliance.simulator import (
+from neurotact_parts.studies.compliance.curve_features import curve_features, instants
+from neurotact_parts.studies.compliance.figures import draw_curves, draw_features
+from neurotact_parts.studies.compliance.simulator import (
     CHANNELS,
     SENSORS,
     ComplianceSpec,
@@ -32,6 +29,9 @@ from neurotact.papers.compliance.simulator import (
     tactile_images,
     trial_generator,
 )
+from signal_facts import Fact, keep, print_facts
+
+from neurotact.figures.style import INK, SERIES, add_legend, new_figure, printed, save
 
 OVOIDS = {"orange": (22, 23, 24), "green": (25, 26, 27), "blue": (16, 17, 18), "purple": (19, 20, 21)}
 """Objects by colour from low to high stiffness (Sec. 3.3)."""

@@ -55,7 +55,7 @@ def loop(signal: np.ndarray, spec: EncoderSpec) -> Timed:
     """One trial after the other."""
     if isinstance(spec, afferents.AfferentSpec):  # they have a kernel in C++
         return Timed(lambda: [afferents.encode(trial[None], RATE_HZ, spec, backend="reference") for trial in signal])
-    return Timed(lambda: [encode(trial[None], RATE_HZ, spec, trials=np.array([i])) for i, trial in enumerate(signal)])
+    return Timed(lambda: [encode(trial[None], RATE_HZ, spec) for trial in signal])
 
 
 def spike_encoding(signal: np.ndarray, spec: EncoderSpec) -> Timed | None:

@@ -13,12 +13,12 @@ from pathlib import Path
 
 from gratings_calibration_figures import draw_all
 from gratings_facts import count_facts, measure, noise_facts, rate_facts, signal_facts, start_facts
+from neurotact_parts.studies.texture.simulator import GratingsSpec, simulate
 from signal_facts import keep, print_facts
 
 from neurotact.data.recordings import Recordings
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
-from neurotact.papers.texture.simulator import GratingsSpec, simulate
 from neurotact.progress import tracked
 from neurotact.spec import build, load, parse_assignments
 from neurotact.tables import write_table

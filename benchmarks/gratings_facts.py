@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from neurotact_parts.studies.texture.simulator import GratingsSpec, simulate
 from signal_facts import Fact
 
 from neurotact.data.conditioning import ConditioningSpec, condition
@@ -19,7 +20,6 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.metrics.firing import firing_of, touch_spikes
-from neurotact.papers.texture.simulator import GratingsSpec, simulate
 from neurotact.progress import say
 
 PAIRS_ms = ((1, 1), (1, 5), (5, 5), (1, 10), (5, 10), (10, 10))

@@ -20,13 +20,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from neurotact_parts.studies.texture.simulator import GratingsSpec, simulate
 from sklearn.ensemble import ExtraTreesClassifier
 
 from neurotact.data.splits import Split, SplitSpec, split_conditions
 from neurotact.data.windows import WindowSpec, cut
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.papers.texture.simulator import GratingsSpec, simulate
 
 WINDOW = WindowSpec(length_ms=150.0, start_ms=250.0, per_trial=1)
 SIDES = ("force_N", "speed_mm_per_s")

@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from neurotact_parts.studies.stiffness import simulator
+from neurotact_parts.studies.stiffness.figures import channel_colour
+from neurotact_parts.studies.stiffness.simulator import StiffnessSpec
 
 from neurotact.data.conditioning import ema, ema_coefficient
 from neurotact.data.readers import pvdf_hardness
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import expand
 from neurotact.figures.style import add_legend, new_figure, printed, save
-from neurotact.papers.stiffness import simulator
-from neurotact.papers.stiffness.figures import channel_colour
-from neurotact.papers.stiffness.simulator import StiffnessSpec
 
 DATA = "$NEUROTACT_DATA/pvdf-hardness"
 SHOWN_TAXELS = 4

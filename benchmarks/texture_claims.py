@@ -7,11 +7,13 @@ start-position; the first one that holds a measure is averaged over starts and s
 --before: a page with the same table, whose column of random starts is copied, and each other column with its verdict
 where no run here has one. Claims and rules are those of `studies/*.toml` today, found by a run's title.
 A claim that both kinds of run hold is judged by the mean over starts; one on signals, spikes or costs alone does not
-hang on the start.
+hang on the start. Whether it would hold without the effect is judged in the rows of the mean over starts, or of the
+default start where those are too few or not here.
 """
 
 import argparse
 import tomllib
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -19,8 +21,10 @@ from typing import NamedTuple
 import pandas as pd
 
 from neurotact.report.tables import with_pair
-from neurotact.studies.claims import Claim, Verdict, judge
+from neurotact.studies.claims import Claim
 from neurotact.studies.encoded import read_encoding
+from neurotact.studies.study import resolve
+from neurotact.studies.verdicts import BASELINES, State, Verdict, judge
 from neurotact.tables import read_table
 
 STUDIES = Path(__file__).parents[1] / "studies"
@@ -28,7 +32,17 @@ ORDER = (
     "refractory-period", "early-exit", "minimal-duration", "sensing-conditions", "unknown-conditions",
     "network-selection", "scaling-coefficients", "texture-baselines",
 )  # fmt: skip
-TABLES = ("results", "encoding", "selection", "cut_short", "exit_curve", "conditions", "signals", "same_drive")
+TABLES = (
+    "results",
+    "encoding",
+    "selection",
+    "cut_short",
+    "exit_curve",
+    "conditions",
+    "signals",
+    "same_drive",
+    BASELINES,
+)
 START = "start_mm"
 NAMES = frozenset({
     "dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "pair", "label", "force_N", "speed_mm_per_s", "mode", "patience",
@@ -38,7 +52,8 @@ NAMES = frozenset({
 """Columns that name a row; so do swept keys, which hold a point."""
 SAME_NETWORKS = {"start-position": "refractory-period"}
 """Studies that sweep starts, and the study whose networks they train."""
-STARTLESS_TABLES = ("encoding", "signals", "same_drive")
+UNTRIED = "holds; not tried without the effect"
+STARTLESS_TABLES = ("encoding", "signals", "same_drive", BASELINES)
 STARTLESS = ("flops", "bytes", "isi_", "spikes_", "silent_", "latency_", "sops_input")
 """Measures of signals, of spikes over a second and of costs: a start moves them by little, and none is an accuracy."""
 HEADS = ("study", "claim", "source", "published", "repeated start", "mean over starts", "random start", "verdict")
@@ -54,12 +69,13 @@ def read(folder: Path) -> Run:
     title = tomllib.loads((folder / "study.toml").read_text())["title"]
     specs = {path.stem: tomllib.loads(path.read_text()) for path in sorted(STUDIES.glob("*.toml"))}
     (name,) = (name for name, spec in specs.items() if spec["title"] == title)
+    spec = resolve(name) if "protocol" not in specs[name] else None
     tables = {}
     for table in TABLES:
         path = folder / f"{table}.csv"
         if path.is_file():
             found = read_encoding(path) if table == "encoding" else read_table(path)
-            tables[table] = with_pair(found) if "t_ref_ra_ms" in found else found
+            tables[table] = with_pair(found, spec) if spec and "t_ref_ra_ms" in found and table != BASELINES else found
     if "encoder.sa1.gain" in tables["results"]:
         gains = {"gain_sa": "encoder.sa1.gain", "gain_ra": "encoder.ra1.gain"}
         tables["results"] = tables["results"].assign(**{new: tables["results"][old] for new, old in gains.items()})
@@ -98,10 +114,18 @@ def rows_of(page: Path | None) -> dict[tuple[str, str], dict[str, str]]:
 def verdict(at: Verdict | None, over: Verdict | None) -> str:
     """By the mean over starts where it was run."""
     for found, alone in ((over, ""), (at, " at this start alone")):
-        if found is not None and found.reproduced is not None:
+        if found is not None and found.state is not State.MISSING:
             hangs = found.claim.table not in STARTLESS_TABLES and not found.claim.measure.startswith(STARTLESS)
-            return ("yes" if found.reproduced else "no") + (alone if hangs else "")
+            told = at if found.state is State.FEW and at is not None and at.holds else found
+            return told.told + (alone if hangs and told.state in (State.REPRODUCED, State.FAILS) else "")
     return "not run"
+
+
+def verdict_of(earlier: dict[str, str], at: Verdict | None) -> str:
+    """Of a mean over starts on an earlier page, whose rows are not here."""
+    if not earlier["verdict"].startswith(("yes", "holds")):
+        return earlier["verdict"]
+    return at.told if at is not None and at.holds else UNTRIED
 
 
 def serves(run: Run, study: str, claim: Claim) -> bool:
@@ -126,7 +150,7 @@ def rows(at: list[Run], over: list[Run], before: dict[tuple[str, str], dict[str,
             if here is None:
                 ours[0] = earlier.get("repeated start", "-")
             if mean is None and (here is None or earlier.get("mean over starts", "-") != "-"):
-                ours[1], judged = earlier["mean over starts"], earlier["verdict"]
+                ours[1], judged = earlier["mean over starts"], verdict_of(earlier, one)
             shown = earlier.get("random start", "-")
             yield f"`{study}`", claim.name, claim.source, claim.published, *ours, shown, judged
 
@@ -141,8 +165,8 @@ def main() -> None:
     print("| " + " | ".join(HEADS) + " |\n|" + "---|" * len(HEADS))
     for row in found:
         print("| " + " | ".join(row) + " |")
-    judged = [row[-1] for row in found if row[-1] != "not run"]
-    print(f"\n{sum(one.startswith('yes') for one in judged)} of {len(judged)} reproduced, of {len(found)} claims")
+    counts = Counter(row[-1].partition(",")[0] for row in found)
+    print(f"\n{len(found)} claims: " + "; ".join(f"{n} {state}" for state, n in counts.most_common()))
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from neurotact_parts.studies.texture.simulator import GratingsSpec, simulate
 from sklearn.ensemble import ExtraTreesClassifier
 
 from neurotact.data.recordings import select_conditions
@@ -22,7 +23,6 @@ from neurotact.data.splits import Split, SplitSpec, split_conditions
 from neurotact.data.windows import WindowSpec, cut
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.papers.texture.simulator import GratingsSpec, simulate
 
 SIDES = ("force_N", "speed_mm_per_s")
 WINDOWS_ms = (150.0, 1000.0)

@@ -153,6 +153,8 @@ def sequences(X: ArrayLike, axes: str, dtype: DTypeLike | None = None) -> np.nda
         lengths = _lengths(X) if isinstance(error, ValueError) else []
         if len(lengths) < 2:
             raise InputError(f"X: cannot be read as an array ({error}); give one array ({axes})") from error
+    if np.ma.is_masked(X):
+        raise InputError("X: holds masked values; fill them, or leave their examples out")
     if len(lengths) > 1:
         raise InputError(
             f"X: has {axes.partition(',')[0]}s of {lengths[0]} to {lengths[-1]} samples where all must be equally "

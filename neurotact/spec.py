@@ -8,7 +8,6 @@ key and the file.
 import hashlib
 import json
 import math
-import os
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -125,27 +124,31 @@ def digest(value: Any) -> str:
     return hashlib.sha256(canonical.encode()).hexdigest()[:12]
 
 
-def specs_folder() -> Path:
-    """The folder of the shipped specs: inside an installed package, or next to it in a checkout."""
-    package = Path(neurotact.__file__).parent
-    inside = package / "specs"
-    return inside if inside.is_dir() else package.parent
+def specs_folder(kind: str) -> Path:
+    """The folder of the shipped specs of a kind (one of `KINDS`), beside the package.
+
+    Installed they are packages of their own, such as `neurotact_parts.studies`; in a checkout the folder `studies`.
+    """
+    beside = Path(neurotact.__file__).parents[1]
+    installed = beside / "neurotact_parts"
+    return (installed if installed.is_dir() else beside) / kind
 
 
 def shipped(kind: str) -> list[Path]:
-    """The shipped specs of a kind (one of `KINDS`), by name."""
-    return sorted((specs_folder() / kind).glob("*.toml"))
+    """The shipped specs of a kind (one of `KINDS`), by name; those of studies may be in folders of it."""
+    folder = specs_folder(kind)
+    found = [*folder.glob("*.toml"), *(folder.glob("*/*.toml") if kind == "studies" else ())]
+    return sorted(found, key=lambda path: path.stem)
 
 
 def find(kind: str, name: str | Path) -> Path:
     """The file of a spec given by name or by path; InputError when there is none."""
     if str(name).endswith(".toml") or "/" in str(name):
         return existing(name)
-    path = specs_folder() / kind / f"{name}.toml"
-    if not os.path.isfile(path):  # as of `files.existing`: a name may be too long
-        names = [p.stem for p in shipped(kind)]
-        raise InputError(f"{name}: there is no such spec in {kind}; {nearest(str(name), names)}")
-    return path
+    known = {path.stem: path for path in shipped(kind)}
+    if str(name) not in known:
+        raise InputError(f"{name}: there is no such spec in {kind}; {nearest(str(name), [*known])}")
+    return known[str(name)]
 
 
 def text(path: Path) -> str:

@@ -33,7 +33,7 @@ for name, n_examples in (("quick", levels.QUICK), ("thorough", levels.THOROUGH),
 settings.load_profile("quick")
 
 
-LONG = ("live", "report", "studies", "papers", "export", "test_cli.py", "test_workers.py", "test_options.py")
+LONG = ("live", "report", "studies", "of_studies", "export", "test_cli.py", "test_workers.py", "test_options.py")
 """Folders and files with tests that take seconds: they begin first, so that no worker is alone with them at the end."""
 
 
@@ -42,13 +42,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _few_trees() -> Iterator[None]:
-    """Trainings and searches end in forests, which take longer here than they do: they have few trees."""
-    from neurotact.baselines import families
+def _small_opponents() -> Iterator[None]:
+    """Trainings and searches end in forests and in MiniRocket, which take longer here than they do."""
+    from neurotact.baselines import families, minirocket
     from neurotact.networks.search import importance
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(families, "TREES", 10)
+        patch.setattr(minirocket, "FEATURES", 1008)
         patch.setattr(importance, "TREES", 40)
         yield
 

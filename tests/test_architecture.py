@@ -13,6 +13,9 @@ import neurotact
 
 PACKAGE = Path(neurotact.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
+ROOMS = ("encoders", "networks", "studies")
+BESIDE = sorted(path for room in ROOMS for path in (PACKAGE.parent / room).rglob("*.py"))
+"""Modules of the packages beside the framework."""
 FLOORS = (
     ("errors",),
     ("interrupt", "effects"),
@@ -27,7 +30,6 @@ FLOORS = (
     ("studies",),
     ("report",),
     ("live_page",),
-    ("papers",),
     ("api",),
     ("cli",),
     ("__main__",),
@@ -151,14 +153,16 @@ def test_no_room_holds_most_of_the_package():
     assert most < LARGEST_ROOM * lines.total(), room
 
 
-def test_only_the_papers_import_a_paper():
+def test_the_framework_imports_no_package_beside_it():
     """The framework finds them by name (`neurotact.plugins`)."""
-    knowing = {path for path in MODULES if any(name.startswith("neurotact.papers") for name in module(path).imports)}
-    assert {part_of(path) for path in knowing} == {"papers"}
+    assert BESIDE
+    assert [path for path in MODULES if any(name.startswith("neurotact_") for name in module(path).imports)] == []
+    for path in BESIDE:
+        assert not any(name.startswith(("neurotact.api", "neurotact.cli")) for name in module(path).imports), path
 
 
 def test_nothing_reads_or_writes_a_pickle():
-    for path in MODULES:
+    for path in (*MODULES, *BESIDE):
         assert path.name == PLAIN_VALUES or not PICKLES & {name.split(".")[0] for name in module(path).imports}, path
         for call in module(path).loads:
             called = ast.unparse(call.func)
@@ -171,7 +175,7 @@ def test_nothing_reads_or_writes_a_pickle():
 
 
 def test_a_module_says_what_it_is():
-    assert [path for path in MODULES if not module(path).docstring] == []
+    assert [path for path in (*MODULES, *BESIDE) if not module(path).docstring] == []
 
 
 def test_no_two_test_files_have_one_name():

@@ -126,7 +126,7 @@ OF_NIR = {
 }
 MOVED = "tests/data/test_encoded_from.py"
 STUDY = "tests/studies/test_interrupted.py"
-SPLITS = "tests/papers/comparison/test_own_set.py"
+SPLITS = "tests/of_studies/comparison/test_own_set.py"
 SHARES = ("validation", "test", "nested")
 """Keywords of Python alone, of a split."""
 

@@ -133,6 +133,26 @@ def test_two_other_packages_with_one_name_are_both_named(package, tmp_path):
         nt.read("skin", tmp_path)
 
 
+READS = (
+    "import numpy as np, pandas as pd\nfrom neurotact.data.recordings import Recordings\n"
+    "from neurotact.data.sources import Reader, Simulator\nfrom neurotact.spec import Spec\n"
+    "class Mine(Spec):\n    n_trials: int = 4\n"
+    "def made(n): return Recordings([np.random.default_rng(i).normal(size=(50, 2)) for i in range(n)], 500.0, 'mV',"
+    " pd.DataFrame({'label': ['a', 'b'] * (n // 2)}), source='my skin')\n"
+    "READER = Reader('Touches of my skin.', lambda path: made(4))\n"
+    "SIMULATOR = Simulator('Touches of my skin.', Mine, lambda spec, progress: made(spec.n_trials))\n"
+)
+
+
+def test_the_command_line_takes_parts_of_another_package(package, monkeypatch, capsys, tmp_path):
+    package({"readers": "my-skin = my_skin:READER", "simulators": "my-finger = my_skin:SIMULATOR"}, READS)
+    out = str(tmp_path / "touches.h5")
+    assert said_by(monkeypatch, capsys, "import", "my-skin", str(tmp_path), "-o", out)[0] == 0
+    assert len(nt.load(out)) == 4
+    code, _ = said_by(monkeypatch, capsys, "simulate", "my-finger", "--set", "n_trials=6", "-o", out, "--force")
+    assert (code, len(nt.load(out))) == (0, 6)
+
+
 def test_a_part_that_can_be_used_is_used(package, capsys, tmp_path):
     package({"readers": "my-skin = my_skin:READER"}, READER)
     assert "my-skin" in plugins.names("readers")

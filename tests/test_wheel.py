@@ -23,7 +23,8 @@ from venvs import CONSTRAINTS, PIP, ROOT, clean, copy_of_checkout, pip_install, 
 
 from neurotact import cli
 
-SPECS = [path for kind in ("encoders", "networks", "studies") for path in sorted((ROOT / kind).glob("*.toml"))]
+ROOMS = ("encoders", "networks", "studies")
+SPECS = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.toml")) if path.parent.name != "spaces"]
 HAS_COMPILER = any(map(shutil.which, ("c++", "g++", "clang++")))
 EXTRAS = "live,nir,neuro"
 LINES = """
@@ -163,8 +164,10 @@ def test_the_source_holds_what_a_clone_holds(source):
 def test_the_wheel_holds_every_module_every_stub_and_every_spec(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     files = {path for kind in ("*.py", "*.pyi", "*.html", "py.typed") for path in (ROOT / "neurotact").rglob(kind)}
-    specs = {f"neurotact/specs/{path.relative_to(ROOT).as_posix()}" for path in SPECS}
-    assert {path.relative_to(ROOT).as_posix() for path in files} | specs <= names
+    beside = [path for room in ("encoders", "networks", "studies") for path in (ROOT / room).rglob("*")]
+    theirs = {f"neurotact_parts/{path.relative_to(ROOT).as_posix()}" for path in beside
+              if path.suffix in (".py", ".toml", ".csv")}  # fmt: skip
+    assert {path.relative_to(ROOT).as_posix() for path in files} | theirs <= names
     assert not {name for name in names if name.startswith(("tests/", "native/", "studies/", "encoders/"))}
 
 

@@ -102,10 +102,10 @@ def stream(
     flow, noted = Stream(chain, unit=unit, hold_ms=hold_ms), sources.Noted()
     block = max(1, round(0.01 * chain.sampling_rate_Hz))
     if kind == "recordings":
-        samples = sources.recorded(Path(source), chain.n_taxels, block)
+        samples = sources.recorded(Path(source), chain.n_taxels, block, taxels=chain.taxels)
     else:
         layout = sources.Layout.of(format, time_column, lsb, zero)
-        parser = layout.parser(source, chain.n_taxels, chain.sampling_rate_Hz, noted)
+        parser = layout.parser(source, chain.n_taxels, chain.sampling_rate_Hz, noted, chain.taxels)
         samples = sources.live(source, parser, noted, stall_s or sources.STALL_S, baud=baud or sources.DEFAULT_BAUD)
     if rate == "real":
         samples = sources.at_its_rate(samples, chain.sampling_rate_Hz, noted, block)

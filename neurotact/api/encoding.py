@@ -368,7 +368,7 @@ def _signal_of(
     except encoded_from.AbsentError as error:
         log.warning("the signal is left out: %s", error)
         return None
-    with hdf5.open_recordings(path) as data:
+    with encoded_from.opened(path, trains) as data:
         n_samples = int(data.lengths[recorded])
         files.check_size(f"{path}, trial {recorded}", 4 * n_samples * data.n_channels)
         return data.piece(int(recorded), 0, n_samples), data.sampling_rate_Hz, data.unit

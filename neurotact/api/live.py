@@ -88,9 +88,12 @@ def live(
     if feed is None:
         layout = Layout.of(format, time_column, lsb, zero)
         feed = Device(
-            source, layout, default_channels(chain.n_taxels), chain.sampling_rate_Hz, unit or chain.encoder.unit,
+            source, layout, chain.taxels or default_channels(chain.n_taxels), chain.sampling_rate_Hz,
+            unit or chain.encoder.unit,
             stall_s=stall_s or STALL_S, baud=baud or DEFAULT_BAUD,
         )  # fmt: skip
+    if isinstance(feed, Replay):
+        feed.give_in_order(chain.taxels)
     feed.unit = unit or feed.unit
     sides = sides_of(run, feed) if isinstance(feed, Replay) else []
     session = Session(
@@ -136,6 +139,7 @@ def sides_of(run: Fitted, feed: Replay) -> list[str]:
     with hdf5.open_recordings(feed.name) as stored:
         sides = [UNKNOWN] * len(stored)
         if known is not None and known.trials.training.recorded:
+            stored = stored.in_order(feed.taxels)
             digests = (recorded_digest(stored, trial) for trial in range(len(stored)))
             sides = known.sides_of_recorded(digests).tolist()
     counts = ", ".join(f"{sides.count(side)} {side}" for side in SIDES if side in sides)

@@ -20,6 +20,8 @@ KERNEL = 9
 """Weights of a kernel: three are 2, the others -1."""
 TRIPLES = tuple(combinations(range(KERNEL), 3))
 """The places of the three weights of 2: 84 kernels."""
+FEATURES = 9996
+"""As published: the most that are at most 10,000 and divide among the kernels."""
 MOST_DILATIONS = 32
 MOST_CHANNELS = 9
 """Most channels that one kernel adds up."""
@@ -65,7 +67,7 @@ class MiniRocket(TransformerMixin, BaseEstimator):
     (4, 84)
     """
 
-    def __init__(self, features: int = 9996, random_state: int | np.random.RandomState | None = None):
+    def __init__(self, features: int = FEATURES, random_state: int | np.random.RandomState | None = None):
         self.features = features
         self.random_state = random_state
 
@@ -127,7 +129,7 @@ class MiniRocketClassifier(ClassifierMixin, BaseEstimator):
     ['a', 'b']
     """
 
-    def __init__(self, features: int = 9996, random_state: int | np.random.RandomState | None = None):
+    def __init__(self, features: int = FEATURES, random_state: int | np.random.RandomState | None = None):
         self.features = features
         self.random_state = random_state
 

@@ -2,7 +2,7 @@
 
 On the signals: logistic regression, support vector machines, extreme learning machines and extremely randomised trees
 on three kinds of features, MiniRocket and a GRU on the sequences. On the spikes of the first encoder, the first four on
-counts; on those of the others logistic regression. Each family is sized on validation windows.
+counts; on those of the others logistic regression. Each family but MiniRocket is sized on validation windows.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -41,7 +41,7 @@ GRU_BIN_MS, GRU_STEPS = 20.0, 150
 LINEAR = "logistic regression"
 ON_SAMPLES: dict[str, Family] = {"MiniRocket": families.minirocket}
 ON_BINS: dict[str, Family] = {"GRU": families.pooled_gru}
-SLOW = ("spectra of the signals", "MiniRocket", "a GRU")
+SLOW = ("spectra of the signals", "a GRU")
 """What `quick` opponents leave out of `all`, in words."""
 SIGNALS, SPIKES, EVENTS = "signals", "spikes", "events"
 RIGHT = "right"
@@ -110,7 +110,9 @@ def in_words(opponents: Opponents) -> str:
         return ""
     if opponents in ("linear", "readout"):
         return f"Compared with {LINEAR}."
-    quick = f"Compared with {_listed(tuple(families.ON_FEATURES))}, on signals and on spikes"
+    quick = (
+        f"Compared with {_listed(tuple(families.ON_FEATURES))}, on signals and on spikes, and {', '.join(ON_SAMPLES)}"
+    )
     return f"{quick}{', without ' if opponents == 'quick' else '; also with '}{_listed(SLOW)}."
 
 
@@ -121,8 +123,8 @@ def _listed(names: Sequence[str]) -> str:
 def without_slow() -> str:
     """The warning of a first look whose opponents are `quick`."""
     return (
-        f"{_listed(SLOW)}, the strongest opponents on many sets, are not fitted in this first look; run the whole "
-        "study for a verdict"
+        f"{_listed(SLOW)}, strong opponents on many sets, are not fitted in this first look; run the whole study for a "
+        "verdict"
     )
 
 
@@ -149,7 +151,7 @@ def pieces_of(recordings: Recordings, windows: Windows, clock_Hz: float) -> Iter
 def signal_inputs(
     recordings: Recordings, cuts: Cuts, opponents: Opponents, pieces: Sequence[np.ndarray] = ()
 ) -> Iterator[Input]:
-    """Features of the signals, and with all opponents the signals themselves as sequences.
+    """Features of the signals, and the signals themselves as sequences, unless opponents are linear.
 
     pieces: the samples of each window, if they are not all in the recordings.
     """
@@ -166,26 +168,27 @@ def signal_inputs(
     binned = averaged(pieces, n_bins)
     made = cost(Averaging(samples, n_bins, taxels), signal_ms=cuts.length_ms)
     yield Input(SIGNALS, _bins(n_bins), None, binned.reshape(len(binned), -1), made, of_features)
-    if opponents == "quick":
-        return
-    n_bands = min(BANDS, least // 2)
+    n_bands = 0 if opponents == "quick" else min(BANDS, least // 2)
     if n_bands:
         powers = np.array([band_powers(piece, n_bands).ravel() for piece in pieces])
         made = cost(BandPowers(samples, n_bands, taxels), signal_ms=cuts.length_ms)
         yield Input(SIGNALS, f"power in {n_bands} bands", None, powers, made, of_features)
-    for words, n_steps, of_sequences in _sequences_of("samples", cuts.length_ms, least):
+    for words, n_steps, of_sequences in _sequences_of("samples", cuts.length_ms, least, opponents):
         made = Cost() if n_steps >= samples else cost(Averaging(samples, n_steps, taxels))
         made += cost(StandardisedSteps(n_steps, taxels), signal_ms=cuts.length_ms)
         yield Input(SIGNALS, words, None, averaged(pieces, n_steps), made, of_sequences)
 
 
-def _sequences_of(words: str, length_ms: float, most: int) -> Iterator[tuple[str, int, dict[str, Family]]]:
+def _sequences_of(
+    words: str, length_ms: float, most: int, opponents: Opponents
+) -> Iterator[tuple[str, int, dict[str, Family]]]:
     """Sequences of a window of `most` samples: their name, their steps, and the classifiers that receive them."""
     if most >= KERNEL:
         yield words, min(MOST_SAMPLES, most), ON_SAMPLES
     else:
         say(f"baselines: no MiniRocket: windows of {most} {words} are shorter than its kernels of {KERNEL}")
-    yield f"{GRU_BIN_MS:g} ms bins", gru_steps(length_ms, most), ON_BINS
+    if opponents == "all":
+        yield f"{GRU_BIN_MS:g} ms bins", gru_steps(length_ms, most), ON_BINS
 
 
 def gru_steps(length_ms: float, most: int) -> int:
@@ -210,8 +213,8 @@ def spike_inputs(
 
     With `readout` opponents only the counts over the window, for logistic regression.
     is_first: also for other classifiers than logistic regression. The events of an event-based sensor are its signal:
-    they cost nothing to encode, and with all opponents there are sequences of them, too. encoding: whether the energy
-    of conditioning and encoding counts.
+    they cost nothing to encode, and unless opponents are linear there are sequences of them, too. encoding: whether the
+    energy of conditioning and encoding counts.
     """
     n_windows, n_steps, n_afferents = len(cuts.windows), cuts.windows.n_steps, len(trains.afferents)
     source = SPIKES if trains.encoder else EVENTS
@@ -228,9 +231,9 @@ def spike_inputs(
     if opponents == "readout":
         return
     yield Input(source, _bins(n_bins), pair, counts.reshape(n_windows, -1).astype(float), made, of_features)
-    if opponents != "all" or source != EVENTS or not is_first:
+    if opponents == "linear" or source != EVENTS or not is_first:
         return
-    for words, n_sequence, of_sequences in _sequences_of("steps", cuts.length_ms, n_steps):
+    for words, n_sequence, of_sequences in _sequences_of("steps", cuts.length_ms, n_steps, opponents):
         sequences = trains.binned(cuts.windows, bin_edges(n_steps, n_sequence)).astype(np.float32)
         yield Input(source, words, pair, sequences, made + cost(signal_ms=cuts.length_ms), of_sequences)
 

@@ -88,7 +88,10 @@ def add_plugins(
         return {name: lambda name=name: about(name) for name in plugins.names(kind)}
 
     def begin(context: typer.Context) -> None:
-        plugins.refuse_taken(kind, context.invoked_subcommand or "")
+        group: Any = context.command
+        name = context.invoked_subcommand or ""
+        if name in group.ready:  # a command of ours; of two plug-ins of one name, loading tells
+            plugins.refuse_taken(kind, name)
 
     app.info.cls = lazy_group(helps, load)
     app.callback()(begin)  # it is a group although it may have no other command

@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from pydantic import Field, field_validator
 
+from neurotact.data.digests import recorded_digest
 from neurotact.data.onset import common_onset_s, evenly
 from neurotact.data.recordings import Recordings
 from neurotact.data.window_choice import RESTS
@@ -138,7 +139,8 @@ class VariedCopies(NamedTuple):
 def varied_copies(recordings: Recordings, spec: AugmentationSpec) -> Iterator[VariedCopies]:
     """The copies of each kind that a spec needs, a block of trials at a time, in their order.
 
-    The same trials and spec give the same copies.
+    The same trials and spec give the same copies. What is drawn for a copy depends on its trial's samples, its number
+    and the seed, not on the trial's index.
 
     A copy is at least as long as its trial: one that is played faster goes on backwards from its end, where a touch is
     over and a slide goes on. Raises InputError as `check_taxels`.
@@ -173,8 +175,9 @@ def _block(
     """The copies of some trials."""
     rate_Hz, signals = recordings.sampling_rate_Hz, []
     for trial in trials.tolist():
+        samples = int(recorded_digest(recordings, trial), 16)
         for copy in range(spec.copies):
-            rng = np.random.default_rng([spec.seed, trial, copy])
+            rng = np.random.default_rng([spec.seed, samples, copy])
             signals.append(_copy(recordings.signals[trial], rate_Hz, kind, spec, rest, rng))
     of = np.repeat(trials, spec.copies)
     conditions = recordings.conditions.iloc[of].reset_index(drop=True)

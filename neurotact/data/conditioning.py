@@ -53,6 +53,9 @@ class ConditioningSpec(Spec):
     """Standardisation, one value per taxel: subtracted first (fitted on training trials by `neurotact calibrate`)."""
     scale: tuple[Annotated[float, AfterValidator(_not_zero)], ...] | None = None
     """Standardisation, one value per taxel: the divisor. Negative for a sensor whose signal falls on contact."""
+    taxels: tuple[str, ...] | None = None
+    """Names of the taxels that `offset` and `scale` are of (`neurotact calibrate`). Recordings whose taxels have these
+    names are put into this order."""
     rectify: bool = False
     """Take the absolute value at the end."""
 

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ import numpy as np
 from neurotact import files
 from neurotact.data import hdf5
 from neurotact.data.digests import recorded_trials
+from neurotact.data.recordings import Trials
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 
@@ -49,13 +51,20 @@ def find(spikes: str | Path, trains: SpikeTrains, trials: np.ndarray, given: str
     )
 
 
+@contextmanager
+def opened(path: Path, trains: SpikeTrains) -> Iterator[Trials]:
+    """Recordings in a file, with their taxels in the order in which they were encoded."""
+    with hdf5.open_recordings(path) as stored:
+        yield stored.in_order((trains.encoder.get("conditioning") or {}).get("taxels"))
+
+
 def _fitting(
     places: list[Path], trains: SpikeTrains, trials: np.ndarray, *, must_open: bool
 ) -> Iterator[tuple[Path, np.ndarray | None]]:
     """The trials of each file, None if it holds other recordings or, unless it must open, no recordings at all."""
     for path in places:
         try:
-            with hdf5.open_recordings(path) as stored:
+            with opened(path, trains) as stored:
                 rows = recorded_trials(stored, trains, trials)
         except InputError:
             if must_open:

@@ -8,12 +8,12 @@ Spike trains: the layout of the Spiking Heidelberg Digits (`spikes/times` in s, 
 import json
 import logging
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import h5py
 import numpy as np
@@ -70,6 +70,7 @@ class StoredRecordings(Trials):
 
     values: all trials end to end, `(sample, channel)`.
     numbers, starts, stored_lengths: for each trial, its number in the file, its first sample in `values`, its length.
+    columns: of `values`, in the order of `channels`; None: as they are stored.
     The others are as in `Recordings`. Samples are checked when they are read.
     """
 
@@ -82,6 +83,7 @@ class StoredRecordings(Trials):
     conditions: pd.DataFrame
     channels: tuple[str, ...]
     source: str
+    columns: tuple[int, ...] | None = None
 
     @property
     def lengths(self) -> np.ndarray:
@@ -114,7 +116,7 @@ class StoredRecordings(Trials):
             source=self.source,
         )
 
-    def select(self, keep: ArrayLike) -> "StoredRecordings":
+    def select(self, keep: ArrayLike) -> Self:
         index = chosen(keep, len(self))
         return replace(
             self,
@@ -123,6 +125,11 @@ class StoredRecordings(Trials):
             stored_lengths=self.stored_lengths[index],
             conditions=self.conditions.iloc[index].reset_index(drop=True),
         )
+
+    def _ordered(self, order: Sequence[int]) -> Self:
+        stored = range(self.n_channels) if self.columns is None else self.columns
+        names = tuple(self.channels[index] for index in order)
+        return replace(self, channels=names, columns=tuple(stored[index] for index in order))
 
     def _runs(self) -> Iterator[tuple[int, int]]:
         """First and last of each run of adjacent trials, which is read at once."""
@@ -138,6 +145,8 @@ class StoredRecordings(Trials):
             self.values.read_direct(out, np.s_[int(start) : int(start) + len(out)])
         except (OSError, RuntimeError) as error:
             raise InputError(f"{self.source}: cannot be read ({error}); it is damaged, write it again") from error
+        if self.columns is not None:
+            out[:] = out[:, self.columns]
 
 
 @contextmanager

@@ -31,6 +31,7 @@ from neurotact.data.readers.events import (
     on_clock,
     say_lost,
     say_order,
+    say_times,
 )
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains, from_trials
@@ -81,6 +82,7 @@ def read(declared: Declared, spec: EventSpec) -> SpikeTrains:
     n_steps = n_steps_of(max(int(row.max(initial=0)) for row in steps), spec)
     binned = on_clock(((row, unit, n_steps) for row, unit in zip(steps, units, strict=True)), len(afferents))
     say_lost(binned, spec, str(path))
+    say_times(joined_times(some), n_steps, spec, str(path))
     return from_trials(binned.trials, 1e3 / spec.step_ms, afferents, conditions, source=str(path))
 
 

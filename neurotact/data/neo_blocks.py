@@ -12,7 +12,7 @@ import pandas as pd
 
 from neurotact.data.digests import DIGEST, TOUCH
 from neurotact.data.readers.event_times import EventTimes, event_times, joined_times, lengths_of, rounding_of, steps_of
-from neurotact.data.readers.events import BYTES_PER_EVENT, MOST_AFFERENTS, on_clock, say_merged
+from neurotact.data.readers.events import BYTES_PER_EVENT, MOST_AFFERENTS, on_clock, say_length, say_merged
 from neurotact.data.readers.observed import Unobserved, observed_trials
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains, from_trials
@@ -128,6 +128,7 @@ def from_neo(
         len(places),
     )
     say_merged(binned, 1 / rate_Hz, "block", accept=merge_events, step="`step_ms`")
+    say_length(lengths, rate_Hz, "check `t_start` and `t_stop` of its spike trains", "block")
     told = [[str(segment.annotations.get(key, "")) for segment in segments] for key in (DIGEST, TOUCH)]
     return from_trials(
         (row._replace(digest=digest, touch=touch) for row, digest, touch in zip(binned.trials, *told, strict=True)),

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import pandas as pd
@@ -63,8 +63,17 @@ class Trials(ABC):
         """The same trials in memory."""
 
     @abstractmethod
-    def select(self, keep: ArrayLike) -> "Trials":
+    def select(self, keep: ArrayLike) -> Self:
         """The trials where the boolean `keep` is true, or the trials that an index array names."""
+
+    def in_order(self, channels: Sequence[str] | None) -> Self:
+        """The same trials with their taxels in the order of these names, as `order_by_name` finds it."""
+        order = order_by_name(self.channels, channels, self.source or "recordings")
+        return self if order is None else self._ordered(order)
+
+    @abstractmethod
+    def _ordered(self, order: Sequence[int]) -> Self:
+        """The same trials with the taxels of these numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +87,8 @@ class Recordings(Trials):
     conditions: one row per trial, index 0..n-1; the column `label` (str) names the class, the others
         describe the trial (`force_N`, `speed_mm_per_s`, ...). A mapping of columns is converted to such a
         table, and a sequence of class names to one with only the column `label`.
-    channels: the taxels' names; `taxel1..` when not given.
+    channels: the taxels' names; `taxel1..` when not given. Tables of pandas have those of their columns, and are put
+        into the order of the first one.
     source: where the recordings come from, in one line.
 
     Raises InputError for signals that hold NaN or infinity, are empty, differ in their number of
@@ -114,7 +124,8 @@ class Recordings(Trials):
         check_unit(self.unit, where)
         object.__setattr__(self, "channels", tuple(self.channels))
         object.__setattr__(self, "conditions", conditions_table(self.conditions, where))
-        given = self.signals
+        given, named = _by_name(self.signals, self.channels, where)
+        object.__setattr__(self, "channels", named)
         signals = _as_signal(given) if isinstance(given, np.ndarray) else [_as_signal(s) for s in given]
         object.__setattr__(self, "signals", signals)
         if len(self.signals) == 0:
@@ -152,7 +163,7 @@ class Recordings(Trials):
     def loaded(self) -> "Recordings":
         return self
 
-    def select(self, keep: ArrayLike) -> "Recordings":
+    def select(self, keep: ArrayLike) -> Self:
         """The trials where the boolean `keep` is true, or the trials that an index array names."""
         index = chosen(keep, len(self))
         if isinstance(self.signals, np.ndarray):
@@ -160,6 +171,11 @@ class Recordings(Trials):
         else:
             signals = [self.signals[i] for i in index.tolist()]
         return replace(self, signals=signals, conditions=self.conditions.iloc[index].reset_index(drop=True))
+
+    def _ordered(self, order: Sequence[int]) -> Self:
+        given, names = self.signals, tuple(self.channels[index] for index in order)
+        signals = given[..., order] if isinstance(given, np.ndarray) else [signal[:, order] for signal in given]
+        return replace(self, signals=signals, channels=names)
 
     def __repr__(self) -> str:
         lengths = self.lengths
@@ -207,6 +223,31 @@ def unit_factor(unit: str, wanted: str, where: str) -> np.float32:
             "calibrate an encoder for this sensor (neurotact calibrate, in Python nt.calibrate)"
         )
     return np.float32(volts[unit] / volts[wanted])
+
+
+def order_by_name(
+    own: Sequence[str], wanted: Sequence[str] | None, where: str, noun: str = "taxel"
+) -> list[int] | None:
+    """Where each of the `wanted` names stands in `own`; None if the order is the same, or if one side has no names.
+
+    Raises InputError where both sides have names and these differ.
+
+    >>> order_by_name(("right", "left"), ("left", "right"), "touches.h5")
+    [1, 0]
+    >>> order_by_name(("taxel1", "taxel2"), ("left", "right"), "touches.h5")  # by place: one side was never named
+    """
+    if (
+        wanted is None
+        or [*own] == [*wanted]
+        or any([*names] == [*default_channels(len(names))] for names in (own, wanted))
+    ):
+        return None
+    strange = [name for name in own if name not in {*wanted}] or [name for name in wanted if name not in {*own}]
+    if strange or len(own) != len(wanted) or len({*own}) < len(own):
+        has = "has" if strange and strange[0] in own else "lacks"
+        what = f"{has} the {noun} '{strange[0]}'" if strange else f"names {len(own)} {noun}s, some of them twice,"
+        raise InputError(f"{where}: {what} where {', '.join(wanted)} are expected; give the {noun}s of the training")
+    return [[*own].index(name) for name in wanted]
 
 
 def default_channels(n_channels: int) -> tuple[str, ...]:
@@ -400,10 +441,31 @@ def check_finite(signal: np.ndarray, trial: int, channels: Sequence[str], where:
     )
 
 
+def _by_name(signals: Any, channels: tuple[str, ...], where: str) -> tuple[Any, tuple[str, ...]]:
+    """Tables of pandas in the order of the first one's columns, which name the channels; other signals as they are."""
+    is_named = not isinstance(signals, np.ndarray) and all(
+        isinstance(signal, pd.DataFrame) and not isinstance(signal.columns, pd.RangeIndex) for signal in signals
+    )
+    if not is_named:
+        return signals, channels
+    tables = list(signals)
+    names = [*map(str, tables[0].columns)] if tables else []
+    if channels and sorted(channels) != sorted(names):
+        return signals, channels  # other names, given by place
+    names = list(channels or names)
+    for trial, table in enumerate(tables):
+        own = [*map(str, table.columns)]
+        order = order_by_name(own, names, f"{where}: trial {trial}", "column")
+        tables[trial] = table if order is None else table.iloc[:, order]
+    return tables, tuple(names)
+
+
 def _as_signal(signal: np.ndarray) -> np.ndarray:
     try:
         if np.iscomplexobj(signal):
             raise TypeError("complex numbers")
+        if np.ma.is_masked(signal):
+            raise InputError("recordings: a signal holds masked values; fill them, or leave the trial out")
         with np.errstate(over="ignore"):  # a number that is too large becomes infinite, and is refused
             return np.asarray(signal, dtype=np.float32)
     except (TypeError, ValueError) as error:

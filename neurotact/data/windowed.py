@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from neurotact import effects
-from neurotact.data.recordings import chosen
+from neurotact.data.recordings import chosen, order_by_name
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_touches
 from neurotact.data.window_choice import ARGUMENTS, suited_window
@@ -32,17 +32,41 @@ class Origin(NamedTuple):
     window: WindowSpec | None = None
     recorded_Hz: float | None = None
 
+    def of_afferents(self, key: Any) -> "Origin":
+        """Of the afferents that an index or a slice keeps; without the encoder, which makes all of them, in its order.
+
+        >>> Origin({}, ("a", "b", "c")).of_afferents([2, 0])
+        Origin(encoder=None, afferents=('c', 'a'), window=None, recorded_Hz=None)
+        """
+        kept = tuple(np.array(self.afferents, object)[key].tolist())
+        return self if kept == self.afferents else self._replace(encoder=None, afferents=kept)
+
+    def of_steps(self, first: int, last: int, step: int, rate_Hz: float) -> "Origin":
+        """Of the steps that a slice of the windows keeps; without the encoder if they are on another clock."""
+        if step != 1:
+            return self._replace(encoder=None, window=None)
+        if self.window is None or last <= first:
+            return self._replace(window=None)
+        cut = {
+            "start_ms": self.window.start_ms + 1e3 * first / rate_Hz,
+            "length_ms": 1e3 * (last - first) / rate_Hz,
+            "hop_ms": self.window.hop_ms or self.window.length_ms,
+        }
+        return self._replace(window=self.window.model_copy(update=cut))
+
 
 class SpikeArray(np.ndarray):
     """A raster of spikes with its clock: an ordinary NumPy array with the attributes `sampling_rate_Hz` and `origin`.
 
-    Slices, indexed parts and reshaped views keep them, so that they reach an estimator through scikit-learn's
-    splitters and pipelines. The result of arithmetic keeps them too; `np.asarray` drops them. `origin` is an `Origin`,
-    or None where that is unknown.
+    They are kept where NumPy leaves the steps and afferents of each example alone (other examples, arithmetic), so that
+    they reach an estimator through scikit-learn's splitters and pipelines. A slice of the time changes the clock by its
+    step, and an index of afferents their names. Whatever else gives other steps or afferents (pooling, reshaping,
+    `np.repeat`) drops them, so that the clock must be given anew; so does `np.asarray`. `origin` is an `Origin`, or
+    None where that is unknown.
 
     >>> spikes = SpikeArray.of(np.zeros((4, 300, 16), np.uint8), 2000.0)
-    >>> spikes[:2].sampling_rate_Hz, np.asarray(spikes).shape
-    (2000.0, (4, 300, 16))
+    >>> spikes[:2].sampling_rate_Hz, spikes[:, ::4].sampling_rate_Hz, np.repeat(spikes, 2, axis=1).sampling_rate_Hz
+    (2000.0, 500.0, None)
     """
 
     sampling_rate_Hz: float | None
@@ -56,8 +80,34 @@ class SpikeArray(np.ndarray):
         return made
 
     def __array_finalize__(self, obj: np.ndarray | None) -> None:
-        self.sampling_rate_Hz = getattr(obj, "sampling_rate_Hz", None)
-        self.origin = getattr(obj, "origin", None)
+        known = obj if isinstance(obj, SpikeArray) and self.shape[1:] == obj.shape[1:] else None
+        self.sampling_rate_Hz = None if known is None else known.sampling_rate_Hz
+        self.origin = None if known is None else known.origin
+
+    def __getitem__(self, key: Any) -> Any:
+        part = super().__getitem__(key)
+        if isinstance(part, SpikeArray):
+            part.sampling_rate_Hz, part.origin = self._of_part(key, part.ndim)
+        return part
+
+    def _of_part(self, key: Any, n_axes: int) -> tuple[float | None, Origin | None]:
+        """Clock and origin of what a key gives; None where the key does not say which steps and afferents it keeps."""
+        keys = list(key) if isinstance(key, tuple) else [key]
+        if any(one is Ellipsis for one in keys):
+            at = next(axis for axis, one in enumerate(keys) if one is Ellipsis)
+            keys[at : at + 1] = [slice(None)] * (self.ndim - len(keys) + 1)
+        n_arrays = sum(not isinstance(one, (slice, int, np.integer)) for one in keys)
+        examples, steps, channels = [*keys, *[slice(None)] * 3][:3]
+        is_whole = self.ndim == 3 and len(keys) <= 3 and n_arrays <= 1 and np.ndim(examples) <= 1  # pyright: ignore
+        if not is_whole or examples is None or not isinstance(steps, slice) or np.ndim(channels) > 1:  # pyright: ignore
+            return None, None
+        if n_axes != 3 - isinstance(examples, (int, np.integer)):
+            return None, None
+        rate_Hz, (first, last, step) = self.sampling_rate_Hz, steps.indices(self.shape[1])
+        origin = None if self.origin is None else self.origin.of_afferents(channels)
+        if origin is not None and rate_Hz is not None and (first, last, step) != (0, self.shape[1], 1):
+            origin = origin.of_steps(first, last, step, rate_Hz)
+        return None if rate_Hz is None else rate_Hz / abs(step), origin
 
     def __reduce__(self) -> tuple:
         rebuild, arguments, state = super().__reduce__()
@@ -66,6 +116,20 @@ class SpikeArray(np.ndarray):
     def __setstate__(self, state: tuple) -> None:
         whole, self.sampling_rate_Hz, self.origin = state
         super().__setstate__(whole)
+
+
+def in_order(X: Any, spikes: np.ndarray, afferents: Sequence[str] | None, name: str = "X") -> np.ndarray:
+    """`spikes` `(..., afferent)`, the values of X, in the order of the named afferents, where X names its own.
+
+    Raises InputError where X has other afferents. Without names on one of both sides the order of X is kept.
+
+    >>> X = SpikeArray.of(np.array([[[0, 1]]]), 100.0, Origin(None, ("right", "left")))
+    >>> in_order(X, np.asarray(X), ("left", "right")).tolist()
+    [[[1, 0]]]
+    """
+    origin = getattr(X, "origin", None)
+    order = None if origin is None else order_by_name(origin.afferents, afferents, name, "afferent")
+    return spikes if order is None else spikes[..., order]
 
 
 @dataclass(frozen=True, eq=False)

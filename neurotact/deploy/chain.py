@@ -10,7 +10,7 @@ from neurotact.data.conditioning import conditioned_length
 from neurotact.data.recordings import check_sampling_rate
 from neurotact.deploy.windows import WindowPlan
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.specs import MODELS, EncoderSpec, conditioning_of, n_per_taxel, populations
+from neurotact.encoders.specs import MODELS, EncoderSpec, conditioning_of, n_per_taxel, populations, taxel_names
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import LIF_INSTEAD, Subject, require
 from neurotact.networks.definition.rsnn import RSNN
@@ -32,6 +32,7 @@ class Chain(NamedTuple):
     """Conditioning and encoder, network, exit rule and windows.
 
     sampling_rate_Hz: of the input samples; equals the network's clock unless the encoder resamples.
+    taxels: their names in the order of the network's training; None if unknown.
     """
 
     encoder: EncoderSpec
@@ -40,6 +41,7 @@ class Chain(NamedTuple):
     classes: tuple[str, ...]
     windows: WindowPlan
     sampling_rate_Hz: float
+    taxels: tuple[str, ...] | None = None
 
     @property
     def clock_Hz(self) -> float:  # noqa: N802
@@ -92,6 +94,7 @@ def chain_of(
     effects.check(contact=contact, hop_ms=hop_ms, quiet_ms=quiet_ms)
     rule, classes, settings = FULL_WINDOW, None, {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms}
     recorded_Hz: float | None = None
+    taxels: tuple[str, ...] | None = None
     if isinstance(source, tuple):
         encoder, network = source
     else:
@@ -99,6 +102,8 @@ def chain_of(
         encoder, network, classes = build_encoder(restored, fitted.name_of(source)), restored.network, restored.classes
         rule = restored.rule if early_exit else FULL_WINDOW
         recorded_Hz = restored.recorded_Hz
+        if restored.afferents is not None:
+            taxels = taxel_names(restored.afferents, restored.encoder or {})
         trained_window = restored.task.window
         for key in settings:
             settings[key] = getattr(trained_window, key) if settings[key] is None else settings[key]
@@ -111,7 +116,7 @@ def chain_of(
     rate_Hz = _input_rate(encoder, clock_Hz, sampling_rate_Hz)
     _check_range(encoder, conditioning_of(encoder, rate_Hz).clock_Hz(rate_Hz))
     classes = classes or tuple(str(index) for index in range(network.n_classes))
-    return Chain(encoder, network.cpu(), rule, classes, windows, rate_Hz)
+    return Chain(encoder, network.cpu(), rule, classes, windows, rate_Hz, taxels)
 
 
 def build_encoder(restored: Restored, source: object) -> EncoderSpec:

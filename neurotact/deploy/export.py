@@ -101,7 +101,7 @@ def recorded(restored: trained.Restored, recordings: Recordings | str | Path | N
     split = tasks.trials_of(trains, restored.task)
     chosen = split.train[np.linspace(0, len(split.train) - 1, min(len(split.train), MOST_TRIALS)).astype(int)]
     path, trials = encoded_from.find(restored.spikes_path, trains, np.append(chosen, split.test), recordings)
-    with hdf5.open_recordings(path) as stored:
+    with encoded_from.opened(path, trains) as stored:
         sides = trials[: len(chosen)], trials[len(chosen) :]
         parts = [list(stored.select(side).loaded().to_unit(unit).signals) for side in sides]
         labels, windows = trains.labels[split.test], tasks.sides_of(trains, restored.task).train.spikes
@@ -120,6 +120,7 @@ def _given(restored: trained.Restored, recordings: Recordings | str | Path | Non
     unknown = sorted({*data.classes} - {*restored.classes})
     if unknown:
         raise InputError(f"recordings: class '{unknown[0]}' is not a class of the network; leave its trials out")
+    data = data.in_order(encoder.conditioning.taxels)
     chosen = data.select(np.linspace(0, len(data) - 1, min(len(data), MOST_TRIALS)).astype(int))
     trains = encode_recordings(chosen, encoder)
     examples, _ = tasks.examples_of(trains, np.arange(len(trains)), restored.task.window)

@@ -24,6 +24,7 @@ from neurotact.data.readers.contents import content_of_bytes
 from neurotact.data.readers.headings import SEPARATOR_LINE
 from neurotact.data.readers.tables import COMMENT, FLOAT32_MAX, NOT_FINITE, NUMBER
 from neurotact.data.readers.usual_rows import is_unit
+from neurotact.data.recordings import order_by_name
 from neurotact.deploy.noted import Noted
 from neurotact.deploy.stamped_rows import Placed, StampedRows
 from neurotact.deploy.stream import Decision, Stream
@@ -68,6 +69,8 @@ class Rows:
 
     time_unit_s: of a first column that contains the time, for instance 0.001; None without one. With it, lost and
     repeated rows are found, by the rule of `stamped_rows`.
+    taxels: names of the taxels, in the order of the samples to give. A first line with these names in another order
+        tells that of the columns; one with other names is refused. None: the columns are in order.
     joins: the source was already running; text before the first end of a line may be incomplete, and is ignored.
 
     >>> rows = Rows("-", 2, 1000.0, Noted())
@@ -83,9 +86,11 @@ class Rows:
         noted: Noted,
         time_unit_s: float | None = None,
         *,
+        taxels: tuple[str, ...] | None = None,
         joins: bool = False,
     ) -> None:
         self.where, self.n_taxels, self.noted, self.joins = where, n_taxels, noted, joins
+        self.taxels, self.order = taxels, None
         self.stamped = None if time_unit_s is None else StampedRows(where, rate_Hz, time_unit_s, noted)
         self.left, self.line, self.has_names = b"", 0, False
         self.n_good = 0
@@ -127,15 +132,21 @@ class Rows:
         numbers = [value for value in values if value is not None]
         if len(cells) == len(numbers) == expected:
             self.n_good += 1
+            signal = numbers if self.stamped is None else numbers[1:]
+            if self.order is not None:
+                signal = [signal[index] for index in self.order]
             if self.stamped is None:
-                yield Placed(numbers)
+                yield Placed(signal)
             else:
-                yield from self.stamped.take(numbers[0], numbers[1:])
+                yield from self.stamped.take(numbers[0], signal)
             return
         if not self.n_good:
             is_first, self.has_names = not self.has_names, True
-            if (is_first and not any(map(NUMBER.fullmatch, cells))) or all(map(is_unit, cells)):
-                return  # names, or units below them
+            if is_first and not any(map(NUMBER.fullmatch, cells)):
+                self._take_names([cell.strip("\"'") for cell in cells[expected - self.n_taxels :]])
+                return
+            if all(map(is_unit, cells)):
+                return  # below the names
             raise InputError(
                 f"{self.where}: line {self.line} has {len(cells)} values, {text[:40]!r}, where {expected} numbers are "
                 "expected; give one row per sample and one column per taxel"
@@ -143,6 +154,11 @@ class Rows:
         self.noted.bad_rows += 1
         if self.stamped is None:  # else the next valid row shows how many were lost
             yield Placed(None, lost=1)
+
+    def _take_names(self, names: list[str]) -> None:
+        """The columns in the order of the chain's taxels, by name; a line of another length names no columns."""
+        if len(names) == self.n_taxels and not all(map(is_unit, names)):
+            self.order = order_by_name(names, self.taxels, f"{self.where}: line {self.line}")
 
 
 def _check_begins_as_text(data: bytes, where: str) -> None:
@@ -258,8 +274,10 @@ class Layout(NamedTuple):
         effects.check(**given)
         return cls(**{key: value for key, value in given.items() if value is not None})
 
-    def parser(self, where: str, n_taxels: int, rate_Hz: float, noted: Noted) -> Rows | Frames:
-        """The parser of the format; InputError for an unknown format or unit."""
+    def parser(
+        self, where: str, n_taxels: int, rate_Hz: float, noted: Noted, taxels: tuple[str, ...] | None = None
+    ) -> Rows | Frames:
+        """The parser of the format; InputError for an unknown format or unit. taxels: as for `Rows`."""
         if self.format not in FORMATS:
             raise InputError(f"`format={self.format!r}`: is unknown; choose one of {', '.join(FORMATS)}")
         if self.time_column is not None and self.time_column not in UNIT_S:
@@ -268,7 +286,7 @@ class Layout(NamedTuple):
         if self.format != "csv":
             return Frames(where, n_taxels, self.format, noted, self.lsb, self.zero)
         unit_s = None if self.time_column is None else UNIT_S[self.time_column]
-        return Rows(where, n_taxels, rate_Hz, noted, unit_s, joins=where.startswith(SERIAL))
+        return Rows(where, n_taxels, rate_Hz, noted, unit_s, taxels=taxels, joins=where.startswith(SERIAL))
 
     def _check_digits(self) -> None:
         """InputError for digits of which a signal is not finite."""
@@ -319,17 +337,22 @@ def live(
 
 
 def recorded(
-    path: Path, n_taxels: int, block: int, ordered: Callable[[int], Iterable[int]] = range
+    path: Path,
+    n_taxels: int,
+    block: int,
+    ordered: Callable[[int], Iterable[int]] = range,
+    taxels: tuple[str, ...] | None = None,
 ) -> Iterator[Arrived]:
     """The trials of an HDF5 file of recordings, one after the other.
 
-    ordered: their order, from how many there are.
+    ordered: their order, from how many there are. taxels: names, in the order of the samples to give; None: as stored.
     """
     with hdf5.open_recordings(path) as stored:
         if stored.n_channels != n_taxels:
             raise InputError(
                 f"{path}: has {stored.n_channels} taxels but the chain receives {n_taxels}; record with the same taxels"
             )
+        stored = stored.in_order(taxels)
         lengths = stored.lengths.tolist()
         for trial in ordered(len(lengths)):
             length = lengths[trial]

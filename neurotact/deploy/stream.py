@@ -17,7 +17,7 @@ import torch
 from neurotact import effects
 from neurotact.backend import Backend, use_native
 from neurotact.data.conditioning import Conditioner
-from neurotact.data.recordings import unit_factor
+from neurotact.data.recordings import order_by_name, unit_factor
 from neurotact.deploy import running, stream_file
 from neurotact.deploy.chain import LARGEST, Chain, chain_of
 from neurotact.deploy.native import CompiledStream, Decided, Remembered
@@ -120,8 +120,12 @@ class Stream:
     def push(self, samples: np.ndarray) -> list[Decision]:
         """Decisions of the windows that these samples complete or let exit.
 
-        samples: `(sample, taxel)`, or `(taxel,)` for one, in the given unit; NaN for a missing value.
+        samples: `(sample, taxel)`, or `(taxel,)` for one, in the given unit; NaN for a missing value. A table of pandas
+            is taken by the names of its columns, where the chain knows those of its taxels.
         """
+        if (columns := getattr(samples, "columns", None)) is not None:
+            order = order_by_name([*map(str, columns)], self.chain.taxels, "samples", "column")
+            samples = np.asarray(samples, np.float32)[:, slice(None) if order is None else order]
         decided = self._take(samples)  # which checks for itself, in a fraction of the time of `_checked`
         if decided is None:
             samples = self._checked(samples)

@@ -18,7 +18,7 @@ import pandas as pd
 
 from neurotact.data.conditioning import ACAUSAL, Baseline, ConditioningSpec
 from neurotact.data.onset import common_onset_s
-from neurotact.data.recordings import Trials
+from neurotact.data.recordings import Trials, default_channels
 from neurotact.data.spool import Spool
 from neurotact.data.window_choice import RESTS
 from neurotact.encoders import firing, grading
@@ -168,7 +168,8 @@ def calibrate(
     # Where the signal below zero drives afferents, too, the mean is the zero.
     rest_sd = 0.0 if _is_signed(spec) else REST_SD
     scaling = fit_scaling(drawn, excerpts, conditioning.baseline, inverted=inverted, rest_sd=rest_sd)
-    conditioning = conditioning.model_copy(update={"offset": scaling.offset, "scale": scaling.scale})
+    names = None if drawn.channels == default_channels(drawn.n_channels) else drawn.channels
+    conditioning = conditioning.model_copy(update={"offset": scaling.offset, "scale": scaling.scale, "taxels": names})
     fitted = spec.model_copy(update={"unit": recordings.unit, "conditioning": conditioning})
     standardised = standardise(excerpts, conditioning)
     if drawn.n_channels > rule.taxels:
@@ -620,7 +621,7 @@ def _suited(
     exact: whether membranes are in closed form, so that the clock is that of the spikes alone.
     """
     rate_Hz, notes = recordings.sampling_rate_Hz, []
-    change: dict[str, float | None] = {"offset": None, "scale": None}
+    change: dict[str, float | None] = {"offset": None, "scale": None, "taxels": None}
     cutoff_Hz = conditioning.ema_cutoff_Hz
     if cutoff_Hz is not None and cutoff_Hz >= rate_Hz / 2:
         change["ema_cutoff_Hz"] = None

@@ -68,6 +68,7 @@ def encode_recordings(
     >>> len(trains), len(trains.afferents), int(trains.trial_steps[0])
     (1, 16, 400)
     """
+    recordings = recordings.in_order(spec.conditioning.taxels)
     check_taxels(augmentation, recordings.n_channels)
     trains = from_trials(encode_trials(recordings, spec, progress), **_about(recordings, spec))
     if augmentation is None or not augmentation.kinds:
@@ -97,6 +98,7 @@ def encode_file(
 
     progress: called with the number of trials done since its last call.
     """
+    recordings = recordings.in_order(spec.conditioning.taxels)
     check_taxels(augmentation, recordings.n_channels)
     about, varied = _about(recordings, spec), None
     if augmentation is not None:
@@ -120,6 +122,7 @@ def encode_trials(recordings: Trials, spec: EncoderSpec, progress: Progress | No
     Short trials are encoded side by side; a long one in pieces, since conditioning and afferents carry their state
     from one piece to the next. The spikes are the same.
     """
+    recordings = recordings.in_order(spec.conditioning.taxels)
     firing.check_periods(spec, recordings.lengths.min() / recordings.sampling_rate_Hz)
     firing.check_rate(spec, recordings.sampling_rate_Hz)
     yield from with_touches(_encode_blocks(recordings, spec, progress), copies_of(recordings).first)
@@ -143,7 +146,7 @@ def _encode_together(recordings: Trials, block: np.ndarray, spec: EncoderSpec) -
     encoded: dict[int, TrialSpikes] = {}
     for group in _of_like_length(np.array([*map(len, signals)]), 1.0 if is_exact(spec) else PADDED):
         together, n_steps = side_by_side([signals[trial] for trial in group])
-        rasters = encode_whole(together, rate_Hz, spec, trials=block[group])
+        rasters = encode_whole(together, rate_Hz, spec)
         for trial, raster, n in zip(group.tolist(), rasters, n_steps, strict=True):
             encoded[trial] = spikes_of(raster if is_exact(spec) else raster[:n])
     for trial in range(len(block)):
@@ -181,7 +184,7 @@ def _rasters(recordings: Trials, trial: int, spec: EncoderSpec) -> Iterator[np.n
     for piece in condition_pieces(recordings, trial, how, spec.unit):
         for first in range(0, len(piece), n_rows):
             part = piece[None, first : first + n_rows]
-            raster, state = encode(part, rate_Hz, spec, state, trials=np.array([trial]))
+            raster, state = encode(part, rate_Hz, spec, state)
             yield raster
     if state is not None and (rest := finish(rate_Hz, spec, state)) is not None:
         yield rest

@@ -21,7 +21,7 @@ from scipy.special import ndtri
 
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders.afferents import checked
-from neurotact.encoders.random_numbers import random_integers
+from neurotact.encoders.random_numbers import between, check_continued, digests, random_integers
 from neurotact.encoders.refractory import RefractoryMs
 from neurotact.errors import InputError
 from neurotact.metrics.flops import MechanoreceptorAfferents
@@ -79,7 +79,7 @@ class MechanoreceptorSpec(Spec):
     noise: bool = True
     """Add the noise of the fits to the currents."""
     seed: int = Field(default=0, ge=0, lt=2**63)
-    """Random seed of the noise: the same spec and recordings give the same spikes."""
+    """Random seed of the noise: a trial has the same spikes whenever its samples and the spec are the same."""
     conduction: bool = True
     """Delay spikes by the conduction times of the fits, 1.0 to 11.0 ms; otherwise by the 0.4 ms of the derivatives."""
     conditioning: ConditioningSpec = ConditioningSpec()
@@ -208,13 +208,14 @@ class FilterState(NamedTuple):
 class MechanoreceptorEncoderState(NamedTuple):
     """The state of the encoder between pieces.
 
-    trials: numbers of the trials, which seed their noise, `(trial,)`. step: steps of the clock done.
+    digest: of the samples so far, from which the noise is drawn, `(trial, taxel)` uint64.
+    step: steps of the clock done.
     last: the signal's last sample, `(trial, taxel)`, None before the first. before: the two last samples on the clock
     of the fits, `(trial, 2, taxel)`. filters: of each fit. neurons: all afferents.
     under_way: spikes that have not arrived, `(trial, steps of the longest delay, afferent)`.
     """
 
-    trials: np.ndarray
+    digest: np.ndarray
     step: int
     last: np.ndarray | None
     before: np.ndarray
@@ -237,8 +238,6 @@ def encode(
     sampling_rate_Hz: float,
     spec: MechanoreceptorSpec,
     state: MechanoreceptorEncoderState | None = None,
-    *,
-    trials: np.ndarray | None = None,
 ) -> tuple[np.ndarray, MechanoreceptorEncoderState]:
     """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, afferent)` uint8, as `afferent_names`.
 
@@ -246,8 +245,10 @@ def encode(
     straight line, and a spike is put into the step of the signal's clock in which it arrives. The state is an argument
     and a result, so that a recording encoded in pieces gives the spikes of the whole. All arithmetic is in float64.
 
-    trials: numbers of the trials, `(trial,)`, which seed their noise; 0, 1, ... when absent. A given state takes
-        precedence.
+    The noise of an afferent depends on the seed, its place on the skin and the samples of its taxel so far
+    (`random_numbers.py`), so that pieces, other trials and other taxels do not change it. Trials of the same samples
+    have the same noise; more of it needs other seeds.
+
     Raises InputError for a clock below 1 kHz.
 
     >>> one = {"gain": 1.0, "fits": [1]}
@@ -272,10 +273,8 @@ def encode(
     neuron = _neurons(copies, n_taxels, sampling_rate_Hz)
     delays = [_delay_steps(copy.fit, conduction=spec.conduction) for copy in copies]
     if state is None:
-        numbers = np.arange(n_trials) if trials is None else np.asarray(trials)
-        state = _start(numbers, n_taxels, len(copies), neuron, max(delays))
-    if state.trials.shape != (n_trials,):
-        raise InputError(f"trials: {state.trials.size} numbers for {n_trials} trials; give one per trial")
+        state = _start(n_trials, n_taxels, len(copies), neuron, max(delays))
+    check_continued(state.digest, signal)
     spikes = np.zeros((n_trials, n_steps, len(copies) * n_taxels), np.uint8)
     per_step = max(1, spikes.shape[0] * spikes.shape[2]) * FITTED_Hz / sampling_rate_Hz
     n_at_once = max(1, int(MOST_VALUES / per_step))
@@ -309,8 +308,9 @@ def _encode_piece(
         dynamic = (depth[:, 2:] - depth[:, :-2]) * (copy.gain * DYNAMIC[copy.part] * FITTED_Hz / 2)
         mine[...], following = currents(copy.fit, static, dynamic, state.filters[index])
         filters.append(following)
+    digest, after = digests(signal, state.step, state.digest)
     if spec.noise:
-        _add_noise(current, spec.seed, state.trials, first_fine, [copy.fit.noise for copy in copies], n_taxels)
+        _add_noise(current, spec.seed, between(digest, step_of, first_fine), [copy.fit.noise for copy in copies])
     fired = np.empty(current.shape, bool)
     neurons = state.neurons
     for k in range(len(step_of)):
@@ -323,7 +323,7 @@ def _encode_piece(
         trial, k, taxel = np.nonzero(arrived)
         out[trial, step_of[k], block.start + taxel] = 1
     return MechanoreceptorEncoderState(
-        state.trials, state.step + signal.shape[1], signal[:, -1], depth[:, len(step_of) :], tuple(filters), neurons,
+        after, state.step + signal.shape[1], signal[:, -1], depth[:, len(step_of) :], tuple(filters), neurons,
         on_the_way[:, len(step_of) :],
     )  # fmt: skip
 
@@ -386,14 +386,12 @@ def _two_sided(drive: np.ndarray, up: float, down: float) -> np.ndarray:
     return drive * np.where(drive >= 0, up, -down)
 
 
-def _add_noise(
-    current: np.ndarray, seed: int, trials: np.ndarray, first: int, sizes: list[float], n_taxels: int
-) -> None:
+def _add_noise(current: np.ndarray, seed: int, digest: np.ndarray, sizes: list[float]) -> None:
     """Add normal numbers of a standard deviation for each copy to the currents, in place."""
-    drawn = random_integers(seed, trials, first, current.shape[1], n_taxels, len(sizes))
-    for i, afferent, integers in drawn:
-        uniform = ((integers >> np.uint64(11)) + 0.5) * 2.0**-53
-        current[i, :, afferent] += sizes[afferent // n_taxels] * ndtri(uniform)
+    n_taxels = digest.shape[2]
+    for copy, size in enumerate(sizes):
+        uniform = ((random_integers(seed, digest, copy) >> np.uint64(11)) + 0.5) * 2.0**-53
+        current[:, :, copy * n_taxels : (copy + 1) * n_taxels] += size * ndtri(uniform)
 
 
 def _neurons(copies: list[_Copy], n_taxels: int, rate_Hz: float) -> Mechanoreceptor:
@@ -418,12 +416,11 @@ def _delay_steps(fit: Fit, *, conduction: bool) -> int:
 
 
 def _start(
-    trials: np.ndarray, n_taxels: int, n_copies: int, neuron: Mechanoreceptor, longest: int
+    n_trials: int, n_taxels: int, n_copies: int, neuron: Mechanoreceptor, longest: int
 ) -> MechanoreceptorEncoderState:
-    n_trials = len(trials)
     filters = (FilterState.at_rest(n_trials, n_taxels),) * n_copies
     return MechanoreceptorEncoderState(
-        trials, 0, None, np.zeros((n_trials, DERIVED_LATE, n_taxels)), filters,
+        np.zeros((n_trials, n_taxels), np.uint64), 0, None, np.zeros((n_trials, DERIVED_LATE, n_taxels)), filters,
         mechanoreceptor_start(neuron, n_trials), np.zeros((n_trials, longest, n_copies * n_taxels), bool),
     )  # fmt: skip
 

@@ -7,11 +7,13 @@ from pydantic import Field
 
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders.afferents import checked, drives
-from neurotact.encoders.random_numbers import random_integers
+from neurotact.encoders.random_numbers import check_continued, digests, random_integers
 from neurotact.encoders.refractory import RefractoryMs
-from neurotact.errors import InputError
 from neurotact.neurons import refractory_steps, silenced
 from neurotact.spec import Spec
+
+VALUES = 32_768
+"""Steps of taxels whose random numbers are drawn at once: so many stay in a cache."""
 
 
 class PoissonType(Spec):
@@ -38,7 +40,7 @@ class PoissonSpec(Spec):
     unit: str = "mV"
     """The unit of the recordings."""
     seed: int = Field(default=0, ge=0, lt=2**63)
-    """Random seed: the same spec and recordings give the same spikes."""
+    """Random seed: a trial has the same spikes whenever its samples and the spec are the same."""
     conditioning: ConditioningSpec = ConditioningSpec()
     sa1: PoissonType
     """Driven by the signal."""
@@ -49,34 +51,27 @@ class PoissonSpec(Spec):
 class PoissonState(NamedTuple):
     """The state of the encoder between pieces.
 
-    trials: numbers of the trials, which seed their random numbers, `(trial,)`.
+    digest: of the samples so far, from which the random numbers are drawn, `(trial, taxel)` uint64.
     step: number of steps done.
     silent_steps: remaining dead steps, `(trial, 2 taxel)`.
     last: the signal's last sample, `(trial, taxel)`; None before the first.
     """
 
-    trials: np.ndarray
+    digest: np.ndarray
     step: int
     silent_steps: np.ndarray
     last: np.ndarray | None
 
 
 def encode(
-    signal: np.ndarray,
-    sampling_rate_Hz: float,
-    spec: PoissonSpec,
-    state: PoissonState | None = None,
-    *,
-    trials: np.ndarray | None = None,
+    signal: np.ndarray, sampling_rate_Hz: float, spec: PoissonSpec, state: PoissonState | None = None
 ) -> tuple[np.ndarray, PoissonState]:
     """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, 2 taxel)` uint8, SA-I first.
 
     A step holds a spike with the probability `1 - exp(-rate dt)` that a Poisson process of the drive's rate has one
-    or more events in it; a negative drive is a rate of 0. Each afferent of each trial has its own random numbers,
-    one per step, so that they do not depend on pieces, other trials or other taxels.
-
-    trials: numbers of the trials, `(trial,)`, which seed their random numbers; 0, 1, ... when absent. A given state
-        takes precedence.
+    or more events in it; a negative drive is a rate of 0. The random numbers of an afferent depend on the seed, its
+    place on the skin and the samples of its taxel so far (`random_numbers.py`), so that pieces, other trials and other
+    taxels do not change them. Trials of the same samples give the same spikes; more of them need other seeds.
 
     >>> spec = PoissonSpec(sa1=PoissonType(gain_Hz=20.0), ra1=PoissonType(gain_Hz=100.0))
     >>> spikes, _ = encode(np.full((1, 20000, 1), 5.0), 2000.0, spec)  # 10 s at 100 Hz
@@ -86,21 +81,24 @@ def encode(
     signal = checked(signal)
     n_trials, n_steps, n_taxels = signal.shape
     if state is None:
-        numbers = np.arange(n_trials) if trials is None else np.asarray(trials)
-        state = PoissonState(numbers, 0, np.zeros((n_trials, 2 * n_taxels), np.int32), None)
-    if state.trials.shape != (n_trials,):
-        raise InputError(f"trials: {state.trials.size} numbers for {n_trials} trials; give one per trial")
+        digest, silent = np.zeros((n_trials, n_taxels), np.uint64), np.zeros((n_trials, 2 * n_taxels), np.int32)
+        state = PoissonState(digest, 0, silent, None)
+    check_continued(state.digest, signal)
     gains = ((spec.sa1.gain_Hz,), (spec.ra1.gain_Hz * sampling_rate_Hz * 1e-3,))
     rates_Hz, last = drives(signal, gains, state.last)
-    spikes = np.zeros(rates_Hz.shape, np.uint8)
-    drawn = random_integers(spec.seed, state.trials, state.step, n_steps, n_taxels, n_copies=2)
-    for i, afferent, integers in drawn:
-        uniform = (integers >> np.uint64(11)) * 2.0**-53
-        expected = np.maximum(rates_Hz[i, :, afferent], 0.0).astype(np.float64) / sampling_rate_Hz
-        spikes[i, :, afferent] = uniform < -np.expm1(-expected)
+    spikes, after = np.zeros(rates_Hz.shape, np.uint8), state.digest.copy()
+    at_once = max(1, VALUES // max(1, n_steps * n_taxels))
+    for first in range(0, n_trials, at_once):
+        block = slice(first, first + at_once)
+        digest, after[block] = digests(signal[block], state.step, state.digest[block])
+        for copy in range(2):
+            its = slice(copy * n_taxels, (copy + 1) * n_taxels)
+            uniform = (random_integers(spec.seed, digest, copy) >> np.uint64(11)) * 2.0**-53
+            expected = np.maximum(rates_Hz[block, :, its], 0.0).astype(np.float64) / sampling_rate_Hz
+            spikes[block, :, its] = uniform < -np.expm1(-expected)
     dead = [refractory_steps(kind.t_ref_ms, sampling_rate_Hz) for kind in (spec.sa1, spec.ra1)]
     silent_steps = _silence(spikes, np.repeat(dead, n_taxels), state.silent_steps) if any(dead) else state.silent_steps
-    return spikes, PoissonState(state.trials, state.step + n_steps, silent_steps, last)
+    return spikes, PoissonState(after, state.step + n_steps, silent_steps, last)
 
 
 def _silence(spikes: np.ndarray, dead_steps: np.ndarray, silent_steps: np.ndarray) -> np.ndarray:

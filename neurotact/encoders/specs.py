@@ -70,7 +70,6 @@ class Model(NamedTuple):
 
     title: its afferents, as the table of executors names them.
     layer: its layer in the cost ledger, `layer(spec as a table, taxels, steps, step_ms)`.
-    is_random: whether its `encode` also takes `trials`, the numbers that seed it.
     populations: in the order of its output. One whose part of the spec is optional has no afferents without it.
     repeats: whether an afferent fires at every step at which a condition holds, so that most of its intervals are the
         shortest possible.
@@ -82,7 +81,6 @@ class Model(NamedTuple):
     state: type
     encode: Callable[..., tuple[np.ndarray, Any]]
     layer: Callable[[Mapping[str, Any], int, int, float], Layer]
-    is_random: bool = False
     populations: tuple[Population, ...] = SA_RA
     repeats: bool = False
     is_compared: bool = True
@@ -106,7 +104,7 @@ MODELS = {
         "Izhikevich afferents", IzhikevichSpec, IzhikevichEncoderState, izhikevich.encode, izhikevich.layer
     ),
     "poisson": Model(
-        "Poisson afferents", PoissonSpec, PoissonState, poisson.encode, _of_size(PoissonAfferents), is_random=True
+        "Poisson afferents", PoissonSpec, PoissonState, poisson.encode, _of_size(PoissonAfferents)
     ),
     "mechanoreceptor": Model(
         "fitted mechanoreceptors",
@@ -114,7 +112,6 @@ MODELS = {
         MechanoreceptorEncoderState,
         mechanoreceptor.encode,
         mechanoreceptor.layer,
-        is_random=True,
         populations=(*SA_RA, Population("PC", "pc")),
         is_compared=False,
     ),
@@ -300,6 +297,18 @@ def afferent_names(taxels: Sequence[str], encoder: Mapping[str, Any] = MappingPr
     return tuple(f"{name} {taxel}{mark}" for name, its in kinds for mark in its for taxel in taxels)
 
 
+def taxel_names(afferents: Sequence[str], encoder: Mapping[str, Any]) -> tuple[str, ...] | None:
+    """The names of the taxels of which an encoder, its spec as a table, named these afferents; None of other names.
+
+    >>> taxel_names(("SA-I left", "SA-I right", "RA-I left", "RA-I right"), {})
+    ('left', 'right')
+    """
+    before, _, after = afferent_names(("\0",), encoder)[0].partition("\0")
+    first = afferents[: taxels_of(len(afferents), encoder)]
+    taxels = tuple(name.removeprefix(before).removesuffix(after) for name in first)
+    return taxels if afferent_names(taxels, encoder) == tuple(afferents) else None
+
+
 def n_per_taxel(encoder: Spec) -> int:
     """The number of an encoder's afferents under a taxel.
 
@@ -354,13 +363,11 @@ def encode(
     sampling_rate_Hz: float,
     spec: EncoderSpec,
     state: AnyState | None = None,
-    *,
-    trials: np.ndarray | None = None,
 ) -> tuple[np.ndarray, AnyState]:
     """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, afferent)` uint8, as `afferent_names`.
 
     The state is an argument and a result, so that a recording encoded in pieces gives the spikes of the whole.
-    trials: numbers of the trials, `(trial,)`, which seed random encoders; 0, 1, ... when absent.
+    A trial's spikes depend on its samples, the spec and its seed alone: not on other trials, nor on its index.
 
     >>> spikes, _ = encode(np.full((1, 200, 1), 10.0), 2000.0, load("sa1-ra1-lif"))
     >>> spikes.sum(axis=1).tolist()
@@ -371,13 +378,10 @@ def encode(
     kind = ExactState if is_exact(spec) else model.state
     if state is not None and not isinstance(state, kind):
         raise InputError(f"state: is a {type(state).__name__}, of another encoder; pass the one that encode returned")
-    further = {"trials": trials} if model.is_random else {}
-    return own(signal, sampling_rate_Hz, spec, state, **further)
+    return own(signal, sampling_rate_Hz, spec, state)
 
 
-def encode_whole(
-    signal: np.ndarray, sampling_rate_Hz: float, spec: EncoderSpec, *, trials: np.ndarray | None = None
-) -> np.ndarray:
+def encode_whole(signal: np.ndarray, sampling_rate_Hz: float, spec: EncoderSpec) -> np.ndarray:
     """The spikes of whole trials, to their end, as `encode` gives them piece by piece and then `finish`.
 
     >>> encode_whole(np.zeros((1, 200, 1)), 2000.0, load("sa1-ra1-lif")).shape
@@ -385,7 +389,7 @@ def encode_whole(
     """
     if is_exact(spec):
         return exact.encode_whole(signal, sampling_rate_Hz, spec)
-    return encode(signal, sampling_rate_Hz, spec, trials=trials)[0]
+    return encode(signal, sampling_rate_Hz, spec)[0]
 
 
 def finish(sampling_rate_Hz: float, spec: EncoderSpec, state: AnyState) -> np.ndarray | None:

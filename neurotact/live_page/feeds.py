@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from neurotact.data import hdf5
-from neurotact.data.recordings import LABEL
+from neurotact.data.recordings import LABEL, order_by_name
 from neurotact.data.sources import Control, Simulator
 from neurotact.deploy import sources
 from neurotact.deploy.sources import Arrived, Layout, Noted
@@ -73,6 +73,11 @@ class Replay(Paced):
         self.label: str | None = None
         self.note = ""
 
+    def give_in_order(self, taxels: tuple[str, ...] | None) -> None:
+        """Give the taxels in the order of these names, where they have them; InputError for other names."""
+        if order_by_name(self.taxels, taxels, self.name) is not None:
+            self.taxels = taxels or self.taxels
+
     def pieces(self, noted: Noted) -> Iterator[Arrived]:
         block = max(1, round(BLOCK_S * self.sampling_rate_Hz))
         while True:
@@ -85,7 +90,7 @@ class Replay(Paced):
                 return
 
     def _stored(self, block: int) -> Iterator[Arrived]:
-        return sources.recorded(Path(self.name), len(self.taxels), block, self._ordered)
+        return sources.recorded(Path(self.name), len(self.taxels), block, self._ordered, self.taxels)
 
 
 class ByHand(Paced):
@@ -140,7 +145,12 @@ class Device:
     ) -> None:  # fmt: skip
         self.name, self.taxels, self.sampling_rate_Hz, self.unit = path, taxels, sampling_rate_Hz, unit
         self._open: Callable[[Noted], Iterator[Arrived]] = lambda noted: sources.live(
-            path, layout.parser(path, len(taxels), sampling_rate_Hz, noted), noted, stall_s, tick_s=TICK_S, baud=baud
+            path,
+            layout.parser(path, len(taxels), sampling_rate_Hz, noted, taxels),
+            noted,
+            stall_s,
+            tick_s=TICK_S,
+            baud=baud,
         )
         layout.parser(path, len(taxels), sampling_rate_Hz, Noted())  # refuse a wrong layout now
         self.label: str | None = None

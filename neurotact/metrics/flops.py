@@ -1,7 +1,7 @@
 """The cost ledger: what one decision costs, whether an ELM, an LSTM or a spiking network makes it.
 
 A chain is a list of layer descriptors; `cost` counts it analytically. A layer that is not known raises: it never
-counts zero. FLOPs as the papers count them are in `neurotact.papers.published_flops`.
+counts zero. FLOPs as the papers count them are in `neurotact_parts.studies.published_flops`.
 
 What is counted:
 - a MAC is a multiplication whose product is added; a sum starts at its bias, so that a bias costs nothing;

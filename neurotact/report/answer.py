@@ -481,7 +481,8 @@ def where_lost(outcome: Answer, baselines: Sequence[Baseline]) -> Iterator[str]:
     lost = {
         f"the encoding loses {100 * encoding:.1f} points ({percent(of_signals.accuracy)} by {of_signals.name}, "
         f"{percent(of_spikes.accuracy)} by {of_spikes.name}); look at `nt.calibrate(..., compare=True)`, at other "
-        "windows (`settings={'window.length_ms': ..., 'window.align': 'onset'}`) and at more afferents per taxel "
+        "windows (`settings={'window.length_ms': ..., 'window.align': 'onset'}`), at afferents of other membranes "
+        "(`settings={'encoder.tau_mem_ms': ...}`: 10 sends more spikes than 50) and at more afferents per taxel "
         "(`settings={'encoder': 'sa1-ra1-lif-graded'}`)": encoding,
         f"the network loses {100 * network:.1f} points ({percent(of_spikes.accuracy)} by {of_spikes.name}, "
         f"{percent(used)} by the best network); record more trials, or run the "

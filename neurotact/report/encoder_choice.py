@@ -1,4 +1,4 @@
-"""Which encoder: what a study that sweeps encoders answers, from validation trials alone (the referee's rule)."""
+"""Which encoder: what a study that sweeps encoders answers; validation chooses, test trials may speak against it."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
@@ -7,7 +7,9 @@ import pandas as pd
 
 from neurotact.baselines.opponents import LINEAR
 from neurotact.encoders import specs as encoders
-from neurotact.metrics.referee import best_of, level_with_best
+from neurotact.metrics.paired import compare_shares
+from neurotact.metrics.referee import best_of, within_error
+from neurotact.metrics.savings import Savings, savings
 from neurotact.metrics.shares import wilson_interval
 from neurotact.report import answer as answers
 from neurotact.report import first_screen, periods
@@ -84,46 +86,81 @@ def _snr_dB(table: pd.DataFrame | None, study: StudySpec, row: Mapping[str, obje
 
 
 def sentence(among: Sequence[Choice]) -> str:
-    """One sentence: the encoder that costs least of those that validation cannot tell from the best one.
+    """One sentence: the encoder that costs least of those that keep the accuracy, or that none can be told to.
 
     Empty for fewer than two.
     """
     if len(among) < 2:
         return ""
-    ways = [one.network.way(one.trials) for one in among]
-    level, best = level_with_best(ways), among[best_of(ways)]
-    cheapest = among[_cheapest(among)]
-    reached, before = cheapest.network.used, best.network.used
-    low, high = wilson_interval(reached.accuracy, cheapest.trials.test)
-    right = f"right in {answers.percent(reached.accuracy)} of the test windows ({100 * low:.0f} to {100 * high:.0f} %)"
-    spent = f"{answers.count(reached.spikes)} spikes"
-    spent += "" if reached.nJ is None else f" and {answers.energy(reached.nJ)}"
-    if low <= cheapest.guess:
-        spent += f", not clearly more often than by guessing ({answers.percent(cheapest.guess)})"
-    if len(level) == 1:
+    found = _savings(among)
+    best = among[found.best]
+    if not found.is_clear:
+        return _unclear(among, found)
+    assert found.cheapest is not None
+    cheapest, every = among[found.cheapest], f"{len(among)} encoders and refractory periods"
+    if len(found.level) == 1:
+        above = max(among, key=lambda one: one.network.used.accuracy)
+        is_above = above.network.used.accuracy > best.network.used.accuracy
+        more = f"; test trials cannot tell it from {above.name}, {_reached(above)}" if is_above else ""
         return (
-            f"{best.name} is the most accurate of {len(among)} encoders and refractory periods, and validation trials "
-            f"tell it from all others: {right}, for {spent}."
+            f"{best.name} is the most accurate of {every} on validation trials, which tell it from all others: "
+            f"{_reached(best)}{more}."
         )
-    if cheapest is best:
+    said = (
+        f"Validation trials cannot tell {len(found.level)} of {every} apart; the cheapest within the error of the best "
+        f"is {cheapest.name}: {_reached(cheapest)}"
+    )
+    most = max((among[at] for at in found.kept), key=lambda one: one.network.way(one.trials).validation)
+    return f"{said}." if most is cheapest else f"{said}, {_saved(cheapest, most)} of {most.name}: {_reached(most)}."
+
+
+def _unclear(among: Sequence[Choice], found: Savings) -> str:
+    """Why no encoder is called the cheapest: test trials speak against each that validation would choose."""
+    said = "Validation and test trials cannot tell which encoder is the cheapest at the accuracy of the best: "
+    if found.cheapest is None:
+        best = among[found.best]
         return (
-            f"{best.name} is the most accurate on validation trials, which cannot tell {len(level)} of {len(among)} "
-            f"encoders and refractory periods apart, and the cheapest of these: {right}, for {spent}."
+            f"{said}{best.name}, the most accurate on validation trials, is {_reached(best)}; test trials show each "
+            "one within its standard error to be clearly less accurate than another."
         )
-    kept = reached.accuracy / before.accuracy if before.accuracy else 1.0
-    saved = f"{_share(reached.spikes, before.spikes)} of the spikes"
-    if reached.nJ is not None and before.nJ:
-        saved += f" and {_share(reached.nJ, before.nJ)} of the energy"
+    chosen, other = among[found.cheapest], among[found.contrary[0]]
     return (
-        f"{cheapest.name} keeps {100 * kept:.0f} % of the accuracy of {best.name}, the most accurate on validation "
-        f"trials, at {saved}: {right}, for {spent}; validation trials cannot tell {len(level)} of {len(among)} "
-        "encoders and refractory periods apart, and it is the cheapest of these."
+        f"{said}validation prefers {chosen.name}, {_reached(chosen)}; on test trials {other.name} is no dearer and no "
+        f"less accurate, {_reached(other)}."
     )
 
 
-def _cheapest(among: Sequence[Choice]) -> int:
-    ways = [one.network.way(one.trials) for one in among]
-    return min(level_with_best(ways), key=lambda index: (ways[index].cost, -ways[index].validation))
+def _savings(among: Sequence[Choice]) -> Savings:
+    """What the referee says: validation chooses, and test trials may show that a choice is worse than another."""
+    ways, tested = [one.network.way(one.trials) for one in among], [one.network.used.accuracy for one in among]
+    worse = {at for at in within_error(ways) if any(_is_worse(among[at], other) for other in among)}
+    return savings(ways, tested, worse)
+
+
+def _is_worse(one: Choice, other: Choice) -> bool:
+    """Whether test trials show that one encoder is clearly less accurate than another."""
+    found = compare_shares(other.network.used.accuracy, one.network.used.accuracy, one.trials.test)
+    return found.difference > 0 and found.is_clear
+
+
+def _reached(one: Choice) -> str:
+    """How often it is right, with the interval of its test trials, and what a decision costs."""
+    used = one.network.used
+    low, high = wilson_interval(used.accuracy, one.trials.test)
+    spent = f"{answers.count(used.spikes)} spikes"
+    spent += "" if used.nJ is None else f" and {answers.energy(used.nJ)}"
+    if low <= one.guess:
+        spent += f", not clearly more often than by guessing ({answers.percent(one.guess)})"
+    share = answers.percent(used.accuracy)
+    return f"right in {share} of the test windows ({100 * low:.0f} to {100 * high:.0f} %), for {spent}"
+
+
+def _saved(one: Choice, best: Choice) -> str:
+    reached, before = one.network.used, best.network.used
+    saved = f"{_share(reached.spikes, before.spikes)} of the spikes"
+    if reached.nJ is not None and before.nJ:
+        saved += f" and {_share(reached.nJ, before.nJ)} of the energy"
+    return saved
 
 
 def _share(after: float, before: float) -> str:
@@ -139,14 +176,16 @@ def table(among: Sequence[Choice]) -> Table | None:
     """Accuracy, what is given back of the signal, and cost of each encoder; None for fewer than two."""
     if len(among) < 2:
         return None
-    ways = [one.network.way(one.trials) for one in among]
-    best, level, cheapest = best_of(ways), level_with_best(ways), _cheapest(among)
+    found = _savings(among)
+    cheapest = found.cheapest if found.is_clear else None
     rows = []
     for index, one in enumerate(among):
         said = [
-            word for word, row in (("best on validation", best), ("cheapest of its equals", cheapest)) if index == row
+            word
+            for word, row in (("best on validation", found.best), ("cheapest within its error", cheapest))
+            if index == row
         ]
-        mark = f": {' and '.join(said)}" if said else " ~" if index in level else ""
+        mark = f": {' and '.join(said)}" if said else " ~" if index in found.level else ""
         used, n_test = one.network.used, one.trials.test
         readout = "-" if one.readout is None else first_screen.with_interval(one.readout.accuracy, n_test)
         rate = "" if one.rate_per_s is None else f" at {one.rate_per_s:g} spikes/s"

@@ -127,7 +127,7 @@ def write(study: StudySpec, folder: Path) -> Path:
         folder,
         n_done=len(results),
         n_cells=len(course.digests if course else every),
-        tables={"results": results, "encoding": encoding, **extra, **left},
+        tables={"results": results, "encoding": encoding, **extra, **left, **beside},
         figures=chain(
             drawn,
             search.drawings(trials, study.search) if study.search else (),

@@ -22,9 +22,9 @@ from plotly.offline import get_plotlyjs
 from neurotact.figures.style import Drawn, save
 from neurotact.files import read_json, write_text
 from neurotact.spec import assignments_of
-from neurotact.studies.claims import Verdict, judge
 from neurotact.studies.loading import Study
 from neurotact.studies.study import to_toml
+from neurotact.studies.verdicts import ALPHA, State, Verdict, judge
 
 ANSWER, PAGE = "answer.json", "report.html"
 """The first screen of a report for programs, where its study has an answer in words."""
@@ -104,6 +104,7 @@ def write(
         n_cells=n_cells,
         verdicts=verdicts,
         tally=tally(judged),
+        alpha=ALPHA,
         explained=explained,
         reasons=shared_reasons(verdicts) if explained else {},
         figures=[_keep(drawn, folder) for drawn in figures],
@@ -140,17 +141,21 @@ def script_json(value: Any) -> str:
 
 
 def tally(verdicts: list[Verdict]) -> str:
-    """The number of reproduced claims, in words.
+    """The number of reproduced claims, and of those in each other state whose rule holds, in words.
 
     >>> tally([])
     ''
     """
     if not verdicts:
         return ""
-    judged = [verdict.reproduced for verdict in verdicts if verdict.reproduced is not None]
-    missing = len(verdicts) - len(judged)
-    left = f"; {missing} need cells that this run does not hold" if missing else ""
-    return f"{sum(judged)} of {len(judged)} claims reproduced{left}"
+    counts = Counter(verdict.state for verdict in verdicts)
+    missing = counts.pop(State.MISSING, 0)
+    parts = [f"{counts[State.REPRODUCED]} of {len(verdicts) - missing} claims reproduced"]
+    for state in (State.CHANCE, State.BASELINE, State.FIT, State.FEW):
+        many = str(state).replace("holds", "hold", counts[state] != 1)
+        parts += [f"{counts[state]} {many}"] if counts[state] else []
+    parts += [f"{missing} need cells that this run does not hold"] if missing else []
+    return "; ".join(parts)
 
 
 def shared_reasons(verdicts: Iterable[Verdict]) -> dict[str, int]:

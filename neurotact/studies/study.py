@@ -27,7 +27,7 @@ from neurotact.encoders.same_drive import SameDriveSpec
 from neurotact.encoders.specs import EncoderSpec, is_exact, pays_exact
 from neurotact.errors import InputError, nearest
 from neurotact.networks.definition import recipe
-from neurotact.networks.definition.seeds import drawn
+from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.search import tuning
 from neurotact.networks.search.tuning import SearchSpec
@@ -193,7 +193,7 @@ class StudySpec(Spec):
     baselines: Opponents = "none"
     """The opponents to fit on the same windows, in baselines.csv: `linear`, logistic regression on mean and deviation
     of the signals; `readout`, also on the spike counts of each encoder; `quick`, on more features, SVM, ELM and trees,
-    and on spikes; `all`, also spectra, MiniRocket and a GRU."""
+    also on spikes, and MiniRocket on the signals; `all`, also spectra and a GRU."""
     encoding_in: Literal["processor", "sensor"] = "processor"
     """Where conditioning and encoding are computed: their energy counts on the processor, and not in the sensor."""
     cut_short_ms: tuple[Milliseconds, ...] = ()
@@ -330,13 +330,8 @@ class Cell(Spec):
 
     @property
     def seeds(self) -> tuple[int, int]:
-        """Random seeds of the initial weights and of the order of trials, drawn from the settings of the training."""
-        always = ("source", "dataset", "subset", "seed", "window", "split", "encoder", "calibrate")
-        optional = ("network", "search", "training_windows", "spikes_per_s")
-        settings = {name: getattr(self, name) for name in always}
-        settings |= {name: value for name in optional if (value := getattr(self, name)) is not None}
-        exit_ = self.early_exit.model_copy(update={"by": "stability"})  # of the trained network, whichever it is
-        return drawn({**settings, "early_exit": exit_})
+        """Random seeds of the initial weights and of the order of trials, as of a training outside a study."""
+        return of_start(self.seed, self.split)
 
     @property
     def given(self) -> str:

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from neurotact.baselines import families
+from neurotact.baselines import minirocket as rocket
 from neurotact.baselines.families import ON_FEATURES, Sides, first_best, minirocket, pooled_gru, refitted
 
 
@@ -37,7 +38,7 @@ def sides_of(seed, n_train=24, shape=(3,)):
     [*((family, (3,)) for family in ON_FEATURES.values()), (minirocket, (40, 2)), (pooled_gru, (20, 2))],
 )
 def test_a_choice_is_fitted_again_with_its_settings(monkeypatch, family, shape):
-    monkeypatch.setattr(families, "ROCKET_FEATURES", (84, 168))
+    monkeypatch.setattr(rocket, "FEATURES", 84)
     monkeypatch.setattr(families, "GRU_HIDDEN", (4, 6))
     sides, others = sides_of(0, shape=shape), sides_of(1, n_train=36, shape=shape)
     for candidate, own in islice(zip(family(sides, 0), family(others, 0), strict=True), 3):
@@ -48,3 +49,11 @@ def test_a_choice_is_fitted_again_with_its_settings(monkeypatch, family, shape):
             assert elsewhere.settings == candidate.settings
         elif family is not families.svm:  # whose order depends on the data
             np.testing.assert_array_equal(elsewhere.fitted.predict(others.test), own.fitted.predict(others.test))
+
+
+def test_minirocket_has_one_candidate_of_the_default_size(monkeypatch):
+    monkeypatch.setattr(rocket, "FEATURES", 168)
+    (candidate,) = minirocket(sides_of(0, shape=(40, 2)), 0)
+    assert candidate.settings == "168 features"
+    assert len(candidate.fitted.transform_.convolutions_) == 84 * 2
+    assert sum(len(one.biases) for one in candidate.fitted.transform_.convolutions_) == 168

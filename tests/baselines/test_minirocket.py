@@ -1,29 +1,35 @@
 """MiniRocket: a feature counted by hand, its size and range, and what it recognises."""
 
+import inspect
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from sklearn.linear_model import RidgeClassifierCV
 
 from neurotact.baselines.minirocket import TRIPLES, Convolution, MiniRocket, MiniRocketClassifier, dilations
 from neurotact.errors import InputError
 
 
-def by_hand(signal: np.ndarray, convolution: Convolution) -> np.ndarray:
+def convolved(signal: np.ndarray, convolution: Convolution) -> np.ndarray:
     """The definition, weight by weight: nine weights of -1, three of which are 2, zeros beyond the ends."""
     n_steps = len(signal)
     weights = np.full(9, -1.0)
     weights[list(TRIPLES[convolution.kernel])] = 2.0
     summed = signal[:, convolution.channels].sum(axis=1)
-    convolved = np.zeros(n_steps)
+    made = np.zeros(n_steps)
     for step in range(n_steps):
         for place, weight in enumerate(weights):
             at = step + (place - 4) * convolution.dilation
-            convolved[step] += weight * summed[at] if 0 <= at < n_steps else 0.0
+            made[step] += weight * summed[at] if 0 <= at < n_steps else 0.0
     edge = 4 * convolution.dilation
-    inside = convolved if convolution.padded else convolved[edge : n_steps - edge]
-    return np.array([(inside > bias).mean() for bias in convolution.biases])
+    return made if convolution.padded else made[edge : n_steps - edge]
+
+
+def by_hand(signal: np.ndarray, convolution: Convolution) -> np.ndarray:
+    return np.array([(convolved(signal, convolution) > bias).mean() for bias in convolution.biases])
 
 
 @examples(10)
@@ -38,6 +44,44 @@ def test_each_feature_is_the_share_of_time_above_its_bias(n_steps, n_channels, f
         first = sum(len(one.biases) for one in rocket.convolutions_[: rocket.convolutions_.index(convolution)])
         mine = found[2, first : first + len(convolution.biases)]
         np.testing.assert_allclose(mine, by_hand(X[2], convolution), atol=1e-6)
+
+
+def test_biases_are_quantiles_of_the_convolution_of_one_training_sequence():
+    """Shares of the golden ratio, one after the other over all features; zeros are beyond the ends of the sequence."""
+    X = np.random.default_rng(0).normal(size=(3, 30, 2))
+    taken, first = [], 0
+    for convolution in MiniRocket(400, random_state=0).fit(X).convolutions_:
+        shares = np.arange(first + 1, first + 1 + len(convolution.biases)) * (5**0.5 + 1) / 2 % 1
+        whole = convolution._replace(padded=True)
+        wanted = [np.quantile(convolved(signal, whole), shares) for signal in X]
+        (number,) = [at for at, each in enumerate(wanted) if np.allclose(each, convolution.biases, atol=1e-4)]
+        taken, first = [*taken, number], first + len(convolution.biases)
+    assert {*taken} == {0, 1, 2}
+    assert first == 336
+
+
+def test_every_second_kernel_and_dilation_is_padded():
+    padded = [one.padded for one in MiniRocket(400, random_state=0).fit(np.zeros((1, 40, 1))).convolutions_]
+    rows = np.reshape(padded, (-1, 84))
+    assert len(rows) > 1
+    assert (rows[:, 1:] != rows[:, :-1]).all()
+    assert (rows[1:] != rows[:-1]).all()
+    assert rows[0, 0]
+
+
+def test_its_ridge_sees_standardised_features():
+    X, y = waves()
+    fitted = MiniRocketClassifier(168, random_state=0).fit(X, y)
+    features = fitted.transform_.transform(X)
+    standard = (features - features.mean(axis=0)) / np.where(features.std(axis=0) > 0, features.std(axis=0), 1.0)
+    wanted = RidgeClassifierCV(alphas=np.logspace(-3, 3, 10)).fit(standard, y).decision_function(standard)
+    np.testing.assert_allclose(fitted.ridge_.decision_function(features), wanted, rtol=1e-3)
+
+
+def test_it_is_as_large_as_published_unless_another_size_is_asked_for():
+    for made in (MiniRocket, MiniRocketClassifier):
+        assert inspect.signature(made).parameters["features"].default == 9996
+        assert made().features == 9996
 
 
 @given(st.integers(9, 5000), st.integers(84, 10_000))

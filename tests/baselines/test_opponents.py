@@ -50,7 +50,7 @@ def test_signals_are_cut_on_the_encoders_clock():
     signal = np.arange(4.0)[:, None] * np.ones((4, 1))
     recordings = Recordings([signal] * 40, 100.0, "mV", CONDITIONS)
     made = cuts(np.full(40, 31), WindowSpec(length_ms=15))
-    moments, binned = opponents.signal_inputs(recordings, made, "quick")
+    moments, binned, *_ = opponents.signal_inputs(recordings, made, "quick")
     assert moments.features[:2].tolist() == [[0.5, 0.5], [2.0, 0.0]]  # from 15 ms on: the sample at 20 ms alone
     assert binned.features.shape == (80, 1)  # of the shortest window, one bin
     assert binned.words == "1 time bin"
@@ -93,6 +93,32 @@ def test_test_windows_choose_nothing():
         assert before["right"]["test"].keys() == after["right"]["test"].keys()
 
 
+@pytest.mark.parametrize("shape", [(3,), (5, 3)], ids=["features", "sequences"])
+@pytest.mark.parametrize("source", ["signals", "spikes", "events"])
+def test_every_classifier_receives_its_input_on_the_scale_of_the_training_windows(source, shape):
+    seen = []
+
+    class Always:
+        def predict(self, x):
+            return np.zeros(len(x), int)
+
+    def probe(sides, seed):
+        seen.append(sides)
+        yield families.Candidate("probe", Always(), ())
+
+    place = np.arange(40.0).reshape(-1, *[1] * len(shape))
+    values = np.random.default_rng(0).normal(size=(40, *shape)) * [1, 5, 0] + place  # the sides are not alike
+    made, labels = cuts(np.full(40, 20)), np.arange(40) % 2
+    list(opponents.rows([Input(source, "made up", None, values, Cost(), {"probe": probe})], labels, made))
+    across = tuple(range(values.ndim - 1))
+    offset, scale = values[:24].mean(axis=across), values[:24].std(axis=across)
+    is_kept = source == "events" and len(shape) == 2  # a rare event stays as rare as it is
+    wanted = values if is_kept else (values - offset) / scale
+    for mine, own, side in zip(seen[0][:3], seen[0][3:], split(), strict=True):
+        np.testing.assert_allclose(mine, wanted[side], atol=1e-12)
+        np.testing.assert_array_equal(own, labels[side])
+
+
 def test_many_windows_are_too_many_for_machines(monkeypatch, capsys):
     features = np.arange(40.0)[:, None] % 2
     monkeypatch.setattr(families, "MOST_MACHINES", 23)
@@ -119,15 +145,17 @@ def test_all_opponents_see_the_signals_as_sequences_too():
     assert found["samples"].features.shape == (40, 60, 2)
     assert found["20 ms bins"].features.shape == (40, 3, 2)
     np.testing.assert_allclose(found["20 ms bins"].features[0, 1], recordings.signals[0][20:40].mean(axis=0))
-    quick = {one.words for one in opponents.signal_inputs(recordings, made, "quick")}
-    assert len(found.keys() - quick) == len(opponents.SLOW)  # what is left out is what is named
+    quick = {one.words: one for one in opponents.signal_inputs(recordings, made, "quick")}
+    assert found.keys() - quick.keys() == {"power in 8 bands", "20 ms bins"}
+    assert [*quick["samples"].families] == ["MiniRocket"]
+    assert len(opponents.SLOW) == 2  # what is left out is what is named
+    assert "MiniRocket" in opponents.in_words("quick").partition("without")[0]
     assert all(word in opponents.without_slow() and word in opponents.in_words("all") for word in opponents.SLOW)
     (linear,) = opponents.signal_inputs(recordings, made, "linear")
     assert [*linear.families] == ["logistic regression"]
 
 
 def test_what_only_time_tells_is_found_by_spectra_and_sequences(monkeypatch):
-    monkeypatch.setattr(families, "ROCKET_FEATURES", (1008,))
     monkeypatch.setattr(families, "GRU_HIDDEN", (16,))
     made = cuts(np.full(40, 60), WindowSpec(length_ms=60))
     recordings = Recordings(list(sequences_of()), 1000.0, "mV", CONDITIONS)
@@ -148,6 +176,9 @@ def test_events_of_a_sensor_are_its_signal():
     assert [one.column for one in found] == [
         "events: counts", "events: 10 time bins", "events: steps", "events: 20 ms bins",
     ]  # fmt: skip
+    quick, linear = (opponents.spike_inputs(trains, (0.0, 0.0), made, which) for which in ("quick", "linear"))
+    assert [one.column for one in quick] == ["events: counts", "events: 10 time bins", "events: steps"]
+    assert [one.column for one in linear] == ["events: counts", "events: 10 time bins"]
     assert found[3].features.shape == (40, 3, 2)
     assert found[3].features[0, 0].tolist() == rasters[0, :20].sum(axis=0).tolist()
 

@@ -77,6 +77,20 @@ def test_copies_vary_in_what_their_kind_says_and_share_their_factors():
         assert one.min() >= other.min() - 1e-4
 
 
+def test_kinds_differ_only_in_what_varies():
+    """The speed is seen in the length; gain and start in the first sample."""
+    kinds = ("time", "gain", "start", "time+gain", "time+start", "gain+start", "time+gain+start")
+    found = {kind: copies(touches(), kind=kind, shift_ms=100.0)[kind].recordings.signals for kind in kinds}
+    for number in range(len(found["time"])):
+        first: dict[tuple[bool, bool], list[np.ndarray]] = {}
+        for kind, signals in found.items():
+            first.setdefault(("gain" in kind, "start" in kind), []).append(signals[number][0])
+        for same in first.values():
+            np.testing.assert_allclose(same, np.broadcast_to(same[0], np.shape(same)), atol=1e-5)
+        assert len({len(signals[number]) for kind, signals in found.items() if "time" in kind}) == 1
+        assert len({round(float(same[0][0]), 6) for same in first.values()}) == 4
+
+
 def test_gain_is_about_the_rest_before_the_touch():
     recordings = touches(rest=20, offset=1820.0)
     for each, trial in zip(
@@ -95,6 +109,25 @@ def test_blocks_do_not_change_copies(monkeypatch):
     signals = [signal for part in parts for signal in part.recordings.signals]
     for one, other in zip(signals, whole.recordings.signals, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+@given(order=st.permutations(range(6)), kept=st.integers(1, 6))
+def test_a_trial_has_its_copies_at_any_index_and_beside_any_others(order, kept):
+    recordings, chosen = touches(), list(order)[:kept]
+    for kind in ("time+start", "gain+taxels"):
+        every, found = (
+            [*copies(some, kind=kind, copies=2)[kind].recordings.signals]
+            for some in (recordings, recordings.select(chosen))
+        )
+        assert not np.array_equal(every[0], every[1])
+        for place, trial in enumerate(chosen):
+            for copy in range(2):
+                one, other = found[2 * place + copy], every[2 * trial + copy]
+                if kind == "time+start":
+                    np.testing.assert_array_equal(one, other)
+                else:  # the rest that is scaled about is the mean over all trials
+                    np.testing.assert_array_equal(np.ptp(one, axis=0) == 0, np.ptp(other, axis=0) == 0)
+                    np.testing.assert_allclose(np.diff(one, axis=0), np.diff(other, axis=0), rtol=1e-3, atol=1e-5)
 
 
 def skin(n_taxels, n_trials=4):

@@ -203,3 +203,19 @@ def test_recordings_are_read_by_the_piece_as_stored_ones_are():
     np.testing.assert_array_equal(touch.piece(0, 1, 3), RAGGED[0][1:3])
     assert touch.piece(0, 3, 9).tolist() == [[6, 7]]
     assert touch.loaded() is touch
+
+
+def test_tables_are_put_into_the_order_of_the_first_by_name():
+    left, right = np.arange(3.0), np.arange(3.0) + 10
+    tables = [pd.DataFrame({"left": left, "right": right}), pd.DataFrame({"right": right, "left": left})]
+    read = Recordings(tables, 100.0, "mV", ["a", "b"])
+    assert read.channels == ("left", "right")
+    assert (read.signals[0] == read.signals[1]).all()
+    assert Recordings(tables, 100.0, "mV", ["a", "b"], ("right", "left")).signals[1][0].tolist() == [10, 0]
+    with pytest.raises(InputError, match="trial 1: has the column 'top' where left, right are expected"):
+        Recordings([tables[0], tables[0].set_axis(["left", "top"], axis=1)], 100.0, "mV", ["a", "b"])
+
+
+def test_masked_samples_are_refused():
+    with pytest.raises(InputError, match="masked values"):
+        Recordings([np.ma.masked_less(np.arange(6.0).reshape(3, 2), 2)], 100.0, "mV", ["a"])

@@ -83,3 +83,49 @@ def test_a_window_that_fits_no_trial_is_refused():
         windows(trains()[0], length_ms=60)
     with pytest.raises(InputError, match="length_ms"):
         windows(trains()[0], length_ms=-1)
+
+
+NAMES = ("SA-I a", "SA-I b", "RA-I a", "RA-I b")
+
+
+@given(st.integers(0, 30), st.integers(1, 40), st.integers(-4, 4).filter(bool))
+def test_a_slice_of_the_time_has_the_clock_and_the_window_of_its_steps(first, length, step):
+    X = windows(trains(4)[0], length_ms=40, start_ms=5, hop_ms=3).X
+    part = X[:, first : first + length : step] if step > 0 else X[:, first + length : first : step]
+    assert part.sampling_rate_Hz == 1000.0 / abs(step)
+    assert part.origin.afferents == NAMES
+    if step == 1:
+        n_steps = part.shape[1]
+        assert part.origin.window.length_ms == pytest.approx(n_steps)
+        assert part.origin.window.start_ms == pytest.approx(5 + first)
+        assert part.origin.window.hop_ms == 3
+    elif part.shape != X.shape:
+        assert part.origin.encoder is part.origin.window is None
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        lambda X: X.reshape(len(X), 5, 4, 4).max(2),
+        lambda X: np.repeat(X, 2, axis=1),
+        lambda X: X[:, [0, 3, 7]],
+        lambda X: X[:, 3],
+        lambda X: X[:, None],
+        lambda X: X[X[..., 0] > 0],
+        lambda X: np.concatenate([X, X], axis=2),
+        lambda X: X.sum(1),
+        lambda X: X[[0, 1], :, [0, 1]],
+    ],
+)
+def test_other_steps_or_afferents_have_no_clock(other):
+    part = other(windows(trains(4)[0], length_ms=20).X)
+    assert getattr(part, "sampling_rate_Hz", None) is getattr(part, "origin", None) is None
+
+
+@pytest.mark.parametrize("key", [[3, 1], slice(None, None, -1), np.array([True, False, True, True])])
+def test_chosen_afferents_keep_their_names_and_not_the_encoder(key):
+    X = windows(trains(4)[0], length_ms=20).X
+    part = X[..., key]
+    assert part.origin.afferents == tuple(np.array(NAMES)[key])
+    assert (part.sampling_rate_Hz, part.origin.encoder) == (1000.0, None)
+    assert X[1:, :, :].origin is X.origin

@@ -3,6 +3,7 @@
 import os
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from unittest.mock import patch
 
 import numpy as np
@@ -26,6 +27,7 @@ from neurotact.encoders.calibration import (
     GRADES,
     Calibration,
     _best_of,
+    _of_polarities,
     _wakes,
     calibrate,
     calibrate_causally,
@@ -652,6 +654,20 @@ def test_sa1_of_the_falling_signal_that_fire_at_rest_are_told_from_others():
     touched = rising().select(np.arange(32))
     touched = replace(touched, signals=[signal[500:] for signal in touched.signals])  # trials that begin in contact
     assert not _wakes(touched, *fitted)
+
+
+@pytest.mark.parametrize(("reached", "wakes", "is_chosen"), [
+    (0.95, False, True), (0.95, True, False), (0.5, False, False),
+])  # fmt: skip
+def test_sa1_of_the_falling_signal_are_added_where_they_tell_more_and_rest_at_rest(reached, wakes, is_chosen):
+    of = [SimpleNamespace(accuracy_of_both=x, labels=range(100), encoder=name) for x, name in ((0.5, 1), (reached, 2))]
+    asked = []
+    with patch("neurotact.encoders.calibration._wakes", lambda *its: asked.append(its) or wakes):
+        chosen, notes = _of_polarities("trials", (of[0], of[1]), ("ema", "without"), "its own")  # pyright: ignore
+    assert chosen is of[is_chosen]
+    assert asked == ([("trials", 1, 2)] if reached > 0.5 else [])
+    assert notes[:2] == ("ema", "its own" if is_chosen else "without")
+    assert ["fire at rest" in note for note in notes[2:]] == [wakes][: reached > 0.5]
 
 
 def test_given_polarities_and_rectified_signals_leave_no_choice():

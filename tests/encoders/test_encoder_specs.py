@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from neurotact_parts.studies.texture.simulator import GratingsSpec, simulate
 
 from neurotact import spec
 from neurotact.data import conditioning
@@ -14,7 +15,6 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.izhikevich import IzhikevichSpec
 from neurotact.encoders.poisson import PoissonSpec
 from neurotact.errors import InputError
-from neurotact.papers.texture.simulator import GratingsSpec, simulate
 from neurotact.spec import Spec
 
 NAMES = ("sa1-ra1-lif", *(name for name in specs.MODELS if name != "lif"))

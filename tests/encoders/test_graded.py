@@ -1,6 +1,7 @@
 """Several afferents a taxel: each is a plain one of its own gain, and all keep the laws of plain ones."""
 
 from functools import partial
+from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
@@ -169,6 +170,16 @@ def test_grades_that_would_be_equal_are_left_out():
     assert grading.fit(felt, start, gain=5.0, n_grades=4) == (2.0,)
     assert grading.fit(np.array([]), start, gain=5.0, n_grades=4) == (1.0,)
     assert len(grading.sample([np.ones((1000, 7))] * 1001, 7_007_000)) <= 1.01 * grading.MOST_VALUES
+
+
+@given(st.lists(st.integers(-2, 2), min_size=1, max_size=30), st.integers(1, 40))
+@examples(20)
+def test_grades_are_of_the_positive_values_alone(values, most):
+    drive, every = np.array(values, float)[:, None], -(-len(values) // most)
+    with patch.object(grading, "MOST_VALUES", most):
+        found = grading.sample([drive, drive[1:]], len(values))
+    wanted = [x for part in (values, values[1:]) for x in part[::every] if x > 0]
+    assert found.tolist() == wanted
 
 
 def test_compared_polarities_need_an_encoder_of_one():

@@ -173,13 +173,18 @@ def test_a_long_signal_is_encoded_in_pieces_unseen(monkeypatch):
     assert np.array_equal(encode(signal, 1000.0, spec(FEW, noise=True))[0], whole)
 
 
+def distinct(depth: np.ndarray, n_trials: int) -> np.ndarray:
+    """As many trials of one depth `(time,)`, the same but for a millionth of a mm, so that each has its own noise."""
+    return depth[None, :, None] + 1e-6 * np.arange(n_trials)[:, None, None]
+
+
 def test_noise_has_a_seed_and_is_that_of_normal_numbers():
     depth = np.minimum(np.arange(2000) * 0.02, 0.8)
     seeds = [encode(depth[None, :, None], 5000.0, spec(FEW, noise=True, seed=seed))[0] for seed in (0, 0, 1)]
     assert np.array_equal(seeds[0], seeds[1])
     assert not np.array_equal(seeds[0], seeds[2])
-    many = np.repeat(depth[None, :, None], 60, axis=0)  # each trial has its own numbers
-    ours = encode(many, 5000.0, spec(FEW, noise=True))[0].sum(axis=1)[:, :2]
+    many = distinct(depth, 60)
+    ours = encode(many, 5000.0, spec(FEW, noise=True, conduction=False))[0].sum(axis=1)[:, :2]
     theirs = np.array([counted_with_noise(depth, fit, np.random.default_rng(0)) for fit in FEW["sa1"]]).T
     standard_error = np.sqrt((ours.var(axis=0) + theirs.var(axis=0)) / 60)
     assert (abs(ours.mean(axis=0) - theirs.mean(axis=0)) < 4 * standard_error + 0.01).all()
@@ -267,7 +272,7 @@ def test_noise_gives_the_rates_of_the_published_equations(stimulus, reference):
     parameters, n_seeds, n_steps = pd.read_csv(REFERENCE.with_name("parameters.csv")), 100, 2500
     depth = reference[f"{stimulus}/depth_mm"][:n_steps].astype(float)
     with_noise = spec({"sa1": [1], "ra1": [1, 2, 3], "pc": [1, 2, 3]}, noise=True, conduction=False)
-    spikes, _ = encode(np.repeat(depth[None, :, None], n_seeds, axis=0), FITTED_Hz, with_noise)
+    spikes, _ = encode(distinct(depth, n_seeds), FITTED_Hz, with_noise)
     ours, place, n_moved = spikes.sum(axis=1)[:, 1:], 0, 0
     for kind in ("RA", "PC"):
         drive = reference[f"{stimulus}/dynamic_{kind}"][:n_steps].astype(float)

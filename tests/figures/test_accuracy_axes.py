@@ -8,17 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.collections import LineCollection
+from neurotact_parts.studies.comparison import figures as all_ways_figures
+from neurotact_parts.studies.compliance import figures as compliance_figures
+from neurotact_parts.studies.materials import figures as materials_figures
+from neurotact_parts.studies.stiffness import figures as stiffness_figures
+from neurotact_parts.studies.stiffness import pvdf_hardness_figures
+from neurotact_parts.studies.texture import baselines_figures as texture_baselines_figures
+from neurotact_parts.studies.touch_modality import figures as touch_figures
 
 from neurotact.figures import networks as network_figures
 from neurotact.figures import truncated as shortened_figures
 from neurotact.figures.style import bars, keep_within, new_figure
-from neurotact.papers.comparison import figures as all_ways_figures
-from neurotact.papers.compliance import figures as compliance_figures
-from neurotact.papers.materials import figures as materials_figures
-from neurotact.papers.stiffness import figures as stiffness_figures
-from neurotact.papers.stiffness import pvdf_hardness_figures
-from neurotact.papers.texture import baselines_figures as texture_baselines_figures
-from neurotact.papers.touch_modality import figures as touch_figures
 from neurotact.report import protocol
 from neurotact.studies.protocol import View
 

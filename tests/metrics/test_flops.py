@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.studies import published_flops
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.svm import SVC
 
@@ -46,7 +47,6 @@ from neurotact.metrics.flops import (
     ledger_table,
 )
 from neurotact.metrics.signal_flops import BandPowers, FixedConvolutions, PooledStates
-from neurotact.papers import published_flops
 
 EVERY_LAYER = [
     Dense(8, 3),

@@ -370,3 +370,27 @@ def test_spikes_of_any_number_type_are_taken():
     values = np.array([[[0, 1], [1, 0]]])
     for kind in (bool, np.int64, np.float32, np.uint8):
         assert (spike_windows(values.astype(kind)) == values).all()
+
+
+def test_afferents_are_matched_by_name_or_refused():
+    X, y = touches()
+    names = ("a", "b", "c", "d")
+    known = SpikeArray.of(np.asarray(X), RATE_HZ, Origin(None, names))
+    fitted = small().fit(known, y)
+    order = [2, 0, 3, 1]
+    assert (fitted.decision_function(known[..., order]) == fitted.decision_function(known)).all()
+    assert (fitted.decision_function(np.asarray(known)) == fitted.decision_function(known)).all()
+    other = SpikeArray.of(np.asarray(X), RATE_HZ, Origin(None, ("a", "b", "c", "e")))
+    with pytest.raises(InputError, match="X: has the afferent 'e' where a, b, c, d are expected"):
+        fitted.predict(other)
+    side = known[:20], y[:20]
+    again = small().fit(known, y, validation=(side[0][..., order], side[1]))
+    assert again.training_.epochs == small().fit(known, y, validation=side).training_.epochs
+    with pytest.raises(InputError, match="validation: has the afferent 'e'"):
+        small().fit(known, y, validation=(other, y))
+
+
+def test_masked_values_are_refused():
+    X, y = touches()
+    with pytest.raises(InputError, match="X: holds masked values"):
+        small(sampling_rate_Hz=RATE_HZ).fit(np.ma.masked_where(np.asarray(X) > 0, np.asarray(X)), y)

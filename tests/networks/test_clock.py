@@ -62,6 +62,18 @@ def test_bins_up_to_the_rest_and_a_step_lose_no_spike(seed, rest, n_steps, n):
     assert clock.merged(spikes, clock.apart(spikes)) == 0
 
 
+@given(seed=st.integers(0, 200), rest=st.integers(0, 3), n_steps=st.integers(1, 60), n=st.integers(1, 12))
+def test_what_bins_of_any_length_merge_is_counted_at_once(seed, rest, n_steps, n):
+    spikes = resting(seed, n_steps, rest)
+    merged = tuple(clock.merged(spikes, each) for each in range(1, n + 1))
+    since = [torch.cat([torch.zeros_like(spikes[:, :k]), spikes[:, :-k]], dim=1)[:, :n_steps] for k in range(1, n)]
+    following = tuple(int((spikes & sum(since[:k], torch.zeros_like(spikes)).clamp(max=1)).sum()) for k in range(n))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(clock, "AT_ONCE", 2)
+        assert clock.close(spikes, n) == clock.close(spikes.float() * 0.3, n) == (following, merged)
+    assert all(most <= least for most, least in zip(merged, following, strict=True))
+
+
 @given(seed=st.integers(0, 200), n_steps=st.integers(1, 60), n=st.integers(1, 12))
 def test_a_bin_has_a_spike_where_one_of_its_steps_has(seed, n_steps, n):
     spikes = resting(seed, n_steps, 0)

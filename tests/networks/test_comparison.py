@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from neurotact.baselines import families
-from neurotact.networks.training import comparison
+from neurotact.metrics.shares import wilson_interval
 from neurotact.networks.training.comparison import Trials, compare, costs, lines, opponents_of
 from neurotact.networks.training.tasks import Sides
 from neurotact.networks.training.training import Examples
@@ -81,7 +81,10 @@ def test_chance_and_the_commonest_class_are_told():
     assert found.commonest == 0.5
     assert found.trials == 4
     told = " ".join(lines(found))
-    for words in ("accuracy 75.0 % (95 % interval 30.1 % to 95.4 %, 4 test trials)", "chance 33.3 %"):
+    for words in (
+        "accuracy 75.0 % (95 % interval 30.1 % to 95.4 %, 4 test trials); one start of the weights",
+        "chance 33.3 %",
+    ):
         assert words in told
 
 
@@ -106,7 +109,7 @@ def test_windows_of_a_trial_are_one_trial():
     trials = Trials(*(np.arange(60) // 3 for _ in range(2)))
     found = compare([True] * 60, sides, trials, 3)
     assert found.trials == 20
-    assert comparison.wilson_interval(1.0, 20) == (found.low, found.high)
+    assert wilson_interval(1.0, 20) == (found.low, found.high)
 
 
 def test_the_spikes_of_every_population_are_counted():

@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from neurotact_parts.studies.comparison import spiking as spiking_family
 
 from neurotact.data.spikes import from_rasters
 from neurotact.data.splits import SplitSpec
@@ -28,7 +29,6 @@ from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.networks.training import fitting, tasks
 from neurotact.networks.training.training import Examples
 from neurotact.networks.use import conditions, measuring
-from neurotact.papers.comparison import spiking as spiking_family
 
 RATE_Hz, STEPS, HIDDEN, CLASSES = 1000.0, 10, 2, 3
 WHOLE = {"rsnn": (6, 12, 18, 36, 24), "snn": (6, 0, 18, 24, 24)}

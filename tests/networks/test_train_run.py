@@ -24,6 +24,7 @@ from neurotact import cli, files, spec
 from neurotact.data.hdf5 import save_spikes
 from neurotact.data.spikes import SpikeTrains, from_rasters
 from neurotact.errors import InputError
+from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.training import fitting, tasks, train_run, trained
 from neurotact.networks.training.train_run import ASKED, CHECKPOINT, CHOICE, LAST, LEFT, RESULT, Interrupted, run
@@ -192,7 +193,7 @@ def elsewhere(at_speeds) -> dict[str, bytes]:
 
 def test_after_the_choice_every_other_condition_is_trained_on(at_speeds, elsewhere):
     trains = tasks.load_spikes(at_speeds, ELSEWHERE)
-    first, seeds = tasks.trials_of(trains, ELSEWHERE), (0, 1)
+    first, seeds = tasks.trials_of(trains, ELSEWHERE), of_start(0, ELSEWHERE.split)
     assert np.unique(trains.conditions["speed"].iloc[first.train]).size == 1
     chosen, sides = fitting.fit(trains, NETWORK, ELSEWHERE, seeds)
     choice, row = json.loads(elsewhere[CHOICE]), json.loads(elsewhere[RESULT])["row"]
@@ -505,7 +506,8 @@ def test_ctrl_c_says_how_to_go_on(monkeypatch, capsys, spikes, folder):
     code, out, err = typed("--resume")
     assert code == 0
     for told in (
-        "accuracy ", "test trials)\nbaselines: chance", "a decision costs", "saved in",
+        "accuracy ", "test trials); one start of the weights: others may differ\nbaselines: chance", "a decision costs",
+        "saved in",
         f"next: neurotact infer {folder}", "neurotact sops",
     ):  # fmt: skip
         assert told in out

@@ -168,6 +168,7 @@ def test_what_is_lost_is_divided_between_encoding_and_network():
     encoding, trained = lost(0.33)
     assert "the encoding loses 23.0 points (80.0 % by ELM on signals (10 time bins), 57.0 % by logistic" in encoding
     assert "`nt.calibrate(..., compare=True)`" in encoding
+    assert "encoder.tau_mem_ms" in encoding
     assert "the network loses 24.0 points (57.0 % by logistic regression on 10&10 ms spikes" in trained
     assert "record more trials" in trained
     assert lost(0.56) == [encoding]  # one test trial of a hundred is no loss

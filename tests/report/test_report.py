@@ -41,6 +41,8 @@ CLAIMS = (
           why="Chance & noise."),
     Claim(name="7&7", source="Fig. 8", published="90 %", kind="at_least", measure="accuracy_test",
           where={"pair": "7&7"}, value=0.9, why="Untold."),
+    Claim(name="10&10 is not accurate", source="Fig. 11", published="< 83 %", kind="at_most", measure="accuracy_test",
+          where={"pair": "10&10"}, value=0.83, why="It is."),
 )  # fmt: skip
 
 
@@ -141,15 +143,16 @@ def test_each_figure_is_in_the_page_with_its_text_and_beside_it_twice(written):
 
 def test_each_claim_is_told_with_its_verdict(written):
     text = Page(written).text
-    assert "1 of 2 claims reproduced; 1 need cells that this run does not hold" in text
+    assert "1 of 3 claims reproduced; 1 holds for a baseline too; 1 need cells that this run does not hold" in text
+    assert "✗ no: holds for a baseline too" in text
+    assert re.search(r"✓ yes, p [=<] 0\.\d+", text)
     for claim in CLAIMS[:2]:
         assert claim.name in text
         assert claim.rule in text
     assert CLAIMS[2].rule not in text
-    assert "✓ yes" in text
     assert "✗ no: Chance & noise." in text
     assert "no: Untold." not in text
-    assert text.count("✗ no") == 1
+    assert text.count("✗ no") == 2
 
 
 @pytest.mark.thorough

@@ -1,44 +1,72 @@
-"""Published numbers come out again: a key that is added later changes no seed of a network that does not use it."""
+"""A training starts from its seed and its split; a key that is added later changes no start that does not use it."""
 
-import hashlib
 import json
+from pathlib import Path
 from typing import Any
 
 import pytest
 from pydantic import Field
 
-from neurotact.data.conditioning import ConditioningSpec
+import neurotact as nt
+from neurotact.data import hdf5
 from neurotact.data.contact import OnsetSpec
 from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
-from neurotact.encoders.specs import load
-from neurotact.networks.definition.seeds import drawn
+from neurotact.networks.definition.seeds import drawn, of_start
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.search.tuning import SearchSpec
+from neurotact.networks.training import checkpoint
 from neurotact.networks.training.tasks import Task
-from neurotact.studies import study
-from neurotact.studies.study import EarlyExitSpec
+from neurotact.studies import preparation, study
+from neurotact.studies.cell import run_cell
 
-SEEDS = {
-    "early-exit": "02316e44ecd819d6",
-    "refractory-period": "561479db5eb8bc99",
-    "training-length": "3a7888d02914622e",
-    "unknown-start": "5989b25e33c64cf3",
-}
-"""Of the cells of shipped studies, with which the numbers in the documentation were computed."""
-SPACE = {"hidden": {"_type": "choice", "_value": [20, 30]}}
+TINY = Path(__file__).parent / "tiny.toml"
 
 
-@pytest.mark.parametrize("name", SEEDS)
-def test_the_seeds_of_a_shipped_study_stay(name):
-    seeds = [cell.seeds for cell in study.cells(study.resolve(name))]
-    assert hashlib.sha256(json.dumps(seeds).encode()).hexdigest()[:16] == SEEDS[name]
+def cells_of(**changes):
+    return [*study.cells(study.resolve(TINY, {key.replace("__", "."): value for key, value in changes.items()}))]
+
+
+def test_networks_start_alike_where_split_and_seed_are_alike_and_nowhere_else():
+    cells = cells_of(split__folds=3, sweep__split__fold=[0, 1, 2])
+    starts = {(cell.seed, cell.split.fold): cell.seeds for cell in cells}
+    assert len(cells) == 24  # two encoders and two sizes of each
+    assert all(cell.seeds == starts[cell.seed, cell.split.fold] for cell in cells)
+    assert len({seed for seeds in starts.values() for seed in seeds}) == 2 * len(starts) == 12
+    assert {one.seeds for one in cells_of(split__seed=1)}.isdisjoint(one.seeds for one in cells_of())
+
+
+def test_of_a_split_counts_what_repetitions_vary():
+    tests = [SplitSpec(test_where=where) for where in ({}, {"speed": 450}, {"speed": 300}, {"force": 450})]
+    assert len({of_start(0, split) for split in tests}) == len(tests)
+    assert of_start(0, SplitSpec(test_where={"speed": 450.0})) == of_start(0, tests[1])
+    assert of_start(0, SplitSpec(group=("subject",), validation=0.1)) == of_start(0, SplitSpec())
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"network": "default", "sweep__seed": [3], "split__seed": 2},
+        pytest.param({"sweep__seed": [1], "split__folds": 3, "split__fold": 1}, marks=pytest.mark.thorough),
+    ],
+)
+def test_a_study_and_train_give_the_same_network(tmp_path, changes):
+    what = study.resolve(TINY, {key.replace("__", "."): value for key, value in changes.items()})
+    cell = next(study.cells(what))
+    preparation.prepare(tmp_path, what, [cell])
+    spikes = tmp_path / cell.given
+    files = run_cell(cell, hdf5.load_spikes(spikes))
+    of_split = ("folds", "fold") if cell.split.folds else ("validation", "test")
+    split = {key: getattr(cell.split, key) for key in of_split} | {"split_seed": cell.split.seed}
+    window = {key: getattr(cell.window, key) for key in ("length_ms", "start_ms", "per_trial")}
+    options = {**split, **window, "stratify": cell.source["stratify"], "seed": cell.seed}
+    found = nt.train(spikes, tmp_path / "run", cell.network, **options)
+    assert (tmp_path / "run" / checkpoint.WEIGHTS).read_bytes() == files[checkpoint.WEIGHTS]
+    assert found["accuracy_test"] == json.loads(files["result.json"])["row"]["accuracy_test"]
 
 
 SPECS = [
     RSNNSpec(), TrainingSpec(), RSNNSpec(recipe="default"), Task(), WindowSpec(), OnsetSpec(), SplitSpec(),
-    EarlyExitSpec(), ConditioningSpec(), SearchSpec(space=SPACE),
-    *(part for name in ("sa1-ra1-lif", "izhikevich", "poisson") for part in (load(name), load(name).sa1)),
 ]  # fmt: skip
 """One of each kind from which seeds are drawn."""
 

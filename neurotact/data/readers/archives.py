@@ -9,7 +9,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from neurotact.data.readers.contents import NPY, NPZ, ZIP, check_content
-from neurotact.data.readers.tables import check_width
+from neurotact.data.readers.tables import check_digits, check_width
 from neurotact.errors import InputError
 from neurotact.files import check_size, existing
 
@@ -123,4 +123,5 @@ def as_signal(array: np.ndarray, where: str) -> np.ndarray:
             f"{where}: sample {sample}, channel {channel} is {array[sample, channel]}; "
             "repair the gap, or use another unit where float32 cannot hold it"
         )
+    check_digits(array, where)
     return array.astype(np.float32)

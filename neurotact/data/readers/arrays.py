@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from neurotact.data.readers import doubts
+from neurotact.data.readers import doubts, first_rows
 from neurotact.data.readers.archives import read_array
 from neurotact.data.readers.array_files import ArrayFile, is_rate, opened_arrays, said_rates, sampling_rate_of
 from neurotact.data.readers.axes import AXES, TAXEL, TIME, TRIAL, Grid, order_of, stacked, stacked_cells
 from neurotact.data.readers.headings import named_table
-from neurotact.data.readers.tables import called, check_width, columns_of, values_of
+from neurotact.data.readers.tables import called, check_digits, check_width, columns_of, values_of
 from neurotact.data.recordings import LABEL, Recordings, check_import
 from neurotact.errors import InputError, nearest, some
 from neurotact.files import existing
@@ -76,6 +76,9 @@ def read(
     """
     check_import(sampling_rate_Hz, unit, str(path))
     parts = load(path, sampling_rate_Hz, names, axes, conditions)
+    for trial, signal in enumerate(parts.signals):
+        check_digits(np.asarray(signal), f"{path}: trial {trial}")
+        first_rows.check(np.asarray(signal), f"{path}: trial {trial}", 0)
     recordings = Recordings(
         parts.signals, parts.sampling_rate_Hz, unit, parts.conditions, parts.channels, f"arrays of {Path(path).name}"
     )

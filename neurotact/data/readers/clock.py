@@ -2,7 +2,7 @@
 
 import re
 from array import array
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Literal, NamedTuple, cast
 
 import numpy as np
@@ -41,6 +41,10 @@ SHORTEST_S, LONGEST_S = 0.02, 600.0
 """Lengths of a trial of touch."""
 NEAR_RATE = 10.0
 """Stamps in the right unit give a sampling rate within this factor of the user's."""
+
+OF_GIVEN_RATE = "check `sampling_rate_Hz`, which is in samples per second"
+OF_STAMPS = "if the unit of the time stamps is another, give it with `time_unit`"
+"""What to do about a rate that is given, and about one that time stamps tell."""
 
 
 class Stamps(NamedTuple):
@@ -131,6 +135,26 @@ def seconds_of(cells: Iterable[str], where: str, column: str, first_line: int, u
         zone = HOUR_S * int(zone_hours or 0) + 60 * int(f"{(zone_hours or '+')[0]}{zone_minutes or 0}")
         seconds.append(DAY_S * days + of_day - zone)
     return np.array(seconds)
+
+
+def of_rate(lengths: np.ndarray, rate_Hz: float, fix: str) -> Iterator[str]:
+    """The doubt of a rate of samples or steps that is none of touch, else of the length of the median trial.
+
+    >>> list(of_rate(np.array([9000, 9000]), 10.0, "check the rate"))
+    ['the median trial lasts 900 s at 10 Hz, which is long for touch; check the rate']
+    """
+    if not SLOWEST_HZ <= rate_Hz <= FASTEST_HZ:
+        yield f"{rate_Hz:g} Hz is {'slow' if rate_Hz < SLOWEST_HZ else 'fast'} for touch; {fix}"
+    elif lengths.max() > 1:
+        yield from of_length(float(np.median(lengths)) / rate_Hz, fix, f" at {rate_Hz:g} Hz")
+
+
+def of_length(trial_s: float, fix: str, at: str = "") -> Iterator[str]:
+    """The doubt of the length of the median trial in s. at: the rate that it is of, in words."""
+    if not SHORTEST_S <= trial_s <= LONGEST_S:
+        long = "short" if trial_s < SHORTEST_S else "long"
+        lasts = f"{trial_s:.3g}" if trial_s < 1000 else f"{trial_s:,.0f}"
+        yield f"the median trial lasts {lasts} s{at}, which is {long} for touch; {fix}"
 
 
 class Timing(NamedTuple):
@@ -320,13 +344,24 @@ def _not_spread(uneven: Uneven | None, keep: np.ndarray, rows: _Rows, given_Hz: 
     )
 
 
+def middle_of(values: Sequence[float]) -> float:
+    """The lower median: one of the values.
+
+    >>> middle_of([4.0, 1.0, 2.0, 8.0])
+    2.0
+    """
+    return sorted(values)[(len(values) - 1) // 2]
+
+
 def rate_of(stamps: Sequence[Stamps]) -> float:
-    """Samples per second of all files, from their median interval, rounded to four digits or to 0.01 Hz.
+    """Samples per second of all files, from the median of their intervals, rounded to four digits or to 0.01 Hz.
+
+    Of two rates in the middle it is the faster one, which loses no sample of any file; never one that no file has.
 
     >>> rate_of([Stamps(np.arange(3) * 0.01075, np.ones(3, bool), 0.01075, 0.0, 0.0)])
     93.02
     """
-    rate_Hz = 1 / float(np.median([trial.interval_s for trial in stamps]))
+    rate_Hz = 1 / middle_of([trial.interval_s for trial in stamps])
     return float(f"{rate_Hz:.4g}") if rate_Hz < 10 else round(rate_Hz, 2)
 
 

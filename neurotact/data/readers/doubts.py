@@ -1,16 +1,19 @@
 """What speaks against the way recordings were read: values, lengths and counts that signals of touch rarely have.
 
-Each doubt is one sentence with its fix. None refuses: a rare sensor may be as it seems.
+Each doubt is one sentence with its fix. None refuses: a rare sensor may be as it seems. What nearly all samples or
+trials show is doubted, too: a pause, a glitch or one good trial does not make a clock a taxel.
 """
 
 import logging
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from neurotact.checks import swapped
-from neurotact.data.readers.clock import FASTEST_HZ, LONGEST_S, SHORTEST_S, SLOWEST_HZ
+from neurotact.data.readers import thousands
+from neurotact.data.readers.clock import GAP, OF_GIVEN_RATE, OF_STAMPS, of_rate
 from neurotact.data.recordings import Recordings
 from neurotact.errors import some
 
@@ -22,9 +25,11 @@ ENDS = tuple(float(2**bits - 1) for bits in (7, 8, 9, 10, 11, 12, 13, 14, 15, 16
 AT_THE_END = 0.05
 """Share of the samples at a converter's end above which the signal is cut off."""
 LEAST_RISING = 20
-"""Samples of a trial from which on a taxel that never falls is a doubt."""
+"""Samples of a trial, one at least, from which on a taxel that rises in every trial is a doubt."""
 EVEN = 0.1
 """Share of its rise by which a time stamp or a counter may deviate from a straight line; a touch deviates more."""
+FEW, RARE = 0.01, 0.001
+"""Shares of steps or samples, and of the samples of a taxel that is mostly at rest, that are exceptions to a doubt."""
 LEAST_TRIALS = 10
 """Trials from which on a class of its own for each of them is a doubt."""
 
@@ -44,17 +49,27 @@ class Fixes(NamedTuple):
 class _Values(NamedTuple):
     """What the samples of all trials are: of each taxel, `(taxel,)`, and of all.
 
-    constant: has one value throughout; steady: one value within each trial; rising: rises evenly within
-    each trial. low, high: of each taxel. is_whole: every sample is a whole number. zeros: share of the samples.
+    constant: has one value throughout; steady: one value within each trial, `usual`, `(trial, taxel)`; rising: rises
+    evenly within each trial; all with few exceptions. is_constant: without any. ends: the highest and lowest samples of
+    trials. n_whole, n_zeros, n_bits, n_counted: whole numbers, and those that are 0, 0 or 1, or few.
     """
 
     constant: np.ndarray
+    is_constant: bool
     steady: np.ndarray
     rising: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    is_whole: bool
-    zeros: float
+    usual: np.ndarray
+    ends: Counter[float]
+    n_samples: int
+    n_whole: int
+    n_zeros: int
+    n_bits: int
+    n_counted: int
+
+
+def nearly_all(count: int, n: int, few: float = FEW) -> bool:
+    """Whether so many of `n` trials or samples are all but few; of at least four one may be an exception."""
+    return n - count <= max(int(n >= 4), few * n)
 
 
 def say(recordings: Recordings, where: str, fixes: Fixes, *, rate_is_given: bool = True) -> None:
@@ -80,51 +95,106 @@ def doubts(recordings: Recordings, fixes: Fixes, *, rate_is_given: bool = True) 
     if is_spikes:
         yield is_spikes
     yield from _of_taxels(recordings, values, fixes, is_spikes=bool(is_spikes))
+    if are_thousandths(recordings.signals):
+        yield (
+            "the samples have three decimals and none lies between 0 and 1, as if separators of thousands were read as "
+            "decimal points; if so, write whole numbers without them"
+        )
     yield from _of_lengths(recordings, fixes.axes)
-    if rate_is_given:
-        yield from _of_rate(recordings)
+    fix = OF_GIVEN_RATE if rate_is_given else OF_STAMPS
+    yield from of_rate(recordings.lengths, recordings.sampling_rate_Hz, fix)
     yield from _of_classes(recordings)
 
 
-def _values_of(signals: Sequence[np.ndarray] | np.ndarray) -> _Values:
-    first = signals[0][0]
-    n_taxels = len(first)
-    constant, steady, rising = (np.ones(n_taxels, bool) for _ in range(3))
-    low, high = np.full(n_taxels, np.inf), np.full(n_taxels, -np.inf)
-    is_whole, zeros, n_samples = True, 0, 0
+def are_thousandths(signals: Sequence[np.ndarray] | np.ndarray) -> bool:
+    """Whether nearly all samples are as whole numbers of which a separator of thousands made decimals.
+
+    A mean of few counts has few decimals, too, but those of a half, a quarter or an eighth.
+
+    >>> are_thousandths([np.array([[1.234], [2.718], [850.0], [1.415]])]), are_thousandths([np.arange(4.0)[:, None]])
+    (True, False)
+    """
+    n_such = n_other = n_samples = 0
     for signal in signals:
-        bounds = signal.min(axis=0), signal.max(axis=0)
-        low, high = np.minimum(low, bounds[0]), np.maximum(high, bounds[1])
-        steady &= bounds[0] == bounds[1]
-        constant &= (bounds[0] == first) & (bounds[1] == first)
-        rising &= _rises(signal)
-        is_whole = is_whole and bool((signal == np.floor(signal)).all())
-        zeros += int((signal == 0).sum())
-        n_samples += signal.size
-    return _Values(constant, steady, rising, low, high, is_whole, zeros / n_samples)
+        size = np.abs(signal[: thousands.LOOKED_AT]).ravel()
+        near = 1e-6 if size.dtype == np.float64 else thousands.NEAR_IN_FLOAT32
+        fits = (size < 1000) & ((size >= 1) | (size == 0))
+        its = size[fits]
+        n_such += int(thousands.has_decimals(its, 3, near).sum())
+        n_other += int((~thousands.has_decimals(8 * its, 0, near)).sum())
+        n_samples += size.size
+    return nearly_all(n_such, n_samples) and 2 * n_other > n_samples
+
+
+def _values_of(signals: Sequence[np.ndarray] | np.ndarray) -> _Values:
+    usual = np.stack([_usual(signal) for signal in signals])
+    typical = _usual(usual)
+    n_taxels = len(typical)
+    n_constant, n_steady, n_rising = (np.zeros(n_taxels, np.int64) for _ in range(3))
+    n_rows = n_long = n_whole = n_zeros = n_bits = n_counted = 0
+    ends: Counter[float] = Counter()
+    for signal, its in zip(signals, usual, strict=True):
+        n_same = (signal == its).sum(axis=0)
+        n_constant += n_same if (its == typical).all() else (signal == typical).sum(axis=0)
+        n_steady += [nearly_all(n, len(signal)) for n in n_same.tolist()]
+        n_long += len(signal) >= LEAST_RISING
+        n_rising += _rises(signal)
+        is_whole = signal == np.floor(signal)
+        n_whole += int(is_whole.sum())
+        zeros = int((signal == 0).sum())
+        n_zeros += zeros
+        n_bits += zeros + int((signal == 1).sum())
+        n_counted += int((is_whole & (signal >= 0) & (signal <= MOST_COUNTED)).sum())
+        ends.update([*signal.max(axis=0).tolist(), *signal.min(axis=0).tolist()])
+        n_rows += len(signal)
+    return _Values(
+        np.array([nearly_all(n, n_rows, RARE) for n in n_constant.tolist()]),
+        bool((n_constant == n_rows).all()),
+        np.array([nearly_all(n, len(usual)) for n in n_steady.tolist()]),
+        np.array([n_long > 0 and nearly_all(n, len(usual)) for n in n_rising.tolist()]),
+        usual, ends, n_rows * n_taxels, n_whole, n_zeros, n_bits, n_counted,
+    )  # fmt: skip
+
+
+def _usual(signal: np.ndarray) -> np.ndarray:
+    """The lower median of some samples of each taxel, which is one of its values."""
+    signal = signal[:: max(1, len(signal) // thousands.LOOKED_AT)]
+    middle = (len(signal) - 1) // 2
+    return np.partition(signal, middle, axis=0)[middle]
 
 
 def _rises(signal: np.ndarray) -> np.ndarray:
-    """Of each taxel of `(time, taxel)`, whether it rises evenly and never falls, for too long to be chance."""
-    if len(signal) < LEAST_RISING:
+    """Of each taxel of `(time, taxel)`, whether it rises evenly, but for few steps: a pause, or a new start."""
+    if len(signal) < 2:
         return np.zeros(signal.shape[1], bool)
-    rises = (signal[1:] >= signal[:-1]).all(axis=0) & (signal[-1] > signal[0])
+    rises = ((signal[1:] < signal[:-1]).mean(axis=0) <= FEW) & (signal[1:] > signal[:-1]).any(axis=0)
     for taxel in np.flatnonzero(rises):
-        line = np.linspace(signal[0, taxel], signal[-1, taxel], len(signal))
-        rises[taxel] = np.abs(signal[:, taxel] - line).max() <= EVEN * (line[-1] - line[0])
+        its = np.diff(signal[:, taxel].astype(np.float64))
+        line = np.cumsum(np.clip(its, 0.0, GAP * np.median(its[its > 0])))
+        even = np.linspace(line[0], line[-1], len(line))
+        rises[taxel] = np.abs(line - even).max() <= EVEN * (line[-1] - line[0])
     return rises
 
 
 def _are_spikes(values: _Values) -> str:
     """Whether samples look like spikes, in words; empty if they do not."""
-    if not values.is_whole or values.low.min() != 0:
+    n_filled = values.n_samples - values.n_zeros
+    if not values.n_zeros or not n_filled:
         return ""
-    most = values.high.max()
-    if most == 1:
-        return f"every sample is 0 or 1, as of a raster; {RASTER}"
-    if 1 < most <= MOST_COUNTED and values.zeros >= SILENT:
-        return f"every sample is a whole number from 0 to {most:g}, and most are 0, as of counted spikes; {RASTER}"
+    n_ones, n_counted = values.n_bits - values.n_zeros, values.n_counted - values.n_zeros
+    most = (1 - FEW) * n_filled
+    if n_ones and n_ones >= most:
+        return f"{_every(n_ones, n_filled)} sample is 0 or 1, as of a raster; {RASTER}"
+    if n_counted >= most and values.n_zeros >= SILENT * values.n_samples:
+        each = _every(n_counted, n_filled)
+        return (
+            f"{each} sample is a whole number from 0 to {MOST_COUNTED}, and most are 0, as of counted spikes; {RASTER}"
+        )
     return ""
+
+
+def _every(count: int, n: int) -> str:
+    return "every" if count == n else "nearly every"
 
 
 def _of_taxels(recordings: Recordings, values: _Values, fixes: Fixes, *, is_spikes: bool) -> Iterator[str]:
@@ -132,14 +202,16 @@ def _of_taxels(recordings: Recordings, values: _Values, fixes: Fixes, *, is_spik
     if recordings.lengths.max() == 1:
         return
     if values.constant.all():
-        yield f"every sample is {values.low[0]:g}, so nothing was recorded; check the file"
+        every = "every" if values.is_constant else "nearly every"
+        yield f"{every} sample is {_usual(values.usual)[0]:g}, so nothing was recorded; check the file"
         return
     if values.constant.any() and not is_spikes:
         yield f"every sample has the same value in {some(names[values.constant].tolist())}; {fixes.drop}"
     if values.rising.any() and not values.rising.all():
         named = some(names[values.rising].tolist())
         yield f"{named} rises throughout every trial, as time stamps or a counter do; {fixes.stamps}{fixes.drop}"
-    telling = [i for i in np.flatnonzero(values.steady & ~values.constant) if _tells_the_class(recordings, int(i))]
+    steady = np.flatnonzero(values.steady & ~values.constant)
+    telling = [taxel for taxel in steady.tolist() if _tells_the_class(recordings, values.usual[:, taxel])]
     if telling:
         named = some(names[telling].tolist())
         yield f"{named} has one value for each class, as a label does, which would tell a network; {fixes.drop}"
@@ -152,24 +224,23 @@ def _of_taxels(recordings: Recordings, values: _Values, fixes: Fixes, *, is_spik
         )
 
 
-def _tells_the_class(recordings: Recordings, taxel: int) -> bool:
-    """Whether a taxel that is steady within trials has one value for each class, and another for each other class."""
-    of_trials = np.array([signal[0, taxel] for signal in recordings.signals])
-    pairs = {*zip(of_trials.tolist(), recordings.labels.tolist(), strict=True)}
-    n_classes = len(recordings.classes)
-    return len(pairs) == len({value for value, _ in pairs}) == n_classes < len(recordings)
+def _tells_the_class(recordings: Recordings, of_trials: np.ndarray) -> bool:
+    """Whether a value of each trial is one for each class, and another for each other class, but for few trials."""
+    labels, n_classes = recordings.labels, len(recordings.classes)
+    usual = [Counter(of_trials[labels == label].tolist()).most_common(1)[0] for label in range(n_classes)]
+    n_usual = sum(n for _, n in usual)
+    return len({value for value, _ in usual}) == n_classes < len(labels) and nearly_all(n_usual, len(labels))
 
 
 def _share_at_an_end(recordings: Recordings, values: _Values) -> tuple[float, float] | None:
     """The end of a converter at which too many samples are, and their share; None if there is none."""
-    if not values.is_whole:
+    if not nearly_all(values.n_whole, values.n_samples):
         return None
-    n_samples = int(recordings.lengths.sum()) * recordings.n_channels
-    for end in (float(values.high.max()), float(values.low.min())):
-        if end in ENDS or (end < 0 and -end - 1 in ENDS):
-            share = sum(int((signal == end).sum()) for signal in recordings.signals) / n_samples
-            if share > AT_THE_END:
-                return end, share
+    ends = [end for end in values.ends if end in ENDS or (end < 0 and -end - 1 in ENDS)]
+    for end in sorted(ends, reverse=True):
+        share = sum(int((signal == end).sum()) for signal in recordings.signals) / values.n_samples
+        if share > AT_THE_END:
+            return end, share
     return None
 
 
@@ -179,24 +250,15 @@ def _of_lengths(recordings: Recordings, axes: str) -> Iterator[str]:
         yield "every trial has one sample, as features without time have, of which no afferent fires; give the signals"
     elif (lengths == 1).any():
         yield f"{(lengths == 1).sum()} of {len(lengths)} trials have one sample; leave them out, or check the trials"
-    if axes and (doubt := swapped(int(lengths.max()), recordings.n_channels, "taxel", axes)):
+    if axes and (doubt := swapped(int(np.median(lengths)), recordings.n_channels, "taxel", axes)):
         yield doubt
 
 
-def _of_rate(recordings: Recordings) -> Iterator[str]:
-    rate_Hz, median_s = recordings.sampling_rate_Hz, float(np.median(recordings.lengths)) / recordings.sampling_rate_Hz
-    if not SLOWEST_HZ <= rate_Hz <= FASTEST_HZ:
-        slow = "slow" if rate_Hz < SLOWEST_HZ else "fast"
-        yield f"{rate_Hz:g} Hz is {slow} for touch; check `sampling_rate_Hz`, which is in samples per second"
-    elif not SHORTEST_S <= median_s <= LONGEST_S and recordings.lengths.max() > 1:
-        long = "short" if median_s < SHORTEST_S else "long"
-        yield f"the median trial lasts {median_s:.3g} s at {rate_Hz:g} Hz, which is {long} for touch; check the rate"
-
-
 def _of_classes(recordings: Recordings) -> Iterator[str]:
-    n_classes = len(recordings.classes)
-    if n_classes == len(recordings) >= LEAST_TRIALS:
+    n_classes, n_trials = len(recordings.classes), len(recordings)
+    if n_trials >= LEAST_TRIALS and nearly_all(n_classes, n_trials):
+        each = f"{'each' if n_classes == n_trials else 'nearly each'} of the {n_trials} trials"
         yield (
-            f"each of the {n_classes} trials has a class of its own ({some(list(recordings.classes), 3)}), so none can "
-            "be learned and tested; if these are numbers of trials or measured values, name another class"
+            f"{each} has a class of its own ({some(list(recordings.classes), 3)}), so none can be learned and tested; "
+            "if these are numbers of trials or measured values, name another class"
         )

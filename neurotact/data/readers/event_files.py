@@ -1,7 +1,6 @@
 """Files of events: CSV tables, NumPy arrays, structured x, y, t, p arrays, and HDF5 in the Heidelberg layout."""
 
 import logging
-import math
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -19,7 +18,8 @@ from neurotact.data.readers.event_times import event_times, in_order
 from neurotact.data.readers.events import ROW, Events, EventSpec, joined, to_trains
 from neurotact.data.readers.headings import named_table
 from neurotact.data.readers.naming import NamingSpec, conditions_of
-from neurotact.data.readers.tables import called, columns_of, is_number, values_of
+from neurotact.data.readers.tables import DECIMAL_COMMA, NUMBER, called, columns_of, values_of
+from neurotact.data.readers.thousands import THOUSANDS, grouping_of
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError, nearest, some
@@ -179,7 +179,8 @@ def _of_columns(
             f"{path}: no column is called {absent} ({', '.join(list(columns)[:12])}); name it with "
             f"`names={{{absent!r}: ...}}`"
         )
-    unit = spec.time_unit or unit_in(time_name) or ("us" if is_grid else usual)
+    said_unit = spec.time_unit or unit_in(time_name) or ("us" if is_grid or usual == "us" else None)
+    unit = said_unit or usual
     if columns[time_name].ndim != 1:
         raise InputError(f"{path}: '{time_name}' has the shape {columns[time_name].shape}; give one time per event")
     stamps = _stamps(columns[time_name], time_name, path)
@@ -203,6 +204,7 @@ def _of_columns(
         ignored=tuple(name for name in unused if columns[name].shape == stamps.shape),
         other=tuple(f"{name} {columns[name].shape}" for name in unused if columns[name].shape != stamps.shape),
         error_s=times.error_s, resolutions=times.resolutions, n_back=ordered.n_back, n_wraps=ordered.n_wraps,
+        has_unit=said_unit is not None or bool((stamps != np.floor(stamps)).any()),
     )  # fmt: skip
 
 
@@ -293,7 +295,9 @@ def _stamps(values: np.ndarray, name: str, path: Path) -> np.ndarray:
     stamps = values_of(values)
     if stamps.dtype.kind == "U":
         texts = stamps.tolist()
-        wrong = [i for i, text in enumerate(texts) if not is_number(text) or not math.isfinite(float(text))]
+        wrong = [i for i, text in enumerate(texts) if not NUMBER.fullmatch(text.strip())]
+        if sign := next(filter(None, (_sign_fault(texts[i], texts) for i in wrong or range(len(texts)))), ""):
+            raise InputError(f"{path}: '{name}' {sign}")
     elif stamps.dtype.kind in "iuf":
         wrong = np.flatnonzero(~np.isfinite(stamps)).tolist()
     else:
@@ -303,6 +307,18 @@ def _stamps(values: np.ndarray, name: str, path: Path) -> np.ndarray:
         more = f", and so are {len(wrong) - 1} more" if len(wrong) > 1 else ""
         raise InputError(f"{path}: {what}{more}; drop {'these events' if more else 'the event'}")
     return stamps
+
+
+def _sign_fault(cell: str, texts: Sequence[str]) -> str:
+    """What is wrong with the signs in a number, and the fix; empty if nothing is.
+
+    >>> _sign_fault("0,5", ["0,5"]), _sign_fault("12", ["12", "1.234"])
+    ('has decimal commas, as in 0,5; write decimal points', '')
+    """
+    if DECIMAL_COMMA.fullmatch(cell) and grouping_of(texts, ",") == "no":
+        return f"has decimal commas, as in {cell[:20]}; write decimal points"
+    is_one = THOUSANDS.fullmatch(cell)
+    return f"has separators of thousands, as in {cell[:20]!r}; write numbers without them" if is_one else ""
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:

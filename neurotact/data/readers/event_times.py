@@ -28,6 +28,10 @@ ON_CLOCK = 0.5
 """Stamps are on a clock if more than this share of those that are not near a beginning by chance are near one."""
 MOST_COMPARED = 100_000
 """Stamps, evenly chosen, that are compared with a clock."""
+BITS = (16, 20, 24, 28, 31, 32)
+"""Bits of counters of time that begin again, the fewest first."""
+SURE_BITS, WRAP_STEPS = 31, 1
+"""Counters of so many bits begin again even over a long pause; those of fewer by so many of the longest other steps."""
 NO_ORDER = 1 / 3
 """If more than this share of the events are earlier than the one before, a file is in no order of time."""
 LATTICE = 4096
@@ -184,8 +188,7 @@ def joined_times(parts: Sequence[EventTimes]) -> EventTimes:
 class InOrder(NamedTuple):
     """Stamps that rise throughout a trial; those that do not are counted.
 
-    n_back: events earlier than the one before them. n_wraps: how often a counter of 31 or 32 bits began again, which is
-    undone.
+    n_back: events earlier than the one before them. n_wraps: how often a counter (`BITS`) began again, which is undone.
     """
 
     stamps: np.ndarray
@@ -217,28 +220,38 @@ def in_order(
     changes = np.diff(groups) != 0
     if np.count_nonzero(changes) + 1 == len(np.unique(groups)) and not (is_back & ~changes).any():
         return InOrder(stamps)
-    period = _period(ordered) if may_wrap else 0
     n_wraps = 0
-    if period:
-        change = np.diff(ordered.astype(np.int64))
-        turns = np.where(follows, (change < -period // 2).astype(np.int64) - (change > period // 2), 0)
-        total = np.concatenate([[0], np.cumsum(turns)])
-        starts = np.maximum.accumulate(np.where(np.concatenate([[True], ~follows]), np.arange(len(ordered)), 0))
-        rounds = total - total[starts]
-        if rounds.min() >= 0 and np.abs(change + period * turns)[turns != 0].max(initial=0) <= period // 4:
-            n_wraps = int((turns > 0).sum())
-            ordered = ordered.astype(np.int64) + period * rounds
+    for bits in BITS if may_wrap and ordered.dtype.kind in "iu" else ():
+        rounds = _rounds(ordered, follows, bits)
+        if rounds is not None:
+            n_wraps = int(np.diff(rounds, prepend=0).clip(min=0).sum())
+            ordered = ordered.astype(np.int64) + 2**bits * rounds
             stamps = np.empty(len(ordered), np.int64)
             stamps[order] = ordered
+            break
     n_back = int((follows & (ordered[1:] < ordered[:-1])).sum())
     return InOrder(stamps, n_back if n_back <= NO_ORDER * follows.sum() else 0, n_wraps)
 
 
-def _period(stamps: np.ndarray) -> int:
-    """The range of the counter that these stamps may come from, signed or not; 0 if there is none."""
-    if stamps.dtype.kind not in "iu" or stamps.min() < -(2**31) or stamps.max() >= 2**32:
-        return 0
-    return 2**31 if stamps.min() >= 0 and stamps.max() < 2**31 else 2**32
+def _rounds(stamps: np.ndarray, follows: np.ndarray, bits: int) -> np.ndarray | None:
+    """How often a counter of so many bits has begun again before each stamp of its trial; None if it is none.
+
+    follows: whether the next stamp is of the same trial. A counter goes from its last values to its first ones; that of
+    few bits by no more than it goes elsewhere, since a clock that is set back may have any of so few values.
+    """
+    period = 2**bits
+    lowest, highest = int(stamps.min()), int(stamps.max())
+    if not ((lowest >= 0 and highest < period) or (bits == 32 and -period // 2 <= lowest and highest < period)):
+        return None
+    change = np.diff(stamps.astype(np.int64))
+    turns = np.where(follows, (change < -period // 2).astype(np.int64) - (change > period // 2), 0)
+    total = np.concatenate([[0], np.cumsum(turns)])
+    starts = np.maximum.accumulate(np.where(np.concatenate([[True], ~follows]), np.arange(len(stamps)), 0))
+    rounds = total - total[starts]
+    over = np.abs(change + period * turns)
+    most = period // 4 if bits >= SURE_BITS else WRAP_STEPS * over[follows & (turns == 0)].max(initial=0)
+    is_one = turns.any() and rounds.min() >= 0 and over[turns != 0].max() <= most
+    return rounds if is_one else None
 
 
 def rounding_of(times: EventTimes, step_s: float, least: float = KNOWN) -> Rounding | None:

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, field_validator
 
-from neurotact.data.readers.clock import Unit
-from neurotact.data.readers.event_times import EventTimes, Origin, joined_times, rounding_of, steps_of
+from neurotact.data.readers.clock import Unit, of_length
+from neurotact.data.readers.event_times import FLOAT_ERROR, EventTimes, Origin, joined_times, rounding_of, steps_of
 from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
 from neurotact.data.windows import LONGEST_STEPS
 from neurotact.errors import InputError, some
@@ -23,6 +23,11 @@ BYTES_PER_EVENT = 100
 """Memory per event during binning."""
 MOST_MERGED = 0.01
 """Share of the events that may become one spike with another without being asked."""
+COARSE = 0.5
+"""Share of a step from which on times that their type rounds to it fall into a step by chance."""
+OF_UNIT = "give their unit with `time_unit`, or divide sample numbers by their rate"
+OF_EVENTS = "if the unit of the times is another, give it with `time_unit`; divide sample numbers by their rate"
+"""What to do about trials of events that are too short or too long."""
 ON_OFF = ("OFF", "ON")
 """The lower and the higher value of a polarity."""
 
@@ -71,7 +76,8 @@ class Events(NamedTuple):
     is_grid: channels are positions on a sensor's grid, `ROW * y + x`. ignored: columns that change within a trial
     and are not used; other: arrays of another length.
     error_s: of each time; resolutions: as of `EventTimes`. n_back: events that are earlier than the one before them in
-    the file; n_wraps: how often its counter began again.
+    the file; n_wraps: how often its counter began again. has_unit: whether anything but custom says the unit of times
+    that are whole numbers.
     """
 
     time_s: np.ndarray
@@ -86,6 +92,7 @@ class Events(NamedTuple):
     resolutions: tuple = ()
     n_back: int = 0
     n_wraps: int = 0
+    has_unit: bool = True
 
     @property
     def times(self) -> EventTimes:
@@ -125,6 +132,9 @@ def to_trains(events: Events, spec: EventSpec, source: str) -> SpikeTrains:
     binned = on_clock(((steps[mine], units[mine], n_steps) for mine in _of_trials(events, keep)), len(afferents))
     say_order(events.n_back, events.n_wraps, len(events.time_s), source)
     say_lost(binned, spec, source)
+    if not events.has_unit:
+        log.warning("%s: the times are whole numbers without a unit, taken as seconds; %s", source, OF_UNIT)
+    say_times(events.times, n_steps, spec, source)
     return from_trials(binned.trials, 1e3 / spec.step_ms, afferents, events.conditions, source=source)
 
 
@@ -274,6 +284,25 @@ def n_steps_of(last_step: int, spec: EventSpec) -> int:
     return last_step + 1 if spec.duration_ms is None else max(1, round(spec.duration_ms / spec.step_ms))
 
 
+def say_times(times: EventTimes, n_steps: int, spec: EventSpec, source: str) -> None:
+    """Warn of trials that are too short or too long for touch, and of times that are coarser than the steps."""
+    say_length([n_steps], 1e3 / spec.step_ms, OF_EVENTS, source)
+    error_s = times.error_s / FLOAT_ERROR
+    is_coarse = error_s >= COARSE * 1e-3 * spec.step_ms
+    if is_coarse.any():
+        log.warning(
+            "%s: %d of %d times have a resolution of %.3g us by their type or their digits, of a step of %g ms: save "
+            "them as float64 with all digits, or give a longer `step_ms`",
+            source, int(is_coarse.sum()), len(is_coarse), 1e6 * float(error_s.max()), spec.step_ms,
+        )  # fmt: skip
+
+
+def say_length(n_steps: Sequence[int] | np.ndarray, rate_Hz: float, fix: str, source: str) -> None:
+    """Warn of a median trial that is too short or too long for touch. n_steps: of each trial; fix: ends the line."""
+    for doubt in of_length(float(np.median(n_steps)) / rate_Hz, fix):
+        log.warning("%s: %s", source, doubt)
+
+
 class OnClock(NamedTuple):
     """The spikes of trials, the number of their events, and of those that are left out, after the end of their trial.
 
@@ -333,9 +362,7 @@ def say_merged(binned: OnClock, step_s: float, source: str, *, accept: bool, ste
 def say_order(n_back: int, n_wraps: int, n_events: int, source: str) -> None:
     """Say what was found of a file whose stamps do not rise."""
     if n_wraps:
-        log.warning(
-            "%s: a counter of 31 or 32 bits begins again %d times; the stamps after it count on", source, n_wraps
-        )
+        log.warning("%s: a counter begins again %d times; the stamps after it count on", source, n_wraps)
     if n_back:
         log.warning(
             "%s: %d of %d events are earlier than the one before them and are put in order of time; if the clock was "
@@ -361,4 +388,5 @@ def joined(parts: Sequence[Events]) -> Events:
         times.resolutions,
         sum(part.n_back for part in parts),
         sum(part.n_wraps for part in parts),
+        all(part.has_unit for part in parts),
     )

@@ -11,6 +11,7 @@ from typing import NamedTuple
 from neurotact.data.readers import labview
 from neurotact.data.readers.tables import BLANKS, COMMENT, DECIMAL_COMMA, Decimal, TextTable, cells
 from neurotact.data.readers.texts import read_any_text
+from neurotact.data.readers.thousands import splits_thousands
 from neurotact.data.readers.usual_rows import SEPARATORS, UsualRow, separator_of, usual_row, without_end
 from neurotact.errors import InputError, some
 
@@ -241,9 +242,12 @@ def _check_others(head: _Head, usual: UsualRow, samples: _Line, option: str, pat
     )
     line, row = apart[-1]
     if len(apart) == 1 and not head.names and (len(row) > 1 or usual.n_columns == 2):
+        fix = f"name each column{_hint(usual, len(row))}, or {skip}"
+        if usual.separator in (",", BLANKS) and splits_thousands(usual.cells, len(row)):
+            fix = "write numbers without separators of thousands and with decimal points, or name each column"
         raise InputError(
             f"{path}: line {samples.number} has {usual.n_columns} columns where {len(row)} are expected, the names in "
-            f"line {line.number}; name each column{_hint(usual, len(row))}, or {skip}"
+            f"line {line.number}; {fix}"
         )
     first = head.others[0]
     which = f"line {first.number} is" if len(apart) == 1 else f"lines {first.number} to {line.number} are"

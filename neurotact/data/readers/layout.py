@@ -9,10 +9,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from neurotact.data.readers import ros, split_stamps
+from neurotact.data.readers import first_rows, ros, split_stamps
 from neurotact.data.readers.clock import Unit, is_time_of_day, seconds_of, unit_in
 from neurotact.data.readers.headings import open_table
-from neurotact.data.readers.tables import NOT_FINITE, TextTable, columns_at, finite
+from neurotact.data.readers.tables import NOT_FINITE, TextTable, columns_at, finite, lost_digits
 from neurotact.errors import InputError, nearest, some
 from neurotact.spec import Names, Spec
 
@@ -109,8 +109,14 @@ def read_table(path: Path, layout: LayoutSpec, *, find_time: bool = True) -> Tab
     ))  # fmt: skip
     taxels, notes = (columns.taxels, ()) if layout.columns else _without_texts(table, columns.taxels, values)
     signal = np.empty((len(values[taxels[0]]), len(taxels)), np.float32)
+    lost = ""
     for number, column in enumerate(taxels):
-        signal[:, number] = finite(table, column, values.pop(column))
+        samples = finite(table, column, values.pop(column))
+        lost = lost or lost_digits(samples)
+        signal[:, number] = samples
+    first_rows.check(signal, str(path), table.first_line)
+    if lost:
+        raise InputError(f"{path}: {lost}{CHOICE}")
     names = tuple(table.names[column] for column in taxels) if table.names else ()
     if not all(names):
         names, notes = (), (*notes, "a column has no name, so the taxels have none")

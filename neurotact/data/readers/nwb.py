@@ -28,7 +28,7 @@ from neurotact.data.readers.event_times import (
     rounding_of,
     steps_of,
 )
-from neurotact.data.readers.events import BYTES_PER_EVENT, on_clock, say_merged
+from neurotact.data.readers.events import BYTES_PER_EVENT, on_clock, say_length, say_merged
 from neurotact.data.readers.layout import Table
 from neurotact.data.readers.nwb_tables import MOST_NAMED, columns, electrodes_of, named
 from neurotact.data.readers.nwb_units import (
@@ -41,6 +41,7 @@ from neurotact.data.readers.nwb_units import (
 )
 from neurotact.data.readers.observed import Unobserved
 from neurotact.data.readers.sampled import Read
+from neurotact.data.readers.tables import check_digits
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.sources import Reader
 from neurotact.data.spikes import SpikeTrains, from_trials
@@ -55,6 +56,7 @@ NOTES, OURS = "general/notes", "neurotact"
 STEP_MS = 1.0
 SYMBOLS = {"volts": "V", "volt": "V", "newtons": "N", "newton": "N", "pascals": "Pa", "amperes": "A", "meters": "m"}
 """Short names of units that NWB spells out."""
+OF_TRIALS = "check its times of trials, which NWB has in seconds"
 OF_SERIES = doubts.Fixes("save the series without it")
 """What mends a wrong column of a series."""
 
@@ -230,6 +232,7 @@ def _spikes(declared: Declared, trials: _Trials, spec: NWBSpec) -> SpikeTrains:
         len(afferents),
     )
     say_merged(binned, 1 / rate_Hz, str(path), accept=spec.merge_events)
+    say_length(lengths, rate_Hz, OF_TRIALS, str(path))
     told = (names or [""] * len(binned.trials) for names in (trials.digests, trials.touches))
     return from_trials(
         (row._replace(digest=digest, touch=touch) for row, digest, touch in zip(binned.trials, *told, strict=True)),
@@ -292,6 +295,7 @@ def _recordings(declared: Declared, trials: _Trials, spec: NWBSpec) -> Recording
     channels, read = electrodes_of(declared, series, 1 if data.ndim == 1 else data.shape[1]), []
     for trial, (start, stop) in enumerate(cuts):
         signal = data[start:stop].reshape(stop - start, -1) * factor + offset
+        check_digits(signal, f"{path}: {series}, trial {trial}")
         table = Table(channels, signal, None if time_s is None else time_s[start:stop], 0, "s")
         read.append(Read(f"{path}: {series}, trial {trial}", f"trial {trial}", table))
     unit = spec.unit or str(attribute(data, "unit", path) if "unit" in data.attrs else "")

@@ -1,5 +1,6 @@
 """Rasters to spikes: dense arrays of 0 and 1, or of counts, of the trials of one file, or of a file per trial."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.readers import arrays, folder
+from neurotact.data.readers.clock import OF_GIVEN_RATE, of_rate
 from neurotact.data.readers.events import MOST_AFFERENTS, OnClock, say_merged
 from neurotact.data.recordings import check_channels, check_conditions, check_import
 from neurotact.data.spikes import SpikeTrains, from_trials, spikes_of
@@ -15,6 +17,8 @@ from neurotact.errors import InputError
 from neurotact.files import existing
 
 UNIT = "spikes"
+
+log = logging.getLogger("neurotact")
 
 
 def read(
@@ -92,6 +96,8 @@ def trains_of(
     if n_events == 0:
         raise InputError(f"{where}: holds no spike; give at least one")
     say_merged(binned, 1 / sampling_rate_Hz, where, accept=merge_events, step="step")
+    for doubt in of_rate(np.array([len(raster) for raster in rasters]), sampling_rate_Hz, OF_GIVEN_RATE):
+        log.warning("%s: %s", where, doubt)
     return from_trials(binned.trials, sampling_rate_Hz, afferents, conditions, source=where)
 
 

@@ -22,7 +22,15 @@ from neurotact.data.readers.table_trials import (
     clock_of,
     find_trials,
 )
-from neurotact.data.readers.tables import DECIMAL_COMMA, NUMBER, TextTable, called, columns_of, finite_called, values_of
+from neurotact.data.readers.tables import (
+    TextTable,
+    called,
+    check_digits,
+    columns_of,
+    finite_called,
+    is_meant_as_number,
+    values_of,
+)
 from neurotact.data.recordings import LABEL, Recordings, check_import
 from neurotact.data.trial_choice import chosen_trials
 from neurotact.errors import InputError, nearest, some
@@ -119,6 +127,8 @@ def _cut(
 ) -> Iterator[Read]:
     """The samples and the stamps of each trial."""
     taxels = [finite_called(table, name, columns) for name in roles.taxels]
+    for samples in taxels:
+        check_digits(samples, table.path)
     signal = np.stack(taxels, axis=1).astype(np.float32)
     for begin, end, name in zip(trials.begin, trials.end, trials.names, strict=True):
         its_time = None if clock.time is None else clock.time[begin:end]
@@ -176,11 +186,8 @@ def _parted(
     changing = [name for name in others if name not in constant]
     taxels = roles.taxels or tuple(name for name in changing if columns[name].dtype.kind in "iuf")
     ignored = [name for name in changing if name not in taxels]
-    commas = [name for name in (*ignored, *taxels) if DECIMAL_COMMA.fullmatch(str(columns[name][0]))]
-    if commas:
-        raise InputError(f"{path}: column {commas[0]} has decimal commas; pass `decimal=','` or write decimal points")
     for name in [name for name in ignored if columns[name].dtype.kind == "U"]:
-        if np.mean([bool(NUMBER.fullmatch(cell)) for cell in columns[name].tolist()]) > FAULTS:
+        if np.mean([is_meant_as_number(cell) for cell in columns[name].tolist()]) > FAULTS:
             finite_called(table, name, columns)  # says which cell is no number
     if not taxels:
         raise InputError(f"{path}: no column of numbers changes within a trial; name the taxels with `columns`")

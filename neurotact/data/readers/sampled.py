@@ -7,20 +7,22 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from neurotact.data.readers import clock, doubts, repeats, shared_stamps
+from neurotact.data.readers import clock, doubts, first_rows, repeats, shared_stamps
 from neurotact.data.readers.layout import Table
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
 from neurotact.files import check_size
 
-RATES_DIFFER = 0.1
-"""Share by which a trial's sampling rate may differ from the common one without a warning."""
+RATES_DIFFER, STANDARD_ERRORS = 0.01, 4.0
+"""A trial has another sampling rate than the common one if it differs by this share, and by so many of its errors."""
+COUNTS = {"count", "counts", "adc", "lsb", "digit", "digits", "step", "steps"}
+"""Units of which samples are whole numbers."""
 
 OTHER_UNIT = 100.0
 """If the given rate and that of the time stamps differ by this factor, the unit of the stamps is wrong."""
 
 MATTERS, LOST = 0.01, 1.5
-"""Jitter, and a longest interval, in intervals of samples: smaller ones are interpolated without a word."""
+"""Jitter, and a longest interval, in intervals of samples: larger ones are said."""
 OF_COLUMNS = doubts.Fixes("select the taxels with `columns`", "give `time_column`, or ")
 """What mends a wrong column."""
 
@@ -62,6 +64,7 @@ def recordings(
     messages. fixes: of doubts about them; None says no doubt. Raises InputError for trials of other taxels, stamps that
     make no clock, or a wrong unit of time.
     """
+    _check_first_rows(read, sampling_rate_Hz, where)
     _check_same_channels(read)
     channels = _same_names(read)
     unit_of_time = _unit_of_time([trial.table for trial in read], sampling_rate_Hz, where)
@@ -74,9 +77,15 @@ def recordings(
         raise InputError(f"{where}: `max_gap_ms`: the samples have no time stamps; leave it out")
     repeats.say_dropped(_stamps_of(trials), drop_repeats, where)
     rate_Hz, signals = _on_one_clock(trials, sampling_rate_Hz, where)
+    if unit.strip().lower() in COUNTS and doubts.are_thousandths(signals):
+        raise InputError(
+            f"{where}: the samples are in {unit}, but have three decimals, and none lies between 0 and 1, as if "
+            "separators of thousands were decimal points; write whole numbers without them, or give another unit if "
+            "these are no counts"
+        )
     recordings_read = Recordings(signals, rate_Hz, unit, conditions, channels, source)
     if fixes is not None:
-        doubts.say(recordings_read, where, fixes, rate_is_given=all(trial.stamps is None for trial in trials))
+        doubts.say(recordings_read, where, fixes, rate_is_given=sampling_rate_Hz is not None)
     return recordings_read
 
 
@@ -109,7 +118,7 @@ def _common_interval(read: Sequence[Read], unit: clock.Unit) -> float | None:
         for table in tables if table.time is not None
     ]  # fmt: skip
     known = [interval_s for interval_s in intervals_s if interval_s is not None]
-    return float(np.median(known)) if known else None
+    return clock.middle_of(known) if known else None
 
 
 def _stamped(
@@ -136,26 +145,51 @@ def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, where: str) 
     found_Hz = clock.rate_of(stamps)
     rate_Hz = found_Hz if given_Hz is None else float(given_Hz)
     _check_same_unit(trials, where)
-    _check_unit(found_Hz, given_Hz, float(np.median([trial.time_s[-1] for trial in stamps])), where)
+    _check_unit(found_Hz, given_Hz, where)
     n_ticks = sum(trial.time_s[-1] * rate_Hz for trial in stamps)
     check_size(f"{where} at {rate_Hz:g} Hz", int(4 * n_ticks * trials[0].signal.shape[1]))
     signals = [
         trial.signal if trial.stamps is None else clock.on_clock(trial.signal, trial.stamps, rate_Hz)
         for trial in trials
     ]
-    n_moved = sum(signal is not trial.signal for signal, trial in zip(signals, trials, strict=True))
-    jitter_ms = [1e3 * trial.jitter_s for trial in stamps]
-    worst_ms = 1e3 * max((float(np.diff(trial.time_s).max()) for trial in stamps if len(trial.time_s) > 1), default=0.0)
-    interval_ms = 1e3 / rate_Hz
-    if n_moved and (float(np.median(jitter_ms)) > MATTERS * interval_ms or worst_ms > LOST * interval_ms):
-        log.warning(
-            "%s: the time stamps jitter by %.3g ms (standard deviation of the intervals; the longest is %.4g ms): %d "
-            "of %d trials are interpolated onto a regular clock of %g Hz",
-            where, float(np.median(jitter_ms)), worst_ms, n_moved, len(trials), rate_Hz,
-        )  # fmt: skip
     repeats.say_shared(_stamps_of(trials), rate_Hz, where)
-    _warn_of_other_rates(trials, rate_Hz, where)
+    _say_moved(trials, signals, rate_Hz, where)
     return rate_Hz, signals
+
+
+def _say_moved(trials: Sequence[_Trial], signals: Sequence[np.ndarray], rate_Hz: float, where: str) -> None:
+    """Say how many trials of another rate are resampled, and how many are interpolated because their stamps jitter."""
+    moved = {trial.file for trial, signal in zip(trials, signals, strict=True) if signal is not trial.signal}
+    stamps = {file: its for file, its in _stamps_of(trials).items() if file in moved}
+    odd = {file for file, its in stamps.items() if abs(its.interval_s * rate_Hz - 1) > _by_jitter(its)}
+    if odd:
+        first = next(file for file in stamps if file in odd)
+        log.warning(
+            "%s: %d of %d trials have another sampling rate than %g Hz and are resampled to it; the first is %s at "
+            "%.4g Hz",
+            where, len(odd), len(trials), rate_Hz, first, 1 / stamps[first].interval_s,
+        )  # fmt: skip
+    near = [its for file, its in stamps.items() if file not in odd]
+    if not near:
+        return
+    jitter_ms = 1e3 * float(np.median([its.jitter_s for its in near]))
+    worst_ms = 1e3 * max(float(np.diff(its.time_s).max()) for its in near if len(its.time_s) > 1)
+    what = "the time stamps are a little off"
+    if jitter_ms > MATTERS * 1e3 / rate_Hz or worst_ms > LOST * 1e3 / rate_Hz:
+        what = (
+            f"the time stamps jitter by {jitter_ms:.3g} ms (standard deviation of the intervals; the longest is "
+            f"{worst_ms:.4g} ms)"
+        )
+    log.warning(
+        "%s: %s: %d of %d trials are interpolated onto a regular clock of %g Hz",
+        where, what, len(near), len(trials), rate_Hz,
+    )  # fmt: skip
+
+
+def _by_jitter(stamps: clock.Stamps) -> float:
+    """Share by which a trial's rate may differ from the common one: it is a mean of intervals that jitter."""
+    error_s = stamps.jitter_s / np.sqrt(len(stamps.time_s))
+    return max(RATES_DIFFER, STANDARD_ERRORS * error_s / stamps.interval_s)
 
 
 def _check_same_unit(trials: Sequence[_Trial], where: str) -> None:
@@ -170,38 +204,28 @@ def _check_same_unit(trials: Sequence[_Trial], where: str) -> None:
         )
 
 
-def _check_unit(found_Hz: float, given_Hz: float | None, median_s: float, where: str) -> None:
-    """Refuse time stamps that are a hundred times faster or slower than the given rate: their unit is wrong.
-
-    Without a given rate, warn if they are too slow or too fast for touch. median_s: length of the median trial.
-    """
-    if given_Hz is not None:
-        if not 1 / OTHER_UNIT < found_Hz / given_Hz < OTHER_UNIT:
-            raise InputError(
-                f"{where}: the time stamps give {found_Hz:.3g} Hz and `sampling_rate_Hz` says {given_Hz:g} Hz; give "
-                "the unit of the stamps with `time_unit` (s, ms, us, ns), or leave `sampling_rate_Hz` out"
-            )
-    elif found_Hz < clock.SLOWEST_HZ:
-        log.warning(
-            "%s: the time stamps give %.3g Hz, which is slow for touch; if their unit is another, give it with "
-            "`time_unit`",
-            where, found_Hz,
-        )  # fmt: skip
-    elif median_s < clock.SHORTEST_S:
-        log.warning(
-            "%s: the time stamps give %.4g Hz and a median trial of %.3g ms, which is short for touch; if their unit "
-            "is another, give it with `time_unit`",
-            where, found_Hz, 1e3 * median_s,
-        )  # fmt: skip
+def _check_unit(found_Hz: float, given_Hz: float | None, where: str) -> None:
+    """Refuse time stamps that are a hundred times faster or slower than the given rate: their unit is wrong."""
+    if given_Hz is not None and not 1 / OTHER_UNIT < found_Hz / given_Hz < OTHER_UNIT:
+        raise InputError(
+            f"{where}: the time stamps give {found_Hz:.3g} Hz and `sampling_rate_Hz` says {given_Hz:g} Hz; give the "
+            "unit of the stamps with `time_unit` (s, ms, us, ns), or leave `sampling_rate_Hz` out"
+        )
 
 
-def _warn_of_other_rates(trials: Sequence[_Trial], rate_Hz: float, where: str) -> None:
-    rates_Hz = {file: 1 / stamps.interval_s for file, stamps in _stamps_of(trials).items()}
-    odd = [file for file, each_Hz in rates_Hz.items() if abs(each_Hz / rate_Hz - 1) > RATES_DIFFER]
-    if odd:
+def _check_first_rows(read: Sequence[Read], given_Hz: float | None, where: str) -> None:
+    """Refuse trials that begin with a start time; warn of those that seem to begin with their sampling rate."""
+    for trial in read:
+        first_rows.check(trial.table.signal, trial.where, trial.table.first_line)
+    rates = [(trial, first_rows.rate_in(trial.table.signal, given_Hz)) for trial in read]
+    found = [(trial, rate_Hz) for trial, rate_Hz in rates if rate_Hz is not None]
+    if found:
+        trial, rate_Hz = found[0]
+        line = trial.table.first_line
+        skip = f"skip it with `header_lines={line}`" if line else "remove it"
         log.warning(
-            "%s: %d trials have another sampling rate than %g Hz and are resampled to it; the first is %s at %.4g Hz",
-            where, len(odd), rate_Hz, odd[0], rates_Hz[odd[0]],
+            "%s: the first row of %d of %d trials looks like a sampling rate above the samples, as %g in %s; if it is "
+            "one, %s", where, len(found), len(read), rate_Hz, trial.file, skip,
         )  # fmt: skip
 
 

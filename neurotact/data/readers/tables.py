@@ -13,11 +13,14 @@ import numpy as np
 import pandas as pd
 
 from neurotact import files
+from neurotact.data.readers import thousands
 from neurotact.errors import InputError
 
 MAX_CHANNELS = 10_000
 """Maximum number of columns; a table with more is transposed, or is not a table."""
 FLOAT32_MAX = float(np.finfo(np.float32).max)
+WHOLE_IN_FLOAT32 = 2**24
+"""Whole numbers up to this one are held by float32."""
 BLANKS = " "
 """The separator of a table whose columns are any number of blanks and tabs apart."""
 SPACES = re.compile(r"[ \t]+")
@@ -28,11 +31,10 @@ NOT_FINITE = re.compile(r"[+-]?(nan|na|inf|infinity)", re.IGNORECASE)
 GAP = re.compile(r"-+|\?+|\*+|#?n/?a!?|#n/?v|<na>|none|null|missing", re.IGNORECASE)
 """A word or a sign that stands for a value that is missing."""
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
-THOUSANDS = re.compile(
-    r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?|[+-]?\d{1,3}((\.\d{3})+,\d*|(\.\d{3}){2,}|([ '\u00a0\u202f]\d{3})+([.,]\d*)?)"
-)
-"""A number with signs between its thousands, which no reader can tell from others."""
 WITH_UNIT = re.compile(r"[+-]?\d*[.,]?\d+ ?[a-zµ°%Ω]{1,4}", re.IGNORECASE)
+PADDED = 100
+"""Small numbers of a column that tell whether all have zeros at their beginning."""
+ZERO_PADDED = re.compile(r"0\d{1,2}([.,]\d*)?", re.ASCII)
 COMMENT = re.compile(r"[ \t]*(#|%|//)")
 """The beginning of a line that is a comment."""
 Decimal = Literal[".", ","]
@@ -181,7 +183,65 @@ def columns_at(table: TextTable, places: Sequence[int], texts: Collection[int] =
         raise InputError(f"{table.path}: line {line} holds a NUL, so it was not written to its end; repair that line")
     check_width(table.path, table.n_columns)
     numbers_read = None if texts else _numbers_at_once(table, places)
-    return numbers_read if numbers_read is not None else _columns(table, places, texts)
+    columns = numbers_read if numbers_read is not None else _columns(table, places, texts)
+    lacks_marks = _lacks_marks(table)
+    for place, column in zip(places, columns, strict=True):
+        if column.dtype.kind == "f" and lacks_marks:
+            _check_ungrouped(table, place, column)
+        if place and not table.names and table.separator in (",", BLANKS) and column.dtype.kind in "if":
+            _check_not_an_end(table, place, column)
+    return columns
+
+
+def _lacks_marks(table: TextTable) -> bool:
+    """Whether some cells have a decimal sign and others none."""
+    n_cells = (table.body.rstrip("\n").count("\n") + 1) * table.n_columns
+    return 0 < table.body.count(table.decimal) != n_cells
+
+
+def _check_ungrouped(table: TextTable, place: int, values: np.ndarray) -> None:
+    """Refuse a column of numbers in which the decimal sign separates thousands."""
+    if not thousands.may_be_grouped(values) or (
+        (values == np.floor(values)).all() and f"{table.decimal}000" not in table.body
+    ):
+        return
+    texts = _texts_at(table, place, thousands.telling(values))
+    if thousands.grouping_of([text for _, text in texts], table.decimal) == "yes":
+        line, text = next(pair for pair in texts if table.decimal in pair[1])
+        plain = next((text for _, text in texts if table.decimal not in text), texts[0][1])
+        raise InputError(
+            f"{table.path}: line {line}, column {place + 1}{table.name(place)} is {text!r}, where {plain!r} has no "
+            f"decimals, as if {table.decimal!r} separated thousands; write numbers without such signs, or all with "
+            "as many decimals"
+        )
+
+
+def _check_not_an_end(table: TextTable, place: int, values: np.ndarray) -> None:
+    """Refuse a column of what stands after separators of thousands, which also separate cells."""
+    if not (np.abs(values) < 1000).all():
+        return
+    texts = _texts_at(table, place, np.flatnonzero(np.abs(values) < 100)[:PADDED])
+    padded = next((pair for pair in texts if ZERO_PADDED.fullmatch(pair[1])), None)
+    if padded is not None and len({len(re.split("[.,]", text)[0]) for _, text in texts}) == 1:
+        line, text = padded
+        raise InputError(
+            f"{table.path}: line {line}, column {place + 1} is {text!r}, as the end of a number with a separator "
+            "of thousands; write numbers without such signs, or without zeros at their beginning"
+        )
+
+
+def _texts_at(table: TextTable, place: int, rows: np.ndarray) -> list[tuple[int, str]]:
+    """The line and the text of a cell in each of these rows, which ascend."""
+    wanted = set(rows.tolist())
+    if not wanted:
+        return []
+    if '"' in table.body or table.skips_empty:
+        every = ((line, lambda row=row: row) for line, row in table.rows())
+    else:
+        its = (line for line in lines_of(table.body))
+        every = ((n, lambda line=line: cells(line, table.separator)) for n, line in enumerate(its, table.first_line))
+    up_to = islice(enumerate(every), int(rows[-1]) + 1)
+    return [(line, row()[place]) for index, (line, row) in up_to if index in wanted]
 
 
 def _numbers_at_once(table: TextTable, places: Sequence[int]) -> list[np.ndarray] | None:
@@ -286,12 +346,47 @@ def finite(table: TextTable, column: int, values: np.ndarray) -> np.ndarray:
     if row is None:
         return floats
     line, its_cells = next(islice(table.rows(), row, None))
-    raise InputError(f"{table.path}: line {line}{_fault(table, column, its_cells[column])}")
+    raise InputError(f"{table.path}: line {line}{_fault(table, column, its_cells[column], values)}")
+
+
+def lost_digits(values: np.ndarray) -> str:
+    """What is wrong with whole numbers that float32, in which samples are kept, does not hold, and the fix; often "".
+
+    values: finite numbers.
+
+    >>> lost_digits(np.array([2**24, 2**24 + 2])), lost_digits(np.array([2**24 + 1]))[:44]
+    ('', 'holds 16777217, of which float32 keeps 16777')
+    """
+    if values.dtype.kind not in "iuf" or not len(values) or np.abs(values).max() <= WHOLE_IN_FLOAT32:
+        return ""
+    lost = values.astype(np.float32).astype(np.float64) != values
+    if not lost.any() or (values.dtype.kind == "f" and not (values == np.rint(values)).all()):
+        return ""
+    value = int(values[lost].flat[0])
+    return (
+        f"holds {value}, of which float32 keeps {int(np.float32(value))}; subtract an offset that leaves numbers up to "
+        f"{WHOLE_IN_FLOAT32}, or round them so that float32 holds them"
+    )
+
+
+def check_digits(values: np.ndarray, where: str | Path) -> None:
+    """Refuse samples of which `lost_digits` says something; `where` begins the message."""
+    if lost := lost_digits(values):
+        raise InputError(f"{where}: {lost}")
 
 
 def finite_called(table: TextTable, name: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
     """As `finite`, of the column with this name."""
     return finite(table, table.names.index(name), columns[name])
+
+
+def is_meant_as_number(cell: str) -> bool:
+    """Whether a cell is a number, with a decimal comma or with separators of thousands, too.
+
+    >>> is_meant_as_number("1 234,5"), is_meant_as_number("2024-01-31")
+    (True, False)
+    """
+    return any(form.fullmatch(cell) for form in (NUMBER, DECIMAL_COMMA, thousands.THOUSANDS))
 
 
 def _is_finite(cell: str, decimal: Decimal) -> bool:
@@ -304,8 +399,8 @@ def _with_point(cell: str, decimal: Decimal) -> str:
     return cell if decimal == "." else "" if "." in cell else cell.replace(",", ".")
 
 
-def _fault(table: TextTable, column: int, cell: str) -> str:
-    """What is wrong with a cell, and the fix: the end of the sentence that names its line."""
+def _fault(table: TextTable, column: int, cell: str, values: np.ndarray) -> str:
+    """What is wrong with a cell of a column, and the fix: the end of the sentence that names its line."""
     cell_name = f", column {column + 1}{table.name(column)} is"
     repair = f"repair the gap{table.choice}"
     if not cell:
@@ -316,15 +411,34 @@ def _fault(table: TextTable, column: int, cell: str) -> str:
         return f"{cell_name} {cell!r}, no value; {repair}"
     if NUMBER.fullmatch(_with_point(cell, table.decimal)):
         return f"{cell_name} {cell[:20]}, more than float32 holds; use another unit"
-    if table.decimal == "." and DECIMAL_COMMA.fullmatch(cell):
-        return " has decimal commas; pass `decimal=','` or write decimal points"
-    if THOUSANDS.fullmatch(cell):
-        return f"{cell_name} {cell[:20]!r}, with separators of thousands; write numbers without them"
+    if values.dtype.kind == "U" and (sign := sign_fault(cell, values.tolist(), table)):
+        return sign
     if table.decimal == "," and NUMBER.fullmatch(cell):
         return " holds a point, but commas are decimal; write all numbers one way"
+    if thousands.THOUSANDS.fullmatch(cell):
+        return f"{cell_name} {cell[:20]!r}, with separators of thousands; write numbers without them"
     if WITH_UNIT.fullmatch(cell):
         return f"{cell_name} {cell[:20]!r}, not a number; write it without its unit{table.choice}"
     return f"{cell_name} {cell[:20]!r}, not a number; write a number{table.choice}"
+
+
+def sign_fault(cell: str, texts: Sequence[str], table: TextTable) -> str:
+    """What is wrong with a comma in a cell of a column, and the fix; empty if it is no decimal one.
+
+    No option is named where commas may separate thousands: it would make 1.234 of 1234.
+    """
+    if table.decimal == "," or not DECIMAL_COMMA.fullmatch(cell):
+        return ""
+    grouping = thousands.grouping_of(texts, ",")
+    if grouping == "yes":
+        return ""
+    if grouping == "perhaps":
+        return (
+            f" has commas that are decimal or separate thousands, {cell[:20]!r}; write decimal points, or whole "
+            "numbers without commas"
+        )
+    pass_it = "" if table.separator == "," else "pass `decimal=','` or "
+    return f" has decimal commas; {pass_it}write decimal points"
 
 
 def called(names: Sequence[str], aliases: Sequence[str]) -> str | None:
@@ -347,9 +461,12 @@ def columns_of(table: TextTable, texts: Collection[str] | None = None) -> dict[s
 
 
 def values_of(values: np.ndarray) -> np.ndarray:
-    """Texts as numbers if all of them are numbers; anything else unchanged."""
+    """Texts as numbers if all of them are numbers without separators of thousands; anything else unchanged."""
     if values.dtype.kind in "OSU":
         texts = values.astype(str)
         numbers = pd.to_numeric(pd.Series(texts), errors="coerce").to_numpy()
-        return texts if np.isnan(numbers.astype(float)).any() else numbers
+        if np.isnan(numbers.astype(float)).any():
+            return texts
+        is_grouped = numbers.dtype.kind == "f" and thousands.may_be_grouped(numbers)
+        return texts if is_grouped and thousands.grouping_of(texts.tolist(), ".") == "yes" else numbers
     return values

@@ -5,6 +5,7 @@ and the network is computed once a bin.
 """
 
 from functools import reduce
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -13,6 +14,8 @@ from neurotact.errors import InputError
 
 NEARLY = 1e-6
 """How far a network's step may be from a whole number of the encoder's, of it: rates are not exact in decimals."""
+AT_ONCE = 64
+"""Windows whose spikes are listed together."""
 
 
 def steps_per_bin(step_ms: float | str | None, sampling_rate_Hz: float, name: str = "step_ms") -> int:
@@ -69,14 +72,53 @@ def spread(spikes: Tensor, n: int, n_steps: int) -> Tensor:
     return fine
 
 
-def merged(spikes: Tensor, n: int) -> float:
-    """The share of spikes that bins of `n` steps merge with another of the same afferent.
+def merged(spikes: Tensor, n: int) -> int:
+    """How many spikes bins of `n` steps merge with another of the same afferent.
 
     >>> merged(torch.tensor([[[1], [1], [0], [0]]]), 2)
-    0.5
+    1
     """
-    n_spikes = 0 if n == 1 else int(spikes.count_nonzero())
-    return 1 - int(binned(spikes, n).count_nonzero()) / n_spikes if n_spikes else 0.0
+    return 0 if n == 1 else int(spikes.count_nonzero()) - int(binned(spikes, n).count_nonzero())
+
+
+class Close(NamedTuple):
+    """Spikes that are close to another of their afferent, for 1, 2, 3, ... steps.
+
+    following: how many are fewer steps than that after another one. merged: how many bins of so many steps merge, which
+    is no more, whenever the bins begin.
+    """
+
+    following: tuple[int, ...]
+    merged: tuple[int, ...]
+
+
+def close(spikes: Tensor, most: int) -> Close:
+    """The close spikes of windows `(trial, time, afferent)`, for up to `most` steps.
+
+    >>> close(torch.tensor([[[1], [1], [0], [1]]]), 4)
+    Close(following=(0, 1, 2, 2), merged=(0, 1, 1, 2))
+    """
+    following, merged = torch.zeros(2, most, dtype=torch.int64)
+    for part in spikes.split(AT_ONCE):
+        *train, step = (part != 0).transpose(1, 2).nonzero(as_tuple=True)
+        is_next = torch.stack([which[1:] == which[:-1] for which in train]).all(dim=0) & (step.diff() < most)
+        one, other = step[:-1][is_next], step[1:][is_next]
+        steps = range(1, most + 1)
+        following += torch.tensor([int((other - one < n).sum()) for n in steps])
+        merged += torch.tensor([int((one // n == other // n).sum()) for n in steps])
+    return Close(tuple(following.tolist()), tuple(merged.tolist()))
+
+
+def in_words(n_merged: int, n_spikes: int) -> str:
+    """How many of the input spikes are merged.
+
+    >>> in_words(3, 1200)
+    '3 of 1,200 input spikes (0.25 %) lie in one step of the network with another of the same afferent, and count once'
+    """
+    return (
+        f"{n_merged:,} of {n_spikes:,} input spikes ({100 * n_merged / n_spikes:.2g} %) lie in one step of the network "
+        "with another of the same afferent, and count once"
+    )
 
 
 def apart(spikes: Tensor, most: int | None = None) -> int:

@@ -16,7 +16,7 @@ from torch import Tensor
 from neurotact import spec as specs
 from neurotact.networks.definition import clock
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.definition.specs import BEST_MEMBERS, MOST_HIDDEN, RSNNSpec, TrainingSpec
+from neurotact.networks.definition.specs import BEST_MEMBERS, MOST_HIDDEN, MOST_STRETCHES, RSNNSpec, TrainingSpec
 from neurotact.networks.definition.specs import void_keys as of_network
 from neurotact.networks.definition.surrogate import FastSigmoid
 from neurotact.neurons import CubaLIF, cuba_lif_start, cuba_lif_step
@@ -28,9 +28,13 @@ QUICK = 3
 """How many times fewer epochs and steps `effort = "quick"` trains."""
 LONGEST_STEPS_MS, STEPS, FEWEST_BINS = (5.0, 20.0), 100, 30
 """Of the network's clock: bounds of its longest step, which is a hundredth of the window; fewest steps of a window."""
+MERGED = 0.005
+"""Share of the spikes that may be close enough for the network's clock to merge: a rare pair does not decide it."""
 STRETCHES = 4
-RECURRENT_STEPS = 300
-SPARSE = 5.0
+RECURRENT_STEPS, RECURRENT_MS = 300, 1500.0
+"""Where recurrence is tried: the most steps of the network, and the longest window."""
+FEW, ENOUGH = 4.0, 6.0
+"""Spikes per afferent and window: up to the first they are few, from the second on enough; between them rules fade."""
 LOOKED_AT = 256
 """Training windows on which weights are scaled, evenly spaced."""
 ATTEMPTS, EXPLODES, HALVINGS = 5, 1e3, 20
@@ -42,8 +46,12 @@ NEVER = 1e30
 class Seen(NamedTuple):
     """The properties of training windows that the rules use.
 
+    A thousandth of the spikes changes none of them much.
+
     windows, steps, sampling_rate_Hz: number of training windows, their length in steps, and steps per second.
-    spikes: mean number per afferent and window. apart: least distance between two spikes of an afferent, in steps.
+    spikes: mean number per afferent and window. apart: the most steps such that at most `MERGED` of the spikes are
+    fewer steps after another of their afferent. n_spikes: number of all spikes. merging: how many spikes bins of 1, 2,
+    ... steps merge.
     """
 
     windows: int
@@ -51,19 +59,22 @@ class Seen(NamedTuple):
     sampling_rate_Hz: float
     spikes: float
     apart: int = 1
+    n_spikes: int = 0
+    merging: tuple[int, ...] = ()
 
     @classmethod
     def of(cls, training: Tensor, sampling_rate_Hz: float) -> "Seen":
         """Of the spikes of training windows, `(window, time, afferent)`.
 
         >>> Seen.of(torch.ones(4, 10, 3), 1000.0)
-        Seen(windows=4, steps=10, sampling_rate_Hz=1000.0, spikes=10.0, apart=1)
-        """
+        Seen(windows=4, steps=10, sampling_rate_Hz=1000.0, spikes=10.0, apart=1, n_spikes=120, merging=(0, 60, 72, 84, 96))
+        """  # noqa: E501
         n_windows, n_steps, n_afferents = training.shape
         spikes = float(training.sum()) / max(1, n_windows * n_afferents)
-        return cls(
-            n_windows, n_steps, sampling_rate_Hz, spikes, clock.apart(training, looked_apart(n_steps, sampling_rate_Hz))
-        )
+        n_spikes = int(training.count_nonzero())
+        close = clock.close(training, math.ceil(longest_step_ms(n_steps, sampling_rate_Hz) * 1e-3 * sampling_rate_Hz))
+        apart = sum(n <= MERGED * n_spikes for n in close.following)
+        return cls(n_windows, n_steps, sampling_rate_Hz, spikes, apart, n_spikes, close.merged)
 
     @property
     def steps_per_bin(self) -> int:
@@ -72,27 +83,34 @@ class Seen(NamedTuple):
         >>> Seen(900, 1000, 1000.0, 50.0, apart=6).steps_per_bin, Seen(900, 150, 1000.0, 50.0, apart=6).steps_per_bin
         (6, 5)
         """
-        return self._per_bin(self.limit_ms)
+        longest = int(self.limit_ms * 1e-3 * self.sampling_rate_Hz)
+        least = math.ceil(self.few * self.steps / RECURRENT_STEPS) if self.must_remember else 1
+        return max(1, min(max(min(self.apart, longest), least), self.steps // FEWEST_BINS))
 
     @property
     def limit_ms(self) -> float:
         """The longest step of the network's clock, where the spikes are far enough apart for it."""
         least_ms, _ = LONGEST_STEPS_MS
-        return least_ms if self.must_remember else longest_step_ms(self.steps, self.sampling_rate_Hz)
+        longest_ms = longest_step_ms(self.steps, self.sampling_rate_Hz)
+        return longest_ms - self.few * (longest_ms - least_ms) if self.must_remember else longest_ms
+
+    @property
+    def few(self) -> float:
+        """How few the spikes are: 1 up to `FEW` per afferent and window, 0 from `ENOUGH` on, and between them a part.
+
+        >>> [Seen(900, 1300, 1000.0, spikes).few for spikes in (2.0, 4.5, 9.0)]
+        [1.0, 0.75, 0.0]
+        """
+        return max(0.0, min(1.0, (ENOUGH - self.spikes) / (ENOUGH - FEW)))
 
     @property
     def must_remember(self) -> bool:
         """Whether spikes are so few, and the window so short, that a network may have to remember their order.
 
-        >>> Seen(900, 1300, 1000.0, 2.0, apart=6).must_remember, Seen(900, 4000, 1000.0, 2.0, apart=6).must_remember
+        >>> Seen(900, 1300, 1000.0, 2.0).must_remember, Seen(900, 4000, 1000.0, 2.0).must_remember
         (True, False)
         """
-        bins = math.ceil(self.steps / self._per_bin(LONGEST_STEPS_MS[0]))
-        return self.spikes < SPARSE and bins <= RECURRENT_STEPS
-
-    def _per_bin(self, longest_ms: float) -> int:
-        longest = int(longest_ms * 1e-3 * self.sampling_rate_Hz)
-        return max(1, min(self.apart, longest, self.steps // FEWEST_BINS))
+        return self.few > 0 and self.steps <= RECURRENT_MS * 1e-3 * self.sampling_rate_Hz
 
 
 def longest_step_ms(steps: int, sampling_rate_Hz: float) -> float:
@@ -105,15 +123,6 @@ def longest_step_ms(steps: int, sampling_rate_Hz: float) -> float:
     return max(least, min(most, 1e3 * steps / sampling_rate_Hz / STEPS))
 
 
-def looked_apart(steps: int, sampling_rate_Hz: float) -> int:
-    """How far apart spikes of an afferent are looked at: a larger distance allows no longer steps of the network.
-
-    >>> looked_apart(1000, 1000.0)
-    10
-    """
-    return math.ceil(longest_step_ms(steps, sampling_rate_Hz) * 1e-3 * sampling_rate_Hz)
-
-
 class Choice(NamedTuple):
     """A key of a network's spec, its value, and the rule in a few words."""
 
@@ -122,72 +131,132 @@ class Choice(NamedTuple):
     why: str
 
 
+class _Chosen:
+    """The choices, in which each rule reads what was taken before: a given key in place of the one that is chosen."""
+
+    def __init__(self, given: Mapping[str, Any]) -> None:
+        self.given, self.made = specs.leaves(given), list[Choice]()
+
+    def take(self, key: str, value: Any, why: str) -> Any:
+        """Add a choice. The value of its key, which is the given one if there is one."""
+        self.made.append(Choice(key, value, why))
+        return self.given.get(key, value)
+
+
 def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[Choice]:
     """The choices of the default recipe for training windows.
 
-    given: keys of the network that are given, and on which others depend: its clock, its readout and the effort.
+    given: keys of the network that are given: the rules of others read them.
 
     >>> {choice.key: choice.value for choice in choices(Seen(900, 1000, 1000.0, 50.0))}["tau_mem_ms"]
     50.0
     """
+    chosen = _Chosen(given or {})
+    per_bin = _choose_model(chosen, seen)
+    bins = math.ceil(seen.steps / per_bin)
+    _choose_readout(chosen, seen, bins, per_bin)
     step_ms = 1e3 / seen.sampling_rate_Hz
-    window_ms = seen.steps * step_ms
-    batch = max(BATCH, math.ceil(seen.windows * EPOCHS / MOST_STEPS))
-    batches = math.ceil(seen.windows / batch)
-    sparse = seen.spikes < SPARSE
-    given = given or {}
-    effort = given.get("effort", "default")
+    tau_ms = _short(max(seen.steps * step_ms / 20, per_bin * step_ms))
+    for key in ("tau_mem_ms", "tau_syn_ms"):
+        chosen.take(key, tau_ms, "a twentieth of the window, at least one step")
+    chosen.take("input_deviation", 1.0, "deviation of free membranes on the training windows, in thresholds")
+    _choose_length(chosen, seen)
+    _choose_training(chosen, seen)
+    return chosen.made
+
+
+def _choose_model(chosen: _Chosen, seen: Seen) -> int:
+    """Choose recurrence and the clock; the encoder's steps in one of the network's."""
+    rate_Hz, given = seen.sampling_rate_Hz, chosen.given
+    per_bin = clock.steps_per_bin(given["step_ms"], rate_Hz) if "step_ms" in given else seen.steps_per_bin
+    model = chosen.take(
+        "model",
+        "auto" if seen.must_remember else "snn",
+        f"recurrent where validation gains, for fewer than {ENOUGH:g} spikes per afferent and window, of at most "
+        f"{RECURRENT_MS:g} ms",
+    )
+    chosen.take("step_ms", _exact(seen.steps_per_bin, rate_Hz), _why_step(seen))
+    steeper = {"snn": 0.0, "rsnn": 1.0}.get(model, seen.few)
+    chosen.take("surrogate_scale", _short(10.0 + 10.0 * steeper), "steeper if recurrence multiplies gradients")
+    return per_bin
+
+
+def _why_step(seen: Seen) -> str:
+    """The rule of the clock in a few words."""
+    step_ms, limit_ms = 1e3 / seen.sampling_rate_Hz, seen.limit_ms
+    least_ms, most_ms = LONGEST_STEPS_MS
+    if seen.steps_per_bin * step_ms > limit_ms * (1 + clock.NEARLY):
+        if seen.steps_per_bin == 1:
+            return "a step of the encoder's clock, the shortest that there is"
+        return f"at most {RECURRENT_STEPS} steps, over which recurrence may have to remember the order of few spikes"
+    few, many = "the order of few spikes may count", f"a hundredth of the window, {least_ms:g} to {most_ms:g} ms"
+    return (
+        f"at most {_short(limit_ms):g} ms ({few if seen.must_remember else many}), and at most "
+        f"{100 * MERGED:g} % of the spikes less than a step after another of their afferent"
+    )
+
+
+def _choose_readout(chosen: _Chosen, seen: Seen, bins: int, per_bin: int) -> None:
+    """Choose the readout, its stretches, and how fast they learn where spikes are hardly enough for them."""
+    given = chosen.given
+    readout = chosen.take("readout", "integrator", "it adds up hidden spikes and does not spike")
+    adds_up = readout == "integrator" and given.get("readout_tau_ms") is None
+    fit = STRETCHES if adds_up and seen.few < 1 and bins >= STRETCHES else 1
+    if adds_up and (own_ms := given.get("readout_stretch_ms")) is not None:
+        fit = max(1, min(MOST_STRETCHES, math.ceil(_short(1e3 * seen.steps / seen.sampling_rate_Hz / own_ms))))
+    stretches = chosen.take(
+        "readout_stretches",
+        fit,
+        f"weights differ between {STRETCHES} stretches of the window, unless afferents send too few spikes",
+    )
+    if stretches == 1:
+        return
+    stretch_ms = _exact(math.ceil(bins / stretches) * per_bin, seen.sampling_rate_Hz)
+    chosen.take("readout_stretch_ms", stretch_ms, "a stretch of equal length")
+    if 0 < seen.few < 1 and not {"readout_stretches", "readout_stretch_ms"} & given.keys():
+        rate = _short((1 - seen.few) * TrainingSpec.model_fields["stretch_rate"].default)
+        chosen.take("training.stretch_rate", rate, "of stretches, for which spikes are hardly enough")
+
+
+def _choose_length(chosen: _Chosen, seen: Seen) -> None:
+    """Choose how long training is, and how many networks are trained."""
+    effort = chosen.given.get("effort", "default")
     fewer = QUICK if effort == "quick" else 1
     least_epochs, least_steps = math.ceil(EPOCHS / fewer), LEAST_STEPS // fewer
-    epochs = max(least_epochs, math.ceil(least_steps / max(1, batches)))
+    most_epochs = max(EPOCHS, chosen.given.get("training.epochs", 0))
+    batch = chosen.take(
+        "training.batch",
+        max(BATCH, math.ceil(seen.windows * most_epochs / MOST_STEPS)),
+        f"windows per step: {BATCH}, or more for at most {MOST_STEPS} steps",
+    )
     quick = f"; effort = 'quick': {QUICK} times fewer than by default" if fewer > 1 else ""
-    best = f"networks that are trained and joined; effort = 'best': {BEST_MEMBERS}"
-    members = [Choice("training.members", BEST_MEMBERS, best)] if effort == "best" else []
-    per_bin = clock.steps_per_bin(given["step_ms"], seen.sampling_rate_Hz) if "step_ms" in given else seen.steps_per_bin
-    bins, bin_ms = math.ceil(seen.steps / per_bin), per_bin * step_ms
-    least_ms, most_ms = LONGEST_STEPS_MS
-    few, many = "the order of few spikes may count", f"a hundredth of the window, {least_ms:g} to {most_ms:g} ms"
-    limit = f"at most {_short(seen.limit_ms):g} ms ({few if seen.must_remember else many})"
-    slow = f"{limit} and the least distance of two spikes of an afferent: none is lost"
-    why_step = slow if step_ms <= seen.limit_ms else "a step of the encoder's clock, the shortest that there is"
-    recurrent = seen.must_remember and bins <= RECURRENT_STEPS  # may be: training decides
-    adds_up = given.get("readout", "integrator") == "integrator" and given.get("readout_tau_ms") is None
-    stretches = given.get("readout_stretches", 1 if sparse or not adds_up or bins < STRETCHES else STRETCHES)
-    stretch_ms = _exact(math.ceil(bins / stretches) * per_bin, seen.sampling_rate_Hz)
-    stretch = [Choice("readout_stretch_ms", stretch_ms, "a stretch of equal length")] if stretches > 1 else []
-    scarce = f"against overfitting, if an afferent sends fewer than {SPARSE:g} spikes per window"
-    return [
-        Choice(
-            "model",
-            "auto" if recurrent else "snn",
-            f"recurrent where validation gains, for fewer than {SPARSE:g} spikes per afferent and window, of "
-            f"{RECURRENT_STEPS} steps at most",
-        ),
-        Choice("step_ms", _exact(per_bin, seen.sampling_rate_Hz), why_step),
-        Choice("surrogate_scale", 20.0 if recurrent else 10.0, "steeper if recurrence multiplies gradients"),
-        Choice("readout", "integrator", "it adds up hidden spikes and does not spike"),
-        Choice(
-            "readout_stretches",
-            stretches,
-            f"weights differ between {STRETCHES} stretches of the window, unless afferents send too few spikes",
-        ),
-        *stretch,
-        Choice("tau_mem_ms", _short(max(window_ms / 20, bin_ms)), "a twentieth of the window, at least one step"),
-        Choice("tau_syn_ms", _short(max(window_ms / 20, bin_ms)), "a twentieth of the window, at least one step"),
-        Choice("input_deviation", 1.0, "deviation of free membranes on the training windows, in thresholds"),
-        Choice("training.batch", batch, f"windows per step: {BATCH}, or more for at most {MOST_STEPS} steps"),
-        Choice("training.epochs", epochs, f"{least_epochs}, or more for at least {least_steps} steps{quick}"),
-        Choice("training.patience", epochs, "all epochs run, since the rates fall to 0"),
-        Choice("training.target_loss", LEARNED, "unless every window is right by far before: nothing is left to learn"),
-        Choice("training.relative_learning_rate", 0.05, "in units of each matrix's standard deviation"),
-        Choice("training.schedule", "cosine", "the rates fall to 0"),
-        Choice("training.keep", "both", "of the best epoch on training and validation windows"),
-        Choice("training.rate_penalty", 0.0, "none"),
-        Choice("training.input_dropout", 0.1 if sparse else 0.0, f"share of input spikes left out; {scarce}"),
-        Choice("training.input_jitter_ms", _short(window_ms / 130) if sparse else 0.0, f"window / 130; {scarce}"),
-        Choice("training.readout_dropout", 0.2 if sparse else 0.0, f"share of hidden neurons left out; {scarce}"),
-        *members,
-    ]
+    epochs = chosen.take(
+        "training.epochs",
+        max(least_epochs, math.ceil(least_steps / max(1, math.ceil(seen.windows / batch)))),
+        f"{least_epochs}, or more for at least {least_steps} steps{quick}",
+    )
+    chosen.take("training.patience", epochs, "all epochs run, since the rates fall to 0")
+    if effort == "best":
+        chosen.take(
+            "training.members", BEST_MEMBERS, f"networks that are trained and joined; effort = 'best': {BEST_MEMBERS}"
+        )
+
+
+def _choose_training(chosen: _Chosen, seen: Seen) -> None:
+    """Choose how training goes on."""
+    few, window_ms = seen.few, 1e3 * seen.steps / seen.sampling_rate_Hz
+    scarce = f"against overfitting, if an afferent sends fewer than {FEW:g} to {ENOUGH:g} spikes per window"
+    for key, value, why in (
+        ("target_loss", LEARNED, "unless every window is right by far before: nothing is left to learn"),
+        ("relative_learning_rate", 0.05, "in units of each matrix's standard deviation"),
+        ("schedule", "cosine", "the rates fall to 0"),
+        ("keep", "both", "of the best epoch on training and validation windows"),
+        ("rate_penalty", 0.0, "none"),
+        ("input_dropout", _short(0.1 * few), f"share of input spikes left out; {scarce}"),
+        ("input_jitter_ms", _short(few * window_ms / 130), f"window / 130; {scarce}"),
+        ("readout_dropout", _short(0.2 * few), f"share of hidden neurons left out; {scarce}"),
+    ):
+        chosen.take(f"training.{key}", value, why)
 
 
 def space(spec: RSNNSpec, seen: Seen) -> dict[str, dict[str, Any]]:
@@ -266,7 +335,7 @@ def void_keys(spec: RSNNSpec) -> dict[str, str]:
     >>> "forward_weight_scale" in void_keys(RSNNSpec(recipe="default", model="snn"))
     True
     """
-    kinds = [Seen(1, steps, 1000.0, n) for steps in (STRETCHES, 1 + RECURRENT_STEPS) for n in (1.0, SPARSE)]
+    kinds = [Seen(1, steps, 1000.0, n) for steps in (STRETCHES, 1 + int(RECURRENT_MS)) for n in (FEW, ENOUGH)]
     first, *others = (of_network(resolve(spec, seen)) for seen in kinds)
     return {key: why for key, why in first.items() if all(key in other for other in others)}
 
@@ -281,13 +350,20 @@ def training_of(spec: RSNNSpec) -> TrainingSpec:
 
 
 def described(spec: RSNNSpec, seen: Seen) -> Iterator[str]:
-    """The choices of a spec's recipe, one line per key, without given keys; then `joined_cost`."""
+    """The choices of a spec's recipe, one line per key, without given keys; then what the clock merges, `joined_cost`.
+
+    What is more than the clock of a recipe merges is not among them: the network warns of it where it begins.
+    """
     if spec.recipe is not None:
         given = spec.model_dump(mode="json")
-        known = {*given, *(f"training.{key}" for key in given.get("training", {}))}
+        known = specs.leaves(given)
         for choice in choices(seen, given):
             if choice.key not in known:
                 yield f"{choice.key} = {choice.value} ({choice.why})"
+    per_bin = clock.steps_per_bin(resolve(spec, seen).step_ms, seen.sampling_rate_Hz)
+    n_merged = seen.merging[per_bin - 1] if per_bin <= len(seen.merging) else 0
+    if 0 < n_merged <= MERGED * seen.n_spikes:
+        yield clock.in_words(n_merged, seen.n_spikes)
     yield from joined_cost(spec)
 
 

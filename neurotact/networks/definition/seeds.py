@@ -1,30 +1,19 @@
-"""Random seeds of a training, drawn from its settings: each network has its own, on any machine and in any order."""
+"""Random seeds of a training, drawn from its seed and its split: the same start wherever the network is trained.
+
+Networks of one split and one seed start alike, whether a study or `train` trains them; those of other splits do not,
+so that the spread of accuracies over splits is that of starts, too. Trials of a search draw theirs from their settings.
+"""
 
 from typing import Any
 
+from neurotact.data.splits import SplitSpec
 from neurotact.spec import Spec, digest
 
 FIRST = {
-    "AfferentSpec": {
-        "model", "unit", "v_rest_mV", "v_reset_mV", "v_threshold_mV", "tau_mem_ms", "conditioning", "sa1", "ra1",
-    },
-    "AfferentType": {"gain", "t_ref_ms"},
-    "ConditioningSpec": {"ema_cutoff_Hz", "resample_Hz", "baseline", "offset", "scale", "rectify"},
-    "EarlyExitSpec": {"tolerance"},
-    "IzhikevichSpec": {
-        "model", "unit", "a_per_ms", "b_per_ms", "c_mV", "d_mV_per_ms", "v_peak_mV", "euler_step_ms", "conditioning",
-        "sa1", "ra1",
-    },
-    "IzhikevichType": {"gain_mV_per_ms"},
     "OnsetSpec": {"rest_ms", "bin_ms", "deviations"},
-    "PoissonSpec": {"model", "unit", "seed", "conditioning", "sa1", "ra1"},
-    "PoissonType": {"gain_Hz", "t_ref_ms"},
     "RSNNSpec": {
         "model", "hidden", "membrane", "reset", "tau_mem_ms", "tau_syn_ms", "surrogate_scale", "forward_weight_scale",
         "recurrent_weight_scale", "learn", "training",
-    },
-    "SearchSpec": {
-        "space", "tuner", "trials", "batch", "seed", "objective", "sops_weight", "assessor", "start_epoch",
     },
     "SplitSpec": {"validation", "test", "seed"},
     "Task": {"window", "split", "stratify", "subset", "training_windows", "exit_tolerance"},
@@ -33,6 +22,18 @@ FIRST = {
 }  # fmt: skip
 """Keys of each kind of spec that always count. Any other key, also one that is added, counts if it is not at its
 default: so a new key changes no seed, and no number, of a network that does not use it."""
+
+
+def of_start(seed: int, split: SplitSpec) -> tuple[int, int]:
+    """The seeds of the initial weights and of the order of trials of a network that is trained on a split.
+
+    Of the split count what repetitions vary: its own seed, the fold and the condition that is tested.
+
+    >>> of_start(0, SplitSpec()) == of_start(0, SplitSpec(test=0.3)) != of_start(0, SplitSpec(folds=5, fold=1))
+    True
+    """
+    tested = {key: f"{value:g}" if isinstance(value, int | float) else value for key, value in split.test_where.items()}
+    return drawn([seed, split.seed, split.fold, tested])  # 450 and 450.0 are one condition
 
 
 def drawn(settings: Any) -> tuple[int, int]:

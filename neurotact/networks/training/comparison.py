@@ -8,10 +8,10 @@ from sklearn.preprocessing import StandardScaler
 
 from neurotact.baselines import families
 from neurotact.baselines.features import counted
-from neurotact.metrics import referee
+from neurotact.metrics import referee, starts
 from neurotact.metrics.paired import by_trial, compare_by_trial
 from neurotact.metrics.referee import Way
-from neurotact.metrics.shares import standard_error, wilson_interval
+from neurotact.metrics.shares import standard_error
 from neurotact.networks.training.tasks import Sides
 from neurotact.networks.training.training import Examples
 from neurotact.progress import say
@@ -23,7 +23,7 @@ BINS = 10
 class Comparison(NamedTuple):
     """A network's test accuracy and what it is compared with; all accuracies are shares of windows.
 
-    low, high: the 95 % interval of `accuracy`, over `trials` test trials.
+    low, high: the 95 % interval of `accuracy`, over `trials` test trials: of this network, not of another start.
     chance: of guessing each class equally often.
     commonest: of always choosing the most frequent class of training.
     baseline: the classifier on the same spikes with the highest accuracy on validation windows, and its test accuracy.
@@ -82,7 +82,7 @@ def compare(
     own = by_trial(trials.test, right)
     verdict = referee.judge([compare_by_trial(own, rival.test) for rival in rivals])
     rival = rivals[verdict.decisive]
-    low, high = wilson_interval(accuracy, n_trials)
+    low, high = starts.interval(accuracy, n_trials)
     return Comparison(
         accuracy,
         low,
@@ -144,7 +144,7 @@ def lines(against: Comparison) -> tuple[str, str]:
         "tie": "no clear difference",
     }[against.verdict]
     return (
-        f"accuracy {accuracy} (95 % interval {low} to {high}, {against.trials} test trials)",
+        f"accuracy {accuracy} (95 % interval {low} to {high}, {against.trials} test trials); {starts.ONE}",
         f"baselines: chance {chance}, always the commonest class {commonest}, best on the same spikes: "
         f"{against.baseline} {baseline}; {verdict}",
     )

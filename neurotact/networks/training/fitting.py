@@ -154,14 +154,12 @@ def begin(
 
 
 def _warn_of_merged(network: RSNN, training: Tensor) -> None:
-    """Warn of input spikes that the network's clock is too slow for."""
-    share = clock.merged(training, network.steps_per_bin)
-    if share:
+    """Warn of input spikes that the network's clock is too slow for, if they are more than the recipe merges."""
+    n_merged, n_spikes = clock.merged(training, network.steps_per_bin), int(training.count_nonzero())
+    if n_merged > recipe.MERGED * n_spikes:
         most_ms = 1e3 * clock.apart(training) / network.sampling_rate_Hz
         warnings.warn(
-            f"training: {100 * share:.2g} % of the input spikes lie in one step of the network with another of the "
-            f"same afferent, and count once; step_ms = {most_ms:g} merges none",
-            stacklevel=4,
+            f"training: {clock.in_words(n_merged, n_spikes)}; step_ms = {most_ms:g} merges none", stacklevel=4
         )
 
 

@@ -20,7 +20,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import check_stratify, validation_note
 from neurotact.errors import InputError
 from neurotact.interrupt import stop_if_asked, terminated_as_interrupted
-from neurotact.networks.definition import recipe
+from neurotact.networks.definition import recipe, seeds
 from neurotact.networks.definition.specs import RSNNSpec, void_keys
 from neurotact.networks.training import checkpoint, fitting, tasks, trained, training_checkpoint
 from neurotact.networks.training.choice import Choice
@@ -178,7 +178,7 @@ class _Run:
                         self.trains,
                         network,
                         task,
-                        (self.asked.seed, self.asked.seed + 1),
+                        seeds.of_start(self.asked.seed, self.asked.task.split),
                         device=self.asked.device,
                         progress=lambda epoch: advance(1, line_of(epoch, n_trainings)),
                         start=start,

@@ -77,6 +77,13 @@ class Restored(NamedTuple):
     """Samples per second of the recordings that it was trained on; None if unknown."""
     has_own_rule: bool = True
     """As of `fitting.Trained`."""
+    names: tuple[str, ...] | None = None
+    """Of the afferents of an array that a network was fitted to in memory; None if it had none."""
+
+    @property
+    def afferents(self) -> tuple[str, ...] | None:
+        """The names of the afferents, in the order of the network's inputs; None if unknown."""
+        return self.names if self.provenance is None else self.provenance.afferents
 
 
 class _Extra(Spec):

@@ -26,7 +26,7 @@ from neurotact.checks import (
 from neurotact.data.copies import equal_examples, joined
 from neurotact.data.recordings import check_sampling_rate
 from neurotact.data.splits import hold_out, hold_out_groups
-from neurotact.data.windowed import Origin
+from neurotact.data.windowed import Origin, in_order
 from neurotact.data.windows import WindowSpec, whole_steps
 from neurotact.errors import InputError
 from neurotact.metrics import synops
@@ -182,7 +182,8 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
             validation_side = _examples(spikes, indices, weights, held)
         else:
             train_side = _examples(spikes, indices, weights)
-            validation_side = _validation(validation, classes, spikes.shape[1:])
+            names = None if origin is None else origin.afferents
+            validation_side = _validation(validation, classes, spikes.shape[1:], names)
         spec = recipe.chosen_for(self.spec(), train_side.spikes, rate_Hz)
         effects.check_keys(given_keys(self.network, self.settings), [void_keys(spec)], "SpikingClassifier")
 
@@ -288,7 +289,9 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
                 f"X: is sampled at {rate_Hz:g} Hz but the network was trained at {self.sampling_rate_Hz_:g} Hz; "
                 "encode it on that clock"
             )
-        return self.network_.infer(torch.from_numpy(spikes).to(self.device), rule)
+        known = None if self.origin_ is None else self.origin_.afferents
+        ordered = np.ascontiguousarray(in_order(X, spikes, known))
+        return self.network_.infer(torch.from_numpy(ordered).to(self.device), rule)
 
     def _check_parameters(self) -> None:
         """Refuse values that would fail only during or after a training; the spec checks its own keys."""
@@ -374,13 +377,18 @@ def spike_windows(X: ArrayLike, n_afferents: int | None = None) -> np.ndarray:
     return np.array(values, np.uint8, order="C")
 
 
-def _validation(validation: tuple[ArrayLike, ArrayLike], classes: np.ndarray, shape: tuple[int, ...]) -> Examples:
-    """The validation windows, of the classes and the shape `(time, afferent)` of training."""
+def _validation(
+    validation: tuple[ArrayLike, ArrayLike],
+    classes: np.ndarray,
+    shape: tuple[int, ...],
+    afferents: tuple[str, ...] | None,
+) -> Examples:
+    """The validation windows, of the classes, the shape `(time, afferent)` and the afferents of training."""
     try:
         X, y = validation
     except (TypeError, ValueError) as error:
         raise InputError("validation: must be a pair (X, y)") from error
-    spikes = spike_windows(X, n_afferents=shape[1])
+    spikes = in_order(X, spike_windows(X, n_afferents=shape[1]), afferents, "validation")
     if spikes.shape[1] != shape[0]:
         raise InputError(f"validation: windows have {spikes.shape[1]} steps, but training windows have {shape[0]}")
     labels = class_labels(y, len(spikes), "validation")

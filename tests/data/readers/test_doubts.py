@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 import neurotact as nt
 from neurotact.data.readers.doubts import Fixes, doubts
 from neurotact.data.recordings import Recordings
+from neurotact.errors import InputError
 
 FIXES = Fixes("drop it", "or name the time, ", "use `axes`")
 RNG = np.random.default_rng(5)
@@ -77,6 +78,62 @@ def test_nonsense_is_doubted_once_with_the_fix(case):
     assert ";" in doubt
 
 
+def with_exception(values, trial=2, sample=30, by=1e4):
+    """The values of a taxel, `(trial, time)`, with a glitch in one trial."""
+    its = np.array(np.broadcast_to(np.asarray(values, float), (8, 60)))
+    its[trial, sample] += by
+    return its
+
+
+def with_a_pause(values, lasts, trials=slice(2, 3)):
+    """Time stamps of trials in some of which the clock jumps by `lasts`."""
+    its = np.array(np.broadcast_to(np.asarray(values, float), (8, len(values))))
+    its[trials, 30:] += lasts
+    return its
+
+
+RASTER = (RNG.random((8, 60, 9)) < 0.2).astype(float)
+GLITCH = np.zeros_like(RASTER)
+GLITCH[3, 7, 2] = 40
+NOISE = 300 + 100 * RNG.normal(size=60)
+EXCEPTIONS = {
+    "a clock that pauses": (touches(clock=with_a_pause(SAMPLES, 900)), "clock rises throughout every trial"),
+    "a clock that always pauses": (touches(clock=with_a_pause(SAMPLES, 900, slice(8))), "clock rises throughout"),
+    "a counter that begins again": (
+        touches(n_samples=200, n=with_a_pause(np.arange(200), -80, slice(8))), "n rises throughout every trial"
+    ),
+    "a clock but in one trial": (
+        touches(clock=np.where(np.arange(8)[:, None] == 5, NOISE, SAMPLES)), "clock rises throughout every trial"
+    ),
+    "a label with a glitch": (
+        touches(kind=with_exception(np.array([[3.0], [7.0]] * 4))), "kind has one value for each class"
+    ),
+    "a label with a wrong trial": (touches(kind=np.array([[3.0], [7.0]] * 3 + [[3.0], [3.0]])), "kind has one value"),
+    "a dead taxel with a glitch": (touches(dead=with_exception(512.0)), "every sample has the same value in dead"),
+    "a raster with a glitch": (
+        Recordings(RASTER + GLITCH, 500.0, "V", ["a", "b"] * 4), "nearly every sample is 0 or 1, as of a raster"
+    ),
+    "nothing but a glitch": (
+        Recordings(7 + GLITCH, 500.0, "V", ["a", "b"] * 4), "nearly every sample is 7, so nothing was recorded"
+    ),
+    "axes, but of one trial": (
+        Recordings([RNG.normal(size=(8 if i else 99, 60)) for i in range(4)], 100.0, "V", ["a", "b"] * 2),
+        "has 60 taxels of 8 samples each",
+    ),
+    "classes but for two trials": (
+        Recordings(RNG.normal(size=(12, 60, 2)), 500.0, "V", [f"{max(i, 1) / 7}" for i in range(12)]),
+        "nearly each of the 12 trials has a class of its own",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", EXCEPTIONS)
+def test_an_exception_removes_no_doubt(case):
+    recordings, sentence = EXCEPTIONS[case]
+    doubts_said = said(recordings)
+    assert [doubt for doubt in doubts_said if doubt.startswith(sentence)], doubts_said
+
+
 @pytest.mark.parametrize(("bits", "signed"), [(8, False), (10, False), (12, False), (16, True), (24, True)])
 def test_samples_at_the_end_of_a_converter_are_doubted(bits, signed):
     top = 2 ** (bits - signed) - 1
@@ -100,12 +157,32 @@ def test_what_only_looks_like_nonsense_is_not_doubted():
     assert not said(touches(session=np.array([[3.0], [7.0], [3.0], [3.0]] * 2)))  # steady, but tells no class
     mixed = Recordings([np.ones((1, 2)), RNG.normal(size=(90, 2))], 500.0, "V", ["a", "b"])
     assert said(mixed) == ["1 of 2 trials have one sample; leave them out, or check the trials"]
-    assert not said(touches(rate_Hz=5.0), rate_is_given=False)  # stamps have their own doubts
+    (doubt,) = said(touches(rate_Hz=5.0), rate_is_given=False)  # stamps have their own fix
+    assert doubt.endswith("give it with `time_unit`")
     squeezes = np.clip(RNG.integers(-200, 6, (4, 60, 9)), 0, None).astype(
         float
     )  # a mat of few levels, mostly untouched
     squeezes[0, 0, 0] = 40
     assert not said(Recordings(squeezes, 500.0, "count", ["a", "b"] * 2))
+
+
+@pytest.mark.parametrize(("unit", "fits"), [("count", False), ("LSB", False), ("kPa", True)])
+def test_counts_are_whole(tmp_path, unit, fits, caplog):
+    """All numbers have three decimals: only the unit says that they are thousands, else it is a doubt."""
+    rng = np.random.default_rng(0)
+    rows = rng.integers(1000, 4096, (40, 2)) / 1000
+    (tmp_path / "felt").mkdir()
+    np.savetxt(tmp_path / "felt" / "1.csv", rows, fmt="%.3f", delimiter=";")
+    if fits:
+        nt.read_folder(tmp_path, 100, unit)
+        assert "as if separators of thousands were read as decimal points" in caplog.text
+    else:
+        with pytest.raises(InputError, match=f"the samples are in {unit}, but have three decimals"):
+            nt.read_folder(tmp_path, 100, unit)
+    caplog.clear()
+    np.savetxt(tmp_path / "felt" / "1.csv", np.floor(8000 * rows) / 8, fmt="%.3f", delimiter=";")  # means of eight
+    nt.read_folder(tmp_path, 100, unit)
+    assert "thousands" not in caplog.text
 
 
 @pytest.mark.parametrize("kind", ["folder", "arrays", "table"])

@@ -20,6 +20,7 @@ from neurotact.data import hdf5
 from neurotact.data.readers import braille_letters
 from neurotact.data.readers.clock import UNIT_S
 from neurotact.data.readers.event_files import ALIASES
+from neurotact.data.readers.event_times import in_order
 from neurotact.data.readers.events import EventSpec
 from neurotact.data.readers.naming import NamingSpec
 from neurotact.errors import InputError
@@ -341,7 +342,7 @@ def test_a_heidelberg_file_that_is_loaded_as_it_is_says_what_it_merges(tmp_path,
         heidelberg(tmp_path, np.array([0.001, 0.0012, 0.003, 0.0035]), "s", {})
     assert len(hdf5.load_spikes(tmp_path / "e.h5").steps[0]) == 2
     assert [each.partition("e.h5: ")[2][:25] for each in caplog.messages] == [
-        "its events are put on a c", "4 of 8 events (50 %) shar"
+        "its events are put on a c", "4 of 8 events (50 %) shar", "the median trial lasts 0."
     ]  # fmt: skip
 
 
@@ -368,7 +369,83 @@ def test_stamps_that_go_back_and_counters_that_begin_again_are_named(tmp_path, c
     np.save(tmp_path / "e.npy", events)
     found = nt.read_events(tmp_path / "e.npy", origin="first")
     assert found.steps[0].tolist() == [0, 1, 2, 3, 4, 5]
-    assert "a counter of 31 or 32 bits begins again 1 times" in caplog.messages[0]
+    assert "a counter begins again 1 times" in caplog.messages[0]
+
+
+def events_of(path, time, name="time", n_trials=4, **columns):
+    """Events `(trial, event)` of four channels in an archive."""
+    rng = np.random.default_rng(0)
+    time = np.asarray(time)
+    arrays = {
+        name: time.ravel(), "channel": rng.integers(4, size=time.size), "label": [*"abab"],
+        "trial": np.repeat(np.arange(len(time)), time.shape[1]),
+    }  # fmt: skip
+    np.savez(path, **(arrays | columns))
+    return path
+
+
+@pytest.mark.parametrize("dtype", [np.int64, np.float64])
+@pytest.mark.parametrize(("name", "options", "doubts"), [
+    ("time", {}, ["the times are whole numbers without a unit, taken as seconds; give their unit", "the median trial"]),
+    ("time_s", {}, ["the median trial lasts 59,9"]), ("time", {"time_unit": "ms"}, []),
+    ("time", {"time_unit": "ns"}, ["the median trial lasts 0.001 s, which is short"]),
+])  # fmt: skip
+def test_sample_numbers_are_doubted_as_times(tmp_path, caplog, dtype, name, options, doubts):
+    """Samples at 30 kHz of 2 s each: taken as seconds, trials last hours; the unit is asked for."""
+    time = np.sort(np.random.default_rng(0).integers(0, 59_900, (4, 100)), axis=1).astype(dtype)
+    time[:, -1] = 59_900
+    nt.read_events(events_of(tmp_path / "e.npz", time, name), **options, merge_events=True)
+    lines = [line.partition("e.npz: ")[2] for line in caplog.messages if "share a step" not in line]
+    assert len(lines) == len(doubts)
+    for line, doubt in zip(lines, doubts, strict=True):
+        assert line.startswith(doubt)
+    assert not doubts or "give it with `time_unit`; divide sample numbers by their rate" in lines[-1]
+
+
+@pytest.mark.parametrize("bits", [16, 20, 24, 28, 31, 32])
+@given(rounds=st.integers(1, 3), seed=st.integers(0, 10**6))
+def test_a_counter_of_any_bits_goes_on_when_it_begins_again(bits, rounds, seed):
+    rng = np.random.default_rng(seed)
+    step = 2**bits // 100
+    time = np.cumsum(rng.integers(1, step, 200 * (rounds + 1)))
+    found = in_order(time % 2**bits, np.zeros(len(time), int), [rng.integers(4, size=len(time))])
+    assert np.array_equal(found.stamps - found.stamps[0], time - time[0])
+    assert found.n_wraps == time[-1] // 2**bits - time[0] // 2**bits
+    assert found.n_back == 0
+
+
+@given(st.sampled_from([16, 20, 24, 28]), st.floats(0.55, 0.9))
+def test_a_clock_of_few_bits_that_is_set_back_has_not_begun_again(bits, share):
+    time = np.arange(0, int(share * 2**bits), 2**bits // 100)
+    found = in_order(np.concatenate([time, time]), np.zeros(2 * len(time), int), [np.arange(2 * len(time)) % 4])
+    assert (found.n_wraps, found.n_back) == (0, 1)
+
+
+@pytest.mark.parametrize(("start_s", "step_ms", "is_coarse"), [
+    (1000, 0.1, True), (1000, 0.2, False), (10_000, 1.0, True), (10_000, 4.0, False), (0, 0.1, False),
+])  # fmt: skip
+def test_times_coarser_than_half_a_step_are_doubted(tmp_path, caplog, start_s, step_ms, is_coarse):
+    """A float32 time of 1000 s has a resolution of 61 us, one of 10,000 s of 977 us."""
+    time = start_s + np.sort(np.random.default_rng(0).random((4, 100)) * 2, axis=1)
+    for dtype, is_doubted in ((np.float32, is_coarse), (np.float64, False)):
+        caplog.clear()
+        path = events_of(tmp_path / "e.npz", time.astype(dtype), "time_s")
+        nt.read_events(path, step_ms=step_ms, origin="first", merge_events=True)
+        assert ("times have a resolution of" in caplog.text) == is_doubted
+
+
+@pytest.mark.parametrize("kind", ["events", "raster", "heidelberg"])
+def test_every_import_of_spikes_doubts_lengths(tmp_path, caplog, kind):
+    if kind == "events":
+        nt.read_events(events_of(tmp_path / "e.npz", np.linspace(0, 700, 400).reshape(4, 100), "time_s"))
+    elif kind == "heidelberg":
+        heidelberg(tmp_path, np.array([0.001, 2, 30, 700]), "s", {})
+    else:
+        raster = np.random.default_rng(0).random((4, 7000, 2)) < 0.01
+        np.savez(tmp_path / "e.npz", raster=raster, label=[*"abab"])
+        nt.read_raster(tmp_path / "e.npz", 10.0)
+    assert "the median trial lasts 700" in caplog.text
+    assert "which is long for touch; " in caplog.text
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,17 @@
 """Folders of other makers: conditions in places, names and tables; time stamps; separators, headers, chosen columns."""
 
 import logging
+import re
 from datetime import datetime, timedelta
+from logging.handlers import BufferingHandler
+from unittest import mock
 
 import numpy as np
 import pytest
 import scipy.io
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from levels import examples
 
 import neurotact as nt
 from neurotact.data.readers import clock
@@ -196,18 +200,20 @@ def counted(n_samples: int, last: int) -> str:
 
 
 def test_a_column_that_rises_throughout_every_trial_is_named(tmp_path, caplog):
-    """A column of time stamps without a name is no taxel; a single trial that falls, or short trials, show a signal."""
+    """A column of time stamps without a name is no taxel; one of two that falls, or short ones, show a signal."""
     write(tmp_path / "felt" / "a.csv", counted(20, 19))
     write(tmp_path / "silk" / "b.csv", counted(30, 29))
     nt.read_folder(tmp_path, 100, "mV")
     expected = "taxel1 rises throughout every trial, as time stamps or a counter do; give `time_column`"
     assert expected in caplog.text
-    for text in (counted(30, 27), counted(19, 18)):
-        write(tmp_path / "silk" / "b.csv", text)
+    for texts in ((counted(20, 19), counted(30, 27)), (counted(19, 18), counted(18, 17))):
+        for name, text in zip(("felt/a.csv", "silk/b.csv"), texts, strict=True):
+            write(tmp_path / name, text)
         caplog.clear()
         nt.read_folder(tmp_path, 100, "mV")
         assert "rises" not in caplog.text
     write(tmp_path / "silk" / "b.csv", counted(30, 29))
+    write(tmp_path / "felt" / "a.csv", counted(20, 19))
     caplog.clear()
     for taxels in ("2-3", "1"):  # a counter is no only taxel
         nt.read_folder(tmp_path, 100, "mV", columns=taxels)
@@ -377,11 +383,11 @@ def test_time_stamps_in_another_unit_than_said_are_named(tmp_path, caplog):
     assert nt.read_folder(tmp_path, 35.6, "count", time_unit="ms").sampling_rate_Hz == 35.6
     assert "--time-unit" not in caplog.text
     assert nt.read_folder(tmp_path, unit="count", time_unit="s").sampling_rate_Hz == pytest.approx(1 / 28, 1e-3)
-    assert "the time stamps give 0.0357 Hz, which is slow for touch; if their unit is another, give it" in caplog.text
+    assert "0.03571 Hz is slow for touch; if the unit of the time stamps is another, give it with" in caplog.text
     caplog.clear()
     found = nt.read_folder(tmp_path, unit="count", time_unit="us")
     assert found.sampling_rate_Hz == pytest.approx(1e6 / 28, 1e-3)
-    assert "give 3.571e+04 Hz and a median trial of 0.532 ms, which is short for touch; if their unit is" in caplog.text
+    assert "the median trial lasts 0.00056 s at 35714.3 Hz, which is short for touch; if the unit" in caplog.text
     caplog.clear()
     assert nt.read_folder(tmp_path, 35.6, "count").sampling_rate_Hz == 35.6
     assert "the time stamps are taken as ms (trials of 0.532 s at 35.71 Hz)" in caplog.text
@@ -463,3 +469,21 @@ def test_wrong_arrays_of_stamps_are_refused(tmp_path, arrays, options, message):
     arrays_of(tmp_path / "felt", ".npz", **arrays)
     with pytest.raises(InputError, match=message):
         nt.read_folder(tmp_path, unit="V", **{"time_column": "clock"} | options)
+
+
+@given(st.lists(st.sampled_from([20.0, 50.0, 99.0, 100.0, 125.0]), min_size=1, max_size=8))
+@examples(8)
+def test_the_common_rate_is_that_of_a_file_and_resampled_trials_are_counted(tmp_path_factory, rates_Hz):
+    """Of two rates in the middle it is the faster one; the others are counted."""
+    folder = tmp_path_factory.mktemp("rates")
+    for trial, rate_Hz in enumerate(rates_Hz):
+        write(folder / "felt" / f"{trial}.csv", stamps("time_s", np.round(np.arange(60) / rate_Hz, 6).tolist()))
+    handler = BufferingHandler(1000)
+    with mock.patch.object(logging.getLogger("neurotact"), "handlers", [handler]):
+        found = nt.read_folder(folder, unit="mV")
+    messages = [record.getMessage() for record in handler.buffer]
+    common_Hz = sorted(rates_Hz)[len(rates_Hz) // 2]
+    assert found.sampling_rate_Hz == pytest.approx(common_Hz, rel=1e-3)
+    n_others = sum(rate_Hz != common_Hz for rate_Hz in rates_Hz)
+    counted_now = [int(match[1]) for line in messages if (match := re.search(r": (\d+) of \d+ trials", line))]
+    assert sum(counted_now) == n_others

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 import neurotact as nt
 from neurotact.cli import app
-from neurotact.data.readers.observed import touching, within
+from neurotact.data.readers.observed import observed_trials, touching, within
 from neurotact.errors import InputError
 
 N_TRIALS = 20
@@ -114,6 +114,18 @@ def test_more_than_a_tenth_is_refused_with_the_units_to_leave_out(tmp_path, capl
     assert len(read(part, unobserved="leave-out")) == 15
     late = session(tmp_path / "c.nwb", ([[19.0, 99.0]],) * 4)  # of the trials that are asked for, all are observed
     assert len(read(late, where={"phase": "late"})) == N_TRIALS // 2
+
+
+@pytest.mark.parametrize(("n_lost", "policy", "is_kept"), [
+    (2, None, True), (3, None, False), (19, "leave-out", True), (20, "leave-out", False),
+])  # fmt: skip
+def test_some_trials_are_left_and_no_more_than_a_tenth_are_left_out_unasked(n_lost, policy, is_kept):
+    observed = np.arange(N_TRIALS)[None] >= n_lost
+    if is_kept:
+        assert observed_trials(observed, ["a"], policy, "a.nwb", fix="drop {}").sum() == N_TRIALS - n_lost
+        return
+    with pytest.raises(InputError, match=f"a.nwb: {n_lost} of 20 trials would be left out.*drop a"):
+        observed_trials(observed, ["a"], policy, "a.nwb", fix="drop {}")
 
 
 @pytest.mark.parametrize("series", [None, "touch"])

@@ -109,7 +109,7 @@ def test_columns_that_are_no_taxels_are_named(tmp_path, caplog):
         ("trial,label,T,a\n1,x,21,3\n1,x,20,4\n", {"sampling_rate_Hz": None}, "'T' is named like time stamps, but"),
         ("1,x,2\n1,x,3\n", {}, "line 1 holds a row, but must name the columns, as in trial,time_s,label"),
         ("trial,label,a\n", {}, "holds no row below its header"),
-        ("trial;label;a\n1;x;0,5\n1;x;2\n", {}, "column a has decimal commas; pass `decimal=','`"),
+        ("trial;label;a\n1;x;0,5\n1;x;2\n", {}, "line 2 has decimal commas; pass `decimal=','`"),
         ("trial,label,a\n1,x,2\n", {"decimal": ","}, "has commas between its columns, so there are no decimal commas"),
         ("trial,label,a\n1,x,2,5\n", {}, "line 2 has 4 columns where 3 are expected, the names in line 1; name each"),
         ("label,a\nx,2\nx,3\n", {"segments": True, "leave_out": "y"}, "`leave_out`: no trial has label = y; label is"),

@@ -72,7 +72,7 @@ def test_any_bytes_are_numbers_or_refused(tmp_path_factory, content):
         ("1,2\n3,1e39\n", "a.csv: line 8, column 2 (right) is 1e39, more than float32 holds"),
         ("1,2\n3,1e999\n", "a.csv: line 8, column 2 (right) is 1e999, more than float32 holds"),
         ("1,2\n3,4 mV\n", "a.csv: line 8, column 2 (right) is '4 mV', not a number"),
-        ("1,2\n3,1_000\n", "a.csv: line 8, column 2 (right) is '1_000', not a number"),
+        ("1,2\n3,1_000\n", "a.csv: line 8, column 2 (right) is '1_000', with separators of thousands"),
         ("1,2,3\n", "a.csv: line 7 has 3 columns where 2 are expected"),
     ],
 )

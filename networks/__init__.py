@@ -1,0 +1,1 @@
+"""Specs of spiking networks, and the spaces of searches."""

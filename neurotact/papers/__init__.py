@@ -1,1 +1,0 @@
-"""One folder per paper: simulator, features, protocol, published numbers, figures; found by name, never imported."""

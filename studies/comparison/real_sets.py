@@ -1,0 +1,267 @@
+"""Spiking networks compared with classical classifiers on the same windows, splits and spikes of several sets.
+
+The networks follow the default recipe, with and without recurrence. All opponents of `baselines.opponents` receive the
+signals, or the events of an event-based sensor; those on counts also the spikes. Sets and encoders: as in
+`ways_to_save`.
+"""
+
+from collections.abc import Iterator
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from neurotact_parts.studies.comparison import fronts, sets
+from neurotact_parts.studies.comparison.saving import Bench, Setting, Sides, cut, fit, row_of
+from neurotact_parts.studies.comparison.saving_figures import COLOURS, MARKS
+from neurotact_parts.studies.comparison.sets import WaysData
+from neurotact_parts.studies.comparison.skipped import SKIPPED, of_run, skipped_row
+from pydantic import Field
+
+from neurotact.baselines import opponents
+from neurotact.baselines.opponents import LINEAR, Input
+from neurotact.data.recordings import Recordings
+from neurotact.data.spikes import SpikeTrains
+from neurotact.figures.style import INK, MUTED, Drawn, add_legend, new_panels, printed
+from neurotact.metrics import referee
+from neurotact.metrics.fronts import pareto_front
+from neurotact.metrics.paired import Paired
+from neurotact.metrics.referee import Way
+from neurotact.metrics.resampled import LEAST_SPLITS, SHARES, compare_over_splits, resampled_error, sizes_of
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.spec import Spec
+from neurotact.studies.protocol import Arrays, View, heads
+
+MODELS: dict[str, Literal["rsnn", "snn"]] = {"RSNN": "rsnn", "SNN": "snn"}
+COLUMNS = 3
+"""Columns of panels."""
+NETWORK_INPUT = "spikes: every step"
+SPIKING = "spiking networks"
+"""The family of both networks in the figure of energy."""
+
+
+class Parameters(Spec):
+    """All classifiers on one set with one split."""
+
+    data: WaysData
+    network: RSNNSpec = RSNNSpec(recipe="default", hidden=50)
+    seed: int = Field(default=0, ge=0)
+    """Random seed of the split, the weights and the order of training."""
+
+
+VIEW = View(
+    by=("set", "split", "classifier", "input"),
+    measures=heads("accuracy_test accuracy_validation energy_estimate_nJ sops_total flops parameters signal_ms"),
+    cost="energy_estimate_nJ",
+    score="accuracy_test",
+    note="Each seed has its own split, the same for all classifiers. Energy is an estimate of the arithmetic from "
+    "the recording to the decision, encoder included, without memory. Only networks have SOPs, the others FLOPs. The "
+    "column `afferents` of results.csv says when afferents are computed. Sets whose recordings are not available are "
+    "left out; the column `skipped` gives the reason.",
+    apart=("set", "split"),
+)
+
+load = sets.load
+
+
+def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
+    """A row for each network, and for each classical classifier on each input."""
+    if SKIPPED in arrays:
+        return [{"classifier": "", "input": "", **skipped_row(arrays, VIEW.measures)}]
+    bench = sets.bench_of(parameters.data, parameters.network, parameters.seed, arrays)
+    sides = cut(bench, Setting())
+    rows = [*_spiking(bench, sides), *_classical(bench, sides.trains)]
+    computed = sets.computed_at(parameters.data, arrays)
+    shared = {"test_trials": len(bench.split.test), "afferents": computed, SKIPPED: ""}
+    return [{**row, **shared} for row in rows]
+
+
+def _spiking(bench: Bench, sides: Sides) -> Iterator[dict[str, Any]]:
+    for name, model in MODELS.items():
+        fitted = fit(sides, bench.network.model_copy(update={"model": model}), bench.seeds)
+        n_parameters = sum(weights.numel() for weights in fitted.network.parameters())
+        row = {"classifier": name, "input": NETWORK_INPUT, "parameters": n_parameters, "flops": float("nan")}
+        yield {**row, **row_of(fitted)}
+
+
+def _classical(bench: Bench, trains: SpikeTrains) -> Iterator[dict[str, Any]]:
+    windows = trains.cut(bench.window)
+    cuts = opponents.cuts_of(trains.conditions, windows, trains.sampling_rate_Hz, bench.split, {})
+    inputs: list[Input] = []
+    if isinstance(bench.touches, Recordings):
+        inputs += opponents.signal_inputs(bench.touches, cuts, "all")
+    inputs += opponents.spike_inputs(trains, (0.0, 0.0), cuts, "all")
+    wanted = {"classifier", "input", "accuracy_validation", "accuracy_test", "energy_estimate_nJ", "flops",
+              "parameters", "signal_ms", "n_train", "n_test"}  # fmt: skip
+    for row in opponents.rows(inputs, trains.labels[windows.trial], cuts):
+        yield {**{key: value for key, value in row.items() if key in wanted}, "sops_total": float("nan")}
+
+
+def points(results: pd.DataFrame) -> pd.DataFrame:
+    """A row for each set, split, classifier and input: means over seeds and the 95 % interval of the test accuracy.
+
+    Columns: set, split, classifier, input, seeds, accuracy_test, low and high (NaN for one or two),
+    accuracy_validation, energy_estimate_nJ.
+    """
+    rows = []
+    for key, part in results.groupby(["set", "split", "classifier", "input"], sort=False):
+        assert isinstance(key, tuple)
+        interval = fronts.interval_of(part["accuracy_test"].to_numpy(), part, SHARES)
+        means = {name: float(part[name].mean()) for name in ("accuracy_validation", "energy_estimate_nJ")}
+        rows.append({**dict(zip(("set", "split", "classifier", "input"), key, strict=True)), "seeds": len(part),
+                     "accuracy_test": interval.mean, "low": interval.low, "high": interval.high, **means})  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+class Contender(NamedTuple):
+    """A classifier on one input: its name, its rows by seed, and what the referee knows of it."""
+
+    name: str
+    rows: pd.DataFrame
+    way: Way
+
+    @property
+    def accuracy(self) -> float:
+        return float(self.rows["accuracy_test"].mean())
+
+    @property
+    def energy_nJ(self) -> float:  # noqa: N802
+        return float(self.rows["energy_estimate_nJ"].mean())
+
+    @property
+    def words(self) -> str:
+        return f"{self.name} has {100 * self.accuracy:.1f} % at {self.energy_nJ:,.0f} nJ"
+
+
+def answers(results: pd.DataFrame) -> list[str]:
+    """The verdict of the referee for each set and split; differences are computed seed by seed."""
+    shown = of_run(results)
+    return [_answer(*key, rows) for key, rows in shown.groupby(["set", "split"], sort=False)]  # pyright: ignore
+
+
+def _answer(name: str, split: str, rows: pd.DataFrame) -> str:
+    spikes = rows["classifier"].isin(list(MODELS))
+    networks, others = (_contenders(part) for part in (rows[spikes], rows[~spikes]))
+    network, best = (of[referee.best_of([one.way for one in of])] for of in (networks, others))
+    rivals = [others[index] for index in referee.level_with_best([one.way for one in others])]
+    near = [others[index] for index in referee.within_error([one.way for one in others])]
+    on_signals = [one for one in near if f" on {opponents.SPIKES}: " not in one.name]
+    is_known = not np.isnan(best.way.error)  # of one or two seeds the error is not, so that nothing is said of it
+    cheapest = min(on_signals, key=lambda one: one.energy_nJ, default=None) if is_known else None
+    if (seeds := len(network.rows)) >= LEAST_SPLITS:
+        verdict = referee.judge([_compared(network, rival) for rival in rivals])
+        rival = rivals[verdict.decisive]
+        kind = {"better": "spiking is more accurate", "worse": "spiking costs accuracy", "tie": "no clear difference"}
+        said = kind[verdict.kind]
+    else:
+        rival, said = best, f"{fronts.in_seeds(seeds)}, so that no difference is clear"
+    gained, low, high = (100 * end for end in fronts.interval_of(_gained(network, rival), network.rows))
+    within = "" if np.isnan(low) else f", 95 % interval {low:.1f} to {high:.1f}"
+    verb = "more" if gained >= 0 else "fewer"
+    level = f", one of {len(rivals)} that validation cannot tell apart" if is_known and len(rivals) > 1 else ""
+    energy = f"{100 * network.energy_nJ / rival.energy_nJ:,.3g} % of its energy"
+    computed = fronts.afferents_in_words(rows)
+    sentence = (
+        f"{name}, split by {split}: {said}. {network.words}{computed}; {rival.words}{level}: the network has "
+        f"{abs(gained):.1f} points {verb}{within}, at {energy}."
+    )
+    if cheapest is None or cheapest is rival:
+        return sentence
+    share = f"{100 * cheapest.energy_nJ / network.energy_nJ:,.3g} % of the network's energy"
+    return f"{sentence} The cheapest within the error of the best, {cheapest.words}, takes {share}."
+
+
+def _contenders(rows: pd.DataFrame) -> list[Contender]:
+    contenders = []
+    for (classifier, source), part in rows.groupby(["classifier", "input"], sort=False):  # pyright: ignore
+        validation = part["accuracy_validation"].to_numpy()
+        error = resampled_error(validation, *sizes_of(part))
+        way = Way(float(validation.mean()), error, float(part["energy_estimate_nJ"].mean()))
+        contenders.append(Contender(f"{classifier} on {source}", part, way))
+    return contenders
+
+
+def _gained(one: Contender, other: Contender) -> np.ndarray:
+    """The accuracy of one minus that of another, by seed, `(seed,)`."""
+    mine, its = (contender.rows.set_index("seed")["accuracy_test"] for contender in (one, other))
+    return (mine - its).to_numpy()
+
+
+def _compared(one: Contender, other: Contender) -> Paired:
+    return compare_over_splits(_gained(one, other), *sizes_of(one.rows))
+
+
+def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
+    """Accuracy over energy with the front of each family, then the accuracy of each classifier."""
+    shown = of_run(results)
+    if shown.empty:
+        return
+    table = points(shown)
+    yield Drawn(
+        "real-sets-energy",
+        "What each family reaches at which energy",
+        draw_energy(table),
+        "Mean test accuracy over seeds and the energy estimate of a decision, from the recording on. A mark per input; "
+        "lines join those marks of a family that no other mark of it dominates. Spiking networks are filled.",
+        "A panel per set and split; cheaper classifiers are further left, more accurate ones higher.",
+    )
+    yield Drawn(
+        "real-sets",
+        "Spiking networks compared with other classifiers",
+        draw_points(table),
+        "Mean test accuracy over seeds with its 95 % interval if there are three or more, on the same windows and "
+        "splits. Spiking networks are filled. LR: logistic regression.",
+        "A panel per set and split; a mark per classifier and input; more accurate ones are further right.",
+    )
+
+
+@printed
+def draw_energy(table: pd.DataFrame) -> Figure:
+    """A panel per set and split, a line per family: the front of accuracy over energy; networks are filled.
+
+    table: of `points`.
+    """
+    panels = list(table[["set", "split"]].drop_duplicates().itertuples(index=False, name=None))
+    families = list(dict.fromkeys(_family(name) for name in table["classifier"]))
+    figure, grid = new_panels(len(panels), COLUMNS, 2.6, 0.9)
+    for axes, (name, split) in zip(grid, panels, strict=True):
+        own = table[(table["set"] == name) & (table["split"] == split)]
+        for index, family in enumerate(families):
+            rows = own[own["classifier"].map(_family) == family].sort_values("energy_estimate_nJ")
+            nJ, share = rows["energy_estimate_nJ"].to_numpy(), 100 * rows["accuracy_test"].to_numpy()
+            front = pareto_front(nJ, share)
+            style: dict[str, Any] = {"color": COLOURS[index % len(COLOURS)], "marker": MARKS[index % len(MARKS)]}
+            filled = style["color"] if family == SPIKING else "none"
+            axes.plot(nJ, share, ls="", ms=5 if family == SPIKING else 4, mfc=filled, label=family, **style)
+            axes.plot(nJ[front], share[front], lw=1.6 if family == SPIKING else 0.8, color=style["color"])
+        axes.set(title=f"{name}, by {split}", xlabel="energy estimate (nJ)", ylabel="test accuracy (%)", xscale="log")
+        axes.grid()
+    add_legend(figure, grid, ncols=4)
+    return figure
+
+
+def _family(classifier: str) -> str:
+    return SPIKING if classifier in MODELS else classifier
+
+
+@printed
+def draw_points(table: pd.DataFrame) -> Figure:
+    """A panel per set and split, a mark per classifier and input; networks are filled.
+
+    table: of `points`.
+    """
+    panels = list(table[["set", "split"]].drop_duplicates().itertuples(index=False, name=None))
+    names = list(dict.fromkeys(zip(table["classifier"], table["input"], strict=True)))
+    figure, grid = new_panels(len(panels), COLUMNS, 0.9 + 0.18 * len(names), sharey=True)
+    for axes, (name, split) in zip(grid, panels, strict=True):
+        for row in table[(table["set"] == name) & (table["split"] == split)].itertuples():
+            y, is_network = names.index((row.classifier, row.input)), row.classifier in MODELS
+            low, high = (np.clip(100 * end, 0, 100) for end in (row.low, row.high))
+            axes.plot([low, high], [y, y], color=MUTED, lw=0.8)
+            axes.plot(100 * row.accuracy_test, y, "o", ms=4, color=INK, mfc=INK if is_network else "none")
+        axes.set(title=f"{name}, by {split}", xlabel="test accuracy (%)")
+        axes.grid(axis="x")
+    short = [classifier.replace(LINEAR, "LR") for classifier, _ in names]
+    grid[0].set_yticks(range(len(names)), [f"{name}, {words}" for name, (_, words) in zip(short, names, strict=True)])
+    grid[0].invert_yaxis()
+    return figure

@@ -1,0 +1,177 @@
+"""Ablation of the default recipe: the same network with one choice removed or changed, on each set.
+
+The sets, their splits and their encoders are the same as in `ways_to_save` (`sets.py`).
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from neurotact_parts.studies.comparison import fronts, sets
+from neurotact_parts.studies.comparison.saving import Setting, cut, fit, row_of
+from neurotact_parts.studies.comparison.sets import WaysData
+from neurotact_parts.studies.comparison.skipped import SKIPPED, of_run, skipped_row
+from pydantic import Field
+
+from neurotact.errors import InputError, nearest
+from neurotact.figures.style import INK, Drawn, new_figure, printed
+from neurotact.networks.definition import recipe
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.spec import Spec, build, override
+from neurotact.studies.protocol import Arrays, View, heads
+
+WHOLE = "the recipe"
+LEAST_POINTS = 5.0
+"""Minimum range of the figure's axis on either side of 0; intervals beyond it are cut."""
+
+
+class Parameters(Spec):
+    """The recipe, and the recipe with one choice removed or changed, on one set."""
+
+    data: WaysData
+    without: dict[str, tuple[str, ...]] = {}
+    """Keys that get the value of a network without a recipe, under the name of the removed choice."""
+    instead: dict[str, dict[str, Any]] = {}
+    """Keys with other values, under the name of the change."""
+    network: RSNNSpec = RSNNSpec(recipe="default", hidden=50)
+    seed: int = Field(default=0, ge=0)
+    """Random seed of the split, the weights and the order of training."""
+
+
+VIEW = View(
+    by=("set", "change"),
+    measures=heads("accuracy_test accuracy_validation sops_total hidden_spikes"),
+    cost="sops_total",
+    score="accuracy_test",
+    note="Each seed has its own split, the same for all changes. A change that does not alter the network of a set has "
+    "no row there. Sets whose recordings are not available are left out; the column `skipped` of results.csv gives the "
+    "reason.",
+)
+
+load = sets.load
+
+
+def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
+    """A row for the recipe, and one for each change that alters the network."""
+    if SKIPPED in arrays:
+        return [{"change": "", **skipped_row(arrays, VIEW.measures)}]
+    bench = sets.bench_of(parameters.data, parameters.network, parameters.seed, arrays)
+    sides = cut(bench, Setting())
+    whole = recipe.chosen_for(parameters.network, sides.training.spikes, sides.trains.sampling_rate_Hz)
+    networks = {WHOLE: whole, **variants(whole, parameters)}
+    return [{"change": name, **row_of(fit(sides, spec, bench.seeds)), SKIPPED: ""} for name, spec in networks.items()]
+
+
+def variants(whole: RSNNSpec, parameters: Parameters) -> dict[str, RSNNSpec]:
+    """The network of each change by its name, without changes that alter nothing.
+
+    whole: the network that the recipe chose.
+
+    >>> asked = Parameters(
+    ...     data={"set": "a", "sets": {"a": {"simulate": "gratings"}}}, without={"readout": ("readout",)},
+    ...     instead={"feed-forward": {"model": "snn"}, "recurrent": {"model": "rsnn"}},
+    ... )
+    >>> found = variants(RSNNSpec(readout="integrator"), asked)
+    >>> {name: (spec.readout, spec.model) for name, spec in found.items()}
+    {'without readout': ('count', 'rsnn'), 'feed-forward': ('integrator', 'snn')}
+    """
+    table, plain = whole.model_dump(mode="json"), _plain()
+    changed = {f"without {name}": {key: _of(plain, key) for key in keys} for name, keys in parameters.without.items()}
+    changed |= parameters.instead
+    tables = {name: override(table, values) for name, values in changed.items()}
+    specs = {name: build(RSNNSpec, table, source=f"'{name}'") for name, table in tables.items()}
+    return {name: spec for name, spec in specs.items() if spec != whole}
+
+
+def _plain() -> dict[str, Any]:
+    """Every key of a network without a recipe, dotted."""
+    plain = RSNNSpec()
+    return {**dict(plain), **{f"training.{key}": value for key, value in plain.training}}
+
+
+def _of(plain: Mapping[str, Any], key: str) -> Any:
+    if key not in plain:
+        raise InputError(f"parameters.without: '{key}' is not a key of a network; {nearest(key, list(plain))}")
+    return plain[key]
+
+
+def changes(results: pd.DataFrame) -> pd.DataFrame:
+    """A row for each set and change: the accuracy that is lost compared with the recipe, seed by seed.
+
+    results: rows with set, change, seed, n_train, n_test, accuracy_test and sops_total.
+    Columns: set, change, seeds, accuracy_test (mean), lost (mean of the differences), low and high (95 % interval of
+    `lost`, corrected for splits that share trials; NaN for one or two seeds), share (of the recipe's SOPs).
+    """
+    rows = []
+    for name, part in results.groupby("set", sort=False):
+        whole = part[part["change"] == WHOLE].set_index("seed")
+        for change, mine in part[part["change"] != WHOLE].groupby("change", sort=False):
+            mine = mine.set_index("seed")
+            both = whole.index.intersection(mine.index)
+            lost = (whole.loc[both, "accuracy_test"] - mine.loc[both, "accuracy_test"]).to_numpy()
+            share = float(mine.loc[both, "sops_total"].mean() / whole.loc[both, "sops_total"].mean())
+            rows.append({"set": name, "change": change, "seeds": len(both), "share": share,
+                         "accuracy_test": float(mine.loc[both, "accuracy_test"].mean()),
+                         **fronts.interval_of(lost, mine)._asdict()})  # fmt: skip
+    return pd.DataFrame(rows).rename(columns={"mean": "lost"})
+
+
+def answers(results: pd.DataFrame) -> list[str]:
+    """One sentence for each set: the accuracy of the recipe, and the change with the largest loss."""
+    shown = of_run(results)
+    both = changes(shown) if not shown.empty else pd.DataFrame()
+    sentences = []
+    for name, rows in shown.groupby("set", sort=False):
+        reached = rows.loc[rows["change"] == WHOLE, "accuracy_test"].mean()
+        mine = both[both["set"] == name]
+        sentence = f"{name}: the recipe has {100 * reached:.1f} %"
+        if not mine.empty:
+            most = mine.loc[mine["lost"].idxmax()]
+            verb = "loses" if most["lost"] > 0 else "gains"
+            sentence += f"; of {len(mine)} changes '{most['change']}' {verb} most, {100 * abs(most['lost']):.1f} points"
+            better = mine[mine["high"] < 0]
+            if not better.empty:
+                sentence += f", and {len(better)} do better by more than their interval: {', '.join(better['change'])}"
+        sentences.append(f"{sentence}.")
+    return sentences
+
+
+def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
+    """Accuracy lost by each change, a panel per set."""
+    shown = of_run(results)
+    if shown.empty:
+        return
+    yield Drawn(
+        "recipe-ablation",
+        "Accuracy lost by each change of the recipe",
+        draw_changes(changes(shown)),
+        "Mean over seeds of the test accuracy that a change loses compared with the recipe, on the same split, with "
+        "its 95 % interval if there are three seeds, cut at the ends of the axis. Left of 0 the change is better.",
+        "A panel per set; a mark per change, right of the line at 0 if the change loses accuracy.",
+    )
+
+
+@printed
+def draw_changes(table: pd.DataFrame) -> Figure:
+    """A panel per set, a mark per change.
+
+    table: of `changes`.
+    """
+    kinds, names = list(table["set"].unique()), list(table["change"].unique())
+    figure = new_figure(0.9 + 0.24 * len(names))
+    panels = figure.subplots(1, len(kinds), sharey=True, squeeze=False)[0].tolist()
+    for axes, name in zip(panels, kinds, strict=True):
+        mine = table[table["set"] == name]
+        ticks = [names.index(change) for change in mine["change"]]
+        lost = 100 * mine["lost"]
+        reach = [(lost - 100 * mine["low"]).fillna(0), (100 * mine["high"] - lost).fillna(0)]
+        axes.errorbar(lost, ticks, xerr=np.array(reach), fmt="o", color=INK, ms=4, elinewidth=0.8)
+        axes.axvline(0, color="0.6", lw=0.8)
+        widest = max(LEAST_POINTS, 2 * float(lost.abs().max()))
+        axes.set(title=name, xlabel="points lost", xlim=(-widest, widest))
+        axes.grid(axis="x")
+    panels[0].set_yticks(range(len(names)), names)
+    panels[0].invert_yaxis()
+    return figure

@@ -1,0 +1,176 @@
+"""All classifiers see the same windows and sides; a difference between two is taken seed by seed."""
+
+import pandas as pd
+import pytest
+from neurotact_parts.studies.comparison import real_sets, sets
+from neurotact_parts.studies.comparison.real_sets import (
+    NETWORK_INPUT,
+    Parameters,
+    answers,
+    draw_energy,
+    draw_points,
+    points,
+)
+
+from neurotact.data.splits import SplitSpec, split_conditions
+from neurotact.spec import build
+from neurotact.studies import protocol_study
+from neurotact.studies.loading import resolve
+
+SET = {
+    "simulate": "gratings", "simulation": {"trials": 2, "duration_s": 0.4},
+    "conditioning": {"ema_cutoff_Hz": 30.0, "baseline": "start", "resample_Hz": 200.0},
+    "window": {"length_ms": 100.0, "start_ms": 250.0, "per_trial": 1}, "group": ["force_N"],
+}  # fmt: skip
+
+
+def asked(split="trials", **keys):
+    network = {"recipe": "default", "hidden": 6, "training": {"epochs": 2, "patience": 2}}
+    data = {"set": "made", "sets": {"made": SET}, "split": split}
+    return build(Parameters, {"data": data, "network": network, **keys}, source="test")
+
+
+def test_its_sets_are_those_of_ways_to_save_with_groups():
+    ours, theirs = (resolve(name).parameters["data"]["sets"] for name in ("real-sets", "ways-to-save"))
+    assert {name: {k: v for k, v in chosen.items() if k != "group"} for name, chosen in ours.items()} == {
+        name: {k: v for k, v in theirs[name].items() if k != "group"} for name in ours
+    }
+
+
+def test_results_name_the_split_also_where_it_is_the_default():
+    study = resolve("real-sets")
+    found = [protocol_study.swept_values(study, cell) for cell in protocol_study.cells(study)]
+    assert {(each["set"], each["split"]) for each in found} == {
+        ("cubes", "trials"), ("cubes", "groups"), ("fabrics", "trials"), ("fabrics", "groups"), ("letters", "trials")
+    }  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def rows():
+    parameters = asked("groups")
+    return real_sets.run(parameters, real_sets.load(parameters.data))
+
+
+@pytest.mark.thorough
+def test_networks_and_classifiers_on_signals_and_spikes_leave_a_row(rows):
+    names = [(row["classifier"], row["input"]) for row in rows]
+    # on three kinds of features of signals, and on two of spikes, four classifiers; two on the sequences of signals
+    assert len(set(names)) == len(names) == 2 + 4 * 3 + 2 + 4 * 2
+    assert names[:2] == [("RSNN", NETWORK_INPUT), ("SNN", NETWORK_INPUT)]
+    assert ("GRU", "signals: 20 ms bins") in names
+    assert {row["n_test"] for row in rows} == {rows[0]["n_test"]}
+    assert {row["test_trials"] for row in rows} == {rows[0]["n_test"]}  # a window each
+    assert {row["n_train"] for row in rows} == {rows[0]["n_train"]}
+    assert len({row["signal_ms"] for row in rows}) == 1
+
+
+@pytest.mark.thorough
+def test_a_network_without_recurrence_has_no_recurrent_operations(rows):
+    assert rows[1]["sops_recurrent"] == 0 < rows[0]["sops_recurrent"]
+    assert rows[0]["parameters"] - rows[1]["parameters"] == 6 * 6
+
+
+def test_by_group_no_group_stands_on_two_sides():
+    parameters = asked("groups")
+    arrays = real_sets.load(parameters.data)
+    bench = sets.bench_of(parameters.data, parameters.network, 0, arrays)
+    groups = [set(arrays["groups"][side]) for side in bench.split]
+    assert all(groups)
+    assert not groups[0] & groups[2]
+    assert not groups[1] & (groups[0] | groups[2])
+
+
+def test_by_trial_the_split_is_as_without_groups():
+    parameters = asked()
+    arrays = real_sets.load(parameters.data)
+    bench = sets.bench_of(parameters.data, parameters.network, 3, arrays)
+    expected = split_conditions(pd.DataFrame({"label": arrays["labels"]}), (), SplitSpec(seed=6))
+    assert [side.tolist() for side in bench.split] == [side.tolist() for side in expected]
+
+
+def test_a_set_without_groups_is_left_out_by_group(caplog):
+    data = {"set": "made", "sets": {"made": {**SET, "group": []}}, "split": "groups"}
+    parameters = build(Parameters, {"data": data}, source="test")
+    (row,) = real_sets.run(parameters, real_sets.load(parameters.data))
+    assert "names no group" in row["skipped"]
+    assert row["skipped"] in caplog.text
+    table = pd.DataFrame([{"set": "made", "split": "groups", **row}])
+    assert answers(table) == []
+    assert list(real_sets.draw(table, {})) == []
+
+
+def table(values):
+    """Rows of one set: accuracies by classifier and seed; validation accuracy the same, energy by the order."""
+    return pd.DataFrame([
+        {"set": "made", "split": "trials", "classifier": name, "input": words, "seed": seed, "n_train": 700,
+         "n_test": 150, "accuracy_test": accuracy, "accuracy_validation": accuracy,
+         "energy_estimate_nJ": 100.0 * (place + 1)}
+        for place, ((name, words), accuracies) in enumerate(values.items()) for seed, accuracy in enumerate(accuracies)
+    ])  # fmt: skip
+
+
+def test_one_sentence_sets_the_best_network_beside_the_best_of_the_others():
+    values = {
+        ("RSNN", NETWORK_INPUT): [0.8, 0.85, 0.9], ("SNN", NETWORK_INPUT): [0.6, 0.6, 0.6],
+        ("SVM", "spikes: counts"): [0.7, 0.75, 0.8], ("ELM", "spikes: counts"): [0.2, 0.25, 0.3],
+    }  # fmt: skip
+    (said,) = answers(table(values))
+    assert said == (
+        "made, split by trials: spiking is more accurate. RSNN on spikes: every step has 85.0 % at 100 nJ; SVM on "
+        "spikes: counts has 75.0 % at 300 nJ: the network has 10.0 points more, 95 % interval 6.1 to 13.9, at 33.3 % "
+        "of its energy."
+    )
+
+
+def test_a_rival_that_validation_cannot_tell_apart_decides_wherever_it_stands():
+    values = {
+        ("RSNN", "a"): [0.8] * 3, ("SVM", "signals: a"): [0.6, 0.7, 0.8], ("ELM", "signals: b"): [0.65] * 3,
+    }  # fmt: skip
+    rows = table(values)
+    rows.loc[rows["classifier"] == "ELM", "accuracy_test"] = 0.9
+    (said,) = answers(rows)
+    assert "made, split by trials: spiking costs accuracy. RSNN on a has 80.0 % at 100 nJ; ELM on signals: b" in said
+    assert "one of 2 that validation cannot tell apart: the network has 10.0 points fewer" in said
+    assert said.endswith("The cheapest within the error of the best, SVM on signals: a has 70.0 % at 200 nJ, takes 200 "
+                         "% of the network's energy.")  # fmt: skip
+
+
+@pytest.mark.parametrize(("n", "seeds"), [(1, "one seed"), (2, "2 seeds")])
+def test_one_or_two_seeds_claim_nothing(n, seeds):
+    values = {("RSNN", "a"): [0.8], ("SNN", "a"): [0.8], ("SVM", "a"): [0.9], ("ELM", "a"): [0.9]}
+    (said,) = answers(table({of: n * accuracy for of, accuracy in values.items()}))
+    assert f"{seeds}, so that no difference is clear. RSNN on a has 80.0 % at 100 nJ; SVM on a has 90.0 %" in said
+    assert "interval" not in said
+    assert "cannot tell apart" not in said
+    assert "within the error" not in said
+
+
+def test_a_rival_that_is_far_off_is_not_said_to_be_level_with_one_seed():
+    values = {("RSNN", "a"): [0.8], ("SVM", "signals: a"): [0.9], ("ELM", "signals: a"): [0.2]}
+    (said,) = answers(table(values))
+    assert "SVM on signals: a has 90.0 %" in said
+    assert not any(word in said for word in ("ELM", "cannot tell apart", "within the error"))
+
+
+def test_equal_differences_count_trials_and_not_their_windows():
+    values = {("RSNN", "a"): [0.8, 0.85, 0.9], ("SVM", "a"): [0.7, 0.75, 0.8]}
+    assert "spiking is more accurate" in answers(table(values))[0]
+    assert "no clear difference" in answers(table(values).assign(test_trials=15))[0]
+
+
+def test_each_family_has_its_front_of_accuracy_over_energy():
+    found = points(table({("RSNN", "a"): [0.8, 0.9], ("SVM", "a"): [0.7, 0.7], ("SVM", "b"): [0.6, 0.6],
+                          ("SVM", "c"): [0.9, 0.9]}))  # fmt: skip
+    (axes,) = draw_energy(found).axes
+    fronts = [line for line in axes.lines if line.get_linestyle() == "-"]
+    assert fronts[1].get_xdata().tolist() == [200.0, 400.0]  # b costs more than a, and is less accurate
+    assert axes.get_xscale() == "log"
+
+
+def test_networks_are_filled_and_stand_where_their_accuracy_is():
+    found = points(table({("RSNN", "a"): [0.8, 0.9], ("SVM", "a"): [0.7, 0.7]}))
+    assert found["accuracy_test"].to_numpy() == pytest.approx([0.85, 0.7])
+    (axes,) = draw_points(found).axes
+    marks = [line for line in axes.lines if line.get_marker() == "o"]
+    assert [float(line.get_xdata()[0]) for line in marks] == pytest.approx([85.0, 70.0])
+    assert [line.get_markerfacecolor() == "none" for line in marks] == [False, True]
