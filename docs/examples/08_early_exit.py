@@ -3,7 +3,8 @@ Decide early
 ============
 
 A network need not see the whole window. It may stop when its leading class has not changed for a while; how long is
-chosen on validation windows, so that accuracy there stays within a tolerance.
+chosen on validation windows, so that accuracy there stays within a tolerance. It is used if they are enough to show
+that: each part of them judges what the others choose.
 """
 
 import matplotlib.pyplot as plt
@@ -12,21 +13,22 @@ import neurotact as nt
 
 touches = nt.simulate(
     "gratings",
-    trials=24,
+    trials=60,
     pitches_mm=[4.0, 2.0, 0.5],
     forces_N=[12.0],
     speeds_mm_per_s=[8.6],
     duration_s=0.6,
 )
 data = nt.windows(nt.encode(touches), length_ms=300, start_ms=150)
-train, validation, test = data.split(seed=0, test=0.3)
+train, validation, test = data.split(seed=0, validation=0.4, test=0.3)
 
 # %%
-# `exit_tolerance` is the accuracy on validation windows that may be lost.
+# `exit_tolerance` is the accuracy that may be lost. `bound` is the most that validation windows leave possible.
 
-network = nt.SpikingClassifier(hidden=30, epochs=15, exit_tolerance=0.05, random_state=0)
+network = nt.SpikingClassifier(hidden=30, epochs=15, exit_tolerance=0.15, random_state=0)
 network.fit(train.X, train.y, validation=(validation.X, validation.y))
-print(network.exit_rule_)
+print(network.exit_rule_, f"loses at most {network.exit_choice_.bound:.1%}")
+print("used:", network.exit_choice_.used)
 
 # %%
 # Each window: what it was taken for, after how long, and at which cost.

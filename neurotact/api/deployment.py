@@ -251,7 +251,7 @@ def check_chip(run: Fitted, check: str, *, tell: Tell = silent) -> pd.DataFrame:
     ['what', 'here', 'limit', 'fits', 'cost']
     """
     restored = fitted.restore(run)
-    findings = targets.check(restored.network, restored.encoder, restored.rule, check)
+    findings = targets.check(restored.network, restored.encoder, restored.exits(), check)
     tell(targets.title(check))
     for row in findings.itertuples(index=False):
         parts = filter(None, (f"{'fits' if row.fits else 'NOT'}  {row.what}: {row.here}", row.limit, row.cost))

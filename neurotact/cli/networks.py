@@ -151,7 +151,7 @@ def tune(given: dict[str, Any], as_json: Json = False) -> None:
 @calling(
     api.infer,
     out=option(Path | None, "Also write one row per window (.csv, .json, .md).", "-o", "--out"),
-    early_exit=flag("--early-exit", "Stop each window by the rule chosen on validation windows."),
+    early_exit=flag("--early-exit", "Stop each window by the rule chosen on validation windows, where it is used."),
 )
 def infer(given: dict[str, Any], as_json: Json = False) -> None:
     """Classify every window with a trained network, and count its operations.

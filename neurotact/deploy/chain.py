@@ -100,7 +100,7 @@ def chain_of(
     else:
         restored = fitted.restore(source)
         encoder, network, classes = build_encoder(restored, fitted.name_of(source)), restored.network, restored.classes
-        rule = restored.rule if early_exit else FULL_WINDOW
+        rule = restored.exits(early_exit)
         recorded_Hz = restored.recorded_Hz
         if restored.afferents is not None:
             taxels = taxel_names(restored.afferents, restored.encoder or {})

@@ -178,4 +178,4 @@ def _trained_on(
     # Refuse what an export refuses, before anything is saved.
     layers_of(restored, sides, weight_bits=weight_bits, state_bits=layers.hidden.state_bits, steps=steps)
     done = fitting.finished(network, training, sides, restored.task)
-    return done if restored.has_own_rule else done.with_rule(restored.rule)
+    return done if restored.has_own_rule else done.with_rule(restored.rule, restored.held)

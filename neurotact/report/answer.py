@@ -1,7 +1,8 @@
 """The answer of a run: the best network, the cheapest one within its error, and the comparison with the baselines.
 
 The referee (`metrics.referee`) chooses on validation trials and judges on test trials; this module tells its verdicts
-in sentences. Networks are judged as they are used: with early exit where it saves something.
+in sentences. Networks are chosen by whole windows, and judged as they are used: with early exit where it saves
+something, and where an upper bound of what it loses is within the tolerance.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -9,14 +10,16 @@ from typing import Any, Literal, NamedTuple
 
 from scipy.stats import binom
 
-from neurotact.metrics import referee
+from neurotact.metrics import power, referee
 from neurotact.metrics.paired import Paired, compare_shares
 from neurotact.metrics.referee import Verdict, Way
 from neurotact.metrics.shares import standard_error, wilson_interval
+from neurotact.networks.exit import held_out
 from neurotact.report import periods
 
-Kind = Literal["nothing learned", "unclear", "no baseline", "worse", "tie", "better"]
-"""nothing learned: no better than guessing. unclear: better, and chance alone may do as well."""
+Kind = Literal["nothing learned", "unclear", "no baseline", "worse", "tie", "better", "too few trials"]
+"""nothing learned: no better than guessing. unclear: better, and chance alone may do as well. too few trials: no clear
+difference, and only a large one would have shown (`metrics.power`)."""
 NOTHING = 0.005
 """Share of the milliseconds and of the SOPs below which early exit saves nothing."""
 
@@ -38,9 +41,11 @@ class Decision(NamedTuple):
 class Network(NamedTuple):
     """One pair of refractory periods and one size; all numbers are means over seeds and splits.
 
-    pair: refractory periods of RA-I and SA-I in ms, as "1&10". validation, early_validation: accuracy on validation
-    windows, on whole windows and with early exit; the latter is None where validation windows cannot tell it.
+    pair: refractory periods of RA-I and SA-I in ms, as "1&10". validation: accuracy on validation windows, on whole
+    ones: early exit chooses no network.
     whole, early: decisions on the whole window and with early exit; early is None if there is none.
+    exit_bound: upper bound of the accuracy that early exit loses, on validation trials that did not choose it; None if
+    unknown. tolerance: how much may be lost.
     """
 
     pair: str
@@ -49,7 +54,8 @@ class Network(NamedTuple):
     validation: float
     whole: Decision
     early: Decision | None
-    early_validation: float | None = None
+    exit_bound: float | None = None
+    tolerance: float = 0.01
 
     @property
     def name(self) -> str:
@@ -58,19 +64,20 @@ class Network(NamedTuple):
 
     @property
     def exits(self) -> bool:
-        """Whether early exit is advised: it saves time or SOPs, and its accuracy on validation windows is known."""
-        return self.early is not None and self.early_validation is not None and _saves(self.whole, self.early)
+        """Whether early exit is used: it saves time or SOPs, and the bound of its loss is within the tolerance."""
+        if self.early is None or self.exit_bound is None or not _saves(self.whole, self.early):
+            return False
+        return bool(held_out.is_within(self.exit_bound, self.tolerance))
 
     @property
     def used(self) -> Decision:
-        """The decision as it is used: with early exit if that is advised."""
+        """The decision as it is used: with early exit if that is used."""
         return self.early if self.exits and self.early is not None else self.whole
 
     def way(self, trials: "Trials") -> Way:
-        """What the referee knows of the network, as it is used; its cost is energy, or SOPs if that is unknown."""
-        validation = self.early_validation if self.exits and self.early_validation is not None else self.validation
-        cost = self.used.sops if self.used.nJ is None else self.used.nJ
-        return Way(validation, standard_error(validation, trials.validation), cost)
+        """What the referee knows of the network, on whole windows; its cost is energy, or SOPs if that is unknown."""
+        cost = self.whole.sops if self.whole.nJ is None else self.whole.nJ
+        return Way(self.validation, standard_error(self.validation, trials.validation), cost)
 
 
 class Baseline(NamedTuple):
@@ -109,15 +116,27 @@ class Trials(NamedTuple):
     test: int
 
 
+class Priced(NamedTuple):
+    """A network as it is used, and baselines on signals to compare its energy with; of those, energy is known.
+
+    comparable: the cheapest that is better than guessing and that test trials do not show to be clearly less accurate
+    than the network: a ratio is of it. None if none is. cheaper: all that take less energy and are at least as accurate
+    on test trials, the cheapest first. cheapest: of all; None without any.
+    """
+
+    network: Network
+    comparable: Baseline | None = None
+    cheaper: tuple[Baseline, ...] = ()
+    cheapest: Baseline | None = None
+
+
 class Answer(NamedTuple):
     """The answer for one data set.
 
     best, cheapest: networks chosen by the referee. interval: 95 % interval of the test accuracy of the best one, as it
     is used. error: one standard error of its validation accuracy.
-    baseline: the most accurate one on validation trials; None if there is none. cheapest_on_signals: the cheapest
-    baseline on signals within one standard error of the best baseline; None if none is.
-    comparable: the cheapest of those within the error that is better than guessing and that test trials do not show to
-    be clearly worse than the best network: ratios of energy are of it; None if none is.
+    baseline: the most accurate one on validation trials; None if there is none.
+    priced: the energy of the best network, and of the cheapest one if that is another.
     rivals: the baselines that validation cannot tell from the best one. verdict: on the best network against them.
     unranked: a baseline that validation ranks lower, and that is at least as accurate on test trials; None if none is.
     guess: the accuracy of guessing, or of always predicting the most frequent class.
@@ -128,8 +147,7 @@ class Answer(NamedTuple):
     error: float
     cheapest: Network
     baseline: Baseline | None
-    cheapest_on_signals: Baseline | None
-    comparable: Baseline | None
+    priced: tuple[Priced, ...]
     rivals: tuple[Baseline, ...]
     verdict: Verdict | None
     unranked: Baseline | None
@@ -145,10 +163,19 @@ class Answer(NamedTuple):
     def kind(self) -> Kind:
         """The result of the comparison. A table with a more accurate baseline contradicts `better`: that is a tie."""
         if not self.is_above_chance:
+            if not power.can_beat_guessing(self.trials.test, self.guess):
+                return "too few trials"
             return "nothing learned" if self.best.used.accuracy <= self.guess else "unclear"
         if self.verdict is None:
             return "no baseline"
+        if power.is_too_weak(self.verdict):
+            return "too few trials"
         return "tie" if self.verdict.kind == "better" and self.unranked is not None else self.verdict.kind
+
+    @property
+    def comparable(self) -> Baseline | None:
+        """The baseline on signals whose energy is compared with that of the best network."""
+        return self.priced[0].comparable
 
     @property
     def decisive(self) -> Baseline | None:
@@ -166,14 +193,8 @@ class Answer(NamedTuple):
     @property
     def named(self) -> list[Baseline]:
         """Every baseline that a sentence of the answer may name, each once."""
-        known = [
-            self.baseline,
-            self.cheapest_on_signals,
-            self.comparable,
-            self.decisive,
-            self.unranked,
-            *_ends(self.rivals),
-        ]
+        of_energy = [one for each in self.priced for one in (each.comparable or each.cheapest, *each.cheaper)]
+        known = [self.baseline, self.decisive, self.unranked, *_ends(self.rivals), *of_energy]
         return list({one.name: one for one in known if one is not None}.values())
 
 
@@ -202,19 +223,17 @@ def answer(
     ways = [network.way(trials) for network in networks]
     best, cheapest = networks[referee.best_of(ways)], networks[referee.cheapest_of(ways)]
     error = best.way(trials).error
-    interval = wilson_interval(best.used.accuracy, trials.test)
+    interval = interval_of(best.used, trials)
     others = [baseline.way(trials) for baseline in baselines]
+
+    def compared(network: Network, baseline: Baseline) -> Paired:
+        found = compare(network, baseline)
+        return found or compare_shares(network.used.accuracy, baseline.accuracy, trials.test)
+
+    priced = tuple(_priced(one, baselines, guess, compared) for one in dict.fromkeys((best, cheapest)))
     if not others:
-        return Answer(best, interval, error, cheapest, None, None, None, (), None, None, guess, trials)
-    level = referee.level_with_best(others)
-    rivals = [baselines[index] for index in level]
-    comparisons = [
-        compare(best, rival) or compare_shares(best.used.accuracy, rival.accuracy, trials.test) for rival in rivals
-    ]
-    tested = dict(zip(level, comparisons, strict=True))  # whatever is within the error is a rival, too
-    on_signals = [index for index in referee.within_error(others) if not baselines[index].is_of_spikes]
-    near = sorted((baselines[index].nJ or 0.0, index) for index in on_signals)
-    fair = [index for _, index in near if baselines[index].accuracy > guess and not _is_ahead(tested[index])]
+        return Answer(best, interval, error, cheapest, None, priced, (), None, None, guess, trials)
+    rivals = [baselines[index] for index in referee.level_with_best(others)]
     lower = [one for one in baselines if one not in rivals and one.accuracy >= best.used.accuracy]
     return Answer(
         best,
@@ -222,14 +241,37 @@ def answer(
         error,
         cheapest,
         baselines[referee.best_of(others)],
-        baselines[near[0][1]] if near else None,
-        baselines[fair[0]] if fair else None,
+        priced,
         tuple(rivals),
-        referee.judge(comparisons),
+        referee.judge([compared(best, rival) for rival in rivals]),
         max(lower, key=lambda one: one.accuracy, default=None),
         guess,
         trials,
     )
+
+
+def interval_of(decision: Decision, trials: Trials) -> tuple[float, float]:
+    """The 95 % interval of the test accuracy of a network."""
+    return wilson_interval(decision.accuracy, trials.test)
+
+
+def _priced(
+    network: Network, baselines: Sequence[Baseline], guess: float, compared: Callable[[Network, Baseline], Paired]
+) -> Priced:
+    """Which baselines on signals the energy of a network is compared with, whatever validation ranks first."""
+    known = [one for one in baselines if not one.is_of_spikes and one.nJ is not None]
+    ordered = sorted(known, key=lambda one: (_cost(one), -one.accuracy))
+    least, spent = network.used.accuracy, network.used.nJ
+
+    def is_comparable(one: Baseline) -> bool:
+        return one.accuracy > guess and (one.accuracy >= least or not _is_ahead(compared(network, one)))
+
+    cheaper = [one for one in ordered if spent is not None and _cost(one) < spent and one.accuracy >= least]
+    return Priced(network, next(filter(is_comparable, ordered), None), tuple(cheaper), next(iter(ordered), None))
+
+
+def _cost(one: Baseline) -> float:
+    return 0.0 if one.nJ is None else one.nJ
 
 
 def _is_ahead(comparison: Paired) -> bool:
@@ -245,7 +287,8 @@ def headline(outcome: Answer) -> str:
     if outcome.kind == "no baseline":
         said = evidence(outcome)
         return f"{said[0].upper()}{said[1:]}."
-    return f"{verdict(outcome)}: {evidence(outcome)}."
+    join = ";" if outcome.kind == "too few trials" else ":"
+    return f"{verdict(outcome)}{join} {evidence(outcome)}."
 
 
 def verdict(outcome: Answer) -> str:
@@ -257,14 +300,23 @@ def verdict(outcome: Answer) -> str:
         "worse": "Spiking costs accuracy",
         "tie": f"No clear difference in accuracy{_at_energy(outcome)}",
         "better": "Spiking is more accurate",
+        "too few trials": _too_few(outcome),
     }[outcome.kind]
+
+
+def _too_few(outcome: Answer) -> str:
+    """What the test trials cannot show."""
+    if not outcome.is_above_chance or outcome.verdict is None:
+        return "Too few test trials: a network that is right in all of them would not be clearly better than guessing"
+    said = power.in_words(outcome.verdict)
+    return f"{said[0].upper()}{said[1:]}"
 
 
 def _nothing_learned(outcome: Answer) -> str:
     """That nothing holds on test trials, and whether baselines learned something that does."""
     if _learned(outcome):
         return "The network learned nothing that holds on test trials, other classifiers did"
-    seen, n = outcome.best.way(outcome.trials).validation, outcome.trials.validation
+    seen, n = outcome.best.validation, outcome.trials.validation
     holds_there = n > 0 and wilson_interval(seen, n)[0] > outcome.guess
     return "Nothing was learned that holds on test trials" if holds_there else "Nothing was learned"
 
@@ -281,16 +333,25 @@ def evidence(outcome: Answer) -> str:
     best, (low, high) = outcome.best, outcome.interval
     share, guess = percent(best.used.accuracy), percent(outcome.guess)
     network = f"the best network{', with early exit,' if best.exits else ''} is right in"
-    said = f"{network} {share} of the test windows (95 % interval {100 * low:.0f} to {100 * high:.0f} %)"
+    said = f"{network} {share} of the test windows (95 % interval {100 * low:.0f} to {100 * high:.0f} %{_other(best)})"
     if outcome.kind == "nothing learned":
         return f"{said}, which guessing reaches too ({guess}){_learned_without(outcome)}"
-    if outcome.kind == "unclear":
+    if not outcome.is_above_chance:
         n_test = outcome.trials.test
         of = f"of {n_test} test trial{'' if n_test == 1 else 's'}"
         return f"{said} {of}, guessing in {guess}{_learned_without(outcome)}"
     if outcome.kind == "no baseline":
         return f"{said}; guessing reaches {guess}"
     return f"{said}, {_rivals(outcome)}"
+
+
+def _other(network: Network) -> str:
+    """The accuracy of the other way to decide, after that of the one that is used; empty if there is no other."""
+    if network.early is None or not _saves(network.whole, network.early):
+        return ""
+    if network.exits:
+        return f"; on whole windows {percent(network.whole.accuracy)}"
+    return f"; with early exit, which is not used, {percent(network.early.accuracy)}"
 
 
 def _rivals(outcome: Answer) -> str:
@@ -322,8 +383,8 @@ def _ends(rivals: Sequence[Baseline]) -> list[Baseline]:
 
 def _at_energy(outcome: Answer) -> str:
     """For equal accuracy, the energy against the comparable baseline on signals; empty if about equal or unknown."""
-    rival, spent = outcome.comparable, outcome.best.used.nJ
-    if rival is None or spent is None or (ratio := times(outcome, spent)) is None:
+    rival, ratio = outcome.comparable, times(outcome.priced[0])
+    if rival is None or ratio is None:
         return ""
     return (
         f", and spiking takes {ratio.words} energy {ratio.than} {rival.short} with {percent(rival.accuracy)} (estimate)"
@@ -337,19 +398,17 @@ class Ratio(NamedTuple):
     than: str
 
 
-def times(outcome: Answer, spent: float) -> Ratio | None:
-    """The ratio of an energy to that of the comparable baseline on signals; None if about equal or unknown.
+def times(priced: Priced) -> Ratio | None:
+    """The ratio of the energy of a network to that of the comparable baseline; None if about equal or unknown.
 
-    Less is said only if it is below that of every baseline on signals that validation cannot tell from the best.
+    Less is said only if every comparable baseline on signals takes more, since this one is the cheapest of them.
     """
-    rival = None if outcome.comparable is None else outcome.comparable.nJ
-    if rival is None or min(spent, rival) <= 0 or max(spent, rival) / min(spent, rival) < 1.2:
+    spent = priced.network.used.nJ
+    rival = None if priced.comparable is None else priced.comparable.nJ
+    if spent is None or rival is None or min(spent, rival) <= 0 or max(spent, rival) / min(spent, rival) < 1.2:
         return None
     ratio = count(float(f"{max(spent, rival) / min(spent, rival):.2g}"))
-    if spent > rival:
-        return Ratio(f"{ratio} times as much", "as")
-    level = (one.nJ for one in outcome.rivals if not one.is_of_spikes and one.nJ is not None)
-    return None if any(energy_nJ <= spent for energy_nJ in level) else Ratio(f"{ratio} times less", "than")
+    return Ratio(f"{ratio} times as much", "as") if spent > rival else Ratio(f"{ratio} times less", "than")
 
 
 def _learned_without(outcome: Answer) -> str:
@@ -376,47 +435,43 @@ def details(outcome: Answer) -> Iterator[str]:
     if cheapest == best:
         yield f"The most accurate network on validation trials, {best.name}, is also the cheapest within its error."
     else:
+        on = " on whole windows" if best.exits or cheapest.exits else ""
         yield (
             f"Within its error ({100 * outcome.error:.1f} points on validation trials), {cheapest.name} "
-            f"{_is_cheapest(best.used, cheapest.used)}: {_saved(best.used, cheapest.used)} than {best.name}, "
-            f"{_lost(best.used, cheapest.used, outcome.trials.test)}."
+            f"{_is_cheapest(best.whole, cheapest.whole)}{on}: {_saved(best.whole, cheapest.whole)} than {best.name}, "
+            f"{_lost(best.whole, cheapest.whole, outcome.trials.test)}."
         )
-    if cheapest.early is not None:
-        said = _early(cheapest.whole, cheapest.early, outcome.trials.test)
-        is_known = cheapest.early_validation is not None or not _saves(cheapest.whole, cheapest.early)
-        yield said if is_known else f"{said} Whole windows are used, since validation cannot tell this loss."
-    yield from _energy(outcome)
+    for each in outcome.priced:
+        yield from _early(each.network, outcome.trials.test, "it" if len(outcome.priced) == 1 else each.network.name)
+    for each in outcome.priced:
+        yield from _energy(each)
 
 
-def _energy(outcome: Answer) -> Iterator[str]:
-    """The energy of the cheapest network with and without early exit, and of baselines on signals.
-
-    Only the best network has a ratio, the one of the headline.
-    """
-    whole, used, rival = outcome.cheapest.whole.nJ, outcome.cheapest.used.nJ, outcome.cheapest_on_signals
-    if whole is None or used is None or rival is None or rival.nJ is None:
+def _energy(priced: Priced) -> Iterator[str]:
+    """The energy of a network with and without early exit, and of the baselines on signals that it is compared with."""
+    network, fair = priced.network, priced.comparable
+    whole, used = network.whole.nJ, network.used.nJ
+    if whole is None or used is None or priced.cheapest is None:
         return
-    early = f", {energy(used)} with early exit" if outcome.cheapest.exits else ""
-    both = f"{energy(whole)} for a whole window{early}"
-    ratio = times(outcome, used) if outcome.cheapest == outcome.best else None
-    against = "beside " if ratio is None else f"that is {ratio.words} {ratio.than} "
-    said = f"Energy of {outcome.cheapest.name}, an estimate of the arithmetic: {both}"
-    of, fair = "the cheapest baseline on signals within the error of the best one", outcome.comparable
-    if fair == rival:
-        yield f"{said}; {against}{_priced(rival)}, {of}."
-    elif fair is None:
-        yield (
-            f"{said}. No ratio to {of}, {_priced(rival)}: it is no better than guessing, or clearly less accurate than "
-            "the network."
+    early = f", {energy(used)} with early exit" if network.exits else ""
+    said = f"Energy of {network.name}, an estimate of the arithmetic: {energy(whole)} for a whole window{early}"
+    if fair is None:
+        said += (
+            f". No ratio to a baseline on signals: each is no better than guessing, or clearly less accurate than the "
+            f"network; the cheapest is {_with_price(priced.cheapest)}"
         )
     else:
-        yield (
-            f"{said}; {against}{_priced(fair)}, the cheapest that test trials do not show to be worse than the "
-            f"network; cheaper, but worse, is {_priced(rival)}, {of}."
-        )
+        ratio = times(priced)
+        against = "beside" if ratio is None else f"that is {ratio.words} {ratio.than}"
+        said += f"; {against} {_with_price(fair)}, the cheapest baseline on signals that is not clearly less accurate"
+    more = [one for one in priced.cheaper if one != fair]
+    if more:
+        also = "" if fair is None or fair not in priced.cheaper else "also "
+        said += f"; {also}cheaper and at least as accurate: {', '.join(map(_with_price, more))}"
+    yield f"{said}."
 
 
-def _priced(one: Baseline) -> str:
+def _with_price(one: Baseline) -> str:
     """A baseline with its energy and its accuracy on test windows."""
     spent = "unknown energy" if one.nJ is None else energy(one.nJ)
     return f"{one.name} at {spent} and {percent(one.accuracy)} on test windows"
@@ -432,9 +487,11 @@ def of_refractory_periods(outcome: Answer, networks: Sequence[Network]) -> Itera
         return
     with_shortest = [network for network in networks if network.pair == shortest]
     other = with_shortest[referee.cheapest_of([network.way(outcome.trials) for network in with_shortest])]
+    on = ", on whole windows" if other.exits or outcome.cheapest.exits else ""
     yield (
         f"Refractory periods of {outcome.cheapest.pair} ms in place of {shortest} ms: "
-        f"{_saved(other.used, outcome.cheapest.used)}, {_lost(other.used, outcome.cheapest.used, outcome.trials.test)}."
+        f"{_saved(other.whole, outcome.cheapest.whole)}, "
+        f"{_lost(other.whole, outcome.cheapest.whole, outcome.trials.test)}{on}."
     )
 
 
@@ -446,7 +503,7 @@ def gaps(outcome: Answer, cause: str) -> Iterator[str]:
     """
     level = referee.GAP if outcome.is_above_chance else referee.LEVEL
     network = outcome.best
-    sides = [("the best network", network.way(outcome.trials).validation, network.used.accuracy)]
+    sides = [("the best network", network.validation, network.whole.accuracy)]
     if outcome.baseline is not None:
         sides.append((outcome.baseline.name, outcome.baseline.validation, outcome.baseline.accuracy))
     apart = [
@@ -495,13 +552,24 @@ def _saves(whole: Decision, early: Decision) -> bool:
     return early.ms < (1 - NOTHING) * whole.ms or early.sops < (1 - NOTHING) * whole.sops
 
 
-def _early(whole: Decision, early: Decision, n_test: int) -> str:
+def _early(network: Network, n_test: int, name: str) -> Iterator[str]:
+    """What early exit saves and loses on test trials, and whether it is used."""
+    whole, early = network.whole, network.early
+    if early is None:
+        return
     if not _saves(whole, early):
-        return f"Early exit saves nothing here: it decides at the end of the window, after {milliseconds(whole.ms)}."
-    return (
-        f"With early exit it decides after {milliseconds(early.ms)} of {milliseconds(whole.ms)} on average: "
+        yield f"Early exit saves nothing here: {name} decides at the end of the window, after {milliseconds(whole.ms)}."
+        return
+    verb = "decides" if network.exits else "would decide"
+    said = (
+        f"With early exit {name} {verb} after {milliseconds(early.ms)} of {milliseconds(whole.ms)} on average: "
         f"{_saved(whole, early)}, {_lost(whole, early, n_test)}."
     )
+    if network.exit_bound is None:
+        yield f"{said} Whole windows are used: validation trials do not tell what early exit may lose."
+        return
+    used = "It is used" if network.exits else "Whole windows are used"
+    yield f"{said} {used}: {held_out.in_words(network.exit_bound, network.tolerance)}."
 
 
 def _is_cheapest(before: Decision, after: Decision) -> str:

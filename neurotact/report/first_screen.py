@@ -49,12 +49,13 @@ def _accuracy(outcome: Answer) -> Iterator[Figure]:
 
 
 def _energy(outcome: Answer) -> Iterator[Figure]:
-    spent, rival = outcome.best.used.nJ, outcome.comparable or outcome.cheapest_on_signals
+    priced = outcome.priced[0]
+    spent, rival = priced.network.used.nJ, priced.comparable or priced.cheapest
     if spent is None:
         return
     against = ""
     if rival is not None and rival.nJ is not None:
-        ratio, of = answers.times(outcome, spent), f"{answers.energy(rival.nJ)}, {answers.percent(rival.accuracy)}"
+        ratio, of = answers.times(priced), f"{answers.energy(rival.nJ)}, {answers.percent(rival.accuracy)}"
         against = f"{rival.name}: {of}" if ratio is None else f"{ratio.words} {ratio.than} {rival.name} ({of})"
     yield Figure("energy per decision", answers.energy(spent), "an estimate of the arithmetic", against)
 
@@ -93,8 +94,8 @@ def table(outcome: Answer, networks: Sequence[Network], baselines: Sequence[Base
     rows = [[f"{row.name}{row.mark}", *_in_words(row.decision, outcome.trials.test)]
             for row in _network_rows(outcome, networks)]  # fmt: skip
     for baseline in _baselines_shown(outcome, baselines):
-        mark = ": cheapest on signals within the error of the best baseline"
-        name = f"{baseline.name}{mark if baseline is outcome.cheapest_on_signals else ''}"
+        mark = ": cheapest on signals that is not clearly less accurate"
+        name = f"{baseline.name}{mark if baseline is outcome.comparable else ''}"
         spent = "-" if baseline.nJ is None else answers.energy(baseline.nJ)
         within = with_interval(baseline.accuracy, outcome.trials.test)
         rows.append([name, within, "", "", _ms(outcome.best.whole), spent])
@@ -103,8 +104,8 @@ def table(outcome: Answer, networks: Sequence[Network], baselines: Sequence[Base
     over = f", of {trainings} trainings each" if trainings > 1 else ""
     caption = (
         f"Means over {outcome.trials.test} test trials{over}; energy is an estimate of the arithmetic. Choices: "
-        "accuracy on validation trials, then the least energy. Of each refractory period, or pair, the best network is "
-        "shown."
+        "accuracy on validation trials, then the least energy, both on whole windows. Of each refractory period, or "
+        "pair, the best network is shown."
     )
     return Table(caption, [f"{period}, neurons", *HEADS[1:]], rows, n_heads=1)
 
@@ -118,10 +119,11 @@ def _network_rows(outcome: Answer, networks: Sequence[Network]) -> Iterator[_Row
             named = (("best on validation", outcome.best), ("cheapest within its error", outcome.cheapest))
             marks = [word for word, of in named if of == one]
             mark = f": {' and '.join(marks)}" if marks else ""
+            is_early = one.exits and one == outcome.best  # the cheapest is that on whole windows
             name = f"{periods.in_ms(pair)}, {one.hidden}"
-            yield _Row(name, one.whole, "" if one.exits else mark)
+            yield _Row(name, one.whole, "" if is_early else mark)
             if one.early is not None:
-                yield _Row(f"{name}, early exit", one.early, mark if one.exits else "")
+                yield _Row(f"{name}, early exit", one.early, mark if is_early else "")
 
 
 def _baselines_shown(outcome: Answer, baselines: Sequence[Baseline]) -> list[Baseline]:

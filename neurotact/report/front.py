@@ -18,8 +18,8 @@ from neurotact.data.window_choice import on_late_onsets, timing_of
 from neurotact.errors import InputError
 from neurotact.metrics import paired
 from neurotact.metrics.paired import Paired
-from neurotact.metrics.shares import wilson_interval
 from neurotact.networks.definition import recipe
+from neurotact.networks.exit import held_out
 from neurotact.networks.training import cautions, tasks
 from neurotact.networks.training.trained import LOG
 from neurotact.networks.use import ledger
@@ -38,20 +38,16 @@ COSTS = ("sops", "ms", "spikes", "nJ")
 KINDS = {"whole": "", "early": "exit_"}
 """Both ways to decide, and their prefixes of columns in `results.csv`."""
 USED = {False: "whole", True: "early"}
-"""The way to decide of `KINDS` that is advised, by whether early exit is."""
-EXIT_VALIDATION = "exit_accuracy_validation"
-"""The column by which networks with early exit are chosen; runs of earlier versions lack it."""
+"""The way to decide of `KINDS` that is used, by whether early exit is."""
+EXIT_LOSSES = "exit_losses"
+"""What early exit loses on each validation trial (`measuring.measure`); runs of earlier versions lack it."""
 
 
 class Sides(NamedTuple):
-    """Numbers of trials of one data set: on each side, over all splits, and test trials of each class.
-
-    fewest: validation trials of the split that has the fewest, on which its early exit was chosen.
-    """
+    """Numbers of trials of one data set: on each side, over all splits, and test trials of each class."""
 
     trials: Trials
     tested: dict[str, int]
-    fewest: int
 
 
 class Front(NamedTuple):
@@ -131,23 +127,23 @@ def _costs(
     return costs
 
 
-def known_exits(results: pd.DataFrame, n_validation: int) -> pd.DataFrame:
-    """The rows, without the validation accuracy of early exit if too few validation trials rank it.
+def with_exit_bound(network: Network, folder: Path, cells: Sequence[Cell], tolerance: float) -> Network:
+    """The network with the upper bound of what its early exit loses, over the validation trials of all its trainings.
 
-    n_validation: trials of a split that may rank it. Of fewer than `cautions.FEW_VALIDATION`, a handful decide.
-
-    >>> rows = pd.DataFrame({EXIT_VALIDATION: [0.9]})
-    >>> [float(known_exits(rows, n)[EXIT_VALIDATION].iloc[0]) for n in (29, 30)]
-    [nan, 0.9]
+    cells: of the network. tolerance: what may be lost. A trial that several trainings validate counts once, with its
+    mean loss. Unknown if a training has none.
     """
-    return results if n_validation >= cautions.FEW_VALIDATION else results.assign(**{EXIT_VALIDATION: float("nan")})
+    found = [result_of(folder, cell).get(EXIT_LOSSES) for cell in cells]
+    if not found or not all(found):
+        return network._replace(exit_bound=None, tolerance=tolerance)
+    losses = pd.concat([pd.Series(one, dtype=float) for one in found]).groupby(level=0).mean()
+    return network._replace(exit_bound=float(held_out.upper_bound(losses)), tolerance=tolerance)
 
 
 def networks_of(results: pd.DataFrame) -> list[Network]:
     """The networks of one data set, means over seeds; `results` has the columns of `costs_of`."""
-    measures = ["accuracy_validation", EXIT_VALIDATION, "accuracy_test", "exit_accuracy"]
+    measures = ["accuracy_validation", "accuracy_test", "exit_accuracy"]
     measures += [f"{kind}_{cost}" for kind in KINDS for cost in COSTS]
-    results = results if EXIT_VALIDATION in results else results.assign(**{EXIT_VALIDATION: float("nan")})
     return [
         Network(
             str(row["pair"]),
@@ -156,7 +152,6 @@ def networks_of(results: pd.DataFrame) -> list[Network]:
             float(row["accuracy_validation"]),
             _decision(row, "whole", "accuracy_test"),
             _decision(row, "early", "exit_accuracy"),
-            None if pd.isna(row[EXIT_VALIDATION]) else float(row[EXIT_VALIDATION]),
         )
         for row in means_over(results.infer_objects(), NETWORK, measures, "seeds").to_dict("records")
     ]
@@ -186,7 +181,7 @@ def as_json(front: Front) -> dict[str, Any]:
     """The drawing of one data set: its networks with their intervals, its baselines, and guessing."""
     drawn = []
     for network, cell in zip(front.networks, front.cells, strict=True):
-        low, high = wilson_interval(network.used.accuracy, front.answer.trials.test)
+        low, high = answers.interval_of(network.used, front.answer.trials)
         name = f"{periods.in_ms(network.pair)}, N = {network.hidden}"
         more = {"low": low, "high": high, "used": USED[network.exits], "cell": cell, "name": name}
         entry = network._asdict() | more
@@ -198,8 +193,8 @@ def as_json(front: Front) -> dict[str, Any]:
         "cheapest": front.networks.index(one.cheapest),
         "used": USED[one.best.exits],
         "baseline": _shown(one.baseline),
-        "cheapest_on_signals": _shown(one.cheapest_on_signals),
         "comparable": _shown(one.comparable),
+        "cheaper": [_shown(baseline) for baseline in one.priced[0].cheaper],
         "rivals": [baseline.name for baseline in one.rivals],
         "verdict": None
         if one.verdict is None or one.decisive is None
@@ -254,7 +249,7 @@ def sides_of(trains: SpikeTrains | None, cells: Sequence[Cell], counts: Sequence
     cells: one per split; a trial that several of them test counts once, and so do copies. counts: their test windows of
     each class.
     """
-    without = Sides(Trials(sum(counts), sum(counts)), {str(index): n for index, n in enumerate(counts)}, sum(counts))
+    without = Sides(Trials(sum(counts), sum(counts)), {str(index): n for index, n in enumerate(counts)})
     if trains is None:
         return without
     try:
@@ -265,8 +260,7 @@ def sides_of(trains: SpikeTrains | None, cells: Sequence[Cell], counts: Sequence
     distinct = copies_of(trains).distinct
     train, validation, test = (distinct(np.unique(np.concatenate(side))) for side in zip(*parts, strict=True))
     known, tests = Counter(labels[train]), Counter(labels[test])
-    fewest = min(len(distinct(part.validation)) for part in parts)
-    return Sides(Trials(len(validation), len(test)), {label: tests[label] for label in sorted(known)}, fewest)
+    return Sides(Trials(len(validation), len(test)), {label: tests[label] for label in sorted(known)})
 
 
 def fronts(
@@ -293,7 +287,10 @@ def fronts(
         sides = sides_of(trains, first_of_splits, counts)
         guess = max(1 / len(counts), max(counts) / max(1, sum(counts)))
         unranked = untold(first_of_splits, trains)
-        networks = networks_of(known_exits(rows, 0 if unranked else sides.fewest))
+        networks = networks_of(rows)
+        if not unranked:  # else validation trials have not the condition of the test, and bound no loss there
+            tolerance = study.early_exit.tolerance
+            networks = [with_exit_bound(one, folder, cells_of(done, rows, one), tolerance) for one in networks]
         baselines = baselines_of(study, tables, rows.iloc[0].to_dict())
         compare = _comparing(study, folder, done, rows, tables)
         answer = answers.answer(networks, baselines, guess, sides.trials, compare)
@@ -479,7 +476,7 @@ def beware(
 def _of_front(front: Front, trains: SpikeTrains | None) -> Iterator[str]:
     one = front.answer
     if not one.is_above_chance:
-        yield from cautions.not_learned(one.best.whole.accuracy, one.interval[0], one.guess)
+        yield from cautions.not_learned(one.best.used.accuracy, one.interval[0], one.guess)
     yield from front.lost
     if trains is not None:
         yield from cautions.few_test_trials(front.sides.tested, front.split)

@@ -89,6 +89,17 @@ def test_kinds_differ_only_in_what_varies():
             np.testing.assert_allclose(same, np.broadcast_to(same[0], np.shape(same)), atol=1e-5)
         assert len({len(signals[number]) for kind, signals in found.items() if "time" in kind}) == 1
         assert len({round(float(same[0][0]), 6) for same in first.values()}) == 4
+    assert all(len(signal) == 80 for kind in ("gain", "start", "gain+start") for signal in found[kind])
+    starts = [
+        [signal[0] for signal in copies(touches(), kind=kind, gain_factor=1 + 1e-12)[kind].recordings.signals]
+        for kind in ("start", "gain+start")
+    ]
+    np.testing.assert_allclose(*starts, atol=1e-5)
+
+
+def test_another_seed_gives_other_copies():
+    one, other = (copies(touches(), kind="gain", seed=seed)["gain"].recordings.signals for seed in (0, 1))
+    assert all((a != b).any() for a, b in zip(one, other, strict=True))
 
 
 def test_gain_is_about_the_rest_before_the_touch():

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from neurotact.data.digests import recorded_digest, spike_digests
+from neurotact.data.digests import recorded_digest, recorded_trials, spike_digests
 from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings, save_spikes
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains, from_rasters
@@ -43,6 +43,14 @@ def test_the_digest_of_a_trial_is_what_it_was():
     felt = from_rasters(np.array([[[0, 1], [1, 0]]]), 1000.0, ("SA-I a", "RA-I a"), one.conditions)
     content = b'[1000.0, ["SA-I a", "RA-I a"], 2, 2]' + struct.pack("<4q", 0, 1, 1, 0)
     assert spike_digests(felt) == (hashlib.sha256(content).hexdigest()[:16],)
+
+
+def test_spikes_without_digests_are_of_recordings_that_look_alike():
+    trains, chosen = replace(encode_recordings(touch(), load("sa1-ra1-lif")), trial_digests=()), np.array([2, 0])
+    found = recorded_trials(touch(), trains, chosen)
+    assert found is not None
+    assert found.tolist() == [2, 0]
+    assert recorded_trials(touch(4), trains, chosen) is None
 
 
 @pytest.mark.parametrize(

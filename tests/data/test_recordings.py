@@ -219,3 +219,9 @@ def test_tables_are_put_into_the_order_of_the_first_by_name():
 def test_masked_samples_are_refused():
     with pytest.raises(InputError, match="masked values"):
         Recordings([np.ma.masked_less(np.arange(6.0).reshape(3, 2), 2)], 100.0, "mV", ["a"])
+
+
+@pytest.mark.parametrize("wanted", [True, "true", ["true"]])
+def test_truth_is_chosen_as_it_is_and_as_it_is_written(wanted):
+    table = pd.DataFrame({"label": ["a", "b"], "wet": [True, False]})
+    assert select_conditions(table, {"wet": wanted}).tolist() == [True, False]

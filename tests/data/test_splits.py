@@ -370,6 +370,12 @@ def test_what_validation_does_is_said_with_its_reason(keys, said):
     assert re.search(said, validation_note(grid(), SplitSpec(**{"test_where": {"speed": 0}, **keys})))
 
 
+@pytest.mark.parametrize("again", [True, False])
+def test_what_is_trained_on_after_the_choice_is_said_where_it_is(again):
+    said = validation_note(grid(), SplitSpec(test_where={"speed": 0}), again=again)
+    assert ("after the choice all are trained on" in said) is again
+
+
 def test_trials_without_the_condition_are_named():
     table = grid().assign(speed=[float("nan"), *[1.0, 2.0] * 17, 1.0])
     with pytest.raises(InputError, match="trial 0 has no 'speed'"):

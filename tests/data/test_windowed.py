@@ -1,6 +1,7 @@
 """Windows as arrays: what X, y and groups hold, and that a split never divides a trial."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -51,6 +52,24 @@ def test_a_split_balances_the_conditions_that_are_named():
     sides = windows(trains(80)[0], length_ms=20).split(0, stratify=["force_N"])
     forces = sides.test.trains.conditions["force_N"].to_numpy()[sides.test.groups]
     assert np.bincount(forces).min() >= 0.4 * len(forces)
+
+
+def test_a_split_leaves_trials_of_a_tested_value_aside_where_asked():
+    spikes, _ = trains(80)
+    table = spikes.conditions.assign(speed=np.arange(80) % 8 // 4)
+    data = windows(replace(spikes, conditions=table), length_ms=20)
+    sides = data.split(0, test_where={"force_N": 1, "speed": 1}, leave_aside=True)
+    seen = table.loc[np.unique(sides.train.groups), ["force_N", "speed"]]
+    assert len(seen)
+    assert (seen == 0).all(axis=None)
+    with pytest.raises(InputError, match="leave_aside"):
+        data.split(0, test_where={"speed": 1}, leave_aside=True)
+
+
+def test_trials_without_an_onset_are_warned_of():
+    spikes, _ = trains(40, 300)
+    with pytest.warns(UserWarning, match="38 of 40 trials have no onset of contact"):
+        windows(spikes, length_ms=20, align="onset")
 
 
 def test_windows_are_chosen_by_mask_or_index_and_shown_in_a_notebook():

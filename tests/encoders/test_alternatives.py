@@ -6,8 +6,9 @@ import pytest
 from levels import thinned
 
 from neurotact.data.recordings import Recordings
+from neurotact.encoders import alternatives
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.alternatives import compare
+from neurotact.encoders.alternatives import BASELINES, POLARITIES, compare, n_steps
 from neurotact.encoders.calibration import calibrate
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.gain_search import CalibrationRule
@@ -84,6 +85,25 @@ def test_a_baseline_is_a_remedy_only_where_none_is_taken_off(baseline, remedy):
     spec = build(AfferentSpec, {"unit": "count", "sa1": {"gain": 30}, "ra1": {"gain": 30}}, "an example")
     said = complaint(resting_table(noisy, spec).assign(restless=True), baseline=baseline)
     assert said.endswith(f"else {'subtract a baseline' if baseline == 'none' else 'smooth the signal'} ({remedy})")
+
+
+def test_an_alternative_that_cannot_be_calibrated_counts_as_many_steps(monkeypatch):
+    told: list[tuple[int, str]] = []
+    quiet: list[bool] = []
+
+    def only_rising(recordings, spec, progress, rule, *, inverted, **options):
+        quiet.append(not options["tell"])
+        if inverted or spec.conditioning.rectify:
+            progress(1, "the search")
+            raise InputError("no gain suits it")
+        return calibrate(recordings, spec, progress, rule, **options)
+
+    monkeypatch.setattr(alternatives, "calibrate", only_rising)
+    found = compare(presses(1.0), START, lambda n, note: told.append((n, note)), rule=RULE)
+    assert sum(n for n, _ in told) == n_steps(RULE)
+    assert quiet == [True] * (len(quiet) - 1) + [False]  # the notes are those of the chosen one
+    assert {note for n, note in told if n > 1} == {f"{base}, {which}" for base in BASELINES for which in POLARITIES[1:]}
+    assert (found.table.why_not != "").tolist() == (found.table.polarity != "rising").tolist()
 
 
 def test_resting_shares_are_counted_by_hand():

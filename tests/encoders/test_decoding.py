@@ -9,6 +9,7 @@ import neurotact as nt
 from neurotact.data.recordings import Recordings
 from neurotact.encoders import survival
 from neurotact.encoders.decoding import DECODERS, decode
+from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.specs import MODELS, default_of, encode, load
 from neurotact.errors import InputError
 
@@ -35,6 +36,14 @@ def test_a_fine_encoder_is_decoded_to_its_signal(model):
     assert np.corrcoef(found, true)[0, 1] > 0.98
     if model != "moving-window":  # whose events are not all of one size
         assert found.std() == pytest.approx(true.std(), rel=0.12)
+
+
+@pytest.mark.parametrize("changes", [{}, {"integration": "exact"}])
+def test_what_survives_is_of_the_spikes_that_encoding_gives(changes):
+    encoder = load("sa1-ra1-lif", {"conditioning": {"baseline": "none", "resample_Hz": 2000.0}, **changes})
+    felt, trains = survival._felt(touches(4), encoder), encode_recordings(touches(4), encoder)
+    for raster, steps, units in zip(felt.spikes, trains.steps, trains.units, strict=True):
+        np.testing.assert_array_equal(np.argwhere(raster), np.c_[steps, units])
 
 
 def test_a_model_without_a_decoder_is_refused_with_the_filter_that_decodes_any():

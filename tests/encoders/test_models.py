@@ -84,6 +84,13 @@ def test_a_signal_of_zeros_gives_no_spike(name):
     assert not encode(np.zeros((1, 200, 2)), RATE_Hz, spec_of(name))[0].any()
 
 
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("signal", [np.zeros((2, 9)), np.zeros((1, 9, 2), int)])
+def test_what_is_no_float_array_of_trials_is_refused(name, signal):
+    with pytest.raises(InputError, match=r"signal: must be a float array \(trial, time, taxel\)"):
+        encode(signal, RATE_Hz, spec_of(name))
+
+
 def test_a_refractory_period_in_seconds_is_asked_about():
     with pytest.raises(InputError, match=r"sa1.t_ref_ms: must be 0 or at least 0.05 ms \(did you mean 5 ms\?\)"):
         load("sa1-ra1-lif", {"sa1.t_ref_ms": 0.005})

@@ -107,6 +107,14 @@ def test_trials_that_are_the_same_have_the_same_noise_and_other_seeds_give_more(
     assert (spikes[0, :, 0] != spikes[0, :, 1]).any()  # each taxel has its own
 
 
+def test_both_populations_of_a_taxel_draw_apart():
+    """A change of 1 each ms under a level of 1 or so: SA-I and RA-I have about the same rate, and other numbers."""
+    encoder = load("poisson", {"sa1.gain_Hz": 300.0, "ra1.gain_Hz": 300.0})
+    level = 1 + 0.5 * (-1.0) ** np.arange(2000)
+    sa1, ra1 = encode(level[None, :, None], RATE_Hz, encoder)[0][0].T != 0
+    assert abs((sa1 & ra1).mean() - sa1.mean() * ra1.mean()) < SEVERAL * 0.2 / np.sqrt(2000)
+
+
 # --- the numbers ------------------------------------------------------------------------------------
 
 N_STEPS, BEFORE = 4000, 20

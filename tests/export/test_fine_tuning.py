@@ -194,12 +194,14 @@ def test_an_exit_that_was_chosen_at_another_condition_stays(spiking, tmp_path, h
     path = tmp_path / "kept" / "run" / checkpoint.NETWORK
     network = json.loads(path.read_text())
     own, other = network["extra"]["exit_patience"], 39
-    network["extra"] |= {"exit_patience": other, "has_own_rule": has_own_rule}
+    losses = dict.fromkeys(range(400), 0.0)
+    network["extra"] |= {"exit_patience": other, "has_own_rule": has_own_rule, "exit_losses": losses}
     path.write_text(json.dumps(network))
     fine_tuning.run(tmp_path / "kept" / "run", tmp_path / "tuned", epochs=0)
     tuned = trained.restore(tmp_path / "tuned")
     assert own != other
     assert (tuned.rule.patience == other) is not has_own_rule
+    assert (tuned.held.losses == losses) is not has_own_rule
     assert tuned.has_own_rule is has_own_rule
 
 

@@ -6,6 +6,8 @@ import pytest
 
 from neurotact.data.splits import SplitSpec
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.exit.held_out import ExitChoice
 from neurotact.networks.training import cautions
 from neurotact.networks.training.comparison import Comparison
 
@@ -117,9 +119,11 @@ def test_folds_are_named_where_test_trials_are_drawn_at_random(split, helps):
     assert found.endswith("`folds=5`") == helps
 
 
-def test_an_exit_chosen_on_few_trials_is_named():
-    assert list(cautions.few_for_exit(cautions.FEW_VALIDATION, 0.01)) == []
-    assert len(list(cautions.few_for_exit(cautions.FEW_VALIDATION - 1, 0.01))) == 1
+def test_an_exit_whose_loss_few_trials_bound_is_named():
+    few, enough = (ExitChoice(ExitRule(9), dict.fromkeys(range(n), 0.0), 0.01) for n in (298, 299))
+    assert len(list(cautions.exit_not_used(few))) == 1
+    for choice in (enough, few._replace(rule=FULL_WINDOW), None):
+        assert list(cautions.exit_not_used(choice)) == []
 
 
 def log(losses) -> pd.DataFrame:

@@ -12,6 +12,7 @@ from sklearn.utils.estimator_checks import check_estimator
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from neurotact.data.copies import equal_examples
 from neurotact.data.splits import hold_out_groups
 from neurotact.data.windowed import Origin, SpikeArray
 from neurotact.encoders import specs
@@ -20,6 +21,7 @@ from neurotact.errors import InputError
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training.fitting import begin
 from neurotact.networks.training.training import Examples, train
+from neurotact.networks.use import fitted
 from neurotact.networks.use.classifier import SpikingClassifier, spike_windows
 from neurotact.spec import load
 
@@ -84,7 +86,7 @@ def test_a_decision_is_counted_from_its_own_spikes():
 @pytest.mark.parametrize("readout", [{"readout": "integrator", "readout_tau_ms": 15.0}, {"readout": "max"}])
 def test_it_exits_by_a_margin_and_reads_out_with_a_leak(readout):
     X, y = touches()
-    clf = small(exit_by="margin", settings=readout).fit(X, y)
+    clf = small(exit_by="margin", settings=readout, exit_tolerance=0.8).fit(X, y)
     assert clf.network_.leaks
     assert clf.exit_rule_.patience is None
     assert clf.exit_rule_.margin is not None
@@ -96,6 +98,39 @@ def test_it_exits_by_a_margin_and_reads_out_with_a_leak(readout):
     assert clf.decision_function(X).shape == (len(y),)
     with pytest.raises(InputError, match="exit_by: 'luck' is unknown; known: stability, margin"):
         small(exit_by="luck").fit(X, y)
+
+
+def test_early_exit_is_used_where_enough_validation_windows_bound_its_loss():
+    X, y = touches()
+    few, many = (small().fit(X, y, validation=touches(n, seed=1)) for n in (40, 400))
+    assert all(clf.exit_choice_.rule == clf.exit_rule_ for clf in (few, many))
+    assert len(few.exit_choice_.losses) == 40
+    assert few.exit_choice_.is_refused
+    assert (few.decide(X)["steps"] == 60).all()
+    assert (infer_rule(few).never, infer_rule(many)) == (True, many.exit_rule_)
+    assert many.exit_choice_.used == many.exit_rule_
+    steps = many.network_.infer(torch.from_numpy(np.asarray(X)), many.exit_rule_).steps
+    assert many.decide(X)["steps"].tolist() == steps.tolist()
+    assert steps.min() < 60
+
+
+def test_held_out_windows_of_a_group_are_one_trial():
+    X, y = touches()
+    clf = small(validation_fraction=0.3).fit(X, y, groups=np.arange(40) // 4)
+    assert len(clf.exit_choice_.losses) == 4  # sixteen windows
+
+
+def test_equal_validation_windows_are_one_trial():
+    X, y = touches()
+    X_held, y_held = touches(10, seed=1)
+    spikes, labels = np.concatenate([np.asarray(X_held)] * 2), np.concatenate([y_held] * 2)
+    found = small().fit(X, y, validation=(SpikeArray.of(spikes, RATE_HZ), labels)).exit_choice_
+    assert {*found.losses} == {*equal_examples(spikes, labels)} < {*range(20)}
+
+
+def infer_rule(clf: SpikingClassifier):
+    """The rule by which whatever takes a fitted classifier decides."""
+    return fitted.restore(clf).exits()
 
 
 def test_probabilities_are_those_of_the_loss():
@@ -257,8 +292,10 @@ def test_a_spec_serves_as_its_name_does():
 def test_held_out_windows_share_no_group_with_training():
     _, y = touches()
     clf = small()
-    inside, held = clf._hold_out((y == "soft").astype(int), np.arange(40) // 4, 0)
+    inside, held, of = clf._hold_out((y == "soft").astype(int), np.arange(40) // 4, 0)
     assert not set(inside // 4) & set(held // 4)
+    assert of.tolist() == np.unique(held // 4, return_inverse=True)[1].tolist()  # four windows a trial
+    assert sorted(set(of)) == list(range(len(held) // 4))
     assert sorted([*inside, *held]) == list(range(40))
 
 

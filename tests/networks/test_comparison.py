@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from neurotact.baselines import families
+from neurotact.metrics import referee
 from neurotact.metrics.shares import wilson_interval
 from neurotact.networks.training.comparison import Trials, compare, costs, lines, opponents_of
 from neurotact.networks.training.tasks import Sides
@@ -95,6 +96,17 @@ def test_the_network_is_judged_by_the_referee(right, tells, verdict):
     assert found.verdict == verdict
     assert found.p < 0.05
     assert ("is clearly better than the network" in lines(found)[1]) == (verdict == "worse")
+
+
+def test_what_few_test_trials_cannot_show_is_said_in_place_of_no_difference():
+    sides = sides_of([0, 1, 2] * 20, True)
+    found = compare([True] * 60, sides, one_each(sides), 3)
+    assert (found.verdict, found.trials, found.opponents > 1) == ("tie", 60, True)
+    least = referee.least_difference(60, found.opponents)
+    told = f"; too few test trials: only differences of {100 * least:.0f} points or more would show"
+    assert lines(found)[1].endswith(told)
+    assert lines(found._replace(trials=3))[1].endswith("; too few test trials: no difference would show")
+    assert lines(found._replace(trials=60, opponents=1))[1].endswith("; no clear difference")
 
 
 def test_many_windows_are_too_many_for_machines(monkeypatch, capsys):

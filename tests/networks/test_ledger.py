@@ -164,6 +164,7 @@ def test_encoders_by_hand():
     )  # fmt: skip
     assert (delta.macs, delta.acs, delta.other_flops, delta.parameters) == (0, 10, 20, 1)
     assert (window.acs, window.other_flops) == (30, 30)  # in, out, minus the mean; mean, above, below
+    assert window.bytes == 4 * (1 + 3 + 2)  # the threshold; three samples, their sum, the refractory counter
     # Two parts, 10 steps, 4 taps: a difference and two sums a tap, and one difference; two magnitudes a tap, the gain,
     # the part, the comparison.
     assert (spiker.acs, spiker.other_flops) == (20 * 13, 20 * 11)

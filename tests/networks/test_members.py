@@ -90,6 +90,7 @@ def options_of(drawn: dict) -> dict:
 def test_a_joined_network_sends_the_spikes_of_its_members_and_scores_their_mean(backend, seed, n, drawn):
     members = [network(seed + k, backend, **options_of(drawn)) for k in range(n)]
     whole, window = joined(members), spikes(seed)
+    assert whole.backend == backend
     sent = [each.simulate(window, ordered=backend == "reference").hidden for each in [whole, *members]]
     assert torch.equal(sent[0], torch.cat(sent[1:], dim=2))
     ours, *theirs = [each.infer(window) for each in [whole, *members]]

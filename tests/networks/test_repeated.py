@@ -115,6 +115,7 @@ def test_one_fold_is_one_training(spikes, tmp_path):
 def test_seeds_that_would_test_the_same_trials_are_refused():
     with pytest.raises(InputError, match=r"`repeats`: the test trials of `order` are the same"):
         repeated.tasks_of(task_of(order="trial"), every_fold=False, repeats=2)
+    assert [*repeated.tasks_of(task_of(order="trial"), every_fold=False, repeats=1)] == ["seed-0"]
     # Each seed validates on another condition that training leaves out.
     seeds = repeated.tasks_of(task_of(test_where={"speed": 450}), every_fold=False, repeats=2)
     assert [task.split.seed for task in seeds.values()] == [0, 1]

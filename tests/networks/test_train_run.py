@@ -201,6 +201,11 @@ def test_after_the_choice_every_other_condition_is_trained_on(at_speeds, elsewhe
     assert choice["exit_patience"] == row["exit_patience"] == chosen.rule.patience
     assert choice["exit_accuracy_validation"] == row["exit_accuracy_validation"]
     restored = trained.restore(at_speeds.parent / "whole")
+    assert restored.held == chosen.held  # of the speed that validation left out
+    assert set(restored.held.losses) == set(first.validation.tolist())
+    assert row["exit_loss_bound"] == restored.held.bound
+    told = [one for one in json.loads(elsewhere[RESULT])["cautions"] if one.startswith("early exit is not used")]
+    assert bool(told) == restored.held.is_refused
     last = tasks.trials_of(trains, restored.task)
     assert np.unique(trains.conditions["speed"].iloc[last.train]).tolist() == [1, 2]
     assert last.test.tolist() == first.test.tolist() == list(range(16, 24))

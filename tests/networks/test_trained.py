@@ -21,7 +21,9 @@ from neurotact.metrics.synops import summary
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.exit.held_out import ExitChoice
 from neurotact.networks.training import fitting, tasks, trained, training
+from neurotact.networks.training.choice import Choice
 from neurotact.networks.training.fitting import Trained
 from neurotact.networks.training.tasks import Task
 from neurotact.networks.training.training import Epoch, Examples, Training
@@ -359,6 +361,7 @@ def test_a_margin_is_saved_and_stops_where_the_network_says(tmp_path):
     assert table["steps"].tolist() == found.steps.tolist()
     assert found.steps.min() < N_STEPS
     assert measuring.measure(done, alike(examples), trains.populations)["row"]["exit_margin"] == 2.0
+    assert Choice.of(done, examples).rule == done.rule
 
 
 @pytest.mark.parametrize("choice", ["least", "steady"])
@@ -371,6 +374,26 @@ def test_a_fit_exits_by_a_margin_where_the_task_says_so(monkeypatch, choice):
     rule = fitting.fit(trains, SPEC, task, (0, 1), split=split)[0].rule
     assert rule.patience is None
     assert rule.never or rule.margin == int(rule.margin)
+
+
+@pytest.mark.parametrize("n", [298, 299])
+def test_inference_exits_early_where_the_loss_is_bounded_and_says_where_not(tmp_path, capsys, n):
+    trains = trains_of(*[(STEADY, 0), (SILENT, 1)] * 10)
+    done = fitted()
+    done = done._replace(held=ExitChoice(done.rule, dict.fromkeys(range(n), 0.0), 0.01))
+    trained.save(done, tmp_path / "two", trains, tmp_path / "two.h5", Task(window={"length_ms": N_STEPS}))
+    restored = trained.restore(tmp_path / "two")
+    assert (restored.held, restored.rule) == (done.held, done.rule)
+    is_used = n == 299
+    assert (infer(restored, trains, early_exit=True)["steps"].min() < N_STEPS) == is_used
+    told = "early exit is not used, whole windows decide: validation trials that did not choose it show a loss of at"
+    assert (told in capsys.readouterr().err) == (not is_used)
+    infer(restored, trains, early_exit=False)
+    assert not capsys.readouterr().err
+    row = measuring.measure(done, alike(tasks.examples_of(trains, np.arange(4), restored.task.window)[0]),
+                            trains.populations)  # fmt: skip
+    assert (row["row"]["exit_loss_bound"], row["exit_losses"]) == (done.held.bound, done.held.losses)
+    assert row["row"]["exit_patience"] == done.rule.patience  # what it would save is measured in any case
 
 
 def test_early_exit_pays_for_the_steps_that_were_simulated(tmp_path):

@@ -20,9 +20,11 @@ from neurotact.data.hdf5 import load_spikes
 from neurotact.errors import InputError
 from neurotact.files import read_json
 from neurotact.networks.definition.specs import TrainingSpec
+from neurotact.networks.exit.held_out import upper_bound
 from neurotact.networks.training import tasks, trained
 from neurotact.networks.training.training import Epoch
 from neurotact.report import front, networks, tables
+from neurotact.report.answer import Network
 from neurotact.report.details import SOPS_COLUMNS
 from neurotact.report.encoding_drawings import name_classes
 from neurotact.report.tables import kept_epoch
@@ -513,20 +515,55 @@ def test_what_to_beware_of_is_told_with_the_number_of_networks(tmp_path):
 
 
 @pytest.mark.usefixtures("text_alone")
-@pytest.mark.parametrize(("trials", "saved_ms", "is_used"), [(7, 80, False), (9, 80, True), (9, 0, False)])
-def test_early_exit_answers_only_where_thirty_validation_trials_chose_it(tmp_path, trials, saved_ms, is_used):
-    """With 25 of them the answer uses whole windows, with 32 early exit, unless it saves nothing."""
-    sweep = {"encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1]], "network.hidden": [20], "seed": [0]}
-    what = make_study(sweep=sweep, claims=(), dataset={"simulate": "gratings", "subsets": {"mixed": {}}})
-    make_run(what, tmp_path, grating_conditions(trials=trials))
-    table = pd.read_csv(tmp_path / "results.csv")
-    if not saved_ms:
+@pytest.mark.parametrize(
+    ("bounded", "changes", "is_used"),
+    [(299, {}, True), (298, {}, False), (298, {"tolerance": 0.02}, True), (0, {}, False), (299, {"saved": 0}, False),
+     (299, {"untold": "validation cannot choose"}, False)],
+)  # fmt: skip
+def test_early_exit_answers_only_where_its_loss_is_bounded(tmp_path, monkeypatch, bounded, changes, is_used):
+    """Validation trials of two seeds are the same ones, and count once."""
+    sweep = {"encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1]], "network.hidden": [20], "seed": [0, 1]}
+    exits = {"tolerance": changes.get("tolerance", 0.01)}
+    what = make_study(
+        sweep=sweep, claims=(), dataset={"simulate": "gratings", "subsets": {"mixed": {}}}, early_exit=exits
+    )
+    make_run(what, tmp_path, grating_conditions(), bounded=bounded)
+    if "saved" in changes:
+        table = pd.read_csv(tmp_path / "results.csv")
         table["exit_steps"], table["exit_sops_total"] = table["window_steps"], table["sops_total"]
-    table.assign(exit_accuracy_validation=0.9).to_csv(tmp_path / "results.csv", index=False)
+        table.to_csv(tmp_path / "results.csv", index=False)
+    monkeypatch.setattr(front, "untold", lambda *_: changes.get("untold", ""))
     networks.write(what, tmp_path)
-    answer = read_json(tmp_path / "answer.json")
-    assert answer["answers"][0]["used"] == ("early" if is_used else "whole")
-    assert not any(line.startswith("early exit was chosen on") for line in answer["cautions"])
+    (found,) = read_json(tmp_path / "answer.json")["answers"]
+    assert found["used"] == ("early" if is_used else "whole")
+    assert ("which is not used" in found["headline"]) == (not is_used and "saved" not in changes)
+
+
+@pytest.mark.usefixtures("text_alone")
+def test_the_loss_of_a_network_is_bounded_by_its_own_trainings(tmp_path, monkeypatch):
+    asked, bounded = [], front.with_exit_bound
+    monkeypatch.setattr(front, "with_exit_bound", lambda *given: asked.append(given) or bounded(*given))
+    sweep = {"encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1]], "network.hidden": [20, 30], "seed": [0, 1]}
+    what = make_study(sweep=sweep, claims=(), dataset={"simulate": "gratings", "subsets": {"mixed": {}}})
+    networks.write(what, make_run(what, tmp_path, grating_conditions()))
+    assert [(network.hidden, [cell.network.hidden for cell in cells]) for network, _, cells, _ in asked] == [
+        (20, [20, 20]), (30, [30, 30]),
+    ]  # fmt: skip
+
+
+def test_trials_of_all_trainings_bound_the_loss_together(monkeypatch):
+    losses = {"a": {"1": 1.0, "2": 0.0}, "b": {"2": 0.0, "3": 0.0}, "c": {"1": 0.0}}
+    monkeypatch.setattr(front, "result_of", lambda folder, cell: {"exit_losses": losses.get(cell)})
+    network = Network("1&1", 20, 1, 0.9, None, None)
+
+    def bound(*cells: str) -> float | None:
+        found = front.with_exit_bound(network, None, cells, 0.03)
+        assert found.tolerance == 0.03
+        return found.exit_bound
+
+    assert bound("a", "b", "c") == upper_bound([0.5, 0.0, 0.0])
+    assert bound("b") == upper_bound([0.0, 0.0])
+    assert bound("a", "of an earlier version") is bound() is None
 
 
 def test_classes_stand_in_their_natural_order():

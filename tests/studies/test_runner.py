@@ -34,9 +34,9 @@ def finished(tmp_path_factory):
 
 def test_a_study_leaves_tables_figures_and_a_report(finished):
     results = pd.read_csv(finished / "results.csv")
-    assert list(results.columns[:17]) == [
+    assert list(results.columns[:18]) == [
         "dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed", "accuracy_validation",
-        "exit_accuracy_validation", "accuracy_test",
+        "exit_accuracy_validation", "exit_loss_bound", "accuracy_test",
         "sops_input", "sops_recurrent", "sops_readout", "sops_total", "sops_total_feedforward",
         "spikes_sa", "spikes_ra", "exit_steps", "exit_accuracy",
     ]  # fmt: skip

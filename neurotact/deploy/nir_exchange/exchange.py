@@ -58,7 +58,7 @@ def to_nir(
         encoder, network = source
     else:
         restored = fitted.restore(source)
-        network, rule, classes = restored.network, restored.rule, restored.classes
+        network, rule, classes = restored.network, restored.exits(), restored.classes
         encoder = build_encoder(restored, fitted.name_of(source)) if restored.encoder is not None else None
     encoder = None if network_only else encoder
     require("nir-plain" if plain else "nir", Subject(encoder, network))

@@ -110,13 +110,18 @@ def _leaders(spikes: Tensor, integration: Integration | None) -> Iterator[Leader
         yield leader
 
 
+def is_right(decisions: Exits, labels: Tensor | np.ndarray) -> Tensor:
+    """Whether each rule decides each trial correctly, `(trial, rule)`."""
+    return decisions.labels == _labels(labels, decisions)[:, None]
+
+
 def right_of(decisions: Exits, labels: Tensor | np.ndarray) -> Tensor:
     """How many trials each rule decides correctly, `(rule,)`.
 
     >>> right_of(exits(torch.tensor([[[1, 0], [0, 1], [0, 1]]])), torch.tensor([1])).tolist()
     [0, 1, 1]
     """
-    return (decisions.labels == _labels(labels, decisions)[:, None]).sum(dim=0)
+    return is_right(decisions, labels).sum(dim=0)
 
 
 def least(right: Tensor, n_trials: int, tolerance: float) -> int:
@@ -214,7 +219,7 @@ def oracle_exit(
     decisions = printed_exits(rasters, integration) if as_printed else exits(rasters, False, integration)
     n_steps = decisions.steps.shape[1]
     start = min(patience, n_steps) - 1
-    right = decisions.labels[:, start:] == _labels(labels, decisions)[:, None]
+    right = is_right(decisions, labels)[:, start:]
     # argmax finds the first true; without one, the last column is used.
     steps = torch.where(right.any(dim=1), start + right.to(torch.uint8).argmax(dim=1), n_steps - 1)[:, None]
     return OracleExit(decisions.steps.gather(1, steps)[:, 0], decisions.labels.gather(1, steps)[:, 0], steps[:, 0] + 1)

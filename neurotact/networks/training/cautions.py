@@ -8,6 +8,7 @@ import pandas as pd
 
 from neurotact.data.splits import SplitSpec
 from neurotact.networks.definition.specs import BEST_MEMBERS, MOST_HIDDEN, RSNNSpec, TrainingSpec
+from neurotact.networks.exit.held_out import ExitChoice
 from neurotact.networks.training.comparison import Comparison
 from neurotact.networks.training.training import NOT_KEPT
 
@@ -17,8 +18,6 @@ MEMBER = "member"
 """Column of a training log: which of the networks that were trained an epoch is of (`training.Epoch`)."""
 FEW_PER_CLASS = 5
 """With fewer test trials, the accuracy of a class says little."""
-FEW_VALIDATION = 30
-"""With fewer validation trials, the choice of an early exit or an epoch depends on a handful of them."""
 
 
 def not_learned(accuracy: float, low: float, guess: float, command: Command = "train") -> Iterator[str]:
@@ -130,16 +129,16 @@ def few_test_trials(per_class: Mapping[str, int], split: SplitSpec, command: Com
     yield f"{others}class '{fewest}' has {trials}: {all_of}; {remedy}"
 
 
-def few_for_exit(n_validation: int, tolerance: float) -> Iterator[str]:
-    """n_validation: validation trials. tolerance: accuracy that early exit may lose on them.
+def exit_not_used(choice: ExitChoice | None) -> Iterator[str]:
+    """choice: the rule of early exit and its losses on validation trials; None if it is given.
 
-    >>> print(*few_for_exit(20, 0.01))
-    early exit was chosen on 20 validation trials; one is 5 points, and 1 may be lost; record more, or test it again
-    """
-    if 0 < n_validation < FEW_VALIDATION:
+    >>> from neurotact.networks.exit.early_exit import ExitRule
+    >>> print(*exit_not_used(ExitChoice(ExitRule(20), dict.fromkeys(range(20), 0.0), 0.01)))
+    early exit is not used: validation trials that did not choose it show a loss of at most 14 points (95 % bound), and 1 may be lost; record more trials, or accept a larger loss (`exit_tolerance`)
+    """  # noqa: E501
+    if choice is not None and choice.is_refused:
         yield (
-            f"early exit was chosen on {n_validation} validation trials; one is {100 / n_validation:.3g} points, "
-            f"and {100 * tolerance:.3g} may be lost; record more, or test it again"
+            f"early exit is not used: {choice.in_words}; record more trials, or accept a larger loss (`exit_tolerance`)"
         )
 
 

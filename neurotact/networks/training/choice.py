@@ -11,6 +11,7 @@ from pydantic import Field
 from neurotact.data.spikes import SpikeTrains
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.exit.held_out import ExitChoice
 from neurotact.networks.training import fitting, members
 from neurotact.networks.training.fitting import Trained
 from neurotact.networks.training.tasks import Sides, Task
@@ -28,6 +29,8 @@ class Choice(Spec):
     exit_margin: float | None = Field(default=None, gt=0)
     accuracy_validation: float = Field(ge=0, le=1)
     exit_accuracy_validation: float = Field(ge=0, le=1)
+    exit_losses: dict[int, float] = {}
+    """By validation trial, as of `ExitChoice`; a choice of an earlier version has none."""
     recurrence_gain: float | None = Field(default=None, ge=-1, le=1)
     """Of validation accuracy; None if recurrence was not tried (`training.Training`)."""
 
@@ -40,6 +43,7 @@ class Choice(Spec):
             exit_margin=fitted.rule.margin,
             accuracy_validation=fitted.training.best.validation_accuracy,
             exit_accuracy_validation=measuring.exit_accuracy(fitted, validation),
+            exit_losses={} if fitted.held is None else dict(fitted.held.losses),
             recurrence_gain=fitted.training.recurrence_gain,
         )
 
@@ -47,6 +51,10 @@ class Choice(Spec):
     def rule(self) -> ExitRule:
         """The rule of early exit."""
         return ExitRule(self.exit_patience, from_first_spike=True, margin=self.exit_margin)
+
+    def given_to(self, last: Trained, task: Task) -> Trained:
+        """The network of the last training with the rule of this choice, and what is known of its loss."""
+        return last.with_rule(self.rule, ExitChoice(self.rule, self.exit_losses, task.exit_tolerance))
 
     def row(self) -> dict[str, float]:
         """The columns of results by which networks are compared: their accuracies at a condition not trained on."""
@@ -59,4 +67,4 @@ def last(
 ) -> tuple[Trained, Sides]:
     """Train the chosen network; task: of `tasks.with_every_condition`, options: of `fitting.fit`."""
     fitted, sides = fitting.fit(trains, choice.network, task, seeds, **options)
-    return fitted.with_rule(choice.rule), sides
+    return choice.given_to(fitted, task), sides

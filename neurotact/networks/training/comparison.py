@@ -8,9 +8,9 @@ from sklearn.preprocessing import StandardScaler
 
 from neurotact.baselines import families
 from neurotact.baselines.features import counted
-from neurotact.metrics import referee, starts
+from neurotact.metrics import power, referee, starts
 from neurotact.metrics.paired import by_trial, compare_by_trial
-from neurotact.metrics.referee import Way
+from neurotact.metrics.referee import Verdict, Way
 from neurotact.metrics.shares import standard_error
 from neurotact.networks.training.tasks import Sides
 from neurotact.networks.training.training import Examples
@@ -28,7 +28,8 @@ class Comparison(NamedTuple):
     commonest: of always choosing the most frequent class of training.
     baseline: the classifier on the same spikes with the highest accuracy on validation windows, and its test accuracy.
     verdict: whether the network is clearly better or worse than the classifiers that validation cannot tell from that
-    one, or neither (`tie`), by the referee; rival: the one that decides, its test accuracy, and p after correction.
+    one, or neither (`tie`), by the referee; rival: the one that decides, its test accuracy, and p after correction for
+    so many opponents.
     """
 
     accuracy: float
@@ -43,6 +44,7 @@ class Comparison(NamedTuple):
     rival: str
     rival_accuracy: float
     p: float
+    opponents: int = 1
 
 
 class Opponent(NamedTuple):
@@ -96,6 +98,7 @@ def compare(
         rival.name,
         rival.accuracy_test,
         verdict.p,
+        verdict.opponents,
     )
 
 
@@ -138,10 +141,11 @@ def lines(against: Comparison) -> tuple[str, str]:
             against.rival_accuracy,
         )
     )  # fmt: skip
+    tie = Verdict("tie", 0, against.p, against.trials, against.opponents)
     verdict = {
         "better": "the network is clearly better",
         "worse": f"{against.rival} {rival} is clearly better than the network",
-        "tie": "no clear difference",
+        "tie": power.in_words(tie) if power.is_too_weak(tie) else "no clear difference",
     }[against.verdict]
     return (
         f"accuracy {accuracy} (95 % interval {low} to {high}, {against.trials} test trials); {starts.ONE}",

@@ -13,8 +13,9 @@ from neurotact.networks.definition import clock, recipe
 from neurotact.networks.definition.kernels import Backend
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.exit import exit_choice
+from neurotact.networks.exit import exit_choice, held_out
 from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.exit.held_out import ExitChoice, Judged
 from neurotact.networks.training import members
 from neurotact.networks.training.tasks import ExitBy, Sides, Task, sides_of
 from neurotact.networks.training.training import Checkpoint, Course, Examples, Training, alone
@@ -26,17 +27,19 @@ AT_ONCE = 256
 class Trained(NamedTuple):
     """A network, the log of its training, and the exit rule chosen on its validation trials.
 
-    has_own_rule: False if a training before chose the rule, at a condition that this one has.
+    has_own_rule: False if a training before chose the rule, at a condition that this one has. held: the rule with its
+    losses on trials that did not choose it, which decide whether it is used; None if it is given.
     """
 
     network: RSNN
     training: Training
     rule: ExitRule
     has_own_rule: bool = True
+    held: ExitChoice | None = None
 
-    def with_rule(self, rule: ExitRule) -> "Trained":
+    def with_rule(self, rule: ExitRule, held: ExitChoice | None = None) -> "Trained":
         """The network with the exit rule that a training before it chose."""
-        return self._replace(rule=rule, has_own_rule=False)
+        return self._replace(rule=rule, has_own_rule=False, held=held)
 
 
 def fit(
@@ -121,8 +124,8 @@ def warn_of_silence(training: Examples) -> None:
 def finished(network: RSNN, training: Training, sides: Sides, task: Task) -> Trained:
     """A trained network, with the exit rule chosen on its validation windows."""
     training_side = sides.train if task.exit_choice == "steady" else None
-    rule = exit_rule(network, sides.validation, task.exit_tolerance, training_side, task.exit_by)
-    return Trained(network, training, rule)
+    held = exit_of(network, sides.validation, task.exit_tolerance, training_side, task.exit_by)
+    return Trained(network, training, held.rule, held=held)
 
 
 def new_network(
@@ -163,7 +166,6 @@ def _warn_of_merged(network: RSNN, training: Tensor) -> None:
         )
 
 
-@torch.no_grad()
 def exit_rule(
     network: RSNN,
     validation: Examples,
@@ -176,35 +178,48 @@ def exit_rule(
     training: windows that `steady` evaluates together with the validation windows; without them `least` chooses.
     by: whether a window exits by stability or by margin.
     """
+    return exit_of(network, validation, tolerance, training, by).rule
+
+
+@torch.no_grad()
+def exit_of(
+    network: RSNN,
+    validation: Examples,
+    tolerance: float,
+    training: Examples | None = None,
+    by: ExitBy = "stability",
+) -> ExitChoice:
+    """As `exit_rule`, with the losses on trials that did not choose it (`held_out.losses`)."""
     integration = network.integration
     margins = None
     if by == "margin":
         leads = (exit_choice.largest_lead(readout, integration) for readout, _ in _readouts(network, validation))
         margins = exit_choice.margins_up_to(max(leads), integration)
-    right = _right(network, validation, margins)
-    if training is None:
-        index = exit_choice.least(right, len(validation.labels), tolerance)
-    else:
-        right_in_training = _right(network, training, margins)
-        index = exit_choice.steady(right, len(validation.labels), right_in_training, len(training.labels), tolerance)
+    labels = validation.labels.cpu()
+    of = torch.arange(len(labels)) if validation.of is None else validation.of
+    right = torch.cat([*_right(network, validation, margins)]).numpy()
+    judged = Judged(right, labels.numpy(), of.numpy())
+    seen = None
+    if training is not None:
+        counts = torch.stack([part.sum(dim=0) for part in _right(network, training, margins)])
+        seen = counts.sum(dim=0), len(training.labels)
+    index = held_out.choose(judged, tolerance, seen)
     if margins is None:
-        return exit_choice.patience_rule(index, network.steps_per_bin)
-    return exit_choice.margin_rule(margins, index)
+        rule = exit_choice.patience_rule(index, network.steps_per_bin)
+    else:
+        rule = exit_choice.margin_rule(margins, index)
+    return ExitChoice(rule, held_out.losses(judged, tolerance, seen), tolerance)
 
 
-def _right(network: RSNN, examples: Examples, margins: Tensor | None) -> Tensor:
-    """How many windows are decided correctly with each patience or margin."""
+def _right(network: RSNN, examples: Examples, margins: Tensor | None) -> Iterator[Tensor]:
+    """Whether each window is decided correctly with each patience or margin, `(window, rule)`, some at a time."""
     integration = network.integration
-    parts = (
-        exit_choice.right_of(
-            exit_choice.exits(readout, integration=integration)
-            if margins is None
-            else exit_choice.margin_exits(readout, margins, integration),
-            labels,
-        )
-        for readout, labels in _readouts(network, examples)
-    )
-    return torch.stack([*parts]).sum(dim=0).cpu()
+    for readout, labels in _readouts(network, examples):
+        if margins is None:
+            decisions = exit_choice.exits(readout, integration=integration)
+        else:
+            decisions = exit_choice.margin_exits(readout, margins, integration)
+        yield exit_choice.is_right(decisions, labels).cpu()
 
 
 def _readouts(network: RSNN, examples: Examples) -> Iterator[tuple[Tensor, Tensor]]:

@@ -130,4 +130,4 @@ def _cautions(
     tested = trains.labels[parts.test]
     per_class = {trains.classes[label]: int((tested == label).sum()) for label in known}
     yield from cautions.few_test_trials(per_class, task.split, command)
-    yield from cautions.few_for_exit(len(parts.validation), task.exit_tolerance)
+    yield from cautions.exit_not_used(fitted.held)

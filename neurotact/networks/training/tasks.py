@@ -125,9 +125,11 @@ def sides_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sid
     train, of = _with_copies(trains, task, sides.train)
     train = train._replace(weights=_weights(trains, task, of))
     if task.varied_validation:
-        validation, _ = _with_copies(trains, task, sides.validation)
+        validation, held = _with_copies(trains, task, sides.validation)
     else:
-        validation, _ = examples_of(trains, sides.validation, task.training_window)
+        validation, windows = examples_of(trains, sides.validation, task.training_window)
+        held = windows.trial
+    validation = validation._replace(of=torch.from_numpy(copies_of(trains).first[held]))
     return Sides(train, validation, examples_of(trains, sides.test, task.window)[0])
 
 

@@ -158,7 +158,7 @@ class _Run:
         """The training after the choice, with every condition."""
 
         def end(fitted: Trained, sides: Sides) -> Outcome:
-            return self._end(fitted.with_rule(choice.rule), sides, task, Chosen(self.asked.task, choice))
+            return self._end(choice.given_to(fitted, task), sides, task, Chosen(self.asked.task, choice))
 
         (self.folder / CHECKPOINT).unlink(missing_ok=True)  # left if the first training was interrupted at its very end
         return self._trained(choice.network, task, LAST, start, end)

@@ -15,7 +15,8 @@ from neurotact.data.splits import Split, split_conditions
 from neurotact.errors import InputError
 from neurotact.networks.definition.kernels import Backend
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.exit.held_out import ExitChoice
 from neurotact.networks.training import checkpoint
 from neurotact.networks.training.fitting import Trained
 from neurotact.networks.training.provenance import Provenance, first_difference, provenance_of
@@ -50,6 +51,7 @@ def save(
         **({} if trained.rule.margin is None else {"exit_margin": trained.rule.margin}),
         **({} if trains.recorded_Hz is None else {"recorded_Hz": trains.recorded_Hz}),
         **({} if trained.has_own_rule else {"has_own_rule": False}),
+        **({} if trained.held is None else {"exit_losses": {**trained.held.losses}}),
         "best_epoch": trained.training.best.epoch,
         **({} if n_members == 1 else {"joined": {"networks": n_members, "hidden": n_hidden // n_members}}),
         **provenance_of(trains, trials_of(trains, task, split)).model_dump(mode="json"),
@@ -80,10 +82,19 @@ class Restored(NamedTuple):
     names: tuple[str, ...] | None = None
     """Of the afferents of an array that a network was fitted to in memory; None if it had none."""
 
+    held: ExitChoice | None = None
+    """As of `fitting.Trained`."""
+
     @property
     def afferents(self) -> tuple[str, ...] | None:
         """The names of the afferents, in the order of the network's inputs; None if unknown."""
         return self.names if self.provenance is None else self.provenance.afferents
+
+    def exits(self, early_exit: bool = True) -> ExitRule:
+        """The rule by which it decides: that of early exit if asked for and used (`held_out.ExitChoice.used`)."""
+        if not early_exit:
+            return FULL_WINDOW
+        return self.rule if self.held is None else self.held.used
 
 
 class _Extra(Spec):
@@ -95,6 +106,7 @@ class _Extra(Spec):
     exit_patience: int | None = Field(ge=1, le=2**31 - 1)
     exit_margin: float | None = Field(default=None, gt=0)
     has_own_rule: bool = True
+    exit_losses: dict[int, float] | None = None
     recorded_Hz: float | None = Field(default=None, gt=0)
 
 
@@ -124,13 +136,15 @@ def restore(
             "make the network with neurotact train"
         )
     rule = ExitRule(known.exit_patience, from_first_spike=True, margin=known.exit_margin)
+    losses, tolerance = known.exit_losses, known.task.exit_tolerance
+    held = None if losses is None else ExitChoice(rule, losses, tolerance)
     table = {key: extra[key] for key in Provenance.model_fields if key in extra}
     provenance = build(Provenance, table, source=str(path)) if "trials" in table else None
     encoder = extra.get("encoder") if isinstance(extra.get("encoder"), dict) else None
     source = files.existing(spikes) if spikes is not None else _spikes_of(path, known, provenance)
     return Restored(
         network.to(device), known.task, rule, known.classes, source, encoder, provenance, extra.get("fine_tuned"),
-        known.recorded_Hz, known.has_own_rule,
+        known.recorded_Hz, known.has_own_rule, held=held,
     )  # fmt: skip
 
 

@@ -21,11 +21,13 @@ class Examples(NamedTuple):
     """Spikes `(trial, time, afferent)` uint8 and class indices `(trial,)` int64.
 
     weights: of each trial's cross-entropy, `(trial,)` float32 with the mean 1; None: all count alike.
+    of: the recorded trial that each one is a window of, `(trial,)` int64; None: each is of its own.
     """
 
     spikes: Tensor
     labels: Tensor
     weights: Tensor | None = None
+    of: Tensor | None = None
 
     def binned(self, network: RSNN) -> "Examples":
         """The same on the clock of a network."""

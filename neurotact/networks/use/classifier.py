@@ -34,8 +34,9 @@ from neurotact.networks.definition import recipe
 from neurotact.networks.definition.rsnn import RSNN, Inference
 from neurotact.networks.definition.specs import RSNNSpec, given_keys, void_keys
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.exit.held_out import ExitChoice
 from neurotact.networks.training import members
-from neurotact.networks.training.fitting import begin, exit_rule
+from neurotact.networks.training.fitting import begin, exit_of
 from neurotact.networks.training.tasks import ExitBy
 from neurotact.networks.training.training import Epoch, Examples, Training, alone
 from neurotact.networks.use import ledger
@@ -65,7 +66,7 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
         `set_params` and in grids, `training__rate_penalty` is one of them.
     validation_fraction : share of the windows held out for early stopping when `fit` gets no validation windows; 0.15
         when None.
-    exit_tolerance : accuracy on validation windows that early exit may lose.
+    exit_tolerance : accuracy on validation windows that early exit may lose. One point takes 299 trials that lose none.
     exit_by : "stability": a window exits when its leading class is unchanged for long enough; "margin": when it leads
         by enough.
     sampling_rate_Hz : clock of X; None takes it from X, where `nt.windows` and `SpikeEncoder` store it.
@@ -77,8 +78,10 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
     Attributes
     ----------
     classes_ `(class,)`; network_, an `RSNN`, which is a `torch.nn.Module`; training_, with `epochs` (the log) and
-    `best`; exit_rule_, chosen on validation windows; n_features_in_, the number of afferents; sampling_rate_Hz_;
-    window_, the windows of X; origin_, the encoder and the afferents that X carries, or None.
+    `best`; exit_rule_, chosen on validation windows, and exit_choice_, with the upper `bound` of the accuracy that it
+    loses on validation trials that did not choose it: where that exceeds `exit_tolerance`, whole windows are `used`;
+    n_features_in_, the number of afferents; sampling_rate_Hz_; window_, the windows of X; origin_, the encoder and the
+    afferents that X carries, or None.
 
     Once fitted it can be given to `nt.export_c`, `nt.Stream`, `nt.infer`, `nt.live`, `nt.to_nir` and `nt.to_snntorch`,
     itself or in a pipeline behind a `SpikeEncoder`.
@@ -177,9 +180,9 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
         weights_seed, order_seed, split_seed = self._seeds()
         if validation is None:
             first = equal_examples(spikes, indices)
-            inside, held = self._hold_out(classes[indices], groups, split_seed, first)
+            inside, held, trial = self._hold_out(classes[indices], groups, split_seed, first)
             train_side = _examples(spikes, indices, weights, inside)
-            validation_side = _examples(spikes, indices, weights, held)
+            validation_side = _examples(spikes, indices, weights, held)._replace(of=torch.from_numpy(trial))
         else:
             train_side = _examples(spikes, indices, weights)
             names = None if origin is None else origin.afferents
@@ -195,9 +198,9 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
         network, training = alone(members.course(new, spec, first, train_side, validation_side, progress=progress))
         self.training_: Training = training
         self.network_: RSNN = network
-        self.exit_rule_: ExitRule = exit_rule(
-            network, validation_side, self.exit_tolerance, train_side, cast(ExitBy, self.exit_by)
-        )
+        by = cast(ExitBy, self.exit_by)
+        self.exit_choice_: ExitChoice = exit_of(network, validation_side, self.exit_tolerance, train_side, by)
+        self.exit_rule_: ExitRule = self.exit_choice_.rule
         self.classes_ = classes
         self.n_features_in_ = spikes.shape[2]
         self.sampling_rate_Hz_ = rate_Hz
@@ -254,6 +257,7 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
     def decide(self, X: ArrayLike, *, early_exit: bool = True) -> pd.DataFrame:
         """The decision for each window, its time and its cost: one row per window.
 
+        early_exit: stop each window by `exit_choice_.used`, that is where early exit is used.
         Columns: predicted, steps, ms (until the decision), input_spikes, hidden_spikes, and sops_* as in a SOP report.
         """
         inferred = self._infer(X, self._rule(early_exit))
@@ -278,7 +282,7 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
 
     def _rule(self, early_exit: bool) -> ExitRule:
         check_is_fitted(self)
-        return self.exit_rule_ if early_exit else FULL_WINDOW
+        return self.exit_choice_.used if early_exit else FULL_WINDOW
 
     def _infer(self, X: ArrayLike, rule: ExitRule) -> Inference:
         check_is_fitted(self)
@@ -341,10 +345,14 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
 
     def _hold_out(
         self, y: np.ndarray, groups: ArrayLike | None, seed: int, first: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The windows to train on and those for validation; first: the first window that each one equals."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The windows to train on, those for validation, and the trial of each of the latter, a number.
+
+        first: the first window that each one equals.
+        """
         share = VALIDATION if self.validation_fraction is None else self.validation_fraction
         first = np.arange(len(y)) if first is None else first
+        of = first
         if groups is None:
             try:
                 held = hold_out(y, share, seed, first)
@@ -355,11 +363,13 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
                 ) from error
         else:
             trials = trial_labels(groups, len(y), "groups")
+            of = trials[joined(trials, first)]
             try:
-                held = hold_out_groups(y, trials[joined(trials, first)], share, seed)
+                held = hold_out_groups(y, of, share, seed)
             except InputError:  # trials of equal windows: patterns that repeat, no copies
-                held = hold_out_groups(y, trials, share, seed)
-        return np.setdiff1d(np.arange(len(y)), held), held
+                of = trials
+                held = hold_out_groups(y, of, share, seed)
+        return np.setdiff1d(np.arange(len(y)), held), held, np.unique(of[held], return_inverse=True)[1]
 
 
 def spike_windows(X: ArrayLike, n_afferents: int | None = None) -> np.ndarray:
@@ -395,7 +405,8 @@ def _validation(
     unknown = labels[~np.isin(labels, classes)]
     if len(unknown):
         raise InputError(f"validation: class '{unknown[0]}' is not a class of training; leave it out")
-    return _examples(spikes, np.searchsorted(classes, labels))
+    indices = np.searchsorted(classes, labels)
+    return _examples(spikes, indices)._replace(of=torch.from_numpy(equal_examples(spikes, indices)))
 
 
 def _examples(

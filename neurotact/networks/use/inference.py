@@ -8,10 +8,10 @@ import pandas as pd
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 from neurotact.metrics import synops
-from neurotact.networks.exit.early_exit import FULL_WINDOW
 from neurotact.networks.training.provenance import Provenance, first_difference
 from neurotact.networks.training.tasks import examples_of, warn_of_onsets
 from neurotact.networks.training.trained import Restored, recall
+from neurotact.progress import say
 
 
 def infer(
@@ -45,8 +45,10 @@ def infer(
     trials = _tested(trains, known) if test_only else np.arange(len(trains))
     warn_of_onsets(trains.select(trials), restored.task.window)
     examples, windows = examples_of(trains, trials, restored.task.window)
-    network = restored.network
-    result = network.infer(examples.spikes.to(network.w_in.device), restored.rule if early_exit else FULL_WINDOW)
+    network, held = restored.network, restored.held
+    if early_exit and held is not None and held.is_refused:
+        say(f"early exit is not used, whole windows decide: {held.in_words}")
+    result = network.infer(examples.spikes.to(network.w_in.device), restored.exits(early_exit))
     labels, steps, input_spikes, hidden_spikes = (part.cpu().numpy() for part in result[:4])
     table = synops.to_table(
         labels=np.array(trains.classes)[trains.labels[windows.trial]],

@@ -23,7 +23,8 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
     """Accuracy, SOPs and early exit on the test windows, the confusion matrix, and whether each window is right.
 
     populations: afferents of each one, as `SpikeTrains.populations`. SOPs, spikes and steps are means over windows.
-    `right` and `exit_right` are of each test window, on the whole window and with early exit.
+    `right` and `exit_right` are of each test window, on the whole window and with early exit; `exit_losses` of each
+    validation trial (`held_out.ExitChoice`).
     """
     network, test = trained.network, sides.test
     spikes = test.spikes.to(network.w_in.device)
@@ -32,6 +33,7 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
     row = {
         "accuracy_validation": trained.training.best.validation_accuracy,
         "exit_accuracy_validation": exit_accuracy(trained, sides.validation),
+        **({} if (held := trained.held) is None else {"exit_loss_bound": held.bound}),
         **means(full, network, test, populations),
         "exit_steps": float(steps.mean()),
         "exit_accuracy": accuracy_of(early, test),
@@ -51,7 +53,8 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
     }
     matrix = confusion_matrix(test.labels, full.labels.cpu(), labels=range(network.n_classes))
     right, exit_right = ((result.labels.cpu() == test.labels).tolist() for result in (full, early))
-    return {"row": row, "confusion": matrix.tolist(), "right": right, "exit_right": exit_right}
+    found = {"row": row, "confusion": matrix.tolist(), "right": right, "exit_right": exit_right}
+    return found if held is None else {**found, "exit_losses": {**held.losses}}
 
 
 def exit_accuracy(trained: Trained, validation: Examples) -> float:

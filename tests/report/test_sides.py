@@ -1,4 +1,4 @@
-"""Early exit is in the answer only where enough validation trials of each split chose it."""
+"""The trials of an answer, over all of its splits."""
 
 from types import SimpleNamespace
 
@@ -10,7 +10,7 @@ from neurotact.data.splits import Split
 from neurotact.report import front
 
 
-def test_the_split_with_the_fewest_validation_trials_counts_and_copies_do_not(monkeypatch):
+def test_copies_count_once(monkeypatch):
     rasters = np.random.default_rng(0).random((20, 30, 2)) < 0.5
     rasters[12] = rasters[11]
     trains = from_rasters(rasters, 1000.0, ("SA-I a", "RA-I a"), pd.DataFrame({"label": ["felt", "silk"] * 10}))
@@ -21,9 +21,9 @@ def test_the_split_with_the_fewest_validation_trials_counts_and_copies_do_not(mo
     monkeypatch.setattr(front, "task_of", lambda cell: cell.split)
     monkeypatch.setattr(front.tasks, "trials_of", lambda trains, split: split)
     sides = front.sides_of(trains, [SimpleNamespace(split=split) for split in splits], [5, 5])
-    assert (sides.fewest, sides.trials.validation, sides.trials.test) == (4, 9, 10)
+    assert (sides.trials.validation, sides.trials.test) == (9, 10)
 
 
 def test_without_the_trains_the_test_trials_stand_for_them():
     sides = front.sides_of(None, [], [5, 7])
-    assert (sides.fewest, sides.trials.validation) == (12, 12)
+    assert (sides.trials.validation, sides.trials.test) == (12, 12)
