@@ -229,4 +229,4 @@ def test_in_studies_without_a_difference_a_difference_is_claimed_in_at_most_one_
     rng = np.random.default_rng(7)
     kinds = [study_without_difference(rng, n_validation, n_test, n_baselines).kind for _ in range(1000)]
     assert sum(kind in ("better", "worse") for kind in kinds) <= 50
-    assert kinds.count("tie") >= 940
+    assert sum(kind in ("tie", "too few trials") for kind in kinds) >= 940
