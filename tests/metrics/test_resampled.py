@@ -12,6 +12,7 @@ from neurotact.metrics.resampled import (
     DIFFERENCES,
     compare_over_splits,
     effective_trials,
+    least_difference_over_splits,
     resampled_error,
     resampled_interval,
     resampled_p,
@@ -135,6 +136,8 @@ def test_a_comparison_has_the_p_of_its_differences_and_the_trials_that_they_are_
     assert found.difference == pytest.approx(np.mean(differences))
     assert found.p == resampled_p(differences, *sizes, trials)
     assert found.n == round(effective_trials(len(differences), *sizes, trials))
+    few, all_ = (compare_over_splits([0.2] * 4, 70, 15, trials) for trials in (5, None))
+    assert few.p == resampled_p([0.2] * 4, 70, 15, 5) > all_.p
 
 
 @given(st.lists(st.integers(0, 30).map(lambda n: n / 30), min_size=1, max_size=12), SIZES)
@@ -158,3 +161,15 @@ def test_what_cannot_be_is_refused(values, sizes):
 def test_two_equal_differences_are_no_evidence():
     with pytest.raises(InputError, match="at least 3 splits"):
         resampled_p([0.1, 0.1], 70, 30)
+
+
+@given(st.integers(3, 12), SIZES, st.integers(1, 20), st.none() | st.integers(1, 50))
+def test_the_least_difference_over_splits_is_clear_where_all_are_equal_and_a_smaller_one_never(
+    n_splits, sizes, opponents, trials
+):
+    least = least_difference_over_splits(n_splits, *sizes, opponents, trials)
+    assert least < 1 or least == math.inf
+    more = min(1.0, least * 1.001)
+    assert (opponents * resampled_p([more] * n_splits, *sizes, trials) < 0.05) == (least < 1)
+    assert opponents * resampled_p([min(1.0, least) * 0.999] * n_splits, *sizes, trials) > 0.05
+    assert least_difference_over_splits(2, *sizes, opponents, trials) == math.inf

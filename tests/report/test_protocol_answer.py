@@ -199,6 +199,8 @@ def test_errors_are_those_of_splits_or_of_the_trials_of_one():
     shown = protocol_answer.table(two, SPIKING)
     assert "standard error" not in shown.caption
     assert "within its error" not in str(shown.rows)
+    some = answer_of(pd.concat([runs(APART[0]), runs(APART[1], splits=2)]))
+    assert "± their standard error" in protocol_answer.table(some, SPIKING).caption
 
 
 @pytest.mark.parametrize("splits", [1, 5])
