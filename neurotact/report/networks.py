@@ -27,11 +27,12 @@ from neurotact.report.tables import (
     extra_tables,
     first_spikes,
     in_words_of_split,
+    tables_beside,
     with_pair,
     with_setting,
 )
 from neurotact.spec import to_toml
-from neurotact.studies import preparation, selection
+from neurotact.studies import selection
 from neurotact.studies import study as studies
 from neurotact.studies.encoded import read_encoding
 from neurotact.studies.protocol import HEADS
@@ -100,9 +101,7 @@ def write(study: StudySpec, folder: Path) -> Path:
     chosen = course.found if course else None
     extra = extra_tables(study, folder)
     trials = search.trials_table(folder, done, results)
-    known = (*preparation.BASELINES, preparation.RECONSTRUCTION)
-    names = [name for name in preparation.tables_of(study) if name in known]
-    beside = {name.removesuffix(".csv"): read_table(folder / name) for name in names if (folder / name).is_file()}
+    beside = tables_beside(study, folder)
     baselines, remedies = beside.get("baselines"), extra.get(robustness.REMEDIES)
     beside |= {} if remedies is None else {robustness.REMEDIES: remedies}
     afferents, n_classes = afferents_of(folder, done), len(trains.classes) if trains else 0

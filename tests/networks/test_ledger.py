@@ -43,7 +43,7 @@ def test_a_study_has_the_baseline_the_encoding_and_each_network():
     ]  # fmt: skip
     results = pd.DataFrame(rows)
     made_by = Afferents(16, SMOOTHED, 2000.0)
-    spent = {"macs": 36.0, "acs": 40.0, "other_flops": 0.0, "parameters": 23, "bytes": 92, "signal_ms": 150.0}
+    spent = {"macs": 36.0, "acs": 40.0, "multiplications": 10.0, "parameters": 23, "bytes": 92, "signal_ms": 150.0}
     baselines = pd.DataFrame([{"classifier": "SVM", "input": "signals: 10 time bins", **spent}] * 2)
     table = ledger.study_ledger(RSNNSpec(), results, baselines, afferents=[made_by] * 2, n_classes=8)
     assert table["name"].tolist() == [
@@ -53,7 +53,7 @@ def test_a_study_has_the_baseline_the_encoding_and_each_network():
     ]
     assert table["sops"].tolist() == [0.0, 0.0, 115.5]
     assert (table["signal_ms"] == 150).all()
-    assert table["energy_estimate_nJ"].iloc[0] == pytest.approx(1e-3 * (36 * 4.6 + 40 * 0.9))
+    assert table["energy_estimate_nJ"].iloc[0] == pytest.approx(1e-3 * (36 * 4.6 + 40 * 0.9 + 10 * 3.7))
     assert len(ledger.study_ledger(RSNNSpec(), results, None, afferents=[made_by] * 2, n_classes=8)) == 2
 
 
@@ -184,8 +184,8 @@ ADDED = [
     ({"baseline": "first"}, (0, 20, 0, 0, 4 * 2)),
     ({"baseline": "mean"}, (0, 20 + 20, 2, 0, 4 * 2)),
     ({"baseline": "median"}, (0, 20, 20 * 4, 0, 4 * (2 + 20))),  # log2 of 10, rounded up, comparisons a sample
-    ({"baseline": "start", "start_ms": 5.0}, (0, 20 + 20, 20, 0, 4 * 2)),  # the mean so far, each sample
-    ({"baseline": "running"}, (0, 20 + 20, 20, 0, 4 * 2)),
+    ({"baseline": "start", "start_ms": 5.0}, (0, 20 + 20, 20 * 4, 0, 4 * 2)),  # the mean so far, each sample
+    ({"baseline": "running"}, (0, 20 + 20, 20 * 4, 0, 4 * 2)),  # a sum and a division each
     ({"baseline": "high-pass", "high_pass_Hz": 1.0}, (20, 20, 20, 0, 4 * 2)),  # an EMA and a difference
     ({"scale": [2.0, 3.0]}, (0, 0, 20, 2, 4 * 2)),
     ({"offset": [1.0, 1.0], "scale": [2.0, 3.0]}, (20, 0, 0, 4, 4 * 4)),

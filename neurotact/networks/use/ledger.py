@@ -12,6 +12,7 @@ import pandas as pd
 from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.specs import taxels_of
 from neurotact.metrics.flops import (
+    ENERGY,
     Cost,
     Integrator,
     SpikingLayer,
@@ -38,8 +39,7 @@ AMONG = "among"
 ABOUT = (
     "Conditioning and encoding are counted for both populations of every taxel, on every step of the encoder's clock "
     "(with integration = exact, on every sample, and for every spike); neurons on every step of the network's clock. "
-    "Energy is an estimate of the arithmetic alone, without memory: 4.6 pJ per MAC and 0.9 pJ per other operation, "
-    "32-bit floating point at 45 nm (Horowitz, ISSCC 2014)."
+    f"{ENERGY}"
 )
 
 

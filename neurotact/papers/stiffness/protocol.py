@@ -11,6 +11,7 @@ from neurotact.data.conditioning import ema
 from neurotact.data.splits import Split, SplitSpec, split_trials
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
+from neurotact.metrics.flops import FLOPS
 from neurotact.papers.published_flops import MOMENTS_OF, SLFN, FeatureSet, slfn_unit_flops
 from neurotact.papers.stiffness import figures as stiffness_figures
 from neurotact.papers.stiffness import simulator as grasps
@@ -136,7 +137,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
                 "flops": slfn_unit_flops(
                     parameters.classifier, parameters.features, choice.neurons, n_classes, samples, channels
                 ),
-                **unit.columns("macs", "acs", "other_flops", "energy_estimate_nJ", "parameters", "bytes", "signal_ms"),
+                **unit.columns(*FLOPS, "energy_estimate_nJ", "parameters", "bytes", "signal_ms"),
             }
         )
     return rows

@@ -112,7 +112,7 @@ def test_a_class_that_is_missing_on_a_side_is_refused():
 
 def test_costs_of_reduction_by_hand():
     assert Averaging(100, 10, 3).cost().acs == 300
-    assert Averaging(100, 10, 3).cost().other_flops == 30
+    assert Averaging(100, 10, 3).cost().multiplications == Averaging(100, 10, 3).cost().other_flops == 30
     assert StandardisedSteps(10, 3).cost().macs == 30
     assert StandardisedSteps(10, 3).cost().parameters == 6
     spent = LevelSpreadRate(100, 2).cost()
