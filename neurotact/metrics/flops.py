@@ -95,9 +95,9 @@ class Cost:
     def times(self, n: float) -> "Cost":
         """Its operations `n` times, with what it stores and the signal that it waits for once.
 
-        >>> thrice = Cost(macs=2, parameters=5).times(3)
-        >>> thrice.macs, thrice.parameters
-        (6, 5)
+        >>> thrice = Cost(macs=2, acs=1, sops=1, parameters=5).times(3)
+        >>> thrice.macs, thrice.acs, thrice.sops, thrice.parameters
+        (6, 3, 3, 5)
         """
         return replace(self, **{name: n * getattr(self, name) for name in (*FLOPS, "sops")})
 

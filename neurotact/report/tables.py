@@ -165,8 +165,8 @@ def afferents_of(folder: Path, done: Sequence[Cell]) -> list[Afferents | None]:
 
 
 def _afferents(path: Path) -> Afferents:
-    names, encoder, rate_Hz = encoded_by(path)
-    return Afferents(len(names), encoder, rate_Hz)
+    names, encoder, rate_Hz, recorded_Hz = encoded_by(path)
+    return Afferents(len(names), encoder, rate_Hz, recorded_Hz)
 
 
 def _like(first: Afferents, encoder: EncoderSpec) -> Afferents:

@@ -180,11 +180,12 @@ def test_encoders_by_hand():
 # What conditioning adds to 2 taxels and 10 steps: MACs, ACs, others, parameters, bytes.
 ADDED = [
     ({"ema_cutoff_Hz": 30.0}, (20, 0, 20, 0, 4 * 2)),  # a MAC and a product a sample; the output before
-    ({"resample_Hz": 1000.0}, (20, 20 + 10, 10, 0, 4 * 5)),  # a MAC and a difference each; the position once a step
+    ({"resample_Hz": 2000.0}, (20, 20 + 10, 10, 0, 4 * 5)),  # a MAC and a difference each; the position once a step
     ({"baseline": "first"}, (0, 20, 0, 0, 4 * 2)),
     ({"baseline": "mean"}, (0, 20 + 20, 2, 0, 4 * 2)),
     ({"baseline": "median"}, (0, 20, 20 * 4, 0, 4 * (2 + 20))),  # log2 of 10, rounded up, comparisons a sample
-    ({"baseline": "start", "start_ms": 5.0}, (0, 20 + 20, 20 * 4, 0, 4 * 2)),  # the mean so far, each sample
+    ({"baseline": "start", "start_ms": 2.0}, (0, 20 + 8, 8 * 4, 0, 4 * 2)),  # the mean so far, in the first four steps
+    ({"baseline": "start"}, (0, 20 + 20, 20 * 4, 0, 4 * 2)),  # in all
     ({"baseline": "running"}, (0, 20 + 20, 20 * 4, 0, 4 * 2)),  # a sum and a division each
     ({"baseline": "high-pass", "high_pass_Hz": 1.0}, (20, 20, 20, 0, 4 * 2)),  # an EMA and a difference
     ({"scale": [2.0, 3.0]}, (0, 0, 20, 2, 4 * 2)),
@@ -197,7 +198,8 @@ ADDED = [
 @pytest.mark.parametrize(("conditioning", "added"), ADDED, ids=lambda value: "" if isinstance(value, tuple) else None)
 def test_each_step_of_conditioning_is_counted(conditioning, added):
     plain = encoding_cost(2, 10, 5.0, {})
-    counted = encoding_cost(2, 10, 5.0, {"conditioning": conditioning})
+    slow = "resample_Hz" in conditioning
+    counted = encoding_cost(2, 10, 5.0, {"conditioning": conditioning}, recorded_Hz=500.0 if slow else None)
     names = ("macs", "acs", "other_flops", "parameters", "bytes")
     assert tuple(getattr(counted, name) - getattr(plain, name) for name in names) == added
 
@@ -234,7 +236,7 @@ def test_every_key_of_conditioning_has_its_cost():
 def test_the_shipped_encoder_of_fabrics_by_hand():
     """16 taxels, resampled and standardised, as spike trains carry the spec: 32 offsets and scales and two gains."""
     encoder = encoders.load("fabric-sa1-ra1-lif").model_dump(mode="json", exclude_none=True)
-    counted = encoding_cost(16, 1000, 1000.0, encoder)
+    counted = encoding_cost(16, 1000, 1000.0, encoder, recorded_Hz=400.0)
     assert counted.parameters == 16 + 16 + 2
     each = 16 * 1000
     # Interpolation and standardisation a MAC each, the two afferents four.

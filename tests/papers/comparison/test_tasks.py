@@ -22,6 +22,7 @@ from neurotact.papers.comparison.tasks import (
     split_groups,
 )
 from neurotact.papers.texture.simulator import GratingsSpec
+from neurotact.papers.touch_modality.datasets import TOUCH_SAMPLES
 from neurotact.spec import build
 from neurotact.studies.protocol import TaskData
 
@@ -124,6 +125,18 @@ SMALL = {
     "touch_modality": {"simulation": {"people": 2}},
     "compliance": {"trials": 1},
 }
+
+
+def test_the_sequences_of_touches_are_smoothed_at_the_rate_of_the_skin_and_then_resampled():
+    source = source_of("touch_modality")
+    spec = build(source.data, SMALL["touch_modality"], source="here")
+    task = source.make(spec)
+    _, steps, channels = task.sequences.shape
+    samples = TOUCH_SAMPLES * channels
+    spent = cost(*source.front_end(spec, task).sequences)
+    assert spent.multiplications == samples
+    assert spent.macs == samples + steps * channels
+    assert spent.acs == samples + steps * channels + steps  # without the first sample; differences; the place
 
 
 @pytest.mark.parametrize("name", list(SMALL))
