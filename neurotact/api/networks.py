@@ -459,7 +459,8 @@ def sops(
     tell(f"saved in {out}, a row per window")
     network = restored.network
     sizes = len(trains.afferents), network.n_classes
-    costs = ledger.decision_ledger(network.spec, *sizes, trains.sampling_rate_Hz, means, encoder=trains.encoder)
+    made_by = {"encoder": trains.encoder or None, "recorded_Hz": trains.recorded_Hz}
+    costs = ledger.decision_ledger(network.spec, *sizes, trains.sampling_rate_Hz, means, **made_by)
     tell(costs[COSTS])
     return table
 

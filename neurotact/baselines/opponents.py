@@ -223,8 +223,10 @@ def spike_inputs(
     n_bins = min(BINS, n_steps)
     counts = trains.binned(cuts.windows, bin_edges(n_steps, n_bins))
     spikes = float(counts.sum()) / n_windows
-    encoded = encoding_cost(n_taxels, n_steps, cuts.length_ms, trains.encoder, spikes=spikes) if is_counted else Cost()
-    made = encoded + Cost(acs=spikes)
+    made = Cost(acs=spikes)
+    if is_counted:
+        how = {"recorded_Hz": trains.recorded_Hz, "spikes": spikes}
+        made += encoding_cost(n_taxels, n_steps, cuts.length_ms, trains.encoder, **how)
     is_linear = opponents == "readout" or not is_first
     of_features = {LINEAR: families.logistic_regression} if is_linear else families.ON_FEATURES
     yield Input(source, "counts", pair, counts.sum(axis=1).astype(float), made, of_features)

@@ -346,19 +346,25 @@ def load_spikes(path: str | Path) -> SpikeTrains:
         return (_spikes if kind == "spikes" else _events)(Declared(file, path))
 
 
-def encoded_by(path: str | Path) -> tuple[tuple[str, ...], dict[str, Any], float]:
+def encoded_by(path: str | Path) -> tuple[tuple[str, ...], dict[str, Any], float, float | None]:
     """What made the spikes in a file: the afferents, the table of their encoder, and the steps of its clock per second.
 
-    The spikes are not read. Raises InputError as `load_spikes`.
+    Last the samples of the recordings per second; None if unknown. The spikes are not read. Raises InputError as
+    `load_spikes`.
     """
     with opened(path, "spikes") as (file, _):
         afferents, encoder = (attribute(file, name, path) for name in ("afferents", "encoder"))
-        return names(afferents), table(encoder, dict), float(attribute(file, "sampling_rate_Hz", path))
+        rate_Hz = float(attribute(file, "sampling_rate_Hz", path))
+        return names(afferents), table(encoder, dict), rate_Hz, _recorded_Hz(file, path)
 
 
 def _events(declared: Declared) -> SpikeTrains:
     log.warning("%s: its events are put on a clock of 1 ms; neurotact import events chooses another", declared.path)
     return heidelberg.read(declared, EventSpec(merge_events=True))
+
+
+def _recorded_Hz(file: h5py.File, path: str | Path) -> float | None:  # noqa: N802
+    return float(attribute(file, "recorded_Hz", path)) if "recorded_Hz" in file.attrs else None
 
 
 def _spikes(declared: Declared) -> SpikeTrains:
@@ -382,7 +388,7 @@ def _spikes(declared: Declared) -> SpikeTrains:
             trial_digests=tuple(declared.texts("trial_digests")) if "trial_digests" in file else (),
             touch_s=float(attribute(file, "touch_s", path)) if "touch_s" in file.attrs else None,
             trial_touches=tuple(declared.texts("trial_touches")) if "trial_touches" in file else (),
-            recorded_Hz=float(attribute(file, "recorded_Hz", path)) if "recorded_Hz" in file.attrs else None,
+            recorded_Hz=_recorded_Hz(file, path),
         )
         return _with_variations(trains, declared) if "variation_of" in file else trains
     except InputError as error:

@@ -46,7 +46,8 @@ def to_neo(spikes: SpikeTrains) -> Any:
         raise InputError("spikes: hold a trial without a step; drop it")
     rate_Hz = spikes.sampling_rate_Hz
     block = neo.Block(name="spikes", sampling_rate_Hz=rate_Hz, encoder=json.dumps(dict(spikes.encoder)))
-    block.annotate(source=spikes.source)
+    known = {} if spikes.recorded_Hz is None else {"recorded_Hz": spikes.recorded_Hz}
+    block.annotate(source=spikes.source, **known)
     rows = spikes.conditions.to_dict("records")
     for trial, (row, n_steps) in enumerate(zip(rows, spikes.trial_steps.tolist(), strict=True)):
         segment = neo.Segment(name=f"trial {trial}", index=trial)
@@ -107,6 +108,7 @@ def from_neo(
         choice.say(keep, "block")
     segments, conditions = _chosen(segments, conditions, keep)
     rate_Hz, is_own = _clock(block, segments, step_ms)
+    recorded_Hz = block.annotations.get("recorded_Hz")
     afferents = _afferents(segments)
     keep = observed_trials(
         _observed(segments, afferents, 1 / rate_Hz), afferents, unobserved, "block",
@@ -134,6 +136,7 @@ def from_neo(
         (row._replace(digest=digest, touch=touch) for row, digest, touch in zip(binned.trials, *told, strict=True)),
         rate_Hz, afferents, conditions,
         _encoder(block) if is_own else None, source=str(block.annotations.get("source", "")),
+        recorded_Hz=float(recorded_Hz) if isinstance(recorded_Hz, (int, float)) else None,
     )  # fmt: skip
 
 

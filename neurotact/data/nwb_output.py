@@ -63,8 +63,9 @@ def to_nwb(
 
 
 def _notes(spikes: SpikeTrains) -> dict[str, Any]:
+    known = {} if spikes.recorded_Hz is None else {"recorded_Hz": spikes.recorded_Hz}
     return {
-        "sampling_rate_Hz": spikes.sampling_rate_Hz, "encoder": dict(spikes.encoder), "source": spikes.source
+        "sampling_rate_Hz": spikes.sampling_rate_Hz, "encoder": dict(spikes.encoder), "source": spikes.source, **known
     }  # fmt: skip
 
 

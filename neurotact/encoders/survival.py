@@ -114,7 +114,8 @@ def what_survives(recordings: Trials, encoder: EncoderSpec, seed: int = 0) -> Su
     own = _own(encoder, felt)
     n_afferents = len(afferent_names(recordings.channels, table))
     fired = rows[-1]["spikes_per_s"] * n_afferents
-    cost_nJ = encoding_cost(recordings.n_channels, felt.rate_Hz, 1e3, table, spikes=fired).energy_estimate_nJ
+    spent = {"recorded_Hz": recordings.sampling_rate_Hz, "spikes": fired}
+    cost_nJ = encoding_cost(recordings.n_channels, felt.rate_Hz, 1e3, table, **spent).energy_estimate_nJ
     rows[-1] |= {
         "own_snr_dB": np.nan if own is None else reconstruction.direct(x, own, felt.rate_Hz).snr_dB,
         "energy_nJ_per_s": cost_nJ,

@@ -62,8 +62,11 @@ def cost_nJ(chain: Chain, decision: Decision) -> float:  # noqa: N802
         steps=decision.steps, signal_ms=decision.ms,
     )  # fmt: skip
     encoder = chain.encoder.model_dump(mode="json")
-    of_window = chain.n_taxels, decision.steps, decision.ms
-    return (encoding_cost(*of_window, encoder, spikes=decision.input_spikes) + network).energy_estimate_nJ
+    encoding = encoding_cost(
+        chain.n_taxels, decision.steps, decision.ms, encoder,
+        recorded_Hz=chain.sampling_rate_Hz, spikes=decision.input_spikes,
+    )  # fmt: skip
+    return (encoding + network).energy_estimate_nJ
 
 
 def summary(rows: Sequence[Scored]) -> dict[str, Any] | None:

@@ -3,11 +3,12 @@
 A chain is a list of layer descriptors; `cost` counts it analytically. A layer that is not known raises: it never
 counts zero. FLOPs as the papers count them are in `neurotact_parts.studies.published_flops`.
 
-What is counted:
+What is counted, by kind (`FLOPS` and `PRICES_PJ` have the FLOPs and the energy of each):
 - a MAC is a multiplication whose product is added; a sum starts at its bias, so that a bias costs nothing;
 - an AC is an addition or subtraction without a multiplication: what a spike or a zero-or-one input costs;
-- all else is `other_flops`: a multiplication, a comparison or a shift 1, a division or square root 4, an exponential or
-  logarithm 8 (the weights behind the stiffness paper's Tables I and II, whose sigmoid of 14 is 8 + 4 + 1 + 1).
+- a multiplication is one whose product is not added: a gain, a window, a decay;
+- a comparison, and what costs as little: a magnitude, a sign, a shift, a rounding, the addition within an activation;
+- a division or square root; an exponential or logarithm.
 """
 
 from abc import ABC, abstractmethod
@@ -19,37 +20,37 @@ import pandas as pd
 
 from neurotact.errors import InputError
 
-MAC_ESTIMATE_PJ = 4.6
-"""A 32-bit floating-point multiplication and addition at 45 nm, 3.7 + 0.9 pJ (Horowitz, ISSCC 2014, Fig. 1.1.9)."""
-AC_ESTIMATE_PJ = 0.9
-"""A 32-bit floating-point addition at 45 nm (the same figure); also taken for each of `other_flops`."""
-
-DIVISION = SQUARE_ROOT = 4
-EXPONENTIAL = LOGARITHM = 8
-ACTIVATION_FLOPS = {
-    "linear": 0,
-    "hard_limit": 1,
-    "relu": 1,
-    "sigmoid": 1 + EXPONENTIAL + 1 + DIVISION,  # 1 / (1 + exp(-x))
-    "tanh": 1 + EXPONENTIAL + 1 + DIVISION + 1,  # 1 - 2 / (exp(2x) + 1)
-    "softmax": EXPONENTIAL + 1 + DIVISION,
+FLOPS = {"macs": 2, "acs": 1, "multiplications": 1, "comparisons": 1, "divisions": 4, "exponentials": 8}
+"""FLOPs of an operation of each kind: the weights behind the stiffness paper's Tables I and II."""
+MULTIPLICATION_PJ, ADDITION_PJ = 3.7, 0.9
+"""In 32-bit floating point at 45 nm (Horowitz, ISSCC 2014, Fig. 1.1.9)."""
+MAC_PJ = MULTIPLICATION_PJ + ADDITION_PJ
+PRICES_PJ = {
+    "macs": MAC_PJ,
+    "acs": ADDITION_PJ,
+    "multiplications": MULTIPLICATION_PJ,
+    "comparisons": ADDITION_PJ,
+    "divisions": MAC_PJ * FLOPS["divisions"] / FLOPS["macs"],
+    "exponentials": MAC_PJ * FLOPS["exponentials"] / FLOPS["macs"],
 }
+"""Energy of an operation of each kind. The figure has no divisions, roots, exponentials and logarithms: as they are
+computed by MACs (Newton's method, a polynomial), theirs is that of as many FLOPs in MACs."""
+ENERGY = (
+    f"Energy is an estimate of the arithmetic alone, without memory: {PRICES_PJ['macs']:g} pJ per MAC, "
+    f"{PRICES_PJ['acs']:g} pJ per addition or comparison, {PRICES_PJ['multiplications']:g} pJ per other "
+    "multiplication, 32-bit floating point at 45 nm (Horowitz, ISSCC 2014); a division costs as much as "
+    f"{PRICES_PJ['divisions'] / MAC_PJ:g} MACs, an exponential as {PRICES_PJ['exponentials'] / MAC_PJ:g}."
+)
+"""How energy is estimated, for people."""
+OTHERS = ("multiplications", "comparisons", "divisions", "exponentials")
+"""The kinds that are neither MACs nor ACs."""
+
 Activation = Literal["linear", "hard_limit", "relu", "sigmoid", "tanh", "softmax"]
 BYTES = 4
 """Of a weight or a state variable, in single precision."""
 
 
-LEDGER_COLUMNS = (
-    "macs",
-    "acs",
-    "other_flops",
-    "flops",
-    "parameters",
-    "bytes",
-    "sops",
-    "signal_ms",
-    "energy_estimate_nJ",
-)
+LEDGER_COLUMNS = (*FLOPS, "flops", "parameters", "bytes", "sops", "signal_ms", "energy_estimate_nJ")
 """What the ledger says of a cost."""
 
 
@@ -57,7 +58,8 @@ LEDGER_COLUMNS = (
 class Cost:
     """What one decision costs.
 
-    macs, acs, other_flops: operations (see the module); means over decisions need not be whole.
+    macs, acs, multiplications, comparisons, divisions, exponentials: operations by kind (see the module); means over
+        decisions need not be whole.
     parameters: numbers that training fixes. bytes: memory for them and for the state between samples.
     sops: synaptic operations of the spiking part; each is also one of the `acs`.
     signal_ms: signal that must have come in before the decision.
@@ -71,7 +73,10 @@ class Cost:
 
     macs: float = 0
     acs: float = 0
-    other_flops: float = 0
+    multiplications: float = 0
+    comparisons: float = 0
+    divisions: float = 0
+    exponentials: float = 0
     parameters: int = 0
     bytes: int = 0
     sops: float = 0
@@ -87,21 +92,35 @@ class Cost:
         summed = {f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(self)}
         return Cost(**{**summed, "signal_ms": max(self.signal_ms, other.signal_ms)})
 
+    def times(self, n: float) -> "Cost":
+        """Its operations `n` times, with what it stores and the signal that it waits for once.
+
+        >>> thrice = Cost(macs=2, acs=1, sops=1, parameters=5).times(3)
+        >>> thrice.macs, thrice.acs, thrice.sops, thrice.parameters
+        (6, 3, 3, 5)
+        """
+        return replace(self, **{name: n * getattr(self, name) for name in (*FLOPS, "sops")})
+
     @property
     def flops(self) -> float:
-        """All operations: two for a MAC, one for an AC, and the others."""
+        """All operations as FLOPs: two for a MAC, one for an AC, and the others."""
         return 2 * self.macs + self.acs + self.other_flops
 
     @property
+    def other_flops(self) -> float:
+        """The FLOPs of what is neither a MAC nor an AC."""
+        return sum(FLOPS[kind] * getattr(self, kind) for kind in OTHERS)
+
+    @property
     def energy_estimate_pJ(self) -> float:  # noqa: N802
-        """An estimate of the arithmetic alone, without memory and data movement: 4.6 pJ per MAC, 0.9 pJ all else.
+        """An estimate of the arithmetic alone, without memory and data movement: each operation at its `PRICES_PJ`.
 
         32-bit floating point at 45 nm (Horowitz, ISSCC 2014); never a measurement.
 
-        >>> Cost(macs=10, acs=100).energy_estimate_pJ
-        136.0
+        >>> Cost(macs=10, acs=100).energy_estimate_pJ, Cost(multiplications=10).energy_estimate_pJ
+        (136.0, 37.0)
         """
-        return MAC_ESTIMATE_PJ * self.macs + AC_ESTIMATE_PJ * (self.acs + self.other_flops)
+        return sum(price * getattr(self, kind) for kind, price in PRICES_PJ.items())
 
     @property
     def energy_estimate_nJ(self) -> float:  # noqa: N802
@@ -140,7 +159,7 @@ def cost(*layers: Layer, signal_ms: float = 0) -> Cost:
     Raises InputError for a layer that is none of the descriptors of this module (or of your own `Layer`).
 
     >>> chain = cost(Dense(8, 51, "relu"), Dense(51, 3), signal_ms=75)
-    >>> chain.macs, chain.other_flops, chain.parameters, chain.flops
+    >>> chain.macs, chain.comparisons, chain.parameters, chain.flops
     (561, 51, 615, 1173)
     """
     total = Cost(signal_ms=signal_ms)
@@ -154,7 +173,8 @@ def cost(*layers: Layer, signal_ms: float = 0) -> Cost:
 def ledger_table(costs: Mapping[str, Cost] | Iterable[tuple[str, Cost]]) -> pd.DataFrame:
     """Named costs as a table, a row each, in their order.
 
-    Columns: name, macs, acs, other_flops, flops, parameters, bytes, sops, signal_ms, energy_estimate_nJ.
+    Columns: name, and those of `LEDGER_COLUMNS`: operations by kind, flops, parameters, bytes, sops, signal_ms and
+    energy_estimate_nJ.
 
     >>> ledger_table({"R-FC": cost(Dense(8, 51, "relu"), Dense(51, 3))}).T[0].to_dict()["macs"]
     561
@@ -168,10 +188,24 @@ def _with_weights(parameters: int, state: int = 0, *, bytes_a_parameter: int = B
     return Cost(parameters=parameters, bytes=stored, **operations)
 
 
-def _activations(activation: str, units: int) -> int:
-    if activation not in ACTIVATION_FLOPS:
-        raise InputError(f"activation: '{activation}' is not known; known: {', '.join(ACTIVATION_FLOPS)}")
-    return ACTIVATION_FLOPS[activation] * units
+SIGMOID = Cost(comparisons=2, divisions=1, exponentials=1)
+"""1 / (1 + exp(-x)): 14 FLOPs."""
+TANH = Cost(comparisons=3, divisions=1, exponentials=1)
+"""1 - 2 / (exp(2x) + 1): 15 FLOPs; x + x in place of 2x."""
+ACTIVATIONS = {
+    "linear": Cost(),
+    "hard_limit": Cost(comparisons=1),
+    "relu": Cost(comparisons=1),
+    "sigmoid": SIGMOID,
+    "tanh": TANH,
+    "softmax": Cost(comparisons=1, divisions=1, exponentials=1),
+}
+
+
+def _activations(activation: str, units: int) -> Cost:
+    if activation not in ACTIVATIONS:
+        raise InputError(f"activation: '{activation}' is not known; known: {', '.join(ACTIVATIONS)}")
+    return ACTIVATIONS[activation].times(units)
 
 
 @dataclass(frozen=True)
@@ -185,9 +219,7 @@ class Dense(Layer):
 
     def cost(self) -> Cost:
         parameters = self.units * (self.inputs + self.bias)
-        return _with_weights(
-            parameters, macs=self.inputs * self.units, other_flops=_activations(self.activation, self.units)
-        )
+        return _with_weights(parameters, macs=self.inputs * self.units) + _activations(self.activation, self.units)
 
 
 @dataclass(frozen=True)
@@ -205,11 +237,9 @@ class PowerOfTwoDense(Layer):
     def cost(self) -> Cost:
         weights, biases = self.inputs * self.units, self.units * self.bias
         shifts = weights
-        return Cost(
-            acs=weights,
-            other_flops=shifts + _activations(self.activation, self.units),
-            parameters=weights + biases,
-            bytes=weights + BYTES * biases,
+        parameters, stored = weights + biases, weights + BYTES * biases
+        return Cost(acs=weights, comparisons=shifts, parameters=parameters, bytes=stored) + _activations(
+            self.activation, self.units
         )
 
 
@@ -220,6 +250,10 @@ class BinaryInputDense(Dense):
     def cost(self) -> Cost:
         dense = super().cost()
         return replace(dense, macs=0, acs=dense.macs)
+
+
+LSTM_UNIT = Cost(macs=1, multiplications=2) + SIGMOID.times(3) + TANH.times(2)
+"""A unit of an LSTM in a step, beside its gates' sums: `f c`, `+ i g`, `o tanh(c)`."""
 
 
 @dataclass(frozen=True)
@@ -235,8 +269,8 @@ class LSTM(Layer):
 
     def cost(self) -> Cost:
         n, gates = self.units, 4 * self.units * (self.inputs + self.units)
-        other = n * (2 + 3 * ACTIVATION_FLOPS["sigmoid"] + 2 * ACTIVATION_FLOPS["tanh"])
-        return _with_weights(gates + 4 * n, 2 * n, macs=self.steps * (gates + n), other_flops=self.steps * other)
+        step = Cost(macs=gates) + LSTM_UNIT.times(n)
+        return _with_weights(gates + 4 * n, 2 * n) + step.times(self.steps)
 
 
 @dataclass(frozen=True)
@@ -252,9 +286,8 @@ class GRU(Layer):
 
     def cost(self) -> Cost:
         n, gates = self.units, 3 * self.units * (self.inputs + self.units)
-        other = n * (1 + 2 * ACTIVATION_FLOPS["sigmoid"] + ACTIVATION_FLOPS["tanh"])
-        operations = {"macs": gates + n, "acs": n, "other_flops": other}
-        return _with_weights(gates + 3 * n, n, **{name: self.steps * value for name, value in operations.items()})
+        unit = Cost(macs=1, acs=1, multiplications=1) + SIGMOID.times(2) + TANH
+        return _with_weights(gates + 3 * n, n) + (Cost(macs=gates) + unit.times(n)).times(self.steps)
 
 
 @dataclass(frozen=True)
@@ -273,8 +306,8 @@ class Conv2d(Layer):
 
     def cost(self) -> Cost:
         pixels, weights = self.height * self.width, self.filters * self.channels * self.kernel**2
-        other = _activations(self.activation, pixels * self.filters)
-        return _with_weights(weights + self.filters, macs=pixels * weights, other_flops=other)
+        activations = _activations(self.activation, pixels * self.filters)
+        return _with_weights(weights + self.filters, macs=pixels * weights) + activations
 
 
 @dataclass(frozen=True)
@@ -294,10 +327,8 @@ class ConvLSTM(Layer):
     def cost(self) -> Cost:
         units = self.height * self.width * self.filters
         weights = 4 * self.filters * (self.channels + self.filters) * self.kernel**2
-        macs = self.height * self.width * weights + units
-        other = units * (2 + 3 * ACTIVATION_FLOPS["sigmoid"] + 2 * ACTIVATION_FLOPS["tanh"])
-        parameters = weights + 4 * self.filters
-        return _with_weights(parameters, 2 * units, macs=self.steps * macs, other_flops=self.steps * other)
+        step = Cost(macs=self.height * self.width * weights) + LSTM_UNIT.times(units)
+        return _with_weights(weights + 4 * self.filters, 2 * units) + step.times(self.steps)
 
 
 @dataclass(frozen=True)
@@ -318,8 +349,8 @@ class RBFExpansion(Layer):
         differences = self.units * self.features
         weighted = self.units * self.outputs
         parameters = differences + weighted + self.outputs * self.bias + 1
-        exponentials = self.units * (1 + EXPONENTIAL)  # gamma times the distance, and exp of it
-        return _with_weights(parameters, macs=differences + weighted, acs=differences, other_flops=exponentials)
+        kernels = Cost(multiplications=1, exponentials=1).times(self.units)  # gamma times the distance, and exp of it
+        return _with_weights(parameters, macs=differences + weighted, acs=differences) + kernels
 
 
 @dataclass(frozen=True)
@@ -359,7 +390,7 @@ class NearestPoints(Layer):
 
     def cost(self) -> Cost:
         numbers = self.points * self.features
-        return _with_weights(numbers, macs=numbers, acs=numbers, other_flops=self.points * self.neighbours)
+        return _with_weights(numbers, macs=numbers, acs=numbers, comparisons=self.points * self.neighbours)
 
 
 @dataclass(frozen=True)
@@ -376,7 +407,7 @@ class Trees(Layer):
 
     def cost(self) -> Cost:
         parameters = self.nodes * (2 + self.classes) // 2
-        return _with_weights(parameters, acs=self.trees * self.classes, other_flops=self.trees * self.depth)
+        return _with_weights(parameters, acs=self.trees * self.classes, comparisons=self.trees * self.depth)
 
 
 @dataclass(frozen=True)
@@ -388,7 +419,7 @@ class MovingAverage(Layer):
 
     def cost(self) -> Cost:
         n = self.samples * self.channels
-        return Cost(macs=n, other_flops=n, bytes=BYTES * self.channels)
+        return Cost(macs=n, multiplications=n, bytes=BYTES * self.channels)
 
 
 @dataclass(frozen=True)
@@ -409,19 +440,13 @@ class Moments(Layer):
             raise InputError(f"Moments.order: there are four moments; got {self.order}")
         n = self.samples
         orders = (
-            Cost(acs=n, other_flops=1),
-            Cost(macs=n, acs=n, other_flops=1 + SQUARE_ROOT),
-            Cost(macs=n, other_flops=3 + DIVISION),  # 1/n, two products for the cubed deviation
-            Cost(macs=n, other_flops=1 + DIVISION),  # the sum of squares times the variance
+            Cost(acs=n, multiplications=1),
+            Cost(macs=n, acs=n, multiplications=1, divisions=1),
+            Cost(macs=n, multiplications=3, divisions=1),  # 1/n, two products for the cubed deviation
+            Cost(macs=n, multiplications=1, divisions=1),  # the sum of squares times the variance
         )
-        one = sum(orders[: self.order], Cost())
-        channels, kept = self.channels, n + self.order
-        return Cost(
-            macs=channels * one.macs,
-            acs=channels * one.acs,
-            other_flops=channels * one.other_flops,
-            bytes=BYTES * channels * kept,
-        )
+        kept = BYTES * self.channels * (n + self.order)
+        return sum(orders[: self.order], Cost()).times(self.channels) + Cost(bytes=kept)
 
 
 @dataclass(frozen=True)
@@ -466,8 +491,8 @@ class Afferents(Layer):
     def cost(self) -> Cost:
         updates, n = self.taxels * self.steps, self.sa1 + self.ra1
         state = (2 * n + 1) * self.taxels  # membranes, refractory counters, the sample before
-        macs, other = 2 * n + self.onset, n + 1 + self.onset
-        return _with_weights(n, state, macs=macs * updates, acs=updates, other_flops=other * updates)
+        step = Cost(macs=2 * n + self.onset, acs=1, comparisons=n + 1 + self.onset)
+        return _with_weights(n, state) + step.times(updates)
 
 
 @dataclass(frozen=True)
@@ -492,9 +517,10 @@ class ExactSpikes(Layer):
             raise InputError(f"ExactSpikes.spikes: must be >= 0; got {self.spikes}")
 
     def cost(self) -> Cost:
-        timed, ended, carried, binned = DIVISION + LOGARITHM, 1, 1 + EXPONENTIAL + 1, 2
-        other = timed + ended + carried + binned
-        return Cost(macs=2 * self.spikes, acs=5 * self.spikes, other_flops=other * self.spikes)
+        timed, ended = Cost(macs=1, acs=2, divisions=1, exponentials=1), Cost(acs=1, comparisons=1)
+        carried = Cost(macs=1, acs=2, multiplications=1, exponentials=1, comparisons=1)
+        binned = Cost(multiplications=1, comparisons=1)
+        return (timed + ended + carried + binned).times(self.spikes)
 
 
 @dataclass(frozen=True)
@@ -512,9 +538,9 @@ class IzhikevichAfferents(Layer):
 
     def cost(self) -> Cost:
         afferents, updates = 2 * self.taxels, self.taxels * self.steps
-        euler = afferents * self.steps * self.euler_steps
+        euler = Cost(macs=4, acs=3, multiplications=1, comparisons=1).times(afferents * self.steps * self.euler_steps)
         state = 2 * afferents + self.taxels  # v and u of both, the sample before
-        return _with_weights(2, state, macs=4 * euler, acs=3 * euler + updates, other_flops=2 * euler + 3 * updates)
+        return _with_weights(2, state) + euler + Cost(acs=1, multiplications=2, comparisons=1).times(updates)
 
 
 @dataclass(frozen=True)
@@ -532,7 +558,8 @@ class PoissonAfferents(Layer):
     def cost(self) -> Cost:
         afferents, updates = 2 * self.taxels, self.taxels * self.steps
         state = afferents + self.taxels  # a random number each, the sample before
-        return _with_weights(2, state, macs=2 * updates, acs=updates, other_flops=2 * 2 * updates + updates)
+        step = Cost(macs=2, acs=1, multiplications=2, comparisons=2 + 1)
+        return _with_weights(2, state) + step.times(updates)
 
 
 @dataclass(frozen=True)
@@ -558,12 +585,15 @@ class MechanoreceptorAfferents(Layer):
 
     def cost(self) -> Cost:
         n, updates = self.afferents, self.taxels * self.steps
-        macs = 1 + n * (7 + 2 + 1 + 2 * self.noisy) + 8 * self.pressed
-        acs = 1 + n * (1 + 2 + 1) + self.saturating
-        other = n * (1 + 2 + 2) + 2 * self.pressed + self.saturating * (2 + DIVISION)
+        every = Cost(macs=7 + 2 + 1 + 2 * self.noisy, acs=1 + 2 + 1, multiplications=1, comparisons=2 + 2)
+        pressed, saturating = (
+            Cost(macs=8, multiplications=1, comparisons=1),
+            Cost(acs=1, multiplications=1, comparisons=1, divisions=1),
+        )
+        step = Cost(macs=1, acs=1) + every.times(n) + pressed.times(self.pressed) + saturating.times(self.saturating)
         # Two samples before; of each afferent a filter, its last value, V, the steps since a spike, a random number.
         state = self.taxels * (2 + n * (3 + 1 + 2 + self.noisy) + 3 * self.pressed)
-        return _with_weights(n, state, macs=macs * updates, acs=acs * updates, other_flops=other * updates)
+        return _with_weights(n, state) + step.times(updates)
 
 
 @dataclass(frozen=True)
@@ -580,7 +610,7 @@ class DeltaEvents(Layer):
     def cost(self) -> Cost:
         updates = self.taxels * self.steps
         state = 2 * self.taxels  # reference, refractory counter
-        return _with_weights(1, state, acs=updates, other_flops=2 * updates)
+        return _with_weights(1, state, acs=updates, comparisons=2 * updates)
 
 
 @dataclass(frozen=True)
@@ -598,7 +628,7 @@ class MovingWindowEvents(Layer):
     def cost(self) -> Cost:
         updates = self.taxels * self.steps
         state = (self.window + 2) * self.taxels  # the samples, their sum, the refractory counter
-        return _with_weights(1, state, acs=3 * updates, other_flops=3 * updates)
+        return _with_weights(1, state, acs=3 * updates, multiplications=updates, comparisons=2 * updates)
 
 
 @dataclass(frozen=True)
@@ -615,9 +645,9 @@ class BensSpiker(Layer):
     taps: int
 
     def cost(self) -> Cost:
-        parts, updates = 2 * self.taxels, 2 * self.taxels * self.steps
-        acs, others = (3 * self.taps + 1) * updates, (2 * self.taps + 3) * updates
-        return _with_weights(2 + self.taps, parts * self.taps, acs=acs, other_flops=others)
+        parts = 2 * self.taxels
+        step = Cost(acs=3 * self.taps + 1, multiplications=1, comparisons=2 * self.taps + 2)
+        return _with_weights(2 + self.taps, parts * self.taps) + step.times(parts * self.steps)
 
 
 @dataclass(frozen=True)
@@ -634,7 +664,8 @@ class LatencyAfferents(Layer):
     def cost(self) -> Cost:
         afferents, updates = 2 * self.taxels, self.taxels * self.steps
         state = afferents + self.taxels + 2  # fired or not, the sample before, the threshold and the cycle's step
-        return _with_weights(2, state, acs=updates, other_flops=2 * 2 * updates + updates + self.steps)
+        falls = Cost(multiplications=self.steps)
+        return _with_weights(2, state) + Cost(acs=1, multiplications=2, comparisons=2 + 1).times(updates) + falls
 
 
 @dataclass(frozen=True)
@@ -652,9 +683,9 @@ class BurstAfferents(Layer):
 
     def cost(self) -> Cost:
         afferents, updates = 2 * self.taxels, self.taxels * self.steps
-        bursts = afferents * (self.steps / self.cycle)
+        bursts = Cost(macs=1, multiplications=2, comparisons=2 + 2).times(afferents * (self.steps / self.cycle))
         state = 4 * afferents + self.taxels + 1  # sum, spikes left, interval, time to the next; sample before; step
-        return _with_weights(2, state, macs=bursts, acs=3 * updates, other_flops=3 * updates + 6 * bursts)
+        return _with_weights(2, state, acs=3 * updates, comparisons=3 * updates) + bursts
 
 
 @dataclass(frozen=True)
@@ -671,7 +702,7 @@ class ResonatorAfferents(Layer):
     def cost(self) -> Cost:
         afferents = 2 * self.taxels
         updates = afferents * self.steps
-        return _with_weights(2, 3 * afferents, macs=6 * updates, other_flops=updates)
+        return _with_weights(2, 3 * afferents, macs=6 * updates, comparisons=updates)
 
 
 @dataclass(frozen=True)
@@ -701,7 +732,7 @@ class Integrator(Layer):
         updates, states = self.neurons * self.leaky_steps, self.neurons * (2 if self.peak else 1)
         return _with_weights(
             self.neurons * (self.stretches * self.inputs + 1), states, macs=updates, acs=self.sops,
-            other_flops=updates if self.peak else 0, sops=self.sops,
+            comparisons=updates if self.peak else 0, sops=self.sops,
         )  # fmt: skip
 
 
@@ -734,5 +765,5 @@ class SpikingLayer(Layer):
         updates, adapting = self.neurons * self.steps, int(self.adapts)
         return _with_weights(
             weights, (2 + adapting) * self.neurons, macs=(2 + 2 * adapting) * updates, acs=self.sops,
-            other_flops=updates, sops=self.sops,
+            comparisons=updates, sops=self.sops,
         )  # fmt: skip

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from neurotact.errors import InputError, nearest
-from neurotact.metrics.flops import BYTES, EXPONENTIAL, SQUARE_ROOT, Cost, Layer
+from neurotact.metrics.flops import BYTES, Cost, Layer
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Averaging(Layer):
 
     def cost(self) -> Cost:
         means = self.steps * self.channels
-        return Cost(acs=self.samples * self.channels, other_flops=means, bytes=BYTES * self.channels)
+        return Cost(acs=self.samples * self.channels, multiplications=means, bytes=BYTES * self.channels)
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class ScaledSteps(Layer):
     channels: int = 1
 
     def cost(self) -> Cost:
-        return Cost(other_flops=self.steps * self.channels, parameters=self.channels, bytes=BYTES * self.channels)
+        return Cost(multiplications=self.steps * self.channels, parameters=self.channels, bytes=BYTES * self.channels)
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Interpolation(Layer):
     and the position.
 
     >>> spent = Interpolation(steps=300, channels=16).cost()
-    >>> spent.macs, spent.acs, spent.other_flops
+    >>> spent.macs, spent.acs, spent.comparisons
     (4800, 5100, 300)
     """
 
@@ -72,7 +72,7 @@ class Interpolation(Layer):
 
     def cost(self) -> Cost:
         n = self.steps * self.channels
-        return Cost(macs=n, acs=n + self.steps, other_flops=self.steps, bytes=BYTES * (2 * self.channels + 1))
+        return Cost(macs=n, acs=n + self.steps, comparisons=self.steps, bytes=BYTES * (2 * self.channels + 1))
 
 
 @dataclass(frozen=True)
@@ -81,27 +81,36 @@ class BaselineRemoval(Layer):
 
     The level is the first sample (`first`, free), the mean (an addition per sample and a product) or the
     median (a sort: a comparison per sample and doubling; only it stores the samples). It is computed over the same
-    samples that it is subtracted from. The mean so far (`running`, and `start` until it is constant) costs an addition
-    and a product per sample, an EMA (`high-pass`) a MAC and a product.
+    samples that it is subtracted from. The mean so far costs an addition and a division per sample: of all (`running`)
+    or of the first `start` (None: all), after which it is constant (`start`); an EMA (`high-pass`) a MAC and a product.
 
     >>> BaselineRemoval(samples=300, channels=8, level="mean").cost().flops
     4808
+    >>> BaselineRemoval(samples=300, channels=8, level="start", start=100).cost().divisions
+    800
     """
 
     samples: int
     channels: int = 1
     level: Literal["first", "mean", "median", "start", "running", "high-pass"] = "mean"
+    start: int | None = None
 
     def cost(self) -> Cost:
         if self.level not in BASELINES:
             raise InputError(f"BaselineRemoval.level: '{self.level}' is unknown; {nearest(self.level, BASELINES)}")
         n = self.samples * self.channels
         kept = self.channels * (1 + (self.samples if self.level == "median" else 0))
-        sums = n if self.level in ("mean", "start", "running") else 0
-        products = {"mean": self.channels, "start": n, "running": n, "high-pass": n}.get(self.level, 0)
-        comparisons = n * math.ceil(math.log2(self.samples)) if self.level == "median" else 0
-        macs = n if self.level == "high-pass" else 0
-        return Cost(macs=macs, acs=n + sums, other_flops=products + comparisons, bytes=BYTES * kept)
+        heard = self.samples if self.start is None or self.level == "running" else min(self.start, self.samples)
+        so_far = Cost(acs=1, divisions=1).times(heard * self.channels)
+        level = {
+            "first": Cost(),
+            "mean": Cost(acs=n, multiplications=self.channels),
+            "median": Cost(comparisons=n * math.ceil(math.log2(self.samples))),
+            "start": so_far,
+            "running": so_far,
+            "high-pass": Cost(macs=n, multiplications=n),
+        }[self.level]
+        return level + Cost(acs=n, bytes=BYTES * kept)
 
 
 BASELINES = ("first", "mean", "median", "start", "running", "high-pass")
@@ -115,7 +124,7 @@ class Rectification(Layer):
     channels: int = 1
 
     def cost(self) -> Cost:
-        return Cost(other_flops=self.steps * self.channels)
+        return Cost(comparisons=self.steps * self.channels)
 
 
 @dataclass(frozen=True)
@@ -133,10 +142,10 @@ class LevelSpreadRate(Layer):
     channels: int = 1
 
     def cost(self) -> Cost:
-        n = self.samples * self.channels
-        ends = self.channels * (3 + SQUARE_ROOT)
+        ends = Cost(macs=1, multiplications=3, divisions=1)
         sums = 4 * self.channels  # three, and the previous sample
-        return Cost(macs=n + self.channels, acs=3 * n, other_flops=n + ends, bytes=BYTES * sums)
+        each = Cost(macs=1, acs=3, comparisons=1).times(self.samples) + ends
+        return each.times(self.channels) + Cost(bytes=BYTES * sums)
 
 
 @dataclass(frozen=True)
@@ -144,7 +153,7 @@ class BandPowers(Layer):
     """The logarithm of a signal's power in bands of frequency: a window, a real FFT, squares, sums.
 
     A real FFT of n samples takes n log2(n) multiplications and 1.5 n log2(n) additions (radix 2, half of the complex
-    transform); the logarithm counts as an exponential.
+    transform); the window is a multiplication per sample.
 
     >>> BandPowers(samples=256, bands=8, channels=2).cost().macs
     512.0
@@ -156,13 +165,8 @@ class BandPowers(Layer):
 
     def cost(self) -> Cost:
         n, transform = self.samples, self.samples * math.log2(max(2, self.samples))
-        others = transform + n + self.bands * EXPONENTIAL
-        return Cost(
-            macs=float(self.channels * n),
-            acs=self.channels * (1.5 * transform + n),
-            other_flops=self.channels * others,
-            bytes=BYTES * self.channels * n,
-        )
+        one = Cost(macs=float(n), acs=1.5 * transform + n, multiplications=transform + n, exponentials=self.bands)
+        return one.times(self.channels) + Cost(bytes=BYTES * self.channels * n)
 
 
 @dataclass(frozen=True)
@@ -172,7 +176,7 @@ class FixedConvolutions(Layer):
     channels: of the sequence. dilations: how many different ones. convolved: channels, added up over all convolutions.
     biases: number of features. At each step the sum of nine taps is made once per dilation and channel (eight
     additions); a convolution then adds three taps, multiplies by 3 and subtracts that sum for each of its channels; a
-    feature is a comparison and a count.
+    feature is a comparison and a count per step, and a product at the end.
 
     >>> FixedConvolutions(samples=100, channels=1, dilations=1, convolved=84, biases=84).cost().acs
     42800
@@ -189,7 +193,8 @@ class FixedConvolutions(Layer):
         additions = 8 * self.dilations * self.channels + 4 * self.convolved
         return Cost(
             acs=n * (additions + self.biases),
-            other_flops=n * (self.convolved + self.biases) + self.biases,
+            multiplications=n * self.convolved + self.biases,
+            comparisons=n * self.biases,
             parameters=self.biases,
             bytes=BYTES * (self.biases + n * self.channels),
         )
@@ -204,4 +209,4 @@ class PooledStates(Layer):
 
     def cost(self) -> Cost:
         n = self.units * self.steps
-        return Cost(acs=n, other_flops=n + self.units, bytes=2 * BYTES * self.units)
+        return Cost(acs=n, multiplications=self.units, comparisons=n, bytes=2 * BYTES * self.units)

@@ -7,7 +7,7 @@ whole). References of distances are stored as spike times, and filtered or compa
 from dataclasses import dataclass
 
 from neurotact.errors import InputError
-from neurotact.metrics.flops import BYTES, DIVISION, SQUARE_ROOT, Cost, Layer
+from neurotact.metrics.flops import BYTES, Cost, Layer
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Rates(_OfSpikes):
     """Average rates: a count per spike; a product per afferent."""
 
     def cost(self) -> Cost:
-        return Cost(acs=self.spikes, other_flops=self.afferents, bytes=BYTES * self.afferents)
+        return Cost(acs=self.spikes, multiplications=self.afferents, bytes=BYTES * self.afferents)
 
 
 @dataclass(frozen=True)
@@ -43,10 +43,10 @@ class Intervals(_OfSpikes):
 
     def cost(self) -> Cost:
         squares = self.spikes * self.variation
-        per_afferent = DIVISION + self.variation * (DIVISION + SQUARE_ROOT)
+        divisions = self.afferents * (3 if self.variation else 1)
         macs = squares + self.afferents * self.variation
         kept = self.afferents * (3 + self.variation)  # last spike, count, sum, sum of squares
-        return Cost(macs=macs, acs=2 * self.spikes, other_flops=self.afferents * per_afferent, bytes=BYTES * kept)
+        return Cost(macs=macs, acs=2 * self.spikes, divisions=divisions, bytes=BYTES * kept)
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,8 @@ class BinFanoFactors(_OfSpikes):
 
     def cost(self) -> Cost:
         n = self.afferents
-        return Cost(macs=n * (self.bins + 1), acs=self.spikes, other_flops=n * (1 + DIVISION), bytes=3 * BYTES * n)
+        macs, stored = n * (self.bins + 1), 3 * BYTES * n
+        return Cost(macs=macs, acs=self.spikes, multiplications=n, divisions=n, bytes=stored)
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class CoOccurrences(_OfSpikes):
 
     def cost(self) -> Cost:
         kept = self.afferents * (self.afferents + 1) / 2 + self.spikes
-        return Cost(acs=2 * self.pairs, other_flops=self.pairs, bytes=int(BYTES * kept))
+        return Cost(acs=2 * self.pairs, comparisons=self.pairs, bytes=int(BYTES * kept))
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class DelayedTraces(_OfSpikes):
 
     def cost(self) -> Cost:
         kept = self.afferents * (1 + self.delays)
-        return Cost(acs=self.spikes, other_flops=self.afferents * self.steps, bytes=BYTES * kept)
+        return Cost(acs=self.spikes, multiplications=self.afferents * self.steps, bytes=BYTES * kept)
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ class GreyImages(_OfSpikes):
 
     def cost(self) -> Cost:
         pixels = self.afferents * self.columns
-        return Cost(acs=self.spikes, other_flops=2 * pixels, bytes=pixels)
+        return Cost(acs=self.spikes, multiplications=pixels, comparisons=pixels, bytes=pixels)
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,8 @@ class VanRossum(_OfSpikes):
         return Cost(
             macs=2 * traces,
             acs=self.reference_spikes + 2 * self.references,
-            other_flops=self.references * (1 + SQUARE_ROOT),
+            multiplications=self.references,
+            divisions=self.references,
             parameters=int(self.reference_spikes) + self.references,
             bytes=int(BYTES * (self.reference_spikes + self.references + traces)),
         )
@@ -132,7 +134,7 @@ class VictorPurpura(_OfSpikes):
     def cost(self) -> Cost:
         return Cost(
             acs=3 * self.pairs + self.afferents * self.references,
-            other_flops=3 * self.pairs,
+            comparisons=3 * self.pairs,
             parameters=int(self.reference_spikes),
             bytes=int(BYTES * (self.reference_spikes + 2 * self.spikes)),
         )
@@ -146,4 +148,4 @@ class NearestOf(Layer):
     neighbours: int = 1
 
     def cost(self) -> Cost:
-        return Cost(other_flops=self.references * self.neighbours)
+        return Cost(comparisons=self.references * self.neighbours)

@@ -97,7 +97,8 @@ def costs_of(
 ) -> pd.DataFrame:
     """The costs of each row of `results.csv`: columns `whole_sops`, `whole_ms` ... `early_nJ`.
 
-    afferents: of each row. Without them the clock is unknown, so ms and nJ are missing.
+    afferents: of each row. Without them the clock is unknown, so ms and nJ are missing; without the rate of their
+    recordings, where that counts, nJ.
     """
     own = [*afferents, *[None] * len(results)]
     return pd.DataFrame(
@@ -122,8 +123,9 @@ def _costs(
     if afferents is not None and study.network is not None:
         counts = study.encoding_in == "processor"
         how = {"n_classes": n_classes, "early": bool(before), "encoding": counts}
-        spent = ledger.row_cost(study.network, row, afferents, **how)
-        costs |= {"ms": 1e3 * steps / afferents.rate_Hz, "nJ": spent.energy_estimate_nJ}
+        costs["ms"] = 1e3 * steps / afferents.rate_Hz
+        if not counts or afferents.is_countable:
+            costs["nJ"] = ledger.row_cost(study.network, row, afferents, **how).energy_estimate_nJ
     return costs
 
 
@@ -385,15 +387,19 @@ def _of_encoding(answer: Answer, afferents: Sequence[Afferents], study: StudySpe
     decision = answer.cheapest.used
     if not afferents or decision.nJ is None or not answer.is_above_chance:
         return
-    rate_Hz, recorded_Hz = afferents[0].rate_Hz, afferents[0].encoder.get("recorded_Hz")
+    if not all(one.is_countable for one in afferents):
+        return
+    first = afferents[0]
     spent = [one.cost(1e-3 * decision.ms * one.rate_Hz, decision.spikes).energy_estimate_nJ for one in afferents]
     alone = answers.energy(float(np.mean(spent)))
     if study.encoding_in == "sensor":
         yield f"Conditioning and encoding are in the sensor and not counted; on the processor they take {alone} more."
         return
-    clock = f"{rate_Hz:g} steps per second, for any number of spikes"
-    if recorded_Hz is not None:
+    clock = f"{first.rate_Hz:g} steps per second, for any number of spikes"
+    if (recorded_Hz := first.encoder.get("recorded_Hz")) is not None:
         clock = f"{recorded_Hz:.4g} samples per second, and more for each spike"
+    elif first.has_average_apart:
+        clock = f"{first.recorded_Hz:.4g} samples per second of a moving average and {clock}"
     yield (
         f"Conditioning and encoding, on the processor, take {alone} of {answers.energy(decision.nJ)}, at {clock}; "
         "`settings={'encoding_in': 'sensor'}` leaves them out."

@@ -9,6 +9,7 @@ import pandas as pd
 
 from neurotact.baselines import opponents
 from neurotact.data.spikes import SpikeTrains
+from neurotact.encoders.cost import NOT_COUNTED
 from neurotact.figures.columns import quantity
 from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
@@ -16,6 +17,7 @@ from neurotact.files import write_json
 from neurotact.metrics import referee
 from neurotact.networks.use import ledger
 from neurotact.networks.use.ledger import Afferents
+from neurotact.progress import say
 from neurotact.report import details, encoder_choice, front, page, periods, robustness, search, selection_steps
 from neurotact.report.encoding_drawings import encoding_drawings, name_classes, names_of
 from neurotact.report.extra_drawings import extra_drawings
@@ -27,11 +29,12 @@ from neurotact.report.tables import (
     extra_tables,
     first_spikes,
     in_words_of_split,
+    tables_beside,
     with_pair,
     with_setting,
 )
 from neurotact.spec import to_toml
-from neurotact.studies import preparation, selection
+from neurotact.studies import selection
 from neurotact.studies import study as studies
 from neurotact.studies.encoded import read_encoding
 from neurotact.studies.protocol import HEADS
@@ -100,9 +103,7 @@ def write(study: StudySpec, folder: Path) -> Path:
     chosen = course.found if course else None
     extra = extra_tables(study, folder)
     trials = search.trials_table(folder, done, results)
-    known = (*preparation.BASELINES, preparation.RECONSTRUCTION)
-    names = [name for name in preparation.tables_of(study) if name in known]
-    beside = {name.removesuffix(".csv"): read_table(folder / name) for name in names if (folder / name).is_file()}
+    beside = tables_beside(study, folder)
     baselines, remedies = beside.get("baselines"), extra.get(robustness.REMEDIES)
     beside |= {} if remedies is None else {robustness.REMEDIES: remedies}
     afferents, n_classes = afferents_of(folder, done), len(trains.classes) if trains else 0
@@ -354,9 +355,14 @@ def _ledger(
     afferents: Sequence[Afferents | None],
     n_classes: int,
 ) -> pd.DataFrame | None:
-    """The cost of a decision; None without spikes, since the number of afferents is then unknown."""
+    """The cost of a decision; None without spikes, since the number of afferents is then unknown, or the rate at which
+    their conditioning ran.
+    """
     known = [one for one in afferents if one is not None]
     if study.network is None or len(known) < len(results):
+        return None
+    if not all(one.is_countable for one in known):
+        say(f"report: {NOT_COUNTED}")
         return None
     parts = []
     for model, rows in results.groupby("encoder", sort=False) if "encoder" in results else [(None, results)]:

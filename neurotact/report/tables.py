@@ -10,6 +10,7 @@ import pandas as pd
 from neurotact.data.hdf5 import encoded_by, load_spikes
 from neurotact.data.spikes import SpikeTrains
 from neurotact.encoders.specs import EncoderSpec
+from neurotact.errors import InputError
 from neurotact.figures.columns import in_unit, quantity
 from neurotact.figures.encoding import Classes
 from neurotact.files import read_json
@@ -20,6 +21,7 @@ from neurotact.networks.training.trained import LOG
 from neurotact.networks.training.training import Epoch, best_of
 from neurotact.networks.use.ledger import Afferents
 from neurotact.report import periods
+from neurotact.studies import preparation
 from neurotact.studies.store import cell_folder
 from neurotact.studies.study import SPLIT, Cell, StudySpec
 from neurotact.studies.suited import TESTED
@@ -124,6 +126,22 @@ def extra_tables(study: StudySpec, folder: Path) -> dict[str, pd.DataFrame]:
     return {name: with_pair(table, study) if "t_ref_ra_ms" in table else table for name, table in known.items()}
 
 
+def tables_beside(study: StudySpec, folder: Path) -> dict[str, pd.DataFrame]:
+    """The tables of baselines and of reconstruction that the study requests, by name.
+
+    Raises InputError for baselines of an earlier version, whose other FLOPs are not counted by kind.
+    """
+    known = (*preparation.BASELINES, preparation.RECONSTRUCTION)
+    paths = [folder / name for name in preparation.tables_of(study) if name in known]
+    beside = {path.stem: read_table(path) for path in paths if path.is_file()}
+    if "other_flops" in beside.get("baselines", ()):
+        raise InputError(
+            f"{folder / preparation.BASELINES[0]}: an earlier version wrote it, with one price for most operations, so "
+            "that its energies do not compare with those of networks now; run the study in a new folder"
+        )
+    return beside
+
+
 def confusion(result: Mapping[str, Any], classes: Classes) -> np.ndarray | None:
     """A cell's test windows by true and predicted class, in drawing order.
 
@@ -147,8 +165,8 @@ def afferents_of(folder: Path, done: Sequence[Cell]) -> list[Afferents | None]:
 
 
 def _afferents(path: Path) -> Afferents:
-    names, encoder, rate_Hz = encoded_by(path)
-    return Afferents(len(names), encoder, rate_Hz)
+    names, encoder, rate_Hz, recorded_Hz = encoded_by(path)
+    return Afferents(len(names), encoder, rate_Hz, recorded_Hz)
 
 
 def _like(first: Afferents, encoder: EncoderSpec) -> Afferents:

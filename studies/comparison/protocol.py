@@ -21,11 +21,11 @@ from neurotact.baselines.families import accuracy, best_of
 from neurotact.data.copies import equal_examples, joined
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
-from neurotact.metrics.flops import LEDGER_COLUMNS, Cost, cost
+from neurotact.metrics.flops import ENERGY, FLOPS, LEDGER_COLUMNS, Cost, cost
 from neurotact.spec import Spec, build
 from neurotact.studies.protocol import Arrays, TaskData, View, heads
 
-COUNTED = ("macs", "acs", "other_flops", "parameters", "bytes")
+COUNTED = (*FLOPS, "parameters", "bytes")
 
 
 class TaskSpec(Spec):
@@ -107,8 +107,8 @@ def _as_array(spent: Cost) -> np.ndarray:
 
 
 def _as_cost(array: np.ndarray) -> Cost:
-    macs, acs, other_flops, parameters, stored = array.tolist()
-    return Cost(macs=macs, acs=acs, other_flops=other_flops, parameters=int(parameters), bytes=int(stored))
+    counted = dict(zip(COUNTED, array.tolist(), strict=True))
+    return Cost(**counted | {name: int(counted[name]) for name in ("parameters", "bytes")})
 
 
 def _plain(task: TaskData, arrays: Arrays, parameters: Parameters, split: Any) -> dict:
@@ -138,7 +138,7 @@ def _spiking(task: TaskData, arrays: Arrays, parameters: Parameters, split: Any)
     for decided in spiking_family.decide(task, split, parameters.seed):
         # Sequences are made sample by sample: an early decision costs only the samples until then.
         needed = min(1.0, decided.cost.signal_ms / window_ms)
-        before = _as_cost(arrays["before_sequences"] * np.array([needed, needed, needed, 1.0, 1.0])) + decided.encoder
+        before = _as_cost(arrays["before_sequences"]).times(needed) + decided.encoder
         rows.append(
             {
                 "family": decided.name,
@@ -191,11 +191,10 @@ VIEW = View(
     ),
     cost="energy_estimate_nJ",
     score="accuracy_test",
-    note="Energy is an estimate of the arithmetic alone, without memory: 4.6 pJ per MAC and 0.9 pJ per other "
-    "operation, 32-bit floating point at 45 nm (Horowitz, ISSCC 2014). It counts everything from the recorded samples "
-    "on: conditioning, features, averaging, afferents, classifier. Afferents are counted on every step and taxel, as "
-    "digital neurons; an analogue or event-driven encoder would not have this cost. Tasks whose recordings are not "
-    "available are left out; the column `skipped` of results.csv gives the reason.",
+    note=f"{ENERGY} It counts everything from the recorded samples on: conditioning, features, averaging, afferents, "
+    "classifier. Afferents are counted on every step and taxel, as digital neurons; an analogue or event-driven "
+    "encoder would not have this cost. Tasks whose recordings are not available are left out; the column `skipped` of "
+    "results.csv gives the reason.",
     apart=("task",),
     spiking=("family", (spiking_family.FAMILY, spiking_family.EARLY)),
     splits=("seed",),

@@ -329,4 +329,7 @@ def _cost(fitted: Fitted, sops: Mapping[str, float], decided: torch.Tensor) -> C
     # Counted before bins merge some, and before weights are pruned: the encoder has sent all of them.
     sent = fitted.sides.test.spikes.sum(dim=2, dtype=torch.float64).cumsum(dim=1)
     spikes = float(sent.gather(1, decided.cpu()[:, None] - 1).mean())
-    return spent + encoding_cost(fitted.sides.n_taxels, steps, signal_ms, fitted.sides.encoder, spikes=spikes)
+    recorded_Hz = fitted.sides.trains.recorded_Hz
+    return spent + encoding_cost(
+        fitted.sides.n_taxels, steps, signal_ms, fitted.sides.encoder, recorded_Hz=recorded_Hz, spikes=spikes
+    )

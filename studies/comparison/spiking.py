@@ -12,9 +12,7 @@ from neurotact.data.splits import Split
 from neurotact.data.windows import Windows
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.calibration import calibrate
-from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.encoders.specs import taxels_of
 from neurotact.metrics.flops import Cost
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
@@ -22,7 +20,7 @@ from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.training import fitting
 from neurotact.networks.training.training import Examples, alone
 from neurotact.networks.use import measuring
-from neurotact.networks.use.ledger import network_cost
+from neurotact.networks.use.ledger import Afferents, network_cost
 from neurotact.studies.protocol import TaskData
 
 TRIED = (RSNNSpec(recipe="default", hidden=30), RSNNSpec(recipe="default", hidden=50))
@@ -100,8 +98,7 @@ def _measure(network: RSNN, trains: SpikeTrains, test: Examples, rule: ExitRule)
     measured = {f"sops_{name}": float(v.mean()) for name, v in measuring.synops_of(inferred, network)._asdict().items()}
     steps = float(inferred.steps.double().mean())
     signal_ms = 1e3 * steps / trains.sampling_rate_Hz
-    n_taxels, spikes = taxels_of(len(trains.afferents), trains.encoder), measured["sops_input"] / network.spec.hidden
-    encoder = encoding_cost(n_taxels, steps, signal_ms, trains.encoder, spikes=spikes)
+    encoder = Afferents.of(trains).cost(steps, measured["sops_input"] / network.spec.hidden)
     sizes = len(trains.afferents), network.n_classes
     network_spent = network_cost(network.spec, *sizes, measured, steps=steps, signal_ms=signal_ms)
     return measuring.accuracy_of(inferred, test), encoder, network_spent

@@ -22,7 +22,7 @@ from neurotact.data.sources import expand
 from neurotact.data.splits import Split, SplitSpec, split_trials
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Layer, Moments, MovingAverage
-from neurotact.metrics.signal_flops import Averaging, LevelSpreadRate
+from neurotact.metrics.signal_flops import Averaging, BaselineRemoval, Interpolation, LevelSpreadRate
 from neurotact.spec import Spec
 from neurotact.studies.protocol import TaskData, module_of
 
@@ -196,11 +196,14 @@ def source_of(name: str) -> Source:
 
 
 def _touch_front_end(data: touch_modality.TouchData, task: TaskData) -> FrontEnd:
-    """Mean and deviation of each taxel in each window; a moving average before the sequences (touch_modality.task)."""
-    channels = task.sequences.shape[2]
+    """Mean and deviation of each taxel in each window; sequences are without the first sample, smoothed and resampled
+    (touch_modality.task).
+    """
+    _, steps, channels = task.sequences.shape
     bounds = window_bounds(TOUCH_SAMPLES, touch_modality.TASK_STEPS, data.windows)
     moments = tuple(Moments(int(stop - first), channels, order=2) for first, stop in bounds)
-    return FrontEnd(moments, (MovingAverage(TOUCH_SAMPLES, channels),))
+    first = BaselineRemoval(TOUCH_SAMPLES, channels, level="first")
+    return FrontEnd(moments, (first, MovingAverage(TOUCH_SAMPLES, channels), Interpolation(steps, channels)))
 
 
 def _moments_front_end(data: Spec, task: TaskData) -> FrontEnd:

@@ -258,8 +258,7 @@ def _of_network(prepared: Prepared) -> dict[str, Any]:
     best = robust.again(trains, chosen, prepared.seeds)
     measured = measuring.measure(best.fitted, best.sides, trains.populations)["row"]
     row = {**measured, **best.validated, "hidden": best.fitted.network.spec.hidden}
-    afferents = ledger.Afferents(len(trains.afferents), trains.encoder, trains.sampling_rate_Hz)
-    how = {"afferents": afferents, "n_classes": len(trains.classes)}
+    how = {"afferents": ledger.Afferents.of(trains), "n_classes": len(trains.classes)}
     spent, early = (ledger.row_cost(cell.network, row, **how, early=early) for early in (False, True))
     return {
         "classifier": NETWORK,

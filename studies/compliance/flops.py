@@ -39,6 +39,6 @@ class CurveFeatures(Layer):
         samples = self.curves * self.frames
         return Cost(
             acs=samples * self.areas,
-            other_flops=samples * self.held,
+            comparisons=samples * self.held,
             bytes=int(BYTES * self.curves * (self.areas + self.held)),
         )

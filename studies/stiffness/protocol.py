@@ -17,6 +17,7 @@ from neurotact.data.conditioning import ema
 from neurotact.data.splits import Split, SplitSpec, split_trials
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
+from neurotact.metrics.flops import FLOPS
 from neurotact.spec import Spec
 from neurotact.studies.protocol import Arrays, TaskData, View, heads
 
@@ -142,7 +143,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
                 "flops": slfn_unit_flops(
                     parameters.classifier, parameters.features, choice.neurons, n_classes, samples, channels
                 ),
-                **unit.columns("macs", "acs", "other_flops", "energy_estimate_nJ", "parameters", "bytes", "signal_ms"),
+                **unit.columns(*FLOPS, "energy_estimate_nJ", "parameters", "bytes", "signal_ms"),
             }
         )
     return rows

@@ -25,7 +25,6 @@ from neurotact.data.splits import Split, SplitSpec, split_trials
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.calibration import BY_CALIBRATION, FITTED, calibrate
-from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
@@ -226,9 +225,9 @@ def _spiking_split(parameters: Parameters, recorded: Recordings, number: int, sp
     ):
         measured = {f"sops_{name}": row[f"{prefix}_{name}"] for name in ("input", "recurrent", "readout")}
         signal_ms = 1e3 * steps / trains.sampling_rate_Hz
-        smoothing = cost(MovingAverage(max(1, round(steps)), recorded.n_channels))  # `load` applied it, for all chains
-        spikes = measured["sops_input"] / fitted.network.spec.hidden
-        encoding = encoding_cost(recorded.n_channels, steps, signal_ms, trains.encoder, spikes=spikes)
+        samples = max(1, round(1e-3 * signal_ms * recorded.sampling_rate_Hz))
+        smoothing = cost(MovingAverage(samples, recorded.n_channels))  # `load` applied it, for all chains
+        encoding = ledger.Afferents.of(trains).cost(steps, measured["sops_input"] / fitted.network.spec.hidden)
         sizes = len(trains.afferents), len(trains.classes)
         network = ledger.network_cost(fitted.network.spec, *sizes, measured, steps=steps, signal_ms=signal_ms)
         yield {

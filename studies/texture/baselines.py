@@ -143,10 +143,12 @@ class Decided(NamedTuple):
 
 def load(data: GratingSpikesSpec) -> Arrays:
     """Conditions `(trial,)`; and for each encoder `NAME/trial`, `NAME/afferent` and `NAME/step` `(spike,)`, steps from
-    the windows' start on, in the order of trial, afferent and step. `clock_Hz` and `afferents` are the same for all.
+    the windows' start on, in the order of trial, afferent and step. `clock_Hz`, `afferents` and `recorded_Hz`, samples
+    of the recordings per second, are the same for all.
     """
     recordings = simulate(data.gratings)
     arrays = {name: recordings.conditions[name].to_numpy() for name in SIDES}
+    arrays["recorded_Hz"] = np.array(recordings.sampling_rate_Hz)
     arrays[LABEL] = recordings.conditions[LABEL].to_numpy(str)
     for name, encoder in data.encoders.items():
         trains = encode_recordings(recordings, encoder)
@@ -243,7 +245,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     rows = []
     for decided in _decided(parameters, seen, arrays):
         steps = decided.signal_ms * 1e-3 * seen.rate_Hz
-        encoding = encoding_cost(n_taxels, steps, decided.signal_ms, encoder)
+        encoding = encoding_cost(n_taxels, steps, decided.signal_ms, encoder, recorded_Hz=float(arrays["recorded_Hz"]))
         total = encoding + decided.features + decided.classifier
         rows.append(
             {
@@ -422,6 +424,7 @@ def trains_of(parameters: Parameters, seen: Seen, arrays: Arrays) -> SpikeTrains
         afferents=tuple(arrays["afferents"].tolist()),
         conditions=conditions_of(arrays),
         encoder=parameters.data.encoders[parameters.encoder].model_dump(mode="json"),
+        recorded_Hz=float(arrays["recorded_Hz"]),
     )
 
 

@@ -45,13 +45,13 @@ def trains_of(lengths, rate_Hz=1000.0, seed=0, density=0.1, **about) -> SpikeTra
 @examples(30)
 def test_spikes_come_back_to_the_step(lengths, rate_Hz, density, seed, digests):
     about = {"trial_digests": tuple(f"{i:016x}" for i in range(len(lengths)))} if digests else {}
-    trains = trains_of(lengths, rate_Hz, seed, density, **about)
+    trains = trains_of(lengths, rate_Hz, seed, density, **about, recorded_Hz=35.6 if digests else None)
     back = nt.from_neo(nt.to_neo(trains))
     for mine, its in ((trains.steps, back.steps), (trains.units, back.units)):
         assert [each.tolist() for each in mine] == [each.tolist() for each in its]
     assert back.trial_steps.tolist() == lengths
     pd.testing.assert_frame_equal(back.conditions, trains.conditions)
-    for key in ("sampling_rate_Hz", "afferents", "encoder", "source", "trial_digests"):
+    for key in ("sampling_rate_Hz", "afferents", "encoder", "source", "trial_digests", "recorded_Hz"):
         assert getattr(back, key) == getattr(trains, key)
 
 

@@ -233,7 +233,7 @@ def test_its_cost_is_that_of_samples_and_spikes():
     assert encoding_cost(3, 500, 500.0, table, spikes=0) == of_samples
     assert encoding_cost(3, 500, 500.0, table, spikes=70) == of_samples + cost(ExactSpikes(70))
     quick = {**table, "recorded_Hz": 2000.0}  # is resampled to 1 kHz
-    of_steps = encoding_cost(3, 500, 500.0, {**table, "integration": "clock"})
+    of_steps = encoding_cost(3, 500, 500.0, {**table, "integration": "clock"}, recorded_Hz=2000.0)
     assert encoding_cost(3, 500, 500.0, quick, spikes=70) == of_steps + cost(ExactSpikes(70))
     fastest = encoding_cost(3, 500, 500.0, {**table, "sa1": {"t_ref_ms": 5.0}})  # 3 at 200 Hz and 3 at 1 kHz
     assert fastest == of_samples + cost(ExactSpikes(3 * 100 + 3 * 500))

@@ -83,7 +83,7 @@ EVERY_LAYER = [
 def test_dense_by_hand():
     # 3 inputs to 2 units: 6 products, each added; 6 weights and 2 biases; a comparison for each ReLU.
     counted = cost(Dense(3, 2, "relu"))
-    assert counted == Cost(macs=6, other_flops=2, parameters=8, bytes=32)
+    assert counted == Cost(macs=6, comparisons=2, parameters=8, bytes=32)
     assert counted.flops == 14
     assert cost(Dense(3, 2, bias=False)).parameters == 6
 
@@ -91,16 +91,18 @@ def test_dense_by_hand():
 def test_h_elm_by_hand():
     # 3 features to 2 hard-limit units: 6 shifts, 6 additions, 2 comparisons; 6 weights of a byte, 2 biases of four.
     hidden = cost(PowerOfTwoDense(3, 2))
-    assert hidden == Cost(acs=6, other_flops=8, parameters=8, bytes=14)
+    assert hidden == Cost(acs=6, comparisons=8, parameters=8, bytes=14)
     # 2 zeros or ones to 3 classes: 6 additions.
     assert cost(BinaryInputDense(2, 3, bias=False)) == Cost(acs=6, parameters=6, bytes=24)
 
 
 def test_lstm_by_hand():
     # 1 input, 2 units, one step. Gates: 8 sums of 1 + 2 products = 24 MACs. Cell: f c a product, + i g a MAC, a unit;
-    # o tanh(c) a product a unit; 3 sigmoids of 14 and 2 tanhs of 15 a unit.
+    # o tanh(c) a product a unit; 3 sigmoids of 14 and 2 tanhs of 15 a unit, each an exponential and a division.
     one = cost(LSTM(1, 2))
-    assert one == Cost(macs=24 + 2, other_flops=2 * (2 + 3 * 14 + 2 * 15), parameters=32, bytes=4 * (32 + 4))
+    others = {"multiplications": 2 * 2, "comparisons": 2 * (3 * 2 + 2 * 3), "divisions": 10, "exponentials": 10}
+    assert one == Cost(macs=24 + 2, parameters=32, bytes=4 * (32 + 4), **others)
+    assert one.other_flops == 2 * (2 + 3 * 14 + 2 * 15)
     five = cost(LSTM(1, 2, steps=5))
     assert (five.macs, five.other_flops, five.parameters) == (5 * one.macs, 5 * one.other_flops, 32)
 
@@ -108,9 +110,10 @@ def test_lstm_by_hand():
 def test_gru_by_hand():
     # 1 input, 2 units, one step. Gates: 6 sums of 3 products = 18 MACs. r h a product, h - g a difference,
     # g + z (h - g) a MAC, a unit; 2 sigmoids and 1 tanh a unit.
-    assert cost(GRU(1, 2)) == Cost(
-        macs=18 + 2, acs=2, other_flops=2 * (1 + 2 * 14 + 15), parameters=24, bytes=4 * (24 + 2)
-    )
+    others = {"multiplications": 2, "comparisons": 2 * (2 * 2 + 3), "divisions": 2 * 3, "exponentials": 2 * 3}
+    counted = cost(GRU(1, 2))
+    assert counted == Cost(macs=18 + 2, acs=2, parameters=24, bytes=4 * (24 + 2), **others)
+    assert counted.other_flops == 2 * (1 + 2 * 14 + 15)
 
 
 def test_published_parameters_of_the_touch_modality_paper():
@@ -135,14 +138,14 @@ def test_a_conv_lstm_of_one_pixel_and_one_tap_is_an_lstm():
 def test_kernel_expansion_by_hand():
     # 3 units of 2 features, 2 machines: 6 differences, 6 squares added, 3 times (gamma and exp), 6 weighted terms.
     assert cost(RBFExpansion(3, 2, outputs=2)) == Cost(
-        macs=12, acs=6, other_flops=27, parameters=6 + 6 + 1, bytes=4 * 13
+        macs=12, acs=6, multiplications=3, exponentials=3, parameters=6 + 6 + 1, bytes=4 * 13
     )
     assert cost(RBFExpansion(3, 2, bias=True)).parameters == 6 + 3 + 1 + 1
 
 
 def test_nearest_points_by_hand():
     # 3 centroids of 2 features: 6 differences, 6 squares added, 3 comparisons.
-    assert cost(NearestPoints(3, 2)) == Cost(macs=6, acs=6, other_flops=3, parameters=6, bytes=24)
+    assert cost(NearestPoints(3, 2)) == Cost(macs=6, acs=6, comparisons=3, parameters=6, bytes=24)
     assert cost(NearestPoints(3, 2, neighbours=2)).other_flops == 6
 
 
@@ -248,6 +251,43 @@ def test_costs_of_chains_add_up_and_the_longest_signal_stands(first, second):
         assert getattr(joined, name) == pytest.approx(getattr(whole, name))
 
 
+LONE = {
+    "RBFExpansion": 5,  # gamma
+    "SupportVectorMachines": 5,
+    "LSTM": 2 * 10,
+    "GRU": 10,
+    "ConvLSTM": 2 * 2 * 16,
+    "MovingAverage": 150 * 4,
+    "Moments": 4 * (1 + 1 + 3 + 1),
+    "ExactSpikes": 2 * 20,
+    "IzhikevichAfferents": (2 * 5 + 2) * 8 * 300,  # b v in each Euler step; two gains
+    "PoissonAfferents": 2 * 8 * 300,
+    "MovingWindowEvents": 8 * 300,
+    "BensSpiker": 2 * 8 * 300,
+    "LatencyAfferents": 2 * 8 * 300 + 300,
+    "BurstAfferents": 2 * 2 * 8 * 6,
+    "MechanoreceptorAfferents": (2 + 1 + 1) * 8 * 300,
+}
+"""The multiplications of `EVERY_LAYER` whose product is not added; other layers have none."""
+
+
+@pytest.mark.parametrize("layer", EVERY_LAYER, ids=lambda layer: type(layer).__name__)
+def test_multiplications_whose_product_is_not_added_have_their_own_price(layer):
+    counted = cost(layer)
+    assert counted.multiplications == LONE.get(type(layer).__name__, 0)
+    cheap, costly = counted.acs + counted.comparisons, counted.divisions * 4 + counted.exponentials * 8
+    by_hand = 4.6 * counted.macs + 0.9 * cheap + 3.7 * counted.multiplications + 2.3 * costly
+    assert counted.energy_estimate_pJ == pytest.approx(by_hand)
+
+
+def test_divisions_and_exponentials_are_told_from_comparisons():
+    kinds = ("comparisons", "divisions", "exponentials")
+    assert [getattr(cost(Dense(1, 1, "sigmoid")), kind) for kind in kinds] == [2, 1, 1]
+    assert [getattr(cost(Dense(1, 1, "softmax")), kind) for kind in kinds] == [1, 1, 1]
+    assert [getattr(cost(ExactSpikes(1)), kind) for kind in kinds] == [3, 1, 2]
+    assert [getattr(cost(MechanoreceptorAfferents(1, 1, 1, 1, 1)), kind) for kind in kinds] == [4 + 1 + 1, 1, 0]
+
+
 @pytest.mark.parametrize("layer", EVERY_LAYER, ids=lambda layer: type(layer).__name__)
 def test_no_layer_counts_zero(layer):
     assert cost(layer).flops > 0
@@ -304,11 +344,12 @@ def test_opponents_on_sequences_by_hand():
     rocket = FixedConvolutions(samples=100, channels=2, dilations=3, convolved=10, biases=20).cost()
     assert (rocket.macs, rocket.acs) == (0, 100 * (8 * 3 * 2 + 4 * 10 + 20))
     assert (rocket.other_flops, rocket.parameters) == (100 * (10 + 20) + 20, 20)
+    assert rocket.multiplications == 100 * 10 + 20
     # 8 samples: a window, an FFT of 8 * 3 products and 36 additions, 8 squares and sums, the logarithm of 2 bands.
     bands = BandPowers(samples=8, bands=2, channels=3).cost()
     assert (bands.macs, bands.acs, bands.other_flops) == (3 * 8, 3 * (36 + 8), 3 * (24 + 8 + 16))
     pooled = PooledStates(units=4, steps=10).cost()
-    assert (pooled.acs, pooled.other_flops) == (40, 44)
+    assert (pooled.acs, pooled.multiplications, pooled.comparisons) == (40, 4, 40)
 
 
 def test_trees_by_hand():

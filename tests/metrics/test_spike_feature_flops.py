@@ -32,6 +32,9 @@ def test_by_hand():
         (0, 456, 450),
         (0, 0, 15),
     ]
+    assert [(c.multiplications, c.divisions) for c in counted] == [
+        (2, 0), (0, 6), (2, 2), (0, 0), (200, 0), (8, 0), (3, 3), (0, 0), (0, 0)
+    ]  # fmt: skip
 
 
 def test_the_mean_alone_is_cheaper_than_mean_and_variation():

@@ -43,7 +43,7 @@ def test_a_study_has_the_baseline_the_encoding_and_each_network():
     ]  # fmt: skip
     results = pd.DataFrame(rows)
     made_by = Afferents(16, SMOOTHED, 2000.0)
-    spent = {"macs": 36.0, "acs": 40.0, "other_flops": 0.0, "parameters": 23, "bytes": 92, "signal_ms": 150.0}
+    spent = {"macs": 36.0, "acs": 40.0, "multiplications": 10.0, "parameters": 23, "bytes": 92, "signal_ms": 150.0}
     baselines = pd.DataFrame([{"classifier": "SVM", "input": "signals: 10 time bins", **spent}] * 2)
     table = ledger.study_ledger(RSNNSpec(), results, baselines, afferents=[made_by] * 2, n_classes=8)
     assert table["name"].tolist() == [
@@ -53,7 +53,7 @@ def test_a_study_has_the_baseline_the_encoding_and_each_network():
     ]
     assert table["sops"].tolist() == [0.0, 0.0, 115.5]
     assert (table["signal_ms"] == 150).all()
-    assert table["energy_estimate_nJ"].iloc[0] == pytest.approx(1e-3 * (36 * 4.6 + 40 * 0.9))
+    assert table["energy_estimate_nJ"].iloc[0] == pytest.approx(1e-3 * (36 * 4.6 + 40 * 0.9 + 10 * 3.7))
     assert len(ledger.study_ledger(RSNNSpec(), results, None, afferents=[made_by] * 2, n_classes=8)) == 2
 
 
@@ -181,12 +181,13 @@ def test_encoders_by_hand():
 # What conditioning adds to 2 taxels and 10 steps: MACs, ACs, others, parameters, bytes.
 ADDED = [
     ({"ema_cutoff_Hz": 30.0}, (20, 0, 20, 0, 4 * 2)),  # a MAC and a product a sample; the output before
-    ({"resample_Hz": 1000.0}, (20, 20 + 10, 10, 0, 4 * 5)),  # a MAC and a difference each; the position once a step
+    ({"resample_Hz": 2000.0}, (20, 20 + 10, 10, 0, 4 * 5)),  # a MAC and a difference each; the position once a step
     ({"baseline": "first"}, (0, 20, 0, 0, 4 * 2)),
     ({"baseline": "mean"}, (0, 20 + 20, 2, 0, 4 * 2)),
     ({"baseline": "median"}, (0, 20, 20 * 4, 0, 4 * (2 + 20))),  # log2 of 10, rounded up, comparisons a sample
-    ({"baseline": "start", "start_ms": 5.0}, (0, 20 + 20, 20, 0, 4 * 2)),  # the mean so far, each sample
-    ({"baseline": "running"}, (0, 20 + 20, 20, 0, 4 * 2)),
+    ({"baseline": "start", "start_ms": 2.0}, (0, 20 + 8, 8 * 4, 0, 4 * 2)),  # the mean so far, in the first four steps
+    ({"baseline": "start"}, (0, 20 + 20, 20 * 4, 0, 4 * 2)),  # in all
+    ({"baseline": "running"}, (0, 20 + 20, 20 * 4, 0, 4 * 2)),  # a sum and a division each
     ({"baseline": "high-pass", "high_pass_Hz": 1.0}, (20, 20, 20, 0, 4 * 2)),  # an EMA and a difference
     ({"scale": [2.0, 3.0]}, (0, 0, 20, 2, 4 * 2)),
     ({"offset": [1.0, 1.0], "scale": [2.0, 3.0]}, (20, 0, 0, 4, 4 * 4)),
@@ -199,7 +200,8 @@ ADDED = [
 @pytest.mark.parametrize(("conditioning", "added"), ADDED, ids=lambda value: "" if isinstance(value, tuple) else None)
 def test_each_step_of_conditioning_is_counted(conditioning, added):
     plain = encoding_cost(2, 10, 5.0, {})
-    counted = encoding_cost(2, 10, 5.0, {"conditioning": conditioning})
+    slow = "resample_Hz" in conditioning
+    counted = encoding_cost(2, 10, 5.0, {"conditioning": conditioning}, recorded_Hz=500.0 if slow else None)
     names = ("macs", "acs", "other_flops", "parameters", "bytes")
     assert tuple(getattr(counted, name) - getattr(plain, name) for name in names) == added
 
@@ -236,7 +238,7 @@ def test_every_key_of_conditioning_has_its_cost():
 def test_the_shipped_encoder_of_fabrics_by_hand():
     """16 taxels, resampled and standardised, as spike trains carry the spec: 32 offsets and scales and two gains."""
     encoder = encoders.load("fabric-sa1-ra1-lif").model_dump(mode="json", exclude_none=True)
-    counted = encoding_cost(16, 1000, 1000.0, encoder)
+    counted = encoding_cost(16, 1000, 1000.0, encoder, recorded_Hz=400.0)
     assert counted.parameters == 16 + 16 + 2
     each = 16 * 1000
     # Interpolation and standardisation a MAC each, the two afferents four.

@@ -241,6 +241,7 @@ def _spikes(declared: Declared, trials: _Trials, spec: NWBSpec) -> SpikeTrains:
         trials.conditions,
         notes.get("encoder") if rate_Hz == own_Hz and kept.all() else None,
         source=str(notes.get("source") or path),
+        recorded_Hz=float(notes["recorded_Hz"]) if "recorded_Hz" in notes else None,
     )
 
 
@@ -270,11 +271,11 @@ def _notes(declared: Declared) -> dict[str, Any]:
         return {}
     try:
         notes = json.loads(str(declared.value(NOTES)))[OURS]
-        rate_Hz = float(notes["sampling_rate_Hz"])
+        rates_Hz = float(notes["sampling_rate_Hz"]), float(notes.get("recorded_Hz", 1.0))
     except (ValueError, LookupError, TypeError, RecursionError):
         return {}
     is_whole = isinstance(notes.get("encoder"), dict) and isinstance(notes.get("source"), str)
-    return notes if is_whole and math.isfinite(rate_Hz) and rate_Hz > 0 else {}
+    return notes if is_whole and all(math.isfinite(rate_Hz) and rate_Hz > 0 for rate_Hz in rates_Hz) else {}
 
 
 # --- recordings -------------------------------------------------------------------------------------

@@ -249,10 +249,11 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
         (docs/one-task-all-ways.md).
         """
         decided = self.decide(X, early_exit=early_exit).drop(columns="predicted").mean()
-        encoder = None if self.origin_ is None else self.origin_.encoder
+        origin = self.origin_
+        made_by = {"encoder": None if origin is None else origin.encoder, "recorded_Hz": origin and origin.recorded_Hz}
         sizes = self.n_features_in_, len(self.classes_)
         means = decided.to_frame().T
-        return ledger.decision_ledger(self.network_.spec, *sizes, self.sampling_rate_Hz_, means, encoder=encoder)
+        return ledger.decision_ledger(self.network_.spec, *sizes, self.sampling_rate_Hz_, means, **made_by)
 
     def decide(self, X: ArrayLike, *, early_exit: bool = True) -> pd.DataFrame:
         """The decision for each window, its time and its cost: one row per window.

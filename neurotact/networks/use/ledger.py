@@ -3,15 +3,18 @@
 The layers are those of `neurotact.metrics.flops`; SOPs and steps are the measured means over test windows.
 """
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any, NamedTuple
 
 import pandas as pd
 
-from neurotact.encoders.cost import encoding_cost
+from neurotact.data.spikes import SpikeTrains
+from neurotact.encoders.cost import NOT_COUNTED, encoding_cost, is_countable
 from neurotact.encoders.specs import taxels_of
 from neurotact.metrics.flops import (
+    ENERGY,
     Cost,
     Integrator,
     SpikingLayer,
@@ -37,23 +40,42 @@ AMONG = "among"
 """Column of the rows of a study: whether hidden neurons sent spikes to one another."""
 ABOUT = (
     "Conditioning and encoding are counted for both populations of every taxel, on every step of the encoder's clock "
-    "(with integration = exact, on every sample, and for every spike); neurons on every step of the network's clock. "
-    "Energy is an estimate of the arithmetic alone, without memory: 4.6 pJ per MAC and 0.9 pJ per other operation, "
-    "32-bit floating point at 45 nm (Horowitz, ISSCC 2014)."
+    "(with integration = exact, on every sample, and for every spike), a moving average on every sample of the sensor; "
+    f"neurons on every step of the network's clock. {ENERGY}"
 )
 
 
 class Afferents(NamedTuple):
-    """What made the spikes of a network: how many afferents, by an encoder (its table), and its steps per second."""
+    """What made the spikes of a network: how many afferents, by an encoder (its table), and its steps per second.
+
+    recorded_Hz: samples of the recordings per second; None if unknown.
+    """
 
     n: int
     encoder: Mapping[str, Any]
     rate_Hz: float
+    recorded_Hz: float | None = None
+
+    @staticmethod
+    def of(trains: SpikeTrains) -> "Afferents":
+        """What made these spikes."""
+        return Afferents(len(trains.afferents), trains.encoder, trains.sampling_rate_Hz, trains.recorded_Hz)
+
+    @property
+    def is_countable(self) -> bool:
+        """Whether the cost of conditioning and encoding is known."""
+        return is_countable(self.encoder, self.recorded_Hz)
+
+    @property
+    def has_average_apart(self) -> bool:
+        """Whether a moving average runs at the rate of the recordings, and all else at another."""
+        averaged = (self.encoder.get("conditioning") or {}).get("ema_cutoff_Hz") is not None
+        return averaged and self.recorded_Hz not in (None, self.rate_Hz)
 
     def cost(self, steps: float, spikes: float | None = None) -> Cost:
-        """The cost of conditioning and encoding; steps, spikes: of a decision."""
-        signal_ms = 1e3 * steps / self.rate_Hz
-        return encoding_cost(taxels_of(self.n, self.encoder), steps, signal_ms, self.encoder, spikes=spikes)
+        """The cost of conditioning and encoding; steps, spikes: of a decision. InputError where it is not known."""
+        n_taxels, signal_ms = taxels_of(self.n, self.encoder), 1e3 * steps / self.rate_Hz
+        return encoding_cost(n_taxels, steps, signal_ms, self.encoder, recorded_Hz=self.recorded_Hz, spikes=spikes)
 
 
 def network_cost(
@@ -104,20 +126,23 @@ def decision_ledger(
     summary: pd.DataFrame,
     *,
     encoder: Mapping[str, Any] | None,
+    recorded_Hz: float | None = None,
 ) -> pd.DataFrame:
     """The ledger of one trained network: encoder, network and both, from the `all` row of a SOP summary.
 
-    summary: of `metrics.synops.summary`. spec: as for `network_cost`; encoder: as for `encoding_cost`; where it is
-    None, the network alone counts.
+    summary: of `metrics.synops.summary`. spec: as for `network_cost`; encoder, recorded_Hz: as for `encoding_cost`;
+    where the encoder is None, the network alone counts; so it does, with a warning, where a rate is missing.
     """
     measured = summary.iloc[-1]
     steps = float(measured["steps"])
     signal_ms = 1e3 * steps / rate_Hz
     network = network_cost(spec, n_afferents, n_classes, measured, steps=steps, signal_ms=signal_ms)
-    if encoder is None:
+    made_by = None if encoder is None else Afferents(n_afferents, encoder, rate_Hz, recorded_Hz)
+    if made_by is None or not made_by.is_countable:
+        if made_by is not None:
+            warnings.warn(f"the ledger has the network alone: {NOT_COUNTED}", stacklevel=3)
         return ledger_table([("network", network)])
-    spikes = measured["sops_input"] / spec.hidden
-    encoding = encoding_cost(taxels_of(n_afferents, encoder), steps, signal_ms, encoder, spikes=spikes)
+    encoding = made_by.cost(steps, measured["sops_input"] / spec.hidden)
     return ledger_table([("encoder", encoding), ("network", network), ("both", encoding + network)])
 
 

@@ -50,6 +50,8 @@ def same(one: SpikeTrains, other: SpikeTrains) -> None:
         other.sampling_rate_Hz, other.afferents, other.encoder
     )  # fmt: skip
     assert (one.source, one.trial_digests) == (other.source, other.trial_digests)
+    assert one.recorded_Hz == other.recorded_Hz
+    assert one.recorded_Hz == other.recorded_Hz
     pd.testing.assert_frame_equal(one.conditions, other.conditions)
 
 
@@ -92,7 +94,9 @@ def minimal(path, **changes) -> None:
 def test_spikes_come_back_to_the_step(tmp_path_factory, lengths, rate_Hz, density, seed, digests):
     pytest.importorskip("pynwb", reason="pynwb is not installed")
     about = {"trial_digests": tuple(f"{i:016x}" for i in range(len(lengths)))} if digests else {}
-    trains = trains_of(lengths, rate_Hz=rate_Hz, seed=seed, density=density, **about)
+    trains = trains_of(
+        lengths, rate_Hz=rate_Hz, seed=seed, density=density, **about, recorded_Hz=35.6 if digests else None
+    )
     path = tmp_path_factory.mktemp("nwb") / "spikes.nwb"
     nt.to_nwb(trains, path)
     same(nt.read("nwb", path), trains)

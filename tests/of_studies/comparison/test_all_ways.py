@@ -9,6 +9,7 @@ from neurotact_parts.studies.comparison import spiking as spiking_family
 from neurotact_parts.studies.comparison.protocol import Parameters, TaskSpec
 
 from neurotact.errors import InputError
+from neurotact.metrics.flops import Cost
 from neurotact.networks.definition.specs import RSNNSpec
 
 TINY = TaskSpec(
@@ -58,6 +59,21 @@ def test_rows_of_a_family(arrays, family):
         assert row["n_train"] > 12
         assert row["chance"] == 0.5
     assert all_ways.run(Parameters(data=TINY, family=family), arrays) == rows
+
+
+def test_sequences_are_made_until_the_decision(arrays, monkeypatch):
+    own, network = Cost(acs=10, signal_ms=50.0), Cost(acs=1, sops=1)
+    decided = spiking_family.Decided("SNN", "", 1.0, 1.0, own, network)
+    monkeypatch.setattr(spiking_family, "decide", lambda *_: [decided])
+    (row,) = all_ways.run(Parameters(data=TINY, family="SNN"), arrays)
+    # A quarter of 400 samples of 8 taxels, smoothed, and of their 200 means.
+    assert row["macs"] == 100 * 8
+    assert row["multiplications"] == 100 * 8 + 50 * 8
+    assert row["acs"] == 100 * 8 + 10 + 1
+    whole = all_ways._as_cost(arrays["before_features"])
+    assert whole.comparisons == 400 * 8
+    assert whole.divisions == 8
+    assert whole.bytes > 0
 
 
 def test_a_task_whose_recordings_are_absent_is_left_out_with_a_sentence(tmp_path):

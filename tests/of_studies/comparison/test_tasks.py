@@ -18,6 +18,7 @@ from neurotact_parts.studies.comparison.tasks import (
     split_groups,
 )
 from neurotact_parts.studies.texture.simulator import GratingsSpec
+from neurotact_parts.studies.touch_modality.datasets import TOUCH_SAMPLES
 
 from neurotact.errors import InputError
 from neurotact.metrics.flops import cost
@@ -112,7 +113,7 @@ def test_a_class_that_is_missing_on_a_side_is_refused():
 
 def test_costs_of_reduction_by_hand():
     assert Averaging(100, 10, 3).cost().acs == 300
-    assert Averaging(100, 10, 3).cost().other_flops == 30
+    assert Averaging(100, 10, 3).cost().multiplications == Averaging(100, 10, 3).cost().other_flops == 30
     assert StandardisedSteps(10, 3).cost().macs == 30
     assert StandardisedSteps(10, 3).cost().parameters == 6
     spent = LevelSpreadRate(100, 2).cost()
@@ -124,6 +125,18 @@ SMALL = {
     "touch_modality": {"simulation": {"people": 2}},
     "compliance": {"trials": 1},
 }
+
+
+def test_the_sequences_of_touches_are_smoothed_at_the_rate_of_the_skin_and_then_resampled():
+    source = source_of("touch_modality")
+    spec = build(source.data, SMALL["touch_modality"], source="here")
+    task = source.make(spec)
+    _, steps, channels = task.sequences.shape
+    samples = TOUCH_SAMPLES * channels
+    spent = cost(*source.front_end(spec, task).sequences)
+    assert spent.multiplications == samples
+    assert spent.macs == samples + steps * channels
+    assert spent.acs == samples + steps * channels + steps  # without the first sample; differences; the place
 
 
 @pytest.mark.parametrize("name", list(SMALL))

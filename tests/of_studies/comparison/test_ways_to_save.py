@@ -141,6 +141,18 @@ def test_early_exit_waits_less(rows):
     assert rows["early exit"]["energy_estimate_nJ"] < rows[NOTHING]["energy_estimate_nJ"]
 
 
+def test_a_moving_average_costs_at_the_rate_of_the_sensor():
+    table = {"data": {"set": "gratings", "sets": SETS}, "ways": {}, "network": {**NETWORK, "model": "snn"}}
+    parameters, known = build(Parameters, table, source="test"), {}
+    bench = bench_of(parameters.data, parameters.network, 0, ways_to_save.load(parameters.data))
+    row = measured(bench, Setting(), known)
+    network, sides, *_ = known[Setting().first_training()]
+    alone = network_cost(network.spec, network.n_inputs, network.n_classes, row, steps=50, signal_ms=100.0)
+    encoding = encoding_cost(sides.n_taxels, 50, 100.0, sides.encoder, recorded_Hz=2000.0)
+    assert row["energy_estimate_nJ"] == pytest.approx((alone + encoding).energy_estimate_nJ)
+    assert encoding.multiplications == (200 + 50) * sides.n_taxels  # and the scales
+
+
 SLOW = {**SETS["gratings"], "conditioning": {"ema_cutoff_Hz": 30.0, "baseline": "start", "resample_Hz": 4000.0}}
 
 

@@ -71,6 +71,16 @@ def test_the_spiking_chain_is_on_the_same_splits_with_its_measured_operations():
     ]
 
 
+def test_presses_are_smoothed_at_the_rate_of_the_sensor_at_any_clock():
+    encoder = hardness.Parameters.model_validate({"chain": "RSNN"}).encoder
+    slower = encoder.conditioning.model_copy(update={"resample_Hz": 500.0})
+    kinds = {part: getattr(encoder, part).model_copy(update={"t_ref_ms": 2.0}) for part in ("sa1", "ra1")}
+    given = parameters(chain="RSNN", encoder=encoder.model_copy(update={"conditioning": slower, **kinds}))
+    full = next(row for row in hardness.run(given, made(per_class=12)) if row["chain"] == "RSNN")
+    assert full["signal_ms"] == 120.0
+    assert full["multiplications"] == 240 * 2
+
+
 def test_a_feed_forward_network_is_charged_no_recurrent_weights():
     arrays = made(per_class=12)
     both = [

@@ -9,6 +9,8 @@ from neurotact_parts.studies.texture.baselines import GratingSpikesSpec, Paramet
 from neurotact_parts.studies.texture.simulator import GratingsSpec
 
 from neurotact.data.splits import Split
+from neurotact.encoders.cost import encoding_cost
+from neurotact.encoders.specs import load
 from neurotact.errors import InputError
 from neurotact.metrics import spike_features
 from neurotact.metrics.spike_distances import van_rossum
@@ -138,6 +140,16 @@ def test_features_wait_for_the_window_and_networks_may_not(arrays):
     assert (rows["flops_features"] == 0).all()
     whole = protocol.run(parameters(features="rate", classifier="SVM", seeds=(0, 1)), arrays)
     assert [row["signal_ms"] for row in whole] == [200.0]  # nothing is drawn, so there is one row
+
+
+def test_a_moving_average_is_counted_at_the_rate_of_the_skin():
+    encoder = load("sa1-ra1-lif", {"conditioning.resample_Hz": 500.0, "sa1.t_ref_ms": 2.0, "ra1.t_ref_ms": 2.0})
+    slow = DATA.model_copy(update={"encoders": {"LIF": encoder}})
+    (row, *_) = protocol.run(parameters(data=slow, features="rate"), protocol.load(slow))
+    spent = encoding_cost(8, 100, 200.0, encoder.model_dump(mode="json"), recorded_Hz=2000.0)
+    assert row["flops_encoder"] == spent.flops
+    seen = protocol.seen_of(parameters(data=slow), made := protocol.load(slow))
+    assert protocol.trains_of(parameters(data=slow), seen, made).recorded_Hz == 2000.0
 
 
 def test_only_recurrence_tells_the_networks_apart(arrays):
