@@ -65,7 +65,7 @@ def unknown(trains: nt.SpikeTrains) -> nt.SpikeTrains:
 
 def costs_of_a_run(trains: nt.SpikeTrains, folder) -> pd.DataFrame:
     nt.save(trains, folder / "spikes.h5")
-    nt.train(folder / "spikes.h5", folder / "run", settings=TRAINING, length_ms=LENGTH_ms)
+    nt.train(folder / "spikes.h5", folder / "run", settings=TRAINING, length_ms=LENGTH_ms, seed=3)
     told = []
     nt.sops(folder / "run", folder / "sops.csv", tell=told.append)
     (costs,) = (each for each in told if isinstance(each, pd.DataFrame))
