@@ -321,12 +321,12 @@ def _prints(rows: np.ndarray, search: _Search) -> Iterator[tuple[int, int]]:
         prints = prints * np.uint64(0x9E3779B97F4A7C15) + hashes[start : start + n]
         n_moved += levels[start : start + n] != 0
     places = np.flatnonzero(n_moved >= LEAST_CHANGES)
-    prints = _mixed(prints[places])
+    prints = mixed(prints[places])
     smallest = np.argpartition(prints, PRINTS)[:PRINTS] if len(prints) > PRINTS else np.arange(len(prints))
     yield from zip(prints[smallest].tolist(), places[smallest].tolist(), strict=True)
 
 
-def _mixed(values: np.ndarray) -> np.ndarray:
+def mixed(values: np.ndarray) -> np.ndarray:
     """A hash of each uint64 (the finaliser of MurmurHash3)."""
     values = (values ^ (values >> np.uint64(33))) * np.uint64(0xFF51AFD7ED558CCD)
     values = (values ^ (values >> np.uint64(33))) * np.uint64(0xC4CEB9FE1A85EC53)

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Iterator
+from itertools import chain
 
 import numpy as np
 import pandas as pd
@@ -9,6 +10,7 @@ import pandas as pd
 from neurotact.data.copies import Copies, copies_of, name_of
 from neurotact.data.recordings import LABEL, Recordings, Trials, class_names
 from neurotact.data.spikes import SpikeTrains
+from neurotact.data.stretches import shared_stretches
 from neurotact.errors import InputError, some
 
 NAMED = 3
@@ -30,7 +32,8 @@ def check(touches: Recordings | SpikeTrains, source: str) -> None:
     alike = list(_of_equal_classes(touches.conditions, repeats))
     if not alike and (refused := next(_of_other_class(touches.conditions, repeats), None)):
         raise InputError(f"{source}: {refused}")
-    for line in (*alike, *of_copies(touches.conditions, repeats), *of_classes(class_names(touches.conditions))):
+    others = (of_copies(touches.conditions, repeats), of_stretches(touches, repeats))
+    for line in (*alike, *chain(*others), *of_classes(class_names(touches.conditions))):
         log.warning("%s: %s", source, line)
 
 
@@ -63,6 +66,23 @@ def of_copies(conditions: pd.DataFrame, repeats: Copies, fate: str = TOGETHER) -
         if copies:
             names = some([_named(conditions, trial, int(repeats.first[trial])) for trial in copies], NAMED)
             yield f"{len(copies)} of {len(conditions)} trials {one if len(copies) == 1 else many}: {names}; {fate}"
+
+
+def of_stretches(touches: Recordings | SpikeTrains, repeats: Copies) -> Iterator[str]:
+    """The number of trials that share a stretch of samples or spikes with another one, with some names."""
+    shared = shared_stretches(touches, repeats.first)
+    if not shared:
+        return
+    of, clock = ("spikes", "steps") if isinstance(touches, SpikeTrains) else ("samples", "samples")
+    named = [
+        f"{name_of(touches.conditions, each.trial)} with {name_of(touches.conditions, each.other)} ({each.n} {of}, "
+        f"{abs(each.later)} {clock} {'later' if each.later > 0 else 'earlier'})" for each in shared
+    ]  # fmt: skip
+    one = "1 of {} trials shares" if len(shared) == 1 else f"{len(shared)} of {{}} trials share"
+    yield (
+        f"{one.format(len(touches))} a stretch of {of} with another one: {some(named, NAMED)}; a split parts them and "
+        "tests on what it trained on, unless a condition names the recording and `group` keeps its trials together"
+    )
 
 
 def _named(conditions: pd.DataFrame, copy: int, copied: int) -> str:

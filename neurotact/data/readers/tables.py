@@ -186,42 +186,50 @@ def columns_at(table: TextTable, places: Sequence[int], texts: Collection[int] =
     check_width(table.path, table.n_columns)
     numbers_read = None if texts else _numbers_at_once(table, places)
     columns = numbers_read if numbers_read is not None else _columns(table, places, texts)
+    lacks_marks = _lacks_marks(table)
     for place, column in zip(places, columns, strict=True):
-        _check_whole(table, place, column)
+        if column.dtype.kind == "f" and lacks_marks:
+            _check_ungrouped(table, place, column)
+        if place and not table.names and table.separator in (",", BLANKS) and column.dtype.kind in "if":
+            _check_not_an_end(table, place, column)
     return columns
 
 
-def _check_whole(table: TextTable, place: int, values: np.ndarray) -> None:
-    """Refuse a column of numbers in which a sign separates thousands, or which is only the end of numbers."""
-    if values.dtype.kind not in "iuf" or not len(values):
+def _lacks_marks(table: TextTable) -> bool:
+    """Whether some cells have a decimal sign and others none."""
+    n_cells = (table.body.rstrip("\n").count("\n") + 1) * table.n_columns
+    return 0 < table.body.count(table.decimal) != n_cells
+
+
+def _check_ungrouped(table: TextTable, place: int, values: np.ndarray) -> None:
+    """Refuse a column of numbers in which the decimal sign separates thousands."""
+    if not thousands.may_be_grouped(values) or (
+        (values == np.floor(values)).all() and f"{table.decimal}000" not in table.body
+    ):
         return
-    if values.dtype.kind == "f" and thousands.may_be_grouped(values) and _has_marks(table, values):
-        texts = _texts_at(table, place, thousands.telling(values))
-        if thousands.grouping_of([text for _, text in texts], table.decimal) == "yes":
-            line, text = next(pair for pair in texts if table.decimal in pair[1])
-            plain = next((text for _, text in texts if table.decimal not in text), texts[0][1])
-            raise InputError(
-                f"{table.path}: line {line}, column {place + 1}{table.name(place)} is {text!r}, where {plain!r} has no "
-                f"decimals, as if {table.decimal!r} separated thousands; write numbers without such signs, or all with "
-                "as many decimals"
-            )
-    if place and not table.names and table.separator in (",", BLANKS) and (np.abs(values) < 1000).all():
-        texts = _texts_at(table, place, np.flatnonzero(np.abs(values) < 100)[:PADDED])
-        padded = next((pair for pair in texts if ZERO_PADDED.fullmatch(pair[1])), None)
-        if padded is not None and len({len(re.split("[.,]", text)[0]) for _, text in texts}) == 1:
-            line, text = padded
-            raise InputError(
-                f"{table.path}: line {line}, column {place + 1} is {text!r}, as the end of a number with a separator "
-                "of thousands; write numbers without such signs, or without zeros at their beginning"
-            )
+    texts = _texts_at(table, place, thousands.telling(values))
+    if thousands.grouping_of([text for _, text in texts], table.decimal) == "yes":
+        line, text = next(pair for pair in texts if table.decimal in pair[1])
+        plain = next((text for _, text in texts if table.decimal not in text), texts[0][1])
+        raise InputError(
+            f"{table.path}: line {line}, column {place + 1}{table.name(place)} is {text!r}, where {plain!r} has no "
+            f"decimals, as if {table.decimal!r} separated thousands; write numbers without such signs, or all with "
+            "as many decimals"
+        )
 
 
-def _has_marks(table: TextTable, values: np.ndarray) -> bool:
-    """Whether cells of a column may have decimals, but not all cells of the table: then none lacks them."""
-    n_marks = table.body.count(table.decimal)
-    if not n_marks or n_marks == (table.body.rstrip("\n").count("\n") + 1) * table.n_columns:
-        return False
-    return bool((values != np.floor(values)).any()) or f"{table.decimal}000" in table.body
+def _check_not_an_end(table: TextTable, place: int, values: np.ndarray) -> None:
+    """Refuse a column of what stands after separators of thousands, which also separate cells."""
+    if not (np.abs(values) < 1000).all():
+        return
+    texts = _texts_at(table, place, np.flatnonzero(np.abs(values) < 100)[:PADDED])
+    padded = next((pair for pair in texts if ZERO_PADDED.fullmatch(pair[1])), None)
+    if padded is not None and len({len(re.split("[.,]", text)[0]) for _, text in texts}) == 1:
+        line, text = padded
+        raise InputError(
+            f"{table.path}: line {line}, column {place + 1} is {text!r}, as the end of a number with a separator "
+            "of thousands; write numbers without such signs, or without zeros at their beginning"
+        )
 
 
 def _texts_at(table: TextTable, place: int, rows: np.ndarray) -> list[tuple[int, str]]:
@@ -406,8 +414,8 @@ def lost_digits(values: np.ndarray) -> str:
 
     values: finite numbers.
 
-    >>> lost_digits(np.array([2**24, 2**24 + 2])), lost_digits(np.array([2**24 + 1]))[:42]
-    ('', 'holds 16777217, of which float32 keeps 167')
+    >>> lost_digits(np.array([2**24, 2**24 + 2])), lost_digits(np.array([2**24 + 1]))[:44]
+    ('', 'holds 16777217, of which float32 keeps 16777')
     """
     if values.dtype.kind not in "iuf" or not len(values) or np.abs(values).max() <= WHOLE_IN_FLOAT32:
         return ""

@@ -57,6 +57,15 @@ def test_a_start_time_is_no_sample_and_the_advice_is_right(
         assert found.sampling_rate_Hz == rate_Hz
 
 
+def test_a_rate_beside_the_start_time_leaves_the_row_below(tmp_path):
+    samples = np.vstack([[5.0, 5.0], np.random.default_rng(0).random((50, 2))])
+    folder = folder_of(tmp_path, [[1.6e9, 64.0], *samples])
+    with pytest.raises(InputError, match=r"the sampling rate is 64 Hz; skip what is no sample with `header_lines=1`"):
+        nt.read_folder(folder, 100, "V")
+    folder_of(tmp_path, [[1.6e9, 1.6e9], *(1.6e9 + np.cumsum(samples, axis=0))])
+    nt.read_folder(folder, 100, "V")  # samples that are as large
+
+
 def test_a_start_time_in_arrays_is_refused(tmp_path):
     samples = np.random.default_rng(0).random((3, 50, 2))
     samples[1, :2] = [[1.6e9], [64.0]]

@@ -135,6 +135,37 @@ def test_times_of_events_are_read_as_they_were_written_or_refused(tmp_path, time
         event_files.read(path)
 
 
+@pytest.mark.parametrize(("text", "message"), [
+    ("p;q\n1.234;1\n850;2\n2.345;1\n", "line 2, column 1 (p) is '1.234', where '850' has no decimals, as if '.'"),
+    ("p;q\n1.000;1\n2.000;2\n850;1\n", "line 2, column 1 (p) is '1.000', where '850' has no decimals, as if '.'"),
+    ("p;q\n0;1\n1.234;2\n2.340;1\n", "line 3, column 1 (p) is '1.234', where '0' has no decimals, as if '.'"),
+    ("p;q\n1,234;1\n2,345;2\n", "line 2 has commas that are decimal or separate thousands, '1,234'; write decimal"),
+    ('p,q\n"0,5",1\n"1,5",2\n', "line 2 has decimal commas; write decimal points"),
+    ("1,034\n2,200\n1,040\n", "line 1, column 2 is '034', as the end of a number with a separator of thousands"),
+    ("1 034.5\n2 200.5\n1 040.5\n", "line 1, column 2 is '034.5', as the end of a number with a separator of"),
+    ("p,q\n3,814,2,803\n2,724,2,758\n", "write numbers without separators of thousands and with decimal points, or"),
+])  # fmt: skip
+def test_what_is_refused_names_no_option(tmp_path, text, message):
+    (tmp_path / "felt").mkdir()
+    (tmp_path / "felt" / "1.csv").write_text(text)
+    with pytest.raises(InputError, match=re.escape(message)) as refusal:
+        nt.read_folder(tmp_path, 100, "V")
+    assert "`decimal" not in str(refusal.value)
+    assert "`header_lines" not in str(refusal.value)
+
+
+def test_numbers_of_their_own_are_read(tmp_path):
+    """Numbers with zeros at their beginning or of three digits, and decimal commas that are none of thousands."""
+    (tmp_path / "felt").mkdir()
+    for text, options, values in (
+        ("1,034\n2,1\n", {}, [[1, 34], [2, 1]]),
+        ("p;q\n0,234;1\n2,345;2\n", {"decimal": ","}, [[0.234, 1], [2.345, 2]]),
+        ("p;q\n1.234;850\n2.345;1\n", {}, [[1.234, 850], [2.345, 1]]),
+    ):  # fmt: skip
+        (tmp_path / "felt" / "1.csv").write_text(text)
+        np.testing.assert_allclose(nt.read_folder(tmp_path, 100, "V", **options).signals[0], values)
+
+
 def test_conditions_with_thousands_stay_texts():
     assert tables.values_of(np.array(["1.234", "850"])).tolist() == ["1.234", "850"]
     assert tables.values_of(np.array(["1.25", "850"])).tolist() == [1.25, 850]
