@@ -27,6 +27,7 @@ from neurotact.cli.studies import _print_answer
 from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec
+from neurotact.errors import InputError
 from neurotact.networks.training import fitting, trained
 from neurotact.studies import runner
 
@@ -434,6 +435,47 @@ def test_a_terminal_that_knows_no_letter_of_a_unit_is_written_to(tmp_path, monke
         cli.main()
     assert (end.value.code, capsys.readouterr().err) == (0, "")
     assert shown.getvalue() == b"x.h5: 1 trials of 1 classes, 2 taxels, 0.1 s at 20 Hz, in \\xb5V\n"
+
+
+@pytest.mark.parametrize("write_through", [False, True], ids=["buffered", "at once"])
+@pytest.mark.parametrize("words", ["--help", "encode --help", "list", "info touch.h5", "infer run spikes.h5"])
+def test_a_reader_that_leaves_ends_the_command_quietly(monkeypatch, capfd, made, words, write_through):
+    """As under `head`: nobody reads the pipe, of which a file that is open meanwhile has no fault."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    monkeypatch.chdir(made)
+    monkeypatch.setattr(sys, "argv", ["neurotact", *words.split()])
+    raw = io.FileIO(writer, "wb")
+    with io.TextIOWrapper(raw if write_through else io.BufferedWriter(raw), write_through=write_through) as pipe:
+        monkeypatch.setattr(sys, "stdout", pipe)
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+    assert (end.value.code, capfd.readouterr().err) == (0, "")
+
+
+def test_a_fault_after_the_reader_has_left_keeps_its_exit_code(monkeypatch, capfd, made):
+    def printed(*_):
+        print("one line")
+        raise InputError("a fault")
+
+    reader, writer = os.pipe()
+    os.close(reader)
+    monkeypatch.setattr(encoding, "write_encoded", printed)
+    monkeypatch.setattr(sys, "argv", ["neurotact", "encode", str(made / "touch.h5"), "-o", "none.h5"])
+    with open(writer, "w") as pipe:
+        monkeypatch.setattr(sys, "stdout", pipe)
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+    assert (end.value.code, capfd.readouterr().err) == (2, "neurotact: a fault\n")
+
+
+def test_nothing_is_said_at_the_end_of_a_process_without_a_reader(made):
+    reader, writer = os.pipe()
+    os.close(reader)
+    words = [sys.executable, "-m", "neurotact", "info", "touch.h5"]
+    done = subprocess.run(words, cwd=made, stdout=writer, stderr=subprocess.PIPE, check=False)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, b"")
 
 
 def test_ctrl_c_ends_with_one_line(neurotact, monkeypatch, made, tmp_path):

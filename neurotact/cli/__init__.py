@@ -13,11 +13,13 @@ import typer
 from neurotact import files
 from neurotact.cli.commands import COMMANDS as COMMANDS
 from neurotact.cli.commands import app
+from neurotact.cli.pipe import until_its_reader_leaves
 from neurotact.cli.words import say
 from neurotact.errors import INTERRUPTED, InputError
 from neurotact.interrupt import terminated_as_interrupted
 
 
+@until_its_reader_leaves()
 def main() -> None:
     """Run the command line; exit code 0, 2 for what the user got wrong, 1 for a fault of neurotact."""
     logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[_Said()])
