@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -24,6 +25,7 @@ from neurotact.api import encoding
 from neurotact.api import studies as api
 from neurotact.cli import commands
 from neurotact.cli.studies import _print_answer
+from neurotact.data import sources
 from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec
@@ -558,6 +560,39 @@ def test_what_is_not_utf8_is_refused(refused, made, tmp_path, monkeypatch, words
     Path("fabrics").mkdir()
     Path("fabrics/\udcff_F120_V10mmps_0.csv").write_text("1,2\n")
     refused(words, "\\udcff", "is not UTF-8 text; rename it")
+
+
+@pytest.mark.parametrize("name", plugins.names("simulators"))
+def test_each_key_of_a_simulation_that_is_typed_as_an_option_is_shown_as_a_setting(refused, name):
+    own = {"out", "set", "force", "help"}
+    for key in spec.leaves(sources.simulator(name).model().model_dump()):
+        assert key not in own
+        refused(("simulate", name, "-o", "x.h5", f"--{key}", 2), f"a key of the spec: --set {key}=2; see neurotact")
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("simulate gratings --trials=2 -o x.h5", "--set trials=2; see"),
+        ("simulate gratings -o x.h5 --trials", "--set trials=...; see"),
+        ("simulate gratings --trials -o x.h5", "--set trials=...; see"),
+        ("encode x.h5 -o s.h5 --sa1.gain -1", "--set sa1.gain=-1; see"),
+        ("calibrate x.h5 -o s.toml --sa1.t-ref-ms 5", "--set sa1.t_ref_ms=5; see"),
+        ("train x.h5 -o r --epochs 5", "--set training.epochs=5; see"),
+        ("study run own-recordings -o r --network.hidden 5", "--set network.hidden=5; see"),
+        ("study run own-recordings -o r --data=x --hidden 'a b'", "--set 'network.hidden=a b'; see"),
+    ],
+)
+def test_a_key_that_is_typed_as_an_option_is_shown_as_a_setting(refused, words, expected):
+    refused(tuple(shlex.split(words)), "No such option: ", f"it is a key of the spec: {expected}")
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["info x.h5 --hidden 5", "train x.h5 -o r --idden 5", "simulate gratings -o x --ials 5", "live run --hidden 5"],
+)
+def test_an_option_that_is_no_key_of_its_command_is_shown_as_no_setting(refused, words):
+    assert "--set" not in refused(tuple(words.split()), "No such option")
 
 
 def test_a_refusal_as_a_user_meets_it(made):
