@@ -15,7 +15,7 @@ PACKAGE = Path(neurotact.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 FLOORS = (
     ("errors",),
-    ("interrupt", "effects"),
+    ("interrupt", "effects", "classes"),
     ("files", "progress", "backend", "notebook", "gathered"),
     ("spec", "effects", "neurons", "tables", "checks", "plugins", "workers", "versions"),
     ("data",),

@@ -6,7 +6,7 @@ from typing import Any
 
 from typer import TyperException
 
-from neurotact import spec
+from neurotact.api.specs import keys_of
 from neurotact.cli.words import SET
 from neurotact.errors import some
 
@@ -27,27 +27,13 @@ def as_key(error: TyperException, words: Sequence[str]) -> str:
     return f"; it is a key of the spec: {some(fixes, 3, ' or ')}" if fixes else ""
 
 
-def _keys(context: Any, parameters: dict[str, Any]) -> dict[str, Any]:
-    """The dotted keys of the spec that the option `--set` of a command changes; of a simulation those in its tables."""
-    group, name = context.parent.info_name, context.info_name
-    if group == "simulate":
-        from neurotact.data.sources import simulator
-
-        model = simulator(name).model
-        return {**spec.keys_of(model), **spec.leaves(model().model_dump())}
-    if group == "study":
-        from neurotact.studies.study import StudySpec
-
-        return spec.keys_of(StudySpec)
-    if "network" in parameters:
-        from neurotact.networks.definition.specs import RSNNSpec
-
-        return spec.keys_of(RSNNSpec)
-    if "encoder" in parameters:
-        from neurotact.encoders.specs import EncoderSpec
-
-        return spec.keys_of(EncoderSpec)
-    return {}
+def _keys(context: Any, parameters: dict[str, Any]) -> list[str]:
+    """The dotted keys of the spec that the option `--set` of a command changes."""
+    if context.parent.info_name == "simulate":
+        return keys_of("simulators", context.info_name)
+    if context.parent.info_name == "study":
+        return keys_of("studies")
+    return next((keys_of(f"{part}s") for part in ("network", "encoder") if part in parameters), [])
 
 
 def _value_of(option: str, words: Sequence[str]) -> str:
