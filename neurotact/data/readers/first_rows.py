@@ -9,6 +9,8 @@ SINCE_1970_S = (0.9e9, 2.2e9)
 """Seconds since 1970, from 1998 to 2039; a start time may also be in ms, us or ns."""
 ABOVE = 100.0
 """Factor by which a start time, or a sampling rate alone, is above all samples."""
+FEW_WHOLE = 0.02
+"""Share of whole numbers below which samples have decimals, so that a whole number beside them is none of them."""
 LEAST_ROWS = 3
 """Samples that tell what is usual."""
 
@@ -27,16 +29,29 @@ Hz; skip what is no sample with `header_lines=2`, and give `sampling_rate_Hz=64`
     if not started:
         return
     beside = [value for value in signal[0].tolist() if _may_be_rate(value) and value > np.abs(signal[1:]).max()]
-    is_below = _may_be_rate(float(signal[1, 0])) and (signal[1] == signal[1, 0]).all()
+    row, number = ("line", first_line) if first_line else ("sample", 0)
+    held = f"{where}: {row} {number} holds a start time, {started}"
+    is_below = not beside and _may_be_rate(float(signal[1, 0])) and bool((signal[1] == signal[1, 0]).all())
+    if is_below and not _differs(float(signal[1, 0]), signal[2:]):
+        raise InputError(f"{held}; remove it, and {row} {number + 1}, too, if that is the sampling rate")
     rate_Hz = beside[0] if beside else float(signal[1, 0]) if is_below else None
-    n_rows = 1 + (is_below and not beside)
+    n_rows = 1 + is_below
     also, given = "", ""
     if rate_Hz is not None:
         also, given = f", and the sampling rate is {rate_Hz:g} Hz", f", and give `sampling_rate_Hz={rate_Hz:g}`"
     skip = f"skip what is no sample with `header_lines={first_line - 1 + n_rows}`"
-    fix = skip if first_line else f"remove the first {n_rows} rows"
-    row = "line" if first_line else "sample"
-    raise InputError(f"{where}: {row} {first_line} holds a start time, {started}{also}; {fix}{given}")
+    raise InputError(f"{held}{also}; {skip if first_line else f'remove the first {n_rows} rows'}{given}")
+
+
+def _differs(value: float, samples: np.ndarray) -> bool:
+    """Whether a number is surely no sample: whole where hardly a sample is, in several columns or beyond the samples of
+    one; or further off than samples differ.
+    """
+    low, high = float(samples.min()), float(samples.max())
+    is_whole = value == round(value) and (samples == np.rint(samples)).mean() < FEW_WHOLE
+    if is_whole and (samples.shape[1] > 1 or not low <= value <= high):
+        return True
+    return not low - (high - low) <= value <= high + (high - low)
 
 
 def rate_in(signal: np.ndarray, given_Hz: float | None) -> float | None:

@@ -50,6 +50,10 @@ def test_a_start_time_is_no_sample_and_the_advice_is_right(
     path.write_text((names if above == "x" else above) + path.read_text())
     with pytest.raises(InputError, match=r"line \d holds a start time") as refusal:
         nt.read_folder(folder, 100, "V")
+    if not OPTIONS.search(str(refusal.value)):  # a whole number may be a sample or the rate
+        assert is_whole or n == 1
+        assert "remove it, and line" in str(refusal.value)
+        return
     advised = {name: float(value) for name, value in OPTIONS.findall(str(refusal.value))}
     found = nt.read_folder(folder, advised.get("sampling_rate_Hz", 100), "V", header_lines=int(advised["header_lines"]))
     np.testing.assert_array_equal(found.signals[0], samples.astype(np.float32))
@@ -64,6 +68,16 @@ def test_a_rate_beside_the_start_time_leaves_the_row_below(tmp_path):
         nt.read_folder(folder, 100, "V")
     folder_of(tmp_path, [[1.6e9, 1.6e9], *(1.6e9 + np.cumsum(samples, axis=0))])
     nt.read_folder(folder, 100, "V")  # samples that are as large
+
+
+@pytest.mark.parametrize("decimals", [0, 3])
+def test_what_may_be_a_sample_is_left_to_the_reader(tmp_path, decimals):
+    samples = np.round(100 * np.random.default_rng(0).random((50, 1)), decimals)
+    samples[0] = 32
+    with pytest.raises(
+        InputError, match=r"a start time, .*; remove it, and line 2, too, if that is the sampling rate$"
+    ):
+        nt.read_folder(folder_of(tmp_path, [[1.6e9], *samples]), 100, "V")
 
 
 def test_a_start_time_in_arrays_is_refused(tmp_path):
