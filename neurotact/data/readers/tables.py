@@ -481,6 +481,9 @@ def _fault(table: TextTable, column: int, cell: str, values: np.ndarray) -> str:
         return f"{cell_name} {cell[:20]!r}, with separators of thousands; write numbers without them"
     if WITH_UNIT.fullmatch(cell):
         return f"{cell_name} {cell[:20]!r}, not a number; write it without its unit{table.choice}"
+    if re.search(r"\d:\d\d", cell):
+        forms = "12:00:00.25, 01:00:00.25 PM or, of minutes and seconds, 59:59.25"
+        return f"{cell_name} {cell[:20]!r}, not a time that is read; write it as {forms}{table.choice}"
     return f"{cell_name} {cell[:20]!r}, not a number; write a number{table.choice}"
 
 

@@ -513,3 +513,10 @@ def test_a_time_of_day_is_read_in_each_of_its_forms(tmp_path_factory, begin_s, t
 def test_a_time_in_another_form_than_the_first_is_refused(cells):
     with pytest.raises(InputError, match=r"line 3, column time is .*, not a time as in"):
         clock.seconds_of(cells, "a.csv", "time", 2, None)
+
+
+@pytest.mark.parametrize("cell", ["02:03", "13:02:03 PM", "00:00:01 AM", "1:2:03:04"])
+def test_a_time_that_could_be_two_or_none_is_refused_with_the_forms_that_are_read(tmp_path, cell):
+    write(tmp_path / "felt" / "a.csv", f"time,left\n{cell},1\n{cell},2\n")
+    with pytest.raises(InputError, match=r"not a time that is read; write it as 12:00:00.25, .* PM or, .* 59:59.25"):
+        folder.read(tmp_path, 10, "mV")
