@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, DTypeLike
 from sklearn.base import BaseEstimator
-from sklearn.utils.multiclass import type_of_target
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from neurotact.classes import NO_CLASSES, measurement_in
 from neurotact.errors import InputError, nearest
 
 log = logging.getLogger("neurotact")
@@ -189,11 +189,11 @@ def trial_labels(y: ArrayLike, n_trials: int, name: str = "y") -> np.ndarray:
 def class_labels(y: ArrayLike, n_trials: int, name: str = "y") -> np.ndarray:
     """Class labels `(trial,)`; InputError also for numbers that are measurements, such as 0.37.
 
-    >>> class_labels([0.37, 1.2], 2)
-    Traceback (most recent call last):
-    neurotact.errors.InputError: y: holds numbers that are not whole, which name no classes; give a class per trial
+    >>> class_labels([1.0, 2.0], 2)
+    array([1., 2.])
     """
     labels = trial_labels(y, n_trials, name)
-    if type_of_target(labels).startswith("continuous"):
-        raise InputError(f"{name}: holds numbers that are not whole, which name no classes; give a class per trial")
+    measurement = measurement_in(labels.tolist())
+    if measurement is not None:
+        raise InputError(f"{name}: {NO_CLASSES.format(measurement)}")
     return labels

@@ -490,7 +490,7 @@ def _meant(path: list[str], known: list[str], model: Any, inner: Mapping[str, An
     A key of the same table is named alone, any other with the tables that hold it. known: the keys of that table.
     inner: the keys in an unknown table; its name may be too much.
     """
-    key, names = path[-1], {dotted: dotted.rpartition(".")[2] for dotted in _keys(model)}
+    key, names = path[-1], {dotted: dotted.rpartition(".")[2] for dotted in keys_of(model)}
     beside = [".".join([*path[:-1], name]) for name in known]
     others = [name for dotted, name in names.items() if dotted not in beside]
     if ".".join(path) in names:  # of another model in the same place
@@ -510,14 +510,14 @@ def _meant(path: list[str], known: list[str], model: Any, inner: Mapping[str, An
     return f"did you mean {some(quoted, 3, ' or ')}?"
 
 
-def _keys(model: Any, before: str = "") -> dict[str, None]:
+def keys_of(model: Any, before: str = "") -> dict[str, None]:
     """The dotted keys of a model and of the tables in it, each once; a union has those of all its tables."""
     keys: dict[str, None] = {}
     for table in _models_in(model):
         for name, field in table.model_fields.items():
             keys[f"{before}{name}"] = None
             if not _holds_many(field.annotation):
-                keys |= _keys(field.annotation, f"{before}{name}.")
+                keys |= keys_of(field.annotation, f"{before}{name}.")
     return keys
 
 

@@ -18,7 +18,7 @@ BESIDE = sorted(path for room in ROOMS for path in (PACKAGE.parent / room).rglob
 """Modules of the packages beside the framework."""
 FLOORS = (
     ("errors",),
-    ("interrupt", "effects"),
+    ("interrupt", "effects", "classes"),
     ("files", "progress", "backend", "notebook", "gathered"),
     ("spec", "effects", "neurons", "tables", "checks", "plugins", "workers", "versions"),
     ("data",),

@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -24,9 +25,11 @@ from neurotact.api import encoding
 from neurotact.api import studies as api
 from neurotact.cli import commands
 from neurotact.cli.studies import _print_answer
+from neurotact.data import sources
 from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec
+from neurotact.errors import InputError
 from neurotact.networks.definition import seeds
 from neurotact.networks.training import fitting, trained
 from neurotact.studies import runner
@@ -437,6 +440,47 @@ def test_a_terminal_that_knows_no_letter_of_a_unit_is_written_to(tmp_path, monke
     assert shown.getvalue() == b"x.h5: 1 trials of 1 classes, 2 taxels, 0.1 s at 20 Hz, in \\xb5V\n"
 
 
+@pytest.mark.parametrize("write_through", [False, True], ids=["buffered", "at once"])
+@pytest.mark.parametrize("words", ["--help", "encode --help", "list", "info touch.h5", "infer run spikes.h5"])
+def test_a_reader_that_leaves_ends_the_command_quietly(monkeypatch, capfd, made, words, write_through):
+    """As under `head`: nobody reads the pipe, of which a file that is open meanwhile has no fault."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    monkeypatch.chdir(made)
+    monkeypatch.setattr(sys, "argv", ["neurotact", *words.split()])
+    raw = io.FileIO(writer, "wb")
+    with io.TextIOWrapper(raw if write_through else io.BufferedWriter(raw), write_through=write_through) as pipe:
+        monkeypatch.setattr(sys, "stdout", pipe)
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+    assert (end.value.code, capfd.readouterr().err) == (0, "")
+
+
+def test_a_fault_after_the_reader_has_left_keeps_its_exit_code(monkeypatch, capfd, made):
+    def printed(*_):
+        print("one line")
+        raise InputError("a fault")
+
+    reader, writer = os.pipe()
+    os.close(reader)
+    monkeypatch.setattr(encoding, "write_encoded", printed)
+    monkeypatch.setattr(sys, "argv", ["neurotact", "encode", str(made / "touch.h5"), "-o", "none.h5"])
+    with open(writer, "w") as pipe:
+        monkeypatch.setattr(sys, "stdout", pipe)
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+    assert (end.value.code, capfd.readouterr().err) == (2, "neurotact: a fault\n")
+
+
+def test_nothing_is_said_at_the_end_of_a_process_without_a_reader(made):
+    reader, writer = os.pipe()
+    os.close(reader)
+    words = [sys.executable, "-m", "neurotact", "info", "touch.h5"]
+    done = subprocess.run(words, cwd=made, stdout=writer, stderr=subprocess.PIPE, check=False)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
 def test_ctrl_c_ends_with_one_line(neurotact, monkeypatch, made, tmp_path):
     def interrupted(*_):
         raise KeyboardInterrupt
@@ -517,6 +561,39 @@ def test_what_is_not_utf8_is_refused(refused, made, tmp_path, monkeypatch, words
     Path("fabrics").mkdir()
     Path("fabrics/\udcff_F120_V10mmps_0.csv").write_text("1,2\n")
     refused(words, "\\udcff", "is not UTF-8 text; rename it")
+
+
+@pytest.mark.parametrize("name", plugins.names("simulators"))
+def test_each_key_of_a_simulation_that_is_typed_as_an_option_is_shown_as_a_setting(refused, name):
+    own = {"out", "set", "force", "help"}
+    for key in spec.leaves(sources.simulator(name).model().model_dump()):
+        assert key not in own
+        refused(("simulate", name, "-o", "x.h5", f"--{key}", 2), f"a key of the spec: --set {key}=2; see neurotact")
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("simulate gratings --trials=2 -o x.h5", "--set trials=2; see"),
+        ("simulate gratings -o x.h5 --trials", "--set trials=...; see"),
+        ("simulate gratings --trials -o x.h5", "--set trials=...; see"),
+        ("encode x.h5 -o s.h5 --sa1.gain -1", "--set sa1.gain=-1; see"),
+        ("calibrate x.h5 -o s.toml --sa1.t-ref-ms 5", "--set sa1.t_ref_ms=5; see"),
+        ("train x.h5 -o r --epochs 5", "--set training.epochs=5; see"),
+        ("study run own-recordings -o r --network.hidden 5", "--set network.hidden=5; see"),
+        ("study run own-recordings -o r --data=x --hidden 'a b'", "--set 'network.hidden=a b'; see"),
+    ],
+)
+def test_a_key_that_is_typed_as_an_option_is_shown_as_a_setting(refused, words, expected):
+    refused(tuple(shlex.split(words)), "No such option: ", f"it is a key of the spec: {expected}")
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["info x.h5 --hidden 5", "train x.h5 -o r --idden 5", "simulate gratings -o x --ials 5", "live run --hidden 5"],
+)
+def test_an_option_that_is_no_key_of_its_command_is_shown_as_no_setting(refused, words):
+    assert "--set" not in refused(tuple(words.split()), "No such option")
 
 
 def test_a_refusal_as_a_user_meets_it(made):

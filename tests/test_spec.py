@@ -13,10 +13,10 @@ from neurotact.spec import (
     LARGEST,
     SMALLEST,
     Spec,
-    _keys,
     build,
     digest,
     find,
+    keys_of,
     leaves,
     load,
     override,
@@ -223,7 +223,7 @@ def test_a_key_of_another_table_is_named_with_its_tables(model, key, meant):
 @pytest.mark.parametrize("name", ["encoders/sa1-ra1-lif", "networks/rsnn"])
 def test_the_keys_of_a_spec_are_those_that_it_is_written_with(name):
     model = AfferentSpec if name.startswith("encoders") else RSNNSpec
-    assert {*leaves(load(model, name.partition("/")[2]).model_dump())} <= {*_keys(model)}
+    assert {*leaves(load(model, name.partition("/")[2]).model_dump())} <= {*keys_of(model)}
 
 
 def test_an_unknown_key_far_from_any_lists_them_all():

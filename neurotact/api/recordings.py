@@ -88,6 +88,7 @@ def read_folder(
     time_unit: Unit | None = None,
     max_gap_ms: float | None = None,
     drop_repeats: bool = False,
+    missing: Literal["interpolate", "drop-trial"] | None = None,
     decimal: Literal[".", ","] = ".",
     header_lines: int | None = None,
     array: str | None = None,
@@ -108,6 +109,8 @@ def read_folder(
         times of day; their unit ("s", "ms", "us", "ns"), by default that of the name, else the one that fits touch; and
         their longest interval.
     drop_repeats: drop every row with the time stamp of the row before it, in place of spreading such rows evenly.
+    missing: "interpolate" empty cells, NaN and cut lines, at most 5 % of a trial, or "drop-trial", at most 20 % of the
+        trials; they are refused when None.
     decimal: "." or ",". header_lines: lines before the first sample; found out when None.
     array: the array of each NPZ or MATLAB file that is its trial; each is one when None. transpose: whether arrays are
         (taxel, time).
@@ -122,8 +125,8 @@ def read_folder(
     naming = {"levels": levels, "pattern": pattern, "table": table, "label": label}
     layout = {
         "columns": columns, "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
-        "drop_repeats": drop_repeats, "decimal": decimal, "header_lines": header_lines, "array": array,
-        "transpose": transpose,
+        "drop_repeats": drop_repeats, "missing": missing, "decimal": decimal, "header_lines": header_lines,
+        "array": array, "transpose": transpose,
     }  # fmt: skip
     recordings = folder.read(path, sampling_rate_Hz, unit, naming=naming, layout=layout)
     return chosen_trials(recordings, choice, str(path))
@@ -146,6 +149,7 @@ def read_table(
     time_unit: Unit | None = None,
     max_gap_ms: float | None = None,
     drop_repeats: bool = False,
+    missing: Literal["interpolate", "drop-trial"] | None = None,
     decimal: Literal[".", ","] = ".",
     header_lines: int | None = None,
 ) -> Recordings:
@@ -157,7 +161,7 @@ def read_table(
     end and label, a row per touch, in place of both. columns: the taxels; all columns of numbers that change within
     trials when empty; those that are constant within each trial are conditions.
     where, leave_out: the trials to keep, and to leave out, such as the class "rest", which is no touch; as of `read`.
-    sampling_rate_Hz, unit, time_column, time_unit, max_gap_ms, drop_repeats, decimal, header_lines: as of
+    sampling_rate_Hz, unit, time_column, time_unit, max_gap_ms, drop_repeats, missing, decimal, header_lines: as of
     `read_folder`.
     Raises InputError, which names the file, the line or the column, and the fix.
 
@@ -168,7 +172,7 @@ def read_table(
         "label": label, "trial": trial, "segments": segments,
         "annotations": None if annotations is None else str(annotations), **TrialChoice.of(where, leave_out)._asdict(),
         "columns": columns, "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
-        "drop_repeats": drop_repeats, "decimal": decimal, "header_lines": header_lines,
+        "drop_repeats": drop_repeats, "missing": missing, "decimal": decimal, "header_lines": header_lines,
     }  # fmt: skip
     return sample_table.read(path, sampling_rate_Hz, unit, spec)
 

@@ -1,6 +1,7 @@
 """The specs that ship."""
 
-from typing import Literal
+from importlib import import_module
+from typing import Any, Literal
 
 from neurotact import spec
 from neurotact.errors import InputError, nearest
@@ -15,3 +16,24 @@ def spec_names(kind: Literal["encoders", "networks", "networks/spaces", "studies
     if kind not in spec.KINDS:
         raise InputError(f"kind: {kind!r} is unknown; {nearest(str(kind), spec.KINDS)}")
     return [path.stem for path in spec.shipped(kind)]
+
+
+def keys_of(kind: str, name: str = "") -> list[str]:
+    """The dotted keys of all specs of a kind; of a simulator, whose name is given, those in its tables, too.
+
+    kind: simulators, encoders, networks or studies.
+
+    >>> "training.epochs" in keys_of("networks"), "trials" in keys_of("simulators", "gratings")
+    (True, True)
+    """
+    if kind == "simulators":
+        from neurotact.data.sources import simulator
+
+        model: Any = simulator(name).model
+        return [*dict.fromkeys([*spec.keys_of(model), *spec.leaves(model().model_dump())])]
+    room, of_kind = {
+        "encoders": ("neurotact.encoders.specs", "EncoderSpec"),
+        "networks": ("neurotact.networks.definition.specs", "RSNNSpec"),
+        "studies": ("neurotact.studies.study", "StudySpec"),
+    }[kind]
+    return [*spec.keys_of(getattr(import_module(room), of_kind))]

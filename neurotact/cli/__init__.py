@@ -13,11 +13,14 @@ import typer
 from neurotact import files
 from neurotact.cli.commands import COMMANDS as COMMANDS
 from neurotact.cli.commands import app
+from neurotact.cli.meant import as_key
+from neurotact.cli.pipe import until_its_reader_leaves
 from neurotact.cli.words import say
 from neurotact.errors import INTERRUPTED, InputError
 from neurotact.interrupt import terminated_as_interrupted
 
 
+@until_its_reader_leaves()
 def main() -> None:
     """Run the command line; exit code 0, 2 for what the user got wrong, 1 for a fault of neurotact."""
     logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[_Said()])
@@ -36,7 +39,9 @@ def main() -> None:
         sys.exit(2)
     except typer.TyperException as error:
         command = _command_of(error)
-        say(_import_of(sys.argv[1:], command) or f"{error.format_message().rstrip('.')}; see {command} --help")
+        meant = as_key(error, sys.argv[1:])
+        said = f"{error.format_message().rstrip('.')}{meant}; see {command} --help"
+        say(_import_of(sys.argv[1:], command) or said)
         sys.exit(2)
     if code == INTERRUPTED:  # Typer makes this of Ctrl-C
         say("interrupted")

@@ -121,9 +121,6 @@ def stream(given: dict[str, Any], full_window: FullWindow = False, as_json: Json
             print(_line(decision, as_json=as_json), flush=True)
     except KeyboardInterrupt:
         code = INTERRUPTED
-    except BrokenPipeError:  # the reader of the decisions has closed the pipe
-        sys.stderr.close()
-        sys.exit(0)
     say(flow.summary())
     sys.exit(code)
 

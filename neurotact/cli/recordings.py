@@ -48,6 +48,11 @@ OF_ROWS = {
         show_default="that of the column's name (t_ms), else the one that fits touch",
     ),
     **OF_STAMPS,
+    "missing": option(
+        Literal["interpolate", "drop-trial"] | None,
+        "Empty cells, NaN and cut lines: fill them, at most 5 % of a trial, or drop their trials, at most 20 % of all.",
+        show_default="refused",
+    ),
     "decimal": option(Literal[".", ","], "Decimal separator."),
     "header_lines": option(int | None, "Lines before the first sample.", show_default="detected"),
 }  # fmt: skip

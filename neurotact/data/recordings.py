@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from neurotact.classes import NO_CLASSES, measurement_in
 from neurotact.errors import InputError, closest, nearest
 from neurotact.notebook import html_of
 
@@ -382,7 +383,7 @@ def check_import(rate_Hz: float | None, unit: str, where: str) -> None:
 
 
 def check_conditions(conditions: pd.DataFrame, where: str) -> None:
-    """Refuse a table of conditions with a trial that has no class name."""
+    """Refuse a table of conditions with a trial that has no class name, and measurements as classes."""
     if LABEL not in conditions:
         raise InputError(f"{where}: the table of conditions has no column 'label'; add one class name per trial")
     labels = conditions[LABEL]
@@ -390,8 +391,27 @@ def check_conditions(conditions: pd.DataFrame, where: str) -> None:
     nameless = np.flatnonzero(labels.isna().to_numpy() | (names.str.strip() == "").to_numpy())
     if len(nameless):
         raise InputError(f"{where}: trial {nameless[0]} has an empty label; name its class or drop the trial")
+    measurement = measurement_in(labels.tolist())
+    if measurement is not None:
+        raise InputError(f"{where}: the label {NO_CLASSES.format(measurement)}")
     for name in names.unique():
         check_text(name, f"{where}: the label")
+
+
+def check_named_classes(labels: Sequence[str], where: str) -> None:
+    """Refuse texts of a file that are measurements as classes: numbers, not all whole, of which no trial shares one.
+
+    >>> check_named_classes(["0.5", "0.5", "1.5"], "touch.csv")
+    >>> check_named_classes(["0.53", "1.5", "2"], "touch.csv")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    neurotact.errors.InputError: touch.csv: no two trials share a label, and the label holds numbers ...
+    """
+    numbers = pd.to_numeric(pd.Series(labels, dtype=object), errors="coerce").tolist()
+    measurement = measurement_in(numbers)
+    is_alone = len({*labels}) == len(labels) > 1
+    if is_alone and measurement is not None and np.isfinite(numbers).all():
+        said = NO_CLASSES.format(measurement)
+        raise InputError(f"{where}: no two trials share a label, and the label {said}")
 
 
 def check_channels(channels: Sequence[str], where: str) -> None:

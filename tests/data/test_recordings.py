@@ -5,8 +5,11 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
+import neurotact as nt
 from neurotact.data.recordings import Recordings, select_conditions
+from neurotact.data.spikes import from_rasters
 from neurotact.errors import InputError
 
 RAGGED = [np.arange(8.0).reshape(4, 2), np.ones((6, 2)), np.zeros((1, 2))]
@@ -225,3 +228,51 @@ def test_masked_samples_are_refused():
 def test_truth_is_chosen_as_it_is_and_as_it_is_written(wanted):
     table = pd.DataFrame({"label": ["a", "b"], "wet": [True, False]})
     assert select_conditions(table, {"wet": wanted}).tolist() == [True, False]
+
+
+@pytest.mark.parametrize("of", ["recordings", "spikes", "array", "column"])
+@given(labels=st.lists(st.floats(-9, 9).map(lambda x: round(x, 2)), min_size=3, max_size=6, unique=True))
+@examples(20)
+def test_measurements_name_no_classes(tmp_path_factory, of, labels):
+    """The rule is one for all ways to give them: a number that is not whole. Whole ones are classes."""
+    n, signals = len(labels), np.random.default_rng(0).normal(size=(len(labels), 30, 2))
+    folder = tmp_path_factory.mktemp("given")
+    np.savez(folder / "a.npz", signals=signals, label=labels)
+    rows = pd.DataFrame({"trial": np.repeat(range(n), 30), "label": np.repeat(labels, 30)})
+    rows.assign(left=signals[..., 0].ravel(), right=signals[..., 1].ravel()).to_csv(folder / "t.csv", index=False)
+    raster = signals > 1
+    read = {
+        "recordings": lambda: nt.Recordings(signals, 1000.0, "mV", labels),
+        "spikes": lambda: from_rasters(
+            raster, 1000.0, ("ON a", "OFF a"), pd.DataFrame({"label": labels})
+        ),
+        "array": lambda: nt.read_arrays(folder / "a.npz", sampling_rate_Hz=1000, unit="mV"),
+        "column": lambda: nt.read_table(folder / "t.csv", sampling_rate_Hz=1000, unit="mV"),
+    }[of]  # fmt: skip
+    if all(label == int(label) for label in labels):
+        assert len(read().classes) == n
+        return
+    with pytest.raises(InputError, match=r"the label holds numbers that are not whole, such as .*; give each trial"):
+        read()
+
+
+def test_numbers_that_several_trials_share_are_classes_of_a_file(tmp_path):
+    """As 0.5 and 1.5 mm; a file holds texts alone."""
+    rows = pd.DataFrame({"trial": np.repeat(range(4), 9), "label": np.repeat([0.5, 1.5, 0.5, 1.5], 9), "p": range(36)})
+    rows.to_csv(tmp_path / "t.csv", index=False)
+    assert nt.read_table(tmp_path / "t.csv", sampling_rate_Hz=100, unit="mV").classes == ("0.5", "1.5")
+
+
+@pytest.mark.parametrize("suffix", ["csv", "events"])
+def test_measurements_in_the_table_of_a_folder_name_no_classes(tmp_path, suffix):
+    (tmp_path / "in").mkdir()
+    for number in range(3):
+        rows = {"csv": "left,right\n1,2\n3,4\n", "events": "time_s,channel\n0.1,1\n0.2,0\n"}[suffix]
+        (tmp_path / "in" / f"{number}.csv").write_text(rows)
+    (tmp_path / "t.csv").write_text("file,label\n0.csv,0.31\n1.csv,1.5\n2.csv,2\n")
+    read = {
+        "csv": lambda: nt.read_folder(tmp_path / "in", 100, "mV", conditions=tmp_path / "t.csv"),
+        "events": lambda: nt.read_events(tmp_path / "in", conditions=tmp_path / "t.csv"),
+    }[suffix]
+    with pytest.raises(InputError, match=r"no two trials share a label, .* such as 0.31, which name no classes"):
+        read()

@@ -283,11 +283,13 @@ def _existing(file: ArrayFile, named: str) -> str:
     return named
 
 
-def labels_of(values: np.ndarray) -> list[str]:
-    """Names of classes; whole numbers are written without a decimal point.
+def labels_of(values: np.ndarray) -> list[Any]:
+    """Names of classes; whole numbers are written without a decimal point, others, which name no class, stay numbers.
 
     >>> labels_of(np.array([1.0, 0.0]))
     ['1', '0']
     """
     is_whole = values.dtype.kind == "f" and bool(np.isfinite(values).all() and (values == np.floor(values)).all())
+    if values.dtype.kind == "f" and not is_whole:
+        return values.tolist()
     return [str(value) for value in (values.astype(np.int64) if is_whole else values).tolist()]

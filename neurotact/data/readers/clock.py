@@ -16,10 +16,12 @@ UNIT_S: dict[Unit, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 IN_NAME = re.compile(r"(?:_|\s*\[|\s*\()(s|ms|us|ns)[])]?$", re.IGNORECASE)
 """The unit at the end of a column's name: `t_ms`, `Time [us]`, `time (s)`."""
 TIME_OF_DAY = re.compile(
-    r"(?:(\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4})[ T]+)?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)(?:Z| ?([+-]\d{2}):?(\d{2}))?",
-    re.ASCII,
+    r"(?:(\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{1,2}[- ][a-z]{3,9}[- ]\d{2,4})[ T]+)?"
+    r"(?:(\d{1,2}):)?(\d{1,3}):(\d{2}(?:[.,]\d+)?)(?: ?([ap])\.?m\.?)?(?:Z| ?([+-]\d{2}):?(\d{2}))?",
+    re.ASCII | re.IGNORECASE,
 )
-"""A time stamp with hours, minutes and seconds, with or without a date: `2024-01-31 12:00:00.25`."""
+"""A time stamp with minutes and seconds, with or without hours and a date: `2024-01-31 12:00:00.25`,
+`31-Jan-2024 01:00:00 PM`, `59:59.5`."""
 GAP = 5.0
 """An interval longer than this many median ones is a gap, unless the user gives a length."""
 REGULAR = 0.01
@@ -96,44 +98,66 @@ def without_unit(name: str) -> str:
 
 
 def is_time_of_day(cell: str) -> bool:
-    """Whether a cell of text is a time stamp with hours, minutes and seconds.
+    """Whether a cell of text is a time stamp with hours, minutes and seconds, or with minutes and parts of seconds.
+
+    `12:00` is not: it may be of hours and minutes.
 
     >>> [is_time_of_day(cell) for cell in ("2024-01-31T23:59:59.5Z", "31.1.2024 12:00:00,25", "12:00:00", "12:00")]
     [True, True, True, False]
+    >>> [is_time_of_day(cell) for cell in ("31-Jan-2024 13:02:03.5", "01:02:03.5 PM", "02:03.5", "13:02:03 PM")]
+    [True, True, True, False]
     """
-    return bool(TIME_OF_DAY.fullmatch(cell))
+    match = TIME_OF_DAY.fullmatch(cell)
+    return match is not None and _of_day(match) is not None and (match[2] is not None or not match[4].isdigit())
+
+
+def _of_day(match: re.Match[str]) -> float | None:
+    """Seconds since midnight, or since the full hour, of a time stamp; None for an hour that a clock does not have."""
+    _, hours, minutes, of_minute, half, *_ = match.groups()
+    if (hours is not None and len(minutes) != 2) or (half and not 1 <= int(hours or 0) <= 12):
+        return None
+    hour = int(hours or 0) % 12 + 12 * (half in ("p", "P")) if half else int(hours or 0)
+    return HOUR_S * hour + 60 * int(minutes) + float(of_minute.replace(",", "."))
 
 
 def seconds_of(cells: Iterable[str], where: str, column: str, first_line: int, unit: Unit | None) -> np.ndarray:
-    """Seconds since midnight of the first day for time stamps with hours, minutes and seconds.
+    """Seconds since midnight of the first day for time stamps with hours, minutes and seconds, AM and PM or none.
 
     A stamp whose date is another than that of the stamp before is of the next day; without dates, one that is half a
-    day earlier. A time zone at the end is taken off, so that a change to daylight-saving time is none. unit: the one
-    that is asked for.
+    day earlier. Minutes and seconds alone begin again with each hour. A time zone at the end is taken off, so that a
+    change to daylight-saving time is none. unit: the one that is asked for.
     Raises InputError, which begins with `where`, for a cell that is no such stamp, and for another unit than seconds.
 
     >>> seconds_of(["2024-01-31 23:59:59.5", "2024-02-01 00:00:00.5"], "felt.csv", "time", 2, None).tolist()
     [86399.5, 86400.5]
     >>> seconds_of(["02:59:59+02:00", "02:00:00+01:00"], "felt.csv", "time", 2, None).tolist()
     [3599.0, 3600.0]
+    >>> seconds_of(["11:59:59.5 AM", "12:00:00.5 PM"], "felt.csv", "time", 2, None).tolist()
+    [43199.5, 43200.5]
+    >>> seconds_of(["59:59.5", "00:00.5"], "felt.csv", "time", 2, None).tolist()
+    [3599.5, 3600.5]
     """
     if unit not in (None, "s"):
         raise InputError(f"{where}: column {column} holds times of day, which are in seconds; leave `time_unit` out")
     seconds = array("d")
-    days, last, before = -1, None, 0.0
+    turns_s, last, before, has_hours = 0.0, None, None, None
     for line, cell in enumerate(cells, first_line):
         match = TIME_OF_DAY.fullmatch(cell)
-        if match is None:
+        of_day = None if match is None else _of_day(match)
+        is_alike = match is not None and has_hours in (None, match[2] is not None)
+        if match is None or of_day is None or not is_alike:
+            example = "59:59.25" if has_hours is False else "12:00:00.25"
             raise InputError(
-                f"{where}: line {line}, column {column} is {cell[:30]!r}, not a time as in 12:00:00.25; repair it or "
+                f"{where}: line {line}, column {column} is {cell[:30]!r}, not a time as in {example}; repair it or "
                 "drop the file"
             )
-        date, hours, minutes, of_minute, zone_hours, zone_minutes = match.groups()
-        of_day = HOUR_S * int(hours) + 60 * int(minutes) + float(of_minute.replace(",", "."))
-        days += date != last or days < 0 or (date is None and of_day < before - DAY_S / 2)
+        date, has_hours = match[1], match[2] is not None
+        turn_s = DAY_S if has_hours else HOUR_S
+        if before is not None and (date != last or (date is None and of_day < before - turn_s / 2)):
+            turns_s += turn_s
         last, before = date, of_day
-        zone = HOUR_S * int(zone_hours or 0) + 60 * int(f"{(zone_hours or '+')[0]}{zone_minutes or 0}")
-        seconds.append(DAY_S * days + of_day - zone)
+        zone = HOUR_S * int(match[6] or 0) + 60 * int(f"{(match[6] or '+')[0]}{match[7] or 0}")
+        seconds.append(turns_s + of_day - zone)
     return np.array(seconds)
 
 

@@ -3,7 +3,8 @@
 import logging
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from neurotact.data.readers.contents import HDF5, LVM, MATLAB, NPY, NPZ, TDMS, Z
 from neurotact.data.readers.event_times import event_times, in_order
 from neurotact.data.readers.events import ROW, Events, EventSpec, joined, to_trains
 from neurotact.data.readers.headings import named_table
+from neurotact.data.readers.layout import LayoutSpec, read_table
 from neurotact.data.readers.naming import NamingSpec, conditions_of
 from neurotact.data.readers.tables import DECIMAL_COMMA, NUMBER, called, columns_of, values_of
 from neurotact.data.readers.thousands import THOUSANDS, grouping_of
@@ -36,6 +38,8 @@ ALIASES = {
 """Names of columns and arrays of events, without the prefix `event_` and a unit of time as suffix."""
 POPULATION, POLARITY = "population", "polarity"
 """The population, and its other name, of which a sensor with polarities has two."""
+WRITTEN = ("trial", "afferent", "type", "time_s")
+"""Columns of a table of spikes that was written for other programs: it lacks classes, silent trials and lengths."""
 ARCHIVES, TABLES, HDF5_FILES = (".npz", ".npy"), (".csv", ".txt", ".tsv"), (".h5", ".hdf5")
 
 log = logging.getLogger("neurotact")
@@ -111,7 +115,7 @@ def _check_content(path: Path, *kinds: Content) -> None:
 def _of_file(path: Path, spec: EventSpec, names: Mapping[str, str]) -> Events:
     suffix = path.suffix.lower()
     if suffix in TABLES:
-        return _of_columns(columns_of(named_table(path)), spec, names, path)
+        return _of_columns(_columns(path, names), spec, names, path)
     if suffix in ARCHIVES:
         _check_content(path, *((NPZ, ZIP) if suffix == ".npz" else (NPY,)))
         arrays = _arrays(path)
@@ -121,6 +125,56 @@ def _of_file(path: Path, spec: EventSpec, names: Mapping[str, str]) -> Events:
     _check_content(path, NPY, NPZ, MATLAB, TDMS, LVM)  # their fix is another suffix
     known = ", ".join((*TABLES, *ARCHIVES, *HDF5_FILES))
     raise InputError(f"{path}: is not a file of events by its suffix; give one that ends with {known}")
+
+
+def _columns(path: Path, names: Mapping[str, str]) -> dict[str, np.ndarray]:
+    """The columns of a table; InputError, which says so, for the table of another command and for rows of a raster."""
+    try:
+        columns = columns_of(named_table(path))
+    except InputError:
+        rows = {}
+        with suppress(InputError):
+            rows[""] = read_table(path, LayoutSpec()).signal
+        _check_no_raster(rows, (), path)
+        raise
+    if tuple(columns) == WRITTEN and not any(names.values()):
+        raise InputError(
+            f"{path}: neurotact raster wrote this table, without classes, silent trials and lengths; use its file of "
+            "spikes, or write that as .nwb and read it with neurotact import nwb"
+        )
+    return columns
+
+
+def _check_no_raster(columns: Mapping[str, np.ndarray], known: Collection[str | None], path: Path) -> None:
+    """InputError that names the right command if an array, or columns that are not `known`, hold a number a step.
+
+    These are 0 and 1 alone, or counts of which most are 0.
+    """
+    arrays = {name: values for name, values in columns.items() if values.ndim > 1 and _is_raster(values)}
+    flat = {name: values for name, values in columns.items() if values.ndim == 1 and name not in known}
+    flat = [name for name, values in flat.items() if _is_raster(values_of(values))]
+    if not (arrays or flat):
+        return
+    is_table = path.suffix.lower() in TABLES
+    name, values = next(iter(arrays.items()), (some(flat), None))
+    shown = f"'{name}' of the shape {values.shape}" if values is not None and not is_table else name or "its rows"
+    fix = "reads a folder of such files, one per trial, in a sub-folder per class" if is_table else "reads it"
+    raise InputError(
+        f"{path}: holds no events but a raster, a number per step ({shown}); neurotact import raster {fix}"
+    )
+
+
+def _is_raster(values: np.ndarray) -> bool:
+    """Whether numbers are 0 and 1 alone, or counts of which most are 0.
+
+    >>> [_is_raster(np.array(values)) for values in ([0, 1, 1], [0, 0, 3], [0, 1, 2], [0.0, 0.5], ["0"], [])]
+    [True, True, False, False, False, False]
+    """
+    if values.dtype.kind not in "iufb" or not values.size:
+        return False
+    is_binary = np.isin(values, (0, 1)).all()
+    is_count = (values >= 0).all() and (values == np.floor(values)).all() and (values == 0).mean() > 0.5
+    return bool(is_binary or is_count)
 
 
 def _of_folder(folder: Path, spec: EventSpec, names: Mapping[str, str], naming: NamingSpec) -> Events:
@@ -174,6 +228,7 @@ def _of_columns(
         roles |= {axis: called([*columns], (axis,)) for axis in ("x", "y")}
     time_name = roles["time"]
     if time_name is None or (roles["channel"] is None and not is_grid):
+        _check_no_raster(columns, roles.values(), path)
         absent = "time" if time_name is None else "channel"
         raise InputError(
             f"{path}: no column is called {absent} ({', '.join(list(columns)[:12])}); name it with "
@@ -187,6 +242,7 @@ def _of_columns(
     of_events = {what: columns[name] for what, name in roles.items() if name is not None and what != LABEL}
     for what, values in of_events.items():
         if values.shape != stamps.shape:
+            _check_no_raster(columns, (*columns,), path)
             raise InputError(f"{path}: '{roles[what]}' has the shape {values.shape} where {stamps.shape} is expected")
     trial, others = _trials(columns, roles, len(stamps), path)
     unused = [name for name in columns if name not in {*roles.values(), *others.columns}]

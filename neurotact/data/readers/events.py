@@ -10,6 +10,7 @@ from pydantic import Field, field_validator
 
 from neurotact.data.readers.clock import Unit, of_length
 from neurotact.data.readers.event_times import FLOAT_ERROR, EventTimes, Origin, joined_times, rounding_of, steps_of
+from neurotact.data.recordings import LABEL, check_named_classes
 from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
 from neurotact.data.windows import LONGEST_STEPS
 from neurotact.errors import InputError, some
@@ -119,6 +120,7 @@ def to_trains(events: Events, spec: EventSpec, source: str) -> SpikeTrains:
     ([0, 0, 1], ['ON channel0', 'ON channel1', 'OFF channel2'])
     """
     _check(events, source)
+    check_named_classes(events.conditions[LABEL].tolist(), source)
     check_size(f"{source}: {len(events.time_s)} events", BYTES_PER_EVENT * len(events.time_s))
     populations = _populations(events, spec, source)
     keep = np.arange(len(events.time_s))

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from neurotact.data.readers import doubts, sampled, split_stamps, tdms
+from neurotact.data.readers import doubts, missing, sampled, split_stamps, tdms
 from neurotact.data.readers.archives import as_signal
 from neurotact.data.readers.array_files import ArrayFile, opened_arrays, said_rates, sampling_rate_of
 from neurotact.data.readers.clock import Unit, unit_in
@@ -27,6 +28,8 @@ USUAL = (".csv", ".npz", ".npy", MATLAB, tdms.SUFFIX)
 LATER = ((".lvm",), SUFFIXES)
 KINDS = ".csv, .tsv, .txt, .lvm, .npz, .npy, .mat or .tdms"
 
+MOST_FAULTS = 20
+"""Files with faults after which no more are read."""
 OF_ARRAYS = doubts.Fixes("save the arrays without it")
 
 log = logging.getLogger("neurotact")
@@ -81,8 +84,15 @@ def read(
     said_hz: dict[str, float] = {}
     row_of = []
     n_bytes = 0
+    faults: dict[str, InputError] = {}
     for row, path in enumerate(paths):
-        trials, rates_hz = _read(path, files[row], table, find_time=sampling_rate_Hz is None or not table.columns)
+        try:
+            trials, rates_hz = _read(path, files[row], table, find_time=sampling_rate_Hz is None or not table.columns)
+        except InputError as error:
+            faults[files[row]] = error
+            if len(faults) == MOST_FAULTS:
+                break
+            continue
         said_hz |= {f"{files[row]}: {name}": rate_hz for name, rate_hz in rates_hz.items()}
         if sampling_rate_Hz is None and trials[0].table.time is None and not rates_hz:
             raise InputError(f"{folder}: the sampling rate is not known; give `sampling_rate_Hz`, or `time_column`")
@@ -90,6 +100,10 @@ def read(
         row_of += [row] * len(trials)
         n_bytes += sum(trial.table.signal.nbytes for trial in trials)
         check_size(folder, n_bytes)
+    if faults:
+        raise _every(faults, folder)
+    read, kept = missing.mended(read, table.missing, str(folder))
+    row_of = [row_of[number] for number in kept]
     if said_hz and (sampling_rate_Hz is not None or read[0].table.time is None):
         sampling_rate_Hz = sampling_rate_of(said_hz, sampling_rate_Hz, str(folder))
     if table.time_unit is not None and all(trial.table.time is None for trial in read):
@@ -99,11 +113,42 @@ def read(
         log.warning("%s: %s%s", folder, note, "" if len(noted) == len(read) else f" ({some(noted)})")
     conditions = of_files.iloc[row_of].reset_index(drop=True)
     conditions["file"] = [trial.file for trial in read]
+    conditions = _with_constants(conditions, read, folder)
     return sampled.recordings(
         read, conditions, sampling_rate_Hz, unit,
         max_gap_ms=table.max_gap_ms, drop_repeats=table.drop_repeats, source=f"folder {folder.name}", where=str(folder),
         fixes=None if is_raster else OF_ARRAYS if all(trial.table.first_line == 0 for trial in read) else OF_COLUMNS,
     )  # fmt: skip
+
+
+def _every(faults: Mapping[str, InputError], folder: Path) -> InputError:
+    """The first fault with its fix, and those of the other files; one file may not hide the next."""
+    first, *others = faults.items()
+    if not others:
+        return first[1]
+    said = [f"{file} ({str(fault).removeprefix(f'{folder / file}: ').partition(';')[0]})" for file, fault in others]
+    n_others = f"{len(others)} other files have" if len(others) > 1 else "another file has"
+    at_least = "at least " if len(faults) == MOST_FAULTS else ""
+    return InputError(f"{first[1]}; {at_least}{n_others} faults: {', '.join(said)}")
+
+
+def _with_constants(conditions: pd.DataFrame, read: Sequence[Read], folder: Path) -> pd.DataFrame:
+    """The conditions with those that stand in the files: columns of one text in each, which differ between files."""
+    of: dict[str, dict[str, str]] = {}
+    for trial in read:
+        for name, value in trial.table.constants.items():
+            of.setdefault(name, {})[trial.file] = value
+    for name, values in of.items():
+        n_values = len({*values.values()})
+        if len(values) < len(read) or n_values == 1 or name in conditions:
+            which = "" if len(values) == len(read) else f" ({some([*values])})"
+            example = next(iter(values.values()))[:20]
+            log.warning("%s: holds no number, so no taxel: %s (%r)%s", folder, name, example, which)
+            continue
+        conditions[name] = [*values.values()]
+        apart = f"; to test on others than in training: `nt.train(..., group={name!r})`" if n_values < len(read) else ""
+        log.warning("%s: '%s' is one text in each file, so a condition (%d values)%s", folder, name, n_values, apart)
+    return conditions
 
 
 def _noted(read: Sequence[Read]) -> dict[str, list[str]]:

@@ -4,6 +4,7 @@ import re
 import unicodedata
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -12,10 +13,18 @@ from pydantic import Field
 from neurotact.data.readers import first_rows, ros, split_stamps
 from neurotact.data.readers.clock import Unit, is_time_of_day, seconds_of, unit_in
 from neurotact.data.readers.headings import open_table
-from neurotact.data.readers.tables import NOT_FINITE, TextTable, columns_at, finite, lost_digits
+from neurotact.data.readers.tables import (
+    NOT_FINITE,
+    TextTable,
+    columns_at,
+    finite,
+    lost_digits,
+    with_whole_rows,
+)
 from neurotact.errors import InputError, nearest, some
 from neurotact.spec import Names, Spec
 
+Missing = Literal["interpolate", "drop-trial"]
 TIME_COLUMN = re.compile(r"(times?|timestamps?|ts?|elapsed|seconds|millis|micros|x_value)(?![a-z0-9])", re.IGNORECASE)
 """The beginning of a name that time stamps have."""
 FALLING = 0.1
@@ -45,6 +54,9 @@ class ColumnsSpec(Spec):
     """The longest interval between stamps; five median ones when absent."""
     drop_repeats: bool = False
     """Whether rows with the time stamp of the row before are dropped, however many they are."""
+    missing: Missing | None = None
+    """What is done about empty cells, NaN and lines that are cut: interpolate them, or drop their trial, both within
+    limits. When absent they are refused."""
     decimal: Literal[".", ","] = "."
     header_lines: int | None = Field(default=None, ge=0, le=10_000)
     """Lines before the first sample; the last of them names the columns if it has as many cells. When absent, the lines
@@ -67,7 +79,9 @@ class Table(NamedTuple):
     """One file: the taxels' names (none without a header), their samples, the time stamps, the first sample's line.
 
     time_unit: of the stamps, as asked for or as their column is named; None if neither says it. notes: what is said
-    once of such files.
+    once of such files. constants: the texts of columns that are the same in each row, by the column's name.
+    missing: which samples are missing and stand as NaN, `(time, taxel)`; None if none is. n_cut: how many lines are
+    left out.
     """
 
     names: tuple[str, ...]
@@ -76,6 +90,9 @@ class Table(NamedTuple):
     first_line: int
     time_unit: Unit | None = None
     notes: tuple[str, ...] = ()
+    constants: Mapping[str, str] = MappingProxyType({})
+    missing: np.ndarray | None = None
+    n_cut: int = 0
 
 
 class _Columns(NamedTuple):
@@ -85,6 +102,13 @@ class _Columns(NamedTuple):
     time: int | None
     notes: tuple[str, ...]
     rest: int | None = None
+
+
+class _Times(NamedTuple):
+    """Time stamps, and their unit; None if nothing says it."""
+
+    stamps: np.ndarray
+    unit: Unit | None
 
 
 def read_table(path: Path, layout: LayoutSpec, *, find_time: bool = True) -> Table:
@@ -103,26 +127,51 @@ def read_table(path: Path, layout: LayoutSpec, *, find_time: bool = True) -> Tab
     columns = _columns_of(table, layout, find_time) if ros_time is None else _after_ros_header(table)
     is_of_day = columns.time is not None and is_time_of_day(table.first_row[columns.time])
     stamps_at = [column for column in (columns.time, columns.rest) if column is not None]
+    n_cut = 0
+    if layout.missing is not None:
+        table, n_cut = with_whole_rows(table, are_kept=not stamps_at and ros_time is None)
     values = dict(zip(
         (*columns.taxels, *stamps_at),
         columns_at(table, [*columns.taxels, *stamps_at], stamps_at[:1] if is_of_day else ()), strict=True,
     ))  # fmt: skip
-    taxels, notes = (columns.taxels, ()) if layout.columns else _without_texts(table, columns.taxels, values)
-    signal = np.empty((len(values[taxels[0]]), len(taxels)), np.float32)
-    lost = ""
-    for number, column in enumerate(taxels):
-        samples = finite(table, column, values.pop(column))
-        lost = lost or lost_digits(samples)
-        signal[:, number] = samples
-    first_rows.check(signal, str(path), table.first_line)
-    if lost:
-        raise InputError(f"{path}: {lost}{CHOICE}")
+    taxels, constants, notes = columns.taxels, {}, ()
+    if not layout.columns:
+        taxels, constants, notes = _without_texts(table, columns.taxels, values)
+    signal = _signal(table, taxels, values, with_gaps=layout.missing is not None)
     names = tuple(table.names[column] for column in taxels) if table.names else ()
     if not all(names):
         names, notes = (), (*notes, "a column has no name, so the taxels have none")
-    its = Table(names, signal, None, table.first_line, notes=(*table.notes, *columns.notes, *notes))
+    gaps, cut = np.isnan(signal), ("lines that are empty or cut are left out",) if n_cut else ()
+    its = Table(
+        names, signal, None, table.first_line, notes=(*table.notes, *columns.notes, *notes, *cut),
+        constants=constants, missing=gaps if gaps.any() else None, n_cut=n_cut,
+    )  # fmt: skip
     if columns.time is None:
         return its if ros_time is None else its._replace(time=ros_time, time_unit="s")
+    times = _times(table, columns, values, layout)
+    return its._replace(time=times.stamps, time_unit=times.unit)
+
+
+def _signal(table: TextTable, taxels: Sequence[int], values: dict[int, np.ndarray], *, with_gaps: bool) -> np.ndarray:
+    """The samples of these columns, `(time, taxel)` float32; with_gaps: missing ones are NaN, else they are refused."""
+    signal = np.empty((len(values[taxels[0]]), len(taxels)), np.float32)
+    lost = ""
+    for number, column in enumerate(taxels):
+        samples = finite(table, column, values.pop(column), with_gaps=with_gaps)
+        lost = lost or lost_digits(samples[np.isfinite(samples)] if with_gaps else samples)
+        signal[:, number] = samples
+    if not np.isnan(signal).any():
+        first_rows.check(signal, str(table.path), table.first_line)
+    if lost:
+        raise InputError(f"{table.path}: {lost}{CHOICE}")
+    return signal
+
+
+def _times(table: TextTable, columns: _Columns, values: Mapping[int, np.ndarray], layout: LayoutSpec) -> _Times:
+    """The time stamps of the columns that hold them, and their unit."""
+    path = table.path
+    assert columns.time is not None
+    is_of_day = is_time_of_day(table.first_row[columns.time])
     if is_of_day:
         cells_of_day = values[columns.time].tolist()
         time = seconds_of(cells_of_day, str(path), str(columns.time + 1), table.first_line, layout.time_unit)
@@ -135,8 +184,7 @@ def read_table(path: Path, layout: LayoutSpec, *, find_time: bool = True) -> Tab
     if layout.time_column is None and not is_of_day:
         check_rises(time, table.names[columns.time], path)
     in_seconds = is_of_day or columns.rest is not None
-    its_unit = "s" if in_seconds else layout.time_unit or unit_of(table, columns.time, time)
-    return its._replace(time=time, time_unit=its_unit)
+    return _Times(time, "s" if in_seconds else layout.time_unit or unit_of(table, columns.time, time))
 
 
 def unit_of(table: TextTable, column: int, time: np.ndarray) -> Unit | None:
@@ -161,8 +209,10 @@ def is_index(table: TextTable, column: int, values: np.ndarray) -> bool:
 
 def _without_texts(
     table: TextTable, taxels: list[int], values: Mapping[int, np.ndarray]
-) -> tuple[list[int], tuple[str, ...]]:
-    """The taxels without columns that hold no number, nor pandas' numbers of rows; and what is said of these."""
+) -> tuple[list[int], dict[str, str], tuple[str, ...]]:
+    """The taxels without columns that hold no number, nor pandas' numbers of rows; of these, the columns that have a
+    name and one text in all rows, with it; and what is said of the others.
+    """
     texts = [column for column in taxels if values[column].dtype.kind == "U" and _holds_no_number(values[column])]
     index = [column for column in taxels if is_index(table, column, values[column])]
     rest = [column for column in taxels if column not in (*texts, *index)]
@@ -173,9 +223,14 @@ def _without_texts(
             "sample and a column per taxel"
         )
     notes = ["a column without a name numbers the rows and is no taxel"] if index else []
+    alike = [column for column in texts if table.names and table.names[column] and values[column][0]]
+    constants = {
+        table.names[column]: str(values[column][0]) for column in alike if (values[column] == values[column][0]).all()
+    }
+    texts = [column for column in texts if column not in alike or table.names[column] not in constants]
     named = [table.names[column] if table.names else f"column {column + 1}" for column in texts]
     shown = [f"{name} ({values[column][0][:20]!r})" for name, column in zip(named, texts, strict=True)]
-    return rest, (*notes, *([f"holds no number, so no taxel: {some(shown)}"] if texts else []))
+    return rest, constants, (*notes, *([f"holds no number, so no taxel: {some(shown)}"] if texts else []))
 
 
 def _holds_no_number(texts: np.ndarray) -> bool:

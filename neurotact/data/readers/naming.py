@@ -53,7 +53,7 @@ class NamingSpec(Spec):
     @property
     def is_label_by_folder(self) -> bool:
         """Whether the label is the first sub-folder because nothing else is given."""
-        is_given = bool(self.levels) or self.table is not None or self.label is not None
+        is_given = bool(self.levels) or self.table is not None or self.label not in (None, LABEL)
         return not is_given and LABEL not in _fields(self.pattern or "")
 
 
@@ -88,6 +88,11 @@ def _with_label(conditions: pd.DataFrame, label: str | None, folder: Path) -> pd
     """The conditions of each file, that which is the class called `label`."""
     names = [*map(str, conditions.columns)]
     if label is not None and label not in names:
+        if not names:
+            raise InputError(
+                f"{folder}: no condition is called {label}, as no condition is named; name the sub-folders with "
+                f"`levels={label!r}`, or leave out `label`: the first sub-folder is the class"
+            )
         raise InputError(f"{folder}: no condition is called {label}; {nearest(label, names)}")
     if label not in (None, LABEL):
         if LABEL in names:

@@ -56,6 +56,7 @@ NOTES, OURS = "general/notes", "neurotact"
 STEP_MS = 1.0
 SYMBOLS = {"volts": "V", "volt": "V", "newtons": "N", "newton": "N", "pascals": "Pa", "amperes": "A", "meters": "m"}
 """Short names of units that NWB spells out."""
+PREFIXES = {"": 1.0, "k": 1e3, "m": 1e-3, "u": 1e-6, "µ": 1e-6}
 OF_TRIALS = "check its times of trials, which NWB has in seconds"
 OF_SERIES = doubts.Fixes("save the series without it")
 """What mends a wrong column of a series."""
@@ -287,7 +288,12 @@ def _recordings(declared: Declared, trials: _Trials, spec: NWBSpec) -> Recording
     data = declared.streamed(f"{series}/data")
     if data.ndim > 2 or not data.size:
         raise InputError(f"{path}: {series} has the shape {data.shape} where (time, taxel) is expected; name another")
+    _check_time_is_first(declared, series, data.shape, trials)
     factor, offset = _conversion(declared, series, 1 if data.ndim == 1 else data.shape[1])
+    said = str(attribute(data, "unit", path) if "unit" in data.attrs else "")
+    unit = spec.unit or SYMBOLS.get(said, said)
+    scale = _scale(SYMBOLS.get(said, said), unit, f"{path}: {series}")
+    factor, offset = scale * factor, scale * offset
     cuts, rate_Hz, time_s = _cuts(declared, series, len(data), trials)
     if rate_Hz is not None and spec.sampling_rate_Hz is not None:
         raise InputError(f"{path}: `sampling_rate_Hz`: {series} says its rate, {rate_Hz:g} Hz; leave it out")
@@ -299,11 +305,44 @@ def _recordings(declared: Declared, trials: _Trials, spec: NWBSpec) -> Recording
         check_digits(signal, f"{path}: {series}, trial {trial}")
         table = Table(channels, signal, None if time_s is None else time_s[start:stop], 0, "s")
         read.append(Read(f"{path}: {series}, trial {trial}", f"trial {trial}", table))
-    unit = spec.unit or str(attribute(data, "unit", path) if "unit" in data.attrs else "")
     return sampled.recordings(
-        read, trials.conditions, rate_Hz or spec.sampling_rate_Hz, SYMBOLS.get(unit, unit), max_gap_ms=spec.max_gap_ms,
+        read, trials.conditions, rate_Hz or spec.sampling_rate_Hz, unit, max_gap_ms=spec.max_gap_ms,
         drop_repeats=spec.drop_repeats, source=str(path), where=str(path), fixes=OF_SERIES,
     )  # fmt: skip
+
+
+def _check_time_is_first(declared: Declared, series: str, shape: tuple[int, ...], trials: _Trials) -> None:
+    """Refuse samples of which the second axis, and not the first, is as long as the stamps or the trials."""
+    n_rows, n_columns = shape if len(shape) == 2 else (shape[0], 0)
+    if declared.holds(f"{series}/timestamps"):
+        n_stamps = declared.file[f"{series}/timestamps"].size
+        is_second = n_rows != n_stamps == n_columns
+    else:
+        rate_Hz = float(attribute(declared.file[f"{series}/starting_time"], "rate", declared.path))
+        n_needed = (trials.stop_s.max(initial=0) - float(declared.value(f"{series}/starting_time"))) * rate_Hz
+        is_second = n_rows + 1 < n_needed <= n_columns + 1
+    if is_second:
+        raise InputError(
+            f"{declared.path}: {series} has the shape {shape}, which is (taxel, time) by its times; NWB has the time "
+            "first: write the series transposed"
+        )
+
+
+def _scale(said: str, wanted: str, where: str) -> float:
+    """The factor from the unit that a file says to the wanted one; 1 if one of them is not known.
+
+    >>> _scale("N", "mN", "a.nwb"), _scale("V", "V", "a.nwb"), _scale("a.u.", "mV", "a.nwb")
+    (1000.0, 1.0, 1.0)
+    """
+    known = {
+        prefix + base: (base, factor) for base in {*SYMBOLS.values()} for prefix, factor in PREFIXES.items()
+    }  # fmt: skip
+    if not {said, wanted} <= known.keys():
+        return 1.0
+    (base, factor), (other, wanted_factor) = known[said], known[wanted]
+    if base != other:
+        raise InputError(f"{where}: is in {said}, which is not measured in {wanted}; leave out `unit`")
+    return factor / wanted_factor
 
 
 def _conversion(declared: Declared, series: str, n_channels: int) -> tuple[np.ndarray, float]:

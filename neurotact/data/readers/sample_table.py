@@ -12,6 +12,7 @@ from neurotact.data.readers import ros, sampled
 from neurotact.data.readers.arrays import ALIASES
 from neurotact.data.readers.headings import named_table
 from neurotact.data.readers.layout import CHOICE, TIME_COLUMN, Table, check_rises, chosen_places, is_index, unit_of
+from neurotact.data.readers.missing import mended
 from neurotact.data.readers.sampled import Read
 from neurotact.data.readers.table_trials import (
     Clock,
@@ -27,7 +28,9 @@ from neurotact.data.readers.tables import (
     called,
     check_digits,
     columns_of,
+    finite,
     finite_called,
+    is_gap,
     is_meant_as_number,
     values_of,
 )
@@ -81,17 +84,30 @@ def read(
         its_unit = layout.time_unit or unit_of(table, names.index(roles.time), columns[roles.time])
         layout = layout.model_copy(update={"time_unit": its_unit})
     columns = _without_others(columns, table, roles)
+    if layout.missing is not None:
+        columns = {name: _with_gaps(table, name, values, roles) for name, values in columns.items()}
     clock = clock_of(columns, roles, layout, table)
     trials = find_trials(columns, roles, clock, layout, sampling_rate_Hz, path)
     _check_time(trials, layout, clock, path)
     taxels, conditions = _parted(columns, roles, trials, table)
-    trial_of = _cut(columns, roles._replace(taxels=taxels), trials, clock, layout, table)
+    cut = [*_cut(columns, roles._replace(taxels=taxels), trials, clock, layout, table)]
+    trial_of, kept = mended(cut, layout.missing, str(path))
+    conditions = conditions.iloc[kept].reset_index(drop=True)
     read = sampled.recordings(
-        [*trial_of], conditions, sampling_rate_Hz, unit,
+        trial_of, conditions, sampling_rate_Hz, unit,
         max_gap_ms=layout.max_gap_ms, drop_repeats=layout.drop_repeats, source=f"table {path.name}", where=str(path),
     )  # fmt: skip
     choice = layout.choice.with_label(roles.label).beyond(chosen_by(trials.conditions, layout))
     return chosen_trials(read, choice, str(path))
+
+
+def _with_gaps(table: TextTable, name: str, values: np.ndarray, roles: Roles) -> np.ndarray:
+    """A column of numbers and gaps as numbers, NaN for each gap; another column as it is."""
+    if values.dtype.kind != "U" or name in (roles.label, *roles.trial, roles.time, roles.rest):
+        return values
+    whole = [cell for cell in values.tolist() if not is_gap(cell)]
+    is_taxel = whole and all(map(is_meant_as_number, whole))
+    return finite(table, table.names.index(name), values, with_gaps=True) if is_taxel else values
 
 
 def _check_time(trials: Trials, spec: TableSpec, clock: Clock, path: Path) -> None:
@@ -126,15 +142,20 @@ def _cut(
     columns: Mapping[str, np.ndarray], roles: Roles, trials: Trials, clock: Clock, spec: TableSpec, table: TextTable
 ) -> Iterator[Read]:
     """The samples and the stamps of each trial."""
-    taxels = [finite_called(table, name, columns) for name in roles.taxels]
+    gaps = spec.missing is not None
+    taxels = [finite(table, table.names.index(name), columns[name], with_gaps=gaps) for name in roles.taxels]
     for samples in taxels:
-        check_digits(samples, table.path)
+        check_digits(samples[np.isfinite(samples)], table.path)
     signal = np.stack(taxels, axis=1).astype(np.float32)
     for begin, end, name in zip(trials.begin, trials.end, trials.names, strict=True):
         its_time = None if clock.time is None else clock.time[begin:end]
         if its_time is not None and spec.time_column is None:
             check_rises(its_time, roles.time or "", table.path)
-        its = Table(roles.taxels, signal[begin:end], its_time, int(begin) + table.first_line, clock.unit)
+        missing = np.isnan(signal[begin:end])
+        its = Table(
+            roles.taxels, signal[begin:end], its_time, int(begin) + table.first_line, clock.unit,
+            missing=missing if missing.any() else None,
+        )  # fmt: skip
         yield Read(f"{table.path}, {name}", name, its)
 
 

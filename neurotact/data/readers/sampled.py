@@ -9,7 +9,7 @@ import pandas as pd
 
 from neurotact.data.readers import clock, doubts, first_rows, repeats, shared_stamps
 from neurotact.data.readers.layout import Table
-from neurotact.data.recordings import Recordings
+from neurotact.data.recordings import LABEL, Recordings, check_named_classes
 from neurotact.errors import InputError
 from neurotact.files import check_size
 
@@ -64,6 +64,7 @@ def recordings(
     messages. fixes: of doubts about them; None says no doubt. Raises InputError for trials of other taxels, stamps that
     make no clock, or a wrong unit of time.
     """
+    check_named_classes(conditions[LABEL].tolist(), where)
     _check_first_rows(read, sampling_rate_Hz, where)
     _check_same_channels(read)
     channels = _same_names(read)

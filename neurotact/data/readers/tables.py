@@ -32,6 +32,8 @@ GAP = re.compile(r"-+|\?+|\*+|#?n/?a!?|#n/?v|<na>|none|null|missing", re.IGNOREC
 """A word or a sign that stands for a value that is missing."""
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
 WITH_UNIT = re.compile(r"[+-]?\d*[.,]?\d+ ?[a-zµ°%Ω]{1,4}", re.IGNORECASE)
+FEW_EMPTY = 10
+"""Empty columns that pandas may read as any others."""
 PADDED = 100
 """Small numbers of a column that tell whether all have zeros at their beginning."""
 ZERO_PADDED = re.compile(r"0\d{1,2}([.,]\d*)?", re.ASCII)
@@ -271,6 +273,14 @@ def _numbers_at_once(table: TextTable, places: Sequence[int]) -> list[np.ndarray
 def _columns(table: TextTable, places: Sequence[int], texts: Collection[int]) -> list[np.ndarray]:
     """The columns of a table that may hold anything."""
     body = table.body.rstrip("\n")
+    n_empty = _empty_at_the_end(body, table)
+    if n_empty:
+        n_rows, n_left = body.count("\n") + 1, table.n_columns - n_empty
+        cut = "\n".join(line[:-n_empty] for line in lines_of(body))
+        inner = [place for place in places if place < n_left]
+        narrow = table._replace(body=cut, n_columns=n_left, names=table.names[:n_left], units=())
+        found = dict(zip(inner, _columns(narrow, inner, [place for place in texts if place < n_left]), strict=True))
+        return [found.get(place, np.zeros(n_rows, "U1")) for place in places]
     n_cells = (body.count("\n") + 1) * max(1, len(places))
     files.check_size(table.path, n_cells * (BYTES_PER_TEXT if len(texts) == len(places) else BYTES_PER_CELL))
     _check_rows(table)
@@ -288,6 +298,18 @@ def _columns(table: TextTable, places: Sequence[int], texts: Collection[int]) ->
             f"{table.path}: cannot be read as a table ({str(error).splitlines()[0][:100]}); repair that line"
         ) from error
     return [_column(table, read[column].to_numpy(), is_text=column in texts) for column in places]
+
+
+def _empty_at_the_end(body: str, table: TextTable) -> int:
+    """How many of the last columns are empty in every row; 0 where quotes or empty lines need a look."""
+    if table.separator == BLANKS or table.skips_empty or '"' in body:
+        return 0
+    first = body.partition("\n")[0]
+    n_empty = min(len(first) - len(first.rstrip(table.separator)), table.n_columns - 1)
+    tail = table.separator * n_empty
+    if n_empty < FEW_EMPTY or not all(line.endswith(tail) for line in lines_of(body)):
+        return 0
+    return n_empty if _are_alike(table) else 0
 
 
 def _column(table: TextTable, values: np.ndarray, *, is_text: bool) -> np.ndarray:
@@ -334,11 +356,20 @@ def _are_alike(table: TextTable) -> bool:
     return all(line.count(table.separator) == len(empty) and line != empty for line in lines)
 
 
-def finite(table: TextTable, column: int, values: np.ndarray) -> np.ndarray:
-    """A column as float64, each value finite and within the range of float32; InputError names the first other one."""
+def finite(table: TextTable, column: int, values: np.ndarray, *, with_gaps: bool = False) -> np.ndarray:
+    """A column as float64, each value finite and within the range of float32; InputError names the first other one.
+
+    with_gaps: whether an empty cell, or a word for a missing value, is NaN and no fault.
+    """
+    if with_gaps and values.dtype.kind == "U":
+        gaps = np.array([is_gap(cell) for cell in values.tolist()])
+        floats = np.full(len(values), np.nan)
+        if gaps.any():
+            floats[~gaps] = finite(table, column, np.where(gaps, "0", values))[~gaps]
+            return floats
     if values.dtype.kind in "iuf":
         floats = values.astype(np.float64, copy=False)
-        wrong = np.flatnonzero(~(np.abs(floats) <= FLOAT32_MAX))
+        wrong = np.flatnonzero(~(np.abs(floats) <= FLOAT32_MAX) & ~(with_gaps & np.isnan(floats)))
         row = int(wrong[0]) if len(wrong) else None
     else:
         row = next((i for i, cell in enumerate(values.tolist()) if not _is_finite(cell, table.decimal)), None)
@@ -347,6 +378,35 @@ def finite(table: TextTable, column: int, values: np.ndarray) -> np.ndarray:
         return floats
     line, its_cells = next(islice(table.rows(), row, None))
     raise InputError(f"{table.path}: line {line}{_fault(table, column, its_cells[column], values)}")
+
+
+def is_gap(cell: str) -> bool:
+    """Whether a cell says that its value is missing.
+
+    >>> [is_gap(cell) for cell in ("", "NaN", "#N/A", "--", "inf", "0")]
+    [True, True, True, True, False, False]
+    """
+    return not cell or bool(GAP.fullmatch(cell)) or cell.lower() in ("nan", "na")
+
+
+def with_whole_rows(table: TextTable, *, are_kept: bool) -> tuple[TextTable, int]:
+    """A table without rows that are empty or cut, and how many there are.
+
+    are_kept: such a row becomes one without values, since it is a sample; otherwise it is left out, since time stamps
+    show its place.
+    """
+    if _are_alike(table):
+        return table, 0
+    filled = table.separator.join(["nan"] * table.n_columns)
+    lines, n_cut = [], 0
+    for line in lines_of(table.body.rstrip("\n")):
+        is_whole = len(row := cells(line, table.separator)) == table.n_columns and any(row)
+        if is_whole or (len(row) > table.n_columns) or (row and COMMENT.match(row[0])):
+            lines.append(line)  # whole, or another fault
+            continue
+        n_cut += 1
+        lines += [filled] if are_kept else []
+    return table._replace(body="\n".join(lines)), 0 if are_kept else n_cut
 
 
 def lost_digits(values: np.ndarray) -> str:
@@ -402,7 +462,9 @@ def _with_point(cell: str, decimal: Decimal) -> str:
 def _fault(table: TextTable, column: int, cell: str, values: np.ndarray) -> str:
     """What is wrong with a cell of a column, and the fix: the end of the sentence that names its line."""
     cell_name = f", column {column + 1}{table.name(column)} is"
-    repair = f"repair the gap{table.choice}"
+    fill = ", fill it with `missing='interpolate'`"
+    can_fill = bool(table.choice) and is_gap(cell)
+    repair = f"repair the gap{fill if can_fill else ''}{table.choice}"
     if not cell:
         return f"{cell_name} empty; {repair}"
     if NOT_FINITE.fullmatch(cell):
@@ -419,6 +481,9 @@ def _fault(table: TextTable, column: int, cell: str, values: np.ndarray) -> str:
         return f"{cell_name} {cell[:20]!r}, with separators of thousands; write numbers without them"
     if WITH_UNIT.fullmatch(cell):
         return f"{cell_name} {cell[:20]!r}, not a number; write it without its unit{table.choice}"
+    if re.search(r"\d:\d\d", cell):
+        forms = "12:00:00.25, 01:00:00.25 PM or, of minutes and seconds, 59:59.25"
+        return f"{cell_name} {cell[:20]!r}, not a time that is read; write it as {forms}{table.choice}"
     return f"{cell_name} {cell[:20]!r}, not a number; write a number{table.choice}"
 
 

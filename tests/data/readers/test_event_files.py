@@ -531,3 +531,63 @@ def test_files_of_other_kinds_are_known_by_their_content(tmp_path, name, begin, 
     if name not in ("e.h5", "e.mat"):
         with pytest.raises(InputError, match=message):
             nt.read_events(tmp_path / "in", pattern="{label}")
+
+
+# --- what is no file of events ----------------------------------------------------------------------
+
+
+def dense(folder: Path) -> dict[str, Path]:
+    """One raster in each form in which it may be taken for events."""
+    raster, time_s = np.random.default_rng(3).random((40, 3)) < 0.2, np.arange(40) / 1000
+    rows = pd.DataFrame(raster.astype(int), columns=["left", "right", "top"])
+    timed = pd.DataFrame({"trial": 0, "label": "felt", "time_s": time_s}).join(rows)
+    np.savez(folder / "named.npz", raster=raster[None], label=["felt"], time_s=time_s, channel=["a", "b", "c"])
+    np.savez(folder / "bare.npz", spikes=2 * raster[None].astype(float), label=["felt"])
+    np.save(folder / "one.npy", raster)
+    rows.to_csv(folder / "steps.csv", index=False)
+    rows.to_csv(folder / "bare.csv", index=False, header=False)
+    timed.to_csv(folder / "timed.csv", index=False)
+    timed.rename(columns={"time_s": "step"}).assign(step=range(40)).to_csv(folder / "numbered.csv", index=False)
+    return {path.name: path for path in folder.iterdir()}
+
+
+def test_a_raster_that_is_read_as_events_is_refused_with_its_command(tmp_path):
+    for path in dense(tmp_path).values():
+        with pytest.raises(InputError) as refusal:
+            nt.read_events(path)
+        assert "holds no events but a raster" in str(refusal.value), path
+        fix = "reads a folder of such files, one per trial" if path.suffix == ".csv" else "reads it"
+        assert f"; neurotact import raster {fix}" in str(refusal.value), path
+
+
+def test_that_command_reads_the_same_spikes_from_a_folder(tmp_path):
+    files, spikes = dense(tmp_path), []
+    for name in ("one.npy", "steps.csv", "bare.csv"):
+        folder = tmp_path / name.partition(".")[0] / name[-3:] / "felt"
+        folder.mkdir(parents=True)
+        files[name].rename(folder / name)
+        trains = nt.read_raster(folder.parent, 1000.0)
+        spikes.append((trains.steps[0].tolist(), trains.units[0].tolist()))
+    assert spikes[0] == spikes[1] == spikes[2]
+
+
+def test_events_that_lack_a_column_are_taken_for_no_raster(tmp_path):
+    for columns in ({"time_s": [0.1, 0.2], "place": [3, 4]}, {"channel": [0, 1], "when": [0.1, 0.2]}):
+        pd.DataFrame(columns | {"trial": 0, "label": "a"}).to_csv(tmp_path / "e.csv", index=False)
+        with pytest.raises(InputError, match="no column is called"):
+            nt.read_events(tmp_path / "e.csv")
+
+
+def test_the_table_of_the_raster_command_is_refused_with_what_comes_back_whole(tmp_path):
+    """It has no classes; as .nwb the same spikes come back."""
+    touch = nt.Recordings(np.random.default_rng(1).normal(size=(4, 200, 2)) * 20, 1000.0, "mV", ["a", "b"] * 2)
+    felt = nt.encode(touch)
+    hdf5.save_spikes(felt, tmp_path / "s.h5")
+    for suffix in (".csv", ".nwb"):
+        nt.save_raster(tmp_path / "s.h5", tmp_path / f"r{suffix}")
+    with pytest.raises(InputError, match=r"neurotact raster wrote this table.*write that as .nwb"):
+        nt.read_events(tmp_path / "r.csv")
+    back = nt.read_nwb(tmp_path / "r.nwb")
+    assert sum(map(len, felt.steps))
+    assert [each.tolist() for each in back.steps] == [each.tolist() for each in felt.steps]
+    assert back.labels.tolist() == felt.labels.tolist()

@@ -71,6 +71,29 @@ def test_csv_and_npz_come_back_alike(tmp_path_factory, signals, header, end):
         np.testing.assert_array_equal(b, array)
 
 
+def test_a_label_that_names_what_is_the_label_anyway_changes_nothing(tmp_path):
+    """By sub-folder, by the name of the file, by a level."""
+    for name in ("felt", "silk"):
+        write(tmp_path / name, f"{name}_1.csv")
+    for naming in ({}, {"pattern": "{label}_{n}.csv"}, {"levels": "label"}):
+        unsaid, said = (folder.read(tmp_path, 100, "mV", naming=naming | own) for own in ({}, {"label": "label"}))
+        assert said.conditions.equals(unsaid.conditions)
+        assert said.classes == ("felt", "silk")
+
+
+def test_a_label_that_names_no_condition_is_refused_with_what_names_it(tmp_path):
+    write(tmp_path / "felt", "a_1.csv")
+    for naming, expected in (
+        ({"label": "material"}, "name the sub-folders with `levels='material'`, or leave out `label`"),
+        ({"label": "material", "pattern": "{matter}_{n}.csv"}, "no condition is called material; "),
+        ({"label": "label", "levels": "material"}, "no condition is called label; "),
+    ):
+        with pytest.raises(InputError) as refusal:
+            folder.read(tmp_path, 100, "mV", naming=naming)
+        assert expected in str(refusal.value)
+        assert not str(refusal.value).endswith("known: ")
+
+
 def test_trials_come_label_by_label_in_the_order_of_the_files(tmp_path, caplog):
     for name in ("b.csv", "a.CSV"):
         write(tmp_path / "silk", name)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from levels import examples
 
 import neurotact as nt
-from neurotact.data.readers import clock
+from neurotact.data.readers import clock, folder
 from neurotact.data.readers.naming import NamingSpec, conditions_of
 from neurotact.errors import InputError
 from neurotact.spec import build
@@ -487,3 +487,36 @@ def test_the_common_rate_is_that_of_a_file_and_resampled_trials_are_counted(tmp_
     n_others = sum(rate_Hz != common_Hz for rate_Hz in rates_Hz)
     counted_now = [int(match[1]) for line in messages if (match := re.search(r": (\d+) of \d+ trials", line))]
     assert sum(counted_now) == n_others
+
+
+@given(begin_s=st.integers(0, 86_000) | st.sampled_from([3599, 43_199, 46_799]), ticks=st.integers(6, 40))
+@examples(30)
+def test_a_time_of_day_is_read_in_each_of_its_forms(tmp_path_factory, begin_s, ticks):
+    """12-hour and 24-hour clocks, months by name, minutes and seconds alone: the same recording."""
+    times = [datetime(2024, 1, 31) + timedelta(seconds=begin_s + 0.25 * tick) for tick in range(ticks)]
+    folder_of = {}
+    for name, form in {
+        "day": "%H:%M:%S.%f", "half": "%I:%M:%S.%f %p", "month": "%d-%b-%Y %H:%M:%S.%f",
+        "dated": "%d-%b-%Y %I:%M:%S.%f%p",
+        "minutes": "%M:%S.%f",
+    }.items():  # fmt: skip
+        folder_of[name] = tmp_path_factory.mktemp(name)
+        (folder_of[name] / "felt").mkdir()
+        rows = [f"{time.strftime(form)},{tick}.5" for tick, time in enumerate(times)]
+        (folder_of[name] / "felt" / "a.csv").write_text("\n".join(["time,left", *rows]) + "\n")
+    read = [folder.read(place, None, "mV") for place in folder_of.values()]
+    assert {touch.sampling_rate_Hz for touch in read} == {4.0}
+    assert all(touch.signals[0].tolist() == [[tick + 0.5] for tick in range(ticks)] for touch in read)
+
+
+@pytest.mark.parametrize("cells", [("12:00:00 AM", "13:00:01 PM"), ("02:03.5", "00:02:04.5"), ("12:00:00", "00:00 PM")])
+def test_a_time_in_another_form_than_the_first_is_refused(cells):
+    with pytest.raises(InputError, match=r"line 3, column time is .*, not a time as in"):
+        clock.seconds_of(cells, "a.csv", "time", 2, None)
+
+
+@pytest.mark.parametrize("cell", ["02:03", "13:02:03 PM", "00:00:01 AM", "1:2:03:04"])
+def test_a_time_that_could_be_two_or_none_is_refused_with_the_forms_that_are_read(tmp_path, cell):
+    write(tmp_path / "felt" / "a.csv", f"time,left\n{cell},1\n{cell},2\n")
+    with pytest.raises(InputError, match=r"not a time that is read; write it as 12:00:00.25, .* PM or, .* 59:59.25"):
+        folder.read(tmp_path, 10, "mV")

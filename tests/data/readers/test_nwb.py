@@ -237,6 +237,43 @@ def test_a_time_series_is_cut_into_recordings(tmp_path):
     assert again.unit == "mV"
 
 
+@pytest.mark.parametrize(
+    ("said", "wanted", "factor"), [("newtons", "mN", 1e3), ("mN", "N", 1e-3), ("other", "mV", 1.0), ("N", "count", 1.0)]
+)
+def test_a_unit_that_is_asked_for_is_that_of_the_numbers(tmp_path, said, wanted, factor):
+    minimal(tmp_path / "a.nwb")
+    with h5py.File(tmp_path / "a.nwb", "a") as file:
+        file["acquisition/touch/data"].attrs["unit"] = said
+    own = nt.read_nwb(tmp_path / "a.nwb", label="cloth", series="touch")
+    asked = nt.read_nwb(tmp_path / "a.nwb", label="cloth", series="touch", unit=wanted)
+    assert asked.unit == wanted
+    np.testing.assert_allclose(asked.signals, factor * np.array(own.signals), rtol=1e-6)
+
+
+def test_a_unit_of_another_quantity_is_refused(tmp_path):
+    minimal(tmp_path / "a.nwb")
+    with pytest.raises(InputError, match="touch: is in V, which is not measured in mN; leave out `unit`"):
+        nt.read_nwb(tmp_path / "a.nwb", label="cloth", series="touch", unit="mN")
+
+
+@pytest.mark.parametrize("is_stamped", [False, True])
+def test_samples_whose_taxels_come_first_are_refused(tmp_path, is_stamped):
+    data = np.arange(4000, dtype=np.int16).reshape(2, 2000)
+    stamps = {"acquisition__touch__starting_time": None, "acquisition__touch__timestamps": np.arange(2000) / 1000}
+    minimal(tmp_path / "a.nwb", acquisition__touch__data=data, **(stamps if is_stamped else {}))
+    with pytest.raises(InputError, match=r"shape \(2, 2000\), which is \(taxel, time\) .* write the series transposed"):
+        nt.read_nwb(tmp_path / "a.nwb", label="cloth", series="touch")
+
+
+def test_a_rate_that_is_none_of_touch_is_doubted(tmp_path, caplog):
+    stops = {"intervals__trials__stop_time": [5000.0, 9000.0], "intervals__trials__start_time": [0.0, 5000.0]}
+    minimal(tmp_path / "a.nwb", **stops)
+    with h5py.File(tmp_path / "a.nwb", "a") as file:
+        file["acquisition/touch/starting_time"].attrs["rate"] = 0.1
+    nt.read_nwb(tmp_path / "a.nwb", label="cloth", series="touch")
+    assert "0.1 Hz is slow for touch" in caplog.text
+
+
 def test_stamped_samples_come_to_a_clock(tmp_path):
     time_s = np.arange(2000) / 1000.0
     time_s[1::2] += 0.0002  # jitter
