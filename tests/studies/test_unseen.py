@@ -126,7 +126,7 @@ def test_costs_are_of_the_afferents_of_each_turn(run, tmp_path):
     found = afferents_of(tmp_path, turns)
     assert [one.encoder["tau_mem_ms"] == 7.0 for one in found] == [False, True, False]
     trains = hdf5.load_spikes(run / cell.given)
-    assert found[0] == (len(trains.afferents), trains.encoder, trains.sampling_rate_Hz)
+    assert found[0] == (len(trains.afferents), trains.encoder, trains.sampling_rate_Hz, trains.recorded_Hz)
     (tmp_path / turns[1].given).unlink()
     assert afferents_of(tmp_path, turns) == [found[0]] * 3
     assert afferents_of(tmp_path / "elsewhere", turns) == [None] * 3
