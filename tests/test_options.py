@@ -421,11 +421,9 @@ WAYS = {
             | {
                 "--sops-weight": "--sops-weight 0.1",
                 "--start-epoch": "--start-epoch 10 --assessor none",
-                "--workers": "--workers 2 --device cuda",
             },
             {
                 "--workers": "tests/networks/test_search.py",
-                "--device": "tests/networks/test_search.py",
                 "--resume": "tests/networks/test_search.py",
             },
             is_slow=True,
@@ -575,7 +573,6 @@ WAYS = {
             "study run in/tiny.toml -o s",
             refused={
                 "--workers": "--workers 2 --scheduler tcp://127.0.0.1:8786",
-                "--scheduler": "--scheduler tcp://127.0.0.1:8786 --device cuda",
                 "--set": "--set network.model=snn --set network.recurrent_weight_scale=0.1",
             },
             tested={
@@ -594,11 +591,9 @@ WAYS = {
                 "--set": "tests/studies/test_study.py",
                 "--workers": "tests/studies/test_scheduler.py",
                 "--scheduler": "tests/studies/test_scheduler.py",
-                "--device": "tests/studies/test_study_on_device.py",
                 "--json": "tests/test_cli.py",
             },
         ),
-        Way("study run in/tiny.toml -o s", refused={"--workers": "--workers 2 --device cuda"}),
     ],
     "study resume": [
         Way(
@@ -606,7 +601,6 @@ WAYS = {
             tested={
                 "--workers": "tests/studies/test_scheduler.py",
                 "--scheduler": "tests/studies/test_scheduler.py",
-                "--device": "tests/studies/test_study_on_device.py",
                 "--json": "tests/test_cli.py",
             },
         )
@@ -943,7 +937,6 @@ NO_EFFECT = {
     "tune": [
         {"sops_weight": 0.1},
         {"start_epoch": 10, "assessor": "none"},
-        {"workers": 2, "device": "cuda"},
         {"rest_ms": 20},
         {"settings": {"training.readout_dropout": 0.1}},
     ],
@@ -955,7 +948,6 @@ NO_EFFECT = {
     ],
     "fine_tune": [{"epochs": 0, "seed": 0}],
     "run_study": [
-        {"workers": 2, "device": "cuda"},
         {"workers": 2, "scheduler": "tcp://127.0.0.1:8786"},
         {"settings": {"network.model": "snn", "network.recurrent_weight_scale": 0.1}},
         {"settings": {"split.nested": False}},

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-import torch
 
 from neurotact import effects, files, spec
 from neurotact.api.arguments import (
@@ -35,10 +34,11 @@ from neurotact.figures.search import save_found
 from neurotact.figures.style import save as save_figure
 from neurotact.metrics import synops
 from neurotact.networks.definition import recipe
+from neurotact.networks.definition.kernels import device_of
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec, given_keys
 from neurotact.networks.search import journal, search, search_tables
-from neurotact.networks.training import cautions, checkpoint, population, repeated, tasks, train_run, trained
+from neurotact.networks.training import cautions, checkpoint, repeated, tasks, train_run, trained
 from neurotact.networks.training import conditions_curve as curves
 from neurotact.networks.training.balancing import Balance
 from neurotact.networks.training.outcome import summary_of
@@ -138,7 +138,7 @@ def train(
     task = spec.build(Task, {**task.model_dump(), "augmentation": kind, "balance": balance}, source="train")
     path, spikes = Path(folder), Path(spikes)
     what, given = spec.resolve(RSNNSpec, network, settings), given_keys(network, settings)
-    population.device_of(device, torch.float32)
+    device_of(device)
     options = {"given": given, "seed": seed, "device": device, "force": force, "resume": resume, "tell": tell}
     every_fold = folds is not None and fold is None
     if every_fold or columns or repeats > 1:
@@ -312,7 +312,6 @@ def tune(
     exit_tolerance: float = 0.01,
     exit_by: ExitBy = "stability",
     workers: int | None = None,
-    device: str = "cpu",
     resume: bool = False,
     tell: Tell = silent,
 ) -> pd.DataFrame:
@@ -325,9 +324,8 @@ def tune(
     the best network, in mean SOPs per window.
     tuner: "tpe", "random" or "grid". assessor: "median-stop" stops trials below the median early, from `start_epoch`
     (10) on; "none" trains all to the end.
-    batch: trials that are proposed together. device: another torch device than "cpu", such as "cuda", trains each
-    batch at once, in place of `workers` processes (2; 1 trains in this one, also in a script without
-    `if __name__ == "__main__"`).
+    batch: trials that are proposed together. workers: processes that train them (2; 1 trains in this one, also in a
+    script without `if __name__ == "__main__"`).
     Windows, split, where, leave_out, exit_tolerance and exit_by: as for `train`; of `folds`, the `fold` (0) is tested.
     The journal, tables, figure, `best.toml` and the best network, `best`, are saved in `folder`; given the same folder
     again, the search continues there. resume: with more `trials` than before, too, as if all had been asked for at
@@ -339,7 +337,6 @@ def tune(
     >>> len(found)
     2
     """
-    effects.check(workers=workers, device=device)
     window = window_table(length_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
     split = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
     trains, task = _task("tune", spikes, window, split, stratify, exit_tolerance, exit_by, where, leave_out)
@@ -351,14 +348,14 @@ def tune(
     what, given = spec.resolve(RSNNSpec, network, settings), given_keys(network, settings)
     source = f"`nt.tune(space={str(space)!r})`" if isinstance(space, (str, Path)) else "tune"
     search_spec = search.asked(source, space, what, table, trains, task, given)
-    problem = search.problem_of(trains, search_spec, what, task, device)
+    problem = search.problem_of(trains, search_spec, what, task)
     for line in recipe.joined_cost(what):
         tell(f"of each trial: {line}")
     with files.locked(path):
-        with search.runner(problem, spikes, workers or 2, device) as run, track("tune", trials) as advance:
+        with search.runner(problem, spikes, workers or 2) as run, track("tune", trials) as advance:
             tried, timing = search.search(problem, path, run, advance, resume=resume)
         save_found(problem, tried, path)
-        outcome = search.save_best(problem, spikes, path, tried, device)
+        outcome = search.save_best(problem, spikes, path, tried)
     best = journal.best_of(tried)
     tell(f"trial {best.id} of {len(tried)} is the best; {timing.seconds:.1f} s, proposals {timing.proposals:.1f} s")
     if problem.search.first is not None:
@@ -404,7 +401,7 @@ def infer(
     if out:
         of_run = [] if fitted.is_in_memory(run) else trained.files_of(str(run))
         files.check_new(out, force=force, inputs=[*of_run, *([spikes] if is_file else [])])
-    restored = fitted.restore(run, device=str(population.device_of(device, torch.float32)))
+    restored = fitted.restore(run, device=str(device_of(device)))
     if test_only and fitted.is_in_memory(run):
         raise InputError("test_only: an estimator does not know its test trials; give the spikes of these alone")
     trains = hdf5.load_spikes(spikes) if is_file else spikes

@@ -43,9 +43,6 @@ def flag(name: str, help: str) -> Any:
 
 
 REPLACED = flag("--force", "Replace a training that is in the folder.")
-ON_DEVICE = option(
-    str, "cpu: processes. Another torch device (cuda, cuda:1): networks are trained at once.", "--device"
-)
 OPTIONS: dict[str, Any] = {
     "settings": SetOption,
     "spikes": Annotated[Path, typer.Argument(help="An HDF5 file of spikes, as encode writes it.")],

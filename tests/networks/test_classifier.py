@@ -264,7 +264,7 @@ def test_validation_windows_that_do_not_fit_are_refused(validation, words):
 )  # fmt: skip
 def test_a_wrong_parameter_is_refused_before_the_training(name, value, monkeypatch):
     X, y = touches()
-    monkeypatch.setattr("neurotact.networks.use.classifier.members.course", None)
+    monkeypatch.setattr("neurotact.networks.use.classifier.members.train", None)
     with pytest.raises(InputError, match=f"^(SpikingClassifier: )?{name}: |^{name}|: {name} "):
         small(**{name: value}).fit(np.asarray(X) if name == "sampling_rate_Hz" else X, y)
 

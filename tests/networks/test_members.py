@@ -28,7 +28,7 @@ from neurotact.networks.definition.specs import MOST_HIDDEN, RSNNSpec
 from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.networks.search import search
 from neurotact.networks.search.tuning import MedianStop, Proposal, SearchSpec
-from neurotact.networks.training import fitting, population, tasks, train_run, trained, training, training_checkpoint
+from neurotact.networks.training import fitting, tasks, train_run, trained, training, training_checkpoint
 from neurotact.networks.training.training import Checkpoint, Examples
 from neurotact.networks.use.ledger import network_cost
 from neurotact.networks.use.measuring import synops_of
@@ -247,15 +247,6 @@ def test_a_run_is_interrupted_in_its_second_member_and_leaves_what_a_whole_one_l
     row = json.loads(whole["result.json"])["row"]
     assert (row["members"], row["recurrent_blocks"], row["epochs"]) == (3, 3, 3 * N_EPOCHS)
     assert trained.restore(tmp_path / "whole").network.spec.recurrent_blocks == 3
-
-
-def test_a_population_trains_members_too(fitted):
-    done, sides, _ = fitted
-    courses = [fitting.fit_course(trains(), spec_of(), TASK, given, sides) for given in ((3, 4), (5, 6))]
-    first, second = population.run(courses)
-    torch.testing.assert_close(first.network.w_in, done.network.w_in, rtol=1e-3, atol=1e-4)
-    assert second.network.spec == first.network.spec
-    assert not torch.equal(first.network.w_in, second.network.w_in)
 
 
 @pytest.mark.parametrize("stopped", [False, True])

@@ -140,17 +140,16 @@ def test_a_stopped_trial_has_the_accuracy_and_the_network_of_its_last_epoch_thou
 ):
     log = (Epoch(1, 0.7, 0.5, 0.6, 0.75), Epoch(2, 0.6, 0.6, 0.7, 0.25))
 
-    def course(network, *_, progress, **__):
+    def train(network, *_, progress, **__):
         for epoch in log:
             progress(epoch)
-        yield from ()
 
     class AfterTwo:
         def stops(self, trial, epochs):
             return len(epochs) == 2
 
     what = problem(trains, objective="accuracy")
-    monkeypatch.setattr(training, "course", course)
+    monkeypatch.setattr(training, "train", train)
     job = search.Job(what, Proposal(0, {}), AfterTwo())  # pyright: ignore
     trial = search.try_network(job, trains, tasks.sides_of(trains, what.task))
     assert trial.epochs == [0.75, 0.25]
@@ -271,14 +270,14 @@ def test_a_folder_that_holds_anything_else_is_refused(trains, tmp_path):
 
 
 def test_a_trial_that_cannot_be_trained_fails_and_the_search_goes_on(trains, tmp_path, monkeypatch):
-    course = training.course
+    train = training.train
 
     def fragile(network, *args, **kwargs):
         if network.spec.hidden == 6:
             raise InputError("training: weights are not finite after epoch 1; lower training.learning_rate")
-        return course(network, *args, **kwargs)
+        return train(network, *args, **kwargs)
 
-    monkeypatch.setattr(training, "course", fragile)
+    monkeypatch.setattr(training, "train", fragile)
     trials = run(trains, tmp_path)
     failed = [trial for trial in trials if trial.outcome == FAILED]
     assert {trial.parameters["hidden"] for trial in failed} == {6}
@@ -376,11 +375,10 @@ def test_a_trials_accuracy_is_that_of_the_epoch_whose_weights_it_kept(trains, mo
     what = problem(trains, objective="accuracy")
     log = (Epoch(1, 0.7, 0.5, 0.6, 0.75), Epoch(2, 0.6, 0.6, 0.7, 1.0), Epoch(3, 0.5, 0.7, 0.8, 0.25))
 
-    def course(*_, **__):
+    def train(*_, **__):
         return Training(log, log[0])
-        yield
 
-    monkeypatch.setattr(training, "course", course)
+    monkeypatch.setattr(training, "train", train)
     trial = search.try_network(search.Job(what, Proposal(0, {}), None), trains, tasks.sides_of(trains, what.task))
     assert (trial.accuracy, trial.value) == (0.75, 0.75)
 

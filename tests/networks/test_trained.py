@@ -79,9 +79,7 @@ def trains_of(*pairs, **changes) -> SpikeTrains:
 
 
 def untrained(*_, **__):
-    """A course that asks for nothing."""
     return Training(EPOCHS, EPOCHS[0])
-    yield
 
 
 def fitted(rule=RULE, best=0) -> Trained:
@@ -188,7 +186,7 @@ def test_training_windows_judge_a_steady_rule_too():
 @pytest.mark.parametrize(("choice", "patience"), [("least", 1), ("steady", 10)])
 def test_a_fit_chooses_as_the_task_says(monkeypatch, choice, patience):
     trains = trains_of(*VALIDATION, (STEADY, 0), (STEADY, 1), (STEADY, 0))
-    monkeypatch.setattr(training, "course", untrained)
+    monkeypatch.setattr(training, "train", untrained)
     monkeypatch.setattr(fitting, "new_network", lambda *_, **__: (wired(), torch.Generator()))
     task = Task(window={"length_ms": N_STEPS}, exit_choice=choice)
     split = Split(np.arange(4), np.array([4]), np.array([5, 6]))
@@ -205,7 +203,7 @@ def test_a_fit_takes_the_tasks_tolerance_and_its_validation_trials(monkeypatch, 
         seen.extend([training.labels.tolist(), validation.labels.tolist()])
         return untrained()
 
-    monkeypatch.setattr(training, "course", watched)
+    monkeypatch.setattr(training, "train", watched)
     monkeypatch.setattr(fitting, "new_network", lambda *_, **__: (wired(), torch.Generator()))
     split = Split(np.array([0, 1]), np.array([2, 3, 4, 5]), np.array([6, 7]))
     task = Task(window={"length_ms": N_STEPS}, exit_tolerance=tolerance)
@@ -365,7 +363,7 @@ def test_a_margin_is_saved_and_stops_where_the_network_says(tmp_path):
 @pytest.mark.parametrize("choice", ["least", "steady"])
 def test_a_fit_exits_by_a_margin_where_the_task_says_so(monkeypatch, choice):
     trains = trains_of(*VALIDATION, (STEADY, 0), (STEADY, 1), (STEADY, 0))
-    monkeypatch.setattr(training, "course", untrained)
+    monkeypatch.setattr(training, "train", untrained)
     monkeypatch.setattr(fitting, "new_network", lambda *_, **__: (wired(), torch.Generator()))
     task = Task(window={"length_ms": N_STEPS}, exit_choice=choice, exit_by="margin")
     split = Split(np.arange(4), np.array([4]), np.array([5, 6]))

@@ -264,7 +264,6 @@ EXECUTORS: dict[str, Executor] = {
             "double precision": "its spikes are float32",
         },
     ),
-    "population": Executor("a population", ("network", "readout"), {}),
 }
 """Every program that executes chains, the reference first."""
 

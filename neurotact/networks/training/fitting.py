@@ -18,7 +18,7 @@ from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.networks.exit.held_out import ExitChoice, Judged
 from neurotact.networks.training import members
 from neurotact.networks.training.tasks import ExitBy, Sides, Task, sides_of
-from neurotact.networks.training.training import Checkpoint, Course, Examples, Training, alone
+from neurotact.networks.training.training import Checkpoint, Examples, Training
 
 AT_ONCE = 256
 """Windows that are simulated together."""
@@ -64,30 +64,11 @@ def fit(
     sides = sides_of(trains, task, split)
     warn_of_silence(sides.train)
     how = {"device": device, "backend": backend, "progress": progress, "start": start, "keep": keep}
-    return alone(fit_course(trains, spec, task, seeds, sides, **how)), sides
+    network, training = new_trained(trains, spec, seeds, sides.train, sides.validation, **how)
+    return finished(network.cpu(), training, sides, task), sides
 
 
-def fit_course(
-    trains: SpikeTrains,
-    spec: RSNNSpec,
-    task: Task,
-    seeds: tuple[int, int],
-    sides: Sides,
-    *,
-    device: str | torch.device = "cpu",
-    backend: Backend = "auto",
-    **options: Any,
-) -> Course[Trained]:
-    """`fit` on these sides, as a course that runs alone or with others; the trained network is on the CPU.
-
-    options: of `network_course`.
-    """
-    how = {"device": device, "backend": backend, **options}
-    network, training = yield from network_course(trains, spec, seeds, sides.train, sides.validation, **how)
-    return finished(network.cpu(), training, sides, task)
-
-
-def network_course(
+def new_trained(
     trains: SpikeTrains,
     spec: RSNNSpec,
     seeds: tuple[int, int],
@@ -97,10 +78,10 @@ def network_course(
     device: str | torch.device = "cpu",
     backend: Backend = "auto",
     **options: Any,
-) -> Course[tuple[RSNN, Training]]:
+) -> tuple[RSNN, Training]:
     """Train a network for the afferents and classes of some spike trains, with the choices of its recipe; and its log.
 
-    options: of `members.course`.
+    options: of `members.train`.
     """
 
     def new(spec: RSNNSpec, seeds: tuple[int, int]) -> tuple[RSNN, torch.Generator]:
@@ -108,7 +89,7 @@ def network_course(
         return network.to(device), order
 
     chosen = recipe.chosen_for(spec, training.spikes, trains.sampling_rate_Hz)
-    return (yield from members.course(new, chosen, seeds, training, validation, **options))
+    return members.train(new, chosen, seeds, training, validation, **options)
 
 
 def warn_of_silence(training: Examples) -> None:

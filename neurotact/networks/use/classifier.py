@@ -38,7 +38,7 @@ from neurotact.networks.exit.held_out import ExitChoice
 from neurotact.networks.training import members
 from neurotact.networks.training.fitting import begin, exit_of
 from neurotact.networks.training.tasks import ExitBy
-from neurotact.networks.training.training import Epoch, Examples, Training, alone
+from neurotact.networks.training.training import Epoch, Examples, Training
 from neurotact.networks.use import ledger
 from neurotact.networks.use.measuring import synops_of
 from neurotact.spec import checked_settings, resolve
@@ -195,7 +195,7 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
             return begin(train_side.spikes, len(classes), spec, rate_Hz, weights).to(self.device), order
 
         progress, first = _print_epoch if self.verbose else None, (weights_seed, order_seed)
-        network, training = alone(members.course(new, spec, first, train_side, validation_side, progress=progress))
+        network, training = members.train(new, spec, first, train_side, validation_side, progress=progress)
         self.training_: Training = training
         self.network_: RSNN = network
         by = cast(ExitBy, self.exit_by)
