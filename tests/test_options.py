@@ -73,7 +73,6 @@ NETWORK = {
     "--stratify": "--stratify speed",
     "--split-seed": "--split-seed 3",
     "--exit-tolerance": "--exit-tolerance 0.9",
-    "--exit-by": "--exit-by margin",
     "--json": "--json",
 }
 NO_NETWORK = {
@@ -973,7 +972,7 @@ KEYWORDS = {
     "SpikingClassifier": {
         "hidden": 10, "recurrent": False, "tau_mem_ms": 3.0, "tau_syn_ms": 1.5, "learning_rate": 0.5, "batch": 5,
         "epochs": 1, "patience": 1, "network": "rsnn", "settings": {"readout": "max"}, "validation_fraction": 0.4,
-        "exit_tolerance": 0.9, "exit_by": "margin", "random_state": 4, "verbose": True,
+        "exit_tolerance": 0.9, "random_state": 4, "verbose": True,
     },
     "SpikeEncoder": {
         "encoder": "izhikevich", "settings": {"sa1.t_ref_ms": 9}, "sampling_rate_Hz": 500.0, "unit": "V",

@@ -43,7 +43,7 @@ from neurotact.networks.training import conditions_curve as curves
 from neurotact.networks.training.balancing import Balance
 from neurotact.networks.training.outcome import summary_of
 from neurotact.networks.training.repeated import trained_in as trained_in
-from neurotact.networks.training.tasks import ExitBy, Task
+from neurotact.networks.training.tasks import Task
 from neurotact.networks.training.train_run import Interrupted as Interrupted
 from neurotact.networks.use import fitted, inference, ledger
 from neurotact.networks.use.fitted import Fitted
@@ -85,7 +85,6 @@ def train(
     augmentation: str | None = None,
     balance: Balance = "none",
     exit_tolerance: float = 0.01,
-    exit_by: ExitBy = "stability",
     seed: int = 0,
     device: str = "cpu",
     resume: bool = False,
@@ -117,7 +116,6 @@ def train(
     balance: "classes" weights training windows so that each class counts the same in the loss; "conditions" so
         that each value of the split's conditions (to test, to group by, to stratify) does within a class, too.
     exit_tolerance: validation accuracy that early exit may lose.
-    exit_by: "stability", the leading class unchanged for long enough, or "margin", a lead that is large enough.
     seed: of the weights and of the order of windows. device: a torch device.
     resume: go on with a training that was interrupted. force: replace one that is in the folder.
     tell: called with what the command prints.
@@ -133,7 +131,7 @@ def train(
     columns = columns_of(leave_out_each)
     check_one_way(columns, order=order, folds=folds, test=test)
     split = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
-    trains, task = _task("train", spikes, window, split, stratify, exit_tolerance, exit_by, where, leave_out)
+    trains, task = _task("train", spikes, window, split, stratify, exit_tolerance, where, leave_out)
     kind = _kind_of_copies(trains, augmentation, tell)
     task = spec.build(Task, {**task.model_dump(), "augmentation": kind, "balance": balance}, source="train")
     path, spikes = Path(folder), Path(spikes)
@@ -181,11 +179,11 @@ def _kind_of_copies(trains: SpikeTrains, given: str | None, tell: Tell) -> str:
 
 def _task(
     source: str, spikes: str | Path, window: Settings, split: Settings, stratify: Sequence[str], exit_tolerance: float,
-    exit_by: str, where: Conditions | None, leave_out: LeftOut,
+    where: Conditions | None, leave_out: LeftOut,
 ) -> tuple[SpikeTrains, Task]:  # fmt: skip
     """The spike trains of a file and what a network does with them, with windows that suit them."""
     path = path_of(spikes)
-    task = tasks.task_of(source, window, split, stratify, exit_tolerance, exit_by, where=where, leave_out=leave_out)
+    task = tasks.task_of(source, window, split, stratify, exit_tolerance, where=where, leave_out=leave_out)
     trains = tasks.load_spikes(path, task, tell=True)
     return trains, tasks.with_suited_window(task, trains, ARGUMENTS)
 
@@ -310,7 +308,6 @@ def tune(
     test: float | None = None,
     nested: bool | None = None,
     exit_tolerance: float = 0.01,
-    exit_by: ExitBy = "stability",
     workers: int | None = None,
     resume: bool = False,
     tell: Tell = silent,
@@ -326,7 +323,7 @@ def tune(
     (10) on; "none" trains all to the end.
     batch: trials that are proposed together. workers: processes that train them (2; 1 trains in this one, also in a
     script without `if __name__ == "__main__"`).
-    Windows, split, where, leave_out, exit_tolerance and exit_by: as for `train`; of `folds`, the `fold` (0) is tested.
+    Windows, split, where, leave_out, exit_tolerance: as for `train`; of `folds`, the `fold` (0) is tested.
     The journal, tables, figure, `best.toml` and the best network, `best`, are saved in `folder`; given the same folder
     again, the search continues there. resume: with more `trials` than before, too, as if all had been asked for at
     once. tell: called with what the command prints.
@@ -339,7 +336,7 @@ def tune(
     """
     window = window_table(length_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
     split = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
-    trains, task = _task("tune", spikes, window, split, stratify, exit_tolerance, exit_by, where, leave_out)
+    trains, task = _task("tune", spikes, window, split, stratify, exit_tolerance, where, leave_out)
     path, spikes = Path(folder), Path(spikes)
     table = {
         "trials": trials, "seed": seed, "objective": objective, "sops_weight": sops_weight, "max_sops": max_sops,

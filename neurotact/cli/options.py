@@ -117,10 +117,6 @@ OPTIONS: dict[str, Any] = {
     "exit_tolerance": option(
         float, "Validation accuracy that early exit may lose, as a share of 1.", "--exit-tolerance", "--tolerance"
     ),
-    "exit_by": option(
-        str, "Early exit waits for stability (the leading class unchanged for long enough) or margin (a large enough "
-        "lead); how long or how large is chosen on validation windows.",
-    ),
     "allow_other_encoder": flag("--allow-other-encoder", "Accept spikes of an encoder other than the one in training."),
 }  # fmt: skip
 """The option of each parameter of functions of `neurotact.api` that several commands have."""

@@ -169,7 +169,6 @@ def task_of(cell: Cell) -> Task:
         training_windows=cell.training_windows,
         exit_tolerance=cell.early_exit.tolerance,
         exit_choice=cell.early_exit.choice,
-        exit_by=cell.early_exit.by,
         seen=robust.SEEN if cell.augmentation is not None else 0.0,
     )
 

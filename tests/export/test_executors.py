@@ -67,7 +67,6 @@ NETWORKS = {
 }
 RULES = {
     "exit by patience": ExitRule(5, from_first_spike=True),
-    "exit by margin": ExitRule(None, from_first_spike=True, margin=2.0),
 }
 
 

@@ -383,7 +383,7 @@ def test_inference_is_the_reference_s(
 
 @needs_kernels
 @pytest.mark.parametrize("kind", ["count", "integrator", "max"])
-@pytest.mark.parametrize("rule", [FULL_WINDOW, ExitRule(6), ExitRule(None, margin=1.0)])
+@pytest.mark.parametrize("rule", [FULL_WINDOW, ExitRule(6), ExitRule(3, from_first_spike=True)])
 def test_both_backends_stop_alike(kind, rule):
     nets = [
         network(6, 24, **ADAPTING, readout=kind, dtype=torch.float64, backend=backend)

@@ -86,7 +86,7 @@ def test_a_bin_has_a_spike_where_one_of_its_steps_has(seed, n_steps, n):
 
 @given(
     seed=st.integers(0, 50), n_steps=st.integers(1, 60), readout=st.sampled_from(READOUTS),
-    rule=st.sampled_from([FULL_WINDOW, ExitRule(10, from_first_spike=True), ExitRule(margin=1.0)]),
+    rule=st.sampled_from([FULL_WINDOW, ExitRule(10, from_first_spike=True), ExitRule(2)]),
 )  # fmt: skip
 def test_a_network_on_its_clock_is_the_network_of_that_clock_on_bins(seed, n_steps, readout, rule):
     spikes, own = resting(seed, n_steps, 4), network(**readout)

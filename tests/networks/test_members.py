@@ -101,13 +101,12 @@ def test_a_joined_network_sends_the_spikes_of_its_members_and_scores_their_mean(
         assert getattr(costs[0], name).tolist() == sum(getattr(cost, name) for cost in costs[1:]).tolist(), name
 
 
-@given(seed=st.integers(0, 99), drawn=drawn_keys, margin=st.sampled_from([None, 0.5, 2.0]), patience=st.integers(1, 9))
+@given(seed=st.integers(0, 99), drawn=drawn_keys, patience=st.integers(1, 9))
 @examples(20)
-def test_a_joined_network_exits_where_the_mean_of_its_members_would(seed, drawn, margin, patience):
-    rule = ExitRule(None, from_first_spike=True, margin=margin) if margin else ExitRule(patience)
+def test_a_joined_network_exits_where_the_mean_of_its_members_would(seed, drawn, patience):
     members = [network(seed + k, **options_of(drawn)) for k in range(4)]  # a fourth of a float32 is exact
     whole, window = joined(members), spikes(seed)
-    found = whole.infer(window, rule)
+    found = whole.infer(window, ExitRule(patience))
     for trial, steps in enumerate(found.steps.tolist()):
         cut = window[trial : trial + 1, :steps]
         mean = torch.stack([each.infer(cut).readout for each in members]).mean(dim=0)

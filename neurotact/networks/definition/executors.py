@@ -204,7 +204,6 @@ FEATURES: dict[str, Feature] = {
         "train with readout_stretches = 1",
     ),
     "exit by patience": Feature("exit", (), lambda s: s.rule.patience is not None, "decide at the end of a window"),
-    "exit by margin": Feature("exit", (), lambda s: s.rule.margin is not None, "decide at the end of a window"),
 }
 """Every feature of a chain, in the order of its parts."""
 

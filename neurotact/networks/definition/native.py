@@ -297,7 +297,7 @@ def exits_at(rule: ExitRule) -> dict[str, Any]:
     """An exit rule as arguments of the kernels."""
     return {
         "patience": -1 if rule.patience is None else rule.patience, "from_first_spike": rule.from_first_spike,
-        "margin": -1.0 if rule.margin is None else rule.margin,
+        "margin": -1.0,
     }  # fmt: skip
 
 

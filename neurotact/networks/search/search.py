@@ -10,7 +10,7 @@ import math
 import sys
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
@@ -60,6 +60,7 @@ class Problem(Spec):
     """The keys that are not in the space."""
     task: Task
     spikes_sha256: str
+    gone = {"device": "cpu"}
 
     def network_of(self, parameters: Mapping[str, Any]) -> RSNNSpec:
         return tuning.apply(self.network, parameters, source="search.space")
@@ -67,7 +68,7 @@ class Problem(Spec):
     def seeds_of(self, trial: Proposal) -> tuple[int, int]:
         """Seeds of a trial's initial weights and order of windows, drawn from its number and its content."""
         network = self.network_of(trial.parameters)
-        task = self.task.model_copy(update={"exit_choice": "least", "exit_by": "stability"})  # of the trained network
+        task = self.task.model_copy(update={"exit_choice": "least"})  # of the trained network
         return seeds.drawn([self.search.seed, trial.id, network, task])
 
 
@@ -332,7 +333,9 @@ def _claim(folder: Path, problem: Problem, *, resume: bool) -> None:
         raise InputError(f"{folder}: is not empty and holds no search; choose another folder")
     known = _read_problem(path) if journal.is_file() and journal.stat().st_size > 0 else content
     if isinstance(known, dict):
-        unsaved(known, f"{folder}: holds a search", "choose another folder")
+        table = unsaved(known, f"{folder}: holds a search", "choose another folder")
+        with suppress(InputError):
+            known = saved(build(Problem, table, source=path.name).model_dump(mode="json"))
     if known != content:
         before, now = _trials_of(known), problem.search.trials
         if before is None or known != {**content, "search": {**content["search"], "trials": before}}:

@@ -17,7 +17,7 @@ from neurotact.networks.exit import exit_choice, held_out
 from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.networks.exit.held_out import ExitChoice, Judged
 from neurotact.networks.training import members
-from neurotact.networks.training.tasks import ExitBy, Sides, Task, sides_of
+from neurotact.networks.training.tasks import Sides, Task, sides_of
 from neurotact.networks.training.training import Checkpoint, Examples, Training
 
 AT_ONCE = 256
@@ -105,7 +105,7 @@ def warn_of_silence(training: Examples) -> None:
 def finished(network: RSNN, training: Training, sides: Sides, task: Task) -> Trained:
     """A trained network, with the exit rule chosen on its validation windows."""
     training_side = sides.train if task.exit_choice == "steady" else None
-    held = exit_of(network, sides.validation, task.exit_tolerance, training_side, task.exit_by)
+    held = exit_of(network, sides.validation, task.exit_tolerance, training_side)
     return Trained(network, training, held.rule, held=held)
 
 
@@ -152,14 +152,12 @@ def exit_rule(
     validation: Examples,
     tolerance: float,
     training: Examples | None = None,
-    by: ExitBy = "stability",
 ) -> ExitRule:
-    """The early exit of least patience or margin whose accuracy on validation windows is within `tolerance`.
+    """The early exit of least patience whose accuracy on validation windows is within `tolerance`.
 
     training: windows that `steady` evaluates together with the validation windows; without them `least` chooses.
-    by: whether a window exits by stability or by margin.
     """
-    return exit_of(network, validation, tolerance, training, by).rule
+    return exit_of(network, validation, tolerance, training).rule
 
 
 @torch.no_grad()
@@ -168,38 +166,25 @@ def exit_of(
     validation: Examples,
     tolerance: float,
     training: Examples | None = None,
-    by: ExitBy = "stability",
 ) -> ExitChoice:
     """As `exit_rule`, with the losses on trials that did not choose it (`held_out.losses`)."""
-    integration = network.integration
-    margins = None
-    if by == "margin":
-        leads = (exit_choice.largest_lead(readout, integration) for readout, _ in _readouts(network, validation))
-        margins = exit_choice.margins_up_to(max(leads), integration)
     labels = validation.labels.cpu()
     of = torch.arange(len(labels)) if validation.of is None else validation.of
-    right = torch.cat([*_right(network, validation, margins)]).numpy()
+    right = torch.cat([*_right(network, validation)]).numpy()
     judged = Judged(right, labels.numpy(), of.numpy())
     seen = None
     if training is not None:
-        counts = torch.stack([part.sum(dim=0) for part in _right(network, training, margins)])
+        counts = torch.stack([part.sum(dim=0) for part in _right(network, training)])
         seen = counts.sum(dim=0), len(training.labels)
     index = held_out.choose(judged, tolerance, seen)
-    if margins is None:
-        rule = exit_choice.patience_rule(index, network.steps_per_bin)
-    else:
-        rule = exit_choice.margin_rule(margins, index)
+    rule = exit_choice.patience_rule(index, network.steps_per_bin)
     return ExitChoice(rule, held_out.losses(judged, tolerance, seen), tolerance)
 
 
-def _right(network: RSNN, examples: Examples, margins: Tensor | None) -> Iterator[Tensor]:
-    """Whether each window is decided correctly with each patience or margin, `(window, rule)`, some at a time."""
-    integration = network.integration
+def _right(network: RSNN, examples: Examples) -> Iterator[Tensor]:
+    """Whether each window is decided correctly with each patience, `(window, patience)`, some at a time."""
     for readout, labels in _readouts(network, examples):
-        if margins is None:
-            decisions = exit_choice.exits(readout, integration=integration)
-        else:
-            decisions = exit_choice.margin_exits(readout, margins, integration)
+        decisions = exit_choice.exits(readout, integration=network.integration)
         yield exit_choice.is_right(decisions, labels).cpu()
 
 
