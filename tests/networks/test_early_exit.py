@@ -12,13 +12,17 @@ from neurotact.networks.definition.surrogate import FastSigmoid
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.exit.exit_choice import (
     exits,
+    is_right,
     least,
     oracle_exit,
     patience_rule,
     printed_exits,
-    right_of,
     steady,
 )
+
+
+def right_of(decisions, true) -> torch.Tensor:
+    return is_right(decisions, true).sum(dim=0)
 
 
 def least_rule(raster, true, tolerance: float = 0.0) -> ExitRule:

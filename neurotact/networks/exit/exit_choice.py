@@ -76,19 +76,10 @@ def is_right(decisions: Exits, labels: Tensor | np.ndarray) -> Tensor:
     return decisions.labels == _labels(labels, decisions)[:, None]
 
 
-def right_of(decisions: Exits, labels: Tensor | np.ndarray) -> Tensor:
-    """How many trials each rule decides correctly, `(rule,)`.
-
-    >>> right_of(exits(torch.tensor([[[1, 0], [0, 1], [0, 1]]])), torch.tensor([1])).tolist()
-    [0, 1, 1]
-    """
-    return is_right(decisions, labels).sum(dim=0)
-
-
 def least(right: Tensor, n_trials: int, tolerance: float) -> int:
     """The first of ascending rules whose accuracy is within `tolerance` of the last rule's, the full window's.
 
-    right: how many *validation* trials each rule decides correctly, from `right_of`.
+    right: how many *validation* trials each rule decides correctly (`is_right`, summed over trials).
     tolerance: accuracy that may be lost, such as 0.01 for one point; a rule may also be more accurate.
 
     >>> least(torch.tensor([0, 1, 1]), 1, tolerance=0.0)
@@ -100,8 +91,8 @@ def least(right: Tensor, n_trials: int, tolerance: float) -> int:
 def steady(validation: Tensor, n_validation: int, training: Tensor, n_training: int, tolerance: float) -> int:
     """The first of ascending rules from which on every rule loses at most `tolerance`, on both kinds of trials.
 
-    validation, training: how many of the trials each rule decides correctly, from `right_of`. The loss is measured on
-    validation trials, and on all trials together. With 20 validation trials, one is 5 points, and a patience that
+    validation, training: how many of the trials each rule decides correctly (`is_right`, summed over trials).
+    The loss is measured on validation trials, and on all trials together. With 20 validation trials, one is 5 points, and a patience that
     does well on them by chance often does not on others: on real presses (20 validation trials, 6 networks) `least`
     lost 7.6 points of test accuracy on average, and `steady` 1.5.
 
