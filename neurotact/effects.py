@@ -77,9 +77,7 @@ NEEDS = (
     # train, tune, infer
     Need("sops_weight", "objective", is_in("accuracy-sops"), "without `objective='accuracy-sops'`", OR_GIVE),
     Need("start_epoch", "assessor", is_in("median-stop"), "with `assessor='none'`, which stops no trial"),
-    Need("workers", "device", is_in("cpu"), "with a `device` other than cpu, which trains all networks at once"),
     Need("workers", "scheduler", is_absent, "with `scheduler`, whose cluster has the workers that have joined it"),
-    Need("scheduler", "device", is_in("cpu"), "with a `device` other than cpu, which trains all networks at once"),
     Need("step_ms", "clock_ms", is_given, "with this reader, whose files have no events"),
     Need("force", "out", is_given, "without `out`, since nothing is written", OR_GIVE),
     # fine_tune, export

@@ -22,6 +22,7 @@ from pydantic import (
     Field,
     Tag,
     ValidationError,
+    model_validator,
 )
 
 import neurotact
@@ -77,6 +78,16 @@ class Spec(BaseModel, metaclass=_InOurWords):
     decided: ClassVar[Mapping[str, str]] = {}
     """Dotted keys of a protocol's parameters that something else sets, and what sets them; setting or sweeping one is
     refused."""
+    gone: ClassVar[Mapping[str, Any]] = {}
+    """Keys of earlier versions that saved files may hold, and the value that said nothing: it is left out. Any other is
+    refused as an unknown key."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_gone(cls, table: Any) -> Any:
+        if not cls.gone or not isinstance(table, Mapping):
+            return table
+        return {key: value for key, value in table.items() if key not in cls.gone or value != cls.gone[key]}
 
     def __repr_args__(self) -> Iterator[tuple[str, Any]]:
         """The keys that differ from their defaults, which a short text of the spec needs.

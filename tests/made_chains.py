@@ -38,7 +38,7 @@ ADAPTING = {"threshold_adaptation": 0.3, "tau_adaptation_ms": 12.0}
 
 
 def make_chain(
-    conditioning: dict, *, rate_Hz: float = 1000.0, patience: int | None = None, margin: float | None = None,
+    conditioning: dict, *, rate_Hz: float = 1000.0, patience: int | None = None,
     windows: dict | None = None, n_taxels: int = 2, seed: int = 0, readout: str = "count",
     afferents: dict | None = None, **network,
 ) -> Chain:  # fmt: skip
@@ -56,7 +56,7 @@ def make_chain(
     net = RSNN(encoder.n_per_taxel * n_taxels, 3, sampling_rate_Hz=clock_Hz, generator=generator, **settings)
     unequal_stretches(net)
     chain = chain_of((encoder, net), sampling_rate_Hz=rate_Hz, **(windows or {"length_ms": 40}))
-    return chain._replace(rule=ExitRule(patience, from_first_spike=True, margin=margin))
+    return chain._replace(rule=ExitRule(patience, from_first_spike=True))
 
 
 def unequal_stretches(network: RSNN) -> None:

@@ -954,7 +954,6 @@ def test_recordings_of_other_trials_are_not_drawn(refused, made, tmp_path):
         (("--per-trial", 0), ("window.per_trial: must be >= 1; got 0",)),
         (("--exit-tolerance", -1), ("exit_tolerance: must be >= 0; got -1",)),
         (("--tolerance", "nan"), ("exit_tolerance: must be a finite number",)),
-        (("--exit-by", "luck"), ("exit_by: must be 'stability' or 'margin'; got 'luck'",)),
         (("--set", "readout=count", "--set", "readout_tau_ms=0"), ("readout_tau_ms: must be > 0",)),
         (("--stratify", "force"), ("there is no condition 'force'", "force_N")),
         (("--device", "tpu9"), ("--device tpu9: torch cannot use it here", "try cpu")),

@@ -73,7 +73,6 @@ NETWORK = {
     "--stratify": "--stratify speed",
     "--split-seed": "--split-seed 3",
     "--exit-tolerance": "--exit-tolerance 0.9",
-    "--exit-by": "--exit-by margin",
     "--json": "--json",
 }
 NO_NETWORK = {
@@ -423,11 +422,9 @@ WAYS = {
             | {
                 "--sops-weight": "--sops-weight 0.1",
                 "--start-epoch": "--start-epoch 10 --assessor none",
-                "--workers": "--workers 2 --device cuda",
             },
             {
                 "--workers": "tests/networks/test_search.py",
-                "--device": "tests/networks/test_search.py",
                 "--resume": "tests/networks/test_search.py",
             },
             is_slow=True,
@@ -577,7 +574,6 @@ WAYS = {
             "study run in/tiny.toml -o s",
             refused={
                 "--workers": "--workers 2 --scheduler tcp://127.0.0.1:8786",
-                "--scheduler": "--scheduler tcp://127.0.0.1:8786 --device cuda",
                 "--set": "--set network.model=snn --set network.recurrent_weight_scale=0.1",
             },
             tested={
@@ -596,11 +592,9 @@ WAYS = {
                 "--set": "tests/studies/test_study.py",
                 "--workers": "tests/studies/test_scheduler.py",
                 "--scheduler": "tests/studies/test_scheduler.py",
-                "--device": "tests/studies/test_study_on_device.py",
                 "--json": "tests/test_cli.py",
             },
         ),
-        Way("study run in/tiny.toml -o s", refused={"--workers": "--workers 2 --device cuda"}),
     ],
     "study resume": [
         Way(
@@ -608,7 +602,6 @@ WAYS = {
             tested={
                 "--workers": "tests/studies/test_scheduler.py",
                 "--scheduler": "tests/studies/test_scheduler.py",
-                "--device": "tests/studies/test_study_on_device.py",
                 "--json": "tests/test_cli.py",
             },
         )
@@ -945,7 +938,6 @@ NO_EFFECT = {
     "tune": [
         {"sops_weight": 0.1},
         {"start_epoch": 10, "assessor": "none"},
-        {"workers": 2, "device": "cuda"},
         {"rest_ms": 20},
         {"settings": {"training.readout_dropout": 0.1}},
     ],
@@ -957,7 +949,6 @@ NO_EFFECT = {
     ],
     "fine_tune": [{"epochs": 0, "seed": 0}],
     "run_study": [
-        {"workers": 2, "device": "cuda"},
         {"workers": 2, "scheduler": "tcp://127.0.0.1:8786"},
         {"settings": {"network.model": "snn", "network.recurrent_weight_scale": 0.1}},
         {"settings": {"split.nested": False}},
@@ -983,7 +974,7 @@ KEYWORDS = {
     "SpikingClassifier": {
         "hidden": 10, "recurrent": False, "tau_mem_ms": 3.0, "tau_syn_ms": 1.5, "learning_rate": 0.5, "batch": 5,
         "epochs": 1, "patience": 1, "network": "rsnn", "settings": {"readout": "max"}, "validation_fraction": 0.4,
-        "exit_tolerance": 0.9, "exit_by": "margin", "random_state": 4, "verbose": True,
+        "exit_tolerance": 0.9, "random_state": 4, "verbose": True,
     },
     "SpikeEncoder": {
         "encoder": "izhikevich", "settings": {"sa1.t_ref_ms": 9}, "sampling_rate_Hz": 500.0, "unit": "V",

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-import torch
 
 from neurotact import effects, files, spec
 from neurotact.api.arguments import (
@@ -35,15 +34,16 @@ from neurotact.figures.search import save_found
 from neurotact.figures.style import save as save_figure
 from neurotact.metrics import synops
 from neurotact.networks.definition import recipe
+from neurotact.networks.definition.kernels import device_of
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec, given_keys
 from neurotact.networks.search import journal, search, search_tables
-from neurotact.networks.training import cautions, checkpoint, population, repeated, tasks, train_run, trained
+from neurotact.networks.training import cautions, checkpoint, repeated, tasks, train_run, trained
 from neurotact.networks.training import conditions_curve as curves
 from neurotact.networks.training.balancing import Balance
 from neurotact.networks.training.outcome import summary_of
 from neurotact.networks.training.repeated import trained_in as trained_in
-from neurotact.networks.training.tasks import ExitBy, Task
+from neurotact.networks.training.tasks import Task
 from neurotact.networks.training.train_run import Interrupted as Interrupted
 from neurotact.networks.use import fitted, inference, ledger
 from neurotact.networks.use.fitted import Fitted
@@ -85,7 +85,6 @@ def train(
     augmentation: str | None = None,
     balance: Balance = "none",
     exit_tolerance: float = 0.01,
-    exit_by: ExitBy = "stability",
     seed: int = 0,
     device: str = "cpu",
     resume: bool = False,
@@ -117,7 +116,6 @@ def train(
     balance: "classes" weights training windows so that each class counts the same in the loss; "conditions" so
         that each value of the split's conditions (to test, to group by, to stratify) does within a class, too.
     exit_tolerance: validation accuracy that early exit may lose.
-    exit_by: "stability", the leading class unchanged for long enough, or "margin", a lead that is large enough.
     seed: of the weights and of the order of windows. device: a torch device.
     resume: go on with a training that was interrupted. force: replace one that is in the folder.
     tell: called with what the command prints.
@@ -133,12 +131,12 @@ def train(
     columns = columns_of(leave_out_each)
     check_one_way(columns, order=order, folds=folds, test=test)
     split = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
-    trains, task = _task("train", spikes, window, split, stratify, exit_tolerance, exit_by, where, leave_out)
+    trains, task = _task("train", spikes, window, split, stratify, exit_tolerance, where, leave_out)
     kind = _kind_of_copies(trains, augmentation, tell)
     task = spec.build(Task, {**task.model_dump(), "augmentation": kind, "balance": balance}, source="train")
     path, spikes = Path(folder), Path(spikes)
     what, given = spec.resolve(RSNNSpec, network, settings), given_keys(network, settings)
-    population.device_of(device, torch.float32)
+    device_of(device)
     options = {"given": given, "seed": seed, "device": device, "force": force, "resume": resume, "tell": tell}
     every_fold = folds is not None and fold is None
     if every_fold or columns or repeats > 1:
@@ -181,11 +179,11 @@ def _kind_of_copies(trains: SpikeTrains, given: str | None, tell: Tell) -> str:
 
 def _task(
     source: str, spikes: str | Path, window: Settings, split: Settings, stratify: Sequence[str], exit_tolerance: float,
-    exit_by: str, where: Conditions | None, leave_out: LeftOut,
+    where: Conditions | None, leave_out: LeftOut,
 ) -> tuple[SpikeTrains, Task]:  # fmt: skip
     """The spike trains of a file and what a network does with them, with windows that suit them."""
     path = path_of(spikes)
-    task = tasks.task_of(source, window, split, stratify, exit_tolerance, exit_by, where=where, leave_out=leave_out)
+    task = tasks.task_of(source, window, split, stratify, exit_tolerance, where=where, leave_out=leave_out)
     trains = tasks.load_spikes(path, task, tell=True)
     return trains, tasks.with_suited_window(task, trains, ARGUMENTS)
 
@@ -310,9 +308,7 @@ def tune(
     test: float | None = None,
     nested: bool | None = None,
     exit_tolerance: float = 0.01,
-    exit_by: ExitBy = "stability",
     workers: int | None = None,
-    device: str = "cpu",
     resume: bool = False,
     tell: Tell = silent,
 ) -> pd.DataFrame:
@@ -325,10 +321,9 @@ def tune(
     the best network, in mean SOPs per window.
     tuner: "tpe", "random" or "grid". assessor: "median-stop" stops trials below the median early, from `start_epoch`
     (10) on; "none" trains all to the end.
-    batch: trials that are proposed together. device: another torch device than "cpu", such as "cuda", trains each
-    batch at once, in place of `workers` processes (2; 1 trains in this one, also in a script without
-    `if __name__ == "__main__"`).
-    Windows, split, where, leave_out, exit_tolerance and exit_by: as for `train`; of `folds`, the `fold` (0) is tested.
+    batch: trials that are proposed together. workers: processes that train them (2; 1 trains in this one, also in a
+    script without `if __name__ == "__main__"`).
+    Windows, split, where, leave_out, exit_tolerance: as for `train`; of `folds`, the `fold` (0) is tested.
     The journal, tables, figure, `best.toml` and the best network, `best`, are saved in `folder`; given the same folder
     again, the search continues there. resume: with more `trials` than before, too, as if all had been asked for at
     once. tell: called with what the command prints.
@@ -339,10 +334,9 @@ def tune(
     >>> len(found)
     2
     """
-    effects.check(workers=workers, device=device)
     window = window_table(length_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
     split = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
-    trains, task = _task("tune", spikes, window, split, stratify, exit_tolerance, exit_by, where, leave_out)
+    trains, task = _task("tune", spikes, window, split, stratify, exit_tolerance, where, leave_out)
     path, spikes = Path(folder), Path(spikes)
     table = {
         "trials": trials, "seed": seed, "objective": objective, "sops_weight": sops_weight, "max_sops": max_sops,
@@ -351,14 +345,14 @@ def tune(
     what, given = spec.resolve(RSNNSpec, network, settings), given_keys(network, settings)
     source = f"`nt.tune(space={str(space)!r})`" if isinstance(space, (str, Path)) else "tune"
     search_spec = search.asked(source, space, what, table, trains, task, given)
-    problem = search.problem_of(trains, search_spec, what, task, device)
+    problem = search.problem_of(trains, search_spec, what, task)
     for line in recipe.joined_cost(what):
         tell(f"of each trial: {line}")
     with files.locked(path):
-        with search.runner(problem, spikes, workers or 2, device) as run, track("tune", trials) as advance:
+        with search.runner(problem, spikes, workers or 2) as run, track("tune", trials) as advance:
             tried, timing = search.search(problem, path, run, advance, resume=resume)
         save_found(problem, tried, path)
-        outcome = search.save_best(problem, spikes, path, tried, device)
+        outcome = search.save_best(problem, spikes, path, tried)
     best = journal.best_of(tried)
     tell(f"trial {best.id} of {len(tried)} is the best; {timing.seconds:.1f} s, proposals {timing.proposals:.1f} s")
     if problem.search.first is not None:
@@ -404,7 +398,7 @@ def infer(
     if out:
         of_run = [] if fitted.is_in_memory(run) else trained.files_of(str(run))
         files.check_new(out, force=force, inputs=[*of_run, *([spikes] if is_file else [])])
-    restored = fitted.restore(run, device=str(population.device_of(device, torch.float32)))
+    restored = fitted.restore(run, device=str(device_of(device)))
     if test_only and fitted.is_in_memory(run):
         raise InputError("test_only: an estimator does not know its test trials; give the spikes of these alone")
     trains = hdf5.load_spikes(spikes) if is_file else spikes

@@ -40,7 +40,6 @@ def run_study(
     repeats: int | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
-    device: str = "cpu",
 ) -> pd.DataFrame:
     """Run a study, shipped or your own, in `folder`; its results, one row per trained network.
 
@@ -53,8 +52,7 @@ def run_study(
         each value of a condition of `data`, such as "speed", or each pair of values of two, such as `["speed",
         "force_N"]`, which is tested and never trained on, or for this many random splits; results are means over them.
         Beside leave_out_each, test_where says which of these values are tested.
-    workers: processes on this machine, 2 if None. scheduler: address of a Dask scheduler, in their place. device:
-        another torch device than "cpu", such as "cuda", trains all networks at once.
+    workers: processes on this machine, 2 if None. scheduler: address of a Dask scheduler, in their place.
     The folder holds all tables, the figures and `report.html`; what was done before is not done again.
     Raises InputError for an unknown study or key, and for a folder with another study.
 
@@ -74,17 +72,15 @@ def run_study(
     study = loading.resolve(name, changes, quick=quick, data=data)
     for note in getattr(study, "notes", ()):
         log.warning("%s", note)
-    return _run(study, Path(folder), workers, scheduler, device)
+    return _run(study, Path(folder), workers, scheduler)
 
 
-def resume_study(
-    folder: str | Path, *, workers: int | None = None, scheduler: str | None = None, device: str = "cpu"
-) -> pd.DataFrame:
+def resume_study(folder: str | Path, *, workers: int | None = None, scheduler: str | None = None) -> pd.DataFrame:
     """Go on with the study in `folder`, as `neurotact study resume` does; arguments and results as of `run_study`.
 
     >>> results = nt.resume_study("mine", workers=4)  # doctest: +SKIP
     """
-    return _run(runner.load(Path(folder)), Path(folder), workers, scheduler, device)
+    return _run(runner.load(Path(folder)), Path(folder), workers, scheduler)
 
 
 def report_study(folder: str | Path) -> pd.DataFrame:
@@ -116,8 +112,8 @@ def is_begun(folder: str | Path) -> bool:
     return (Path(folder) / runner.STUDY).is_file()
 
 
-def _run(study: loading.Study, folder: Path, workers: int | None, scheduler: str | None, device: str) -> pd.DataFrame:
-    runner.run(study, folder, workers, scheduler, device)
+def _run(study: loading.Study, folder: Path, workers: int | None, scheduler: str | None) -> pd.DataFrame:
+    runner.run(study, folder, workers, scheduler)
     return _reported(folder)
 
 

@@ -47,7 +47,7 @@ GROUPS = {
     "Windows": "--window-ms --start-ms --hop-ms --per-trial --align --rest-ms --onset-deviations",
     "Trials and split": "--where --leave-out --test-where --group --order --folds --fold --repeats --stratify "
     "--split-seed",
-    "Early exit": "--exit-tolerance --exit-by",
+    "Early exit": "--exit-tolerance",
 }
 """Options that stand together in the help of a command that has some of each group."""
 LEAST = 20

@@ -9,7 +9,7 @@ import pandas as pd
 import typer
 
 from neurotact.api import networks as api
-from neurotact.cli.options import ON_DEVICE, REPLACED, Json, MovedSpikes, calling, flag, option
+from neurotact.cli.options import REPLACED, Json, MovedSpikes, calling, flag, option
 from neurotact.cli.output import print_json, print_table, show, unless
 from neurotact.cli.words import say
 from neurotact.errors import INTERRUPTED
@@ -124,7 +124,6 @@ def conditions_curve(given: dict[str, Any]) -> None:
     start_epoch=option(
         int | None, "First epoch after which a trial may be stopped.", min=1, show_default="10"
     ),
-    device=ON_DEVICE,
     resume=flag("--resume", "Continue a search of fewer trials, up to --trials; start one if there is none."),
 )  # fmt: skip
 def tune(given: dict[str, Any], as_json: Json = False) -> None:

@@ -43,9 +43,6 @@ def flag(name: str, help: str) -> Any:
 
 
 REPLACED = flag("--force", "Replace a training that is in the folder.")
-ON_DEVICE = option(
-    str, "cpu: processes. Another torch device (cuda, cuda:1): networks are trained at once.", "--device"
-)
 OPTIONS: dict[str, Any] = {
     "settings": SetOption,
     "spikes": Annotated[Path, typer.Argument(help="An HDF5 file of spikes, as encode writes it.")],
@@ -119,10 +116,6 @@ OPTIONS: dict[str, Any] = {
     ),
     "exit_tolerance": option(
         float, "Validation accuracy that early exit may lose, as a share of 1.", "--exit-tolerance", "--tolerance"
-    ),
-    "exit_by": option(
-        str, "Early exit waits for stability (the leading class unchanged for long enough) or margin (a large enough "
-        "lead); how long or how large is chosen on validation windows.",
     ),
     "allow_other_encoder": flag("--allow-other-encoder", "Accept spikes of an encoder other than the one in training."),
 }  # fmt: skip

@@ -12,7 +12,7 @@ import typer
 from neurotact.api import studies as api
 from neurotact.cli.help import Command
 from neurotact.cli.lazy import new_app
-from neurotact.cli.options import ON_DEVICE, Json, StudyFolder, calling, flag, option
+from neurotact.cli.options import Json, StudyFolder, calling, flag, option
 from neurotact.cli.output import print_table
 from neurotact.cli.words import as_typed, say
 from neurotact.errors import INTERRUPTED
@@ -34,7 +34,6 @@ app = new_app("Run, resume and report studies.")
     ),
     folds=option(int | None, "Divide the trials into this many folds and test on each in turn.", min=2),
     repeats=option(int | None, "Number of random splits; results are means over them.", min=2, max=1000),
-    device=ON_DEVICE,
 )
 def study_run(given: dict[str, Any], as_json: Json = False) -> None:
     """Run a study and write its report.
@@ -45,7 +44,7 @@ def study_run(given: dict[str, Any], as_json: Json = False) -> None:
 
 
 @app.command("resume", cls=Command)
-@calling(api.resume_study, folder=StudyFolder, device=ON_DEVICE)
+@calling(api.resume_study, folder=StudyFolder)
 def study_resume(given: dict[str, Any], as_json: Json = False) -> None:
     """Continue an interrupted study."""
     _run(api.resume_study, given, as_json)

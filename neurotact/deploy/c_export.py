@@ -14,7 +14,6 @@ import numpy as np
 from neurotact import __version__, files
 from neurotact.data.conditioning import HALF, Conditioner
 from neurotact.deploy import formats as whole
-from neurotact.deploy import integer
 from neurotact.deploy.chain import LARGEST, Chain
 from neurotact.deploy.formats import Formats, Integrator
 from neurotact.encoders.afferents import AfferentType, marks
@@ -107,7 +106,6 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         "stretch_steps": 1 if network.stretches is None else network.stretches.steps,
         "weight": "float" if formats is None else "int8_t",
         "patience": chain.rule.in_bins(network.steps_per_bin).patience, "from_first_spike": chain.rule.from_first_spike,
-        "margin_words": chain.rule.margin and f"{chain.rule.margin:g}",
         "resampled": chain.sampling_rate_Hz != chain.clock_Hz, "baseline": conditioning.baseline,
         "rectify": conditioning.rectify,
         **(_in_float(chain) if formats is None else _in_integers(chain, formats)),
@@ -142,7 +140,7 @@ def _in_float(chain: Chain) -> dict[str, Any]:
     offset, scale = conditioning.offset is not None, conditioning.scale is not None
     for key, values in (("offset", conditioning.offset), ("scale", conditioning.scale)):
         tables += [] if values is None else [_floats(key, np.array(values, np.float32))]
-    integration, margin = network.integration, chain.rule.margin
+    integration = network.integration
     if network.bias is not None:
         tables.append(_table("bias", "double", [float(b).hex() for b in network.bias.detach().double()]))
     layers = [_float_layer(chain, index, alpha, beta, threshold) for index in (0, 1)]
@@ -155,7 +153,6 @@ def _in_float(chain: Chain) -> dict[str, Any]:
         "count": "double" if network.bias is not None else _count(chain),
         "readout_leak": float(integration.decay).hex() if integration is not None and integration.leaks else None,
         "peak": integration is not None and integration.peak,
-        "margin": margin if margin is None or integration is None else margin.hex(),
         "silent_type": _unsigned(max(sa1.refractory_steps, ra1.refractory_steps) + 1), "kinds": [*_float_kinds(chain)],
         "smoothing": smoothing, "smoothing_keep": smoothing_keep,
         "baseline_weight": baseline_weight, "baseline_keep": baseline_keep,
@@ -226,7 +223,7 @@ def _in_integers(chain: Chain, formats: Formats) -> dict[str, Any]:
         "value": "int32_t", "sum": "int64_t", "wide": "int32_t", "heard": "uint32_t",
         "state": "int16_t" if formats.state_bits <= 16 else "int32_t",
         "count": "int32_t" if isinstance(readout, Integrator) else _count(chain),
-        "readout_leak": None, "peak": False, "margin": integer.whole_margin(chain.rule, readout),
+        "readout_leak": None, "peak": False,
         "silent_type": _unsigned(max(kind.silent for kind in front.kinds) + 1), "kinds": _integer_kinds(chain, front),
         "smoothing": front.smoothing, "baseline_weight": front.baseline_weight,
         "baseline_steps": f"{front.baseline_steps}u",

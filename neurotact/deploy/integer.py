@@ -5,9 +5,7 @@ reach zero. States saturate to their bits once per step. NumPy computes in 64 bi
 formats are chosen so that nothing overflows in 32 bits in C.
 """
 
-import math
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -173,7 +171,6 @@ def infer(windows: np.ndarray, formats: Formats, neuron: CubaLIF, rule: ExitRule
     out, counts = _Neurons.start(n_windows, readout.w), np.zeros((n_windows, readout.w.shape[-1]), np.int64)
     if isinstance(readout, Integrator):
         counts = counts + readout.bias
-    rule = replace(rule, margin=whole_margin(rule, readout))
     leader = Leader.start(n_windows, counts.shape[1], torch.device("cpu"))._replace(counts=torch.from_numpy(counts))
     running = np.full(n_windows, n_steps > 0)
     hidden_raster = np.zeros((n_windows, n_steps, hidden.w.shape[1]), np.uint8)
@@ -196,13 +193,6 @@ def infer(windows: np.ndarray, formats: Formats, neuron: CubaLIF, rule: ExitRule
         if not running.any():
             break
     return decided
-
-
-def whole_margin(rule: ExitRule, readout: Layer | Integrator) -> int | None:
-    """The margin of a rule in the readout's unit, rounded up: spikes, or the unit of an integrator's weights."""
-    if rule.margin is None:
-        return None
-    return math.ceil(rule.margin / (readout.unit if isinstance(readout, Integrator) else 1.0))
 
 
 class _Neurons(NamedTuple):

@@ -34,7 +34,7 @@ def fingerprint(chain: Chain) -> str:
     """SHA-256 of all that gives a state its meaning: encoder, network, exit rule, windows and rates."""
     table = {
         "encoder": chain.encoder.model_dump(mode="json"), "network": chain.network.spec.model_dump(mode="json"),
-        "rule": {key: value for key, value in asdict(chain.rule).items() if (key, value) != ("margin", None)},
+        "rule": asdict(chain.rule),
         "windows": asdict(chain.windows), "classes": chain.classes,
         "rates": [chain.sampling_rate_Hz, chain.clock_Hz],
     }  # fmt: skip

@@ -212,6 +212,4 @@ def _exit(rule: ExitRule, cost: str) -> Finding:
 
 
 def _exit_words(rule: ExitRule) -> str:
-    if rule.margin is not None:
-        return f"margin {rule.margin:g}"
     return "none" if rule.patience is None else f"patience {rule.patience} steps"

@@ -124,7 +124,6 @@ class Session:
             "afferents": self.afferents,
             "hidden": chain.network.spec.hidden,
             "integrates": chain.network.bias is not None,
-            "exit_margin": chain.rule.margin,
             "clock_Hz": chain.clock_Hz,
             "sampling_rate_Hz": chain.sampling_rate_Hz,
             "bucket_s": self._frames.bucket_s,
@@ -299,8 +298,6 @@ class Session:
         stop = (
             "none: full windows" if patience is None else f"{patience} steps ({1e3 * patience / chain.clock_Hz:g} ms)"
         )
-        if (margin := chain.rule.margin) is not None:
-            stop = f"none, but a margin of {margin:g}"
         comment = f"# Set by hand in neurotact live on {json.dumps(self.run_name)}; patience of the exit: {stop}.\n"
         write_text(path, comment + to_toml(chain.encoder.model_dump(mode="json", exclude_none=True)))
         return {"kind": "saved", "path": str(path)}

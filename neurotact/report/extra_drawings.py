@@ -87,7 +87,7 @@ def _costs(results: pd.DataFrame) -> Drawn:
 
 def _exit_curves(study: StudySpec, results: pd.DataFrame, table: pd.DataFrame) -> Drawn:
     table = table.assign(panel=panel_of(table))
-    chosen = results.assign(panel=panel_of(results))[["panel", "exit_patience"]].dropna()  # none by a margin
+    chosen = results.assign(panel=panel_of(results))[["panel", "exit_patience"]].dropna()
     window_ms, window_steps = (
         table.get(LENGTH, study.window.length_ms),
         table["exit_steps"] / (1 - table["steps_saved"]),

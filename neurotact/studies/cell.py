@@ -34,16 +34,14 @@ SEARCH = "search"
 """The folder of a cell's search."""
 
 
-def run_cell(
-    cell: Cell, trains: SpikeTrains, kept: Path | None = None, tells: bool = False, device: str = "cpu"
-) -> Files:
+def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None, tells: bool = False) -> Files:
     """Train and measure a cell, or measure its spike trains where it has no network.
 
     It may run on any machine: it reads and writes only what is passed.
 
     kept: the folder with the journal of the cell's search, from which an interrupted search resumes; without it, or
     without a search, no journal is read or saved. tells: say how long the training of a network takes, if it takes
-    minutes. device: where a search trains its trials.
+    minutes.
     """
     if cell.network is None:
         return encoded.run(cell, trains)
@@ -58,7 +56,7 @@ def run_cell(
         fitted, sides = fitting.fit(trains, spec, task, cell.seeds, progress=progress)
         return files_of(cell, trains, fitted, sides, perf_counter() - began)
     with scratch() as empty:
-        searched = _search(cell, cell.network, trains, task, kept or empty, device)
+        searched = _search(cell, cell.network, trains, task, kept or empty)
     last = robust.again(trains, Tried(task, searched.fitted, searched.sides), cell.seeds)
     return files_of(cell, trains, last.fitted, last.sides, perf_counter() - began, searched, last)
 
@@ -171,7 +169,6 @@ def task_of(cell: Cell) -> Task:
         training_windows=cell.training_windows,
         exit_tolerance=cell.early_exit.tolerance,
         exit_choice=cell.early_exit.choice,
-        exit_by=cell.early_exit.by,
         seen=robust.SEEN if cell.augmentation is not None else 0.0,
     )
 
@@ -199,20 +196,19 @@ class Searched(NamedTuple):
     files: Files
 
 
-def _search(cell: Cell, network: RSNNSpec, trains: SpikeTrains, task: Task, kept: Path, device: str) -> Searched:
+def _search(cell: Cell, network: RSNNSpec, trains: SpikeTrains, task: Task, kept: Path) -> Searched:
     """Search the hyperparameters of the cell's network on its validation trials, then train the best network again.
 
     The random seed of the search depends on the cell's content: cells that differ only in their seed search separately.
     """
     assert cell.search is not None
     spec = cell.search.model_copy(update={"seed": cell.seeds[0]})
-    problem = search.problem_of(trains, spec, network, task, device)
+    problem = search.problem_of(trains, spec, network, task)
     target = kept / SEARCH
-    here = search.here(trains, task) if device == "cpu" else search.together(trains, task, device)
-    trials, _ = search.search(problem, target, here)
+    trials, _ = search.search(problem, target, search.here(trains, task))
     search_tables.write_tables(problem, target, trials)
     best = journal.best_of(trials)
-    fitted, sides = search.train_best(problem, trains, best, device)
+    fitted, sides = search.train_best(problem, trains, best)
     row = {"trial": best.id, **{f"network.{key}": as_cell(value) for key, value in best.parameters.items()}}
     written = (path for path in sorted(target.iterdir()) if not path.name.startswith(DRAFT))
     left = {f"{SEARCH}/{path.name}": path.read_bytes() for path in written}

@@ -1,4 +1,4 @@
-"""Where a study's cells are computed: in processes of this machine, on the workers of a cluster, or on a torch device.
+"""Where a study's cells are computed: in processes of this machine or on the workers of a cluster.
 
 Each yields a cell with its files as soon as it is finished, and the caller writes the files. So workers need no shared
 disk, and no later failure loses a file that is written.
@@ -11,16 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from neurotact.studies.cluster import cluster
-from neurotact.studies.device import on_device
 from neurotact.studies.kind import AnyCell, Files, Kind, MapCells
 from neurotact.studies.store import cell_folder
 from neurotact.workers import pool_as_done
 
 
-def executor(n_workers: int, scheduler: str | None = None, device: str = "cpu") -> AbstractContextManager[MapCells]:
-    """`n_workers` processes of this machine, the cluster of the Dask scheduler at this address, or a torch device."""
-    if device != "cpu":
-        return on_device(device)
+def executor(n_workers: int, scheduler: str | None = None) -> AbstractContextManager[MapCells]:
+    """`n_workers` processes of this machine, or the cluster of the Dask scheduler at this address."""
     return processes(n_workers) if scheduler is None else cluster(scheduler)
 
 

@@ -15,7 +15,6 @@ from neurotact import spec as specs
 from neurotact.errors import InputError, some
 from neurotact.interrupt import stop_if_asked
 from neurotact.networks.definition import recipe
-from neurotact.networks.training import population
 from neurotact.progress import say, track
 from neurotact.studies import selection, store
 from neurotact.studies.executors import executor
@@ -30,31 +29,27 @@ from neurotact.workers import in_a_process
 STUDY = "study.toml"
 VERSIONS = "versions.json"
 TIMINGS = "timings.csv"
-DEVICE = "device"
 LONGEST_VALUE = 40
 """Characters of each value in a message on two different studies."""
 
 
-def run(
-    study: Study, folder: Path, workers: int | None = None, scheduler: str | None = None, device: str = "cpu"
-) -> None:
+def run(study: Study, folder: Path, workers: int | None = None, scheduler: str | None = None) -> None:
     """Run the unfinished cells of `study` in `folder`, then write its tables; `report.write` shows them.
 
     workers: processes of this machine, 2 if None. scheduler: address of a Dask scheduler, whose workers compute cells
     in their place.
-    device: a torch device that trains the networks in their place, all together; "cpu": no such device.
     Each cell trains with one thread and its own random seeds: no number depends on where it is computed.
     Raises InputError if the folder contains another study or anything else, if another process works in it, and if
     the scheduler cannot be used.
     """
-    effects.check(workers=workers, scheduler=scheduler, device=device)
+    effects.check(workers=workers, scheduler=scheduler)
     kind = kind_of(study)
     cells = list(kind.cells(study))
     with files.locked(folder), ExitStack() as at_last:
         is_new = files.is_free(folder)
-        with executor(workers or 2, scheduler, device) as map_cells:
+        with executor(workers or 2, scheduler) as map_cells:
             _claim(folder, study)
-            _save_versions(folder, device)
+            _save_versions(folder)
             files.sweep(folder)
             at_last.callback(files.sweep, folder)  # drafts of worker processes that were stopped
             try:
@@ -224,19 +219,14 @@ def _short(value: Any) -> str:
     return text if len(text) <= LONGEST_VALUE else f"{text[: LONGEST_VALUE - 3]}..."
 
 
-def _save_versions(folder: Path, device: str) -> None:
-    """Write the versions with which a study starts; a line on stderr shows those that changed when it resumes.
-
-    A device is one of them; the processes of a CPU, where most studies run, are not named.
-    """
-    trained_on = {} if device == "cpu" else {DEVICE: population.kind_of(device)}
-    here, at_start = versions() | trained_on, store.sound_json(folder, VERSIONS)
+def _save_versions(folder: Path) -> None:
+    """Write the versions with which a study starts; a line on stderr shows those that changed when it resumes."""
+    here, at_start = versions(), store.sound_json(folder, VERSIONS)
     if at_start is None:
         store.say_flaws("", store.flaws(folder, [VERSIONS]), "written again with the present versions")
         files.write_json(folder / VERSIONS, here)
         store.seal(folder, [VERSIONS])
         return
-    at_start, here = {DEVICE: "cpu", **at_start}, {DEVICE: "cpu", **here}
     others = [name for name in here if name != "python" and here[name] != at_start.get(name)]
     if others:
         changes = ", ".join(f"{name} {here[name]} (was {at_start.get(name, 'not recorded')})" for name in others)

@@ -33,7 +33,6 @@ from neurotact.networks.search import tuning
 from neurotact.networks.search.tuning import SearchSpec
 from neurotact.networks.training import balancing
 from neurotact.networks.training.balancing import Balance
-from neurotact.networks.training.tasks import ExitBy
 from neurotact.spec import Spec
 from neurotact.studies import calibrated, suited, sweeps
 from neurotact.studies.claims import Claim
@@ -136,14 +135,13 @@ def _known(group: plugins.Group, name: str | None, what: str) -> str | None:
 
 
 class EarlyExitSpec(Spec):
-    """The choice of a network's patience or margin on validation trials."""
+    """The choice of a network's patience on validation trials."""
 
     tolerance: float = Field(default=0.01, ge=0, lt=1)
     """Accuracy that may be lost on the validation trials."""
     choice: Literal["least", "steady"] = "least"
     """As `exit_choice` of a `Task`."""
-    by: ExitBy = "stability"
-    """As `exit_by` of a `Task`; the networks and their seeds are the same for both."""
+    gone = {"by": "stability"}
 
 
 class SelectionSpec(Spec):

@@ -26,7 +26,7 @@ from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.training import fitting, tasks
-from neurotact.networks.training.training import Examples, alone, train
+from neurotact.networks.training.training import Examples, train
 from neurotact.networks.use import measuring
 from neurotact.networks.use.ledger import network_cost
 from neurotact.spec import Spec, build
@@ -217,7 +217,7 @@ def cut(bench: Bench, setting: Setting) -> Sides:
 
 def fit(sides: Sides, spec: RSNNSpec, seeds: tuple[int, int]) -> Fitted:
     """A network trained on `sides`; seeds: of its weights and of the order of windows."""
-    network, _ = alone(fitting.network_course(sides.trains, spec, seeds, sides.training, sides.validation))
+    network, _ = fitting.new_trained(sides.trains, spec, seeds, sides.training, sides.validation)
     return Fitted(network, sides, torch.Generator().manual_seed(seeds[1]))
 
 

@@ -18,7 +18,7 @@ from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.training import fitting
-from neurotact.networks.training.training import Examples, alone
+from neurotact.networks.training.training import Examples
 from neurotact.networks.use import measuring
 from neurotact.networks.use.ledger import Afferents, network_cost
 from neurotact.studies.protocol import TaskData
@@ -84,7 +84,7 @@ def _examples(trains: SpikeTrains, side: np.ndarray) -> Examples:
 def _fit(
     trains: SpikeTrains, spec: RSNNSpec, training: Examples, validation: Examples, seed: int
 ) -> tuple[RSNN, float]:
-    network, _ = alone(fitting.network_course(trains, spec, (2 * seed, 2 * seed + 1), training, validation))
+    network, _ = fitting.new_trained(trains, spec, (2 * seed, 2 * seed + 1), training, validation)
     return network, _accuracy(network, validation, FULL_WINDOW)
 
 

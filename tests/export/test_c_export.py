@@ -31,15 +31,15 @@ KINDS = {
         {"readout": "integrator", "patience": 4, "windows": {"length_ms": 30, "hop_ms": 9}},
     ),
     "leaky": ({"scale": (0.5, 0.7)}, {"readout": "leaky", "patience": 6, "windows": {"length_ms": 30, "hop_ms": 9}}),
-    "max": ({"offset": (1.0, 1.2)}, {"readout": "max", "margin": 1.5, "membrane": "immediate"}),
-    "margin": ({"ema_cutoff_Hz": 30.0}, {"margin": 2.0}),
-    "margin of an integrator": ({"scale": (0.5, 0.7)}, {"readout": "integrator", "margin": 3.0}),
+    "max": ({"offset": (1.0, 1.2)}, {"readout": "max", "patience": 3, "membrane": "immediate"}),
+    "smoothed": ({"ema_cutoff_Hz": 30.0}, {}),
+    "scaled, of an integrator": ({"scale": (0.5, 0.7)}, {"readout": "integrator", "patience": 4}),
     "adapting": ({"ema_cutoff_Hz": 30.0}, {**ADAPTING, "patience": 5}),
     "adapting, delayed": (
         {"scale": (0.5, 0.7)},
         {**ADAPTING, "membrane": "delayed", "reset": "subtract", "recurrent_delay_steps": 1, "readout": "integrator"},
     ),
-    "adapting, immediate": ({}, {**ADAPTING, "membrane": "immediate", "reset": "hard", "model": "snn", "margin": 2.0}),
+    "adapting, immediate": ({}, {**ADAPTING, "membrane": "immediate", "reset": "hard", "model": "snn", "patience": 4}),
     "contact": ({}, {"windows": {"length_ms": 25, "contact": True, "quiet_ms": 4, "start_ms": 11}, "patience": 2}),
     "faster": ({"resample_Hz": 1000.0, "ema_cutoff_Hz": 30.0}, {"rate_Hz": 370.0, "reset": "hard"}),
     "slower": ({"resample_Hz": 1000.0}, {"rate_Hz": 1700.0, "membrane": "delayed", "recurrent_delay_steps": 1}),
@@ -244,7 +244,7 @@ def test_class_names_are_c_strings(tmp_path):
 
 @needs_compiler
 def test_names_that_are_no_text_are_escaped_and_end_no_comment(tmp_path):
-    chain = made("margin")
+    chain = made("smoothed")
     encoder = chain.encoder.model_copy(update={"unit": "mV */ int x; /* \ud800\n"})
     odd = chain._replace(classes=("\udc80felt", "a\nb", "\\"), encoder=encoder)
     c_export.write(odd, tmp_path)

@@ -31,7 +31,7 @@ KINDS = {
     "running": ({"baseline": "running"}, {"membrane": "delayed", "reset": "subtract", "recurrent_delay_steps": 1}),
     "high-pass": (
         {"baseline": "high-pass", "high_pass_Hz": 2.0, "rectify": True, "ema_cutoff_Hz": 60.0},
-        {"membrane": "immediate", "reset": "hard", "readout": "integrator", "windows": OVERLAPPING, "margin": 3.0},
+        {"membrane": "immediate", "reset": "hard", "readout": "integrator", "windows": OVERLAPPING, "patience": 4},
     ),
     "contact": (
         {"baseline": "high-pass", "high_pass_Hz": 8.0},

@@ -1,6 +1,5 @@
 """The table of executors holds: what it calls equal spikes as the reference does, and what it refuses is refused."""
 
-import copy
 from dataclasses import replace
 
 import numpy as np
@@ -27,8 +26,6 @@ from neurotact.networks.definition.executors import EXECUTORS, FEATURES, SETTING
 from neurotact.networks.definition.snntorch_exchange import to_snntorch
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.training import population
-from neurotact.networks.training.training import Batch
 
 TAXELS, CLASSES, RATE_Hz = 2, 3, 1000.0
 CONDITIONED = {
@@ -70,7 +67,6 @@ NETWORKS = {
 }
 RULES = {
     "exit by patience": ExitRule(5, from_first_spike=True),
-    "exit by margin": ExitRule(None, from_first_spike=True, margin=2.0),
 }
 
 
@@ -165,29 +161,12 @@ def in_snntorch(feature: str) -> None:
     torch.testing.assert_close(readout.float(), given.float())
 
 
-def in_a_population(feature: str) -> None:
-    """Beside another network of its shape, whose weights differ."""
-    _, network, _ = parts_with(feature)
-    other = copy.deepcopy(network)
-    with torch.no_grad():
-        other.w_in *= 0.5
-    spikes = windows(network.n_inputs)
-    batches = [Batch(each, each.binned(spikes)) for each in (network, other)]
-    for batch, found in zip(batches, population.counts_of(batches), strict=True):
-        with torch.no_grad():
-            expected = batch.network(spikes)
-        assert expected.hidden.any()
-        torch.testing.assert_close(found.hidden, expected.hidden)
-        torch.testing.assert_close(found.readout, expected.readout)
-
-
 def executed(executor: str, feature: str, tmp_path) -> None:
     runs = {
         "native": in_native,
         "stream": in_a_stream,
         "nir": in_nir,
         "snntorch": in_snntorch,
-        "population": in_a_population,
     }
     if executor.startswith("c-"):
         in_c(feature, tmp_path, integer=executor == "c-integer")

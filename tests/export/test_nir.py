@@ -80,12 +80,6 @@ def test_a_maximum_over_time_is_refused_but_for_the_plain_form():
     assert "with a decay of 20 ms, from the bias on, and take the largest value over time" in said.differences[-1]
 
 
-def test_the_note_carries_a_margin(tmp_path):
-    rule = ExitRule(from_first_spike=True, margin=1.5)
-    net = network()
-    assert note.of(graph.of(net, rule=rule), "graph").rule == rule
-
-
 def test_the_sums_of_an_integrator_begin_at_its_bias():
     net = network(readout="integrator")
     out = Interpreter(nt.to_nir(net), 1e-3).run(np.zeros((1, 4, 6)))["output"]

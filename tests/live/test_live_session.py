@@ -204,17 +204,6 @@ def test_nothing_changes_where_the_values_are_what_they_are():
     assert session.scores.comparison()["after"] == summary(found)
 
 
-def test_a_margin_stays_until_a_patience_takes_its_place(tmp_path):
-    session = session_of(make_chain({}, margin=2.0), save_to=tmp_path)
-    assert session.hello()["exit_margin"] == 2.0
-    session.do(messages.Change(kind="change", values={"ra1.gain": 31.0}))
-    assert session.stream.chain.rule == ExitRule(None, True, 2.0)
-    session.do(messages.Save(kind="save", name="mine"))
-    assert "patience of the exit: none, but a margin of 2" in (tmp_path / "mine.toml").read_text()
-    session.do(messages.Change(kind="change", values={"patience": 3}))
-    assert session.stream.chain.rule == ExitRule(3, True)
-
-
 def test_the_energy_of_a_decision_is_that_of_the_cost_ledger():
     chain = make_chain({"ema_cutoff_Hz": 30.0}, patience=5)
     (scored,) = session_of(chain).take(Arrived(make_signal(40)))

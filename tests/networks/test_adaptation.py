@@ -29,7 +29,6 @@ from test_reference import spikes as smooth_spikes
 from neurotact.errors import InputError
 from neurotact.metrics.flops import SpikingLayer, cost
 from neurotact.networks.definition import native, reference
-from neurotact.networks.definition.layer import cuba_lif_layer
 from neurotact.networks.definition.recipe import Seen, resolve
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.snntorch_exchange import to_snntorch
@@ -190,13 +189,6 @@ def test_a_window_cut_short_is_one_of_that_length(kind):
         assert row["sops_readout"] == 4 * float(short.hidden_spikes.double().mean())
 
 
-def test_the_layer_by_itself_adapts_as_that_of_a_network():
-    net, x = network(**ADAPTING, backend="reference", dtype=torch.float64), spikes()
-    dynamics = {name: getattr(net, name)[0].detach() for name in LEARNED}
-    sent = cuba_lif_layer(x, net.w_in, net.w_rec, neuron=net.neuron, adaptation=net.adaptation, **dynamics)
-    assert torch.equal(sent, net.simulate(x).hidden)
-
-
 # --- gradients of the definition -----------------------------------------------------------------------
 
 
@@ -227,9 +219,11 @@ def test_a_gradient_comes_through_the_adaptation_alone(reset, left, backend):
     """
     x = torch.ones(1, 3, 1, dtype=torch.float64, requires_grad=True)
     w, k, rho = torch.full((1, 1), 3.0, dtype=torch.float64), 0.5, 0.9
-    sent = cuba_lif_layer(
-        x, w, alpha=0.0, beta=0.0, neuron=CubaLIF("immediate", reset), adaptation=Adaptation(k, rho), backend=backend
-    )
+    call = {"alpha": 0.0, "beta": 0.0, "threshold": 1.0, "neuron": CubaLIF("immediate", reset)}
+    if backend == "native":
+        sent = native.layer(x, w, None, **call, scale=10.0, adaptation=Adaptation(k, rho))
+    else:
+        sent, _ = reference.cuba_lif_layer(x, w, None, **call, spike=FastSigmoid(), adaptation=Adaptation(k, rho))
     (grad,) = torch.autograd.grad(sent[0, 2, 0], x)
 
     def slope(over: float) -> float:
@@ -389,7 +383,7 @@ def test_inference_is_the_reference_s(
 
 @needs_kernels
 @pytest.mark.parametrize("kind", ["count", "integrator", "max"])
-@pytest.mark.parametrize("rule", [FULL_WINDOW, ExitRule(6), ExitRule(None, margin=1.0)])
+@pytest.mark.parametrize("rule", [FULL_WINDOW, ExitRule(6), ExitRule(3, from_first_spike=True)])
 def test_both_backends_stop_alike(kind, rule):
     nets = [
         network(6, 24, **ADAPTING, readout=kind, dtype=torch.float64, backend=backend)
@@ -428,10 +422,9 @@ def test_a_layer_is_the_reference_s(variant, sizes, window, recurrent, per_neuro
     dynamics = {"alpha": between(0.5, 0.9, *shape), "beta": between(0.7, 0.95, *shape)}
     dynamics["threshold"] = between(0.7, 1.2, *shape)
     call = {"neuron": CubaLIF(*variant), "adaptation": how, **dynamics}
-    ours = cuba_lif_layer(x, w, v, backend="native", **call)
+    ours = native.layer(x, w, v, scale=10.0, **call)
     wanted, _ = reference.cuba_lif_layer(x, w, v, spike=FastSigmoid(10.0), ordered=True, **call)
     assert torch.equal(ours, wanted)
-    assert torch.allclose(ours, cuba_lif_layer(x, w, v, backend="reference", **call)) or dtype is torch.float32
     inputs = [t for t in (x, w, v, *dynamics.values()) if t is not None]
     pairs = zip(gradients((ours,), inputs), gradients((wanted,), inputs), strict=True)
     assert all(farthest(a, b) <= limit(b) for a, b in pairs)

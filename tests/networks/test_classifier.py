@@ -84,20 +84,16 @@ def test_a_decision_is_counted_from_its_own_spikes():
 
 
 @pytest.mark.parametrize("readout", [{"readout": "integrator", "readout_tau_ms": 15.0}, {"readout": "max"}])
-def test_it_exits_by_a_margin_and_reads_out_with_a_leak(readout):
+def test_it_exits_early_and_reads_out_with_a_leak(readout):
     X, y = touches()
-    clf = small(exit_by="margin", settings=readout, exit_tolerance=0.8).fit(X, y)
+    clf = small(settings=readout, exit_tolerance=0.8).fit(X, y)
     assert clf.network_.leaks
-    assert clf.exit_rule_.patience is None
-    assert clf.exit_rule_.margin is not None
     early, full = clf.decide(X), clf.decide(X, early_exit=False)
     assert early["steps"].sum() < full["steps"].sum()
     assert early["sops_total"].sum() < full["sops_total"].sum()
     decided = clf.network_.infer(torch.from_numpy(np.asarray(X)), clf.exit_rule_)
     assert early["steps"].tolist() == decided.steps.tolist()
     assert clf.decision_function(X).shape == (len(y),)
-    with pytest.raises(InputError, match="exit_by: 'luck' is unknown; known: stability, margin"):
-        small(exit_by="luck").fit(X, y)
 
 
 def test_early_exit_is_used_where_enough_validation_windows_bound_its_loss():
@@ -264,7 +260,7 @@ def test_validation_windows_that_do_not_fit_are_refused(validation, words):
 )  # fmt: skip
 def test_a_wrong_parameter_is_refused_before_the_training(name, value, monkeypatch):
     X, y = touches()
-    monkeypatch.setattr("neurotact.networks.use.classifier.members.course", None)
+    monkeypatch.setattr("neurotact.networks.use.classifier.members.train", None)
     with pytest.raises(InputError, match=f"^(SpikingClassifier: )?{name}: |^{name}|: {name} "):
         small(**{name: value}).fit(np.asarray(X) if name == "sampling_rate_Hz" else X, y)
 

@@ -12,17 +12,17 @@ from neurotact.networks.definition.surrogate import FastSigmoid
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.exit.exit_choice import (
     exits,
-    largest_lead,
+    is_right,
     least,
-    margin_exits,
-    margin_rule,
-    margins_up_to,
     oracle_exit,
     patience_rule,
     printed_exits,
-    right_of,
     steady,
 )
+
+
+def right_of(decisions, true) -> torch.Tensor:
+    return is_right(decisions, true).sum(dim=0)
 
 
 def least_rule(raster, true, tolerance: float = 0.0) -> ExitRule:
@@ -204,56 +204,6 @@ def test_the_curve_of_exits_worked_by_hand():
     assert right_of(found, torch.tensor([1, 0])).tolist() == [1, 1, 1, 1, 2, 2]
     assert least_rule(torch.tensor([one, other]), torch.tensor([1, 0])).patience == 5
     assert least_rule(torch.tensor([one, other]), torch.tensor([1, 0]), tolerance=0.5).patience == 1
-
-
-def by_margin(T_D: np.ndarray, margin: float) -> tuple[int, int]:
-    """Step by step: the first step at or after the first spike at which the leader is `margin` counts ahead."""
-    for i in range(1, len(T_D) + 1):
-        counts = np.sort(T_D[:i].sum(axis=0))
-        if T_D[:i].any() and (len(counts) == 1 or counts[-1] - counts[-2] >= margin):
-            return i, int(T_D[:i].sum(axis=0).argmax())
-    return len(T_D), int(T_D.sum(axis=0).argmax())
-
-
-@given(readouts())
-@examples(60)
-def test_exits_of_every_margin_are_those_step_by_step(raster):
-    margins = margins_up_to(5.0)
-    found = margin_exits(raster, margins)
-    assert found.steps.shape == (len(raster), len(margins) + 1)
-    for trial, T_D in enumerate(raster):
-        for place, margin in enumerate([*margins.tolist(), 1e9]):
-            wanted = by_margin(T_D, margin)
-            if margin == 1e9:  # the full window
-                wanted = (len(T_D), int(T_D.sum(axis=0).argmax()))
-            assert (int(found.steps[trial, place]), int(found.labels[trial, place])) == wanted
-
-
-@given(readouts(), st.integers(0, 2**32), st.sampled_from([0.0, 0.2]))
-@examples(60)
-def test_the_margin_is_the_least_that_keeps_the_accuracy(raster, seed, tolerance):
-    if raster.shape[2] < 2:
-        return
-    true = np.random.default_rng(seed).integers(0, raster.shape[2], len(raster))
-    margins = margins_up_to(largest_lead(raster))
-    rule = margin_rule(margins, least(right_of(margin_exits(raster, margins), true), len(true), tolerance))
-
-    def right(margin: float) -> int:
-        return sum(by_margin(T_D, margin)[1] == label for T_D, label in zip(raster, true, strict=True))
-
-    whole = sum(int(T_D.sum(axis=0).argmax()) == label for T_D, label in zip(raster, true, strict=True))
-    floor = whole - tolerance * len(raster) - 1e-9
-    tried = [margin for margin in margins.tolist() if rule.never or margin < rule.margin]
-    assert all(right(margin) < floor for margin in tried)
-    assert rule.never or right(rule.margin) >= floor
-
-
-def test_margins_reach_the_largest_lead_and_a_silent_readout_has_none():
-    raster = torch.tensor([[[1, 0], [1, 0], [0, 1]]])
-    assert largest_lead(raster) == 2
-    assert margins_up_to(2.0).tolist() == [1, 2]
-    assert largest_lead(torch.zeros(2, 4, 3)) == 0
-    assert margin_rule(margins_up_to(0.0), 0) == FULL_WINDOW
 
 
 @given(readouts())

@@ -170,21 +170,19 @@ def late(n: int, every: int = 4) -> Examples:
     return Examples(spikes, labels, of=torch.arange(2 * n) // 2)
 
 
-@pytest.mark.parametrize("by", ["stability", "margin"])
 @pytest.mark.parametrize("with_training", [False, True])
-def test_a_network_is_judged_by_trials_and_not_by_windows(by, with_training):
+def test_a_network_is_judged_by_trials_and_not_by_windows(with_training):
     side = late(6)
     network, training = relay(2), late(6, every=1) if with_training else None
-    choice = fitting.exit_of(network, side, 0.3, training, by)
-    assert choice.rule == fitting.exit_rule(network, side, 0.3, training, by)
+    choice = fitting.exit_of(network, side, 0.3, training)
+    assert choice.rule == fitting.exit_rule(network, side, 0.3, training)
     assert (choice.tolerance, [*choice.losses]) == (0.3, [*range(6)])
     for trial in range(6):
         kept = side.of != trial
         others = Examples(side.spikes[kept], side.labels[kept], of=side.of[kept])
-        rule, own = fitting.exit_rule(network, others, 0.3, training, by), side.spikes[~kept]
+        rule, own = fitting.exit_rule(network, others, 0.3, training), side.spikes[~kept]
         right = [network.infer(own, one).labels == side.labels[~kept] for one in (FULL_WINDOW, rule)]
-        if by == "stability":  # margins are tried up to the largest lead of all
-            assert choice.losses[trial] == float((right[0] * 1.0 - right[1] * 1.0).mean())
+        assert choice.losses[trial] == float((right[0] * 1.0 - right[1] * 1.0).mean())
 
 
 def test_copies_of_a_validation_trial_are_one_trial():

@@ -28,7 +28,7 @@ from neurotact.networks.definition.specs import MOST_HIDDEN, RSNNSpec
 from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.networks.search import search
 from neurotact.networks.search.tuning import MedianStop, Proposal, SearchSpec
-from neurotact.networks.training import fitting, population, tasks, train_run, trained, training, training_checkpoint
+from neurotact.networks.training import fitting, tasks, train_run, trained, training, training_checkpoint
 from neurotact.networks.training.training import Checkpoint, Examples
 from neurotact.networks.use.ledger import network_cost
 from neurotact.networks.use.measuring import synops_of
@@ -102,13 +102,12 @@ def test_a_joined_network_sends_the_spikes_of_its_members_and_scores_their_mean(
         assert getattr(costs[0], name).tolist() == sum(getattr(cost, name) for cost in costs[1:]).tolist(), name
 
 
-@given(seed=st.integers(0, 99), drawn=drawn_keys, margin=st.sampled_from([None, 0.5, 2.0]), patience=st.integers(1, 9))
+@given(seed=st.integers(0, 99), drawn=drawn_keys, patience=st.integers(1, 9))
 @examples(20)
-def test_a_joined_network_exits_where_the_mean_of_its_members_would(seed, drawn, margin, patience):
-    rule = ExitRule(None, from_first_spike=True, margin=margin) if margin else ExitRule(patience)
+def test_a_joined_network_exits_where_the_mean_of_its_members_would(seed, drawn, patience):
     members = [network(seed + k, **options_of(drawn)) for k in range(4)]  # a fourth of a float32 is exact
     whole, window = joined(members), spikes(seed)
-    found = whole.infer(window, rule)
+    found = whole.infer(window, ExitRule(patience))
     for trial, steps in enumerate(found.steps.tolist()):
         cut = window[trial : trial + 1, :steps]
         mean = torch.stack([each.infer(cut).readout for each in members]).mean(dim=0)
@@ -248,15 +247,6 @@ def test_a_run_is_interrupted_in_its_second_member_and_leaves_what_a_whole_one_l
     row = json.loads(whole["result.json"])["row"]
     assert (row["members"], row["recurrent_blocks"], row["epochs"]) == (3, 3, 3 * N_EPOCHS)
     assert trained.restore(tmp_path / "whole").network.spec.recurrent_blocks == 3
-
-
-def test_a_population_trains_members_too(fitted):
-    done, sides, _ = fitted
-    courses = [fitting.fit_course(trains(), spec_of(), TASK, given, sides) for given in ((3, 4), (5, 6))]
-    first, second = population.run(courses)
-    torch.testing.assert_close(first.network.w_in, done.network.w_in, rtol=1e-3, atol=1e-4)
-    assert second.network.spec == first.network.spec
-    assert not torch.equal(first.network.w_in, second.network.w_in)
 
 
 @pytest.mark.parametrize("stopped", [False, True])

@@ -12,7 +12,6 @@ from torch import Tensor
 
 from neurotact.errors import InputError
 from neurotact.networks.definition import native, reference
-from neurotact.networks.definition.layer import cuba_lif_layer
 from neurotact.networks.definition.rsnn import RSNN, Inference, Rasters
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.definition.surrogate import FastSigmoid
@@ -365,7 +364,7 @@ def test_gradients_follow_finite_differences_between_spikes(membrane):
         smooth = lambda u: u / (1 + 10.0 * u.abs())  # noqa: E731
         return reference.cuba_lif_layer(x, weights, None, threshold=1.0, spike=smooth, **kept)[0].sum()
 
-    (grad,) = torch.autograd.grad(cuba_lif_layer(x, w, backend="native", **kept).sum(), [w])
+    (grad,) = torch.autograd.grad(native.layer(x, w, None, threshold=1.0, scale=10.0, **kept).sum(), [w])
     for i, j in ((0, 0), (3, 5), (2, 1)):
         step = torch.zeros_like(w)
         step[i, j] = 1e-6
@@ -437,7 +436,7 @@ def test_a_layer_is_the_reference_s(variant, sizes, window, recurrent, per_neuro
     dynamics = {"alpha": between(0.5, 0.9, *shape), "beta": between(0.7, 0.95, *shape)}
     dynamics["threshold"] = between(0.7, 1.2, *shape)
     neuron = CubaLIF(*variant, delay)
-    ours = cuba_lif_layer(x, w, v, neuron=neuron, backend="native", **dynamics)
+    ours = native.layer(x, w, v, neuron=neuron, scale=10.0, **dynamics)
     wanted, _ = reference.cuba_lif_layer(x, w, v, neuron=neuron, spike=FastSigmoid(10.0), ordered=True, **dynamics)
     assert torch.equal(ours, wanted)
     inputs = [t for t in (x, w, v, *dynamics.values()) if t is not None]
@@ -448,33 +447,18 @@ def test_a_layer_is_the_reference_s(variant, sizes, window, recurrent, per_neuro
 @pytest.mark.parametrize("delay", [0, 1])
 def test_two_layers_are_the_fused_network(delay):
     net, x = network(dtype=torch.float64, recurrent_delay_steps=delay), spikes()
-    layer = {"neuron": net.neuron, "backend": "native"}
+    layer = {"neuron": net.neuron, "scale": 10.0}
     hidden, out = (
         dict(zip(LEARNED, (net.alpha[k].detach(), net.beta[k].detach(), net.threshold[k].detach()), strict=True))
         for k in (0, 1)
     )
-    sent = cuba_lif_layer(x, net.w_in, net.w_rec, **hidden, **layer)
-    decided = cuba_lif_layer(sent, net.w_out, **out, **layer)
+    sent = native.layer(x, net.w_in, net.w_rec, **hidden, **layer)
+    decided = native.layer(sent, net.w_out, None, **out, **layer)
     composed, fused = (decided.sum(dim=1), sent.sum(dim=1)), net(x)
     assert all(map(torch.equal, composed, fused))
     weights = [net.w_in, net.w_rec, net.w_out]
     pairs = zip(gradients(composed, weights), gradients(tuple(fused), weights), strict=True)
     assert max(farthest(a, b) for a, b in pairs) < 1e-9
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"w": torch.zeros(5)}, "w: has shape"),
-        ({"x": torch.zeros(2, 3, 4)}, "x: has shape"),
-        ({"v": torch.zeros(3, 4)}, "v: has shape"),
-        ({"alpha": torch.zeros(2)}, "alpha: has shape"),
-    ],
-)
-def test_a_layer_names_what_does_not_fit(change, message):
-    call = {"x": spikes(), "w": torch.zeros(5, 3), "alpha": 0.9, "beta": 0.9} | change
-    with pytest.raises(InputError, match=message):
-        cuba_lif_layer(**call)
 
 
 def test_a_set_that_the_processor_lacks_is_refused():

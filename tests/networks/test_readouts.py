@@ -1,4 +1,4 @@
-"""Readouts that leak: what they are, on both backends, with early exit by patience and by margin, and in training."""
+"""Readouts that leak: what they are, on both backends, with early exit, and in training."""
 
 import math
 from typing import Any, get_args
@@ -17,7 +17,7 @@ from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.exit import truncated
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.exit.exit_choice import exits, largest_lead, margin_exits, margins_up_to
+from neurotact.networks.exit.exit_choice import exits
 from neurotact.networks.training import checkpoint
 from neurotact.networks.training.fitting import exit_rule
 from neurotact.networks.training.training import Examples, train
@@ -223,7 +223,6 @@ def test_threads_move_no_bit(kind, hidden):
 rules = st.one_of(
     st.just(FULL_WINDOW),
     st.builds(ExitRule, st.integers(1, STEPS), st.booleans()),
-    st.builds(lambda margin, first: ExitRule(None, first, margin), st.floats(0.05, 20), st.booleans()),
 )
 
 
@@ -244,11 +243,7 @@ def test_early_exit_is_the_definition_step_by_step(kind, backend, seed, rule):
             heard = heard or bool(rasters.readout[trial, t].any())
             standing = (standing + 1 if int(now.argmax()) == leader else 1) if heard or not rule.from_first_spike else 0
             leader = int(now.argmax())
-            first, second = now.topk(2).values
-            if rule.margin is not None:
-                stops = bool(first - second >= rule.margin) and (heard or not rule.from_first_spike)
-            else:
-                stops = rule.patience is not None and standing > rule.patience
+            stops = rule.patience is not None and standing > rule.patience
             if stops or t + 1 == STEPS:
                 break
         assert (int(found.steps[trial]), int(found.labels[trial])) == (t + 1, leader)
@@ -276,51 +271,27 @@ def test_both_backends_decide_alike(kind, seed, rule, membrane, delay, hidden, c
 @each_backend
 @pytest.mark.parametrize("kind", KINDS)
 @examples(15)
-@given(seed=st.integers(0, 999), place=st.integers(0, 60))
-def test_all_margins_and_patiences_at_once_are_each_by_itself(kind, backend, seed, place):
-    net, x = network(kind, seed, backend, torch.float32), spikes(seed)  # whose sums are exact, as a margin may be
-    integration, readout = net.integration, net.simulate(x).readout.detach()
-    margins = margins_up_to(largest_lead(readout, integration), integration)
-    together = margin_exits(readout, margins, integration)
-    place = min(place, len(margins))
-    rule = ExitRule(None, True, float(margins[place])) if place < len(margins) else FULL_WINDOW
-    alone = net.infer(x, rule)
-    assert torch.equal(together.steps[:, place], alone.steps)
-    assert torch.equal(together.labels[:, place], alone.labels)
-    curve, alone = exits(readout, integration=integration), net.infer(x, ExitRule(4, from_first_spike=True))
-    assert torch.equal(curve.steps[:, 3], alone.steps)
-    assert torch.equal(curve.labels[:, 3], alone.labels)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_larger_margin_never_exits_sooner(kind):
-    net, x = network(kind, 8), spikes(8, 20)
-    integration = net.integration
-    steps = margin_exits(net.simulate(x).readout.detach(), margins_up_to(6.0, integration), integration).steps
-    assert (steps.diff(dim=1) >= 0).all()
-    assert (steps[:, -1] == STEPS).all()
-
-
-def test_margins_that_make_no_sense_are_refused():
-    for margin in (0.0, -1.0, math.inf, math.nan):
-        with pytest.raises(InputError, match="margin: must be a positive number"):
-            ExitRule(margin=margin)
-    with pytest.raises(InputError, match="give one of the two"):
-        ExitRule(3, margin=1.0)
+@given(seed=st.integers(0, 999), patience=st.integers(1, STEPS))
+def test_all_patiences_at_once_are_each_by_itself(kind, backend, seed, patience):
+    net, x = network(kind, seed, backend, torch.float32), spikes(seed)
+    curve = exits(net.simulate(x).readout.detach(), integration=net.integration)
+    alone = net.infer(x, ExitRule(patience, from_first_spike=True))
+    assert torch.equal(curve.steps[:, patience - 1], alone.steps)
+    assert torch.equal(curve.labels[:, patience - 1], alone.labels)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("with_training", [False, True])
-def test_a_margin_is_chosen_that_keeps_the_accuracy(kind, with_training):
+def test_a_patience_is_chosen_that_keeps_the_accuracy(kind, with_training):
     net, x = network(kind, 9), spikes(9, 30)
     held = Examples(x, net.infer(x).labels)  # right whenever the whole window is heard
-    rule = exit_rule(net, held, 0.0, held if with_training else None, by="margin")
+    rule = exit_rule(net, held, 0.0, held if with_training else None)
     found = net.infer(x, rule)
     assert torch.equal(found.labels, held.labels)
-    assert rule.margin is not None
+    assert rule.patience is not None
     assert rule.from_first_spike
     assert found.steps.sum() < STEPS * len(x)
-    loose = net.infer(x, exit_rule(net, held, 0.5, by="margin"))
+    loose = net.infer(x, exit_rule(net, held, 0.5))
     assert loose.steps.sum() <= found.steps.sum()
 
 

@@ -24,7 +24,6 @@ from neurotact.networks.training import (
     comparison,
     fitting,
     members,
-    population,
     train_run,
     training,
     training_checkpoint,
@@ -162,7 +161,7 @@ def test_an_interrupted_training_goes_on_from_any_epoch(kept, n_members, tmp_pat
 
 @pytest.mark.parametrize("n_members", [1, 2, 3])
 def test_a_training_with_recurrence_that_fails_leaves_the_network_without_it(n_members, monkeypatch, tmp_path):
-    real = members.one.course
+    real = members.one.train
 
     def fails(network, *arguments, keep=None, **options):
         def kept(latest):
@@ -173,7 +172,7 @@ def test_a_training_with_recurrence_that_fails_leaves_the_network_without_it(n_m
 
         return real(network, *arguments, keep=kept, **options)
 
-    monkeypatch.setattr(members.one, "course", fails)
+    monkeypatch.setattr(members.one, "train", fails)
     spec, checkpoints = spec_of(**{"training.members": n_members}), []
     with pytest.warns(UserWarning, match=r"not finite after epoch 2.*; the network without recurrence stays"):
         done, _ = fitting.fit(trains(), spec, TASK, (3, 4), keep=checkpoints.append)
@@ -216,15 +215,6 @@ def test_a_run_is_interrupted_in_its_second_training_and_leaves_what_a_whole_one
     assert (row["sops_recurrent"] > 0) == (kept == "rsnn")
     assert "members" not in row
     assert -1 <= row["recurrence_gain"] <= 1
-
-
-def test_a_population_decides_for_each_network(kept):
-    sides = fitting.sides_of(trains(), TASK, None)
-    courses = [fitting.fit_course(trains(), spec_of(), TASK, seeds, sides) for seeds in ((3, 4), (5, 6))]
-    found = population.run(courses)
-    assert [one.network.spec.model for one in found] == [kept, kept]
-    alone, _ = fitting.fit(trains(), spec_of(), TASK, (3, 4))
-    torch.testing.assert_close(found[0].network.w_in, alone.network.w_in, rtol=1e-3, atol=1e-4)
 
 
 def test_a_trial_of_a_search_decides_too(kept):

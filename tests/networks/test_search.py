@@ -22,7 +22,7 @@ from neurotact.data import hdf5
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.figures.search import draw_search
-from neurotact.files import read_json
+from neurotact.files import read_json, write_json
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.search import importance, search, search_tables, tuning
@@ -140,17 +140,16 @@ def test_a_stopped_trial_has_the_accuracy_and_the_network_of_its_last_epoch_thou
 ):
     log = (Epoch(1, 0.7, 0.5, 0.6, 0.75), Epoch(2, 0.6, 0.6, 0.7, 0.25))
 
-    def course(network, *_, progress, **__):
+    def train(network, *_, progress, **__):
         for epoch in log:
             progress(epoch)
-        yield from ()
 
     class AfterTwo:
         def stops(self, trial, epochs):
             return len(epochs) == 2
 
     what = problem(trains, objective="accuracy")
-    monkeypatch.setattr(training, "course", course)
+    monkeypatch.setattr(training, "train", train)
     job = search.Job(what, Proposal(0, {}), AfterTwo())  # pyright: ignore
     trial = search.try_network(job, trains, tasks.sides_of(trains, what.task))
     assert trial.epochs == [0.75, 0.25]
@@ -271,14 +270,14 @@ def test_a_folder_that_holds_anything_else_is_refused(trains, tmp_path):
 
 
 def test_a_trial_that_cannot_be_trained_fails_and_the_search_goes_on(trains, tmp_path, monkeypatch):
-    course = training.course
+    train = training.train
 
     def fragile(network, *args, **kwargs):
         if network.spec.hidden == 6:
             raise InputError("training: weights are not finite after epoch 1; lower training.learning_rate")
-        return course(network, *args, **kwargs)
+        return train(network, *args, **kwargs)
 
-    monkeypatch.setattr(training, "course", fragile)
+    monkeypatch.setattr(training, "train", fragile)
     trials = run(trains, tmp_path)
     failed = [trial for trial in trials if trial.outcome == FAILED]
     assert {trial.parameters["hidden"] for trial in failed} == {6}
@@ -356,9 +355,9 @@ def test_every_trial_draws_seeds_of_its_own(trains):
 
 def test_the_rule_of_early_exit_is_no_part_of_a_trials_seeds(trains):
     plain = problem(trains)
-    margin = plain.model_copy(update={"task": plain.task.model_copy(update={"exit_by": "margin"})})
+    steady = plain.model_copy(update={"task": plain.task.model_copy(update={"exit_choice": "steady"})})
     proposal = Proposal(0, {"hidden": 4})
-    assert plain.seeds_of(proposal) == margin.seeds_of(proposal)
+    assert plain.seeds_of(proposal) == steady.seeds_of(proposal)
 
 
 def test_the_same_network_tried_twice_is_trained_twice(trains):
@@ -376,11 +375,10 @@ def test_a_trials_accuracy_is_that_of_the_epoch_whose_weights_it_kept(trains, mo
     what = problem(trains, objective="accuracy")
     log = (Epoch(1, 0.7, 0.5, 0.6, 0.75), Epoch(2, 0.6, 0.6, 0.7, 1.0), Epoch(3, 0.5, 0.7, 0.8, 0.25))
 
-    def course(*_, **__):
+    def train(*_, **__):
         return Training(log, log[0])
-        yield
 
-    monkeypatch.setattr(training, "course", course)
+    monkeypatch.setattr(training, "train", train)
     trial = search.try_network(search.Job(what, Proposal(0, {}), None), trains, tasks.sides_of(trains, what.task))
     assert (trial.accuracy, trial.value) == (0.75, 0.75)
 
@@ -414,7 +412,7 @@ def write_space(folder):
     (folder / "space.toml").write_text(spec.to_toml(SPACE))
 
 
-TUNED = ("--trials", "6", "--objective", "accuracy-sops", "--exit-by", "margin")
+TUNED = ("--trials", "6", "--objective", "accuracy-sops")
 
 
 @pytest.fixture(scope="module")
@@ -435,8 +433,7 @@ def test_tune_leaves_a_network_that_can_be_used(tuned):
     assert len(pd.read_csv(out / "trials.csv")) == 6
     assert len(pd.read_csv(out / "pareto.csv")) >= 1
     row = json.loads((out / "best" / "result.json").read_text())["row"]
-    assert trained.restore(out / "best").task.exit_by == "margin"
-    assert row["exit_patience"] is None
+    assert trained.restore(out / "best").rule.patience == row["exit_patience"]
     assert row["accuracy_validation"] == best_of(read_journal(out / JOURNAL)).accuracy
     assert "neurotact tune" not in err
 
@@ -473,7 +470,6 @@ def test_two_processes_write_the_bytes_of_one(spikes, tuned, tmp_path):
     [
         (("--objective", "speed"), "objective: must be 'accuracy' or 'accuracy-sops'"),
         (("--tuner", "gp"), "tuner: must be 'tpe', 'random' or 'grid'"),
-        (("--exit-by", "luck"), "exit_by: must be 'stability' or 'margin'"),
         (("--network", "rsnm"), "did you mean 'rsnn'?"),
         (("--space", "texure"), "did you mean 'texture'?"),
     ],
@@ -579,19 +575,6 @@ def test_a_cell_searches_and_reports_its_best_network(trains, tmp_path):
     assert left[f"{cells.SEARCH}/{JOURNAL}"] == (tmp_path / cells.SEARCH / JOURNAL).read_bytes()
 
 
-def test_a_cell_exits_by_a_margin_where_the_study_says_so(trains):
-    rows = [
-        json.loads(cells.run_cell(next(study.cells(study.resolve(TINY, {"early_exit.by": by}))), trains)[cells.RESULT])[
-            "row"
-        ]
-        for by in ("stability", "margin")
-    ]
-    of_exits = [{key for key, value in row.items() if key.startswith("exit_") and value is not None} for row in rows]
-    assert "exit_margin" in of_exits[1] - of_exits[0] or rows[1]["exit_steps"] == rows[1]["window_steps"]
-    same = [key for key in rows[0] if not key.startswith("exit_")]
-    assert {key: rows[0][key] for key in same} == {key: rows[1][key] for key in same}
-
-
 def test_a_cells_search_goes_on_where_it_was_killed(trains, tmp_path):
     cell = searching_cells()[0]
     whole = cells.run_cell(cell, trains)
@@ -636,3 +619,17 @@ def test_what_no_key_decides_is_not_foreseen():
     assert nothing.r2 < 0.1
     assert found.r2 > 0.8
     assert found.drop["scale"] > 10 * abs(found.drop["rate"])
+
+
+def test_a_search_of_an_earlier_version_goes_on(trains, tmp_path):
+    """Which wrote the device and the kind of early exit, that are always these today."""
+    what = problem(trains)
+    search.search(what, tmp_path, search.here(trains, what.task))
+    saved = read_json(tmp_path / "search.json")
+    for device, by, goes_on in (("cpu", "stability", True), ("cuda", "stability", False), ("cpu", "margin", False)):
+        write_json(tmp_path / "search.json", {**saved, "device": device, "task": {**saved["task"], "exit_by": by}})
+        if goes_on:
+            search.search(what, tmp_path, lambda jobs: iter(()))
+        else:
+            with pytest.raises(InputError, match="holds another search"):
+                search.search(what, tmp_path, lambda jobs: iter(()))

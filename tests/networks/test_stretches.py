@@ -74,15 +74,15 @@ def test_each_spike_adds_the_weight_of_its_stretch(backend, step_ms):
 
 @native_only
 @given(
-    seed=st.integers(0, 99), margin=st.sampled_from([None, 0.5, 3.0]), step_ms=st.sampled_from([None, 3.0, 4.0]),
+    seed=st.integers(0, 99), patience=st.sampled_from([1, 5]), step_ms=st.sampled_from([None, 3.0, 4.0]),
     membrane=st.sampled_from(get_args(Membrane)), delay=st.integers(0, 1), model=st.sampled_from(["rsnn", "snn"]),
     hidden=st.sampled_from([6, 20, 80]), adaptation=st.sampled_from([0.0, 0.3]),
 )  # fmt: skip
 @examples(30)
 def test_kernels_equal_the_reference_in_decisions_and_gradients(
-    seed, margin, step_ms, membrane, delay, model, hidden, adaptation
+    seed, patience, step_ms, membrane, delay, model, hidden, adaptation
 ):
-    rule = ExitRule(None, from_first_spike=True, margin=margin) if margin else ExitRule(5)
+    rule = ExitRule(patience)
     options = {
         "step_ms": step_ms, "model": model, "membrane": membrane, "hidden": hidden, "threshold_adaptation": adaptation,
     }  # fmt: skip

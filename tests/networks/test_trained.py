@@ -23,7 +23,6 @@ from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.networks.exit.held_out import ExitChoice
 from neurotact.networks.training import fitting, tasks, trained, training
-from neurotact.networks.training.choice import Choice
 from neurotact.networks.training.fitting import Trained
 from neurotact.networks.training.tasks import Task
 from neurotact.networks.training.training import Epoch, Examples, Training
@@ -80,9 +79,7 @@ def trains_of(*pairs, **changes) -> SpikeTrains:
 
 
 def untrained(*_, **__):
-    """A course that asks for nothing."""
     return Training(EPOCHS, EPOCHS[0])
-    yield
 
 
 def fitted(rule=RULE, best=0) -> Trained:
@@ -189,7 +186,7 @@ def test_training_windows_judge_a_steady_rule_too():
 @pytest.mark.parametrize(("choice", "patience"), [("least", 1), ("steady", 10)])
 def test_a_fit_chooses_as_the_task_says(monkeypatch, choice, patience):
     trains = trains_of(*VALIDATION, (STEADY, 0), (STEADY, 1), (STEADY, 0))
-    monkeypatch.setattr(training, "course", untrained)
+    monkeypatch.setattr(training, "train", untrained)
     monkeypatch.setattr(fitting, "new_network", lambda *_, **__: (wired(), torch.Generator()))
     task = Task(window={"length_ms": N_STEPS}, exit_choice=choice)
     split = Split(np.arange(4), np.array([4]), np.array([5, 6]))
@@ -206,7 +203,7 @@ def test_a_fit_takes_the_tasks_tolerance_and_its_validation_trials(monkeypatch, 
         seen.extend([training.labels.tolist(), validation.labels.tolist()])
         return untrained()
 
-    monkeypatch.setattr(training, "course", watched)
+    monkeypatch.setattr(training, "train", watched)
     monkeypatch.setattr(fitting, "new_network", lambda *_, **__: (wired(), torch.Generator()))
     split = Split(np.array([0, 1]), np.array([2, 3, 4, 5]), np.array([6, 7]))
     task = Task(window={"length_ms": N_STEPS}, exit_tolerance=tolerance)
@@ -347,35 +344,6 @@ def test_test_windows_alone_are_those_of_the_test_trials(made, early_exit):
         infer(restored, trains.select(split.train), test_only=True)
 
 
-def test_a_margin_is_saved_and_stops_where_the_network_says(tmp_path):
-    trains = trains_of(*[(STEADY, 0), (SILENT, 1)] * 10)
-    task = Task(window={"length_ms": N_STEPS}, exit_by="margin")
-    done = fitted()._replace(rule=ExitRule(from_first_spike=True, margin=2.0))
-    trained.save(done, tmp_path / "two", trains, tmp_path / "two.h5", task)
-    restored = trained.restore(tmp_path / "two")
-    assert restored.rule == done.rule
-    assert restored.task.exit_by == "margin"
-    table = infer(restored, trains, early_exit=True)
-    examples, _ = tasks.examples_of(trains, np.arange(len(trains)), task.window)
-    found = restored.network.infer(examples.spikes, restored.rule)
-    assert table["steps"].tolist() == found.steps.tolist()
-    assert found.steps.min() < N_STEPS
-    assert measuring.measure(done, alike(examples), trains.populations)["row"]["exit_margin"] == 2.0
-    assert Choice.of(done, examples).rule == done.rule
-
-
-@pytest.mark.parametrize("choice", ["least", "steady"])
-def test_a_fit_exits_by_a_margin_where_the_task_says_so(monkeypatch, choice):
-    trains = trains_of(*VALIDATION, (STEADY, 0), (STEADY, 1), (STEADY, 0))
-    monkeypatch.setattr(training, "course", untrained)
-    monkeypatch.setattr(fitting, "new_network", lambda *_, **__: (wired(), torch.Generator()))
-    task = Task(window={"length_ms": N_STEPS}, exit_choice=choice, exit_by="margin")
-    split = Split(np.arange(4), np.array([4]), np.array([5, 6]))
-    rule = fitting.fit(trains, SPEC, task, (0, 1), split=split)[0].rule
-    assert rule.patience is None
-    assert rule.never or rule.margin == int(rule.margin)
-
-
 @pytest.mark.parametrize("n", [298, 299])
 def test_inference_exits_early_where_the_loss_is_bounded_and_says_where_not(tmp_path, capsys, n):
     trains = trains_of(*[(STEADY, 0), (SILENT, 1)] * 10)
@@ -480,3 +448,19 @@ def test_a_damaged_note_of_trials_is_named(made, tmp_path, trials):
     path.write_text(json.dumps(table))
     with pytest.raises(InputError, match=r"trials.*network\.json"):
         trained.restore(tmp_path / "run")
+
+
+def test_a_network_of_an_earlier_version_is_read_unless_it_exits_by_a_margin(tmp_path):
+    trains = trains_of(*[(STEADY, 0), (SILENT, 1)] * 10)
+    trained.save(fitted(), tmp_path, trains, tmp_path / "two.h5", TASK)
+    path = tmp_path / "network.json"
+    table = json.loads(path.read_text())
+    table["extra"]["task"]["exit_by"], table["extra"]["exit_margin"] = "stability", None
+    path.write_text(json.dumps(table))
+    assert trained.restore(tmp_path).rule == RULE
+    for place, key, value in (("extra", "exit_margin", 2.0), ("task", "exit_by", "margin")):
+        changed = json.loads(json.dumps(table))
+        (changed["extra"] if place == "extra" else changed["extra"]["task"])[key] = value
+        path.write_text(json.dumps(changed))
+        with pytest.raises(InputError, match=f"{key}: unknown key"):
+            trained.restore(tmp_path)

@@ -55,7 +55,7 @@ def fitting(decisions, n_steps: int, length: int) -> list:
     conditioning=st.sampled_from(CONDITIONINGS),
     rate_Hz=st.sampled_from([None, 35.6, 700.0, 1000.0, 1700.0, 3333.3]),
     windows=st.sampled_from(WINDOWS),
-    rule=st.sampled_from([{}, {"patience": 1}, {"patience": 5}, {"margin": 1.0}, {"margin": 2.3}]),
+    rule=st.sampled_from([{}, {"patience": 1}, {"patience": 5}]),
     kind=st.sampled_from(MEMBRANES),
     delay=st.integers(0, 1),
     readout=st.sampled_from([*READOUTS]),

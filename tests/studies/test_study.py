@@ -6,7 +6,6 @@ import pytest
 
 from neurotact.errors import InputError
 from neurotact.studies import study
-from neurotact.studies.cell import task_of
 
 TINY = Path(__file__).parent / "tiny.toml"
 
@@ -86,15 +85,3 @@ def test_a_wrong_value_is_refused_before_anything_runs(overrides, message):
     with pytest.raises(InputError) as refusal:
         study.resolve(TINY, overrides)
     assert message in str(refusal.value)
-
-
-def test_the_rule_of_early_exit_leaves_networks_and_names_as_they_are():
-    plain, named, margin = (
-        next(study.cells(resolve(**over)))
-        for over in ({}, {"early_exit__by": "stability"}, {"early_exit__by": "margin"})
-    )
-    assert plain.digest() == named.digest() != margin.digest()
-    assert plain.seeds == margin.seeds
-    assert [task_of(cell).exit_by for cell in (plain, margin)] == ["stability", "margin"]
-    with pytest.raises(InputError, match=r"early_exit\.by: must be 'stability' or 'margin'; got 'luck'"):
-        resolve(early_exit__by="luck")

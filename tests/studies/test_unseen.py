@@ -301,14 +301,6 @@ def test_a_class_that_is_wrong_at_trained_conditions_too_loses_nothing():
     assert hardest(classes(trained, untrained)) == []
 
 
-def test_a_device_chooses_among_the_same_copies(run, tmp_path):
-    path = run.parent / "touches.h5"
-    what = loading.resolve("own-recordings", {**FEW, "sweep.split.test_where.speed": [1]}, data=path)
-    runner.run(what, tmp_path / "device", device="cpu:0")
-    here, there = (pd.read_csv(folder / "remedies.csv") for folder in (tmp_path / "device", run))
-    pd.testing.assert_frame_equal(here, there[there["split.test_where.speed"] == 1].reset_index(drop=True), rtol=1e-6)
-
-
 def test_a_search_trains_without_copies_and_refuses_them_by_name(tmp_path):
     path = presses(tmp_path / "touches.h5")
     space = {"surrogate_scale": {"_type": "choice", "_value": [5, 10]}}

@@ -128,15 +128,6 @@ def is_value(cell: str) -> bool:
     return bool(NUMBER.fullmatch(cell) or NOT_FINITE.fullmatch(cell))
 
 
-def is_number(text: str) -> bool:
-    """Whether a text reads as a number, NaN and infinity included."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
 def numbers(
     text: str,
     path: str | Path,

@@ -60,7 +60,6 @@ def of(
         refractory_steps=silent,
         lowered=lower_refractory,
         exit_patience=rule.patience,
-        exit_margin=rule.margin,
         exit_from_first_spike=rule.from_first_spike,
     )
     return graph(nodes, edges, n_inputs, network.n_classes, note.metadata())

@@ -42,14 +42,13 @@ class Note(Spec):
     exit_patience: int | None = Field(default=None, ge=1)
     """Early exit: decide when the same class has led for more steps than this, counted from the first readout spike;
     NIR does not define it."""
-    exit_margin: float | None = Field(default=None, gt=0)
-    """Instead of a patience: decide when the lead of a class reaches this."""
+    gone = {"exit_margin": None}
     exit_from_first_spike: bool = True
     neurotact: str = __version__
 
     @property
     def rule(self) -> ExitRule:
-        return ExitRule(self.exit_patience, self.exit_from_first_spike, self.exit_margin)
+        return ExitRule(self.exit_patience, self.exit_from_first_spike)
 
     def metadata(self) -> dict[str, Any]:
         """As a graph's metadata."""

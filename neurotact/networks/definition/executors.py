@@ -204,7 +204,6 @@ FEATURES: dict[str, Feature] = {
         "train with readout_stretches = 1",
     ),
     "exit by patience": Feature("exit", (), lambda s: s.rule.patience is not None, "decide at the end of a window"),
-    "exit by margin": Feature("exit", (), lambda s: s.rule.margin is not None, "decide at the end of a window"),
 }
 """Every feature of a chain, in the order of its parts."""
 
@@ -265,7 +264,6 @@ EXECUTORS: dict[str, Executor] = {
             "double precision": "its spikes are float32",
         },
     ),
-    "population": Executor("a population", ("network", "readout"), {}),
 }
 """Every program that executes chains, the reference first."""
 

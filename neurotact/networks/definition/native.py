@@ -197,7 +197,9 @@ def layer(
     counted: bool = False,
     stretches: Stretches | None = None,
 ) -> Tensor:
-    """Spikes of one layer, `(trial, time, postsynaptic)`, in the weights' float type; see `layer.cuba_lif_layer`.
+    """Spikes of one layer, `(trial, time, postsynaptic)`, in the float type of the weights.
+
+    Arguments are those of `reference.cuba_lif_layer`.
 
     counted: their counts over the window instead, `(trial, postsynaptic)`, or with `stretches` over each of them,
         `(trial, K, postsynaptic)`.
@@ -295,7 +297,7 @@ def exits_at(rule: ExitRule) -> dict[str, Any]:
     """An exit rule as arguments of the kernels."""
     return {
         "patience": -1 if rule.patience is None else rule.patience, "from_first_spike": rule.from_first_spike,
-        "margin": -1.0 if rule.margin is None else rule.margin,
+        "margin": -1.0,
     }  # fmt: skip
 
 

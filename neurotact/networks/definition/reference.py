@@ -1,8 +1,4 @@
-"""The definition of the networks: plain PyTorch over a time loop, any device, float32 or float64.
-
-Many networks of one shape run at once if weights and spikes have a leading axis of networks, and each other value one
-that broadcasts, `(network, 1, 1)`: see `population`.
-"""
+"""The definition of the networks: plain PyTorch over a time loop, any device, float32 or float64."""
 
 from typing import NamedTuple
 
@@ -63,9 +59,9 @@ def counts(model: Model, spikes: Tensor, factors: Tensor | None = None) -> tuple
         values = stretched(model.stretches, model.stretches.counts(sent), model.w_out, factors) + integration.level
     elif integration.leaks:
         w_out = model.w_out if factors is None else model.w_out * factors[..., None]
-        values = integration.of(product(sent.double(), w_out.double()))
+        values = integration.of(sent.double() @ w_out.double())
     else:
-        values = product(hidden.double(), model.w_out.double()) + integration.level
+        values = hidden.double() @ model.w_out.double() + integration.level
     return values.to(model.w_out.dtype), hidden
 
 
@@ -73,11 +69,6 @@ def stretched(stretches: Stretches, counts: Tensor, w_out: Tensor, factors: Tens
     """What hidden spikes in each stretch, `(trial, K, hidden)`, add to the classes, `(trial, class)` float64."""
     counts = counts if factors is None else counts * factors[..., None, :]
     return stretches.sums(counts.double(), w_out.double())
-
-
-def product(x: Tensor, w: Tensor) -> Tensor:
-    """`x w` of a network, or of each of many: x `(network, ..., presynaptic)`, w `(network, presynaptic, post...)`."""
-    return x @ w if w.ndim == 2 else torch.bmm(x.flatten(1, -2), w).unflatten(1, x.shape[1:-1])
 
 
 def cuba_lif_layer(
@@ -110,23 +101,19 @@ def cuba_lif_layer(
         state = cuba_lif_start(shape, w.shape[-1], w)
     transmitted = []
     # unbind, not indexing: its gradient is one stack; an index per step would cost steps squared.
-    for arriving in (x if ordered else product(x, w)).unbind(dim=-2):
+    for arriving in (x if ordered else x @ w).unbind(dim=-2):
         current, returning = alpha * state.current, recurrent_spikes(neuron, state)
         if ordered:
             current = _add_ascending(current, arriving, w)
             current = current if v is None else _add_ascending(current, returning, v)
         else:
             current = current + arriving
-            current = current if v is None else _add_product(current, returning, v)
+            current = current if v is None else torch.addmm(current, returning, v)
         spikes, state = cuba_lif_step(neuron, current, state, beta, threshold, spike, adaptation)
         transmitted.append(spikes)
     if not transmitted:
         return x.new_zeros(*shape, 0, w.shape[-1]), state
     return torch.stack(transmitted, dim=-2), state
-
-
-def _add_product(total: Tensor, spikes: Tensor, weights: Tensor) -> Tensor:
-    return (torch.addmm if weights.ndim == 2 else torch.baddbmm)(total, spikes, weights)
 
 
 def _add_ascending(total: Tensor, spikes: Tensor, weights: Tensor) -> Tensor:

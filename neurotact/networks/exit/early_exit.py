@@ -1,6 +1,5 @@
-"""Early exit: stop a trial when its leading class is stable (texture paper, Algorithm 1), or leads by a margin."""
+"""Early exit: stop a trial when its leading class is stable (texture paper, Algorithm 1)."""
 
-import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -13,7 +12,7 @@ from neurotact.networks.definition.readouts import Integration
 
 @dataclass(frozen=True)
 class ExitRule:
-    """Exit when the leading class is unchanged for `patience` + 1 consecutive steps, or when it leads by a `margin`.
+    """Exit when the leading class is unchanged for `patience` + 1 consecutive steps.
 
     The leading class has the largest count of readout spikes so far or, if the readout is an integrator, the largest
     value.
@@ -22,26 +21,20 @@ class ExitRule:
     from_first_spike: count from the first step at which the trial's readout changes (`validated`): its first spike, or
         the first hidden spike that an integrator adds. Otherwise count from the first step, as in the paper's
         Algorithm 1, where class 0 leads a silent readout.
-    margin: by how much the leading class exceeds every other class in count or value; it replaces the patience.
-    Without patience and margin no trial exits: the full window is simulated.
+    Without patience no trial exits: the full window is simulated.
     """
 
     patience: int | None = None
     from_first_spike: bool = False
-    margin: float | None = None
 
     def __post_init__(self) -> None:
         if self.patience is not None and self.patience < 1:
             raise InputError(f"patience: must be >= 1 step; got {self.patience}")
-        if self.margin is not None and not 0 < self.margin < math.inf:
-            raise InputError(f"margin: must be a positive number; got {self.margin}")
-        if self.patience is not None and self.margin is not None:
-            raise InputError("margin: replaces the patience; give one of the two")
 
     @property
     def never(self) -> bool:
         """Whether no trial exits."""
-        return self.patience is None and self.margin is None
+        return self.patience is None
 
     def in_bins(self, n: int) -> "ExitRule":
         """The rule of a network that is computed once in `n` steps: a patience of whole bins, at least one.
@@ -95,18 +88,8 @@ class Leader(NamedTuple):
         since = torch.where(same & changed, self.standing_since_spike + 1, changed.to(torch.int64))
         return Leader(counts, index, standing, since, changed, leaky)
 
-    def lead(self) -> Tensor:
-        """By how much the leading class exceeds every other, `(trial,)` float64; infinite if there is no other."""
-        if self.counts.shape[1] < 2:
-            return torch.full(self.index.shape, math.inf, dtype=torch.float64, device=self.index.device)
-        first, second = self.counts.topk(2, dim=1).values.unbind(dim=1)
-        return (first - second).double()
-
     def exits(self, rule: ExitRule) -> Tensor:
         """Which trials stop now, `(trial,)` boolean."""
-        if rule.margin is not None:
-            reached = self.lead() >= rule.margin
-            return reached & self.heard if rule.from_first_spike else reached
         if rule.patience is None:
             return torch.zeros_like(self.index, dtype=torch.bool)
         return (self.standing_since_spike if rule.from_first_spike else self.standing) > rule.patience

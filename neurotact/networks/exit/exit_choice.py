@@ -1,9 +1,9 @@
-"""The choice of an exit rule: the patience or the margin of a network, from readout rasters of full windows.
+"""The choice of an exit rule: the patience of a network, from readout rasters of full windows.
 
-`least` chooses one patience or margin per network on validation trials and uses no test label. `steady` also uses the
+`least` chooses one patience per network on validation trials and uses no test label. `steady` also uses the
 training trials, because few validation trials may mislead. `oracle_exit` reproduces the texture paper's Algorithm 1,
 which knows the true label. All patiences are evaluated together: a trial exits at the first step at which its leading
-class has led for patience + 1 steps. So are all margins: it exits at the first step at which its lead is large enough.
+class has led for patience + 1 steps.
 """
 
 from collections.abc import Iterator
@@ -15,17 +15,14 @@ from torch import Tensor
 
 from neurotact.errors import InputError
 from neurotact.networks.definition.readouts import Integration
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule, Leader
-
-MARGINS = 200
-"""Margins that are tried, evenly spaced up to the largest lead on validation windows."""
+from neurotact.networks.exit.early_exit import ExitRule, Leader
 
 
 class Exits(NamedTuple):
-    """Exit step and label of each trial by each of many rules, `(trial, rule)` int64 each.
+    """Exit step and label of each trial for each patience, `(trial, patience)` int64 each.
 
     steps: simulated steps, the window's length T without an exit; labels: the class that leads then.
-    For patiences, column p - 1 belongs to patience p, from 1 to T. For margins, the last column never exits.
+    Column p - 1 belongs to patience p, from 1 to T.
     """
 
     steps: Tensor
@@ -65,42 +62,6 @@ def exits(rasters: Tensor | np.ndarray, from_first_spike: bool = True, integrati
     return Exits(steps, leading.gather(1, steps - 1))
 
 
-def largest_lead(rasters: Tensor | np.ndarray, integration: Integration | None = None) -> float:
-    """The largest lead of a class over every other, once the readout changes; 0 if it never changes."""
-    leaders = _leaders(_checked(rasters, integration), integration)
-    return max(float(torch.where(leader.heard, leader.lead(), 0.0).max()) for leader in leaders)
-
-
-def margins_up_to(largest: float, integration: Integration | None = None) -> Tensor:
-    """The margins to try, ascending, at most `MARGINS`; whole numbers if spikes are counted.
-
-    >>> margins_up_to(3.0).tolist(), len(margins_up_to(3.0, Integration(torch.zeros(2))))
-    ([1.0, 2.0, 3.0], 200)
-    """
-    if not 0 < largest < float("inf"):
-        return torch.zeros(0, dtype=torch.float64)
-    margins = torch.arange(1, MARGINS + 1, dtype=torch.float64) / MARGINS * largest
-    return margins if integration is not None else margins.ceil().unique()
-
-
-def margin_exits(rasters: Tensor | np.ndarray, margins: Tensor, integration: Integration | None = None) -> Exits:
-    """Exit step and label of every trial for every margin, ascending, and without one; arguments as for `exits`.
-
-    No trial exits before its readout changes.
-
-    >>> margin_exits(torch.tensor([[[0, 1], [0, 0], [0, 1]]]), torch.tensor([1.0, 2.0, 3.0])).steps.tolist()
-    [[1, 3, 3, 3]]
-    """
-    spikes = _checked(rasters, integration)
-    n_steps = spikes.shape[1]
-    per_step = [(torch.where(lead.heard, lead.lead(), -1.0), lead.index) for lead in _leaders(spikes, integration)]
-    leads, leading = (torch.stack(part, dim=1) for part in zip(*per_step, strict=True))
-    wanted = margins.to(leads).expand(len(leads), -1).contiguous()
-    reached = torch.searchsorted(leads.cummax(dim=1).values.contiguous(), wanted)
-    steps = torch.cat([(reached + 1).clamp(max=n_steps), reached.new_full((len(leads), 1), n_steps)], dim=1)
-    return Exits(steps, leading.gather(1, steps - 1))
-
-
 def _leaders(spikes: Tensor, integration: Integration | None) -> Iterator[Leader]:
     """The leading classes after each step."""
     integration = None if integration is None else integration.detach()
@@ -115,19 +76,10 @@ def is_right(decisions: Exits, labels: Tensor | np.ndarray) -> Tensor:
     return decisions.labels == _labels(labels, decisions)[:, None]
 
 
-def right_of(decisions: Exits, labels: Tensor | np.ndarray) -> Tensor:
-    """How many trials each rule decides correctly, `(rule,)`.
-
-    >>> right_of(exits(torch.tensor([[[1, 0], [0, 1], [0, 1]]])), torch.tensor([1])).tolist()
-    [0, 1, 1]
-    """
-    return is_right(decisions, labels).sum(dim=0)
-
-
 def least(right: Tensor, n_trials: int, tolerance: float) -> int:
     """The first of ascending rules whose accuracy is within `tolerance` of the last rule's, the full window's.
 
-    right: how many *validation* trials each rule decides correctly, from `right_of`.
+    right: how many *validation* trials each rule decides correctly (`is_right`, summed over trials).
     tolerance: accuracy that may be lost, such as 0.01 for one point; a rule may also be more accurate.
 
     >>> least(torch.tensor([0, 1, 1]), 1, tolerance=0.0)
@@ -139,8 +91,8 @@ def least(right: Tensor, n_trials: int, tolerance: float) -> int:
 def steady(validation: Tensor, n_validation: int, training: Tensor, n_training: int, tolerance: float) -> int:
     """The first of ascending rules from which on every rule loses at most `tolerance`, on both kinds of trials.
 
-    validation, training: how many of the trials each rule decides correctly, from `right_of`. The loss is measured on
-    validation trials, and on all trials together. With 20 validation trials, one is 5 points, and a patience that
+    validation, training: how many of the trials each rule decides correctly (`is_right`, summed over trials).
+    The loss is measured on validation trials, and on all trials together. With 20 validation trials, one is 5 points, and a patience that
     does well on them by chance often does not on others: on real presses (20 validation trials, 6 networks) `least`
     lost 7.6 points of test accuracy on average, and `steady` 1.5.
 
@@ -159,15 +111,6 @@ def patience_rule(index: int, steps_per_bin: int = 1) -> ExitRule:
     steps_per_bin: steps of the input's clock for one of the rasters.
     """
     return ExitRule((index + 1) * steps_per_bin, from_first_spike=True)
-
-
-def margin_rule(margins: Tensor, index: int) -> ExitRule:
-    """The rule of a column of `margin_exits`; the last column is the full window.
-
-    >>> margin_rule(torch.tensor([0.5, 1.0]), 1).margin, margin_rule(torch.tensor([0.5, 1.0]), 2).never
-    (1.0, True)
-    """
-    return ExitRule(from_first_spike=True, margin=float(margins[index])) if index < len(margins) else FULL_WINDOW
 
 
 def _within(accuracy: Tensor, tolerance: float) -> Tensor:

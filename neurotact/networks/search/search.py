@@ -10,7 +10,7 @@ import math
 import sys
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
@@ -40,10 +40,10 @@ from neurotact.networks.search.journal import (
     value_of,
 )
 from neurotact.networks.search.tuning import MedianStop, Proposal, SearchSpec, Tuner
-from neurotact.networks.training import fitting, members, population, robust, tasks, trained
+from neurotact.networks.training import fitting, members, robust, tasks, trained
 from neurotact.networks.training.outcome import Chosen, Outcome, outcome_of
 from neurotact.networks.training.tasks import Sides, Task
-from neurotact.networks.training.training import Course, Epoch, alone
+from neurotact.networks.training.training import Epoch
 from neurotact.networks.use import measuring
 from neurotact.progress import Advance, silent, time_left
 from neurotact.spec import Spec, build, saved, unsaved
@@ -60,8 +60,7 @@ class Problem(Spec):
     """The keys that are not in the space."""
     task: Task
     spikes_sha256: str
-    device: str = "cpu"
-    """The kind of device on which its trials are trained: rounding differs."""
+    gone = {"device": "cpu"}
 
     def network_of(self, parameters: Mapping[str, Any]) -> RSNNSpec:
         return tuning.apply(self.network, parameters, source="search.space")
@@ -69,7 +68,7 @@ class Problem(Spec):
     def seeds_of(self, trial: Proposal) -> tuple[int, int]:
         """Seeds of a trial's initial weights and order of windows, drawn from its number and its content."""
         network = self.network_of(trial.parameters)
-        task = self.task.model_copy(update={"exit_choice": "least", "exit_by": "stability"})  # of the trained network
+        task = self.task.model_copy(update={"exit_choice": "least"})  # of the trained network
         return seeds.drawn([self.search.seed, trial.id, network, task])
 
 
@@ -126,48 +125,34 @@ def asked(
     return built.model_copy(update={"first": tuning.values_of(first, built.space)})
 
 
-def problem_of(trains: SpikeTrains, search: SearchSpec, network: RSNNSpec, task: Task, device: str = "cpu") -> Problem:
-    """The problem of searching on these spike trains, on the CPU or an available device.
+def problem_of(trains: SpikeTrains, search: SearchSpec, network: RSNNSpec, task: Task) -> Problem:
+    """The problem of searching on these spike trains.
 
     Raises InputError if the space does not suit the network, or if the training trials have fewer than two classes.
     """
-    if device != "cpu":
-        population.device_of(device)
     tuning.check(search.space, network, source="search.space")
     tasks.trials_of(trains, task)
     tasks.warn_of_onsets(trains, task.window)
-    kind = population.kind_of(device)
-    return Problem(search=search, network=network, task=task, spikes_sha256=_sha256(trains), device=kind)
+    return Problem(search=search, network=network, task=task, spikes_sha256=_sha256(trains))
 
 
 @contextmanager
-def runner(problem: Problem, spikes: Path, n_workers: int, device: str = "cpu") -> Iterator[Run]:
-    """Trials trained in worker processes or, on another device than "cpu", each batch of them at once.
+def runner(problem: Problem, spikes: Path, n_workers: int) -> Iterator[Run]:
+    """Trials trained in worker processes.
 
     A single worker is this process: a script without `if __name__ == "__main__"` can start no other.
     """
-    if device == "cpu" and n_workers == 1:
+    if n_workers == 1:
         yield here(tasks.load_spikes(spikes, problem.task), problem.task)
-    elif device == "cpu":
+    else:
         with processes(spikes, n_workers) as run:
             yield run
-    else:
-        yield together(tasks.load_spikes(spikes, problem.task), problem.task, device)
 
 
 def here(trains: SpikeTrains, task: Task) -> Run:
     """Trials trained in this process, one after another."""
     sides = tasks.sides_of(trains, task)
     return lambda jobs: (try_network(job, trains, sides) for job in jobs)
-
-
-def together(trains: SpikeTrains, task: Task, device: str) -> Run:
-    """The trials of a batch trained at once, on this device; they go to the journal after all of them are trained.
-
-    The median stop compares with the trials of earlier batches alone, so this does not change which trials it stops.
-    """
-    where, sides = population.device_of(device), tasks.sides_of(trains, task)
-    return lambda jobs: iter(population.run([trial_course(job, trains, sides, where) for job in jobs]))
 
 
 @contextmanager
@@ -219,15 +204,10 @@ def search(
 
 def try_network(job: Job, trains: SpikeTrains, sides: Sides) -> Trial:
     """Train one proposed network; a trial that cannot be trained fails, and the search continues."""
-    return alone(trial_course(job, trains, sides))
-
-
-def trial_course(job: Job, trains: SpikeTrains, sides: Sides, device: str | torch.device = "cpu") -> Course[Trial]:
-    """`try_network`, as a course that runs alone or with others."""
     number, parameters = job.proposal
     epochs: list[float] = []
     try:
-        network, accuracy, outcome = yield from _train(job, trains, sides, epochs, device)
+        network, accuracy, outcome = _train(job, trains, sides, epochs)
         return trial_of(job, network, accuracy, outcome, sides, epochs)
     except InputError as error:
         return Trial(number, parameters, epochs, FAILED, error=str(error))
@@ -254,23 +234,13 @@ def _warn_beyond(max_sops: float | None, trials: Sequence[Trial]) -> None:
         )
 
 
-def train_best(
-    problem: Problem, trains: SpikeTrains, best: Trial, device: str = "cpu"
-) -> tuple[fitting.Trained, Sides]:
-    """Train a trial's network again; its seeds reproduce the network of the search.
-
-    device: on which its trials were trained.
-    """
+def train_best(problem: Problem, trains: SpikeTrains, best: Trial) -> tuple[fitting.Trained, Sides]:
+    """Train a trial's network again; its seeds reproduce the network of the search."""
     seeds = problem.seeds_of(Proposal(best.id, best.parameters))
-    arguments = trains, problem.network_of(best.parameters), problem.task, seeds
-    if device == "cpu":
-        return fitting.fit(*arguments)
-    sides = tasks.sides_of(trains, problem.task)
-    (fitted,) = population.run([fitting.fit_course(*arguments, sides, device=device)])
-    return fitted, sides
+    return fitting.fit(trains, problem.network_of(best.parameters), problem.task, seeds)
 
 
-def save_best(problem: Problem, spikes: Path, folder: Path, trials: Sequence[Trial], device: str = "cpu") -> Outcome:
+def save_best(problem: Problem, spikes: Path, folder: Path, trials: Sequence[Trial]) -> Outcome:
     """Train the best network again and write it into `folder/best` as `neurotact train` does; returns its outcome.
 
     It is trained with one thread, as in the search, to be the same network to the last bit; after that with the
@@ -278,7 +248,7 @@ def save_best(problem: Problem, spikes: Path, folder: Path, trials: Sequence[Tri
     """
     trains, task, best = tasks.load_spikes(spikes, problem.task), problem.task, best_of(trials)
     with workers.one_thread():
-        first = robust.Tried(task, *train_best(problem, trains, best, device))
+        first = robust.Tried(task, *train_best(problem, trains, best))
         last = robust.again(trains, first, problem.seeds_of(Proposal(best.id, best.parameters)))
     trained.save(last.fitted, folder / "best", trains, spikes, last.task)
     chosen = None if last.choice is None else Chosen(task, last.choice)
@@ -299,9 +269,7 @@ class _StopTrialError(Exception):
     """Carries a stopped trial out of training."""
 
 
-def _train(
-    job: Job, trains: SpikeTrains, sides: Sides, epochs: list[float], device: str | torch.device
-) -> Course[tuple[RSNN, float, str]]:
+def _train(job: Job, trains: SpikeTrains, sides: Sides, epochs: list[float]) -> tuple[RSNN, float, str]:
     """The trained network, its validation accuracy, the outcome; appends each epoch's accuracy to `epochs`."""
     proposal = job.proposal
     asked_for = job.problem.network_of(proposal.parameters)
@@ -310,8 +278,7 @@ def _train(
 
     def new(spec: RSNNSpec, seeds: tuple[int, int]) -> tuple[RSNN, torch.Generator]:
         nonlocal member
-        network, order = fitting.new_network(trains, spec, seeds, sides.train.spikes)
-        member = network.to(device)
+        member, order = fitting.new_network(trains, spec, seeds, sides.train.spikes)
         return member, order
 
     def watch(epoch: Epoch) -> None:
@@ -321,11 +288,11 @@ def _train(
 
     first = job.problem.seeds_of(proposal)
     try:
-        network, training = yield from members.course(new, spec, first, sides.train, sides.validation, progress=watch)
+        network, training = members.train(new, spec, first, sides.train, sides.validation, progress=watch)
     except _StopTrialError:
         assert member is not None
-        return joined([member.cpu()] * spec.n_members), epochs[-1], STOPPED
-    return network.cpu(), training.best.validation_accuracy, FINISHED
+        return joined([member] * spec.n_members), epochs[-1], STOPPED
+    return network, training.best.validation_accuracy, FINISHED
 
 
 def _take(known: list[Trial], batch: Sequence[Proposal], problem: Problem, folder: Path) -> list[Trial]:
@@ -366,7 +333,9 @@ def _claim(folder: Path, problem: Problem, *, resume: bool) -> None:
         raise InputError(f"{folder}: is not empty and holds no search; choose another folder")
     known = _read_problem(path) if journal.is_file() and journal.stat().st_size > 0 else content
     if isinstance(known, dict):
-        unsaved(known, f"{folder}: holds a search", "choose another folder")
+        table = unsaved(known, f"{folder}: holds a search", "choose another folder")
+        with suppress(InputError):
+            known = saved(build(Problem, table, source=path.name).model_dump(mode="json"))
     if known != content:
         before, now = _trials_of(known), problem.search.trials
         if before is None or known != {**content, "search": {**content["search"], "trials": before}}:

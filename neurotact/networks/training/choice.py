@@ -26,7 +26,7 @@ class Choice(Spec):
     network: RSNNSpec
     """The network, with its recipe resolved."""
     exit_patience: int | None = Field(default=None, ge=1)
-    exit_margin: float | None = Field(default=None, gt=0)
+    gone = {"exit_margin": None}
     accuracy_validation: float = Field(ge=0, le=1)
     exit_accuracy_validation: float = Field(ge=0, le=1)
     exit_losses: dict[int, float] = {}
@@ -40,7 +40,6 @@ class Choice(Spec):
         return cls(
             network=members.spec_of(fitted.network, fitted.training.n_members),
             exit_patience=fitted.rule.patience,
-            exit_margin=fitted.rule.margin,
             accuracy_validation=fitted.training.best.validation_accuracy,
             exit_accuracy_validation=measuring.exit_accuracy(fitted, validation),
             exit_losses={} if fitted.held is None else dict(fitted.held.losses),
@@ -50,7 +49,7 @@ class Choice(Spec):
     @property
     def rule(self) -> ExitRule:
         """The rule of early exit."""
-        return ExitRule(self.exit_patience, from_first_spike=True, margin=self.exit_margin)
+        return ExitRule(self.exit_patience, from_first_spike=True)
 
     def given_to(self, last: Trained, task: Task) -> Trained:
         """The network of the last training with the rule of this choice, and what is known of its loss."""

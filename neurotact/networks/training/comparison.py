@@ -8,16 +8,18 @@ from sklearn.preprocessing import StandardScaler
 
 from neurotact.baselines import families
 from neurotact.baselines.features import counted
-from neurotact.metrics import power, referee, starts
+from neurotact.metrics import power, referee
 from neurotact.metrics.paired import by_trial, compare_by_trial
 from neurotact.metrics.referee import Verdict, Way
-from neurotact.metrics.shares import standard_error
+from neurotact.metrics.shares import standard_error, wilson_interval
 from neurotact.networks.training.tasks import Sides
 from neurotact.networks.training.training import Examples
 from neurotact.progress import say
 
 BINS = 10
 """Time bins of a window, in which spikes are counted."""
+ONE_START = "one start of the weights: others may differ"
+"""What is said of an interval that knows a single start."""
 
 
 class Comparison(NamedTuple):
@@ -84,7 +86,7 @@ def compare(
     own = by_trial(trials.test, right)
     verdict = referee.judge([compare_by_trial(own, rival.test) for rival in rivals])
     rival = rivals[verdict.decisive]
-    low, high = starts.interval(accuracy, n_trials)
+    low, high = wilson_interval(accuracy, n_trials)
     return Comparison(
         accuracy,
         low,
@@ -148,7 +150,7 @@ def lines(against: Comparison) -> tuple[str, str]:
         "tie": power.in_words(tie) if power.is_too_weak(tie) else "no clear difference",
     }[against.verdict]
     return (
-        f"accuracy {accuracy} (95 % interval {low} to {high}, {against.trials} test trials); {starts.ONE}",
+        f"accuracy {accuracy} (95 % interval {low} to {high}, {against.trials} test trials); {ONE_START}",
         f"baselines: chance {chance}, always the commonest class {commonest}, best on the same spikes: "
         f"{against.baseline} {baseline}; {verdict}",
     )

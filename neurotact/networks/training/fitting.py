@@ -17,8 +17,8 @@ from neurotact.networks.exit import exit_choice, held_out
 from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.networks.exit.held_out import ExitChoice, Judged
 from neurotact.networks.training import members
-from neurotact.networks.training.tasks import ExitBy, Sides, Task, sides_of
-from neurotact.networks.training.training import Checkpoint, Course, Examples, Training, alone
+from neurotact.networks.training.tasks import Sides, Task, sides_of
+from neurotact.networks.training.training import Checkpoint, Examples, Training
 
 AT_ONCE = 256
 """Windows that are simulated together."""
@@ -64,30 +64,11 @@ def fit(
     sides = sides_of(trains, task, split)
     warn_of_silence(sides.train)
     how = {"device": device, "backend": backend, "progress": progress, "start": start, "keep": keep}
-    return alone(fit_course(trains, spec, task, seeds, sides, **how)), sides
+    network, training = new_trained(trains, spec, seeds, sides.train, sides.validation, **how)
+    return finished(network.cpu(), training, sides, task), sides
 
 
-def fit_course(
-    trains: SpikeTrains,
-    spec: RSNNSpec,
-    task: Task,
-    seeds: tuple[int, int],
-    sides: Sides,
-    *,
-    device: str | torch.device = "cpu",
-    backend: Backend = "auto",
-    **options: Any,
-) -> Course[Trained]:
-    """`fit` on these sides, as a course that runs alone or with others; the trained network is on the CPU.
-
-    options: of `network_course`.
-    """
-    how = {"device": device, "backend": backend, **options}
-    network, training = yield from network_course(trains, spec, seeds, sides.train, sides.validation, **how)
-    return finished(network.cpu(), training, sides, task)
-
-
-def network_course(
+def new_trained(
     trains: SpikeTrains,
     spec: RSNNSpec,
     seeds: tuple[int, int],
@@ -97,10 +78,10 @@ def network_course(
     device: str | torch.device = "cpu",
     backend: Backend = "auto",
     **options: Any,
-) -> Course[tuple[RSNN, Training]]:
+) -> tuple[RSNN, Training]:
     """Train a network for the afferents and classes of some spike trains, with the choices of its recipe; and its log.
 
-    options: of `members.course`.
+    options: of `members.train`.
     """
 
     def new(spec: RSNNSpec, seeds: tuple[int, int]) -> tuple[RSNN, torch.Generator]:
@@ -108,7 +89,7 @@ def network_course(
         return network.to(device), order
 
     chosen = recipe.chosen_for(spec, training.spikes, trains.sampling_rate_Hz)
-    return (yield from members.course(new, chosen, seeds, training, validation, **options))
+    return members.train(new, chosen, seeds, training, validation, **options)
 
 
 def warn_of_silence(training: Examples) -> None:
@@ -124,7 +105,7 @@ def warn_of_silence(training: Examples) -> None:
 def finished(network: RSNN, training: Training, sides: Sides, task: Task) -> Trained:
     """A trained network, with the exit rule chosen on its validation windows."""
     training_side = sides.train if task.exit_choice == "steady" else None
-    held = exit_of(network, sides.validation, task.exit_tolerance, training_side, task.exit_by)
+    held = exit_of(network, sides.validation, task.exit_tolerance, training_side)
     return Trained(network, training, held.rule, held=held)
 
 
@@ -171,14 +152,12 @@ def exit_rule(
     validation: Examples,
     tolerance: float,
     training: Examples | None = None,
-    by: ExitBy = "stability",
 ) -> ExitRule:
-    """The early exit of least patience or margin whose accuracy on validation windows is within `tolerance`.
+    """The early exit of least patience whose accuracy on validation windows is within `tolerance`.
 
     training: windows that `steady` evaluates together with the validation windows; without them `least` chooses.
-    by: whether a window exits by stability or by margin.
     """
-    return exit_of(network, validation, tolerance, training, by).rule
+    return exit_of(network, validation, tolerance, training).rule
 
 
 @torch.no_grad()
@@ -187,38 +166,25 @@ def exit_of(
     validation: Examples,
     tolerance: float,
     training: Examples | None = None,
-    by: ExitBy = "stability",
 ) -> ExitChoice:
     """As `exit_rule`, with the losses on trials that did not choose it (`held_out.losses`)."""
-    integration = network.integration
-    margins = None
-    if by == "margin":
-        leads = (exit_choice.largest_lead(readout, integration) for readout, _ in _readouts(network, validation))
-        margins = exit_choice.margins_up_to(max(leads), integration)
     labels = validation.labels.cpu()
     of = torch.arange(len(labels)) if validation.of is None else validation.of
-    right = torch.cat([*_right(network, validation, margins)]).numpy()
+    right = torch.cat([*_right(network, validation)]).numpy()
     judged = Judged(right, labels.numpy(), of.numpy())
     seen = None
     if training is not None:
-        counts = torch.stack([part.sum(dim=0) for part in _right(network, training, margins)])
+        counts = torch.stack([part.sum(dim=0) for part in _right(network, training)])
         seen = counts.sum(dim=0), len(training.labels)
     index = held_out.choose(judged, tolerance, seen)
-    if margins is None:
-        rule = exit_choice.patience_rule(index, network.steps_per_bin)
-    else:
-        rule = exit_choice.margin_rule(margins, index)
+    rule = exit_choice.patience_rule(index, network.steps_per_bin)
     return ExitChoice(rule, held_out.losses(judged, tolerance, seen), tolerance)
 
 
-def _right(network: RSNN, examples: Examples, margins: Tensor | None) -> Iterator[Tensor]:
-    """Whether each window is decided correctly with each patience or margin, `(window, rule)`, some at a time."""
-    integration = network.integration
+def _right(network: RSNN, examples: Examples) -> Iterator[Tensor]:
+    """Whether each window is decided correctly with each patience, `(window, patience)`, some at a time."""
     for readout, labels in _readouts(network, examples):
-        if margins is None:
-            decisions = exit_choice.exits(readout, integration=integration)
-        else:
-            decisions = exit_choice.margin_exits(readout, margins, integration)
+        decisions = exit_choice.exits(readout, integration=network.integration)
         yield exit_choice.is_right(decisions, labels).cpu()
 
 

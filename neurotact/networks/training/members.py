@@ -19,13 +19,13 @@ from neurotact.networks.definition.joining import joined
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import training as one
-from neurotact.networks.training.training import Checkpoint, Course, Epoch, Examples, Training
+from neurotact.networks.training.training import Checkpoint, Epoch, Examples, Training
 
 New = Callable[[RSNNSpec, tuple[int, int]], tuple[RSNN, torch.Generator]]
 """Makes an untrained network, and the generator of the order of its windows, from a spec and two seeds."""
 
 
-def course(
+def train(
     new: New,
     spec: RSNNSpec,
     first: tuple[int, int],
@@ -35,50 +35,50 @@ def course(
     progress: Callable[[Epoch], None] | None = None,
     start: Checkpoint | None = None,
     keep: Callable[[Checkpoint], None] | None = None,
-) -> Course[tuple[RSNN, Training]]:
+) -> tuple[RSNN, Training]:
     """Train the networks of a spec, and keep one or join them; the network, and the log of all of them.
 
     new: is called for each network. spec: with the choices of its recipe. first: the seeds of the first network.
-    progress, start, keep: as for `training.course`.
+    progress, start, keep: as for `training.train`.
     Raises InputError as that does.
     """
     series, gain = _Series(training, validation, progress, start, keep), None
     alone = spec.model_copy(update={"training": spec.training.model_copy(update={"members": 1})})
     if spec.model == "auto":
-        member, own, gain = yield from _with_recurrence_if_it_gains(series, new, alone, first)
+        member, own, gain = _with_recurrence_if_it_gains(series, new, alone, first)
     else:
-        member, own = yield from series.train(*new(alone, first))
+        member, own = series.train(*new(alone, first))
     if (n := spec.training.members) == 1:
         return member, Training(series.numbered(), own.best._replace(member=1), gain)
     members = [member]
     for number in range(2, n + 1):
-        another, _ = yield from series.train(*new(member.spec, seeds.of_member(first, number)))
+        another, _ = series.train(*new(member.spec, seeds.of_member(first, number)))
         members.append(another)
     whole = joined(members)
-    fitted = yield from one.judge(whole, training.binned(whole))
-    judged = yield from one.judge(whole, validation.binned(whole))
+    fitted = one.judge(whole, training.binned(whole))
+    judged = one.judge(whole, validation.binned(whole))
     best = Epoch(series.log[-1].epoch, *fitted, *judged, one.JOINED)
     return whole, Training(series.numbered(), best, gain)
 
 
 def _with_recurrence_if_it_gains(
     series: "_Series", new: New, spec: RSNNSpec, first: tuple[int, int]
-) -> Course[tuple[RSNN, Training, float | None]]:
+) -> tuple[RSNN, Training, float | None]:
     """The better network of the two, its training, and the validation accuracy that recurrence gains.
 
     Where all windows are learned without recurrence, it can gain nothing and is not tried (None). If weights with
     recurrence do not stay finite, a warning says so, and the other network stays (None).
     """
-    plain, own = yield from series.train(*new(spec.of_model("snn"), first))
+    plain, own = series.train(*new(spec.of_model("snn"), first))
     if one.has_learned(own.epochs, spec.training):
         return plain, own, None
     try:
-        recurrent, its_own = yield from series.train(*new(spec.of_model("rsnn"), first))
+        recurrent, its_own = series.train(*new(spec.of_model("rsnn"), first))
     except InputError as error:
         warnings.warn(f"{error}; the network without recurrence stays", stacklevel=2)
         return plain, own, None
-    without = yield from one.right_of(plain, series.validation.binned(plain))
-    with_it = yield from one.right_of(recurrent, series.validation.binned(recurrent))
+    without = one.right_of(plain, series.validation.binned(plain))
+    with_it = one.right_of(recurrent, series.validation.binned(recurrent))
     gain = float(with_it.double().mean() - without.double().mean())
     if pays(without, with_it):
         series.dropped = own.best.member
@@ -132,7 +132,7 @@ class _Series:
         self.training, self.validation, self.log, self.dropped = training, validation, list[Epoch](), 0
         self._progress, self._start, self._keep, self._networks = progress, start, keep, list[RSNN]()
 
-    def train(self, network: RSNN, order: torch.Generator) -> Course[tuple[RSNN, Training]]:
+    def train(self, network: RSNN, order: torch.Generator) -> tuple[RSNN, Training]:
         """Train the next network."""
         number = len(self._networks) + 1
         own, finished = self._saved(number, network)
@@ -140,7 +140,7 @@ class _Series:
             network.load_state_dict(finished)
             done = Training(own.epochs, one.best_of(own.epochs, network.spec.training.keep))
         else:
-            done = yield from one.course(
+            done = one.train(
                 network,
                 self.training,
                 self.validation,

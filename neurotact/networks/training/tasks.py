@@ -26,7 +26,6 @@ from neurotact.networks.training.provenance import SIDES
 from neurotact.networks.training.training import Examples
 from neurotact.spec import Spec, build
 
-ExitBy = Literal["stability", "margin"]
 LEAST_KEPT = 10
 """Trials kept for a test at the conditions of training, at least: fewer tell little and are missed in training."""
 
@@ -56,9 +55,7 @@ class Task(Spec):
     """Whether validation is on these copies of validation trials, too: where it cannot leave out a condition."""
     seen: float = Field(default=0.0, ge=0, lt=1)
     """Share of the training trials that are kept for a test at the conditions of training."""
-    exit_by: ExitBy = "stability"
-    """stability: a window exits when its leading class is unchanged for a patience. margin: when this class leads by a
-    margin, which is chosen instead of the patience."""
+    gone = {"exit_by": "stability"}
 
     @property
     def choice(self) -> TrialChoice:
@@ -83,7 +80,6 @@ def task_of(
     split: Mapping[str, Any],
     stratify: Sequence[str] | None,
     exit_tolerance: float = 0.01,
-    exit_by: str = "stability",
     where: Any = None,
     leave_out: Any = None,
 ) -> Task:
@@ -95,7 +91,7 @@ def task_of(
     choice = TrialChoice.of(where, leave_out)._asdict()
     window = {key: value for key, value in window.items() if value is not None}
     table = {"window": window, "split": split, "stratify": [*(stratify or ())], "exit_tolerance": exit_tolerance}
-    return build(Task, {**table, **choice, "exit_choice": "steady", "exit_by": exit_by}, source=source)
+    return build(Task, {**table, **choice, "exit_choice": "steady"}, source=source)
 
 
 def with_suited_window(task: Task, trains: SpikeTrains, words: Words) -> Task:

@@ -48,7 +48,6 @@ def save(
         "spikes": os.path.relpath(spikes_path, folder),
         "task": task.model_dump(mode="json"),
         "exit_patience": trained.rule.patience,
-        **({} if trained.rule.margin is None else {"exit_margin": trained.rule.margin}),
         **({} if trains.recorded_Hz is None else {"recorded_Hz": trains.recorded_Hz}),
         **({} if trained.has_own_rule else {"has_own_rule": False}),
         **({} if trained.held is None else {"exit_losses": {**trained.held.losses}}),
@@ -104,7 +103,7 @@ class _Extra(Spec):
     classes: tuple[str, ...]
     spikes: str
     exit_patience: int | None = Field(ge=1, le=2**31 - 1)
-    exit_margin: float | None = Field(default=None, gt=0)
+    gone = {"exit_margin": None}
     has_own_rule: bool = True
     exit_losses: dict[int, float] | None = None
     recorded_Hz: float | None = Field(default=None, gt=0)
@@ -129,13 +128,14 @@ def restore(
     missing = [key for key, field in _Extra.model_fields.items() if field.is_required() and key not in extra]
     if missing:
         raise InputError(f"{path}: '{missing[0]}' is missing; make the network with neurotact train")
-    known = build(_Extra, {key: extra[key] for key in _Extra.model_fields if key in extra}, source=str(path))
+    own = {*_Extra.model_fields, *_Extra.gone}
+    known = build(_Extra, {key: value for key, value in extra.items() if key in own}, source=str(path))
     if len(known.classes) != network.n_classes:
         raise InputError(
             f"{path}: names {len(known.classes)} classes, but the network has {network.n_classes}; "
             "make the network with neurotact train"
         )
-    rule = ExitRule(known.exit_patience, from_first_spike=True, margin=known.exit_margin)
+    rule = ExitRule(known.exit_patience, from_first_spike=True)
     losses, tolerance = known.exit_losses, known.task.exit_tolerance
     held = None if losses is None else ExitChoice(rule, losses, tolerance)
     table = {key: extra[key] for key in Provenance.model_fields if key in extra}

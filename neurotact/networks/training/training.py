@@ -2,9 +2,9 @@
 
 import math
 import warnings
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import pandas as pd
 import torch
@@ -111,41 +111,6 @@ class Checkpoint:
     finished: tuple[Mapping[str, Tensor], ...] = ()
 
 
-class Batch(NamedTuple):
-    """Windows that a training is to be given the `Counts` of.
-
-    spikes, heard: as `RSNN.counts` takes them, on the network's clock.
-    learns: whether gradients are asked for afterwards.
-    """
-
-    network: RSNN
-    spikes: Tensor
-    heard: Tensor | None = None
-    learns: bool = False
-
-
-T = TypeVar("T")
-Course = Generator[Batch | Tensor, Any, T]
-"""A training that is under way. It yields a `Batch`, and receives its `Counts`; if it learns, it then yields the loss,
-and goes on when the gradients are there. So many can run together (`population`), by the same rules as one alone."""
-
-
-def alone(course: Course[T]) -> T:
-    """Run one training, and return its result."""
-    answer = None
-    while True:
-        try:
-            request = course.send(answer)
-        except StopIteration as end:
-            return end.value
-        if isinstance(request, Tensor):
-            request.backward()
-            answer = None
-        else:
-            with torch.set_grad_enabled(request.learns):
-                answer = request.network.counts(request.spikes, request.heard)
-
-
 STATE = {"adam": ("step", "exp_avg", "exp_avg_sq"), "adamax": ("step", "exp_avg", "exp_inf")}
 """What each optimiser stores per parameter: the number of its steps, the running mean of the gradient, and that of its
 square or its largest size."""
@@ -179,30 +144,8 @@ def train(
     progress: Callable[[Epoch], None] | None = None,
     start: Checkpoint | None = None,
     keep: Callable[[Checkpoint], None] | None = None,
-) -> Training:
-    """Train `network` in place, alone: `course`, run to its end, with the same arguments and errors.
-
-    >>> from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
-    >>> spec = RSNNSpec(hidden=8, training=TrainingSpec(epochs=2, batch=4))
-    >>> net = RSNN(2, 2, spec, 2000.0, backend="reference", generator=torch.Generator().manual_seed(0))
-    >>> touches = Examples(torch.ones(6, 50, 2, dtype=torch.uint8), torch.tensor([0, 1, 0, 1, 0, 1]))
-    >>> len(train(net, touches, touches, generator=torch.Generator().manual_seed(0)).epochs)
-    2
-    """
-    return alone(course(network, training, validation, generator=generator, progress=progress, start=start, keep=keep))
-
-
-def course(
-    network: RSNN,
-    training: Examples,
-    validation: Examples,
-    *,
-    generator: torch.Generator,
-    progress: Callable[[Epoch], None] | None = None,
-    start: Checkpoint | None = None,
-    keep: Callable[[Checkpoint], None] | None = None,
     member: int = 1,
-) -> Course[Training]:
+) -> Training:
     """Train `network` in place by its spec; at the end it has the weights of the best epoch (`TrainingSpec.keep`).
 
     generator: orders the trials, and drops and moves input spikes; with the network's, its seed reproduces a training.
@@ -212,7 +155,14 @@ def course(
     keep: called after each epoch with a checkpoint for `start`.
     member: of its epochs.
     Raises InputError if a weight is no longer finite: its neurons would become silent without an error. And for a spec
-    with several members, which `members.course` trains.
+    with several members, which `members.train` trains.
+
+    >>> from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
+    >>> spec = RSNNSpec(hidden=8, training=TrainingSpec(epochs=2, batch=4))
+    >>> net = RSNN(2, 2, spec, 2000.0, backend="reference", generator=torch.Generator().manual_seed(0))
+    >>> touches = Examples(torch.ones(6, 50, 2, dtype=torch.uint8), torch.tensor([0, 1, 0, 1, 0, 1]))
+    >>> len(train(net, touches, touches, generator=torch.Generator().manual_seed(0)).epochs)
+    2
     """
     if network.spec.training.members > 1:
         raise InputError("training.members: this trains one network; set it to 1, or train with `nt.train`")
@@ -227,8 +177,8 @@ def course(
     while not is_over(log, network.spec.training):
         order = torch.randperm(len(training.labels), generator=generator)
         epoch_rates = _Rates(network.spec.training, rates, len(log))
-        fitted = yield from _pass(network, training, order, optimiser, epoch_rates, generator)
-        judged = yield from judge(network, validation)
+        fitted = _pass(network, training, order, optimiser, epoch_rates, generator)
+        judged = judge(network, validation)
         log.append(Epoch(len(log) + 1, *fitted, *judged, member))
         if not all(p.isfinite().all() for p in network.parameters()):
             raise not_finite(len(log), network.spec.training)
@@ -421,7 +371,7 @@ def _pass(
     optimiser: torch.optim.Optimizer,
     rates: _Rates,
     generator: torch.Generator,
-) -> Course[tuple[float, float]]:
+) -> tuple[float, float]:
     """Train on every trial once, in this order; `(loss, accuracy)`, of each batch before its step."""
     spec, device = network.spec.training, network.w_in.device
     batches, norms, losses, right = order.split(spec.batch), [], [], []
@@ -433,9 +383,9 @@ def _pass(
             spikes = network.binned(disturbed(spikes, spec.input_dropout, _jitter_steps(network), generator))
         spikes = spikes.to(device)
         optimiser.zero_grad()
-        counts = yield from _counts_with_dropout(network, spikes, generator)
+        counts = _counts_with_dropout(network, spikes, generator)
         batch_loss = loss(counts, labels, spec, _weights(training, batch, device))
-        yield batch_loss
+        batch_loss.backward()
         _stay_apart(network)
         norms.append(_relative_norm(network))
         optimiser.step()
@@ -468,18 +418,18 @@ def _mean(losses: Sequence[Tensor], right: Sequence[Tensor], batches: Sequence[T
     return total / sum(sizes), int(torch.stack([*right]).sum()) / sum(sizes)
 
 
-def _counts_with_dropout(network: RSNN, spikes: Tensor, generator: torch.Generator) -> Course[Counts]:
+def _counts_with_dropout(network: RSNN, spikes: Tensor, generator: torch.Generator) -> Counts:
     """The counts of a batch; an integrator receives a part of them if it has drop-out."""
     dropout = network.spec.training.readout_dropout
     if not dropout or network.bias is None:
-        return (yield Batch(network, spikes, learns=True))
+        return network.counts(spikes)
     if network.stretches is not None:
         factors = partly_heard(torch.ones(len(spikes), network.spec.hidden), dropout, generator).to(network.w_out)
-        return (yield Batch(network, spikes, factors, learns=True))
+        return network.counts(spikes, factors)
     if network.leaks:
         factors = partly_heard(torch.ones(network.spec.hidden), dropout, generator).to(network.w_out)
-        return (yield Batch(network, spikes, factors, learns=True))
-    counts = yield Batch(network, spikes, learns=True)
+        return network.counts(spikes, factors)
+    counts = network.counts(spikes)
     return counts._replace(readout=network.sums(partly_heard(counts.hidden, dropout, generator)))
 
 
@@ -508,25 +458,27 @@ def copied(tensors: Mapping[Any, Tensor]) -> dict[Any, Tensor]:
 
 def evaluate(network: RSNN, examples: Examples) -> tuple[float, float]:
     """`(loss, accuracy)` over the full window."""
-    return alone(judge(network, examples.binned(network)))
+    return judge(network, examples.binned(network))
 
 
-def judge(network: RSNN, examples: Examples) -> Course[tuple[float, float]]:
-    """`evaluate`, as a course that runs alone or with others; the examples are on the network's clock."""
+@torch.no_grad()
+def judge(network: RSNN, examples: Examples) -> tuple[float, float]:
+    """`evaluate` of examples that are on the network's clock."""
     spec, device = network.spec.training, network.w_in.device
     batches, losses, right = torch.arange(len(examples.labels)).split(spec.batch), [], []
     for spikes, batch in zip(examples.spikes.split(spec.batch), batches, strict=True):
-        counts, labels = (yield Batch(network, spikes.to(device))), examples.labels[batch]
+        counts, labels = network.counts(spikes.to(device)), examples.labels[batch]
         losses.append(loss(counts, labels.to(device), spec, _weights(examples, batch, device)))
         right.append((counts.readout.argmax(dim=1) == labels.to(device)).sum())
     return _mean(losses, right, batches)
 
 
-def right_of(network: RSNN, examples: Examples) -> Course[Tensor]:
+@torch.no_grad()
+def right_of(network: RSNN, examples: Examples) -> Tensor:
     """Whether each window is classified correctly, `(window,)`; the examples are on the network's clock."""
     right, size = [], network.spec.training.batch
     for spikes, labels in zip(examples.spikes.split(size), examples.labels.split(size), strict=True):
-        counts = yield Batch(network, spikes.to(network.w_in.device))
+        counts = network.counts(spikes.to(network.w_in.device))
         right.append(counts.readout.argmax(dim=1).cpu() == labels)
     return torch.cat(right)
 

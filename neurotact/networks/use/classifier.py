@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from numbers import Integral
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,7 +18,6 @@ from neurotact.checks import (
     check_last_axis,
     class_labels,
     fraction,
-    one_of,
     sequences,
     trial_labels,
     warn_of_swapped,
@@ -37,8 +36,7 @@ from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.exit.held_out import ExitChoice
 from neurotact.networks.training import members
 from neurotact.networks.training.fitting import begin, exit_of
-from neurotact.networks.training.tasks import ExitBy
-from neurotact.networks.training.training import Epoch, Examples, Training, alone
+from neurotact.networks.training.training import Epoch, Examples, Training
 from neurotact.networks.use import ledger
 from neurotact.networks.use.measuring import synops_of
 from neurotact.spec import checked_settings, resolve
@@ -67,8 +65,6 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
     validation_fraction : share of the windows held out for early stopping when `fit` gets no validation windows; 0.15
         when None.
     exit_tolerance : accuracy on validation windows that early exit may lose. One point takes 299 trials that lose none.
-    exit_by : "stability": a window exits when its leading class is unchanged for long enough; "margin": when it leads
-        by enough.
     sampling_rate_Hz : clock of X; None takes it from X, where `nt.windows` and `SpikeEncoder` store it.
     random_state : random seed of the initial weights, the order of the windows and the windows that are held out: a
         whole number, a `numpy.random.Generator` or `RandomState`, or None for a new seed at each fit.
@@ -123,7 +119,6 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
         settings: Mapping[str, Any] | None = None,
         validation_fraction: float | None = None,
         exit_tolerance: float = 0.01,
-        exit_by: ExitBy = "stability",
         sampling_rate_Hz: float | None = None,
         random_state: int | np.random.RandomState | np.random.Generator | None = None,
         device: str = "cpu",
@@ -141,7 +136,6 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
         self.settings = settings
         self.validation_fraction = validation_fraction
         self.exit_tolerance = exit_tolerance
-        self.exit_by = exit_by
         self.sampling_rate_Hz = sampling_rate_Hz
         self.random_state = random_state
         self.device = device
@@ -195,11 +189,10 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
             return begin(train_side.spikes, len(classes), spec, rate_Hz, weights).to(self.device), order
 
         progress, first = _print_epoch if self.verbose else None, (weights_seed, order_seed)
-        network, training = alone(members.course(new, spec, first, train_side, validation_side, progress=progress))
+        network, training = members.train(new, spec, first, train_side, validation_side, progress=progress)
         self.training_: Training = training
         self.network_: RSNN = network
-        by = cast(ExitBy, self.exit_by)
-        self.exit_choice_: ExitChoice = exit_of(network, validation_side, self.exit_tolerance, train_side, by)
+        self.exit_choice_: ExitChoice = exit_of(network, validation_side, self.exit_tolerance, train_side)
         self.exit_rule_: ExitRule = self.exit_choice_.rule
         self.classes_ = classes
         self.n_features_in_ = spikes.shape[2]
@@ -300,7 +293,6 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
 
     def _check_parameters(self) -> None:
         """Refuse values that would fail only during or after a training; the spec checks its own keys."""
-        one_of("exit_by", self.exit_by, get_args(ExitBy))
         fraction("exit_tolerance", self.exit_tolerance)
         if self.validation_fraction is not None:
             fraction("validation_fraction", self.validation_fraction, above=True)

@@ -41,7 +41,6 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
         "exit_steps_sd": float(steps.std(correction=0)),
         **{f"exit_sops_{n}": float(v.mean()) for n, v in exit_cost._asdict().items() if n != "total"},
         "exit_patience": trained.rule.patience,
-        **({} if trained.rule.margin is None else {"exit_margin": trained.rule.margin}),
         **_oracle(network, test),
         "window_steps": test.spikes.shape[1],
         "steps_per_bin": network.steps_per_bin,
