@@ -252,7 +252,7 @@ def conditions_curve(
     for file in outputs:
         files.check_new(file, force=force, inputs=[spikes])
     window = window_table(length_ms, None, None, None, align, None, None)
-    trains, task = _task("conditions_curve", spikes, window, {}, (), 0.01, "stability", where, leave_out)
+    trains, task = _task("conditions_curve", spikes, window, {}, (), 0.01, where, leave_out)
     task = task.model_copy(update={"augmentation": _kind_of_copies(trains, augmentation, tell)})
     what, n = spec.resolve(RSNNSpec, network, settings), len(curves.plan(trains.conditions, column))
     rows = []

@@ -92,9 +92,9 @@ def steady(validation: Tensor, n_validation: int, training: Tensor, n_training: 
     """The first of ascending rules from which on every rule loses at most `tolerance`, on both kinds of trials.
 
     validation, training: how many of the trials each rule decides correctly (`is_right`, summed over trials).
-    The loss is measured on validation trials, and on all trials together. With 20 validation trials, one is 5 points, and a patience that
-    does well on them by chance often does not on others: on real presses (20 validation trials, 6 networks) `least`
-    lost 7.6 points of test accuracy on average, and `steady` 1.5.
+    The loss is measured on validation trials, and on all trials together. With 20 validation trials, one is 5 points,
+    and a patience that does well on them by chance often does not on others: on real presses (20 validation trials, 6
+    networks) `least` lost 7.6 points of test accuracy on average, and `steady` 1.5.
 
     >>> steady(torch.tensor([3, 2, 3]), 3, torch.tensor([9, 9, 9]), 9, tolerance=0.1)
     2
