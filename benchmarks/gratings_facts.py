@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from neurotact_parts.studies.stiffness import reader as pvdf_hardness
 from neurotact_parts.studies.texture.simulator import GratingsSpec, simulate
 from signal_facts import Fact
 
 from neurotact.data.conditioning import ConditioningSpec, condition
-from neurotact.data.readers import pvdf_hardness
 from neurotact.data.recordings import LABEL, Recordings, select_conditions
 from neurotact.data.sources import expand
 from neurotact.data.spikes import SpikeTrains

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import torch
+from neurotact_parts.studies.braille.reader import read as read_letters
 
 from neurotact import spec
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.onset import common_onset_s
-from neurotact.data.readers.braille_letters import read as read_letters
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import reader
 from neurotact.data.window_choice import Timing, choose

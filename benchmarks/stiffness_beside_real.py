@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from neurotact_parts.studies.stiffness import reader as pvdf_hardness
 from neurotact_parts.studies.stiffness import simulator
 from neurotact_parts.studies.stiffness.figures import channel_colour
 from neurotact_parts.studies.stiffness.simulator import StiffnessSpec
 
 from neurotact.data.conditioning import ema, ema_coefficient
-from neurotact.data.readers import pvdf_hardness
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import expand
 from neurotact.figures.style import add_legend, new_figure, printed, save

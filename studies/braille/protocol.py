@@ -13,11 +13,11 @@ import pandas as pd
 import torch
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
+from neurotact_parts.studies.braille import reader as braille_letters
 from pydantic import Field
 from sklearn.model_selection import train_test_split
 
 from neurotact.data import doubtful
-from neurotact.data.readers import braille_letters
 from neurotact.data.sources import expand
 from neurotact.data.windows import Windows
 from neurotact.errors import InputError

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from neurotact_parts.studies.compliance import simulator as compliance
 from neurotact_parts.studies.compliance.flops import CurveFeatures, TactileMoments
+from neurotact_parts.studies.texture import reader as fabricslide
 from neurotact_parts.studies.texture import simulator as gratings
 from neurotact_parts.studies.touch_modality import protocol as touch_modality
 from neurotact_parts.studies.touch_modality.datasets import TOUCH_SAMPLES, window_bounds
@@ -16,7 +17,6 @@ from pydantic import Field
 from sklearn.model_selection import GroupShuffleSplit
 
 from neurotact.data.conditioning import ConditioningSpec, condition
-from neurotact.data.readers import fabricslide
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.sources import expand
 from neurotact.data.splits import Split, SplitSpec, split_trials

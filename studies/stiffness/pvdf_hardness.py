@@ -1,6 +1,6 @@
 """Hardness of five real cubes under a P(VDF-TrFE) patch: the stiffness paper's chain and a spiking one, side by side.
 
-Recordings of the University of Genoa's COSMIC lab (see `neurotact.data.readers.pvdf_hardness`). Both chains use the
+Recordings of the University of Genoa's COSMIC lab (see `neurotact_parts.studies.stiffness.reader`). Both chains use the
 same stretch of each press, on the same splits.
 """
 
@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from neurotact_parts.studies.published_flops import SLFN, FeatureSet, preprocessing_flops, slfn_flops
 from neurotact_parts.studies.stiffness import pvdf_hardness_figures
+from neurotact_parts.studies.stiffness import reader as cubes
 from neurotact_parts.studies.stiffness.moments import moments
 from neurotact_parts.studies.stiffness.peaks import PeakSpec, find_peaks
 from neurotact_parts.studies.stiffness.slfn_chain import SLFNSpec, choices, unit_cost
@@ -18,7 +19,6 @@ from pydantic import Field
 
 from neurotact.data.conditioning import ema, ema_coefficient
 from neurotact.data.copies import equal_examples, joined
-from neurotact.data.readers import pvdf_hardness as cubes
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import expand
 from neurotact.data.splits import Split, SplitSpec, split_trials

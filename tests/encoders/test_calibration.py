@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from levels import thinned
 from made_recordings import made, most_held
+from neurotact_parts.studies.texture import reader as fabricslide
 
 from neurotact import spec as specs
 from neurotact.data import conditioning, spool
 from neurotact.data.hdf5 import open_recordings, save_recordings
-from neurotact.data.readers import fabricslide
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec, split_conditions
 from neurotact.encoders import gain_search

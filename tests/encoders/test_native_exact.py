@@ -10,9 +10,9 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.studies.texture import reader as fabricslide
 
 from neurotact.backend import native
-from neurotact.data.readers import fabricslide
 from neurotact.encoders.exact import encode
 from neurotact.encoders.specs import load
 from neurotact.networks.definition.native import isas, set_isa

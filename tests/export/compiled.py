@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import torch
 from made_chains import make_chain, make_signal
+from neurotact_parts.studies.stiffness.reader import VOLTS_PER_ADC_COUNT
 
-from neurotact.data.readers.pvdf_hardness import VOLTS_PER_ADC_COUNT
 from neurotact.deploy import c_export, formats, proof
 from neurotact.deploy.boards import Board
 from neurotact.deploy.chain import Chain

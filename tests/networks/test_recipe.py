@@ -12,9 +12,9 @@ import torch
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.studies.braille.reader import read as read_letters
 
 from neurotact import spec as specs
-from neurotact.data.readers.braille_letters import read as read_letters
 from neurotact.data.windows import Windows
 from neurotact.networks.definition import clock, recipe
 from neurotact.networks.definition.recipe import (

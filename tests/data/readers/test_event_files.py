@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.studies.braille import reader as braille_letters
 from typer.testing import CliRunner
 
 import neurotact as nt
 from neurotact.cli import app
 from neurotact.cli import recordings as recordings_commands
 from neurotact.data import hdf5
-from neurotact.data.readers import braille_letters
 from neurotact.data.readers.clock import UNIT_S
 from neurotact.data.readers.event_files import ALIASES
 from neurotact.data.readers.event_times import in_order

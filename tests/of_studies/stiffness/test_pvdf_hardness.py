@@ -9,8 +9,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.studies.stiffness import reader as pvdf_hardness
 
-from neurotact.data.readers import pvdf_hardness
 from neurotact.errors import InputError
 
 HEADER = "Loadcell \t\t\t\tPVDF \n"

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.studies.braille import plain_objects
+from neurotact_parts.studies.braille.plain_objects import read_plain
+from neurotact_parts.studies.braille.reader import AFFERENTS, read
 
 from neurotact import cli
 from neurotact.data.hdf5 import load_spikes
-from neurotact.data.readers import plain_objects
-from neurotact.data.readers.braille_letters import AFFERENTS, read
-from neurotact.data.readers.plain_objects import read_plain
 from neurotact.errors import InputError
 
 DATA = Path(os.environ.get("NEUROTACT_DATA", Path(__file__).parents[4] / "shared" / "data")) / "braille-th10"

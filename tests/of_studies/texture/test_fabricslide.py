@@ -7,8 +7,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.studies.texture import reader as fabricslide
 
-from neurotact.data.readers import fabricslide
 from neurotact.errors import InputError
 
 HEADER = ", ".join(fabricslide.COLUMNS)

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from neurotact_parts.studies.touch_modality import reader as touch_modality
 
-from neurotact.data.readers import touch_modality
 from neurotact.errors import InputError
 
 ROWS = np.random.default_rng(5).normal(1.65, 0.02, (60, 16)).round(6)
