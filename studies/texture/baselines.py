@@ -13,7 +13,10 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 import pandas as pd
 from neurotact_parts.studies.texture import baselines_figures as figures
+from neurotact_parts.studies.texture import spike_feature_flops as spent
+from neurotact_parts.studies.texture import spike_features
 from neurotact_parts.studies.texture.simulator import GratingsSpec, simulate
+from neurotact_parts.studies.texture.spike_distances import van_rossum, victor_purpura
 from pydantic import BeforeValidator, Field
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.preprocessing import StandardScaler
@@ -31,10 +34,7 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError, nearest
 from neurotact.figures.style import Drawn
-from neurotact.metrics import spike_feature_flops as spent
-from neurotact.metrics import spike_features
 from neurotact.metrics.flops import Cost, Dense, Layer, NearestPoints, Standardise, SupportVectorMachines, cost
-from neurotact.metrics.spike_distances import van_rossum, victor_purpura
 from neurotact.metrics.spike_trains import Events, events_of_raster, rates_Hz, spike_counts
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import fitting

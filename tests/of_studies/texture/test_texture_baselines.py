@@ -5,15 +5,15 @@ import pandas as pd
 import pytest
 from neurotact_parts.studies.texture import baselines as protocol
 from neurotact_parts.studies.texture import baselines_figures as figures
+from neurotact_parts.studies.texture import spike_features
 from neurotact_parts.studies.texture.baselines import GratingSpikesSpec, Parameters
 from neurotact_parts.studies.texture.simulator import GratingsSpec
+from neurotact_parts.studies.texture.spike_distances import van_rossum
 
 from neurotact.data.splits import Split
 from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.specs import load
 from neurotact.errors import InputError
-from neurotact.metrics import spike_features
-from neurotact.metrics.spike_distances import van_rossum
 from neurotact.metrics.spike_trains import spike_counts
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.studies.texture import spike_distances
+from neurotact_parts.studies.texture.spike_distances import van_rossum, victor_purpura
 
 from neurotact.errors import InputError
-from neurotact.metrics import spike_distances
-from neurotact.metrics.spike_distances import van_rossum, victor_purpura
 from neurotact.metrics.spike_trains import events, events_of_raster
 
 RATE_HZ = 2000.0

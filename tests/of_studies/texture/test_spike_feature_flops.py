@@ -1,9 +1,9 @@
 """The costs of spike features, counted by hand, and spikes that are counted where they are used."""
 
 import pytest
+from neurotact_parts.studies.texture import spike_feature_flops as layers
 
 from neurotact.errors import InputError
-from neurotact.metrics import spike_feature_flops as layers
 from neurotact.metrics.flops import Layer, cost
 
 EVERY = [

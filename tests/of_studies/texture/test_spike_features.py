@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.studies.texture import spike_features as features
 
 from neurotact.errors import InputError
-from neurotact.metrics import spike_features as features
 from neurotact.metrics.spike_trains import events_of_raster, rates_Hz
 
 

@@ -1,7 +1,7 @@
 """Features of spike trains for plain classifiers: one row per trial, never NaN.
 
 Classifiers before the texture paper used them (texture paper, Table I, its references 13 to 16 and 18). Each uses the
-whole window. Distances between trains are in `neurotact.metrics.spike_distances`.
+whole window. Distances between trains are in `neurotact_parts.studies.texture.spike_distances`.
 """
 
 import numpy as np
