@@ -10,9 +10,10 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import torch
+from neurotact_parts.studies.comparison import pruning
+from neurotact_parts.studies.comparison.dead_time import with_dead_time
 from pydantic import Field, model_validator
 
-from neurotact.data.dead_time import with_dead_time
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
@@ -21,7 +22,7 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.metrics.flops import Cost
-from neurotact.networks.definition import clock, pruning, recipe
+from neurotact.networks.definition import clock, recipe
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule

@@ -14,10 +14,10 @@ import numpy as np
 import pandas as pd
 from neurotact_parts.studies.compliance.tactile_moments import NAMES, moment_weights
 from neurotact_parts.studies.compliance.viscoelastic import Bodies, Squeeze, deformation_at, squeeze
+from neurotact_parts.studies.memory import check_room
 from pydantic import Field, model_validator
 
 from neurotact.data.recordings import Recordings
-from neurotact.data.room import check_room
 from neurotact.data.sources import Simulator
 from neurotact.spec import Spec
 

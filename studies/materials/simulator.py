@@ -13,11 +13,11 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 import pandas as pd
 from neurotact_parts.studies.materials.lock_in import lock_in, phase_between
+from neurotact_parts.studies.memory import check_room
 from pydantic import Field, model_validator
 from scipy.signal import lfilter
 
 from neurotact.data.recordings import LABEL, Recordings
-from neurotact.data.room import check_room
 from neurotact.data.sources import Simulator
 from neurotact.spec import Spec
 

@@ -11,11 +11,11 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
+from neurotact_parts.studies.memory import check_room
 from pydantic import Field, model_validator
 from scipy.signal import lfilter
 
 from neurotact.data.recordings import Recordings
-from neurotact.data.room import check_room
 from neurotact.data.sources import Control, Finger, Simulator
 from neurotact.spec import Spec
 

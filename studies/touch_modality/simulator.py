@@ -11,6 +11,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 import pandas as pd
+from neurotact_parts.studies.memory import check_room
 from neurotact_parts.studies.touch_modality.contacts import (
     BrushSpec,
     FingerSpec,
@@ -24,7 +25,6 @@ from pydantic import Field, model_validator
 from scipy.signal import lfilter
 
 from neurotact.data.recordings import Recordings
-from neurotact.data.room import check_room
 from neurotact.data.sources import Simulator
 from neurotact.spec import Spec
 

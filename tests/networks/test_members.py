@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from made_chains import READOUTS
+from neurotact_parts.studies.comparison.pruning import prune, remaining_synops
 from stopped_trainings import stopped_after
 
 import neurotact as nt
@@ -22,7 +23,6 @@ from neurotact.deploy.formats import Steps
 from neurotact.errors import InputError
 from neurotact.networks.definition import kernels, recipe, seeds
 from neurotact.networks.definition.joining import joined
-from neurotact.networks.definition.pruning import prune, remaining_synops
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import MOST_HIDDEN, RSNNSpec
 from neurotact.networks.exit.early_exit import ExitRule

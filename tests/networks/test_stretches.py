@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from made_chains import READOUTS, unequal_stretches
+from neurotact_parts.studies.comparison.pruning import prune, remaining_synops
 
 from neurotact.deploy import fine_tuning
 from neurotact.deploy.formats import Steps
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Integrator, cost
 from neurotact.networks.definition import kernels, recipe
-from neurotact.networks.definition.pruning import prune, remaining_synops
 from neurotact.networks.definition.readouts import Stretches
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec

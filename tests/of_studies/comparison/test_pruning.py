@@ -4,9 +4,9 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.studies.comparison.pruning import prune, pruned_stay_pruned, remaining_synops
 
 from neurotact.errors import InputError
-from neurotact.networks.definition.pruning import prune, pruned_stay_pruned, remaining_synops
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.training.training import Examples, train

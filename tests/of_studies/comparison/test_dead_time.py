@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
+from neurotact_parts.studies.comparison.dead_time import with_dead_time
 
-from neurotact.data.dead_time import with_dead_time
 from neurotact.data.spikes import from_rasters
 from neurotact.data.windows import Windows
 from neurotact.errors import InputError
