@@ -75,7 +75,7 @@ TRAININGS = st.fixed_dictionaries(
         "population_penalty": st.sampled_from([0.0, 0.001]),
     },
     optional={
-        "optimiser": st.just("adamax"),
+        "optimiser": st.sampled_from(["Adamax", "AdamW", "SGD"]),
         "temperature": st.just(0.3),
         "relative_learning_rate": st.just(0.05),
         "schedule": st.just("cosine"),

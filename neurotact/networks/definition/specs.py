@@ -4,10 +4,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import AfterValidator, Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from neurotact import effects
 from neurotact import spec as specs
+from neurotact.networks.definition import optimisers
 from neurotact.neurons import Membrane, Reset
 from neurotact.spec import Spec
 
@@ -31,13 +32,17 @@ class TrainingSpec(Spec):
     TrainingSpec(epochs=20, schedule='cosine')
     """
 
-    optimiser: Literal["adam", "adamax"] = "adam"
-    """adamax divides each step by the largest recent gradient, not by the root of its mean square (Kingma and Ba
-    2015, Sec. 7.1)."""
+    optimiser: Annotated[str, AfterValidator(optimisers.named)] = "Adam"
+    """An optimiser of `torch.optim`, by the name of its class in any case: Adam, Adamax (Kingma and Ba 2015, Sec. 7.1),
+    AdamW, SGD and so on, with its own defaults beyond the keys here."""
     betas: tuple[Annotated[float, Field(ge=0, lt=1)], Annotated[float, Field(ge=0, lt=1)]] = (0.9, 0.999)
-    """Factors per step of the running means of the gradient and of its square (adamax: of its largest size)."""
+    """Factors per step of the running means of the gradient and of its square (Adamax: of its largest size), of an
+    optimiser that has them."""
+    weight_decay: float = Field(default=0.0, ge=0)
+    """The optimiser's decay of weights, as it defines it: Adam adds it to the gradient, AdamW shrinks the weights.
+    Biases and learned dynamics do not decay."""
     learning_rate: float = Field(default=1e-3, gt=0)
-    """Learning rate of Adam."""
+    """Learning rate of the optimiser."""
     batch: int = Field(default=128, ge=1)
     """Windows per training step."""
     epochs: int = Field(default=100, ge=1)
@@ -56,7 +61,7 @@ class TrainingSpec(Spec):
     stretch_rate: float = Field(default=0.2, gt=0, le=1)
     """Learning rate of the deviations of `readout_stretches`, as a share of the rate of the shared weights."""
     relative_learning_rate: float | None = Field(default=None, gt=0)
-    """Adam's rate of each weight matrix in units of the standard deviation of its initial weights. It replaces
+    """The optimiser's rate of each weight matrix in units of the standard deviation of its initial weights. It replaces
     `learning_rate`, which then applies only to biases and learned dynamics."""
     schedule: Literal["constant", "cosine"] = "constant"
     """cosine: the rates fall to 0 over all epochs, step by step, along half a cosine."""
@@ -311,6 +316,8 @@ def void_keys(spec: RSNNSpec) -> dict[str, str]:
         keeps_scale=not scales_all,
         has_others=not is_relative or spec.integrates or bool(spec.learn),
         readout_stretches=spec.readout_stretches,
+        has_betas=optimisers.takes(spec.training.optimiser, "betas"),
+        has_weight_decay=optimisers.takes(spec.training.optimiser, "weight_decay"),
     )
 
 

@@ -1,4 +1,4 @@
-"""Training by surrogate gradients: cross-entropy on readout counts, rate penalties, Adam or Adamax, early stopping."""
+"""Training by surrogate gradients: cross-entropy on readout counts, rate penalties, optimiser, early stopping."""
 
 import math
 import warnings
@@ -12,6 +12,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from neurotact.errors import InputError
+from neurotact.networks.definition import optimisers
 from neurotact.networks.definition.rsnn import RSNN, Counts
 from neurotact.networks.definition.specs import Keep, TrainingSpec
 from neurotact.notebook import html_of
@@ -98,7 +99,7 @@ class Checkpoint:
 
     epochs: the log so far.
     weights: the network's state after the last epoch; best_weights: after the best one.
-    optimiser: its values of each trained parameter, named as in "w_in.exp_avg" (see `STATE`).
+    optimiser: its values of each trained parameter, named as in "w_in.exp_avg" (`optimisers.state_of`).
     generator: the state of the generator that orders the trials.
     finished: where several networks are trained one after another, the states of those before the present one.
     """
@@ -144,11 +145,6 @@ def alone(course: Course[T]) -> T:
         else:
             with torch.set_grad_enabled(request.learns):
                 answer = request.network.counts(request.spikes, request.heard)
-
-
-STATE = {"adam": ("step", "exp_avg", "exp_avg_sq"), "adamax": ("step", "exp_avg", "exp_inf")}
-"""What each optimiser stores per parameter: the number of its steps, the running mean of the gradient, and that of its
-square or its largest size."""
 
 
 def loss(counts: Counts, labels: Tensor, spec: TrainingSpec, weights: Tensor | None = None) -> Tensor:
@@ -294,9 +290,8 @@ def not_finite(epoch: int, spec: TrainingSpec) -> InputError:
 
 def _optimiser(network: RSNN) -> torch.optim.Optimizer:
     spec = network.spec.training
-    if spec.optimiser == "adamax":
-        return torch.optim.Adamax(_groups(network), lr=spec.learning_rate, betas=spec.betas)
-    return torch.optim.Adam(_groups(network), lr=spec.learning_rate, betas=spec.betas, fused=True)
+    options = {"lr": spec.learning_rate, "betas": spec.betas, "weight_decay": spec.weight_decay}
+    return optimisers.make(spec.optimiser, _groups(network), **options)
 
 
 def rates_of(network: RSNN) -> dict[str, float]:
@@ -329,11 +324,12 @@ def rate_left(spec: TrainingSpec, epochs: float) -> float:
 
 
 def _groups(network: RSNN) -> list[dict[str, Any]]:
-    """The trained parameters: one group or, where their rates differ, one group each, in the network's order."""
-    trained = [p for p in network.parameters() if p.requires_grad]
-    if network.spec.training.relative_learning_rate is None and network.w_stretch is None:
+    """The trained parameters: one group or, where rates or decays differ, one group each, in the network's order."""
+    spec, trained = network.spec.training, [p for p in network.parameters() if p.requires_grad]
+    if spec.relative_learning_rate is None and network.w_stretch is None and not spec.weight_decay:
         return [{"params": trained}]
-    return [{"params": [p], "lr": rate} for p, rate in zip(trained, rates_of(network).values(), strict=True)]
+    groups = [{"params": [p], "lr": rate} for p, rate in zip(trained, rates_of(network).values(), strict=True)]
+    return [group if group["params"][0].ndim > 1 else {**group, "weight_decay": 0.0} for group in groups]
 
 
 def disturbed(spikes: Tensor, dropout: float, jitter_steps: int, generator: torch.Generator) -> Tensor:
@@ -487,18 +483,25 @@ def _restore(start: Checkpoint, network: RSNN, optimiser: torch.optim.Optimizer,
     """Set network, optimiser and generator to the state of a checkpoint."""
     network.load_state_dict(start.weights)
     trained = [name for name, p in network.named_parameters() if p.requires_grad]
-    keys = STATE[network.spec.training.optimiser]
-    state = {i: {key: start.optimiser[f"{name}.{key}"] for key in keys} for i, name in enumerate(trained)}
     # Loading does not copy tensors that fit, and steps work in place: the copy protects the checkpoint.
-    state = {i: copied(values) for i, values in state.items()}
+    state = {i: copied(tensors_of(start.optimiser, name)) for i, name in enumerate(trained)}
     optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
     generator.set_state(start.generator)
 
 
 def _state(network: RSNN, optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:
     parameters = ((name, p) for name, p in network.named_parameters() if p.requires_grad)
-    keys = STATE[network.spec.training.optimiser]
-    return copied({f"{name}.{key}": optimiser.state[p][key] for name, p in parameters for key in keys})
+    states = ((name, optimisers.state_of(optimiser, p)) for name, p in parameters)
+    return copied({f"{name}.{key}": value for name, state in states for key, value in state.items()})
+
+
+def tensors_of(tensors: Mapping[str, Tensor], part: str) -> dict[str, Tensor]:
+    """The tensors of a part, such as a parameter's optimiser, by the rest of their names.
+
+    >>> tensors_of({"w_in.step": torch.tensor(1.0), "w_out.step": torch.tensor(2.0)}, "w_out")
+    {'step': tensor(2.)}
+    """
+    return {name.removeprefix(f"{part}."): t for name, t in tensors.items() if name.startswith(f"{part}.")}
 
 
 def copied(tensors: Mapping[Any, Tensor]) -> dict[Any, Tensor]:
