@@ -89,6 +89,7 @@ MEMBERS = st.fixed_dictionaries(
     {"hidden": st.integers(1, 9), "tau_mem_ms": st.sampled_from([8.0, 30.0]), "training": TRAININGS},
     optional={
         "threshold_adaptation": st.sampled_from([0.2, 1.0]),
+        "surrogate": st.just("arctan"),
         "surrogate_scale": st.just(20.0),
         "readout_surrogate_scale": st.just(5.0),
     },

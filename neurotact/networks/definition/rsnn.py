@@ -8,6 +8,7 @@ depends neither on the order of the spikes nor on the size of a batch.
 """
 
 import math
+from functools import cache
 from typing import Any, NamedTuple
 
 import torch
@@ -21,9 +22,10 @@ from neurotact.networks.definition import clock, executors, kernels, native, ref
 from neurotact.networks.definition.kernels import Backend
 from neurotact.networks.definition.readouts import Integration, Stretches
 from neurotact.networks.definition.specs import RSNNSpec, void_keys
-from neurotact.networks.definition.surrogate import FastSigmoid
+from neurotact.networks.definition.surrogate import FastSigmoid, spike_function
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule, Leader
 from neurotact.neurons import Adaptation, CubaLIF, SpikeFunction, cuba_lif_start, decay_per_step
+from neurotact.progress import say
 from neurotact.spec import build, leaves, override
 
 RASTER_VALUES = 2**25
@@ -137,7 +139,7 @@ class RSNN(nn.Module):
         if spec.threshold_adaptation:
             decay = decay_per_step(spec.tau_adaptation_ms, self.clock_Hz)
             self.adaptation = Adaptation(spec.threshold_adaptation, decay)
-        self.spike: SpikeFunction = FastSigmoid(spec.surrogate_scale)
+        self.spike: SpikeFunction = spec.spike
 
         def normal(rows: int, columns: int, deviation: float) -> nn.Parameter:
             return nn.Parameter(torch.randn(rows, columns, generator=generator).to(dtype) * deviation)
@@ -218,9 +220,9 @@ class RSNN(nn.Module):
         A `spike` that replaces the one of the spec is used for both.
         """
         readout_scale = self.spec.readout_surrogate_scale
-        if layer == 0 or readout_scale is None or self.spike != FastSigmoid(self.spec.surrogate_scale):
+        if layer == 0 or readout_scale is None or self.spike != self.spec.spike:
             return self.spike
-        return FastSigmoid(readout_scale)
+        return spike_function(self.spec.surrogate, readout_scale)
 
     def layer(self, layer: int) -> reference.Layer:
         """The neurons of the hidden layer (0) or of the readout (1)."""
@@ -422,13 +424,17 @@ class RSNN(nn.Module):
         return native.layer(x, w, v, *dynamics, self.neuron, float(spike.scale), self.adaptation_of(layer))
 
     def _native(self) -> bool:
-        # The kernels have only the fast sigmoid; any other surrogate runs in the reference.
-        if self.spike != FastSigmoid(self.spec.surrogate_scale) or not kernels.use_native(self.backend, self.w_in):
+        # The kernels have the surrogate of the spec; one that replaces it runs in the reference.
+        if self.spike != self.spec.spike or not kernels.use_native(self.backend, self.w_in):
             return False
         subject = executors.Subject(None, self)
         if self.backend == "native":
             executors.require("native", subject)
-        return executors.lacking("native", subject) is None
+        lacking = executors.lacking("native", subject)
+        if lacking is not None:
+            reason = executors.EXECUTORS["native"].lacks[lacking]
+            _say_once(f"{lacking}: the kernels do not run it: {reason}; the reference in torch runs, which is slower")
+        return lacking is None
 
     def _check(self, spikes: Tensor) -> None:
         if spikes.ndim != 3 or spikes.shape[2] != self.n_inputs:
@@ -436,3 +442,8 @@ class RSNN(nn.Module):
                 f"spikes: have shape {tuple(spikes.shape)} where (trial, time, {self.n_inputs}) is expected; "
                 "train and run a network on the same afferents"
             )
+
+
+@cache
+def _say_once(what: str) -> None:
+    say(what)

@@ -1,15 +1,17 @@
 """The keys of a network spec (`networks/*.toml`)."""
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
-from neurotact import effects
+from neurotact import effects, plugins
 from neurotact import spec as specs
 from neurotact.networks.definition import optimisers
-from neurotact.neurons import Membrane, Reset
+from neurotact.networks.definition.surrogate import FAST_SIGMOID, spike_function
+from neurotact.neurons import Membrane, Reset, SpikeFunction
 from neurotact.spec import Spec
 
 Keep = Literal["loss", "accuracy", "both"]
@@ -56,8 +58,11 @@ class TrainingSpec(Spec):
     """lambda1, on the mean over trials and hidden neurons of the spikes in a window."""
     population_penalty: float = Field(default=0.0, ge=0)
     """lambda2, on the mean over hidden neurons of the squared spike count of a batch."""
+    loss: Annotated[str, AfterValidator(partial(plugins.known, "losses"))] = "cross-entropy"
+    """What training minimises beside the penalties: `cross-entropy`, `hinge`, or one of another package
+    (`docs/plugins.md`)."""
     temperature: float = Field(default=1.0, gt=0)
-    """Factor of the readout before the cross-entropy: with counts of tens, softmax is a hard maximum."""
+    """Factor of the readout before the loss: in a cross-entropy of counts of tens, softmax is a hard maximum."""
     stretch_rate: float = Field(default=0.2, gt=0, le=1)
     """Learning rate of the deviations of `readout_stretches`, as a share of the rate of the shared weights."""
     relative_learning_rate: float | None = Field(default=None, gt=0)
@@ -131,8 +136,11 @@ class RSNNSpec(Spec):
     Thresholds of the readout do not adapt."""
     tau_adaptation_ms: float = Field(default=100.0, gt=0)
     """Time constant with which a raised threshold decays."""
+    surrogate: Annotated[str, AfterValidator(partial(plugins.known, "surrogates"))] = FAST_SIGMOID
+    """The slope of a spike in training: `fast-sigmoid`, `arctan`, or one of another package (`docs/plugins.md`). The
+    kernels have the fast sigmoid; with another one the reference in torch runs."""
     surrogate_scale: float = Field(default=10.0, gt=0)
-    """lambda of the fast sigmoid."""
+    """lambda of the surrogate."""
     readout_surrogate_scale: float | None = Field(default=None, gt=0)
     """lambda of the readout neurons, if it differs; an integrator does not use it."""
     forward_weight_scale: float = Field(default=1.0, gt=0)
@@ -164,6 +172,11 @@ class RSNNSpec(Spec):
     """What the recipe spends on accuracy: `quick` trains for a third of the steps, `best` joins three networks
     (`training.members`)."""
     training: TrainingSpec = TrainingSpec()
+
+    @property
+    def spike(self) -> SpikeFunction:
+        """What a hidden neuron sends, with its surrogate gradient."""
+        return spike_function(self.surrogate, self.surrogate_scale)
 
     @property
     def own_step_ms(self) -> float | None:

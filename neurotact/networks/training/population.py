@@ -106,7 +106,7 @@ def _shape(batch: Batch) -> Hashable:
     """What networks that run as one have in common."""
     net = batch.network
     sizes = net.n_inputs, net.n_classes, _width(net), batch.spikes.shape[1], net.w_in.dtype
-    spike = None if isinstance(net.spike, FastSigmoid) else net.spike
+    spike = None if isinstance(net.spike, FastSigmoid) else (net.spike_of(0), net.spike_of(1))
     readout = net.spec.readout, net.readout_decay == 1, net.stretches
     return *sizes, net.neuron, spike, net.w_rec is None, net.adaptation is None, readout, batch.learns
 

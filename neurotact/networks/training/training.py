@@ -1,4 +1,4 @@
-"""Training by surrogate gradients: cross-entropy on readout counts, rate penalties, optimiser, early stopping."""
+"""Training by surrogate gradients: a loss of readout counts, rate penalties, optimiser, early stopping."""
 
 import math
 import warnings
@@ -9,19 +9,19 @@ from typing import Any, NamedTuple, TypeVar
 import pandas as pd
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from neurotact.errors import InputError
 from neurotact.networks.definition import optimisers
 from neurotact.networks.definition.rsnn import RSNN, Counts
 from neurotact.networks.definition.specs import Keep, TrainingSpec
+from neurotact.networks.training import losses
 from neurotact.notebook import html_of
 
 
 class Examples(NamedTuple):
     """Spikes `(trial, time, afferent)` uint8 and class indices `(trial,)` int64.
 
-    weights: of each trial's cross-entropy, `(trial,)` float32 with the mean 1; None: all count alike.
+    weights: of each trial's loss, `(trial,)` float32 with the mean 1; None: all count alike.
     of: the recorded trial that each one is a window of, `(trial,)` int64; None: each is of its own.
     """
 
@@ -148,17 +148,14 @@ def alone(course: Course[T]) -> T:
 
 
 def loss(counts: Counts, labels: Tensor, spec: TrainingSpec, weights: Tensor | None = None) -> Tensor:
-    """Cross-entropy of the readout counts times the temperature, and the two rate penalties of the Braille study.
+    """The loss of the spec on the readout counts times the temperature, and two rate penalties of the Braille study.
 
     `rate_penalty` weights the spikes of a hidden neuron in a window, averaged over trials and neurons;
     `population_penalty` weights the squared spike count of a batch, averaged over neurons.
-    weights: of the cross-entropy of each trial, `(trial,)`.
+    weights: of the loss of each trial, `(trial,)`.
     """
-    logits = counts.readout if spec.temperature == 1 else counts.readout * spec.temperature
-    if weights is None:
-        total = functional.cross_entropy(logits, labels)
-    else:
-        total = (functional.cross_entropy(logits, labels, reduction="none") * weights).mean()
+    scores = counts.readout if spec.temperature == 1 else counts.readout * spec.temperature
+    total = losses.of_scores(spec.loss, scores, labels, weights)
     if spec.rate_penalty:
         total = total + spec.rate_penalty * counts.hidden.mean()
     if spec.population_penalty:
