@@ -128,6 +128,11 @@ def test_a_surrogate_of_another_library_is_used():
     check_alike(networks)
 
 
+def test_readouts_of_other_slopes_are_not_joined():
+    keys = {"hidden": 4, "surrogate": "arctan", **SHORT}
+    check_alike([network({**keys, "readout_surrogate_scale": scale}, 0) for scale in (0.1, 30.0)])
+
+
 def test_networks_of_one_shape_run_as_one_and_as_many_at_once_as_fit_in_memory(monkeypatch):
     batches = [next(course_of(network({"hidden": hidden, **SHORT}, 0), 0)) for hidden in (5, 7, 9, 8)]
     waiting = dict(enumerate(batches))

@@ -364,6 +364,12 @@ def test_a_feed_forward_network_is_a_recurrent_one_whose_recurrent_weights_are_z
     assert "w_rec" not in snn.state_dict()
 
 
+def test_the_readout_has_the_surrogate_of_the_spec_at_its_own_scale():
+    for name in ("fast-sigmoid", "arctan"):
+        net = network("eq4", "zero", surrogate=name, surrogate_scale=3.0, readout_surrogate_scale=5.0)
+        assert [net.spike_of(layer) for layer in (0, 1)] == [spike_function(name, scale) for scale in (3.0, 5.0)]
+
+
 @given(st.lists(st.floats(-3, 3), min_size=1), st.floats(0.5, 50))
 def test_a_spike_has_the_slope_of_its_surrogate(potentials, scale):
     for name, slope in (("fast-sigmoid", fast_sigmoid), ("arctan", arctan)):

@@ -68,7 +68,10 @@ def make(name: str, groups: Sequence[Mapping[str, Any]], **options: Any) -> torc
 
 
 def state_of(optimiser: torch.optim.Optimizer, parameter: Tensor) -> dict[str, Tensor]:
-    """What an optimiser has stored of a parameter after a step; an empty table if it stores nothing."""
+    """What an optimiser has stored of a parameter after a step; an empty table if it stores nothing.
+
+    Some versions of torch store None for the momentum of an SGD without one.
+    """
     return {key: value for key, value in optimiser.state[parameter].items() if value is not None}
 
 
