@@ -110,6 +110,8 @@ NEEDS = (
     Need("training.readout_dropout", "readout", is_in("integrator", "max"), "with readout = 'count'"),
     Need("readout_stretch_ms training.stretch_rate", "readout_stretches", more_than_one, "with readout_stretches = 1"),
     Need("forward_weight_scale", "keeps_scale", bool, "with input_deviation, to which all weights are scaled"),
+    Need("training.betas", "has_betas", bool, "with a training.optimiser that has none"),
+    Need("training.weight_decay", "has_weight_decay", bool, "with a training.optimiser that has none"),
     Need("training.learning_rate", "has_others", bool, "with training.relative_learning_rate, the rate of all weights"),
     # SpikingClassifier
     Need("validation_fraction groups", "held_out", bool, "where validation windows are given, since none are held out"),

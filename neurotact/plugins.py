@@ -1,9 +1,10 @@
-"""Parts that are found by name and never imported: simulators, readers and protocols, ours and other packages'.
+"""Parts that are found by name and never imported, ours and other packages'.
 
-A part is an entry point of the group `neurotact.simulators`, `neurotact.readers` or `neurotact.protocols` in the
-`pyproject.toml` of the package that provides it (`docs/plugins.md`).
+A part is an entry point of one of the groups in `Group`, such as `neurotact.readers`, in the `pyproject.toml` of the
+package that provides it (`docs/plugins.md`).
 """
 
+from collections.abc import Callable
 from functools import lru_cache
 from importlib import invalidate_caches
 from importlib.metadata import EntryPoint, entry_points
@@ -11,7 +12,7 @@ from typing import Any, Literal
 
 from neurotact.errors import InputError, first_line, nearest
 
-Group = Literal["simulators", "readers", "protocols"]
+Group = Literal["simulators", "readers", "protocols", "surrogates", "losses"]
 OURS = __name__.partition(".")[0]
 
 
@@ -34,12 +35,7 @@ def load(group: Group, name: str, kind: type | None = None) -> Any:
     Traceback (most recent call last):
     neurotact.errors.InputError: protocols: there is none called 'stifness'; did you mean 'stiffness'?
     """
-    if name not in _found(group):  # it may have been installed since, as in a notebook
-        _found.cache_clear()
-        invalidate_caches()
-    points = _found(group).get(name)
-    if points is None:
-        raise InputError(f"{group}: there is none called '{name}'; {nearest(name, names(group))}")
+    points = _found(group)[known(group, name)]
     if len(points) > 1:
         raise _twice(group, name, [_package(point) for point in points])
     try:
@@ -50,6 +46,28 @@ def load(group: Group, name: str, kind: type | None = None) -> Any:
         ) from error
     if kind is not None and not isinstance(part, kind):
         raise unfit(group, name, f"is of the type {type(part).__name__} where a {kind.__name__} is expected")
+    return part
+
+
+def known(group: Group, name: str) -> str:
+    """The name, if a part of a group has it, which is not imported; else InputError with the nearest one.
+
+    >>> known("losses", "cross-entropy")
+    'cross-entropy'
+    """
+    if name not in _found(group):  # it may have been installed since, as in a notebook
+        _found.cache_clear()
+        invalidate_caches()
+    if name not in _found(group):
+        raise InputError(f"{group}: there is none called '{name}'; {nearest(name, names(group))}")
+    return name
+
+
+def load_function(group: Group, name: str) -> Callable[..., Any]:
+    """`load`, of a group whose parts are functions; each is loaded once."""
+    part = _loaded(group, name)
+    if not callable(part):
+        raise unfit(group, name, f"is of the type {type(part).__name__} where a function is expected")
     return part
 
 
@@ -74,6 +92,11 @@ def _twice(group: Group, name: str, packages: list[str]) -> InputError:
 def _about(group: Group, name: str) -> str:
     (point,) = _found(group)[name]
     return f"{group}: '{name}' of the package {_package(point)} ({point.value})"
+
+
+@lru_cache
+def _loaded(group: Group, name: str) -> Any:
+    return load(group, name)
 
 
 @lru_cache

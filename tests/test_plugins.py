@@ -2,11 +2,15 @@
 
 import sys
 
+import numpy as np
 import pytest
+import torch
 
 import neurotact as nt
 from neurotact import cli, plugins
 from neurotact.errors import InputError
+from neurotact.networks.definition import rsnn
+from neurotact.networks.training import checkpoint
 from neurotact.studies import loading
 
 READER = "from neurotact.data.sources import Reader\nREADER = Reader('Touches of my skin.', print)\n"
@@ -25,11 +29,16 @@ def package(tmp_path, monkeypatch):
         (tmp_path / "my_skin.py").write_text(module)
         monkeypatch.syspath_prepend(str(tmp_path))
         monkeypatch.delitem(sys.modules, "my_skin", raising=False)
-        plugins._found.cache_clear()
+        forget()
 
     yield install
     sys.modules.pop("my_skin", None)
-    plugins._found.cache_clear()
+    forget()
+
+
+def forget() -> None:
+    for kept in (plugins._found, plugins._loaded, rsnn._say_once):
+        kept.cache_clear()
 
 
 def said_by(monkeypatch, capsys, *words: str) -> tuple[int, str]:
@@ -158,3 +167,65 @@ def test_a_part_that_can_be_used_is_used(package, capsys, tmp_path):
     assert "my-skin" in plugins.names("readers")
     nt.read("my-skin", tmp_path)
     assert capsys.readouterr().out == f"{tmp_path}\n"
+
+
+LEARNING = """
+import torch
+def triangle(x, scale):
+    return (1 - scale * x.abs()).clamp(min=0)
+def squares(scores, labels):
+    hot = torch.nn.functional.one_hot(labels, scores.shape[1])
+    return (scores.softmax(dim=1) - hot).square().sum(dim=1).mean()
+def each(scores, labels):
+    return scores[:, 0]
+NOT_CALLABLE = 3
+"""
+FUNCTIONS = {
+    "surrogates": "triangle = my_skin:triangle\nnumber = my_skin:NOT_CALLABLE",
+    "losses": "squares = my_skin:squares\neach = my_skin:each",
+}
+RATES = np.repeat([0.05, 0.3], 12)[:, None, None]
+TOUCHES = (np.random.default_rng(0).random((24, 40, 2)) < RATES).astype(np.uint8), np.repeat(["a", "b"], 12)
+
+
+def classifier(**settings):
+    how = {"network": "snn", "epochs": 3, "sampling_rate_Hz": 1000.0, "random_state": 0}
+    return nt.SpikingClassifier(5, **how, settings={"input_deviation": 1.0, "training.learning_rate": 0.05, **settings})
+
+
+def test_a_surrogate_and_a_loss_of_another_package_train_a_network(package, capsys):
+    package(FUNCTIONS, LEARNING)
+    plain = classifier().fit(*TOUCHES)
+    capsys.readouterr()
+    for settings in ({"surrogate": "triangle"}, {"training.loss": "squares"}):
+        found = classifier(**settings).fit(*TOUCHES)
+        assert found.training_.epochs != plain.training_.epochs, settings
+        assert capsys.readouterr().err.count("which is slower") == ("surrogate" in settings)
+    found = classifier(**{"training.loss": "squares", "training.rate_penalty": 0.0}).fit(*TOUCHES)
+    assert 0 < found.training_.best.train_loss <= 2  # as squares of probabilities are, and no cross-entropy need be
+    with pytest.raises(InputError, match=r"^training\.loss: 'squares' takes no weights"):
+        classifier(**{"training.loss": "squares"}).fit(*TOUCHES, sample_weight=np.arange(1, 25))
+
+
+@pytest.mark.parametrize(
+    ("settings", "why"),
+    [
+        ({"surrogate": "number"}, r"^surrogates: 'number' of the package my-skin .* is of the type int"),
+        ({"training.loss": "each"}, r"^losses: 'each' of the package my-skin .* does not give a scalar"),
+        ({"surrogate": "triange"}, r"surrogate: .*there is none called 'triange'; did you mean 'triangle'"),
+        ({"training.loss": "square"}, r"loss: .*there is none called 'square'; did you mean 'squares'"),
+    ],
+)
+def test_a_function_that_cannot_be_used_is_named(package, settings, why):
+    package(FUNCTIONS, LEARNING)
+    with pytest.raises(InputError, match=why):
+        classifier(**settings).fit(*TOUCHES)
+
+
+def test_a_network_with_a_surrogate_of_another_package_is_saved_and_needs_it(package, tmp_path):
+    package(FUNCTIONS, LEARNING)
+    net = nt.RSNN(2, 2, sampling_rate_Hz=1000.0, hidden=3, surrogate="triangle")
+    checkpoint.save(net, tmp_path / "net")
+    assert checkpoint.load(tmp_path / "net")[0].spike == net.spike != nt.RSNN(2, 2, sampling_rate_Hz=1000.0).spike
+    with pytest.raises(InputError, match="another surrogate: the native kernels does not run it"):
+        nt.RSNN(2, 2, sampling_rate_Hz=1000.0, surrogate="triangle", backend="native")(torch.zeros(1, 5, 2))

@@ -58,6 +58,7 @@ NETWORKS = {
     "reset hard": {"reset": "hard"},
     "adaptive thresholds": {"threshold_adaptation": 0.3, "tau_adaptation_ms": 12.0},
     "learned constants": {"learn": ["alpha", "beta", "threshold"]},
+    "another surrogate": {"surrogate": "arctan"},
     "double precision": {},
     "readout count": READOUTS["count"],
     "readout integrator": READOUTS["integrator"],

@@ -450,9 +450,11 @@ GIVEN: dict[str, tuple] = {
 """Another value than the chosen one of each key that a rule reads, and the keys whose values follow it."""
 FREE: dict[str, object] = {
     "hidden": 12, "membrane": "delayed", "reset": "hard", "recurrent_delay_steps": 1, "tau_mem_ms": 7.0,
-    "tau_syn_ms": 7.0, "threshold_adaptation": 0.3, "surrogate_scale": 7.0, "readout_surrogate_scale": 7.0,
+    "tau_syn_ms": 7.0, "threshold_adaptation": 0.3, "surrogate": "arctan", "surrogate_scale": 7.0,
+    "readout_surrogate_scale": 7.0,
     "forward_weight_scale": 7.0, "recurrent_weight_scale": 0.7, "recurrent_blocks": 3, "learn": ["alpha"],
-    "input_deviation": 0.7, "training.optimiser": "adamax", "training.betas": [0.8, 0.99],
+    "input_deviation": 0.7, "training.optimiser": "Adamax", "training.betas": [0.8, 0.99],
+    "training.weight_decay": 0.7, "training.loss": "hinge",
     "training.learning_rate": 0.7, "training.patience": 7, "training.target_loss": 0.7, "training.rate_penalty": 0.7,
     "training.population_penalty": 0.7, "training.temperature": 0.7, "training.stretch_rate": 0.7,
     "training.relative_learning_rate": 0.7, "training.schedule": "constant", "training.keep": "loss",

@@ -14,7 +14,7 @@ from neurotact.errors import InputError
 from neurotact.networks.definition.reference import cuba_lif_layer
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.definition.surrogate import FastSigmoid
+from neurotact.networks.definition.surrogate import FastSigmoid, arctan, fast_sigmoid, spike_function
 from neurotact.neurons import CubaLIF, Membrane, Reset
 
 MEMBRANES, RESETS = get_args(Membrane), get_args(Reset)
@@ -362,3 +362,19 @@ def test_a_feed_forward_network_is_a_recurrent_one_whose_recurrent_weights_are_z
     for mine, its in zip(snn.infer(x), rnn.infer(x), strict=True):
         assert torch.equal(mine, its)
     assert "w_rec" not in snn.state_dict()
+
+
+def test_the_readout_has_the_surrogate_of_the_spec_at_its_own_scale():
+    for name in ("fast-sigmoid", "arctan"):
+        net = network("eq4", "zero", surrogate=name, surrogate_scale=3.0, readout_surrogate_scale=5.0)
+        assert [net.spike_of(layer) for layer in (0, 1)] == [spike_function(name, scale) for scale in (3.0, 5.0)]
+
+
+@given(st.lists(st.floats(-3, 3), min_size=1), st.floats(0.5, 50))
+def test_a_spike_has_the_slope_of_its_surrogate(potentials, scale):
+    for name, slope in (("fast-sigmoid", fast_sigmoid), ("arctan", arctan)):
+        x = torch.tensor(potentials, requires_grad=True)
+        spikes = spike_function(name, scale)(x)
+        spikes.sum().backward()
+        assert torch.equal(spikes, (x > 0).float())
+        torch.testing.assert_close(x.grad, slope(x.detach(), scale))

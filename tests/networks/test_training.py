@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from levels import examples
 
 from neurotact.errors import InputError
+from neurotact.networks.definition import optimisers
 from neurotact.networks.definition.rsnn import RSNN, Counts
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.training.training import (
@@ -22,6 +23,7 @@ from neurotact.networks.training.training import (
     partly_heard,
     train,
 )
+from neurotact.spec import build
 
 
 def touches(n_trials, seed, n_steps=60):
@@ -104,12 +106,12 @@ def stepped(mean, size, gradient, spec):
     """The two running values of a gradient after a step (Kingma and Ba 2015, Algorithms 1 and 2)."""
     beta1, beta2 = spec.betas
     mean = beta1 * mean + (1 - beta1) * gradient
-    if spec.optimiser == "adamax":
+    if spec.optimiser == "Adamax":
         return mean, torch.maximum(beta2 * size, gradient.abs())
     return mean, beta2 * size + (1 - beta2) * gradient.square()
 
 
-@pytest.mark.parametrize("optimiser", ["adam", "adamax"])
+@pytest.mark.parametrize("optimiser", ["Adam", "Adamax"])
 @pytest.mark.parametrize("betas", [(0.9, 0.995), (0.5, 0.1)])
 def test_optimisers_step_as_published(optimiser, betas):
     spec = TrainingSpec(optimiser=optimiser, betas=betas, epochs=3, batch=64, learning_rate=0.02)
@@ -122,10 +124,50 @@ def test_optimisers_step_as_published(optimiser, betas):
         examples = touches(64, 0)
         loss(same(examples.spikes), examples.labels, spec).backward()
         mean, size = stepped(mean, size, w.grad, spec)
-        scale = size if optimiser == "adamax" else (size / (1 - betas[1] ** step)).sqrt()
+        scale = size if optimiser == "Adamax" else (size / (1 - betas[1] ** step)).sqrt()
         expected = w.detach() - 0.02 * mean / (1 - betas[0] ** step) / (scale + 1e-8)
         assert torch.allclose(checkpoint.weights["w_in"], expected, atol=1e-5)
         same.load_state_dict(checkpoint.weights)
+
+
+@pytest.mark.parametrize("model", ["rsnn", "snn"])
+def test_only_weights_decay_and_as_the_optimiser_defines_it(model):
+    def after_a_step(name, decay):
+        training = TrainingSpec(optimiser=name, weight_decay=decay, epochs=1, batch=64, learning_rate=0.1)
+        keys = {"model": model, "readout": "integrator", "learn": ["threshold"]}
+        keys["training"] = training.model_dump(exclude_defaults=True)
+        net = RSNN(4, 2, sampling_rate_Hz=2000.0, generator=torch.Generator().manual_seed(1), **keys)
+        first = {key: value.clone() for key, value in net.named_parameters()}
+        kept = []
+        train(net, touches(64, 0), touches(32, 1), generator=torch.Generator().manual_seed(2), keep=kept.append)
+        return first, kept[0].weights
+
+    for name in ("AdamW", "SGD"):  # one step of both takes lr * decay of the weights away
+        first, plain = after_a_step(name, 0.0)
+        _, decayed = after_a_step(name, 0.5)
+        for key, weights in plain.items():
+            lost = 0.1 * 0.5 * first[key] if key.startswith("w_") else 0.0
+            assert torch.allclose(decayed[key], weights - lost, atol=1e-6), (name, key)
+
+
+def test_an_optimiser_is_found_by_its_name_in_any_case():
+    assert TrainingSpec.model_validate({"optimiser": "adam"}) == TrainingSpec(optimiser="Adam") == TrainingSpec()
+    for name, why in [("Adamm", "did you mean 'Adam'"), ("LBFGS", "take another"), ("SparseAdam", "dense")]:
+        with pytest.raises(InputError, match=f"optimiser: .*{name}.*{why}"):
+            build(TrainingSpec, {"optimiser": name}, source="mine.toml")
+
+
+def test_options_that_an_optimiser_has_not_are_refused():
+    for name, key, value in [("SGD", "betas", [0.5, 0.9]), ("Rprop", "weight_decay", 0.1)]:
+        with pytest.raises(
+            InputError, match=rf"training\.{key}.* has no effect with a training.optimiser that has none"
+        ):
+            RSNN(4, 2, sampling_rate_Hz=2000.0, training={"optimiser": name, key: value})
+
+
+def test_an_optimiser_that_does_not_take_a_parameter_says_so():
+    with pytest.raises(InputError, match=r"training\.optimiser: Muon does not train this network"):
+        fit(RSNN(4, 2, sampling_rate_Hz=2000.0, readout="integrator", training={"optimiser": "muon"}))
 
 
 def rates_seen(monkeypatch, net):
@@ -260,14 +302,15 @@ def trained_state(net, training):
     readout=st.sampled_from(["count", "integrator"]),
     schedule=st.sampled_from(["constant", "cosine"]),
     dropout=st.sampled_from([0.0, 0.3]),
-    optimiser=st.sampled_from(["adam", "adamax"]),
+    optimiser=st.sampled_from(sorted({*optimisers.names()} - {"Muon"})),
+    decay=st.sampled_from([0.0, 0.1]),
 )
 def test_a_training_that_goes_on_ends_as_one_that_was_not_interrupted(
-    stop, learn, model, patience, dtype, readout, schedule, dropout, optimiser
+    stop, learn, model, patience, dtype, readout, schedule, dropout, optimiser, decay
 ):
     training = TrainingSpec(epochs=5, batch=8, learning_rate=0.3, patience=patience, schedule=schedule)
     drops = {"input_dropout": dropout, "input_jitter_ms": 2 * dropout, "readout_dropout": dropout}
-    training = training.model_copy(update={"optimiser": optimiser, **drops})
+    training = training.model_copy(update={"optimiser": optimiser, "weight_decay": decay, **drops})
     spec = RSNNSpec(hidden=6, model=model, learn=tuple(sorted(learn)), readout=readout, training=training)
 
     def run(weights_seed, order_seed, **state):

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from neurotact.errors import InputError
+from neurotact.networks.definition import optimisers
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.training.training import Checkpoint, Examples, train
@@ -48,9 +49,23 @@ def test_a_checkpoint_comes_back_as_it_was(tmp_path, checkpoint):
 
 def test_a_checkpoint_fits_the_optimiser_that_left_it(tmp_path, checkpoint):
     save(checkpoint, tmp_path / "c", "one")
-    training = NET.spec.training.model_copy(update={"optimiser": "adamax"})
+    training = NET.spec.training.model_copy(update={"optimiser": "Adamax"})
     with pytest.raises(InputError, match="exp_inf' is missing"):
         load(tmp_path / "c", NET._replace(spec=NET.spec.model_copy(update={"training": training})), "one")
+
+
+@pytest.mark.parametrize("optimiser", sorted({*optimisers.names()} - {"Muon"}))
+def test_the_state_of_every_optimiser_comes_back(tmp_path, optimiser):
+    training = NET.spec.training.model_copy(update={"optimiser": optimiser, "epochs": 1})
+    net = NET._replace(spec=NET.spec.model_copy(update={"training": training, "readout": "integrator"}))
+    spikes = torch.ones(4, 9, 3, dtype=torch.uint8)
+    examples, kept = Examples(spikes, torch.arange(4) % 2), []
+    network = RSNN(3, 2, net.spec, 1000.0, backend="reference")
+    train(network, examples, examples, generator=torch.Generator(), keep=kept.append)
+    save(kept[0], tmp_path / "c", "one")
+    again = load(tmp_path / "c", net, "one").optimiser
+    assert again.keys() == kept[0].optimiser.keys()
+    assert all(torch.equal(again[name], value) for name, value in kept[0].optimiser.items())
 
 
 def test_another_training_is_refused(tmp_path, checkpoint):

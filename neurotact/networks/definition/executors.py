@@ -15,6 +15,7 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.specs import MODELS, EncoderSpec, is_exact
 from neurotact.errors import InputError
 from neurotact.networks.definition.native import Network
+from neurotact.networks.definition.surrogate import FAST_SIGMOID
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 
 
@@ -182,6 +183,12 @@ FEATURES: dict[str, Feature] = {
         "train with threshold_adaptation = 0",
     ),
     "learned constants": Feature("network", ("learn",), lambda s: bool(s.network.spec.learn), "train with learn = []"),
+    "another surrogate": Feature(
+        "network",
+        ("surrogate",),
+        lambda s: s.network.spec.surrogate != FAST_SIGMOID,
+        "train with surrogate = 'fast-sigmoid'",
+    ),
     "double precision": Feature("network", (), lambda s: s.network.w_in.dtype == torch.float64, "train it in float32"),
     "readout count": Feature("readout", ("readout",), _of_spec("readout", "count"), "train with another readout"),
     "readout integrator": Feature(
@@ -244,7 +251,7 @@ EXECUTORS: dict[str, Executor] = {
     "native": Executor(
         "the native kernels",
         ("encoder", "network", "readout", "exit"),
-        dict.fromkeys(OTHER_MODELS, "NumPy computes them"),
+        {**dict.fromkeys(OTHER_MODELS, "NumPy computes them"), "another surrogate": "they have the fast sigmoid alone"},
     ),
     "stream": Executor("a stream", CHAIN, _STREAMED),
     "c-float": Executor("C in float32", CHAIN, {**_STREAMED, **_IN_C}),

@@ -1,6 +1,7 @@
 """Several networks as one: their hidden layers side by side, and the mean of their class scores."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -32,7 +33,7 @@ def joined(networks: Sequence[RSNN]) -> RSNN:
         return first
     _check(networks)
     spec = first.spec
-    blocks = {"recurrent_blocks": n * spec.recurrent_blocks} if spec.recurrent else {}
+    blocks: dict[str, Any] = {"recurrent_blocks": n * spec.recurrent_blocks} if spec.recurrent else {}
     whole = RSNN(
         first.n_inputs, first.n_classes, spec, first.sampling_rate_Hz, backend=first.backend,
         generator=torch.Generator(),  # the weights are replaced: do not advance the global generator

@@ -8,24 +8,28 @@ depends neither on the order of the spikes nor on the size of a batch.
 """
 
 import math
-from typing import Any, NamedTuple
+from functools import cache
+from typing import Any, Literal, NamedTuple, get_args
 
 import torch
 from torch import Tensor, nn
 
 from neurotact import effects
-from neurotact.checks import at_least
+from neurotact.checks import at_least, one_of
 from neurotact.data.recordings import check_sampling_rate
 from neurotact.errors import InputError
 from neurotact.networks.definition import clock, executors, kernels, native, reference
 from neurotact.networks.definition.kernels import Backend
 from neurotact.networks.definition.readouts import Integration, Stretches
 from neurotact.networks.definition.specs import RSNNSpec, void_keys
-from neurotact.networks.definition.surrogate import FastSigmoid
+from neurotact.networks.definition.surrogate import FastSigmoid, spike_function
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule, Leader
 from neurotact.neurons import Adaptation, CubaLIF, SpikeFunction, cuba_lif_start, decay_per_step
+from neurotact.progress import say
 from neurotact.spec import build, leaves, override
 
+Returns = Literal["counts", "scores", "spikes"]
+"""What a call of a network gives."""
 RASTER_VALUES = 2**25
 """Spikes and sums that the reference holds in memory for an integrator's early exit."""
 
@@ -97,11 +101,19 @@ class RSNN(nn.Module):
     Give a complete spec, or its keys: `RSNN(16, 8, hidden=30, tau_mem_ms=40, sampling_rate_Hz=2000.0)`; keys that are
     not given have the spec's defaults. InputError names an unknown key, and one that has no effect beside the others.
 
+    `returns` says what a call gives: `counts`, the pair of readout and hidden neurons; `scores`, the readout alone,
+    `(trial, class)`, as a loss of torch and the end of an `nn.Sequential` take it; or `spikes`, the readout's spikes in
+    each step of its clock, `(trial, bin, class)`, as the next network of an `nn.Sequential` takes them. Gradients pass
+    through all of them to the input.
+
     >>> net = RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0, generator=torch.Generator().manual_seed(0))
     >>> net
     RSNN(16 afferents, 20 hidden (recurrent), 8 classes, clock 2000 Hz, tau_mem 20 ms, tau_syn 10 ms, 880 weights)
     >>> spikes = (torch.rand(4, 300, 16) < 0.1).to(torch.uint8)
     >>> net(spikes).readout.shape
+    torch.Size([4, 8])
+    >>> first = RSNN(16, 9, sampling_rate_Hz=2000.0, returns="spikes")
+    >>> nn.Sequential(first, RSNN(9, 8, sampling_rate_Hz=2000.0, returns="scores"))(spikes).shape
     torch.Size([4, 8])
     """
 
@@ -115,6 +127,7 @@ class RSNN(nn.Module):
         backend: Backend = "auto",
         generator: torch.Generator | None = None,
         dtype: torch.dtype = torch.float32,
+        returns: Returns = "counts",
         **keys: Any,
     ) -> None:
         super().__init__()
@@ -128,6 +141,10 @@ class RSNN(nn.Module):
         if spec.model == "auto":
             raise InputError("model: 'auto' is decided in training; give 'rsnn' or 'snn', or train with `nt.train`")
         effects.check_keys(leaves(keys), [void_keys(spec)], "RSNN")
+        one_of("returns", returns, get_args(Returns))
+        if returns == "spikes" and spec.integrates:
+            raise InputError(f"returns: readout = '{spec.readout}' sends no spikes; set readout = 'count', or 'scores'")
+        self.returns: Returns = returns
         self.sampling_rate_Hz = sampling_rate_Hz
         self.steps_per_bin = clock.steps_per_bin(spec.step_ms, sampling_rate_Hz)
         self.clock_Hz = sampling_rate_Hz / self.steps_per_bin
@@ -137,7 +154,7 @@ class RSNN(nn.Module):
         if spec.threshold_adaptation:
             decay = decay_per_step(spec.tau_adaptation_ms, self.clock_Hz)
             self.adaptation = Adaptation(spec.threshold_adaptation, decay)
-        self.spike: SpikeFunction = FastSigmoid(spec.surrogate_scale)
+        self.spike: SpikeFunction = spec.spike
 
         def normal(rows: int, columns: int, deviation: float) -> nn.Parameter:
             return nn.Parameter(torch.randn(rows, columns, generator=generator).to(dtype) * deviation)
@@ -218,9 +235,9 @@ class RSNN(nn.Module):
         A `spike` that replaces the one of the spec is used for both.
         """
         readout_scale = self.spec.readout_surrogate_scale
-        if layer == 0 or readout_scale is None or self.spike != FastSigmoid(self.spec.surrogate_scale):
+        if layer == 0 or readout_scale is None or self.spike != self.spec.spike:
             return self.spike
-        return FastSigmoid(readout_scale)
+        return spike_function(self.spec.surrogate, readout_scale)
 
     def layer(self, layer: int) -> reference.Layer:
         """The neurons of the hidden layer (0) or of the readout (1)."""
@@ -251,13 +268,16 @@ class RSNN(nn.Module):
         """Whether the readout is an integrator whose value depends on the times of spikes."""
         return (integration := self.integration) is not None and integration.leaks
 
-    def forward(self, spikes: Tensor, factors: Tensor | None = None) -> Counts:
-        """Spike counts over the whole window, for training.
+    def forward(self, spikes: Tensor, factors: Tensor | None = None) -> Counts | Tensor:
+        """What `returns` says of the whole window, for training: spike counts, or a tensor.
 
         factors: of the input from each hidden neuron to an integrator that leaks, `(hidden,)`, or that has
             stretches, `(trial, hidden)`; by default all 1.
         """
-        return self.counts(self.binned(spikes), factors)
+        if self.returns == "spikes":
+            return self.simulate(spikes).readout
+        counts = self.counts(self.binned(spikes), factors)
+        return counts.readout if self.returns == "scores" else counts
 
     def binned(self, spikes: Tensor) -> Tensor:
         """Input spikes on the network's clock, `(trial, bin, afferent)`."""
@@ -274,6 +294,7 @@ class RSNN(nn.Module):
         generator = torch.Generator()  # the weights are replaced: do not advance the global generator
         sizes = self.n_inputs, self.n_classes
         own = RSNN(*sizes, spec, self.clock_Hz, backend=self.backend, generator=generator, dtype=dtype)
+        own.returns = self.returns
         own.load_state_dict(self.state_dict())
         own.spike = self.spike
         return own.to(self.w_in.device)
@@ -422,13 +443,17 @@ class RSNN(nn.Module):
         return native.layer(x, w, v, *dynamics, self.neuron, float(spike.scale), self.adaptation_of(layer))
 
     def _native(self) -> bool:
-        # The kernels have only the fast sigmoid; any other surrogate runs in the reference.
-        if self.spike != FastSigmoid(self.spec.surrogate_scale) or not kernels.use_native(self.backend, self.w_in):
+        # The kernels have the surrogate of the spec; one that replaces it runs in the reference.
+        if self.spike != self.spec.spike or not kernels.use_native(self.backend, self.w_in):
             return False
         subject = executors.Subject(None, self)
         if self.backend == "native":
             executors.require("native", subject)
-        return executors.lacking("native", subject) is None
+        lacking = executors.lacking("native", subject)
+        if lacking is not None:
+            reason = executors.EXECUTORS["native"].lacks[lacking]
+            _say_once(f"{lacking}: the kernels do not run it: {reason}; the reference in torch runs, which is slower")
+        return lacking is None
 
     def _check(self, spikes: Tensor) -> None:
         if spikes.ndim != 3 or spikes.shape[2] != self.n_inputs:
@@ -436,3 +461,8 @@ class RSNN(nn.Module):
                 f"spikes: have shape {tuple(spikes.shape)} where (trial, time, {self.n_inputs}) is expected; "
                 "train and run a network on the same afferents"
             )
+
+
+@cache
+def _say_once(what: str) -> None:
+    say(what)

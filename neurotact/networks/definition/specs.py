@@ -1,14 +1,17 @@
 """The keys of a network spec (`networks/*.toml`)."""
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import AfterValidator, Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
-from neurotact import effects
+from neurotact import effects, plugins
 from neurotact import spec as specs
-from neurotact.neurons import Membrane, Reset
+from neurotact.networks.definition import optimisers
+from neurotact.networks.definition.surrogate import FAST_SIGMOID, spike_function
+from neurotact.neurons import Membrane, Reset, SpikeFunction
 from neurotact.spec import Spec
 
 Keep = Literal["loss", "accuracy", "both"]
@@ -31,13 +34,17 @@ class TrainingSpec(Spec):
     TrainingSpec(epochs=20, schedule='cosine')
     """
 
-    optimiser: Literal["adam", "adamax"] = "adam"
-    """adamax divides each step by the largest recent gradient, not by the root of its mean square (Kingma and Ba
-    2015, Sec. 7.1)."""
+    optimiser: Annotated[str, AfterValidator(optimisers.named)] = "Adam"
+    """An optimiser of `torch.optim`, by the name of its class in any case: Adam, Adamax (Kingma and Ba 2015, Sec. 7.1),
+    AdamW, SGD and so on, with its own defaults beyond the keys here."""
     betas: tuple[Annotated[float, Field(ge=0, lt=1)], Annotated[float, Field(ge=0, lt=1)]] = (0.9, 0.999)
-    """Factors per step of the running means of the gradient and of its square (adamax: of its largest size)."""
+    """Factors per step of the running means of the gradient and of its square (Adamax: of its largest size), of an
+    optimiser that has them."""
+    weight_decay: float = Field(default=0.0, ge=0)
+    """The optimiser's decay of weights, as it defines it: Adam adds it to the gradient, AdamW shrinks the weights.
+    Biases and learned dynamics do not decay."""
     learning_rate: float = Field(default=1e-3, gt=0)
-    """Learning rate of Adam."""
+    """Learning rate of the optimiser."""
     batch: int = Field(default=128, ge=1)
     """Windows per training step."""
     epochs: int = Field(default=100, ge=1)
@@ -51,12 +58,15 @@ class TrainingSpec(Spec):
     """lambda1, on the mean over trials and hidden neurons of the spikes in a window."""
     population_penalty: float = Field(default=0.0, ge=0)
     """lambda2, on the mean over hidden neurons of the squared spike count of a batch."""
+    loss: Annotated[str, AfterValidator(partial(plugins.known, "losses"))] = "cross-entropy"
+    """What training minimises beside the penalties: `cross-entropy`, `hinge`, or one of another package
+    (`docs/plugins.md`)."""
     temperature: float = Field(default=1.0, gt=0)
-    """Factor of the readout before the cross-entropy: with counts of tens, softmax is a hard maximum."""
+    """Factor of the readout before the loss: in a cross-entropy of counts of tens, softmax is a hard maximum."""
     stretch_rate: float = Field(default=0.2, gt=0, le=1)
     """Learning rate of the deviations of `readout_stretches`, as a share of the rate of the shared weights."""
     relative_learning_rate: float | None = Field(default=None, gt=0)
-    """Adam's rate of each weight matrix in units of the standard deviation of its initial weights. It replaces
+    """The optimiser's rate of each weight matrix in units of the standard deviation of its initial weights. It replaces
     `learning_rate`, which then applies only to biases and learned dynamics."""
     schedule: Literal["constant", "cosine"] = "constant"
     """cosine: the rates fall to 0 over all epochs, step by step, along half a cosine."""
@@ -126,8 +136,11 @@ class RSNNSpec(Spec):
     Thresholds of the readout do not adapt."""
     tau_adaptation_ms: float = Field(default=100.0, gt=0)
     """Time constant with which a raised threshold decays."""
+    surrogate: Annotated[str, AfterValidator(partial(plugins.known, "surrogates"))] = FAST_SIGMOID
+    """The slope of a spike in training: `fast-sigmoid`, `arctan`, or one of another package (`docs/plugins.md`). The
+    kernels have the fast sigmoid; with another one the reference in torch runs."""
     surrogate_scale: float = Field(default=10.0, gt=0)
-    """lambda of the fast sigmoid."""
+    """lambda of the surrogate."""
     readout_surrogate_scale: float | None = Field(default=None, gt=0)
     """lambda of the readout neurons, if it differs; an integrator does not use it."""
     forward_weight_scale: float = Field(default=1.0, gt=0)
@@ -159,6 +172,11 @@ class RSNNSpec(Spec):
     """What the recipe spends on accuracy: `quick` trains for a third of the steps, `best` joins three networks
     (`training.members`)."""
     training: TrainingSpec = TrainingSpec()
+
+    @property
+    def spike(self) -> SpikeFunction:
+        """What a hidden neuron sends, with its surrogate gradient."""
+        return spike_function(self.surrogate, self.surrogate_scale)
 
     @property
     def own_step_ms(self) -> float | None:
@@ -311,6 +329,8 @@ def void_keys(spec: RSNNSpec) -> dict[str, str]:
         keeps_scale=not scales_all,
         has_others=not is_relative or spec.integrates or bool(spec.learn),
         readout_stretches=spec.readout_stretches,
+        has_betas=optimisers.takes(spec.training.optimiser, "betas"),
+        has_weight_decay=optimisers.takes(spec.training.optimiser, "weight_decay"),
     )
 
 

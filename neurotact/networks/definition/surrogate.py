@@ -1,11 +1,70 @@
-"""Surrogate gradients: a step forward, a smooth slope backward (texture paper, Eq. 7)."""
+"""Surrogate gradients: a step forward, a smooth slope backward (texture paper, Eq. 7).
 
+Another package adds a slope by an entry point of the group `neurotact.surrogates`: a function of U - threshold and of
+the spec's scale lambda, both tensors or numbers, which gives the derivative of a spike.
+"""
+
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from neurotact.neurons import Decay
+from neurotact import plugins
+from neurotact.neurons import Decay, SpikeFunction
+
+FAST_SIGMOID = "fast-sigmoid"
+"""The surrogate that the kernels have."""
+
+
+def spike_function(surrogate: str, scale: float) -> SpikeFunction:
+    """The step with the slope of a surrogate, by its name.
+
+    >>> spike_function("fast-sigmoid", 5.0)
+    FastSigmoid(scale=5.0)
+    >>> x = torch.tensor([0.0, 0.2], requires_grad=True)
+    >>> spike_function("arctan", 5.0)(x).sum().backward()
+    >>> [round(g, 4) for g in x.grad.tolist()]
+    [1.0, 0.2884]
+    """
+    if surrogate == FAST_SIGMOID:
+        return FastSigmoid(scale)
+    return Sloped(plugins.load_function("surrogates", surrogate), scale)
+
+
+def fast_sigmoid(x: Tensor, scale: Decay) -> Tensor:
+    """`1 / (1 + scale |x|)^2` (Zenke and Ganguli 2018)."""
+    return 1 / (1 + scale * x.abs()) ** 2
+
+
+def arctan(x: Tensor, scale: Decay) -> Tensor:
+    """`1 / (1 + (pi scale x / 2)^2)` (Fang et al. 2021), 1 at the threshold like the fast sigmoid."""
+    return 1 / (1 + (math.pi / 2 * scale * x) ** 2)
+
+
+@dataclass(frozen=True)
+class Sloped:
+    """A step whose gradient is the `slope` of U - threshold and of a scale."""
+
+    slope: Callable[[Tensor, Decay], Tensor]
+    scale: Decay
+
+    def __call__(self, x: Tensor) -> Tensor:
+        return _Step.apply(x, self.slope, self.scale)  # pyright: ignore[reportReturnType]
+
+
+class _Step(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, x: Tensor, slope: Callable, scale: Decay) -> Tensor:  # pyright: ignore[reportIncompatibleMethodOverride]
+        ctx.save_for_backward(x)
+        ctx.slope, ctx.scale = slope, scale
+        return (x > 0).to(x.dtype)
+
+    @staticmethod
+    def backward(ctx, grad: Tensor):  # pyright: ignore[reportIncompatibleMethodOverride]
+        (x,) = ctx.saved_tensors
+        return grad * ctx.slope(x, ctx.scale), None, None
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,6 @@ from neurotact.files import existing, read_bytes, read_json, whole, write_json
 from neurotact.networks.definition.kernels import Backend
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.definition.surrogate import FastSigmoid
 from neurotact.spec import build
 
 WEIGHTS = "weights.safetensors"
@@ -49,10 +48,10 @@ def save(network: RSNN, folder: str | Path, extra: Mapping[str, Any] | None = No
     dtype = next((name for name, known in DTYPES.items() if known == network.w_in.dtype), None)
     if dtype is None:
         raise InputError(f"network: weights are {network.w_in.dtype}; convert it to one of {', '.join(DTYPES)}")
-    if network.spike != FastSigmoid(network.spec.surrogate_scale):
+    if network.spike != network.spec.spike:
         raise InputError(
             "network: its surrogate is not the one that its spec describes, and a checkpoint would lose it; "
-            "set network.spike = FastSigmoid(network.spec.surrogate_scale) before saving"
+            "set network.spike = network.spec.spike before saving"
         )
     for name, tensor in network.state_dict().items():
         if not tensor.isfinite().all():

@@ -1,4 +1,4 @@
-"""Training by surrogate gradients: cross-entropy on readout counts, rate penalties, Adam or Adamax, early stopping."""
+"""Training by surrogate gradients: a loss of readout counts, rate penalties, optimiser, early stopping."""
 
 import math
 import warnings
@@ -9,18 +9,19 @@ from typing import Any, NamedTuple
 import pandas as pd
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from neurotact.errors import InputError
+from neurotact.networks.definition import optimisers
 from neurotact.networks.definition.rsnn import RSNN, Counts
 from neurotact.networks.definition.specs import Keep, TrainingSpec
+from neurotact.networks.training import losses
 from neurotact.notebook import html_of
 
 
 class Examples(NamedTuple):
     """Spikes `(trial, time, afferent)` uint8 and class indices `(trial,)` int64.
 
-    weights: of each trial's cross-entropy, `(trial,)` float32 with the mean 1; None: all count alike.
+    weights: of each trial's loss, `(trial,)` float32 with the mean 1; None: all count alike.
     of: the recorded trial that each one is a window of, `(trial,)` int64; None: each is of its own.
     """
 
@@ -98,7 +99,7 @@ class Checkpoint:
 
     epochs: the log so far.
     weights: the network's state after the last epoch; best_weights: after the best one.
-    optimiser: its values of each trained parameter, named as in "w_in.exp_avg" (see `STATE`).
+    optimiser: its values of each trained parameter, named as in "w_in.exp_avg" (`optimisers.state_of`).
     generator: the state of the generator that orders the trials.
     finished: where several networks are trained one after another, the states of those before the present one.
     """
@@ -111,23 +112,17 @@ class Checkpoint:
     finished: tuple[Mapping[str, Tensor], ...] = ()
 
 
-STATE = {"adam": ("step", "exp_avg", "exp_avg_sq"), "adamax": ("step", "exp_avg", "exp_inf")}
-"""What each optimiser stores per parameter: the number of its steps, the running mean of the gradient, and that of its
-square or its largest size."""
 
 
 def loss(counts: Counts, labels: Tensor, spec: TrainingSpec, weights: Tensor | None = None) -> Tensor:
-    """Cross-entropy of the readout counts times the temperature, and the two rate penalties of the Braille study.
+    """The loss of the spec on the readout counts times the temperature, and two rate penalties of the Braille study.
 
     `rate_penalty` weights the spikes of a hidden neuron in a window, averaged over trials and neurons;
     `population_penalty` weights the squared spike count of a batch, averaged over neurons.
-    weights: of the cross-entropy of each trial, `(trial,)`.
+    weights: of the loss of each trial, `(trial,)`.
     """
-    logits = counts.readout if spec.temperature == 1 else counts.readout * spec.temperature
-    if weights is None:
-        total = functional.cross_entropy(logits, labels)
-    else:
-        total = (functional.cross_entropy(logits, labels, reduction="none") * weights).mean()
+    scores = counts.readout if spec.temperature == 1 else counts.readout * spec.temperature
+    total = losses.of_scores(spec.loss, scores, labels, weights)
     if spec.rate_penalty:
         total = total + spec.rate_penalty * counts.hidden.mean()
     if spec.population_penalty:
@@ -244,9 +239,8 @@ def not_finite(epoch: int, spec: TrainingSpec) -> InputError:
 
 def _optimiser(network: RSNN) -> torch.optim.Optimizer:
     spec = network.spec.training
-    if spec.optimiser == "adamax":
-        return torch.optim.Adamax(_groups(network), lr=spec.learning_rate, betas=spec.betas)
-    return torch.optim.Adam(_groups(network), lr=spec.learning_rate, betas=spec.betas, fused=True)
+    options = {"lr": spec.learning_rate, "betas": spec.betas, "weight_decay": spec.weight_decay}
+    return optimisers.make(spec.optimiser, _groups(network), **options)
 
 
 def rates_of(network: RSNN) -> dict[str, float]:
@@ -279,11 +273,12 @@ def rate_left(spec: TrainingSpec, epochs: float) -> float:
 
 
 def _groups(network: RSNN) -> list[dict[str, Any]]:
-    """The trained parameters: one group or, where their rates differ, one group each, in the network's order."""
-    trained = [p for p in network.parameters() if p.requires_grad]
-    if network.spec.training.relative_learning_rate is None and network.w_stretch is None:
+    """The trained parameters: one group or, where rates or decays differ, one group each, in the network's order."""
+    spec, trained = network.spec.training, [p for p in network.parameters() if p.requires_grad]
+    if spec.relative_learning_rate is None and network.w_stretch is None and not spec.weight_decay:
         return [{"params": trained}]
-    return [{"params": [p], "lr": rate} for p, rate in zip(trained, rates_of(network).values(), strict=True)]
+    groups = [{"params": [p], "lr": rate} for p, rate in zip(trained, rates_of(network).values(), strict=True)]
+    return [group if group["params"][0].ndim > 1 else {**group, "weight_decay": 0.0} for group in groups]
 
 
 def disturbed(spikes: Tensor, dropout: float, jitter_steps: int, generator: torch.Generator) -> Tensor:
@@ -437,18 +432,25 @@ def _restore(start: Checkpoint, network: RSNN, optimiser: torch.optim.Optimizer,
     """Set network, optimiser and generator to the state of a checkpoint."""
     network.load_state_dict(start.weights)
     trained = [name for name, p in network.named_parameters() if p.requires_grad]
-    keys = STATE[network.spec.training.optimiser]
-    state = {i: {key: start.optimiser[f"{name}.{key}"] for key in keys} for i, name in enumerate(trained)}
     # Loading does not copy tensors that fit, and steps work in place: the copy protects the checkpoint.
-    state = {i: copied(values) for i, values in state.items()}
+    state = {i: copied(tensors_of(start.optimiser, name)) for i, name in enumerate(trained)}
     optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
     generator.set_state(start.generator)
 
 
 def _state(network: RSNN, optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:
     parameters = ((name, p) for name, p in network.named_parameters() if p.requires_grad)
-    keys = STATE[network.spec.training.optimiser]
-    return copied({f"{name}.{key}": optimiser.state[p][key] for name, p in parameters for key in keys})
+    states = ((name, optimisers.state_of(optimiser, p)) for name, p in parameters)
+    return copied({f"{name}.{key}": value for name, state in states for key, value in state.items()})
+
+
+def tensors_of(tensors: Mapping[str, Tensor], part: str) -> dict[str, Tensor]:
+    """The tensors of a part, such as a parameter's optimiser, by the rest of their names.
+
+    >>> tensors_of({"w_in.step": torch.tensor(1.0), "w_out.step": torch.tensor(2.0)}, "w_out")
+    {'step': tensor(2.)}
+    """
+    return {name.removeprefix(f"{part}."): t for name, t in tensors.items() if name.startswith(f"{part}.")}
 
 
 def copied(tensors: Mapping[Any, Tensor]) -> dict[Any, Tensor]:

@@ -1,8 +1,8 @@
 """Checkpoints of a training on disk: one safetensors file, replaced only as a whole, never pickle.
 
 Tensors: `log` (a row per epoch, the fields of `Epoch`), `generator`, `weights.*` and `best.*` (the network's state now
-and after its best epoch), `adam.*` (also of Adamax), `member1.*` and so on (the states of networks that are finished,
-where several are trained), and the SHA-256 of all of these with the name of the training.
+and after its best epoch), `adam.*` (the state of the optimiser, whichever it is), `member1.*` and so on (the states of
+networks that are finished, where several are trained), and the SHA-256 of all of these with the name of the training.
 """
 
 import hashlib
@@ -17,9 +17,10 @@ from torch import Tensor
 
 from neurotact.errors import InputError
 from neurotact.files import read_bytes, whole
+from neurotact.networks.definition import optimisers
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training.checkpoint import check, shapes_of
-from neurotact.networks.training.training import STATE, Checkpoint, Epoch
+from neurotact.networks.training.training import Checkpoint, Epoch, tensors_of
 
 SHA256 = "sha256"
 FIX = "start again with `force=True`"
@@ -67,14 +68,9 @@ def load(path: str | Path, net: Net, training: str) -> Checkpoint:
     if not _is_numbered(epochs, n_finished + 1):
         raise _damaged(path, "its log does not number the epochs")
     _check_generator(tensors["generator"], path)
-    parts = {field: _part(tensors, part) for part, field in PARTS.items()}
-    finished = tuple(_part(tensors, f"member{number}") for number in range(1, n_finished + 1))
+    parts = {field: tensors_of(tensors, part) for part, field in PARTS.items()}
+    finished = tuple(tensors_of(tensors, f"member{number}") for number in range(1, n_finished + 1))
     return Checkpoint(epochs=epochs, generator=tensors["generator"], finished=finished, **parts)
-
-
-def _part(tensors: Mapping[str, Tensor], part: str) -> dict[str, Tensor]:
-    """The tensors with a prefix, by the rest of their names."""
-    return {name.removeprefix(f"{part}."): t for name, t in tensors.items() if name.startswith(f"{part}.")}
 
 
 def _n_finished(log: Tensor, most: int) -> int:
@@ -111,10 +107,10 @@ def _expected(
 
     fixed = {"alpha", "beta", "threshold"} - set(net.spec.learn)
     adam = {
-        f"adam.{name}.{key}": () if key == "step" else shape
+        f"adam.{name}.{key}": kept
         for name, shape in shapes("weights").items()
-        for key in STATE[net.spec.training.optimiser]
         if name not in fixed
+        for key, kept in optimisers.state_shapes(net.spec.training.optimiser, shape).items()
     }
     parts = ["weights", "best", *(f"member{number}" for number in range(1, n_finished + 1))]
     states = {f"{part}.{name}": shape for part in parts for name, shape in shapes(part).items()}

@@ -30,7 +30,7 @@ def arrays(tmp_path_factory):
 
 
 def parameters(**changes) -> Parameters:
-    training = {"epochs": 12, "patience": 12, "batch": 16, "keep": "accuracy", "optimiser": "adamax"}
+    training = {"epochs": 12, "patience": 12, "batch": 16, "keep": "accuracy", "optimiser": "Adamax"}
     training["learning_rate"] = 0.01
     network = {"hidden": 12, "tau_mem_ms": 70, "tau_syn_ms": 7, "training": training}
     return build(Parameters, {"network": network, "outputs": 4, **changes}, source="test")

@@ -1,0 +1,89 @@
+"""Optimisers by the names of their classes in `torch.optim`: which ones train a network, their options and state."""
+
+import inspect
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from neurotact.errors import InputError, nearest
+
+UNSUITED = {
+    "LBFGS": "it computes the loss several times a step, where a training computes it once",
+    "SparseAdam": "it needs sparse gradients, and those of a network are dense",
+}
+"""Optimisers of torch that cannot train a network here, and why."""
+
+
+@cache
+def names() -> tuple[str, ...]:
+    """The optimisers that train a network.
+
+    >>> {"Adam", "AdamW", "SGD"} <= {*names()}, "LBFGS" in names()
+    (True, False)
+    """
+    found = {name: cls for name, cls in vars(torch.optim).items() if isinstance(cls, type)}
+    base = torch.optim.Optimizer
+    own = (name for name, cls in found.items() if issubclass(cls, base) and cls is not base)
+    return tuple(sorted(name for name in own if name not in UNSUITED))
+
+
+def named(name: str) -> str:
+    """The name as torch writes it, of one in any case; ValueError for one that cannot train a network.
+
+    >>> named("adamw")
+    'AdamW'
+    >>> named("Adamm")
+    Traceback (most recent call last):
+    ValueError: there is no optimiser 'Adamm'; did you mean 'Adam'?
+    """
+    known = {own.lower(): own for own in (*names(), *UNSUITED)}
+    own = known.get(name.lower())
+    if own is None:
+        raise ValueError(f"there is no optimiser '{name}'; {nearest(name, names())}")
+    if own in UNSUITED:
+        raise ValueError(f"{own} cannot train a network: {UNSUITED[own]}; take another, such as AdamW")
+    return own
+
+
+def takes(name: str, option: str) -> bool:
+    """Whether an optimiser has an option.
+
+    >>> takes("AdamW", "betas"), takes("SGD", "betas"), takes("Rprop", "weight_decay")
+    (True, False, False)
+    """
+    return option in inspect.signature(getattr(torch.optim, name)).parameters
+
+
+def make(name: str, groups: Sequence[Mapping[str, Any]], **options: Any) -> torch.optim.Optimizer:
+    """An optimiser of groups of parameters; it gets those options that it has. InputError if it refuses them."""
+    known = {key: value for key, value in options.items() if takes(name, key)}
+    fused = {"fused": True} if name == "Adam" else {}
+    try:
+        return getattr(torch.optim, name)([*map(dict, groups)], **known, **fused)
+    except ValueError as error:  # such as Muon, of a bias
+        raise InputError(f"training.optimiser: {name} does not train this network ({error}); take another") from error
+
+
+def state_of(optimiser: torch.optim.Optimizer, parameter: Tensor) -> dict[str, Tensor]:
+    """What an optimiser has stored of a parameter after a step; an empty table if it stores nothing.
+
+    Some versions of torch store None for the momentum of an SGD without one.
+    """
+    return {key: value for key, value in optimiser.state[parameter].items() if value is not None}
+
+
+@cache
+def state_shapes(name: str, shape: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
+    """The shapes of what an optimiser stores of a parameter of a shape, as a step of its own shows them.
+
+    >>> state_shapes("Adamax", (2, 3))
+    {'step': (), 'exp_avg': (2, 3), 'exp_inf': (2, 3)}
+    """
+    parameter = torch.zeros(shape, requires_grad=True)
+    parameter.grad = torch.zeros(shape)
+    optimiser = make(name, [{"params": [parameter]}])
+    optimiser.step()
+    return {key: tuple(value.shape) for key, value in state_of(optimiser, parameter).items()}
