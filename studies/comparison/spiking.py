@@ -8,13 +8,14 @@ import torch
 
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import Split
+from neurotact.data.splits import Split, SplitSpec
 from neurotact.data.windows import Windows
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.calibration import calibrate
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.metrics.flops import Cost
 from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.training import fitting
@@ -84,7 +85,7 @@ def _examples(trains: SpikeTrains, side: np.ndarray) -> Examples:
 def _fit(
     trains: SpikeTrains, spec: RSNNSpec, training: Examples, validation: Examples, seed: int
 ) -> tuple[RSNN, float]:
-    network, _ = alone(fitting.network_course(trains, spec, (2 * seed, 2 * seed + 1), training, validation))
+    network, _ = alone(fitting.network_course(trains, spec, of_start(seed, SplitSpec(seed=seed)), training, validation))
     return network, _accuracy(network, validation, FULL_WINDOW)
 
 

@@ -12,12 +12,13 @@ from neurotact_parts.studies.comparison.sets import WaysData, bench_of
 from neurotact_parts.studies.comparison.ways_to_save import Parameters, named
 
 from neurotact.data.spikes import from_rasters
-from neurotact.data.splits import Split
+from neurotact.data.splits import Split, SplitSpec
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.cost import encoding_cost
 from neurotact.errors import InputError
 from neurotact.metrics.flops import ExactSpikes, cost
 from neurotact.networks.definition.recipe import Seen
+from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import members
 from neurotact.networks.use.ledger import network_cost
@@ -139,6 +140,14 @@ def test_early_exit_waits_less(rows):
     assert rows["early exit"]["signal_ms"] < rows[NOTHING]["signal_ms"]
     assert rows["early exit"]["sops_total"] < rows[NOTHING]["sops_total"]
     assert rows["early exit"]["energy_estimate_nJ"] < rows[NOTHING]["energy_estimate_nJ"]
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_a_seed_starts_as_any_training_on_its_split(seed):
+    table = {"data": {"set": "gratings", "sets": SETS}, "ways": {}, "network": NETWORK}
+    parameters = build(Parameters, table, source="test")
+    bench = bench_of(parameters.data, parameters.network, seed, ways_to_save.load(parameters.data))
+    assert bench.seeds == of_start(seed, SplitSpec(seed=2 * seed))
 
 
 def test_a_moving_average_costs_at_the_rate_of_the_sensor():
