@@ -39,6 +39,11 @@ class Choice(NamedTuple):
     guess: float = 0.0
 
     @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval of the test accuracy of the network as it is used."""
+        return answers.interval_of(self.network, self.network.used, self.trials)
+
+    @property
     def name(self) -> str:
         pair = self.network.pair
         period = "" if pair == periods.NONE else f" with t_ref {pair} ms"
@@ -146,7 +151,7 @@ def _is_worse(one: Choice, other: Choice) -> bool:
 def _reached(one: Choice) -> str:
     """How often it is right, with the interval of its test trials, and what a decision costs."""
     used = one.network.used
-    low, high = wilson_interval(used.accuracy, one.trials.test)
+    low, high = one.interval
     spent = f"{answers.count(used.spikes)} spikes"
     spent += "" if used.nJ is None else f" and {answers.energy(used.nJ)}"
     if low <= one.guess:
@@ -191,7 +196,7 @@ def table(among: Sequence[Choice]) -> Table | None:
         rate = "" if one.rate_per_s is None else f" at {one.rate_per_s:g} spikes/s"
         rows.append([
             f"{one.encoder}{rate}{mark}", one.network.pair, answers.count(used.spikes),
-            first_screen.with_interval(used.accuracy, n_test), readout,
+            first_screen.within(used.accuracy, one.interval), readout,
             "-" if one.snr_dB is None else f"{one.snr_dB:.1f}", "-" if used.nJ is None else answers.energy(used.nJ),
         ])  # fmt: skip
     caption = (
@@ -213,7 +218,7 @@ def as_table(among: Sequence[Choice]) -> pd.DataFrame:
     rows = []
     for one in among:
         used = one.network.used
-        low, high = wilson_interval(used.accuracy, one.trials.test)
+        low, high = one.interval
         row = {"encoder": one.encoder, "t_ref_ms": one.network.pair}
         row |= {} if one.rate_per_s is None else {RATE: one.rate_per_s}
         row |= {"accuracy_validation": one.network.way(one.trials).validation, "accuracy_test": used.accuracy}
