@@ -80,9 +80,10 @@ class Network(NamedTuple):
         """The decision as it is used: with early exit if that is used."""
         return self.early if self.exits and self.early is not None else self.whole
 
-    def way(self, trials: "Trials") -> Way:
-        """What the referee knows of the network, on whole windows; its cost is energy, or SOPs if that is unknown."""
-        cost = self.whole.sops if self.whole.nJ is None else self.whole.nJ
+    def way(self, trials: "Trials", decision: Decision | None = None) -> Way:
+        """What the referee knows of it; the cost, of whole windows or of `decision`, is energy or else SOPs."""
+        spent = decision or self.whole
+        cost = spent.sops if spent.nJ is None else spent.nJ
         return Way(self.validation, standard_error(self.validation, trials.validation), cost)
 
 

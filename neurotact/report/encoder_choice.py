@@ -8,7 +8,7 @@ import pandas as pd
 from neurotact.baselines.opponents import LINEAR
 from neurotact.encoders import specs as encoders
 from neurotact.metrics.paired import compare_shares
-from neurotact.metrics.referee import best_of, within_error
+from neurotact.metrics.referee import Way, best_of, within_error
 from neurotact.metrics.savings import Savings, savings
 from neurotact.metrics.shares import wilson_interval
 from neurotact.report import answer as answers
@@ -37,6 +37,11 @@ class Choice(NamedTuple):
     readout: Baseline | None
     snr_dB: float | None
     guess: float = 0.0
+
+    @property
+    def way(self) -> Way:
+        """What the referee knows of it: the cost is that of the decision as it is used, which sentences name."""
+        return self.network.way(self.trials, self.network.used)
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -77,7 +82,7 @@ def choices(
 def _of_each_pair(front: Front) -> Iterator[Network]:
     for pair in dict.fromkeys(network.pair for network in front.networks):
         own = [network for network in front.networks if network.pair == pair]
-        yield own[best_of([network.way(front.answer.trials) for network in own])]
+        yield own[best_of([network.way(front.answer.trials, network.used) for network in own])]
 
 
 def _snr_dB(table: pd.DataFrame | None, study: StudySpec, row: Mapping[str, object], pair: str) -> float | None:  # noqa: N802
@@ -137,7 +142,7 @@ def _unclear(among: Sequence[Choice], found: Savings) -> str:
 
 def _savings(among: Sequence[Choice]) -> Savings:
     """What the referee says: validation chooses, and test trials may show that a choice is worse than another."""
-    ways, tested = [one.network.way(one.trials) for one in among], [one.network.used.accuracy for one in among]
+    ways, tested = [one.way for one in among], [one.network.used.accuracy for one in among]
     worse = {at for at in within_error(ways) if any(_is_worse(among[at], other) for other in among)}
     return savings(ways, tested, worse)
 

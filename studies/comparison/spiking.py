@@ -57,7 +57,9 @@ def encode(task: TaskData, train_examples: np.ndarray) -> SpikeTrains:
 
 
 def decide(task: TaskData, split: Split, seed: int) -> list[Decided]:
-    """The network with the best validation accuracy, over the whole window and with early exit.
+    """The network with the best validation accuracy, over the whole window and with early exit as it is used.
+
+    Where validation examples do not bound its loss within the tolerance, early exit decides on whole windows, too.
 
     Costs count conditioning and afferents of every taxel on every step until the decision, and the network by its
     measured SOPs.
@@ -67,13 +69,14 @@ def decide(task: TaskData, split: Split, seed: int) -> list[Decided]:
     fits = [_fit(trains, spec, training, validation, seed) for spec in TRIED]
     best = max(range(len(fits)), key=lambda i: fits[i][1])
     network, accuracy_validation = fits[best]
-    early = fitting.exit_rule(network, validation, EXIT_TOLERANCE, training)
+    choice = fitting.exit_of(network, validation, EXIT_TOLERANCE, training)
     kind = "recurrent" if network.spec.recurrent else "feed-forward"
     settings = f"N {network.spec.hidden}, {kind}, tau {network.spec.tau_mem_ms:g} and {network.spec.tau_syn_ms:g} ms"
     decided = []
-    for name, rule in ((FAMILY, FULL_WINDOW), (EARLY, early)):
+    refused = f"{settings}; early exit not used: whole windows" if choice.is_refused else settings
+    for name, rule, told in ((FAMILY, FULL_WINDOW, settings), (EARLY, choice.used, refused)):
         accuracy_exit = accuracy_validation if rule is FULL_WINDOW else _accuracy(network, validation, rule)
-        decided.append(Decided(name, settings, accuracy_exit, *_measure(network, trains, test, rule)))
+        decided.append(Decided(name, told, accuracy_exit, *_measure(network, trains, test, rule)))
     return decided
 
 

@@ -102,6 +102,18 @@ def test_no_sentence_crowns_a_row_that_its_table_contradicts(rows, n_trials):
         assert not (clear.difference > 0 and clear.is_clear)
 
 
+def test_what_is_picked_is_the_decision_whose_cost_is_told():
+    """Early exit makes the dearer of two on whole windows the cheaper one, where it is used."""
+    plain, exits = choice("lif", 0.9, 30.0), choice("burst", 0.9, 50.0)
+    early = exits.network.whole._replace(nJ=5.0, ms=100.0)
+    for bound, named in ((0.0, "burst"), (0.2, "lif"), (None, "lif")):
+        among = [plain, exits._replace(network=exits.network._replace(early=early, exit_bound=bound))]
+        assert f"the best is {named} with" in sentence(among)
+        assert ("for 20 spikes and 5 nJ" in sentence(among)) == (named == "burst")
+        (marked,) = [row for row in table(among).rows if "cheapest" in row[0]]
+        assert marked[0].startswith(named)
+
+
 def test_an_answer_that_guessing_may_reach_says_so():
     among = [choice("lif", 0.6, 20.0)._replace(guess=0.5), choice("burst", 0.55, 30.0)._replace(guess=0.5)]
     assert "not clearly more often than by guessing (50.0 %)" in sentence(among)
