@@ -7,9 +7,9 @@ import pandas as pd
 
 from neurotact.baselines.opponents import LINEAR
 from neurotact.encoders import specs as encoders
-from neurotact.metrics.paired import compare_shares
-from neurotact.metrics.referee import Way, best_of, within_error
-from neurotact.metrics.savings import Savings, savings
+from neurotact.metrics.paired import Paired, compare_shares
+from neurotact.metrics.referee import Way, best_of
+from neurotact.metrics.savings import Savings, savings, worse_than_another
 from neurotact.metrics.shares import wilson_interval
 from neurotact.report import answer as answers
 from neurotact.report import first_screen, periods
@@ -143,14 +143,11 @@ def _unclear(among: Sequence[Choice], found: Savings) -> str:
 def _savings(among: Sequence[Choice]) -> Savings:
     """What the referee says: validation chooses, and test trials may show that a choice is worse than another."""
     ways, tested = [one.way for one in among], [one.network.used.accuracy for one in among]
-    worse = {at for at in within_error(ways) if any(_is_worse(among[at], other) for other in among)}
-    return savings(ways, tested, worse)
 
+    def compared(one: int, other: int) -> Paired:
+        return compare_shares(tested[one], tested[other], among[one].trials.test)
 
-def _is_worse(one: Choice, other: Choice) -> bool:
-    """Whether test trials show that one encoder is clearly less accurate than another."""
-    found = compare_shares(other.network.used.accuracy, one.network.used.accuracy, one.trials.test)
-    return found.difference > 0 and found.is_clear
+    return savings(ways, tested, worse_than_another(ways, compared))
 
 
 def _reached(one: Choice) -> str:
