@@ -49,7 +49,7 @@ def of_changes(rng, **how) -> str:
 
 
 def n_studies() -> int:
-    return 60 if settings.default.max_examples == QUICK else 300
+    return 60 if settings.default.max_examples == QUICK else 150
 
 
 @thinned("how", STUDIES["how"])
