@@ -103,5 +103,16 @@ def test_a_run_tells_it_in_its_answer_and_in_its_table(tmp_path, monkeypatch, se
     assert said in (folder / "report.html").read_text()
 
 
+def test_a_run_of_repeats_has_no_starts(tmp_path, monkeypatch):
+    without_pictures(monkeypatch)
+    sweep, split = {"network.hidden": [20], "split.seed": [0, 1, 2]}, {"seed": 0, "validation": 0.25, "test": 0.25}
+    what = make_study(claims=(), sweep=sweep, split=split)
+    folder = make_run(what, tmp_path / "run", grating_conditions())
+    networks.write(what, folder)
+    (told,) = json.loads((folder / "answer.json").read_text())["answers"]
+    assert tuple(told["interval"]) == wilson_interval(mean_of(told), told["test_trials"])
+    assert told["details"][0] == "The 95 % interval knows one start of the weights, of each split: others may differ."
+
+
 def mean_of(told):
     return told["networks"][told["best"]][told["used"]]["accuracy"]
