@@ -1,9 +1,11 @@
 """Which way is the cheapest of those that keep the accuracy: chosen on validation, and not said against test trials."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
+from itertools import combinations
 from typing import NamedTuple
 
-from neurotact.metrics.referee import Way, best_of, level_with_best, within_error
+from neurotact.metrics.paired import Paired
+from neurotact.metrics.referee import LEVEL, Way, best_of, holm, level_with_best, within_error
 
 
 class Savings(NamedTuple):
@@ -25,6 +27,24 @@ class Savings(NamedTuple):
     def is_clear(self) -> bool:
         """Whether the cheapest may be called so: no other way speaks against it."""
         return self.cheapest is not None and not self.contrary
+
+
+def worse_than_another(ways: Sequence[Way], compare: Callable[[int, int], Paired]) -> set[int]:
+    """Of the ways within the error, those that test trials show to be clearly less accurate than any other way.
+
+    compare: two ways, by their indices, the first minus the second. Holm's correction is for all these comparisons:
+    of many ways that are equally accurate, chance sets some far apart.
+
+    >>> ways = [Way(0.9, 0.02), Way(0.9, 0.02), Way(0.2, 0.02)]
+    >>> worse_than_another(ways, lambda one, other: Paired(0.1, 0.01 if (one, other) == (0, 1) else 0.04, 40))
+    {1}
+    """
+    near = {*within_error(ways)}
+    pairs = [pair for pair in combinations(range(len(ways)), 2) if near & {*pair}]
+    found = [compare(*pair) for pair in pairs]
+    clear = [p < LEVEL for p in holm([one.p for one in found])]
+    losers = {pair[one.difference > 0] for pair, one, is_clear in zip(pairs, found, clear, strict=True) if is_clear}
+    return losers & near
 
 
 def savings(

@@ -10,10 +10,11 @@ from typing import Any, Literal, NamedTuple
 
 from scipy.stats import binom
 
-from neurotact.metrics import power, referee
+from neurotact.metrics import power, referee, starts
 from neurotact.metrics.paired import Paired, compare_shares
 from neurotact.metrics.referee import Verdict, Way
 from neurotact.metrics.shares import standard_error, wilson_interval
+from neurotact.metrics.starts import Spread
 from neurotact.networks.exit import held_out
 from neurotact.report import periods
 
@@ -46,6 +47,8 @@ class Network(NamedTuple):
     whole, early: decisions on the whole window and with early exit; early is None if there is none.
     exit_bound: upper bound of the accuracy that early exit loses, on validation trials that did not choose it; None if
     unknown. tolerance: how much may be lost.
+    starts: seeds of one split, the fewest of any. apart, apart_early: how far both accuracies lie apart between starts;
+    None if no network of the data set has two starts on a split.
     """
 
     pair: str
@@ -56,6 +59,9 @@ class Network(NamedTuple):
     early: Decision | None
     exit_bound: float | None = None
     tolerance: float = 0.01
+    starts: int = 1
+    apart: Spread | None = None
+    apart_early: Spread | None = None
 
     @property
     def name(self) -> str:
@@ -74,9 +80,10 @@ class Network(NamedTuple):
         """The decision as it is used: with early exit if that is used."""
         return self.early if self.exits and self.early is not None else self.whole
 
-    def way(self, trials: "Trials") -> Way:
-        """What the referee knows of the network, on whole windows; its cost is energy, or SOPs if that is unknown."""
-        cost = self.whole.sops if self.whole.nJ is None else self.whole.nJ
+    def way(self, trials: "Trials", decision: Decision | None = None) -> Way:
+        """What the referee knows of it; the cost, of whole windows or of `decision`, is energy or else SOPs."""
+        spent = decision or self.whole
+        cost = spent.sops if spent.nJ is None else spent.nJ
         return Way(self.validation, standard_error(self.validation, trials.validation), cost)
 
 
@@ -223,7 +230,7 @@ def answer(
     ways = [network.way(trials) for network in networks]
     best, cheapest = networks[referee.best_of(ways)], networks[referee.cheapest_of(ways)]
     error = best.way(trials).error
-    interval = interval_of(best.used, trials)
+    interval = interval_of(best, best.used, trials)
     others = [baseline.way(trials) for baseline in baselines]
 
     def compared(network: Network, baseline: Baseline) -> Paired:
@@ -250,9 +257,26 @@ def answer(
     )
 
 
-def interval_of(decision: Decision, trials: Trials) -> tuple[float, float]:
-    """The 95 % interval of the test accuracy of a network."""
-    return wilson_interval(decision.accuracy, trials.test)
+def interval_of(network: Network, decision: Decision, trials: Trials) -> tuple[float, float]:
+    """The 95 % interval of the test accuracy of a network, with that of other starts where several are known.
+
+    decision: one of both of the network.
+    """
+    apart = network.apart_early if decision is network.early else network.apart
+    return starts.interval(decision.accuracy, trials.test, network.starts, apart)
+
+
+def of_starts(outcome: Answer) -> str:
+    """What the interval of the headline knows of other starts of the weights."""
+    best = outcome.best
+    apart = best.apart_early if best.exits else best.apart
+    if apart is None:
+        each = ", of each split" if best.seeds > best.starts else ""
+        return f"The 95 % interval knows {starts.ONE.replace(':', f'{each}:', 1)}."
+    return (
+        "The 95 % interval is that of another start of the weights on other trials: accuracies of starts lie "
+        f"{100 * apart.deviation:.1f} points apart (standard deviation)."
+    )
 
 
 def _priced(

@@ -7,9 +7,9 @@ import pandas as pd
 
 from neurotact.baselines.opponents import LINEAR
 from neurotact.encoders import specs as encoders
-from neurotact.metrics.paired import compare_shares
-from neurotact.metrics.referee import best_of, within_error
-from neurotact.metrics.savings import Savings, savings
+from neurotact.metrics.paired import Paired, compare_shares
+from neurotact.metrics.referee import Way, best_of
+from neurotact.metrics.savings import Savings, savings, worse_than_another
 from neurotact.metrics.shares import wilson_interval
 from neurotact.report import answer as answers
 from neurotact.report import first_screen, periods
@@ -37,6 +37,16 @@ class Choice(NamedTuple):
     readout: Baseline | None
     snr_dB: float | None
     guess: float = 0.0
+
+    @property
+    def way(self) -> Way:
+        """What the referee knows of it: the cost is that of the decision as it is used, which sentences name."""
+        return self.network.way(self.trials, self.network.used)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval of the test accuracy of the network as it is used."""
+        return answers.interval_of(self.network, self.network.used, self.trials)
 
     @property
     def name(self) -> str:
@@ -72,7 +82,7 @@ def choices(
 def _of_each_pair(front: Front) -> Iterator[Network]:
     for pair in dict.fromkeys(network.pair for network in front.networks):
         own = [network for network in front.networks if network.pair == pair]
-        yield own[best_of([network.way(front.answer.trials) for network in own])]
+        yield own[best_of([network.way(front.answer.trials, network.used) for network in own])]
 
 
 def _snr_dB(table: pd.DataFrame | None, study: StudySpec, row: Mapping[str, object], pair: str) -> float | None:  # noqa: N802
@@ -132,21 +142,18 @@ def _unclear(among: Sequence[Choice], found: Savings) -> str:
 
 def _savings(among: Sequence[Choice]) -> Savings:
     """What the referee says: validation chooses, and test trials may show that a choice is worse than another."""
-    ways, tested = [one.network.way(one.trials) for one in among], [one.network.used.accuracy for one in among]
-    worse = {at for at in within_error(ways) if any(_is_worse(among[at], other) for other in among)}
-    return savings(ways, tested, worse)
+    ways, tested = [one.way for one in among], [one.network.used.accuracy for one in among]
 
+    def compared(one: int, other: int) -> Paired:
+        return compare_shares(tested[one], tested[other], among[one].trials.test)
 
-def _is_worse(one: Choice, other: Choice) -> bool:
-    """Whether test trials show that one encoder is clearly less accurate than another."""
-    found = compare_shares(other.network.used.accuracy, one.network.used.accuracy, one.trials.test)
-    return found.difference > 0 and found.is_clear
+    return savings(ways, tested, worse_than_another(ways, compared))
 
 
 def _reached(one: Choice) -> str:
     """How often it is right, with the interval of its test trials, and what a decision costs."""
     used = one.network.used
-    low, high = wilson_interval(used.accuracy, one.trials.test)
+    low, high = one.interval
     spent = f"{answers.count(used.spikes)} spikes"
     spent += "" if used.nJ is None else f" and {answers.energy(used.nJ)}"
     if low <= one.guess:
@@ -191,7 +198,7 @@ def table(among: Sequence[Choice]) -> Table | None:
         rate = "" if one.rate_per_s is None else f" at {one.rate_per_s:g} spikes/s"
         rows.append([
             f"{one.encoder}{rate}{mark}", one.network.pair, answers.count(used.spikes),
-            first_screen.with_interval(used.accuracy, n_test), readout,
+            first_screen.within(used.accuracy, one.interval), readout,
             "-" if one.snr_dB is None else f"{one.snr_dB:.1f}", "-" if used.nJ is None else answers.energy(used.nJ),
         ])  # fmt: skip
     caption = (
@@ -213,7 +220,7 @@ def as_table(among: Sequence[Choice]) -> pd.DataFrame:
     rows = []
     for one in among:
         used = one.network.used
-        low, high = wilson_interval(used.accuracy, one.trials.test)
+        low, high = one.interval
         row = {"encoder": one.encoder, "t_ref_ms": one.network.pair}
         row |= {} if one.rate_per_s is None else {RATE: one.rate_per_s}
         row |= {"accuracy_validation": one.network.way(one.trials).validation, "accuracy_test": used.accuracy}

@@ -19,6 +19,7 @@ class _Row(NamedTuple):
     """A network's decision as the table names it, with what the referee says of it."""
 
     name: str
+    network: Network
     decision: Decision
     mark: str
 
@@ -91,14 +92,15 @@ def table(outcome: Answer, networks: Sequence[Network], baselines: Sequence[Base
 
     period: what the refractory periods are of (`periods.head`).
     """
-    rows = [[f"{row.name}{row.mark}", *_in_words(row.decision, outcome.trials.test)]
+    rows = [[f"{row.name}{row.mark}", *_in_words(row, outcome.trials)]
             for row in _network_rows(outcome, networks)]  # fmt: skip
     for baseline in _baselines_shown(outcome, baselines):
         mark = ": cheapest on signals that is not clearly less accurate"
         name = f"{baseline.name}{mark if baseline is outcome.comparable else ''}"
         spent = "-" if baseline.nJ is None else answers.energy(baseline.nJ)
-        within = with_interval(baseline.accuracy, outcome.trials.test)
-        rows.append([name, within, "", "", _ms(outcome.best.whole), spent])
+        rows.append(
+            [name, with_interval(baseline.accuracy, outcome.trials.test), "", "", _ms(outcome.best.whole), spent]
+        )
     rows.append(["guessing", _guess(outcome), *[""] * (len(HEADS) - 2)])
     trainings = max(network.seeds for network in networks)
     over = f", of {trainings} trainings each" if trainings > 1 else ""
@@ -121,9 +123,9 @@ def _network_rows(outcome: Answer, networks: Sequence[Network]) -> Iterator[_Row
             mark = f": {' and '.join(marks)}" if marks else ""
             is_early = one.exits and one == outcome.best  # the cheapest is that on whole windows
             name = f"{periods.in_ms(pair)}, {one.hidden}"
-            yield _Row(name, one.whole, "" if is_early else mark)
+            yield _Row(name, one, one.whole, "" if is_early else mark)
             if one.early is not None:
-                yield _Row(f"{name}, early exit", one.early, mark if is_early else "")
+                yield _Row(f"{name}, early exit", one, one.early, mark if is_early else "")
 
 
 def _baselines_shown(outcome: Answer, baselines: Sequence[Baseline]) -> list[Baseline]:
@@ -145,14 +147,20 @@ def with_interval(share: float, n_test: int) -> str:
     >>> with_interval(0.9, 40)
     '90.0 % (77 to 96)'
     """
-    low, high = wilson_interval(share, n_test)
+    return within(share, wilson_interval(share, n_test))
+
+
+def within(share: float, interval: tuple[float, float]) -> str:
+    """A share with the limits of its interval."""
+    low, high = interval
     return f"{answers.percent(share)} ({100 * low:.0f} to {100 * high:.0f})"
 
 
-def _in_words(decision: Decision, n_test: int) -> list[str]:
+def _in_words(row: _Row, trials: Trials) -> list[str]:
+    decision, interval = row.decision, answers.interval_of(row.network, row.decision, trials)
     spent = "-" if decision.nJ is None else answers.energy(decision.nJ)
     counts = answers.count(decision.spikes), answers.count(decision.sops)
-    return [with_interval(decision.accuracy, n_test), *counts, _ms(decision), spent]
+    return [within(decision.accuracy, interval), *counts, _ms(decision), spent]
 
 
 def _ms(decision: Decision) -> str:

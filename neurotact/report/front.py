@@ -16,7 +16,7 @@ from neurotact.data.splits import SplitSpec, turns_of, validation_note
 from neurotact.data.trial_choice import values_in_words
 from neurotact.data.window_choice import on_late_onsets, timing_of
 from neurotact.errors import InputError
-from neurotact.metrics import paired
+from neurotact.metrics import paired, starts
 from neurotact.metrics.paired import Paired
 from neurotact.networks.definition import recipe
 from neurotact.networks.exit import held_out
@@ -142,10 +142,18 @@ def with_exit_bound(network: Network, folder: Path, cells: Sequence[Cell], toler
     return network._replace(exit_bound=float(held_out.upper_bound(losses)), tolerance=tolerance)
 
 
-def networks_of(results: pd.DataFrame) -> list[Network]:
-    """The networks of one data set, means over seeds; `results` has the columns of `costs_of`."""
+def networks_of(results: pd.DataFrame, splits: Sequence[str] = ()) -> list[Network]:
+    """The networks of one data set, means over seeds; `results` has the columns of `costs_of`.
+
+    splits: the columns of `split_columns`: seeds of one split are starts, other splits are not.
+    """
     measures = ["accuracy_validation", "accuracy_test", "exit_accuracy"]
     measures += [f"{kind}_{cost}" for kind in KINDS for cost in COSTS]
+    same = [group for _, group in results.groupby([*NETWORK, *splits], sort=False, dropna=False)]
+    apart, apart_early = (
+        starts.spread(group[name].dropna().tolist() for group in same) for name in ("accuracy_test", "exit_accuracy")
+    )
+    fewest = results.groupby([*NETWORK, *splits], dropna=False).size().groupby(level=NETWORK).min()
     return [
         Network(
             str(row["pair"]),
@@ -154,6 +162,9 @@ def networks_of(results: pd.DataFrame) -> list[Network]:
             float(row["accuracy_validation"]),
             _decision(row, "whole", "accuracy_test"),
             _decision(row, "early", "exit_accuracy"),
+            starts=int(fewest[tuple(row[key] for key in NETWORK)]),
+            apart=apart,
+            apart_early=apart_early,
         )
         for row in means_over(results.infer_objects(), NETWORK, measures, "seeds").to_dict("records")
     ]
@@ -183,10 +194,10 @@ def as_json(front: Front) -> dict[str, Any]:
     """The drawing of one data set: its networks with their intervals, its baselines, and guessing."""
     drawn = []
     for network, cell in zip(front.networks, front.cells, strict=True):
-        low, high = answers.interval_of(network.used, front.answer.trials)
+        low, high = answers.interval_of(network, network.used, front.answer.trials)
         name = f"{periods.in_ms(network.pair)}, N = {network.hidden}"
         more = {"low": low, "high": high, "used": USED[network.exits], "cell": cell, "name": name}
-        entry = network._asdict() | more
+        entry = {key: value for key, value in network._asdict().items() if not key.startswith("apart")} | more
         drawn.append(entry | {kind: _as_json(getattr(network, kind)) for kind in KINDS})
     one = front.answer
     return {
@@ -289,7 +300,7 @@ def fronts(
         sides = sides_of(trains, first_of_splits, counts)
         guess = max(1 / len(counts), max(counts) / max(1, sum(counts)))
         unranked = untold(first_of_splits, trains)
-        networks = networks_of(rows)
+        networks = networks_of(rows, split_columns(study))
         if not unranked:  # else validation trials have not the condition of the test, and bound no loss there
             tolerance = study.early_exit.tolerance
             networks = [with_exit_bound(one, folder, cells_of(done, rows, one), tolerance) for one in networks]
@@ -305,6 +316,7 @@ def fronts(
         made_by = [one for index in cheapest if index < len(afferents) and (one := afferents[index]) is not None]
         classes = robustness.by_class(folder, cells_of(done, rows, answer.best), trains)
         words = [
+            answers.of_starts(answer),
             *robustness.sentence(tables.get(robustness.REMEDIES), answer.best),
             *robustness.hardest(classes),
             *answers.details(answer),

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 
 from neurotact.metrics.fronts import pareto_front
-from neurotact.metrics.paired import compare_shares
-from neurotact.metrics.referee import Way, within_error
+from neurotact.metrics.paired import Paired, compare_shares
+from neurotact.metrics.referee import Way
 from neurotact.metrics.resampled import (
     DIFFERENCES,
     LEAST_SPLITS,
@@ -22,7 +22,7 @@ from neurotact.metrics.resampled import (
     resampled_interval,
     sizes_of,
 )
-from neurotact.metrics.savings import Savings, savings
+from neurotact.metrics.savings import Savings, savings, worse_than_another
 from neurotact.metrics.shares import standard_error, wilson_interval
 from neurotact.networks.training.cautions import FEW_PER_CLASS
 from neurotact.studies.protocol import Listed
@@ -138,7 +138,7 @@ class Compared(NamedTuple):
         settings = [_saved(part, base, cost) for part in (base, *others)]
         ways, tested = [_way(one.rows, one.share) for one in settings], [_by_seed(one.rows) for one in settings]
         sizes = sizes_of(rows)
-        worse = {at for at in within_error(ways) if any(_is_worse(tested[at], other, sizes) for other in tested)}
+        worse = worse_than_another(ways, lambda one, other: _compared(tested[one], tested[other], sizes))
         return Compared(settings, ways, worse)
 
     def savings(self, of: Callable[[Saved], bool] | None = None) -> Savings:
@@ -147,14 +147,12 @@ class Compared(NamedTuple):
         return savings(self.ways, [_tested(one.rows) for one in self.settings], self.worse, among)
 
 
-def _is_worse(one: pd.Series, other: pd.Series, sizes: tuple[int, int, float]) -> bool:
-    """Whether test windows show that one setting is clearly less accurate than another, seed by seed."""
-    lost = (other - one).dropna().to_numpy()
-    if len(lost) >= LEAST_SPLITS:
-        found = compare_over_splits(lost, *sizes)
-    else:
-        found = compare_shares(float(other.mean()), float(one.mean()), max(1, round(sizes[2])))
-    return found.difference > 0 and found.is_clear
+def _compared(one: pd.Series, other: pd.Series, sizes: tuple[int, int, float]) -> Paired:
+    """One setting minus another on test windows, seed by seed."""
+    gained = (one - other).dropna().to_numpy()
+    if len(gained) >= LEAST_SPLITS:
+        return compare_over_splits(gained, *sizes)
+    return compare_shares(float(one.mean()), float(other.mean()), max(1, round(sizes[2])))
 
 
 def _by_seed(rows: pd.DataFrame) -> pd.Series:

@@ -17,6 +17,8 @@ from pydantic import Field
 
 from neurotact.errors import InputError, nearest
 from neurotact.figures.style import INK, Drawn, new_figure, printed
+from neurotact.metrics import referee
+from neurotact.metrics.resampled import LEAST_SPLITS, resampled_p, sizes_of
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.spec import Spec, build, override
@@ -102,7 +104,8 @@ def changes(results: pd.DataFrame) -> pd.DataFrame:
 
     results: rows with set, change, seed, n_train, n_test, accuracy_test and sops_total.
     Columns: set, change, seeds, accuracy_test (mean), lost (mean of the differences), low and high (95 % interval of
-    `lost`, corrected for splits that share trials; NaN for one or two seeds), share (of the recipe's SOPs).
+    `lost`, corrected for splits that share trials; NaN for one or two seeds), p (of `lost`, of this change alone; 1 for
+    one or two seeds), share (of the recipe's SOPs).
     """
     rows = []
     for name, part in results.groupby("set", sort=False):
@@ -114,8 +117,13 @@ def changes(results: pd.DataFrame) -> pd.DataFrame:
             share = float(mine.loc[both, "sops_total"].mean() / whole.loc[both, "sops_total"].mean())
             rows.append({"set": name, "change": change, "seeds": len(both), "share": share,
                          "accuracy_test": float(mine.loc[both, "accuracy_test"].mean()),
-                         **fronts.interval_of(lost, mine)._asdict()})  # fmt: skip
+                         **fronts.interval_of(lost, mine)._asdict(), "p": _p(lost, mine)})  # fmt: skip
     return pd.DataFrame(rows).rename(columns={"mean": "lost"})
+
+
+def _p(lost: np.ndarray, rows: pd.DataFrame) -> float:
+    n_train, n_test, trials = sizes_of(rows)
+    return resampled_p(lost, n_train, n_test, trials) if len(lost) >= LEAST_SPLITS else 1.0
 
 
 def answers(results: pd.DataFrame) -> list[str]:
@@ -131,9 +139,11 @@ def answers(results: pd.DataFrame) -> list[str]:
             most = mine.loc[mine["lost"].idxmax()]
             verb = "loses" if most["lost"] > 0 else "gains"
             sentence += f"; of {len(mine)} changes '{most['change']}' {verb} most, {100 * abs(most['lost']):.1f} points"
-            better = mine[mine["high"] < 0]
+            corrected = np.array(referee.holm(mine["p"].tolist()))
+            better = mine["change"][(mine["lost"] < 0).to_numpy() & (corrected < referee.LEVEL)]
             if not better.empty:
-                sentence += f", and {len(better)} do better by more than their interval: {', '.join(better['change'])}"
+                of = f", after correction for {len(mine)} changes" if len(mine) > 1 else ""
+                sentence += f", and clearly better{of}: {', '.join(better)}"
         sentences.append(f"{sentence}.")
     return sentences
 

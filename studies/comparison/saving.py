@@ -70,7 +70,8 @@ class Setting(Spec):
     train_on: bool = False
     """Train the remaining weights for a quarter of the epochs."""
     exit_tolerance: float | None = Field(default=None, ge=0, lt=1)
-    """Early exit, with the least patience that loses at most this validation accuracy."""
+    """Early exit, with the least patience that loses at most this validation accuracy; whole windows where validation
+    trials that did not choose it do not bound the loss so far (`held_out.ExitChoice.used`)."""
 
     @model_validator(mode="after")
     def _trains_on_what_is_pruned(self) -> "Setting":
@@ -179,7 +180,7 @@ def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[s
         fitted = _pruned(fitted, setting)
     rule = FULL_WINDOW
     if setting.exit_tolerance is not None:
-        rule = fitting.exit_rule(fitted.network, fitted.sides.validation, setting.exit_tolerance)
+        rule = fitting.exit_of(fitted.network, fitted.sides.validation, setting.exit_tolerance).used
     return row_of(fitted, rule, pruned=setting.prune is not None)
 
 
@@ -210,9 +211,12 @@ def cut(bench: Bench, setting: Setting) -> Sides:
     hop_ms = bench.window.hop_ms or bench.window.length_ms
     length_ms = max(1, round(setting.window * bench.window.length_ms / step_ms)) * step_ms
     window = bench.window.model_copy(update={"length_ms": length_ms, "hop_ms": hop_ms})
-    sides = [tasks.examples_of(trains, side, window)[0] for side in bench.split]
-    kept, n_taxels = _select_afferents(trains, sides[0].spikes, setting.taxels)
-    training, validation, test = (Examples(side.spikes[:, :, kept].contiguous(), side.labels) for side in sides)
+    cuts = [tasks.examples_of(trains, side, window) for side in bench.split]
+    kept, n_taxels = _select_afferents(trains, cuts[0][0].spikes, setting.taxels)
+    training, validation, test = (
+        Examples(side.spikes[:, :, kept].contiguous(), side.labels, of=torch.from_numpy(windows.trial))
+        for side, windows in cuts
+    )
     return Sides(training, validation, test, trains, None if bench.encoder is None else trains.encoder, n_taxels)
 
 

@@ -24,6 +24,7 @@ from neurotact.encoders.afferents import AfferentSpec, AfferentType, Integration
 from neurotact.encoders.calibration import calibrate, calibrate_causally
 from neurotact.encoders.specs import pays_exact
 from neurotact.errors import InputError, nearest
+from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.spec import Spec
 from neurotact.studies import suited
@@ -211,8 +212,7 @@ def bench_of(data: WaysData, network: RSNNSpec, seed: int, arrays: Arrays) -> Be
     )
     copies = copies_of(touches)
     grouped = conditions.assign(group=arrays["groups"]) if data.split == "groups" else conditions
-    split = sides(grouped, data.split, seed, copies.first)
-    seeds = (2 * seed, 2 * seed + 1)
+    split, seeds = sides(grouped, data.split, seed, copies.first), of_start(seed, _split_of(data.split, seed))
     if isinstance(touches, SpikeTrains):
         return Bench(touches, None, split, chosen.window, network, seeds)
     encoder = _calibrated(touches.select(copies.distinct(split.train)), chosen, step_ms(data, arrays))
@@ -224,8 +224,11 @@ def sides(conditions: pd.DataFrame, by: Literal["trials", "groups"], seed: int, 
 
     first: of `data.copies.Copies`.
     """
-    how = SplitSpec(seed=2 * seed, group=("group",) if by == "groups" else ())
-    return split_conditions(conditions, (), how, first)
+    return split_conditions(conditions, (), _split_of(by, seed), first)
+
+
+def _split_of(by: Literal["trials", "groups"], seed: int) -> SplitSpec:
+    return SplitSpec(seed=2 * seed, group=("group",) if by == "groups" else ())
 
 
 def _trains_of(arrays: Arrays, rate_Hz: float, conditions: pd.DataFrame) -> SpikeTrains:

@@ -8,13 +8,14 @@ import torch
 
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import Split
+from neurotact.data.splits import Split, SplitSpec
 from neurotact.data.windows import Windows
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.calibration import calibrate
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.metrics.flops import Cost
 from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.training import fitting
@@ -56,7 +57,9 @@ def encode(task: TaskData, train_examples: np.ndarray) -> SpikeTrains:
 
 
 def decide(task: TaskData, split: Split, seed: int) -> list[Decided]:
-    """The network with the best validation accuracy, over the whole window and with early exit.
+    """The network with the best validation accuracy, over the whole window and with early exit as it is used.
+
+    Where validation examples do not bound its loss within the tolerance, early exit decides on whole windows, too.
 
     Costs count conditioning and afferents of every taxel on every step until the decision, and the network by its
     measured SOPs.
@@ -66,13 +69,14 @@ def decide(task: TaskData, split: Split, seed: int) -> list[Decided]:
     fits = [_fit(trains, spec, training, validation, seed) for spec in TRIED]
     best = max(range(len(fits)), key=lambda i: fits[i][1])
     network, accuracy_validation = fits[best]
-    early = fitting.exit_rule(network, validation, EXIT_TOLERANCE, training)
+    choice = fitting.exit_of(network, validation, EXIT_TOLERANCE, training)
     kind = "recurrent" if network.spec.recurrent else "feed-forward"
     settings = f"N {network.spec.hidden}, {kind}, tau {network.spec.tau_mem_ms:g} and {network.spec.tau_syn_ms:g} ms"
     decided = []
-    for name, rule in ((FAMILY, FULL_WINDOW), (EARLY, early)):
+    refused = f"{settings}; early exit not used: whole windows" if choice.is_refused else settings
+    for name, rule, told in ((FAMILY, FULL_WINDOW, settings), (EARLY, choice.used, refused)):
         accuracy_exit = accuracy_validation if rule is FULL_WINDOW else _accuracy(network, validation, rule)
-        decided.append(Decided(name, settings, accuracy_exit, *_measure(network, trains, test, rule)))
+        decided.append(Decided(name, told, accuracy_exit, *_measure(network, trains, test, rule)))
     return decided
 
 
@@ -84,7 +88,7 @@ def _examples(trains: SpikeTrains, side: np.ndarray) -> Examples:
 def _fit(
     trains: SpikeTrains, spec: RSNNSpec, training: Examples, validation: Examples, seed: int
 ) -> tuple[RSNN, float]:
-    network, _ = fitting.new_trained(trains, spec, (2 * seed, 2 * seed + 1), training, validation)
+    network, _ = fitting.new_trained(trains, spec, of_start(seed, SplitSpec(seed=seed)), training, validation)
     return network, _accuracy(network, validation, FULL_WINDOW)
 
 

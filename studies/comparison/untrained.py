@@ -246,7 +246,7 @@ def _prepared(recordings: Recordings, cell: Cell, parameters: Parameters) -> Pre
     copied = preparation.copied_part(recordings, cell)
     trains = encode_recordings(recordings, encoder, augmentation=cell.augmentation, copied=copied)
     task = task_of(cell).model_copy(update={"seen": robust.SEEN if parameters.condition else 0.0})
-    return Prepared(cell, recordings, trains, task, (2 * parameters.seed, 2 * parameters.seed + 1))
+    return Prepared(cell, recordings, trains, task, cell.seeds)
 
 
 def _of_network(prepared: Prepared) -> dict[str, Any]:

@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 import neurotact as nt
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
+from neurotact.data.splits import SplitSpec
 from neurotact.errors import InputError
+from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.training import conditions_curve, fitting
 
 QUICK = {"settings": {"hidden": 4, "training.epochs": 1}, "length_ms": 100}
@@ -44,8 +46,10 @@ def spikes(tmp_path_factory):
 
 
 def test_trainings_have_as_many_trials_and_test_all_of_one_value(spikes, monkeypatch):
-    splits, fit = [], fitting.fit
-    monkeypatch.setattr(fitting, "fit", lambda *a, **k: splits.append(k["split"]) or fit(*a, **k))
+    splits, starts, fit = [], [], fitting.fit
+    monkeypatch.setattr(
+        fitting, "fit", lambda *a, **k: splits.append(k["split"]) or starts.append(a[3]) or fit(*a, **k)
+    )
     table = nt.conditions_curve(spikes, "speed", "rsnn", **QUICK)
     speeds = nt.load_spikes(spikes).conditions["speed"].to_numpy()
     assert table["n_train"].max() - table["n_train"].min() <= 2
@@ -55,6 +59,7 @@ def test_trainings_have_as_many_trials_and_test_all_of_one_value(spikes, monkeyp
         assert row["tested"] not in trained
         assert len(trained) == row["trained"]
         assert not set(split.train) & {*split.validation, *split.test}
+    assert starts == [of_start(0, SplitSpec(test_where={"speed": value})) for value in table["tested"]]
 
 
 @pytest.mark.thorough

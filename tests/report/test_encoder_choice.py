@@ -1,14 +1,18 @@
 """Which encoder: validation chooses, and of those that it cannot tell apart the cheapest is named."""
 
 import re
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact.metrics.starts import Spread
 
+from neurotact.metrics import starts
 from neurotact.metrics.paired import compare_shares
+from neurotact.metrics.referee import LEVEL
 from neurotact.report.answer import Baseline, Decision, Network, Trials
-from neurotact.report.encoder_choice import Choice, as_table, sentence, table
+from neurotact.report.encoder_choice import Choice, _of_each_pair, as_table, sentence, table
 
 
 def choice(name, validation, nJ, pair="1&1", spikes=20.0, n_validation=200, snr_dB=3.0, test=None):
@@ -99,7 +103,32 @@ def test_no_sentence_crowns_a_row_that_its_table_contradicts(rows, n_trials):
         assert mine.nJ is not None
         assert not (other.nJ < mine.nJ and other.accuracy >= mine.accuracy)
         clear = compare_shares(other.accuracy, mine.accuracy, n_trials)
-        assert not (clear.difference > 0 and clear.is_clear)
+        assert not (clear.difference > 0 and clear.p * len(among) * (len(among) - 1) / 2 < LEVEL)
+
+
+def test_what_is_picked_is_the_decision_whose_cost_is_told():
+    """Early exit makes the dearer of two on whole windows the cheaper one, where it is used."""
+    plain, exits = choice("lif", 0.9, 30.0), choice("burst", 0.9, 50.0)
+    early = exits.network.whole._replace(nJ=5.0, ms=100.0)
+    for bound, named in ((0.0, "burst"), (0.2, "lif"), (None, "lif")):
+        among = [plain, exits._replace(network=exits.network._replace(early=early, exit_bound=bound))]
+        assert f"the best is {named} with" in sentence(among)
+        assert ("for 20 spikes and 5 nJ" in sentence(among)) == (named == "burst")
+        (marked,) = [row for row in table(among).rows if "cheapest" in row[0]]
+        assert marked[0].startswith(named)
+
+
+def test_an_interval_of_an_encoder_holds_other_starts_and_equals_of_one_period_are_chosen_as_used():
+    first = choice("lif", 0.9, 50.0)
+    apart = first._replace(network=first.network._replace(starts=3, apart=Spread(0.05, 4)))
+    low, high = starts.interval(0.9, 50, 3, Spread(0.05, 4))
+    for said in (sentence([apart, choice("burst", 0.5, 60.0)]), table([apart, apart]).rows[0][3]):
+        assert f"({100 * low:.0f} to {100 * high:.0f}" in said
+    assert as_table([apart])["accuracy_low"].item() == low
+    plain, exits = first.network, first.network._replace(hidden=30, exit_bound=0.0)
+    exits = exits._replace(early=plain.whole._replace(nJ=5.0, ms=100.0), whole=plain.whole._replace(nJ=60.0))
+    front = SimpleNamespace(networks=[plain, exits], answer=SimpleNamespace(trials=first.trials))
+    assert [*_of_each_pair(front)] == [exits]
 
 
 def test_an_answer_that_guessing_may_reach_says_so():

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact.metrics.starts import Spread
 
 from neurotact.metrics import power, referee
 from neurotact.metrics.paired import Paired, compare_shares
@@ -35,7 +36,8 @@ def drawn_network(draw: Random, hidden: int) -> Network:
         draw.choice([None, 0.0, 0.01, 0.0101, 0.03, 0.2]),
     )
     pair, tolerance = draw.choice(["1&1", "5&5"]), draw.choice([0.01, 0.05])
-    return Network(pair, hidden, 1, draw.choice(SHARES[4:]), drawn_decision(draw), early, bound, tolerance)
+    starts = draw.randint(1, 3), *(draw.choice([None, Spread(0.0, 3), Spread(0.04, 3)]) for _ in range(2))
+    return Network(pair, hidden, 1, draw.choice(SHARES[4:]), drawn_decision(draw), early, bound, tolerance, *starts)
 
 
 def tables(seed: int) -> Iterator[tuple[list[Network], list[Baseline], Trials, float]]:
@@ -80,7 +82,7 @@ def test_the_verdict_is_that_of_the_tests_of_its_rows(networks, baselines, trial
     p = referee.holm([one.p for one in tests])
     worse = any(one.difference < 0 and p < 0.05 for one, p in zip(tests, p, strict=True))
     better = bool(tests) and all(one.difference > 0 and p < 0.05 for one, p in zip(tests, p, strict=True))
-    is_above = answers.interval_of(found.best.used, trials)[0] > guess
+    is_above = answers.interval_of(found.best, found.best.used, trials)[0] > guess
     assert said.startswith("Spiking costs accuracy") == (is_above and worse)
     beaten = all(one.accuracy < used for one in baselines)
     assert said.startswith("Spiking is more accurate") == (is_above and better and beaten)
@@ -215,9 +217,10 @@ def test_what_is_the_cheapest_within_the_error_costs_less_in_its_row(networks, b
     rows, n_test = first_screen.table(found, networks, baselines).rows, trials.test
     (cheapest,) = [row for row in rows if "cheapest within its error" in row[0]]
     (best,) = [row for row in rows if "best on validation" in row[0]]
-    assert best[1] == first_screen.with_interval(found.best.used.accuracy, trials.test)
+    assert best[1] == first_screen.within(found.best.used.accuracy, found.interval)
     if found.cheapest != found.best:
-        assert cheapest[1] == first_screen.with_interval(found.cheapest.whole.accuracy, trials.test)
+        interval = answers.interval_of(found.cheapest, found.cheapest.whole, trials)
+        assert cheapest[1] == first_screen.within(found.cheapest.whole.accuracy, interval)
         ours, theirs = (one.way(trials).cost for one in (found.cheapest, found.best))
         assert ours <= theirs
         told = next((s for s in details(found) if s.startswith("Within its error")), "")
@@ -258,7 +261,7 @@ def test_the_answer_for_programs_is_that_of_the_rows(networks, baselines, trials
     told = front.as_json(SimpleNamespace(networks=networks, cells=range(len(networks)), answer=found))
     for network, entry in zip(networks, told["networks"], strict=True):
         assert entry["used"] == ("early" if network.exits else "whole")
-        assert (entry["low"], entry["high"]) == answers.interval_of(network.used, trials)
+        assert (entry["low"], entry["high"]) == answers.interval_of(network, network.used, trials)
     assert told["used"] == ("early" if found.best.exits else "whole")
     used = found.best.used
     expected = {one.name for one in baselines if not one.is_of_spikes and one.nJ is not None

@@ -7,8 +7,9 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import Split, values_to_leave_out
+from neurotact.data.splits import Split, SplitSpec, values_to_leave_out
 from neurotact.errors import InputError
+from neurotact.networks.definition import seeds
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import fitting, robust, tasks
 from neurotact.networks.training.tasks import Task
@@ -67,7 +68,8 @@ def curve(trains: SpikeTrains, spec: RSNNSpec, task: Task, column: str, seed: in
         rest = np.setdiff1d(pool, kept)
         validation = tasks.held_out(trains, rest, VALIDATION, seed + 1)
         split = Split(np.setdiff1d(rest, validation), validation, np.flatnonzero(values == tested))
-        fitted, sides = fitting.fit(trains, spec, task, (seed, seed + 1), split=split)
+        start = seeds.of_start(seed, SplitSpec(test_where={column: tested}))
+        fitted, sides = fitting.fit(trains, spec, task, start, split=split)
         inferred = fitted.network.infer(sides.test.spikes)
         seen, _ = tasks.examples_of(trains, kept, task.window)
         yield {

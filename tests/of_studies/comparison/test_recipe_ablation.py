@@ -137,8 +137,8 @@ def test_one_sentence_names_what_matters_most_and_what_does_better():
     values = {WHOLE: [0.8, 0.8, 0.8], "much": [0.5, 0.5, 0.5], "little": [0.7, 0.8, 0.9], "better": [0.9, 0.9, 0.9]}
     (said,) = answers(table(values))
     assert said == (
-        "made: the recipe has 80.0 %; of 3 changes 'much' loses most, 30.0 points, and 1 do better by more than their "
-        "interval: better."
+        "made: the recipe has 80.0 %; of 3 changes 'much' loses most, 30.0 points, and clearly better, after "
+        "correction for 3 changes: better."
     )
 
 

@@ -5,21 +5,23 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from neurotact_parts.studies.comparison import ways_to_save
+from neurotact_parts.studies.comparison import saving, ways_to_save
 from neurotact_parts.studies.comparison.fronts import NOTHING
 from neurotact_parts.studies.comparison.saving import Bench, Setting, changed, cut, measured
 from neurotact_parts.studies.comparison.sets import WaysData, bench_of
 from neurotact_parts.studies.comparison.ways_to_save import Parameters, named
 
 from neurotact.data.spikes import from_rasters
-from neurotact.data.splits import Split
+from neurotact.data.splits import Split, SplitSpec
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.cost import encoding_cost
 from neurotact.errors import InputError
 from neurotact.metrics.flops import ExactSpikes, cost
 from neurotact.networks.definition.recipe import Seen
+from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.training import members
+from neurotact.networks.exit.early_exit import FULL_WINDOW
+from neurotact.networks.training import fitting, members
 from neurotact.networks.use.ledger import network_cost
 from neurotact.spec import build
 
@@ -135,10 +137,40 @@ def test_pruning_changes_no_spike_that_comes_in_and_counts_what_remains(rows):
     assert rows["pruning, trained on"]["sops_total"] != rows["pruning"]["sops_total"]
 
 
+def test_early_exit_is_used_where_validation_bounds_its_loss_alone(monkeypatch):
+    table = {"data": {"set": "gratings", "sets": SETS}, "ways": {}, "network": NETWORK}
+    parameters = build(Parameters, table, source="test")
+    bench = bench_of(parameters.data, parameters.network, 0, ways_to_save.load(parameters.data))
+    known, seen = {}, []
+    monkeypatch.setattr(saving, "row_of", lambda fitted, rule, **how: seen.append((fitted, rule)) or {})
+    for tolerance in (0.0, 0.01, 0.9):
+        measured(bench, Setting(exit_tolerance=tolerance), known)
+        fitted, rule = seen[-1]
+        choice = fitting.exit_of(fitted.network, fitted.sides.validation, tolerance)
+        assert rule == (choice.rule if choice.bound <= tolerance else FULL_WINDOW)
+    assert [rule.never for _, rule in seen] == [True, True, False]
+
+
+def test_windows_of_one_trial_are_no_further_trials_of_that_bound():
+    conditions = pd.DataFrame({"label": list("ab") * 3})
+    trains = from_rasters(np.ones((6, 40, 2), bool), 1000.0, ("SA-I a", "RA-I a"), conditions)
+    split, network = Split(*np.arange(6).reshape(3, 2)), build(RSNNSpec, NETWORK, source="test")
+    sides = cut(Bench(trains, None, split, WindowSpec(length_ms=10.0), network, (0, 1)), Setting())
+    assert sides.validation.of.tolist() == [2] * 4 + [3] * 4
+
+
 def test_early_exit_waits_less(rows):
     assert rows["early exit"]["signal_ms"] < rows[NOTHING]["signal_ms"]
     assert rows["early exit"]["sops_total"] < rows[NOTHING]["sops_total"]
     assert rows["early exit"]["energy_estimate_nJ"] < rows[NOTHING]["energy_estimate_nJ"]
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_a_seed_starts_as_any_training_on_its_split(seed):
+    table = {"data": {"set": "gratings", "sets": SETS}, "ways": {}, "network": NETWORK}
+    parameters = build(Parameters, table, source="test")
+    bench = bench_of(parameters.data, parameters.network, seed, ways_to_save.load(parameters.data))
+    assert bench.seeds == of_start(seed, SplitSpec(seed=2 * seed))
 
 
 def test_a_moving_average_costs_at_the_rate_of_the_sensor():
