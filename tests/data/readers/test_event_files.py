@@ -531,3 +531,11 @@ def test_files_of_other_kinds_are_known_by_their_content(tmp_path, name, begin, 
     if name not in ("e.h5", "e.mat"):
         with pytest.raises(InputError, match=message):
             nt.read_events(tmp_path / "in", pattern="{label}")
+
+
+def test_trials_that_are_numbered_in_floats_have_their_conditions(tmp_path):
+    """As the columns of one array of floats are saved."""
+    of_trials = {"channel": [0, 1, 0], "time": [0.0, 0.1, 0.3], "label": ["a", "b"]}
+    for numbers in ([0, 1, 1], [0.0, 1.0, 1.0]):
+        np.savez(tmp_path / "e.npz", trial=numbers, **of_trials)
+        assert nt.read_events(tmp_path / "e.npz").conditions["label"].tolist() == ["a", "b"]
