@@ -59,8 +59,8 @@ class UsualRow(NamedTuple):
         ways = (*map(without_end, apart), [cell.strip() for cell in WIDE.split(line.strip())])
         fitting = (names for names in ways if len(names) in (self.n_columns, len(self.cells)))
         names = tuple(next(fitting, ()))
-        are_names = _numbers_columns(names) or not any(is_sample(name) or _is_grouped(name) for name in names)
-        return names if any(names) and are_names else ()
+        are_names = any(names) and (_numbers_columns(names) or not any(is_sample(n) or _is_grouped(n) for n in names))
+        return names if are_names else ()
 
     def units_in(self, line: str) -> tuple[str, ...]:
         """The units of the columns in a line, separated as the cells of a row are; none if the line is of other words.
