@@ -58,17 +58,18 @@ class Origin(NamedTuple):
 class SpikeArray(np.ndarray):
     """A raster of spikes with its clock: an ordinary NumPy array with the attributes `sampling_rate_Hz` and `origin`.
 
-    They are kept where NumPy leaves the steps and afferents of each example alone (other examples, arithmetic), so that
-    they reach an estimator through scikit-learn's splitters and pipelines. A slice of the time changes the clock by its
-    step, and an index of afferents their names. Whatever else gives other steps or afferents (pooling, reshaping,
-    `np.repeat`) drops them, so that the clock must be given anew; so does `np.asarray`. `origin` is an `Origin`, or
-    None where that is unknown.
+    They are kept where NumPy surely leaves the steps and afferents of each example alone (an index of examples, a copy,
+    another type, arithmetic), so that they reach an estimator through scikit-learn's splitters and pipelines. A slice
+    of the time changes the clock by its step, and an index of afferents (`np.take`, `np.flip`) their names. Whatever
+    else NumPy does (pooling, reshaping, transposing, sorting, `np.roll`, products of matrices) drops them, so that the
+    clock must be given anew; so does `np.asarray`. `origin` is an `Origin`, or None where that is unknown.
 
     >>> spikes = SpikeArray.of(np.zeros((4, 300, 16), np.uint8), 2000.0)
     >>> spikes[:2].sampling_rate_Hz, spikes[:, ::4].sampling_rate_Hz, np.repeat(spikes, 2, axis=1).sampling_rate_Hz
     (2000.0, 500.0, None)
     """
 
+    __slots__ = ("origin", "sampling_rate_Hz")  # no __dict__, which masked arrays would pass on through any slice
     sampling_rate_Hz: float | None
     origin: Origin | None
 
@@ -80,9 +81,45 @@ class SpikeArray(np.ndarray):
         return made
 
     def __array_finalize__(self, obj: np.ndarray | None) -> None:
-        known = obj if isinstance(obj, SpikeArray) and self.shape[1:] == obj.shape[1:] else None
-        self.sampling_rate_Hz = None if known is None else known.sampling_rate_Hz
-        self.origin = None if known is None else known.origin
+        self.sampling_rate_Hz, self.origin = None, None
+
+    def __array_wrap__(self, *result: Any) -> Any:
+        """The result of a function of single values, as of inputs that say no other clock and no other origin."""
+        made = super().__array_wrap__(*result)
+        context = result[1] if len(result) > 1 else None  # the function, its arguments, which of its results
+        if isinstance(made, SpikeArray) and context is not None and context[0].signature is None:
+            given = (one for one in context[1] if isinstance(one, SpikeArray))
+            made._take_over([one for one in given if one.shape[1:] == made.shape[1:]])
+        return made
+
+    def _take_over(self, arrays: Sequence["SpikeArray"]) -> "SpikeArray":
+        """The same array with what others of its steps and afferents say, unless they say different things."""
+        rates, origins = [one.sampling_rate_Hz for one in arrays], [one.origin for one in arrays]
+        self.sampling_rate_Hz = rates[0] if rates and rates.count(rates[0]) == len(rates) else None
+        self.origin = origins[0] if origins and origins.count(origins[0]) == len(origins) else None
+        return self
+
+    def copy(self, *args: Any, **kwargs: Any) -> "SpikeArray":  # NumPy's own methods pass only __array_finalize__
+        return super().copy(*args, **kwargs)._take_over([self])
+
+    def astype(self, *args: Any, **kwargs: Any) -> Any:
+        made = super().astype(*args, **kwargs)
+        return made._take_over([self]) if isinstance(made, SpikeArray) else made
+
+    def __copy__(self) -> "SpikeArray":
+        return self.copy()
+
+    def __deepcopy__(self, memo: dict) -> "SpikeArray":
+        return super().__deepcopy__(memo)._take_over([self])
+
+    def take(self, indices: Any, axis: Any = None, out: Any = None, mode: Any = "raise") -> Any:
+        if axis is None or out is not None or mode != "raise":
+            return super().take(indices, axis, out, mode)
+        return self[(*[slice(None)] * (axis % self.ndim), np.asarray(indices))]
+
+    def sort(self, *args: Any, **kwargs: Any) -> None:
+        super().sort(*args, **kwargs)
+        self.sampling_rate_Hz, self.origin = None, None
 
     def __getitem__(self, key: Any) -> Any:
         part = super().__getitem__(key)

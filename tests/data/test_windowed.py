@@ -1,6 +1,7 @@
 """Windows as arrays: what X, y and groups hold, and that a split never divides a trial."""
 
 import pickle
+from copy import copy, deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -86,8 +87,10 @@ def test_windows_are_chosen_by_mask_or_index_and_shown_in_a_notebook():
 def test_the_clock_survives_indexing_splitting_and_pickling():
     X = SpikeArray.of(np.eye(6, dtype=np.uint8).reshape(6, 3, 2), 500.0)
     held, _ = train_test_split(X, test_size=2, random_state=0)
-    for part in (X[1:3], X[[0, 2]], X[np.arange(6) > 2], held, pickle.loads(pickle.dumps(X)), X.copy()):
+    copies = pickle.loads(pickle.dumps(X)), X.copy(), copy(X), deepcopy(X), X.astype(float), X > 0, 2 * X, X + X[0]
+    for part in (X[1:3], X[[0, 2]], X[np.arange(6) > 2], np.take(X, [2, 0], axis=0), held, *copies):
         assert part.sampling_rate_Hz == 500.0
+    assert (X + SpikeArray.of(np.asarray(X), 250.0)).sampling_rate_Hz is None
     assert type(np.asarray(X)) is np.ndarray
 
 
@@ -134,6 +137,15 @@ def test_a_slice_of_the_time_has_the_clock_and_the_window_of_its_steps(first, le
         lambda X: np.concatenate([X, X], axis=2),
         lambda X: X.sum(1),
         lambda X: X[[0, 1], :, [0, 1]],
+        lambda X: X[:, :4].swapaxes(1, 2),
+        lambda X: X[:4, :4].T,
+        lambda X: np.roll(X, 1, axis=2),
+        lambda X: np.sort(X, axis=1),
+        lambda X: np.take(X, np.arange(20)[::-1], axis=1),
+        lambda X: X @ np.eye(4)[::-1],
+        lambda X: X.dot(np.eye(4)[::-1]),
+        lambda X: X.reshape(len(X), 4, 20).reshape(X.shape),
+        lambda X: np.ma.masked_array(X, X > 0)[:, ::4],
     ],
 )
 def test_other_steps_or_afferents_have_no_clock(other):
@@ -148,3 +160,6 @@ def test_chosen_afferents_keep_their_names_and_not_the_encoder(key):
     assert part.origin.afferents == tuple(np.array(NAMES)[key])
     assert (part.sampling_rate_Hz, part.origin.encoder) == (1000.0, None)
     assert X[1:, :, :].origin is X.origin
+    assert (X + X[..., ::-1]).origin is None
+    if isinstance(key, list):
+        assert np.take(X, key, axis=-1).origin == part.origin

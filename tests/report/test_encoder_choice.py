@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from neurotact.metrics.starts import Spread
 
 from neurotact.metrics import starts
 from neurotact.metrics.paired import compare_shares
 from neurotact.metrics.referee import LEVEL
+from neurotact.metrics.starts import Spread
 from neurotact.report.answer import Baseline, Decision, Network, Trials
 from neurotact.report.encoder_choice import Choice, _of_each_pair, as_table, sentence, table
 

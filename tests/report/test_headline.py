@@ -10,10 +10,10 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from neurotact.metrics.starts import Spread
 
 from neurotact.metrics import power, referee
 from neurotact.metrics.paired import Paired, compare_shares
+from neurotact.metrics.starts import Spread
 from neurotact.report import answer as answers
 from neurotact.report import first_screen, front
 from neurotact.report.answer import Baseline, Decision, Network, Trials, answer, details, headline

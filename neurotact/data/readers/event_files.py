@@ -287,6 +287,8 @@ def _trials(
     rest = {name: values for name, values in columns.items() if name not in used and values.ndim == 1}
     number = np.zeros(n_events, np.int64) if roles["trial"] is None else columns[str(roles["trial"])]
     lengths = {len(values) for values in rest.values()} - {n_events}
+    if number.dtype.kind == "f" and (number == np.rint(number)).all() and (np.abs(number) < 2**53).all():
+        number = number.astype(np.int64)  # an array of several columns holds all of them as floats
     if number.dtype.kind in "iu" and len(lengths) == 1 and roles["trial"] is not None:
         (n_trials,) = lengths  # arrays of one value per trial; events refer to trials by index
         if n_events and not (number.min() >= 0 and number.max() < n_trials):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from neurotact.data.readers import labview
 from neurotact.data.readers.tables import BLANKS, COMMENT, DECIMAL_COMMA, Decimal, TextTable, cells
 from neurotact.data.readers.texts import read_any_text
-from neurotact.data.readers.thousands import splits_thousands
+from neurotact.data.readers.thousands import NUMBER_OF_ANY_SIGN, THOUSANDS, splits_thousands
 from neurotact.data.readers.usual_rows import SEPARATORS, UsualRow, separator_of, usual_row, without_end
 from neurotact.errors import InputError, some
 
@@ -232,10 +232,7 @@ def _check_others(head: _Head, usual: UsualRow, samples: _Line, option: str, pat
     broken = [(line, row) for line, row in apart if not re.search("[A-Za-z]", line.text)]
     if broken:
         line, row = broken[0]
-        raise InputError(
-            f"{path}: line {line.number} has {len(row)} columns where {usual.n_columns} are expected, as a first line "
-            "that was cut off; remove the line"
-        )
+        raise InputError(f"{path}: line {line.number} {_fault_of(row, usual.n_columns)}")
     n_lines = samples.number - 1
     skip = (
         f"skip the lines above the samples with `{option}={n_lines}`" if option else "remove the lines above the names"
@@ -252,6 +249,24 @@ def _check_others(head: _Head, usual: UsualRow, samples: _Line, option: str, pat
     first = head.others[0]
     which = f"line {first.number} is" if len(apart) == 1 else f"lines {first.number} to {line.number} are"
     raise InputError(f"{path}: {which} no sample and no name of a column, {first.text.strip()[:40]!r}; {skip}")
+
+
+def _fault_of(row: Sequence[str], n_columns: int) -> str:
+    """What is wrong with a line of numbers above the samples, and its fix: only what is no sample is to be removed."""
+    grouped = [cell for cell in row if THOUSANDS.fullmatch(cell) and not NUMBER_OF_ANY_SIGN.fullmatch(cell)]
+    if grouped:
+        return f"has separators of thousands, as in {grouped[0]!r}; write numbers without them"
+    if not any(row):
+        return "holds no value; remove the line"
+    fix = ", as a first line that was cut off; remove the line"
+    if len(row) == n_columns:
+        cell = next((cell for cell in row if not NUMBER_OF_ANY_SIGN.fullmatch(cell)), row[0])
+        return f"holds {cell[:40]!r}, which the lines below do not; write numbers in one form"
+    if splits_thousands(row, n_columns):
+        fix = "; write numbers without separators of thousands and with decimal points"
+    elif len(row) > n_columns:
+        fix = "; give all lines the same columns"
+    return f"has {len(row)} columns where {n_columns} are expected{fix}"
 
 
 def _hint(usual: UsualRow, n_names: int) -> str:

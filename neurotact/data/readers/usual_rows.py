@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from neurotact.data.readers.clock import is_time_of_day
 from neurotact.data.readers.tables import BLANKS, COMMENT, DECIMAL_COMMA, SPACES, cells, is_value
+from neurotact.data.readers.thousands import THOUSANDS
 
 SEPARATORS = (";", "\t", ",", "|")
 PROBES = 9
@@ -58,7 +59,8 @@ class UsualRow(NamedTuple):
         ways = (*map(without_end, apart), [cell.strip() for cell in WIDE.split(line.strip())])
         fitting = (names for names in ways if len(names) in (self.n_columns, len(self.cells)))
         names = tuple(next(fitting, ()))
-        return names if any(names) and (_numbers_columns(names) or not any(map(is_sample, names))) else ()
+        are_names = any(names) and (_numbers_columns(names) or not any(is_sample(n) or _is_grouped(n) for n in names))
+        return names if are_names else ()
 
     def units_in(self, line: str) -> tuple[str, ...]:
         """The units of the columns in a line, separated as the cells of a row are; none if the line is of other words.
@@ -68,7 +70,8 @@ class UsualRow(NamedTuple):
         row = tuple(self._cut(cells(line, self.separator)))
         is_sure = self.separator != BLANKS and self.n_columns > 1
         are_units = is_sure or all(not cell or is_unit(cell) for cell in row)
-        return row if self._fits(row) and are_units and not any(map(is_sample, row)) else ()
+        are_numbers = any(is_sample(cell) or _is_digits(cell) for cell in row)
+        return row if self._fits(row) and are_units and not are_numbers else ()
 
     def _cut(self, row: Sequence[str]) -> Sequence[str]:
         """As many cells as there are columns, if no other one is filled."""
@@ -76,6 +79,20 @@ class UsualRow(NamedTuple):
 
     def _fits(self, row: Sequence[str]) -> bool:
         return any(row) and len(row) in (self.n_columns, len(self.cells))
+
+
+def _is_digits(cell: str) -> bool:
+    """Whether a cell is a number in a form that is not read, as with separators of thousands, and surely no unit.
+
+    >>> [cell for cell in ("1'005", "1,005.5", "mV", "m/s2", "[1]", "-", "") if _is_digits(cell)]
+    ["1'005", '1,005.5']
+    """
+    return bool(re.search(r"\d", cell)) and not re.search(r"[^\W\d_]|[%°\[(]", cell)
+
+
+def _is_grouped(cell: str) -> bool:
+    """Whether a cell is a number with separators of thousands, and surely no name, as the place 001_002 may be."""
+    return bool(THOUSANDS.fullmatch(cell)) and "_" not in cell
 
 
 def usual_row(text: str, separator: str | None = None) -> UsualRow | None:

@@ -112,8 +112,6 @@ class Checkpoint:
     finished: tuple[Mapping[str, Tensor], ...] = ()
 
 
-
-
 def loss(counts: Counts, labels: Tensor, spec: TrainingSpec, weights: Tensor | None = None) -> Tensor:
     """The loss of the spec on the readout counts times the temperature, and two rate penalties of the Braille study.
 

@@ -591,3 +591,11 @@ def test_the_table_of_the_raster_command_is_refused_with_what_comes_back_whole(t
     assert sum(map(len, felt.steps))
     assert [each.tolist() for each in back.steps] == [each.tolist() for each in felt.steps]
     assert back.labels.tolist() == felt.labels.tolist()
+
+
+def test_trials_that_are_numbered_in_floats_have_their_conditions(tmp_path):
+    """As the columns of one array of floats are saved."""
+    of_trials = {"channel": [0, 1, 0], "time": [0.0, 0.1, 0.3], "label": ["a", "b"]}
+    for numbers in ([0, 1, 1], [0.0, 1.0, 1.0]):
+        np.savez(tmp_path / "e.npz", trial=numbers, **of_trials)
+        assert nt.read_events(tmp_path / "e.npz").conditions["label"].tolist() == ["a", "b"]

@@ -153,6 +153,17 @@ REFUSED: dict[str, tuple[str | bytes, str]] = {
         "5,2\n" + rows(), "line 1 has 2 columns where 3 are expected, as a first line that was cut off; remove",
     ),
     "a cut line below the names": ("t,left,right\n5,2\n" + rows(), "line 2 has 2 columns where 3 are expected, as a"),
+    "names and a line of no values": ("t,left,right\n,,\n" + rows(), "line 2 holds no value; remove the line"),
+    "a line of more": ("t,left,right\n5,2,3,4\n" + rows(), "line 2 has 4 columns where 3 are expected; give all lines"),
+    "thousands in the first row alone": (
+        "left;right\n1'005;1'003\n" + "990;980\n" * 9, "line 2 has separators of thousands, as in \"1'005\"; write",
+    ),
+    "thousands in the first row alone, without names": (
+        "1'005;1'003\n" + "990;980\n" * 9, "line 1 has separators of thousands, as in \"1'005\"; write",
+    ),
+    "thousands and decimals in the first row alone": (
+        'left,right\n"1,005.5","1,003.5"\n' + "990.5,980.5\n" * 9, "line 2 has separators of thousands, as in '1,005",
+    ),
     "a first line of noise": (b"\xff5\xfe,2\n" + rows().encode(), "line 1 has 2 columns where 3 are expected, as a"),
     "a last line that was cut": (rows() + "0.06,1\n", "line 7 has 2 columns where 3 are expected; remove the line"),
     "what a board says first": (
