@@ -267,9 +267,9 @@ def test_training_leaves_a_network_with_its_log_and_its_result(made):
 
 @pytest.mark.thorough
 def test_the_same_seed_trains_the_same_network(neurotact, made, tmp_path):
-    assert neurotact("train", made / "spikes.h5", "-o", tmp_path / "again", *QUICK, "--seed", 1)[0] == 0
-    assert neurotact("train", made / "spikes.h5", "-o", tmp_path / "same", *QUICK, "--seed", 1)[0] == 0
-    assert neurotact("train", made / "spikes.h5", "-o", tmp_path / "other", *QUICK, "--seed", 2)[0] == 0
+    assert neurotact("train", made / "spikes.h5", "-o", tmp_path / "again", *QUICK, "--seed", 3)[0] == 0
+    assert neurotact("train", made / "spikes.h5", "-o", tmp_path / "same", *QUICK, "--seed", 3)[0] == 0
+    assert neurotact("train", made / "spikes.h5", "-o", tmp_path / "other", *QUICK, "--seed", 4)[0] == 0
     again, same, other = ((tmp_path / n / "weights.safetensors").read_bytes() for n in ("again", "same", "other"))
     assert again == same != other
 

@@ -71,7 +71,7 @@ def train_command(given: dict[str, Any], as_json: Json = False) -> None:
 def _print_next(run: Path, spikes: Path) -> None:
     """Print what to run next."""
     where = shlex.quote(str(run))
-    print(f"next: neurotact infer {where} {shlex.quote(str(spikes))} --early-exit")
+    print(f"next: neurotact infer {where} {shlex.quote(str(spikes))}")
     print(f"      neurotact sops {where} -o sops.csv")
 
 

@@ -89,7 +89,7 @@ def test_a_loss_that_luck_hides_from_the_choice_is_refused(n, seed):
 
 @given(st.integers(300, 900), st.integers(0, 2**32))
 def test_with_enough_trials_the_steady_rule_has_a_bound_within_the_tolerance(n, seed):
-    """And so has every rule after it; `least` alone would lose all that it may."""
+    """And so has every rule after it; the rule on the observed loss alone is never later."""
     needs = np.random.default_rng(seed).exponential(4.0, n)
     right = np.arange(60) >= np.minimum(needs, 59)[:, None]
     found, training = judged(right), (torch.full((60,), 50), 50)
@@ -98,7 +98,7 @@ def test_with_enough_trials_the_steady_rule_has_a_bound_within_the_tolerance(n, 
     assert 0 < index < 59
     assert (bounds[index:-1] <= 0.05).all()
     assert bounds[index - 1] > 0.05
-    assert choose(found, 0.05) < index
+    assert choose(found, 0.05) <= index
 
 
 @given(st.integers(2, 50), st.integers(0, 2**32))

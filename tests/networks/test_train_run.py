@@ -521,7 +521,7 @@ def test_ctrl_c_says_how_to_go_on(monkeypatch, capsys, spikes, folder):
     again, more, _ = typed("--resume")
     told, then, _ = more.split("\n", 2)
     assert (again, told) == (0, f"{folder}: this training is done already; its result is in {folder / RESULT}")
-    assert then == f"next: neurotact infer {folder} {spikes} --early-exit"
+    assert then == f"next: neurotact infer {folder} {spikes}"
 
 
 TRAIN = """

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from levels import examples
 from neurotact_parts.studies.braille import reader as braille_letters
@@ -408,6 +408,9 @@ def test_a_counter_of_any_bits_goes_on_when_it_begins_again(bits, rounds, seed):
     rng = np.random.default_rng(seed)
     step = 2**bits // 100
     time = np.cumsum(rng.integers(1, step, 200 * (rounds + 1)))
+    steps, begins_again = np.diff(time), np.diff(time // 2**bits) > 0
+    # The rule: counters of few bits begin again by a step no longer than others, since a clock may be set back, too.
+    assume(not begins_again.any() or steps[begins_again].max() <= steps[~begins_again].max())
     found = in_order(time % 2**bits, np.zeros(len(time), int), [rng.integers(4, size=len(time))])
     assert np.array_equal(found.stamps - found.stamps[0], time - time[0])
     assert found.n_wraps == time[-1] // 2**bits - time[0] // 2**bits

@@ -65,7 +65,7 @@ def test_numbers_are_read_as_they_were_written_or_refused(
             found = read(folder, made.text, separator, kind, options)
         except InputError as refusal:
             advised = OPTION.search(str(refusal))
-            if advised is None:
+            if advised is None or "header_lines" in advised.group():  # which says that the first row is no sample
                 return
             name, value = (part for part in advised.groups() if part)
             options |= {name: int(value) if value.isdigit() else value}
