@@ -136,7 +136,7 @@ def test_a_text_that_differs_between_files_is_a_condition(tmp_path, caplog):
     assert found.conditions["session"].tolist() == ["mon", "tue"] * 4
     assert found.channels == ("left",)
     assert "unit" not in found.conditions
-    assert "--group session" in caplog.text
+    assert "`group='session'`" in caplog.text
     assert "holds no number, so no taxel: unit ('V')" in caplog.text
 
 
