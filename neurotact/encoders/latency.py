@@ -88,7 +88,8 @@ def encode(
     [20, 10, 0]
     """
     signal = checked(signal)
-    n_cycle, n_quiet = (round(ms * 1e-3 * sampling_rate_Hz) for ms in (spec.cycle_ms, spec.quiet_ms))
+    longest = 2**31 - 1  # steps that int32 counts: longer than any trial
+    n_cycle, n_quiet = (min(longest, round(ms * 1e-3 * sampling_rate_Hz)) for ms in (spec.cycle_ms, spec.quiet_ms))
     if n_cycle < 2:
         raise InputError(f"cycle_ms: {spec.cycle_ms:g} ms is below two steps at {sampling_rate_Hz:g} Hz; lengthen it")
     kind, (n_trials, _, n_taxels) = signal.dtype.type, signal.shape

@@ -17,7 +17,8 @@ DECISIONS = st.builds(
 )
 NETWORKS = st.lists(
     st.builds(Network, st.sampled_from(["1&1", "5&5"]), st.integers(1, 99), st.just(1), SHARE, DECISIONS,
-              st.none() | DECISIONS, st.none() | SHARE),
+              st.none() | DECISIONS, st.none() | SHARE,
+              starts=st.just(1), apart=st.none(), apart_early=st.none()),
     min_size=1, max_size=4, unique_by=lambda one: (one.pair, one.hidden),
 )  # fmt: skip
 BASELINES = st.lists(
