@@ -28,7 +28,6 @@ from neurotact.data.readers.tables import (
     called,
     check_digits,
     columns_of,
-    finite,
     finite_called,
     is_gap,
     is_meant_as_number,
@@ -107,7 +106,7 @@ def _with_gaps(table: TextTable, name: str, values: np.ndarray, roles: Roles) ->
         return values
     whole = [cell for cell in values.tolist() if not is_gap(cell)]
     is_taxel = whole and all(map(is_meant_as_number, whole))
-    return finite(table, table.names.index(name), values, with_gaps=True) if is_taxel else values
+    return finite_called(table, name, {name: values}, with_gaps=True) if is_taxel else values
 
 
 def _check_time(trials: Trials, spec: TableSpec, clock: Clock, path: Path) -> None:
@@ -143,7 +142,7 @@ def _cut(
 ) -> Iterator[Read]:
     """The samples and the stamps of each trial."""
     gaps = spec.missing is not None
-    taxels = [finite(table, table.names.index(name), columns[name], with_gaps=gaps) for name in roles.taxels]
+    taxels = [finite_called(table, name, columns, with_gaps=gaps) for name in roles.taxels]
     for samples in taxels:
         check_digits(samples[np.isfinite(samples)], table.path)
     signal = np.stack(taxels, axis=1).astype(np.float32)

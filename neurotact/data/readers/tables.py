@@ -426,9 +426,11 @@ def check_digits(values: np.ndarray, where: str | Path) -> None:
         raise InputError(f"{where}: {lost}")
 
 
-def finite_called(table: TextTable, name: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+def finite_called(
+    table: TextTable, name: str, columns: Mapping[str, np.ndarray], *, with_gaps: bool = False
+) -> np.ndarray:
     """As `finite`, of the column with this name."""
-    return finite(table, table.names.index(name), columns[name])
+    return finite(table, table.names.index(name), columns[name], with_gaps=with_gaps)
 
 
 def is_meant_as_number(cell: str) -> bool:
