@@ -191,16 +191,18 @@ def takes_specs(function: Callable[P, R]) -> Callable[P, R]:
     def checked(*args: P.args, **keywords: P.kwargs) -> R:
         given = {**dict(zip(names, args, strict=False)), **keywords}
         for name, kind in kinds.items():
-            made = f"{name}=nt.{kind.public or kind.__name__}"
+            public = kind.public or kind.__name__
             for key in given.keys() - {*names}:
                 field = key.removeprefix(f"{name}_")
                 if field in kind.model_fields:
-                    raise InputError(f"{function.__name__}: `{key}` is a field of `{name}`: `{made}({field}=...)`")
+                    raise InputError(
+                        f"{function.__name__}: `{key}` is a field of `{name}`: `{name}=nt.{public}({field}=...)`"
+                    )
             value = given.get(name, kind)
             if isinstance(value, kind):
                 value.check_given()
             elif value is not kind:
-                raise InputError(f"{name}: must be as in `{made}(...)`; got {type(value).__name__}")
+                raise InputError(f"{name}: must be an nt.{public}(...); got {type(value).__name__}")
         return function(*args, **keywords)
 
     return checked

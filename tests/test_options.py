@@ -1221,8 +1221,8 @@ def test_a_split_with_turns_is_refused_where_trials_are_divided_once(split, inpu
     [
         ({"length_ms": 40}, "`length_ms` is a field of `window`: `window=nt.Window(length_ms=...)`"),
         ({"split_seed": 3}, "`split_seed` is a field of `split`: `split=nt.Split(seed=...)`"),
-        ({"window": 40}, "window: must be as in `window=nt.Window(...)`; got int"),
-        ({"split": nt.Window()}, "split: must be as in `split=nt.Split(...)`; got WindowSpec"),
+        ({"window": 40}, "window: must be an nt.Window(...); got int"),
+        ({"split": nt.Window()}, "split: must be an nt.Split(...); got WindowSpec"),
     ],
 )
 def test_a_field_outside_of_its_spec_is_refused_with_its_place(keywords, said):
