@@ -22,6 +22,7 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.metrics.flops import Cost
+from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList
 from neurotact.networks.definition import clock, recipe
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
@@ -151,7 +152,9 @@ class Fitted(NamedTuple):
     was_open: bool = False
 
 
-def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[str, Any]:
+def measured(
+    bench: Bench, setting: Setting, known: dict[str, Fitted], prices: PriceList = ARITHMETIC_45NM
+) -> dict[str, Any]:
     """A row of results: accuracies, SOPs, energy and signal of a decision with one setting.
 
     known: first trainings by their key; a new one is added. With that of `Setting()`, which saves nothing, among them,
@@ -181,10 +184,12 @@ def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[s
     rule = FULL_WINDOW
     if setting.exit_tolerance is not None:
         rule = fitting.exit_of(fitted.network, fitted.sides.validation, setting.exit_tolerance).used
-    return row_of(fitted, rule, pruned=setting.prune is not None)
+    return row_of(fitted, rule, pruned=setting.prune is not None, prices=prices)
 
 
-def row_of(fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, pruned: bool = False) -> dict[str, Any]:
+def row_of(
+    fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, pruned: bool = False, prices: PriceList = ARITHMETIC_45NM
+) -> dict[str, Any]:
     """Accuracies, SOPs, energy and signal of a decision; of a pruned network, SOPs of the remaining weights."""
     network, validation, test = fitted.network, fitted.sides.validation, fitted.sides.test
     inferred = network.infer(test.spikes, rule)
@@ -195,7 +200,7 @@ def row_of(fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, pruned: bool = False
         "accuracy_validation": measuring.accuracy_of(network.infer(validation.spikes, rule), validation),
         "accuracy_test": measuring.accuracy_of(inferred, test),
         **sops,
-        **spent.columns("energy_estimate_nJ", "signal_ms"),
+        **spent.columns("energy_estimate_nJ", "signal_ms", prices=prices),
         "input_spikes": float(inferred.input_spikes.double().mean()),
         "hidden_spikes": float(inferred.hidden_spikes.double().mean()),
         "network_step_ms": network.spec.own_step_ms or 1e3 / network.sampling_rate_Hz,
