@@ -12,6 +12,7 @@ import numpy as np
 from scipy.stats import fisher_exact
 
 from neurotact.errors import InputError
+from neurotact.metrics.decision import is_within
 from neurotact.metrics.paired import Paired, compare, sign_test
 
 LEVEL = 0.05
@@ -66,8 +67,8 @@ def within_error(ways: Sequence[Way]) -> list[int]:
     [0, 1]
     """
     at = best_of(ways)
-    least = ways[at].validation - (0.0 if math.isnan(ways[at].error) else ways[at].error) - 1e-12
-    return [index for index, way in enumerate(ways) if index == at or way.validation >= least]
+    best, error = ways[at].validation, 0.0 if math.isnan(ways[at].error) else ways[at].error
+    return [index for index, way in enumerate(ways) if index == at or is_within(way.validation, best, error)]
 
 
 def cheapest_of(ways: Sequence[Way]) -> int:
