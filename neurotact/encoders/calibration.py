@@ -40,7 +40,7 @@ from neurotact.encoders.scaling import REST_SD, Scaling
 from neurotact.encoders.scaling import fit as fit_scaling
 from neurotact.encoders.specs import CALIBRATED, SA_RA, EncoderSpec, conditioning_of, is_exact, populations
 from neurotact.errors import InputError, some
-from neurotact.metrics.decision import Decision
+from neurotact.metrics.decision import Decision, otherwise
 from neurotact.metrics.linear import cross_validated_accuracy
 from neurotact.spec import refuse
 
@@ -329,7 +329,7 @@ def _of_polarities(
         return best, notes
     if _wakes(recordings, best.encoder, both.encoder):
         why = f"SA-I of the falling signal would fire at rest and are left out; {found.compared(MEASURED_ON_BOTH)}"
-        return best, (*notes, f"{why}; to choose otherwise, set sa1.opposite = true")
+        return best, (*notes, f"{why}; {otherwise('sa1.opposite = true')}")
     effect = "a second SA-I under each taxel receives the falling signal"
     return both, (*notes[:-1], on_its_baseline, found.note(MEASURED_ON_BOTH, effect, "sa1.opposite = false"))
 
@@ -351,7 +351,7 @@ def _of_grades(
     if best.is_apart:
         return several, (*notes, found.note(MEASURED_ON_BOTH, effect, "sa1.grades = [1.0]"))
     why = "no training trials are of another condition, by which they could be compared"
-    return several, (*notes, f"sa1.grades: {effect}; {why}; to choose otherwise, set sa1.grades = [1.0]")
+    return several, (*notes, f"sa1.grades: {effect}; {why}; {otherwise('sa1.grades = [1.0]')}")
 
 
 def _by_both(key: str, tried: Mapping[Key, Calibration[Encoder]]) -> Decision[Key]:

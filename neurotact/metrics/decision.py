@@ -63,7 +63,7 @@ class Decision(Generic[Candidate]):
         how = "is left out" if self.chosen is None else f"= {_shown(self.chosen)} is chosen"
         return (
             f"{self.key} {how}, the first within one standard error of the best{effect and ': '}{effect}; "
-            f"{self.compared(measured)}; to choose otherwise, set {override or self.key}"
+            f"{self.compared(measured)}; {otherwise(override or self.key)}"
         )
 
     def compared(self, measured: str) -> str:
@@ -75,6 +75,11 @@ class Decision(Generic[Candidate]):
             for one, merit in self.merits.items()
         )
         return f"{measured}: {', '.join(of_each)}"
+
+
+def otherwise(override: str) -> str:
+    """What to set for another choice, as every note on a choice says it."""
+    return f"to choose otherwise, set {override}"
 
 
 def _highest(merits: Mapping[Any, float]) -> float:
