@@ -274,7 +274,5 @@ def test_what_recurrence_gains_is_said_where_it_was_tried():
 )
 def test_a_gain_that_is_not_clear_is_called_so(gain, change):
     (line,) = comparison.recurrence({"sops_recurrent": 0.0, "recurrence_gain": gain})
-    assert (
-        line
-        == f"hidden neurons: without recurrence; with it, validation accuracy changes by {change}; to choose otherwise, set model"
-    )
+    said = f"hidden neurons: without recurrence; with it, validation accuracy changes by {change}"
+    assert line == f"{said}; to choose otherwise, set model"
