@@ -14,6 +14,9 @@ from neurotact.errors import InputError, nearest
 from neurotact.networks.definition.executors import FEATURES, Subject, lacking
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.use import fitted
+from neurotact.networks.use.fitted import Fitted
+from neurotact.progress import Tell, untold
 
 SOURCES = {
     "xyloaudio2": "rockpool.ai/devices/xylo-overview.html (16 inputs, 1000 hidden and 8 output neurons, 8-bit "
@@ -48,10 +51,10 @@ class Asked(NamedTuple):
     rule: ExitRule
 
 
-def check(network: RSNN, encoder: Mapping[str, Any] | None, rule: ExitRule, target: str) -> pd.DataFrame:
+def compare(network: RSNN, encoder: Mapping[str, Any] | None, rule: ExitRule, target: str) -> pd.DataFrame:
     """One row per limit of a chip: what, here, limit, fits, and the cost of making it fit; empty if it fits.
 
-    >>> found = check(RSNN(16, 8, hidden=30, sampling_rate_Hz=2000.0), None, ExitRule(), "xyloaudio2")
+    >>> found = compare(RSNN(16, 8, hidden=30, sampling_rate_Hz=2000.0), None, ExitRule(), "xyloaudio2")
     >>> found[~found.fits]["what"].tolist()[:4]
     ['membrane', 'reset', 'decay of the current', 'decay of the membrane']
     """
@@ -213,3 +216,22 @@ def _exit(rule: ExitRule, cost: str) -> Finding:
 
 def _exit_words(rule: ExitRule) -> str:
     return "none" if rule.patience is None else f"patience {rule.patience} steps"
+
+
+def check_chip(run: Fitted, check: str, *, tell: Tell = untold) -> pd.DataFrame:
+    """The limits of a chip ("xyloaudio2", "loihi2", "spinnaker2") for the network of a run.
+
+    run: as of `export_c`.
+    One row per limit: what, here, limit, fits, and the cost of making it fit. tell: called with what the command
+    prints. Raises InputError for an unknown chip.
+
+    >>> nt.check_chip("run", "loihi2").columns.tolist()
+    ['what', 'here', 'limit', 'fits', 'cost']
+    """
+    restored = fitted.restore(run)
+    findings = compare(restored.network, restored.encoder, restored.exits(), check)
+    tell(title(check))
+    for row in findings.itertuples(index=False):
+        parts = filter(None, (f"{'fits' if row.fits else 'NOT'}  {row.what}: {row.here}", row.limit, row.cost))
+        tell("; ".join(parts))
+    return findings

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
+from neurotact_parts.exporters.c import integer
+from neurotact_parts.exporters.c.formats import Formats
+from neurotact_parts.exporters.c.proof import Spoken, spoken_of
 
 from neurotact.data.conditioning import Conditioner
-from neurotact.deploy import integer
 from neurotact.deploy.chain import Chain
-from neurotact.deploy.formats import Formats
-from neurotact.deploy.proof import Spoken, spoken_of
 from neurotact.encoders import afferents
 
 

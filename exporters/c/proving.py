@@ -6,14 +6,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from neurotact_parts.exporters.c import boards, c_export, export, proof, twin
+from neurotact_parts.exporters.c.boards import Board
+from neurotact_parts.exporters.c.formats import Formats
+from neurotact_parts.exporters.c.proof import Spoken
 
 from neurotact import files
 from neurotact.data.recordings import Recordings
-from neurotact.deploy import boards, c_export, export, proof, twin
-from neurotact.deploy.boards import Board
 from neurotact.deploy.chain import Chain
-from neurotact.deploy.formats import Formats
-from neurotact.deploy.proof import Spoken
 from neurotact.errors import InputError
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted

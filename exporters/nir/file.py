@@ -4,12 +4,12 @@ from pathlib import Path
 from typing import Any
 
 import h5py
+from neurotact_parts.exporters.nir.execute import KINDS
+from neurotact_parts.exporters.nir.package import nir
 
 from neurotact import files
 from neurotact.data.hdf5_input import Declared, reading
 from neurotact.data.hdf5_output import Output
-from neurotact.deploy.nir_exchange.execute import KINDS
-from neurotact.deploy.nir_exchange.package import nir
 from neurotact.errors import InputError
 
 MOST_NODES = 1000

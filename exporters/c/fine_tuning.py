@@ -13,21 +13,22 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import torch
+from neurotact_parts.exporters.c import formats
+from neurotact_parts.exporters.c.formats import Layers, Steps
 from pydantic import Field, PositiveFloat
 
 from neurotact import effects, files
 from neurotact.data.windows import steps_of
-from neurotact.deploy import formats
-from neurotact.deploy.formats import Layers, Steps
 from neurotact.errors import InputError
 from neurotact.networks.definition.rounding import Grid, seen_rounded
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.training import checkpoint, fitting, tasks, train_run, trained
-from neurotact.networks.training.outcome import Outcome, outcome_of
+from neurotact.networks.training.outcome import Outcome, outcome_of, summary_of
 from neurotact.networks.training.tasks import Sides
 from neurotact.networks.training.trained import Restored
 from neurotact.networks.training.training import Epoch, Examples, Training, best_of, evaluate, train
-from neurotact.progress import track
+from neurotact.networks.use.fitted import check_folder
+from neurotact.progress import Tell, track, untold
 from neurotact.spec import Spec, build
 
 EPOCHS = 10
@@ -75,7 +76,7 @@ def grids_of(network: RSNN, steps: Steps, weight_bits: int) -> dict[str, Grid]:
     return grids if network.bias is None else {**grids, "bias": Grid(steps.w_out, formats.LARGEST)}
 
 
-def fine_tune(
+def train_rounded(
     network: RSNN,
     training: Examples,
     validation: Examples,
@@ -109,7 +110,7 @@ def fine_tune(
     return Training(tuple(log), best)
 
 
-def run(
+def _run(
     source: str | Path,
     folder: str | Path,
     *,
@@ -170,7 +171,7 @@ def _trained_on(
 ) -> fitting.Trained:
     network, steps = restored.network, layers.steps
     with track("fine-tune", epochs) as advance:
-        training = fine_tune(
+        training = train_rounded(
             network, sides.train, sides.validation, grids_of(network, steps, weight_bits),
             generator=torch.Generator().manual_seed(seed), epochs=epochs,
             progress=lambda epoch: advance(1, train_run.line_of(epoch)),
@@ -179,3 +180,42 @@ def _trained_on(
     layers_of(restored, sides, weight_bits=weight_bits, state_bits=layers.hidden.state_bits, steps=steps)
     done = fitting.finished(network, training, sides, restored.task)
     return done if restored.has_own_rule else done.with_rule(restored.rule, restored.held)
+
+
+def fine_tune(
+    run: str | Path,
+    folder: str | Path,
+    *,
+    weight_bits: int = 8,
+    state_bits: int | None = None,
+    epochs: int = EPOCHS,
+    seed: int | None = None,
+    spikes: str | Path | None = None,
+    force: bool = False,
+    tell: Tell = untold,
+) -> dict[str, Any]:
+    """Train the network in the run folder `run` on with rounded weights, as `neurotact fine-tune` does.
+
+    It is saved in `folder` as a run of its own, which `export_c` writes with these bits. weight_bits: 2 to 8.
+    state_bits: 8 to 16, or 24; chosen when None. epochs: 0 rounds alone. seed: of the order of windows, 0 if
+    None. Training and validation trials are used alone.
+    spikes: that the run was trained on, where they moved since. force: replace a training that is in the folder.
+    tell: called with what the command prints. Returns what it came to, as `train` does.
+    Raises InputError for a folder that is not free, and for spikes that are no longer those of the run.
+
+    >>> nt.fine_tune("run", "few-bits", weight_bits=4, epochs=1)["accuracy_test"] >= 0
+    True
+    """
+    check_folder(run, "fine_tune", "which it trains on from the spikes of that")
+    path = Path(folder)
+    outcome, training = _run(
+        run, path, weight_bits=weight_bits, state_bits=state_bits, epochs=epochs, seed=seed, spikes=spikes, force=force
+    )
+    rounded, best = (100 * epoch.validation_accuracy for epoch in (training.epochs[0], training.best))
+    tuned = (
+        f"validation accuracy with {weight_bits}-bit weights: {rounded:.1f} % rounded, {best:.1f} % fine-tuned "
+        f"(epoch {training.best.epoch} of {epochs})"
+    )
+    for line in (*outcome.lines(), tuned, train_run.saved_in(path)):
+        tell(line)
+    return summary_of(files.read_json(path / train_run.RESULT))

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import torch
+from neurotact_parts.exporters.nir import graph as writing
+from neurotact_parts.exporters.nir.execute import Interpreter
+from neurotact_parts.exporters.nir.note import Note, of
 
 from neurotact.data.conditioning import Conditioner
-from neurotact.deploy.nir_exchange import graph as writing
-from neurotact.deploy.nir_exchange.execute import Interpreter
-from neurotact.deploy.nir_exchange.note import Note, of
 from neurotact.encoders import afferents
 from neurotact.errors import InputError, nearest, optional
 from neurotact.networks.definition.rsnn import RSNN

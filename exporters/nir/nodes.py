@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from neurotact_parts.exporters.nir.package import nir
 
-from neurotact.deploy.nir_exchange.package import nir
 from neurotact.errors import InputError
 
 FORCE = 2.0**60

@@ -1,33 +1,20 @@
-"""From a run folder to an export: the chain, and for integers its formats from the training trials."""
+"""The trials of a run, on which an export is tested, and that give the ranges of its integers."""
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from torch import Tensor
 
 from neurotact.data import encoded_from, hdf5
 from neurotact.data.recordings import Recordings
-from neurotact.deploy import fine_tuning, formats
-from neurotact.deploy.chain import Chain, build_encoder, chain_of
-from neurotact.deploy.formats import Formats, Steps
+from neurotact.deploy.chain import build_encoder
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.networks.training import tasks, trained
-from neurotact.networks.use import fitted
-from neurotact.networks.use.fitted import Fitted
 
-WEIGHT_BITS = 8
-"""Default of a network that was not fine-tuned for other bits."""
 MOST_TRIALS = 256
 """Maximum number of training trials from which the range of samples is taken."""
-
-
-class Exported(NamedTuple):
-    """A chain, and its formats if it computes in integers."""
-
-    chain: Chain
-    formats: Formats | None
 
 
 class Recorded(NamedTuple):
@@ -42,48 +29,6 @@ class Recorded(NamedTuple):
     labels: np.ndarray
     sampling_rate_Hz: float
     windows: Tensor
-
-
-def prepared(
-    run: Fitted,
-    *,
-    integer: bool = True,
-    recordings: Recordings | str | Path | None = None,
-    spikes: str | Path | None = None,
-    weight_bits: int | None = None,
-    state_bits: int | None = None,
-    lsb: float | None = None,
-    **options: Any,
-) -> Exported:
-    """The chain of a run folder or a fitted classifier, ready to be written as C; options as for `chain_of`.
-
-    integer: computed in integers. recordings, spikes: those that the run was trained on, if they were moved; of a
-    classifier, the recordings that give the ranges of samples and states.
-    weight_bits, state_bits, lsb: as for `formats.choose`. By default, the weights of a fine-tuned run have the bits and
-    steps of its fine-tuning, others 8 bits.
-    """
-    if not integer:
-        return Exported(chain_of(run, **options), None)
-    restored = fitted.restore(run, spikes=spikes)
-    signals = recorded(restored, recordings)
-    if "sampling_rate_Hz" not in options or options["sampling_rate_Hz"] is None:
-        options["sampling_rate_Hz"] = signals.sampling_rate_Hz if _resamples(restored) else None
-    chain = chain_of(run, **options)
-    ranges = formats.record(chain.network, signals.windows, signals.training)
-    return Exported(chain, formats.choose(chain, ranges, lsb=lsb, **_bits_and_steps(restored, weight_bits, state_bits)))
-
-
-def _bits_and_steps(restored: trained.Restored, weight_bits: int | None, state_bits: int | None) -> dict[str, Any]:
-    """Bits and steps of the weights and bits of the states, as given or as in the fine-tuning of the run.
-
-    With other weight bits, or with fewer state bits, the weights are rounded again.
-    """
-    tuned = fine_tuning.tuned_of(restored)
-    if tuned is None:
-        return {"weight_bits": weight_bits or WEIGHT_BITS, "state_bits": state_bits}
-    bits = {"weight_bits": weight_bits or tuned.weight_bits, "state_bits": state_bits or tuned.state_bits}
-    same_grid = bits["weight_bits"] == tuned.weight_bits and bits["state_bits"] >= tuned.state_bits
-    return {**bits, "steps": Steps(*tuned.steps) if same_grid else None}
 
 
 def recorded(restored: trained.Restored, recordings: Recordings | str | Path | None = None) -> Recorded:
@@ -127,7 +72,3 @@ def _given(restored: trained.Restored, recordings: Recordings | str | Path | Non
     signals = list(chosen.to_unit(encoder.unit).signals)
     labels = np.array([restored.classes.index(chosen.classes[label]) for label in chosen.labels])
     return Recorded(signals, signals, labels, data.sampling_rate_Hz, examples.spikes)
-
-
-def _resamples(restored: trained.Restored) -> bool:
-    return ((restored.encoder or {}).get("conditioning") or {}).get("resample_Hz") is not None

@@ -1,13 +1,16 @@
 """A running chain on a local page."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from neurotact_parts.exporters.live.feeds import ByHand, Device, Feed, Replay
+from neurotact_parts.exporters.live.messages import FASTEST, SLOWEST
+from neurotact_parts.exporters.live.session import Session
+
 from neurotact import effects, plugins
-from neurotact.api.arguments import Settings, Tell
 from neurotact.data import hdf5
 from neurotact.data.digests import recorded_digest
 from neurotact.data.recordings import default_channels
@@ -16,10 +19,6 @@ from neurotact.deploy.chain import Chain, chain_of
 from neurotact.deploy.sources import DEFAULT_BAUD, STALL_S, Layout, kind_of, trouble_of
 from neurotact.encoders.specs import afferent_names
 from neurotact.errors import InputError
-from neurotact.live_page.feeds import ByHand, Device, Feed, Replay
-from neurotact.live_page.messages import FASTEST as FASTEST
-from neurotact.live_page.messages import SLOWEST as SLOWEST
-from neurotact.live_page.session import Session
 from neurotact.metrics.synops import SIDES, UNKNOWN
 from neurotact.networks.training import trained
 from neurotact.networks.use import fitted
@@ -36,7 +35,7 @@ def live(
     speed: float | None = None,
     loop: bool = False,
     shuffle: bool = False,
-    settings: Settings | None = None,
+    settings: Mapping[str, Any] | None = None,
     save_to: str | Path | None = None,
     port: int = 0,
     format: str | None = None,
@@ -54,7 +53,7 @@ def live(
     early_exit: bool = True,
     hold_ms: float = 5.0,
     stall_s: float | None = None,
-    tell: Tell = print,
+    tell: Callable[[str], object] = print,
 ) -> str:
     """Show a running chain on a local page with sliders, as `neurotact live` does, until Ctrl-C.
 
@@ -113,7 +112,7 @@ def live(
 
 
 def _feed_at_its_rate(
-    kind: str, source: str, speed: float, loop: bool, shuffle: bool, settings: Settings | None
+    kind: str, source: str, speed: float, loop: bool, shuffle: bool, settings: Mapping[str, Any] | None
 ) -> Any:
     """Recordings or a simulated finger; None for a device, whose rate is that of the chain."""
     if not SLOWEST <= speed <= FASTEST:
@@ -158,7 +157,7 @@ def _afferents(run: Fitted, chain: Chain, feed: Feed) -> tuple[str, ...]:
 
 def _server_module():
     try:
-        from neurotact.live_page import server
+        from neurotact_parts.exporters.live import server
     except ImportError as error:
         missing = error.name or "a package"
         if missing.startswith("neurotact"):

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from neurotact_parts.exporters.nir import note
+from neurotact_parts.exporters.nir.execute import flat
+from neurotact_parts.exporters.nir.nodes import Clock
+from neurotact_parts.exporters.nir.note import Note
 
-from neurotact.deploy.nir_exchange import note
-from neurotact.deploy.nir_exchange.execute import flat
-from neurotact.deploy.nir_exchange.nodes import Clock
-from neurotact.deploy.nir_exchange.note import Note
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
 from neurotact.networks.definition.kernels import Backend
@@ -85,7 +85,7 @@ def _check_stated(name: str, given: float | None, stated: float, source: str) ->
 
 
 def _from_neurotact(graph: Any, written: Note, source: str, backend: Backend) -> FromNIR:
-    from neurotact.deploy.nir_exchange import graph as writing
+    from neurotact_parts.exporters.nir import graph as writing
 
     if written.form != "exact":
         raise InputError(

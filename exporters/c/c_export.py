@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 
 import jinja2
 import numpy as np
+from neurotact_parts.exporters.c import formats as whole
+from neurotact_parts.exporters.c.formats import Formats, Integrator
 
 from neurotact import __version__, files
 from neurotact.data.conditioning import HALF, Conditioner
-from neurotact.deploy import formats as whole
 from neurotact.deploy.chain import LARGEST, Chain
-from neurotact.deploy.formats import Formats, Integrator
 from neurotact.encoders.afferents import AfferentType, marks
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import require
@@ -60,7 +60,7 @@ def write(
     paths(folder, name)
     context = context_of(chain, formats, name)
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("neurotact.deploy", "templates"),
+        loader=jinja2.PackageLoader("neurotact_parts.exporters.c", "templates"),
         undefined=jinja2.StrictUndefined,
         keep_trailing_newline=True,
     )

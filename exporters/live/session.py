@@ -14,6 +14,10 @@ from threading import Event
 from typing import Any
 
 import numpy as np
+from neurotact_parts.exporters.live import messages
+from neurotact_parts.exporters.live.feeds import TICK_S, ByHand, Feed, Replay
+from neurotact_parts.exporters.live.frames import Audience, FrameBuilder, Mailbox
+from neurotact_parts.exporters.live.scores import Scored, Scores
 
 from neurotact.backend import Backend
 from neurotact.data.spikes import populations_of
@@ -25,10 +29,6 @@ from neurotact.deploy.stream_state import Trace
 from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
 from neurotact.errors import InputError, nearest
 from neurotact.files import write_text
-from neurotact.live_page import messages
-from neurotact.live_page.feeds import TICK_S, ByHand, Feed, Replay
-from neurotact.live_page.frames import Audience, FrameBuilder, Mailbox
-from neurotact.live_page.scores import Scored, Scores
 from neurotact.metrics.synops import UNSEEN
 from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.spec import build, override, to_toml

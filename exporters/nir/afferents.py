@@ -10,10 +10,10 @@ the membrane to fire, which resets it, and removes those spikes.
 from typing import Any
 
 import numpy as np
+from neurotact_parts.exporters.nir.nodes import FORCE, Clock, Edges, graph, linear, scale, threshold
+from neurotact_parts.exporters.nir.package import nir
 from scipy.linalg import block_diag
 
-from neurotact.deploy.nir_exchange.nodes import FORCE, Clock, Edges, graph, linear, scale, threshold
-from neurotact.deploy.nir_exchange.package import nir
 from neurotact.encoders.afferents import AfferentSpec
 
 

@@ -1,5 +1,6 @@
 """Exchange with NIR, for users: `nt.to_nir`, `nt.from_nir`, and the proof of an export."""
 
+import logging
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -7,12 +8,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from neurotact_parts.exporters.nir import compare, execute, file, graph, note, parse
+from neurotact_parts.exporters.nir.parse import FromNIR
+from neurotact_parts.exporters.trials import recorded
 
+from neurotact import effects
 from neurotact.data.recordings import Recordings
-from neurotact.deploy import export
 from neurotact.deploy.chain import build_encoder
-from neurotact.deploy.nir_exchange import compare, file, graph, note, parse
-from neurotact.deploy.nir_exchange.parse import FromNIR
+from neurotact.deploy.exporters import Exporter
 from neurotact.encoders import afferents
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.specs import EncoderSpec
@@ -23,6 +26,9 @@ from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.exit.early_exit import FULL_WINDOW
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
+from neurotact.progress import Tell, untold
+
+log = logging.getLogger("neurotact")
 
 
 def to_nir(
@@ -103,6 +109,48 @@ def from_nir(
     return parse.parsed(content, dt_s, str(source) if is_file else "graph", sampling_rate_Hz, backend)
 
 
+def export_nir(
+    run: Fitted,
+    path: str | Path,
+    *,
+    plain: bool = False,
+    lower_refractory: bool = False,
+    network_only: bool = False,
+    dt_s: float | None = None,
+    prove: int = 0,
+    recordings: Recordings | str | Path | None = None,
+    spikes: str | Path | None = None,
+    force: bool = False,
+    tell: Tell = untold,
+) -> Any:
+    """Write the afferents and the network of a run as a NIR graph, as `neurotact export` does; returns it.
+
+    run: as of `export_c`.
+    plain, lower_refractory, network_only, dt_s: as of `to_nir`.
+    prove: run the graph in the interpreter, snnTorch and Norse, and compare this many test trials spike by spike.
+    recordings, spikes: for that, those that the run was trained on, where they moved since; of a classifier, others.
+    force: replace a file. tell: called with what the command prints.
+    Raises InputError for a file that exists, and for a chain that NIR cannot express.
+
+    >>> made = nt.export_nir("run", "run.nir")
+    >>> "afferents" in made.nodes
+    True
+    """
+    effects.check(ranges=prove, recordings=recordings, spikes=spikes)
+    made = to_nir(
+        run, path, plain=plain, lower_refractory=lower_refractory, network_only=network_only, dt_s=dt_s, force=force
+    )
+    said = note.of(made, str(path))
+    assert said is not None
+    tell(f"{path}: {len(execute.flat(made)[0])} nodes, steps of {said.dt_s:g} s, {said.form}")
+    for difference in said.differences:
+        tell(f"  differs: {difference}")
+    if prove:
+        for line in summary(proved(run, made, prove, recordings, spikes, say=log.warning)):
+            tell(line)
+    return made
+
+
 def proved(
     run: Fitted,
     made: Any,
@@ -122,8 +170,8 @@ def proved(
     assert isinstance(encoder, AfferentSpec)  # `require` refuses the others
     written = note.of(made, "graph")
     has_afferents = written is not None and written.encoder is not None
-    recorded = export.recorded(restored, recordings)
-    rate_Hz, signals = recorded.sampling_rate_Hz, recorded.test[:n_trials]
+    known = recorded(restored, recordings)
+    rate_Hz, signals = known.sampling_rate_Hz, known.test[:n_trials]
     tables: list[pd.DataFrame] = []
     for simulator in compare.SIMULATORS:
         for trial, signal in enumerate(signals):
@@ -169,3 +217,15 @@ def summary(table: pd.DataFrame) -> list[str]:
         values = f"{np.format_float_positional(row.reference, 6)} and not {np.format_float_positional(row.other, 6)}"
         lines.append(f"{head}: {row.differing} differ of {row.spikes} values, first at {position} ({values})")
     return lines
+
+
+EXPORTER = Exporter(
+    "a file with afferents and network as a graph (Neuromorphic Intermediate Representation)",
+    export_nir,
+    {
+        "plain": "only CubaLIF and Linear nodes, which snnTorch and Norse load.",
+        "lower_refractory": "express refractory periods as nodes.",
+        "network_only": "leave out the afferents.",
+        "dt_s": "seconds per step; 1 / clock when absent, 1e-4 for snnTorch.",
+    },
+)

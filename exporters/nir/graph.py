@@ -3,10 +3,10 @@
 from typing import Any
 
 import numpy as np
+from neurotact_parts.exporters.nir import afferents, layers
+from neurotact_parts.exporters.nir.nodes import Clock, graph
+from neurotact_parts.exporters.nir.note import Note
 
-from neurotact.deploy.nir_exchange import afferents, layers
-from neurotact.deploy.nir_exchange.nodes import Clock, graph
-from neurotact.deploy.nir_exchange.note import Note
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN

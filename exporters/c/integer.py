@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from neurotact_parts.exporters.c.formats import FRACTION, Afferents, Formats, FrontEnd, Integrator, Layer, Weight
 
-from neurotact.deploy.formats import FRACTION, Afferents, Formats, FrontEnd, Integrator, Layer, Weight
 from neurotact.networks.definition.clock import binned
 from neurotact.networks.exit.early_exit import ExitRule, Leader
 from neurotact.neurons import CubaLIF

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from neurotact_parts.exporters.c import boards
+from neurotact_parts.exporters.c.boards import Board
 
 from neurotact import files
-from neurotact.deploy import boards
-from neurotact.deploy.boards import Board
 from neurotact.errors import InputError
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")

@@ -20,6 +20,10 @@ from threading import Thread
 from typing import Any
 
 import uvicorn
+from neurotact_parts.exporters.live import messages
+from neurotact_parts.exporters.live.connections import HttpConnection, PageConnection
+from neurotact_parts.exporters.live.frames import Mailbox
+from neurotact_parts.exporters.live.session import Session
 from starlette.applications import Starlette
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import PlainTextResponse, Response
@@ -27,10 +31,6 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from neurotact.errors import InputError
-from neurotact.live_page import messages
-from neurotact.live_page.connections import HttpConnection, PageConnection
-from neurotact.live_page.frames import Mailbox
-from neurotact.live_page.session import Session
 
 HOST = "127.0.0.1"
 MOST_PAGES = 8
@@ -46,7 +46,7 @@ POLICY, TRY_LATER = 1008, 1013
 
 def page() -> bytes:
     """The page, with its script and style."""
-    return resources.files("neurotact.live_page").joinpath("page.html").read_bytes()
+    return resources.files("neurotact_parts.exporters.live").joinpath("page.html").read_bytes()
 
 
 def content_policy(html: bytes, authority: str) -> str:

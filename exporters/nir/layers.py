@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from neurotact_parts.exporters.nir.nodes import FORCE, Clock, Edges, graph, linear, scale, threshold
+from neurotact_parts.exporters.nir.package import nir
 
-from neurotact.deploy.nir_exchange.nodes import FORCE, Clock, Edges, graph, linear, scale, threshold
-from neurotact.deploy.nir_exchange.package import nir
 from neurotact.networks.definition.rsnn import RSNN
 
 Layered = tuple[dict[str, Any], Edges]
