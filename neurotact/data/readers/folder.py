@@ -2,37 +2,218 @@
 
 import logging
 import os
+import re
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from pydantic import Field, model_validator
 
-from neurotact.data.readers import doubts, missing, sampled, split_stamps, tdms
-from neurotact.data.readers.archives import as_signal
-from neurotact.data.readers.array_files import ArrayFile, opened_arrays, said_rates, sampling_rate_of
-from neurotact.data.readers.clock import Unit, unit_in
-from neurotact.data.readers.contents import content_of
-from neurotact.data.readers.layout import TIME_COLUMN, LayoutSpec, Table, is_text, read_table
-from neurotact.data.readers.matlab import MATLAB
-from neurotact.data.readers.naming import SUFFIXES, TEXTS, NamingSpec, conditions_of
-from neurotact.data.readers.sampled import OF_COLUMNS, Read
-from neurotact.data.recordings import Recordings, check_import
+from neurotact.data.readers.arrays import ArrayFile, opened_arrays, said_rates, sampling_rate_of
+from neurotact.data.readers.clock.split import apart, joined, pair_in
+from neurotact.data.readers.clock.stamps import Unit, unit_in
+from neurotact.data.readers.clock.trials import OF_COLUMNS, Read, mended, recordings_of
+from neurotact.data.readers.columns import TIME_COLUMN, LayoutSpec, Table, is_text, read_table
+from neurotact.data.readers.doubts import Fixes
+from neurotact.data.readers.formats.contents import content_of
+from neurotact.data.readers.formats.matlab import MAT_SUFFIX
+from neurotact.data.readers.formats.numpy_files import as_signal
+from neurotact.data.readers.formats.tdms import TDMS_SUFFIX, read_groups
+from neurotact.data.readers.table.cells import NUMBER, columns_of
+from neurotact.data.readers.table.headings import named_table
+from neurotact.data.recordings import LABEL, Recordings, check_import
 from neurotact.errors import InputError, nearest, some
 from neurotact.files import below, check_size, existing, is_hidden
-from neurotact.spec import build
+from neurotact.spec import Names, Spec, build
 
-USUAL = (".csv", ".npz", ".npy", MATLAB, tdms.SUFFIX)
+log = logging.getLogger("neurotact")
+
+FILE = "file"
+FIELD = re.compile(r"\{([^{}]*)\}")
+TEXTS = (".csv", ".tsv", ".txt", ".lvm")
+SUFFIXES = (*TEXTS, ".npz", ".npy", ".mat", ".tdms")
+
+
+class NamingSpec(Spec):
+    """The source of the class and the conditions of a file.
+
+    A pattern holds names in braces, `{label}_F{force}_{repetition}.csv`; each stands for one character or more, as few
+    as fit. Values that are numbers in every file become numbers; `label` stays text.
+    """
+
+    levels: Names = ()
+    """For each sub-folder, from the top: a condition (`speed`), or a pattern (`{speed}mm_per_s`). Deeper folders are
+    read too. `label` alone if neither pattern nor table gives the label."""
+    pattern: str | None = None
+    """Pattern of the file's name; of the end of its path if the pattern holds a `/`."""
+    table: str | None = Field(default=None)
+    """A CSV file with the column `file`, the path or the name of each file, and a column for each condition."""
+    label: str | None = None
+    """The condition that is the class, where none is called `label`."""
+
+    @model_validator(mode="after")
+    def _names_each_condition_once(self) -> "NamingSpec":
+        if self.pattern is not None and not FIELD.search(self.pattern):
+            raise ValueError(f"pattern must hold a name in braces, such as {{label}}; got {self.pattern!r}")
+        patterns = [*self.levels, *([] if self.pattern is None else [self.pattern])]
+        names = [name for pattern in patterns for name in _fields(pattern)]
+        wrong = [name for name in names if not name.isidentifier()]
+        twice = [name for name in names if names.count(name) > 1]
+        if wrong:
+            raise ValueError(f"a condition is a word of letters, digits and _; got {wrong[0]!r}")
+        if twice or FILE in names:
+            raise ValueError(f"{(twice or [FILE])[0]!r} is named twice; give each condition once")
+        return self
+
+    @property
+    def is_label_by_folder(self) -> bool:
+        """Whether the label is the first sub-folder because nothing else is given."""
+        is_given = bool(self.levels) or self.table is not None or self.label not in (None, LABEL)
+        return not is_given and LABEL not in _fields(self.pattern or "")
+
+
+def conditions_of(files: Sequence[str], naming: NamingSpec, folder: Path) -> pd.DataFrame:
+    """One row per file (paths within `folder`): label, the other conditions, file.
+
+    Raises InputError for a file that does not fit a level, the pattern or the table, and if no label is given.
+
+    >>> naming = NamingSpec(levels="label", pattern="F{force}_{repetition}.csv")
+    >>> conditions_of(["felt/F3_0.csv", "felt/F6_0.csv"], naming, Path("my-data")).values.tolist()
+    [['felt', 3, 0, 'felt/F3_0.csv'], ['felt', 6, 0, 'felt/F6_0.csv']]
+    """
+    table = _read_table(naming.table, files) if naming.table is not None else {file: {} for file in files}
+    levels = (LABEL,) if naming.is_label_by_folder else naming.levels
+    rows = []
+    for file in files:
+        parts = [_of_levels(file, levels, folder), _of_pattern(file, naming.pattern, folder), table[file]]
+        names = [name for part in parts for name in part]
+        twice = [name for name in names if names.count(name) > 1]
+        if twice:
+            raise InputError(f"{naming.table}: the condition '{twice[0]}' is also given by the file's path or name")
+        rows.append({name: value for part in parts for name, value in part.items()})
+    conditions = _with_label(pd.DataFrame(rows), naming.label, folder)
+    for name in conditions.columns.drop(LABEL):
+        conditions[name] = _as_numbers(conditions[name])
+    conditions = conditions[[LABEL, *conditions.columns.drop(LABEL)]]
+    conditions[FILE] = list(files)
+    return conditions
+
+
+def _with_label(conditions: pd.DataFrame, label: str | None, folder: Path) -> pd.DataFrame:
+    """The conditions of each file, that which is the class called `label`."""
+    names = [*map(str, conditions.columns)]
+    if label is not None and label not in names:
+        if not names:
+            raise InputError(
+                f"{folder}: no condition is called {label}, as no condition is named; name the sub-folders with "
+                f"`levels={label!r}`, or leave out `label`: the first sub-folder is the class"
+            )
+        raise InputError(f"{folder}: no condition is called {label}; {nearest(label, names)}")
+    if label not in (None, LABEL):
+        if LABEL in names:
+            raise InputError(f"{folder}: a condition is called label already; rename it, or leave out `label`")
+        conditions = conditions.rename(columns={label: LABEL})
+    if LABEL not in conditions:
+        fix = (
+            f"name it with `label`, of {', '.join(names)}"
+            if names
+            else "add it with `levels`, `pattern` or `conditions`"
+        )
+        raise InputError(f"{folder}: no condition is called label, the class of each file; {fix}")
+    return conditions
+
+
+def _fields(pattern: str) -> list[str]:
+    """The names in a pattern; a level without braces is a name."""
+    return FIELD.findall(pattern) if "{" in pattern else [pattern]
+
+
+def _compiled(pattern: str) -> re.Pattern[str]:
+    """A pattern with names in braces as a regular expression of named groups."""
+    parts = FIELD.split(pattern)  # text, name, text, ...
+    return re.compile("".join(re.escape(part) if i % 2 == 0 else f"(?P<{part}>[^/]+?)" for i, part in enumerate(parts)))
+
+
+def _of_levels(file: str, levels: Sequence[str], folder: Path) -> dict[str, str]:
+    above = PurePosixPath(file).parts[:-1]
+    if len(above) < len(levels):
+        raise InputError(
+            f"{folder / file}: is {len(above)} sub-folders deep, but `levels` names {len(levels)} "
+            f"({', '.join(levels)}); move it, or name fewer levels"
+        )
+    levels_found = {}
+    for level, folder_name in zip(levels, above, strict=False):
+        if "{" not in level:
+            levels_found[level] = folder_name
+            continue
+        match = _compiled(level).fullmatch(folder_name)
+        if match is None:
+            raise InputError(
+                f"{folder / file}: the folder '{folder_name}' does not fit the level {level}; rename one of them"
+            )
+        levels_found |= match.groupdict()
+    return levels_found
+
+
+def _of_pattern(file: str, pattern: str | None, folder: Path) -> dict[str, str]:
+    if pattern is None:
+        return {}
+    path = PurePosixPath(file)
+    if not pattern.lower().endswith(SUFFIXES):
+        path = path.with_suffix("")
+    depth = pattern.count("/") + 1
+    match = _compiled(pattern).fullmatch("/".join(path.parts[-depth:]))
+    if match is None:
+        raise InputError(f"{folder / file}: its name does not fit the pattern {pattern}; rename it or move it away")
+    return match.groupdict()
+
+
+def _read_table(path: str, files: Sequence[str]) -> dict[str, dict[str, str]]:
+    """The conditions of each file, by the table in `path`."""
+    table = named_table(Path(path))
+    if FILE not in table.names:
+        raise InputError(f"{path}: has no column 'file', the path of each file; {nearest(FILE, [*table.names])}")
+    if "" in table.names:
+        raise InputError(f"{path}: column {table.names.index('') + 1} has no name; give it one, or remove it")
+    columns = columns_of(table)
+    by_name: dict[str, list[str]] = {}
+    for file in files:
+        by_name.setdefault(PurePosixPath(file).name, []).append(file)
+    rows: dict[str, dict[str, str]] = {}
+    for number, row in enumerate(zip(*(columns[name].tolist() for name in table.names), strict=True), table.first_line):
+        given = dict(zip(table.names, row, strict=True))
+        name = given.pop(FILE)
+        fitting = [name] if name in files else by_name.get(name, [])
+        if len(fitting) != 1:
+            why = "is not a file of recordings in the folder" if not fitting else f"is the name of {len(fitting)} files"
+            raise InputError(f"{path}: line {number}: '{name[:80]}' {why}; give its path within the folder")
+        if fitting[0] in rows:
+            raise InputError(f"{path}: line {number}: '{name[:80]}' already has a line above; drop one of them")
+        rows[fitting[0]] = given
+    absent = [file for file in files if file not in rows]
+    if absent:
+        raise InputError(f"{path}: has no line for {absent[0]} ({len(absent)} in all); add it or move the file away")
+    return rows
+
+
+def _as_numbers(values: pd.Series) -> pd.Series:
+    """Texts as numbers if all of them are; a leading zero, as in 007, makes a name."""
+    texts = values.astype(str)
+    if not all(NUMBER.fullmatch(text) and not re.match(r"[+-]?0\d", text) for text in texts):
+        return values
+    return pd.to_numeric(texts)
+
+
+USUAL = (".csv", ".npz", ".npy", MAT_SUFFIX, TDMS_SUFFIX)
 """Files that are read; those of `LATER` only if a folder holds none of these, as other text files may be notes."""
 LATER = ((".lvm",), SUFFIXES)
 KINDS = ".csv, .tsv, .txt, .lvm, .npz, .npy, .mat or .tdms"
 
 MOST_FAULTS = 20
 """Files with faults after which no more are read."""
-OF_ARRAYS = doubts.Fixes("save the arrays without it")
-
-log = logging.getLogger("neurotact")
+OF_ARRAYS = Fixes("save the arrays without it")
 
 
 def read(
@@ -102,7 +283,7 @@ def read(
         check_size(folder, n_bytes)
     if faults:
         raise _every(faults, folder)
-    read, kept = missing.mended(read, table.missing, str(folder))
+    read, kept = mended(read, table.missing, str(folder))
     row_of = [row_of[number] for number in kept]
     if said_hz and (sampling_rate_Hz is not None or read[0].table.time is None):
         sampling_rate_Hz = sampling_rate_of(said_hz, sampling_rate_Hz, str(folder))
@@ -114,7 +295,7 @@ def read(
     conditions = of_files.iloc[row_of].reset_index(drop=True)
     conditions["file"] = [trial.file for trial in read]
     conditions = _with_constants(conditions, read, folder)
-    return sampled.recordings(
+    return recordings_of(
         read, conditions, sampling_rate_Hz, unit,
         max_gap_ms=table.max_gap_ms, drop_repeats=table.drop_repeats, source=f"folder {folder.name}", where=str(folder),
         fixes=None if is_raster else OF_ARRAYS if all(trial.table.first_line == 0 for trial in read) else OF_COLUMNS,
@@ -166,11 +347,11 @@ def _read(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> tupl
         if layout.array is not None or layout.transpose:
             raise InputError(f"{path}: `array` and `transpose` are for NPZ and MATLAB files; leave them out")
         return [Read(str(path), file, read_table(path, layout, find_time=find_time))], {}
-    if path.suffix.lower() == tdms.SUFFIX:
+    if path.suffix.lower() == TDMS_SUFFIX:
         if layout.transpose:
             raise InputError(f"{path}: `transpose` is for NPZ and MATLAB files; leave it out")
         _check_no_text(path, layout)
-        groups = tdms.read_groups(path, layout, find_time=find_time)
+        groups = read_groups(path, layout, find_time=find_time)
         return [Read(f"{path}:{name}", f"{file}:{name}", group) for name, group in groups.items()], {}
     if layout.columns:
         raise InputError(f"{path}: `columns` is for CSV files and TDMS; save the chosen columns, or as CSV")
@@ -189,7 +370,7 @@ def _of_arrays(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) ->
     """The trials in a file of arrays, and the sampling rates that it says."""
     with opened_arrays(path) as opened:
         arrays, rates_hz = _matrices(opened, layout.array), said_rates(opened)
-    stamps_at = [] if layout.time_column is None else split_stamps.apart(layout.time_column, arrays)
+    stamps_at = [] if layout.time_column is None else apart(layout.time_column, arrays)
     for key_wanted in (layout.array if layout.array not in opened.cells else None, *stamps_at):
         if key_wanted is not None and key_wanted not in arrays:
             raise InputError(f"{path}: holds no array '{key_wanted[:40]}'; {nearest(key_wanted, list(arrays))}")
@@ -235,7 +416,7 @@ def _stamps_at(arrays: Mapping[str, np.ndarray], layout: LayoutSpec) -> list[str
         return all(key != layout.array and others == {arrays[key].size} == {max(arrays[key].shape)} for key in keys)
 
     names = list(arrays)
-    pair = split_stamps.pair_in(names)
+    pair = pair_in(names)
     ways = [] if pair is None else [[names[column] for column in pair]]
     ways += [[key] for key in names if TIME_COLUMN.match(key)]
     return next((keys for keys in ways if is_per_sample(keys)), [])
@@ -255,7 +436,7 @@ def _time_of(
             f"{path}: '{keys[0]}' has {len(stamps[0])} time stamps and '{keys[1]}' {len(stamps[1])}; give each sample "
             "both"
         )
-    return split_stamps.joined(stamps[0], stamps[1], keys[1], str(path), 0, layout.time_unit), "s"
+    return joined(stamps[0], stamps[1], keys[1], str(path), 0, layout.time_unit), "s"
 
 
 def _stamps(array: np.ndarray, where: str) -> np.ndarray:
@@ -277,7 +458,7 @@ def _matrices(file: ArrayFile, chosen: str | None) -> dict[str, np.ndarray]:
             f"{file.path}: '{file.others[0][:40]}' is neither numbers nor text; name the matrix of samples with `array`"
         )
     held = {name: np.asarray(file.read(name)) for name in file.shapes}
-    is_matlab = file.path.suffix.lower() == MATLAB
+    is_matlab = file.path.suffix.lower() == MAT_SUFFIX
     matrices = {
         name: values for name, values in held.items()
         if (values.size != 1 or values.ndim > 1) and (values.dtype.kind in "iufb" or not is_matlab)

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import neurotact as nt
-from neurotact.data.readers import split_stamps, tdms
-from neurotact.data.readers.layout import LayoutSpec
+from neurotact.data.readers.clock import split as split_stamps
+from neurotact.data.readers.columns import LayoutSpec
+from neurotact.data.readers.formats import tdms
 from neurotact.errors import InputError
 
 PER_SECOND = {"nanosec": 10**9, "nsecs": 10**9, "nanoseconds": 10**9, "tv_usec": 10**6, "msec": 1000, "ms": 1000}

@@ -10,19 +10,48 @@ from typing import Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from neurotact.data.readers import first_rows, ros, split_stamps
-from neurotact.data.readers.clock import Unit, is_time_of_day, seconds_of, unit_in
-from neurotact.data.readers.headings import open_table
-from neurotact.data.readers.tables import (
-    NOT_FINITE,
-    TextTable,
-    columns_at,
-    finite,
-    lost_digits,
-    with_whole_rows,
-)
+from neurotact.data.readers.clock.split import apart, joined, pair_in
+from neurotact.data.readers.clock.stamps import Unit, is_time_of_day, seconds_of, unit_in
+from neurotact.data.readers.doubts import check_first_row
+from neurotact.data.readers.table.cells import NOT_FINITE, TextTable, columns_at, finite, lost_digits, with_whole_rows
+from neurotact.data.readers.table.headings import is_sample, open_table
 from neurotact.errors import InputError, nearest, some
 from neurotact.spec import Names, Spec
+
+ROS_HEADER = re.compile(r"(.*[./_])?header[./_](seq|stamp|frame_id)\b.*", re.ASCII)
+"""The names of its columns."""
+ROS_FIELDS = 3
+"""Columns of the header in ROS 2: seconds, nanoseconds, the name of the frame."""
+SECOND_NS = 10**9
+LEAST_NS = 1000
+"""Nanoseconds that a clock shows at least once; a number of a trial or a finger is smaller."""
+
+
+def is_ros_header(name: str) -> bool:
+    """Whether a column is of the header of a message.
+
+    >>> [is_ros_header(name) for name in ("field.header.stamp", "header.stamp.secs", "header", "pressure")]
+    [True, True, False, False]
+    """
+    return bool(ROS_HEADER.fullmatch(name))
+
+
+def ros_stamps(table: TextTable) -> np.ndarray | None:
+    """The stamps of ROS 2 messages in seconds from the first one on, `(row,)`; None if the columns are something else.
+
+    `ros2 topic echo --csv` names no column, and begins each row with the header of the message, if it has one.
+    """
+    seconds, nanoseconds, frame = (*table.first_row[:ROS_FIELDS], "", "", "")[:ROS_FIELDS]
+    if table.names or table.n_columns <= ROS_FIELDS or is_sample(frame) or not (seconds + nanoseconds).isdigit():
+        return None
+    second, rest_ns = columns_at(table, [0, 1])
+    if second.dtype.kind not in "iu" or rest_ns.dtype.kind not in "iu":
+        return None
+    if not (LEAST_NS <= rest_ns.max() < SECOND_NS and min(second.min(), rest_ns.min()) >= 0):
+        return None
+    since_first = (second - second[0]).astype(np.float64) * SECOND_NS + (rest_ns - rest_ns[0])
+    return since_first / SECOND_NS if (np.diff(since_first) >= 0).all() and since_first[-1] > 0 else None
+
 
 Missing = Literal["interpolate", "drop-trial"]
 TIME_COLUMN = re.compile(r"(times?|timestamps?|ts?|elapsed|seconds|millis|micros|x_value)(?![a-z0-9])", re.IGNORECASE)
@@ -123,7 +152,7 @@ def read_table(path: Path, layout: LayoutSpec, *, find_time: bool = True) -> Tab
     if not table.names:
         _check_not_numbered(table)
     is_free = find_time and not layout.columns and layout.time_column is None
-    ros_time = ros.stamps_of(table) if is_free else None
+    ros_time = ros_stamps(table) if is_free else None
     columns = _columns_of(table, layout, find_time) if ros_time is None else _after_ros_header(table)
     is_of_day = columns.time is not None and is_time_of_day(table.first_row[columns.time])
     stamps_at = [column for column in (columns.time, columns.rest) if column is not None]
@@ -161,7 +190,7 @@ def _signal(table: TextTable, taxels: Sequence[int], values: dict[int, np.ndarra
         lost = lost or lost_digits(samples[np.isfinite(samples)] if with_gaps else samples)
         signal[:, number] = samples
     if not np.isnan(signal).any():
-        first_rows.check(signal, str(table.path), table.first_line)
+        check_first_row(signal, str(table.path), table.first_line)
     if lost:
         raise InputError(f"{table.path}: {lost}{CHOICE}")
     return signal
@@ -180,7 +209,7 @@ def _times(table: TextTable, columns: _Columns, values: Mapping[int, np.ndarray]
     if columns.rest is not None:
         name = table.names[columns.rest] if table.names else str(columns.rest + 1)
         rest = finite(table, columns.rest, values[columns.rest])
-        time = split_stamps.joined(time, rest, name, str(path), table.first_line, layout.time_unit)
+        time = joined(time, rest, name, str(path), table.first_line, layout.time_unit)
     if layout.time_column is None and not is_of_day:
         check_rises(time, table.names[columns.time], path)
     in_seconds = is_of_day or columns.rest is not None
@@ -245,13 +274,13 @@ def is_text(name: str) -> bool:
 
 
 def _after_ros_header(table: TextTable) -> _Columns:
-    note = f"columns 1 to {ros.FIELDS} are the header of a ROS 2 message, whose stamp is the time"
-    return _Columns([*range(ros.FIELDS, table.n_columns)], None, (note,))
+    note = f"columns 1 to {ROS_FIELDS} are the header of a ROS 2 message, whose stamp is the time"
+    return _Columns([*range(ROS_FIELDS, table.n_columns)], None, (note,))
 
 
 def _columns_of(table: TextTable, layout: LayoutSpec, find_time: bool) -> _Columns:
     names, first, path = table.names, table.first_row, table.path
-    headers = [column for column, name in enumerate(names) if ros.is_header(name)]
+    headers = [column for column, name in enumerate(names) if is_ros_header(name)]
     chosen, time, rest = chosen_places(layout.columns, layout.time_column, names, first, path, find_time=find_time)
     taxels = chosen or [column for column in range(table.n_columns) if column not in (time, rest, *headers)]
     if not taxels:
@@ -296,7 +325,7 @@ def chosen_places(
     chosen = [column for choice in columns for column in _places(choice, names, len(first), "`columns`", path)]
     time = rest = None
     if time_column is not None:
-        parts = split_stamps.apart(time_column, names)
+        parts = apart(time_column, names)
         time, rest = [*(_places(part, names, len(first), "`time_column`", path)[0] for part in parts), None][:2]
     elif find_time:
         time, rest = _stamps_at(names, first, [*used, *chosen])
@@ -315,7 +344,7 @@ def _stamps_at(
     >>> _stamps_at(["seconds", "nanoseconds", "left"], [], []), _stamps_at(["time", "left_sec", "left_nsec"], [], [])
     ((0, 1), (0, None))
     """
-    single, pair = _time_place(names, first, others), split_stamps.pair_in(names, others)
+    single, pair = _time_place(names, first, others), pair_in(names, others)
     return pair if pair is not None and single in (None, *pair) else (single, None)
 
 

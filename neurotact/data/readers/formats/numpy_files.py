@@ -8,8 +8,8 @@ from typing import IO
 import numpy as np
 from numpy.lib import format as npy
 
-from neurotact.data.readers.contents import NPY, NPZ, ZIP, check_content
-from neurotact.data.readers.tables import check_digits, check_width
+from neurotact.data.readers.formats.contents import NPY, NPZ, ZIP, check_content
+from neurotact.data.readers.table.cells import check_digits, check_width
 from neurotact.errors import InputError
 from neurotact.files import check_size, existing
 

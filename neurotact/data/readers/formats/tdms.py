@@ -10,15 +10,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from neurotact.data.readers import split_stamps
-from neurotact.data.readers.archives import as_signal
-from neurotact.data.readers.clock import unit_in
-from neurotact.data.readers.contents import TDMS, check_content
-from neurotact.data.readers.layout import LayoutSpec, Table, chosen_places
+from neurotact.data.readers.clock.split import joined
+from neurotact.data.readers.clock.stamps import unit_in
+from neurotact.data.readers.columns import LayoutSpec, Table, chosen_places
+from neurotact.data.readers.formats.contents import TDMS, check_content
+from neurotact.data.readers.formats.numpy_files import as_signal
 from neurotact.errors import InputError, nearest, optional, some
 from neurotact.files import check_size, existing
 
-SUFFIX = ".tdms"
+TDMS_SUFFIX = ".tdms"
 INTERVAL_S = "wf_increment"
 """The property of a channel with the interval of its samples."""
 VALUE_BYTES = 8
@@ -134,7 +134,7 @@ def _table(group: _Group, layout: LayoutSpec, path: Path, name: str, *, find_tim
     its = Table(tuple(taxels), signal, None, 0, layout.time_unit, notes)
     if rest_at is not None:
         seconds, rest = (channels[name].astype(np.float64) for name in stamps_at)
-        time = split_stamps.joined(seconds, rest, names[rest_at], where, 0, layout.time_unit)
+        time = joined(seconds, rest, names[rest_at], where, 0, layout.time_unit)
         return its._replace(time=time, time_unit="s")
     if time_name is not None:
         unit = "s" if time_name in group.times else layout.time_unit or unit_in(time_name)

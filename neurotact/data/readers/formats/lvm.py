@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 from typing import NamedTuple, cast
 
-from neurotact.data.readers.tables import Decimal, TextTable, lines_of
+from neurotact.data.readers.table.cells import Decimal, TextTable, lines_of
 from neurotact.errors import InputError
 
 BEGIN, END = "LabVIEW Measurement", "***End_of_Header***"
