@@ -73,11 +73,7 @@ def _marked(mark: str) -> tuple[re.Pattern[str], re.Pattern[str]]:
 
 
 def splits_thousands(row: Sequence[str], n_columns: int) -> bool:
-    """Whether the cells of a row may be those of `n_columns` numbers, cut at their separators of thousands.
-
-    >>> splits_thousands(["1", "234", "850"], 2), splits_thousands(["1", "2", "850"], 1)
-    (True, False)
-    """
+    """Whether the cells of a row may be those of `n_columns` numbers, cut at their separators of thousands."""
     n_ends = sum(bool(CUT.fullmatch(before) and END.fullmatch(after)) for before, after in pairwise(row))
     return n_ends >= len(row) - n_columns > 0
 
@@ -85,9 +81,6 @@ def splits_thousands(row: Sequence[str], n_columns: int) -> bool:
 def may_be_grouped(values: np.ndarray) -> bool:
     """Whether numbers may be whole ones of which a separator of thousands made decimals: below 1000, none between 0
     and 1, with three decimals at most.
-
-    >>> may_be_grouped(np.array([1.234, 850.0])), may_be_grouped(np.array([1.2345])), may_be_grouped(np.array([0.5]))
-    (True, False, False)
     """
     for some in (values[:LOOKED_AT], values):
         size = np.abs(some)
@@ -127,7 +120,7 @@ GAP = re.compile(r"-+|\?+|\*+|#?n/?a!?|#n/?v|<na>|none|null|missing", re.IGNOREC
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
 WITH_UNIT = re.compile(r"[+-]?\d*[.,]?\d+ ?[a-zµ°%Ω]{1,4}", re.IGNORECASE)
 FEW_EMPTY = 10
-"""Empty columns that pandas may read as any others."""
+"""Empty columns at the end of all rows that pandas may read as any others."""
 PADDED = 100
 """Small numbers of a column that tell whether all have zeros at their beginning."""
 ZERO_PADDED = re.compile(r"0\d{1,2}([.,]\d*)?", re.ASCII)
@@ -166,7 +159,10 @@ class TextTable(NamedTuple):
     def rows(self) -> Iterator[tuple[int, list[str]]]:
         """The line and the cells of each row, slowly: for messages, and for what pandas does not check."""
         line = self.first_line
-        reader = csv.reader(_spaced_once(self), delimiter=self.separator, skipinitialspace=True)
+        lines = (line + "\n" for line in lines_of(self.body.rstrip("\n")))
+        if self.separator == BLANKS:
+            lines = (SPACES.sub(BLANKS, line.strip(" \t\n")) for line in lines)
+        reader = csv.reader(lines, delimiter=self.separator, skipinitialspace=True)
         try:
             for row in reader:
                 if any(row) or not self.skips_empty:
@@ -180,6 +176,10 @@ class TextTable(NamedTuple):
         if not self.body.strip("\n"):
             raise InputError(f"{self.path}: holds no row of numbers; record it again, or move the file away")
 
+    @property
+    def pandas_separator(self) -> str:
+        return r"\s+" if self.separator == BLANKS else self.separator
+
     def name(self, column: int) -> str:
         """The name of a column for messages, in brackets; empty without names."""
         return f" ({self.names[column][:40]})" if self.names else ""
@@ -192,12 +192,6 @@ def lines_of(text: str) -> Iterator[str]:
         yield text[start:end]
         start = end + 1
     yield text[start:]
-
-
-def _spaced_once(table: TextTable) -> Iterator[str]:
-    """The lines, with one blank between cells where any number of them may stand."""
-    lines = (line + "\n" for line in lines_of(table.body.rstrip("\n")))
-    return (SPACES.sub(BLANKS, line.strip(" \t\n")) for line in lines) if table.separator == BLANKS else lines
 
 
 def cells(line: str, separator: str = ",") -> list[str]:
@@ -271,19 +265,14 @@ def columns_at(table: TextTable, places: Sequence[int], texts: Collection[int] =
     check_width(table.path, table.n_columns)
     numbers_read = None if texts else _numbers_at_once(table, places)
     columns = numbers_read if numbers_read is not None else _columns(table, places, texts)
-    lacks_marks = _lacks_marks(table)
+    n_cells = (table.body.rstrip("\n").count("\n") + 1) * table.n_columns
+    lacks_marks = 0 < table.body.count(table.decimal) != n_cells
     for place, column in zip(places, columns, strict=True):
         if column.dtype.kind == "f" and lacks_marks:
             _check_ungrouped(table, place, column)
         if place and not table.names and table.separator in (",", BLANKS) and column.dtype.kind in "if":
             _check_not_an_end(table, place, column)
     return columns
-
-
-def _lacks_marks(table: TextTable) -> bool:
-    """Whether some cells have a decimal sign and others none."""
-    n_cells = (table.body.rstrip("\n").count("\n") + 1) * table.n_columns
-    return 0 < table.body.count(table.decimal) != n_cells
 
 
 def _check_ungrouped(table: TextTable, place: int, values: np.ndarray) -> None:
@@ -343,7 +332,7 @@ def _numbers_at_once(table: TextTable, places: Sequence[int]) -> list[np.ndarray
         return None
     try:
         read = pd.read_csv(
-            io.BytesIO(encoded), sep=_pandas_separator(table), header=None, names=range(table.n_columns),
+            io.BytesIO(encoded), sep=table.pandas_separator, header=None, names=range(table.n_columns),
             index_col=False, dtype="float64", na_filter=False, decimal=table.decimal,
             skip_blank_lines=table.skips_empty, quoting=csv.QUOTE_NONE, engine="c",
         )  # fmt: skip
@@ -356,22 +345,26 @@ def _numbers_at_once(table: TextTable, places: Sequence[int]) -> list[np.ndarray
 def _columns(table: TextTable, places: Sequence[int], texts: Collection[int]) -> list[np.ndarray]:
     """The columns of a table that may hold anything."""
     body = table.body.rstrip("\n")
-    n_empty = _empty_at_the_end(body, table)
-    if n_empty:
-        n_rows, n_left = body.count("\n") + 1, table.n_columns - n_empty
-        cut = "\n".join(line[:-n_empty] for line in lines_of(body))
+    n_rows, first = body.count("\n") + 1, body.partition("\n")[0]
+    n_empty = min(len(first) - len(first.rstrip(table.separator)), table.n_columns - 1)
+    tail = table.separator * n_empty
+    if (
+        n_empty >= FEW_EMPTY and table.separator != BLANKS and not table.skips_empty and _are_alike(table)
+        and all(line.endswith(tail) for line in lines_of(body))
+    ):  # fmt: skip
+        cut, n_left = "\n".join(line[:-n_empty] for line in lines_of(body)), table.n_columns - n_empty
         inner = [place for place in places if place < n_left]
         narrow = table._replace(body=cut, n_columns=n_left, names=table.names[:n_left], units=())
         found = dict(zip(inner, _columns(narrow, inner, [place for place in texts if place < n_left]), strict=True))
         return [found.get(place, np.zeros(n_rows, "U1")) for place in places]
-    n_cells = (body.count("\n") + 1) * max(1, len(places))
+    n_cells = n_rows * max(1, len(places))
     files.check_size(table.path, n_cells * (BYTES_PER_TEXT if len(texts) == len(places) else BYTES_PER_CELL))
     _check_rows(table)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header
             read = pd.read_csv(
-                io.StringIO(body), sep=_pandas_separator(table), header=None, names=range(table.n_columns),
+                io.StringIO(body), sep=table.pandas_separator, header=None, names=range(table.n_columns),
                 index_col=False, usecols=sorted(places), dtype=dict.fromkeys(texts, "str"), keep_default_na=False,
                 na_filter=False, skipinitialspace=True, skip_blank_lines=table.skips_empty, engine="c",
                 low_memory=False, decimal=table.decimal,
@@ -383,18 +376,6 @@ def _columns(table: TextTable, places: Sequence[int], texts: Collection[int]) ->
     return [_column(table, read[column].to_numpy(), is_text=column in texts) for column in places]
 
 
-def _empty_at_the_end(body: str, table: TextTable) -> int:
-    """How many of the last columns are empty in every row; 0 where quotes or empty lines need a look."""
-    if table.separator == BLANKS or table.skips_empty or '"' in body:
-        return 0
-    first = body.partition("\n")[0]
-    n_empty = min(len(first) - len(first.rstrip(table.separator)), table.n_columns - 1)
-    tail = table.separator * n_empty
-    if n_empty < FEW_EMPTY or not all(line.endswith(tail) for line in lines_of(body)):
-        return 0
-    return n_empty if _are_alike(table) else 0
-
-
 def _column(table: TextTable, values: np.ndarray, *, is_text: bool) -> np.ndarray:
     if values.dtype.kind in "iuf":
         return values
@@ -404,10 +385,6 @@ def _column(table: TextTable, values: np.ndarray, *, is_text: bool) -> np.ndarra
         return np.array(plain, np.float64)  # whole numbers that fit no integer
     files.check_size(table.path, 4 * len(texts) * max(map(len, texts)))
     return np.array(texts, str)
-
-
-def _pandas_separator(table: TextTable) -> str:
-    return r"\s+" if table.separator == BLANKS else table.separator
 
 
 def _check_rows(table: TextTable) -> None:
@@ -455,8 +432,11 @@ def finite(table: TextTable, column: int, values: np.ndarray, *, with_gaps: bool
         wrong = np.flatnonzero(~(np.abs(floats) <= FLOAT32_MAX) & ~(with_gaps & np.isnan(floats)))
         row = int(wrong[0]) if len(wrong) else None
     else:
-        row = next((i for i, cell in enumerate(values.tolist()) if not _is_finite(cell, table.decimal)), None)
-        floats = np.array([_with_point(cell, table.decimal) for cell in values.tolist()] if row is None else [], float)
+        plain = [_with_point(cell, table.decimal) for cell in values.tolist()]
+        row = next(
+            (i for i, cell in enumerate(plain) if not NUMBER.fullmatch(cell) or abs(float(cell)) > FLOAT32_MAX), None
+        )
+        floats = np.array(plain if row is None else [], float)
     if row is None:
         return floats
     line, its_cells = next(islice(table.rows(), row, None))
@@ -526,17 +506,8 @@ def finite_called(
 
 
 def is_meant_as_number(cell: str) -> bool:
-    """Whether a cell is a number, with a decimal comma or with separators of thousands, too.
-
-    >>> is_meant_as_number("1 234,5"), is_meant_as_number("2024-01-31")
-    (True, False)
-    """
+    """Whether a cell is a number, with a decimal comma or with separators of thousands, too."""
     return any(form.fullmatch(cell) for form in (NUMBER, DECIMAL_COMMA, THOUSANDS))
-
-
-def _is_finite(cell: str, decimal: Decimal) -> bool:
-    plain = _with_point(cell, decimal)
-    return bool(NUMBER.fullmatch(plain) and abs(float(plain)) <= FLOAT32_MAX)
 
 
 def _with_point(cell: str, decimal: Decimal) -> str:
