@@ -15,13 +15,12 @@ from neurotact.data.readers.arrays import ArrayFile, opened_arrays, said_rates, 
 from neurotact.data.readers.clock.split import apart, joined, pair_in
 from neurotact.data.readers.clock.stamps import Unit, unit_in
 from neurotact.data.readers.clock.trials import OF_COLUMNS, Read, mended, recordings_of
-from neurotact.data.readers.columns import TIME_COLUMN, LayoutSpec, Table, is_text, read_table
+from neurotact.data.readers.columns import TIME_COLUMN, LayoutSpec, Samples, is_text, read_table, samples_of
 from neurotact.data.readers.doubts import Fixes
+from neurotact.data.readers.formats import TABLES, tables_in
 from neurotact.data.readers.formats.contents import content_of
 from neurotact.data.readers.formats.matlab import MAT_SUFFIX
-from neurotact.data.readers.formats.numpy_files import as_signal
-from neurotact.data.readers.formats.tdms import TDMS_SUFFIX, read_groups
-from neurotact.data.readers.table.cells import NUMBER, columns_of
+from neurotact.data.readers.table.cells import NUMBER, as_signal, columns_of
 from neurotact.data.readers.table.headings import named_table
 from neurotact.data.recordings import LABEL, Recordings, check_import
 from neurotact.errors import InputError, nearest, some
@@ -206,7 +205,7 @@ def _as_numbers(values: pd.Series) -> pd.Series:
     return pd.to_numeric(texts)
 
 
-USUAL = (".csv", ".npz", ".npy", MAT_SUFFIX, TDMS_SUFFIX)
+USUAL = (".csv", ".npz", ".npy", MAT_SUFFIX, *TABLES)
 """Files that are read; those of `LATER` only if a folder holds none of these, as other text files may be notes."""
 LATER = ((".lvm",), SUFFIXES)
 KINDS = ".csv, .tsv, .txt, .lvm, .npz, .npy, .mat or .tdms"
@@ -347,12 +346,16 @@ def _read(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> tupl
         if layout.array is not None or layout.transpose:
             raise InputError(f"{path}: `array` and `transpose` are for NPZ and MATLAB files; leave them out")
         return [Read(str(path), file, read_table(path, layout, find_time=find_time))], {}
-    if path.suffix.lower() == TDMS_SUFFIX:
+    if path.suffix.lower() in TABLES:
         if layout.transpose:
             raise InputError(f"{path}: `transpose` is for NPZ and MATLAB files; leave it out")
         _check_no_text(path, layout)
-        groups = read_groups(path, layout, find_time=find_time)
-        return [Read(f"{path}:{name}", f"{file}:{name}", group) for name, group in groups.items()], {}
+        tables = tables_in(path, layout.array).items()
+        read = [
+            Read(f"{path}:{name}", f"{file}:{name}", samples_of(table, layout, find_time=find_time))
+            for name, table in tables
+        ]
+        return read, {}
     if layout.columns:
         raise InputError(f"{path}: `columns` is for CSV files and TDMS; save the chosen columns, or as CSV")
     _check_no_text(path, layout)
@@ -391,8 +394,9 @@ def _of_arrays(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) ->
                 "sample one"
                 f"{'' if layout.transpose else ', or use `transpose=True`'}"
             )
-    trials = [Read(f"{path}:{key}", f"{file}:{key}", Table((), array, time, 0, unit)) for key, array in signals.items()]
-    return trials, rates_hz
+    return [
+        Read(f"{path}:{key}", f"{file}:{key}", Samples((), array, time, 0, unit)) for key, array in signals.items()
+    ], rates_hz
 
 
 def _signals(arrays: Mapping[str, np.ndarray], path: Path, *, transpose: bool) -> dict[str, np.ndarray]:

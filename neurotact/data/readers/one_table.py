@@ -26,7 +26,7 @@ from neurotact.data.readers.columns import (
     CHOICE,
     TIME_COLUMN,
     ColumnsSpec,
-    Table,
+    Samples,
     check_rises,
     chosen_places,
     is_index,
@@ -34,7 +34,7 @@ from neurotact.data.readers.columns import (
     unit_of,
 )
 from neurotact.data.readers.table.cells import (
-    TextTable,
+    Table,
     called,
     check_digits,
     columns_of,
@@ -146,7 +146,7 @@ def _named(pattern: re.Pattern[str], names: list[str]) -> str | None:
     return next((name for name in names if pattern.fullmatch(without_unit(name).strip())), None)
 
 
-def _times(values: np.ndarray, name: str, table: TextTable) -> np.ndarray:
+def _times(values: np.ndarray, name: str, table: Table) -> np.ndarray:
     """The times of a column, finite numbers or times of day."""
     if values.dtype.kind == "U" and is_time_of_day(str(values[0])):
         return seconds_of(values.tolist(), str(table.path), name, table.first_line, None)
@@ -371,7 +371,7 @@ def _chosen(trials: Trials, choice: TrialChoice, path: Path) -> Trials:
     return trials.chosen(keep)
 
 
-def clock_of(columns: Mapping[str, np.ndarray], roles: Roles, spec: TableSpec, table: TextTable) -> Clock:
+def clock_of(columns: Mapping[str, np.ndarray], roles: Roles, spec: TableSpec, table: Table) -> Clock:
     """The column of time stamps: finite numbers, or times of day in seconds."""
     if roles.time is None:
         return Clock(None, None)
@@ -448,7 +448,7 @@ def read(
     return chosen_trials(read, choice, str(path))
 
 
-def _with_gaps(table: TextTable, name: str, values: np.ndarray, roles: Roles) -> np.ndarray:
+def _with_gaps(table: Table, name: str, values: np.ndarray, roles: Roles) -> np.ndarray:
     """A column of numbers and gaps as numbers, NaN for each gap; another column as it is."""
     if values.dtype.kind != "U" or name in (roles.label, *roles.trial, roles.time, roles.rest):
         return values
@@ -471,7 +471,7 @@ def _check_time(trials: Trials, spec: TableSpec, clock: Clock, path: Path) -> No
         log.warning("%s: most stretches of a class have fewer than %d rows; %s", path, SHORT, FEATURES)
 
 
-def _without_others(columns: dict[str, np.ndarray], table: TextTable, roles: Roles) -> dict[str, np.ndarray]:
+def _without_others(columns: dict[str, np.ndarray], table: Table, roles: Roles) -> dict[str, np.ndarray]:
     """The columns without pandas' numbers of rows, the header of a ROS message, and what has no name."""
     used = (roles.label, *roles.trial, roles.time, roles.rest, *roles.taxels)
     others = [
@@ -486,7 +486,7 @@ def _without_others(columns: dict[str, np.ndarray], table: TextTable, roles: Rol
 
 
 def _cut(
-    columns: Mapping[str, np.ndarray], roles: Roles, trials: Trials, clock: Clock, spec: TableSpec, table: TextTable
+    columns: Mapping[str, np.ndarray], roles: Roles, trials: Trials, clock: Clock, spec: TableSpec, table: Table
 ) -> Iterator[Read]:
     """The samples and the stamps of each trial."""
     gaps = spec.missing is not None
@@ -499,7 +499,7 @@ def _cut(
         if its_time is not None and spec.time_column is None:
             check_rises(its_time, roles.time or "", table.path)
         missing = np.isnan(signal[begin:end])
-        its = Table(
+        its = Samples(
             roles.taxels, signal[begin:end], its_time, int(begin) + table.first_line, clock.unit,
             missing=missing if missing.any() else None,
         )  # fmt: skip
@@ -544,7 +544,7 @@ def _with_taxels(
 
 
 def _parted(
-    columns: Mapping[str, np.ndarray], roles: Roles, trials: Trials, table: TextTable
+    columns: Mapping[str, np.ndarray], roles: Roles, trials: Trials, table: Table
 ) -> tuple[tuple[str, ...], pd.DataFrame]:
     """The names of the taxels, and the conditions of the trials; columns that are neither are named in a warning."""
     path = table.path

@@ -19,7 +19,7 @@ from neurotact.data.readers.clock.stamps import (
     stamps_of,
     timings,
 )
-from neurotact.data.readers.columns import Missing, Table
+from neurotact.data.readers.columns import Missing, Samples
 from neurotact.data.readers.doubts import Fixes, are_thousandths, check_first_row, rate_in, say_doubts
 from neurotact.data.recordings import LABEL, Recordings, check_named_classes
 from neurotact.errors import InputError, some
@@ -46,7 +46,7 @@ class Read(NamedTuple):
 
     where: str
     file: str
-    table: Table
+    table: Samples
 
 
 class _Trial(NamedTuple):
@@ -102,7 +102,7 @@ def recordings_of(
     return recordings_read
 
 
-def _unit_of_time(tables: Sequence[Table], given_Hz: float | None, where: str) -> Unit:
+def _unit_of_time(tables: Sequence[Samples], given_Hz: float | None, where: str) -> Unit:
     """The unit of the stamps whose files do not say it: seconds if these can be touch, else the one that can.
 
     A warning names it if it is not seconds. InputError if several can.

@@ -20,7 +20,7 @@ from neurotact.data.digests import DIGEST, TOUCH
 from neurotact.data.hdf5_input import Declared, attribute, reading
 from neurotact.data.readers.clock.stamps import row_times
 from neurotact.data.readers.clock.trials import Read, recordings_of
-from neurotact.data.readers.columns import Table
+from neurotact.data.readers.columns import Samples
 from neurotact.data.readers.doubts import Fixes
 from neurotact.data.readers.events.observed import Unobserved, observed_trials, touching, within
 from neurotact.data.readers.events.spikes import BYTES_PER_EVENT, MOST_AFFERENTS, on_clock, say_length, say_merged
@@ -484,7 +484,7 @@ def _recordings(declared: Declared, trials: _Trials, spec: NWBSpec) -> Recording
     for trial, (start, stop) in enumerate(cuts):
         signal = data[start:stop].reshape(stop - start, -1) * factor + offset
         check_digits(signal, f"{path}: {series}, trial {trial}")
-        table = Table(channels, signal, None if time_s is None else time_s[start:stop], 0, "s")
+        table = Samples(channels, signal, None if time_s is None else time_s[start:stop], 0, "s")
         read.append(Read(f"{path}: {series}, trial {trial}", f"trial {trial}", table))
     return recordings_of(
         read, trials.conditions, rate_Hz or spec.sampling_rate_Hz, unit, max_gap_ms=spec.max_gap_ms,

@@ -8,13 +8,13 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import islice, pairwise
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from neurotact import files
-from neurotact.errors import InputError
+from neurotact.errors import InputError, some
 
 SIGNS = ".,'\u2019`\u00b4\u00b7\u02d9_ \u00a0\u2007\u2008\u2009\u200a\u202f\u066c"
 """Signs that separate thousands: points, commas, apostrophes, underscores and blanks of any width."""
@@ -82,8 +82,8 @@ def may_be_grouped(values: np.ndarray) -> bool:
     """Whether numbers may be whole ones of which a separator of thousands made decimals: below 1000, none between 0
     and 1, with three decimals at most.
     """
-    for some in (values[:LOOKED_AT], values):
-        size = np.abs(some)
+    for part in (values[:LOOKED_AT], values):
+        size = np.abs(part)
         if not ((size < 1000) & ((size >= 1) | (size == 0))).all() or not has_decimals(size, 3).all():
             return False
     return len(values) > 0
@@ -129,13 +129,15 @@ COMMENT = re.compile(r"[ \t]*(#|%|//)")
 Decimal = Literal[".", ","]
 
 
-class TextTable(NamedTuple):
+class Table(NamedTuple):
     """The lines of samples in a text file, and what stands above them.
 
     names: of the columns; none if no line names them. units: below the names; none without such a line.
     separator: between cells, `BLANKS` for any number of blanks. first_line: the line of the file with which `body`
     begins. skips_empty: whether an empty line is no row; otherwise it is refused, since a sample may be lost.
     choice: how the user chooses other columns, the end of a sentence. notes: what is said once of a table.
+    values: the columns of a format that is no text (`table_of`), and intervals_s: those of their samples, None if it
+    does not say them.
     """
 
     path: Path
@@ -149,10 +151,14 @@ class TextTable(NamedTuple):
     skips_empty: bool = False
     choice: str = ""
     notes: tuple[str, ...] = ()
+    values: tuple[np.ndarray, ...] = ()
+    intervals_s: tuple[float | None, ...] = ()
 
     @property
     def first_row(self) -> list[str]:
         """The cells of the first line, as many as there are columns."""
+        if self.values:
+            return [str(column[0]) for column in self.values]
         row = cells(self.body.lstrip("\n").partition("\n")[0], self.separator)
         return [*row, *[""] * self.n_columns][: self.n_columns]
 
@@ -173,7 +179,7 @@ class TextTable(NamedTuple):
 
     def check_has_rows(self) -> None:
         """Refuse a table without rows."""
-        if not self.body.strip("\n"):
+        if not (self.body.strip("\n") or all(len(column) for column in self.values or [()])):
             raise InputError(f"{self.path}: holds no row of numbers; record it again, or move the file away")
 
     @property
@@ -183,6 +189,28 @@ class TextTable(NamedTuple):
     def name(self, column: int) -> str:
         """The name of a column for messages, in brackets; empty without names."""
         return f" ({self.names[column][:40]})" if self.names else ""
+
+
+def table_of(
+    path: str | Path,
+    columns: Mapping[str, Any],
+    intervals_s: Sequence[float | None] = (),
+    notes: Sequence[str] = (),
+) -> Table:
+    """The table of a format that holds columns by their names: dates become texts, truth values numbers.
+
+    >>> table_of("felt.parquet", {"t": np.array(["2024-01-31T12:00:00.5"], "M8[ms]"), "left": [True]}).first_row
+    ['2024-01-31T12:00:00.500', '1']
+    """
+    values = []
+    for column in map(np.asarray, columns.values()):
+        kind = column.dtype.kind
+        values.append(column if kind in "iufU" else column.astype(np.int8) if kind == "b" else column.astype(str))
+    names = tuple(columns)
+    return Table(
+        Path(path), names, ",", "", len(names), 0, notes=tuple(notes), values=tuple(values),
+        intervals_s=tuple(intervals_s),
+    )  # fmt: skip
 
 
 def lines_of(text: str) -> Iterator[str]:
@@ -239,7 +267,7 @@ def numbers(
     """
     body = text.rstrip("\n")
     n_columns = len(names) or len(cells(body.partition("\n")[0], separator))
-    table = TextTable(Path(path), tuple(names), separator, body, n_columns, first_line)
+    table = Table(Path(path), tuple(names), separator, body, n_columns, first_line)
     columns = columns_at(table, range(n_columns))
     return np.stack([finite(table, index, column) for index, column in enumerate(columns)], axis=1)
 
@@ -253,12 +281,14 @@ def check_width(where: str | Path, n_channels: int) -> None:
         )
 
 
-def columns_at(table: TextTable, places: Sequence[int], texts: Collection[int] = ()) -> list[np.ndarray]:
+def columns_at(table: Table, places: Sequence[int], texts: Collection[int] = ()) -> list[np.ndarray]:
     """The columns at these places: numbers if all of their cells are, and no place is among `texts`; else texts.
 
     InputError for rows of different lengths, and for a table that is too wide or takes too much memory.
     """
     table.check_has_rows()
+    if table.values:
+        return _values_at(table, places, texts)
     if "\0" in table.body:
         line = table.first_line + table.body.count("\n", 0, table.body.index("\0"))
         raise InputError(f"{table.path}: line {line} holds a NUL, so it was not written to its end; repair that line")
@@ -275,7 +305,17 @@ def columns_at(table: TextTable, places: Sequence[int], texts: Collection[int] =
     return columns
 
 
-def _check_ungrouped(table: TextTable, place: int, values: np.ndarray) -> None:
+def _values_at(table: Table, places: Sequence[int], texts: Collection[int]) -> list[np.ndarray]:
+    """The columns of a format that holds columns, all of one length."""
+    check_width(table.path, len(places))
+    lengths = {table.names[place]: len(table.values[place]) for place in places}
+    if len({*lengths.values()}) > 1:
+        shown = some([f"{name} {length}" for name, length in lengths.items()])
+        raise InputError(f"{table.path}: has channels of different lengths ({shown}); choose the taxels with `columns`")
+    return [table.values[place].astype(str) if place in texts else table.values[place] for place in places]
+
+
+def _check_ungrouped(table: Table, place: int, values: np.ndarray) -> None:
     """Refuse a column of numbers in which the decimal sign separates thousands."""
     if not may_be_grouped(values) or ((values == np.floor(values)).all() and f"{table.decimal}000" not in table.body):
         return
@@ -290,7 +330,7 @@ def _check_ungrouped(table: TextTable, place: int, values: np.ndarray) -> None:
         )
 
 
-def _check_not_an_end(table: TextTable, place: int, values: np.ndarray) -> None:
+def _check_not_an_end(table: Table, place: int, values: np.ndarray) -> None:
     """Refuse a column of what stands after separators of thousands, which also separate cells."""
     if not (np.abs(values) < 1000).all():
         return
@@ -304,7 +344,7 @@ def _check_not_an_end(table: TextTable, place: int, values: np.ndarray) -> None:
         )
 
 
-def _texts_at(table: TextTable, place: int, rows: np.ndarray) -> list[tuple[int, str]]:
+def _texts_at(table: Table, place: int, rows: np.ndarray) -> list[tuple[int, str]]:
     """The line and the text of a cell in each of these rows, which ascend."""
     wanted = set(rows.tolist())
     if not wanted:
@@ -318,7 +358,7 @@ def _texts_at(table: TextTable, place: int, rows: np.ndarray) -> list[tuple[int,
     return [(line, row()[place]) for index, (line, row) in up_to if index in wanted]
 
 
-def _numbers_at_once(table: TextTable, places: Sequence[int]) -> list[np.ndarray] | None:
+def _numbers_at_once(table: Table, places: Sequence[int]) -> list[np.ndarray] | None:
     """The columns, if the whole table is numbers; None if `_columns` must look closer."""
     body = table.body.rstrip("\n")
     n_rows = body.count("\n") + 1
@@ -342,7 +382,7 @@ def _numbers_at_once(table: TextTable, places: Sequence[int]) -> list[np.ndarray
     return [values[:, column] for column in places]
 
 
-def _columns(table: TextTable, places: Sequence[int], texts: Collection[int]) -> list[np.ndarray]:
+def _columns(table: Table, places: Sequence[int], texts: Collection[int]) -> list[np.ndarray]:
     """The columns of a table that may hold anything."""
     body = table.body.rstrip("\n")
     n_rows, first = body.count("\n") + 1, body.partition("\n")[0]
@@ -376,7 +416,7 @@ def _columns(table: TextTable, places: Sequence[int], texts: Collection[int]) ->
     return [_column(table, read[column].to_numpy(), is_text=column in texts) for column in places]
 
 
-def _column(table: TextTable, values: np.ndarray, *, is_text: bool) -> np.ndarray:
+def _column(table: Table, values: np.ndarray, *, is_text: bool) -> np.ndarray:
     if values.dtype.kind in "iuf":
         return values
     texts = [str(cell).strip() for cell in values.tolist()]
@@ -387,7 +427,7 @@ def _column(table: TextTable, values: np.ndarray, *, is_text: bool) -> np.ndarra
     return np.array(texts, str)
 
 
-def _check_rows(table: TextTable) -> None:
+def _check_rows(table: Table) -> None:
     """Refuse a row with another number of cells than there are columns: pandas would fill it or cut it."""
     expected = table.n_columns
     if _are_alike(table):
@@ -405,7 +445,7 @@ def _check_rows(table: TextTable) -> None:
         )
 
 
-def _are_alike(table: TextTable) -> bool:
+def _are_alike(table: Table) -> bool:
     """Whether all rows have as many separators as columns need, quickly; false if quotes or empty lines need a look."""
     if '"' in table.body or table.n_columns == 1:
         return False
@@ -416,7 +456,7 @@ def _are_alike(table: TextTable) -> bool:
     return all(line.count(table.separator) == len(empty) and line != empty for line in lines)
 
 
-def finite(table: TextTable, column: int, values: np.ndarray, *, with_gaps: bool = False) -> np.ndarray:
+def finite(table: Table, column: int, values: np.ndarray, *, with_gaps: bool = False) -> np.ndarray:
     """A column as float64, each value finite and within the range of float32; InputError names the first other one.
 
     with_gaps: whether an empty cell, or a word for a missing value, is NaN and no fault.
@@ -439,6 +479,8 @@ def finite(table: TextTable, column: int, values: np.ndarray, *, with_gaps: bool
         floats = np.array(plain if row is None else [], float)
     if row is None:
         return floats
+    if table.values:
+        raise InputError(f"{table.path}: sample {row}{_fault(table, column, str(values[row]), values)}")
     line, its_cells = next(islice(table.rows(), row, None))
     raise InputError(f"{table.path}: line {line}{_fault(table, column, its_cells[column], values)}")
 
@@ -452,13 +494,13 @@ def is_gap(cell: str) -> bool:
     return not cell or bool(GAP.fullmatch(cell)) or cell.lower() in ("nan", "na")
 
 
-def with_whole_rows(table: TextTable, *, are_kept: bool) -> tuple[TextTable, int]:
+def with_whole_rows(table: Table, *, are_kept: bool) -> tuple[Table, int]:
     """A table without rows that are empty or cut, and how many there are.
 
     are_kept: such a row becomes one without values, since it is a sample; otherwise it is left out, since time stamps
     show its place.
     """
-    if _are_alike(table):
+    if table.values or _are_alike(table):
         return table, 0
     filled = table.separator.join(["nan"] * table.n_columns)
     lines, n_cut = [], 0
@@ -498,9 +540,7 @@ def check_digits(values: np.ndarray, where: str | Path) -> None:
         raise InputError(f"{where}: {lost}")
 
 
-def finite_called(
-    table: TextTable, name: str, columns: Mapping[str, np.ndarray], *, with_gaps: bool = False
-) -> np.ndarray:
+def finite_called(table: Table, name: str, columns: Mapping[str, np.ndarray], *, with_gaps: bool = False) -> np.ndarray:
     """As `finite`, of the column with this name."""
     return finite(table, table.names.index(name), columns[name], with_gaps=with_gaps)
 
@@ -515,7 +555,7 @@ def _with_point(cell: str, decimal: Decimal) -> str:
     return cell if decimal == "." else "" if "." in cell else cell.replace(",", ".")
 
 
-def _fault(table: TextTable, column: int, cell: str, values: np.ndarray) -> str:
+def _fault(table: Table, column: int, cell: str, values: np.ndarray) -> str:
     """What is wrong with a cell of a column, and the fix: the end of the sentence that names its line."""
     cell_name = f", column {column + 1}{table.name(column)} is"
     fill = ", fill it with `missing='interpolate'`"
@@ -543,7 +583,7 @@ def _fault(table: TextTable, column: int, cell: str, values: np.ndarray) -> str:
     return f"{cell_name} {cell[:20]!r}, not a number; write a number{table.choice}"
 
 
-def sign_fault(cell: str, texts: Sequence[str], table: TextTable) -> str:
+def sign_fault(cell: str, texts: Sequence[str], table: Table) -> str:
     """What is wrong with a comma in a cell of a column, and the fix; empty if it is no decimal one.
 
     No option is named where commas may separate thousands: it would make 1.234 of 1234.
@@ -572,7 +612,7 @@ def called(names: Sequence[str], aliases: Sequence[str]) -> str | None:
     return next((lower[alias] for alias in aliases if alias in lower), None)
 
 
-def columns_of(table: TextTable, texts: Collection[str] | None = None) -> dict[str, np.ndarray]:
+def columns_of(table: Table, texts: Collection[str] | None = None) -> dict[str, np.ndarray]:
     """The columns by their names. texts: those that are read as texts, all when None; others are numbers if all of
     their cells are.
     """
@@ -591,3 +631,30 @@ def values_of(values: np.ndarray) -> np.ndarray:
         is_grouped = numbers.dtype.kind == "f" and may_be_grouped(numbers)
         return texts if is_grouped and grouping_of(texts.tolist(), ".") == "yes" else numbers
     return values
+
+
+def as_signal(array: np.ndarray, where: str) -> np.ndarray:
+    """`array` as a `(time, channel)` float32 signal; InputError, beginning with `where`, if it cannot be one.
+
+    >>> as_signal(np.array([[1, 2]]), "touch.npz, key 'press'")
+    array([[1., 2.]], dtype=float32)
+    """
+    if array.dtype.kind not in "iufb":
+        raise InputError(f"{where}: holds {array.dtype}, not numbers; save a (time, channel) array of real numbers")
+    if array.ndim != 2 or 0 in array.shape:
+        stacked = (
+            "; neurotact import arrays reads (trial, time, taxel), and a grid over time is saved as "
+            "grid.reshape(len(grid), -1)"
+        )
+        stacked = stacked if array.ndim == 3 else ""
+        raise InputError(f"{where}: has shape {array.shape}; save a (time, channel) array that is not empty{stacked}")
+    check_width(where, array.shape[1])
+    fits = np.abs(array) <= FLOAT32_MAX if array.dtype.kind == "f" else np.ones(array.shape, dtype=bool)
+    if not fits.all():
+        sample, channel = np.argwhere(~fits)[0]
+        raise InputError(
+            f"{where}: sample {sample}, channel {channel} is {array[sample, channel]}; "
+            "repair the gap, or use another unit where float32 cannot hold it"
+        )
+    check_digits(array, where)
+    return array.astype(np.float32)

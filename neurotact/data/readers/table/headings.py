@@ -18,7 +18,7 @@ from neurotact.data.readers.table.cells import (
     SPACES,
     THOUSANDS,
     Decimal,
-    TextTable,
+    Table,
     cells,
     is_value,
     splits_thousands,
@@ -225,7 +225,7 @@ class _Head(NamedTuple):
 
 def named_table(
     path: Path, decimal: Decimal = ".", header_lines: int | None = None, *, option: str = "", choice: str = ""
-) -> TextTable:
+) -> Table:
     """As `open_table`, of a file that names its columns, and in which an empty line is no row; its notes are said."""
     table = open_table(path, decimal, header_lines, option=option, choice=choice)
     if not table.body.strip():
@@ -243,12 +243,12 @@ def named_table(
 
 def open_table(
     path: Path, decimal: Decimal = ".", header_lines: int | None = None, *, option: str = "", choice: str = ""
-) -> TextTable:
+) -> Table:
     """The table in a text file: UTF-8, UTF-16 or Windows-1252; commas, `;`, tabs or blanks between its columns.
 
     Above the samples may stand a line `sep=;`, comments (`#`, `%`, `//`; the last one may name the columns), the names,
     and units below them; or the head of a LabVIEW measurement. header_lines: the number of lines above the samples,
-    which then may be any. option: the one that gives that number; empty without one. choice: see `TextTable`.
+    which then may be any. option: the one that gives that number; empty without one. choice: see `Table`.
 
     InputError names other lines above the samples.
 
@@ -287,7 +287,7 @@ def open_table(
         n_columns = len(head.names)
     elif n_columns < len(usual.cells):
         body = re.sub(rf"{usual.separator}[ \t]*$" if usual.separator != "\t" else r"\t *$", "", body, flags=re.M)
-    return TextTable(
+    return Table(
         path, head.names[:n_columns], usual.separator, body, n_columns, samples.number, decimal,
         head.units[:n_columns], choice=choice, notes=tuple(notes),
     )  # fmt: skip
