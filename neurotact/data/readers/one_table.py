@@ -1,4 +1,7 @@
-"""One text table with the samples of all trials: a row per sample, with the trial and the class that it belongs to."""
+"""One table with the samples of all trials: a row per sample, with the trial and the class that it belongs to.
+
+Trials are told apart by columns, by the class of each sample, or by a table of annotations.
+"""
 
 import logging
 import re
@@ -11,24 +14,17 @@ import pandas as pd
 from pydantic import model_validator
 
 from neurotact.data.readers.arrays import ALIASES
-from neurotact.data.readers.clock.split import joined
-from neurotact.data.readers.clock.stamps import (
-    UNIT_S,
-    Unit,
-    is_time_of_day,
-    row_times,
-    seconds_of,
-    unit_in,
-    without_unit,
-)
+from neurotact.data.readers.clock.stamps import UNIT_S, Unit, is_time_of_day, row_times, seconds_of, without_unit
 from neurotact.data.readers.clock.trials import Read, mended, recordings_of
 from neurotact.data.readers.columns import (
     CHOICE,
     TIME_COLUMN,
+    Clock,
     ColumnsSpec,
     Samples,
     check_rises,
     chosen_places,
+    clock_of,
     is_index,
     is_ros_header,
     unit_of,
@@ -52,116 +48,22 @@ from neurotact.spec import Names, build
 
 log = logging.getLogger("neurotact")
 
+SEGMENT = "segment"
+"""The condition that numbers the segments of a continuous recording."""
+TRIALS = ("trial", "trials", "trial_id", "recording", "recordings", "recording_id", "touch", "touch_id", "sequence_id")
+"""Names of the column that tells trials apart."""
+FEATURES = "if each row is a touch of its own (features, without time), there is no signal: give a row per sample"
+SHORT = 5
+"""Rows of a stretch below which it is hardly a touch."""
+FAULTS = 0.5
+"""Share of numbers above which a column of texts is a taxel with faults."""
 LABELS = (*ALIASES[LABEL], "trial_type", "annotation")
-"""Names of the column of classes; `onset`, `duration` and `trial_type` are those of BIDS."""
+"""Names of the column of classes of annotations; `onset`, `duration` and `trial_type` are those of BIDS."""
 BEGIN = re.compile(r"(begin|start|onset|from)([ _]?time)?", re.IGNORECASE)
 END = re.compile(r"(end|stop|offset|to)([ _]?time)?", re.IGNORECASE)
 DURATION = re.compile(r"duration|length", re.IGNORECASE)
 ROUNDING = 1e-3
 """Share of a sample's interval by which a time may be off: 0.1 s and 0.2 s are a little more than 0.3 s."""
-
-
-class _Annotations(NamedTuple):
-    """When each touch begins and ends, `(touch,)`, in this unit (None if the file does not say it), and what it is.
-
-    first_line: the line of the first touch.
-    """
-
-    path: Path
-    begin: np.ndarray
-    end: np.ndarray
-    unit: Unit | None
-    conditions: pd.DataFrame
-    first_line: int
-
-    def on(self, time: np.ndarray, unit: Unit | None, where: str) -> tuple[np.ndarray, np.ndarray]:
-        """The first row of each touch, and the row after its last, among samples at these times, in ascending order.
-
-        unit: of the times. What has no unit is in seconds; if both have none, they only have to have the same. Where
-        the samples begin later than every touch ends, touches count from the first sample, with a warning.
-        Raises InputError for a touch that lies outside of the recording.
-        """
-        scale = UNIT_S[self.unit or "s"] / UNIT_S[unit or "s"]
-        begin, end = scale * self.begin, scale * self.end
-        if time[0] > end.max() and 0 <= begin.min() <= begin.max() <= time[-1] - time[0]:
-            log.warning("%s: its times count from the first sample of %s, which is at %.10g", self.path, where, time[0])
-            begin, end = begin + time[0], end + time[0]
-        outside = np.flatnonzero((end <= time[0]) | (begin > time[-1]))
-        if len(outside):
-            row = outside[0]
-            line = row + self.first_line
-            raise InputError(
-                f"{self.path}: line {line}: {begin[row]:.10g} to {end[row]:.10g} lies outside of {where}, "
-                f"which goes from {time[0]:.10g} to {time[-1]:.10g}; give both times on one clock, with their "
-                "units, as in begin_ms"
-            )
-        rounding = ROUNDING * (time[-1] - time[0]) / max(1, len(time) - 1)
-        return np.searchsorted(time, begin - rounding), np.searchsorted(time, end - rounding)
-
-
-def _read_annotations(path: Path, label: str | None = None, decimal: Literal[".", ","] = ".") -> _Annotations:
-    """The annotations in a CSV or TSV file with a header: a row per touch.
-
-    Columns: `begin` (or start, onset), `end` (or stop, offset) or `duration`, with or without a unit (`begin_ms`), and
-    `label`, or the one that is named. All others are conditions.
-
-    Raises InputError, which names the file, the line or the column, and the fix.
-
-    >>> import tempfile
-    >>> path = Path(tempfile.mkdtemp()) / "events.tsv"
-    >>> _ = path.write_text("onset\\tduration\\ttrial_type\\tforce\\n0.5\\t1.5\\ttap\\t3\\n4\\t1\\trub\\t6\\n")
-    >>> found = _read_annotations(path)
-    >>> found.begin.tolist(), found.end.tolist(), found.conditions.values.tolist()
-    ([0.5, 4.0], [2.0, 5.0], [['tap', 3], ['rub', 6]])
-    >>> found.on(np.arange(0, 6, 0.5), "s", "touches.csv")
-    (array([1, 8]), array([ 4, 10]))
-    """
-    table = named_table(path, decimal)
-    names = [name for name in table.names if name]
-    its_label = label or called(names, LABELS)
-    if its_label not in names:
-        hint = f"{nearest(label, names)}" if label else f"name it with `label`, of {some(names)}"
-        raise InputError(f"{path}: there is no column of classes called {label or LABEL}; {hint}")
-    begin, end = _named(BEGIN, names), _named(END, names) or _named(DURATION, names)
-    if begin is None or end is None:
-        absent = "begin" if begin is None else "end or duration"
-        raise InputError(f"{path}: no column is called {absent} ({some(names)}); rename the columns to begin,end,label")
-    columns = columns_of(table, {its_label})
-    first, second = (_times(columns[name], name, table) for name in (begin, end))
-    units: set[Unit | None] = {unit_of(table, table.names.index(name), np.zeros(0)) for name in (begin, end)}
-    if len(units) > 1:
-        raise InputError(f"{path}: columns {begin} and {end} are in different units; give both the same")
-    last = first + second if _named(END, names) is None else second
-    wrong = np.flatnonzero(last <= first)
-    if len(wrong):
-        raise InputError(f"{path}: line {wrong[0] + table.first_line} ends before it begins; correct its times")
-    others = {name: values_of(columns[name]) for name in names if name not in (its_label, begin, end, LABEL)}
-    is_of_day = columns[begin].dtype.kind == "U"
-    unit: Unit | None = "s" if is_of_day else units.pop()
-    conditions = pd.DataFrame({LABEL: columns[its_label], **others})
-    return _Annotations(path, first, last, unit, conditions, table.first_line)
-
-
-def _named(pattern: re.Pattern[str], names: list[str]) -> str | None:
-    return next((name for name in names if pattern.fullmatch(without_unit(name).strip())), None)
-
-
-def _times(values: np.ndarray, name: str, table: Table) -> np.ndarray:
-    """The times of a column, finite numbers or times of day."""
-    if values.dtype.kind == "U" and is_time_of_day(str(values[0])):
-        return seconds_of(values.tolist(), str(table.path), name, table.first_line, None)
-    times = pd.to_numeric(pd.Series(values), errors="coerce").to_numpy(np.float64)
-    wrong = np.flatnonzero(~np.isfinite(times))
-    if len(wrong):
-        raise InputError(
-            f"{table.path}: line {wrong[0] + table.first_line}, column {name} is {str(values[wrong[0]])[:20]!r}, not a "
-            "time; write a number"
-        )
-    return times
-
-
-SEGMENT = "segment"
-"""The condition that numbers the segments of a continuous recording."""
 
 
 class TableSpec(ColumnsSpec):
@@ -189,32 +91,34 @@ class TableSpec(ColumnsSpec):
         return self
 
     @property
-    def choice(self) -> TrialChoice:
-        """The trials to read."""
-        return TrialChoice(self.where, self.leave_out)
-
-    @property
     def is_continuous(self) -> bool:
         """Whether trials are cut from a continuous recording."""
         return self.segments or self.annotations is not None
 
+    def chosen_by(self, conditions: pd.DataFrame) -> list[str]:
+        """The conditions that choose trials before they are cut: not the number of a segment, a count of the chosen."""
+        return [name for name in conditions if not (self.is_continuous and name == SEGMENT)]
 
-class Roles(NamedTuple):
+
+class _Roles(NamedTuple):
     """The names of the columns.
 
-    label: empty with annotations. time: None without stamps. taxels: the chosen ones; none: all other columns.
-    first_line: the line of the first row. rest: of the seconds in `time`; None if they have none of their own.
+    label: empty with annotations. time: None without stamps; rest: of its seconds, None if they have none of their own.
+    taxels: the chosen ones; none: all other columns.
     """
 
     label: str
     trial: tuple[str, ...]
     time: str | None
+    rest: str | None
     taxels: tuple[str, ...]
-    first_line: int = 2
-    rest: str | None = None
+
+    @property
+    def used(self) -> tuple[str | None, ...]:
+        return self.label, *self.trial, self.time, self.rest, *self.taxels
 
 
-class Trials(NamedTuple):
+class _Trials(NamedTuple):
     """The first row of each trial, `(trial,)`, the row after its last, its name, and its class and conditions."""
 
     begin: np.ndarray
@@ -227,174 +131,10 @@ class Trials(NamedTuple):
         changes = np.flatnonzero(values[1:] != values[:-1]) + 1
         return bool((np.searchsorted(changes, self.begin, "right") >= np.searchsorted(changes, self.end)).all())
 
-    def chosen(self, keep: np.ndarray) -> "Trials":
+    def chosen(self, keep: np.ndarray) -> "_Trials":
         """The trials of which `keep`, `(trial,)`, is true."""
         names = [name for name, kept in zip(self.names, keep, strict=True) if kept]
-        return Trials(self.begin[keep], self.end[keep], names, self.conditions[keep].reset_index(drop=True))
-
-
-class Clock(NamedTuple):
-    """The time stamps of all rows, `(row,)`, None without, and their unit, None if nothing says it."""
-
-    time: np.ndarray | None
-    unit: Unit | None
-
-
-def find_trials(
-    columns: Mapping[str, np.ndarray], roles: Roles, clock: Clock, spec: TableSpec, rate_Hz: float | None, path: Path
-) -> Trials:
-    """The chosen trials in these columns; those of a continuous recording are numbered by the condition `SEGMENT`.
-
-    Of the choice, the part that classes and columns of trials decide is made here, that of other columns by the caller.
-    rate_Hz: the given sampling rate, which tells the times of rows without stamps.
-    Raises InputError for trials that begin again or have two classes, and for annotations of another recording.
-    """
-    if spec.annotations is not None:
-        trials = _annotated(clock, len(next(iter(columns.values()))), spec, rate_Hz, path, roles.first_line)
-    else:
-        trials = _segments(columns, roles, path) if spec.segments else _trials(columns, roles, path)
-    if spec.is_continuous:
-        _say_outside(trials, len(next(iter(columns.values()))), path)
-    choice = spec.choice.with_label(roles.label).among(chosen_by(trials.conditions, spec))
-    trials = _chosen(trials, choice, path)
-    if not spec.is_continuous:
-        return trials
-    return trials._replace(conditions=trials.conditions.assign(**{SEGMENT: np.arange(1, len(trials.names) + 1)}))
-
-
-def _say_outside(trials: Trials, n_rows: int, path: Path) -> None:
-    """Say how many rows of a continuous recording are in no trial."""
-    changes = np.zeros(n_rows + 1, np.int64)
-    np.add.at(changes, trials.begin, 1)
-    np.add.at(changes, trials.end, -1)
-    n_outside = int((np.cumsum(changes[:-1]) == 0).sum())
-    if n_outside:
-        log.warning("%s: %s of %s rows are in no trial", path, f"{n_outside:,}", f"{n_rows:,}")
-
-
-def _trials(columns: Mapping[str, np.ndarray], roles: Roles, path: Path) -> Trials:
-    """The trials: rows one after another with the same values in the columns that tell trials apart."""
-    begin, end, firsts = _stretches(columns, roles.trial)
-    again = np.flatnonzero(firsts.duplicated().to_numpy())
-    if len(again):
-        name, line = " ".join(firsts.iloc[again[0]]), begin[again[0]] + roles.first_line
-        raise InputError(
-            f"{path}: trial {name[:40]} begins again at line {line}; if trials are numbered "
-            f"anew for each class or subject, name all columns that tell them apart, as in "
-            f"`trial='{roles.label},{','.join(roles.trial)}'`; else sort the rows by trial"
-        )
-    names = [f"trial {' '.join(row)}" for row in firsts.itertuples(index=False)]
-    trials = Trials(begin, end, names, _conditions(columns, roles, begin))
-    if not trials.are_constant(columns[roles.label]):
-        raise InputError(
-            f"{path}: '{roles.label}' changes within a trial; give each trial one class, name all columns that tell "
-            f"trials apart, as in `trial='{roles.label},{','.join(roles.trial)}'`, or take each stretch of one class "
-            "as a trial with `segments=True`"
-        )
-    return trials
-
-
-def _segments(columns: Mapping[str, np.ndarray], roles: Roles, path: Path) -> Trials:
-    """The trials: rows one after another with the same class, and the same in the columns that tell trials apart."""
-    begin, end, _ = _stretches(columns, tuple(dict.fromkeys((*roles.trial, roles.label))))
-    conditions = _conditions(columns, roles, begin)
-    names = [f"the segment from line {row + roles.first_line}" for row in begin]
-    return _touches(Trials(begin, end, names, conditions), path)
-
-
-def _annotated(
-    clock: Clock, n_rows: int, spec: TableSpec, rate_Hz: float | None, path: Path, first_line: int
-) -> Trials:
-    """The trials that the table of annotations names; times without stamps are seconds from the first sample."""
-    marks = _read_annotations(existing(spec.annotations or ""), spec.label, spec.decimal)
-    time, unit = clock
-    if time is None:
-        assert rate_Hz is not None
-        time, unit = np.arange(n_rows) / rate_Hz, "s"
-    back = np.flatnonzero(np.diff(time) < 0)
-    if len(back):
-        raise InputError(
-            f"{path}: line {back[0] + 1 + first_line} is earlier than the line before it; annotations need one "
-            "continuous recording"
-        )
-    begin, end = marks.on(row_times(time), unit, str(path))
-    order = np.argsort(begin, kind="stable")
-    shared = int((begin[order][1:] < end[order][:-1]).sum())
-    if shared:
-        log.warning(
-            "%s: annotations that begin before another one ends: %d; training and test trials may share their samples",
-            marks.path, shared,
-        )  # fmt: skip
-    names = [f"the touch of {marks.path.name}, line {row + marks.first_line}" for row in range(len(begin))]
-    return _touches(Trials(begin, end, names, marks.conditions), path)
-
-
-def _touches(trials: Trials, path: Path) -> Trials:
-    """The trials with a class and at least two samples; a warning names the others that have a class."""
-    is_touch = (trials.conditions[LABEL] != "").to_numpy()
-    short = is_touch & (trials.end - trials.begin < 2)
-    if short.any():
-        which = [name for name, is_short in zip(trials.names, short, strict=True) if is_short]
-        log.warning("%s: fewer than two samples make no trial; left out: %s", path, some(which))
-    if not (is_touch & ~short).any():
-        raise InputError(f"{path}: no trial has two samples of one class; check the classes and the times of touches")
-    return trials.chosen(is_touch & ~short)
-
-
-def _stretches(columns: Mapping[str, np.ndarray], names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, pd.DataFrame]:
-    """Where stretches of rows with the same values in these columns begin and end, and their values."""
-    keys = pd.DataFrame({name: columns[name] for name in names})
-    begin = np.flatnonzero((keys != keys.shift()).any(axis=1).to_numpy())
-    return begin, np.append(begin[1:], len(keys)), keys.iloc[begin]
-
-
-def _conditions(columns: Mapping[str, np.ndarray], roles: Roles, begin: np.ndarray) -> pd.DataFrame:
-    """The class of each trial, and the values that tell trials apart."""
-    table = pd.DataFrame({LABEL: columns[roles.label][begin]})
-    for name in roles.trial:
-        if name not in (roles.label, LABEL):
-            table[name] = values_of(columns[name][begin])
-    return table
-
-
-def chosen_by(conditions: pd.DataFrame, spec: TableSpec) -> list[str]:
-    """The conditions that choose trials before these are cut: not the number of a segment, which counts the chosen."""
-    return [name for name in conditions if not (spec.is_continuous and name == SEGMENT)]
-
-
-def _chosen(trials: Trials, choice: TrialChoice, path: Path) -> Trials:
-    """The trials that a choice keeps, before anything of the others is checked; a line says how many."""
-    if not choice:
-        return trials
-    keep = choice.keeps(trials.conditions, str(path))
-    choice.say(keep, str(path))
-    return trials.chosen(keep)
-
-
-def clock_of(columns: Mapping[str, np.ndarray], roles: Roles, spec: TableSpec, table: Table) -> Clock:
-    """The column of time stamps: finite numbers, or times of day in seconds."""
-    if roles.time is None:
-        return Clock(None, None)
-    values = columns[roles.time]
-    is_of_day = values.dtype.kind == "U" and is_time_of_day(str(values[0]))
-    if is_of_day:
-        time = seconds_of(values.tolist(), str(table.path), roles.time, table.first_line, spec.time_unit)
-    else:
-        time = finite_called(table, roles.time, columns)
-    if roles.rest is not None:
-        rest = finite_called(table, roles.rest, columns)
-        time = joined(time, rest, roles.rest, str(table.path), table.first_line, spec.time_unit)
-    in_seconds = is_of_day or roles.rest is not None
-    return Clock(time, "s" if in_seconds else spec.time_unit or unit_in(roles.time))
-
-
-TRIALS = ("trial", "trials", "trial_id", "recording", "recordings", "recording_id", "touch", "touch_id", "sequence_id")
-"""Names of the column that tells trials apart."""
-FEATURES = "if each row is a touch of its own (features, without time), there is no signal: give a row per sample"
-SHORT = 5
-"""Rows of a stretch below which it is hardly a touch."""
-FAULTS = 0.5
-"""Share of numbers above which a column of texts is a taxel with faults."""
+        return _Trials(self.begin[keep], self.end[keep], names, self.conditions[keep].reset_index(drop=True))
 
 
 def read(
@@ -419,36 +159,73 @@ def read(
     layout = build(TableSpec, spec or {}, "import table")
     check_import(sampling_rate_Hz, unit, str(path))
     table = named_table(path, layout.decimal, layout.header_lines, option="header_lines", choice=CHOICE)
-    names = [*table.names]
-    roles = _roles(names, table.first_row, layout, find_time=sampling_rate_Hz is None or not layout.columns, path=path)
-    roles = roles._replace(first_line=table.first_line)
+    roles = _roles(table, layout, find_time=sampling_rate_Hz is None or not layout.columns)
     if sampling_rate_Hz is None and roles.time is None:
         raise InputError(f"{path}: the sampling rate is not known; give `sampling_rate_Hz`, or `time_column`")
     if layout.time_unit is not None and roles.time is None and layout.annotations is None:
         raise InputError(f"{path}: `time_unit`: the samples have no time stamps; leave it out")
-    columns = columns_of(table, {roles.label, *roles.trial} & {*names})
-    if roles.time is not None and roles.rest is None:
-        its_unit = layout.time_unit or unit_of(table, names.index(roles.time), columns[roles.time])
-        layout = layout.model_copy(update={"time_unit": its_unit})
+    columns = columns_of(table, {roles.label, *roles.trial} & {*table.names})
+    time, rest = (None if name is None else table.names.index(name) for name in (roles.time, roles.rest))
+    clock = clock_of(table, time, rest, dict(enumerate(columns.values())), layout.time_unit)
     columns = _without_others(columns, table, roles)
     if layout.missing is not None:
         columns = {name: _with_gaps(table, name, values, roles) for name, values in columns.items()}
-    clock = clock_of(columns, roles, layout, table)
-    trials = find_trials(columns, roles, clock, layout, sampling_rate_Hz, path)
+    trials = _find_trials(columns, roles, clock, layout, sampling_rate_Hz, table)
     _check_time(trials, layout, clock, path)
     taxels, conditions = _parted(columns, roles, trials, table)
     cut = [*_cut(columns, roles._replace(taxels=taxels), trials, clock, layout, table)]
     trial_of, kept = mended(cut, layout.missing, str(path))
-    conditions = conditions.iloc[kept].reset_index(drop=True)
     read = recordings_of(
-        trial_of, conditions, sampling_rate_Hz, unit,
+        trial_of, conditions.iloc[kept].reset_index(drop=True), sampling_rate_Hz, unit,
         max_gap_ms=layout.max_gap_ms, drop_repeats=layout.drop_repeats, source=f"table {path.name}", where=str(path),
     )  # fmt: skip
-    choice = layout.choice.with_label(roles.label).beyond(chosen_by(trials.conditions, layout))
-    return chosen_trials(read, choice, str(path))
+    choice = TrialChoice(layout.where, layout.leave_out).with_label(roles.label)
+    return chosen_trials(read, choice.beyond(layout.chosen_by(trials.conditions)), str(path))
 
 
-def _with_gaps(table: Table, name: str, values: np.ndarray, roles: Roles) -> np.ndarray:
+# --- columns ----------------------------------------------------------------------------------------
+
+
+def _roles(table: Table, spec: TableSpec, *, find_time: bool) -> _Roles:
+    path, names = table.path, [*table.names]
+    label, trial = "", ()
+    if spec.annotations is None:
+        label = spec.label or called(names, ALIASES[LABEL])
+        trial_column = called(names, TRIALS)
+        trial = spec.trial or ((trial_column,) if trial_column else ())
+        for role, role_names in (("`label`", (label,) if label else ()), ("`trial`", trial)):
+            for name in role_names:
+                if name not in names:
+                    raise InputError(f"{path}: {role}: there is no column '{name[:40]}'; {nearest(name, names)}")
+        shown = ", ".join(names[:12])
+        if label is None:
+            raise InputError(f"{path}: no column is called label ({shown}); name the class of a trial with `label`")
+        if not trial and not spec.segments:
+            raise InputError(
+                f"{path}: no column is called trial ({shown}); name the columns that tell trials apart with `trial`, "
+                f"as in `trial='subject,repetition'`, or take each stretch of one '{label}' as a trial with "
+                f"`segments=True`{'' if any(map(TIME_COLUMN.match, names)) else f'; {FEATURES}'}"
+            )
+    others = {"`label`": [names.index(label)] if label else [], "`trial`": [names.index(name) for name in trial]}
+    chosen, time, rest = chosen_places(
+        spec.columns, spec.time_column, table.names, table.first_row, path, find_time=find_time, others=others
+    )
+    stamps = (None if column is None else names[column] for column in (time, rest))
+    return _Roles(label, trial, *stamps, tuple(names[column] for column in chosen))
+
+
+def _without_others(columns: dict[str, np.ndarray], table: Table, roles: _Roles) -> dict[str, np.ndarray]:
+    """The columns without pandas' numbers of rows, the header of a ROS message, and what has no name."""
+    free = [(column, name) for column, name in enumerate(table.names) if name not in roles.used]
+    index = [column for column, name in free if is_index(table, column, columns[name])]
+    others = [column for column, name in free if column not in index and (not name or is_ros_header(name))]
+    if others:
+        named = [table.names[column] or f"column {column + 1}, which has no name" for column in others]
+        log.warning("%s: no taxel and no condition: %s", table.path, some(named))
+    return {name: values for column, (name, values) in enumerate(columns.items()) if column not in (*index, *others)}
+
+
+def _with_gaps(table: Table, name: str, values: np.ndarray, roles: _Roles) -> np.ndarray:
     """A column of numbers and gaps as numbers, NaN for each gap; another column as it is."""
     if values.dtype.kind != "U" or name in (roles.label, *roles.trial, roles.time, roles.rest):
         return values
@@ -457,40 +234,37 @@ def _with_gaps(table: Table, name: str, values: np.ndarray, roles: Roles) -> np.
     return finite_called(table, name, {name: values}, with_gaps=True) if is_taxel else values
 
 
-def _check_time(trials: Trials, spec: TableSpec, clock: Clock, path: Path) -> None:
-    """Refuse trials of one row each; doubt stretches without time stamps that are as rows of features lie."""
-    lengths = trials.end - trials.begin
-    if (lengths == 1).all():
-        raise InputError(f"{path}: every trial has one row; {FEATURES}")
-    if not spec.segments or clock.time is not None:
-        return
-    n_classes = trials.conditions[LABEL].nunique()
-    if 1 < n_classes == len(lengths):
-        log.warning("%s: each of the %d classes is one stretch of rows; %s", path, n_classes, FEATURES)
-    elif np.median(lengths) < SHORT:
-        log.warning("%s: most stretches of a class have fewer than %d rows; %s", path, SHORT, FEATURES)
-
-
-def _without_others(columns: dict[str, np.ndarray], table: Table, roles: Roles) -> dict[str, np.ndarray]:
-    """The columns without pandas' numbers of rows, the header of a ROS message, and what has no name."""
-    used = (roles.label, *roles.trial, roles.time, roles.rest, *roles.taxels)
-    others = [
-        column for column, name in enumerate(table.names) if name not in used
-        and (not name or is_ros_header(name) or is_index(table, column, columns[name]))
-    ]  # fmt: skip
-    read = [column for column in others if not is_index(table, column, columns[table.names[column]])]
-    if read:
-        named = [table.names[column] or f"column {column + 1}, which has no name" for column in read]
-        log.warning("%s: no taxel and no condition: %s", table.path, some(named))
-    return {name: values for column, (name, values) in enumerate(columns.items()) if column not in others}
+def _parted(
+    columns: Mapping[str, np.ndarray], roles: _Roles, trials: _Trials, table: Table
+) -> tuple[tuple[str, ...], pd.DataFrame]:
+    """The names of the taxels, and the conditions of the trials; columns that are neither are named in a warning."""
+    others = [name for name in columns if name not in roles.used]
+    constant = [name for name in others if trials.are_constant(columns[name])]
+    changing = [name for name in others if name not in constant]
+    taxels = roles.taxels or tuple(name for name in changing if columns[name].dtype.kind in "iuf")
+    ignored = [name for name in changing if name not in taxels]
+    for name in [name for name in ignored if columns[name].dtype.kind == "U"]:
+        if np.mean([is_meant_as_number(cell) for cell in columns[name].tolist()]) > FAULTS:
+            finite_called(table, name, columns)  # says which cell is no number
+    if not taxels:
+        raise InputError(f"{table.path}: no column of numbers changes within a trial; name the taxels with `columns`")
+    constant = [name for name in constant if name not in trials.conditions]
+    if constant and not roles.taxels:
+        log.warning(
+            "%s: constant within each trial, so conditions and not taxels: %s; to change that, name the taxels with "
+            "`columns`",
+            table.path, some(constant),
+        )  # fmt: skip
+    if ignored:
+        log.warning("%s: not used: %s", table.path, some(ignored))
+    return taxels, trials.conditions.assign(**{name: values_of(columns[name][trials.begin]) for name in constant})
 
 
 def _cut(
-    columns: Mapping[str, np.ndarray], roles: Roles, trials: Trials, clock: Clock, spec: TableSpec, table: Table
+    columns: Mapping[str, np.ndarray], roles: _Roles, trials: _Trials, clock: Clock, spec: TableSpec, table: Table
 ) -> Iterator[Read]:
     """The samples and the stamps of each trial."""
-    gaps = spec.missing is not None
-    taxels = [finite_called(table, name, columns, with_gaps=gaps) for name in roles.taxels]
+    taxels = [finite_called(table, name, columns, with_gaps=spec.missing is not None) for name in roles.taxels]
     for samples in taxels:
         check_digits(samples[np.isfinite(samples)], table.path)
     signal = np.stack(taxels, axis=1).astype(np.float32)
@@ -506,66 +280,220 @@ def _cut(
         yield Read(f"{table.path}, {name}", name, its)
 
 
-def _roles(names: list[str], first: Sequence[str], spec: TableSpec, *, find_time: bool, path: Path) -> Roles:
+# --- trials -----------------------------------------------------------------------------------------
+
+
+def _find_trials(
+    columns: Mapping[str, np.ndarray], roles: _Roles, clock: Clock, spec: TableSpec, rate_Hz: float | None, table: Table
+) -> _Trials:
+    """The chosen trials in these columns; those of a continuous recording are numbered by the condition `SEGMENT`.
+
+    Of the choice, the part that classes and columns of trials decide is made here, before anything of the others is
+    checked. rate_Hz: the given sampling rate, which tells the times of rows without stamps.
+    """
+    n_rows = len(next(iter(columns.values())))
     if spec.annotations is not None:
-        return _with_taxels(names, first, spec, "", (), find_time=find_time, path=path)
-    label = spec.label or called(names, ALIASES[LABEL])
-    trial_column = called(names, TRIALS)
-    trial = spec.trial or ((trial_column,) if trial_column else ())
-    for role, role_names in (("`label`", (label,) if label else ()), ("`trial`", trial)):
-        for name in role_names:
-            if name not in names:
-                raise InputError(f"{path}: {role}: there is no column '{name[:40]}'; {nearest(name, names)}")
-    shown = ", ".join(names[:12])
-    if label is None:
-        raise InputError(f"{path}: no column is called label ({shown}); name the class of a trial with `label`")
-    if not trial and not spec.segments:
+        trials = _touches(_annotated(clock, n_rows, spec, rate_Hz, table), table.path)
+    elif spec.segments:
+        begin, end, _ = _stretches(columns, tuple(dict.fromkeys((*roles.trial, roles.label))))
+        names = [f"the segment from line {row + table.first_line}" for row in begin]
+        trials = _touches(_Trials(begin, end, names, _conditions(columns, roles, begin)), table.path)
+    else:
+        trials = _told_apart(columns, roles, table)
+    if spec.is_continuous:
+        changes = np.zeros(n_rows + 1, np.int64)
+        np.add.at(changes, trials.begin, 1)
+        np.add.at(changes, trials.end, -1)
+        n_outside = int((np.cumsum(changes[:-1]) == 0).sum())
+        if n_outside:
+            log.warning("%s: %s of %s rows are in no trial", table.path, f"{n_outside:,}", f"{n_rows:,}")
+    choice = TrialChoice(spec.where, spec.leave_out).with_label(roles.label).among(spec.chosen_by(trials.conditions))
+    if choice:
+        keep = choice.keeps(trials.conditions, str(table.path))
+        choice.say(keep, str(table.path))
+        trials = trials.chosen(keep)
+    if not spec.is_continuous:
+        return trials
+    return trials._replace(conditions=trials.conditions.assign(**{SEGMENT: np.arange(1, len(trials.names) + 1)}))
+
+
+def _told_apart(columns: Mapping[str, np.ndarray], roles: _Roles, table: Table) -> _Trials:
+    """The trials: rows one after another with the same values in the columns that tell trials apart."""
+    begin, end, firsts = _stretches(columns, roles.trial)
+    again = np.flatnonzero(firsts.duplicated().to_numpy())
+    every = f"`trial='{roles.label},{','.join(roles.trial)}'`"
+    if len(again):
+        name, line = " ".join(firsts.iloc[again[0]]), begin[again[0]] + table.first_line
         raise InputError(
-            f"{path}: no column is called trial ({shown}); name the columns that tell trials apart with `trial`, as in "
-            f"`trial='subject,repetition'`, or take each stretch of one '{label}' as a trial with `segments=True`"
-            f"{'' if any(map(TIME_COLUMN.match, names)) else f'; {FEATURES}'}"
+            f"{table.path}: trial {name[:40]} begins again at line {line}; if trials are numbered anew for each class "
+            f"or subject, name all columns that tell them apart, as in {every}; else sort the rows by trial"
         )
-    return _with_taxels(names, first, spec, label, trial, find_time=find_time, path=path)
+    names = [f"trial {' '.join(row)}" for row in firsts.itertuples(index=False)]
+    trials = _Trials(begin, end, names, _conditions(columns, roles, begin))
+    if not trials.are_constant(columns[roles.label]):
+        raise InputError(
+            f"{table.path}: '{roles.label}' changes within a trial; give each trial one class, name all columns that "
+            f"tell trials apart, as in {every}, or take each stretch of one class as a trial with `segments=True`"
+        )
+    return trials
 
 
-def _with_taxels(
-    names: list[str], first: Sequence[str], spec: TableSpec, label: str, trial: tuple[str, ...], *,
-    find_time: bool, path: Path,
-) -> Roles:  # fmt: skip
-    """The columns of these classes and trials, the time stamps and the taxels among the others."""
-    chosen, time, rest = chosen_places(
-        spec.columns, spec.time_column, tuple(names), first, path, find_time=find_time,
-        others={
-            "`label`": [names.index(label)] if label else [], "`trial`": [names.index(name) for name in trial],
-        },
-    )  # fmt: skip
-    stamps = [None if column is None else names[column] for column in (time, rest)]
-    return Roles(label, trial, stamps[0], tuple(names[column] for column in chosen), rest=stamps[1])
+def _stretches(columns: Mapping[str, np.ndarray], names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, pd.DataFrame]:
+    """Where stretches of rows with the same values in these columns begin and end, and their values."""
+    keys = pd.DataFrame({name: columns[name] for name in names})
+    begin = np.flatnonzero((keys != keys.shift()).any(axis=1).to_numpy())
+    return begin, np.append(begin[1:], len(keys)), keys.iloc[begin]
 
 
-def _parted(
-    columns: Mapping[str, np.ndarray], roles: Roles, trials: Trials, table: Table
-) -> tuple[tuple[str, ...], pd.DataFrame]:
-    """The names of the taxels, and the conditions of the trials; columns that are neither are named in a warning."""
-    path = table.path
-    used = (roles.label, *roles.trial, roles.time, roles.rest, *roles.taxels)
-    others = [name for name in columns if name not in used]
-    constant = [name for name in others if trials.are_constant(columns[name])]
-    changing = [name for name in others if name not in constant]
-    taxels = roles.taxels or tuple(name for name in changing if columns[name].dtype.kind in "iuf")
-    ignored = [name for name in changing if name not in taxels]
-    for name in [name for name in ignored if columns[name].dtype.kind == "U"]:
-        if np.mean([is_meant_as_number(cell) for cell in columns[name].tolist()]) > FAULTS:
-            finite_called(table, name, columns)  # says which cell is no number
-    if not taxels:
-        raise InputError(f"{path}: no column of numbers changes within a trial; name the taxels with `columns`")
-    constant = [name for name in constant if name not in trials.conditions]
-    if constant and not roles.taxels:
+def _conditions(columns: Mapping[str, np.ndarray], roles: _Roles, begin: np.ndarray) -> pd.DataFrame:
+    """The class of each trial, and the values that tell trials apart."""
+    others = [name for name in roles.trial if name not in (roles.label, LABEL)]
+    values = {name: values_of(columns[name][begin]) for name in others}
+    return pd.DataFrame({LABEL: columns[roles.label][begin], **values})
+
+
+def _touches(trials: _Trials, path: Path) -> _Trials:
+    """The trials with a class and at least two samples; a warning names the others that have a class."""
+    is_touch = (trials.conditions[LABEL] != "").to_numpy()
+    short = is_touch & (trials.end - trials.begin < 2)
+    if short.any():
+        which = [name for name, is_short in zip(trials.names, short, strict=True) if is_short]
+        log.warning("%s: fewer than two samples make no trial; left out: %s", path, some(which))
+    if not (is_touch & ~short).any():
+        raise InputError(f"{path}: no trial has two samples of one class; check the classes and the times of touches")
+    return trials.chosen(is_touch & ~short)
+
+
+def _check_time(trials: _Trials, spec: TableSpec, clock: Clock, path: Path) -> None:
+    """Refuse trials of one row each; doubt stretches without time stamps that are as rows of features lie."""
+    lengths = trials.end - trials.begin
+    if (lengths == 1).all():
+        raise InputError(f"{path}: every trial has one row; {FEATURES}")
+    if not spec.segments or clock.time is not None:
+        return
+    n_classes = trials.conditions[LABEL].nunique()
+    if 1 < n_classes == len(lengths):
+        log.warning("%s: each of the %d classes is one stretch of rows; %s", path, n_classes, FEATURES)
+    elif np.median(lengths) < SHORT:
+        log.warning("%s: most stretches of a class have fewer than %d rows; %s", path, SHORT, FEATURES)
+
+
+# --- annotations ------------------------------------------------------------------------------------
+
+
+class _Annotations(NamedTuple):
+    """When each touch begins and ends, `(touch,)`, in this unit (None if the file does not say it), and what it is.
+
+    first_line: the line of the first touch.
+    """
+
+    path: Path
+    begin: np.ndarray
+    end: np.ndarray
+    unit: Unit | None
+    conditions: pd.DataFrame
+    first_line: int
+
+    def on(self, time: np.ndarray, unit: Unit | None, where: Path) -> tuple[np.ndarray, np.ndarray]:
+        """The first row of each touch, and the row after its last, among samples at these times, in ascending order.
+
+        unit: of the times. What has no unit is in seconds; if both have none, they only have to have the same. Where
+        the samples begin later than every touch ends, touches count from the first sample, with a warning.
+        Raises InputError for a touch that lies outside of the recording.
+        """
+        scale = UNIT_S[self.unit or "s"] / UNIT_S[unit or "s"]
+        begin, end = scale * self.begin, scale * self.end
+        if time[0] > end.max() and 0 <= begin.min() <= begin.max() <= time[-1] - time[0]:
+            log.warning("%s: its times count from the first sample of %s, which is at %.10g", self.path, where, time[0])
+            begin, end = begin + time[0], end + time[0]
+        outside = np.flatnonzero((end <= time[0]) | (begin > time[-1]))
+        if len(outside):
+            row = outside[0]
+            raise InputError(
+                f"{self.path}: line {row + self.first_line}: {begin[row]:.10g} to {end[row]:.10g} lies outside of "
+                f"{where}, which goes from {time[0]:.10g} to {time[-1]:.10g}; give both times on one clock, with their "
+                "units, as in begin_ms"
+            )
+        rounding = ROUNDING * (time[-1] - time[0]) / max(1, len(time) - 1)
+        return np.searchsorted(time, begin - rounding), np.searchsorted(time, end - rounding)
+
+
+def _annotated(clock: Clock, n_rows: int, spec: TableSpec, rate_Hz: float | None, table: Table) -> _Trials:
+    """The trials that the table of annotations names; times without stamps are seconds from the first sample."""
+    marks = _read_annotations(existing(spec.annotations or ""), spec.label, spec.decimal)
+    time, unit = clock
+    if time is None:
+        assert rate_Hz is not None
+        time, unit = np.arange(n_rows) / rate_Hz, "s"
+    back = np.flatnonzero(np.diff(time) < 0)
+    if len(back):
+        raise InputError(
+            f"{table.path}: line {back[0] + 1 + table.first_line} is earlier than the line before it; annotations need "
+            "one continuous recording"
+        )
+    begin, end = marks.on(row_times(time), unit, table.path)
+    order = np.argsort(begin, kind="stable")
+    shared = int((begin[order][1:] < end[order][:-1]).sum())
+    if shared:
         log.warning(
-            "%s: constant within each trial, so conditions and not taxels: %s; to change that, name the taxels with "
-            "`columns`",
-            path, some(constant),
+            "%s: annotations that begin before another one ends: %d; training and test trials may share their samples",
+            marks.path, shared,
         )  # fmt: skip
-    if ignored:
-        log.warning("%s: not used: %s", path, some(ignored))
-    return taxels, trials.conditions.assign(**{name: values_of(columns[name][trials.begin]) for name in constant})
+    names = [f"the touch of {marks.path.name}, line {row + marks.first_line}" for row in range(len(begin))]
+    return _Trials(begin, end, names, marks.conditions)
+
+
+def _read_annotations(path: Path, label: str | None = None, decimal: Literal[".", ","] = ".") -> _Annotations:
+    """The annotations in a CSV or TSV file with a header: a row per touch.
+
+    Columns: `begin` (or start, onset), `end` (or stop, offset) or `duration`, with or without a unit (`begin_ms`), and
+    `label`, or the one that is named. All others are conditions.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "events.tsv"
+    >>> _ = path.write_text("onset\\tduration\\ttrial_type\\tforce\\n0.5\\t1.5\\ttap\\t3\\n4\\t1\\trub\\t6\\n")
+    >>> found = _read_annotations(path)
+    >>> found.begin.tolist(), found.end.tolist(), found.conditions.values.tolist()
+    ([0.5, 4.0], [2.0, 5.0], [['tap', 3], ['rub', 6]])
+    """
+    table = named_table(path, decimal)
+    names = [name for name in table.names if name]
+    its_label = label or called(names, LABELS)
+    if its_label not in names:
+        hint = f"{nearest(label, names)}" if label else f"name it with `label`, of {some(names)}"
+        raise InputError(f"{path}: there is no column of classes called {label or LABEL}; {hint}")
+    begin, end, duration = (
+        next((name for name in names if pattern.fullmatch(without_unit(name).strip())), None)
+        for pattern in (BEGIN, END, DURATION)
+    )
+    second = end or duration
+    if begin is None or second is None:
+        absent = "begin" if begin is None else "end or duration"
+        raise InputError(f"{path}: no column is called {absent} ({some(names)}); rename the columns to begin,end,label")
+    columns = columns_of(table, {its_label})
+    first, last = (_times(columns[name], name, table) for name in (begin, second))
+    units: set[Unit | None] = {unit_of(table, table.names.index(name), np.zeros(0)) for name in (begin, second)}
+    if len(units) > 1:
+        raise InputError(f"{path}: columns {begin} and {second} are in different units; give both the same")
+    last = first + last if end is None else last
+    wrong = np.flatnonzero(last <= first)
+    if len(wrong):
+        raise InputError(f"{path}: line {wrong[0] + table.first_line} ends before it begins; correct its times")
+    others = {name: values_of(columns[name]) for name in names if name not in (its_label, begin, second, LABEL)}
+    unit: Unit | None = "s" if columns[begin].dtype.kind == "U" else units.pop()
+    conditions = pd.DataFrame({LABEL: columns[its_label], **others})
+    return _Annotations(path, first, last, unit, conditions, table.first_line)
+
+
+def _times(values: np.ndarray, name: str, table: Table) -> np.ndarray:
+    """The times of a column, finite numbers or times of day."""
+    if values.dtype.kind == "U" and is_time_of_day(str(values[0])):
+        return seconds_of(values.tolist(), str(table.path), name, table.first_line, None)
+    times = pd.to_numeric(pd.Series(values), errors="coerce").to_numpy(np.float64)
+    wrong = np.flatnonzero(~np.isfinite(times))
+    if len(wrong):
+        raise InputError(
+            f"{table.path}: line {wrong[0] + table.first_line}, column {name} is {str(values[wrong[0]])[:20]!r}, not a "
+            "time; write a number"
+        )
+    return times
