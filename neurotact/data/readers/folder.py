@@ -32,7 +32,8 @@ log = logging.getLogger("neurotact")
 FILE = "file"
 FIELD = re.compile(r"\{([^{}]*)\}")
 TEXTS = (".csv", ".tsv", ".txt", ".lvm")
-SUFFIXES = (*TEXTS, ".npz", ".npy", ".mat", ".tdms")
+ARRAYS = (".npz", ".npy", MAT_SUFFIX)
+SUFFIXES = (*TEXTS, *ARRAYS, *TABLES)
 
 
 class NamingSpec(Spec):
@@ -86,7 +87,7 @@ def conditions_of(files: Sequence[str], naming: NamingSpec, folder: Path) -> pd.
     levels = (LABEL,) if naming.is_label_by_folder else naming.levels
     rows = []
     for file in files:
-        parts = [_of_levels(file, levels, folder), _of_pattern(file, naming.pattern, folder), table[file]]
+        parts = [*_of_path(file, levels, naming.pattern, folder), table[file]]
         names = [name for part in parts for name in part]
         twice = [name for name in names if names.count(name) > 1]
         if twice:
@@ -94,7 +95,9 @@ def conditions_of(files: Sequence[str], naming: NamingSpec, folder: Path) -> pd.
         rows.append({name: value for part in parts for name, value in part.items()})
     conditions = _with_label(pd.DataFrame(rows), naming.label, folder)
     for name in conditions.columns.drop(LABEL):
-        conditions[name] = _as_numbers(conditions[name])
+        texts = conditions[name].astype(str)
+        if all(NUMBER.fullmatch(text) and not re.match(r"[+-]?0\d", text) for text in texts):  # 007 is a name
+            conditions[name] = pd.to_numeric(texts)
     conditions = conditions[[LABEL, *conditions.columns.drop(LABEL)]]
     conditions[FILE] = list(files)
     return conditions
@@ -115,11 +118,8 @@ def _with_label(conditions: pd.DataFrame, label: str | None, folder: Path) -> pd
             raise InputError(f"{folder}: a condition is called label already; rename it, or leave out `label`")
         conditions = conditions.rename(columns={label: LABEL})
     if LABEL not in conditions:
-        fix = (
-            f"name it with `label`, of {', '.join(names)}"
-            if names
-            else "add it with `levels`, `pattern` or `conditions`"
-        )
+        named = f"name it with `label`, of {', '.join(names)}"
+        fix = named if names else "add it with `levels`, `pattern` or `conditions`"
         raise InputError(f"{folder}: no condition is called label, the class of each file; {fix}")
     return conditions
 
@@ -135,38 +135,28 @@ def _compiled(pattern: str) -> re.Pattern[str]:
     return re.compile("".join(re.escape(part) if i % 2 == 0 else f"(?P<{part}>[^/]+?)" for i, part in enumerate(parts)))
 
 
-def _of_levels(file: str, levels: Sequence[str], folder: Path) -> dict[str, str]:
-    above = PurePosixPath(file).parts[:-1]
+def _of_path(file: str, levels: Sequence[str], pattern: str | None, folder: Path) -> tuple[dict, dict]:
+    """The conditions in the names of the sub-folders, and those in the name of the file."""
+    *above, _ = parts = PurePosixPath(file).parts
     if len(above) < len(levels):
         raise InputError(
             f"{folder / file}: is {len(above)} sub-folders deep, but `levels` names {len(levels)} "
             f"({', '.join(levels)}); move it, or name fewer levels"
         )
-    levels_found = {}
-    for level, folder_name in zip(levels, above, strict=False):
-        if "{" not in level:
-            levels_found[level] = folder_name
-            continue
-        match = _compiled(level).fullmatch(folder_name)
+    found: dict[str, str] = {}
+    for level, name in zip(levels, above, strict=False):
+        match = _compiled(level if "{" in level else f"{{{level}}}").fullmatch(name)
         if match is None:
-            raise InputError(
-                f"{folder / file}: the folder '{folder_name}' does not fit the level {level}; rename one of them"
-            )
-        levels_found |= match.groupdict()
-    return levels_found
-
-
-def _of_pattern(file: str, pattern: str | None, folder: Path) -> dict[str, str]:
+            raise InputError(f"{folder / file}: the folder '{name}' does not fit the level {level}; rename one of them")
+        found |= match.groupdict()
     if pattern is None:
-        return {}
-    path = PurePosixPath(file)
+        return found, {}
     if not pattern.lower().endswith(SUFFIXES):
-        path = path.with_suffix("")
-    depth = pattern.count("/") + 1
-    match = _compiled(pattern).fullmatch("/".join(path.parts[-depth:]))
+        parts = PurePosixPath(file).with_suffix("").parts
+    match = _compiled(pattern).fullmatch("/".join(parts[-1 - pattern.count("/") :]))
     if match is None:
         raise InputError(f"{folder / file}: its name does not fit the pattern {pattern}; rename it or move it away")
-    return match.groupdict()
+    return found, match.groupdict()
 
 
 def _read_table(path: str, files: Sequence[str]) -> dict[str, dict[str, str]]:
@@ -197,15 +187,7 @@ def _read_table(path: str, files: Sequence[str]) -> dict[str, dict[str, str]]:
     return rows
 
 
-def _as_numbers(values: pd.Series) -> pd.Series:
-    """Texts as numbers if all of them are; a leading zero, as in 007, makes a name."""
-    texts = values.astype(str)
-    if not all(NUMBER.fullmatch(text) and not re.match(r"[+-]?0\d", text) for text in texts):
-        return values
-    return pd.to_numeric(texts)
-
-
-USUAL = (".csv", ".npz", ".npy", MAT_SUFFIX, *TABLES)
+USUAL = (".csv", *ARRAYS, *TABLES)
 """Files that are read; those of `LATER` only if a folder holds none of these, as other text files may be notes."""
 LATER = ((".lvm",), SUFFIXES)
 KINDS = ".csv, .tsv, .txt, .lvm, .npz, .npy, .mat or .tdms"
@@ -289,7 +271,8 @@ def read(
     if table.time_unit is not None and all(trial.table.time is None for trial in read):
         raise InputError(f"{folder}: `time_unit`: the samples have no time stamps; leave it out")
     _warn_of_axes(read, table, folder)
-    for note, noted in _noted(read).items():
+    for note in dict.fromkeys(note for trial in read for note in trial.table.notes):
+        noted = [trial.file for trial in read if note in trial.table.notes]
         log.warning("%s: %s%s", folder, note, "" if len(noted) == len(read) else f" ({some(noted)})")
     conditions = of_files.iloc[row_of].reset_index(drop=True)
     conditions["file"] = [trial.file for trial in read]
@@ -331,25 +314,18 @@ def _with_constants(conditions: pd.DataFrame, read: Sequence[Read], folder: Path
     return conditions
 
 
-def _noted(read: Sequence[Read]) -> dict[str, list[str]]:
-    """What is said of files, and of which."""
-    noted: dict[str, list[str]] = {}
-    for trial in read:
-        for note in trial.table.notes:
-            noted.setdefault(note, []).append(trial.file)
-    return noted
-
-
 def _read(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> tuple[list[Read], dict[str, float]]:
     """The trials of a file, and the sampling rates that it says."""
     if path.suffix.lower() in TEXTS:
         if layout.array is not None or layout.transpose:
             raise InputError(f"{path}: `array` and `transpose` are for NPZ and MATLAB files; leave them out")
         return [Read(str(path), file, read_table(path, layout, find_time=find_time))], {}
+    for key in ("decimal", "header_lines"):
+        if getattr(layout, key) != LayoutSpec.model_fields[key].default:
+            raise InputError(f"{path}: `{key}` is for text files; leave it out")
     if path.suffix.lower() in TABLES:
         if layout.transpose:
             raise InputError(f"{path}: `transpose` is for NPZ and MATLAB files; leave it out")
-        _check_no_text(path, layout)
         tables = tables_in(path, layout.array).items()
         read = [
             Read(f"{path}:{name}", f"{file}:{name}", samples_of(table, layout, find_time=find_time))
@@ -358,15 +334,7 @@ def _read(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> tupl
         return read, {}
     if layout.columns:
         raise InputError(f"{path}: `columns` is for CSV files and TDMS; save the chosen columns, or as CSV")
-    _check_no_text(path, layout)
     return _of_arrays(path, file, layout, find_time=find_time)
-
-
-def _check_no_text(path: Path, layout: LayoutSpec) -> None:
-    """Refuse what only the reading of text needs."""
-    for key in ("decimal", "header_lines"):
-        if getattr(layout, key) != LayoutSpec.model_fields[key].default:
-            raise InputError(f"{path}: `{key}` is for text files; leave it out")
 
 
 def _of_arrays(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> tuple[list[Read], dict[str, float]]:
@@ -386,7 +354,12 @@ def _of_arrays(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) ->
     }  # fmt: skip
     if not chosen:
         raise InputError(f"{path}: holds no array but the time stamps; save the samples too, (time, taxel)")
-    signals = _signals(chosen, path, transpose=layout.transpose)
+    signals = {key: as_signal(array, f"{path}, key '{key}'") for key, array in chosen.items()}
+    if len({signal.shape[0 if layout.transpose else 1] for signal in signals.values()}) > 1:
+        held = ", ".join(f"{key} {signal.shape}" for key, signal in signals.items())
+        raise InputError(f"{path}: holds arrays of different numbers of taxels ({held[:100]}); name one with `array`")
+    if layout.transpose:
+        signals = {key: signal.T for key, signal in signals.items()}
     for key, array in signals.items():
         if time is not None and len(time) != len(array):
             raise InputError(
@@ -399,19 +372,8 @@ def _of_arrays(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) ->
     ], rates_hz
 
 
-def _signals(arrays: Mapping[str, np.ndarray], path: Path, *, transpose: bool) -> dict[str, np.ndarray]:
-    """The arrays as `(time, taxel)`; InputError if they do not have the same taxels."""
-    signals = {key: as_signal(array, f"{path}, key '{key}'") for key, array in arrays.items()}
-    if len({signal.shape[0 if transpose else 1] for signal in signals.values()}) > 1:
-        held = ", ".join(f"{key} {signal.shape}" for key, signal in signals.items())
-        raise InputError(f"{path}: holds arrays of different numbers of taxels ({held[:100]}); name one with `array`")
-    return {key: signal.T for key, signal in signals.items()} if transpose else signals
-
-
 def _stamps_at(arrays: Mapping[str, np.ndarray], layout: LayoutSpec) -> list[str]:
-    """The first array of one number per sample that is named like time stamps, or two that are named like seconds and
-    their rest; none if there is none.
-    """
+    """The first array of a number per sample that is named like time stamps, or two like seconds and their rest."""
     axis = 1 if layout.transpose else 0
     samples = {key: part.shape[axis] for key, part in arrays.items() if part.ndim == 2 and layout.array in (None, key)}
 
@@ -419,10 +381,8 @@ def _stamps_at(arrays: Mapping[str, np.ndarray], layout: LayoutSpec) -> list[str
         others = {n for name, n in samples.items() if name not in keys}
         return all(key != layout.array and others == {arrays[key].size} == {max(arrays[key].shape)} for key in keys)
 
-    names = list(arrays)
-    pair = pair_in(names)
-    ways = [] if pair is None else [[names[column] for column in pair]]
-    ways += [[key] for key in names if TIME_COLUMN.match(key)]
+    pair = [[[*arrays][column] for column in pair_in([*arrays]) or ()]]
+    ways = [keys for keys in [*pair, *([key] for key in arrays if TIME_COLUMN.match(key))] if keys]
     return next((keys for keys in ways if is_per_sample(keys)), [])
 
 
@@ -494,7 +454,9 @@ def _data_files(folder: Path, naming: NamingSpec) -> list[Path]:
     """The files to read; a warning names ignored files, and a folder or file that would be lost is refused."""
     table = None if naming.table is None else os.path.realpath(naming.table)
     paths = [path.relative_to(folder) for path in below(folder) if table is None or os.path.realpath(path) != table]
-    data_files = next(filter(None, (_with_suffix(paths, suffixes) for suffixes in (USUAL, *LATER))), [])
+    shown = [path for path in paths if not is_hidden(path.name)]
+    ways = ([path for path in shown if path.suffix.lower() in suffixes] for suffixes in (USUAL, *LATER))
+    data_files = next(filter(None, ways), [])
     read = set(data_files)
     ignored = [path for path in paths if path not in read]
     if naming.is_label_by_folder:
@@ -510,10 +472,6 @@ def _data_files(folder: Path, naming: NamingSpec) -> list[Path]:
         names = some([str(path) for path in ignored])
         log.warning("%s: %d files are ignored (hidden, or not recordings): %s", folder, len(ignored), names)
     return [folder / inside for inside in data_files]
-
-
-def _with_suffix(paths: Sequence[Path], suffixes: Sequence[str]) -> list[Path]:
-    return [path for path in paths if path.suffix.lower() in suffixes and not is_hidden(path.name)]
 
 
 def _no_recordings(folder: Path, others: Sequence[Path]) -> InputError:
