@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from neurotact import files
-from neurotact.data.readers.contents import LVM, check_content
+from neurotact.data.readers.formats.contents import LVM, check_content
 from neurotact.errors import InputError
 
 MARKS = {b"\xff\xfe\0\0": "utf-32", b"\0\0\xfe\xff": "utf-32", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}

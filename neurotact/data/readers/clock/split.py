@@ -5,7 +5,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from neurotact.data.readers.clock import UNIT_S, Unit, unit_in
+from neurotact.data.readers.clock.stamps import UNIT_S, Unit, unit_in
 from neurotact.errors import InputError
 
 NAMED = re.compile(r"(.*?)(nano|micro|milli|[num])?sec(?:ond)?s?", re.IGNORECASE)

@@ -8,14 +8,16 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, field_validator
 
-from neurotact.data.readers.clock import Unit, of_length
-from neurotact.data.readers.event_times import FLOAT_ERROR, EventTimes, Origin, joined_times, rounding_of, steps_of
+from neurotact.data.readers.clock.stamps import Unit, of_length
+from neurotact.data.readers.events.times import FLOAT_ERROR, EventTimes, Origin, joined_times, rounding_of, steps_of
 from neurotact.data.recordings import LABEL, check_named_classes
 from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
 from neurotact.data.windows import LONGEST_STEPS
 from neurotact.errors import InputError, some
 from neurotact.files import check_size
 from neurotact.spec import Names, Spec
+
+log = logging.getLogger("neurotact")
 
 MOST_AFFERENTS = 65_536
 ROW = 2**31
@@ -31,8 +33,6 @@ OF_EVENTS = "if the unit of the times is another, give it with `time_unit`; divi
 """What to do about trials of events that are too short or too long."""
 ON_OFF = ("OFF", "ON")
 """The lower and the higher value of a polarity."""
-
-log = logging.getLogger("neurotact")
 
 
 class EventSpec(Spec):

@@ -7,7 +7,7 @@ as HDF5, dataset by dataset, so that declared sizes are checked before reading. 
 import json
 import logging
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,8 +18,13 @@ from pydantic import Field
 
 from neurotact.data.digests import DIGEST, TOUCH
 from neurotact.data.hdf5_input import Declared, attribute, reading
-from neurotact.data.readers import clock, doubts, sampled
-from neurotact.data.readers.event_times import (
+from neurotact.data.readers.clock.stamps import row_times
+from neurotact.data.readers.clock.trials import Read, recordings_of
+from neurotact.data.readers.columns import Samples
+from neurotact.data.readers.doubts import Fixes
+from neurotact.data.readers.events.observed import Unobserved, observed_trials, touching, within
+from neurotact.data.readers.events.spikes import BYTES_PER_EVENT, MOST_AFFERENTS, on_clock, say_length, say_merged
+from neurotact.data.readers.events.times import (
     SLACK,
     EventTimes,
     event_times,
@@ -28,28 +33,206 @@ from neurotact.data.readers.event_times import (
     rounding_of,
     steps_of,
 )
-from neurotact.data.readers.events import BYTES_PER_EVENT, on_clock, say_length, say_merged
-from neurotact.data.readers.layout import Table
-from neurotact.data.readers.nwb_tables import MOST_NAMED, columns, electrodes_of, named
-from neurotact.data.readers.nwb_units import (
-    AFFERENT,
-    kept_units,
-    observed_by_units,
-    unit_names,
-    unit_of_each,
-    valid_trials,
-)
-from neurotact.data.readers.observed import Unobserved
-from neurotact.data.readers.sampled import Read
-from neurotact.data.readers.tables import check_digits
+from neurotact.data.readers.table.cells import check_digits
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.sources import Reader
 from neurotact.data.spikes import SpikeTrains, from_trials
-from neurotact.data.trial_choice import EVERY, TrialChoice, Where
+from neurotact.data.trial_choice import EVERY, TrialChoice, Where, Words
 from neurotact.data.windows import LONGEST_STEPS
 from neurotact.errors import InputError
 from neurotact.files import check_size
 from neurotact.spec import Spec, build
+
+log = logging.getLogger("neurotact")
+
+KEPT = ("id", "start_time", "stop_time", "timeseries", "tags", DIGEST, TOUCH)
+"""Columns of trials that are not conditions."""
+ELECTRODES = "general/extracellular_ephys/electrodes"
+ELECTRODE_NAMES = ("label", "channel_name")
+"""Columns of electrodes with their names."""
+MOST_NAMED = 8
+
+
+def columns(declared: Declared, table_path: str, n_trials: int) -> Iterator[tuple[str, np.ndarray | list[str]]]:
+    """The columns of a table with one value per trial, in its own order."""
+    group = declared.group(table_path)
+    for name in _order(group, declared.path):
+        if name in KEPT or f"{name}_index" in group or not declared.holds(f"{table_path}/{name}"):
+            continue
+        member = group[name]
+        if isinstance(member, h5py.Dataset) and (member.shape or ()) == (n_trials,) and _is_plain(member):
+            values = declared.column(f"{table_path}/{name}", n_trials)
+            elements = f"{table_path}/{name}_elements"
+            if declared.holds(elements) and not isinstance(values, list):
+                meant = np.array(declared.texts(elements), object)
+                values = [str(text) for text in meant[values.astype(np.int64)]]
+            yield name, values.astype(np.int64) if isinstance(values, np.ndarray) and values.dtype == bool else values
+
+
+def _is_plain(dataset: h5py.Dataset) -> bool:
+    """Whether a column holds numbers or texts, not references to other objects."""
+    return dataset.dtype.kind in "iufb" or h5py.check_string_dtype(dataset.dtype) is not None
+
+
+def _order(group: h5py.Group, path: str | Path) -> list[str]:
+    """The names of a table's columns in the order of its attribute `colnames`, others after them."""
+    listed: list[str] = []
+    if "colnames" in group.attrs:
+        colnames = h5py.h5a.open(group.id, b"colnames")
+        check_size(path, colnames.get_storage_size())
+        listed = [name.decode() if isinstance(name, bytes) else str(name) for name in np.ravel(group.attrs["colnames"])]
+    return list(dict.fromkeys([*(name for name in listed if name in group), *group]))
+
+
+def named(group: h5py.Group) -> str:
+    """The first names in a group, in words."""
+    names = [str(name) for name, _ in zip(group, range(MOST_NAMED), strict=False)]
+    return f"there is {', '.join(names)}" if names else "there is none"
+
+
+def intervals(declared: Declared, table: str) -> np.ndarray:
+    """The beginnings and ends of a table of intervals in s, `(interval, 2)`; none without the table."""
+    if not declared.holds(table):
+        return np.empty((0, 2))
+    times = [declared.numbers(f"{table}/{name}").astype(float) for name in ("start_time", "stop_time")]
+    if len(times[0]) != len(times[1]):
+        raise InputError(f"{declared.path}: {table} has {len(times[0])} starts and {len(times[1])} stops; correct it")
+    return checked(np.stack(times, axis=1), f"{declared.path}: {table}")
+
+
+def checked(intervals_s: np.ndarray, where: str) -> np.ndarray:
+    """The intervals as they are; InputError for one that ends before it begins; `where` begins it."""
+    wrong = np.flatnonzero(~(intervals_s[:, 0] <= intervals_s[:, 1]))
+    if len(wrong):
+        start_s, stop_s = intervals_s[wrong[0]].tolist()
+        raise InputError(f"{where}: interval {wrong[0]} lasts from {start_s:g} s to {stop_s:g} s; correct it")
+    return intervals_s
+
+
+def electrodes_of(declared: Declared, series: str, n_channels: int) -> tuple[str, ...]:
+    """The names of the electrodes of a series: their column `label` or `channel_name`, else their ids; none without."""
+    if not (declared.holds(f"{series}/electrodes") and declared.holds(ELECTRODES)):
+        return ()
+    rows = declared.numbers(f"{series}/electrodes", "iu").astype(np.int64)
+    if len(rows) != n_channels:
+        raise InputError(f"{declared.path}: {series} has {n_channels} columns but {len(rows)} electrodes; correct it")
+    table = electrodes(declared, rows, f"{series}/electrodes")
+    known = [[str(text) for text in np.asarray(table[name], object)[rows]] for name in ELECTRODE_NAMES if name in table]
+    unique = next((names for names in known if len({*names}) == len(names)), None)
+    return tuple(unique or (f"electrode{number}" for number in declared.numbers(f"{ELECTRODES}/id")[rows].tolist()))
+
+
+def electrodes(declared: Declared, rows: np.ndarray, where: str) -> dict[str, np.ndarray | list[str]]:
+    """The columns of the table of electrodes, in which `rows` must lie; `where` says what names these rows."""
+    n_electrodes = len(declared.numbers(f"{ELECTRODES}/id", "iu"))
+    if not len(rows) or rows.min() < 0 or rows.max() >= n_electrodes:
+        raise InputError(f"{declared.path}: {where} names rows that {n_electrodes} electrodes do not have; correct it")
+    return dict(columns(declared, ELECTRODES, n_electrodes))
+
+
+def ends_of(declared: Declared, name: str, n_rows: int, n_values: int) -> np.ndarray:
+    """The end of the values of each row in a column of rows of any lengths, `(row,)`; InputError if they do not fit."""
+    ends = declared.numbers(f"{name}_index", "iu").astype(np.int64)
+    if len(ends) != n_rows or (np.diff(ends, prepend=0) < 0).any() or (n_rows and ends[-1] != n_values):
+        raise InputError(f"{declared.path}: {name}_index does not fit {n_values} values of {n_rows} rows; correct it")
+    return ends
+
+
+AFFERENT = "afferent"
+"""The column of units with the names of afferents."""
+SPIKE_TIMES, OBSERVED, INVALID = "units/spike_times", "units/obs_intervals", "intervals/invalid_times"
+UNITS = Words("`units`", "`units`", ("unit", "column"))
+
+
+def unit_names(declared: Declared, column: str) -> tuple[str, ...]:
+    """The names of the units: from the requested column, else `unit` and the id."""
+    path, ids = declared.path, declared.numbers("units/id", "iu").tolist()
+    if not 0 < len(ids) <= MOST_AFFERENTS:
+        raise InputError(f"{path}: has {len(ids)} units where 1 to {MOST_AFFERENTS} can be read; keep as many")
+    if declared.holds(f"units/{column}"):
+        names = tuple(str(name) for name in declared.column(f"units/{column}", len(ids)))
+    elif column != AFFERENT:
+        raise InputError(f"{path}: units have no column {column} ({named(declared.group('units'))}); give another")
+    else:
+        names = tuple(f"unit{unit_id}" for unit_id in ids)
+    twice = next((name for name in names if names.count(name) > 1), None) if len(set(names)) < len(names) else None
+    if twice is not None:
+        raise InputError(f"{path}: two units are called '{twice[:40]}'; name units by another column (`name`)")
+    return names
+
+
+def unit_of_each(declared: Declared, n_spikes: int, n_units: int) -> np.ndarray:
+    """The unit of each spike: `spike_times_index` holds the end of the spikes of each unit."""
+    return np.repeat(np.arange(n_units), np.diff(ends_of(declared, SPIKE_TIMES, n_units, n_spikes), prepend=0))
+
+
+def kept_units(declared: Declared, names: Sequence[str], choice: TrialChoice) -> np.ndarray:
+    """Which units are read, `(unit,)`: by their names, the columns of their table, and those of their electrodes."""
+    if not choice:
+        return np.ones(len(names), bool)
+    table = {"name": list(names), **dict(columns(declared, "units", len(names)))}
+    unknown = {*choice.where, *choice.leave_out} - {*table}
+    if unknown and declared.holds(ELECTRODES) and declared.holds("units/electrodes"):
+        table |= {name: values for name, values in _of_electrodes(declared, len(names)).items() if name not in table}
+    keep = choice.keeps(pd.DataFrame(table), str(declared.path), UNITS)
+    choice.say(keep, str(declared.path), UNITS)
+    return keep
+
+
+def _of_electrodes(declared: Declared, n_units: int) -> dict[str, list[str]]:
+    """The columns of the table of electrodes for each unit, as texts; several values of one unit are joined."""
+    rows = declared.numbers("units/electrodes", "iu").astype(np.int64)
+    is_ragged = declared.holds("units/electrodes_index")
+    groups = np.split(rows, ends_of(declared, "units/electrodes", n_units, len(rows))[:-1] if is_ragged else n_units)
+    table = electrodes(declared, rows, "units/electrodes")
+    return {
+        name: [", ".join(dict.fromkeys(str(np.asarray(values, object)[row]) for row in group)) for group in groups]
+        for name, values in table.items()
+    }
+
+
+def observed_by_units(
+    declared: Declared,
+    start_s: np.ndarray,
+    stop_s: np.ndarray,
+    kept: np.ndarray,
+    names: Sequence[str],
+    step_s: float,
+    policy: Unobserved | None,
+) -> np.ndarray:
+    """Which trials the kept units observe whole, to a step, without invalid times, `(trial,)`.
+
+    start_s, stop_s: of the trials. kept: of all units. names: of the kept units. A unit without intervals, in a file
+    where others have some, is taken as observed throughout.
+    """
+    observed = np.ones((len(names), len(start_s)), bool)
+    if declared.holds(OBSERVED):
+        spans = np.asarray(declared.value(OBSERVED), float)
+        if spans.ndim != 2 or spans.shape[1] != 2:
+            raise InputError(f"{declared.path}: {OBSERVED} has the shape {spans.shape} where (interval, 2) is expected")
+        own = np.split(
+            checked(spans, f"{declared.path}: {OBSERVED}"), ends_of(declared, OBSERVED, len(kept), len(spans))[:-1]
+        )
+        of_kept = [intervals_s for intervals_s, is_kept in zip(own, kept, strict=True) if is_kept]
+        for unit, intervals_s in enumerate(of_kept):
+            if len(intervals_s):
+                observed[unit] = within(start_s, stop_s, intervals_s, step_s)
+    return observed_trials(
+        observed, names, policy, str(declared.path), invalid=_invalid(declared, start_s, stop_s, step_s),
+        fix="leave units out with `leave_out_units={{'name': '{}'}}`",
+    )  # fmt: skip
+
+
+def valid_trials(declared: Declared, start_s: np.ndarray, stop_s: np.ndarray, policy: Unobserved | None) -> np.ndarray:
+    """Which trials of a time series have no invalid times, `(trial,)`; its samples are observed."""
+    observed, invalid = np.ones((0, len(start_s)), bool), _invalid(declared, start_s, stop_s, SLACK)
+    return observed_trials(observed, (), policy, str(declared.path), fix="", invalid=invalid)
+
+
+def _invalid(declared: Declared, start_s: np.ndarray, stop_s: np.ndarray, step_s: float) -> np.ndarray:
+    """Which trials touch the invalid times of the file for more than a step, `(trial,)`."""
+    return touching(start_s, stop_s, intervals(declared, INVALID), step_s)
+
 
 NOTES, OURS = "general/notes", "neurotact"
 """The field for data without a place in NWB (JSON), and the key that marks it."""
@@ -58,10 +241,8 @@ SYMBOLS = {"volts": "V", "volt": "V", "newtons": "N", "newton": "N", "pascals": 
 """Short names of units that NWB spells out."""
 PREFIXES = {"": 1.0, "k": 1e3, "m": 1e-3, "u": 1e-6, "µ": 1e-6}
 OF_TRIALS = "check its times of trials, which NWB has in seconds"
-OF_SERIES = doubts.Fixes("save the series without it")
+OF_SERIES = Fixes("save the series without it")
 """What mends a wrong column of a series."""
-
-log = logging.getLogger("neurotact")
 
 
 class NWBSpec(Spec):
@@ -303,9 +484,9 @@ def _recordings(declared: Declared, trials: _Trials, spec: NWBSpec) -> Recording
     for trial, (start, stop) in enumerate(cuts):
         signal = data[start:stop].reshape(stop - start, -1) * factor + offset
         check_digits(signal, f"{path}: {series}, trial {trial}")
-        table = Table(channels, signal, None if time_s is None else time_s[start:stop], 0, "s")
+        table = Samples(channels, signal, None if time_s is None else time_s[start:stop], 0, "s")
         read.append(Read(f"{path}: {series}, trial {trial}", f"trial {trial}", table))
-    return sampled.recordings(
+    return recordings_of(
         read, trials.conditions, rate_Hz or spec.sampling_rate_Hz, unit, max_gap_ms=spec.max_gap_ms,
         drop_repeats=spec.drop_repeats, source=str(path), where=str(path), fixes=OF_SERIES,
     )  # fmt: skip
@@ -376,7 +557,7 @@ def _cuts(
         time_s = declared.numbers(f"{series}/timestamps").astype(float)
         if len(time_s) != n_samples or (np.diff(time_s) < 0).any() or not np.isfinite(time_s).all():
             raise InputError(f"{path}: {series}/timestamps must rise, one per sample; correct them")
-        bounds = [np.searchsorted(clock.row_times(time_s), bounds_s) for bounds_s in (trials.start_s, trials.stop_s)]
+        bounds = [np.searchsorted(row_times(time_s), bounds_s) for bounds_s in (trials.start_s, trials.stop_s)]
         outside = bounds[1] - bounds[0] < 2
     wrong = np.flatnonzero(outside)
     if len(wrong):

@@ -8,14 +8,14 @@ import numpy as np
 
 from neurotact.errors import InputError, some
 
+log = logging.getLogger("neurotact")
+
 Unobserved = Literal["leave-out", "silent"]
 """What becomes of trials that are not observed whole: left out, however many they are, or read as silent."""
 MOST_UNOBSERVED = 0.1
 """Share of the trials that may be left out without being asked."""
 FEW = 0.5
 """Share of the trials below which a unit observes few."""
-
-log = logging.getLogger("neurotact")
 
 
 def within(start_s: np.ndarray, stop_s: np.ndarray, intervals_s: np.ndarray, slack_s: float) -> np.ndarray:

@@ -11,22 +11,31 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from neurotact.data import heidelberg
-from neurotact.data.readers.archives import read_array, read_arrays
-from neurotact.data.readers.clock import UNIT_S, Unit, unit_in, without_unit
-from neurotact.data.readers.contents import HDF5, LVM, MATLAB, NPY, NPZ, TDMS, ZIP, Content, content_of
-from neurotact.data.readers.event_times import event_times, in_order
-from neurotact.data.readers.events import ROW, Events, EventSpec, joined, to_trains
-from neurotact.data.readers.headings import named_table
-from neurotact.data.readers.layout import LayoutSpec, read_table
-from neurotact.data.readers.naming import NamingSpec, conditions_of
-from neurotact.data.readers.tables import DECIMAL_COMMA, NUMBER, called, columns_of, values_of
-from neurotact.data.readers.thousands import THOUSANDS, grouping_of
+from neurotact.data.readers.clock.stamps import UNIT_S, Unit, unit_in, without_unit
+from neurotact.data.readers.columns import LayoutSpec, read_table
+from neurotact.data.readers.events import heidelberg
+from neurotact.data.readers.events.spikes import ROW, Events, EventSpec, joined, to_trains
+from neurotact.data.readers.events.times import event_times, in_order
+from neurotact.data.readers.folder import NamingSpec, conditions_of
+from neurotact.data.readers.formats.contents import HDF5, LVM, MATLAB, NPY, NPZ, TDMS, ZIP, Content, content_of
+from neurotact.data.readers.formats.numpy_files import read_array, read_arrays
+from neurotact.data.readers.table.cells import (
+    DECIMAL_COMMA,
+    NUMBER,
+    THOUSANDS,
+    called,
+    columns_of,
+    grouping_of,
+    values_of,
+)
+from neurotact.data.readers.table.headings import named_table
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError, nearest, some
 from neurotact.files import below, check_size, existing, is_hidden
 from neurotact.spec import build
+
+log = logging.getLogger("neurotact")
 
 ALIASES = {
     "time": ("time", "times", "t", "timestamp", "timestamps", "ts"),
@@ -41,8 +50,6 @@ POPULATION, POLARITY = "population", "polarity"
 WRITTEN = ("trial", "afferent", "type", "time_s")
 """Columns of a table of spikes that was written for other programs: it lacks classes, silent trials and lengths."""
 ARCHIVES, TABLES, HDF5_FILES = (".npz", ".npy"), (".csv", ".txt", ".tsv"), (".h5", ".hdf5")
-
-log = logging.getLogger("neurotact")
 
 
 def read(

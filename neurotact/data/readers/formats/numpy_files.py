@@ -8,8 +8,7 @@ from typing import IO
 import numpy as np
 from numpy.lib import format as npy
 
-from neurotact.data.readers.contents import NPY, NPZ, ZIP, check_content
-from neurotact.data.readers.tables import check_digits, check_width
+from neurotact.data.readers.formats.contents import NPY, NPZ, ZIP, check_content
 from neurotact.errors import InputError
 from neurotact.files import check_size, existing
 
@@ -98,30 +97,3 @@ def _array_bytes(stream: IO[bytes]) -> int:
     read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
     shape, _, dtype = read_header(stream)
     return math.prod(shape) * dtype.itemsize
-
-
-def as_signal(array: np.ndarray, where: str) -> np.ndarray:
-    """`array` as a `(time, channel)` float32 signal; InputError, beginning with `where`, if it cannot be one.
-
-    >>> as_signal(np.array([[1, 2]]), "touch.npz, key 'press'")
-    array([[1., 2.]], dtype=float32)
-    """
-    if array.dtype.kind not in "iufb":
-        raise InputError(f"{where}: holds {array.dtype}, not numbers; save a (time, channel) array of real numbers")
-    if array.ndim != 2 or 0 in array.shape:
-        stacked = (
-            "; neurotact import arrays reads (trial, time, taxel), and a grid over time is saved as "
-            "grid.reshape(len(grid), -1)"
-        )
-        stacked = stacked if array.ndim == 3 else ""
-        raise InputError(f"{where}: has shape {array.shape}; save a (time, channel) array that is not empty{stacked}")
-    check_width(where, array.shape[1])
-    fits = np.abs(array) <= FLOAT32_MAX if array.dtype.kind == "f" else np.ones(array.shape, dtype=bool)
-    if not fits.all():
-        sample, channel = np.argwhere(~fits)[0]
-        raise InputError(
-            f"{where}: sample {sample}, channel {channel} is {array[sample, channel]}; "
-            "repair the gap, or use another unit where float32 cannot hold it"
-        )
-    check_digits(array, where)
-    return array.astype(np.float32)

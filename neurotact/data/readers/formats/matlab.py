@@ -11,12 +11,11 @@ import h5py
 import numpy as np
 
 from neurotact.data.hdf5_input import Declared, attribute, reading
-from neurotact.data.readers import contents
-from neurotact.data.readers.contents import check_content
+from neurotact.data.readers.formats.contents import HDF5, MATLAB, check_content
 from neurotact.errors import InputError
 from neurotact.files import check_size, existing
 
-MATLAB = ".mat"
+MAT_SUFFIX = ".mat"
 FORM, FIX = "a MATLAB file of version 5 or later", "save it in MATLAB with -v7"
 HEADER_BYTES = 128
 ORDERS = {b"IM": "<", b"MI": ">"}
@@ -73,7 +72,7 @@ def read_variables(path: str | Path) -> Variables:
     """
     path = existing(path)
     check_size(path, path.stat().st_size)
-    check_content(path, contents.MATLAB, contents.HDF5, wanted=FORM, fix=FIX)
+    check_content(path, MATLAB, HDF5, wanted=FORM, fix=FIX)
     variables = _from_hdf5(path) if h5py.is_hdf5(path) else _from_binary(path)
     filled = {name: values for name, values in variables.items() if isinstance(values, np.ndarray) and values.size}
     arrays = {name: _as_vector(values) for name, values in filled.items()}

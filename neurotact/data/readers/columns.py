@@ -10,17 +10,19 @@ from typing import Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from neurotact.data.readers import first_rows, ros, split_stamps
-from neurotact.data.readers.clock import Unit, is_time_of_day, seconds_of, unit_in
-from neurotact.data.readers.headings import open_table
-from neurotact.data.readers.tables import (
+from neurotact.data.readers.clock.split import apart, joined, pair_in
+from neurotact.data.readers.clock.stamps import Unit, is_time_of_day, seconds_of, unit_in
+from neurotact.data.readers.doubts import check_first_row
+from neurotact.data.readers.table.cells import (
     NOT_FINITE,
-    TextTable,
+    Table,
+    as_signal,
     columns_at,
     finite,
     lost_digits,
     with_whole_rows,
 )
+from neurotact.data.readers.table.headings import is_sample, open_table
 from neurotact.errors import InputError, nearest, some
 from neurotact.spec import Names, Spec
 
@@ -33,11 +35,19 @@ SINCE_1970_NS = 1e18
 """Nanoseconds since 1970 in 2001: no clock that starts with its computer counts as many."""
 INDEX = re.compile(r"(Unnamed: 0(\.\d+)?)?")
 """The name of a column of row numbers that pandas writes, or wrote and read again."""
+ROS_HEADER = re.compile(r"(.*[./_])?header[./_](seq|stamp|frame_id)\b.*", re.ASCII)
+"""The names of the header of a ROS message (`rostopic echo -p`, bagpy), which is no taxel."""
+ROS_FIELDS = 3
+"""Columns of the header in ROS 2 (`ros2 topic echo --csv`): seconds, nanoseconds, the name of the frame."""
+SECOND_NS, LEAST_NS = 10**9, 1000
+"""Nanoseconds of a second, and so many as a clock shows at least once; a number of a trial or a finger is smaller."""
 LIKE_NUMBER = re.compile(rf"\W*\d|({NOT_FINITE.pattern})$", re.IGNORECASE)
 """The beginning of a cell that may be meant as a number."""
 DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}", re.ASCII)
 CHOICE = ", or choose other columns with `columns`"
 RANGE = re.compile(r"(\d+)(?:-(\d+))?", re.ASCII)
+SAME = 1e-9
+"""Share by which intervals of channels may differ."""
 
 
 class ColumnsSpec(Spec):
@@ -75,7 +85,7 @@ class LayoutSpec(ColumnsSpec):
     """Whether arrays are (taxel, time)."""
 
 
-class Table(NamedTuple):
+class Samples(NamedTuple):
     """One file: the taxels' names (none without a header), their samples, the time stamps, the first sample's line.
 
     time_unit: of the stamps, as asked for or as their column is named; None if neither says it. notes: what is said
@@ -104,56 +114,70 @@ class _Columns(NamedTuple):
     rest: int | None = None
 
 
-class _Times(NamedTuple):
-    """Time stamps, and their unit; None if nothing says it."""
+class Clock(NamedTuple):
+    """The time stamps of all rows, `(row,)`, None without, and their unit, None if nothing says it."""
 
-    stamps: np.ndarray
+    time: np.ndarray | None
     unit: Unit | None
 
 
-def read_table(path: Path, layout: LayoutSpec, *, find_time: bool = True) -> Table:
-    """The samples of a text file and their stamps, if the layout names a time column or the file has one by its name.
-
-    find_time: whether a column that the layout does not name may be the time. What may stand above the samples:
-    `headings.open_table`. Columns without a single number are no taxels, and are left out. Raises InputError, which
-    names the file, the line and column, and the fix.
-    """
+def read_table(path: Path, layout: LayoutSpec, *, find_time: bool = True) -> Samples:
+    """The samples of a text file; `samples_of` says how. What may stand above them: `headings.open_table`."""
     table = open_table(path, layout.decimal, layout.header_lines, option="header_lines", choice=CHOICE)
+    return samples_of(table, layout, find_time=find_time)
+
+
+def samples_of(table: Table, layout: LayoutSpec, *, find_time: bool = True) -> Samples:
+    """The samples of a table and their stamps, if the layout names a time column or the table has one by its name.
+
+    find_time: whether a column that the layout does not name may be the time. Without one, the interval that the
+    format says gives the times. Columns without a single number are no taxels, and are left out. Raises InputError,
+    which names the file, the line and column, and the fix.
+    """
     table.check_has_rows()
-    if not table.names:
-        _check_not_numbered(table)
-    is_free = find_time and not layout.columns and layout.time_column is None
-    ros_time = ros.stamps_of(table) if is_free else None
-    columns = _columns_of(table, layout, find_time) if ros_time is None else _after_ros_header(table)
-    is_of_day = columns.time is not None and is_time_of_day(table.first_row[columns.time])
+    first = table.first_row
+    if not table.names and len(first) > 2 and first == [str(i) for i in range(len(first))]:
+        raise InputError(
+            f"{table.path}: line {table.first_line} counts 0 to {len(first) - 1}, which looks like column numbers, not "
+            "a sample; name the taxels or remove the line (pandas: to_csv(header=False))"
+        )
+    ros_time = _ros_stamps(table) if find_time and not layout.columns and layout.time_column is None else None
+    columns = _columns_of(table, layout, find_time)
+    if ros_time is not None:
+        note = f"columns 1 to {ROS_FIELDS} are the header of a ROS 2 message, whose stamp is the time"
+        columns = _Columns([*range(ROS_FIELDS, table.n_columns)], None, (note,))
+    is_of_day = columns.time is not None and is_time_of_day(first[columns.time])
     stamps_at = [column for column in (columns.time, columns.rest) if column is not None]
     n_cut = 0
     if layout.missing is not None:
         table, n_cut = with_whole_rows(table, are_kept=not stamps_at and ros_time is None)
-    values = dict(zip(
-        (*columns.taxels, *stamps_at),
-        columns_at(table, [*columns.taxels, *stamps_at], stamps_at[:1] if is_of_day else ()), strict=True,
-    ))  # fmt: skip
+    places = [*columns.taxels, *stamps_at]
+    values = dict(zip(places, columns_at(table, places, stamps_at[:1] if is_of_day else ()), strict=True))
+    clock = clock_of(table, columns.time, columns.rest, values, layout.time_unit)
+    if columns.time is not None and layout.time_column is None and not is_of_day:
+        check_rises(clock.time, table.names[columns.time], table.path)
     taxels, constants, notes = columns.taxels, {}, ()
     if not layout.columns:
         taxels, constants, notes = _without_texts(table, columns.taxels, values)
+    if ros_time is not None:
+        clock = Clock(ros_time, "s")
+    elif clock.time is None and find_time and table.intervals_s:
+        clock = _evenly(table, taxels, len(values[taxels[0]]))
     signal = _signal(table, taxels, values, with_gaps=layout.missing is not None)
     names = tuple(table.names[column] for column in taxels) if table.names else ()
     if not all(names):
         names, notes = (), (*notes, "a column has no name, so the taxels have none")
     gaps, cut = np.isnan(signal), ("lines that are empty or cut are left out",) if n_cut else ()
-    its = Table(
-        names, signal, None, table.first_line, notes=(*table.notes, *columns.notes, *notes, *cut),
-        constants=constants, missing=gaps if gaps.any() else None, n_cut=n_cut,
+    return Samples(
+        names, signal, clock.time, table.first_line, clock.unit, (*table.notes, *columns.notes, *notes, *cut),
+        constants, gaps if gaps.any() else None, n_cut,
     )  # fmt: skip
-    if columns.time is None:
-        return its if ros_time is None else its._replace(time=ros_time, time_unit="s")
-    times = _times(table, columns, values, layout)
-    return its._replace(time=times.stamps, time_unit=times.unit)
 
 
-def _signal(table: TextTable, taxels: Sequence[int], values: dict[int, np.ndarray], *, with_gaps: bool) -> np.ndarray:
+def _signal(table: Table, taxels: Sequence[int], values: dict[int, np.ndarray], *, with_gaps: bool) -> np.ndarray:
     """The samples of these columns, `(time, taxel)` float32; with_gaps: missing ones are NaN, else they are refused."""
+    if table.values and not with_gaps:
+        return as_signal(np.stack([values[column] for column in taxels], axis=1), str(table.path))
     signal = np.empty((len(values[taxels[0]]), len(taxels)), np.float32)
     lost = ""
     for number, column in enumerate(taxels):
@@ -161,36 +185,47 @@ def _signal(table: TextTable, taxels: Sequence[int], values: dict[int, np.ndarra
         lost = lost or lost_digits(samples[np.isfinite(samples)] if with_gaps else samples)
         signal[:, number] = samples
     if not np.isnan(signal).any():
-        first_rows.check(signal, str(table.path), table.first_line)
+        check_first_row(signal, str(table.path), table.first_line)
     if lost:
         raise InputError(f"{table.path}: {lost}{CHOICE}")
     return signal
 
 
-def _times(table: TextTable, columns: _Columns, values: Mapping[int, np.ndarray], layout: LayoutSpec) -> _Times:
-    """The time stamps of the columns that hold them, and their unit."""
-    path = table.path
-    assert columns.time is not None
-    is_of_day = is_time_of_day(table.first_row[columns.time])
+def _evenly(table: Table, taxels: Sequence[int], n_rows: int) -> Clock:
+    """The times of samples at the interval that a format says of each of these columns, if it does."""
+    intervals_s = [interval for column in taxels if (interval := table.intervals_s[column]) is not None]
+    if len(intervals_s) < len(taxels):
+        return Clock(None, None)
+    if max(intervals_s) - min(intervals_s) > SAME * max(intervals_s):
+        raise InputError(f"{table.path}: has channels of different intervals; choose taxels of one with `columns`")
+    return Clock(np.arange(n_rows) * intervals_s[0], "s")
+
+
+def clock_of(
+    table: Table, time: int | None, rest: int | None, values: Mapping[int, np.ndarray], asked: Unit | None
+) -> Clock:
+    """The time stamps in the column `time`, numbers or times of day, with the rest of their seconds in another one.
+
+    values: the columns by their places. asked: the unit that the user gives.
+    """
+    if time is None:
+        return Clock(None, asked)
+    where, first = str(table.path), table.first_line
+    is_of_day = values[time].dtype.kind == "U" and is_time_of_day(str(values[time][0]))
     if is_of_day:
-        cells_of_day = values[columns.time].tolist()
-        time = seconds_of(cells_of_day, str(path), str(columns.time + 1), table.first_line, layout.time_unit)
+        stamps = seconds_of(values[time].tolist(), where, str(time + 1), first, asked)
     else:
-        time = finite(table, columns.time, values[columns.time])
-    if columns.rest is not None:
-        name = table.names[columns.rest] if table.names else str(columns.rest + 1)
-        rest = finite(table, columns.rest, values[columns.rest])
-        time = split_stamps.joined(time, rest, name, str(path), table.first_line, layout.time_unit)
-    if layout.time_column is None and not is_of_day:
-        check_rises(time, table.names[columns.time], path)
-    in_seconds = is_of_day or columns.rest is not None
-    return _Times(time, "s" if in_seconds else layout.time_unit or unit_of(table, columns.time, time))
+        stamps = finite(table, time, values[time])
+    if rest is not None:
+        name = table.names[rest] if table.names else str(rest + 1)
+        return Clock(joined(stamps, finite(table, rest, values[rest]), name, where, first, asked), "s")
+    return Clock(stamps, "s" if is_of_day else asked or unit_of(table, time, stamps))
 
 
-def unit_of(table: TextTable, column: int, time: np.ndarray) -> Unit | None:
+def unit_of(table: Table, column: int, time: np.ndarray) -> Unit | None:
     """The unit of a column of times: in its name, below it, or that of nanoseconds since 1970; None if nothing says it.
 
-    >>> table = TextTable(Path("felt.csv"), ("t", "left"), ",", "0,1", 2, units=("[ms]", "mV"))
+    >>> table = Table(Path("felt.csv"), ("t", "left"), ",", "0,1", 2, units=("[ms]", "mV"))
     >>> unit_of(table, 0, np.zeros(1)), unit_of(table._replace(units=()), 0, np.array([1.7e18]))
     ('ms', 'ns')
     """
@@ -200,7 +235,33 @@ def unit_of(table: TextTable, column: int, time: np.ndarray) -> Unit | None:
     return named or below or ("ns" if is_since_1970 else None)
 
 
-def is_index(table: TextTable, column: int, values: np.ndarray) -> bool:
+def _ros_stamps(table: Table) -> np.ndarray | None:
+    """The stamps of ROS 2 messages in seconds from the first one on, `(row,)`; None if the columns are something else.
+
+    `ros2 topic echo --csv` names no column, and begins each row with the header of the message, if it has one.
+    """
+    seconds, nanoseconds, frame = (*table.first_row[:ROS_FIELDS], "", "", "")[:ROS_FIELDS]
+    if table.names or table.n_columns <= ROS_FIELDS or is_sample(frame) or not (seconds + nanoseconds).isdigit():
+        return None
+    second, rest_ns = columns_at(table, [0, 1])
+    if second.dtype.kind not in "iu" or rest_ns.dtype.kind not in "iu":
+        return None
+    if not (LEAST_NS <= rest_ns.max() < SECOND_NS and min(second.min(), rest_ns.min()) >= 0):
+        return None
+    since_first = (second - second[0]).astype(np.float64) * SECOND_NS + (rest_ns - rest_ns[0])
+    return since_first / SECOND_NS if (np.diff(since_first) >= 0).all() and since_first[-1] > 0 else None
+
+
+def is_ros_header(name: str) -> bool:
+    """Whether a column is of the header of a message.
+
+    >>> [is_ros_header(name) for name in ("field.header.stamp", "header.stamp.secs", "header", "pressure")]
+    [True, True, False, False]
+    """
+    return bool(ROS_HEADER.fullmatch(name))
+
+
+def is_index(table: Table, column: int, values: np.ndarray) -> bool:
     """Whether a column is one in which pandas numbers the rows: without a name, and counting."""
     if not table.names or not INDEX.fullmatch(table.names[column]) or values.dtype.kind == "U":
         return False
@@ -208,7 +269,7 @@ def is_index(table: TextTable, column: int, values: np.ndarray) -> bool:
 
 
 def _without_texts(
-    table: TextTable, taxels: list[int], values: Mapping[int, np.ndarray]
+    table: Table, taxels: list[int], values: Mapping[int, np.ndarray]
 ) -> tuple[list[int], dict[str, str], tuple[str, ...]]:
     """The taxels without columns that hold no number, nor pandas' numbers of rows; of these, the columns that have a
     name and one text in all rows, with it; and what is said of the others.
@@ -244,18 +305,14 @@ def is_text(name: str) -> bool:
     return not any(unicodedata.category(character) in ("Cc", "Cs", "Zl", "Zp") for character in name)
 
 
-def _after_ros_header(table: TextTable) -> _Columns:
-    note = f"columns 1 to {ros.FIELDS} are the header of a ROS 2 message, whose stamp is the time"
-    return _Columns([*range(ros.FIELDS, table.n_columns)], None, (note,))
-
-
-def _columns_of(table: TextTable, layout: LayoutSpec, find_time: bool) -> _Columns:
+def _columns_of(table: Table, layout: LayoutSpec, find_time: bool) -> _Columns:
     names, first, path = table.names, table.first_row, table.path
-    headers = [column for column, name in enumerate(names) if ros.is_header(name)]
+    headers = [column for column, name in enumerate(names) if is_ros_header(name)]
     chosen, time, rest = chosen_places(layout.columns, layout.time_column, names, first, path, find_time=find_time)
     taxels = chosen or [column for column in range(table.n_columns) if column not in (time, rest, *headers)]
     if not taxels:
-        raise InputError(f"{path}: has no column besides the time; record at least one taxel")
+        what = "channel" if table.values else "column"
+        raise InputError(f"{path}: has no {what} besides the time; record at least one taxel")
     seen: set[str] = set()
     for column in [*taxels, *([] if time is None else [time])] if names else []:
         if names[column] in seen - {""}:
@@ -296,7 +353,7 @@ def chosen_places(
     chosen = [column for choice in columns for column in _places(choice, names, len(first), "`columns`", path)]
     time = rest = None
     if time_column is not None:
-        parts = split_stamps.apart(time_column, names)
+        parts = apart(time_column, names)
         time, rest = [*(_places(part, names, len(first), "`time_column`", path)[0] for part in parts), None][:2]
     elif find_time:
         time, rest = _stamps_at(names, first, [*used, *chosen])
@@ -315,7 +372,7 @@ def _stamps_at(
     >>> _stamps_at(["seconds", "nanoseconds", "left"], [], []), _stamps_at(["time", "left_sec", "left_nsec"], [], [])
     ((0, 1), (0, None))
     """
-    single, pair = _time_place(names, first, others), split_stamps.pair_in(names, others)
+    single, pair = _time_place(names, first, others), pair_in(names, others)
     return pair if pair is not None and single in (None, *pair) else (single, None)
 
 
@@ -364,12 +421,3 @@ def _places(choice: str, names: tuple[str, ...], n_columns: int, option: str, pa
             "columns that it has, or move it away if it is from another sensor"
         )
     return list(range(first - 1, last))
-
-
-def _check_not_numbered(table: TextTable) -> None:
-    first = table.first_row
-    if len(first) > 2 and first == [str(i) for i in range(len(first))]:
-        raise InputError(
-            f"{table.path}: line {table.first_line} counts 0 to {len(first) - 1}, which looks like column numbers, not "
-            "a sample; name the taxels or remove the line (pandas: to_csv(header=False))"
-        )

@@ -7,8 +7,7 @@ from typing import Literal, NamedTuple, cast
 
 import numpy as np
 
-from neurotact.data.readers import shared_stamps
-from neurotact.data.readers.shared_stamps import Uneven
+from neurotact.data.readers.clock.shared import Uneven, on_line, spread
 from neurotact.errors import InputError
 
 Unit = Literal["s", "ms", "us", "ns"]
@@ -264,8 +263,8 @@ def row_times(time: np.ndarray) -> np.ndarray:
     later = np.flatnonzero(np.diff(time)) + 1
     if len(later) in (0, len(time) - 1):
         return time
-    spread = shared_stamps.spread(time - time[0], _resolution(time))
-    return spread - spread[later[0]] + time[later[0]] if isinstance(spread, np.ndarray) else time
+    even = spread(time - time[0], _resolution(time))
+    return even - even[later[0]] + time[later[0]] if isinstance(even, np.ndarray) else time
 
 
 class _Rows(NamedTuple):
@@ -283,18 +282,18 @@ def _shared(
     n_rows, n_repeats = len(keep), int((~keep).sum())
     every = np.ones(n_rows, bool)
     given_s = None if given_Hz is None else 1 / given_Hz
-    if given_s is not None and shared_stamps.on_line(time_s, resolution_s, given_s):
+    if given_s is not None and on_line(time_s, resolution_s, given_s):
         return _stamps(np.arange(n_rows) * given_s, every, 0.0, n_repeats)
     dropped = _stamps(time_s[keep], keep, resolution_s) if keep.sum() > 1 else None
     is_few = n_repeats <= MOST_DROPPED * n_rows
     if dropped and ((is_few and dropped.is_regular) or _are_copies(signal, keep)):
         return dropped
-    spread = shared_stamps.spread(time_s, resolution_s, common_s)
-    if isinstance(spread, np.ndarray):
-        return _stamps(spread, every, 0.0, n_repeats)
+    even = spread(time_s, resolution_s, common_s)
+    if isinstance(even, np.ndarray):
+        return _stamps(even, every, 0.0, n_repeats)
     if given_s is not None and 1 / SPAN < n_rows * given_s / _span(time_s[keep]) < SPAN:
         return _stamps(np.arange(n_rows) * given_s, every, 0.0, n_repeats)
-    return dropped if dropped and is_few else spread
+    return dropped if dropped and is_few else even
 
 
 def _stamps(time_s: np.ndarray, keep: np.ndarray, resolution_s: float, n_shared: int = 0) -> Stamps:

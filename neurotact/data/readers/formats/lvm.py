@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 from typing import NamedTuple, cast
 
-from neurotact.data.readers.tables import Decimal, TextTable, lines_of
+from neurotact.data.readers.table.cells import Decimal, Table, lines_of
 from neurotact.errors import InputError
 
 BEGIN, END = "LabVIEW Measurement", "***End_of_Header***"
@@ -39,7 +39,7 @@ def is_measurement(text: str) -> bool:
     return text.lstrip().startswith(BEGIN)
 
 
-def measurement(text: str, path: Path, decimal: Decimal) -> TextTable:
+def measurement(text: str, path: Path, decimal: Decimal) -> Table:
     """The table in a LabVIEW measurement: the times in the column X_Value, if the file has them or their interval.
 
     decimal: as asked for; that of the file is used. InputError for a file of several segments, for X values that are no
@@ -68,7 +68,7 @@ def measurement(text: str, path: Path, decimal: Decimal) -> TextTable:
         else:
             times = (repr(start + interval * number).replace(".", mark) for number in range(len(rows)))
             rows = [[time, *row[1:]] for time, row in zip(times, rows, strict=True)]
-    return TextTable(
+    return Table(
         path, tuple(names), head.separator, "\n".join(map(head.separator.join, rows)), len(names), head.n_lines + 1,
         cast(Decimal, mark), tuple(units) if len(units) == len(names) else (),
         notes=(f"comments of LabVIEW are not read ({n_comments} lines)",) if n_comments else (),

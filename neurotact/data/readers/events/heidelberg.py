@@ -12,18 +12,8 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.hdf5_input import EVENTS, Declared, opened
-from neurotact.data.readers.clock import UNIT_S
-from neurotact.data.readers.event_times import (
-    MOST_COMPARED,
-    EventTimes,
-    InOrder,
-    event_times,
-    in_order,
-    joined_times,
-    rounding_of,
-    steps_of,
-)
-from neurotact.data.readers.events import (
+from neurotact.data.readers.clock.stamps import UNIT_S
+from neurotact.data.readers.events.spikes import (
     EventSpec,
     channel_names,
     check_range,
@@ -32,6 +22,16 @@ from neurotact.data.readers.events import (
     say_lost,
     say_order,
     say_times,
+)
+from neurotact.data.readers.events.times import (
+    MOST_COMPARED,
+    EventTimes,
+    InOrder,
+    event_times,
+    in_order,
+    joined_times,
+    rounding_of,
+    steps_of,
 )
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains, from_trials
