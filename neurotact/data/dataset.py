@@ -124,7 +124,7 @@ def load_touches(spec: DatasetSpec) -> Recordings | SpikeTrains:
 
 
 def load_recordings(spec: DatasetSpec) -> Recordings:
-    """As `load_touches`; InputError for spikes, which need no encoder. Lines tell what is doubtful in a published set."""
+    """As `load_touches`; InputError for spikes, which need no encoder. Lines tell what is doubtful in a read set."""
     touches = _every(spec, hdf5.load_recordings)
     if not isinstance(touches, Recordings):
         what = f"{expand(spec.path or '')}: '{spec.read}' reads spikes, not recordings"
