@@ -2,22 +2,24 @@
 
 import copy
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import safetensors.torch
 import torch
+from neurotact_parts.studies.touch_modality.conv_lstm import IMAGE_AXES
 from numpy.typing import ArrayLike
 from safetensors import SafetensorError
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 from torch import Tensor, nn
 
-from neurotact.baselines.conv_lstm import IMAGE_AXES
 from neurotact.checks import sequences
 from neurotact.errors import InputError, nearest, optional
 from neurotact.files import existing
+from neurotact.metrics.flops import BYTES, Cost, Layer
 
 TRUNKS: dict[str, Callable[[Any], nn.Module]] = {
     "resnet50": lambda network: nn.Sequential(*list(network.children())[:-2]),
@@ -54,7 +56,7 @@ class CNNFeatures(TransformerMixin, BaseEstimator):
     Raises InputError for unknown networks, for missing or unsuitable weights, and for X of another shape.
 
     >>> from sklearn.pipeline import make_pipeline
-    >>> from neurotact.baselines.recurrent import LSTMClassifier
+    >>> from neurotact_parts.studies.touch_modality.recurrent import LSTMClassifier
     >>> X, y = np.random.default_rng(0).normal(size=(4, 2, 8, 8)), ["rolling", "sliding"] * 2
     >>> cnn = nn.Sequential(nn.Conv2d(3, 5, kernel_size=4, stride=4), nn.ReLU())
     >>> cnn_lstm = make_pipeline(CNNFeatures(cnn), LSTMClassifier(hidden=6, epochs=1, random_state=0)).fit(X, y)
@@ -130,3 +132,22 @@ def _load(network: nn.Module, weights: str | Path) -> nn.Module:
             )
     network.load_state_dict(tensors)
     return network
+
+
+@dataclass(frozen=True)
+class Conv2d(Layer):
+    """A two-dimensional convolution with square kernels; `height` and `width` are those of its *output*.
+
+    At a padded border the products with zeros are counted too.
+    """
+
+    height: int
+    width: int
+    channels: int
+    filters: int
+    kernel: int
+
+    def cost(self) -> Cost:
+        pixels, weights = self.height * self.width, self.filters * self.channels * self.kernel**2
+        parameters = weights + self.filters
+        return Cost(macs=pixels * weights, parameters=parameters, bytes=BYTES * parameters)

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.studies.compliance.centroid_kmeans import ClassCentroidKMeans
 from sklearn.cluster import KMeans
 from sklearn.utils import check_random_state
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from neurotact.baselines.centroid_kmeans import ClassCentroidKMeans
 from neurotact.errors import InputError
 
 OBJECTS = np.array(["can", "egg", "lemon", "sponge"])

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 import safetensors.torch
 import torch
+from neurotact_parts.studies.touch_modality.cnn_features import IMAGENET_MEAN, IMAGENET_SD, CNNFeatures
+from neurotact_parts.studies.touch_modality.recurrent import LSTMClassifier
 from sklearn.base import clone
 from sklearn.pipeline import make_pipeline
 from torch import nn
 
-from neurotact.baselines.cnn_features import IMAGENET_MEAN, IMAGENET_SD, CNNFeatures
-from neurotact.baselines.recurrent import LSTMClassifier
 from neurotact.errors import InputError
 
 

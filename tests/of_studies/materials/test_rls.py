@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.studies.materials.rls import RLSClassifier
 from sklearn.kernel_ridge import KernelRidge
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from neurotact.baselines.rls import RLSClassifier
 from neurotact.errors import InputError
 
 

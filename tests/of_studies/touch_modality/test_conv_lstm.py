@@ -1,12 +1,15 @@
 import numpy as np
 import pytest
 import torch
+from neurotact_parts.studies.touch_modality import conv_lstm
+from neurotact_parts.studies.touch_modality.cnn_features import Conv2d
+from neurotact_parts.studies.touch_modality.conv_lstm import ConvLSTM, ConvLSTMClassifier
+from neurotact_parts.studies.touch_modality.recurrent import LSTM
+from neurotact_parts.studies.touch_modality.recurrent_layers import LSTMLayers, Shape
 from sklearn.base import clone
 
-from neurotact.baselines import conv_lstm
-from neurotact.baselines.conv_lstm import ConvLSTMClassifier
-from neurotact.baselines.recurrent_layers import LSTMLayers, Shape
 from neurotact.errors import InputError
+from neurotact.metrics.flops import Cost, cost
 
 
 def bars(n_trials=24, n_steps=5, side=7, seed=0):
@@ -89,3 +92,16 @@ def test_refusals():
         fitted.predict(X[:, :, :6])
     with pytest.raises(InputError, match="not finite"):
         fitted.predict(X * np.inf)
+
+
+def test_convolutions_by_hand():
+    # 2x3 output pixels, 1 channel, 2 filters of 3x3: 6 x 2 x 9 MACs; 2 filters of 9 weights and a bias.
+    assert cost(Conv2d(2, 3, 1, 2, 3)) == Cost(macs=108, parameters=20, bytes=80)
+    # An LSTM of 1 channel and 2 filters on 6 pixels: 4 gates x 2 filters x 3 maps x 9 = 216 weights, 8 biases.
+    convolutional = cost(ConvLSTM(2, 3, 1, 2, 3))
+    assert (convolutional.macs, convolutional.parameters) == (6 * 216 + 12, 224)
+    assert convolutional.other_flops == 12 * (2 + 3 * 14 + 2 * 15)
+
+
+def test_a_conv_lstm_of_one_pixel_and_one_tap_is_an_lstm():
+    assert cost(ConvLSTM(1, 1, 16, 10, 1, steps=20)) == cost(LSTM(16, 10, steps=20))

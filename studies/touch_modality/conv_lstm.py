@@ -1,9 +1,11 @@
 """A convolutional LSTM that classifies sequences of images."""
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import torch
+from neurotact_parts.studies.touch_modality.recurrent import LSTM_UNIT
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils import check_random_state
@@ -14,6 +16,7 @@ from torch.nn import functional, init
 from neurotact.baselines.targets import ProbabilitiesMixin, encode
 from neurotact.checks import at_least, sequences, trial_labels
 from neurotact.errors import InputError
+from neurotact.metrics.flops import BYTES, Cost, Layer
 
 IMAGE_AXES = "trial, time, height, width"
 
@@ -146,3 +149,25 @@ class _Network(nn.Module):
             c = f.sigmoid() * c + i.sigmoid() * g.tanh()
             h = o.sigmoid() * c.tanh()
         return self.output(self.dense(h.flatten(1)).relu())
+
+
+@dataclass(frozen=True)
+class ConvLSTM(Layer):
+    """`steps` steps of a convolutional LSTM: an LSTM whose products are convolutions with square kernels.
+
+    `height` and `width` are those of its output, as for `Conv2d`; no peepholes.
+    """
+
+    height: int
+    width: int
+    channels: int
+    filters: int
+    kernel: int
+    steps: int = 1
+
+    def cost(self) -> Cost:
+        units = self.height * self.width * self.filters
+        weights = 4 * self.filters * (self.channels + self.filters) * self.kernel**2
+        step = Cost(macs=self.height * self.width * weights) + LSTM_UNIT.times(units)
+        parameters = weights + 4 * self.filters
+        return Cost(parameters=parameters, bytes=BYTES * (parameters + 2 * units)) + step.times(self.steps)

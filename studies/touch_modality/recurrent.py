@@ -1,11 +1,13 @@
 """LSTM and GRU classifiers of sequences, trained singly or many at once."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import groupby
 from typing import ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 import torch
+from neurotact_parts.studies.touch_modality.recurrent_layers import GRULayers, Layers, LSTMLayers, Shape
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClassifierMixin, clone
 from sklearn.utils import check_random_state
@@ -13,10 +15,10 @@ from sklearn.utils.validation import check_is_fitted
 from torch import Tensor
 from torch.nn import functional, init
 
-from neurotact.baselines.recurrent_layers import GRULayers, Layers, LSTMLayers, Shape
 from neurotact.baselines.targets import ProbabilitiesMixin, encode
 from neurotact.checks import at_least, sequences, trial_labels
 from neurotact.errors import InputError
+from neurotact.metrics.flops import BYTES, SIGMOID, TANH, Cost, Layer
 
 SIGNAL_AXES = "trial, time, channel"
 
@@ -251,3 +253,25 @@ def _d_cross_entropy(logits: Tensor, labels: Tensor) -> Tensor:
     n_trials = logits.shape[2]
     truth = functional.one_hot(labels, logits.shape[1]).transpose(1, 2)
     return (logits.softmax(dim=1) - truth) / n_trials
+
+
+LSTM_UNIT = Cost(macs=1, multiplications=2) + SIGMOID.times(3) + TANH.times(2)
+"""A unit of an LSTM in a step, beside its gates' sums: `f c`, `+ i g`, `o tanh(c)`."""
+
+
+@dataclass(frozen=True)
+class LSTM(Layer):
+    """`steps` steps of an LSTM with one bias a gate.
+
+    A step: four gates; `c = f c + i g`; `h = o tanh(c)`; three sigmoids and two tanhs a unit.
+    """
+
+    inputs: int
+    units: int
+    steps: int = 1
+
+    def cost(self) -> Cost:
+        n, gates = self.units, 4 * self.units * (self.inputs + self.units)
+        step = Cost(macs=gates) + LSTM_UNIT.times(n)
+        parameters = gates + 4 * n
+        return Cost(parameters=parameters, bytes=BYTES * (parameters + 2 * n)) + step.times(self.steps)

@@ -4,11 +4,14 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.studies import published_flops
+from neurotact_parts.studies.touch_modality.recurrent import AT_ONCE, LSTM, GRUClassifier, LSTMClassifier, fit_snapshots
 from sklearn.base import clone
 from sklearn.model_selection import cross_val_score
 
-from neurotact.baselines.recurrent import AT_ONCE, GRUClassifier, LSTMClassifier, fit_snapshots
+from neurotact.baselines.pooled_gru import GRU
 from neurotact.errors import InputError
+from neurotact.metrics.flops import Cost, Dense, cost
 
 CLASSIFIERS = (LSTMClassifier, GRUClassifier)
 MODALITIES = np.array(["brushing", "rolling", "sliding"])
@@ -181,3 +184,26 @@ def test_refusals():
         LSTMClassifier().fit(X, ["sliding"] * 6)
     with pytest.raises(InputError, match="batch: must be a whole number >= 1; got 0"):
         LSTMClassifier(batch=0).fit(X, y)
+
+
+def test_lstm_by_hand():
+    # 1 input, 2 units, one step. Gates: 8 sums of 1 + 2 products = 24 MACs. Cell: f c a product, + i g a MAC, a unit;
+    # o tanh(c) a product a unit; 3 sigmoids of 14 and 2 tanhs of 15 a unit, each an exponential and a division.
+    one = cost(LSTM(1, 2))
+    others = {"multiplications": 2 * 2, "comparisons": 2 * (3 * 2 + 2 * 3), "divisions": 10, "exponentials": 10}
+    assert one == Cost(macs=24 + 2, parameters=32, bytes=4 * (32 + 4), **others)
+    assert one.other_flops == 2 * (2 + 3 * 14 + 2 * 15)
+    five = cost(LSTM(1, 2, steps=5))
+    assert (five.macs, five.other_flops, five.parameters) == (5 * one.macs, 5 * one.other_flops, 32)
+
+
+def test_published_parameters_of_the_touch_modality_paper():
+    assert cost(LSTM(16, 10), Dense(10, 3)).parameters == 1113
+    assert cost(GRU(16, 10), Dense(10, 3)).parameters == 843
+    assert cost(GRU(16, 12), Dense(12, 3)).parameters == 1083
+
+
+def test_a_published_block_is_no_count_of_an_inference():
+    ours = cost(LSTM(16, 10), Dense(10, 3)).flops
+    assert ours == 2 * (1040 + 10 + 30) + 10 * 74
+    assert ours != published_flops.touch_modality_flops("LSTM", 10)

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 import torch
+from neurotact_parts.studies.stiffness.slfn import SLFNClassifier, fit_many
 from sklearn.base import clone
 from sklearn.neural_network import MLPClassifier
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from neurotact.baselines.slfn import SLFNClassifier, fit_many
 from neurotact.errors import InputError
 
 

@@ -5,8 +5,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-
-from neurotact.baselines.recurrent_layers import GRULayers, LSTMLayers, Shape
+from neurotact_parts.studies.touch_modality.recurrent_layers import GRULayers, LSTMLayers, Shape
 
 KINDS = (LSTMLayers, GRULayers)
 shapes = st.builds(Shape, st.integers(1, 3), st.integers(1, 5), st.integers(1, 6), st.integers(1, 4), st.integers(1, 5))
