@@ -444,7 +444,13 @@ WAYS = {
     "sops": [
         Way(
             "sops in/run -o a.csv",
-            {"-o": "-o b.csv", "--early-exit": "--early-exit", "--json": "--json", "--force": TWICE},
+            {
+                "--prices": "--prices in/chip.toml",
+                "-o": "-o b.csv",
+                "--early-exit": "--early-exit",
+                "--json": "--json",
+                "--force": TWICE,
+            },
             tested={"--spikes": MOVED},
         ),
         Way("sops in/run -o a.csv --spikes in/other-spikes.h5", {"--allow-other-encoder": "--allow-other-encoder"}),
@@ -718,6 +724,7 @@ def further() -> None:
     wide = np.random.default_rng(0).normal(size=(4, 20, 70)).astype(np.float32)
     nt.save(nt.Recordings(wide, 1000.0, "mV", pd.DataFrame({"label": ["a", "b"] * 2})), "wide.h5")
     Path("space.toml").write_text('hidden = { _type = "choice", _value = [2, 3] }\n')
+    Path("chip.toml").write_text("source = 'a data sheet'\nmultiplication_pJ = 0.2\naddition_pJ = 0.1\n")
     if find_spec("pynwb"):
         spikes = nt.load("spikes.h5")
         assert isinstance(spikes, nt.SpikeTrains)

@@ -21,7 +21,9 @@ class Place(NamedTuple):
 
 
 COMMANDS = {
-    "list": Place("specs", "list_specs", "List the specs that ship: encoders, networks, search spaces, studies."),
+    "list": Place(
+        "specs", "list_specs", "List the specs that ship: encoders, networks, search spaces, studies, price lists."
+    ),
     "show": Place("specs", "show", "Print a spec, with the comments that give its sources."),
     "copy": Place("specs", "copy", "Copy a spec to this folder, to edit it and pass its path."),
     "simulate": Place("simulate", "app", "Simulate an experiment."),
