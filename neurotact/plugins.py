@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from neurotact.errors import InputError, first_line, nearest
 
-Group = Literal["simulators", "readers", "protocols", "surrogates", "losses", "prices"]
+Group = Literal["simulators", "readers", "protocols", "surrogates", "losses", "prices", "exporters", "tools"]
 OURS = __name__.partition(".")[0]
 
 

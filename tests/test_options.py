@@ -853,7 +853,7 @@ NAMES = {"settings": "--set", "length_ms": "--window-ms", "folder": "-o", "path"
     "leave_out_units": "--units",
     "source": "--from",}  # fmt: skip
 INPUTS = {"spikes", "run", "recordings", "name", "path", "what", "source", "block", "parts", "network", "folder",
-          "column", "file", "decisions", "tell", "check", "kind"}  # fmt: skip
+          "column", "file", "decisions", "tell", "check", "kind", "options"}  # fmt: skip
 """What a function works on, and whom it tells."""
 HERE, NWB, NEO = "tests/test_options.py", "tests/data/readers/test_nwb.py", "tests/data/test_neo_blocks.py"
 DECODING = "tests/encoders/test_decoding.py"
@@ -902,13 +902,13 @@ def test_an_option_is_a_keyword_with_its_default():
 
 
 def test_a_public_function_names_all_its_keywords():
-    """Besides `simulate`, whose further keywords are the keys of its spec."""
+    """Besides `simulate`, whose further keywords are the keys of its spec, and `export`: those of its exporter."""
     swallowing = [
         name
         for name in FUNCTIONS
         if any(each.kind == each.VAR_KEYWORD for each in inspect.signature(getattr(nt, name)).parameters.values())
     ]
-    assert swallowing == ["simulate"]
+    assert swallowing == ["export", "simulate"]
     assert not any(each.kind == each.VAR_KEYWORD for each in inspect.signature(nt.Stream).parameters.values())
 
 

@@ -13,7 +13,6 @@ from neurotact.api.arguments import (
     LeftOut,
     Settings,
     Tell,
-    check_folder,
     check_instance,
     columns_of,
     path_of,
@@ -440,7 +439,8 @@ def sops(
     >>> nt.sops("run", "sops.csv")["side"].unique().tolist()
     ['test']
     """
-    check_folder(run, "sops", "whose test windows it counts (SpikingClassifier.sops counts those of any windows)")
+    why = "whose test windows it counts (SpikingClassifier.sops counts those of any windows)"
+    fitted.check_folder(run, "sops", why)
     run, out = Path(run), Path(out)
     files.check_new(out, force=force, inputs=[*trained.files_of(run), spikes])
     priced = price_list(prices)

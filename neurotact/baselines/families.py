@@ -6,6 +6,7 @@ in validation accuracy: the first.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
@@ -15,11 +16,10 @@ from sklearn.svm import SVC
 
 from neurotact.baselines import minirocket as rocket
 from neurotact.baselines.elm import ELMClassifier
-from neurotact.baselines.pooled_gru import PooledGRUClassifier
+from neurotact.baselines.pooled_gru import GRU, PooledGRUClassifier, PooledStates
 from neurotact.metrics import flops
-from neurotact.metrics.flops import Layer
+from neurotact.metrics.flops import BYTES, Cost, Layer
 from neurotact.metrics.linear import fit_linear
-from neurotact.metrics.signal_flops import FixedConvolutions, PooledStates
 
 T = TypeVar("T")
 LINEAR_CS = (1.0, 0.01, 0.1, 10.0, 100.0)
@@ -113,7 +113,7 @@ def _extra_trees(sides: Sides, leaf: int, seed: int) -> Candidate:
     forest = ExtraTreesClassifier(TREES, min_samples_leaf=leaf, random_state=seed)
     fitted = forest.fit(sides.train, sides.y_train)
     n_nodes = sum(tree.tree_.node_count for tree in fitted.estimators_)
-    layer = flops.Trees(TREES, mean_depth(fitted, sides.train), n_nodes, len(np.unique(sides.y_train)))
+    layer = Trees(TREES, mean_depth(fitted, sides.train), n_nodes, len(np.unique(sides.y_train)))
     return Candidate(f"{TREES} trees, leaves of {leaf}", fitted, (layer,))
 
 
@@ -133,7 +133,7 @@ def _minirocket(sides: Sides, features: int, seed: int) -> Candidate:
     _, n_steps, n_channels = sides.train.shape
     fitted = rocket.MiniRocketClassifier(features, seed).fit(sides.train, sides.y_train)
     convolutions = fitted.transform_.convolutions_
-    made = FixedConvolutions(
+    made = rocket.FixedConvolutions(
         n_steps,
         n_channels,
         dilations=len({one.dilation for one in convolutions}),
@@ -155,7 +155,7 @@ def _pooled_gru(sides: Sides, hidden: int, seed: int) -> Candidate:
     network = PooledGRUClassifier(hidden, random_state=seed)
     fitted = network.fit(sides.train, sides.y_train, validation=(sides.validation, sides.y_validation))
     layers = (
-        flops.GRU(n_channels, hidden, n_steps),
+        GRU(n_channels, hidden, n_steps),
         PooledStates(hidden, n_steps),
         flops.Dense(2 * hidden, len(fitted.classes_), "softmax"),
     )
@@ -213,3 +213,21 @@ def first_best(scored: Iterable[tuple[float, T]]) -> tuple[float, T]:
 def accuracy(candidate: Candidate, x: np.ndarray, y: np.ndarray) -> float:
     """Share of correct decisions."""
     return float((candidate.fitted.predict(x) == y).mean())
+
+
+@dataclass(frozen=True)
+class Trees(Layer):
+    """A forest of `trees` decision trees: `depth` comparisons a tree on average, then the shares of classes are added.
+
+    nodes: of all trees; an inner one holds a feature and a threshold, a leaf the shares of the classes.
+    """
+
+    trees: int
+    depth: float
+    nodes: int
+    classes: int
+
+    def cost(self) -> Cost:
+        parameters = self.nodes * (2 + self.classes) // 2
+        sums, compared = self.trees * self.classes, self.trees * self.depth
+        return Cost(acs=sums, comparisons=compared, parameters=parameters, bytes=BYTES * parameters)

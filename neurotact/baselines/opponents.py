@@ -14,7 +14,7 @@ from sklearn.preprocessing import StandardScaler
 
 from neurotact.baselines import families
 from neurotact.baselines.families import Candidate, Family, Sides, best_of, first_best
-from neurotact.baselines.features import averaged, band_powers, bin_edges
+from neurotact.baselines.features import BandPowers, averaged, band_powers, bin_edges
 from neurotact.baselines.minirocket import KERNEL
 from neurotact.data.augmentation import NONE
 from neurotact.data.recordings import Recordings, select_conditions
@@ -25,7 +25,7 @@ from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.specs import taxels_of
 from neurotact.metrics import paired
 from neurotact.metrics.flops import Cost, Moments, Standardise, cost
-from neurotact.metrics.signal_flops import Averaging, BandPowers, StandardisedSteps
+from neurotact.metrics.signal_flops import Averaging, StandardisedSteps
 from neurotact.progress import say
 
 Opponents = Literal["none", "linear", "readout", "quick", "all"]

@@ -207,115 +207,6 @@ class Dense(Layer):
 
 
 @dataclass(frozen=True)
-class PowerOfTwoDense(Layer):
-    """A fully connected layer whose weights are powers of two: a shift and an addition for each (H-ELM's hidden layer).
-
-    A weight takes one byte (sign and exponent), a bias four.
-    """
-
-    inputs: int
-    units: int
-    activation: Activation = "hard_limit"
-    bias: bool = True
-
-    def cost(self) -> Cost:
-        weights, biases = self.inputs * self.units, self.units * self.bias
-        shifts = weights
-        parameters, stored = weights + biases, weights + BYTES * biases
-        return Cost(acs=weights, comparisons=shifts, parameters=parameters, bytes=stored) + _activations(
-            self.activation, self.units
-        )
-
-
-@dataclass(frozen=True)
-class BinaryInputDense(Dense):
-    """A fully connected layer that is fed zeros and ones: additions alone (the output of an H-ELM)."""
-
-    def cost(self) -> Cost:
-        dense = super().cost()
-        return replace(dense, macs=0, acs=dense.macs)
-
-
-LSTM_UNIT = Cost(macs=1, multiplications=2) + SIGMOID.times(3) + TANH.times(2)
-"""A unit of an LSTM in a step, beside its gates' sums: `f c`, `+ i g`, `o tanh(c)`."""
-
-
-@dataclass(frozen=True)
-class LSTM(Layer):
-    """`steps` steps of an LSTM with one bias a gate.
-
-    A step: four gates; `c = f c + i g`; `h = o tanh(c)`; three sigmoids and two tanhs a unit.
-    """
-
-    inputs: int
-    units: int
-    steps: int = 1
-
-    def cost(self) -> Cost:
-        n, gates = self.units, 4 * self.units * (self.inputs + self.units)
-        step = Cost(macs=gates) + LSTM_UNIT.times(n)
-        return _with_weights(gates + 4 * n, 2 * n) + step.times(self.steps)
-
-
-@dataclass(frozen=True)
-class GRU(Layer):
-    """`steps` steps of a GRU with one bias a gate.
-
-    A step: three gates; the reset `r h`; `h = g + z (h - g)`; two sigmoids and a tanh a unit.
-    """
-
-    inputs: int
-    units: int
-    steps: int = 1
-
-    def cost(self) -> Cost:
-        n, gates = self.units, 3 * self.units * (self.inputs + self.units)
-        unit = Cost(macs=1, acs=1, multiplications=1) + SIGMOID.times(2) + TANH
-        return _with_weights(gates + 3 * n, n) + (Cost(macs=gates) + unit.times(n)).times(self.steps)
-
-
-@dataclass(frozen=True)
-class Conv2d(Layer):
-    """A two-dimensional convolution with square kernels; `height` and `width` are those of its *output*.
-
-    At a padded border the products with zeros are counted too.
-    """
-
-    height: int
-    width: int
-    channels: int
-    filters: int
-    kernel: int
-    activation: Activation = "linear"
-
-    def cost(self) -> Cost:
-        pixels, weights = self.height * self.width, self.filters * self.channels * self.kernel**2
-        activations = _activations(self.activation, pixels * self.filters)
-        return _with_weights(weights + self.filters, macs=pixels * weights) + activations
-
-
-@dataclass(frozen=True)
-class ConvLSTM(Layer):
-    """`steps` steps of a convolutional LSTM: an LSTM whose products are convolutions with square kernels.
-
-    `height` and `width` are those of its output, as for `Conv2d`; no peepholes.
-    """
-
-    height: int
-    width: int
-    channels: int
-    filters: int
-    kernel: int
-    steps: int = 1
-
-    def cost(self) -> Cost:
-        units = self.height * self.width * self.filters
-        weights = 4 * self.filters * (self.channels + self.filters) * self.kernel**2
-        step = Cost(macs=self.height * self.width * weights) + LSTM_UNIT.times(units)
-        return _with_weights(weights + 4 * self.filters, 2 * units) + step.times(self.steps)
-
-
-@dataclass(frozen=True)
 class RBFExpansion(Layer):
     """Sum over `units` kernels `exp(-gamma |x - u|²)`, for each of `outputs` (RLS, SVM).
 
@@ -378,23 +269,6 @@ class NearestPoints(Layer):
 
 
 @dataclass(frozen=True)
-class Trees(Layer):
-    """A forest of `trees` decision trees: `depth` comparisons a tree on average, then the shares of classes are added.
-
-    nodes: of all trees; an inner one holds a feature and a threshold, a leaf the shares of the classes.
-    """
-
-    trees: int
-    depth: float
-    nodes: int
-    classes: int
-
-    def cost(self) -> Cost:
-        parameters = self.nodes * (2 + self.classes) // 2
-        return _with_weights(parameters, acs=self.trees * self.classes, comparisons=self.trees * self.depth)
-
-
-@dataclass(frozen=True)
 class MovingAverage(Layer):
     """`y[i] = a x[i] + (1 - a) y[i - 1]` on every sample of every channel (stiffness paper, Sec. III-B: 3n FLOPs)."""
 
@@ -441,18 +315,6 @@ class Standardise(Layer):
 
     def cost(self) -> Cost:
         return _with_weights(2 * self.features, macs=self.features)
-
-
-@dataclass(frozen=True)
-class Projection(Layer):
-    """Projection of centred features on `components` axes (PCA)."""
-
-    features: int
-    components: int
-
-    def cost(self) -> Cost:
-        parameters = self.features * self.components + self.features
-        return _with_weights(parameters, macs=self.features * self.components, acs=self.features)
 
 
 @dataclass(frozen=True)

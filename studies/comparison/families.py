@@ -8,10 +8,13 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from neurotact_parts.studies.compliance.centroid_kmeans import ClassCentroidKMeans, Init
+from neurotact_parts.studies.materials.rls import RLSClassifier
+from neurotact_parts.studies.stiffness.slfn import SLFNClassifier
+from neurotact_parts.studies.touch_modality.recurrent import LSTM, GRUClassifier, LSTMClassifier
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.preprocessing import StandardScaler
 
-from neurotact.baselines.centroid_kmeans import ClassCentroidKMeans, Init
 from neurotact.baselines.families import (
     Candidate,
     Family,
@@ -25,9 +28,7 @@ from neurotact.baselines.families import (
 )
 from neurotact.baselines.features import averaged
 from neurotact.baselines.opponents import MOST_SAMPLES, gru_steps
-from neurotact.baselines.recurrent import GRUClassifier, LSTMClassifier
-from neurotact.baselines.rls import RLSClassifier
-from neurotact.baselines.slfn import SLFNClassifier
+from neurotact.baselines.pooled_gru import GRU
 from neurotact.data.splits import Split
 from neurotact.metrics import flops
 from neurotact.metrics.flops import Layer
@@ -104,12 +105,12 @@ def knn(sides: Sides, seed: int) -> Iterator[Candidate]:
 
 def lstm(sides: Sides, seed: int) -> Iterator[Candidate]:
     """One LSTM layer and a softmax on its last state."""
-    yield from _recurrent(sides, seed, LSTMClassifier, flops.LSTM)
+    yield from _recurrent(sides, seed, LSTMClassifier, LSTM)
 
 
 def gru(sides: Sides, seed: int) -> Iterator[Candidate]:
     """One GRU layer and a softmax on its last state."""
-    yield from _recurrent(sides, seed, GRUClassifier, flops.GRU)
+    yield from _recurrent(sides, seed, GRUClassifier, GRU)
 
 
 def _recurrent(sides: Sides, seed: int, classifier: Any, layer: Any) -> Iterator[Candidate]:

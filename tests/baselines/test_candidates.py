@@ -6,10 +6,24 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sklearn.ensemble import ExtraTreesClassifier
 
 from neurotact.baselines import families
 from neurotact.baselines import minirocket as rocket
-from neurotact.baselines.families import ON_FEATURES, Sides, first_best, minirocket, pooled_gru, refitted
+from neurotact.baselines.families import (
+    ON_FEATURES,
+    Sides,
+    Trees,
+    first_best,
+    mean_depth,
+    minirocket,
+    pooled_gru,
+    refitted,
+)
+from neurotact.baselines.features import BandPowers
+from neurotact.baselines.minirocket import FixedConvolutions
+from neurotact.baselines.pooled_gru import GRU, PooledStates
+from neurotact.metrics.flops import Cost, cost
 
 
 @given(st.lists(st.sampled_from([0.0, 0.5, 0.9, 1.0]), min_size=1))
@@ -57,3 +71,34 @@ def test_minirocket_has_one_candidate_of_the_default_size(monkeypatch):
     assert candidate.settings == "168 features"
     assert len(candidate.fitted.transform_.convolutions_) == 84 * 2
     assert sum(len(one.biases) for one in candidate.fitted.transform_.convolutions_) == 168
+
+
+def test_gru_by_hand():
+    # 1 input, 2 units, one step. Gates: 6 sums of 3 products = 18 MACs. r h a product, h - g a difference,
+    # g + z (h - g) a MAC, a unit; 2 sigmoids and 1 tanh a unit.
+    others = {"multiplications": 2, "comparisons": 2 * (2 * 2 + 3), "divisions": 2 * 3, "exponentials": 2 * 3}
+    counted = cost(GRU(1, 2))
+    assert counted == Cost(macs=18 + 2, acs=2, parameters=24, bytes=4 * (24 + 2), **others)
+    assert counted.other_flops == 2 * (1 + 2 * 14 + 15)
+
+
+def test_opponents_on_sequences_by_hand():
+    # 100 steps, 2 channels, 3 dilations: 8 additions each; 10 channels in all convolutions: 4 additions, a product.
+    rocket = FixedConvolutions(samples=100, channels=2, dilations=3, convolved=10, biases=20).cost()
+    assert (rocket.macs, rocket.acs) == (0, 100 * (8 * 3 * 2 + 4 * 10 + 20))
+    assert (rocket.other_flops, rocket.parameters) == (100 * (10 + 20) + 20, 20)
+    assert rocket.multiplications == 100 * 10 + 20
+    # 8 samples: a window, an FFT of 8 * 3 products and 36 additions, 8 squares and sums, the logarithm of 2 bands.
+    bands = BandPowers(samples=8, bands=2, channels=3).cost()
+    assert (bands.macs, bands.acs, bands.other_flops) == (3 * 8, 3 * (36 + 8), 3 * (24 + 8 + 16))
+    pooled = PooledStates(units=4, steps=10).cost()
+    assert (pooled.acs, pooled.multiplications, pooled.comparisons) == (40, 4, 40)
+
+
+def test_trees_by_hand():
+    """A comparison at each inner node on the way; of two classes, two sums a tree; three numbers a node pair."""
+    forest = ExtraTreesClassifier(2, random_state=0).fit(np.arange(4.0)[:, None], [0, 0, 1, 1])
+    depth = mean_depth(forest, np.arange(4.0)[:, None])
+    assert depth == np.mean([tree.tree_.max_depth for tree in forest.estimators_]) == 1.0
+    spent = Trees(trees=2, depth=depth, nodes=6, classes=2).cost()
+    assert (spent.acs, spent.other_flops, spent.parameters) == (4, 2, 12)

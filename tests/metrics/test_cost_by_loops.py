@@ -11,7 +11,9 @@ import pytest
 import scipy.stats
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.studies.comparison.tasks import LevelSpreadRate
 
+from neurotact.baselines.features import BandPowers
 from neurotact.data import conditioning
 from neurotact.data.conditioning import Conditioner, ConditioningSpec, ema_coefficient
 from neurotact.encoders import afferents, specs
@@ -20,7 +22,6 @@ from neurotact.encoders.cost import encoding_cost, is_countable
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost, Moments
 from neurotact.metrics.prices import ARITHMETIC_45NM
-from neurotact.metrics.signal_flops import BandPowers, LevelSpreadRate
 
 PARTS = ("acs", "multiplications", "comparisons", "divisions")
 

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from neurotact_parts.exporters.live.scores import cost_nJ
 
 import neurotact as nt
 from neurotact.baselines import opponents
@@ -16,7 +17,6 @@ from neurotact.deploy.stream import Stream
 from neurotact.encoders.cost import NOT_COUNTED, encoding_cost
 from neurotact.encoders.survival import what_survives
 from neurotact.errors import InputError
-from neurotact.live_page.scores import cost_nJ
 from neurotact.metrics.flops import Cost
 from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList
 from neurotact.networks.use.ledger import Afferents, network_cost

@@ -9,6 +9,7 @@ from neurotact_parts.studies.comparison.tasks import (
     OWN,
     FabricsTask,
     GratingsTask,
+    LevelSpreadRate,
     at_most,
     fabrics_task,
     gratings_task,
@@ -22,7 +23,7 @@ from neurotact_parts.studies.touch_modality.datasets import TOUCH_SAMPLES
 
 from neurotact.errors import InputError
 from neurotact.metrics.flops import cost
-from neurotact.metrics.signal_flops import Averaging, LevelSpreadRate, StandardisedSteps
+from neurotact.metrics.signal_flops import Averaging, StandardisedSteps
 from neurotact.spec import build
 from neurotact.studies.protocol import TaskData
 
