@@ -30,7 +30,8 @@ def is_within(merit: Any, best: Any, error: float) -> Any:
 class Decision(Generic[Candidate]):
     """What is chosen for a key of a spec.
 
-    merits: of each candidate, in the order of preference; NaN if unknown. error: how far below the best one is as good.
+    merits: of each candidate, in the order of preference; NaN of one that failed. error: how far below the best one
+        is as good.
 
     >>> found = Decision.of_shares("conditioning.baseline", {"none": 0.85, "start": 0.7, "high-pass": 0.88}, n=100)
     >>> found.chosen
@@ -71,7 +72,7 @@ class Decision(Generic[Candidate]):
         unit = f" {self.key.rpartition('_')[2]}"
         of_each = (
             f"{_shown(one)}{unit if isinstance(one, float) else ''} "
-            f"{'unknown' if math.isnan(merit) else f'{100 * merit:.0f} %'}"
+            f"{'failed' if math.isnan(merit) else f'{100 * merit:.0f} %'}"
             for one, merit in self.merits.items()
         )
         return f"{measured}: {', '.join(of_each)}"

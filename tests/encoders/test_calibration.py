@@ -26,6 +26,7 @@ from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
 from neurotact.encoders.calibration import (
     GRADES,
     Calibration,
+    _of_baselines,
     _of_polarities,
     _wakes,
     calibrate,
@@ -451,6 +452,17 @@ def test_a_zero_that_drifts_within_a_trial_is_taken_off_by_a_high_pass():
     signals = [(1, 4)[label] * strokes + drift for label, drift in zip(recordings.labels, drifts, strict=True)]
     found = calibrate_causally(replace(recordings, signals=signals), SPEC, rule=RULE)
     assert found.encoder.conditioning.baseline == "high-pass"
+
+
+def test_a_baseline_that_cannot_be_calibrated_is_named_beside_the_others():
+    def fit(spec):
+        if spec.conditioning.baseline == "none":
+            raise InputError("no gain suits")
+        return SimpleNamespace(accuracy={"start": 0.5, "high-pass": 0.8}[spec.conditioning.baseline], labels=range(100))
+
+    chosen, note = _of_baselines(fit, SPEC, [30.0])  # pyright: ignore
+    assert chosen.accuracy == 0.8
+    assert "'start' 50 %, 'high-pass' 80 %, 'none' failed; to choose otherwise, set conditioning.baseline" in note
 
 
 def test_the_baseline_that_is_chosen_is_fitted_as_if_it_had_been_given():
