@@ -14,7 +14,7 @@ from pydantic import Field, field_validator, model_validator
 
 from neurotact import effects, files, plugins
 from neurotact import spec as specs
-from neurotact.baselines.opponents import Opponents
+from neurotact.baselines.opponent import Opponents
 from neurotact.data.augmentation import AUTO, NONE, AugmentationSpec
 from neurotact.data.contact import OnsetSpec
 from neurotact.data.sources import expand, simulator
