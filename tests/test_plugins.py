@@ -9,6 +9,7 @@ import torch
 import neurotact as nt
 from neurotact import cli, plugins
 from neurotact.errors import InputError
+from neurotact.metrics.prices import price_list
 from neurotact.networks.definition import rsnn
 from neurotact.networks.training import checkpoint
 from neurotact.studies import loading
@@ -229,3 +230,41 @@ def test_a_network_with_a_surrogate_of_another_package_is_saved_and_needs_it(pac
     assert checkpoint.load(tmp_path / "net")[0].spike == net.spike != nt.RSNN(2, 2, sampling_rate_Hz=1000.0).spike
     with pytest.raises(InputError, match="another surrogate: the native kernels does not run it"):
         nt.RSNN(2, 2, sampling_rate_Hz=1000.0, surrogate="triangle", backend="native")(torch.zeros(1, 5, 2))
+
+
+PRICES = """
+from neurotact.metrics.prices import PriceList
+CHIP = PriceList(source="a data sheet", multiplication_pJ=20.0, addition_pJ=1.0, mac_pJ=30.0)
+"""
+
+
+def test_a_price_list_of_another_package_prices_costs_and_is_named(package, tmp_path):
+    package({"prices": "my-chip = my_skin:CHIP"}, PRICES)
+    fitted = classifier().fit(*TOUCHES)
+    (costs,) = fitted.costs(TOUCHES[0], prices="my-chip").to_dict("records")
+    others = ("comparisons", "divisions", "exponentials")
+    spent_pJ = 30 * costs["macs"] + costs["acs"] + 20 * costs["multiplications"]
+    spent_pJ += sum(price * costs[kind] for kind, price in zip(others, (1, 60, 120), strict=True))
+    assert costs["energy_estimate_nJ"] == pytest.approx(1e-3 * spent_pJ)
+    assert (costs["prices"], fitted.costs(TOUCHES[0])["prices"][0]) == ("my-chip", "arithmetic-45nm")
+    copied = tmp_path / "mine.toml"
+    copied.write_text("source = 'me'\nmultiplication_pJ = 3.7\naddition_pJ = 1.8\n")
+    (mine,) = fitted.costs(TOUCHES[0], prices=copied).to_dict("records")
+    assert mine["prices"] == "mine"
+    with pytest.raises(InputError, match=r"^prices: there is none called 'my-chop'; did you mean 'my-chip'\?$"):
+        fitted.costs(TOUCHES[0], prices="my-chop")
+
+
+@pytest.mark.parametrize(
+    ("module", "why"),
+    [
+        (PRICES.replace("20.0", "-20.0"), r"cannot be imported \(InputError: multiplication_pJ: must be >= 0; got -20"),
+        (PRICES.replace("30.0", "float('nan')"), r"cannot be imported \(InputError: mac_pJ: must be a finite number"),
+        (PRICES.replace("addition_pJ=1.0, ", ""), r"cannot be imported \(InputError: addition_pJ: is missing; add it"),
+        ("CHIP = {'addition_pJ': 1.0}", "is of the type dict where a PriceList is expected"),
+    ],
+)
+def test_a_price_list_that_cannot_be_used_is_named_with_its_package(package, module, why):
+    package({"prices": "my-chip = my_skin:CHIP"}, module)
+    with pytest.raises(InputError, match=rf"^prices: 'my-chip' of the package my-skin \(my_skin:CHIP\) {why}"):
+        price_list("my-chip")

@@ -3,7 +3,7 @@
 A chain is a list of layer descriptors; `cost` counts it analytically. A layer that is not known raises: it never
 counts zero. FLOPs as the papers count them are in `neurotact_parts.studies.published_flops`.
 
-What is counted, by kind (`FLOPS` and `PRICES_PJ` have the FLOPs and the energy of each):
+What is counted, by kind (`FLOPS` has the FLOPs of each, a `prices.PriceList` the energy):
 - a MAC is a multiplication whose product is added; a sum starts at its bias, so that a bias costs nothing;
 - an AC is an addition or subtraction without a multiplication: what a spike or a zero-or-one input costs;
 - a multiplication is one whose product is not added: a gain, a window, a decay;
@@ -19,29 +19,10 @@ from typing import Literal
 import pandas as pd
 
 from neurotact.errors import InputError
+from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList
 
 FLOPS = {"macs": 2, "acs": 1, "multiplications": 1, "comparisons": 1, "divisions": 4, "exponentials": 8}
 """FLOPs of an operation of each kind: the weights behind the stiffness paper's Tables I and II."""
-MULTIPLICATION_PJ, ADDITION_PJ = 3.7, 0.9
-"""In 32-bit floating point at 45 nm (Horowitz, ISSCC 2014, Fig. 1.1.9)."""
-MAC_PJ = MULTIPLICATION_PJ + ADDITION_PJ
-PRICES_PJ = {
-    "macs": MAC_PJ,
-    "acs": ADDITION_PJ,
-    "multiplications": MULTIPLICATION_PJ,
-    "comparisons": ADDITION_PJ,
-    "divisions": MAC_PJ * FLOPS["divisions"] / FLOPS["macs"],
-    "exponentials": MAC_PJ * FLOPS["exponentials"] / FLOPS["macs"],
-}
-"""Energy of an operation of each kind. The figure has no divisions, roots, exponentials and logarithms: as they are
-computed by MACs (Newton's method, a polynomial), theirs is that of as many FLOPs in MACs."""
-ENERGY = (
-    f"Energy is an estimate of the arithmetic alone, without memory: {PRICES_PJ['macs']:g} pJ per MAC, "
-    f"{PRICES_PJ['acs']:g} pJ per addition or comparison, {PRICES_PJ['multiplications']:g} pJ per other "
-    "multiplication, 32-bit floating point at 45 nm (Horowitz, ISSCC 2014); a division costs as much as "
-    f"{PRICES_PJ['divisions'] / MAC_PJ:g} MACs, an exponential as {PRICES_PJ['exponentials'] / MAC_PJ:g}."
-)
-"""How energy is estimated, for people."""
 OTHERS = ("multiplications", "comparisons", "divisions", "exponentials")
 """The kinds that are neither MACs nor ACs."""
 
@@ -112,28 +93,28 @@ class Cost:
         return sum(FLOPS[kind] * getattr(self, kind) for kind in OTHERS)
 
     @property
-    def energy_estimate_pJ(self) -> float:  # noqa: N802
-        """An estimate of the arithmetic alone, without memory and data movement: each operation at its `PRICES_PJ`.
-
-        32-bit floating point at 45 nm (Horowitz, ISSCC 2014); never a measurement.
-
-        >>> Cost(macs=10, acs=100).energy_estimate_pJ, Cost(multiplications=10).energy_estimate_pJ
-        (136.0, 37.0)
-        """
-        return sum(price * getattr(self, kind) for kind, price in PRICES_PJ.items())
-
-    @property
     def energy_estimate_nJ(self) -> float:  # noqa: N802
-        """`energy_estimate_pJ` in nanojoules."""
-        return 1e-3 * self.energy_estimate_pJ
+        """`energy_nJ` by the default price list."""
+        return self.energy_nJ()
 
-    def columns(self, *names: str) -> dict[str, float]:
-        """The cost as columns of a table: those named, in that order, else all of the ledger's.
+    def energy_nJ(self, prices: PriceList = ARITHMETIC_45NM) -> float:  # noqa: N802
+        """An estimate of the arithmetic alone, without memory and data movement: each operation at its price.
+
+        Never a measurement.
+
+        >>> Cost(macs=10, acs=100).energy_nJ(), Cost(multiplications=10).energy_nJ()
+        (0.136, 0.037)
+        """
+        return prices.energy_nJ({kind: getattr(self, kind) for kind in FLOPS})
+
+    def columns(self, *names: str, prices: PriceList = ARITHMETIC_45NM) -> dict[str, float]:
+        """The cost as columns of a table: those named, in that order, else all of the ledger's; energy by `prices`.
 
         >>> Cost(macs=10, acs=100).columns("macs", "flops")
         {'macs': 10, 'flops': 120}
         """
-        return {name: getattr(self, name) for name in names or LEDGER_COLUMNS}
+        priced = {"energy_estimate_nJ": self.energy_nJ(prices)}
+        return {name: priced[name] if name in priced else getattr(self, name) for name in names or LEDGER_COLUMNS}
 
 
 @dataclass(frozen=True)
@@ -170,17 +151,20 @@ def cost(*layers: Layer, signal_ms: float = 0) -> Cost:
     return total
 
 
-def ledger_table(costs: Mapping[str, Cost] | Iterable[tuple[str, Cost]]) -> pd.DataFrame:
+def ledger_table(
+    costs: Mapping[str, Cost] | Iterable[tuple[str, Cost]], prices: PriceList = ARITHMETIC_45NM
+) -> pd.DataFrame:
     """Named costs as a table, a row each, in their order.
 
     Columns: name, and those of `LEDGER_COLUMNS`: operations by kind, flops, parameters, bytes, sops, signal_ms and
-    energy_estimate_nJ.
+    energy_estimate_nJ; and prices, the name of the price list.
 
     >>> ledger_table({"R-FC": cost(Dense(8, 51, "relu"), Dense(51, 3))}).T[0].to_dict()["macs"]
     561
     """
     named = costs.items() if isinstance(costs, Mapping) else costs
-    return pd.DataFrame([{"name": name, **c.columns()} for name, c in named], columns=["name", *LEDGER_COLUMNS])
+    rows = [{"name": name, **c.columns(prices=prices), "prices": prices.name} for name, c in named]
+    return pd.DataFrame(rows, columns=["name", *LEDGER_COLUMNS, "prices"])
 
 
 def _with_weights(parameters: int, state: int = 0, *, bytes_a_parameter: int = BYTES, **operations: float) -> Cost:

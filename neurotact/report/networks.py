@@ -157,7 +157,7 @@ def write(study: StudySpec, folder: Path) -> Path:
         ],
         baselines=_baselines_table(baselines, study),
         ledger=_ledger_table(costs),
-        ledger_about=ledger.ABOUT,
+        ledger_about=f"{ledger.ABOUT} {study.prices.in_words()}",
         pair_word=periods.head(study),
         page=page.parts(
             _page_data(folder, done, results, spent, trials, classes, fronts, trains)
@@ -370,7 +370,8 @@ def _ledger(
         if model is not None and baselines is not None:  # those on signals once, on spikes those of this encoder
             own = baselines[(baselines["encoder"] == model) | (baselines["encoder"].isna() & (not parts))]
         made_by = [known[index] for index in rows.index]
-        table = ledger.study_ledger(study.network, rows, own, afferents=made_by, n_classes=n_classes)
+        how = {"afferents": made_by, "n_classes": n_classes, "prices": study.prices}
+        table = ledger.study_ledger(study.network, rows, own, **how)
         parts.append(table if model is None else table.assign(name=f"{model}: " + table["name"]))
     return pd.concat(parts, ignore_index=True)
 
@@ -378,6 +379,7 @@ def _ledger(
 def _ledger_table(costs: pd.DataFrame | None) -> Table | None:
     if costs is None:
         return None
+    costs = costs.drop(columns="prices")
     rows = [[row[0], *(f"{value:,.6g}" for value in row[1:])] for row in costs.itertuples(index=False, name=None)]
     return Table(
         "Operations and energy of each decision",

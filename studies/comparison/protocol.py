@@ -21,7 +21,8 @@ from neurotact.baselines.opponent import accuracy, best_of, named
 from neurotact.data.copies import equal_examples, joined
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
-from neurotact.metrics.flops import ENERGY, FLOPS, LEDGER_COLUMNS, Cost, Standardise, cost
+from neurotact.metrics.flops import FLOPS, LEDGER_COLUMNS, Cost, Standardise, cost
+from neurotact.metrics.prices import ARITHMETIC_45NM
 from neurotact.spec import Spec, build
 from neurotact.studies.protocol import Arrays, TaskData, View, heads
 
@@ -196,10 +197,10 @@ VIEW = View(
     ),
     cost="energy_estimate_nJ",
     score="accuracy_test",
-    note=f"{ENERGY} It counts everything from the recorded samples on: conditioning, features, averaging, afferents, "
-    "classifier. Afferents are counted on every step and taxel, as digital neurons; an analogue or event-driven "
-    "encoder would not have this cost. Tasks whose recordings are not available are left out; the column `skipped` of "
-    "results.csv gives the reason.",
+    note=f"{ARITHMETIC_45NM.in_words()} It counts everything from the recorded samples on: conditioning, features, "
+    "averaging, afferents, classifier. Afferents are counted on every step and taxel, as digital neurons; an analogue "
+    "or event-driven encoder would not have this cost. Tasks whose recordings are not available are left out; the "
+    "column `skipped` of results.csv gives the reason.",
     apart=("task",),
     spiking=("family", (spiking_family.FAMILY, spiking_family.EARLY)),
     splits=("seed",),

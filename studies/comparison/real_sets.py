@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from neurotact_parts.studies.comparison import fronts, sets
-from neurotact_parts.studies.comparison.saving import Bench, Setting, Sides, cut, fit, row_of
+from neurotact_parts.studies.comparison.saving import Bench, Cut, Setting, cut, fit, row_of
 from neurotact_parts.studies.comparison.saving_figures import COLOURS, MARKS
 from neurotact_parts.studies.comparison.sets import WaysData
 from neurotact_parts.studies.comparison.skipped import SKIPPED, of_run, skipped_row
@@ -69,16 +69,16 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     if SKIPPED in arrays:
         return [{"classifier": "", "input": "", **skipped_row(arrays, VIEW.measures)}]
     bench = sets.bench_of(parameters.data, parameters.network, parameters.seed, arrays)
-    sides = cut(bench, Setting())
-    rows = [*_spiking(bench, sides), *_classical(bench, sides.trains)]
+    own = cut(bench, Setting())
+    rows = [*_spiking(bench, own), *_classical(bench, own.trains)]
     computed = sets.computed_at(parameters.data, arrays)
     shared = {"test_trials": len(bench.split.test), "afferents": computed, SKIPPED: ""}
     return [{**row, **shared} for row in rows]
 
 
-def _spiking(bench: Bench, sides: Sides) -> Iterator[dict[str, Any]]:
+def _spiking(bench: Bench, own: Cut) -> Iterator[dict[str, Any]]:
     for name, model in MODELS.items():
-        fitted = fit(sides, bench.network.model_copy(update={"model": model}), bench.seeds)
+        fitted = fit(own, bench.network.model_copy(update={"model": model}), bench.seeds)
         n_parameters = sum(weights.numel() for weights in fitted.network.parameters())
         row = {"classifier": name, "input": NETWORK_INPUT, "parameters": n_parameters, "flops": float("nan")}
         yield {**row, **row_of(fitted)}

@@ -14,7 +14,7 @@ import numpy as np
 from neurotact_parts.studies.comparison import remedy_answers, touch_sets
 from neurotact_parts.studies.comparison.remedy_answers import CEILING, DEFAULT, NETWORK, NOTHING
 from neurotact_parts.studies.comparison.skipped import SKIPPED, skipped_row
-from neurotact_parts.studies.comparison.touch_sets import TouchData, recordings_of
+from neurotact_parts.studies.comparison.touch_sets import TouchData
 from pydantic import Field, model_validator
 
 from neurotact import spec
@@ -24,6 +24,7 @@ from neurotact.baselines.opponents import Cuts, Input
 from neurotact.data import hdf5
 from neurotact.data.augmentation import NONE, AugmentationSpec
 from neurotact.data.copies import copies_of
+from neurotact.data.dataset import from_arrays
 from neurotact.data.digests import content_digest
 from neurotact.data.recordings import LABEL, Recordings, class_indices
 from neurotact.data.spikes import SpikeTrains
@@ -155,7 +156,8 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     tested = _tested(parameters)
     if SKIPPED in arrays:
         return [{"tested": tested, "classifier": "", "input": "", **skipped_row(arrays, VIEW.measures)}]
-    recordings = recordings_of(arrays, parameters.data.set)
+    recordings = from_arrays(arrays, parameters.data.set)
+    assert isinstance(recordings, Recordings)
     if parameters.condition:
         recordings = _halved(recordings, parameters)
     rows: list[dict[str, Any]] = []
@@ -371,11 +373,7 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     resolved = study.resolve("own-recordings", keys, data=path)
     steps = np.round(suited.look(path, CLOCK_HZ, choice).timing.durations_s * CLOCK_HZ).astype(np.int64)
     check_fit(steps, CLOCK_HZ, resolved.window)
-    table = {
-        "path": str(path),
-        "content": content_digest(touches),
-        **choice._asdict(),
-        "keys": spec.override({}, of_set),
-    }
+    file = {"file": str(path), "content": content_digest(touches), **choice._asdict()}
+    table = {"parts": {"file": file}, "keys": spec.override({}, of_set)}
     changes = {TASKS: [["recordings", condition, value] for value in values], suited.SEED: seeds}
     return Own({**changes, "data.sets": {"recordings": table}, **others}, tuple(notes))

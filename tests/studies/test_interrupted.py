@@ -16,12 +16,13 @@ from processes import workers_of
 from neurotact import files
 from neurotact.api import networks as api
 from neurotact.data import hdf5
+from neurotact.data.dataset import load_recordings
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.files import DRAFT, LOCK
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import repeated
-from neurotact.studies import preparation, runner, store, study
+from neurotact.studies import runner, store, study
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -79,7 +80,7 @@ def left_by(folder: Path) -> dict[str, bytes]:
 def spikes(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("spikes") / "spikes.h5"
     what = study.resolve(TINY)
-    hdf5.save_spikes(encode_recordings(preparation.load_dataset(what.dataset), what.encoder), path)
+    hdf5.save_spikes(encode_recordings(load_recordings(what.dataset), what.encoder), path)
     (path.parent / "space.toml").write_text(SPACE)
     return path
 

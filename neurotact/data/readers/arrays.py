@@ -1,22 +1,275 @@
 """One NPZ, NPY, MATLAB or HDF5 file: signals of all trials, and the class and conditions of each trial."""
 
 import logging
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import h5py
 import numpy as np
 import pandas as pd
 
-from neurotact.data.readers import doubts, first_rows
-from neurotact.data.readers.archives import read_array
-from neurotact.data.readers.array_files import ArrayFile, is_rate, opened_arrays, said_rates, sampling_rate_of
-from neurotact.data.readers.axes import AXES, TAXEL, TIME, TRIAL, Grid, order_of, stacked, stacked_cells
-from neurotact.data.readers.headings import named_table
-from neurotact.data.readers.tables import called, check_digits, check_width, columns_of, values_of
-from neurotact.data.recordings import LABEL, Recordings, check_import
+from neurotact.data.hdf5_input import Declared, reading
+from neurotact.data.readers.doubts import Fixes, check_first_row, say_doubts
+from neurotact.data.readers.formats.matlab import MAT_SUFFIX, Cells, read_variables
+from neurotact.data.readers.formats.numpy_files import read_array, read_arrays
+from neurotact.data.readers.table.cells import called, check_digits, check_width, columns_of, values_of
+from neurotact.data.readers.table.headings import named_table
+from neurotact.data.recordings import LABEL, Recordings, check_import, check_sampling_rate
 from neurotact.errors import InputError, nearest, some
 from neurotact.files import existing
+
+log = logging.getLogger("neurotact")
+
+HDF5_SUFFIXES = (".h5", ".hdf5")
+DEEPEST = 4
+"""Depth of nested groups of an HDF5 file to search."""
+RATES = (
+    "fs", "fshz", "samplingrate", "samplingratehz", "samplerate", "sampleratehz", "samplingfrequency",
+    "samplingfrequencyhz", "srate", "sfreq", "ratehz",
+)  # fmt: skip
+"""Names of a sampling rate in Hz, in small letters alone."""
+SAME_RATE = 1e-6
+"""Share by which a rate that is saved may differ from the given one: it was rounded."""
+
+
+class ArrayFile(NamedTuple):
+    """The arrays of a file: the shape of each by its name, and a function that reads one.
+
+    A matrix of one row or one column is a vector. cells: the cell arrays of a MATLAB file, a matrix per trial; others:
+    its variables that are neither numbers nor texts.
+    """
+
+    path: Path
+    shapes: dict[str, tuple[int, ...]]
+    read: Callable[[str], Any]
+    cells: Mapping[str, Cells] = {}
+    others: Sequence[str] = ()
+
+    def values(self, name: str) -> np.ndarray:
+        """An array of numbers or texts; a matrix of one row or one column is a vector."""
+        array = np.asarray(self.read(name))
+        array = array.ravel() if len(self.shapes[name]) == 1 else array
+        if array.dtype.kind == "S":
+            try:
+                return np.char.decode(array, "utf-8")
+            except UnicodeDecodeError as error:
+                raise InputError(f"{self.path}: '{name}' holds text that is not UTF-8; save it again") from error
+        if array.dtype.kind not in "iufbUO":
+            raise InputError(f"{self.path}: '{name}' holds {array.dtype}, neither numbers nor text; leave it out")
+        return array
+
+
+@contextmanager
+def opened_arrays(path: str | Path) -> Iterator[ArrayFile]:
+    """The arrays of a .npz, .npy, .mat, .h5 or .hdf5 file, while it is open; that of an .npy file has the file's name.
+
+    Raises InputError for a file that is damaged, too large or of another kind. Pickles are not loaded.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "touch.npz"
+    >>> np.savez(path, press=np.ones((4, 50, 2)), label=np.array([["felt"], ["silk"], ["felt"], ["silk"]]))
+    >>> with opened_arrays(path) as file:
+    ...     file.shapes, file.values("label").tolist()
+    ({'press': (4, 50, 2), 'label': (4,)}, ['felt', 'silk', 'felt', 'silk'])
+    """
+    path = existing(path)
+    suffix = path.suffix.lower()
+    if suffix in HDF5_SUFFIXES:
+        with reading(path, "arrays", "the program that made it") as file:
+            declared = Declared(file, path)
+            yield ArrayFile(path, {name: _flat(shape) for name, shape in _datasets(file, "")}, declared.value)
+        return
+    cells: Mapping[str, Cells] = {}
+    others: Sequence[str] = ()
+    if suffix == MAT_SUFFIX:
+        arrays, cells, others = read_variables(path)
+    elif suffix == ".npz":
+        arrays = read_arrays(path)
+    elif suffix == ".npy":
+        arrays = {path.stem: read_array(path)}
+    else:
+        raise InputError(
+            f"{path}: is not a file of arrays by its suffix; give one that ends with .npz, .npy, .mat, .h5 or .hdf5"
+        )
+    yield ArrayFile(
+        path, {name: _flat(array.shape) for name, array in arrays.items()}, arrays.__getitem__, cells, others
+    )
+
+
+def _flat(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """The shape of an array, of a matrix of one row or one column that of a vector."""
+    return (max(shape),) if len(shape) == 2 and 1 in shape and 0 not in shape else shape
+
+
+def _datasets(group: h5py.Group, prefix: str, depth: int = 0) -> Iterator[tuple[str, tuple[int, ...]]]:
+    """The shapes of the datasets of an HDF5 file by their paths; links are not followed."""
+    for name in group:
+        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            continue
+        member = group[name]
+        if isinstance(member, h5py.Dataset) and member.shape is not None:
+            yield prefix + name, member.shape
+        elif isinstance(member, h5py.Group) and depth < DEEPEST:
+            yield from _datasets(member, f"{prefix}{name}/", depth + 1)
+
+
+def is_rate(name: str) -> bool:
+    """Whether an array of this name holds a sampling rate.
+
+    >>> is_rate("Fs"), is_rate("session/sampling_rate_Hz"), is_rate("rate")
+    (True, True, False)
+    """
+    return re.sub(r"[^a-z]", "", name.rpartition("/")[2].lower()) in RATES
+
+
+def said_rates(file: ArrayFile) -> dict[str, float]:
+    """The sampling rates that a file says, in Hz, by the names of their arrays."""
+    named = [name for name, shape in file.shapes.items() if is_rate(name) and shape in ((), (1,))]
+    rates = {name: file.values(name) for name in named}
+    return {name: float(value.item()) for name, value in rates.items() if value.dtype.kind in "iuf"}
+
+
+def sampling_rate_of(said: Mapping[str, float], given_hz: float | None, where: str) -> float:
+    """The sampling rate that is given, else the one that all of `said` say; a line tells of either where it matters.
+
+    said: sampling rates by what says them; `where` begins the line. Raises InputError if none is known, or several are.
+    """
+    if given_hz is not None:
+        others = [f"{name} = {rate_hz:g}" for name, rate_hz in said.items() if abs(rate_hz / given_hz - 1) > SAME_RATE]
+        if others:
+            log.warning("%s: says %s, but %g Hz is given and used", where, some(others, 2), given_hz)
+        return float(given_hz)
+    if not said:
+        raise InputError(f"{where}: the sampling rate is not known; give `sampling_rate_Hz`, or save it as fs")
+    different = {rate_hz: f"{name} = {rate_hz:g}" for name, rate_hz in said.items()}
+    if len(different) > 1:
+        raise InputError(f"{where}: says {some([*different.values()], 2)}; give the rate with `sampling_rate_Hz`")
+    name, rate_hz = next(iter(said.items()))
+    check_sampling_rate(rate_hz, f"{where}: {name}")
+    log.warning("%s: the sampling rate is %g Hz, as %s says", where, rate_hz, name)
+    return rate_hz
+
+
+TRIAL, TIME, TAXEL, ROW, COLUMN = "trial", "time", "taxel", "row", "column"
+AXES, GRID = (TRIAL, TIME, TAXEL), (TRIAL, TIME, ROW, COLUMN)
+LAYOUTS = ((TRIAL, TIME), AXES, GRID)
+"""The axes that an array of signals can have; without one of taxels there is one taxel."""
+TIME_LAST = (TRIAL, ROW, COLUMN, TIME)
+LONGER = 2
+"""The time of a grid has this many times as many samples as the grid has rows or columns, or must be named."""
+
+
+class Grid(NamedTuple):
+    """The number of rows and of columns of a grid of taxels."""
+
+    rows: int
+    columns: int
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The names of its taxels, row by row.
+
+        >>> Grid(2, 2).channels
+        ('r0c0', 'r0c1', 'r1c0', 'r1c1')
+        """
+        return tuple(f"r{row}c{column}" for row in range(self.rows) for column in range(self.columns))
+
+
+def order_of(axes: str | None, shape: Sequence[int], where: str) -> tuple[str, ...]:
+    """The names of the axes of an array, in their order, as given or by their lengths.
+
+    Raises InputError for axes that do not fit the array, and where several orders do.
+
+    >>> order_of(None, (20, 6, 10, 75), "touch.npz: 'X'"), order_of("time,taxel,trial", (50, 3, 20), "touch.npz: 'X'")
+    (('trial', 'row', 'column', 'time'), ('time', 'taxel', 'trial'))
+    """
+    if axes is None:
+        return _usual(shape, where)
+    order = tuple(part.strip() for part in axes.split(","))
+    if not any(sorted(order) == sorted(layout) for layout in LAYOUTS):
+        raise InputError(
+            "axes must name trial, time and taxel, each once, as in trial,taxel,time, or trial, time, row and column "
+            f"of a grid, or trial and time of one taxel; got {axes[:60]}"
+        )
+    if len(order) != len(shape):
+        raise InputError(
+            f"{where} has the shape {tuple(shape)}, so {len(order)} axes do not fit ({axes}); name each axis"
+        )
+    return order
+
+
+def _usual(shape: Sequence[int], where: str) -> tuple[str, ...]:
+    if len(shape) == len(AXES):
+        return AXES
+    if len(shape) != len(TIME_LAST):
+        raise InputError(f"{where} has the shape {tuple(shape)}; give an array of trials, samples and taxels")
+    fitting = [
+        order for order in (GRID, TIME_LAST)
+        if _length(order, shape, TIME) >= LONGER * max(_length(order, shape, ROW), _length(order, shape, COLUMN))
+    ]  # fmt: skip
+    if len(fitting) != 1:
+        raise InputError(
+            f"{where} has the shape {tuple(shape)}, of which no axis is clearly the time; give "
+            f"`axes='{','.join(GRID)}'` or `axes='{','.join(TIME_LAST)}'`"
+        )
+    return fitting[0]
+
+
+def _length(order: Sequence[str], shape: Sequence[int], axis: str) -> int:
+    return shape[order.index(axis)]
+
+
+def stacked(values: np.ndarray, order: Sequence[str]) -> tuple[np.ndarray, Grid | None]:
+    """Signals as `(trial, time, taxel)`, and the grid that their taxels are, if any, row by row.
+
+    >>> flat, grid = stacked(np.arange(8).reshape(1, 2, 2, 2), ("trial", "row", "column", "time"))
+    >>> flat.tolist(), grid
+    ([[[0, 2, 4, 6], [1, 3, 5, 7]]], Grid(rows=2, columns=2))
+    """
+    layout = next(layout for layout in LAYOUTS if sorted(layout) == sorted(order))
+    ordered = np.ascontiguousarray(values.transpose([order.index(axis) for axis in layout]))
+    grid = Grid(*ordered.shape[2:]) if layout == GRID else None
+    return ordered.reshape(*ordered.shape[:2], -1), grid
+
+
+def stacked_cells(
+    cells: Sequence[np.ndarray], axes: str | None, where: str
+) -> tuple[list[np.ndarray], Grid | None, tuple[str, ...]]:
+    """The signals of a cell array of matrices, `(time, taxel)` of each trial, their grid, and the order of their axes.
+
+    A cell array of vectors is of one taxel. Raises InputError for cells of other taxels than the first one.
+
+    >>> signals, grid, _ = stacked_cells([np.ones((5, 2)), np.ones((4, 2))], None, "touch.mat: 'trials'")
+    >>> [signal.shape for signal in signals], grid
+    ([(5, 2), (4, 2)], None)
+    """
+    is_one_taxel = axes is None and all(cell.ndim == 1 for cell in cells)
+    order = LAYOUTS[0] if is_one_taxel else order_of(axes, (1, *cells[0].shape), where)
+    if order[0] != TRIAL:
+        raise InputError(
+            f"{where} is a cell array with a trial in each cell; begin `axes` with trial, as in "
+            "`axes='trial,time,taxel'`"
+        )
+    trials: list[np.ndarray] = []
+    grids: list[Grid | None] = []
+    for number, cell in enumerate(cells, 1):
+        if cell.ndim != len(order) - 1:
+            raise InputError(
+                f"{where}, cell {number}, has the shape {cell.shape}; give each trial the axes of the first one"
+            )
+        signal, grid = stacked(cell[None], order)
+        if trials and (signal.shape[2] != trials[0].shape[1] or grid != grids[0]):
+            other = "" if axes else "; if its axes are taxel and time, use `axes='trial,taxel,time'`"
+            raise InputError(
+                f"{where}, cell {number}, has {signal.shape[2]} taxels where the first has {trials[0].shape[1]}{other}"
+            )
+        trials.append(signal[0])
+        grids.append(grid)
+    return trials, grids[0], order
+
 
 SIGNALS, CHANNELS = "signals", "channels"
 ALIASES = {
@@ -26,9 +279,7 @@ ALIASES = {
 """Names of the arrays; the signals are the only array with three or four axes, or the only cell array of matrices."""
 CLASSES = ".npy"
 """The suffix of a file with the class of each trial alone."""
-FIXES = doubts.Fixes("save the array without it", axes="use `axes`")
-
-log = logging.getLogger("neurotact")
+FIXES = Fixes("save the array without it", axes="use `axes`")
 
 
 class Loaded(NamedTuple):
@@ -78,11 +329,11 @@ def read(
     parts = load(path, sampling_rate_Hz, names, axes, conditions)
     for trial, signal in enumerate(parts.signals):
         check_digits(np.asarray(signal), f"{path}: trial {trial}")
-        first_rows.check(np.asarray(signal), f"{path}: trial {trial}", 0)
+        check_first_row(np.asarray(signal), f"{path}: trial {trial}", 0)
     recordings = Recordings(
         parts.signals, parts.sampling_rate_Hz, unit, parts.conditions, parts.channels, f"arrays of {Path(path).name}"
     )
-    doubts.say(recordings, str(path), FIXES)
+    say_doubts(recordings, str(path), FIXES)
     return recordings
 
 

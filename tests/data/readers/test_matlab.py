@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as arrays
 from scipy.io import savemat
 
 import neurotact as nt
-from neurotact.data.readers.matlab import read_variables
+from neurotact.data.readers.formats.matlab import read_variables
 from neurotact.errors import InputError
 from neurotact.files import MAX_MB
 

@@ -148,4 +148,4 @@ def test_a_protocol_makes_its_task_and_its_front_end_counts_it(name):
     assert len(task.features) == len(task.sequences) == len(task.labels) == len(task.groups)
     features, sequences = (cost(*layers) for layers in source.front_end(spec, task))
     assert features.macs > 0
-    assert features.energy_estimate_pJ >= sequences.energy_estimate_pJ > 0
+    assert features.energy_estimate_nJ >= sequences.energy_estimate_nJ > 0
