@@ -152,9 +152,9 @@ def cost(*layers: Layer, signal_ms: float = 0) -> Cost:
 
 
 def ledger_table(
-    costs: Mapping[str, Cost] | Iterable[tuple[str, Cost]], prices: PriceList = ARITHMETIC_45NM
+    costs: Mapping[str, Cost | None] | Iterable[tuple[str, Cost | None]], prices: PriceList = ARITHMETIC_45NM
 ) -> pd.DataFrame:
-    """Named costs as a table, a row each, in their order.
+    """Named costs as a table, a row each, in their order; NaN where a cost is None, which is not counted.
 
     Columns: name, and those of `LEDGER_COLUMNS`: operations by kind, flops, parameters, bytes, sops, signal_ms and
     energy_estimate_nJ; and prices, the name of the price list.
@@ -163,7 +163,7 @@ def ledger_table(
     561
     """
     named = costs.items() if isinstance(costs, Mapping) else costs
-    rows = [{"name": name, **c.columns(prices=prices), "prices": prices.name} for name, c in named]
+    rows = [{"name": name, "prices": prices.name, **(one.columns(prices=prices) if one else {})} for name, one in named]
     return pd.DataFrame(rows, columns=["name", *LEDGER_COLUMNS, "prices"])
 
 

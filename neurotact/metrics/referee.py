@@ -23,8 +23,8 @@ class Way(NamedTuple):
     """What the referee knows of one way to decide.
 
     validation: its accuracy on validation trials. error: one standard error of it; NaN if unknown. cost: of a decision;
-    infinite if unknown. right: by validation trial, the share of its windows that are decided correctly; None if
-    unknown.
+    infinite or NaN if it is not counted. right: by validation trial, the share of its windows that are decided
+    correctly; None if unknown.
     """
 
     validation: float
@@ -54,7 +54,7 @@ def best_of(ways: Sequence[Way]) -> int:
     >>> best_of([Way(0.9, cost=5.0), Way(0.9, cost=3.0), Way(0.8, cost=1.0)])
     1
     """
-    return max(range(len(ways)), key=lambda index: (_rounded(ways[index].validation), -ways[index].cost))
+    return max(range(len(ways)), key=lambda index: (_rounded(ways[index].validation), -_cost(ways[index])))
 
 
 def within_error(ways: Sequence[Way]) -> list[int]:
@@ -74,7 +74,7 @@ def cheapest_of(ways: Sequence[Way]) -> int:
     >>> cheapest_of([Way(0.9, 0.03, 5.0), Way(0.88, 0.03, 3.0), Way(0.8, 0.03, 1.0)])
     1
     """
-    return min(within_error(ways), key=lambda index: (ways[index].cost, -ways[index].validation))
+    return min(within_error(ways), key=lambda index: (_cost(ways[index]), -ways[index].validation))
 
 
 def level_with_best(ways: Sequence[Way]) -> list[int]:
@@ -172,6 +172,11 @@ def is_gap(validation: float, n_validation: int, test: float, n_test: int, level
     right = [round(validation * n_validation), round(test * n_test)]
     table = [[right[0], n_validation - right[0]], [right[1], n_test - right[1]]]
     return float(fisher_exact(table, alternative="greater").pvalue) < level  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _cost(way: Way) -> float:
+    """What is not counted is never the cheapest."""
+    return math.inf if math.isnan(way.cost) else way.cost
 
 
 def _rounded(share: float) -> float:

@@ -252,7 +252,8 @@ def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], result: M
             name = f"{row['classifier']} on {pair}{source} ({words})"
             shares = row["accuracy_validation"], row["accuracy_test"]
             right = validated(tables["baselines_trials"], rows) if "baselines_trials" in tables else None
-            baselines.append(Baseline(name, *shares, float(row["energy_estimate_nJ"]), rows, right))
+            spent_nJ = None if pd.isna(row["energy_estimate_nJ"]) else float(row["energy_estimate_nJ"])
+            baselines.append(Baseline(name, *shares, spent_nJ, rows, right))
     return baselines
 
 

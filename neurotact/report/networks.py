@@ -333,8 +333,10 @@ def _baselines_table(baselines: pd.DataFrame | None, study: StudySpec) -> Table 
             periods.NONE if pd.isna(row["t_ref_ra_ms"]) else pair,
             row["dataset"],
             *(f"{100 * row[name]:.1f}" for name in ("accuracy_validation", "accuracy_test")),
-            f"{row['flops']:,.0f}",
-            f"{row['energy_estimate_nJ']:,.3g}",
+            *(
+                "not counted" if pd.isna(row[name]) else f"{row[name]:,{form}}"
+                for name, form in (("flops", ".0f"), ("energy_estimate_nJ", ".3g"))
+            ),
             row["settings"],
         ]
         for row, pair in zip(baselines.to_dict("records"), periods.of_rows(baselines, study), strict=True)
@@ -380,7 +382,10 @@ def _ledger_table(costs: pd.DataFrame | None) -> Table | None:
     if costs is None:
         return None
     costs = costs.drop(columns="prices")
-    rows = [[row[0], *(f"{value:,.6g}" for value in row[1:])] for row in costs.itertuples(index=False, name=None)]
+    rows = [
+        [row[0], *("not counted" if pd.isna(value) else f"{value:,.6g}" for value in row[1:])]
+        for row in costs.itertuples(index=False, name=None)
+    ]
     return Table(
         "Operations and energy of each decision",
         ["decision by", *(HEADS[column] for column in costs.columns[1:])],

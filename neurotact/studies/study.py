@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 
 from neurotact import effects, files
 from neurotact import spec as specs
-from neurotact.baselines.opponents import Opponents
+from neurotact.baselines.opponent import Opponents
 from neurotact.data.augmentation import AUTO, NONE, AugmentationSpec
 from neurotact.data.contact import OnsetSpec
 from neurotact.data.dataset import DatasetSpec

@@ -12,8 +12,10 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.metrics import pairwise_distances_argmin
 from sklearn.utils import check_random_state
 
+from neurotact.baselines.opponent import Opponent
 from neurotact.baselines.targets import encode, indices_of
 from neurotact.checks import at_least, further_examples, one_of, training_examples
+from neurotact.metrics.flops import NearestPoints
 
 Init = Literal["k-means++", "class-mean"]
 
@@ -106,3 +108,13 @@ def _class_order(clusters: np.ndarray, indices: np.ndarray) -> np.ndarray:
     counts = np.zeros((n_classes, n_classes), int)
     np.add.at(counts, (indices, clusters), 1)
     return linear_sum_assignment(counts, maximize=True)[1]
+
+
+OPPONENT = Opponent(
+    "One centroid per class, from the class means or from k-means++.",
+    ClassCentroidKMeans,
+    [{"init": "class-mean", "repetitions": 1}, {"init": "k-means++", "repetitions": 20}],
+    layers=lambda fitted, x: (NearestPoints(len(fitted.classes_), x.shape[1]),),
+    words=lambda fitted: fitted.init,
+    joins="named",
+)

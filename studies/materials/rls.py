@@ -1,13 +1,17 @@
 """Regularised least squares in the space of an RBF kernel."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import linalg
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.metrics.pairwise import rbf_kernel
 
+from neurotact.baselines.opponent import Opponent, Settings, Sides
 from neurotact.baselines.targets import MachinesMixin, encode, signed
 from neurotact.checks import at_least, further_examples, training_examples
+from neurotact.metrics.flops import Layer, RBFExpansion
 
 
 class RLSClassifier(MachinesMixin, ClassifierMixin, BaseEstimator):
@@ -63,3 +67,31 @@ class RLSClassifier(MachinesMixin, ClassifierMixin, BaseEstimator):
     def _filtered(self, alphas: ArrayLike) -> np.ndarray:
         gains = 1 / (self._eigenvalues + np.asarray(alphas, float)[:, None])
         return gains[:, :, None] * self._projected
+
+
+SIGMAS, ALPHAS = (2.0, 1.0, 0.5), tuple(10.0**k for k in range(1, -7, -1))
+"""Of `OPPONENT`; sigmas are multiplied by the root of the number of features."""
+
+
+def _grid(sides: Sides, seed: int) -> Iterator[Settings]:
+    """Of each width the penalty with the best validation accuracy, the strongest of equal ones."""
+    for factor in SIGMAS:
+        sigma = factor * sides.train.shape[1] ** 0.5
+        machine = RLSClassifier(ALPHAS[0], sigma).fit(sides.train, sides.y_train)
+        path = machine.accuracy_path(ALPHAS, sides.validation, sides.y_validation)
+        yield {"sigma": sigma, "alpha": ALPHAS[int(path.argmax())]}
+
+
+def _layers(fitted: RLSClassifier, x: np.ndarray) -> tuple[Layer, ...]:
+    n_classes = len(fitted.classes_)
+    return (RBFExpansion(*x.shape, outputs=1 if n_classes == 2 else n_classes),)
+
+
+OPPONENT = Opponent(
+    "Regularised least squares in the space of an RBF kernel.",
+    RLSClassifier,
+    _grid,
+    layers=_layers,
+    words=lambda fitted: f"sigma {fitted.sigma:.3g}, alpha {fitted.alpha:g}",
+    joins="named",
+)

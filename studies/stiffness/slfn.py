@@ -14,11 +14,13 @@ from sklearn.utils import check_random_state
 from torch import Tensor
 from torch.nn import functional
 
+from neurotact.baselines.opponent import Opponent
 from neurotact.baselines.targets import ProbabilitiesMixin, encode, indices_of
 from neurotact.checks import at_least, fraction, further_examples, one_of, training_examples
 from neurotact.data.copies import equal_examples
 from neurotact.data.splits import hold_out
 from neurotact.errors import InputError
+from neurotact.metrics.flops import Dense, Layer
 
 Activation = Literal["sigmoid", "relu"]
 Examples = tuple[ArrayLike, ArrayLike]
@@ -258,3 +260,17 @@ def _drop(weights: list[Tensor], optimiser: torch.optim.Optimizer, kept: Tensor)
         w.data, w.grad = w.data[kept], None
         state = optimiser.state[w]
         state["exp_avg"], state["exp_avg_sq"] = state["exp_avg"][kept], state["exp_avg_sq"][kept]
+
+
+def _layers(fitted: SLFNClassifier, x: np.ndarray) -> tuple[Layer, ...]:
+    return Dense(x.shape[1], fitted.hidden, "relu"), Dense(fitted.hidden, len(fitted.classes_), "softmax")
+
+
+OPPONENT = Opponent(
+    "ReLU networks trained by back-propagation, stopped on validation accuracy.",
+    SLFNClassifier,
+    [{"hidden": hidden} for hidden in (10, 30, 100)],
+    layers=_layers,
+    words=lambda fitted: f"N {fitted.hidden}",
+    joins="named",
+)

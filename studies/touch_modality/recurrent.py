@@ -15,10 +15,12 @@ from sklearn.utils.validation import check_is_fitted
 from torch import Tensor
 from torch.nn import functional, init
 
+from neurotact.baselines.opponent import Opponent
+from neurotact.baselines.pooled_gru import GRU
 from neurotact.baselines.targets import ProbabilitiesMixin, encode
 from neurotact.checks import at_least, sequences, trial_labels
 from neurotact.errors import InputError
-from neurotact.metrics.flops import BYTES, SIGMOID, TANH, Cost, Layer
+from neurotact.metrics.flops import BYTES, SIGMOID, TANH, Cost, Dense, Layer
 
 SIGNAL_AXES = "trial, time, channel"
 
@@ -275,3 +277,26 @@ class LSTM(Layer):
         step = Cost(macs=gates) + LSTM_UNIT.times(n)
         parameters = gates + 4 * n
         return Cost(parameters=parameters, bytes=BYTES * (parameters + 2 * n)) + step.times(self.steps)
+
+
+HIDDEN, TRAINING = (10, 30), {"epochs": 60, "batch": 48, "learning_rate": 0.01}
+"""Of both opponents."""
+
+
+def _opponent(build: type[_RecurrentClassifier], layer: type[LSTM | GRU]) -> Opponent:
+    def layers(fitted: _RecurrentClassifier, x: np.ndarray) -> tuple[Layer, ...]:
+        _, n_steps, n_channels = x.shape
+        return layer(n_channels, fitted.hidden, n_steps), Dense(fitted.hidden, len(fitted.classes_), "softmax")
+
+    return Opponent(
+        f"One {layer.__name__} layer and a softmax on its last state.",
+        build,
+        lambda sides, seed: [{"hidden": hidden, **TRAINING} for hidden in HIDDEN],
+        "sequences",
+        layers,
+        lambda fitted: f"N {fitted.hidden}",
+        joins="named",
+    )
+
+
+LAST_LSTM, LAST_GRU = _opponent(LSTMClassifier, LSTM), _opponent(GRUClassifier, GRU)

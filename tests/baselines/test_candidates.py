@@ -7,22 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.ensemble import ExtraTreesClassifier
+from sklearn.neighbors import KNeighborsClassifier
+from sklearn.pipeline import Pipeline
 
 from neurotact.baselines import families
 from neurotact.baselines import minirocket as rocket
-from neurotact.baselines.families import (
-    ON_FEATURES,
-    Sides,
-    Trees,
-    first_best,
-    mean_depth,
-    minirocket,
-    pooled_gru,
-    refitted,
-)
+from neurotact.baselines.families import Trees, mean_depth
 from neurotact.baselines.features import BandPowers
 from neurotact.baselines.minirocket import FixedConvolutions
+from neurotact.baselines.opponent import Opponent, Sides, best_of, first_best, joined, load
 from neurotact.baselines.pooled_gru import GRU, PooledStates
+from neurotact.errors import InputError
+from neurotact.metrics import flops
 from neurotact.metrics.flops import Cost, cost
 
 
@@ -49,25 +45,27 @@ def sides_of(seed, n_train=24, shape=(3,)):
 
 @pytest.mark.parametrize(
     ("family", "shape"),
-    [*((family, (3,)) for family in ON_FEATURES.values()), (minirocket, (40, 2)), (pooled_gru, (20, 2))],
-)
+    [*((name, (3,)) for name in (*joined("features", "quick"), "RLS", "SLFN", "k-means", "kNN")),
+     *((name, (20, 2)) for name in ("MiniRocket", "GRU"))],
+)  # fmt: skip
 def test_a_choice_is_fitted_again_with_its_settings(monkeypatch, family, shape):
     monkeypatch.setattr(rocket, "FEATURES", 84)
     monkeypatch.setattr(families, "GRU_HIDDEN", (4, 6))
     sides, others = sides_of(0, shape=shape), sides_of(1, n_train=36, shape=shape)
-    for candidate, own in islice(zip(family(sides, 0), family(others, 0), strict=True), 3):
-        again, elsewhere = refitted(candidate, sides), refitted(candidate, others)
+    opponent = load(family)
+    for candidate, own in islice(zip(*(opponent.candidates(of, 0) for of in (sides, others)), strict=True), 3):
+        again, elsewhere = candidate.again(sides), candidate.again(others)
         assert (again.settings, again.layers) == (candidate.settings, candidate.layers)
         np.testing.assert_array_equal(again.fitted.predict(sides.test), candidate.fitted.predict(sides.test))
-        if family is families.elm:  # whose penalty is chosen, and kept
+        if family in ("ELM", "RLS"):  # whose penalty is chosen, and kept
             assert elsewhere.settings == candidate.settings
-        elif family is not families.svm:  # whose order depends on the data
+        elif family != "SVM":  # whose order depends on the data
             np.testing.assert_array_equal(elsewhere.fitted.predict(others.test), own.fitted.predict(others.test))
 
 
 def test_minirocket_has_one_candidate_of_the_default_size(monkeypatch):
     monkeypatch.setattr(rocket, "FEATURES", 168)
-    (candidate,) = minirocket(sides_of(0, shape=(40, 2)), 0)
+    (candidate,) = families.MINIROCKET.candidates(sides_of(0, shape=(40, 2)), 0)
     assert candidate.settings == "168 features"
     assert len(candidate.fitted.transform_.convolutions_) == 84 * 2
     assert sum(len(one.biases) for one in candidate.fitted.transform_.convolutions_) == 168
@@ -102,3 +100,65 @@ def test_trees_by_hand():
     assert depth == np.mean([tree.tree_.max_depth for tree in forest.estimators_]) == 1.0
     spent = Trees(trees=2, depth=depth, nodes=6, classes=2).cost()
     assert (spent.acs, spent.other_flops, spent.parameters) == (4, 2, 12)
+
+
+def drawn_costs(is_ordered: bool) -> Opponent:
+    """Settings that classify alike and cost 3, 1 and 2."""
+
+    def layers(fitted, x):
+        return (flops.Dense(1, fitted.n_neighbors),)
+
+    return Opponent(
+        "Alike.", KNeighborsClassifier, [{"n_neighbors": k} for k in (3, 1, 2)], layers=layers, is_ordered=is_ordered
+    )
+
+
+@pytest.mark.parametrize(("is_ordered", "chosen"), [(True, 3), (False, 1)])
+def test_the_cheapest_of_equals_is_chosen_where_a_grid_is_in_no_order(is_ordered, chosen):
+    x, y = np.repeat([[0.0], [9.0]], 8, axis=0), np.repeat([0, 1], 8)
+    assert best_of(drawn_costs(is_ordered), Sides(x, x, x, y, y, y), 0).fitted.n_neighbors == chosen
+
+
+def test_a_decision_that_is_not_counted_has_no_cost_but_its_signal():
+    sides, before = sides_of(0), Cost(macs=5, signal_ms=20.0)
+    counted = best_of(load("kNN"), sides, 0)
+    assert counted.spent(before)["macs"] == 5 + 24 * 3
+    columns = counted._replace(layers=None).spent(before)
+    assert columns.pop("signal_ms") == 20.0
+    assert columns.keys() == counted.spent(before).keys() - {"signal_ms"}
+    assert np.isnan([*columns.values()]).all()
+
+
+def test_what_an_estimator_leaves_open_is_the_seed_and_what_it_sets_stays():
+    sides = sides_of(0)
+    tree = ("tree", ExtraTreesClassifier(3))
+    for build, seeds in ((lambda: Pipeline([tree]), (5, 5)), (lambda: ExtraTreesClassifier(3, random_state=2), (2, 2))):
+        fitted = best_of(Opponent("Trees.", build), sides, 5).fitted
+        found = {value for key, value in fitted.get_params().items() if key.endswith("random_state")}
+        assert found == {seeds[0]}
+
+
+def test_validation_examples_reach_an_estimator_that_takes_them():
+    seen = []
+
+    class Stopping:
+        def fit(self, x, y, validation=None):
+            seen.append(validation)
+
+        def predict(self, x):
+            return np.zeros(len(x), int)
+
+    sides = sides_of(0)
+    best_of(Opponent("Stops.", Stopping), sides, 0)
+    assert seen[0][0] is sides.validation
+    assert seen[0][1] is sides.y_validation
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [({"takes": "feature"}, "takes: 'feature' is unknown; did you mean"), ({"joins": "ever"}, "joins: 'ever'"),
+     ({"build": None}, r"Opponent\.build: must be a function"), ({"layers": (1,)}, r"Opponent\.layers")],
+)  # fmt: skip
+def test_an_opponent_that_cannot_be_is_refused(given, why):
+    with pytest.raises(InputError, match=why):
+        Opponent(**{"about": "", "build": KNeighborsClassifier, **given})

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from sklearn.preprocessing import StandardScaler
 
-from neurotact.baselines import families
+from neurotact.baselines import opponent
 from neurotact.baselines.features import counted
 from neurotact.metrics import power, referee
 from neurotact.metrics.decision import otherwise
@@ -114,25 +114,26 @@ def opponents_of(sides: Sides, trials: Trials, last: Sides | None = None) -> Ite
     for n_bins in sorted({1, min(BINS, n_steps)}):
         inputs = _inputs(sides, n_bins)
         again = None if last is None else _inputs(last, n_bins)
-        for name, family in families.ON_FEATURES.items():
+        for name, one in opponent.joined("features", "quick").items():
             n_train = len((inputs if again is None else again).y_train)
-            if name == families.MACHINES and n_train > families.MOST_MACHINES:
-                say(f"baselines: no {name}: {n_train} training windows, at most {families.MOST_MACHINES}")
+            if one.most_examples is not None and n_train > one.most_examples:
+                say(f"baselines: no {name}: {n_train} training windows, at most {one.most_examples}")
                 continue
-            best = families.best_of(family, inputs, 0)
+            with opponent.named(name):
+                best = opponent.best_of(one, inputs, 0)
             held = best.fitted.predict(inputs.validation) == inputs.y_validation
-            used, of = (best, inputs) if again is None else (families.refitted(best, again), again)
+            used, of = (best, inputs) if again is None else (best.again(again), again)
             tested = used.fitted.predict(of.test) == of.y_test
             shares = by_trial(trials.validation, held), by_trial(trials.test, tested)
             source = "counts" if n_bins == 1 else f"{n_bins} time bins"
             yield Opponent(f"{name} on {source}", *shares, float(held.mean()), float(tested.mean()))
 
 
-def _inputs(sides: Sides, n_bins: int) -> families.Sides:
+def _inputs(sides: Sides, n_bins: int) -> opponent.Sides:
     """Spikes of each afferent in time bins, standardised on the training side."""
     features = [_counts(side, n_bins) for side in sides]
     scaler = StandardScaler().fit(features[0])
-    return families.Sides(*map(scaler.transform, features), *(side.labels.numpy() for side in sides))
+    return opponent.Sides(*map(scaler.transform, features), *(side.labels.numpy() for side in sides))
 
 
 def lines(against: Comparison) -> tuple[str, str]:

@@ -166,13 +166,16 @@ def study_ledger(
     """
     kinds = [digest([*one]) for one in afferents]
     of_kind, results = dict(zip(kinds, afferents, strict=True)), results.assign(**{KIND: kinds})
-    rows: list[tuple[str, Cost]] = []
+    rows: list[tuple[str, Cost | None]] = []
     if baselines is not None:
         spent = [field.name for field in fields(Cost) if field.name in baselines]
         means = baselines.groupby(["classifier", "input"], sort=False)[spent].mean()
         for (classifier, source), row in means.iterrows():  # pyright: ignore[reportGeneralTypeIssues]
-            whole = {name: round(row[name]) for name in ("parameters", "bytes") if name in row}
-            rows.append((f"{classifier} on {source}", Cost(**{**row.to_dict(), **whole})))
+            counted = None
+            if row.notna().all():
+                whole = {name: round(row[name]) for name in ("parameters", "bytes") if name in row}
+                counted = Cost(**{**row.to_dict(), **whole})
+            rows.append((f"{classifier} on {source}", counted))
     for steps in sorted(results["window_steps"].unique()):
         mine = results[results["window_steps"] == steps]
         spikes = (mine["sops_input"] / mine["hidden"]).groupby(mine[KIND], sort=False).agg(["mean", "size"])
