@@ -15,6 +15,7 @@ from neurotact.data.hdf5_input import Declared, reading
 from neurotact.data.readers.doubts import Fixes, check_first_row, say_doubts
 from neurotact.data.readers.formats.matlab import MAT_SUFFIX, Cells, read_variables
 from neurotact.data.readers.formats.numpy_files import read_array, read_arrays
+from neurotact.data.readers.formats.tensors import read_tensors
 from neurotact.data.readers.table.cells import called, check_digits, check_width, columns_of, values_of
 from neurotact.data.readers.table.headings import named_table
 from neurotact.data.recordings import LABEL, Recordings, check_import, check_sampling_rate
@@ -23,7 +24,7 @@ from neurotact.files import existing
 
 log = logging.getLogger("neurotact")
 
-HDF5_SUFFIXES = (".h5", ".hdf5")
+HDF5_SUFFIXES, TENSORS = (".h5", ".hdf5"), (".pt", ".pth")
 DEEPEST = 4
 """Depth of nested groups of an HDF5 file to search."""
 RATES = (
@@ -90,9 +91,12 @@ def opened_arrays(path: str | Path) -> Iterator[ArrayFile]:
         arrays = read_arrays(path)
     elif suffix == ".npy":
         arrays = {path.stem: read_array(path)}
+    elif suffix in TENSORS:
+        arrays = read_tensors(path)
     else:
         raise InputError(
-            f"{path}: is not a file of arrays by its suffix; give one that ends with .npz, .npy, .mat, .h5 or .hdf5"
+            f"{path}: is not a file of arrays by its suffix; give one that ends with .npz, .npy, .mat, .pt, .h5 or "
+            ".hdf5"
         )
     yield ArrayFile(
         path, {name: _flat(array.shape) for name, array in arrays.items()}, arrays.__getitem__, cells, others

@@ -72,6 +72,12 @@ class ColumnsSpec(Spec):
     """Lines before the first sample; the last of them names the columns if it has as many cells. When absent, the lines
     that begin with `#`, and a first line without a single number."""
 
+    def check_no_text(self, path: Path) -> None:
+        """Refuse what only the reading of text needs."""
+        for key in ("decimal", "header_lines"):
+            if getattr(self, key) != ColumnsSpec.model_fields[key].default:
+                raise InputError(f"{path}: `{key}` is for text files; leave it out")
+
 
 class LayoutSpec(ColumnsSpec):
     """The columns of each text file, with the time column; or the array of each file of arrays.
@@ -162,7 +168,7 @@ def samples_of(table: Table, layout: LayoutSpec, *, find_time: bool = True) -> S
     if ros_time is not None:
         clock = Clock(ros_time, "s")
     elif clock.time is None and find_time and table.intervals_s:
-        clock = _evenly(table, taxels, len(values[taxels[0]]))
+        clock = evenly(table, taxels, len(values[taxels[0]]))
     signal = _signal(table, taxels, values, with_gaps=layout.missing is not None)
     names = tuple(table.names[column] for column in taxels) if table.names else ()
     if not all(names):
@@ -191,7 +197,7 @@ def _signal(table: Table, taxels: Sequence[int], values: dict[int, np.ndarray], 
     return signal
 
 
-def _evenly(table: Table, taxels: Sequence[int], n_rows: int) -> Clock:
+def evenly(table: Table, taxels: Sequence[int], n_rows: int) -> Clock:
     """The times of samples at the interval that a format says of each of these columns, if it does."""
     intervals_s = [interval for column in taxels if (interval := table.intervals_s[column]) is not None]
     if len(intervals_s) < len(taxels):

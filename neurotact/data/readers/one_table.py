@@ -25,10 +25,12 @@ from neurotact.data.readers.columns import (
     check_rises,
     chosen_places,
     clock_of,
+    evenly,
     is_index,
     is_ros_header,
     unit_of,
 )
+from neurotact.data.readers.formats import TABLES, tables_in
 from neurotact.data.readers.table.cells import (
     Table,
     called,
@@ -158,15 +160,17 @@ def read(
     path = existing(path)
     layout = build(TableSpec, spec or {}, "import table")
     check_import(sampling_rate_Hz, unit, str(path))
-    table = named_table(path, layout.decimal, layout.header_lines, option="header_lines", choice=CHOICE)
+    table = _opened(path, layout)
     roles = _roles(table, layout, find_time=sampling_rate_Hz is None or not layout.columns)
-    if sampling_rate_Hz is None and roles.time is None:
+    if sampling_rate_Hz is None and roles.time is None and not table.intervals_s:
         raise InputError(f"{path}: the sampling rate is not known; give `sampling_rate_Hz`, or `time_column`")
     if layout.time_unit is not None and roles.time is None and layout.annotations is None:
         raise InputError(f"{path}: `time_unit`: the samples have no time stamps; leave it out")
     columns = columns_of(table, {roles.label, *roles.trial} & {*table.names})
     time, rest = (None if name is None else table.names.index(name) for name in (roles.time, roles.rest))
     clock = clock_of(table, time, rest, dict(enumerate(columns.values())), layout.time_unit)
+    if clock.time is None and table.intervals_s:
+        clock = evenly(table, range(table.n_columns), len(table.values[0]))
     columns = _without_others(columns, table, roles)
     if layout.missing is not None:
         columns = {name: _with_gaps(table, name, values, roles) for name, values in columns.items()}
@@ -181,6 +185,17 @@ def read(
     )  # fmt: skip
     choice = TrialChoice(layout.where, layout.leave_out).with_label(roles.label)
     return chosen_trials(read, choice.beyond(layout.chosen_by(trials.conditions)), str(path))
+
+
+def _opened(path: Path, layout: TableSpec) -> Table:
+    """The table in a text file, or the only one of another format."""
+    if path.suffix.lower() not in TABLES:
+        return named_table(path, layout.decimal, layout.header_lines, option="header_lines", choice=CHOICE)
+    layout.check_no_text(path)
+    name, *others = tables = tables_in(path)
+    if others:
+        raise InputError(f"{path}: holds {len(tables)} tables ({some([*tables])}); neurotact import folder reads each")
+    return tables[name]
 
 
 # --- columns ----------------------------------------------------------------------------------------
