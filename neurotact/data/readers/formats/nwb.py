@@ -60,18 +60,16 @@ def columns(declared: Declared, table_path: str, n_trials: int) -> Iterator[tupl
         if name in KEPT or f"{name}_index" in group or not declared.holds(f"{table_path}/{name}"):
             continue
         member = group[name]
-        if isinstance(member, h5py.Dataset) and (member.shape or ()) == (n_trials,) and _is_plain(member):
+        is_plain = isinstance(member, h5py.Dataset) and (
+            member.dtype.kind in "iufb" or h5py.check_string_dtype(member.dtype) is not None
+        )
+        if is_plain and member.shape == (n_trials,):
             values = declared.column(f"{table_path}/{name}", n_trials)
             elements = f"{table_path}/{name}_elements"
             if declared.holds(elements) and not isinstance(values, list):
                 meant = np.array(declared.texts(elements), object)
                 values = [str(text) for text in meant[values.astype(np.int64)]]
             yield name, values.astype(np.int64) if isinstance(values, np.ndarray) and values.dtype == bool else values
-
-
-def _is_plain(dataset: h5py.Dataset) -> bool:
-    """Whether a column holds numbers or texts, not references to other objects."""
-    return dataset.dtype.kind in "iufb" or h5py.check_string_dtype(dataset.dtype) is not None
 
 
 def _order(group: h5py.Group, path: str | Path) -> list[str]:
@@ -161,11 +159,6 @@ def unit_names(declared: Declared, column: str) -> tuple[str, ...]:
     return names
 
 
-def unit_of_each(declared: Declared, n_spikes: int, n_units: int) -> np.ndarray:
-    """The unit of each spike: `spike_times_index` holds the end of the spikes of each unit."""
-    return np.repeat(np.arange(n_units), np.diff(ends_of(declared, SPIKE_TIMES, n_units, n_spikes), prepend=0))
-
-
 def kept_units(declared: Declared, names: Sequence[str], choice: TrialChoice) -> np.ndarray:
     """Which units are read, `(unit,)`: by their names, the columns of their table, and those of their electrodes."""
     if not choice:
@@ -206,7 +199,7 @@ def observed_by_units(
     where others have some, is taken as observed throughout.
     """
     observed = np.ones((len(names), len(start_s)), bool)
-    if declared.holds(OBSERVED):
+    if len(names) and declared.holds(OBSERVED):
         spans = np.asarray(declared.value(OBSERVED), float)
         if spans.ndim != 2 or spans.shape[1] != 2:
             raise InputError(f"{declared.path}: {OBSERVED} has the shape {spans.shape} where (interval, 2) is expected")
@@ -218,20 +211,10 @@ def observed_by_units(
             if len(intervals_s):
                 observed[unit] = within(start_s, stop_s, intervals_s, step_s)
     return observed_trials(
-        observed, names, policy, str(declared.path), invalid=_invalid(declared, start_s, stop_s, step_s),
+        observed, names, policy, str(declared.path),
+        invalid=touching(start_s, stop_s, intervals(declared, INVALID), step_s),
         fix="leave units out with `leave_out_units={{'name': '{}'}}`",
     )  # fmt: skip
-
-
-def valid_trials(declared: Declared, start_s: np.ndarray, stop_s: np.ndarray, policy: Unobserved | None) -> np.ndarray:
-    """Which trials of a time series have no invalid times, `(trial,)`; its samples are observed."""
-    observed, invalid = np.ones((0, len(start_s)), bool), _invalid(declared, start_s, stop_s, SLACK)
-    return observed_trials(observed, (), policy, str(declared.path), fix="", invalid=invalid)
-
-
-def _invalid(declared: Declared, start_s: np.ndarray, stop_s: np.ndarray, step_s: float) -> np.ndarray:
-    """Which trials touch the invalid times of the file for more than a step, `(trial,)`."""
-    return touching(start_s, stop_s, intervals(declared, INVALID), step_s)
 
 
 NOTES, OURS = "general/notes", "neurotact"
@@ -378,7 +361,8 @@ def _spikes(declared: Declared, trials: _Trials, spec: NWBSpec) -> SpikeTrains:
         )
     stamps = declared.numbers("units/spike_times")
     afferents = unit_names(declared, spec.name)
-    unit = unit_of_each(declared, len(stamps), len(afferents))
+    ends = ends_of(declared, SPIKE_TIMES, len(afferents), len(stamps))
+    unit = np.repeat(np.arange(len(afferents)), np.diff(ends, prepend=0))
     if not np.isfinite(stamps).all():
         spike = int(np.flatnonzero(~np.isfinite(stamps))[0])
         raise InputError(f"{path}: spike {spike} of '{afferents[unit[spike]]}' is at {stamps[spike]} s; drop it")
@@ -465,7 +449,8 @@ def _notes(declared: Declared) -> dict[str, Any]:
 
 def _recordings(declared: Declared, trials: _Trials, spec: NWBSpec) -> Recordings:
     path, series = declared.path, _place_of(declared, str(spec.series))
-    trials = trials.chosen(valid_trials(declared, trials.start_s, trials.stop_s, spec.unobserved))
+    none = np.ones(0, bool)  # no unit: the samples of a series are observed
+    trials = trials.chosen(observed_by_units(declared, trials.start_s, trials.stop_s, none, (), SLACK, spec.unobserved))
     data = declared.streamed(f"{series}/data")
     if data.ndim > 2 or not data.size:
         raise InputError(f"{path}: {series} has the shape {data.shape} where (time, taxel) is expected; name another")
