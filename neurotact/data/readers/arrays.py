@@ -12,11 +12,12 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.hdf5_input import Declared, reading
+from neurotact.data.readers.columns import GUESSES, called
 from neurotact.data.readers.doubts import Fixes, check_first_row, say_doubts
 from neurotact.data.readers.formats.matlab import MAT_SUFFIX, Cells, read_variables
 from neurotact.data.readers.formats.numpy_files import read_array, read_arrays
 from neurotact.data.readers.formats.tensors import read_tensors
-from neurotact.data.readers.table.cells import called, check_digits, check_width, columns_of, values_of
+from neurotact.data.readers.table.cells import check_digits, check_width, columns_of, values_of
 from neurotact.data.readers.table.headings import named_table
 from neurotact.data.recordings import LABEL, Recordings, check_import, check_sampling_rate
 from neurotact.errors import InputError, nearest, some
@@ -42,10 +43,7 @@ TIME_LAST = (TRIAL, ROW, COLUMN, TIME)
 LONGER = 2
 """The time of a grid has this many times as many samples as the grid has rows or columns, or must be named."""
 SIGNALS, CHANNELS = "signals", "channels"
-ALIASES = {
-    LABEL: (LABEL, "labels", "class", "classes", "y", "target", "targets"),
-    CHANNELS: (CHANNELS, "channel_names", "taxels", "electrodes"),
-}
+ALIASES = {what: GUESSES[what].aliases for what in (LABEL, CHANNELS)}
 """Names of the arrays; the signals are the only array with three or four axes, or the only cell array of matrices."""
 CLASSES = ".npy"
 """The suffix of a file with the class of each trial alone."""
@@ -180,12 +178,12 @@ def sampling_rate_of(said: Mapping[str, float], given_hz: float | None, where: s
 # --- axes -------------------------------------------------------------------------------------------
 
 
-def order_of(axes: str | None, shape: Sequence[int], where: str) -> tuple[str, ...]:
+def _order_of(axes: str | None, shape: Sequence[int], where: str) -> tuple[str, ...]:
     """The names of the axes of an array, in their order, as given or by their lengths.
 
     Raises InputError for axes that do not fit the array, and where several orders do.
 
-    >>> order_of(None, (20, 6, 10, 75), "touch.npz: 'X'"), order_of("time,taxel,trial", (50, 3, 20), "touch.npz: 'X'")
+    >>> _order_of(None, (20, 6, 10, 75), "touch.npz: 'X'"), _order_of("time,taxel,trial", (50, 3, 20), "touch.npz: 'X'")
     (('trial', 'row', 'column', 'time'), ('time', 'taxel', 'trial'))
     """
     has = f"{where} has the shape {tuple(shape)}"
@@ -226,7 +224,7 @@ def _stacked_cells(
     A cell array of vectors is of one taxel. Raises InputError for cells of other taxels than the first one.
     """
     is_one_taxel = axes is None and all(cell.ndim == 1 for cell in cells)
-    order = LAYOUTS[0] if is_one_taxel else order_of(axes, (1, *cells[0].shape), where)
+    order = LAYOUTS[0] if is_one_taxel else _order_of(axes, (1, *cells[0].shape), where)
     if order[0] != TRIAL:
         fix = "begin `axes` with trial, as in `axes='trial,time,taxel'`"
         raise InputError(f"{where} is a cell array with a trial in each cell; {fix}")
@@ -251,7 +249,7 @@ def _stacked_cells(
 # --- trials -----------------------------------------------------------------------------------------
 
 
-class Loaded(NamedTuple):
+class _Loaded(NamedTuple):
     """What a file of arrays holds: one `(time, taxel)` array per trial, or one `(trial, time, taxel)` array.
 
     channels: the taxels' names; none if the file has none.
@@ -312,7 +310,7 @@ def load(
     names: Mapping[str, str] | None = None,
     axes: str | None = None,
     conditions: str | Path | None = None,
-) -> Loaded:
+) -> _Loaded:
     """What a file of arrays holds, with numbers as they are stored; the arguments are those of `read`."""
     names = names or {}
     unknown = [name for name in names if name not in (SIGNALS, *ALIASES)]
@@ -343,7 +341,7 @@ def load(
         unused = [other for other in (*others, *file.cells) if other not in of_trials and other != name]
         if unused:
             log.warning("%s: not used: %s", file.path, some([file.shown(other) for other in unused]))
-        return Loaded(signals, table, channels, sampling_rate_of(said_rates(file), sampling_rate_Hz, str(file.path)))
+        return _Loaded(signals, table, channels, sampling_rate_of(said_rates(file), sampling_rate_Hz, str(file.path)))
 
 
 def _signals_at(file: ArrayFile, named: str | None, axes: str | None) -> str:
@@ -382,7 +380,7 @@ def _signals(
     if name in file.cells:
         return _stacked_cells(file.cells[name], axes, where)
     shape = file.shapes[name]
-    order = order_of(axes, shape, where)
+    order = _order_of(axes, shape, where)
     if 0 in shape:
         raise InputError(f"{where} has the shape {shape}; give an array of trials, samples and taxels")
     values = np.asarray(file.read(name))
@@ -467,7 +465,7 @@ def _table_of_trials(
     else:
         table = named_table(existing(path))
         label = named if named not in file.shapes and named in table.names else None
-        its = label or called(table.names, ALIASES[LABEL])
+        its = label or called(table.names, LABEL)
         held = columns_of(table, {its} if its else set())
         columns = {LABEL if name == its else name: values_of(values) for name, values in held.items()}
     n_rows = len(next(iter(columns.values())))

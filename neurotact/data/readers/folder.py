@@ -15,7 +15,7 @@ from neurotact.data.readers.arrays import TENSORS, ArrayFile, opened_arrays, sai
 from neurotact.data.readers.clock.split import apart, joined, pair_in
 from neurotact.data.readers.clock.stamps import Unit, unit_in
 from neurotact.data.readers.clock.trials import OF_COLUMNS, Read, mended, recordings_of
-from neurotact.data.readers.columns import TIME_COLUMN, LayoutSpec, Samples, is_text, read_table, samples_of
+from neurotact.data.readers.columns import LayoutSpec, Samples, called, is_text, read_table, samples_of
 from neurotact.data.readers.doubts import Fixes
 from neurotact.data.readers.formats import TABLES, tables_in
 from neurotact.data.readers.formats.contents import content_of
@@ -379,7 +379,7 @@ def _stamps_at(arrays: Mapping[str, np.ndarray], layout: LayoutSpec) -> list[str
         return all(key != layout.array and others == {arrays[key].size} == {max(arrays[key].shape)} for key in keys)
 
     pair = [[[*arrays][column] for column in pair_in([*arrays]) or ()]]
-    ways = [keys for keys in [*pair, *([key] for key in arrays if TIME_COLUMN.match(key.rpartition("/")[2]))] if keys]
+    ways = [keys for keys in [*pair, *([key] for key in arrays if called([key.rpartition("/")[2]], "time"))] if keys]
     return next((keys for keys in ways if is_per_sample(keys)), [])
 
 

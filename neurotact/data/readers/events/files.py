@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.readers.clock.stamps import UNIT_S, Unit, unit_in, without_unit
-from neurotact.data.readers.columns import LayoutSpec, read_table
+from neurotact.data.readers.columns import GUESSES, LayoutSpec, read_table
 from neurotact.data.readers.events import heidelberg
 from neurotact.data.readers.events.spikes import ROW, Events, EventSpec, joined, to_trains
 from neurotact.data.readers.events.times import event_times, in_order
@@ -23,7 +23,6 @@ from neurotact.data.readers.table.cells import (
     DECIMAL_COMMA,
     NUMBER,
     THOUSANDS,
-    called,
     columns_of,
     grouping_of,
     values_of,
@@ -37,13 +36,7 @@ from neurotact.spec import build
 
 log = logging.getLogger("neurotact")
 
-ALIASES = {
-    "time": ("time", "times", "t", "timestamp", "timestamps", "ts"),
-    "channel": ("channel", "channels", "unit", "units", "taxel", "taxels", "neuron", "address", "addr", "id"),
-    "population": ("population", "polarity", "p", "pol", "type", "kind"),
-    "trial": ("trial", "trials", "recording", "recordings", "sample", "samples", "touch"),
-    LABEL: (LABEL, "labels", "class", "classes"),
-}
+ALIASES = {what: GUESSES[f"event {what}"].aliases for what in ("time", "channel", "population", "trial", LABEL)}
 """Names of columns and arrays of events, without the prefix `event_` and a unit of time as suffix."""
 POPULATION, POLARITY = "population", "polarity"
 """The population, and its other name, of which a sensor with polarities has two."""
@@ -217,9 +210,9 @@ def _of_columns(
     usual: the unit of times that neither the spec nor a name gives; of places x and y they are microseconds.
     """
     roles = {what: _place(what, columns, names, path) for what in ALIASES}
-    is_grid = roles["channel"] is None and called([*columns], ("x",)) is not None
+    is_grid = roles["channel"] is None and "x" in map(str.lower, columns)
     if is_grid:
-        roles |= {axis: called([*columns], (axis,)) for axis in ("x", "y")}
+        roles |= {axis: next((n for n in columns if n.lower() == axis), None) for axis in ("x", "y")}
     time_name = roles["time"]
     if time_name is None or (roles["channel"] is None and not is_grid):
         _check_no_raster(columns, roles.values(), path)

@@ -47,7 +47,7 @@ DEEPEST = 4
 """Depth of structures and cells within one another."""
 
 
-class Variables(NamedTuple):
+class _Variables(NamedTuple):
     """What a file holds. arrays: numbers and texts by name; vectors have one axis, whether they were rows or columns.
 
     cells: cell arrays of matrices of numbers, of any sizes, or of vectors alone. others: the names of what was not
@@ -59,7 +59,7 @@ class Variables(NamedTuple):
     others: list[str]
 
 
-def read_variables(path: str | Path) -> Variables:
+def read_variables(path: str | Path) -> _Variables:
     """The variables of a MATLAB file: `save` writes version 7, or with `-v7.3` HDF5.
 
     A cell array of texts is an array of texts, as is a matrix of characters, row by row; one of single numbers is an
@@ -89,7 +89,7 @@ def read_variables(path: str | Path) -> Variables:
         raise InputError(
             f"{path}: holds neither matrices of numbers nor texts{held}; save matrices, as in save('touch.mat', 'data')"
         )
-    return Variables(arrays, cells, others)
+    return _Variables(arrays, cells, others)
 
 
 def _fields(name: str, value: Value) -> Iterator[tuple[str, Value]]:

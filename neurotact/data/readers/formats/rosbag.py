@@ -57,7 +57,7 @@ def read(path: Path) -> dict[str, Table]:
     }  # fmt: skip
 
 
-def _numbers(value: Any, name: str) -> Iterator[tuple[str, int | float]]:
+def _numbers(value: Any, name: str) -> Iterator[tuple[str, Any]]:
     """The numbers in a message, and in the messages and arrays in it, by their names: `wrench.force.x`, `data.0`."""
     if isinstance(value, (bool, int, float, np.number)):
         yield name, value
