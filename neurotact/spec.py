@@ -55,11 +55,11 @@ IN_WORDS = {
 }  # fmt: skip
 """What must stand there, by the name that pydantic gives it."""
 
-SCHEMA = 1
+SCHEMA = 2
 """The form of saved studies, trainings and searches. It changes when a new key or a new meaning would make an earlier
 one another than it was; then only the folder of an earlier form is refused, and no key needs to know of others."""
 
-KINDS = ("encoders", "networks", "networks/spaces", "studies")
+KINDS = ("encoders", "networks", "networks/spaces", "studies", "prices")
 
 
 @dataclass_transform(kw_only_default=True, field_specifiers=(Field,))
@@ -339,7 +339,7 @@ def unsaved(table: Mapping[str, Any], holds: str, fix: str) -> dict[str, Any]:
     {'hidden': 20}
     >>> unsaved({"hidden": 20}, "run: holds a training", "start again")
     Traceback (most recent call last):
-    neurotact.errors.InputError: run: holds a training of another neurotact (schema none, here 1); start again
+    neurotact.errors.InputError: run: holds a training of another neurotact (schema none, here 2); start again
     """
     schema = table.get("schema")
     if schema != SCHEMA:

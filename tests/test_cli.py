@@ -1141,7 +1141,7 @@ def test_a_folder_that_holds_another_study_is_refused(refused, tmp_path):
 def test_a_folder_without_a_study_cannot_be_resumed(refused, tmp_path):
     for command in ("resume", "report"):
         refused(("study", command, tmp_path), f"{tmp_path}: holds no study; start one with neurotact study run")
-    (tmp_path / "study.toml").write_text("schema = 1\ntitle = 3")
+    (tmp_path / "study.toml").write_text("schema = 2\ntitle = 3")
     refused(("study", "resume", tmp_path), f"{tmp_path / 'study.toml'}")
 
 

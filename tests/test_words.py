@@ -19,7 +19,7 @@ PACKAGE = Path(nt.__file__).parent
 PUBLIC = vars(nt)["__all__"]
 ALONE = {"to"}
 """Parameters of a command alone: the target of `export`."""
-OTHERS = {"published", "honest", "paper", "skipped", "afferents", "accuracy_class_means", "task", "X"}
+OTHERS = {"published", "honest", "paper", "skipped", "afferents", "accuracy_class_means", "task", "T", "X"}
 """Names in backquotes that are no parameters: ways and columns of protocols, and the place of a name."""
 
 

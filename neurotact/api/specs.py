@@ -13,7 +13,7 @@ from neurotact.networks.search.tuning import SearchSpec
 Onset, Search, Split, Window = OnsetSpec, SearchSpec, Splits, WindowSpec
 
 
-def spec_names(kind: Literal["encoders", "networks", "networks/spaces", "studies"]) -> list[str]:
+def spec_names(kind: Literal["encoders", "networks", "networks/spaces", "studies", "prices"]) -> list[str]:
     """The names of the specs of a kind that ship, as `neurotact list` prints them; InputError for another kind.
 
     >>> spec_names("networks")

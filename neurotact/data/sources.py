@@ -126,14 +126,6 @@ def reader(name: str) -> Reader:
     return loaded
 
 
-def read_recordings(name: str, path: Path) -> Recordings:
-    """The recordings from the reader of that name; InputError if it reads spikes, which need no encoder."""
-    recordings = reader(name).read(path)
-    if not isinstance(recordings, Recordings):
-        raise InputError(f"{path}: '{name}' reads spikes, not recordings; train on them with neurotact train")
-    return recordings
-
-
 def expand(path: str) -> Path:
     """`path` with `$NEUROTACT_DATA` replaced by its value, by default ../shared/data.
 

@@ -207,6 +207,23 @@ class SpikeTrains:
             variations=None if self.variations is None else self.variations.select(index),
         )
 
+    def with_afferents(self, kept: Sequence[int]) -> "SpikeTrains":
+        """The spikes of some afferents alone, in ascending order.
+
+        >>> trains = from_rasters(np.ones((1, 2, 3), np.uint8), 2000.0, ("a", "b", "c"), pd.DataFrame({"label": ["x"]}))
+        >>> trains.with_afferents([0, 2]).afferents, trains.with_afferents([2]).steps[0].tolist()
+        (('a', 'c'), [0, 1])
+        """
+        place = np.full(len(self.afferents), -1)
+        place[[*kept]] = np.arange(len(kept))
+        rows = [place[units] for units in self.units]
+        return replace(
+            self,
+            steps=[steps[own >= 0] for steps, own in zip(self.steps, rows, strict=True)],
+            units=[own[own >= 0] for own in rows],
+            afferents=tuple(self.afferents[index] for index in kept),
+        )
+
     def with_variations(self) -> "SpikeTrains":
         """All trials, then all copies, as trials."""
         if self.variations is None:

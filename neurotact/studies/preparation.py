@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -14,15 +13,15 @@ import numpy as np
 import pandas as pd
 
 from neurotact.baselines import opponents
-from neurotact.data import doubtful, hdf5
+from neurotact.data import hdf5
 from neurotact.data.augmentation import check_taxels, varied_copies
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.copies import copies_of
+from neurotact.data.dataset import DatasetSpec, load_recordings, until
 from neurotact.data.recordings import Recordings, class_indices, select_conditions
-from neurotact.data.sources import expand, read_recordings, simulator
+from neurotact.data.sources import expand
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split, training_touches
-from neurotact.data.trial_choice import chosen_trials, fewer_trials
 from neurotact.data.windows import Windows, check_fit
 from neurotact.encoders import regained
 from neurotact.encoders.afferents import AfferentSpec
@@ -37,14 +36,13 @@ from neurotact.files import write_json
 from neurotact.metrics import paired
 from neurotact.networks.training import robust, tasks
 from neurotact.progress import track
-from neurotact.spec import build, digest
+from neurotact.spec import digest
 from neurotact.studies import encoded, store
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import DATA
 from neurotact.studies.study import (
     CHOICES,
     Cell,
-    DatasetSpec,
     StudySpec,
     by_split,
     encoder_columns,
@@ -56,24 +54,6 @@ from neurotact.tables import write_table
 
 BASELINES = ("baselines.csv", "baselines_trials.csv")
 RECONSTRUCTION = "reconstruction.csv"
-
-
-def load_dataset(spec: DatasetSpec) -> Recordings:
-    """Simulate, read or load the recordings of a study, of the trials that it uses; a line says how many they are."""
-    recordings, source = _dataset(spec), spec.file or spec.path or spec.simulate or ""
-    chosen = fewer_trials(chosen_trials(recordings, spec.choice, source), spec.at_most)
-    if spec.read is not None:
-        doubtful.check(chosen, source)
-    return chosen
-
-
-def _dataset(spec: DatasetSpec) -> Recordings:
-    if spec.simulate is not None:
-        experiment = simulator(spec.simulate)
-        return experiment.simulate(build(experiment.model, spec.parameters, source="dataset.parameters"), None)
-    if spec.file is not None:
-        return hdf5.load_recordings(spec.file)
-    return read_recordings(spec.read or "", expand(spec.path or ""))
 
 
 def dataset_of(study: StudySpec, cell: Cell) -> DatasetSpec:
@@ -99,7 +79,7 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
         return
     first, *others = _by_source(cells)
     with store.timed(folder, "read"):
-        recordings = load_dataset(dataset_of(study, first[0]))
+        recordings = load_recordings(dataset_of(study, first[0]))
     for cell in cells:
         check_taxels(cell.augmentation, recordings.n_channels)
     content = _check_unchanged(folder, recordings, before, source)
@@ -107,7 +87,7 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
     _encode(folder, study, first, recordings, content)
     for group in others:  # only one set of recordings is in memory
         if any(name in spikes_flaws for cell in group for name in _encoded(cell)):
-            of_group = encoded_part(load_dataset(dataset_of(study, group[0])), group[0])
+            of_group = encoded_part(load_recordings(dataset_of(study, group[0])), group[0])
             _encode(folder, study, group, of_group, content)
     if "signals.csv" in table_flaws:
         table = signal_table(recordings, study.encoder, dataset.stratify, study.window.start_ms)
@@ -243,19 +223,13 @@ def _by_source(cells: Iterable[Cell]) -> list[list[Cell]]:
 
 def encoded_part(recordings: Recordings, cell: Cell) -> Recordings:
     """The trials as far as a cell encodes them."""
-    return recordings if cell.encoded_ms is None else _until(recordings, cell.encoded_ms)
+    return recordings if cell.encoded_ms is None else until(recordings, cell.encoded_ms)
 
 
 def copied_part(recordings: Recordings, cell: Cell) -> Recordings:
     """The trials as far as the windows of their varied copies reach; the whole trials if these begin at an onset."""
     end_ms = reach_ms(cell)
-    return recordings if end_ms is None or cell.augmentation is None else _until(recordings, end_ms)
-
-
-def _until(recordings: Recordings, end_ms: float) -> Recordings:
-    """The beginning of each trial, with the sample at its end."""
-    n_samples = math.ceil(end_ms * 1e-3 * recordings.sampling_rate_Hz - 1e-9) + 1
-    return replace(recordings, signals=[signal[:n_samples] for signal in recordings.signals])
+    return recordings if end_ms is None or cell.augmentation is None else until(recordings, end_ms)
 
 
 def _check_windows(recordings: Recordings, cells: Iterable[Cell]) -> None:
@@ -373,8 +347,7 @@ def encoder_of(
 
 def _source(dataset: DatasetSpec) -> str | None:
     """The fingerprint of the file or folder that a study reads; None if it simulates, or if the file does not exist."""
-    named = dataset.file if dataset.file is not None else dataset.path
-    return None if dataset.simulate is not None or named is None else store.fingerprint(expand(named))
+    return store.fingerprint(expand(dataset.source)) if dataset.simulate is None else None
 
 
 def _content(recordings: Recordings) -> str:

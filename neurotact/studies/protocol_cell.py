@@ -65,11 +65,11 @@ def _are_same(before: Mapping[str, str], now: Mapping[str, str]) -> bool:
 
 
 def _paths(table: Mapping[str, Any]) -> Iterator[str]:
-    """The value of every key `path`, in this table and in nested ones."""
+    """The value of every key `path` and `file`, in this table and in nested ones."""
     for key, value in table.items():
         if isinstance(value, Mapping):
             yield from _paths(value)
-        elif key == "path" and isinstance(value, str):
+        elif key in ("path", "file") and isinstance(value, str):
             yield value
 
 

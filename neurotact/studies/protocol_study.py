@@ -81,12 +81,12 @@ class ProtocolCell(Spec):
 
 
 def placeless(table: Mapping[str, Any]) -> dict[str, Any]:
-    """A table without each `path` that has a `content` next to it: the content alone decides the numbers.
+    """A table without each `path` or `file` that has a `content` next to it: the content alone decides the numbers.
 
-    >>> placeless({"mine": {"path": "touches.h5", "content": "ab12"}, "theirs": {"path": "fabrics"}})
+    >>> placeless({"mine": {"file": "touches.h5", "content": "ab12"}, "theirs": {"path": "fabrics"}})
     {'mine': {'content': 'ab12'}, 'theirs': {'path': 'fabrics'}}
     """
-    ignored = {"path"} if table.get("content") is not None else set()
+    ignored = {"path", "file"} if table.get("content") is not None else set()
     inner = {key: placeless(value) if isinstance(value, Mapping) else value for key, value in table.items()}
     return {key: value for key, value in inner.items() if key not in ignored}
 

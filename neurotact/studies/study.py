@@ -10,21 +10,22 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
-from neurotact import effects, files, plugins
+from neurotact import effects, files
 from neurotact import spec as specs
-from neurotact.baselines.opponents import Opponents
+from neurotact.baselines.opponent import Opponents
 from neurotact.data.augmentation import AUTO, NONE, AugmentationSpec
+from neurotact.data.dataset import DatasetSpec
 from neurotact.data.sources import expand, simulator
 from neurotact.data.splits import SplitSpec
-from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.same_drive import SameDriveSpec
 from neurotact.encoders.specs import EncoderSpec, is_exact, pays_exact
 from neurotact.errors import InputError, nearest
+from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList, price_list
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import RSNNSpec
@@ -45,7 +46,9 @@ SPLIT = "split."
 MEASURES = ("cut_short_ms", "exit_patiences", "test_every_condition")
 """Keys of a study that request further measurements; each gives its own table."""
 
-PARTS: dict[str, Callable[[str | Path], Spec]] = {"encoder": encoders.load, "network": partial(specs.load, RSNNSpec)}
+PARTS: dict[str, Callable[[str | Path], Spec]] = {
+    "encoder": encoders.load, "network": partial(specs.load, RSNNSpec), "prices": price_list,
+}  # fmt: skip
 LENGTH = "window.length_ms"
 T_REF = "t_ref_ms"
 """Swept with `encoder`, the names of encoders: the refractory period of all its afferents, or "own"."""
@@ -62,75 +65,6 @@ CHOICES = {
 """Keys of a study that let calibration choose a key of the encoder, and this key."""
 log = logging.getLogger("neurotact")
 PAIR = f"encoder.ra1.t_ref_ms{sweeps.JOIN}encoder.sa1.t_ref_ms"
-
-
-class DatasetSpec(Spec):
-    """The source of a study's recordings, and the parts that it uses."""
-
-    simulate: str | None = None
-    """An experiment that can be simulated, such as `gratings`."""
-    parameters: dict[str, Any] = {}
-    """Parameters of the simulation, by the keys of its spec."""
-    read: str | None = None
-    """A published format, such as `fabricslide`."""
-    file: str | None = None
-    """An HDF5 file of recordings."""
-    path: str | None = None
-    """The folder to read; `$NEUROTACT_DATA` is replaced by its value, by default ../shared/data."""
-    subsets: dict[str, dict[str, Any]] = {"all": {}}
-    """Name and conditions of each part, such as `"v1 mix" = { speed_mm_per_s = 8.6 }`."""
-    stratify: tuple[str, ...] = ()
-    """Conditions balanced in the split besides the class."""
-    where: Where = {}
-    """Conditions of the trials that are used, such as `{ speed = 300 }`; the others are as if never recorded."""
-    leave_out: LeaveOut = {}
-    """Conditions of trials that are not used, or classes, such as `"rest"`."""
-    at_most: int | None = Field(default=None, ge=2)
-    """Trials that are used at most, evenly spaced within each class and condition; absent: all."""
-
-    @field_validator("subsets")
-    @classmethod
-    def _has_a_subset(cls, subsets: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
-        if not subsets:
-            raise ValueError("must name at least one part; leave the key out to take all trials")
-        return subsets
-
-    @field_validator("simulate")
-    @classmethod
-    def _can_be_simulated(cls, name: str | None) -> str | None:
-        return _known("simulators", name, "simulation")
-
-    @field_validator("read")
-    @classmethod
-    def _can_be_read(cls, name: str | None) -> str | None:
-        return _known("readers", name, "reader")
-
-    @model_validator(mode="after")
-    def _has_one_source(self) -> "DatasetSpec":
-        if sum(source is not None for source in (self.simulate, self.read, self.file)) != 1:
-            raise ValueError("give one of simulate, read and file")
-        if self.read is not None and self.path is None:
-            raise ValueError("read needs path, the folder of the published data")
-        return self
-
-    def identity(self) -> dict[str, Any]:
-        """The keys that decide the recordings, independent of the location of the files."""
-        decides = {"simulate": self.simulate, "parameters": self.parameters, "read": self.read}
-        chosen = {key: value for key, value in self.choice._asdict().items() if value}
-        some = {} if self.at_most is None else {"at_most": self.at_most}
-        return {**decides, "stratify": self.stratify, **chosen, **some}
-
-    @property
-    def choice(self) -> TrialChoice:
-        """The trials that are used."""
-        return TrialChoice(self.where, self.leave_out)
-
-
-def _known(group: plugins.Group, name: str | None, what: str) -> str | None:
-    names = plugins.names(group)
-    if name is not None and name not in names:
-        raise ValueError(f"there is no such {what}; {nearest(name, names)}")
-    return name
 
 
 class EarlyExitSpec(Spec):
@@ -161,8 +95,8 @@ class StudySpec(Spec):
     """A study with its complete encoder and network (`studies/*.toml` after `resolve`)."""
 
     folder: ClassVar[str] = "studies"
-    words: ClassVar[set[str]] = {"title", "about", "claims", "notes", "as_shipped"}
-    """Keys that change none of the numbers."""
+    words: ClassVar[set[str]] = {"title", "about", "claims", "notes", "as_shipped", "prices"}
+    """Keys that change none of the cells: a report can be written again with other words and prices."""
 
     title: str
     """Heading of the report."""
@@ -193,6 +127,8 @@ class StudySpec(Spec):
     also on spikes, and MiniRocket on the signals; `all`, also spectra and a GRU."""
     encoding_in: Literal["processor", "sensor"] = "processor"
     """Where conditioning and encoding are computed: their energy counts on the processor, and not in the sensor."""
+    prices: PriceList = ARITHMETIC_45NM
+    """The price list by which energy is estimated: its name, its path, or the whole table."""
     cut_short_ms: tuple[Milliseconds, ...] = ()
     """Also test each network on the first part of its own windows, of these lengths: the table cut_short.csv."""
     exit_patiences: tuple[Steps, ...] = ()
@@ -286,7 +222,8 @@ class StudySpec(Spec):
 
     def digest(self) -> str:
         """As for every spec, without words, claims and the places of recordings."""
-        without = {**dict.fromkeys(self.words, True), "dataset": {"file", "path"}}
+        places: dict[str, Any] = {"file": True, "path": True, "arrays": {"path"}}
+        without = {**dict.fromkeys(self.words, True), "dataset": places}
         return specs.digest(self.model_dump(mode="json", exclude=without))
 
 

@@ -19,6 +19,7 @@ from neurotact.data.augmentation import AUTO as ANY_KIND
 from neurotact.data.augmentation import NONE, AugmentationSpec, in_words
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.copies import copies_of
+from neurotact.data.dataset import SOURCES
 from neurotact.data.onset import common_onset_s, onsets_s
 from neurotact.data.recordings import LABEL
 from neurotact.data.splits import SplitSpec, check_each, split_conditions, turns_of, validation_note
@@ -38,7 +39,6 @@ FOLDS, FOLDED = 5, 300
 """Folds that test each trial once, and the most trials for which they are used: 15 % of 300 are 45 test trials."""
 TURNS = 3
 """Values of a tested condition that validation leaves out at most, one after the other."""
-SOURCES = ("simulate", "read", "file")
 WORDS = Words(
     "`settings={'window.length_ms': ...}`",
     "`settings={{'window.start_ms': {}}}`",

@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from neurotact_parts.studies.comparison.sets import OWN_MS, SetSpec, integration_of, sides
+from neurotact_parts.studies.comparison.sets import OWN_MS, SetSpec, WaysData, integration_of
 
 from neurotact.data import doubtful, hdf5
 from neurotact.data.conditioning import ACAUSAL, ConditioningSpec
 from neurotact.data.copies import Copies, copies_of
 from neurotact.data.digests import content_digest
-from neurotact.data.recordings import LABEL, class_names
-from neurotact.data.splits import SplitSpec
+from neurotact.data.recordings import class_names
+from neurotact.data.splits import SplitSpec, split_conditions
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.window_choice import timing_of
 from neurotact.data.windows import cut
@@ -77,8 +77,8 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
         raise InputError(f"{of_afferents[0]}: {path} holds events, which no afferents encode; leave it out")
     window, notes = suited.window(touches.recorded.timing, of_set)
     notes = [*([] if (note := suited.note_of(choice)) is None else [note]), *notes]
-    chosen: dict[str, Any] = {"window": window, "path": str(path), "content": touches.content, "group": [*group]}
-    chosen |= choice._asdict()
+    dataset = {"file": str(path), "content": touches.content, **choice._asdict()}
+    chosen: dict[str, Any] = {"dataset": dataset, "window": window, "group": [*group]}
     if touches.unit is not None:
         is_open = {key: f"conditioning.{of}" not in of_set for key, of in CHOSEN.items()}
         is_open["choose_opposite"] = is_open["choose_baseline"]
@@ -94,8 +94,8 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
         is_exact = integration_of(built, touches.recorded.sampling_rate_Hz) == "exact"
         notes += suited.clock(touches.recorded, clock_Hz, exact=is_exact, chosen=INTEGRATION not in given)
         notes += [] if MEMBRANE in given else suited.of_membrane(built.membrane_ms, OWN_MS)
-    _check(touches, built, others.get(SEED))
     by = {"data.split": "groups"} if group else {}
+    _check(touches, built, others.get(SEED), **{key.removeprefix("data."): value for key, value in by.items()})
     changes = {"sweep.data.set": [touches.name], "data.sets": {touches.name: table}, **by, **others}
     return Own(changes, tuple(notes))
 
@@ -154,20 +154,18 @@ def _look(path: Path, clock_Hz: float, choice: TrialChoice) -> Touches:
                    content_digest(trains), copies_of(trains))  # fmt: skip
 
 
-def _check(touches: Touches, chosen: SetSpec, seeds: Any) -> None:
+def _check(touches: Touches, chosen: SetSpec, seeds: Any, **by: Any) -> None:
     """Raise, before anything is computed, the errors that a cell would raise; seeds: as far as they are known here."""
     classes = class_names(touches.conditions)
     if len(classes) < 2:
-        raise InputError(f"{chosen.path}: holds one class, '{''.join(classes)}'; give trials of at least two")
+        raise InputError(f"{chosen.dataset.file}: holds one class, '{''.join(classes)}'; give trials of at least two")
     cut(touches.steps, touches.clock_Hz, chosen.window)
     missing = [name for name in chosen.group if name not in touches.conditions]
     if missing:
         raise InputError(
             f"`group`: there is no condition '{missing[0]}'; known: {', '.join(map(str, touches.conditions.columns))}"
         )
-    conditions = touches.conditions[[LABEL]].astype(str)
-    if chosen.group:
-        conditions = conditions.assign(group=touches.conditions[list(chosen.group)].astype(str).agg(", ".join, axis=1))
+    data = WaysData(set=touches.name, sets={touches.name: chosen}, **by)
     for seed in seeds if isinstance(seeds, list) else []:
         if isinstance(seed, int) and seed >= 0:  # other values raise an error with the sweep
-            sides(conditions, "groups" if chosen.group else "trials", seed, touches.copies.first)
+            split_conditions(touches.conditions, (), data.split_of(seed), touches.copies.first)

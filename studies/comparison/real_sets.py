@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from neurotact_parts.studies.comparison import fronts, sets
-from neurotact_parts.studies.comparison.saving import Bench, Setting, Sides, cut, fit, row_of
+from neurotact_parts.studies.comparison.saving import Bench, Cut, Setting, cut, fit, row_of
 from neurotact_parts.studies.comparison.saving_figures import COLOURS, MARKS
 from neurotact_parts.studies.comparison.sets import WaysData
 from neurotact_parts.studies.comparison.skipped import SKIPPED, of_run, skipped_row
@@ -69,16 +69,16 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     if SKIPPED in arrays:
         return [{"classifier": "", "input": "", **skipped_row(arrays, VIEW.measures)}]
     bench = sets.bench_of(parameters.data, parameters.network, parameters.seed, arrays)
-    sides = cut(bench, Setting())
-    rows = [*_spiking(bench, sides), *_classical(bench, sides.trains)]
+    own = cut(bench, Setting())
+    rows = [*_spiking(bench, own), *_classical(bench, own.trains)]
     computed = sets.computed_at(parameters.data, arrays)
     shared = {"test_trials": len(bench.split.test), "afferents": computed, SKIPPED: ""}
     return [{**row, **shared} for row in rows]
 
 
-def _spiking(bench: Bench, sides: Sides) -> Iterator[dict[str, Any]]:
+def _spiking(bench: Bench, own: Cut) -> Iterator[dict[str, Any]]:
     for name, model in MODELS.items():
-        fitted = fit(sides, bench.network.model_copy(update={"model": model}), bench.seeds)
+        fitted = fit(own, bench.network.model_copy(update={"model": model}), bench.seeds)
         n_parameters = sum(weights.numel() for weights in fitted.network.parameters())
         row = {"classifier": name, "input": NETWORK_INPUT, "parameters": n_parameters, "flops": float("nan")}
         yield {**row, **row_of(fitted)}
@@ -130,7 +130,8 @@ class Contender(NamedTuple):
 
     @property
     def words(self) -> str:
-        return f"{self.name} has {100 * self.accuracy:.1f} % at {self.energy_nJ:,.0f} nJ"
+        spent = "a cost that is not counted" if np.isnan(self.energy_nJ) else f"{self.energy_nJ:,.0f} nJ"
+        return f"{self.name} has {100 * self.accuracy:.1f} % at {spent}"
 
 
 def answers(results: pd.DataFrame) -> list[str]:
@@ -147,7 +148,8 @@ def _answer(name: str, split: str, rows: pd.DataFrame) -> str:
     near = [others[index] for index in referee.within_error([one.way for one in others])]
     on_signals = [one for one in near if f" on {opponents.SPIKES}: " not in one.name]
     is_known = not np.isnan(best.way.error)  # of one or two seeds the error is not, so that nothing is said of it
-    cheapest = min(on_signals, key=lambda one: one.energy_nJ, default=None) if is_known else None
+    counted = [one for one in on_signals if not np.isnan(one.energy_nJ)]
+    cheapest = min(counted, key=lambda one: one.energy_nJ, default=None) if is_known else None
     if (seeds := len(network.rows)) >= LEAST_SPLITS:
         verdict = referee.judge([_compared(network, rival) for rival in rivals])
         rival = rivals[verdict.decisive]
@@ -159,11 +161,12 @@ def _answer(name: str, split: str, rows: pd.DataFrame) -> str:
     within = "" if np.isnan(low) else f", 95 % interval {low:.1f} to {high:.1f}"
     verb = "more" if gained >= 0 else "fewer"
     level = f", one of {len(rivals)} that validation cannot tell apart" if is_known and len(rivals) > 1 else ""
-    energy = f"{100 * network.energy_nJ / rival.energy_nJ:,.3g} % of its energy"
+    energy = f", at {100 * network.energy_nJ / rival.energy_nJ:,.3g} % of its energy"
+    energy = "" if np.isnan(rival.energy_nJ) else energy
     computed = fronts.afferents_in_words(rows)
     sentence = (
         f"{name}, split by {split}: {said}. {network.words}{computed}; {rival.words}{level}: the network has "
-        f"{abs(gained):.1f} points {verb}{within}, at {energy}."
+        f"{abs(gained):.1f} points {verb}{within}{energy}."
     )
     if cheapest is None or cheapest is rival:
         return sentence

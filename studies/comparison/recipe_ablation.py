@@ -60,10 +60,10 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     if SKIPPED in arrays:
         return [{"change": "", **skipped_row(arrays, VIEW.measures)}]
     bench = sets.bench_of(parameters.data, parameters.network, parameters.seed, arrays)
-    sides = cut(bench, Setting())
-    whole = recipe.chosen_for(parameters.network, sides.training.spikes, sides.trains.sampling_rate_Hz)
+    own = cut(bench, Setting())
+    whole = recipe.chosen_for(parameters.network, own.sides.train.spikes, own.trains.sampling_rate_Hz)
     networks = {WHOLE: whole, **variants(whole, parameters)}
-    return [{"change": name, **row_of(fit(sides, spec, bench.seeds)), SKIPPED: ""} for name, spec in networks.items()]
+    return [{"change": name, **row_of(fit(own, spec, bench.seeds)), SKIPPED: ""} for name, spec in networks.items()]
 
 
 def variants(whole: RSNNSpec, parameters: Parameters) -> dict[str, RSNNSpec]:

@@ -19,17 +19,18 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.metrics.flops import Cost
+from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList
 from neurotact.networks.definition import clock, recipe
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.training import fitting, tasks
-from neurotact.networks.training.training import Examples, train
+from neurotact.networks.training.tasks import Sides, Task
+from neurotact.networks.training.training import train
 from neurotact.networks.use import measuring
-from neurotact.networks.use.ledger import network_cost
+from neurotact.networks.use.ledger import Afferents, network_cost
 from neurotact.spec import Spec, build
 
 Share = Annotated[float, Field(gt=0, le=1)]
@@ -125,33 +126,29 @@ class Bench(NamedTuple):
     seeds: tuple[int, int]
 
 
-class Sides(NamedTuple):
-    """Windows of training, validation and test trials, the spike trains from which they are cut, and the encoder.
+class Cut(NamedTuple):
+    """The windows of each side under a setting, and the spikes of the remaining taxels, from which they are cut."""
 
-    encoder: as saved with the spikes; None for events. n_taxels: number of the remaining taxels.
-    """
-
-    training: Examples
-    validation: Examples
-    test: Examples
     trains: SpikeTrains
-    encoder: Mapping[str, Any] | None
-    n_taxels: int
+    sides: Sides
 
 
 class Fitted(NamedTuple):
-    """A trained network, its windows, and the random generator of their order.
+    """A trained network, the spikes and windows that it was trained on, and the random generator of their order.
 
     was_open: whether training decided if it is recurrent.
     """
 
     network: RSNN
+    trains: SpikeTrains
     sides: Sides
     order: torch.Generator
     was_open: bool = False
 
 
-def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[str, Any]:
+def measured(
+    bench: Bench, setting: Setting, known: dict[str, Fitted], prices: PriceList = ARITHMETIC_45NM
+) -> dict[str, Any]:
     """A row of results: accuracies, SOPs, energy and signal of a decision with one setting.
 
     known: first trainings by their key; a new one is added. With that of `Setting()`, which saves nothing, among them,
@@ -159,14 +156,14 @@ def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[s
     """
     name = setting.first_training()
     if name not in known:
-        sides = cut(bench, setting)
-        seen = recipe.Seen.of(sides.training.spikes, sides.trains.sampling_rate_Hz)
+        own = cut(bench, setting)
+        seen = recipe.Seen.of(own.sides.train.spikes, own.trains.sampling_rate_Hz)
         # A part of the window may lack the closest spikes; the clock stays that of the whole one.
-        whole = sides if setting.window == 1 else cut(bench, setting.model_copy(update={"window": 1.0}))
+        whole = own if setting.window == 1 else cut(bench, setting.model_copy(update={"window": 1.0}))
         whole_steps = round(bench.window.length_ms * 1e-3 * seen.sampling_rate_Hz)
-        of_whole = seen if whole is sides else recipe.Seen.of(whole.training.spikes, seen.sampling_rate_Hz)
+        of_whole = seen if whole is own else recipe.Seen.of(whole.sides.train.spikes, seen.sampling_rate_Hz)
         # The longest steps that merge none may be longer than those that a recipe looks at.
-        longest = clock.apart(whole.training.spikes) if setting.longest_steps else 1
+        longest = clock.apart(whole.sides.train.spikes) if setting.longest_steps else 1
         seen = seen._replace(apart=max(of_whole.apart, longest))
         spec, plain = changed(bench.network, setting, seen, whole_steps), known.get(Setting().first_training())
         if spec.model == "auto" and plain is not None:  # a way changes nothing else
@@ -174,56 +171,56 @@ def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[s
         with warnings.catch_warnings():
             if setting.step_ms is not None:
                 warnings.filterwarnings("ignore", MERGES)
-            known[name] = fit(sides, spec, bench.seeds)._replace(was_open=spec.model == "auto")
+            known[name] = fit(own, spec, bench.seeds)._replace(was_open=spec.model == "auto")
     fitted = known[name]
     if setting.prune is not None:
         fitted = _pruned(fitted, setting)
     rule = FULL_WINDOW
     if setting.exit_tolerance is not None:
         rule = fitting.exit_of(fitted.network, fitted.sides.validation, setting.exit_tolerance).used
-    return row_of(fitted, rule, pruned=setting.prune is not None)
+    return row_of(fitted, rule, pruned=setting.prune is not None, prices=prices)
 
 
-def row_of(fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, pruned: bool = False) -> dict[str, Any]:
+def row_of(
+    fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, pruned: bool = False, prices: PriceList = ARITHMETIC_45NM
+) -> dict[str, Any]:
     """Accuracies, SOPs, energy and signal of a decision; of a pruned network, SOPs of the remaining weights."""
-    network, validation, test = fitted.network, fitted.sides.validation, fitted.sides.test
+    network, (train, validation, test) = fitted.network, fitted.sides
     inferred = network.infer(test.spikes, rule)
-    counted = pruning.remaining_synops(network, test.spikes) if pruned else measuring.synops_of(inferred, network)
-    sops = {f"sops_{part}": float(values.mean()) for part, values in counted._asdict().items()}
-    spent = _cost(fitted, sops, inferred.steps)
+    row = measuring.means(inferred, network, test, {})
+    if pruned:
+        remaining = pruning.remaining_synops(network, test.spikes)._asdict()
+        row |= {f"sops_{part}": float(values.mean()) for part, values in remaining.items()}
+    spent = _cost(fitted, row, inferred.steps)
     return {
         "accuracy_validation": measuring.accuracy_of(network.infer(validation.spikes, rule), validation),
-        "accuracy_test": measuring.accuracy_of(inferred, test),
-        **sops,
-        **spent.columns("energy_estimate_nJ", "signal_ms"),
+        **row,
+        **spent.columns("energy_estimate_nJ", "signal_ms", prices=prices),
         "input_spikes": float(inferred.input_spikes.double().mean()),
         "hidden_spikes": float(inferred.hidden_spikes.double().mean()),
         "network_step_ms": network.spec.own_step_ms or 1e3 / network.sampling_rate_Hz,
-        "n_train": len(fitted.sides.training.labels),
+        "n_train": len(train.labels),
         "n_test": len(test.labels),
     }
 
 
-def cut(bench: Bench, setting: Setting) -> Sides:
+def cut(bench: Bench, setting: Setting) -> Cut:
     """The windows of each side under a setting's refractory periods, taxels and length."""
     trains = _encoded(bench, setting)
     step_ms = 1e3 / trains.sampling_rate_Hz
     hop_ms = bench.window.hop_ms or bench.window.length_ms
     length_ms = max(1, round(setting.window * bench.window.length_ms / step_ms)) * step_ms
     window = bench.window.model_copy(update={"length_ms": length_ms, "hop_ms": hop_ms})
-    cuts = [tasks.examples_of(trains, side, window) for side in bench.split]
-    kept, n_taxels = _select_afferents(trains, cuts[0][0].spikes, setting.taxels)
-    training, validation, test = (
-        Examples(side.spikes[:, :, kept].contiguous(), side.labels, of=torch.from_numpy(windows.trial))
-        for side, windows in cuts
-    )
-    return Sides(training, validation, test, trains, None if bench.encoder is None else trains.encoder, n_taxels)
+    if setting.taxels < 1:
+        training, _ = tasks.examples_of(trains, bench.split.train, window)
+        trains = trains.with_afferents(_varying(trains, training.spikes, setting.taxels))
+    return Cut(trains, tasks.sides_of(trains, Task(window=window), bench.split))
 
 
-def fit(sides: Sides, spec: RSNNSpec, seeds: tuple[int, int]) -> Fitted:
-    """A network trained on `sides`; seeds: of its weights and of the order of windows."""
-    network, _ = fitting.new_trained(sides.trains, spec, seeds, sides.training, sides.validation)
-    return Fitted(network, sides, torch.Generator().manual_seed(seeds[1]))
+def fit(own: Cut, spec: RSNNSpec, seeds: tuple[int, int]) -> Fitted:
+    """A network trained on some windows; seeds: of its weights and of their order."""
+    network, _ = fitting.new_trained(own.trains, spec, seeds, own.sides.train, own.sides.validation)
+    return Fitted(network, *own, torch.Generator().manual_seed(seeds[1]))
 
 
 def changed(spec: RSNNSpec, setting: Setting, seen: recipe.Seen, whole_steps: int) -> RSNNSpec:
@@ -273,18 +270,15 @@ def _encoded(bench: Bench, setting: Setting) -> SpikeTrains:
     return encode_recordings(bench.touches, encoder)
 
 
-def _select_afferents(trains: SpikeTrains, training: torch.Tensor, share: float) -> tuple[list[int], int]:
-    """The afferents of the selected taxels, and the number of these taxels.
-
-    Selected are the taxels with the largest variance of spikes per training window.
-    """
+def _varying(trains: SpikeTrains, training: torch.Tensor, share: float) -> list[int]:
+    """The afferents of this share of the taxels, those with the largest variance of spikes per training window."""
     taxel_of = taxels_of(trains.afferents)
     taxels = list(dict.fromkeys(taxel_of))
     counts = training.sum(dim=1, dtype=torch.float64)
     spread = [float(counts[:, [own == taxel for own in taxel_of]].sum(dim=1).var(correction=0)) for taxel in taxels]
     best = np.argsort(spread, kind="stable")[::-1][: n_kept(len(taxels), share)]
     selected = {taxels[index] for index in best}
-    return [index for index, taxel in enumerate(taxel_of) if taxel in selected], len(selected)
+    return [index for index, taxel in enumerate(taxel_of) if taxel in selected]
 
 
 def taxels_of(afferents: Sequence[str]) -> list[str]:
@@ -319,7 +313,7 @@ def _pruned(fitted: Fitted, setting: Setting) -> Fitted:
     if setting.train_on:
         order = torch.Generator().manual_seed(fitted.order.initial_seed() + 1)
         with pruning.pruned_stay_pruned(network):
-            train(network, fitted.sides.training, fitted.sides.validation, generator=order)
+            train(network, fitted.sides.train, fitted.sides.validation, generator=order)
     return fitted._replace(network=network)
 
 
@@ -329,12 +323,8 @@ def _cost(fitted: Fitted, sops: Mapping[str, float], decided: torch.Tensor) -> C
     signal_ms = 1e3 * steps / network.sampling_rate_Hz
     sizes = network.n_inputs, network.n_classes
     spent = network_cost(network.spec, *sizes, sops, steps=steps, signal_ms=signal_ms)
-    if fitted.sides.encoder is None:
+    if not fitted.trains.encoder:
         return spent
     # Counted before bins merge some, and before weights are pruned: the encoder has sent all of them.
     sent = fitted.sides.test.spikes.sum(dim=2, dtype=torch.float64).cumsum(dim=1)
-    spikes = float(sent.gather(1, decided.cpu()[:, None] - 1).mean())
-    recorded_Hz = fitted.sides.trains.recorded_Hz
-    return spent + encoding_cost(
-        fitted.sides.n_taxels, steps, signal_ms, fitted.sides.encoder, recorded_Hz=recorded_Hz, spikes=spikes
-    )
+    return spent + Afferents.of(fitted.trains).cost(steps, float(sent.gather(1, decided.cpu()[:, None] - 1).mean()))

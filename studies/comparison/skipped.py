@@ -6,6 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 import pandas as pd
 
+from neurotact.data.dataset import DatasetSpec
 from neurotact.errors import InputError
 from neurotact.studies.protocol import Arrays
 
@@ -15,8 +16,10 @@ SKIPPED = "skipped"
 """The reason for missing results: the name of an array, and of a column that is empty for rows with results."""
 
 
-def left_out(name: str, error: InputError) -> Arrays:
-    """A placeholder for the data of a task or set; logs a warning."""
+def left_out(name: str, error: InputError, dataset: DatasetSpec | None = None) -> Arrays:
+    """A placeholder for the data of a task or set; logs a warning. Raises the error for a user's own file."""
+    if dataset is not None and dataset.content is not None:
+        raise error
     why = f"{name} is left out: {error}"
     log.warning("%s", why)
     return {SKIPPED: np.array(why)}

@@ -4,12 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-import torch
 
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split, SplitSpec
-from neurotact.data.windows import Windows
+from neurotact.data.windows import WindowSpec
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.calibration import calibrate
 from neurotact.encoders.encoding import encode_recordings
@@ -19,7 +18,7 @@ from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.training import fitting
-from neurotact.networks.training.training import Examples
+from neurotact.networks.training.tasks import Sides, Task
 from neurotact.networks.use import measuring
 from neurotact.networks.use.ledger import Afferents, network_cost
 from neurotact.studies.protocol import TaskData
@@ -64,45 +63,35 @@ def decide(task: TaskData, split: Split, seed: int) -> list[Decided]:
     Costs count conditioning and afferents of every taxel on every step until the decision, and the network by its
     measured SOPs.
     """
-    trains = encode(task, split.train)
-    training, validation, test = (_examples(trains, side) for side in split)
-    fits = [_fit(trains, spec, training, validation, seed) for spec in TRIED]
-    best = max(range(len(fits)), key=lambda i: fits[i][1])
-    network, accuracy_validation = fits[best]
-    choice = fitting.exit_of(network, validation, EXIT_TOLERANCE, training)
+    trains, seeds = encode(task, split.train), of_start(seed, SplitSpec(seed=seed))
+    length_ms = 1e3 * int(trains.trial_steps[0]) / trains.sampling_rate_Hz
+    how = Task(window=WindowSpec(length_ms=length_ms, per_trial=1), exit_tolerance=EXIT_TOLERANCE, exit_choice="steady")
+    fits = [fitting.fit(trains, spec, how, seeds, split=split) for spec in TRIED]
+    fitted, sides = max(fits, key=lambda fit: _validated(fit[0].network, fit[1]))
+    network, choice = fitted.network, fitted.held
+    assert choice is not None
     kind = "recurrent" if network.spec.recurrent else "feed-forward"
     settings = f"N {network.spec.hidden}, {kind}, tau {network.spec.tau_mem_ms:g} and {network.spec.tau_syn_ms:g} ms"
-    decided = []
     refused = f"{settings}; early exit not used: whole windows" if choice.is_refused else settings
-    for name, rule, told in ((FAMILY, FULL_WINDOW, settings), (EARLY, choice.used, refused)):
-        accuracy_exit = accuracy_validation if rule is FULL_WINDOW else _accuracy(network, validation, rule)
-        decided.append(Decided(name, told, accuracy_exit, *_measure(network, trains, test, rule)))
-    return decided
+    return [
+        Decided(name, told, _validated(network, sides, rule), *_measure(network, trains, sides, rule))
+        for name, rule, told in ((FAMILY, FULL_WINDOW, settings), (EARLY, choice.used, refused))
+    ]
 
 
-def _examples(trains: SpikeTrains, side: np.ndarray) -> Examples:
-    windows = Windows(side, np.zeros(len(side), np.int64), int(trains.trial_steps[0]))
-    return Examples(torch.from_numpy(trains.raster(windows)), torch.from_numpy(trains.labels[side]))
+def _validated(network: RSNN, sides: Sides, rule: ExitRule = FULL_WINDOW) -> float:
+    return measuring.accuracy_of(network.infer(sides.validation.spikes, rule), sides.validation)
 
 
-def _fit(
-    trains: SpikeTrains, spec: RSNNSpec, training: Examples, validation: Examples, seed: int
-) -> tuple[RSNN, float]:
-    network, _ = fitting.new_trained(trains, spec, of_start(seed, SplitSpec(seed=seed)), training, validation)
-    return network, _accuracy(network, validation, FULL_WINDOW)
-
-
-def _accuracy(network: RSNN, examples: Examples, rule: ExitRule) -> float:
-    return measuring.accuracy_of(network.infer(examples.spikes, rule), examples)
-
-
-def _measure(network: RSNN, trains: SpikeTrains, test: Examples, rule: ExitRule) -> tuple[float, Cost, Cost]:
+def _measure(network: RSNN, trains: SpikeTrains, sides: Sides, rule: ExitRule) -> tuple[float, Cost, Cost]:
     """Test accuracy, and the mean cost of encoding and of the network."""
-    inferred = network.infer(test.spikes, rule)
-    measured = {f"sops_{name}": float(v.mean()) for name, v in measuring.synops_of(inferred, network)._asdict().items()}
+    inferred = network.infer(sides.test.spikes, rule)
+    measured = measuring.means(inferred, network, sides.test, {})
     steps = float(inferred.steps.double().mean())
-    signal_ms = 1e3 * steps / trains.sampling_rate_Hz
     encoder = Afferents.of(trains).cost(steps, measured["sops_input"] / network.spec.hidden)
-    sizes = len(trains.afferents), network.n_classes
-    network_spent = network_cost(network.spec, *sizes, measured, steps=steps, signal_ms=signal_ms)
-    return measuring.accuracy_of(inferred, test), encoder, network_spent
+    sizes, signal_ms = (network.n_inputs, network.n_classes), 1e3 * steps / trains.sampling_rate_Hz
+    return (
+        measured["accuracy_test"],
+        encoder,
+        network_cost(network.spec, *sizes, measured, steps=steps, signal_ms=signal_ms),
+    )

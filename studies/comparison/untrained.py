@@ -14,16 +14,17 @@ import numpy as np
 from neurotact_parts.studies.comparison import remedy_answers, touch_sets
 from neurotact_parts.studies.comparison.remedy_answers import CEILING, DEFAULT, NETWORK, NOTHING
 from neurotact_parts.studies.comparison.skipped import SKIPPED, skipped_row
-from neurotact_parts.studies.comparison.touch_sets import TouchData, recordings_of
+from neurotact_parts.studies.comparison.touch_sets import TouchData
 from pydantic import Field, model_validator
 
 from neurotact import spec
-from neurotact.baselines import families, opponents
-from neurotact.baselines.families import Family
+from neurotact.baselines import opponents
+from neurotact.baselines.opponent import joined
 from neurotact.baselines.opponents import Cuts, Input
 from neurotact.data import hdf5
 from neurotact.data.augmentation import NONE, AugmentationSpec
 from neurotact.data.copies import copies_of
+from neurotact.data.dataset import from_arrays
 from neurotact.data.digests import content_digest
 from neurotact.data.recordings import LABEL, Recordings, class_indices
 from neurotact.data.spikes import SpikeTrains
@@ -55,8 +56,6 @@ PERIODS = f"sweep.{study.PAIR}"
 TASKS = "sweep.data.set & condition & value"
 TESTED, SPLITS = f"sweep.{suited.TESTED}", "sweep.split.seed"
 """Keys that `leave_out_each` (without the condition) and `repeats` set."""
-CLASSIFIERS: dict[str, Family] = {name: family for name, family in families.ON_FEATURES.items() if name != "ELM"}
-"""The opponents on features; on sequences there is MiniRocket."""
 
 
 class Remedy(Spec):
@@ -157,7 +156,8 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     tested = _tested(parameters)
     if SKIPPED in arrays:
         return [{"tested": tested, "classifier": "", "input": "", **skipped_row(arrays, VIEW.measures)}]
-    recordings = recordings_of(arrays, parameters.data.set)
+    recordings = from_arrays(arrays, parameters.data.set)
+    assert isinstance(recordings, Recordings)
     if parameters.condition:
         recordings = _halved(recordings, parameters)
     rows: list[dict[str, Any]] = []
@@ -312,11 +312,12 @@ def _inputs(prepared: Prepared, every: SpikeTrains, cuts: Cuts) -> Iterator[Inpu
     """Moments and time bins of the signals, the signals, and time bins of the spikes, each for some classifiers."""
     cell, trains, recordings = prepared.cell, prepared.trains, prepared.recordings
     pieces = preparation.pieces_with_copies(recordings, cuts.windows, trains, cell) if trains.variations else ()
+    on_features = {name: one for name, one in joined("features", "quick").items() if name != "ELM"}
     for one in opponents.signal_inputs(recordings, cuts, "quick", pieces):
-        yield one if one.families is opponents.ON_SAMPLES else one._replace(families=CLASSIFIERS)
+        yield one if one.features.ndim == 3 else one._replace(opponents=on_features)
     first_ms, second_ms = t_ref_pair_ms(cell.encoder)
     *_, binned = opponents.spike_inputs(every, (second_ms, first_ms), cuts)
-    yield binned._replace(families=CLASSIFIERS)
+    yield binned._replace(opponents=on_features)
 
 
 def _accuracy(shares: Mapping[int, float], trials: np.ndarray, trial_of: np.ndarray) -> float:
@@ -372,11 +373,7 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     resolved = study.resolve("own-recordings", keys, data=path)
     steps = np.round(suited.look(path, CLOCK_HZ, choice).timing.durations_s * CLOCK_HZ).astype(np.int64)
     check_fit(steps, CLOCK_HZ, resolved.window)
-    table = {
-        "path": str(path),
-        "content": content_digest(touches),
-        **choice._asdict(),
-        "keys": spec.override({}, of_set),
-    }
+    file = {"file": str(path), "content": content_digest(touches), **choice._asdict()}
+    table = {"parts": {"file": file}, "keys": spec.override({}, of_set)}
     changes = {TASKS: [["recordings", condition, value] for value in values], suited.SEED: seeds}
     return Own({**changes, "data.sets": {"recordings": table}, **others}, tuple(notes))

@@ -9,18 +9,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.exporters.c import export
 from typer.testing import CliRunner
 
 import neurotact as nt
 from neurotact import workers
 from neurotact.cli import app
+from neurotact.data.dataset import load_recordings
 from neurotact.data.splits import SplitSpec, split_conditions
 from neurotact.data.trial_choice import LEAST_OF_CLASS, TrialChoice, chosen_trials, evenly_of, fewer_trials
-from neurotact.deploy import export
 from neurotact.errors import InputError
 from neurotact.networks.training import trained
 from neurotact.spec import parse_choice
-from neurotact.studies import loading, preparation
+from neurotact.studies import loading
 
 QUICK = {"hidden": 4, "training.epochs": 1}
 
@@ -275,7 +276,7 @@ def test_a_study_of_too_few_trials_names_the_key_that_leaves_them(place):
     with pytest.raises(InputError, match=r"^dataset\.at_most: 8 trials of 3 classes .* give at least 9 "):
         loading.resolve("own-recordings", {"dataset.at_most": 8}, data=place / "touches.h5")
     nine = loading.resolve("own-recordings", {"dataset.at_most": 9}, data=place / "touches.h5")
-    assert len(preparation.load_dataset(nine.dataset)) == 9
+    assert len(load_recordings(nine.dataset)) == 9
 
 
 def test_a_first_look_at_many_trials_takes_some_and_says_so(tmp_path, monkeypatch):
@@ -286,12 +287,12 @@ def test_a_first_look_at_many_trials_takes_some_and_says_so(tmp_path, monkeypatc
     quick = loading.resolve("own-recordings", {"dataset.at_most": 24}, quick=True, data=path)
     said = "Trials: 24 of 40, evenly spaced within each class and condition, for an answer in one sitting; all:"
     assert [note.startswith(said) for note in quick.notes].count(True) == 1
-    loaded = preparation.load_dataset(quick.dataset)
+    loaded = load_recordings(quick.dataset)
     assert loaded.conditions.groupby(["label", "speed"]).size().tolist() == [6] * 4
     every = loading.resolve("own-recordings", {}, quick=True, data=path)
     assert every.dataset.at_most == 1000
     assert not any(note.startswith("Trials") for note in every.notes)
-    assert len(preparation.load_dataset(every.dataset)) == 40
+    assert len(load_recordings(every.dataset)) == 40
     assert loading.resolve("own-recordings", {}, data=path).dataset.at_most is None
 
 
@@ -300,7 +301,7 @@ def test_a_study_uses_the_chosen_trials_and_says_which(place, caplog):
     what = loading.resolve("own-recordings", changes, data=place / "touches.h5")
     assert what.notes[0] == "Trials: speed = 450 without label = rest."
     assert not caplog.messages
-    found = preparation.load_dataset(what.dataset)
+    found = load_recordings(what.dataset)
     assert caplog.messages == [f"{place / 'touches.h5'}: 20 of 60 trials are kept: speed = 450 without label = rest"]
     pd.testing.assert_frame_equal(found.conditions, nt.load(place / "some.h5").conditions)
     whole = loading.resolve("own-recordings", data=place / "touches.h5")
@@ -314,11 +315,11 @@ def test_a_study_of_ways_to_save_uses_the_chosen_trials(place):
     alone = loading.resolve("ways-to-save", data=place / "some.h5")
     assert mine.notes == ("Trials: speed = 450 without label = rest.", *alone.notes)
     sets = [next(iter(each.parameters["data"]["sets"].values())) for each in (mine, alone)]
-    assert sets[0]["content"] == sets[1]["content"]
+    assert sets[0]["dataset"]["content"] == sets[1]["dataset"]["content"]
     module = loading.protocol_study.module_of("ways_to_save")
     cell = next(iter(loading.protocol_study.cells(mine)))
     arrays = module.load(cell.built().data)
-    assert sorted(set(arrays["labels"].tolist())) == ["felt", "silk"]
+    assert sorted(set(arrays["condition label"].tolist())) == ["felt", "silk"]
     with pytest.raises(InputError, match=r"`where`, `leave_out`: ways-to-save\.toml makes or reads its own recordings"):
         loading.resolve("ways-to-save", changes)
 

@@ -19,6 +19,7 @@ from in_process import typed
 
 from neurotact import cli, spec
 from neurotact.data import hdf5
+from neurotact.data.dataset import load_recordings
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.figures.search import draw_search
@@ -33,7 +34,7 @@ from neurotact.networks.training.tasks import Task
 from neurotact.networks.training.training import Epoch, Training
 from neurotact.networks.use import measuring
 from neurotact.studies import cell as cells
-from neurotact.studies import preparation, study
+from neurotact.studies import study
 
 TINY = Path(__file__).parents[1] / "studies" / "tiny.toml"
 SPACE = {
@@ -49,7 +50,7 @@ def spikes(tmp_path_factory):
     """The spike trains of the tiny study, in a file."""
     path = tmp_path_factory.mktemp("spikes") / "spikes.h5"
     what = study.resolve(TINY)
-    hdf5.save_spikes(encode_recordings(preparation.load_dataset(what.dataset), what.encoder), path)
+    hdf5.save_spikes(encode_recordings(load_recordings(what.dataset), what.encoder), path)
     return path
 
 
@@ -221,7 +222,7 @@ def test_a_search_of_an_earlier_form_is_refused(trains, whole, tmp_path):
     (tmp_path / "search.json").write_text(json.dumps(table))
     (tmp_path / JOURNAL).write_bytes((whole / JOURNAL).read_bytes())
     with pytest.raises(
-        InputError, match=r"holds a search of another neurotact \(schema none, here 1\); choose another"
+        InputError, match=r"holds a search of another neurotact \(schema none, here 2\); choose another"
     ):
         run(trains, tmp_path)
 

@@ -322,8 +322,8 @@ def test_other_settings_are_refused_by_name(monkeypatch, spikes, whole, folder, 
 def test_a_training_of_an_earlier_form_is_refused(monkeypatch, spikes, folder):
     interrupt(monkeypatch, 2, spikes, folder)
     path = folder / ASKED
-    path.write_text(path.read_text().replace("schema = 1\n", ""))
-    with pytest.raises(InputError, match=r"holds a training of another neurotact \(schema none, here 1\); start again"):
+    path.write_text(path.read_text().replace("schema = 2\n", ""))
+    with pytest.raises(InputError, match=r"holds a training of another neurotact \(schema none, here 2\); start again"):
         run(spikes, folder, NETWORK, TASK, resume=True)
 
 
@@ -427,7 +427,7 @@ def damage(folder: Path, what: str) -> None:
     elif what.endswith("absent"):
         path.unlink()
     elif what == "asked of another kind":
-        path.write_text("schema = 1\nhidden = 3\n")
+        path.write_text("schema = 2\nhidden = 3\n")
     elif what == "asked for something else":  # by one who edits both the file and the command
         path.write_text(to_toml(override(read(path), {"network.training.learning_rate": 0.9})))
     else:

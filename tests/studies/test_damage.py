@@ -19,11 +19,12 @@ from toy import bring
 
 from neurotact import files
 from neurotact.data import hdf5
+from neurotact.data.dataset import load_recordings
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
 from neurotact.networks.search import journal
 from neurotact.spec import shipped
-from neurotact.studies import loading, preparation, protocol, runner, store, study
+from neurotact.studies import loading, protocol, runner, store, study
 
 HERE = Path(__file__).parent
 TINY = HERE / "tiny.toml"
@@ -356,7 +357,7 @@ def test_a_study_of_no_subset_is_refused():
 def recorded(tmp_path) -> tuple[Path, Path]:
     """A run of recordings in a file: the file, the run's folder."""
     path, folder = tmp_path / "touches.h5", tmp_path / "run"
-    hdf5.save_recordings(preparation.load_dataset(study.resolve(TINY).dataset), path)
+    hdf5.save_recordings(load_recordings(study.resolve(TINY).dataset), path)
     table = TINY.read_text().replace('simulate = "gratings"', f'file = "{path}"')
     (tmp_path / "study.toml").write_text("\n".join(line for line in table.splitlines() if "parameters =" not in line))
     runner.run(loading.resolve(tmp_path / "study.toml", ONE_SIZE), folder)

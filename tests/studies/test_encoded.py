@@ -9,13 +9,14 @@ import pandas as pd
 import pytest
 from in_process import typed
 
+from neurotact.data.dataset import load_recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.metrics import firing
 from neurotact.metrics.spike_trains import isis_ms
 from neurotact.studies import cell as cells
-from neurotact.studies import preparation, study
+from neurotact.studies import study
 from neurotact.studies.study import Cell
 
 TINY = Path(__file__).parent / "tiny-encoder.toml"
@@ -26,7 +27,7 @@ CELLS = list(study.cells(WHAT))
 @pytest.fixture(scope="module")
 def encoded() -> list[tuple[Cell, SpikeTrains, dict, pd.DataFrame]]:
     """Each cell with its spike trains, its row and its distributions."""
-    recordings = preparation.load_dataset(WHAT.dataset)
+    recordings = load_recordings(WHAT.dataset)
     found = []
     for cell in CELLS:
         trains = encode_recordings(recordings, cell.encoder)

@@ -13,15 +13,17 @@ from pathlib import Path
 import pytest
 from processes import workers_of
 
+import neurotact as nt
 from neurotact import files
 from neurotact.api import networks as api
 from neurotact.data import hdf5
+from neurotact.data.dataset import load_recordings
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.files import DRAFT, LOCK
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import repeated
-from neurotact.studies import preparation, runner, store, study
+from neurotact.studies import runner, store, study
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -79,7 +81,7 @@ def left_by(folder: Path) -> dict[str, bytes]:
 def spikes(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("spikes") / "spikes.h5"
     what = study.resolve(TINY)
-    hdf5.save_spikes(encode_recordings(preparation.load_dataset(what.dataset), what.encoder), path)
+    hdf5.save_spikes(encode_recordings(load_recordings(what.dataset), what.encoder), path)
     (path.parent / "space.toml").write_text(SPACE)
     return path
 
@@ -136,8 +138,8 @@ def test_a_folder_at_work_is_refused_to_every_writer_and_free_after_a_kill(held,
         lambda: runner.run(what, folder),
         lambda: runner.run(runner.load(folder), folder),
         lambda: runner.write_tables(folder),
-        lambda: api.train(spikes, folder, length_ms=50),
-        lambda: api.tune(spikes, folder, length_ms=50, per_trial=1),
+        lambda: api.train(spikes, folder, window=nt.Window(length_ms=50)),
+        lambda: api.tune(spikes, folder, window=nt.Window(length_ms=50, per_trial=1)),
         lambda: repeated.run(spikes, folder, RSNNSpec(), {}),
     ):
         with pytest.raises(InputError, match=said):

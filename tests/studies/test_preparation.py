@@ -116,7 +116,7 @@ def test_the_file_of_a_study_holds_what_its_cells_use(tmp_path, monkeypatch):
     table = pd.DataFrame({"label": ["felt", "silk"] * 20, "force_N": [3, 3, 6, 6] * 10})
     waves = 8.0 * np.sin(np.arange(1000) / 40.0)[:, None]
     touches = Recordings(waves + np.random.default_rng(0).normal(0, 1, (40, 1, 2)), 2000.0, "mV", table)
-    monkeypatch.setattr(preparation, "load_dataset", lambda _: touches)
+    monkeypatch.setattr(preparation, "load_recordings", lambda _: touches)
     changes = {
         "dataset.stratify": ["force_N"], "dataset.subsets": {"light": {"force_N": 3}}, "sweep.dataset": ["light"],
         "baselines": "none", "window.start_ms": 50, "window.length_ms": 100, "window.per_trial": 1,
@@ -168,7 +168,7 @@ def test_gains_are_fitted_on_training_trials_alone(tmp_path, monkeypatch, only_k
         return SimpleNamespace(encoder=spec.model_copy(update={"tau_mem_ms": 8.0}))
 
     monkeypatch.setattr(preparation, "calibration_for", lambda spec, given, **choices: (fitted, 1))
-    monkeypatch.setattr(preparation, "load_dataset", lambda _: touches)
+    monkeypatch.setattr(preparation, "load_recordings", lambda _: touches)
     preparation.prepare(tmp_path, what, [cell])
     train = split_conditions(table, ["force_N"], cell.split).train
     expected = [n for n in train.tolist() if not only_known or table.force_N[n] == 3]
@@ -194,7 +194,7 @@ def test_a_window_longer_than_the_shortest_trial_is_refused_before_calibration(
     }  # fmt: skip
     lengths = [length_ms - 1, length_ms]  # the longer one is of another cell with the same spikes
     what = study.resolve("refractory-period", {**changes, "sweep.window.length_ms": lengths})
-    monkeypatch.setattr(preparation, "load_dataset", lambda _: touches)
+    monkeypatch.setattr(preparation, "load_recordings", lambda _: touches)
 
     def calibrated(*_, **__):
         raise AssertionError("calibration began")
@@ -237,7 +237,7 @@ def told():
     sides = Split(trials[:12], trials[12:16], trials[16:])
     is_turned = (table["force_N"] == 6).to_numpy() ^ (trials >= 16)
     features = np.where(recordings.labels.astype(bool) ^ is_turned, 1.0, -1.0)[:, None]
-    told = opponents.Input("signals", "told", None, features, Cost(), {"linear": families.logistic_regression})
+    told = opponents.Input("signals", "told", None, features, Cost(), {"linear": families.LOGISTIC_REGRESSION})
     windows = Windows(trials, np.zeros(24, np.int64), 10)
 
     def rows(where):

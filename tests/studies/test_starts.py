@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from in_process import studies_here
 
+from neurotact.data.dataset import load_recordings
 from neurotact.data.hdf5 import load_spikes
 from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
@@ -15,7 +16,7 @@ from neurotact.files import read_json
 from neurotact.networks.training import tasks
 from neurotact.networks.training.tasks import Task
 from neurotact.studies import runner, store, study
-from neurotact.studies.preparation import dataset_of, load_dataset
+from neurotact.studies.preparation import dataset_of
 
 TINY = Path(__file__).parent / "tiny.toml"
 START = "dataset.parameters.start_mm"
@@ -41,7 +42,7 @@ def test_each_cell_works_on_the_recordings_of_its_own_start(run):
     cells = list(study.cells(what))
     assert [cell.source["parameters"]["start_mm"] for cell in cells] == [1.0, 3.0]
     for cell in cells:
-        recorded = load_dataset(dataset_of(what, cell)).conditions
+        recorded = load_recordings(dataset_of(what, cell)).conditions
         trains = load_spikes(folder / cell.given)
         assert trains.conditions.equals(recorded)
         alone = study.resolve(TINY, {**STARTS, START: cell.source["parameters"]["start_mm"]})

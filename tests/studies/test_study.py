@@ -78,7 +78,7 @@ def test_only_the_encoder_decides_which_spike_trains_a_cell_needs():
         ({"sweep.seed": [-1]}, "sweep.seed must be whole numbers >= 0"),
         ({"encoder.sa1.t_ref_ms": 5}, "is swept as 'encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms'"),
         ({"dataset.simulate": "rocks"}, "dataset.simulate: there is no such simulation; known: compliance"),
-        ({"dataset.file": "x.h5"}, "give one of simulate, read and file"),
+        ({"dataset.file": "x.h5"}, "give one of simulate, read, file and arrays"),
     ],
 )
 def test_a_wrong_value_is_refused_before_anything_runs(overrides, message):

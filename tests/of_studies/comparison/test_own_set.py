@@ -217,7 +217,7 @@ def test_the_studies_that_ship_hold_no_key_of_a_file():
     for name in ("ways-to-save", "real-sets", "recipe-ablation"):
         for cell in cells_of(loading.resolve(name)):
             sets = cell.parameters["data"]["sets"].values()
-            held = {key for each in sets for key, value in each.items() if value}
+            held = {key for each in sets for key, value in {**each, **each["dataset"]}.items() if value}
             assert not {"content", "choose_baseline", "choose_ema"} & held
 
 
@@ -330,7 +330,7 @@ def test_a_first_look_says_so(tmp_path):
 def test_taxels_whose_names_end_alike_are_taxels_of_their_own(tmp_path):
     path = saved(tmp_path, channels=("left thumb", "right thumb"))
     bench = bench_of(path)
-    assert [cut(bench, Setting(taxels=share)).n_taxels for share in (1.0, 0.5)] == [2, 1]
+    assert [len(cut(bench, Setting(taxels=share)).trains.afferents) for share in (1.0, 0.5)] == [4, 2]
 
 
 # --- what is refused -----------------------------------------------------------------------------------

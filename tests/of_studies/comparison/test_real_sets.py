@@ -18,7 +18,7 @@ from neurotact.studies import protocol_study
 from neurotact.studies.loading import resolve
 
 SET = {
-    "simulate": "gratings", "simulation": {"trials": 2, "duration_s": 0.4},
+    "dataset": {"simulate": "gratings", "parameters": {"trials": 2, "duration_s": 0.4}},
     "conditioning": {"ema_cutoff_Hz": 30.0, "baseline": "start", "resample_Hz": 200.0},
     "window": {"length_ms": 100.0, "start_ms": 250.0, "per_trial": 1}, "group": ["force_N"],
 }  # fmt: skip
@@ -74,7 +74,7 @@ def test_by_group_no_group_stands_on_two_sides():
     parameters = asked("groups")
     arrays = real_sets.load(parameters.data)
     bench = sets.bench_of(parameters.data, parameters.network, 0, arrays)
-    groups = [set(arrays["groups"][side]) for side in bench.split]
+    groups = [set(arrays["condition force_N"][side]) for side in bench.split]
     assert all(groups)
     assert not groups[0] & groups[2]
     assert not groups[1] & (groups[0] | groups[2])
@@ -84,7 +84,7 @@ def test_by_trial_the_split_is_as_without_groups():
     parameters = asked()
     arrays = real_sets.load(parameters.data)
     bench = sets.bench_of(parameters.data, parameters.network, 3, arrays)
-    expected = split_conditions(pd.DataFrame({"label": arrays["labels"]}), (), SplitSpec(seed=6))
+    expected = split_conditions(pd.DataFrame({"label": arrays["condition label"]}), (), SplitSpec(seed=6))
     assert [side.tolist() for side in bench.split] == [side.tolist() for side in expected]
 
 

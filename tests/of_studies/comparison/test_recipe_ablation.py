@@ -21,7 +21,7 @@ from neurotact.spec import build
 from neurotact.studies.loading import resolve
 
 SET = {
-    "simulate": "gratings", "simulation": {"trials": 1, "duration_s": 0.4},
+    "dataset": {"simulate": "gratings", "parameters": {"trials": 1, "duration_s": 0.4}},
     "conditioning": {"ema_cutoff_Hz": 30.0, "baseline": "start", "resample_Hz": 500.0},
     "window": {"length_ms": 100.0, "start_ms": 250.0, "per_trial": 1},
 }  # fmt: skip
@@ -99,7 +99,7 @@ def test_the_recipe_beside_changes_does_not_depend_on_which_they_are():
 
 
 def test_a_set_that_is_not_at_hand_is_left_out(tmp_path):
-    absent = {"read": "braille-letters", "path": str(tmp_path / "none.npz")}
+    absent = {"dataset": {"read": "braille-letters", "path": str(tmp_path / "none.npz")}}
     parameters = build(Parameters, {"data": {"set": "absent", "sets": {"absent": absent}}}, source="test")
     (row,) = ablation.run(parameters, ablation.load(parameters.data))
     assert "absent is left out" in row["skipped"]

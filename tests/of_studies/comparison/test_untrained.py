@@ -23,6 +23,7 @@ from neurotact_parts.studies.comparison.remedy_answers import (
 from neurotact_parts.studies.comparison.untrained import HALF, Parameters
 
 from neurotact.data import hdf5
+from neurotact.data.dataset import as_arrays, from_arrays, joined
 from neurotact.data.splits import split_conditions
 from neurotact.errors import InputError
 from neurotact.spec import build
@@ -30,7 +31,7 @@ from neurotact.studies import loading, protocol_study, study
 
 SHIPPED = loading.resolve("untrained-conditions").parameters
 REMEDIES = SHIPPED["remedies"]
-MADE = {"path": "touches.h5", "content": "made", "keys": {"window.length_ms": 100.0}}
+MADE = {"parts": {"file": {"file": "touches.h5", "content": "made"}}, "keys": {"window.length_ms": 100.0}}
 SMALL = {"network.training.epochs": 2, "network.training.patience": 2}
 
 
@@ -117,7 +118,7 @@ def test_a_wrong_parameter_is_named(keys):
 @pytest.mark.thorough
 @pytest.mark.parametrize("remedy", [NOTHING, "copies in gain", CEILING])
 def test_the_network_and_each_opponent_leave_a_row(remedy):
-    arrays = touch_sets._arrays_of(touches())
+    arrays = as_arrays(touches())
     rows = untrained.run(asked(remedy), arrays)
     network = [row for row in rows if row["classifier"] == NETWORK]
     assert len(network) == (2 if remedy == CEILING else 1)
@@ -148,7 +149,7 @@ def test_recordings_are_the_same_after_they_were_arrays(lengths, n_taxels, seed)
     signals = [noise.normal(size=(n, n_taxels)).astype(np.float32) for n in lengths]
     conditions = pd.DataFrame({"label": ["None"] * len(lengths), "speed": noise.random(len(lengths)), "who": "s1"})
     given_ = replace(touches(n_trials=2), signals=signals, conditions=conditions, channels=())
-    found = touch_sets.recordings_of(touch_sets._arrays_of(given_), given_.source)
+    found = from_arrays(as_arrays(given_), given_.source)
     assert all(np.array_equal(*pair) for pair in zip(found.signals, given_.signals, strict=True))
     pd.testing.assert_frame_equal(found.conditions.astype(object), given_.conditions.astype(object))
     assert (found.unit, found.sampling_rate_Hz, found.channels) == (
@@ -160,7 +161,7 @@ def test_recordings_are_the_same_after_they_were_arrays(lengths, n_taxels, seed)
 
 def test_parts_of_a_set_follow_each_other():
     one, other = touches(n_trials=4), touches(n_trials=6, seed=1)
-    both = touch_sets._joined([one, other])
+    both = joined([one, other])
     assert both.conditions["day"].tolist() == [*one.conditions["day"], *other.conditions["day"]]
     assert np.array_equal(both.signals[4], other.signals[0])
 

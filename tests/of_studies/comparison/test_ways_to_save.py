@@ -40,12 +40,15 @@ WAYS = {
 }
 SETS = {
     "gratings": {
-        "simulate": "gratings", "simulation": {"trials": 1, "duration_s": 0.4},
+        "dataset": {"simulate": "gratings", "parameters": {"trials": 1, "duration_s": 0.4}},
         "conditioning": {"ema_cutoff_Hz": 30.0, "baseline": "start", "resample_Hz": 500.0},
         "window": {"length_ms": 100.0, "start_ms": 250.0, "per_trial": 1},
     },
-    "letters": {"read": "braille-letters", "path": "set below", "window": {"length_ms": 200.0, "per_trial": 1}},
+    "letters": {
+        "dataset": {"read": "braille-letters", "path": "set below"}, "window": {"length_ms": 200.0, "per_trial": 1},
+    },
 }  # fmt: skip
+N_TAXELS = 8
 NETWORK = {
     "model": "rsnn", "hidden": 10, "readout": "integrator", "input_deviation": 1.0, "tau_mem_ms": 20.0,
     "tau_syn_ms": 10.0, "training": {"epochs": 8, "patience": 8, "batch": 8, "relative_learning_rate": 0.05},
@@ -65,9 +68,13 @@ def letters(folder):
     return str(path)
 
 
-def ran(name, folder, ways=WAYS, network=NETWORK):
-    sets = {**SETS, "letters": {**SETS["letters"], "path": letters(folder)}}
-    table = {"data": {"set": name, "sets": sets}, "ways": ways, "network": network}
+def at(path):
+    return {**SETS["letters"], "dataset": {"read": "braille-letters", "path": str(path)}}
+
+
+def ran(name, folder, ways=WAYS, network=NETWORK, **more):
+    sets = {**SETS, "letters": at(letters(folder))}
+    table = {"data": {"set": name, "sets": sets}, "ways": ways, "network": network, **more}
     parameters = build(Parameters, table, source="test")
     arrays = ways_to_save.load(parameters.data)
     return parameters, arrays, {row["way"]: row for row in ways_to_save.run(parameters, arrays)}
@@ -155,8 +162,8 @@ def test_windows_of_one_trial_are_no_further_trials_of_that_bound():
     conditions = pd.DataFrame({"label": list("ab") * 3})
     trains = from_rasters(np.ones((6, 40, 2), bool), 1000.0, ("SA-I a", "RA-I a"), conditions)
     split, network = Split(*np.arange(6).reshape(3, 2)), build(RSNNSpec, NETWORK, source="test")
-    sides = cut(Bench(trains, None, split, WindowSpec(length_ms=10.0), network, (0, 1)), Setting())
-    assert sides.validation.of.tolist() == [2] * 4 + [3] * 4
+    own = cut(Bench(trains, None, split, WindowSpec(length_ms=10.0), network, (0, 1)), Setting())
+    assert own.sides.validation.of.tolist() == [2] * 4 + [3] * 4
 
 
 def test_early_exit_waits_less(rows):
@@ -178,11 +185,11 @@ def test_a_moving_average_costs_at_the_rate_of_the_sensor():
     parameters, known = build(Parameters, table, source="test"), {}
     bench = bench_of(parameters.data, parameters.network, 0, ways_to_save.load(parameters.data))
     row = measured(bench, Setting(), known)
-    network, sides, *_ = known[Setting().first_training()]
+    network, trains, *_ = known[Setting().first_training()]
     alone = network_cost(network.spec, network.n_inputs, network.n_classes, row, steps=50, signal_ms=100.0)
-    encoding = encoding_cost(sides.n_taxels, 50, 100.0, sides.encoder, recorded_Hz=2000.0)
+    encoding = encoding_cost(N_TAXELS, 50, 100.0, trains.encoder, recorded_Hz=2000.0)
     assert row["energy_estimate_nJ"] == pytest.approx((alone + encoding).energy_estimate_nJ)
-    assert encoding.multiplications == (200 + 50) * sides.n_taxels  # and the scales
+    assert encoding.multiplications == (200 + 50) * N_TAXELS  # and the scales
 
 
 SLOW = {**SETS["gratings"], "conditioning": {"ema_cutoff_Hz": 30.0, "baseline": "start", "resample_Hz": 4000.0}}
@@ -195,14 +202,14 @@ def test_in_closed_form_samples_and_all_spikes_that_are_sent_cost():
     bench = bench_of(parameters.data, parameters.network, 0, ways_to_save.load(parameters.data))
     assert bench.encoder is not None
     assert bench.encoder.integration == "exact"
-    sent, known = float(cut(bench, Setting()).test.spikes.sum(dim=(1, 2)).double().mean()), {}
+    sent, known = float(cut(bench, Setting()).sides.test.spikes.sum(dim=(1, 2)).double().mean()), {}
     for setting in (Setting(), Setting(step_ms=10.0), Setting(prune=0.5)):  # bins merge, and pruned weights count less
         row = measured(bench, setting, known)
-        network, sides, *_ = known[setting.first_training()]
+        network, trains, *_ = known[setting.first_training()]
         alone = network_cost(network.spec, network.n_inputs, network.n_classes, row, steps=400, signal_ms=100.0)
-        encoder = {**sides.encoder, "integration": "clock", "conditioning": {**sides.encoder["conditioning"]}}
+        encoder = {**trains.encoder, "integration": "clock", "conditioning": {**trains.encoder["conditioning"]}}
         del encoder["conditioning"]["resample_Hz"]
-        encoding = encoding_cost(sides.n_taxels, 200, 100.0, encoder) + cost(ExactSpikes(sent))  # samples at 2 kHz
+        encoding = encoding_cost(N_TAXELS, 200, 100.0, encoder) + cost(ExactSpikes(sent))  # samples at 2 kHz
         assert row["energy_estimate_nJ"] == pytest.approx((alone + encoding).energy_estimate_nJ)
 
 
@@ -301,8 +308,19 @@ def test_gains_hold_on_the_set_s_clock(tmp_path):
     assert bench.encoder.sa1.t_ref_ms == bench.encoder.ra1.t_ref_ms == 2.0
 
 
+def test_a_way_is_priced_by_the_list_that_is_named(tmp_path):
+    chip = tmp_path / "chip.toml"
+    chip.write_text("source = 'a test'\nmultiplication_pJ = 7.4\naddition_pJ = 1.8\n")
+    usual, dear = (
+        ran("letters", tmp_path, {}, {**NETWORK, "training": {"epochs": 1}}, **how)[2][NOTHING]
+        for how in ({}, {"prices": str(chip)})
+    )
+    assert dear["energy_estimate_nJ"] == pytest.approx(2 * usual["energy_estimate_nJ"])
+    assert (usual["prices"], dear["prices"]) == ("arithmetic-45nm", "chip")
+
+
 def test_a_set_that_is_not_at_hand_is_left_out(tmp_path):
-    sets = {"letters": {**SETS["letters"], "path": str(tmp_path / "nowhere.npz")}}
+    sets = {"letters": at(tmp_path / "nowhere.npz")}
     parameters = build(Parameters, {"data": {"set": "letters", "sets": sets}, "ways": {}}, source="test")
     (row,) = ways_to_save.run(parameters, ways_to_save.load(parameters.data))
     assert row["skipped"].startswith("letters is left out: ")

@@ -1,0 +1,214 @@
+"""A set of touches by its source: simulated, read in a published format, of arrays, or a file; and the trials used."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import pandas as pd
+from pydantic import Field, field_validator, model_validator
+
+from neurotact import plugins
+from neurotact.data import doubtful, hdf5
+from neurotact.data.digests import content_digest
+from neurotact.data.readers import arrays
+from neurotact.data.recordings import LABEL, Recordings
+from neurotact.data.sources import expand, reader, simulator
+from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
+from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_trials, fewer_trials
+from neurotact.errors import InputError, nearest
+from neurotact.spec import Spec, build
+
+SOURCES = ("simulate", "read", "file", "arrays")
+Touches = TypeVar("Touches", bound=Recordings | SpikeTrains)
+CONDITION = "condition "
+"""Prefix of the stored arrays of conditions, `(trial,)`."""
+
+
+class ArraysSpec(Spec):
+    """A file of arrays, as `neurotact.data.readers.arrays` reads it."""
+
+    path: str
+    sampling_rate_Hz: float = Field(gt=0)
+    unit: str
+
+
+class DatasetSpec(Spec):
+    """The source of a study's recordings, and the parts that it uses."""
+
+    simulate: str | None = None
+    """An experiment that can be simulated, such as `gratings`."""
+    parameters: dict[str, Any] = {}
+    """Parameters of the simulation, by the keys of its spec."""
+    read: str | None = None
+    """A published format, such as `fabricslide`."""
+    file: str | None = None
+    """An HDF5 file of recordings."""
+    arrays: ArraysSpec | None = None
+    """A file of arrays."""
+    path: str | None = None
+    """The folder to read; `$NEUROTACT_DATA` is replaced by its value, by default ../shared/data."""
+    content: str | None = None
+    """Digest of the trials that are used (`data.digests.content_digest`); others are refused, wherever they lie."""
+    subsets: dict[str, dict[str, Any]] = {"all": {}}
+    """Name and conditions of each part, such as `"v1 mix" = { speed_mm_per_s = 8.6 }`."""
+    stratify: tuple[str, ...] = ()
+    """Conditions balanced in the split besides the class."""
+    where: Where = {}
+    """Conditions of the trials that are used, such as `{ speed = 300 }`; the others are as if never recorded."""
+    leave_out: LeaveOut = {}
+    """Conditions of trials that are not used, or classes, such as `"rest"`."""
+    at_most: int | None = Field(default=None, ge=2)
+    """Trials that are used at most, evenly spaced within each class and condition; absent: all."""
+
+    @field_validator("subsets")
+    @classmethod
+    def _has_a_subset(cls, subsets: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+        if not subsets:
+            raise ValueError("must name at least one part; leave the key out to take all trials")
+        return subsets
+
+    @field_validator("simulate")
+    @classmethod
+    def _can_be_simulated(cls, name: str | None) -> str | None:
+        return _known("simulators", name, "simulation")
+
+    @field_validator("read")
+    @classmethod
+    def _can_be_read(cls, name: str | None) -> str | None:
+        return _known("readers", name, "reader")
+
+    @model_validator(mode="after")
+    def _has_one_source(self) -> "DatasetSpec":
+        if sum(getattr(self, source) is not None for source in SOURCES) != 1:
+            raise ValueError("give one of simulate, read, file and arrays")
+        if self.read is not None and self.path is None:
+            raise ValueError("read needs path, the folder of the published data")
+        return self
+
+    def identity(self) -> dict[str, Any]:
+        """The keys that decide the recordings, independent of the location of the files."""
+        decides: dict[str, Any] = {"simulate": self.simulate, "parameters": self.parameters, "read": self.read}
+        if self.arrays is not None:
+            decides["arrays"] = self.arrays.model_dump(mode="json", exclude={"path"})
+        chosen = {key: value for key, value in self.choice._asdict().items() if value}
+        some = {} if self.at_most is None else {"at_most": self.at_most}
+        return {**decides, "stratify": self.stratify, **chosen, **some}
+
+    @property
+    def choice(self) -> TrialChoice:
+        """The trials that are used."""
+        return TrialChoice(self.where, self.leave_out)
+
+    @property
+    def source(self) -> str:
+        """The file or folder that is read, or the name of the simulation."""
+        return self.file or self.path or (self.arrays.path if self.arrays else self.simulate) or ""
+
+
+def _known(group: plugins.Group, name: str | None, what: str) -> str | None:
+    names = plugins.names(group)
+    if name is not None and name not in names:
+        raise ValueError(f"there is no such {what}; {nearest(name, names)}")
+    return name
+
+
+def load_touches(spec: DatasetSpec) -> Recordings | SpikeTrains:
+    """Simulate, read or load the trials that a data set uses; a line says how many they are.
+
+    Raises InputError if their content is not that of the spec.
+    """
+    return _chosen(_every(spec, hdf5.load), spec)
+
+
+def load_recordings(spec: DatasetSpec) -> Recordings:
+    """As `load_touches`; InputError for spikes, which need no encoder. Lines tell what is doubtful in a read set."""
+    touches = _every(spec, hdf5.load_recordings)
+    if not isinstance(touches, Recordings):
+        what = f"{expand(spec.path or '')}: '{spec.read}' reads spikes, not recordings"
+        raise InputError(f"{what}; train on them with neurotact train")
+    chosen = _chosen(touches, spec)
+    if spec.read is not None:
+        doubtful.check(chosen, spec.source)
+    return chosen
+
+
+def _chosen(touches: Touches, spec: DatasetSpec) -> Touches:
+    is_known = spec.content is not None
+    chosen = fewer_trials(chosen_trials(touches, spec.choice, spec.source, tell=not is_known), spec.at_most)
+    if is_known and content_digest(chosen) != spec.content:
+        raise InputError(f"{spec.source}: its trials changed since this study began; run it in another folder")
+    return chosen
+
+
+def _every(spec: DatasetSpec, load_file: Callable[[Path], Touches]) -> Recordings | SpikeTrains | Touches:
+    if spec.simulate is not None:
+        experiment = simulator(spec.simulate)
+        return experiment.simulate(build(experiment.model, spec.parameters, source="dataset.parameters"), None)
+    if spec.arrays is not None:
+        return arrays.read(expand(spec.arrays.path), spec.arrays.sampling_rate_Hz, spec.arrays.unit)
+    if spec.file is not None:
+        return load_file(expand(spec.file))
+    return reader(spec.read or "").read(expand(spec.path or ""))
+
+
+def joined(parts: Sequence[Recordings]) -> Recordings:
+    """The trials of several recordings of one skin, one after the other."""
+    first = parts[0]
+    conditions = pd.concat([part.conditions for part in parts], ignore_index=True)
+    signals = [signal for part in parts for signal in part.to_unit(first.unit).signals]
+    return Recordings(signals, first.sampling_rate_Hz, first.unit, conditions, first.channels, first.source)
+
+
+def until(recordings: Recordings, end_ms: float) -> Recordings:
+    """The beginning of each trial, with the sample at its end: then a slower clock does not end before it."""
+    n_samples = math.ceil(end_ms * 1e-3 * recordings.sampling_rate_Hz - 1e-9) + 1
+    return replace(recordings, signals=[signal[:n_samples] for signal in recordings.signals])
+
+
+def as_arrays(touches: Recordings | SpikeTrains) -> dict[str, np.ndarray]:
+    """Trials of any lengths as plain arrays, which `from_arrays` reads.
+
+    Of both `sampling_rate_Hz` and each condition, `(trial,)`. Of recordings `values`, `(sample, taxel)` float32,
+    `lengths`, `(trial,)`, `unit`, `channels`; of spikes `steps` and `units`, `(spike,)`, `counts` and `trial_steps`,
+    `(trial,)`, `afferents`.
+    """
+    conditions = touches.conditions
+    texts = [name for name in conditions if name == LABEL or conditions[name].dtype.kind not in "iufb"]
+    kept = conditions.assign(**{str(name): conditions[name].astype(str) for name in texts})
+    shared = {
+        "sampling_rate_Hz": np.array(touches.sampling_rate_Hz),
+        **{f"{CONDITION}{name}": np.array(kept[name].tolist()) for name in kept},
+    }
+    if isinstance(touches, SpikeTrains):
+        return {
+            **shared,
+            "steps": np.concatenate([np.asarray(steps, np.int64) for steps in touches.steps]),
+            "units": np.concatenate([np.asarray(units, np.int64) for units in touches.units]),
+            "counts": np.array([len(steps) for steps in touches.steps]),
+            "trial_steps": touches.trial_steps,
+            "afferents": np.array(touches.afferents),
+        }
+    return {
+        **shared,
+        "values": np.concatenate([np.asarray(signal, np.float32) for signal in touches.signals]),
+        "lengths": touches.lengths,
+        "unit": np.array(touches.unit),
+        "channels": np.array(touches.channels),
+    }
+
+
+def from_arrays(stored: Mapping[str, np.ndarray], source: str) -> Recordings | SpikeTrains:
+    """The trials of `as_arrays`; source: their name in messages."""
+    conditions = pd.DataFrame({
+        key.removeprefix(CONDITION): stored[key] for key in stored if key.startswith(CONDITION)
+    })  # fmt: skip
+    rate_Hz = float(stored["sampling_rate_Hz"])
+    if "afferents" in stored:
+        ends = np.cumsum(stored["counts"])[:-1]
+        rows = np.split(stored["steps"], ends), np.split(stored["units"], ends), stored["trial_steps"].tolist()
+        return from_trials(map(TrialSpikes, *rows), rate_Hz, tuple(stored["afferents"].tolist()), conditions)
+    signals = np.split(stored["values"], np.cumsum(stored["lengths"])[:-1])
+    return Recordings(signals, rate_Hz, str(stored["unit"]), conditions, tuple(stored["channels"].tolist()), source)
