@@ -31,8 +31,11 @@ class ArraysSpec(Spec):
     """A file of arrays, as `neurotact.data.readers.arrays` reads it."""
 
     path: str
+    """The file."""
     sampling_rate_Hz: float = Field(gt=0)
+    """Samples per second."""
     unit: str
+    """The unit of the signals."""
 
 
 class DatasetSpec(Spec):

@@ -95,6 +95,8 @@ class StudySpec(Spec):
     folder: ClassVar[str] = "studies"
     words: ClassVar[set[str]] = {"title", "about", "claims", "notes", "as_shipped"}
     """Keys that change none of the numbers."""
+    way: ClassVar[str] = "networks"
+    """The entry point of the group `neurotact.ways` that runs such a study."""
 
     title: str
     """Heading of the report."""

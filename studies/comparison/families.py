@@ -32,7 +32,7 @@ from neurotact.data.splits import Split
 from neurotact.metrics import flops
 from neurotact.metrics.flops import Layer
 from neurotact.metrics.signal_flops import Averaging, StandardisedSteps
-from neurotact.studies.protocol import TaskData
+from neurotact.studies.way import TaskData
 
 STEPS = 50
 """Steps of the input sequences of LSTM and GRU."""

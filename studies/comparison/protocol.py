@@ -23,7 +23,7 @@ from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import ENERGY, FLOPS, LEDGER_COLUMNS, Cost, cost
 from neurotact.spec import Spec, build
-from neurotact.studies.protocol import Arrays, TaskData, View, heads
+from neurotact.studies.way import Arrays, TaskData, View, heads
 
 COUNTED = (*FLOPS, "parameters", "bytes")
 

@@ -30,7 +30,7 @@ from neurotact.metrics.referee import Way
 from neurotact.metrics.resampled import LEAST_SPLITS, SHARES, compare_over_splits, resampled_error, sizes_of
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, View, heads
+from neurotact.studies.way import Arrays, View, heads
 
 MODELS: dict[str, Literal["rsnn", "snn"]] = {"RSNN": "rsnn", "SNN": "snn"}
 COLUMNS = 3

@@ -43,10 +43,10 @@ from neurotact.networks.use import ledger, measuring
 from neurotact.spec import Spec
 from neurotact.studies import loading, preparation, study, suited
 from neurotact.studies.cell import task_of
-from neurotact.studies.protocol import Arrays, Own, View, heads
 from neurotact.studies.study import Cell
 from neurotact.studies.suited import AUTO
 from neurotact.studies.sweeps import JOIN
+from neurotact.studies.way import Arrays, Own, View, heads
 
 HIDDEN = 50
 """Neurons of the network."""
@@ -340,7 +340,7 @@ def _halved(recordings: Recordings, parameters: Parameters) -> Recordings:
 
 
 def own(path: Path, given: Mapping[str, Any]) -> Own:
-    """The study of a file in place of its sets; see `studies.protocol.ProtocolModule`.
+    """The study of a file in place of its sets; see `studies.way.Way`.
 
     The condition and its values are those of `leave_out_each`. Keys that begin with `window.`, the choice of trials
     (`where`, `leave_out`) and the number of seeds (`repeats`) apply to the file. Raises InputError without a condition,

@@ -21,7 +21,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.figures.style import Drawn
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, Listed, View, heads
+from neurotact.studies.way import Arrays, Listed, View, heads
 
 
 class Parameters(Spec):

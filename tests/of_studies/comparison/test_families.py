@@ -12,7 +12,7 @@ from neurotact.baselines import families as generic
 from neurotact.data.splits import Split
 from neurotact.metrics import flops
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.studies.protocol import TaskData
+from neurotact.studies.way import TaskData
 
 
 def tapped(n=60, seed=0, steps=200):
