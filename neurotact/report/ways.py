@@ -43,6 +43,12 @@ class Front(NamedTuple):
     details: list[str]
     tables: Sequence[Table]
 
+    def as_json(self) -> dict[str, Any]:
+        """The answer for programs, as that of networks: the headline, its verdict alone, and all else in words."""
+        figures = [figure._asdict() for figure in self.figures]
+        said = {"headline": self.headline, "short": self.verdict, "figures": figures, "details": self.details[1:]}
+        return {"dataset": self.setting, **said}
+
 
 FIRST_LOOK = "this is a first look, with fewer settings and seeds; run the whole study for an answer to build on"
 LOG_FROM = 30.0
@@ -61,8 +67,9 @@ def write(study: WayStudy, folder: Path) -> Path:
     for suffix in (".csv", ".md"):
         write_table(means, folder / f"means{suffix}", f"# {study.title}\n\n{module.VIEW.note}")
     told = _told(study, results)
-    if told.answers:
-        write_json(folder / page.ANSWER, told.as_json())
+    found = way_answer.answers(_with_choice(results, means, module.VIEW), module.VIEW, results)
+    shown = seen(means, module.VIEW, found, told.tables)
+    write_json(folder / page.ANSWER, told.as_json(shown["fronts"]))
     every = list(cells(study))
     arrays = way_cells.load_arrays(folder / every[0].given)
     parameters = {key: value for key, value in study.parameters.items() if key != "data"}
@@ -80,12 +87,7 @@ def write(study: WayStudy, folder: Path) -> Path:
         data=page.if_there(folder / "data.json"),
         answers=told.answers,
         cautions=told.cautions,
-        **seen(
-            means,
-            module.VIEW,
-            way_answer.answers(_with_choice(results, means, module.VIEW), module.VIEW, results),
-            told.tables,
-        ),
+        **shown,
     )
 
 
@@ -96,13 +98,13 @@ class Told(NamedTuple):
     cautions: list[str]
     tables: dict[str, list[Table]]
 
-    def as_json(self) -> dict[str, Any]:
-        """The first screen for programs."""
+    def as_json(self, fronts: Sequence[Front]) -> dict[str, Any]:
+        """The first screen for programs: the sentences of the way where it has its own, else those of the fronts."""
+        tables = self.tables if self.answers else {front.setting: front.tables for front in fronts}
         return {
-            "answers": [{"dataset": "", "headline": said, "details": []} for said in self.answers],
-            "tables": [
-                table._asdict() | {"setting": setting} for setting, several in self.tables.items() for table in several
-            ],
+            "answers": [{"dataset": "", "headline": said, "details": []} for said in self.answers]
+            or [front.as_json() for front in fronts],
+            "tables": [table._asdict() | {"setting": name} for name, several in tables.items() for table in several],
             "cautions": self.cautions,
         }
 
@@ -110,7 +112,7 @@ class Told(NamedTuple):
 def _told(study: WayStudy, results: pd.DataFrame) -> Told:
     module = module_of(study.way)
     answers, cautions, tables = (optional(module, name) for name in ("answers", "cautions", "tables"))
-    first_look = [FIRST_LOOK] if study.first_look and answers else []
+    first_look = [FIRST_LOOK] if study.first_look else []
     return Told(
         answers(results) if answers else [],
         first_look + (cautions(results) if cautions else []),

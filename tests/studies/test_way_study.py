@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from itertools import product
 from pathlib import Path
 
@@ -225,6 +226,20 @@ def test_what_a_protocol_says_is_kept_for_programs_and_leads_the_page(finished):
     page = (finished / "report.html").read_text()
     first = said["headline"].replace(" %", "\u00a0%").replace("<all>", "&lt;all&gt;")
     assert f'<p class="headline">{first}</p>' in page
+
+
+def test_a_way_without_sentences_leaves_the_answer_of_its_page(finished, tmp_path, monkeypatch):
+    shutil.copytree(finished, tmp_path / "run")
+    monkeypatch.delattr(way.module_of("coins"), "answers")
+    report.write(tmp_path / "run")
+    answer, view = json.loads((tmp_path / "run" / "answer.json").read_text()), way.module_of("coins").VIEW
+    (found,) = way_answer.answers(read_table(finished / "means.csv"), view, read_table(finished / "results.csv"))
+    (said,) = answer["answers"]
+    assert (said["headline"], said["short"]) == (way_answer.headline(found, view), way_answer.verdict(found))
+    assert said["details"] == [*way_answer.details(found, view)]
+    assert [figure["what"] for figure in said["figures"]] == ["test accuracy", "FLOPs"]
+    (table,) = answer["tables"]
+    assert (table["setting"], table["rows"]) == ("", way_answer.table(found, view).rows)
 
 
 def test_the_protocols_that_ship_hold_what_a_protocol_holds(monkeypatch):
