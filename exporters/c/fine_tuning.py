@@ -24,6 +24,7 @@ from neurotact.networks.definition.rounding import Grid, seen_rounded
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.training import checkpoint, fitting, tasks, train_run, trained
 from neurotact.networks.training.outcome import Outcome, outcome_of, summary_of
+from neurotact.networks.training.ranges import record_states
 from neurotact.networks.training.tasks import Sides
 from neurotact.networks.training.trained import Restored
 from neurotact.networks.training.training import Epoch, Examples, Training, best_of, evaluate, train
@@ -162,7 +163,7 @@ def layers_of(restored: Restored, sides: Sides, **options: Any) -> Layers:
     """The network in integers, as an export chooses them; options as for `formats.layers_of`."""
     network = restored.network
     n_steps, _, _ = steps_of(restored.task.window, network.sampling_rate_Hz)
-    seen = formats.record_states(network, sides.train.spikes)
+    seen = record_states(network, sides.train.spikes)
     return formats.layers_of(network, seen, n_steps=n_steps, **options)
 
 

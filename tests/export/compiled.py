@@ -14,6 +14,7 @@ from neurotact_parts.studies.stiffness.reader import VOLTS_PER_ADC_COUNT
 
 from neurotact.deploy.chain import Chain
 from neurotact.encoders import specs
+from neurotact.networks.training.ranges import record
 
 
 def chosen(chain: Chain, signals: list[np.ndarray], **bits) -> Formats:
@@ -21,7 +22,7 @@ def chosen(chain: Chain, signals: list[np.ndarray], **bits) -> Formats:
     rasters = [raster_of(chain, signal) for signal in signals]
     length = min(chain.windows.length, *(len(raster) for raster in rasters))
     windows = torch.from_numpy(np.stack([raster[:length] for raster in rasters]))
-    return formats.choose(chain, formats.record(chain.network, windows, signals), **bits)
+    return formats.choose(chain, record(chain.network, windows, signals), **bits)
 
 
 def raster_of(chain: Chain, signal: np.ndarray) -> np.ndarray:

@@ -9,11 +9,12 @@ from hypothesis import strategies as st
 from levels import examples
 from made_chains import make_chain, make_signal, offline
 from neurotact_parts.exporters.c import formats, integer
-from neurotact_parts.exporters.c.formats import Ranges, Raw, Weight
+from neurotact_parts.exporters.c.formats import Raw, Weight
 from neurotact_parts.exporters.c.twin import said_in_whole_numbers
 
 from neurotact.data.conditioning import conditioned_length
 from neurotact.errors import InputError
+from neurotact.networks.training.ranges import Ranges, record
 
 
 @given(value=st.floats(1e-6, 0.999))
@@ -170,8 +171,8 @@ def test_ranges_are_the_largest_values_that_were_seen():
     chain = make_chain({}, seed=1)
     signal = make_signal(100)
     raster = raster_of(chain, signal)[None, :40]
-    found = formats.record(chain.network, torch.from_numpy(raster), [signal])
+    found = record(chain.network, torch.from_numpy(raster), [signal])
     assert found.low == pytest.approx(float(signal.min()))
     assert found.high == pytest.approx(float(signal.max()))
     assert found.hidden > 1
-    assert formats.record(chain.network, torch.zeros(1, 40, 4), [signal]).hidden == 0
+    assert record(chain.network, torch.zeros(1, 40, 4), [signal]).hidden == 0
