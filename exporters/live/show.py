@@ -106,7 +106,7 @@ def live(
     if session.failure is not None and not session.stream.tally.samples:
         raise session.failure
     tally = session.stream.tally
-    trouble = trouble_of(tally, session.noted)
+    trouble = trouble_of(tally, session.faults)
     return f"{tally.samples} samples, {tally.decisions} decisions; {trouble or 'every sample was used unchanged'}"
 
 

@@ -9,7 +9,7 @@ from neurotact_parts.exporters.c import c_export, formats, proof
 from neurotact_parts.exporters.c.boards import Board
 from neurotact_parts.exporters.c.formats import Formats
 from neurotact_parts.exporters.c.proof import Spoken
-from neurotact_parts.exporters.c.twin import said_in_float, said_in_whole_numbers
+from neurotact_parts.exporters.c.proving import expected_in_float, expected_in_integers
 from neurotact_parts.studies.stiffness.reader import VOLTS_PER_ADC_COUNT
 
 from neurotact.deploy.chain import Chain
@@ -49,10 +49,10 @@ def compare_on(
     folder.mkdir(exist_ok=True, parents=True)
     c_export.write(chain, folder, formats_, name="skin", parts=c_export.HARNESS)
     if formats_ is None:
-        trials, expected = signals, [said_in_float(chain, signal) for signal in signals]
+        trials, expected = signals, [expected_in_float(chain, signal) for signal in signals]
     else:
         trials = [formats_.raw.samples(signal) for signal in signals]
-        expected = said_in_whole_numbers(chain, formats_, trials)
+        expected = expected_in_integers(chain, formats_, trials)
     if board is None:
         said = proof.on_host(folder, "skin", trials, flags=flags)
     else:

@@ -10,7 +10,7 @@ from levels import examples
 from made_chains import make_chain, make_signal, offline
 from neurotact_parts.exporters.c import formats, integer
 from neurotact_parts.exporters.c.formats import Raw, Weight
-from neurotact_parts.exporters.c.twin import said_in_whole_numbers
+from neurotact_parts.exporters.c.proving import expected_in_integers
 
 from neurotact.data.conditioning import conditioned_length
 from neurotact.errors import InputError
@@ -48,7 +48,7 @@ def test_fine_formats_decide_as_the_float_chain_does(kind):
     fine = chosen(chain, signals, state_bits=24)
     same = n = spikes = 0
     for signal in signals:
-        said = said_in_whole_numbers(chain, fine, [fine.raw.samples(signal)])[0]
+        said = expected_in_integers(chain, fine, [fine.raw.samples(signal)])[0]
         raster, expected = offline(chain, signal)
         rows = [tuple(np.flatnonzero(row).tolist()) for row in raster]
         spikes += sum(map(len, rows))
@@ -162,8 +162,8 @@ def test_trials_in_integers_end_alike_alone_and_beside_longer_ones(rate, conditi
     chain = make_chain({"resample_Hz": 1000.0, **conditioning}, rate_Hz=rate)
     made = formats.choose(chain, Ranges(-10.0, 10.0, 5.0, 5.0))
     trials = [made.raw.samples(make_signal(n, seed=n)) for n in (1, 40, 93, 120)]
-    together = said_in_whole_numbers(chain, made, trials)
-    assert [said_in_whole_numbers(chain, made, [trial])[0] for trial in trials] == together
+    together = expected_in_integers(chain, made, trials)
+    assert [expected_in_integers(chain, made, [trial])[0] for trial in trials] == together
     assert sum(map(len, together[-1].afferents)) > 0
 
 
