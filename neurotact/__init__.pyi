@@ -39,6 +39,8 @@ from .api.recordings import read_raster as read_raster
 from .api.recordings import read_table as read_table
 from .api.recordings import save as save
 from .api.recordings import simulate as simulate
+from .api.specs import Layout as Layout
+from .api.specs import Naming as Naming
 from .api.specs import Onset as Onset
 from .api.specs import Search as Search
 from .api.specs import Split as Split

@@ -12,9 +12,7 @@ from typing import Any, Literal
 
 from neurotact.errors import InputError, first_line, nearest
 
-Group = Literal[
-    "simulators", "readers", "ways", "surrogates", "losses", "opponents", "prices", "exporters", "tools"
-]
+Group = Literal["simulators", "readers", "ways", "surrogates", "losses", "opponents", "prices", "exporters", "tools"]
 OURS = __name__.partition(".")[0]
 
 

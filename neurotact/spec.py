@@ -159,7 +159,8 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def _apart(names: Any) -> Any:
+def apart(names: Any) -> Any:
+    """The names in one text, with commas between them; anything else as it is."""
     return tuple(name.strip() for name in names.split(",")) if isinstance(names, str) else names
 
 
@@ -167,7 +168,7 @@ if TYPE_CHECKING:
     Names = Any  # a checker must not refuse one text
     OneOrMore = Sequence[str]
 else:
-    Names = Annotated[tuple[str, ...], BeforeValidator(_apart)]
+    Names = Annotated[tuple[str, ...], BeforeValidator(apart)]
     OneOrMore = Annotated[tuple[str, ...], BeforeValidator(lambda name: (name,) if isinstance(name, str) else name)]
 """Names, as a list or as one text: of one name, or with commas between several (`Names`)."""
 

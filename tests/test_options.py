@@ -133,7 +133,8 @@ MOVED = "tests/data/test_encoded_from.py"
 STUDY = "tests/studies/test_interrupted.py"
 SPLITS = "tests/of_studies/comparison/test_own_set.py"
 WINDOW, SPLIT = fields_of("window", nt.Window, in_python=True), fields_of("split", nt.Split, in_python=True)
-"""The fields of windows and of splits, by their paths."""
+LAYOUT = fields_of("layout", nt.Layout)
+"""The fields of windows, of splits and of layouts, by their paths."""
 
 WAYS = {
     "list": [Way("list")],
@@ -870,6 +871,7 @@ ELSEWHERE = {
     **dict.fromkeys((f"{name}.{key}" for name in ("train", "tune", "conditions_curve", "run_study", "calibrate")
         for key in (*WINDOW, *SPLIT)), HERE),
     "windows.window.onset.bin_ms": "tests/data/test_contact.py",
+    **dict.fromkeys((f"{name}.{key}" for name in ("read_raster", "read_table") for key in LAYOUT), HERE),
     "tune.search.first": "tests/networks/test_tuning.py",
     **dict.fromkeys(("export_c.early_exit", "stream.early_exit", "live.early_exit"), "tests/stream/test_stream_cli.py"),
     "to_snntorch.time_first": FITTED,
@@ -903,7 +905,7 @@ def test_an_option_is_a_keyword_with_its_default():
             if option.name in OF_COMMANDS or (option.name in SAVED and not any("out" in each for each in keywords)):
                 continue
             if option.name in {path for name in names for path in fields(name)}:
-                assert option.default is None, f"{command}: {option.name}"  # the spec has the default
+                assert not option.default, f"{command}: {option.name}"  # the spec has the default
                 continue
             defaults = [each[option.name].default for each in keywords if option.name in each]
             assert defaults, f"{command}: {option.name}"
@@ -936,7 +938,7 @@ def test_every_keyword_of_every_function_is_in_a_table():
         plain = {
             key: key
             for key in inspect.signature(getattr(nt, name)).parameters
-            if key not in ("window", "split", "search")
+            if key not in specs_of(getattr(nt, name))
         }
         for keyword, path in {**plain, **fields(name)}.items():
             option = NAMES.get(keyword, "--" + keyword.replace("_", "-"))
@@ -1237,8 +1239,24 @@ def test_a_field_outside_of_its_spec_is_refused_with_its_place(keywords, said):
         nt.train("spikes.h5", "run", **keywords)
 
 
+FIELDS_OF_TEXT = {
+    "columns": "1", "time_column": "t", "time_unit": "s", "max_gap_ms": 9, "drop_repeats": True,
+    "missing": "drop-trial", "decimal": ",", "header_lines": 1,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("key", "value"), [*FIELDS_OF_TEXT.items(), ("array", "x"), ("transpose", True)])
+def test_a_field_of_a_layout_that_a_file_does_not_have_is_refused(key, value, inputs):
+    one: dict[str, Any] = {key: value}
+    with pytest.raises(nt.InputError, match=f"`{key}` is for a folder"):
+        nt.read_raster(inputs / "rasters.npz", 1000, names={"label": "gesture"}, layout=nt.Layout(**one))
+    if key not in FIELDS_OF_TEXT:
+        with pytest.raises(nt.InputError, match=f"{key}: unknown key"):
+            nt.read_table(inputs / "table.csv", unit="mV", layout=nt.Layout(**one))
+
+
 MOST_PARAMETERS = 16
-LARGER = {"recordings.py", "deploy.py", "deployment.py", "live.py"}
+LARGER = {"deployment.py"}
 """Modules whose functions still take more."""
 
 

@@ -27,7 +27,8 @@ SUBJECTS = {
         "Recordings",
         "Signals of taxels, one array `(time, taxel)` per trial, with a sampling rate in Hz, a unit and a table of "
         "conditions: simulated, read from files of many kinds, loaded and saved.",
-        "Recordings simulate read_folder read_table read_arrays read read_nwb fetch load load_recordings save describe",
+        "Recordings simulate read_folder Naming Layout read_table read_arrays read read_nwb fetch load load_recordings "
+        "save describe",
     ),
     "spikes": Subject(
         "Spikes",

@@ -15,8 +15,10 @@ from neurotact.data.onset import common_onset_s
 from neurotact.data.readers import arrays, folder
 from neurotact.data.readers import one_table as sample_table
 from neurotact.data.readers.clock.stamps import Unit as Unit
+from neurotact.data.readers.columns import LayoutSpec
 from neurotact.data.readers.events import files as event_files
 from neurotact.data.readers.events import raster
+from neurotact.data.readers.folder import NamingSpec
 from neurotact.data.readers.formats import nwb
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import Reader as Reader
@@ -29,6 +31,7 @@ from neurotact.data.window_choice import timing_of
 from neurotact.errors import InputError, some
 from neurotact.gathered import in_few_lines
 from neurotact.progress import track
+from neurotact.spec import takes_specs
 
 ARRAY_NAMES = [arrays.SIGNALS, *arrays.ALIASES]
 EVENT_NAMES = [*event_files.ALIASES, event_files.POLARITY]
@@ -78,65 +81,36 @@ def read(
 
 
 @in_few_lines
+@takes_specs
 def read_folder(
     path: str | Path,
     sampling_rate_Hz: float | None = None,
     unit: str = "",
     *,
-    levels: str | Sequence[str] = (),
-    pattern: str | None = None,
-    conditions: str | Path | None = None,
-    label: str | None = None,
-    columns: str | Sequence[str] = (),
-    time_column: str | None = None,
-    time_unit: Unit | None = None,
-    max_gap_ms: float | None = None,
-    drop_repeats: bool = False,
-    missing: Literal["interpolate", "drop-trial"] | None = None,
-    decimal: Literal[".", ","] = ".",
-    header_lines: int | None = None,
-    array: str | None = None,
-    transpose: bool = False,
+    naming: NamingSpec = NamingSpec(),
+    layout: LayoutSpec = LayoutSpec(),
     where: Conditions | None = None,
     leave_out: LeftOut = None,
 ) -> Recordings:
     """Read a folder of CSV, NPZ or MATLAB files, a row per sample and a column per taxel: `neurotact import folder`.
 
     sampling_rate_Hz: samples per second; found from the time stamps when None. unit: of the signals, such as "count".
-    levels: what the sub-folders are, from the top, such as "label,speed"; "label" when nothing else gives the label.
-    pattern: conditions in the file names, such as "{label}_F{force}_{repetition}.csv".
-    conditions: a CSV file with the column `file` and one column per condition.
-    label: which of these conditions is the class; that which is called "label" when None.
-    columns: the taxels, by numbers from 1 or by names, such as "1-5"; all but the time column when empty.
-    time_column, time_unit, max_gap_ms: the stamps, by default a column, or in files of arrays an array, with a name
-        like time, timestamp or t, whole seconds and the rest of the second (as in "sec,nanosec"), else a column of
-        times of day; their unit ("s", "ms", "us", "ns"), by default that of the name, else the one that fits touch; and
-        their longest interval.
-    drop_repeats: drop every row with the time stamp of the row before it, in place of spreading such rows evenly.
-    missing: "interpolate" empty cells, NaN and cut lines, at most 5 % of a trial, or "drop-trial", at most 20 % of the
-        trials; they are refused when None.
-    decimal: "." or ",". header_lines: lines before the first sample; found out when None.
-    array: the array of each NPZ or MATLAB file that is its trial; each is one when None. transpose: whether arrays are
-        (taxel, time).
+    naming: where the class and the conditions of a file are, such as `nt.Naming(pattern="{label}_F{force}.csv")`.
+    layout: the columns of a file, its time stamps, and what is done about faults, as in `nt.Layout(columns="1-5")`.
     where, leave_out: the trials to keep and to leave out, as of `read`.
     Raises InputError, which names the file, the line and the fix.
 
-    >>> nt.read_folder("csv", unit="mV", pattern="{label}/F{speed}_{number}.csv", time_column="t_ms")
+    >>> naming, layout = nt.Naming(pattern="{label}/F{speed}_{number}.csv"), nt.Layout(time_column="t_ms")
+    >>> nt.read_folder("csv", unit="mV", naming=naming, layout=layout)
     Recordings(12 trials x 2 taxels, 60 samples at 1000 Hz (0.06 s), mV, 2 classes)
     """
     choice = TrialChoice.of(where, leave_out)
-    table = None if conditions is None else str(conditions)
-    naming = {"levels": levels, "pattern": pattern, "table": table, "label": label}
-    layout = {
-        "columns": columns, "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
-        "drop_repeats": drop_repeats, "missing": missing, "decimal": decimal, "header_lines": header_lines,
-        "array": array, "transpose": transpose,
-    }  # fmt: skip
-    recordings = folder.read(path, sampling_rate_Hz, unit, naming=naming, layout=layout)
+    recordings = folder.read(path, sampling_rate_Hz, unit, naming=naming.given(), layout=layout.given())
     return chosen_trials(recordings, choice, str(path))
 
 
 @in_few_lines
+@takes_specs
 def read_table(
     path: str | Path,
     sampling_rate_Hz: float | None = None,
@@ -148,37 +122,25 @@ def read_table(
     annotations: str | Path | None = None,
     where: Conditions | None = None,
     leave_out: LeftOut = None,
-    columns: str | Sequence[str] = (),
-    time_column: str | None = None,
-    time_unit: Unit | None = None,
-    max_gap_ms: float | None = None,
-    drop_repeats: bool = False,
-    missing: Literal["interpolate", "drop-trial"] | None = None,
-    decimal: Literal[".", ","] = ".",
-    header_lines: int | None = None,
+    layout: LayoutSpec = LayoutSpec(),
 ) -> Recordings:
     """Read one CSV file with a row per sample of all trials: `neurotact import table`.
 
     label: the column of classes; one named label, class, y or target when None. trial: the columns that tell trials
     apart, such as "subject,repetition"; one named trial, recording or touch when empty. segments: whether each stretch
     of samples of one class is a trial, as in a continuous recording. annotations: a CSV file with the columns begin,
-    end and label, a row per touch, in place of both. columns: the taxels; all columns of numbers that change within
-    trials when empty; those that are constant within each trial are conditions.
+    end and label, a row per touch, in place of both.
+    layout: the columns, as of `read_folder`; all columns of numbers that change within trials are taxels when it names
+    none, and those that are constant within each trial are conditions.
     where, leave_out: the trials to keep, and to leave out, such as the class "rest", which is no touch; as of `read`.
-    sampling_rate_Hz, unit, time_column, time_unit, max_gap_ms, drop_repeats, missing, decimal, header_lines: as of
-    `read_folder`.
     Raises InputError, which names the file, the line or the column, and the fix.
 
-    >>> nt.read_table("table.csv", unit="mV", trial="trial", columns="p1,p2", time_column="t_ms")
+    >>> nt.read_table("table.csv", unit="mV", trial="trial", layout=nt.Layout(columns="p1,p2", time_column="t_ms"))
     Recordings(12 trials x 2 taxels, 60 samples at 1000 Hz (0.06 s), mV, 2 classes)
     """
-    spec = {
-        "label": label, "trial": trial, "segments": segments,
-        "annotations": None if annotations is None else str(annotations), **TrialChoice.of(where, leave_out)._asdict(),
-        "columns": columns, "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
-        "drop_repeats": drop_repeats, "missing": missing, "decimal": decimal, "header_lines": header_lines,
-    }  # fmt: skip
-    return sample_table.read(path, sampling_rate_Hz, unit, spec)
+    spec = {"label": label, "trial": trial, "segments": segments, "annotations": annotations and str(annotations)}
+    choice = TrialChoice.of(where, leave_out)._asdict()
+    return sample_table.read(path, sampling_rate_Hz, unit, {**layout.given(), **spec, **choice})
 
 
 @in_few_lines
@@ -212,6 +174,7 @@ def read_arrays(
 
 
 @in_few_lines
+@takes_specs
 def read_raster(
     path: str | Path,
     sampling_rate_Hz: float | None = None,
@@ -219,11 +182,8 @@ def read_raster(
     names: Mapping[str, str] | None = None,
     axes: str | None = None,
     conditions: str | Path | None = None,
-    levels: str | Sequence[str] = (),
-    pattern: str | None = None,
-    label: str | None = None,
-    array: str | None = None,
-    transpose: bool = False,
+    naming: NamingSpec = NamingSpec(),
+    layout: LayoutSpec = LayoutSpec(),
     merge_events: bool = False,
     where: Conditions | None = None,
     leave_out: LeftOut = None,
@@ -231,8 +191,7 @@ def read_raster(
     """Read rasters of 0 and 1, or of counts, `(trial, time, afferent)`: `neurotact import raster`.
 
     The file is as of `read_arrays`, with afferents in place of taxels: sampling_rate_Hz, names, axes, conditions. A
-    folder has a raster `(time, afferent)` per trial: levels, pattern, conditions, label, array, transpose as of
-    `read_folder`.
+    folder has a raster `(time, afferent)` per trial: naming, and array and transpose of layout, as of `read_folder`.
     merge_events: whether more than 1 % of the spikes may be lost where a step counts several.
     where, leave_out: the trials to keep and to leave out, as of `read`.
     Raises InputError, which names the file and the fix.
@@ -245,13 +204,14 @@ def read_raster(
     choice = TrialChoice.of(where, leave_out)
     trains = raster.read(
         path, sampling_rate_Hz, names=names, axes=axes, conditions=conditions,
-        naming={"levels": levels, "pattern": pattern, "label": label}, layout={"array": array, "transpose": transpose},
+        naming=naming.given(), layout=layout.given(),
         merge_events=merge_events,
     )  # fmt: skip
     return chosen_trials(trains, choice, str(path))
 
 
 @in_few_lines
+@takes_specs
 def read_events(
     path: str | Path,
     *,
@@ -265,10 +225,7 @@ def read_events(
     n_channels: int | None = None,
     sensor: str | None = None,
     names: Mapping[str, str] | None = None,
-    levels: str | Sequence[str] = (),
-    pattern: str | None = None,
-    conditions: str | Path | None = None,
-    label: str | None = None,
+    naming: NamingSpec = NamingSpec(),
     merge_events: bool = False,
     where: Conditions | None = None,
     leave_out: LeftOut = None,
@@ -284,7 +241,7 @@ def read_events(
     channels: names of the channels, from channel 0. n_channels: how many there are; up to the last event's when None.
     sensor: columns and rows of the grid of x, y, t, p events, such as "34x34".
     names: what the file calls time, channel, polarity (or population), trial and label.
-    levels, pattern, conditions, label: of a folder, as of `read_folder`.
+    naming: of a folder, as of `read_folder`.
     merge_events: whether more than 1 % of the events may become one spike with another.
     where, leave_out: the trials to keep and to leave out, as of `read`.
     Raises InputError, which names the file, the place and the fix.
@@ -299,9 +256,7 @@ def read_events(
         "polarities": polarities, "channels": channels, "n_channels": n_channels, "sensor": sensor,
         "merge_events": merge_events,
     }  # fmt: skip
-    table = None if conditions is None else str(conditions)
-    naming = {"levels": levels, "pattern": pattern, "table": table, "label": label}
-    return chosen_trials(event_files.read(path, options, names=names, naming=naming), choice, str(path))
+    return chosen_trials(event_files.read(path, options, names=names, naming=naming.given()), choice, str(path))
 
 
 @in_few_lines

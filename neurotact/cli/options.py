@@ -10,7 +10,7 @@ import typer
 from pydantic.fields import FieldInfo
 
 from neurotact.errors import InputError
-from neurotact.spec import Spec, as_text, build, override, parse_assignments, parse_choice, parse_where, specs_of
+from neurotact.spec import Spec, apart, as_text, build, override, parse_assignments, parse_choice, parse_where, specs_of
 
 LABEL = "label"
 """The condition of a value alone: the class."""
@@ -78,7 +78,10 @@ OPTIONS: dict[str, Any] = {
 """The option of each parameter of functions of `neurotact.api` that several commands have."""
 
 
-NAMES = {"split.seed": "split_seed", "onset.deviations": "onset_deviations", "length_ms": "window_ms"}
+NAMES = {
+    "split.seed": "split_seed", "onset.deviations": "onset_deviations", "length_ms": "window_ms",
+    "naming.table": "conditions",
+}  # fmt: skip
 """Options that are not called as the field of their spec: the end of its path, and the name."""
 IN_PYTHON = {"onset.bin_ms", "validation", "test", "nested", "leave_aside", "first"}
 """Fields of specs that no option has."""
@@ -123,15 +126,19 @@ def _is_where(field: FieldInfo) -> bool:
 def of_field(path: str, field: FieldInfo) -> Any:
     """The annotation of the option of a field: its type, bounds and default, and the first sentence of its help."""
     more: dict[str, Any] = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
-    kind: Any = list[str] if _is_where(field) or get_origin(field.annotation) is tuple else field.annotation
-    kind = str if get_origin(kind) is dict else kind
+    is_one_text = any(getattr(each, "func", None) is apart for each in field.metadata)
+    is_list = _is_where(field) or (get_origin(field.annotation) is tuple and not is_one_text)
+    kind: Any = list[str] if is_list else str if get_origin(field.annotation) in (dict, tuple) else field.annotation
     bounds = {key: getattr(each, key) for each in field.metadata for key in ("ge", "le") if hasattr(each, key)}
     default = more.get("chosen", field.default if field.default not in (None, (), {}) else False)
+    written = "--" + name_of(path).replace("_", "-")
     text = (field.description or "").replace("\n", " ").partition(". ")[0].rstrip(".")
+    if kind is bool:
+        return flag(written, f"{_as_options(text)}.")
     return option(
         kind | None,
         _as_options(text) + ("; may be repeated." if kind == list[str] else "."),
-        "--" + name_of(path).replace("_", "-"),
+        written,
         metavar="CONDITION=VALUE" if _is_where(field) else more.get("metavar"),
         show_default=default if default is False else _as_options(as_text(default)),
         min=bounds.get("ge"),
@@ -164,7 +171,8 @@ def calling(function: Callable[..., Any], **described: Any) -> Callable[[Callabl
             if name in specs:
                 for path, field in fields_of(name, specs[name], described.get(name, "")).items():
                     own = described.get(name_of(path)) or of_field(path, field)
-                    theirs.append(inspect.Parameter(name_of(path), param.KEYWORD_ONLY, default=None, annotation=own))
+                    default = False if field.annotation is bool else None
+                    theirs.append(inspect.Parameter(name_of(path), param.KEYWORD_ONLY, default=default, annotation=own))
             elif options.get(name):
                 theirs.append(_option(param, options[name]))
         own = [param.replace(kind=param.KEYWORD_ONLY) for name, param in _parameters(run).items() if name != "given"]
@@ -192,7 +200,8 @@ def arguments(function: Callable[..., Any], values: Mapping[str, Any]) -> dict[s
         parsed["where"], parsed["leave_out"] = parse_choice(values["where"] or [], values.get("leave_out") or [], LABEL)
     if "settings" in values:
         parsed["settings"] = parse_assignments(values["settings"] or [])
-    parsed |= {name: _spec(name, kind, values, function.__name__) for name, kind in specs_of(function).items()}
+    others = {key: value for key, value in values.items() if key not in _parameters(function)}
+    parsed |= {name: _spec(name, kind, others, function.__name__) for name, kind in specs_of(function).items()}
     return {name: parsed[name] for name in _parameters(function) if parsed.get(name) is not None}
 
 
@@ -201,7 +210,7 @@ def _spec(parameter: str, kind: type[Spec], values: Mapping[str, Any], source: s
     fields, table = fields_of(parameter, kind), {}
     for path, field in fields.items():
         value = values.get(name_of(path))
-        if value is not None and value != []:
+        if value is not None and value is not False and value != []:
             key = path.removeprefix(f"{parameter}.")
             table[key] = parse_where(value, f"`{name_of(path)}`") if _is_where(field) else value
     try:

@@ -8,9 +8,10 @@ from typing import Any, Literal
 from neurotact import files
 from neurotact.api import recordings as api
 from neurotact.api.recordings import Reader, Recordings, SpikeTrains, Unit, reader
+from neurotact.api.specs import Layout
 from neurotact.cli.help import Command
 from neurotact.cli.lazy import add_plugins, new_app
-from neurotact.cli.options import Force, OutFile, Texts, calling, flag, option
+from neurotact.cli.options import Force, OutFile, Texts, calling, flag, of_field, option
 from neurotact.cli.output import save
 from neurotact.errors import InputError
 from neurotact.spec import parse_choice
@@ -25,37 +26,9 @@ RATE_OR_STAMPS = option(
 MERGE_EVENTS = flag(
     "--merge-events", "Accept that more than 1 % of the events become one spike with another of their channel and step."
 )
-OF_STAMPS = {
-    "max_gap_ms": option(
-        float | None, "Longest allowed interval between time stamps.", show_default="five times the usual one"
-    ),
-    "drop_repeats": flag(
-        "--drop-repeats",
-        "Drop every row with the time stamp of the row before it, in place of spreading such rows evenly.",
-    ),
-}
-OF_ROWS = {
-    "unit": UNIT,
-    "sampling_rate_Hz": RATE_OR_STAMPS,
-    "columns": option(str | None, "The taxels, by numbers from 1 or by names, as in 1-5, left,right or p1-p8."),
-    "time_column": option(
-        str | None,
-        "The column of time stamps, or in files of arrays their array; seconds and the rest as in sec,nanosec.",
-        show_default="one named time, timestamp or t (t_ms), else one of times of day",
-    ),
-    "time_unit": option(
-        Unit | None, "Unit of the time stamps.",
-        show_default="that of the column's name (t_ms), else the one that fits touch",
-    ),
-    **OF_STAMPS,
-    "missing": option(
-        Literal["interpolate", "drop-trial"] | None,
-        "Empty cells, NaN and cut lines: fill them, at most 5 % of a trial, or drop their trials, at most 20 % of all.",
-        show_default="refused",
-    ),
-    "decimal": option(Literal[".", ","], "Decimal separator."),
-    "header_lines": option(int | None, "Lines before the first sample.", show_default="detected"),
-}  # fmt: skip
+OF_STAMPS = {key: of_field(key, Layout.model_fields[key]) for key in ("max_gap_ms", "drop_repeats")}
+TEXTS = "columns time_column time_unit max_gap_ms drop_repeats missing decimal header_lines"
+"""Options of the columns of a text file."""
 OF_ARRAYS = {
     "sampling_rate_Hz": option(
         float | None, "Samples per second.", "--sampling-rate-Hz", show_default="the array fs of the file"
@@ -74,9 +47,8 @@ OF_ARRAYS = {
         Path | None, "A CSV file of conditions: a row per trial, for a folder a column file; or classes as .npy."
     ),
 }
-CLASS = "The condition that is the class."
 OF_FOLDERS = {
-    "label": option(str | None, f"For a folder: {CLASS[0].lower()}{CLASS[1:]}", show_default="label"),
+    "label": option(str | None, "For a folder: the condition that is the class.", show_default="label"),
     "levels": option(str | None, "For a folder: conditions that name sub-folders."),
     "pattern": option(str | None, "For a folder: conditions in the file names."),
 }
@@ -85,18 +57,7 @@ app = new_app("Convert recordings to one HDF5 file.")
 
 
 @app.command("folder", cls=Command)
-@calling(
-    api.read_folder,
-    levels=option(
-        str | None, "Conditions that name the sub-folders, from the top, as in label,speed.", show_default="label"
-    ),
-    pattern=option(str | None, "Conditions in the file names, as in {label}_F{force}_{repetition}.csv."),
-    conditions=option(Path | None, "A CSV file with the column file and one column per condition."),
-    label=option(str | None, CLASS, show_default="that which is called label"),
-    array=option(str | None, "The array of each NPZ or MATLAB file that is its trial.", show_default="each is a trial"),
-    transpose=flag("--transpose", "Arrays are (taxel, time)."),
-    **OF_ROWS,
-)
+@calling(api.read_folder, unit=UNIT, sampling_rate_Hz=RATE_OR_STAMPS)
 def import_folder(given: dict[str, Any], out: OutFile, force: Force = False) -> None:
     """Any recordings: a folder of text, NumPy, MATLAB or LabVIEW files, one row per sample, one column per taxel.
 
@@ -118,7 +79,9 @@ def import_folder(given: dict[str, Any], out: OutFile, force: Force = False) -> 
     annotations=option(
         Path | None, "A CSV file with begin, end and label of each touch in a continuous recording."
     ),
-    **OF_ROWS,
+    unit=UNIT,
+    sampling_rate_Hz=RATE_OR_STAMPS,
+    layout=TEXTS,
 )  # fmt: skip
 def import_table(given: dict[str, Any], out: OutFile, force: Force = False) -> None:
     """Recordings in one CSV file: a row per sample of all trials, with the trial and the class of each.
@@ -142,6 +105,8 @@ def import_arrays(given: dict[str, Any], out: OutFile, force: Force = False) -> 
 @app.command("raster", cls=Command)
 @calling(
     api.read_raster,
+    naming="levels pattern label",
+    layout="array transpose",
     array=option(str | None, "For a folder: the array of each file that is its trial."),
     transpose=flag("--transpose", "For a folder: arrays are (afferent, time)."),
     merge_events=MERGE_EVENTS,
@@ -259,7 +224,8 @@ def _import(read: Callable[..., Recordings | SpikeTrains], given: dict[str, Any]
     path = given["path"]
     paths = files.below(path) if files.existing(path, "file or folder").is_dir() else []
     inputs = [file for file in paths if file.suffix.lower() in IMPORTED]
-    files.check_new(out, force=force, inputs=[path, *inputs, given.get("conditions"), given.get("annotations")])
+    table = given["naming"].table if "naming" in given else None
+    files.check_new(out, force=force, inputs=[path, *inputs, given.get("conditions"), given.get("annotations"), table])
     if "names" in given:
         given["names"] = _names(given["names"], api.EVENT_NAMES if read is api.read_events else api.ARRAY_NAMES)
     save(read(**given), out)

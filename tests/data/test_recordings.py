@@ -271,8 +271,8 @@ def test_measurements_in_the_table_of_a_folder_name_no_classes(tmp_path, suffix)
         (tmp_path / "in" / f"{number}.csv").write_text(rows)
     (tmp_path / "t.csv").write_text("file,label\n0.csv,0.31\n1.csv,1.5\n2.csv,2\n")
     read = {
-        "csv": lambda: nt.read_folder(tmp_path / "in", 100, "mV", conditions=tmp_path / "t.csv"),
-        "events": lambda: nt.read_events(tmp_path / "in", conditions=tmp_path / "t.csv"),
+        "csv": lambda: nt.read_folder(tmp_path / "in", 100, "mV", naming=nt.Naming(table=tmp_path / "t.csv")),
+        "events": lambda: nt.read_events(tmp_path / "in", naming=nt.Naming(table=tmp_path / "t.csv")),
     }[suffix]
     with pytest.raises(InputError, match=r"no two trials share a label, .* such as 0.31, which name no classes"):
         read()

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 import numpy as np
 import pandas as pd
 import pytest
+from as_specs import of_table
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
@@ -337,9 +338,9 @@ def test_a_table_is_read_without_the_trials_that_are_left_out(tmp_path_factory, 
     keep = ((every.conditions["speed"] == 1) & (every.conditions["label"] != (leave_out or ""))).to_numpy()
     if not keep.any():
         with pytest.raises(InputError, match=r"no trial (is left of|has speed = 1)"):
-            nt.read_table(path, 100, "mV", **choice._asdict())
+            nt.read_table(path, 100, "mV", **of_table(choice._asdict()))
         return
-    found = nt.read_table(path, 100, "mV", **choice._asdict())
+    found = nt.read_table(path, 100, "mV", **of_table(choice._asdict()))
     pd.testing.assert_frame_equal(found.conditions, every.select(keep).conditions)
 
 

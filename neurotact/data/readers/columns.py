@@ -25,7 +25,7 @@ from neurotact.data.readers.table.cells import (
 from neurotact.data.readers.table.headings import is_sample, open_table
 from neurotact.data.recordings import LABEL
 from neurotact.errors import InputError, nearest, some
-from neurotact.spec import Names, Spec
+from neurotact.spec import Names, Spec, chosen
 
 Missing = Literal["interpolate", "drop-trial"]
 FALLING = 0.1
@@ -129,23 +129,27 @@ def called(names: Sequence[str], what: str) -> str | None:
 class ColumnsSpec(Spec):
     """The columns of a text file of samples, counted from 1."""
 
-    columns: Names = ()
-    """The taxels, by names or by numbers (`1-5`); all but the time column when absent."""
-    time_column: str | None = None
-    """The name or the number of the column of time stamps, or of whole seconds and of the rest of the second, as in
-    `sec,nanosec`; when absent, the first one whose name says so, or that holds times of day."""
-    time_unit: Unit | None = None
-    """Unit of the stamps; when absent, that at the end of the column's name (`t_ms`), else the one that fits touch."""
-    max_gap_ms: float | None = Field(default=None, gt=0)
-    """The longest interval between stamps; five median ones when absent."""
+    columns: Names = Field(default=(), json_schema_extra=chosen("all but the time column"))
+    """The taxels, by numbers from 1 or by names, as in 1-5, left,right or p1-p8. Of a table of all trials, all columns
+    of numbers that change within a trial when absent."""
+    time_column: str | None = Field(
+        default=None, json_schema_extra=chosen("one named time, timestamp or t (t_ms), else one of times of day")
+    )
+    """The column of time stamps, or in files of arrays their array; seconds and the rest as in sec,nanosec."""
+    time_unit: Unit | None = Field(
+        default=None, json_schema_extra=chosen("that of the column's name (t_ms), else the one that fits touch")
+    )
+    """Unit of the time stamps."""
+    max_gap_ms: float | None = Field(default=None, gt=0, json_schema_extra=chosen("five times the usual one"))
+    """Longest allowed interval between time stamps."""
     drop_repeats: bool = False
-    """Whether rows with the time stamp of the row before are dropped, however many they are."""
-    missing: Missing | None = None
-    """What is done about empty cells, NaN and lines that are cut: interpolate them, or drop their trial, both within
-    limits. When absent they are refused."""
+    """Drop every row with the time stamp of the row before it, in place of spreading such rows evenly."""
+    missing: Missing | None = Field(default=None, json_schema_extra=chosen("refused"))
+    """Empty cells, NaN and cut lines: fill them, at most 5 % of a trial, or drop their trials, at most 20 % of all."""
     decimal: Literal[".", ","] = "."
-    header_lines: int | None = Field(default=None, ge=0, le=10_000)
-    """Lines before the first sample; the last of them names the columns if it has as many cells. When absent, the lines
+    """Decimal separator."""
+    header_lines: int | None = Field(default=None, ge=0, le=10_000, json_schema_extra=chosen("detected"))
+    """Lines before the first sample. The last of them names the columns if it has as many cells; when absent, the lines
     that begin with `#`, and a first line without a single number."""
 
     def check_no_text(self, path: Path) -> None:
@@ -158,13 +162,14 @@ class ColumnsSpec(Spec):
 class LayoutSpec(ColumnsSpec):
     """The columns of each text file, with the time column; or the array of each file of arrays.
 
-    In a file of arrays `time_column` is the name of the array of stamps.
+    In a file of arrays `time_column` is the name of the array of stamps. In Python `nt.Layout`.
     """
 
-    array: str | None = None
-    """The array of each NPZ or MATLAB file that is its trial; when absent, each array is a trial."""
+    public = "Layout"
+    array: str | None = Field(default=None, json_schema_extra=chosen("each is a trial"))
+    """The array of each NPZ or MATLAB file that is its trial."""
     transpose: bool = False
-    """Whether arrays are (taxel, time)."""
+    """Arrays are (taxel, time)."""
 
 
 class Samples(NamedTuple):

@@ -5,11 +5,11 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from neurotact.data.readers.arrays import TENSORS, ArrayFile, opened_arrays, said_rates, sampling_rate_of
 from neurotact.data.readers.clock.split import apart, joined, pair_in
@@ -25,7 +25,7 @@ from neurotact.data.readers.table.headings import named_table
 from neurotact.data.recordings import LABEL, Recordings, check_import
 from neurotact.errors import InputError, nearest, some
 from neurotact.files import below, check_size, existing, is_hidden
-from neurotact.spec import Names, Spec, build
+from neurotact.spec import Names, Spec, build, chosen
 
 log = logging.getLogger("neurotact")
 
@@ -38,21 +38,24 @@ KINDS = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
 
 
 class NamingSpec(Spec):
-    """The source of the class and the conditions of a file.
+    """The source of the class and the conditions of a file, `nt.Naming`.
 
     A pattern holds names in braces, `{label}_F{force}_{repetition}.csv`; each stands for one character or more, as few
     as fit. Values that are numbers in every file become numbers; `label` stays text.
     """
 
-    levels: Names = ()
-    """For each sub-folder, from the top: a condition (`speed`), or a pattern (`{speed}mm_per_s`). Deeper folders are
-    read too. `label` alone if neither pattern nor table gives the label."""
+    public = "Naming"
+    levels: Names = Field(default=(), json_schema_extra=chosen("label"))
+    """Conditions that name the sub-folders, from the top, as in label,speed. Each may be a pattern
+    (`{speed}mm_per_s`); deeper folders are read too. `label` alone if neither pattern nor table gives the label."""
     pattern: str | None = None
-    """Pattern of the file's name; of the end of its path if the pattern holds a `/`."""
-    table: str | None = Field(default=None)
-    """A CSV file with the column `file`, the path or the name of each file, and a column for each condition."""
-    label: str | None = None
-    """The condition that is the class, where none is called `label`."""
+    """Conditions in the file names, as in {label}_F{force}_{repetition}.csv. Of the end of the path if the pattern
+    holds a `/`."""
+    table: Annotated[str | None, BeforeValidator(lambda path: path and str(path))] = None
+    """A CSV file with the column file and one column per condition. The column holds the path or the name of each
+    file."""
+    label: str | None = Field(default=None, json_schema_extra=chosen("that which is called label"))
+    """The condition that is the class."""
 
     @model_validator(mode="after")
     def _names_each_condition_once(self) -> "NamingSpec":

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
+from as_specs import of_events, of_folder
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from levels import examples
@@ -37,20 +38,20 @@ def structured(folder: Path, stamps: np.ndarray, unit: str, spec: dict) -> nt.Sp
         array = np.zeros(len(stamps), [("t", stamps.dtype), ("x", "<u2"), ("y", "<u2"), ("p", "?")])
         array["t"] = stamps
         np.save(folder / label / "0.npy", array)
-    return nt.read_events(folder, **spec, time_unit=unit)
+    return nt.read_events(folder, **of_events(spec), time_unit=unit)
 
 
 def arrays(folder: Path, stamps: np.ndarray, unit: str, spec: dict) -> nt.SpikeTrains:
     twice, trial = np.concatenate([stamps, stamps]), np.repeat([0, 1], len(stamps))
     np.savez(folder / "e.npz", **{f"event_time_{unit}": twice, "trial": trial, "unit": 0 * trial, "label": ["a", "b"]})
-    return nt.read_events(folder / "e.npz", **spec)
+    return nt.read_events(folder / "e.npz", **of_events(spec))
 
 
 def table(folder: Path, stamps: np.ndarray, unit: str, spec: dict) -> nt.SpikeTrains:
     rows = {f"time_{unit}": np.concatenate([stamps, stamps]), "trial": np.repeat([0, 1], len(stamps)), "channel": 0}
     made = pd.DataFrame(rows).assign(label=lambda t: np.where(t["trial"], "b", "a"))
     made.to_csv(folder / "e.csv", index=False)
-    return nt.read_events(folder / "e.csv", **spec)
+    return nt.read_events(folder / "e.csv", **of_events(spec))
 
 
 def heidelberg(folder: Path, stamps: np.ndarray, unit: str, spec: dict) -> nt.SpikeTrains:
@@ -60,7 +61,7 @@ def heidelberg(folder: Path, stamps: np.ndarray, unit: str, spec: dict) -> nt.Sp
         for trial in (0, 2):  # the second is silent
             times[trial], units[trial] = stamps, np.zeros(len(stamps), np.uint16)
         file["labels"] = np.array([0, 1, 1], np.uint8)
-    return nt.read_events(folder / "e.h5", **spec, time_unit=unit)
+    return nt.read_events(folder / "e.h5", **of_events(spec), time_unit=unit)
 
 
 LAYOUTS = {"structured": structured, "arrays": arrays, "table": table, "heidelberg": heidelberg}
@@ -242,11 +243,11 @@ def test_every_option_changes_the_spikes_or_is_refused(layouts, option):
             naming = {"conditions": f"{path}.csv"}
         given: dict[str, Any] = {"names": names, **naming}
         if layout in acting:
-            plain, other = nt.read_events(path), nt.read_events(path, **spec, **given)
+            plain, other = nt.read_events(path), nt.read_events(path, **of_events(spec), **of_folder(given))
             assert content(plain) != content(other), layout
             continue
         with pytest.raises(InputError, match=refusal) as refused:
-            nt.read_events(path, **spec, **given)
+            nt.read_events(path, **of_events(spec), **of_folder(given))
         assert str(refused.value).count("; ") >= 1, layout  # what to do follows what is wrong
 
 
@@ -270,7 +271,7 @@ def test_options_of_polarity_are_refused_without_one(tmp_path, layouts, layout):
     path = layouts["h5"] if layout == "h5" else tmp_path / f"e.{layout}"
     for spec in ({"polarity": "merge"}, {"polarity": "on"}, {"polarities": "OFF,ON"}):
         with pytest.raises(InputError, match=r"polarit"):
-            nt.read_events(path, **spec)
+            nt.read_events(path, **of_events(spec))
 
 
 def test_named_channels_and_populations_take_no_numbers(tmp_path):
@@ -283,7 +284,7 @@ def test_named_channels_and_populations_take_no_numbers(tmp_path):
         ({"channels": "left,left"}, "'left' is there twice"),
     ):
         with pytest.raises(InputError, match=message):
-            nt.read_events(tmp_path / "e.csv", **spec)
+            nt.read_events(tmp_path / "e.csv", **of_events(spec))
 
 
 def test_polarities_of_three_values_can_be_merged(tmp_path):
@@ -394,7 +395,7 @@ def test_sample_numbers_are_doubted_as_times(tmp_path, caplog, dtype, name, opti
     """Samples at 30 kHz of 2 s each: taken as seconds, trials last hours; the unit is asked for."""
     time = np.sort(np.random.default_rng(0).integers(0, 59_900, (4, 100)), axis=1).astype(dtype)
     time[:, -1] = 59_900
-    nt.read_events(events_of(tmp_path / "e.npz", time, name), **options, merge_events=True)
+    nt.read_events(events_of(tmp_path / "e.npz", time, name), **of_events(options), merge_events=True)
     lines = [line.partition("e.npz: ")[2] for line in caplog.messages if "share a step" not in line]
     assert len(lines) == len(doubts)
     for line, doubt in zip(lines, doubts, strict=True):
@@ -533,7 +534,7 @@ def test_files_of_other_kinds_are_known_by_their_content(tmp_path, name, begin, 
         nt.read_events(tmp_path / "in" / name)
     if name not in ("e.h5", "e.mat"):
         with pytest.raises(InputError, match=message):
-            nt.read_events(tmp_path / "in", pattern="{label}")
+            nt.read_events(tmp_path / "in", naming=nt.Naming(pattern="{label}"))
 
 
 # --- what is no file of events ----------------------------------------------------------------------

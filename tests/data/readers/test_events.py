@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
+from as_specs import of_events
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
@@ -57,8 +58,8 @@ def test_a_table_and_arrays_are_the_same_events(tmp_path_factory, seed, step_ms)
     per_trial = table.drop_duplicates("trial").sort_values("trial")
     np.savez(place / "events.npz", **columns, letter=per_trial["label"].to_numpy(str), force_N=per_trial["force_N"])
     spec = {"step_ms": step_ms, "merge_events": True}
-    one = nt.read_events(place / "events.csv", **spec)
-    other = nt.read_events(place / "events.npz", **spec, names={"label": "letter"})
+    one = nt.read_events(place / "events.csv", **of_events(spec))
+    other = nt.read_events(place / "events.npz", **of_events(spec), names={"label": "letter"})
     for found in (one, other):
         np.testing.assert_array_equal(raster_of(found), expected_of(table, step_ms))
         assert found.afferents[:5] == ("OFF channel0", "OFF channel1", "OFF channel2", "OFF channel3", "ON channel0")
@@ -214,7 +215,7 @@ def test_a_pickle_is_never_opened(tmp_path):
 def test_events_that_cannot_be_read_are_named(tmp_path, text, options, message):
     (tmp_path / "e.csv").write_text(text)
     with pytest.raises(InputError, match=message) as refusal:
-        nt.read_events(tmp_path / "e.csv", **options)
+        nt.read_events(tmp_path / "e.csv", **of_events(options))
     assert "\n" not in str(refusal.value)
 
 

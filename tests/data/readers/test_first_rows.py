@@ -55,7 +55,9 @@ def test_a_start_time_is_no_sample_and_the_advice_is_right(
         assert "remove it, and line" in str(refusal.value)
         return
     advised = {name: float(value) for name, value in OPTIONS.findall(str(refusal.value))}
-    found = nt.read_folder(folder, advised.get("sampling_rate_Hz", 100), "V", header_lines=int(advised["header_lines"]))
+    found = nt.read_folder(
+        folder, advised.get("sampling_rate_Hz", 100), "V", layout=nt.Layout(header_lines=int(advised["header_lines"]))
+    )
     np.testing.assert_array_equal(found.signals[0], samples.astype(np.float32))
     if len(heads[kind]) == 2:
         assert found.sampling_rate_Hz == rate_Hz

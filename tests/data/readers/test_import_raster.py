@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from as_specs import of_raster
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
@@ -28,7 +29,7 @@ def dense(trains: nt.Recordings | SpikeTrains) -> np.ndarray:
 
 def refused(message, *arguments, **options):
     with pytest.raises(InputError) as refusal:
-        nt.read_raster(*arguments, **options)
+        nt.read_raster(*arguments, **of_raster(options))
     assert message in str(refusal.value), str(refusal.value)
     assert "\n" not in str(refusal.value)
 
@@ -58,7 +59,7 @@ def test_a_raster_comes_back_as_it_was(tmp_path_factory, raster, suffix):
     if not raster.any():
         refused("holds no spike; give at least one", path, 1000, **options)
         return
-    found = nt.read_raster(path, 1000, **options)
+    found = nt.read_raster(path, 1000, **of_raster(options))
     np.testing.assert_array_equal(dense(found), raster)
     assert found.conditions["label"].tolist() == [str(each) for each in label]
     nt.save(found, folder / "spikes.h5")
@@ -98,7 +99,9 @@ def test_a_folder_holds_a_raster_per_trial(tmp_path, caplog):
     assert not caplog.messages  # what is asked for as spikes is not doubted as signals
     for path in (tmp_path / "in").rglob("*.npy"):
         np.save(path, np.load(path).T)
-    turned = nt.read_raster(tmp_path / "in", 1000, transpose=True, pattern="{trial}.npy")
+    turned = nt.read_raster(
+        tmp_path / "in", 1000, naming=nt.Naming(pattern="{trial}.npy"), layout=nt.Layout(transpose=True)
+    )
     assert [each.tolist() for each in turned.steps] == [each.tolist() for each in found.steps]
     assert turned.conditions["trial"].tolist() == [1, 3, 0, 2]
     refused("`names` and `axes` are for one file with all trials", tmp_path / "in", 1000, axes="trial,time,taxel")

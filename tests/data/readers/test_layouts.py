@@ -9,6 +9,7 @@ from unittest import mock
 import numpy as np
 import pytest
 import scipy.io
+from as_specs import of_folder
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from levels import examples
@@ -41,7 +42,12 @@ def test_a_folder_that_was_never_seen_is_read_in_one_call(tmp_path, caplog):
         ]
         write(tmp_path / place / "touch.csv", "\r\n".join(["t_ms,ch1,ch2,ch3,ch4,ch5,", *rows]) + "\r\n")
     with caplog.at_level(logging.WARNING):
-        found = nt.read_folder(tmp_path, unit="count", levels="label,speed", time_column="t_ms", time_unit="ms")
+        found = nt.read_folder(
+            tmp_path,
+            unit="count",
+            naming=nt.Naming(levels="label,speed"),
+            layout=nt.Layout(time_column="t_ms", time_unit="ms"),
+        )
     assert found.channels == ("ch1", "ch2", "ch3", "ch4", "ch5")
     assert found.conditions[["label", "speed"]].values.tolist() == [
         ["cork", 150],
@@ -103,11 +109,11 @@ def test_conditions_stand_in_names(tmp_path):
     for label, force, speed in (("Linen", 3, -50), ("Denim", 6, 120)):
         for repetition in ("00", "01"):
             write(tmp_path / "flat" / f"{label}_F{force}_V{speed}mmps_{repetition}.csv", "1,2\n3,4\n")
-    found = nt.read_folder(tmp_path, 100, "mV", pattern="{label}_F{force}_V{speed}mmps_{repetition}")
+    found = nt.read_folder(tmp_path, 100, "mV", naming=nt.Naming(pattern="{label}_F{force}_V{speed}mmps_{repetition}"))
     assert found.conditions.iloc[0].tolist() == ["Denim", 6, 120, "00", "flat/Denim_F6_V120mmps_00.csv"]
     assert found.conditions["speed"].tolist() == [120, 120, -50, -50]
     with pytest.raises(InputError, match=r"Denim_F6_V120mmps_00\.csv: its name does not fit the pattern \{label\}-"):
-        nt.read_folder(tmp_path, 100, "mV", pattern="{label}-{force}.csv")
+        nt.read_folder(tmp_path, 100, "mV", naming=nt.Naming(pattern="{label}-{force}.csv"))
 
 
 def test_conditions_stand_in_a_table(tmp_path):
@@ -115,7 +121,7 @@ def test_conditions_stand_in_a_table(tmp_path):
         write(tmp_path / name, "1,2\n3,4\n")
     table = tmp_path / "conditions.csv"
     table.write_text("file;label;force\na/1.csv;felt;3\n2.csv;silk;6\nb/1.csv;felt;0.5\n")
-    found = nt.read_folder(tmp_path, 100, "mV", conditions=table)
+    found = nt.read_folder(tmp_path, 100, "mV", naming=nt.Naming(table=table))
     assert found.conditions["label"].tolist() == ["felt", "silk", "felt"]
     assert found.conditions["force"].tolist() == [3, 6, 0.5]
     for text, message in (
@@ -129,13 +135,13 @@ def test_conditions_stand_in_a_table(tmp_path):
     ):
         table.write_text(text)
         with pytest.raises(InputError, match=message):
-            nt.read_folder(tmp_path, 100, "mV", conditions=table)
+            nt.read_folder(tmp_path, 100, "mV", naming=nt.Naming(table=table))
     table.write_text("file,material\na/1.csv,cork\n2.csv,denim\nb/1.csv,cork\n")
-    found = nt.read_folder(tmp_path, 100, "mV", conditions=table, label="material")
+    found = nt.read_folder(tmp_path, 100, "mV", naming=nt.Naming(table=table, label="material"))
     assert found.conditions.columns.tolist() == ["label", "file"]
     assert found.conditions["label"].tolist() == ["cork", "denim", "cork"]
     with pytest.raises(InputError, match="no condition is called materials; did you mean 'material'"):
-        nt.read_folder(tmp_path, 100, "mV", conditions=table, label="materials")
+        nt.read_folder(tmp_path, 100, "mV", naming=nt.Naming(table=table, label="materials"))
 
 
 FILES = st.lists(
@@ -172,15 +178,15 @@ def test_what_names_say_is_read_back(tmp_path_factory, trials):
 )
 def test_one_table_in_many_forms(tmp_path, text, options):
     write(tmp_path / "felt" / "a.csv", text)
-    found = nt.read_folder(tmp_path, **{"sampling_rate_Hz": 100, "unit": "mV", **options})
+    found = nt.read_folder(tmp_path, **of_folder({"sampling_rate_Hz": 100, "unit": "mV", **options}))
     np.testing.assert_array_equal(found.signals[0], [[1, 2, 3], [4, 5, 6]])
 
 
 def test_columns_are_a_range_of_names_too(tmp_path):
     write(tmp_path / "felt" / "a.csv", "t,p-1,p-2,p-3\n0,1,2,3\n1,4,5,7\n")
-    found = nt.read_folder(tmp_path, 100, "mV", columns="p-1-p-3")
+    found = nt.read_folder(tmp_path, 100, "mV", layout=nt.Layout(columns="p-1-p-3"))
     assert found.channels == ("p-1", "p-2", "p-3")
-    assert nt.read_folder(tmp_path, 100, "mV", columns="p-3-p-2,t").channels == ("p-2", "p-3", "t")
+    assert nt.read_folder(tmp_path, 100, "mV", layout=nt.Layout(columns="p-3-p-2,t")).channels == ("p-2", "p-3", "t")
 
 
 def test_a_column_that_never_changes_is_named(tmp_path, caplog):
@@ -190,7 +196,7 @@ def test_a_column_that_never_changes_is_named(tmp_path, caplog):
     nt.read_folder(tmp_path, 100, "mV")
     assert "every sample has the same value in board_C; select the taxels with `columns`" in caplog.text
     caplog.clear()
-    nt.read_folder(tmp_path, 100, "mV", columns="p,q")
+    nt.read_folder(tmp_path, 100, "mV", layout=nt.Layout(columns="p,q"))
     assert "same value" not in caplog.text
 
 
@@ -217,7 +223,7 @@ def test_a_column_that_rises_throughout_every_trial_is_named(tmp_path, caplog):
     write(tmp_path / "felt" / "a.csv", counted(20, 19))
     caplog.clear()
     for taxels in ("2-3", "1"):  # a counter is no only taxel
-        nt.read_folder(tmp_path, 100, "mV", columns=taxels)
+        nt.read_folder(tmp_path, 100, "mV", layout=nt.Layout(columns=taxels))
         assert "rises" not in caplog.text
 
 
@@ -234,9 +240,13 @@ def test_a_column_with_the_name_of_time_stamps_is_the_time(tmp_path, caplog):
     assert found.sampling_rate_Hz == pytest.approx(1e3 / 28, 1e-3)
     assert "the time stamps are taken as ms (trials of 5.57 s at 35.71 Hz); if that is wrong, give" in caplog.text
     caplog.clear()
-    assert nt.read_folder(tmp_path, unit="count", columns="p").sampling_rate_Hz == found.sampling_rate_Hz
+    assert (
+        nt.read_folder(tmp_path, unit="count", layout=nt.Layout(columns="p")).sampling_rate_Hz == found.sampling_rate_Hz
+    )
     assert nt.read_folder(tmp_path, 35.6, "count").sampling_rate_Hz == 35.6
-    assert nt.read_folder(tmp_path, 1000, "count", columns="p").sampling_rate_Hz == 1000, "the stamps are not read"
+    assert nt.read_folder(tmp_path, 1000, "count", layout=nt.Layout(columns="p")).sampling_rate_Hz == 1000, (
+        "the stamps are not read"
+    )
 
 
 def day_times(form: str, n: int = 50, begin: str = "2024-01-31T23:59:59.7") -> list[str]:
@@ -258,7 +268,7 @@ def day_times(form: str, n: int = 50, begin: str = "2024-01-31T23:59:59.7") -> l
 def test_times_of_day_are_the_time(tmp_path, form, separator, options, name, caplog):
     rows = [separator.join([time, f"{n % 7}{options.get('decimal', '.')}5"]) for n, time in enumerate(day_times(form))]
     write(tmp_path / "felt" / "a.csv", "\n".join([f"{name}{separator}left", *rows]) + "\n")
-    found = nt.read_folder(tmp_path, unit="count", **options)
+    found = nt.read_folder(tmp_path, unit="count", **of_folder(options))
     assert (found.sampling_rate_Hz, found.channels) == (100.0, ("left",))
     assert found.signals[0][:, 0].tolist() == [n % 7 + 0.5 for n in range(50)]
     assert caplog.text == ""
@@ -282,7 +292,7 @@ def test_times_of_day_need_no_header(tmp_path):
 def test_wrong_times_of_day_are_refused(tmp_path, text, options, message):
     write(tmp_path / "felt" / "a.csv", text)
     with pytest.raises(InputError, match=message):
-        nt.read_folder(tmp_path, unit="V", **options)
+        nt.read_folder(tmp_path, unit="V", **of_folder(options))
 
 
 @given(st.lists(st.integers(0, 86_399_999_999), min_size=2, max_size=20), st.booleans())
@@ -313,7 +323,7 @@ def test_a_column_that_is_only_named_like_time_stamps_is_named(tmp_path, text, m
     write(tmp_path / "felt" / "a.csv", text)
     with pytest.raises(InputError, match=message):
         nt.read_folder(tmp_path, unit="mV")
-    assert nt.read_folder(tmp_path, 10, "mV", columns="p").channels == ("p",)
+    assert nt.read_folder(tmp_path, 10, "mV", layout=nt.Layout(columns="p")).channels == ("p",)
 
 
 @given(st.sampled_from(list(clock.UNIT_S)), st.floats(10.1, 9.9e4), st.integers(20, 4000), st.floats(0, 1e6))
@@ -352,7 +362,7 @@ def test_the_unit_of_stamps_of_touch_is_found_or_asked_for(unit, rate_Hz, n_samp
 def test_a_layout_that_does_not_fit_is_named(tmp_path, text, options, message):
     write(tmp_path / "felt" / "a.csv", text)
     with pytest.raises(InputError, match=message):
-        nt.read_folder(tmp_path, 100, "mV", **options)
+        nt.read_folder(tmp_path, 100, "mV", **of_folder(options))
 
 
 @pytest.mark.parametrize(
@@ -373,20 +383,22 @@ def test_a_naming_that_cannot_be_is_refused(table, message):
 def test_folders_less_deep_than_the_levels_are_named(tmp_path):
     write(tmp_path / "felt" / "a.csv", "1,2\n")
     with pytest.raises(InputError, match=r"a\.csv: is 1 sub-folders deep, but `levels` names 2 \(label, speed\)"):
-        nt.read_folder(tmp_path, 100, "mV", levels="label,speed")
+        nt.read_folder(tmp_path, 100, "mV", naming=nt.Naming(levels="label,speed"))
 
 
 def test_time_stamps_in_another_unit_than_said_are_named(tmp_path, caplog):
     for name in ("felt", "silk"):
         write(tmp_path / name / "a.csv", stamps("timestamp", range(4_277_465, 4_278_025, 28)))
     with pytest.raises(InputError, match=r"stamps give 0\.0357 Hz and `sampling_rate_Hz` says 35\.6 Hz; give the unit"):
-        nt.read_folder(tmp_path, 35.6, "count", time_unit="s")
-    assert nt.read_folder(tmp_path, 35.6, "count", time_unit="ms").sampling_rate_Hz == 35.6
+        nt.read_folder(tmp_path, 35.6, "count", layout=nt.Layout(time_unit="s"))
+    assert nt.read_folder(tmp_path, 35.6, "count", layout=nt.Layout(time_unit="ms")).sampling_rate_Hz == 35.6
     assert "--time-unit" not in caplog.text
-    assert nt.read_folder(tmp_path, unit="count", time_unit="s").sampling_rate_Hz == pytest.approx(1 / 28, 1e-3)
+    assert nt.read_folder(tmp_path, unit="count", layout=nt.Layout(time_unit="s")).sampling_rate_Hz == pytest.approx(
+        1 / 28, 1e-3
+    )
     assert "0.03571 Hz is slow for touch; if the unit of the time stamps is another, give it with" in caplog.text
     caplog.clear()
-    found = nt.read_folder(tmp_path, unit="count", time_unit="us")
+    found = nt.read_folder(tmp_path, unit="count", layout=nt.Layout(time_unit="us"))
     assert found.sampling_rate_Hz == pytest.approx(1e6 / 28, 1e-3)
     assert "the median trial lasts 0.00056 s at 35714.3 Hz, which is short for touch; if the unit" in caplog.text
     caplog.clear()
@@ -400,28 +412,35 @@ def test_stamps_that_may_be_in_two_units_are_refused(tmp_path):
     with pytest.raises(InputError, match=message):
         nt.read_folder(tmp_path, unit="mV")
     assert nt.read_folder(tmp_path, 10_000, "mV").sampling_rate_Hz == 10_000
-    assert nt.read_folder(tmp_path, unit="mV", time_unit="us").sampling_rate_Hz == 10_000
+    assert nt.read_folder(tmp_path, unit="mV", layout=nt.Layout(time_unit="us")).sampling_rate_Hz == 10_000
 
 
 @pytest.mark.parametrize(("name", "rate_Hz"), [("t_ms", 500), ("Time [us]", 5e5), ("time (s)", 0.5), ("T_S", 0.5)])
 def test_the_name_of_the_time_column_says_its_unit(tmp_path, name, rate_Hz):
     for label in ("felt", "silk"):
         write(tmp_path / label / "a.csv", "\n".join([f"{name},a", *(f"{2 * n},{n % 7}" for n in range(50))]) + "\n")
-    assert nt.read_folder(tmp_path, unit="count", time_column=name).sampling_rate_Hz == pytest.approx(rate_Hz)
-    assert nt.read_folder(tmp_path, unit="count", time_column="1").sampling_rate_Hz == pytest.approx(rate_Hz)
-    assert nt.read_folder(tmp_path, unit="count", time_column=name, time_unit="ms").sampling_rate_Hz == 500
+    assert nt.read_folder(tmp_path, unit="count", layout=nt.Layout(time_column=name)).sampling_rate_Hz == pytest.approx(
+        rate_Hz
+    )
+    assert nt.read_folder(tmp_path, unit="count", layout=nt.Layout(time_column="1")).sampling_rate_Hz == pytest.approx(
+        rate_Hz
+    )
+    assert (
+        nt.read_folder(tmp_path, unit="count", layout=nt.Layout(time_column=name, time_unit="ms")).sampling_rate_Hz
+        == 500
+    )
 
 
 def test_text_files_are_recordings_where_there_is_nothing_else(tmp_path, caplog):
     for name in ("gel_1.txt", "gel_2.TXT", "foam_1.tsv"):
         write(tmp_path / name, "left\tright\n1\t2\n3\t4\n")
-    found = nt.read_folder(tmp_path, 100, "mV", pattern="{label}_{n}")
+    found = nt.read_folder(tmp_path, 100, "mV", naming=nt.Naming(pattern="{label}_{n}"))
     assert found.conditions[["label", "n"]].values.tolist() == [["foam", 1], ["gel", 1], ["gel", 2]]
     assert found.channels == ("left", "right")
     assert not caplog.messages
     write(tmp_path / "felt_1.csv", "left,right\n1,2\n")
     with caplog.at_level(logging.WARNING):
-        assert nt.read_folder(tmp_path, 100, "mV", pattern="{label}_{n}.csv").classes == ("felt",)
+        assert nt.read_folder(tmp_path, 100, "mV", naming=nt.Naming(pattern="{label}_{n}.csv")).classes == ("felt",)
     assert "3 files are ignored (hidden, or not recordings): foam_1.tsv, gel_1.txt, gel_2.TXT" in caplog.text
 
 
@@ -441,10 +460,10 @@ def test_an_array_of_stamps_gives_the_rate(tmp_path, suffix, transpose, name, op
     touch = np.arange(240).reshape(80, 3) % 11
     stamps = stamps_s * (1e3 if name.endswith("ms") else 1)
     arrays_of(tmp_path / "felt", suffix, touch=touch.T if transpose else touch, **{name: stamps})
-    found = nt.read_folder(tmp_path, unit="V", transpose=transpose, **options)
+    found = nt.read_folder(tmp_path, unit="V", **of_folder(options | {"transpose": transpose}))
     assert (len(found), found.sampling_rate_Hz) == (1, 250.0)
     assert (found.signals[0] == touch).all()
-    assert nt.read_folder(tmp_path, 125, "V", transpose=transpose, **options).lengths.tolist() == [40]
+    assert nt.read_folder(tmp_path, 125, "V", **of_folder(options | {"transpose": transpose})).lengths.tolist() == [40]
 
 
 def test_an_array_of_another_length_is_no_stamps(tmp_path):
@@ -469,7 +488,7 @@ def test_an_array_of_another_length_is_no_stamps(tmp_path):
 def test_wrong_arrays_of_stamps_are_refused(tmp_path, arrays, options, message):
     arrays_of(tmp_path / "felt", ".npz", **arrays)
     with pytest.raises(InputError, match=message):
-        nt.read_folder(tmp_path, unit="V", **{"time_column": "clock"} | options)
+        nt.read_folder(tmp_path, unit="V", **of_folder({"time_column": "clock"} | options))
 
 
 @given(st.lists(st.sampled_from([20.0, 50.0, 99.0, 100.0, 125.0]), min_size=1, max_size=8))

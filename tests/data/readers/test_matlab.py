@@ -6,6 +6,7 @@ import zlib
 import h5py
 import numpy as np
 import pytest
+from as_specs import of_folder
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
@@ -57,7 +58,7 @@ def _characters(file, name, text):
 
 def refused(message, call, *arguments, **options):
     with pytest.raises(InputError) as refusal:
-        call(*arguments, **options)
+        call(*arguments, **(of_folder(options) if call is nt.read_folder else options))
     assert message in str(refusal.value), str(refusal.value)
     assert "\n" not in str(refusal.value)
 
@@ -145,11 +146,11 @@ def test_a_folder_holds_a_file_a_trial(tmp_path, version):
         place.mkdir(exist_ok=True)
         path = place / f"{len(list(place.iterdir()))}.mat"
         save(path, version, pressure=trial, fs=100.0, material=material, force=np.ones(9), rig=NOT_READ)
-    found = nt.read_folder(tmp_path, 100, "count", array="pressure")
+    found = nt.read_folder(tmp_path, 100, "count", layout=nt.Layout(array="pressure"))
     np.testing.assert_array_equal(found.signals, SIGNALS[[0, 2, 1, 3]])
     assert found.conditions["label"].tolist() == ["felt", "felt", "silk", "silk"]
     assert found.conditions["file"][0] == "felt/0.mat:pressure"
-    one = nt.read_folder(tmp_path, 100, "count", array="force")
+    one = nt.read_folder(tmp_path, 100, "count", layout=nt.Layout(array="force"))
     assert one.signals[0].shape == (9, 1)
     refused(
         "'rig' is neither numbers nor text; name the matrix of samples with `array`", nt.read_folder, tmp_path, 100, "V"
@@ -180,7 +181,9 @@ def test_arrays_may_be_the_other_way_round(tmp_path, suffix, caplog):
     assert found.signals[0].shape == (3, 9)
     assert "arrays of 9 taxels, 3 samples each; if it is the other way round, use `transpose=True`" in caplog.text
     caplog.clear()
-    np.testing.assert_array_equal(nt.read_folder(tmp_path, 100, "count", transpose=True).signals[0], SIGNALS[0])
+    np.testing.assert_array_equal(
+        nt.read_folder(tmp_path, 100, "count", layout=nt.Layout(transpose=True)).signals[0], SIGNALS[0]
+    )
     assert not caplog.messages
 
 
@@ -322,7 +325,7 @@ def test_a_folder_takes_each_cell_as_a_trial(tmp_path, version, caplog):
     assert [line for line in caplog.messages if "sampling rate" in line] == [
         f"{tmp_path}: the sampling rate is 250 Hz, as felt/a.mat: fs says"
     ]
-    assert len(nt.read_folder(tmp_path, 100, "count", array="trials")) == 5
+    assert len(nt.read_folder(tmp_path, 100, "count", layout=nt.Layout(array="trials"))) == 5
     assert "says felt/a.mat: fs = 250, silk/a.mat: fs = 250, but 100 Hz is given and used" in caplog.text
     save_cells(tmp_path / "silk" / "a.mat", version, RAGGED, fs=100.0)
     refused("says felt/a.mat: fs = 250, silk/a.mat: fs = 100; give the rate", nt.read_folder, tmp_path, unit="count")

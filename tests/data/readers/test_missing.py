@@ -53,7 +53,9 @@ def test_after_many_files_with_faults_no_more_are_read(tmp_path):
 
 def test_missing_samples_are_interpolated_and_counted(tmp_path, caplog):
     with caplog.at_level(logging.WARNING):
-        found = nt.read_folder(eight(tmp_path, {"a1": GAPS["a1"], "a2": GAPS["a2"]}), unit="V", missing="interpolate")
+        found = nt.read_folder(
+            eight(tmp_path, {"a1": GAPS["a1"], "a2": GAPS["a2"]}), unit="V", layout=nt.Layout(missing="interpolate")
+        )
     assert "2 of 1,600 samples are missing and interpolated, in 2 of 8 trials (a/1.csv, a/2.csv)" in caplog.text
     for signal in found.signals:
         assert np.abs(signal - np.stack([2 * TIMES, 1 - TIMES], axis=1)).max() < 1e-4
@@ -63,7 +65,7 @@ def test_missing_samples_are_interpolated_and_counted(tmp_path, caplog):
 def test_an_interpolated_sample_is_on_the_line_of_its_neighbours(tmp_path_factory, rows, word):
     folder = eight(tmp_path_factory.mktemp("gaps"), {"b2": {row: f"{TIMES[row]:.2f},{word},{1 - TIMES[row]:.4f}"
                                                             for row in rows}})  # fmt: skip
-    found = np.asarray(nt.read_folder(folder, unit="V", missing="interpolate").signals[6])
+    found = np.asarray(nt.read_folder(folder, unit="V", layout=nt.Layout(missing="interpolate")).signals[6])
     whole = sorted({*range(100)} - rows)
     expected = np.interp(np.arange(100), whole, 2 * TIMES[whole])
     assert np.abs(found[:, 0] - expected).max() < 1e-4
@@ -72,7 +74,7 @@ def test_an_interpolated_sample_is_on_the_line_of_its_neighbours(tmp_path_factor
 
 def test_a_line_that_is_cut_is_a_missing_sample_where_no_stamp_shows_its_place(tmp_path):
     faults: dict[str, dict[int, str | None]] = {"b1": {99: "1.9"}, "b3": {5: None}}
-    found = nt.read_folder(eight(tmp_path, faults, stamped=False), 100.0, "V", missing="interpolate")
+    found = nt.read_folder(eight(tmp_path, faults, stamped=False), 100.0, "V", layout=nt.Layout(missing="interpolate"))
     assert found.lengths.tolist() == [100] * 8
     assert abs(found.signals[7][5, 0] - 0.1) < 1e-4
 
@@ -80,13 +82,13 @@ def test_a_line_that_is_cut_is_a_missing_sample_where_no_stamp_shows_its_place(t
 def test_too_many_are_refused(tmp_path):
     faults: dict[str, dict[int, str | None]] = {"a1": {row: f"{TIMES[row]:.2f},,0" for row in range(10, 16)}}
     with pytest.raises(InputError, match=r"a/1.csv: 6.0 % of the samples of left are missing, more than 5 % to"):
-        nt.read_folder(eight(tmp_path, faults), unit="V", missing="interpolate")
+        nt.read_folder(eight(tmp_path, faults), unit="V", layout=nt.Layout(missing="interpolate"))
     with pytest.raises(InputError, match=r"4 of 8 trials have missing samples .*, more than 20 % to drop"):
-        nt.read_folder(eight(tmp_path, GAPS), unit="V", missing="drop-trial")
+        nt.read_folder(eight(tmp_path, GAPS), unit="V", layout=nt.Layout(missing="drop-trial"))
 
 
 def test_trials_with_missing_samples_are_dropped_with_their_conditions(tmp_path, caplog):
-    found = nt.read_folder(eight(tmp_path, {"b3": GAPS["b3"]}), unit="V", missing="drop-trial")
+    found = nt.read_folder(eight(tmp_path, {"b3": GAPS["b3"]}), unit="V", layout=nt.Layout(missing="drop-trial"))
     assert "1 of 8 trials have missing samples and are dropped (b/3.csv)" in caplog.text
     assert found.conditions["file"].tolist() == [
         "a/0.csv",
@@ -103,13 +105,15 @@ def test_trials_with_missing_samples_are_dropped_with_their_conditions(tmp_path,
 @pytest.mark.parametrize("how", ["interpolate", "drop-trial"])
 def test_an_option_without_effect_is_refused(tmp_path, how):
     with pytest.raises(InputError, match="no sample is missing; leave it out"):
-        nt.read_folder(eight(tmp_path, {}), unit="V", missing=how)
+        nt.read_folder(eight(tmp_path, {}), unit="V", layout=nt.Layout(missing=how))
 
 
 def test_other_faults_stay_faults(tmp_path):
     for cell in ("inf", "1.5 mV", "x"):
         with pytest.raises(InputError, match="column 2"):
-            nt.read_folder(eight(tmp_path, {"a1": {10: f"0.10,{cell},0.9"}}), unit="V", missing="interpolate")
+            nt.read_folder(
+                eight(tmp_path, {"a1": {10: f"0.10,{cell},0.9"}}), unit="V", layout=nt.Layout(missing="interpolate")
+            )
 
 
 @pytest.mark.parametrize("how", ["interpolate", "drop-trial"])
@@ -119,7 +123,7 @@ def test_a_table_of_all_trials_may_lack_samples(tmp_path, how):
     (tmp_path / "all.csv").write_text("trial,label,left,right\n" + "\n".join(rows) + "\n")
     with pytest.raises(InputError, match="is empty; repair the gap, fill it with"):
         nt.read_table(tmp_path / "all.csv", 100.0, "V")
-    found = nt.read_table(tmp_path / "all.csv", 100.0, "V", missing=how)
+    found = nt.read_table(tmp_path / "all.csv", 100.0, "V", layout=nt.Layout(missing=how))
     assert found.conditions["trial"].tolist() == ([*range(6)] if how == "interpolate" else [0, 1, 3, 4, 5])
     if how == "interpolate":
         assert abs(found.signals[2][50, 0] - 1.0) < 1e-4
@@ -136,7 +140,7 @@ def test_a_text_that_differs_between_files_is_a_condition(tmp_path, caplog):
     assert found.conditions["session"].tolist() == ["mon", "tue"] * 4
     assert found.channels == ("left",)
     assert "unit" not in found.conditions
-    assert "`group='session'`" in caplog.text
+    assert "`split=nt.Split(group='session')`" in caplog.text
     assert "holds no number, so no taxel: unit ('V')" in caplog.text
 
 

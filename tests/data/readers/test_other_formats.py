@@ -77,7 +77,7 @@ def test_a_file_is_a_trial_at_the_rate_that_it_says(tmp_path, write, suffix, cha
     assert (found.channels, found.sampling_rate_Hz, found.classes) == (channels, 200.0, ("felt", "silk"))
     for signal in found.signals:
         np.testing.assert_array_equal(signal, SIGNAL.astype(np.float32))
-    assert nt.read_folder(tmp_path, unit="count", columns=channels[1]).channels == channels[1:]
+    assert nt.read_folder(tmp_path, unit="count", layout=nt.Layout(columns=channels[1])).channels == channels[1:]
 
 
 @pytest.mark.parametrize("held", [{"a": SIGNAL, "b": -SIGNAL}, [SIGNAL, -SIGNAL], SIGNAL])
@@ -122,7 +122,9 @@ def test_a_parquet_file_holds_all_trials(tmp_path):
     rows.to_parquet(tmp_path / "all.parquet")
     with pytest.raises(InputError, match=r"sample 7, column 5 \(left\) is nan; repair the gap"):
         nt.read_table(tmp_path / "all.parquet", unit="count")
-    assert nt.read_table(tmp_path / "all.parquet", unit="count", missing="interpolate").lengths.tolist() == [20, 20]
+    assert nt.read_table(
+        tmp_path / "all.parquet", unit="count", layout=nt.Layout(missing="interpolate")
+    ).lengths.tolist() == [20, 20]
 
 
 def test_annotations_cut_a_sound(tmp_path):
@@ -132,7 +134,9 @@ def test_annotations_cut_a_sound(tmp_path):
     assert (found.sampling_rate_Hz, found.lengths.tolist(), found.classes) == (200.0, [8, 10], ("felt", "silk"))
     np.testing.assert_array_equal(found.signals[0], SIGNAL[2:10])
     with pytest.raises(InputError, match="`decimal` is for text files"):
-        nt.read_table(tmp_path / "all.wav", unit="count", annotations=tmp_path / "marks.csv", decimal=",")
+        nt.read_table(
+            tmp_path / "all.wav", unit="count", annotations=tmp_path / "marks.csv", layout=nt.Layout(decimal=",")
+        )
 
 
 def test_a_topic_of_other_numbers_in_each_message_is_no_trial(tmp_path):

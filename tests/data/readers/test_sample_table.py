@@ -5,6 +5,7 @@ import logging
 import numpy as np
 import pandas as pd
 import pytest
+from as_specs import of_table
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from levels import examples
@@ -37,7 +38,7 @@ def test_a_table_is_read_back_trial_by_trial(tmp_path_factory, trials, marks, se
     ]
     path = tmp_path_factory.getbasetemp() / "table.csv"
     pd.concat(frames).to_csv(path, index=False, sep=separator, decimal=decimal)
-    found = nt.read_table(path, 100, "mV", trial="class,repetition", decimal=decimal)
+    found = nt.read_table(path, 100, "mV", trial="class,repetition", layout=nt.Layout(decimal=decimal))
     assert found.channels == ("a", "b", "c")
     assert found.conditions[["label", "repetition", "force_N"]].values.tolist() == [
         [label, repetition, 1.5] for label, repetition, _ in trials
@@ -54,8 +55,13 @@ def test_stamps_give_the_rate_and_go_on_over_trials(tmp_path, caplog):
     found = nt.read_table(path, unit="count")
     assert (found.sampling_rate_Hz, len(found), found.channels) == (100.0, 4, ("left", "right"))
     assert "the time stamps are taken as ms (trials of 0.39 s at 100 Hz)" in caplog.text
-    assert nt.read_table(path, 50, "count", columns="left", time_column="timestamp").lengths.tolist() == [20] * 4
-    assert nt.read_table(path, 50, "count", columns="left").lengths.tolist() == [40] * 4, "the stamps are not read"
+    assert (
+        nt.read_table(path, 50, "count", layout=nt.Layout(columns="left", time_column="timestamp")).lengths.tolist()
+        == [20] * 4
+    )
+    assert nt.read_table(path, 50, "count", layout=nt.Layout(columns="left")).lengths.tolist() == [40] * 4, (
+        "the stamps are not read"
+    )
 
 
 @pytest.mark.parametrize("name", ["time", "logged"])
@@ -80,7 +86,7 @@ def test_columns_that_are_no_taxels_are_named(tmp_path, caplog):
     assert found.conditions.iloc[3].to_dict() == {"label": "x1", "trial": 3, "subject": "s1", "dead": 0, "board": 3}
     assert "constant within each trial, so conditions and not taxels: subject, dead, board; to change" in caplog.text
     assert "not used: note" in caplog.text
-    assert nt.read_table(path, 100, "V", columns="left-dead").channels == ("left", "dead")
+    assert nt.read_table(path, 100, "V", layout=nt.Layout(columns="left-dead")).channels == ("left", "dead")
 
 
 @pytest.mark.parametrize(
@@ -121,7 +127,7 @@ def test_columns_that_are_no_taxels_are_named(tmp_path, caplog):
 def test_a_table_that_cannot_be_read_is_named(tmp_path, text, options, message):
     path = write(tmp_path / "all.csv", text)
     with pytest.raises(InputError, match=message):
-        nt.read_table(path, **{"sampling_rate_Hz": 100, "unit": "mV", **options})
+        nt.read_table(path, **of_table({"sampling_rate_Hz": 100, "unit": "mV", **options}))
 
 
 def test_a_gap_is_named_with_its_line(tmp_path):
@@ -130,7 +136,7 @@ def test_a_gap_is_named_with_its_line(tmp_path):
     path = write(tmp_path / "all.csv", "\n".join(["trial,label,t_ms,a", "6,x,0,1", "6,x,1,2", *rows]) + "\n")
     with pytest.raises(InputError, match=r"all\.csv, trial 7: line 11 comes 44 ms after the line before it"):
         nt.read_table(path, unit="mV")
-    assert len(nt.read_table(path, unit="mV", max_gap_ms=50)) == 2
+    assert len(nt.read_table(path, unit="mV", layout=nt.Layout(max_gap_ms=50))) == 2
 
 
 @pytest.mark.parametrize("text", ["", "trial,label\n", "a\n\x00\n", "trial;label;a\n1;x;1,5\n"])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from as_specs import of_folder
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -170,7 +171,7 @@ def test_no_import_drops_more_than_a_twentieth_of_the_rows_unasked(tmp_path, cap
         InputError, match=r"many: 800 of 1,600 rows repeat the row before them .* with `drop_repeats=True`"
     ):
         nt.read_folder(many, unit="mV")
-    assert nt.read_folder(many, unit="mV", drop_repeats=True).lengths.tolist() == [200] * 4
+    assert nt.read_folder(many, unit="mV", layout=nt.Layout(drop_repeats=True)).lengths.tolist() == [200] * 4
     assert nt.read_folder(many, 200, "mV").lengths.tolist() == [400] * 4, "each row is a sample of its own"
 
 
@@ -224,7 +225,7 @@ def test_an_option_of_stamps_without_stamps_is_refused(tmp_path, option, value):
     place = folder_of(tmp_path, values(50)[:, 0], values(50), column="shear")
     option_in_words = f"`{option}`"
     with pytest.raises(InputError, match=f"{option_in_words}: the samples have no time stamps"):
-        nt.read_folder(place, 100, "mV", **{option: value})
+        nt.read_folder(place, 100, "mV", **of_folder({option: value}))
 
 
 def test_drop_repeats_without_repeats_is_refused(tmp_path):
@@ -232,7 +233,7 @@ def test_drop_repeats_without_repeats_is_refused(tmp_path):
     with pytest.raises(
         InputError, match="`drop_repeats`: no row has the time stamp of the row before it; leave it out"
     ):
-        nt.read_folder(place, unit="mV", drop_repeats=True)
+        nt.read_folder(place, unit="mV", layout=nt.Layout(drop_repeats=True))
 
 
 def test_a_table_of_whole_seconds_keeps_its_rows(tmp_path, caplog):
@@ -245,7 +246,7 @@ def test_a_table_of_whole_seconds_keeps_its_rows(tmp_path, caplog):
     assert touches.lengths.tolist() == [60] * 4
     assert touches.sampling_rate_Hz == 10
     assert len([each for each in caplog.messages if "have the time stamp of the row before them" in each]) == 1
-    assert nt.read_table(path, unit="mV", drop_repeats=True).lengths.tolist() == [6] * 4
+    assert nt.read_table(path, unit="mV", layout=nt.Layout(drop_repeats=True)).lengths.tolist() == [6] * 4
 
 
 def test_whole_seconds_without_a_unit_are_seconds(tmp_path):

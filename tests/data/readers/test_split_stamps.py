@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from as_specs import of_folder, of_table
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -64,15 +65,22 @@ def test_the_columns_may_be_asked_for_by_name_or_number(tmp_path):
     (tmp_path / "named").mkdir()
     named = folder_of(tmp_path / "named", "left,a,b\n", rows)
     for asked in ("a,b", "2,3", " a , b "):
-        touches = nt.read_folder(named, unit="mV", time_column=asked)
+        touches = nt.read_folder(named, unit="mV", layout=nt.Layout(time_column=asked))
         assert (touches.channels, touches.sampling_rate_Hz) == (("left",), 100)
     (tmp_path / "numbered").mkdir()
-    assert nt.read_folder(folder_of(tmp_path / "numbered", "", rows), unit="mV", time_column="2,3").n_channels == 1
+    assert (
+        nt.read_folder(
+            folder_of(tmp_path / "numbered", "", rows), unit="mV", layout=nt.Layout(time_column="2,3")
+        ).n_channels
+        == 1
+    )
 
 
 def test_times_of_day_have_their_rest_in_another_column(tmp_path):
     rows = [(f"12:00:{20 + k // 50:02d}", 20 * (k % 50), k % 7) for k in range(200)]
-    touches = nt.read_folder(folder_of(tmp_path, "time,ms,left\n", rows), unit="mV", time_column="time,ms")
+    touches = nt.read_folder(
+        folder_of(tmp_path, "time,ms,left\n", rows), unit="mV", layout=nt.Layout(time_column="time,ms")
+    )
     assert (touches.channels, touches.sampling_rate_Hz, touches.lengths.tolist()) == (("left",), 50, [200, 200])
 
 
@@ -80,7 +88,7 @@ def test_a_table_joins_them_too(tmp_path):
     lines = [f"{t},{'ab'[t % 2]},{','.join(map(str, row))}\n" for t in range(4) for row in rows_of(n=60)]
     (tmp_path / "all.csv").write_text("trial,label,sec,nanosec,left\n" + "".join(lines))
     for options in ({}, {"time_column": "sec,nanosec"}):
-        touches = nt.read_table(tmp_path / "all.csv", unit="mV", **options)
+        touches = nt.read_table(tmp_path / "all.csv", unit="mV", **of_table(options))
         assert (touches.channels, touches.sampling_rate_Hz, touches.lengths.tolist()) == (("left",), 100, [60] * 4)
         assert list(touches.conditions) == ["label", "trial"]
 
@@ -92,7 +100,7 @@ def test_arrays_of_seconds_and_their_rest_are_joined(tmp_path, names, asked):
         (tmp_path / label).mkdir()
         stamps = {names[0]: seconds.astype(np.int64), names[1]: rest.astype(np.uint32)}
         np.savez(tmp_path / label / "0.npz", pressure=np.stack([left, -left], axis=1), **stamps)
-    touches = nt.read_folder(tmp_path, unit="mV", time_column=asked)
+    touches = nt.read_folder(tmp_path, unit="mV", layout=nt.Layout(time_column=asked))
     assert (touches.n_channels, touches.sampling_rate_Hz, touches.lengths.tolist()) == (2, 100, [150, 150])
 
 
@@ -121,4 +129,4 @@ def test_what_is_no_pair_is_named(tmp_path, header, row, options, message):
     (tmp_path / "felt").mkdir()
     (tmp_path / "felt" / "0.csv").write_text(header + row)
     with pytest.raises(InputError, match=message):
-        nt.read_folder(tmp_path, unit="mV", **options)
+        nt.read_folder(tmp_path, unit="mV", **of_folder(options))

@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+from as_specs import of_folder
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -42,8 +43,8 @@ def test_each_group_is_a_trial_and_each_channel_a_taxel(tmp_path):
     assert (found.channels, found.sampling_rate_Hz) == (("left", "right"), 500.0)
     for signal in found.signals:
         np.testing.assert_array_equal(signal, SIGNAL.astype(np.float32))
-    assert nt.read_folder(tmp_path, unit="V", array="one", columns="right").channels == ("right",)
-    assert nt.read_folder(tmp_path, 100, "V", columns="left").sampling_rate_Hz == 100.0
+    assert nt.read_folder(tmp_path, unit="V", layout=nt.Layout(array="one", columns="right")).channels == ("right",)
+    assert nt.read_folder(tmp_path, 100, "V", layout=nt.Layout(columns="left")).sampling_rate_Hz == 100.0
 
 
 @pytest.mark.parametrize("name", ["t_ms", "clock"])
@@ -72,7 +73,7 @@ def test_a_channel_of_times_gives_the_rate(tmp_path, name, caplog):
 def test_channels_that_make_no_trial_are_named(tmp_path, groups, options, message):
     written(tmp_path / "felt" / "a.tdms", groups)
     with pytest.raises(InputError, match=message):
-        nt.read_folder(tmp_path, 100, "V", **options)
+        nt.read_folder(tmp_path, 100, "V", **of_folder(options))
 
 
 def test_channels_of_two_clocks_are_refused(tmp_path):

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from as_specs import of_folder, of_table
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -219,7 +220,7 @@ OPTIONS: dict[str, dict] = {
 @pytest.mark.parametrize("name", READ)
 def test_what_programs_write_is_read(tmp_path, name, caplog):
     content, options = READ[name], OPTIONS.get(name, {})
-    found = nt.read_folder(folder_of(tmp_path, content, "1.txt"), unit="V", **options)
+    found = nt.read_folder(folder_of(tmp_path, content, "1.txt"), unit="V", **of_folder(options))
     assert (found.channels, found.sampling_rate_Hz) == (("left", "right"), 100.0)
     np.testing.assert_array_equal(found.signals[1], SAMPLES)
     assert not caplog.messages
@@ -228,7 +229,7 @@ def test_what_programs_write_is_read(tmp_path, name, caplog):
 @pytest.mark.parametrize("name", SAID)
 def test_what_is_no_sample_is_said_once(tmp_path, name, caplog):
     content, message = SAID[name]
-    found = nt.read_folder(folder_of(tmp_path, content), unit="V", **OPTIONS.get(name, {}))
+    found = nt.read_folder(folder_of(tmp_path, content), unit="V", **of_folder(OPTIONS.get(name, {})))
     assert found.sampling_rate_Hz == 100.0
     np.testing.assert_array_equal(found.signals[1], SAMPLES)
     (said,) = caplog.messages
@@ -240,7 +241,7 @@ def test_what_is_no_sample_is_said_once(tmp_path, name, caplog):
 def test_what_cannot_be_read_is_named_with_the_fix(tmp_path, name):
     content, message = REFUSED[name]
     with pytest.raises(InputError) as refusal:
-        nt.read_folder(folder_of(tmp_path, content), 100, "V", **OPTIONS.get(name, {}))
+        nt.read_folder(folder_of(tmp_path, content), 100, "V", **of_folder(OPTIONS.get(name, {})))
     assert message in str(refusal.value)
     assert str(refusal.value).startswith(f"{tmp_path / 'felt' / '1.csv'}: ")
     assert "\n" not in str(refusal.value)
@@ -254,7 +255,7 @@ def test_a_table_of_all_trials_is_read_alike(tmp_path, name):
     path.write_bytes(content.encode() if isinstance(content, str) else content)
     marks = tmp_path / "marks.txt"
     marks.write_text("  begin  end   label\n  0      0.035 tap\n  0.035  0.06  rub\n")
-    found = nt.read_table(path, unit="V", annotations=marks, **options)
+    found = nt.read_table(path, unit="V", annotations=marks, **of_table(options))
     assert (found.channels, found.sampling_rate_Hz) == (("left", "right"), 100.0)
     np.testing.assert_array_equal(np.concatenate(found.signals), SAMPLES)
 

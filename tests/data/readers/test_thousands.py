@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from as_specs import of_folder, of_table
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
@@ -81,12 +82,14 @@ def read(folder: Path, text: str, separator: str, kind: str, options) -> np.ndar
     if kind == "folder":
         (folder / "felt").mkdir(exist_ok=True)
         (folder / "felt" / "1.csv").write_text(text, encoding="utf-8")
-        return np.asarray(nt.read_folder(folder, 100, "count", **options).signals[0])
+        return np.asarray(nt.read_folder(folder, 100, "count", **of_folder(options)).signals[0])
     names, *rows = text.splitlines()
     lines = [separator.join(["trial", "label", names]), *(separator.join(["1", "felt", row]) for row in rows)]
     (folder / "all.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     return np.asarray(
-        nt.read_table(folder / "all.csv", 100, "count", columns=named(names, separator), **options).signals[0]
+        nt.read_table(
+            folder / "all.csv", 100, "count", **of_table(options | {"columns": named(names, separator)})
+        ).signals[0]
     )
 
 
@@ -164,7 +167,7 @@ def test_numbers_of_their_own_are_read(tmp_path):
         ("p;q\n1.234;850\n2.345;1\n", {}, [[1.234, 850], [2.345, 1]]),
     ):  # fmt: skip
         (tmp_path / "felt" / "1.csv").write_text(text)
-        np.testing.assert_allclose(nt.read_folder(tmp_path, 100, "V", **options).signals[0], values)
+        np.testing.assert_allclose(nt.read_folder(tmp_path, 100, "V", **of_folder(options)).signals[0], values)
 
 
 def test_conditions_with_thousands_stay_texts():
