@@ -17,7 +17,8 @@ from neurotact.networks.definition import native as networks
 from neurotact.networks.exit.early_exit import Leader
 from neurotact.neurons import CubaLIFState, LIFState, lif_start
 
-BASELINES = ("none", "first", "start", "running", "high-pass")
+BASELINES = {"none": 0, "start": 2, "high-pass": 4}
+"""By the numbers of the compiled stream."""
 COUNTERS = ("samples", "steps", "silent", "free_at", "n_windows", "under_way")
 Decided = tuple[int, int, int, int, int, int, int, bool]
 """A decided window: its number, start, steps, label, input spikes, hidden spikes, held, heard."""
@@ -59,7 +60,7 @@ class CompiledStream:
             smooth=smoothing is not None, smooth_new=smoothing or 0.0, smooth_kept=1.0 - (smoothing or 0.0),
             resampled=conditioner.clock_Hz != conditioner.rate_Hz,
             samples_per_step=conditioner.rate_Hz / conditioner.clock_Hz,
-            baseline=BASELINES.index(spec.baseline), start_steps=conditioner.n_start,
+            baseline=BASELINES[spec.baseline], start_steps=conditioner.n_start,
             base_new=level, base_kept=1.0 - level,
             offset=offset.ctypes.data if is_standard else 0, scale=scale.ctypes.data if is_standard else 0,
             rectify=spec.rectify, sa_gains=[*gains[0]], ra_gains=[*gains[1]],
@@ -119,8 +120,8 @@ class CompiledStream:
         counters = (done.n_samples, done.n_steps, opening.silent, opening.free_at, state.n_windows, len(state.windows))
         smoothed = done.smoothed if done.held is None else done.held[-1]
         carried = (None, 0) if done.carried is None else done.carried
-        total = carried[0] if spec.baseline in ("start", "running") else None
-        level = carried[0] if spec.baseline == "high-pass" else None if done.level is None else done.level[0]
+        total = carried[0] if spec.baseline == "start" else None
+        level = carried[0] if spec.baseline == "high-pass" else None
         encoder = state.encoder
         last = None if encoder is None or encoder.last is None else encoder.last[0]
         parts = [np.array(counters, np.int64).tobytes()]
@@ -178,14 +179,14 @@ class CompiledStream:
         carried = None
         if spec.baseline in CAUSAL:
             is_ema = spec.baseline == "high-pass"
-            n_averaged = min(steps, self.conditioner.n_start) if spec.baseline == "start" else steps
+            n_averaged = steps if is_ema else min(steps, self.conditioner.n_start)
             carried = (values["level" if is_ema else "total"], n_averaged)
         resampled = self.conditioner.clock_Hz != self.conditioner.rate_Hz
         return Conditioned(
             samples, steps,
             smoothed=None if self.conditioner.smoothing is None else values["smoothed"],
             held=values["smoothed"][None] if resampled else None,
-            level=values["level"][None] if spec.baseline == "first" else None, carried=carried,
+            carried=carried,
         )  # fmt: skip
 
     def _encoder(
