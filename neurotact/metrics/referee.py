@@ -8,14 +8,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
-import numpy as np
 from scipy.stats import fisher_exact
 
 from neurotact.errors import InputError
-from neurotact.metrics.paired import Paired, compare, sign_test
+from neurotact.metrics.decision import is_within
+from neurotact.metrics.paired import LEVEL, Paired, compare_by_trial, sign_test
 
-LEVEL = 0.05
-"""The probability below which a difference is clear, after Holm's correction."""
 GAP = 0.01
 """The probability below which an accuracy on test trials is clearly not that of validation trials."""
 Kind = Literal["better", "worse", "tie"]
@@ -66,8 +64,8 @@ def within_error(ways: Sequence[Way]) -> list[int]:
     [0, 1]
     """
     at = best_of(ways)
-    least = ways[at].validation - (0.0 if math.isnan(ways[at].error) else ways[at].error) - 1e-12
-    return [index for index, way in enumerate(ways) if index == at or way.validation >= least]
+    best, error = ways[at].validation, 0.0 if math.isnan(ways[at].error) else ways[at].error
+    return [index for index, way in enumerate(ways) if index == at or is_within(way.validation, best, error)]
 
 
 def cheapest_of(ways: Sequence[Way]) -> int:
@@ -97,10 +95,8 @@ def level_with_best(ways: Sequence[Way]) -> list[int]:
 
 
 def _is_level(best: Way, other: Way) -> bool:
-    common = sorted(best.right.keys() & other.right.keys(), key=str) if best.right and other.right else []
-    if common and best.right and other.right:
-        shares = (np.array([way.right[trial] for trial in common]) for way in (best, other) if way.right)
-        return compare(*shares).p >= LEVEL
+    if best.right and other.right and best.right.keys() & other.right.keys():
+        return compare_by_trial(best.right, other.right).p >= LEVEL
     return best.validation - other.validation <= 2 * math.hypot(best.error, other.error)
 
 

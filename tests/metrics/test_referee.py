@@ -226,7 +226,7 @@ def study_without_difference(rng: np.random.Generator, n_validation: int, n_test
 def test_in_studies_without_a_difference_a_difference_is_claimed_in_at_most_one_of_twenty(
     n_validation, n_test, n_baselines, monkeypatch
 ):
-    monkeypatch.setattr(referee, "compare", exact)
+    monkeypatch.setattr(paired, "compare", exact)
     rng = np.random.default_rng(7)
     kinds = [study_without_difference(rng, n_validation, n_test, n_baselines).kind for _ in range(1000)]
     assert sum(kind in ("better", "worse") for kind in kinds) <= 50

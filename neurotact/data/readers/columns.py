@@ -23,20 +23,15 @@ from neurotact.data.readers.table.cells import (
     with_whole_rows,
 )
 from neurotact.data.readers.table.headings import is_sample, open_table
+from neurotact.data.recordings import LABEL
 from neurotact.errors import InputError, nearest, some
 from neurotact.spec import Names, Spec
 
 Missing = Literal["interpolate", "drop-trial"]
-TIME_COLUMN = re.compile(r"(times?|timestamps?|ts?|elapsed|seconds|millis|micros|x_value)(?![a-z0-9])", re.IGNORECASE)
-"""The beginning of a name that time stamps have."""
 FALLING = 0.1
 """Share of the intervals that may be negative in a column that is named like time stamps."""
 SINCE_1970_NS = 1e18
 """Nanoseconds since 1970 in 2001: no clock that starts with its computer counts as many."""
-INDEX = re.compile(r"(Unnamed: 0(\.\d+)?)?")
-"""The name of a column of row numbers that pandas writes, or wrote and read again."""
-ROS_HEADER = re.compile(r"(.*[./_])?header[./_](seq|stamp|frame_id)\b.*", re.ASCII)
-"""The names of the header of a ROS message (`rostopic echo -p`, bagpy), which is no taxel."""
 ROS_FIELDS = 3
 """Columns of the header in ROS 2 (`ros2 topic echo --csv`): seconds, nanoseconds, the name of the frame."""
 SECOND_NS, LEAST_NS = 10**9, 1000
@@ -48,6 +43,87 @@ CHOICE = ", or choose other columns with `columns`"
 RANGE = re.compile(r"(\d+)(?:-(\d+))?", re.ASCII)
 SAME = 1e-9
 """Share by which intervals of channels may differ."""
+
+
+class Guess(NamedTuple):
+    """What the name of a column, or of an array, says it is.
+
+    names: in small letters, the likeliest first; or the pattern of a whole name. reading: what such a column becomes.
+    doubt: what speaks against it, and what then happens.
+    """
+
+    names: tuple[str, ...] | re.Pattern[str]
+    reading: str
+    doubt: str
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        """The names, if they are listed."""
+        return () if isinstance(self.names, re.Pattern) else self.names
+
+
+GUESSES: dict[str, Guess] = {
+    "time": Guess(
+        re.compile(r"(times?|timestamps?|ts?|elapsed|seconds|millis|micros|x_value)(?![a-z0-9]).*", re.I | re.S),
+        "time stamps of samples", "its values fall, as of a temperature `T`, or another one is the time: refused",
+    ),
+    "row number": Guess(
+        re.compile(r"(Unnamed: 0(\.\d+)?)?"), "row numbers that pandas writes, or wrote and read again: left out",
+        "it does not count: a taxel",
+    ),
+    "ROS header": Guess(
+        re.compile(r"(.*[./_])?header[./_](seq|stamp|frame_id)\b.*", re.ASCII),
+        "the header of a message (`rostopic echo -p`, bagpy): left out", "it is named as the time: time stamps",
+    ),
+    "label": Guess(
+        (LABEL, "labels", "class", "classes", "y", "target", "targets"), "the class of a trial",
+        "it changes within a trial: refused",
+    ),
+    "trial": Guess(
+        (
+            "trial", "trials", "trial_id", "recording", "recordings", "recording_id", "touch", "touch_id",
+            "sequence_id",
+        ),
+        "a trial begins where it changes", "a value comes back later: refused",
+    ),
+    "channels": Guess(
+        ("channels", "channel_names", "taxels", "electrodes"), "the names of the taxels",
+        "it has another length: not used",
+    ),
+    "begin": Guess(re.compile(r"(begin|start|onset|from)([ _]?time)?", re.I), "where an annotation begins", ""),
+    "end": Guess(
+        re.compile(r"(end|stop|offset|to)([ _]?time)?", re.I), "where it ends", "it is before its begin: refused"
+    ),
+    "duration": Guess(re.compile(r"duration|length", re.I), "how long it lasts, without an end", ""),
+    "annotation": Guess(
+        (LABEL, "labels", "class", "classes", "y", "target", "targets", "trial_type", "annotation"),
+        "its class; `onset`, `duration` and `trial_type` are those of BIDS", "",
+    ),
+    "event time": Guess(("time", "times", "t", "timestamp", "timestamps", "ts"), "the times of events", ""),
+    "event channel": Guess(
+        ("channel", "channels", "unit", "units", "taxel", "taxels", "neuron", "address", "addr", "id"),
+        "the channels of events", "it is not whole: refused",
+    ),
+    "event population": Guess(("population", "polarity", "p", "pol", "type", "kind"), "ON or OFF, or a word", ""),
+    "event trial": Guess(
+        ("trial", "trials", "recording", "recordings", "sample", "samples", "touch"), "the trials of events", ""
+    ),
+    "event label": Guess((LABEL, "labels", "class", "classes"), "their class", "it changes within a trial: refused"),
+}  # fmt: skip
+"""Each guess by the name of a column, of all formats. A user's option decides in its place."""
+
+
+def called(names: Sequence[str], what: str) -> str | None:
+    """The column that is `what` by its name, in upper or lower case; None if there is none.
+
+    >>> called(["a", "Class", "label"], "label"), called(["t1", "Time [us]"], "time"), called(["a", "b"], "trial")
+    ('label', 'Time [us]', None)
+    """
+    aliases = GUESSES[what].names
+    if isinstance(aliases, re.Pattern):
+        return next((name for name in names if aliases.fullmatch(name)), None)
+    lower = {name.lower(): name for name in reversed(names)}
+    return next((lower[alias] for alias in aliases if alias in lower), None)
 
 
 class ColumnsSpec(Spec):
@@ -71,6 +147,12 @@ class ColumnsSpec(Spec):
     header_lines: int | None = Field(default=None, ge=0, le=10_000)
     """Lines before the first sample; the last of them names the columns if it has as many cells. When absent, the lines
     that begin with `#`, and a first line without a single number."""
+
+    def check_no_text(self, path: Path) -> None:
+        """Refuse what only the reading of text needs."""
+        for key in ("decimal", "header_lines"):
+            if getattr(self, key) != ColumnsSpec.model_fields[key].default:
+                raise InputError(f"{path}: `{key}` is for text files; leave it out")
 
 
 class LayoutSpec(ColumnsSpec):
@@ -154,7 +236,7 @@ def samples_of(table: Table, layout: LayoutSpec, *, find_time: bool = True) -> S
     places = [*columns.taxels, *stamps_at]
     values = dict(zip(places, columns_at(table, places, stamps_at[:1] if is_of_day else ()), strict=True))
     clock = clock_of(table, columns.time, columns.rest, values, layout.time_unit)
-    if columns.time is not None and layout.time_column is None and not is_of_day:
+    if clock.time is not None and columns.time is not None and layout.time_column is None and not is_of_day:
         check_rises(clock.time, table.names[columns.time], table.path)
     taxels, constants, notes = columns.taxels, {}, ()
     if not layout.columns:
@@ -162,7 +244,7 @@ def samples_of(table: Table, layout: LayoutSpec, *, find_time: bool = True) -> S
     if ros_time is not None:
         clock = Clock(ros_time, "s")
     elif clock.time is None and find_time and table.intervals_s:
-        clock = _evenly(table, taxels, len(values[taxels[0]]))
+        clock = evenly(table, taxels, len(values[taxels[0]]))
     signal = _signal(table, taxels, values, with_gaps=layout.missing is not None)
     names = tuple(table.names[column] for column in taxels) if table.names else ()
     if not all(names):
@@ -191,7 +273,7 @@ def _signal(table: Table, taxels: Sequence[int], values: dict[int, np.ndarray], 
     return signal
 
 
-def _evenly(table: Table, taxels: Sequence[int], n_rows: int) -> Clock:
+def evenly(table: Table, taxels: Sequence[int], n_rows: int) -> Clock:
     """The times of samples at the interval that a format says of each of these columns, if it does."""
     intervals_s = [interval for column in taxels if (interval := table.intervals_s[column]) is not None]
     if len(intervals_s) < len(taxels):
@@ -252,18 +334,9 @@ def _ros_stamps(table: Table) -> np.ndarray | None:
     return since_first / SECOND_NS if (np.diff(since_first) >= 0).all() and since_first[-1] > 0 else None
 
 
-def is_ros_header(name: str) -> bool:
-    """Whether a column is of the header of a message.
-
-    >>> [is_ros_header(name) for name in ("field.header.stamp", "header.stamp.secs", "header", "pressure")]
-    [True, True, False, False]
-    """
-    return bool(ROS_HEADER.fullmatch(name))
-
-
 def is_index(table: Table, column: int, values: np.ndarray) -> bool:
     """Whether a column is one in which pandas numbers the rows: without a name, and counting."""
-    if not table.names or not INDEX.fullmatch(table.names[column]) or values.dtype.kind == "U":
+    if not table.names or called([table.names[column]], "row number") is None or values.dtype.kind == "U":
         return False
     return bool((values == values[0] + np.arange(len(values))).all())
 
@@ -307,7 +380,7 @@ def is_text(name: str) -> bool:
 
 def _columns_of(table: Table, layout: LayoutSpec, find_time: bool) -> _Columns:
     names, first, path = table.names, table.first_row, table.path
-    headers = [column for column, name in enumerate(names) if is_ros_header(name)]
+    headers = [column for column, name in enumerate(names) if called([name], "ROS header")]
     chosen, time, rest = chosen_places(layout.columns, layout.time_column, names, first, path, find_time=find_time)
     taxels = chosen or [column for column in range(table.n_columns) if column not in (time, rest, *headers)]
     if not taxels:
@@ -386,7 +459,7 @@ def _time_place(names: Sequence[str], first: Sequence[str], others: Collection[i
     >>> _time_place([], ["0.5", "12:00:00.25"], [])
     1
     """
-    named = (column for column, name in enumerate(names) if TIME_COLUMN.match(name))
+    named = (column for column, name in enumerate(names) if called([name], "time"))
     timed = (column for column, cell in enumerate(first) if is_time_of_day(cell))
     return next((column for column in (*named, *timed) if column not in others), None)
 

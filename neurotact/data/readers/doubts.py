@@ -144,7 +144,7 @@ class _Values(NamedTuple):
     n_counted: int
 
 
-def nearly_all(count: int, n: int, few: float = FEW) -> bool:
+def _nearly_all(count: int, n: int, few: float = FEW) -> bool:
     """Whether so many of `n` trials or samples are all but few; of at least four one may be an exception."""
     return n - count <= max(int(n >= 4), few * n)
 
@@ -200,7 +200,7 @@ def are_thousandths(signals: Sequence[np.ndarray] | np.ndarray) -> bool:
         n_such += int(has_decimals(its, 3, near).sum())
         n_other += int((~has_decimals(8 * its, 0, near)).sum())
         n_samples += size.size
-    return nearly_all(n_such, n_samples) and 2 * n_other > n_samples
+    return _nearly_all(n_such, n_samples) and 2 * n_other > n_samples
 
 
 def _values_of(signals: Sequence[np.ndarray] | np.ndarray) -> _Values:
@@ -213,7 +213,7 @@ def _values_of(signals: Sequence[np.ndarray] | np.ndarray) -> _Values:
     for signal, its in zip(signals, usual, strict=True):
         n_same = (signal == its).sum(axis=0)
         n_constant += n_same if (its == typical).all() else (signal == typical).sum(axis=0)
-        n_steady += [nearly_all(n, len(signal)) for n in n_same.tolist()]
+        n_steady += [_nearly_all(n, len(signal)) for n in n_same.tolist()]
         n_long += len(signal) >= LEAST_RISING
         n_rising += _rises(signal)
         is_whole = signal == np.floor(signal)
@@ -225,10 +225,10 @@ def _values_of(signals: Sequence[np.ndarray] | np.ndarray) -> _Values:
         ends.update([*signal.max(axis=0).tolist(), *signal.min(axis=0).tolist()])
         n_rows += len(signal)
     return _Values(
-        np.array([nearly_all(n, n_rows, RARE) for n in n_constant.tolist()]),
+        np.array([_nearly_all(n, n_rows, RARE) for n in n_constant.tolist()]),
         bool((n_constant == n_rows).all()),
-        np.array([nearly_all(n, len(usual)) for n in n_steady.tolist()]),
-        np.array([n_long > 0 and nearly_all(n, len(usual)) for n in n_rising.tolist()]),
+        np.array([_nearly_all(n, len(usual)) for n in n_steady.tolist()]),
+        np.array([n_long > 0 and _nearly_all(n, len(usual)) for n in n_rising.tolist()]),
         usual, ends, n_rows * n_taxels, n_whole, n_zeros, n_bits, n_counted,
     )  # fmt: skip
 
@@ -306,12 +306,12 @@ def _tells_the_class(recordings: Recordings, of_trials: np.ndarray) -> bool:
     labels, n_classes = recordings.labels, len(recordings.classes)
     usual = [Counter(of_trials[labels == label].tolist()).most_common(1)[0] for label in range(n_classes)]
     n_usual = sum(n for _, n in usual)
-    return len({value for value, _ in usual}) == n_classes < len(labels) and nearly_all(n_usual, len(labels))
+    return len({value for value, _ in usual}) == n_classes < len(labels) and _nearly_all(n_usual, len(labels))
 
 
 def _share_at_an_end(recordings: Recordings, values: _Values) -> tuple[float, float] | None:
     """The end of a converter at which too many samples are, and their share; None if there is none."""
-    if not nearly_all(values.n_whole, values.n_samples):
+    if not _nearly_all(values.n_whole, values.n_samples):
         return None
     ends = [end for end in values.ends if end in ENDS or (end < 0 and -end - 1 in ENDS)]
     for end in sorted(ends, reverse=True):
@@ -333,7 +333,7 @@ def _of_lengths(recordings: Recordings, axes: str) -> Iterator[str]:
 
 def _of_classes(recordings: Recordings) -> Iterator[str]:
     n_classes, n_trials = len(recordings.classes), len(recordings)
-    if n_trials >= LEAST_TRIALS and nearly_all(n_classes, n_trials):
+    if n_trials >= LEAST_TRIALS and _nearly_all(n_classes, n_trials):
         each = f"{'each' if n_classes == n_trials else 'nearly each'} of the {n_trials} trials"
         yield (
             f"{each} has a class of its own ({some(list(recordings.classes), 3)}), so none can be learned and tested; "

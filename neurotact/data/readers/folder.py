@@ -11,11 +11,11 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
-from neurotact.data.readers.arrays import ArrayFile, opened_arrays, said_rates, sampling_rate_of
+from neurotact.data.readers.arrays import TENSORS, ArrayFile, opened_arrays, said_rates, sampling_rate_of
 from neurotact.data.readers.clock.split import apart, joined, pair_in
 from neurotact.data.readers.clock.stamps import Unit, unit_in
 from neurotact.data.readers.clock.trials import OF_COLUMNS, Read, mended, recordings_of
-from neurotact.data.readers.columns import TIME_COLUMN, LayoutSpec, Samples, is_text, read_table, samples_of
+from neurotact.data.readers.columns import LayoutSpec, Samples, called, is_text, read_table, samples_of
 from neurotact.data.readers.doubts import Fixes
 from neurotact.data.readers.formats import TABLES, tables_in
 from neurotact.data.readers.formats.contents import content_of
@@ -32,8 +32,9 @@ log = logging.getLogger("neurotact")
 FILE = "file"
 FIELD = re.compile(r"\{([^{}]*)\}")
 TEXTS = (".csv", ".tsv", ".txt", ".lvm")
-ARRAYS = (".npz", ".npy", MAT_SUFFIX)
+ARRAYS = (".npz", ".npy", MAT_SUFFIX, *TENSORS)
 SUFFIXES = (*TEXTS, *ARRAYS, *TABLES)
+KINDS = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
 
 
 class NamingSpec(Spec):
@@ -190,7 +191,6 @@ def _read_table(path: str, files: Sequence[str]) -> dict[str, dict[str, str]]:
 USUAL = (".csv", *ARRAYS, *TABLES)
 """Files that are read; those of `LATER` only if a folder holds none of these, as other text files may be notes."""
 LATER = ((".lvm",), SUFFIXES)
-KINDS = ".csv, .tsv, .txt, .lvm, .npz, .npy, .mat or .tdms"
 
 MOST_FAULTS = 20
 """Files with faults after which no more are read."""
@@ -320,18 +320,15 @@ def _read(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> tupl
         if layout.array is not None or layout.transpose:
             raise InputError(f"{path}: `array` and `transpose` are for NPZ and MATLAB files; leave them out")
         return [Read(str(path), file, read_table(path, layout, find_time=find_time))], {}
-    for key in ("decimal", "header_lines"):
-        if getattr(layout, key) != LayoutSpec.model_fields[key].default:
-            raise InputError(f"{path}: `{key}` is for text files; leave it out")
+    layout.check_no_text(path)
     if path.suffix.lower() in TABLES:
         if layout.transpose:
             raise InputError(f"{path}: `transpose` is for NPZ and MATLAB files; leave it out")
         tables = tables_in(path, layout.array).items()
-        read = [
-            Read(f"{path}:{name}", f"{file}:{name}", samples_of(table, layout, find_time=find_time))
-            for name, table in tables
-        ]
-        return read, {}
+        return [
+            Read(f"{path}:{name}" if name else str(path), f"{file}:{name}" if name else file,
+                 samples_of(table, layout, find_time=find_time)) for name, table in tables
+        ], {}  # fmt: skip
     if layout.columns:
         raise InputError(f"{path}: `columns` is for CSV files and TDMS; save the chosen columns, or as CSV")
     return _of_arrays(path, file, layout, find_time=find_time)
@@ -382,7 +379,7 @@ def _stamps_at(arrays: Mapping[str, np.ndarray], layout: LayoutSpec) -> list[str
         return all(key != layout.array and others == {arrays[key].size} == {max(arrays[key].shape)} for key in keys)
 
     pair = [[[*arrays][column] for column in pair_in([*arrays]) or ()]]
-    ways = [keys for keys in [*pair, *([key] for key in arrays if TIME_COLUMN.match(key))] if keys]
+    ways = [keys for keys in [*pair, *([key] for key in arrays if called([key.rpartition("/")[2]], "time"))] if keys]
     return next((keys for keys in ways if is_per_sample(keys)), [])
 
 

@@ -4,7 +4,6 @@ Trials are told apart by columns, by the class of each sample, or by a table of 
 """
 
 import logging
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -13,25 +12,24 @@ import numpy as np
 import pandas as pd
 from pydantic import model_validator
 
-from neurotact.data.readers.arrays import ALIASES
 from neurotact.data.readers.clock.stamps import UNIT_S, Unit, is_time_of_day, row_times, seconds_of, without_unit
 from neurotact.data.readers.clock.trials import Read, mended, recordings_of
 from neurotact.data.readers.columns import (
     CHOICE,
-    TIME_COLUMN,
     Clock,
     ColumnsSpec,
     Samples,
+    called,
     check_rises,
     chosen_places,
     clock_of,
+    evenly,
     is_index,
-    is_ros_header,
     unit_of,
 )
+from neurotact.data.readers.formats import TABLES, tables_in
 from neurotact.data.readers.table.cells import (
     Table,
-    called,
     check_digits,
     columns_of,
     finite_called,
@@ -50,23 +48,16 @@ log = logging.getLogger("neurotact")
 
 SEGMENT = "segment"
 """The condition that numbers the segments of a continuous recording."""
-TRIALS = ("trial", "trials", "trial_id", "recording", "recordings", "recording_id", "touch", "touch_id", "sequence_id")
-"""Names of the column that tells trials apart."""
 FEATURES = "if each row is a touch of its own (features, without time), there is no signal: give a row per sample"
 SHORT = 5
 """Rows of a stretch below which it is hardly a touch."""
 FAULTS = 0.5
 """Share of numbers above which a column of texts is a taxel with faults."""
-LABELS = (*ALIASES[LABEL], "trial_type", "annotation")
-"""Names of the column of classes of annotations; `onset`, `duration` and `trial_type` are those of BIDS."""
-BEGIN = re.compile(r"(begin|start|onset|from)([ _]?time)?", re.IGNORECASE)
-END = re.compile(r"(end|stop|offset|to)([ _]?time)?", re.IGNORECASE)
-DURATION = re.compile(r"duration|length", re.IGNORECASE)
 ROUNDING = 1e-3
 """Share of a sample's interval by which a time may be off: 0.1 s and 0.2 s are a little more than 0.3 s."""
 
 
-class TableSpec(ColumnsSpec):
+class _TableSpec(ColumnsSpec):
     """What the columns are."""
 
     columns: Names = ()
@@ -85,7 +76,7 @@ class TableSpec(ColumnsSpec):
     """Classes that are no touch, such as `rest`, or conditions of trials that are not read."""
 
     @model_validator(mode="after")
-    def _has_one_source_of_trials(self) -> "TableSpec":
+    def _has_one_source_of_trials(self) -> "_TableSpec":
         if self.annotations is not None and (self.segments or self.trial):
             raise ValueError("`annotations` says where trials begin and end; leave out `segments` and `trial`")
         return self
@@ -142,7 +133,7 @@ def read(
 ) -> Recordings:
     """The recordings in one CSV, TSV or TXT file with a header: a row per sample, the rows of a trial together.
 
-    spec: keys of `TableSpec`. Columns of numbers that change within trials are taxels; columns that are constant within
+    spec: keys of `_TableSpec`. Columns of numbers that change within trials are taxels; those that are constant within
     each trial are its conditions. With time stamps the sampling rate is theirs, unless it is given. Trials
     of a continuous recording are found by `segments` or `annotations`, and the condition `segment` numbers them.
 
@@ -156,17 +147,19 @@ def read(
     (('left', 'right'), [2, 1], [['tap', 1, 5], ['rub', 2, 5]])
     """
     path = existing(path)
-    layout = build(TableSpec, spec or {}, "import table")
+    layout = build(_TableSpec, spec or {}, "import table")
     check_import(sampling_rate_Hz, unit, str(path))
-    table = named_table(path, layout.decimal, layout.header_lines, option="header_lines", choice=CHOICE)
+    table = _opened(path, layout)
     roles = _roles(table, layout, find_time=sampling_rate_Hz is None or not layout.columns)
-    if sampling_rate_Hz is None and roles.time is None:
+    if sampling_rate_Hz is None and roles.time is None and not table.intervals_s:
         raise InputError(f"{path}: the sampling rate is not known; give `sampling_rate_Hz`, or `time_column`")
     if layout.time_unit is not None and roles.time is None and layout.annotations is None:
         raise InputError(f"{path}: `time_unit`: the samples have no time stamps; leave it out")
     columns = columns_of(table, {roles.label, *roles.trial} & {*table.names})
     time, rest = (None if name is None else table.names.index(name) for name in (roles.time, roles.rest))
     clock = clock_of(table, time, rest, dict(enumerate(columns.values())), layout.time_unit)
+    if clock.time is None and table.intervals_s:
+        clock = evenly(table, range(table.n_columns), len(table.values[0]))
     columns = _without_others(columns, table, roles)
     if layout.missing is not None:
         columns = {name: _with_gaps(table, name, values, roles) for name, values in columns.items()}
@@ -183,15 +176,26 @@ def read(
     return chosen_trials(read, choice.beyond(layout.chosen_by(trials.conditions)), str(path))
 
 
+def _opened(path: Path, layout: _TableSpec) -> Table:
+    """The table in a text file, or the only one of another format."""
+    if path.suffix.lower() not in TABLES:
+        return named_table(path, layout.decimal, layout.header_lines, option="header_lines", choice=CHOICE)
+    layout.check_no_text(path)
+    name, *others = tables = tables_in(path)
+    if others:
+        raise InputError(f"{path}: holds {len(tables)} tables ({some([*tables])}); neurotact import folder reads each")
+    return tables[name]
+
+
 # --- columns ----------------------------------------------------------------------------------------
 
 
-def _roles(table: Table, spec: TableSpec, *, find_time: bool) -> _Roles:
+def _roles(table: Table, spec: _TableSpec, *, find_time: bool) -> _Roles:
     path, names = table.path, [*table.names]
     label, trial = "", ()
     if spec.annotations is None:
-        label = spec.label or called(names, ALIASES[LABEL])
-        trial_column = called(names, TRIALS)
+        label = spec.label or called(names, "label")
+        trial_column = called(names, "trial")
         trial = spec.trial or ((trial_column,) if trial_column else ())
         for role, role_names in (("`label`", (label,) if label else ()), ("`trial`", trial)):
             for name in role_names:
@@ -204,21 +208,21 @@ def _roles(table: Table, spec: TableSpec, *, find_time: bool) -> _Roles:
             raise InputError(
                 f"{path}: no column is called trial ({shown}); name the columns that tell trials apart with `trial`, "
                 f"as in `trial='subject,repetition'`, or take each stretch of one '{label}' as a trial with "
-                f"`segments=True`{'' if any(map(TIME_COLUMN.match, names)) else f'; {FEATURES}'}"
+                f"`segments=True`{'' if called(names, 'time') else f'; {FEATURES}'}"
             )
     others = {"`label`": [names.index(label)] if label else [], "`trial`": [names.index(name) for name in trial]}
     chosen, time, rest = chosen_places(
         spec.columns, spec.time_column, table.names, table.first_row, path, find_time=find_time, others=others
     )
-    stamps = (None if column is None else names[column] for column in (time, rest))
-    return _Roles(label, trial, *stamps, tuple(names[column] for column in chosen))
+    its_time, its_rest = (None if column is None else names[column] for column in (time, rest))
+    return _Roles(label, trial, its_time, its_rest, tuple(names[column] for column in chosen))
 
 
 def _without_others(columns: dict[str, np.ndarray], table: Table, roles: _Roles) -> dict[str, np.ndarray]:
     """The columns without pandas' numbers of rows, the header of a ROS message, and what has no name."""
     free = [(column, name) for column, name in enumerate(table.names) if name not in roles.used]
     index = [column for column, name in free if is_index(table, column, columns[name])]
-    others = [column for column, name in free if column not in index and (not name or is_ros_header(name))]
+    others = [column for column, name in free if column not in index and (not name or called([name], "ROS header"))]
     if others:
         named = [table.names[column] or f"column {column + 1}, which has no name" for column in others]
         log.warning("%s: no taxel and no condition: %s", table.path, some(named))
@@ -261,7 +265,7 @@ def _parted(
 
 
 def _cut(
-    columns: Mapping[str, np.ndarray], roles: _Roles, trials: _Trials, clock: Clock, spec: TableSpec, table: Table
+    columns: Mapping[str, np.ndarray], roles: _Roles, trials: _Trials, clock: Clock, spec: _TableSpec, table: Table
 ) -> Iterator[Read]:
     """The samples and the stamps of each trial."""
     taxels = [finite_called(table, name, columns, with_gaps=spec.missing is not None) for name in roles.taxels]
@@ -284,8 +288,9 @@ def _cut(
 
 
 def _find_trials(
-    columns: Mapping[str, np.ndarray], roles: _Roles, clock: Clock, spec: TableSpec, rate_Hz: float | None, table: Table
-) -> _Trials:
+    columns: Mapping[str, np.ndarray], roles: _Roles, clock: Clock, spec: _TableSpec, rate_Hz: float | None,
+    table: Table,
+) -> _Trials:  # fmt: skip
     """The chosen trials in these columns; those of a continuous recording are numbered by the condition `SEGMENT`.
 
     Of the choice, the part that classes and columns of trials decide is made here, before anything of the others is
@@ -364,7 +369,7 @@ def _touches(trials: _Trials, path: Path) -> _Trials:
     return trials.chosen(is_touch & ~short)
 
 
-def _check_time(trials: _Trials, spec: TableSpec, clock: Clock, path: Path) -> None:
+def _check_time(trials: _Trials, spec: _TableSpec, clock: Clock, path: Path) -> None:
     """Refuse trials of one row each; doubt stretches without time stamps that are as rows of features lie."""
     lengths = trials.end - trials.begin
     if (lengths == 1).all():
@@ -418,7 +423,7 @@ class _Annotations(NamedTuple):
         return np.searchsorted(time, begin - rounding), np.searchsorted(time, end - rounding)
 
 
-def _annotated(clock: Clock, n_rows: int, spec: TableSpec, rate_Hz: float | None, table: Table) -> _Trials:
+def _annotated(clock: Clock, n_rows: int, spec: _TableSpec, rate_Hz: float | None, table: Table) -> _Trials:
     """The trials that the table of annotations names; times without stamps are seconds from the first sample."""
     marks = _read_annotations(existing(spec.annotations or ""), spec.label, spec.decimal)
     time, unit = clock
@@ -458,13 +463,14 @@ def _read_annotations(path: Path, label: str | None = None, decimal: Literal["."
     """
     table = named_table(path, decimal)
     names = [name for name in table.names if name]
-    its_label = label or called(names, LABELS)
+    its_label = label or called(names, "annotation")
     if its_label not in names:
         hint = f"{nearest(label, names)}" if label else f"name it with `label`, of {some(names)}"
         raise InputError(f"{path}: there is no column of classes called {label or LABEL}; {hint}")
+    plain = {without_unit(name).strip(): name for name in reversed(names)}
     begin, end, duration = (
-        next((name for name in names if pattern.fullmatch(without_unit(name).strip())), None)
-        for pattern in (BEGIN, END, DURATION)
+        next((name for short, name in reversed(plain.items()) if called([short], what)), None)
+        for what in ("begin", "end", "duration")
     )
     second = end or duration
     if begin is None or second is None:

@@ -9,6 +9,7 @@ from sklearn.preprocessing import StandardScaler
 from neurotact.baselines import opponent
 from neurotact.baselines.features import counted
 from neurotact.metrics import power, referee
+from neurotact.metrics.decision import otherwise
 from neurotact.metrics.paired import by_trial, compare_by_trial
 from neurotact.metrics.referee import Verdict, Way
 from neurotact.metrics.shares import standard_error, wilson_interval
@@ -179,14 +180,16 @@ def recurrence(row: Mapping[str, Any]) -> list[str]:
     """What recurrence gained on validation windows, and whether it stays, in words; nothing where it was not tried.
 
     >>> print(*recurrence({"recurrence_gain": 0.005, "sops_recurrent": 0.0}))
-    hidden neurons: without recurrence; with it, validation accuracy changes by +0.5 points, within the standard error
-    """
+    hidden neurons: without recurrence; with it, validation accuracy changes by +0.5 points, within the standard error; to choose otherwise, set model
+    """  # noqa: E501
     if (gain := row.get("recurrence_gain")) is None:
         return []
     if row["sops_recurrent"] > 0:
-        return [f"hidden neurons: with recurrence; validation accuracy gains {100 * gain:.1f} points"]
-    change = f"{100 * gain:+.1f} points" + (", within the standard error" if gain > 0 else "")
-    return [f"hidden neurons: without recurrence; with it, validation accuracy changes by {change}"]
+        words = f"with recurrence; validation accuracy gains {100 * gain:.1f} points"
+    else:
+        words = f"without recurrence; with it, validation accuracy changes by {100 * gain:+.1f} points"
+        words += ", within the standard error" if gain > 0 else ""
+    return [f"hidden neurons: {words}; {otherwise('model')}"]
 
 
 def confused(matrix: Sequence[Sequence[int]], classes: Sequence[str], most: int = 3) -> str:

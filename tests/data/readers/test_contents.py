@@ -121,6 +121,7 @@ KINDS: list[tuple[Content, bytes]] = [
     (contents.ROS_YAML, b"data:\n- 1.5\n- 2.5\n---\n"),
     *((contents.IMAGE, image(kind)) for kind in ("PNG", "JPEG", "GIF", "BMP", "TIFF", "WEBP")),
     (contents.SOUND, written(sound)),
+    (contents.FLAC, b"fLaC\0\0\0\x22"),
     (contents.VIDEO, b"\0\0\0\x20ftypisom"),
 ]
 

@@ -180,7 +180,7 @@ def of_length(trial_s: float, fix: str, at: str = "") -> Iterator[str]:
         yield f"the median trial lasts {lasts} s{at}, which is {long} for touch; {fix}"
 
 
-class Timing(NamedTuple):
+class _Timing(NamedTuple):
     """What time stamps in one unit give: samples per second, and the length of the median trial in seconds."""
 
     unit: Unit
@@ -188,7 +188,7 @@ class Timing(NamedTuple):
     trial_s: float
 
 
-def timings(times: Sequence[np.ndarray], given_Hz: float | None = None) -> list[Timing]:
+def timings(times: Sequence[np.ndarray], given_Hz: float | None = None) -> list[_Timing]:
     """The units in which the stamps of these trials can be those of touch, the longest unit first.
 
     The rate is within a factor of ten of the given one; without one it is 10 Hz to 100 kHz, and the median trial lasts
@@ -207,7 +207,7 @@ def timings(times: Sequence[np.ndarray], given_Hz: float | None = None) -> list[
     if usual <= 0:
         return []
     length = float(np.median([time[-1] - time[0] for time in times]))
-    units = [Timing(unit, 1 / (usual * unit_s), length * unit_s) for unit, unit_s in UNIT_S.items()]
+    units = [_Timing(unit, 1 / (usual * unit_s), length * unit_s) for unit, unit_s in UNIT_S.items()]
     if given_Hz is not None:
         return [unit for unit in units if 1 / NEAR_RATE < unit.rate_Hz / given_Hz < NEAR_RATE]
     return [

@@ -78,17 +78,24 @@ def recordings_of(
     """
     check_named_classes(conditions[LABEL].tolist(), where)
     _check_first_rows(read, sampling_rate_Hz, where)
-    _check_same_channels(read)
     channels = _same_names(read)
     unit_of_time = _unit_of_time([trial.table for trial in read], sampling_rate_Hz, where)
-    common_s = _common_interval(read, unit_of_time)
-    trials = [
-        _stamped(trial, unit_of_time, max_gap_ms, drop_repeats, given_Hz=sampling_rate_Hz, common_s=common_s)
-        for trial in read
-    ]
+    stamps_s = [its.time * UNIT_S[its.time_unit or unit_of_time] for _, _, its in read if its.time is not None]
+    known = [interval_s for interval_s in map(own_interval, stamps_s) if interval_s is not None]
+    common_s = middle_of(known) if known else None
+    trials: list[_Trial] = []
+    for where_read, file, its in read:
+        if its.time is None:
+            trials.append(_Trial(file, its.signal, None))
+            continue
+        stamps = stamps_of(
+            its.time, its.time_unit or unit_of_time, where_read, its.first_line, max_gap_ms,
+            signal=its.signal, drop_repeats=drop_repeats, given_Hz=sampling_rate_Hz, common_s=common_s,
+        )  # fmt: skip
+        trials.append(_Trial(file, its.signal[stamps.keep], stamps))
     if max_gap_ms is not None and all(trial.stamps is None for trial in trials):
         raise InputError(f"{where}: `max_gap_ms`: the samples have no time stamps; leave it out")
-    say_dropped(_stamps_of(trials), drop_repeats, where)
+    _say_dropped(_stamps_of(trials), drop_repeats, where)
     rate_Hz, signals = _on_one_clock(trials, sampling_rate_Hz, where)
     if unit.strip().lower() in COUNTS and are_thousandths(signals):
         raise InputError(
@@ -123,32 +130,6 @@ def _stamps_of(trials: Sequence[_Trial]) -> dict[str, Stamps]:
     return {trial.file: trial.stamps for trial in trials if trial.stamps is not None}
 
 
-def _common_interval(read: Sequence[Read], unit: Unit) -> float | None:
-    """The median interval of samples that share stamps, in s; None if no trial tells it."""
-    tables = [trial.table for trial in read]
-    intervals_s = [
-        own_interval(table.time * UNIT_S[table.time_unit or unit])
-        for table in tables if table.time is not None
-    ]  # fmt: skip
-    known = [interval_s for interval_s in intervals_s if interval_s is not None]
-    return middle_of(known) if known else None
-
-
-def _stamped(
-    read: Read, unit: Unit, max_gap_ms: float | None, drop_repeats: bool, *, given_Hz: float | None,
-    common_s: float | None,
-) -> _Trial:  # fmt: skip
-    """The trial with the stamps of its samples; unit: of stamps whose file does not say it."""
-    table = read.table
-    if table.time is None:
-        return _Trial(read.file, table.signal, None)
-    stamps = stamps_of(
-        table.time, table.time_unit or unit, read.where, table.first_line, max_gap_ms,
-        signal=table.signal, drop_repeats=drop_repeats, given_Hz=given_Hz, common_s=common_s,
-    )  # fmt: skip
-    return _Trial(read.file, table.signal[stamps.keep], stamps)
-
-
 def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, where: str) -> tuple[float, list[np.ndarray]]:
     """The sampling rate of all trials, given or from their stamps, and the samples at that rate."""
     stamps = [*_stamps_of(trials).values()]
@@ -157,14 +138,25 @@ def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, where: str) 
         return float(given_Hz), [trial.signal for trial in trials]
     found_Hz = rate_of(stamps)
     rate_Hz = found_Hz if given_Hz is None else float(given_Hz)
-    _check_same_unit(trials, where)
-    _check_unit(found_Hz, given_Hz, where)
+    intervals_s = {file: its.interval_s for file, its in _stamps_of(trials).items()}
+    fast, slow = min(intervals_s, key=intervals_s.__getitem__), max(intervals_s, key=intervals_s.__getitem__)
+    if intervals_s[slow] >= OTHER_UNIT * intervals_s[fast]:
+        raise InputError(
+            f"{where}: the time stamps give {1 / intervals_s[fast]:.4g} Hz in {fast} and {1 / intervals_s[slow]:.4g} "
+            f"Hz in {slow}; if their units differ, write the unit at the end of the column's name (t_s, t_ms), or "
+            "import them apart"
+        )
+    if not 1 / OTHER_UNIT < found_Hz / rate_Hz < OTHER_UNIT:
+        raise InputError(
+            f"{where}: the time stamps give {found_Hz:.3g} Hz and `sampling_rate_Hz` says {rate_Hz:g} Hz; give the "
+            "unit of the stamps with `time_unit` (s, ms, us, ns), or leave `sampling_rate_Hz` out"
+        )
     n_ticks = sum(trial.time_s[-1] * rate_Hz for trial in stamps)
     check_size(f"{where} at {rate_Hz:g} Hz", int(4 * n_ticks * trials[0].signal.shape[1]))
     signals = [
         trial.signal if trial.stamps is None else on_clock(trial.signal, trial.stamps, rate_Hz) for trial in trials
     ]
-    say_shared(_stamps_of(trials), rate_Hz, where)
+    _say_shared(_stamps_of(trials), rate_Hz, where)
     _say_moved(trials, signals, rate_Hz, where)
     return rate_Hz, signals
 
@@ -173,7 +165,11 @@ def _say_moved(trials: Sequence[_Trial], signals: Sequence[np.ndarray], rate_Hz:
     """Say how many trials of another rate are resampled, and how many are interpolated because their stamps jitter."""
     moved = {trial.file for trial, signal in zip(trials, signals, strict=True) if signal is not trial.signal}
     stamps = {file: its for file, its in _stamps_of(trials).items() if file in moved}
-    odd = {file for file, its in stamps.items() if abs(its.interval_s * rate_Hz - 1) > _by_jitter(its)}
+    odd = set()
+    for file, its in stamps.items():  # their rates are means of intervals that jitter
+        by_jitter = STANDARD_ERRORS * its.jitter_s / np.sqrt(len(its.time_s)) / its.interval_s
+        if abs(its.interval_s * rate_Hz - 1) > max(RATES_DIFFER, by_jitter):
+            odd.add(file)
     if odd:
         first = next(file for file in stamps if file in odd)
         log.warning(
@@ -198,33 +194,6 @@ def _say_moved(trials: Sequence[_Trial], signals: Sequence[np.ndarray], rate_Hz:
     )  # fmt: skip
 
 
-def _by_jitter(stamps: Stamps) -> float:
-    """Share by which a trial's rate may differ from the common one: it is a mean of intervals that jitter."""
-    error_s = stamps.jitter_s / np.sqrt(len(stamps.time_s))
-    return max(RATES_DIFFER, STANDARD_ERRORS * error_s / stamps.interval_s)
-
-
-def _check_same_unit(trials: Sequence[_Trial], where: str) -> None:
-    """Refuse trials of which one is a hundred times faster than another: their stamps are in different units."""
-    intervals_s = {file: stamps.interval_s for file, stamps in _stamps_of(trials).items()}
-    fast, slow = min(intervals_s, key=intervals_s.__getitem__), max(intervals_s, key=intervals_s.__getitem__)
-    if intervals_s[slow] >= OTHER_UNIT * intervals_s[fast]:
-        raise InputError(
-            f"{where}: the time stamps give {1 / intervals_s[fast]:.4g} Hz in {fast} and {1 / intervals_s[slow]:.4g} "
-            f"Hz in {slow}; if their units differ, write the unit at the end of the column's name (t_s, t_ms), or "
-            "import them apart"
-        )
-
-
-def _check_unit(found_Hz: float, given_Hz: float | None, where: str) -> None:
-    """Refuse time stamps that are a hundred times faster or slower than the given rate: their unit is wrong."""
-    if given_Hz is not None and not 1 / OTHER_UNIT < found_Hz / given_Hz < OTHER_UNIT:
-        raise InputError(
-            f"{where}: the time stamps give {found_Hz:.3g} Hz and `sampling_rate_Hz` says {given_Hz:g} Hz; give the "
-            "unit of the stamps with `time_unit` (s, ms, us, ns), or leave `sampling_rate_Hz` out"
-        )
-
-
 def _check_first_rows(read: Sequence[Read], given_Hz: float | None, where: str) -> None:
     """Refuse trials that begin with a start time; warn of those that seem to begin with their sampling rate."""
     for trial in read:
@@ -241,7 +210,8 @@ def _check_first_rows(read: Sequence[Read], given_Hz: float | None, where: str) 
         )  # fmt: skip
 
 
-def _check_same_channels(read: Sequence[Read]) -> None:
+def _same_names(read: Sequence[Read]) -> tuple[str, ...]:
+    """The names of the channels, which every trial that has names has in the same order; all have as many channels."""
     first, expected = read[0].file, read[0].table.signal.shape[1]
     for trial in read:
         if trial.table.signal.shape[1] != expected:
@@ -249,10 +219,6 @@ def _check_same_channels(read: Sequence[Read]) -> None:
                 f"{trial.where}: has {trial.table.signal.shape[1]} channels where {first} has {expected}; "
                 "every trial needs the same taxels"
             )
-
-
-def _same_names(read: Sequence[Read]) -> tuple[str, ...]:
-    """The names of the channels, which every trial that has names has in the same order."""
     named = [trial for trial in read if trial.table.names]
     for trial in named:
         for column, (name, wanted) in enumerate(zip(trial.table.names, named[0].table.names, strict=True), 1):
@@ -264,7 +230,7 @@ def _same_names(read: Sequence[Read]) -> tuple[str, ...]:
     return named[0].table.names if named else ()
 
 
-def say_dropped(stamps: Mapping[str, Stamps], drop_repeats: bool, where: str) -> None:
+def _say_dropped(stamps: Mapping[str, Stamps], drop_repeats: bool, where: str) -> None:
     """Say how many rows are dropped; InputError if they are many, and `drop_repeats` does not ask for it.
 
     stamps: of each trial that has any, by its name. where: of all trials, begins messages.
@@ -276,7 +242,7 @@ def say_dropped(stamps: Mapping[str, Stamps], drop_repeats: bool, where: str) ->
             why = "no row has the time stamp of the row before it" if stamps else "the samples have no time stamps"
             raise InputError(f"{where}: `drop_repeats`: {why}; leave it out")
         return
-    n_rows, n_dropped = _rows(stamps), sum(its.n_dropped for its in fewer.values())
+    n_rows, n_dropped = _n_rows(stamps), sum(its.n_dropped for its in fewer.values())
     which = f"in {len(fewer)} of {len(stamps)} trials; the first is {next(iter(fewer))}"
     if n_dropped > MOST_DROPPED * n_rows and not drop_repeats:
         raise InputError(
@@ -289,7 +255,7 @@ def say_dropped(stamps: Mapping[str, Stamps], drop_repeats: bool, where: str) ->
     )  # fmt: skip
 
 
-def say_shared(stamps: Mapping[str, Stamps], rate_Hz: float, where: str) -> None:
+def _say_shared(stamps: Mapping[str, Stamps], rate_Hz: float, where: str) -> None:
     """Say how many rows share the stamp of the row before them and are spread; rate_Hz: of the recordings."""
     shared = {name: its for name, its in stamps.items() if its.n_shared}
     if shared:
@@ -298,11 +264,11 @@ def say_shared(stamps: Mapping[str, Stamps], rate_Hz: float, where: str) -> None
             "%s: %s of %s rows have the time stamp of the row before them (in %d of %d trials); all are kept, spread "
             "evenly over the time to the next stamp, at %g Hz; if that is wrong, give `sampling_rate_Hz` or "
             "`drop_repeats=True`",
-            where, f"{n_shared:,}", f"{_rows(shared):,}", len(shared), len(stamps), rate_Hz,
+            where, f"{n_shared:,}", f"{_n_rows(shared):,}", len(shared), len(stamps), rate_Hz,
         )  # fmt: skip
 
 
-def _rows(stamps: Mapping[str, Stamps]) -> int:
+def _n_rows(stamps: Mapping[str, Stamps]) -> int:
     return sum(len(its.keep) for its in stamps.values())
 
 
@@ -320,17 +286,27 @@ def mended(read: Sequence[Read], how: Missing | None, where: str) -> tuple[list[
     Logs how many samples are interpolated, or which trials are dropped. Raises InputError beyond the limits, and where
     nothing is missing.
     """
-    everything = [*read], [*range(len(read))]
+    everything = [*range(len(read))]
     if how is None:
-        return everything
+        return [*read], everything
     marked = {number: trial for number, trial in enumerate(read) if trial.table.missing is not None}
     cut = [number for number, trial in enumerate(read) if trial.table.n_cut]
     if not marked and not cut:
         raise InputError(f"{where}: `missing='{how}'`: no sample is missing; leave it out")
     if how == "drop-trial":
-        return _without(read, sorted({*marked, *cut}), where)
+        dropped = {*marked, *cut}
+        names = some([read[number].file for number in sorted(dropped)])
+        if len(dropped) > MOST_TRIALS_DROPPED * len(read):
+            raise InputError(
+                f"{where}: {len(dropped)} of {len(read)} trials have missing samples ({names}), more than "
+                f"{100 * MOST_TRIALS_DROPPED:.0f} % to drop; record them again, or use `missing='interpolate'`"
+            )
+        said = (where, len(dropped), len(read), names)
+        log.warning("%s: %d of %d trials have missing samples and are dropped (%s)", *said)
+        kept = [number for number in everything if number not in dropped]
+        return [read[number] for number in kept], kept
     if not marked:
-        return everything  # lines without a sample, which leave a gap between stamps
+        return [*read], everything  # lines without a sample, which leave a gap between stamps
     mended = [_interpolated(trial) if number in marked else trial for number, trial in enumerate(read)]
     n_missing = sum(int(trial.table.missing.sum()) for trial in marked.values() if trial.table.missing is not None)
     n_all = sum(trial.table.signal.size for trial in read)
@@ -338,19 +314,7 @@ def mended(read: Sequence[Read], how: Missing | None, where: str) -> tuple[list[
         "%s: %s of %s samples are missing and interpolated, in %d of %d trials (%s)",
         where, f"{n_missing:,}", f"{n_all:,}", len(marked), len(read), some([trial.file for trial in marked.values()]),
     )  # fmt: skip
-    return mended, [*range(len(read))]
-
-
-def _without(read: Sequence[Read], dropped: Sequence[int], where: str) -> tuple[list[Read], list[int]]:
-    names = some([read[number].file for number in dropped])
-    if len(dropped) > MOST_TRIALS_DROPPED * len(read):
-        raise InputError(
-            f"{where}: {len(dropped)} of {len(read)} trials have missing samples ({names}), more than "
-            f"{100 * MOST_TRIALS_DROPPED:.0f} % to drop; record them again, or use `missing='interpolate'`"
-        )
-    log.warning("%s: %d of %d trials have missing samples and are dropped (%s)", where, len(dropped), len(read), names)
-    kept = [number for number in range(len(read)) if number not in {*dropped}]
-    return [read[number] for number in kept], kept
+    return mended, everything
 
 
 def _interpolated(trial: Read) -> Read:

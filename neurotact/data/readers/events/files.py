@@ -12,18 +12,17 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.readers.clock.stamps import UNIT_S, Unit, unit_in, without_unit
-from neurotact.data.readers.columns import LayoutSpec, read_table
+from neurotact.data.readers.columns import GUESSES, LayoutSpec, read_table
 from neurotact.data.readers.events import heidelberg
 from neurotact.data.readers.events.spikes import ROW, Events, EventSpec, joined, to_trains
 from neurotact.data.readers.events.times import event_times, in_order
 from neurotact.data.readers.folder import NamingSpec, conditions_of
-from neurotact.data.readers.formats.contents import HDF5, LVM, MATLAB, NPY, NPZ, TDMS, ZIP, Content, content_of
+from neurotact.data.readers.formats.contents import HDF5, LVM, MATLAB, NPY, NPZ, TDMS, ZIP, check_content
 from neurotact.data.readers.formats.numpy_files import read_array, read_arrays
 from neurotact.data.readers.table.cells import (
     DECIMAL_COMMA,
     NUMBER,
     THOUSANDS,
-    called,
     columns_of,
     grouping_of,
     values_of,
@@ -37,13 +36,7 @@ from neurotact.spec import build
 
 log = logging.getLogger("neurotact")
 
-ALIASES = {
-    "time": ("time", "times", "t", "timestamp", "timestamps", "ts"),
-    "channel": ("channel", "channels", "unit", "units", "taxel", "taxels", "neuron", "address", "addr", "id"),
-    "population": ("population", "polarity", "p", "pol", "type", "kind"),
-    "trial": ("trial", "trials", "recording", "recordings", "sample", "samples", "touch"),
-    LABEL: (LABEL, "labels", "class", "classes"),
-}
+ALIASES = {what: GUESSES[f"event {what}"].aliases for what in ("time", "channel", "population", "trial", LABEL)}
 """Names of columns and arrays of events, without the prefix `event_` and a unit of time as suffix."""
 POPULATION, POLARITY = "population", "polarity"
 """The population, and its other name, of which a sensor with polarities has two."""
@@ -90,7 +83,7 @@ def read(
             raise InputError(
                 f"{path}: the Heidelberg layout has names of its own; drop `names={{{next(iter(names))!r}: ...}}`"
             )
-        _check_content(path, HDF5)
+        check_content(path, HDF5)
         return heidelberg.load(path, options)
     events = _of_file(path, options, names)
     if LABEL not in events.conditions:
@@ -112,24 +105,17 @@ def _to_trains(events: Events, spec: EventSpec, path: Path) -> SpikeTrains:
     return to_trains(events, spec, str(path))
 
 
-def _check_content(path: Path, *kinds: Content) -> None:
-    """Refuse a file that holds another kind of data than these, whatever its name."""
-    kind = content_of(path)
-    if kind not in (None, *kinds):
-        raise kind.refusal(path)
-
-
 def _of_file(path: Path, spec: EventSpec, names: Mapping[str, str]) -> Events:
     suffix = path.suffix.lower()
     if suffix in TABLES:
         return _of_columns(_columns(path, names), spec, names, path)
     if suffix in ARCHIVES:
-        _check_content(path, *((NPZ, ZIP) if suffix == ".npz" else (NPY,)))
-        arrays = _arrays(path)
+        check_content(path, *((NPZ, ZIP) if suffix == ".npz" else (NPY,)))
+        arrays = read_arrays(path) if suffix == ".npz" else {"events": read_array(path)}
         if all(array.dtype.names for array in arrays.values()):
             return _structured(arrays, spec, names, path)
         return _of_columns(arrays, spec, names, path)
-    _check_content(path, NPY, NPZ, MATLAB, TDMS, LVM)  # their fix is another suffix
+    check_content(path, NPY, NPZ, MATLAB, TDMS, LVM)  # their fix is another suffix
     known = ", ".join((*TABLES, *ARCHIVES, *HDF5_FILES))
     raise InputError(f"{path}: is not a file of events by its suffix; give one that ends with {known}")
 
@@ -172,11 +158,7 @@ def _check_no_raster(columns: Mapping[str, np.ndarray], known: Collection[str | 
 
 
 def _is_raster(values: np.ndarray) -> bool:
-    """Whether numbers are 0 and 1 alone, or counts of which most are 0.
-
-    >>> [_is_raster(np.array(values)) for values in ([0, 1, 1], [0, 0, 3], [0, 1, 2], [0.0, 0.5], ["0"], [])]
-    [True, True, False, False, False, False]
-    """
+    """Whether numbers are 0 and 1 alone, or counts of which most are 0."""
     if values.dtype.kind not in "iufb" or not values.size:
         return False
     is_binary = np.isin(values, (0, 1)).all()
@@ -188,13 +170,11 @@ def _of_folder(folder: Path, spec: EventSpec, names: Mapping[str, str], naming: 
     """One trial per file; class and conditions come from paths and names, as for a folder of recordings."""
     table = None if naming.table is None else os.path.realpath(naming.table)
     inside = [path for path in below(folder) if table is None or os.path.realpath(path) != table]
-    paths = [
-        path for path in inside if path.suffix.lower() in (*TABLES, *ARCHIVES) and not is_hidden(path.name)
-    ]  # fmt: skip
+    paths = [path for path in inside if path.suffix.lower() in (*TABLES, *ARCHIVES) and not is_hidden(path.name)]
     ignored = [path for path in inside if path not in paths]
     if not paths:
         for path in ignored:
-            _check_content(path)
+            check_content(path)
         raise InputError(f"{folder}: holds no {', '.join((*TABLES, *ARCHIVES))} file; add one")
     if ignored:
         shown = some([path.relative_to(folder).as_posix() for path in ignored])
@@ -230,9 +210,9 @@ def _of_columns(
     usual: the unit of times that neither the spec nor a name gives; of places x and y they are microseconds.
     """
     roles = {what: _place(what, columns, names, path) for what in ALIASES}
-    is_grid = roles["channel"] is None and called([*columns], ("x",)) is not None
+    is_grid = roles["channel"] is None and "x" in map(str.lower, columns)
     if is_grid:
-        roles |= {axis: called([*columns], (axis,)) for axis in ("x", "y")}
+        roles |= {axis: next((n for n in columns if n.lower() == axis), None) for axis in ("x", "y")}
     time_name = roles["time"]
     if time_name is None or (roles["channel"] is None and not is_grid):
         _check_no_raster(columns, roles.values(), path)
@@ -254,9 +234,10 @@ def _of_columns(
     trial, others = _trials(columns, roles, len(stamps), path)
     unused = [name for name in columns if name not in {*roles.values(), *others.columns}]
     channel = _places_of(of_events, path) if is_grid else _channel(of_events["channel"], str(roles["channel"]), path)
-    population = of_events.get(POPULATION)
-    if population is not None:
-        population = _population(population, str(roles[POPULATION]), path)
+    population = values_of(of_events[POPULATION]) if POPULATION in of_events else None
+    if population is not None and population.dtype.kind == "f" and not np.isfinite(population).all():
+        event = int(np.argmin(np.isfinite(population)))
+        raise InputError(f"{path}: event {event} of '{roles[POPULATION]}' is {population[event]}; drop the event")
     ordered = in_order(stamps, trial, [channel, *([] if population is None else [population])], may_wrap=unit != "ns")
     cells = columns[time_name]
     times = event_times(
@@ -305,12 +286,8 @@ def _trials(
             )
         per_trial = {name: values for name, values in rest.items() if len(values) == n_trials}
         return number.astype(np.int64), _conditions(per_trial, roles[LABEL], path)
-    values, first, index = np.unique(number, return_index=True, return_inverse=True)
-    order = np.argsort(first)  # trials in order of first appearance
-    rank = np.empty(len(values), np.int64)
-    rank[order] = np.arange(len(values))
-    trial = rank[index]
-    begin = first[order]
+    trial, values = pd.factorize(number, use_na_sentinel=False)  # in order of first appearance
+    begin = np.unique(trial, return_index=True)[1]
     constant = {
         name: part[begin] for name, part in rest.items() if len(part) == n_events and (part == part[begin][trial]).all()
     }
@@ -318,9 +295,9 @@ def _trials(
         raise InputError(
             f"{path}: '{roles[LABEL]}' changes within a trial; give each trial one class, or `names={{'trial': ...}}`"
         )
-    return trial, _conditions(constant, roles[LABEL], path) if roles[LABEL] is not None else pd.DataFrame(
-        index=range(len(values))
-    )
+    if roles[LABEL] is None:
+        return trial, pd.DataFrame(index=range(len(values)))
+    return trial, _conditions(constant, roles[LABEL], path)
 
 
 def _conditions(columns: Mapping[str, np.ndarray], label: str | None, path: Path) -> pd.DataFrame:
@@ -329,11 +306,8 @@ def _conditions(columns: Mapping[str, np.ndarray], label: str | None, path: Path
             f"{path}: no value per trial is called label ({', '.join(columns) or 'there is none'}); name the class "
             "with `names={'label': ...}`"
         )
-    table = pd.DataFrame({LABEL: [str(value) for value in columns[label].tolist()]})
-    for name, values in columns.items():
-        if name not in (label, LABEL):
-            table[name] = values_of(values)
-    return table
+    others = {name: values_of(values) for name, values in columns.items() if name not in (label, LABEL)}
+    return pd.DataFrame({LABEL: [str(value) for value in columns[label].tolist()], **others})
 
 
 def _channel(values: np.ndarray, name: str, path: Path) -> np.ndarray:
@@ -345,14 +319,6 @@ def _channel(values: np.ndarray, name: str, path: Path) -> np.ndarray:
             f"{path}: '{name}' holds {numbers[numbers != np.floor(numbers)][:1]}, not a whole number; number channels"
         )
     return numbers.astype(np.int64)
-
-
-def _population(values: np.ndarray, name: str, path: Path) -> np.ndarray:
-    populations = values_of(values)
-    wrong = np.flatnonzero(~np.isfinite(populations)) if populations.dtype.kind == "f" else []
-    if len(wrong):
-        raise InputError(f"{path}: event {wrong[0]} of '{name}' is {populations[wrong[0]]}; drop the event")
-    return populations
 
 
 def _stamps(values: np.ndarray, name: str, path: Path) -> np.ndarray:
@@ -375,21 +341,11 @@ def _stamps(values: np.ndarray, name: str, path: Path) -> np.ndarray:
 
 
 def _sign_fault(cell: str, texts: Sequence[str]) -> str:
-    """What is wrong with the signs in a number, and the fix; empty if nothing is.
-
-    >>> _sign_fault("0,5", ["0,5"]), _sign_fault("12", ["12", "1.234"])
-    ('has decimal commas, as in 0,5; write decimal points', '')
-    """
+    """What is wrong with the signs in a number, and the fix; empty if nothing is."""
     if DECIMAL_COMMA.fullmatch(cell) and grouping_of(texts, ",") == "no":
         return f"has decimal commas, as in {cell[:20]}; write decimal points"
     is_one = THOUSANDS.fullmatch(cell)
     return f"has separators of thousands, as in {cell[:20]!r}; write numbers without them" if is_one else ""
-
-
-def _arrays(path: Path) -> dict[str, np.ndarray]:
-    if path.suffix.lower() == ".npz":
-        return read_arrays(path)
-    return {"events": read_array(path)}
 
 
 def _structured(arrays: Mapping[str, np.ndarray], spec: EventSpec, names: Mapping[str, str], path: Path) -> Events:

@@ -1,7 +1,8 @@
 """Events of any sensor to spikes on a clock: trial, channel, population (such as ON and OFF) and time of each."""
 
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -9,7 +10,16 @@ import pandas as pd
 from pydantic import Field, field_validator
 
 from neurotact.data.readers.clock.stamps import Unit, of_length
-from neurotact.data.readers.events.times import FLOAT_ERROR, EventTimes, Origin, joined_times, rounding_of, steps_of
+from neurotact.data.readers.events.times import (
+    FLOAT_ERROR,
+    MOST_COMPARED,
+    EventTimes,
+    InOrder,
+    Origin,
+    joined_times,
+    rounding_of,
+    steps_of,
+)
 from neurotact.data.recordings import LABEL, check_named_classes
 from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
 from neurotact.data.windows import LONGEST_STEPS
@@ -119,47 +129,79 @@ def to_trains(events: Events, spec: EventSpec, source: str) -> SpikeTrains:
     >>> trains.steps[0].tolist(), [trains.afferents[unit] for unit in trains.units[0]]
     ([0, 0, 1], ['ON channel0', 'ON channel1', 'OFF channel2'])
     """
-    _check(events, source)
+    if not len(events.conditions) or not len(events.time_s):
+        raise InputError(f"{source}: holds no {'event' if len(events.conditions) else 'trial'}; give at least one")
     check_named_classes(events.conditions[LABEL].tolist(), source)
     check_size(f"{source}: {len(events.time_s)} events", BYTES_PER_EVENT * len(events.time_s))
     populations = _populations(events, spec, source)
-    keep = np.arange(len(events.time_s))
+    keep = np.ones(len(events.time_s), bool)
     if spec.polarity in ("on", "off") and populations is not None:
-        keep = np.flatnonzero(populations.index == (len(populations.names) - 1 if spec.polarity == "on" else 0))
+        keep = populations.index == (len(populations.names) - 1 if spec.polarity == "on" else 0)
     channels = _grid(events.channel, spec, source) if events.is_grid else _channels(events.channel, spec, source)
     afferents, units = _afferents(populations if spec.polarity == "separate" else None, channels, source)
-    check_range(float(events.time_s.min()), float(events.time_s.max()), spec, source)
-    steps = _steps(events, 1e-3 * spec.step_ms)
-    n_steps = n_steps_of(int(steps.max()), spec)
-    binned = on_clock(((steps[mine], units[mine], n_steps) for mine in _of_trials(events, keep)), len(afferents))
-    say_order(events.n_back, events.n_wraps, len(events.time_s), source)
-    say_lost(binned, spec, source)
-    if not events.has_unit:
+    order = np.argsort(events.trial, kind="stable")
+    of_trials = np.split(order, np.searchsorted(events.trial[order], np.arange(1, len(events.conditions))))
+    times = events.times
+    trials = [TrialEvents(partial(times.at, mine), units[mine], keep[mine]) for mine in of_trials]
+    orders = InOrder(times.time_s, events.n_back, events.n_wraps)
+    return trains_of(trials, [orders], spec, afferents, events.conditions, source, has_unit=events.has_unit)
+
+
+class TrialEvents(NamedTuple):
+    """The events of a trial: a function that returns their times, their afferents, and which of them become spikes."""
+
+    times: Callable[[], EventTimes]
+    units: np.ndarray
+    keep: np.ndarray | None = None
+
+
+def trains_of(
+    trials: Sequence[TrialEvents],
+    orders: Sequence[InOrder],
+    spec: EventSpec,
+    afferents: Sequence[str],
+    conditions: pd.DataFrame,
+    source: str,
+    *,
+    has_unit: bool = True,
+) -> SpikeTrains:
+    """The spikes of trials, which are binned one by one: files may hold many millions of events.
+
+    orders: what was found of the order of events. has_unit: whether anything but custom says the unit of their times.
+    """
+    n_events, step_s = sum(len(trial.units) for trial in trials), 1e-3 * spec.step_ms
+    every = max(1, n_events // MOST_COMPARED)
+    probes, first_s, last_s, n_coarse, coarsest_s = [], np.inf, 0.0, 0, 0.0
+    for number, trial in enumerate(trials):
+        times = trial.times()
+        probes.append(times.at(np.arange(number % every, len(times.time_s), every)))
+        first_s, last_s = (min(first_s, times.time_s.min(initial=np.inf)), max(last_s, times.time_s.max(initial=0.0)))
+        error_s = times.error_s / FLOAT_ERROR
+        n_coarse += int((error_s >= COARSE * step_s).sum())
+        coarsest_s = max(coarsest_s, float(error_s.max(initial=0.0)))
+    _check_range(first_s, last_s, spec, source)
+    rounding = rounding_of(joined_times(probes), step_s)
+    steps = [steps_of(trial.times(), step_s, rounding) for trial in trials]
+    n_steps = max(int(row.max(initial=0)) for row in steps) + 1
+    if spec.duration_ms is not None:
+        n_steps = max(1, round(spec.duration_ms / spec.step_ms))
+    every_one = (slice(None) if trial.keep is None else trial.keep for trial in trials)
+    rows = ((row[keep], trial.units[keep], n_steps) for row, trial, keep in zip(steps, trials, every_one, strict=True))
+    binned = on_clock(rows, len(afferents))
+    _say_order(sum(order.n_back for order in orders), sum(order.n_wraps for order in orders), n_events, source)
+    if binned.n_late:
+        log.warning("%s: %d of %d events are after `duration_ms` and left out", source, binned.n_late, binned.n_events)
+    say_merged(binned, step_s, source, accept=spec.merge_events)
+    if not has_unit:
         log.warning("%s: the times are whole numbers without a unit, taken as seconds; %s", source, OF_UNIT)
-    say_times(events.times, n_steps, spec, source)
-    return from_trials(binned.trials, 1e3 / spec.step_ms, afferents, events.conditions, source=source)
-
-
-def _of_trials(events: Events, keep: np.ndarray) -> list[np.ndarray]:
-    """Those of the events `keep` that each trial has."""
-    order = keep[np.argsort(events.trial[keep], kind="stable")]
-    return np.split(order, np.searchsorted(events.trial[order], np.arange(1, len(events.conditions))))
-
-
-def _steps(events: Events, step_s: float) -> np.ndarray:
-    """The step of each event, `(event,)`."""
-    steps = np.empty(len(events.time_s), np.int64)
-    rounding = rounding_of(events.times, step_s)
-    for mine in _of_trials(events, np.arange(len(steps))):
-        steps[mine] = steps_of(events.times.at(mine), step_s, rounding)
-    return steps
-
-
-def _check(events: Events, source: str) -> None:
-    if not len(events.conditions):
-        raise InputError(f"{source}: holds no trial; give at least one")
-    if not len(events.time_s):
-        raise InputError(f"{source}: holds no event; give at least one")
+    say_length([n_steps], 1e3 / spec.step_ms, OF_EVENTS, source)
+    if n_coarse:
+        log.warning(
+            "%s: %d of %d times have a resolution of %.3g us by their type or their digits, of a step of %g ms: save "
+            "them as float64 with all digits, or give a longer `step_ms`",
+            source, n_coarse, n_events, 1e6 * coarsest_s, spec.step_ms,
+        )  # fmt: skip
+    return from_trials(binned.trials, 1e3 / spec.step_ms, tuple(afferents), conditions, source=source)
 
 
 def _populations(events: Events, spec: EventSpec, source: str) -> _Named | None:
@@ -176,28 +218,24 @@ def _populations(events: Events, spec: EventSpec, source: str) -> _Named | None:
         )
     if spec.polarity == "merge":
         return None
-    is_named = events.population.dtype.kind not in "iufb"
-    populations = _named(events.population, spec, source) if is_named else _numbered(events.population, spec, source)
+    populations = _numbered(events.population, spec, source)
     if spec.polarity != "separate" and len(populations.names) != 2:
         raise InputError(f"{source}: has {len(populations.names)} populations, not two polarities; drop `polarity`")
     return populations
 
 
-def _named(population: np.ndarray, spec: EventSpec, source: str) -> _Named:
-    values, index = np.unique(population, return_inverse=True)
-    names = tuple(str(value) for value in values)
-    wrong = [name for name in names if not name.strip() or " " in name]
-    if wrong:
-        raise InputError(f"{source}: the population {wrong[0]!r} is not a single word; rename it")
-    if spec.polarities:
-        raise InputError(f"{source}: its populations have names ({some(names)}); drop `polarities`")
-    return _Named(index, names)
-
-
 def _numbered(population: np.ndarray, spec: EventSpec, source: str) -> _Named:
     values, index = np.unique(population, return_inverse=True)
-    expected = sorted({*values.tolist()} | ({0, 1} if {*values.tolist()} <= {0, 1} else set()))
-    expected = sorted({*expected} | ({-1, 1} if {*values.tolist()} == {-1} else set()))
+    if population.dtype.kind not in "iufb":
+        names = tuple(str(value) for value in values)
+        wrong = [name for name in names if not name.strip() or " " in name]
+        if wrong:
+            raise InputError(f"{source}: the population {wrong[0]!r} is not a single word; rename it")
+        if spec.polarities:
+            raise InputError(f"{source}: its populations have names ({some(names)}); drop `polarities`")
+        return _Named(index, names)
+    found = {*values.tolist()}
+    expected = sorted(found | ({0, 1} if found <= {0, 1} else {-1, 1} if found == {-1} else set()))
     names = spec.polarities or ON_OFF[: len(expected)]
     if spec.polarity != "separate":
         names = tuple(map(str, expected))
@@ -269,7 +307,7 @@ def _afferents(populations: _Named | None, channels: _Named, source: str) -> tup
     return names, populations.index * len(channels.names) + channels.index
 
 
-def check_range(first_s: float, last_s: float, spec: EventSpec, source: str) -> None:
+def _check_range(first_s: float, last_s: float, spec: EventSpec, source: str) -> None:
     """Refuse times of events that no clock holds."""
     if first_s < 0:
         raise InputError(f"{source}: an event is at {first_s:g} s, before zero; pass `origin='first'`")
@@ -279,24 +317,6 @@ def check_range(first_s: float, last_s: float, spec: EventSpec, source: str) -> 
             f"{source}: an event at {last_s:g} s is beyond any clock of {spec.step_ms:g} ms; give `time_unit`, or "
             "`origin='first'` if times count from long before"
         )
-
-
-def n_steps_of(last_step: int, spec: EventSpec) -> int:
-    """The length of trials in steps."""
-    return last_step + 1 if spec.duration_ms is None else max(1, round(spec.duration_ms / spec.step_ms))
-
-
-def say_times(times: EventTimes, n_steps: int, spec: EventSpec, source: str) -> None:
-    """Warn of trials that are too short or too long for touch, and of times that are coarser than the steps."""
-    say_length([n_steps], 1e3 / spec.step_ms, OF_EVENTS, source)
-    error_s = times.error_s / FLOAT_ERROR
-    is_coarse = error_s >= COARSE * 1e-3 * spec.step_ms
-    if is_coarse.any():
-        log.warning(
-            "%s: %d of %d times have a resolution of %.3g us by their type or their digits, of a step of %g ms: save "
-            "them as float64 with all digits, or give a longer `step_ms`",
-            source, int(is_coarse.sum()), len(is_coarse), 1e6 * float(error_s.max()), spec.step_ms,
-        )  # fmt: skip
 
 
 def say_length(n_steps: Sequence[int] | np.ndarray, rate_Hz: float, fix: str, source: str) -> None:
@@ -337,13 +357,6 @@ def on_clock(trials: Iterable[tuple[np.ndarray, np.ndarray, int]], n_afferents: 
     return OnClock(rows, n_events, n_late)
 
 
-def say_lost(binned: OnClock, spec: EventSpec, source: str) -> None:
-    """Say how many events are left out or merged; InputError if more are merged than `spec` accepts."""
-    if binned.n_late:
-        log.warning("%s: %d of %d events are after `duration_ms` and left out", source, binned.n_late, binned.n_events)
-    say_merged(binned, 1e-3 * spec.step_ms, source, accept=spec.merge_events)
-
-
 def say_merged(binned: OnClock, step_s: float, source: str, *, accept: bool, step: str = "`step_ms`") -> None:
     """Say how many events are merged; InputError if they are more than `MOST_MERGED`, unless `accept`.
 
@@ -361,7 +374,7 @@ def say_merged(binned: OnClock, step_s: float, source: str, *, accept: bool, ste
     log.warning("%s and a channel with another and are one spike with it", what)
 
 
-def say_order(n_back: int, n_wraps: int, n_events: int, source: str) -> None:
+def _say_order(n_back: int, n_wraps: int, n_events: int, source: str) -> None:
     """Say what was found of a file whose stamps do not rise."""
     if n_wraps:
         log.warning("%s: a counter begins again %d times; the stamps after it count on", source, n_wraps)

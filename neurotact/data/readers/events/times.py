@@ -40,7 +40,7 @@ KNOWN, LIKELY, SURE = 0.0, float(np.log(20)), float(np.log(1000))
 """How many times less likely chance has to be than the clock, as logarithms."""
 
 
-class Resolution(NamedTuple):
+class _Resolution(NamedTuple):
     """A difference of adjacent stamps in s, and what it takes to believe that the stamps are rounded to it."""
 
     unit_s: float
@@ -55,7 +55,7 @@ class EventTimes(NamedTuple):
 
     time_s: np.ndarray
     error_s: np.ndarray
-    resolutions: tuple[Resolution, ...] = ()
+    resolutions: tuple[_Resolution, ...] = ()
 
     def at(self, index: np.ndarray) -> "EventTimes":
         """The times of some events."""
@@ -92,7 +92,7 @@ def event_times(
     """
     since = stamps.astype(float) if origin == "zero" or not len(stamps) else _from_first(stamps, trial)
     error = np.zeros(len(stamps)) if stamps.dtype.kind in "iu" else _error_of(stamps, texts)
-    resolutions = tuple(Resolution(unit * unit_s, evidence) for unit, evidence in _units_of(stamps, error, texts))
+    resolutions = tuple(_Resolution(unit * unit_s, evidence) for unit, evidence in _units_of(stamps, error, texts))
     return EventTimes(since * unit_s, error * unit_s, resolutions)
 
 
@@ -316,7 +316,7 @@ def _separates(times: EventTimes, step_s: float) -> bool:
     return by_stamp < by_nearest == 1.0
 
 
-def _roundings(resolutions: Sequence[Resolution], step_s: float) -> Iterator[tuple[Rounding, float, float]]:
+def _roundings(resolutions: Sequence[_Resolution], step_s: float) -> Iterator[tuple[Rounding, float, float]]:
     """Ways to round, with the resolution and the evidence that each needs, from the least to the most deviation."""
     yield Rounding(0.0, 0.0), 0.0, KNOWN
     for unit_s, evidence in resolutions:

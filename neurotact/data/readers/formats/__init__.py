@@ -7,7 +7,10 @@ from neurotact.data.readers.table.cells import Table
 from neurotact.errors import InputError, nearest
 from neurotact.files import check_size, existing
 
-TABLES = {".tdms": "tdms"}
+TABLES = {
+    ".tdms": "tdms", ".parquet": "parquet", ".wav": "sound", ".flac": "sound", ".bag": "rosbag", ".mcap": "rosbag",
+    ".db3": "rosbag",
+}  # fmt: skip
 """Modules whose `read(path)` returns the tables in a file by their names."""
 
 

@@ -77,11 +77,11 @@ XLSX = Content("an Excel workbook", SHEET)
 OLE = Content("an old Excel workbook (.xls) or another document of Microsoft Office", SHEET)
 ODS = Content("a spreadsheet of LibreOffice", SHEET)
 OFFICE = Content("a document of an office program", "save the table in it as CSV")
-PARQUET = Content("a Parquet table", _table_of("read_parquet"))
+PARQUET = Content("a Parquet table", "neurotact import folder and import table read it, with the suffix .parquet")
 FEATHER = Content("an Arrow table (Feather)", _table_of("read_feather"))
 ORC = Content("an ORC table", _table_of("read_orc"))
 PICKLE = Content(f"a Python pickle, {PICKLED}", "save arrays with numpy.savez, or a table with to_csv")
-TORCH = Content(f"a PyTorch file, {PICKLED}", "save its tensors as arrays, with numpy.savez")
+TORCH = Content("a PyTorch file", "neurotact import folder and import arrays read its tensors, with the suffix .pt")
 ZIP = Content("a zip archive", "unpack it and give the folder", hides=True)
 GZIP = Content("compressed by gzip", "unpack it with gunzip", hides=True)
 BZIP2 = Content("compressed by bzip2", "unpack it with bunzip2", hides=True)
@@ -93,20 +93,19 @@ RAR = Content("a RAR archive", "unpack it and give the folder", hides=True)
 AEDAT = Content("a file of events in an old AEDAT format", EVENTS)
 AEDAT4 = Content("a file of events (AEDAT 4)", EVENTS)
 PROPHESEE = Content("a file of events of a Prophesee camera", EVENTS)
-ROS_BAG = Content("a ROS bag", "write its topic as rows: rostopic echo -b BAG -p TOPIC > touch.csv")
+ROS_BAG = Content("a ROS bag", "neurotact import folder reads it, with the suffix .bag")
 ROS_YAML = Content(
     "the messages of a ROS topic as YAML",
     "write them as rows: rostopic echo -p TOPIC > touch.csv, or ros2 topic echo --csv TOPIC > touch.csv",
 )
-MCAP = Content(
-    "a bag of ROS 2 (MCAP)", "play it with ros2 bag play, and write its topic: ros2 topic echo --csv TOPIC > touch.csv"
-)
+MCAP = Content("a bag of ROS 2 (MCAP)", "neurotact import folder reads it, with the suffix .mcap")
 SQLITE = Content(
     "an SQLite database",
-    "if it is a bag of ROS 2, play it and write its topic: ros2 topic echo --csv TOPIC > touch.csv; else export a CSV",
+    "if it is a bag of ROS 2, neurotact import folder reads it, with the suffix .db3; else export a CSV",
 )
 IMAGE = Content("an image", SAMPLES)
-SOUND = Content("a sound file (WAV)", "save its samples with numpy.savez; scipy.io.wavfile.read returns them")
+SOUND = Content("a sound file (WAV)", "neurotact import folder reads it, with the suffix .wav")
+FLAC = Content("a sound file (FLAC)", "neurotact import folder reads it, with the suffix .flac")
 VIDEO = Content("a video", SAMPLES)
 
 FIRST_BYTES: tuple[tuple[bytes, Content], ...] = (
@@ -143,6 +142,7 @@ FIRST_BYTES: tuple[tuple[bytes, Content], ...] = (
     (rb"([a-z_]\w*:.*\n([ -].*\n)*)+---\n", ROS_YAML),
     (rb"\x89PNG\r\n|\xff\xd8\xff|GIF8[79]a|BM.{4}\0{4}|II\*\0|MM\0\*|RIFF.{4}WEBP", IMAGE),
     (rb"RIFF.{4}WAVE", SOUND),
+    (rb"fLaC", FLAC),
     (rb"RIFF.{4}AVI |.{4}ftyp|\x1a\x45\xdf\xa3", VIDEO),
 )
 """What files of a kind begin with, as regular expressions."""

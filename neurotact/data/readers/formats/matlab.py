@@ -1,4 +1,7 @@
-"""Variables of MATLAB files: matrices of numbers, cell arrays of them, and texts; nothing else is loaded."""
+"""Variables of MATLAB files: matrices of numbers, texts, cell arrays and structures of them; nothing else is loaded.
+
+scipy's loadmat is not used: it ends the process on some damaged files, and inflates what exceeds the memory.
+"""
 
 import math
 import struct
@@ -25,7 +28,7 @@ MATRIX, COMPRESSED = 14, 15
 STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 """Types of numbers in an element; those of a matrix of another class are cast."""
 ENCODINGS = {16: "utf-8", 17: "utf-16", 18: "utf-32"}
-CELL, CHARACTERS, OPAQUE, COMPLEX = 1, 4, 17, 0x800
+CELL, STRUCT, CHARACTERS, OPAQUE, COMPLEX = 1, 2, 4, 17, 0x800
 """Classes of matrices, of which an opaque one holds an object such as a table, and the flag of complex numbers."""
 CLASSES = {
     6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8",
@@ -38,15 +41,17 @@ CHARACTER_BYTES = 100
 
 Cells = list[np.ndarray]
 """The matrices of a cell array, in MATLAB's order."""
-Value = np.ndarray | Cells | None
-"""A variable; None if it is of a class that is not read."""
+Value = np.ndarray | Cells | dict[str, "Value"] | None
+"""A variable, a structure by its fields; None if it is of a class that is not read."""
+DEEPEST = 4
+"""Depth of structures and cells within one another."""
 
 
-class Variables(NamedTuple):
+class _Variables(NamedTuple):
     """What a file holds. arrays: numbers and texts by name; vectors have one axis, whether they were rows or columns.
 
     cells: cell arrays of matrices of numbers, of any sizes, or of vectors alone. others: the names of what was not
-    read, such as structures.
+    read, such as tables. A field of a structure is named `rig/speed`; that of an array of structures is a cell array.
     """
 
     arrays: dict[str, np.ndarray]
@@ -54,7 +59,7 @@ class Variables(NamedTuple):
     others: list[str]
 
 
-def read_variables(path: str | Path) -> Variables:
+def read_variables(path: str | Path) -> _Variables:
     """The variables of a MATLAB file: `save` writes version 7, or with `-v7.3` HDF5.
 
     A cell array of texts is an array of texts, as is a matrix of characters, row by row; one of single numbers is an
@@ -67,15 +72,16 @@ def read_variables(path: str | Path) -> Variables:
     >>> path = Path(tempfile.mkdtemp()) / "touch.mat"
     >>> savemat(path, {"pressure": np.ones((50, 3)), "material": "felt", "rig": {"speed": 5}})
     >>> found = read_variables(path)
-    >>> found.arrays["pressure"].shape, found.arrays["material"].tolist(), found.others
-    ((50, 3), ['felt'], ['rig'])
+    >>> found.arrays["pressure"].shape, found.arrays["material"].tolist(), found.arrays["rig/speed"].tolist()
+    ((50, 3), ['felt'], [5])
     """
     path = existing(path)
     check_size(path, path.stat().st_size)
     check_content(path, MATLAB, HDF5, wanted=FORM, fix=FIX)
-    variables = _from_hdf5(path) if h5py.is_hdf5(path) else _from_binary(path)
+    read = _from_hdf5(path) if h5py.is_hdf5(path) else _from_binary(path)
+    variables = {name: value for own, held in read.items() for name, value in _fields(own, held)}
     filled = {name: values for name, values in variables.items() if isinstance(values, np.ndarray) and values.size}
-    arrays = {name: _as_vector(values) for name, values in filled.items()}
+    arrays = {name: values.ravel() if _is_vector(values) else values for name, values in filled.items()}
     cells = {name: values for name, values in variables.items() if isinstance(values, list)}
     others = [name for name in variables if name not in arrays and name not in cells]
     if not (arrays or cells):
@@ -83,11 +89,16 @@ def read_variables(path: str | Path) -> Variables:
         raise InputError(
             f"{path}: holds neither matrices of numbers nor texts{held}; save matrices, as in save('touch.mat', 'data')"
         )
-    return Variables(arrays, cells, others)
+    return _Variables(arrays, cells, others)
 
 
-def _as_vector(values: np.ndarray) -> np.ndarray:
-    return values.ravel() if _is_vector(values) else values
+def _fields(name: str, value: Value) -> Iterator[tuple[str, Value]]:
+    """A variable, or each field of a structure, with its name."""
+    if isinstance(value, dict) and value:
+        for field, held in value.items():
+            yield from _fields(f"{name}/{field}", held)
+    else:
+        yield name, value
 
 
 def _is_vector(values: np.ndarray) -> bool:
@@ -206,6 +217,16 @@ class _Binary(NamedTuple):
         kind, size = flag & 0xFF, math.prod(shape)
         if kind == CELL:
             return _of_cells(self.path, self._cells(size, content))
+        if kind == STRUCT:
+            _, length, content = self._element(content)
+            _, words, content = self._element(content)
+            (width,) = struct.unpack(f"{self.order}i", length)
+            fields = [
+                bytes(words[at : at + width]).split(b"\0")[0].decode("ascii") for at in range(0, len(words), width)
+            ]
+            values = [*self._cells(size * len(fields), content)]
+            every = {field: values[place :: len(fields)] for place, field in enumerate(fields)}
+            return {field: own[0] if size == 1 else _of_cells(self.path, own) for field, own in every.items()}
         if flag & COMPLEX or kind not in (*CLASSES, CHARACTERS):
             return None
         stored, values, _ = self._element(content)
@@ -226,17 +247,27 @@ def _from_hdf5(path: Path) -> dict[str, Value]:
     """The variables of a file of version 7.3, which stores each matrix with its axes in the opposite order."""
     with reading(path, "a MATLAB file", "save in MATLAB") as file:
         declared = Declared(file, path)
-        return {name: _of_dataset(declared, file.get(name)) for name in file if name.isidentifier()}
+        return _members(declared, file, 0)
 
 
-def _of_dataset(declared: Declared, dataset: Any) -> Value:
-    """Numbers, texts or cells; None for anything else, and for an empty matrix, of which the sizes are stored."""
+def _members(declared: Declared, group: h5py.Group, depth: int) -> dict[str, Value]:
+    """The variables of a file, or the fields of a structure; links to other files are not followed."""
+    own = [name for name in group if isinstance(group.get(name, getlink=True), h5py.HardLink)]
+    return {name: _of_dataset(declared, group[name], depth) for name in own if name.isidentifier()}
+
+
+def _of_dataset(declared: Declared, dataset: Any, depth: int) -> Value:
+    """Numbers, texts, cells or fields; None for anything else, and for an empty matrix, whose sizes are stored."""
+    if depth > DEEPEST:
+        return None
+    if isinstance(dataset, h5py.Group):
+        return _members(declared, dataset, depth + 1)
     if not isinstance(dataset, h5py.Dataset) or dataset.name is None or "MATLAB_empty" in dataset.attrs:
         return None
     kind = attribute(dataset, "MATLAB_class", declared.path) if "MATLAB_class" in dataset.attrs else "double"
-    if kind == "cell":
+    if kind == "cell" or h5py.check_ref_dtype(dataset.dtype) is h5py.Reference:
         check_size(declared.path, dataset.size * dataset.dtype.itemsize)
-        cells = (_of_dataset(declared, declared.file[reference]) for reference in dataset[()].ravel())
+        cells = (_of_dataset(declared, declared.file[reference], depth + 1) for reference in dataset[()].ravel())
         return _of_cells(Path(declared.path), cells)
     if kind in ("struct", "function_handle") or dataset.dtype.kind not in "iufb":
         return None

@@ -53,25 +53,23 @@ ELECTRODE_NAMES = ("label", "channel_name")
 MOST_NAMED = 8
 
 
-def columns(declared: Declared, table_path: str, n_trials: int) -> Iterator[tuple[str, np.ndarray | list[str]]]:
+def _columns(declared: Declared, table_path: str, n_trials: int) -> Iterator[tuple[str, np.ndarray | list[str]]]:
     """The columns of a table with one value per trial, in its own order."""
     group = declared.group(table_path)
     for name in _order(group, declared.path):
         if name in KEPT or f"{name}_index" in group or not declared.holds(f"{table_path}/{name}"):
             continue
         member = group[name]
-        if isinstance(member, h5py.Dataset) and (member.shape or ()) == (n_trials,) and _is_plain(member):
+        is_plain = isinstance(member, h5py.Dataset) and (
+            member.dtype.kind in "iufb" or h5py.check_string_dtype(member.dtype) is not None
+        )
+        if is_plain and member.shape == (n_trials,):
             values = declared.column(f"{table_path}/{name}", n_trials)
             elements = f"{table_path}/{name}_elements"
             if declared.holds(elements) and not isinstance(values, list):
                 meant = np.array(declared.texts(elements), object)
                 values = [str(text) for text in meant[values.astype(np.int64)]]
             yield name, values.astype(np.int64) if isinstance(values, np.ndarray) and values.dtype == bool else values
-
-
-def _is_plain(dataset: h5py.Dataset) -> bool:
-    """Whether a column holds numbers or texts, not references to other objects."""
-    return dataset.dtype.kind in "iufb" or h5py.check_string_dtype(dataset.dtype) is not None
 
 
 def _order(group: h5py.Group, path: str | Path) -> list[str]:
@@ -84,23 +82,23 @@ def _order(group: h5py.Group, path: str | Path) -> list[str]:
     return list(dict.fromkeys([*(name for name in listed if name in group), *group]))
 
 
-def named(group: h5py.Group) -> str:
+def _named(group: h5py.Group) -> str:
     """The first names in a group, in words."""
     names = [str(name) for name, _ in zip(group, range(MOST_NAMED), strict=False)]
     return f"there is {', '.join(names)}" if names else "there is none"
 
 
-def intervals(declared: Declared, table: str) -> np.ndarray:
+def _intervals(declared: Declared, table: str) -> np.ndarray:
     """The beginnings and ends of a table of intervals in s, `(interval, 2)`; none without the table."""
     if not declared.holds(table):
         return np.empty((0, 2))
     times = [declared.numbers(f"{table}/{name}").astype(float) for name in ("start_time", "stop_time")]
     if len(times[0]) != len(times[1]):
         raise InputError(f"{declared.path}: {table} has {len(times[0])} starts and {len(times[1])} stops; correct it")
-    return checked(np.stack(times, axis=1), f"{declared.path}: {table}")
+    return _checked(np.stack(times, axis=1), f"{declared.path}: {table}")
 
 
-def checked(intervals_s: np.ndarray, where: str) -> np.ndarray:
+def _checked(intervals_s: np.ndarray, where: str) -> np.ndarray:
     """The intervals as they are; InputError for one that ends before it begins; `where` begins it."""
     wrong = np.flatnonzero(~(intervals_s[:, 0] <= intervals_s[:, 1]))
     if len(wrong):
@@ -109,28 +107,28 @@ def checked(intervals_s: np.ndarray, where: str) -> np.ndarray:
     return intervals_s
 
 
-def electrodes_of(declared: Declared, series: str, n_channels: int) -> tuple[str, ...]:
+def _electrodes_of(declared: Declared, series: str, n_channels: int) -> tuple[str, ...]:
     """The names of the electrodes of a series: their column `label` or `channel_name`, else their ids; none without."""
     if not (declared.holds(f"{series}/electrodes") and declared.holds(ELECTRODES)):
         return ()
     rows = declared.numbers(f"{series}/electrodes", "iu").astype(np.int64)
     if len(rows) != n_channels:
         raise InputError(f"{declared.path}: {series} has {n_channels} columns but {len(rows)} electrodes; correct it")
-    table = electrodes(declared, rows, f"{series}/electrodes")
+    table = _electrodes(declared, rows, f"{series}/electrodes")
     known = [[str(text) for text in np.asarray(table[name], object)[rows]] for name in ELECTRODE_NAMES if name in table]
     unique = next((names for names in known if len({*names}) == len(names)), None)
     return tuple(unique or (f"electrode{number}" for number in declared.numbers(f"{ELECTRODES}/id")[rows].tolist()))
 
 
-def electrodes(declared: Declared, rows: np.ndarray, where: str) -> dict[str, np.ndarray | list[str]]:
+def _electrodes(declared: Declared, rows: np.ndarray, where: str) -> dict[str, np.ndarray | list[str]]:
     """The columns of the table of electrodes, in which `rows` must lie; `where` says what names these rows."""
     n_electrodes = len(declared.numbers(f"{ELECTRODES}/id", "iu"))
     if not len(rows) or rows.min() < 0 or rows.max() >= n_electrodes:
         raise InputError(f"{declared.path}: {where} names rows that {n_electrodes} electrodes do not have; correct it")
-    return dict(columns(declared, ELECTRODES, n_electrodes))
+    return dict(_columns(declared, ELECTRODES, n_electrodes))
 
 
-def ends_of(declared: Declared, name: str, n_rows: int, n_values: int) -> np.ndarray:
+def _ends_of(declared: Declared, name: str, n_rows: int, n_values: int) -> np.ndarray:
     """The end of the values of each row in a column of rows of any lengths, `(row,)`; InputError if they do not fit."""
     ends = declared.numbers(f"{name}_index", "iu").astype(np.int64)
     if len(ends) != n_rows or (np.diff(ends, prepend=0) < 0).any() or (n_rows and ends[-1] != n_values):
@@ -144,7 +142,7 @@ SPIKE_TIMES, OBSERVED, INVALID = "units/spike_times", "units/obs_intervals", "in
 UNITS = Words("`units`", "`units`", ("unit", "column"))
 
 
-def unit_names(declared: Declared, column: str) -> tuple[str, ...]:
+def _unit_names(declared: Declared, column: str) -> tuple[str, ...]:
     """The names of the units: from the requested column, else `unit` and the id."""
     path, ids = declared.path, declared.numbers("units/id", "iu").tolist()
     if not 0 < len(ids) <= MOST_AFFERENTS:
@@ -152,7 +150,7 @@ def unit_names(declared: Declared, column: str) -> tuple[str, ...]:
     if declared.holds(f"units/{column}"):
         names = tuple(str(name) for name in declared.column(f"units/{column}", len(ids)))
     elif column != AFFERENT:
-        raise InputError(f"{path}: units have no column {column} ({named(declared.group('units'))}); give another")
+        raise InputError(f"{path}: units have no column {column} ({_named(declared.group('units'))}); give another")
     else:
         names = tuple(f"unit{unit_id}" for unit_id in ids)
     twice = next((name for name in names if names.count(name) > 1), None) if len(set(names)) < len(names) else None
@@ -161,16 +159,11 @@ def unit_names(declared: Declared, column: str) -> tuple[str, ...]:
     return names
 
 
-def unit_of_each(declared: Declared, n_spikes: int, n_units: int) -> np.ndarray:
-    """The unit of each spike: `spike_times_index` holds the end of the spikes of each unit."""
-    return np.repeat(np.arange(n_units), np.diff(ends_of(declared, SPIKE_TIMES, n_units, n_spikes), prepend=0))
-
-
-def kept_units(declared: Declared, names: Sequence[str], choice: TrialChoice) -> np.ndarray:
+def _kept_units(declared: Declared, names: Sequence[str], choice: TrialChoice) -> np.ndarray:
     """Which units are read, `(unit,)`: by their names, the columns of their table, and those of their electrodes."""
     if not choice:
         return np.ones(len(names), bool)
-    table = {"name": list(names), **dict(columns(declared, "units", len(names)))}
+    table = {"name": list(names), **dict(_columns(declared, "units", len(names)))}
     unknown = {*choice.where, *choice.leave_out} - {*table}
     if unknown and declared.holds(ELECTRODES) and declared.holds("units/electrodes"):
         table |= {name: values for name, values in _of_electrodes(declared, len(names)).items() if name not in table}
@@ -183,15 +176,15 @@ def _of_electrodes(declared: Declared, n_units: int) -> dict[str, list[str]]:
     """The columns of the table of electrodes for each unit, as texts; several values of one unit are joined."""
     rows = declared.numbers("units/electrodes", "iu").astype(np.int64)
     is_ragged = declared.holds("units/electrodes_index")
-    groups = np.split(rows, ends_of(declared, "units/electrodes", n_units, len(rows))[:-1] if is_ragged else n_units)
-    table = electrodes(declared, rows, "units/electrodes")
+    groups = np.split(rows, _ends_of(declared, "units/electrodes", n_units, len(rows))[:-1] if is_ragged else n_units)
+    table = _electrodes(declared, rows, "units/electrodes")
     return {
         name: [", ".join(dict.fromkeys(str(np.asarray(values, object)[row]) for row in group)) for group in groups]
         for name, values in table.items()
     }
 
 
-def observed_by_units(
+def _observed_by_units(
     declared: Declared,
     start_s: np.ndarray,
     stop_s: np.ndarray,
@@ -206,32 +199,22 @@ def observed_by_units(
     where others have some, is taken as observed throughout.
     """
     observed = np.ones((len(names), len(start_s)), bool)
-    if declared.holds(OBSERVED):
+    if len(names) and declared.holds(OBSERVED):
         spans = np.asarray(declared.value(OBSERVED), float)
         if spans.ndim != 2 or spans.shape[1] != 2:
             raise InputError(f"{declared.path}: {OBSERVED} has the shape {spans.shape} where (interval, 2) is expected")
         own = np.split(
-            checked(spans, f"{declared.path}: {OBSERVED}"), ends_of(declared, OBSERVED, len(kept), len(spans))[:-1]
+            _checked(spans, f"{declared.path}: {OBSERVED}"), _ends_of(declared, OBSERVED, len(kept), len(spans))[:-1]
         )
         of_kept = [intervals_s for intervals_s, is_kept in zip(own, kept, strict=True) if is_kept]
         for unit, intervals_s in enumerate(of_kept):
             if len(intervals_s):
                 observed[unit] = within(start_s, stop_s, intervals_s, step_s)
     return observed_trials(
-        observed, names, policy, str(declared.path), invalid=_invalid(declared, start_s, stop_s, step_s),
+        observed, names, policy, str(declared.path),
+        invalid=touching(start_s, stop_s, _intervals(declared, INVALID), step_s),
         fix="leave units out with `leave_out_units={{'name': '{}'}}`",
     )  # fmt: skip
-
-
-def valid_trials(declared: Declared, start_s: np.ndarray, stop_s: np.ndarray, policy: Unobserved | None) -> np.ndarray:
-    """Which trials of a time series have no invalid times, `(trial,)`; its samples are observed."""
-    observed, invalid = np.ones((0, len(start_s)), bool), _invalid(declared, start_s, stop_s, SLACK)
-    return observed_trials(observed, (), policy, str(declared.path), fix="", invalid=invalid)
-
-
-def _invalid(declared: Declared, start_s: np.ndarray, stop_s: np.ndarray, step_s: float) -> np.ndarray:
-    """Which trials touch the invalid times of the file for more than a step, `(trial,)`."""
-    return touching(start_s, stop_s, intervals(declared, INVALID), step_s)
 
 
 NOTES, OURS = "general/notes", "neurotact"
@@ -245,7 +228,7 @@ OF_SERIES = Fixes("save the series without it")
 """What mends a wrong column of a series."""
 
 
-class NWBSpec(Spec):
+class _NWBSpec(Spec):
     """The parts of a file to read, and the clock."""
 
     step_ms: float | None = Field(default=None, gt=0)
@@ -302,13 +285,13 @@ def read(
 ) -> SpikeTrains | Recordings:
     """The spike trains of the units of an NWB file, or with `series` the recordings of a time series.
 
-    spec: keys of `NWBSpec`. A spike at t belongs to each trial with start <= t < stop, and falls in step
+    spec: keys of `_NWBSpec`. A spike at t belongs to each trial with start <= t < stop, and falls in step
     floor((t - start) / step); those of a unit within one step are one. Files from neurotact are restored step by step.
     Trials that touch `intervals/invalid_times`, or that a unit does not observe whole by its `obs_intervals`, are left
     out, with a line. choice: of the trials to read, before anything else of them is checked.
     Raises InputError for a file that is damaged, too large, or without trials, classes or spikes.
     """
-    options = build(NWBSpec, spec or {}, "import nwb")
+    options = build(_NWBSpec, spec or {}, "import nwb")
     of_units = {
         "step_ms": options.step_ms, "name": options.name != AFFERENT, "merge_events": options.merge_events,
         "units": bool(options.choice_of_units),
@@ -333,15 +316,15 @@ READER = Reader("Neurodata Without Borders: spike times of units in trials, an N
 # --- trials -----------------------------------------------------------------------------------------
 
 
-def _trials(declared: Declared, spec: NWBSpec, choice: TrialChoice) -> _Trials:
+def _trials(declared: Declared, spec: _NWBSpec, choice: TrialChoice) -> _Trials:
     path, table = declared.path, f"intervals/{spec.trials}"
     if not declared.holds(table):
-        there = named(declared.group("intervals")) if declared.holds("intervals") else "there is no table"
+        there = _named(declared.group("intervals")) if declared.holds("intervals") else "there is no table"
         raise InputError(f"{path}: holds no {table} ({there}); name the table of trials with `trials`")
     start_s, stop_s = (declared.numbers(f"{table}/{name}").astype(float) for name in ("start_time", "stop_time"))
     if len(start_s) != len(stop_s) or not len(start_s):
         raise InputError(f"{path}: {table} has {len(start_s)} starts and {len(stop_s)} stops; give one each per trial")
-    extra = dict(columns(declared, table, len(start_s)))
+    extra = dict(_columns(declared, table, len(start_s)))
     if spec.label not in extra:
         raise InputError(
             f"{path}: no column of {table} is called {spec.label} ({', '.join(extra) or 'it has no other columns'}); "
@@ -370,19 +353,20 @@ def _trials(declared: Declared, spec: NWBSpec, choice: TrialChoice) -> _Trials:
 # --- spikes -----------------------------------------------------------------------------------------
 
 
-def _spikes(declared: Declared, trials: _Trials, spec: NWBSpec) -> SpikeTrains:
+def _spikes(declared: Declared, trials: _Trials, spec: _NWBSpec) -> SpikeTrains:
     path = declared.path
     if not declared.holds("units/spike_times"):
         raise InputError(
             f"{path}: holds no spike times of units; name a time series with `series` ({_of_series(declared)})"
         )
     stamps = declared.numbers("units/spike_times")
-    afferents = unit_names(declared, spec.name)
-    unit = unit_of_each(declared, len(stamps), len(afferents))
+    afferents = _unit_names(declared, spec.name)
+    ends = _ends_of(declared, SPIKE_TIMES, len(afferents), len(stamps))
+    unit = np.repeat(np.arange(len(afferents)), np.diff(ends, prepend=0))
     if not np.isfinite(stamps).all():
         spike = int(np.flatnonzero(~np.isfinite(stamps))[0])
         raise InputError(f"{path}: spike {spike} of '{afferents[unit[spike]]}' is at {stamps[spike]} s; drop it")
-    kept = kept_units(declared, afferents, spec.choice_of_units)
+    kept = _kept_units(declared, afferents, spec.choice_of_units)
     if not kept.all():
         afferents = tuple(name for name, is_kept in zip(afferents, kept, strict=True) if is_kept)
         of_kept = kept[unit]
@@ -394,7 +378,7 @@ def _spikes(declared: Declared, trials: _Trials, spec: NWBSpec) -> SpikeTrains:
     if longest > LONGEST_STEPS:
         raise InputError(f"{path}: a trial has {longest:g} steps of {1e3 / rate_Hz:g} ms; give a longer `step_ms`")
     times_s = trials.start_s, trials.stop_s
-    trials = trials.chosen(observed_by_units(declared, *times_s, kept, afferents, 1 / rate_Hz, spec.unobserved))
+    trials = trials.chosen(_observed_by_units(declared, *times_s, kept, afferents, 1 / rate_Hz, spec.unobserved))
     order = np.argsort(stamps, kind="stable")
     times = event_times(stamps[order], 1.0)
     cuts = _of_trials(times, trials, rate_Hz)
@@ -463,9 +447,11 @@ def _notes(declared: Declared) -> dict[str, Any]:
 # --- recordings -------------------------------------------------------------------------------------
 
 
-def _recordings(declared: Declared, trials: _Trials, spec: NWBSpec) -> Recordings:
+def _recordings(declared: Declared, trials: _Trials, spec: _NWBSpec) -> Recordings:
     path, series = declared.path, _place_of(declared, str(spec.series))
-    trials = trials.chosen(valid_trials(declared, trials.start_s, trials.stop_s, spec.unobserved))
+    none = np.ones(0, bool)  # no unit: the samples of a series are observed
+    times_s = trials.start_s, trials.stop_s
+    trials = trials.chosen(_observed_by_units(declared, *times_s, none, (), SLACK, spec.unobserved))
     data = declared.streamed(f"{series}/data")
     if data.ndim > 2 or not data.size:
         raise InputError(f"{path}: {series} has the shape {data.shape} where (time, taxel) is expected; name another")
@@ -480,7 +466,7 @@ def _recordings(declared: Declared, trials: _Trials, spec: NWBSpec) -> Recording
         raise InputError(f"{path}: `sampling_rate_Hz`: {series} says its rate, {rate_Hz:g} Hz; leave it out")
     n_samples = sum(stop - start for start, stop in cuts)
     check_size(f"{path}: the trials of {series}", 8 * n_samples * math.prod(data.shape[1:]))
-    channels, read = electrodes_of(declared, series, 1 if data.ndim == 1 else data.shape[1]), []
+    channels, read = _electrodes_of(declared, series, 1 if data.ndim == 1 else data.shape[1]), []
     for trial, (start, stop) in enumerate(cuts):
         signal = data[start:stop].reshape(stop - start, -1) * factor + offset
         check_digits(signal, f"{path}: {series}, trial {trial}")

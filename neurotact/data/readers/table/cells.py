@@ -78,7 +78,7 @@ def splits_thousands(row: Sequence[str], n_columns: int) -> bool:
     return n_ends >= len(row) - n_columns > 0
 
 
-def may_be_grouped(values: np.ndarray) -> bool:
+def _may_be_grouped(values: np.ndarray) -> bool:
     """Whether numbers may be whole ones of which a separator of thousands made decimals: below 1000, none between 0
     and 1, with three decimals at most.
     """
@@ -317,7 +317,7 @@ def _values_at(table: Table, places: Sequence[int], texts: Collection[int]) -> l
 
 def _check_ungrouped(table: Table, place: int, values: np.ndarray) -> None:
     """Refuse a column of numbers in which the decimal sign separates thousands."""
-    if not may_be_grouped(values) or ((values == np.floor(values)).all() and f"{table.decimal}000" not in table.body):
+    if not _may_be_grouped(values) or ((values == np.floor(values)).all() and f"{table.decimal}000" not in table.body):
         return
     texts = _texts_at(table, place, telling(values))
     if grouping_of([text for _, text in texts], table.decimal) == "yes":
@@ -569,7 +569,7 @@ def _fault(table: Table, column: int, cell: str, values: np.ndarray) -> str:
         return f"{cell_name} {cell!r}, no value; {repair}"
     if NUMBER.fullmatch(_with_point(cell, table.decimal)):
         return f"{cell_name} {cell[:20]}, more than float32 holds; use another unit"
-    if values.dtype.kind == "U" and (sign := sign_fault(cell, values.tolist(), table)):
+    if values.dtype.kind == "U" and (sign := _sign_fault(cell, values.tolist(), table)):
         return sign
     if table.decimal == "," and NUMBER.fullmatch(cell):
         return " holds a point, but commas are decimal; write all numbers one way"
@@ -583,7 +583,7 @@ def _fault(table: Table, column: int, cell: str, values: np.ndarray) -> str:
     return f"{cell_name} {cell[:20]!r}, not a number; write a number{table.choice}"
 
 
-def sign_fault(cell: str, texts: Sequence[str], table: Table) -> str:
+def _sign_fault(cell: str, texts: Sequence[str], table: Table) -> str:
     """What is wrong with a comma in a cell of a column, and the fix; empty if it is no decimal one.
 
     No option is named where commas may separate thousands: it would make 1.234 of 1234.
@@ -602,16 +602,6 @@ def sign_fault(cell: str, texts: Sequence[str], table: Table) -> str:
     return f" has decimal commas; {pass_it}write decimal points"
 
 
-def called(names: Sequence[str], aliases: Sequence[str]) -> str | None:
-    """The column that has the first of these names, in upper or lower case; None if there is none.
-
-    >>> called(["a", "Class", "label"], ["label", "class"]), called(["a", "Class"], ["label", "class"])
-    ('label', 'Class')
-    """
-    lower = {name.lower(): name for name in reversed(names)}
-    return next((lower[alias] for alias in aliases if alias in lower), None)
-
-
 def columns_of(table: Table, texts: Collection[str] | None = None) -> dict[str, np.ndarray]:
     """The columns by their names. texts: those that are read as texts, all when None; others are numbers if all of
     their cells are.
@@ -628,7 +618,7 @@ def values_of(values: np.ndarray) -> np.ndarray:
         numbers = pd.to_numeric(pd.Series(texts), errors="coerce").to_numpy()
         if np.isnan(numbers.astype(float)).any():
             return texts
-        is_grouped = numbers.dtype.kind == "f" and may_be_grouped(numbers)
+        is_grouped = numbers.dtype.kind == "f" and _may_be_grouped(numbers)
         return texts if is_grouped and grouping_of(texts.tolist(), ".") == "yes" else numbers
     return values
 

@@ -45,7 +45,7 @@ WIDE = re.compile(r"\t|[ ]{2,}")
 """Between names that contain blanks."""
 
 
-class UsualRow(NamedTuple):
+class _UsualRow(NamedTuple):
     """The separator of a file, the cells of its usual row, and whether each is a number or a time of day."""
 
     separator: str
@@ -55,7 +55,7 @@ class UsualRow(NamedTuple):
     @property
     def n_columns(self) -> int:
         """The number of columns, to which a separator at the end of the row adds none."""
-        return len(without_end(self.cells))
+        return len(_without_end(self.cells))
 
     def is_like(self, line: str) -> bool:
         """Whether a line has as many cells, and values or nothing where the usual row has values."""
@@ -75,7 +75,7 @@ class UsualRow(NamedTuple):
         by_blanks: whether single blanks may separate names where they separate no cells.
         """
         apart = (cells(line, mark) for mark in (self.separator, *SEPARATORS, *([BLANKS] if by_blanks else [])))
-        ways = (*map(without_end, apart), [cell.strip() for cell in WIDE.split(line.strip())])
+        ways = (*map(_without_end, apart), [cell.strip() for cell in WIDE.split(line.strip())])
         fitting = (names for names in ways if len(names) in (self.n_columns, len(self.cells)))
         names = tuple(next(fitting, ()))
         are_names = any(names) and (_numbers_columns(names) or not any(is_sample(n) or _is_grouped(n) for n in names))
@@ -114,17 +114,17 @@ def _is_grouped(cell: str) -> bool:
     return bool(THOUSANDS.fullmatch(cell)) and "_" not in cell
 
 
-def usual_row(text: str, separator: str | None = None) -> UsualRow | None:
+def _usual_row(text: str, separator: str | None = None) -> _UsualRow | None:
     """The row of numbers like which most lines are; None if no line that is looked at holds a number.
 
     separator: of the file, if it says it.
 
-    >>> usual_row("Force of 2 fingers\\nleft right\\n1 2\\n3 4\\n").cells
+    >>> _usual_row("Force of 2 fingers\\nleft right\\n1 2\\n3 4\\n").cells
     ('1', '2')
     """
     rows: defaultdict[tuple[str, int], list[list[str]]] = defaultdict(list)
     for line in _probes(text):
-        its = separator or separator_of(line)
+        its = separator or _separator_of(line)
         row = cells(line, its)
         if any(map(is_sample, row)):
             rows[its, len(row)].append(row)
@@ -132,13 +132,13 @@ def usual_row(text: str, separator: str | None = None) -> UsualRow | None:
         return None
     most = max(rows, key=lambda kind: sum(is_sample(cell) for row in rows[kind] for cell in row))
     fullest = max(rows[most], key=lambda row: sum(map(is_sample, row)))
-    return UsualRow(most[0], tuple(fullest), tuple(map(is_sample, fullest)))
+    return _UsualRow(most[0], tuple(fullest), tuple(map(is_sample, fullest)))
 
 
-def separator_of(line: str) -> str:
+def _separator_of(line: str) -> str:
     """What separates the cells of a row: `;`, else tabs, else commas that are not decimal ones, else blanks.
 
-    >>> [separator_of(row) for row in ("0,5;1", "1, 2", " 0.5   1", "0,5 1,0")]
+    >>> [_separator_of(row) for row in ("0,5;1", "1, 2", " 0.5   1", "0,5 1,0")]
     [';', ',', ' ', ' ']
     """
     separator = next((candidate for candidate in SEPARATORS if candidate in line), None)
@@ -164,7 +164,7 @@ def is_unit(cell: str) -> bool:
     return cell in UNITS or bool(IN_BRACKETS.fullmatch(cell))
 
 
-def without_end(row: Sequence[str]) -> Sequence[str]:
+def _without_end(row: Sequence[str]) -> Sequence[str]:
     """The cells of a row; a separator at its end adds no cell."""
     return row[:-1] if len(row) > 1 and not row[-1] else row
 
@@ -265,7 +265,7 @@ def open_table(
         return table._replace(notes=(note, *table.notes) if note else table.notes, choice=choice)
     given = _given_separator(text)
     begin = 0 if header_lines is None else _after(text, header_lines)
-    usual = usual_row(text[begin:] if begin else text, given)
+    usual = _usual_row(text[begin:] if begin else text, given)
     above = [*_above(text, usual, begin if header_lines is not None else None, has_separator_line=given is not None)]
     samples = above.pop()
     _check_brackets([*above, samples], path)
@@ -320,7 +320,7 @@ def _lines(text: str) -> Iterator[_Line]:
     yield _Line(len(text), number + 1, "")
 
 
-def _above(text: str, usual: UsualRow | None, begin: int | None, *, has_separator_line: bool) -> list[_Line]:
+def _above(text: str, usual: _UsualRow | None, begin: int | None, *, has_separator_line: bool) -> list[_Line]:
     """The lines above the samples, but empty ones; the last one is the first of the samples.
 
     begin: where they begin, if that is known. Without a usual row they begin below the first line that is no comment.
@@ -337,7 +337,7 @@ def _above(text: str, usual: UsualRow | None, begin: int | None, *, has_separato
     return headings
 
 
-def _is_first(line: _Line, above: Sequence[_Line], usual: UsualRow | None) -> bool:
+def _is_first(line: _Line, above: Sequence[_Line], usual: _UsualRow | None) -> bool:
     if not line.text.strip() or COMMENT.match(line.text):
         return False
     if usual is None:
@@ -354,29 +354,29 @@ def _check_brackets(lines: Sequence[_Line], path: Path) -> None:
             )
 
 
-def _texts(text: str, samples: _Line, above: Sequence[_Line], separator: str | None) -> UsualRow:
+def _texts(text: str, samples: _Line, above: Sequence[_Line], separator: str | None) -> _UsualRow:
     """The row of a table without numbers, as its names are, with the end of the first row below them."""
     named = [heading.text for heading in above if not COMMENT.match(heading.text)]
     line = named[-1] if named else samples.text
     row = text[samples.begin :].partition("\n")[0]
-    its = separator or separator_of(line)
+    its = separator or _separator_of(line)
     if its == BLANKS and len(cells(line, its)) != len(cells(row, its)):
         its = ","
-    names = without_end(cells(line, its))
+    names = _without_end(cells(line, its))
     first = cells(row, its)
     ends_open = len(first) == len(names) + 1 and not first[-1]
-    return UsualRow(its, (*names, *[""] * ends_open), (False,) * (len(names) + ends_open))
+    return _UsualRow(its, (*names, *[""] * ends_open), (False,) * (len(names) + ends_open))
 
 
-def _in_one_column(usual: UsualRow, above: Sequence[_Line], path: Path) -> UsualRow:
+def _in_one_column(usual: _UsualRow, above: Sequence[_Line], path: Path) -> _UsualRow:
     """The usual row if its comma is a decimal one, in a file of one column that has a name."""
     cell = ",".join(usual.cells)
     if not above or "," in above[-1].text or not DECIMAL_COMMA.fullmatch(cell):
         raise InputError(f"{path}: has commas between its columns, so there are no decimal commas; drop `decimal`")
-    return UsualRow("\t", (cell,), (True,))
+    return _UsualRow("\t", (cell,), (True,))
 
 
-def _head(above: Sequence[_Line], usual: UsualRow) -> _Head:
+def _head(above: Sequence[_Line], usual: _UsualRow) -> _Head:
     """The names and units in the last lines above the samples, else in the last comments."""
     comments = [line._replace(text=COMMENT.sub("", line.text)) for line in above if COMMENT.match(line.text)]
     others = [line for line in above if not COMMENT.match(line.text)]
@@ -390,7 +390,7 @@ def _head(above: Sequence[_Line], usual: UsualRow) -> _Head:
     return head._replace(others=(), comment=last.number if last and are_words else 0)
 
 
-def _named_by(lines: Sequence[_Line], usual: UsualRow, *, by_blanks: bool) -> _Head:
+def _named_by(lines: Sequence[_Line], usual: _UsualRow, *, by_blanks: bool) -> _Head:
     units = usual.units_in(lines[-1].text) if len(lines) > 1 else ()
     above = usual.names_in(lines[-2].text, by_blanks=by_blanks) if units else ()
     if not above:
@@ -402,11 +402,11 @@ def _named_by(lines: Sequence[_Line], usual: UsualRow, *, by_blanks: bool) -> _H
     return _Head(tuple(names), others=tuple(lines[:-2]))
 
 
-def _check_others(head: _Head, usual: UsualRow, samples: _Line, option: str, path: Path) -> None:
+def _check_others(head: _Head, usual: _UsualRow, samples: _Line, option: str, path: Path) -> None:
     """Refuse lines above the samples that are neither names nor units nor comments."""
     if not head.others:
         return
-    apart = [(line, without_end(cells(line.text, usual.separator))) for line in head.others]
+    apart = [(line, _without_end(cells(line.text, usual.separator))) for line in head.others]
     broken = [(line, row) for line, row in apart if not re.search("[A-Za-z]", line.text)]
     if broken:
         line, row = broken[0]
@@ -447,7 +447,7 @@ def _fault_of(row: Sequence[str], n_columns: int) -> str:
     return f"has {len(row)} columns where {n_columns} are expected{fix}"
 
 
-def _hint(usual: UsualRow, n_names: int) -> str:
+def _hint(usual: _UsualRow, n_names: int) -> str:
     """Why there may be more or fewer names than columns."""
     if usual.separator == BLANKS:
         return " (names that contain blanks need quotes, or commas between columns)"
