@@ -13,7 +13,7 @@ from typing import Any, Literal
 from neurotact.errors import InputError, first_line, nearest
 
 Group = Literal[
-    "simulators", "readers", "protocols", "surrogates", "losses", "opponents", "prices", "exporters", "tools"
+    "simulators", "readers", "ways", "surrogates", "losses", "opponents", "prices", "exporters", "tools"
 ]
 OURS = __name__.partition(".")[0]
 
@@ -33,9 +33,9 @@ def load(group: Group, name: str, kind: type | None = None) -> Any:
     Raises InputError, which names the package, when there is none, when two packages provide one of that name, when it
     cannot be imported, and when it is not of a `kind`.
 
-    >>> load("protocols", "stifness")
+    >>> load("ways", "stifness")
     Traceback (most recent call last):
-    neurotact.errors.InputError: protocols: there is none called 'stifness'; did you mean 'stiffness'?
+    neurotact.errors.InputError: ways: there is none called 'stifness'; did you mean 'stiffness'?
     """
     points = _found(group)[known(group, name)]
     if len(points) > 1:

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binom
 
-from neurotact.studies.protocol import View
+from neurotact.studies.way import View
 
 Kind = Literal["random", "folds", "groups"]
 CLASSES, OWN = 5, 4

@@ -28,8 +28,8 @@ from neurotact.encoders.specs import MODELS
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.search.tuning import SearchSpec
 from neurotact.studies.claims import Claim
-from neurotact.studies.protocol_study import ProtocolStudy
 from neurotact.studies.study import StudySpec
+from neurotact.studies.way_study import WayStudy
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")])
@@ -50,7 +50,7 @@ SMALLER = {
     "docs/touch-modality-simulator.md": {"people=10": "people=1", "TouchModalitySpec()": "TouchModalitySpec(people=1)"},
 }
 """What of the code of a page is changed so that it takes a moment."""
-SPECS = [model.spec for model in MODELS.values()] + [RSNNSpec, SearchSpec, StudySpec, ProtocolStudy, Claim]
+SPECS = [model.spec for model in MODELS.values()] + [RSNNSpec, SearchSpec, StudySpec, WayStudy, Claim]
 SPECS += [simulator(name).model for name in plugins.names("simulators")]
 
 
@@ -242,7 +242,7 @@ def test_the_names_of_a_page_are_those_of_the_package(page):
             import_module(name)
         except ModuleNotFoundError:
             if f"neurotact.{attribute}" not in (
-                f"neurotact.{group}" for group in ("simulators", "readers", "protocols")
+                f"neurotact.{group}" for group in ("simulators", "readers", "ways")
             ):
                 assert hasattr(import_module(module), attribute), name
 

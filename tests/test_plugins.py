@@ -222,9 +222,9 @@ def test_a_simulator_that_cannot_be_used_is_named_with_its_package(package, modu
     ],
 )
 def test_a_protocol_that_cannot_be_used_is_named_with_its_package(package, tmp_path, module, why):
-    package({"protocols": "mine = my_skin"}, module)
-    (tmp_path / "mine.toml").write_text('title = "Mine"\nprotocol = "mine"\n')
-    with pytest.raises(InputError, match=f"^protocols: 'mine' of the package my-skin .* {why}"):
+    package({"ways": "mine = my_skin"}, module)
+    (tmp_path / "mine.toml").write_text('title = "Mine"\nway = "mine"\n')
+    with pytest.raises(InputError, match=f"^ways: 'mine' of the package my-skin .* {why}"):
         loading.resolve(tmp_path / "mine.toml")
 
 

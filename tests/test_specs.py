@@ -79,7 +79,7 @@ def resolve(tmp_path_factory):
 @pytest.mark.parametrize("name", of_kind["studies"])
 def test_a_study_has_cells_that_differ(name, quick, resolve):
     what = resolve(name, quick)
-    digests = [cell.digest() for cell in loading.kind_of(what).cells(what)]
+    digests = [cell.digest() for cell in loading.engine_of(what).cells(what)]
     assert len(set(digests)) == len(digests) > 1
 
 
@@ -87,7 +87,7 @@ def test_a_study_has_cells_that_differ(name, quick, resolve):
 def test_a_quick_study_is_a_smaller_sweep_of_the_same_kind(name, resolve):
     full, quick = resolve(name, False), resolve(name, True)
     assert quick != full
-    assert len([*loading.kind_of(quick).cells(quick)]) <= len([*loading.kind_of(full).cells(full)])
+    assert len([*loading.engine_of(quick).cells(quick)]) <= len([*loading.engine_of(full).cells(full)])
     folds = {"split.fold"} - {*quick.sweep}  # of few recordings; a first look has one split
     assert list(quick.sweep) == [axis for axis in full.sweep if axis not in folds]
     for axis, values in quick.sweep.items():

@@ -32,7 +32,7 @@ from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.search import tuning
 from neurotact.studies import loading, runner, study
-from neurotact.studies.protocol import module_of
+from neurotact.studies.way import module_of
 
 WRONG = [
     0, -1, 3, 2**63 - 1, 10**30, -1e-9, 1e15, math.nan, -math.inf, True, "text", "", "auto", "a & b", [], [1], ["x"],
@@ -41,7 +41,7 @@ WRONG = [
 """What a key may be given in place of what it takes; a list where a table is due, and the reverse, among them."""
 BY_NAME = [-1, 2**63 - 1, math.nan, True, "text", "", [], [[]], {}, {"x": 1}]
 """What each key of a model is set to, of which there are many."""
-EXTRA = ("extra", "", "x.y", "model", "protocol")
+EXTRA = ("extra", "", "x.y", "model", "way")
 """Keys that a table may have too many."""
 
 
@@ -94,7 +94,7 @@ def models(kind: str, table: Mapping[str, Any]) -> list[Any]:
         return [RSNNSpec]
     if kind != "studies":
         return []
-    return [module_of(table["protocol"]).Parameters] if "protocol" in table else [study.StudySpec]
+    return [module_of(table["way"]).Parameters] if "way" in table else [study.StudySpec]
 
 
 def changes_of(kind: str, path: Path, seen: set) -> Iterator[Change]:
@@ -189,7 +189,7 @@ def use_study(name: Path, given: Mapping[str, Any], data: Path) -> None:
         for file in (None, data):
             try:
                 what = loading.resolve(name, given, quick=quick, data=file)
-                list(loading.kind_of(what).cells(what))
+                list(loading.engine_of(what).cells(what))
                 runner._made_from(what)
                 study.to_toml(what)
             except InputError as error:

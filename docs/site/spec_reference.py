@@ -17,8 +17,8 @@ from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.search.tuning import SearchSpec
 from neurotact.spec import Spec, to_toml
 from neurotact.studies.claims import Claim
-from neurotact.studies.protocol_study import ProtocolStudy
 from neurotact.studies.study import StudySpec
+from neurotact.studies.way_study import WayStudy
 
 Model = type[Spec]
 Row = tuple[str, str, str, str]
@@ -75,7 +75,7 @@ def _networks() -> Iterator[str]:
 def _studies() -> Iterator[str]:
     yield "## Studies\n\n`studies/*.toml`, `neurotact study run --set`."
     yield from _section("### Of spiking networks", StudySpec)
-    yield from _section("### Of a paper's protocol", ProtocolStudy)
+    yield from _section("### Of another way", WayStudy)
     yield from _section("### Claims", Claim, "claims")
 
 

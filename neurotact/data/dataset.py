@@ -31,8 +31,11 @@ class ArraysSpec(Spec):
     """A file of arrays, as `neurotact.data.readers.arrays` reads it."""
 
     path: str
+    """The file."""
     sampling_rate_Hz: float = Field(gt=0)
+    """Samples per second."""
     unit: str
+    """The unit of the signals."""
 
 
 class DatasetSpec(Spec):
@@ -147,11 +150,10 @@ def _every(spec: DatasetSpec, load_file: Callable[[Path], Touches]) -> Recording
     if spec.simulate is not None:
         experiment = simulator(spec.simulate)
         return experiment.simulate(build(experiment.model, spec.parameters, source="dataset.parameters"), None)
+    place = expand(spec.source)
     if spec.arrays is not None:
-        return arrays.read(expand(spec.arrays.path), spec.arrays.sampling_rate_Hz, spec.arrays.unit)
-    if spec.file is not None:
-        return load_file(expand(spec.file))
-    return reader(spec.read or "").read(expand(spec.path or ""))
+        return arrays.read(place, spec.arrays.sampling_rate_Hz, spec.arrays.unit)
+    return load_file(place) if spec.read is None else reader(spec.read).read(place)
 
 
 def joined(parts: Sequence[Recordings]) -> Recordings:

@@ -10,15 +10,15 @@ from neurotact.figures import gains as gain_figures
 from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
 from neurotact.files import existing
-from neurotact.report import page, protocol
+from neurotact.report import page, ways
 from neurotact.report.encoding_drawings import name_classes
 from neurotact.report.tables import first_spikes, with_pair
 from neurotact.spec import to_toml
 from neurotact.studies import encoded
 from neurotact.studies.encoded import POPULATIONS, read_encoding
-from neurotact.studies.protocol import View
 from neurotact.studies.store import is_done
 from neurotact.studies.study import StudySpec, cells
+from neurotact.studies.way import View
 from neurotact.tables import read_table, write_table
 
 DOWNLOADS = {
@@ -76,7 +76,7 @@ def write(study: StudySpec, folder: Path) -> Path:
         specs={"Encoder": to_toml(study.encoder.model_dump(mode="json", exclude_none=True))},
         seeds=study.sweep.get("seed", [0]),
         data={"recordings": page.if_there(folder / "data.json")},
-        **protocol.seen(protocol.over_rows(by_population(results), VIEW), VIEW),
+        **ways.seen(ways.over_rows(by_population(results), VIEW), VIEW),
     )
 
 

@@ -37,10 +37,10 @@ from neurotact.spec import to_toml
 from neurotact.studies import selection
 from neurotact.studies import study as studies
 from neurotact.studies.encoded import read_encoding
-from neurotact.studies.protocol import HEADS
 from neurotact.studies.selection import Selection
 from neurotact.studies.store import is_done
 from neurotact.studies.study import SPLIT, Cell, StudySpec, cells, setting_columns, split_columns, swept_columns
+from neurotact.studies.way import HEADS
 from neurotact.tables import over_seeds, read_table, write_table
 
 DOWNLOADS = {

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from neurotact import files
-from neurotact.report import afferents, networks, protocol
+from neurotact.report import afferents, networks, ways
 from neurotact.studies import runner
-from neurotact.studies.protocol_study import ProtocolStudy
+from neurotact.studies.way_study import WayStudy
 
 
 def write(folder: Path) -> Path:
@@ -15,6 +15,6 @@ def write(folder: Path) -> Path:
     """
     study = runner.load(folder)
     with files.locked(folder):
-        if isinstance(study, ProtocolStudy):
-            return protocol.write(study, folder)
+        if isinstance(study, WayStudy):
+            return ways.write(study, folder)
         return networks.write(study, folder) if study.network is not None else afferents.write(study, folder)

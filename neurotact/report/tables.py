@@ -21,7 +21,7 @@ from neurotact.networks.training.trained import LOG
 from neurotact.networks.training.training import Epoch, best_of
 from neurotact.networks.use.ledger import Afferents
 from neurotact.report import periods
-from neurotact.studies import preparation
+from neurotact.studies import tables_beside as made
 from neurotact.studies.store import cell_folder
 from neurotact.studies.study import SPLIT, Cell, StudySpec
 from neurotact.studies.suited import TESTED
@@ -131,12 +131,12 @@ def tables_beside(study: StudySpec, folder: Path) -> dict[str, pd.DataFrame]:
 
     Raises InputError for baselines of an earlier version, whose other FLOPs are not counted by kind.
     """
-    known = (*preparation.BASELINES, preparation.RECONSTRUCTION)
-    paths = [folder / name for name in preparation.tables_of(study) if name in known]
+    known = (*made.BASELINES, made.RECONSTRUCTION)
+    paths = [folder / name for name in made.names(study) if name in known]
     beside = {path.stem: read_table(path) for path in paths if path.is_file()}
     if "other_flops" in beside.get("baselines", ()):
         raise InputError(
-            f"{folder / preparation.BASELINES[0]}: an earlier version wrote it, with one price for most operations, so "
+            f"{folder / made.BASELINES[0]}: an earlier version wrote it, with one price for most operations, so "
             "that its energies do not compare with those of networks now; run the study in a new folder"
         )
     if "baselines" in beside:

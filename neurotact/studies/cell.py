@@ -22,7 +22,7 @@ from neurotact.networks.use import measuring
 from neurotact.networks.use.conditions import by_condition
 from neurotact.progress import say
 from neurotact.studies import encoded
-from neurotact.studies.kind import Files
+from neurotact.studies.engine import Files
 from neurotact.studies.store import RESULT, TIMING, cell_folder
 from neurotact.studies.study import Cell
 

@@ -15,7 +15,7 @@ import torch
 
 from neurotact.backend import TORCH_INSTRUCTIONS
 from neurotact.errors import InputError, first_line, optional
-from neurotact.studies.kind import AnyCell, Files, Kind, MapCells
+from neurotact.studies.engine import AnyCell, Engine, Files, MapCells
 from neurotact.versions import versions
 
 if TYPE_CHECKING:
@@ -87,11 +87,11 @@ async def _reach(address: str) -> None:
 
 
 def _map_cells(
-    client: "Client", address: str, kind: Kind, cells: list[AnyCell], folder: Path
+    client: "Client", address: str, engine: Engine, cells: list[AnyCell], folder: Path
 ) -> Iterator[tuple[AnyCell, Files]]:
     from distributed import KilledWorker, as_completed
 
-    cell_of = _submit(client, kind, cells, folder)
+    cell_of = _submit(client, engine, cells, folder)
     go_on = "then give the same command again: what is done is kept"
     for future in as_completed(list(cell_of), loop=client.loop):
         cell = cell_of.pop(future)
@@ -111,7 +111,7 @@ def _map_cells(
         yield cell, files
 
 
-def _submit(client: "Client", kind: Kind, cells: list[AnyCell], folder: Path) -> "dict[Future, AnyCell]":
+def _submit(client: "Client", engine: Engine, cells: list[AnyCell], folder: Path) -> "dict[Future, AnyCell]":
     """Send each shared input once, and its cells as tasks; returns the cell of each future."""
     import dask.config
 
@@ -126,11 +126,11 @@ def _submit(client: "Client", kind: Kind, cells: list[AnyCell], folder: Path) ->
         name = path.stem
         # A task that returns its own input can run again; scattered data are lost with their worker.
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
-            given = client.submit(_identity, kind.load(path), key=f"given-{name}-{run}")
+            given = client.submit(_identity, engine.load(path), key=f"given-{name}-{run}")
         # The first part of the key makes the cells a group: Dask assigns them one by one, not all in advance.
         keys = [(f"cells-{name}-{run}", cell.digest()) for cell in same]
         n = len(same)
-        arguments = [kind.run] * n, same, [given] * n, [versions()] * n
+        arguments = [engine.run] * n, same, [given] * n, [versions()] * n
         cell_of |= zip(client.map(_run_on_worker, *arguments, key=keys, retries=RETRIES), same, strict=True)
     return cell_of
 

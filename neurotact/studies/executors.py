@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from neurotact.studies.cluster import cluster
-from neurotact.studies.kind import AnyCell, Files, Kind, MapCells
+from neurotact.studies.engine import AnyCell, Engine, Files, MapCells
 from neurotact.studies.store import cell_folder
 from neurotact.workers import pool_as_done
 
@@ -29,9 +29,9 @@ def processes(n_workers: int) -> Iterator[MapCells]:
     """
     with pool_as_done(n_workers) as run:
 
-        def map_cells(kind: Kind, cells: list[AnyCell], folder: Path) -> Iterator[tuple[AnyCell, Files]]:
+        def map_cells(engine: Engine, cells: list[AnyCell], folder: Path) -> Iterator[tuple[AnyCell, Files]]:
             places = [(folder / cell.given, cell_folder(folder, cell)) for cell in cells]
-            jobs = [(kind.load, kind.run, cell, *places[n], n == 0) for n, cell in enumerate(cells)]
+            jobs = [(engine.load, engine.run, cell, *places[n], n == 0) for n, cell in enumerate(cells)]
             return ((cells[index], files) for index, files in run(_run_from_disk, jobs))
 
         yield map_cells

@@ -1,32 +1,25 @@
-"""Studies by name or path, and the kind of each: only this module distinguishes the kinds."""
+"""Studies by name or path, and the engine of each: only this module tells ways that are an engine from the others."""
 
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from neurotact import plugins
 from neurotact import spec as specs
-from neurotact.data.hdf5 import load_spikes
-from neurotact.studies import cell, network_tables, preparation, protocol_cell, protocol_study, study, suited
-from neurotact.studies.kind import Kind
-from neurotact.studies.protocol_study import ProtocolStudy
+from neurotact.errors import InputError
+from neurotact.studies import study, suited, way_cells, way_study
+from neurotact.studies.engine import Engine
 from neurotact.studies.study import StudySpec
 from neurotact.studies.suited import CHOICE
+from neurotact.studies.way_study import WayStudy
 
-Study = StudySpec | ProtocolStudy
-NETWORKS = Kind(
-    study.cells, preparation.prepare, preparation.check, load_spikes, cell.run_cell, network_tables.tables
-)  # fmt: skip
-"""Studies of spiking networks, or of afferents alone: cells share recordings and the spikes of every swept encoder."""
-PROTOCOL = Kind(
-    protocol_study.cells, protocol_cell.prepare, protocol_cell.check, protocol_cell.load_arrays,
-    protocol_cell.run_cell, protocol_cell.tables,
-)  # fmt: skip
-"""Studies of a paper's own system: cells share the arrays of its data."""
+Study = StudySpec | WayStudy
 
 
-def kind_of(what: Study) -> Kind:
-    """The kind of a study."""
-    return PROTOCOL if isinstance(what, ProtocolStudy) else NETWORKS
+def engine_of(what: Study) -> Engine:
+    """How the cells of a study are prepared and run: by the engine that its way is, or by that of all other ways."""
+    part = plugins.load("ways", what.way)
+    return part if isinstance(part, Engine) else way_cells.ENGINE
 
 
 def resolve(
@@ -36,11 +29,13 @@ def resolve(
     quick: bool = False,
     data: str | Path | None = None,
 ) -> Study:
-    """Load a study file with its complete parts; see `study.resolve` and `protocol_study.resolve`."""
+    """Load a study file with its complete parts; see `study.resolve` and `way_study.resolve`."""
     path = specs.find(StudySpec.folder, name)
     table = suited.table_of(path)
-    if "protocol" in table:
-        return protocol_study.resolve(table, path, overrides, quick=quick, data=data)
+    if "protocol" in table and "dataset" not in table:
+        raise InputError(f"{path}: its key `protocol` is now called `way`; rename it")
+    if "way" in table:
+        return way_study.resolve(table, path, overrides, quick=quick, data=data)
     return study.resolve(name, overrides, quick=quick, data=data)
 
 
@@ -53,4 +48,4 @@ def read_back(path: Path) -> Study:
     """The resolved study of a run folder; InputError for one that was saved in another form."""
     fix = "remove the folder, or run the study in another one"
     table = specs.unsaved(specs.read(path), f"{path.parent}: its {path.name} is a study", fix)
-    return specs.build(ProtocolStudy if "protocol" in table else StudySpec, table, source=str(path))
+    return specs.build(WayStudy if "way" in table else StudySpec, table, source=str(path))

@@ -2,58 +2,38 @@
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
-from neurotact.baselines import opponents
 from neurotact.data import hdf5
-from neurotact.data.augmentation import check_taxels, varied_copies
+from neurotact.data.augmentation import check_taxels
 from neurotact.data.conditioning import conditioned_length
-from neurotact.data.copies import copies_of
 from neurotact.data.dataset import DatasetSpec, load_recordings, until
-from neurotact.data.recordings import Recordings, class_indices, select_conditions
+from neurotact.data.recordings import Recordings, select_conditions
 from neurotact.data.sources import expand
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import Split, training_touches
-from neurotact.data.windows import Windows, check_fit
-from neurotact.encoders import regained
-from neurotact.encoders.afferents import AfferentSpec
+from neurotact.data.splits import training_touches
+from neurotact.data.windows import check_fit
 from neurotact.encoders.calibration import CLOCK_HZ, calibration_for
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.gain_search import CalibrationRule
-from neurotact.encoders.same_drive import same_drive_table
-from neurotact.encoders.signals import signal_table
-from neurotact.encoders.specs import EncoderSpec, t_ref_pair_ms, with_t_refs
+from neurotact.encoders.specs import EncoderSpec, with_t_refs
 from neurotact.errors import InputError
 from neurotact.files import write_json
-from neurotact.metrics import paired
-from neurotact.networks.training import robust, tasks
-from neurotact.progress import track
 from neurotact.spec import digest
-from neurotact.studies import encoded, store
+from neurotact.studies import encoded, store, tables_beside
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import DATA
 from neurotact.studies.study import (
     CHOICES,
     Cell,
     StudySpec,
-    by_split,
-    encoder_columns,
-    reach_ms,
-    split_columns,
-    value_at,
 )
 from neurotact.tables import write_table
-
-BASELINES = ("baselines.csv", "baselines_trials.csv")
-RECONSTRUCTION = "reconstruction.csv"
 
 
 def dataset_of(study: StudySpec, cell: Cell) -> DatasetSpec:
@@ -62,17 +42,16 @@ def dataset_of(study: StudySpec, cell: Cell) -> DatasetSpec:
 
 
 def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
-    """Write missing and damaged files: `folder/spikes`, its encoding tables, and the study's tables.
+    """Write missing and damaged files: `folder/spikes`, its encoding tables, and the study's tables beside its cells.
 
     A line on stderr names each damaged file. Raises InputError if the recordings changed since the study started.
     """
-    dataset, target = study.dataset, folder / "spikes"
-    table_flaws = store.flaws(folder, [DATA, *tables_of(study)])
-    distinct = {cell.spikes_name: cell for cell in cells}
-    spikes_flaws = store.flaws(target, [name for cell in distinct.values() for name in _encoded(cell)])
+    target, beside = folder / "spikes", tables_beside.names(study)
+    table_flaws = store.flaws(folder, [DATA, *beside])
+    spikes_flaws = store.flaws(target, _encodings(cells))
     store.say_flaws("", table_flaws, "written again")
     store.say_flaws(f"{target.name}/", spikes_flaws, "encoded again")
-    source = _source(dataset)
+    source = _source(study.dataset)
     before = store.sound_json(folder, DATA)
     is_same = before is not None and (source is None or source == before.get("source"))
     if is_same and not (table_flaws or spikes_flaws):
@@ -86,131 +65,10 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
     recordings = encoded_part(recordings, first[0])
     _encode(folder, study, first, recordings, content)
     for group in others:  # only one set of recordings is in memory
-        if any(name in spikes_flaws for cell in group for name in _encoded(cell)):
-            of_group = encoded_part(load_recordings(dataset_of(study, group[0])), group[0])
-            _encode(folder, study, group, of_group, content)
-    if "signals.csv" in table_flaws:
-        table = signal_table(recordings, study.encoder, dataset.stratify, study.window.start_ms)
-        write_table(table, folder / "signals.csv")
-    if "same_drive.csv" in table_flaws and study.same_drive is not None and isinstance(study.encoder, AfferentSpec):
-        table = same_drive_table(recordings, study.encoder, study.same_drive, study.window.start_ms)
-        write_table(table, folder / "same_drive.csv")
-    if not table_flaws.keys().isdisjoint(BASELINES):
-        with store.timed(folder, "baselines"):
-            for name, table in zip(BASELINES, _baselines_tables(folder, recordings, study, cells), strict=True):
-                write_table(table, folder / name)
-    if RECONSTRUCTION in table_flaws:
-        with store.timed(folder, "reconstruct"):
-            write_table(_reconstruction_table(folder, recordings, study, cells), folder / RECONSTRUCTION)
-    store.seal(folder, tables_of(study))
-
-
-def _baselines_tables(
-    folder: Path, recordings: Recordings, study: StudySpec, cells: Sequence[Cell]
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Classical classifiers on the windows of the networks, for each subset and split, and their single trials.
-
-    The second table contains, for each row of the first (`baseline`) and each validation or test trial (`side`), the
-    share of correctly classified windows; copies are one trial, the first of them.
-    """
-    groups = [list({cell.spikes_name: cell for cell in group}.values()) for group in by_split(cells)]
-    fitted_rows = []
-    with track("baselines", sum(map(len, groups))) as advance:
-        for group in groups:
-            for cell in group:
-                fitted_rows += _fitted(folder, recordings, study, cell, cells, is_first=cell is group[0])
-                advance(1, "")
-    shares = [row.pop(opponents.RIGHT) for row in fitted_rows]
-    trials = [
-        (row, side, *pair)
-        for row, sides in enumerate(shares)
-        for side, by_trial in sides.items()
-        for pair in by_trial.items()
-    ]
-    return pd.DataFrame(fitted_rows), pd.DataFrame(trials, columns=["baseline", "side", "trial", "right"])
-
-
-def _fitted(
-    folder: Path, recordings: Recordings, study: StudySpec, cell: Cell, cells: Sequence[Cell], *, is_first: bool
-) -> Iterator[dict[str, Any]]:
-    """Rows of `baselines.csv` on the spikes of one cell, the only spikes in memory; if `is_first`, also on signals."""
-    trains, split = hdf5.load_spikes(folder / cell.given), {key: value_at(cell, key) for key in split_columns(study)}
-    task = task_of(cell).model_copy(update={"subset": {}})
-    parts, last = tasks.trials_of(trains, task), tasks.with_every_condition(trains, task)
-    every, first = trains.with_variations(), copies_of(trains).first
-    if trains.variations is not None:  # the trial of a varied copy is that of which it is one
-        first = np.concatenate([first, first[trains.variations.of]])
-    windows, labels = every.cut(cells[0].window), class_indices(every.conditions)
-    pieces = pieces_with_copies(recordings, windows, trains, cell) if is_first and trains.variations else ()
-    first_ms, second_ms = t_ref_pair_ms(cell.encoder)
-    pair = second_ms, first_ms
-    for name, where in {cell.dataset: cell.subset for cell in cells}.items():
-        cut = partial(opponents.cuts_of, every.conditions, windows, trains.sampling_rate_Hz, subset=where)
-        cuts = with_training(cut(parts), trains, cell, parts)
-        if last is not None:
-            known = tasks.trials_of(trains, last)
-            cuts = cuts._replace(last=with_training(cut(known), trains, cell, known))
-        of_signals = opponents.signal_inputs(recordings, cuts, study.baselines, pieces) if is_first else ()
-        counts = {"is_first": is_first, "encoding": study.encoding_in == "processor"}
-        of_spikes = opponents.spike_inputs(every, pair, cuts, study.baselines, **counts)
-        of_spikes = () if study.baselines == "linear" else of_spikes
-        for row in opponents.rows(chain(of_signals, of_spikes), labels[windows.trial], cuts):
-            is_of_spikes = row["t_ref_ra_ms"] is not None
-            encoder = {key: value_at(cell, key) if is_of_spikes else None for key in encoder_columns(study)}
-            own = row[opponents.RIGHT].items()
-            touches = {side: paired.by_trial(first[[*shares]], [*shares.values()]) for side, shares in own}
-            yield {"dataset": name, **split, **row, **encoder, opponents.RIGHT: touches}
-
-
-def _reconstruction_table(
-    folder: Path, recordings: Recordings, study: StudySpec, cells: Sequence[Cell]
-) -> pd.DataFrame:
-    """A row for each encoding: what its spikes give back of the signals of test trials.
-
-    Columns: the t_ref pair, swept keys of the split and of the encoder, snr_dB, bits_per_s and bits_per_spike.
-    """
-    distinct, keys = {cell.spikes_name: cell for cell in cells}, [*split_columns(study), *encoder_columns(study)]
-    rows = []
-    with track("reconstruction", len(distinct)) as advance:
-        for cell in distinct.values():
-            trains = hdf5.load_spikes(folder / cell.given)
-            sides = tasks.trials_of(trains, task_of(cell).model_copy(update={"subset": {}}))
-            measured = regained.regained(recordings, trains, sides, start_s=cell.window.start_ms * 1e-3)
-            own = {key: value_at(cell, key) for key in keys}
-            rows.append({**encoded.periods(cell), **own, **measured._asdict()})
-            advance(1, "")
-    return pd.DataFrame(rows)
-
-
-def pieces_with_copies(recordings: Recordings, windows: Windows, trains: SpikeTrains, cell: Cell) -> list[np.ndarray]:
-    """The samples of each window of the recorded trials, then of those of their varied copies."""
-    assert cell.augmentation is not None
-    of_recorded = windows.trial < len(trains)
-    recorded = Windows(windows.trial[of_recorded], windows.start[of_recorded], windows.n_steps)
-    pieces = [*opponents.pieces_of(recordings, recorded, trains.sampling_rate_Hz)]
-    before = len(trains)
-    for copies in varied_copies(copied_part(recordings, cell), cell.augmentation):
-        inside = (windows.trial >= before) & (windows.trial < before + len(copies.of))
-        own = Windows(windows.trial[inside] - before, windows.start[inside], windows.n_steps)
-        pieces += [piece.copy() for piece in opponents.pieces_of(copies.recordings, own, trains.sampling_rate_Hz)]
-        before += len(copies.of)
-    return pieces
-
-
-def with_training(cuts: opponents.Cuts, trains: SpikeTrains, cell: Cell, parts: Split) -> opponents.Cuts:
-    """The cuts with a choice of varied copies to train on, as the networks have it."""
-    if cell.augmentation is None or trains.variations is None:
-        return cuts
-    made, known = {}, np.isin(cuts.windows.trial, cuts.windows.trial[cuts.sides[0]])
-    for kind in robust.candidates(cell.augmentation, trains.conditions, cell.split):
-        rows = trains.variations.rows(parts.train, kind)
-        rows = rows[np.isin(trains.variations.of[rows], cuts.windows.trial[known])]
-        made[kind] = cuts.sides[0] | np.isin(cuts.windows.trial, len(trains) + rows)
-    if not robust.are_unranked([*made], trains.conditions, cell.split):
-        return cuts._replace(copies=made)
-    rows = trains.variations.rows(parts.validation, next(iter(made)))
-    validation = cuts.sides[1] | np.isin(cuts.windows.trial, len(trains) + rows)
-    return cuts._replace(copies=made, sides=(cuts.sides[0], validation, cuts.sides[2]))
+        if not spikes_flaws.keys().isdisjoint(_encodings(group)):
+            _encode(folder, study, group, encoded_part(load_recordings(dataset_of(study, group[0])), group[0]), content)
+    tables_beside.write(folder, study, cells, recordings, table_flaws)
+    store.seal(folder, beside)
 
 
 def _by_source(cells: Iterable[Cell]) -> list[list[Cell]]:
@@ -224,12 +82,6 @@ def _by_source(cells: Iterable[Cell]) -> list[list[Cell]]:
 def encoded_part(recordings: Recordings, cell: Cell) -> Recordings:
     """The trials as far as a cell encodes them."""
     return recordings if cell.encoded_ms is None else until(recordings, cell.encoded_ms)
-
-
-def copied_part(recordings: Recordings, cell: Cell) -> Recordings:
-    """The trials as far as the windows of their varied copies reach; the whole trials if these begin at an onset."""
-    end_ms = reach_ms(cell)
-    return recordings if end_ms is None or cell.augmentation is None else until(recordings, end_ms)
 
 
 def _check_windows(recordings: Recordings, cells: Iterable[Cell]) -> None:
@@ -259,9 +111,7 @@ def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recor
         with store.timed(folder, "calibrate"):
             encoder = encoder_of(cell, recordings, calibrated)
         with store.timed(folder, "encode"):
-            trains = encode_recordings(
-                recordings, encoder, augmentation=cell.augmentation, copied=copied_part(recordings, cell)
-            )
+            trains = spikes_of(cell, recordings, encoder)
             table = encoded.encoding_table(trains, cell, study.dataset.stratify)
             write_table(table, target / f"{cell.spikes_name}.csv")
             if not study.reconstruction:  # which compares longer stretches
@@ -281,22 +131,14 @@ def _used(trains: SpikeTrains, cells: Iterable[Cell]) -> SpikeTrains:
     return trains.until(*{window.digest(): window for window in windows}.values())
 
 
-def tables_of(study: StudySpec) -> list[str]:
-    """The tables of its recordings that a study requests, before any cell is run."""
-    wanted = {
-        **dict.fromkeys(BASELINES, study.baselines != "none"),
-        RECONSTRUCTION: study.reconstruction,
-        "signals.csv": study.signals,
-        "same_drive.csv": study.same_drive is not None,
-    }
-    return [name for name, is_asked in wanted.items() if is_asked]
-
-
 def check(folder: Path, study: StudySpec, cells: Iterable[Cell]) -> None:
     """Raise InputError if the encodings of a run folder or the study's tables were changed."""
-    distinct = {cell.spikes_name: cell for cell in cells}
-    written = [f"spikes/{name}" for cell in distinct.values() for name in _encoded(cell)]
-    store.check(folder, [DATA, *tables_of(study), *written])
+    store.check(folder, [DATA, *tables_beside.names(study), *(f"spikes/{name}" for name in _encodings(cells))])
+
+
+def _encodings(cells: Iterable[Cell]) -> list[str]:
+    """The files of the encodings of cells, each once."""
+    return [name for cell in {cell.spikes_name: cell for cell in cells}.values() for name in _encoded(cell)]
 
 
 def _encoded(cell: Cell) -> list[str]:
@@ -343,6 +185,12 @@ def encoder_of(
         same = {"baseline": chosen.baseline, "ema_cutoff_Hz": chosen.ema_cutoff_Hz}
         start = start.model_copy(update={"conditioning": start.conditioning.model_copy(update=same)})
     return with_t_refs(fitted(start, cell.spikes_per_s), cell.encoder)
+
+
+def spikes_of(cell: Cell, recordings: Recordings, encoder: EncoderSpec) -> SpikeTrains:
+    """The spikes of a cell's trials and of their varied copies. encoder: of `encoder_of`."""
+    copied = tables_beside.copied_part(recordings, cell)
+    return encode_recordings(recordings, encoder, augmentation=cell.augmentation, copied=copied)
 
 
 def _source(dataset: DatasetSpec) -> str | None:

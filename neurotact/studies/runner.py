@@ -17,9 +17,9 @@ from neurotact.interrupt import stop_if_asked
 from neurotact.networks.definition import recipe
 from neurotact.progress import say, track
 from neurotact.studies import selection, store
+from neurotact.studies.engine import AnyCell, Engine, MapCells
 from neurotact.studies.executors import executor
-from neurotact.studies.kind import AnyCell, Kind, MapCells
-from neurotact.studies.loading import Study, kind_of, read_back
+from neurotact.studies.loading import Study, engine_of, read_back
 from neurotact.studies.store import cell_folder, is_done
 from neurotact.studies.study import Cell, StudySpec, to_toml
 from neurotact.tables import read_table, write_table
@@ -43,8 +43,8 @@ def run(study: Study, folder: Path, workers: int | None = None, scheduler: str |
     the scheduler cannot be used.
     """
     effects.check(workers=workers, scheduler=scheduler)
-    kind = kind_of(study)
-    cells = list(kind.cells(study))
+    engine = engine_of(study)
+    cells = list(engine.cells(study))
     with files.locked(folder), ExitStack() as at_last:
         is_new = files.is_free(folder)
         with executor(workers or 2, scheduler) as map_cells:
@@ -53,18 +53,18 @@ def run(study: Study, folder: Path, workers: int | None = None, scheduler: str |
             files.sweep(folder)
             at_last.callback(files.sweep, folder)  # drafts of worker processes that were stopped
             try:
-                _compute(kind, study, cells, folder, map_cells)
+                _compute(engine, study, cells, folder, map_cells)
             except InputError:
                 if is_new and not any(is_done(folder, cell) for cell in cells):
                     files.empty(folder)  # so that the user can correct the command and repeat it
                 raise
-        _write_tables(kind, study, cells, folder)
+        _write_tables(engine, study, cells, folder)
 
 
-def _compute(kind: Kind, study: Study, cells: list[Any], folder: Path, map_cells: MapCells) -> None:
+def _compute(engine: Engine, study: Study, cells: list[Any], folder: Path, map_cells: MapCells) -> None:
     """Write the missing and the damaged files: shared inputs, and the files of each cell."""
     with track("prepare", 1) as advance:
-        in_a_process(kind.prepare, folder, study, cells)
+        in_a_process(engine.prepare, folder, study, cells)
         advance(1, "")
     stop_if_asked()
     for cell in cells:
@@ -85,7 +85,7 @@ def _compute(kind: Kind, study: Study, cells: list[Any], folder: Path, map_cells
             say(f"{folder}: resumes; {before} of {len(step_cells)} {name} are already done")
         if todo:
             with track(name, len(step_cells), done=before) as advance:
-                for cell, left in map_cells(kind, todo, folder):
+                for cell, left in map_cells(engine, todo, folder):
                     store.write_cell(left, cell, folder)
                     advance(1, "")
                     stop_if_asked()
@@ -98,17 +98,17 @@ def write_tables(folder: Path) -> None:
     another process works in the folder.
     """
     study = load(folder)
-    kind = kind_of(study)
-    cells = list(kind.cells(study))
+    engine = engine_of(study)
+    cells = list(engine.cells(study))
     with files.locked(folder):
         files.sweep(folder)
         store.check(folder, [VERSIONS])
-        kind.check(folder, study, cells)
+        engine.check(folder, study, cells)
         for cell in cells:
             why = store.damage(folder, cell)
             if why is not None and not is_done(folder, cell):
                 say(f"{_place(cell)}: {why}; left out, neurotact study resume {folder} computes it again")
-        _write_tables(kind, study, cells, folder)
+        _write_tables(engine, study, cells, folder)
 
 
 def load(folder: Path) -> Study:
@@ -131,7 +131,7 @@ def load(folder: Path) -> Study:
     return study
 
 
-def _write_tables(kind: Kind, study: Study, cells: list[Any], folder: Path) -> None:
+def _write_tables(engine: Engine, study: Study, cells: list[Any], folder: Path) -> None:
     """Write the tables of the finished cells."""
     rule = study.selection if isinstance(study, StudySpec) else None
     wanted = None if rule is None else selection.follow(rule, cells, selection.in_folder(folder)).digests
@@ -141,7 +141,7 @@ def _write_tables(kind: Kind, study: Study, cells: list[Any], folder: Path) -> N
         raise InputError(f"{folder}: no cell is done yet; run neurotact study resume {folder}")
     if len(done) < len(every):
         say(f"{folder}: {len(done)} of {len(every)} cells are done; the tables contain only these")
-    tables = kind.tables(folder, study, [(cell, store.result_of(folder, cell)) for cell in done])
+    tables = engine.tables(folder, study, [(cell, store.result_of(folder, cell)) for cell in done])
     for name, table in {TIMINGS: _timings(folder, done), **tables}.items():
         write_table(table, folder / name)
 

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 from neurotact import files
 from neurotact.errors import InputError
 from neurotact.progress import say
-from neurotact.studies.kind import AnyCell, Files
+from neurotact.studies.engine import AnyCell, Files
 
 FILES = "files.json"
 DATA = "data.json"

@@ -97,7 +97,9 @@ class StudySpec(Spec):
 
     folder: ClassVar[str] = "studies"
     words: ClassVar[set[str]] = {"title", "about", "claims", "notes", "as_shipped", "prices"}
-    """Keys that change none of the cells: a report can be written again with other words and prices."""
+    """Keys that change none of the numbers of cells: a report can be written again with other words and prices."""
+    way: ClassVar[str] = "networks"
+    """The entry point of the group `neurotact.ways` that runs such a study."""
 
     title: str
     """Heading of the report."""

@@ -27,7 +27,7 @@ from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training.training import Examples, train
 from neurotact.networks.use import measuring
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, View, heads
+from neurotact.studies.way import Arrays, View, heads
 
 PUBLISHED = {"rsnn": 0.637, "snn": 0.449}
 """Test accuracy of both networks at an event threshold of 10, for the best epoch on test letters."""

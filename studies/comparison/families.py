@@ -14,7 +14,7 @@ from neurotact.baselines.opponents import MOST_SAMPLES, gru_steps
 from neurotact.data.splits import Split
 from neurotact.metrics.flops import Layer
 from neurotact.metrics.signal_flops import Averaging, StandardisedSteps
-from neurotact.studies.protocol import TaskData
+from neurotact.studies.way import TaskData
 
 STEPS = 50
 """Steps of the input sequences of LSTM and GRU."""

@@ -25,7 +25,7 @@ from neurotact.metrics.resampled import (
 from neurotact.metrics.savings import Savings, savings, worse_than_another
 from neurotact.metrics.shares import standard_error, wilson_interval
 from neurotact.networks.training.cautions import FEW_PER_CLASS
-from neurotact.studies.protocol import Listed
+from neurotact.studies.way import Listed
 
 NOTHING = "nothing saved"
 REFRACTORY = "refractory period"

@@ -25,8 +25,8 @@ from neurotact.encoders.calibration import CLOCK_HZ, PAST
 from neurotact.errors import InputError
 from neurotact.spec import build, load, override
 from neurotact.studies import suited
-from neurotact.studies.protocol import Own
 from neurotact.studies.suited import AUTO, INTEGRATION, MEMBRANE, OPEN, Recorded
+from neurotact.studies.way import Own
 
 ENCODER = "sa1-ra1-lif"
 """The encoder with the conditioning to use, except its clock, and except a baseline that uses the whole trial."""
@@ -55,7 +55,7 @@ class Touches(NamedTuple):
 
 
 def own(path: Path, given: Mapping[str, Any]) -> Own:
-    """The study of a file in place of its sets; see `studies.protocol.ProtocolModule`.
+    """The study of a file in place of its sets; see `studies.way.Way`.
 
     Keys that begin with `window.` and `conditioning.`, those of `suited.OPEN`, `split.group`, the choice of trials
     (`where`, `leave_out`) and the seeds of splits (`repeats`) apply to the file's set. Raises InputError for a file

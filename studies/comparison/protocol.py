@@ -24,7 +24,7 @@ from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import FLOPS, LEDGER_COLUMNS, Cost, Standardise, cost
 from neurotact.metrics.prices import ARITHMETIC_45NM
 from neurotact.spec import Spec, build
-from neurotact.studies.protocol import Arrays, TaskData, View, heads
+from neurotact.studies.way import Arrays, TaskData, View, heads
 
 COUNTED = (*FLOPS, "parameters", "bytes")
 

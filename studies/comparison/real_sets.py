@@ -6,7 +6,7 @@ signals, or the events of an event-based sensor; those on counts also the spikes
 """
 
 from collections.abc import Iterator
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -25,12 +25,13 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.figures.style import INK, MUTED, Drawn, add_legend, new_panels, printed
 from neurotact.metrics import referee
 from neurotact.metrics.fronts import pareto_front
-from neurotact.metrics.paired import Paired
-from neurotact.metrics.referee import Way
-from neurotact.metrics.resampled import LEAST_SPLITS, SHARES, compare_over_splits, resampled_error, sizes_of
+from neurotact.metrics.resampled import LEAST_SPLITS, SHARES, Interval
 from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.report import way_answer
+from neurotact.report.way_answer import Configuration, WayAnswer
+from neurotact.report.ways import over_rows
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, View, heads
+from neurotact.studies.way import Arrays, View, heads
 
 MODELS: dict[str, Literal["rsnn", "snn"]] = {"RSNN": "rsnn", "SNN": "snn"}
 COLUMNS = 3
@@ -59,6 +60,8 @@ VIEW = View(
     "column `afferents` of results.csv says when afferents are computed. Sets whose recordings are not available are "
     "left out; the column `skipped` gives the reason.",
     apart=("set", "split"),
+    spiking=("classifier", tuple(MODELS)),
+    splits=("seed",),
 )
 
 load = sets.load
@@ -113,85 +116,61 @@ def points(results: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-class Contender(NamedTuple):
-    """A classifier on one input: its name, its rows by seed, and what the referee knows of it."""
-
-    name: str
-    rows: pd.DataFrame
-    way: Way
-
-    @property
-    def accuracy(self) -> float:
-        return float(self.rows["accuracy_test"].mean())
-
-    @property
-    def energy_nJ(self) -> float:  # noqa: N802
-        return float(self.rows["energy_estimate_nJ"].mean())
-
-    @property
-    def words(self) -> str:
-        spent = "a cost that is not counted" if np.isnan(self.energy_nJ) else f"{self.energy_nJ:,.0f} nJ"
-        return f"{self.name} has {100 * self.accuracy:.1f} % at {spent}"
-
-
 def answers(results: pd.DataFrame) -> list[str]:
-    """The verdict of the referee for each set and split; differences are computed seed by seed."""
+    """The verdict of the referee for each set and split, with what the network and its rival cost."""
     shown = of_run(results)
-    return [_answer(*key, rows) for key, rows in shown.groupby(["set", "split"], sort=False)]  # pyright: ignore
+    if shown.empty:
+        return []
+    found = way_answer.answers(over_rows(shown, VIEW), VIEW, shown)
+    groups = shown.groupby(list(VIEW.apart), sort=False)
+    return [_answer(one, *key, rows) for one, (key, rows) in zip(found, groups, strict=True)]  # pyright: ignore
 
 
-def _answer(name: str, split: str, rows: pd.DataFrame) -> str:
-    spikes = rows["classifier"].isin(list(MODELS))
-    networks, others = (_contenders(part) for part in (rows[spikes], rows[~spikes]))
-    network, best = (of[referee.best_of([one.way for one in of])] for of in (networks, others))
-    rivals = [others[index] for index in referee.level_with_best([one.way for one in others])]
-    near = [others[index] for index in referee.within_error([one.way for one in others])]
-    on_signals = [one for one in near if f" on {opponents.SPIKES}: " not in one.name]
-    is_known = not np.isnan(best.way.error)  # of one or two seeds the error is not, so that nothing is said of it
-    counted = [one for one in on_signals if not np.isnan(one.energy_nJ)]
-    cheapest = min(counted, key=lambda one: one.energy_nJ, default=None) if is_known else None
-    if (seeds := len(network.rows)) >= LEAST_SPLITS:
-        verdict = referee.judge([_compared(network, rival) for rival in rivals])
-        rival = rivals[verdict.decisive]
-        kind = {"better": "spiking is more accurate", "worse": "spiking costs accuracy", "tie": "no clear difference"}
-        said = kind[verdict.kind]
+def _answer(found: WayAnswer, name: str, split: str, rows: pd.DataFrame) -> str:
+    network, best = found.spiking, found.other
+    assert network is not None
+    assert best is not None
+    is_known = not np.isnan(best.choice_error)  # of one or two seeds it is not, so that nothing is said of it
+    near = [found.others[index] for index in referee.within_error([one.way for one in found.others])]
+    on_signals = [one for one in near if f"{opponents.SPIKES}: " not in one.name]
+    counted = [one for one in on_signals if not np.isnan(one.cost)]
+    cheapest = min(counted, key=lambda one: one.cost, default=None) if is_known else None
+    if found.verdict is None or network.rows < LEAST_SPLITS:
+        rival, said = best, f"{fronts.in_seeds(network.rows)}, so that no difference is clear"
     else:
-        rival, said = best, f"{fronts.in_seeds(seeds)}, so that no difference is clear"
-    gained, low, high = (100 * end for end in fronts.interval_of(_gained(network, rival), network.rows))
+        rival, said = found.rivals[found.verdict.decisive], SAID[found.verdict.kind]
+    gained, low, high = (100 * end for end in _gained(network, rival))
     within = "" if np.isnan(low) else f", 95 % interval {low:.1f} to {high:.1f}"
     verb = "more" if gained >= 0 else "fewer"
-    level = f", one of {len(rivals)} that validation cannot tell apart" if is_known and len(rivals) > 1 else ""
-    energy = f", at {100 * network.energy_nJ / rival.energy_nJ:,.3g} % of its energy"
-    energy = "" if np.isnan(rival.energy_nJ) else energy
-    computed = fronts.afferents_in_words(rows)
+    level = (
+        f", one of {len(found.rivals)} that validation cannot tell apart" if is_known and len(found.rivals) > 1 else ""
+    )
+    energy = "" if np.isnan(rival.cost) else f", at {100 * network.cost / rival.cost:,.3g} % of its energy"
     sentence = (
-        f"{name}, split by {split}: {said}. {network.words}{computed}; {rival.words}{level}: the network has "
-        f"{abs(gained):.1f} points {verb}{within}{energy}."
+        f"{name}, split by {split}: {said}. {_words(network)}{fronts.afferents_in_words(rows)}; {_words(rival)}{level}"
+        f": the network has {abs(gained):.1f} points {verb}{within}{energy}."
     )
     if cheapest is None or cheapest is rival:
         return sentence
-    share = f"{100 * cheapest.energy_nJ / network.energy_nJ:,.3g} % of the network's energy"
-    return f"{sentence} The cheapest within the error of the best, {cheapest.words}, takes {share}."
+    share = f"{100 * cheapest.cost / network.cost:,.3g} % of the network's energy"
+    return f"{sentence} The cheapest within the error of the best, {_words(cheapest)}, takes {share}."
 
 
-def _contenders(rows: pd.DataFrame) -> list[Contender]:
-    contenders = []
-    for (classifier, source), part in rows.groupby(["classifier", "input"], sort=False):  # pyright: ignore
-        validation = part["accuracy_validation"].to_numpy()
-        error = resampled_error(validation, *sizes_of(part))
-        way = Way(float(validation.mean()), error, float(part["energy_estimate_nJ"].mean()))
-        contenders.append(Contender(f"{classifier} on {source}", part, way))
-    return contenders
+SAID = {"better": "spiking is more accurate", "worse": "spiking costs accuracy", "tie": "no clear difference"}
 
 
-def _gained(one: Contender, other: Contender) -> np.ndarray:
-    """The accuracy of one minus that of another, by seed, `(seed,)`."""
-    mine, its = (contender.rows.set_index("seed")["accuracy_test"] for contender in (one, other))
-    return (mine - its).to_numpy()
+def _words(one: Configuration) -> str:
+    classifier, _, source = one.name.partition(", ")
+    spent = "a cost that is not counted" if np.isnan(one.cost) else f"{one.cost:,.0f} nJ"
+    return f"{classifier} on {source} has {100 * one.score:.1f} % at {spent}"
 
 
-def _compared(one: Contender, other: Contender) -> Paired:
-    return compare_over_splits(_gained(one, other), *sizes_of(one.rows))
+def _gained(one: Configuration, other: Configuration) -> Interval:
+    """The accuracy of one minus that of another, over the splits."""
+    assert one.by_split is not None
+    assert other.by_split is not None
+    mine, its = one.by_split["accuracy_test"], other.by_split["accuracy_test"]
+    return fronts.interval_of((mine - its).to_numpy(), one.by_split)
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:

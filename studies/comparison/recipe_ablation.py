@@ -22,7 +22,7 @@ from neurotact.metrics.resampled import LEAST_SPLITS, resampled_p, sizes_of
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.spec import Spec, build, override
-from neurotact.studies.protocol import Arrays, View, heads
+from neurotact.studies.way import Arrays, View, heads
 
 WHOLE = "the recipe"
 LEAST_POINTS = 5.0

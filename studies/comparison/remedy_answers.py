@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from neurotact_parts.studies.comparison.skipped import of_run
 
 from neurotact.figures.style import INK, MUTED, Drawn, add_legend, new_panels, printed
-from neurotact.studies.protocol import Arrays, Listed
+from neurotact.studies.way import Arrays, Listed
 
 NOTHING, DEFAULT, CEILING = "nothing", "the default", "trained on it"
 """Names of remedies: none of them, all as `own-recordings` chooses, and training on trials of the tested value."""

@@ -23,7 +23,7 @@ from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.spec import Spec
 from neurotact.studies import suited
-from neurotact.studies.protocol import Arrays
+from neurotact.studies.way import Arrays
 
 CALIBRATED_AT_MS = 1.0
 OWN_MS: float = AfferentSpec.model_fields["tau_mem_ms"].default

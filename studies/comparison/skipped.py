@@ -8,7 +8,7 @@ import pandas as pd
 
 from neurotact.data.dataset import DatasetSpec
 from neurotact.errors import InputError
-from neurotact.studies.protocol import Arrays
+from neurotact.studies.way import Arrays
 
 log = logging.getLogger("neurotact")
 

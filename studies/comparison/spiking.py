@@ -21,7 +21,7 @@ from neurotact.networks.training import fitting
 from neurotact.networks.training.tasks import Sides, Task
 from neurotact.networks.use import measuring
 from neurotact.networks.use.ledger import Afferents, network_cost
-from neurotact.studies.protocol import TaskData
+from neurotact.studies.way import TaskData
 
 TRIED = (RSNNSpec(recipe="default", hidden=30), RSNNSpec(recipe="default", hidden=50))
 """Candidate networks, from which validation accuracy chooses: the default recipe in two sizes."""

@@ -25,7 +25,7 @@ from neurotact.errors import InputError
 from neurotact.metrics.flops import BYTES, Cost, Layer, Moments, MovingAverage
 from neurotact.metrics.signal_flops import Averaging, BaselineRemoval, Interpolation
 from neurotact.spec import Spec
-from neurotact.studies.protocol import TaskData, module_of
+from neurotact.studies.way import TaskData, module_of
 
 CLOCK_HZ = 1000.0
 """Sequences of a higher rate are averaged to it; afferents run on this clock."""

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from neurotact.data.dataset import DatasetSpec, as_arrays, joined, load_recordings
 from neurotact.errors import InputError
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays
+from neurotact.studies.way import Arrays
 
 
 class TouchSet(Spec):

@@ -32,7 +32,6 @@ from neurotact.data.splits import Split, SplitSpec, split_conditions, turns_of
 from neurotact.data.trial_choice import chosen_trials
 from neurotact.data.windows import check_fit
 from neurotact.encoders.calibration import CLOCK_HZ, GRADES
-from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.specs import t_ref_pair_ms
 from neurotact.errors import InputError, nearest, some
 from neurotact.figures.columns import quantity
@@ -41,12 +40,12 @@ from neurotact.networks.training import robust, tasks
 from neurotact.networks.training.tasks import Task
 from neurotact.networks.use import ledger, measuring
 from neurotact.spec import Spec
-from neurotact.studies import loading, preparation, study, suited
+from neurotact.studies import loading, preparation, study, suited, tables_beside
 from neurotact.studies.cell import task_of
-from neurotact.studies.protocol import Arrays, Own, View, heads
 from neurotact.studies.study import Cell
 from neurotact.studies.suited import AUTO
 from neurotact.studies.sweeps import JOIN
+from neurotact.studies.way import Arrays, Own, View, heads
 
 HIDDEN = 50
 """Neurons of the network."""
@@ -243,8 +242,7 @@ class Prepared(NamedTuple):
 def _prepared(recordings: Recordings, cell: Cell, parameters: Parameters) -> Prepared:
     recordings = preparation.encoded_part(recordings, cell)
     encoder = preparation.encoder_of(cell, recordings, {}, between=parameters.chosen.between, tell=False)
-    copied = preparation.copied_part(recordings, cell)
-    trains = encode_recordings(recordings, encoder, augmentation=cell.augmentation, copied=copied)
+    trains = preparation.spikes_of(cell, recordings, encoder)
     task = task_of(cell).model_copy(update={"seen": robust.SEEN if parameters.condition else 0.0})
     return Prepared(cell, recordings, trains, task, cell.seeds)
 
@@ -291,7 +289,7 @@ def _of_opponents(prepared: Prepared) -> Iterator[dict[str, Any]]:
         split, seen = tasks.trials_of(trains, task), tasks.seen_trials(trains, task)
         tested = split._replace(test=np.union1d(split.test, seen))
         cuts = opponents.cuts_of(every.conditions, windows, trains.sampling_rate_Hz, tested, {})
-        return preparation.with_training(cuts, trains, cell, tested), split, seen
+        return tables_beside.with_training(cuts, trains, cell, tested), split, seen
 
     cuts, split, kept_trials = cuts_of(prepared.task)
     if (again := tasks.with_every_condition(trains, prepared.task)) is not None:
@@ -311,7 +309,7 @@ def _of_opponents(prepared: Prepared) -> Iterator[dict[str, Any]]:
 def _inputs(prepared: Prepared, every: SpikeTrains, cuts: Cuts) -> Iterator[Input]:
     """Moments and time bins of the signals, the signals, and time bins of the spikes, each for some classifiers."""
     cell, trains, recordings = prepared.cell, prepared.trains, prepared.recordings
-    pieces = preparation.pieces_with_copies(recordings, cuts.windows, trains, cell) if trains.variations else ()
+    pieces = tables_beside.pieces_with_copies(recordings, cuts.windows, trains, cell) if trains.variations else ()
     on_features = {name: one for name, one in joined("features", "quick").items() if name != "ELM"}
     for one in opponents.signal_inputs(recordings, cuts, "quick", pieces):
         yield one if one.features.ndim == 3 else one._replace(opponents=on_features)
@@ -339,7 +337,7 @@ def _halved(recordings: Recordings, parameters: Parameters) -> Recordings:
 
 
 def own(path: Path, given: Mapping[str, Any]) -> Own:
-    """The study of a file in place of its sets; see `studies.protocol.ProtocolModule`.
+    """The study of a file in place of its sets; see `studies.way.Way`.
 
     The condition and its values are those of `leave_out_each`. Keys that begin with `window.`, the choice of trials
     (`where`, `leave_out`) and the number of seeds (`repeats`) apply to the file. Raises InputError without a condition,

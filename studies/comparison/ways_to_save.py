@@ -22,7 +22,7 @@ from neurotact.figures.style import Drawn
 from neurotact.metrics.prices import ARITHMETIC_45NM, Priced
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, Listed, View, heads
+from neurotact.studies.way import Arrays, Listed, View, heads
 
 
 class Parameters(Spec):

@@ -25,7 +25,7 @@ from neurotact.data.splits import SplitSpec, split_trials
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import Cost, Layer, NearestPoints, cost
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, TaskData, View, heads
+from neurotact.studies.way import Arrays, TaskData, View, heads
 
 TEST_SHARE = 673 / 1974
 """673 of 1974 vectors are test vectors (compliance paper, Sec. 5.1)."""

@@ -25,7 +25,7 @@ from neurotact.data.splits import SplitSpec, split_trials
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import Cost, Dense, RBFExpansion, cost
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, View, heads
+from neurotact.studies.way import Arrays, View, heads
 
 SETUPS = {"A": PATTERN, "B": tuple(c for c in PATTERN if c != "force_N"), "C": PATTERN[2:]}
 """Features of each problem set-up (Sec. IV-A)."""

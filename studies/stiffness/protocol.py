@@ -19,7 +19,7 @@ from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import FLOPS
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, TaskData, View, heads
+from neurotact.studies.way import Arrays, TaskData, View, heads
 
 Rule = Literal["honest", "paper", "by placement"]
 

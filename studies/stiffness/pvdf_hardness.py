@@ -33,7 +33,7 @@ from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import fitting, tasks
 from neurotact.networks.use import ledger, measuring
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, TaskData, View, heads
+from neurotact.studies.way import Arrays, TaskData, View, heads
 
 SET_OF: dict[int, FeatureSet] = {1: "4F", 2: "8F", 4: "16F"}
 """Moments per channel (mean; with deviation; with skewness and kurtosis), by the paper's names for four channels."""

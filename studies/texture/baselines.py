@@ -41,7 +41,7 @@ from neurotact.networks.training import fitting
 from neurotact.networks.training.tasks import Task
 from neurotact.networks.use import ledger, measuring
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, View, heads
+from neurotact.studies.way import Arrays, View, heads
 
 SIDES = ("force_N", "speed_mm_per_s")
 """Conditions balanced in the split, as in the studies of the RSNN."""

@@ -49,7 +49,7 @@ from neurotact.networks.training.fitting import Trained
 from neurotact.networks.training.tasks import Sides, Task
 from neurotact.networks.use import measuring
 from neurotact.spec import Spec, build
-from neurotact.studies.protocol import Arrays, View, heads
+from neurotact.studies.way import Arrays, View, heads
 
 FLOAT = 32
 TRAINED, TRAINED_ON, ROUNDING, FINE_TUNING = "float", "float, trained on", "rounding", "fine-tuning"

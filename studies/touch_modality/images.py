@@ -33,7 +33,7 @@ from neurotact.data.conditioning import fit_standardisation
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import Dense, Layer, Moments, cost
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, View, heads
+from neurotact.studies.way import Arrays, View, heads
 
 KERNEL, FILTERS, UNITS = 3, 32, 100
 """Kernel, filters and dense units of the ConvLSTM (Sec. IV-B, 4)."""

@@ -24,7 +24,7 @@ from neurotact.data.conditioning import ema, ema_coefficient, fit_standardisatio
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import Cost, Dense, Moments, cost
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, TaskData, View, heads
+from neurotact.studies.way import Arrays, TaskData, View, heads
 
 AtLeastOne = Annotated[int, Field(ge=1)]
 

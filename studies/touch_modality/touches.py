@@ -14,7 +14,7 @@ from neurotact.data import doubtful
 from neurotact.data.hdf5 import load_recordings
 from neurotact.errors import InputError
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays
+from neurotact.studies.way import Arrays
 
 TAXELS = ARRAY_SIDE**2
 

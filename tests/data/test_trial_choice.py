@@ -316,8 +316,8 @@ def test_a_study_of_ways_to_save_uses_the_chosen_trials(place):
     assert mine.notes == ("Trials: speed = 450 without label = rest.", *alone.notes)
     sets = [next(iter(each.parameters["data"]["sets"].values())) for each in (mine, alone)]
     assert sets[0]["dataset"]["content"] == sets[1]["dataset"]["content"]
-    module = loading.protocol_study.module_of("ways_to_save")
-    cell = next(iter(loading.protocol_study.cells(mine)))
+    module = loading.way_study.module_of("ways_to_save")
+    cell = next(iter(loading.way_study.cells(mine)))
     arrays = module.load(cell.built().data)
     assert sorted(set(arrays["condition label"].tolist())) == ["felt", "silk"]
     with pytest.raises(InputError, match=r"`where`, `leave_out`: ways-to-save\.toml makes or reads its own recordings"):

@@ -24,7 +24,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
 from neurotact.networks.search import journal
 from neurotact.spec import shipped
-from neurotact.studies import loading, protocol, runner, store, study
+from neurotact.studies import loading, runner, store, study, way
 
 HERE = Path(__file__).parent
 TINY = HERE / "tiny.toml"
@@ -293,8 +293,8 @@ def test_a_folder_of_an_earlier_form_is_refused_in_one_sentence(run):
     """Before the form had a number: other keys were written, so that names of cells and of the study were others."""
     path, before = run / "study.toml", content(run)
     text = path.read_text()
-    assert text.startswith("schema = 1\n")
-    older = text.removeprefix("schema = 1\n")
+    assert text.startswith("schema = 2\n")
+    older = text.removeprefix("schema = 2\n")
     what = runner.load(run)
     for manifests in (True, False):
         path.write_text(older)
@@ -305,7 +305,7 @@ def test_a_folder_of_an_earlier_form_is_refused_in_one_sentence(run):
             with pytest.raises(InputError) as refusal:
                 go_on()
             assert str(refusal.value) == (
-                f"{run}: its study.toml is a study of another neurotact (schema none, here 1); remove the folder, or "
+                f"{run}: its study.toml is a study of another neurotact (schema none, here 2); remove the folder, or "
                 "run the study in another one"
             )
     path.write_text(text)
@@ -315,9 +315,9 @@ def test_a_folder_of_an_earlier_form_is_refused_in_one_sentence(run):
 
 def test_a_saved_study_of_another_form_is_run_by_its_name(run):
     path = run / "study.toml"
-    path.write_text(path.read_text().replace("schema = 1", "schema = 99"))
+    path.write_text(path.read_text().replace("schema = 2", "schema = 99"))
     with pytest.raises(
-        InputError, match=r"study\.toml: is a study of another neurotact \(schema 99, here 1\); run the"
+        InputError, match=r"study\.toml: is a study of another neurotact \(schema 99, here 2\); run the"
     ):
         loading.resolve(path)
 
@@ -395,7 +395,7 @@ def test_recordings_that_are_gone_are_not_needed_again(recorded):
 
 def test_recordings_of_a_protocol_that_changed_are_refused(tmp_path, monkeypatch):
     (tmp_path / "coins.csv").write_text("0")
-    coins = protocol.module_of("coins")
+    coins = way.module_of("coins")
     monkeypatch.setattr(coins, "load", lambda data: {"fell": pd.read_csv(data.path, header=None).to_numpy()[:, 0] > 0})
     what = loading.resolve(COINS, {"data.path": str(tmp_path / "coins.csv")}, quick=True)
     folder = tmp_path / "run"

@@ -8,13 +8,13 @@ import pytest
 
 from neurotact import plugins
 
-FOLDER = Path(__file__).parent / "toy_protocols"
+FOLDER = Path(__file__).parent / "toy_ways"
 
 
 def bring(patch: pytest.MonkeyPatch) -> None:
     """Make the protocol `coins` known until the patch is undone."""
     found = plugins._found
-    point = EntryPoint("coins", "coins", "neurotact.protocols")
+    point = EntryPoint("coins", "coins", "neurotact.ways")
     patch.syspath_prepend(str(FOLDER))
-    with_coins = lru_cache(lambda group: {**found(group), "coins": [point]} if group == "protocols" else found(group))
+    with_coins = lru_cache(lambda group: {**found(group), "coins": [point]} if group == "ways" else found(group))
     patch.setattr(plugins, "_found", with_coins)

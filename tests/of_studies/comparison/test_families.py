@@ -15,7 +15,7 @@ from neurotact.baselines.opponent import Sides, accuracy, best_of
 from neurotact.data.splits import Split
 from neurotact.metrics import flops
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.studies.protocol import TaskData
+from neurotact.studies.way import TaskData
 
 
 def tapped(n=60, seed=0, steps=200):

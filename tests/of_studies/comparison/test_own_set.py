@@ -27,7 +27,7 @@ from neurotact.data.spikes import from_rasters
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.studies import loading, protocol_study, runner, suited
+from neurotact.studies import loading, runner, suited, way_study
 
 WAYS = {
     "refractory period": [{"t_ref_ms": [20, 20]}],
@@ -70,7 +70,7 @@ def resolved(path: Path, **changes):
 
 
 def cells_of(study):
-    return list(protocol_study.cells(study))
+    return list(way_study.cells(study))
 
 
 def bench_of(path: Path, **changes):

@@ -14,7 +14,7 @@ from neurotact_parts.studies.comparison.real_sets import (
 
 from neurotact.data.splits import SplitSpec, split_conditions
 from neurotact.spec import build
-from neurotact.studies import protocol_study
+from neurotact.studies import way_study
 from neurotact.studies.loading import resolve
 
 SET = {
@@ -39,7 +39,7 @@ def test_its_sets_are_those_of_ways_to_save_with_groups():
 
 def test_results_name_the_split_also_where_it_is_the_default():
     study = resolve("real-sets")
-    found = [protocol_study.swept_values(study, cell) for cell in protocol_study.cells(study)]
+    found = [way_study.swept_values(study, cell) for cell in way_study.cells(study)]
     assert {(each["set"], each["split"]) for each in found} == {
         ("cubes", "trials"), ("cubes", "groups"), ("fabrics", "trials"), ("fabrics", "groups"), ("letters", "trials")
     }  # fmt: skip

@@ -25,7 +25,7 @@ from neurotact.errors import InputError
 from neurotact.metrics.flops import cost
 from neurotact.metrics.signal_flops import Averaging, StandardisedSteps
 from neurotact.spec import build
-from neurotact.studies.protocol import TaskData
+from neurotact.studies.way import TaskData
 
 
 def made_task(n=60, steps=30, rate_Hz=1000.0, per_group=3):

@@ -27,7 +27,7 @@ from neurotact.data.dataset import as_arrays, from_arrays, joined
 from neurotact.data.splits import split_conditions
 from neurotact.errors import InputError
 from neurotact.spec import build
-from neurotact.studies import loading, protocol_study, study
+from neurotact.studies import loading, study, way_study
 
 SHIPPED = loading.resolve("untrained-conditions").parameters
 REMEDIES = SHIPPED["remedies"]
@@ -182,7 +182,7 @@ def test_a_file_is_tested_at_each_value_of_its_condition(tmp_path):
     resolved = loading.resolve(
         "untrained-conditions", {"sweep.split.test_where.day": [0, 3], "window.length_ms": 80.0}, data=path
     )
-    cells = [cell.built() for cell in protocol_study.cells(resolved)]
+    cells = [cell.built() for cell in way_study.cells(resolved)]
     assert {(cell.condition, cell.value) for cell in cells} == {("day", 0), ("day", 3)}
     assert {cell.seed for cell in cells} == {0, 1, 2}
     assert {cell.remedy for cell in cells} == {*REMEDIES}

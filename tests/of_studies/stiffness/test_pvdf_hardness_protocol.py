@@ -163,5 +163,5 @@ def test_real_presses_tell_the_cubes_apart():
 
 def test_the_shipped_study_sweeps_all_six_chains_both_ways():
     study = loading.resolve("pvdf-hardness")
-    assert len([*loading.kind_of(study).cells(study)]) == 12
+    assert len([*loading.engine_of(study).cells(study)]) == 12
     assert study.parameters["spiking"]["forward_weight_scale"] == 0.1

@@ -98,7 +98,7 @@ def test_a_threshold_that_nothing_reaches_is_refused():
 
 def test_the_shipped_study_is_table_iii():
     study = loading.resolve("stiffness-slfn")
-    assert len([*loading.kind_of(study).cells(study)]) == 5 * 3 * 3
+    assert len([*loading.engine_of(study).cells(study)]) == 5 * 3 * 3
     assert study.parameters["network"]["neurons"] == [25, 50, 100, 200, 300]
     assert study.parameters["network"]["n_max"] == [50, 100, 200, 300]
     assert study.parameters["network"]["exponents"] == list(range(-8, 9))

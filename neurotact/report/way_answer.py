@@ -1,4 +1,4 @@
-"""What a run of a protocol answers: the best configuration, the cheapest within its error, and what stands beside it.
+"""What a run of a way answers: the best configuration, the cheapest within its error, and what stands beside it.
 
 The referee (`metrics.referee`) chooses by validation rows where the run holds them; test rows tell. A verdict is over
 splits (`metrics.resampled`), or on the test trials of a single one; without knowing which rows test the same trials
@@ -27,7 +27,7 @@ from neurotact.metrics.resampled import (
 from neurotact.metrics.shares import standard_error
 from neurotact.report.answer import count
 from neurotact.report.page import Figure, Table
-from neurotact.studies.protocol import HEADS, View
+from neurotact.studies.way import HEADS, View
 
 VALIDATION = "accuracy_validation"
 SIDES, TRIALS, N_VALIDATION = ("n_train", "n_test"), "test_trials", "n_validation"
@@ -64,7 +64,7 @@ class Configuration(NamedTuple):
         return Way(self.chosen_by, self.choice_error, self.cost)
 
 
-class ProtocolAnswer(NamedTuple):
+class WayAnswer(NamedTuple):
     """The answer for one task or rule of a run, whose configurations can be compared.
 
     setting: its name; empty where there is only one. cheapest: the cheapest within the best one's error.
@@ -89,10 +89,10 @@ class ProtocolAnswer(NamedTuple):
     untested: str = ""
 
 
-def answers(means: pd.DataFrame, view: View, results: pd.DataFrame | None = None) -> list[ProtocolAnswer]:
+def answers(means: pd.DataFrame, view: View, results: pd.DataFrame | None = None) -> list[WayAnswer]:
     """An answer for each combination of `view.apart`, those whose choices saw test data last.
 
-    means: of `protocol.over_rows`; configurations without a score are left out. Where some have a validation accuracy,
+    means: of `ways.over_rows`; configurations without a score are left out. Where some have a validation accuracy,
     those without one are not chosen: such as early exit, which is the same network again. results: the rows of these
     means, which `View.splits` assigns to splits; without them nothing is tested.
 
@@ -126,9 +126,7 @@ def _by_split(results: pd.DataFrame, view: View) -> Iterator[tuple[int, pd.DataF
             yield index, known.groupby(named or np.zeros(len(known)), dropna=False)[columns].mean()
 
 
-def _answer(
-    key: tuple[Any, ...], rows: pd.DataFrame, view: View, by_split: Mapping[int, pd.DataFrame]
-) -> ProtocolAnswer:
+def _answer(key: tuple[Any, ...], rows: pd.DataFrame, view: View, by_split: Mapping[int, pd.DataFrame]) -> WayAnswer:
     is_validated = VALIDATION in rows and bool(rows[VALIDATION].notna().any())
     choice = VALIDATION if is_validated else view.score
     rows_ = [
@@ -151,7 +149,7 @@ def _answer(
     chance = float(rows["chance"].mean()) if "chance" in rows and rows["chance"].notna().any() else None
     setting = setting_of(key, view)
     is_optimistic = any(str(value) in view.optimistic for value in key)
-    return ProtocolAnswer(
+    return WayAnswer(
         setting, rows_, best, cheapest, spiking, others, other, rivals, verdict, chance, is_validated, is_optimistic,
         untested,
     )  # fmt: skip
@@ -219,13 +217,13 @@ def _error(row: pd.Series, measure: str, by_split: pd.DataFrame | None) -> float
     return standard_error(known[measure].item(), round(trials)) if trials else math.nan
 
 
-def headline(answer: ProtocolAnswer, view: View) -> str:
+def headline(answer: WayAnswer, view: View) -> str:
     """The result in one sentence: the verdict, and the numbers that it rests on."""
     said = verdict(answer)
     return f"{said}: {evidence(answer, view)}" if said else evidence(answer, view)
 
 
-def verdict(answer: ProtocolAnswer) -> str:
+def verdict(answer: WayAnswer) -> str:
     """The verdict of the headline, without its numbers; empty where there is nothing to compare."""
     if answer.spiking is None or answer.other is None:
         return ""
@@ -237,7 +235,7 @@ def verdict(answer: ProtocolAnswer) -> str:
     }[kind_of(answer)]
 
 
-def evidence(answer: ProtocolAnswer, view: View) -> str:
+def evidence(answer: WayAnswer, view: View) -> str:
     """The numbers of the headline."""
     guess = "" if answer.chance is None else f"; guessing reaches {_score(answer.chance, view)}"
     if answer.spiking is None or answer.other is None:
@@ -245,7 +243,7 @@ def evidence(answer: ProtocolAnswer, view: View) -> str:
     return f"{_told(answer.spiking, view)}; {_rivals(answer, view)}{guess}."
 
 
-def figures(answer: ProtocolAnswer, view: View) -> list[Figure]:
+def figures(answer: WayAnswer, view: View) -> list[Figure]:
     """The score and the costs of the best configuration that spikes, or of the best one, beside the best other.
 
     >>> measures = {"accuracy": "accuracy (%)", "flops": "FLOPs"}
@@ -282,21 +280,21 @@ def _costs(one: Configuration, view: View) -> dict[str, float]:
     return {head: value for head, value in costs.items() if not math.isnan(value)}
 
 
-def kind_of(answer: ProtocolAnswer) -> referee.Kind | Literal["untested"]:
+def kind_of(answer: WayAnswer) -> referee.Kind | Literal["untested"]:
     """The verdict on spiking. A table with a more accurate row without spikes contradicts `better`: that is a tie."""
     if answer.verdict is None:
         return "untested"
     return "tie" if answer.verdict.kind == "better" and _unranked(answer) is not None else answer.verdict.kind
 
 
-def _unranked(answer: ProtocolAnswer) -> Configuration | None:
+def _unranked(answer: WayAnswer) -> Configuration | None:
     """A configuration without spikes that validation ranks lower, and whose score is at least that of spiking."""
     assert answer.spiking is not None
     lower = [one for one in answer.others if one not in answer.rivals and one.score >= answer.spiking.score]
     return max(lower, key=lambda one: one.score, default=None)
 
 
-def _rivals(answer: ProtocolAnswer, view: View) -> str:
+def _rivals(answer: WayAnswer, view: View) -> str:
     """What spiking is compared with, in words."""
     assert answer.other is not None
     if answer.verdict is not None and answer.verdict.kind == "better" and (lower := _unranked(answer)) is not None:
@@ -312,7 +310,7 @@ def _rivals(answer: ProtocolAnswer, view: View) -> str:
     return f"the best without spikes, {answer.other.name}, has {_score(answer.other.score, view)}"
 
 
-def details(answer: ProtocolAnswer, view: View) -> Iterator[str]:
+def details(answer: WayAnswer, view: View) -> Iterator[str]:
     """What the cheapest within the error saves, and what the reader must know of the choice, in sentences."""
     best, cheapest = answer.best, answer.cheapest
     rows = "validation" if answer.is_validated else "test"
@@ -337,7 +335,7 @@ def details(answer: ProtocolAnswer, view: View) -> Iterator[str]:
         yield _tested_on(answer, view)
 
 
-def _tested_on(answer: ProtocolAnswer, view: View) -> str:
+def _tested_on(answer: WayAnswer, view: View) -> str:
     """On what the verdict rests, and below which difference there can be none."""
     assert answer.spiking is not None
     assert answer.verdict is not None
@@ -355,7 +353,7 @@ def _tested_on(answer: ProtocolAnswer, view: View) -> str:
     return f"{said}; no difference {'' if math.isinf(least) else f'below {_points(least, view)} '}could be clear."
 
 
-def table(answer: ProtocolAnswer, view: View) -> Table:
+def table(answer: WayAnswer, view: View) -> Table:
     """The best of each kind, the cheapest within the error, and guessing."""
     kinds: dict[str, Configuration] = {}
     for one in sorted(answer.configurations, key=lambda one: (math.isnan(one.chosen_by), -one.chosen_by)):
@@ -384,7 +382,7 @@ def table(answer: ProtocolAnswer, view: View) -> Table:
     return Table(caption, heads, rows, n_heads=1)
 
 
-def _named(answer: ProtocolAnswer) -> list[Configuration]:
+def _named(answer: WayAnswer) -> list[Configuration]:
     """Every configuration that a sentence of the answer may name, each once."""
     known = [answer.cheapest, answer.other, answer.spiking]
     if answer.verdict is not None:
@@ -485,7 +483,7 @@ def _lost(before: Configuration, after: Configuration, view: View) -> str:
     )
 
 
-def as_json(all_answers: Sequence[ProtocolAnswer], view: View) -> dict[str, Any]:
+def as_json(all_answers: Sequence[WayAnswer], view: View) -> dict[str, Any]:
     """What the page draws of each answer: its best and cheapest point, and guessing in the unit of the axis."""
     factor = scale(view.measures[view.score])
     return {

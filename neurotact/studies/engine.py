@@ -1,4 +1,4 @@
-"""What the runner needs of a kind of study: how its spec becomes cells, a cell arrays, and arrays a row."""
+"""What the runner needs of a way: how a study becomes cells, a cell gets its input, and input becomes a row."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -25,8 +25,8 @@ class AnyCell(Protocol):
         ...
 
 
-class Kind(NamedTuple):
-    """A kind of study, as functions of modules, which other processes and machines can call.
+class Engine(NamedTuple):
+    """How the studies of a way run, as functions of modules, which other processes and machines can call.
 
     cells: all cells of a study, in the order of its sweep.
     prepare: writes the inputs that cells share into a run folder; called in a process, which then frees its memory.
@@ -45,5 +45,5 @@ class Kind(NamedTuple):
     tables: Callable[[Path, Any, Results], Mapping[str, pd.DataFrame]]
 
 
-MapCells = Callable[[Kind, list[AnyCell], Path], Iterator[tuple[AnyCell, Files]]]
+MapCells = Callable[[Engine, list[AnyCell], Path], Iterator[tuple[AnyCell, Files]]]
 """Computes cells from their inputs in a run folder; yields each cell with its files as soon as it is finished."""

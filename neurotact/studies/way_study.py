@@ -1,4 +1,4 @@
-"""A protocol study: a spec that names the system of a paper, its parameters, and its sweep; its cells.
+"""A study of any other way than networks: a spec that names the way, its parameters, and its sweep; its cells.
 
 A study file may contain a table `[with_data]`: dotted keys that are set if `data` names a file. It may have its own
 `title` and `about`, and a table `[with_data.quick]` in place of `[quick]`.
@@ -15,14 +15,14 @@ from neurotact.errors import InputError
 from neurotact.spec import Spec
 from neurotact.studies import suited, sweeps
 from neurotact.studies.claims import Claim
-from neurotact.studies.protocol import Own, module_of, optional
+from neurotact.studies.way import Own, module_of, optional
 
 WORDS = ("title", "about")
 """Keys of `[with_data]` that are not parameters."""
 
 
-class ProtocolStudy(Spec):
-    """A study of one system (`studies/*.toml` with the key `protocol`)."""
+class WayStudy(Spec):
+    """A study of one system (`studies/*.toml` with the key `way`)."""
 
     folder: ClassVar[str] = "studies"
     words: ClassVar[set[str]] = {"title", "about", "claims", "notes", "as_shipped", "first_look"}
@@ -30,10 +30,10 @@ class ProtocolStudy(Spec):
     """Heading of the report."""
     about: str = ""
     """The question of the study, in a sentence or two, below the heading."""
-    protocol: str
-    """The name of an entry point of the group `neurotact.protocols`."""
+    way: str
+    """The name of an entry point of the group `neurotact.ways`."""
     parameters: dict[str, Any] = {}
-    """Of the protocol; a resolved study has all of them."""
+    """Of the way; a resolved study has all of them."""
     sweep: dict[str, list[Any]]
     """Values of each axis: a dotted key of the parameters, or several joined by ` & `."""
     claims: tuple[Claim, ...] = ()
@@ -46,7 +46,7 @@ class ProtocolStudy(Spec):
     """As of `StudySpec`."""
 
     @model_validator(mode="after")
-    def _has_a_sweep(self) -> "ProtocolStudy":
+    def _has_a_sweep(self) -> "WayStudy":
         sweeps.check(self.sweep)
         return self
 
@@ -55,10 +55,10 @@ class ProtocolStudy(Spec):
         return specs.digest(placeless(self.model_dump(mode="json", exclude=self.words)))
 
 
-class ProtocolCell(Spec):
-    """One run of a protocol: everything that decides its numbers."""
+class WayCell(Spec):
+    """One run of a way: everything that decides its numbers."""
 
-    protocol: str
+    way: str
     parameters: dict[str, Any]
 
     def digest(self) -> str:
@@ -73,11 +73,11 @@ class ProtocolCell(Spec):
     @property
     def data_name(self) -> str:
         """The digest of the parameters that decide the arrays that the cell shares with others."""
-        return specs.digest([self.protocol, placeless(self.parameters["data"])])
+        return specs.digest([self.way, placeless(self.parameters["data"])])
 
     def built(self) -> Any:
-        """The parameters as the protocol's own spec."""
-        return specs.build(module_of(self.protocol).Parameters, self.parameters, source=f"protocol {self.protocol}")
+        """The parameters as the way's own spec."""
+        return specs.build(module_of(self.way).Parameters, self.parameters, source=f"way {self.way}")
 
 
 def placeless(table: Mapping[str, Any]) -> dict[str, Any]:
@@ -98,13 +98,13 @@ def resolve(
     *,
     quick: bool = False,
     data: str | Path | None = None,
-) -> ProtocolStudy:
+) -> WayStudy:
     """The study in a file's table, with its complete parameters.
 
     overrides: dotted keys of the parameters (`data.trials`, or in full `parameters.data.trials`), or `sweep.KEY`.
     quick: apply the file's `[quick]` table of overrides first.
     data: a file of the user, in place of the recordings that the study makes or reads. Raises InputError if its
-        protocol does not accept one.
+        way does not accept one.
     """
     quick_overrides, with_data = (specs.pop_table(table, key, path) for key in ("quick", "with_data"))
     table["parameters"] = suited.placed(table.get("parameters", {}), path)
@@ -123,10 +123,10 @@ def resolve(
     table |= {"first_look": True} if quick else {}
     others = sweeps.unswept(table.setdefault("sweep", {}), changes, path)
     table = specs.override(table, {f"parameters.{key}": value for key, value in others.items()})
-    if not (overrides or quick or data) and path in specs.shipped(ProtocolStudy.folder):
+    if not (overrides or quick or data) and path in specs.shipped(WayStudy.folder):
         table["as_shipped"] = True
-    study = specs.build(ProtocolStudy, table, source=str(path))
-    model = module_of(study.protocol).Parameters
+    study = specs.build(WayStudy, table, source=str(path))
+    model = module_of(study.way).Parameters
     swept = sweeps.keys(study.sweep)
     specs.refuse({**others, **dict.fromkeys(swept)}, model.decided)
     first = next(sweeps.points(study.sweep))
@@ -139,25 +139,25 @@ def resolve(
 
 
 def _own(table: Mapping[str, Any], path: Path, data: str | Path, given: Mapping[str, Any]) -> Own:
-    """The changes of a study's protocol for a file of the user."""
-    make = optional(module_of(str(table["protocol"])), "own")
+    """The changes of a study's way for a file of the user."""
+    make = optional(module_of(str(table["way"])), "own")
     if make is None:
         raise InputError(f"`data`: {path.name} makes or reads its own recordings; leave `data` out")
     return make(suited.file_of(data), given)
 
 
-def cells(study: ProtocolStudy) -> Iterator[ProtocolCell]:
+def cells(study: WayStudy) -> Iterator[WayCell]:
     """The cells in the order of the sweep: the first axis is the slowest."""
-    model = module_of(study.protocol).Parameters
+    model = module_of(study.way).Parameters
     if "data" not in model.model_fields:
-        raise InputError(f"protocol {study.protocol}: its Parameters lack the field 'data'")
+        raise InputError(f"way {study.way}: its Parameters lack the field 'data'")
     for point in sweeps.points(study.sweep):
         table = specs.override(study.parameters, point)
         parameters = specs.build(model, table, source=f"sweep of {study.title}")
-        yield ProtocolCell(protocol=study.protocol, parameters=parameters.model_dump(mode="json", exclude_none=True))
+        yield WayCell(way=study.way, parameters=parameters.model_dump(mode="json", exclude_none=True))
 
 
-def swept_values(study: ProtocolStudy, cell: ProtocolCell) -> dict[str, Any]:
+def swept_values(study: WayStudy, cell: WayCell) -> dict[str, Any]:
     """The swept values of a cell, by the last name of each key, or by the whole key if two have the same last name."""
     keys = sweeps.keys(study.sweep)
     ends = [key.rpartition(".")[2] for key in keys]

@@ -1,7 +1,7 @@
 """The interface of a paper's own system, which is then swept, run, resumed and reported as every study is.
 
-Each protocol is a module that an entry point of the group `neurotact.protocols` names. It contains `Parameters` and the
-functions of `ProtocolModule`, which connect estimators, signals, costs and drawings of other modules.
+Each way is a module that an entry point of the group `neurotact.ways` names. It contains `Parameters` and the
+functions of `Way`, which connect estimators, signals, costs and drawings of other modules.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -39,7 +39,7 @@ HEADS = {
     "hidden_spikes": "hidden spikes",
     "neurons": "mean N",
 }
-"""Heads in tables of the columns that several protocols have."""
+"""Heads in tables of the columns that several ways have."""
 
 
 def heads(columns: str, **own: str) -> dict[str, str]:
@@ -80,7 +80,7 @@ class View(NamedTuple):
 
 
 class Own(NamedTuple):
-    """The changes of a protocol for the file that `data` names.
+    """The changes of a way for the file that `data` names.
 
     changes: dotted keys of the study, such as `data.set` and `sweep.seed`; they replace all given keys.
     notes: what was chosen for the recordings, in words.
@@ -117,8 +117,8 @@ class TaskData(NamedTuple):
     groups: np.ndarray
 
 
-class ProtocolModule(Protocol):
-    """The contents of the module of a protocol.
+class Way(Protocol):
+    """The contents of the module of a way.
 
     Parameters: everything that decides a cell's numbers; its field `data` decides the arrays that cells share.
     Four functions are optional (`optional`):
@@ -147,19 +147,17 @@ class ProtocolModule(Protocol):
         ...
 
 
-def optional(
-    module: ProtocolModule, name: Literal["answers", "cautions", "tables", "own"]
-) -> Callable[..., Any] | None:
-    """An optional function of a protocol (see `ProtocolModule`); None if the protocol lacks it."""
+def optional(module: Way, name: Literal["answers", "cautions", "tables", "own"]) -> Callable[..., Any] | None:
+    """An optional function of a way; None if it lacks it."""
     return getattr(module, name, None)
 
 
-def module_of(name: str) -> ProtocolModule:
-    """The module of a protocol; InputError for an unknown name, with the nearest, and for a module without a part."""
-    module = plugins.load("protocols", name)
+def module_of(name: str) -> Way:
+    """The module of a way; InputError for an unknown name, with the nearest, and for a module without a part."""
+    module = plugins.load("ways", name)
     lacking = [part for part in ("Parameters", "VIEW", "load", "run", "draw") if not hasattr(module, part)]
     if lacking:
-        raise plugins.unfit("protocols", name, f"has no {lacking[0]}")
+        raise plugins.unfit("ways", name, f"has no {lacking[0]}")
     if not (isinstance(module.Parameters, type) and issubclass(module.Parameters, Spec)):
-        raise plugins.unfit("protocols", name, "has Parameters that are not a Spec")
-    return cast(ProtocolModule, module)
+        raise plugins.unfit("ways", name, "has Parameters that are not a Spec")
+    return cast(Way, module)

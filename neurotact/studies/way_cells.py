@@ -1,4 +1,4 @@
-"""The cells of a protocol study: the arrays that they share on the disk, the files of each, and the rows of all."""
+"""The cells of a way that is a module: the arrays that they share on the disk, the files of each, the rows of all."""
 
 import hashlib
 import json
@@ -13,14 +13,14 @@ import pandas as pd
 from neurotact.data.sources import expand
 from neurotact.errors import InputError
 from neurotact.files import existing, whole, write_json
-from neurotact.studies import store
-from neurotact.studies.kind import Files, Results
-from neurotact.studies.protocol import Arrays, module_of
-from neurotact.studies.protocol_study import ProtocolCell, ProtocolStudy, swept_values
+from neurotact.studies import store, way_study
+from neurotact.studies.engine import Engine, Files, Results
 from neurotact.studies.store import DATA, RESULT, TIMING
+from neurotact.studies.way import Arrays, module_of
+from neurotact.studies.way_study import WayCell, WayStudy, swept_values
 
 
-def prepare(folder: Path, study: ProtocolStudy, cells: Iterable[ProtocolCell]) -> None:
+def prepare(folder: Path, study: WayStudy, cells: Iterable[WayCell]) -> None:
     """Write missing and damaged arrays that cells share, and their hashes into data.json.
 
     Raises InputError if their recordings changed since the study started.
@@ -36,7 +36,7 @@ def prepare(folder: Path, study: ProtocolStudy, cells: Iterable[ProtocolCell]) -
         before, sources = known.get(name), _sources(cell)
         if before is not None and f"{name}.npz" not in flaws and _are_same(before.get("sources", {}), sources):
             continue
-        arrays = module_of(study.protocol).load(cell.built().data)
+        arrays = module_of(study.way).load(cell.built().data)
         entry = {"sha256": _hash(arrays), "arrays": {key: list(value.shape) for key, value in arrays.items()}}
         if before is not None and {key: before[key] for key in entry} != entry:
             raise InputError(f"{folder}: the recordings changed since this study began; run it in another folder")
@@ -48,12 +48,12 @@ def prepare(folder: Path, study: ProtocolStudy, cells: Iterable[ProtocolCell]) -
         store.seal(target, [f"{name}.npz"])
 
 
-def check(folder: Path, _: ProtocolStudy, cells: Iterable[ProtocolCell]) -> None:
+def check(folder: Path, _: WayStudy, cells: Iterable[WayCell]) -> None:
     """Raise InputError if the arrays of the cells of a run folder were changed."""
     store.check(folder, [DATA, *dict.fromkeys(cell.given for cell in cells)])
 
 
-def _sources(cell: ProtocolCell) -> dict[str, str]:
+def _sources(cell: WayCell) -> dict[str, str]:
     """The fingerprint of each file or folder from which the cell's arrays may be read."""
     prints = {path: store.fingerprint(expand(path)) for path in _paths(cell.parameters["data"])}
     return {path: sha256 for path, sha256 in sorted(prints.items()) if sha256 is not None}
@@ -79,16 +79,16 @@ def load_arrays(path: Path) -> Arrays:
         return {name: stored[name] for name in stored.files}
 
 
-def run_cell(cell: ProtocolCell, arrays: Arrays, *_: Any) -> Files:
-    """The files of a cell; what else a `Kind` passes is for networks."""
+def run_cell(cell: WayCell, arrays: Arrays, *_: Any) -> Files:
+    """The files of a cell; what else an `Engine` passes is for networks."""
     began = perf_counter()
-    rows = [_plain(row) for row in module_of(cell.protocol).run(cell.built(), arrays)]
+    rows = [_plain(row) for row in module_of(cell.way).run(cell.built(), arrays)]
     result = json.dumps({"rows": rows}, indent=1)
     timing = json.dumps({"seconds": perf_counter() - began})
     return {RESULT: result.encode(), TIMING: timing.encode()}
 
 
-def tables(_: Path, study: ProtocolStudy, results: Results) -> dict[str, pd.DataFrame]:
+def tables(_: Path, study: WayStudy, results: Results) -> dict[str, pd.DataFrame]:
     """The rows of all cells, in the order of the sweep; the swept values are the first columns."""
     rows = [{**swept_values(study, cell), **row} for cell, result in results for row in result["rows"]]
     return {"results.csv": pd.DataFrame(rows)}
@@ -106,3 +106,6 @@ def _hash(arrays: Arrays) -> str:
         content.update(name.encode())
         content.update(np.ascontiguousarray(arrays[name]).tobytes())
     return content.hexdigest()
+
+
+ENGINE = Engine(way_study.cells, prepare, check, load_arrays, run_cell, tables)

@@ -1,4 +1,4 @@
-"""The report of a protocol study: its configurations, their scores and their costs."""
+"""The report of a study of a way that is a module: its configurations, their scores and their costs."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,15 +9,15 @@ import pandas as pd
 
 from neurotact.figures.style import bars
 from neurotact.files import write_json
-from neurotact.report import page, protocol_answer
+from neurotact.report import page, way_answer
 from neurotact.report.answer import count
 from neurotact.report.page import Entry, Figure, Table
-from neurotact.report.protocol_answer import ProtocolAnswer, name_of, scale, words
+from neurotact.report.way_answer import WayAnswer, name_of, scale, words
 from neurotact.spec import to_toml
-from neurotact.studies import protocol_cell
-from neurotact.studies.protocol import Listed, View, module_of, optional
-from neurotact.studies.protocol_study import ProtocolStudy, cells
+from neurotact.studies import way_cells
 from neurotact.studies.store import is_done
+from neurotact.studies.way import Listed, View, module_of, optional
+from neurotact.studies.way_study import WayStudy, cells
 from neurotact.tables import means_over, read_table, write_table
 
 DOWNLOADS = {
@@ -43,28 +43,35 @@ class Front(NamedTuple):
     details: list[str]
     tables: Sequence[Table]
 
+    def as_json(self) -> dict[str, Any]:
+        """The answer for programs, as that of networks: the headline, its verdict alone, and all else in words."""
+        figures = [figure._asdict() for figure in self.figures]
+        said = {"headline": self.headline, "short": self.verdict, "figures": figures, "details": self.details[1:]}
+        return {"dataset": self.setting, **said}
+
 
 FIRST_LOOK = "this is a first look, with fewer settings and seeds; run the whole study for an answer to build on"
 LOG_FROM = 30.0
 """Costs that differ by more than this factor stand on a logarithmic axis."""
 
 
-def write(study: ProtocolStudy, folder: Path) -> Path:
+def write(study: WayStudy, folder: Path) -> Path:
     """Write `report.html`, its figures, `results.json` and the means from what a run left; the page's path.
 
     Raises InputError when `results.csv` is not there or a claim names a column that is not there.
     """
-    module = module_of(study.protocol)
+    module = module_of(study.way)
     results = read_results(folder / "results.csv", module.VIEW)
     means = over_rows(results, module.VIEW)
     write_table(results, folder / "results.json")
     for suffix in (".csv", ".md"):
         write_table(means, folder / f"means{suffix}", f"# {study.title}\n\n{module.VIEW.note}")
     told = _told(study, results)
-    if told.answers:
-        write_json(folder / page.ANSWER, told.as_json())
+    found = way_answer.answers(_with_choice(results, means, module.VIEW), module.VIEW, results)
+    shown = seen(means, module.VIEW, found, told.tables)
+    write_json(folder / page.ANSWER, told.as_json(shown["fronts"]))
     every = list(cells(study))
-    arrays = protocol_cell.load_arrays(folder / every[0].given)
+    arrays = way_cells.load_arrays(folder / every[0].given)
     parameters = {key: value for key, value in study.parameters.items() if key != "data"}
     return page.write(
         "protocol.html.jinja",
@@ -80,37 +87,32 @@ def write(study: ProtocolStudy, folder: Path) -> Path:
         data=page.if_there(folder / "data.json"),
         answers=told.answers,
         cautions=told.cautions,
-        **seen(
-            means,
-            module.VIEW,
-            protocol_answer.answers(_with_choice(results, means, module.VIEW), module.VIEW, results),
-            told.tables,
-        ),
+        **shown,
     )
 
 
 class Told(NamedTuple):
-    """What a protocol says of a run in words: sentences, what makes them worth little, and tables by their setting."""
+    """What a way says of a run in words: sentences, what makes them worth little, and tables by their setting."""
 
     answers: list[str]
     cautions: list[str]
     tables: dict[str, list[Table]]
 
-    def as_json(self) -> dict[str, Any]:
-        """The first screen for programs."""
+    def as_json(self, fronts: Sequence[Front]) -> dict[str, Any]:
+        """The first screen for programs: the sentences of the way where it has its own, else those of the fronts."""
+        tables = self.tables if self.answers else {front.setting: front.tables for front in fronts}
         return {
-            "answers": [{"dataset": "", "headline": said, "details": []} for said in self.answers],
-            "tables": [
-                table._asdict() | {"setting": setting} for setting, several in self.tables.items() for table in several
-            ],
+            "answers": [{"dataset": "", "headline": said, "details": []} for said in self.answers]
+            or [front.as_json() for front in fronts],
+            "tables": [table._asdict() | {"setting": name} for name, several in tables.items() for table in several],
             "cautions": self.cautions,
         }
 
 
-def _told(study: ProtocolStudy, results: pd.DataFrame) -> Told:
-    module = module_of(study.protocol)
+def _told(study: WayStudy, results: pd.DataFrame) -> Told:
+    module = module_of(study.way)
     answers, cautions, tables = (optional(module, name) for name in ("answers", "cautions", "tables"))
-    first_look = [FIRST_LOOK] if study.first_look and answers else []
+    first_look = [FIRST_LOOK] if study.first_look else []
     return Told(
         answers(results) if answers else [],
         first_look + (cautions(results) if cautions else []),
@@ -121,7 +123,7 @@ def _told(study: ProtocolStudy, results: pd.DataFrame) -> Told:
 
 
 def listed(what: Listed, view: View) -> Table:
-    """A table of a protocol as text.
+    """A table of a way as text.
 
     >>> view = View((), {"accuracy": "accuracy (%)", "sops": "SOPs"}, "sops", "accuracy")
     >>> rows = pd.DataFrame({"way": ["pruning"], "accuracy": [0.9], "low": [0.8], "high": [1.02], "sops": [41234.0]})
@@ -149,7 +151,7 @@ def _in_words(row: Mapping[Any, Any], column: str, head: str, view: View) -> str
 
 
 def seen(
-    means: pd.DataFrame, view: View, answers: Sequence[ProtocolAnswer] = (), tables: Mapping[str, Sequence[Table]] = {}
+    means: pd.DataFrame, view: View, answers: Sequence[WayAnswer] = (), tables: Mapping[str, Sequence[Table]] = {}
 ) -> dict[str, Any]:
     """What `protocol.html.jinja` shows of the means of `over_rows`: its answers, points and table, and their words.
 
@@ -159,11 +161,11 @@ def seen(
         "fronts": [
             Front(
                 one.setting,
-                protocol_answer.headline(one, view),
-                protocol_answer.verdict(one),
-                protocol_answer.figures(one, view),
-                [protocol_answer.evidence(one, view), *protocol_answer.details(one, view)],
-                tables.get(one.setting) or [protocol_answer.table(one, view)],
+                way_answer.headline(one, view),
+                way_answer.verdict(one),
+                way_answer.figures(one, view),
+                [way_answer.evidence(one, view), *way_answer.details(one, view)],
+                tables.get(one.setting) or [way_answer.table(one, view)],
             )
             for one in answers
         ],
@@ -173,7 +175,7 @@ def seen(
         "score": view.measures[view.score],
         "heads": [*map(words, view.by), *view.measures.values()],
         "rows": _rows(means, view),
-        "page": page.parts(_page_data(means, view) | {"fronts": protocol_answer.as_json(answers, view)}, page.PROTOCOL),
+        "page": page.parts(_page_data(means, view) | {"fronts": way_answer.as_json(answers, view)}, page.PROTOCOL),
     }
 
 
@@ -197,7 +199,7 @@ def over_rows(results: pd.DataFrame, view: View) -> pd.DataFrame:
 
 def _with_choice(results: pd.DataFrame, means: pd.DataFrame, view: View) -> pd.DataFrame:
     """The means with the validation accuracy by which an answer chooses, where the view does not show it."""
-    choice = protocol_answer.VALIDATION
+    choice = way_answer.VALIDATION
     if choice not in results or choice in means:
         return means
     spread = means_over(results, view.by, [choice], "rows")
@@ -234,7 +236,7 @@ def _page_data(means: pd.DataFrame, view: View) -> dict[str, Any]:
     points = [
         {
             "name": ", ".join(f"{words(column)} {name_of(row[column])}" for column in view.by),
-            "setting": protocol_answer.setting_of([row[column] for column in view.apart], view),
+            "setting": way_answer.setting_of([row[column] for column in view.apart], view),
             "series": name_of(row[named[0]]),
             "costs": {column: _number(row[column]) for column in costs},
             "y": _number(factor * row[view.score]),
@@ -253,7 +255,7 @@ def _page_data(means: pd.DataFrame, view: View) -> dict[str, Any]:
 
 def _costs(means: pd.DataFrame, view: View) -> list[str]:
     """The columns that may stand on the axis of the cost: the view's own, then time and energy where there are any."""
-    others = [column for column in protocol_answer.SPENT if column in view.measures and column in means]
+    others = [column for column in way_answer.SPENT if column in view.measures and column in means]
     return list(dict.fromkeys([view.cost, *others]))
 
 

@@ -13,8 +13,8 @@ from neurotact.metrics.paired import compare_shares
 from neurotact.metrics.referee import least_difference
 from neurotact.metrics.resampled import least_difference_over_splits, resampled_error, resampled_p
 from neurotact.metrics.shares import standard_error
-from neurotact.report import protocol, protocol_answer
-from neurotact.studies.protocol import View
+from neurotact.report import way_answer, ways
+from neurotact.studies.way import View
 
 MEASURES = {"accuracy_test": "test accuracy (%)", "accuracy_validation": "validation accuracy (%)", "flops": "FLOPs"}
 VIEW = View(("kind", "size"), MEASURES, "flops", "accuracy_test")
@@ -43,23 +43,23 @@ def runs(*rows, splits=4, n_train=700, n_test=150, **columns):
 
 
 def answer_of(results, view=SPIKING):
-    shown = protocol.over_rows(results, view)
-    (found,) = protocol_answer.answers(protocol._with_choice(results, shown, view), view, results)
+    shown = ways.over_rows(results, view)
+    (found,) = way_answer.answers(ways._with_choice(results, shown, view), view, results)
     return found
 
 
 def test_validation_rows_choose_and_test_rows_tell():
-    (found,) = protocol_answer.answers(means(("a", 1, 0.95, 0.90, 900.0), ("b", 2, 0.80, 0.99, 100.0)), VIEW)
+    (found,) = way_answer.answers(means(("a", 1, 0.95, 0.90, 900.0), ("b", 2, 0.80, 0.99, 100.0)), VIEW)
     assert (found.best.name, found.best.score) == ("a, size 1", 0.90)
-    assert protocol_answer.headline(found, VIEW) == "a, size 1 has a test accuracy of 90.0 % at 900 FLOPs."
+    assert way_answer.headline(found, VIEW) == "a, size 1 has a test accuracy of 90.0 % at 900 FLOPs."
 
 
 def test_the_cheapest_lies_within_one_standard_error_on_validation_rows():
     # The error is 0.04 / sqrt(4) = 0.02.
     rows = (("a", 1, 0.95, 0.90, 900.0), ("b", 1, 0.93, 0.89, 300.0), ("c", 1, 0.929, 0.95, 100.0))
-    (found,) = protocol_answer.answers(means(*rows), VIEW)
+    (found,) = way_answer.answers(means(*rows), VIEW)
     assert found.cheapest.name == "b, size 1"
-    (told,) = protocol_answer.details(found, VIEW)
+    (told,) = way_answer.details(found, VIEW)
     assert told == (
         "Within the error of a, size 1 (2.0 points on validation rows), b, size 1 is the cheapest: 67 % less, 300 "
         "FLOPs against 900, and its score is 1.0 points lower, 89.0 %."
@@ -79,18 +79,18 @@ def test_what_is_not_counted_is_never_the_cheapest_and_it_is_said():
 
 def test_without_validation_the_reader_is_warned():
     table = means(("a", 1, 0.95, 0.90, 900.0)).drop(columns=["accuracy_validation", "accuracy_validation_sd"])
-    (found,) = protocol_answer.answers(table, VIEW)
-    assert any("no validation accuracy" in line for line in protocol_answer.details(found, VIEW))
+    (found,) = way_answer.answers(table, VIEW)
+    assert any("no validation accuracy" in line for line in way_answer.details(found, VIEW))
 
 
 def test_one_row_has_no_error():
     table = means(("a", 1, 0.95, 0.9, 900.0), ("b", 1, 0.95, 0.8, 300.0), ("c", 1, 0.94, 0.9, 1.0)).assign(
         rows=1, accuracy_validation_sd=math.nan, accuracy_test_sd=math.nan
     )
-    (found,) = protocol_answer.answers(table, VIEW)
+    (found,) = way_answer.answers(table, VIEW)
     assert found.best.name == found.cheapest.name == "b, size 1"
-    assert any("one row" in line for line in protocol_answer.details(found, VIEW))
-    assert "±" not in str(protocol_answer.table(found, VIEW).rows)
+    assert any("one row" in line for line in way_answer.details(found, VIEW))
+    assert "±" not in str(way_answer.table(found, VIEW).rows)
 
 
 @pytest.mark.parametrize(
@@ -108,24 +108,24 @@ def test_spiking_is_set_beside_the_best_of_the_others(spiking, words):
         ),
         SPIKING._replace(measures=MEASURES | {"chance": "guessing (%)"}),
     )
-    said = protocol_answer.headline(found, SPIKING)
+    said = way_answer.headline(found, SPIKING)
     assert said.startswith(words)
     assert said.endswith("guessing reaches 12.5 %.")
 
 
 def test_what_a_row_of_the_table_contradicts_is_not_claimed():
     found = answer_of(runs(("rsnn", 1, 0.9, 0.95, 9.0), ("svm", 1, 0.9, 0.8, 9.0), ("elm", 1, 0.6, 0.97, 9.0)))
-    said = protocol_answer.headline(found, SPIKING)
+    said = way_answer.headline(found, SPIKING)
     assert said.startswith("No clear difference between spiking and the others: rsnn")
     assert "elm, size 1, which validation ranks lower, has 97.0 %" in said
 
 
 def test_of_rivals_that_validation_cannot_tell_apart_each_counts():
     found = answer_of(runs(("rsnn", 1, 0.9, 0.8, 9.0), ("svm", 1, 0.9, 0.6, 1.0), ("elm", 1, 0.88, 0.97, 9.0)))
-    said = protocol_answer.headline(found, SPIKING)
+    said = way_answer.headline(found, SPIKING)
     assert said.startswith("Spiking costs accuracy: rsnn")
     assert "2 without spikes that validation cannot tell apart have 60.0 % (svm, size 1) to 97.0 % (elm" in said
-    shown = " ".join(str(row[0]) for row in protocol_answer.table(found, SPIKING).rows)
+    shown = " ".join(str(row[0]) for row in way_answer.table(found, SPIKING).rows)
     assert all(kind in shown for kind in ("rsnn", "svm", "elm"))
 
 
@@ -153,9 +153,9 @@ def test_seeds_of_a_split_are_no_further_splits():
     several = answer_of(seeds[seeds["split"] == 0])
     (mine, its) = (several.spiking.score, several.other.score)
     assert several.verdict.p == compare_shares(mine, its, 150).p
-    assert "of 150 test trials of one split" in [*protocol_answer.details(several, SPIKING)][-1]
+    assert "of 150 test trials of one split" in [*way_answer.details(several, SPIKING)][-1]
     trials = answer_of(seeds[seeds["split"] == 0].assign(test_trials=9))
-    assert (protocol_answer.kind_of(trials), trials.verdict.n) == ("tie", 9)
+    assert (way_answer.kind_of(trials), trials.verdict.n) == ("tie", 9)
 
 
 @pytest.mark.parametrize(
@@ -171,23 +171,23 @@ def test_seeds_of_a_split_are_no_further_splits():
 )  # fmt: skip
 def test_what_cannot_be_tested_is_not_told_apart(results, view, why):
     found = answer_of(results, view)
-    assert (protocol_answer.kind_of(found), found.verdict) == ("untested", None)
-    said = protocol_answer.headline(found, view)
+    assert (way_answer.kind_of(found), found.verdict) == ("untested", None)
+    said = way_answer.headline(found, view)
     assert said.startswith(f"Not tested, since {why}")
     assert "rsnn, size 1 has a test accuracy of 95." in said
 
 
 def test_a_score_that_is_no_share_is_not_tested():
     view = SPIKING._replace(measures=MEASURES | {"accuracy_test": "information (bits)"})
-    assert protocol_answer.kind_of(answer_of(runs(*APART), view)) == "untested"
+    assert way_answer.kind_of(answer_of(runs(*APART), view)) == "untested"
     beyond = runs(*APART).assign(accuracy_test=lambda rows: 2 * rows["accuracy_test"])
-    assert protocol_answer.kind_of(answer_of(beyond)) == "untested"
+    assert way_answer.kind_of(answer_of(beyond)) == "untested"
 
 
 def test_means_without_their_rows_are_not_tested():
     table = means(*APART)
-    (found,) = protocol_answer.answers(table, SPIKING)
-    assert protocol_answer.kind_of(found) == "untested"
+    (found,) = way_answer.answers(table, SPIKING)
+    assert way_answer.kind_of(found) == "untested"
 
 
 def test_errors_are_those_of_splits_or_of_the_trials_of_one():
@@ -202,16 +202,16 @@ def test_errors_are_those_of_splits_or_of_the_trials_of_one():
     assert math.isnan(one.best.choice_error)
     known = answer_of(runs(*APART, splits=1, n_validation=40)).best
     assert known.choice_error == pytest.approx(standard_error(known.chosen_by, 40))
-    (told,) = (line for line in protocol_answer.details(one, SPIKING) if "not known" in line)
+    (told,) = (line for line in way_answer.details(one, SPIKING) if "not known" in line)
     assert "one row" in told
     two = answer_of(runs(*APART, splits=2))
     assert math.isnan(two.best.error)
-    assert "too few splits" in " ".join(protocol_answer.details(two, SPIKING))
-    shown = protocol_answer.table(two, SPIKING)
+    assert "too few splits" in " ".join(way_answer.details(two, SPIKING))
+    shown = way_answer.table(two, SPIKING)
     assert "standard error" not in shown.caption
     assert "within its error" not in str(shown.rows)
     some = answer_of(pd.concat([runs(APART[0]), runs(APART[1], splits=2)]))
-    assert "± their standard error" in protocol_answer.table(some, SPIKING).caption
+    assert "± their standard error" in way_answer.table(some, SPIKING).caption
 
 
 @pytest.mark.parametrize("splits", [1, 5])
@@ -220,27 +220,25 @@ def test_a_tie_says_below_which_difference_none_is_seen(splits):
     found = answer_of(runs(*near, splits=splits))
     over = least_difference_over_splits(splits, 700, 150, 2)
     least = least_difference(150, 2) if splits == 1 else over
-    *_, said = protocol_answer.details(found, SPIKING)
+    *_, said = way_answer.details(found, SPIKING)
     assert f"no difference below {100 * least:.1f} points could be clear." in said
-    *_, said = protocol_answer.details(answer_of(runs(*near, splits=splits, n_test=1)), SPIKING)
+    *_, said = way_answer.details(answer_of(runs(*near, splits=splits, n_test=1)), SPIKING)
     assert said.endswith("no difference could be clear.")
-    *_, said = protocol_answer.details(answer_of(runs(*APART, splits=splits)), SPIKING)
+    *_, said = way_answer.details(answer_of(runs(*APART, splits=splits)), SPIKING)
     assert "could be clear" not in said
 
 
 def test_of_an_unknown_error_nothing_is_said_to_be_level():
     rows = runs(("rsnn", 1, 0.9, 0.95, 9.0), ("svm", 1, 0.9, 0.8, 9.0), ("elm", 1, 0.2, 0.3, 9.0), splits=1)
-    said = protocol_answer.headline(answer_of(rows), SPIKING)
+    said = way_answer.headline(answer_of(rows), SPIKING)
     assert not any(word in said for word in ("elm", "cannot tell apart"))
     rows = runs(("rsnn", 1, 0.9, 0.95, 9.0), ("svm", 1, 0.9, 0.8, 9.0), ("elm", 1, 0.9, 0.79, 9.0), splits=1)
-    said = protocol_answer.headline(answer_of(rows), SPIKING)
+    said = way_answer.headline(answer_of(rows), SPIKING)
     assert "2 without spikes that are equal on validation rows have 79.0 %" in said
 
 
 def page_verdict(rng, **how):
-    return protocol_answer.kind_of(
-        answer_of(equal_learners.rows(equal_learners.study(rng, **how)), equal_learners.VIEW)
-    )
+    return way_answer.kind_of(answer_of(equal_learners.rows(equal_learners.study(rng, **how)), equal_learners.VIEW))
 
 
 @thinned(
@@ -271,24 +269,24 @@ def test_tasks_apart_have_an_answer_each_and_what_saw_test_data_comes_last():
     view = VIEW._replace(by=("kind", "protocol"), apart=("protocol",), optimistic=("paper",))
     table = means(("a", 1, 0.99, 0.99, 9.0), ("a", 1, 0.7, 0.7, 9.0), ("b", 1, 0.8, 0.8, 9.0))
     table = table.assign(protocol=["paper", "honest", "honest"])
-    honest, paper = protocol_answer.answers(table, view)
+    honest, paper = way_answer.answers(table, view)
     assert (honest.setting, honest.best.name, paper.setting) == ("honest", "b", "paper")
-    assert any("saw test data" in line for line in protocol_answer.details(paper, view))
-    assert not any("saw test data" in line for line in protocol_answer.details(honest, view))
+    assert any("saw test data" in line for line in way_answer.details(paper, view))
+    assert not any("saw test data" in line for line in way_answer.details(honest, view))
 
 
 def test_configurations_that_were_not_run_are_left_out():
     table = means(("a", 1, 0.9, 0.9, 9.0), ("b", 1, math.nan, math.nan, math.nan))
-    (found,) = protocol_answer.answers(table, VIEW)
+    (found,) = way_answer.answers(table, VIEW)
     assert [one.name for one in found.configurations] == ["a, size 1"]
-    assert protocol_answer.answers(table.iloc[1:], VIEW) == []
+    assert way_answer.answers(table.iloc[1:], VIEW) == []
 
 
 def test_a_row_without_validation_is_shown_and_not_chosen():
     rows = (("window", 1, 0.9, 0.8, 900.0), ("early exit", 1, math.nan, 0.99, 9.0), ("window", 2, 0.8, 0.7, 9.0))
-    (found,) = protocol_answer.answers(means(*rows), VIEW)
+    (found,) = way_answer.answers(means(*rows), VIEW)
     assert found.best.name == found.cheapest.name == "window, size 1"
-    assert [row[0] for row in protocol_answer.table(found, VIEW).rows] == [
+    assert [row[0] for row in way_answer.table(found, VIEW).rows] == [
         "window, size 1: best and cheapest within its error", "early exit, size 1",
     ]  # fmt: skip
 
@@ -298,15 +296,15 @@ def test_validation_that_the_view_does_not_show_chooses_all_the_same():
     results = pd.DataFrame(
         {"kind": ["a", "b"], "accuracy_validation": [0.9, 0.8], "accuracy_test": [0.1, 0.2], "flops": [1.0, 1.0]}
     )
-    table = protocol._with_choice(results, protocol.over_rows(results, view), view)
-    (found,) = protocol_answer.answers(table, view)
+    table = ways._with_choice(results, ways.over_rows(results, view), view)
+    (found,) = way_answer.answers(table, view)
     assert (found.best.name, found.is_validated) == ("a", True)
 
 
 def test_the_table_has_the_best_of_each_kind_and_guessing():
     rows = (("a", 1, 0.95, 0.90, 900.0), ("a", 2, 0.94, 0.99, 80.0), ("b", 1, 0.5, 0.4, 300.0))
-    (found,) = protocol_answer.answers(means(*rows, chance=0.25, signal_ms=150.0), VIEW)
-    shown = protocol_answer.table(found, VIEW)
+    (found,) = way_answer.answers(means(*rows, chance=0.25, signal_ms=150.0), VIEW)
+    shown = way_answer.table(found, VIEW)
     assert shown.caption == (
         "The best of each kind, chosen on validation rows: means over 4 rows of results.csv ± their standard error."
     )
@@ -325,7 +323,7 @@ SHARES = st.integers(0, 2520).map(lambda right: right / 2520)  # of trials
 @given(st.lists(st.tuples(SHARES, SHARES, st.floats(1.0, 1e6)), min_size=1, max_size=8))
 def test_the_cheapest_never_costs_more_and_lies_within_the_error(points):
     rows = [("k", index, validation, test, cost) for index, (validation, test, cost) in enumerate(points)]
-    (found,) = protocol_answer.answers(means(*rows), VIEW)
+    (found,) = way_answer.answers(means(*rows), VIEW)
     best, cheapest = found.best, found.cheapest
     assert best.chosen_by == max(validation for validation, _, _ in points)
     assert cheapest.cost <= best.cost

@@ -1,4 +1,4 @@
-"""The tables of the finished cells of a study of spiking networks, or of afferents alone."""
+"""The way of spiking networks, or of afferents alone: cells share recordings and the spikes of every swept encoder."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,24 +6,26 @@ from typing import Any
 
 import pandas as pd
 
-from neurotact.studies import encoded
+from neurotact.data.hdf5 import load_spikes
+from neurotact.studies import cell as cells
+from neurotact.studies import encoded, preparation, study
 from neurotact.studies.calibrated import ENCODER
 from neurotact.studies.encoded import read_encoding
-from neurotact.studies.kind import Results
+from neurotact.studies.engine import Engine, Results
 from neurotact.studies.store import cell_folder
 from neurotact.studies.study import OF_SPIKES, SOURCE, Cell, StudySpec, swept_columns, value_at
 
 
-def tables(folder: Path, study: StudySpec, results: Results) -> Mapping[str, pd.DataFrame]:
+def tables(folder: Path, what: StudySpec, results: Results) -> Mapping[str, pd.DataFrame]:
     """The tables by file name; each is in the order of the sweep.
 
     results.csv: of `results_table`. encoding.csv: firing under each condition, once for each encoder; swept keys of the
     encoder and the simulation come last. With networks, the further tables that the study requests: their lines begin
     with the swept values of their cell. Without networks, the intervals between spikes.
     """
-    swept, rows = swept_columns(study), results_table(study, results)
+    swept, rows = swept_columns(what), results_table(what, results)
     written = {"results.csv": rows, "encoding.csv": _encoding_table(folder, results, swept)}
-    if study.network is None:
+    if what.network is None:
         places = [cell_folder(folder, cell) for cell, _ in results]
         return written | {encoded.ISI: encoded.isi_table(places, rows, swept)}
     further: dict[str, list[dict[str, Any]]] = {}
@@ -35,9 +37,9 @@ def tables(folder: Path, study: StudySpec, results: Results) -> Mapping[str, pd.
     return written | {name: pd.DataFrame(lines) for name, lines in further.items()}
 
 
-def results_table(study: StudySpec, results: Results) -> pd.DataFrame:
+def results_table(what: StudySpec, results: Results) -> pd.DataFrame:
     """One row per cell; swept keys without their own column come last."""
-    swept = swept_columns(study)
+    swept = swept_columns(what)
     return pd.DataFrame([{**result["row"], **{key: value_at(cell, key) for key in swept}} for cell, result in results])
 
 
@@ -51,3 +53,7 @@ def _encoding_table(folder: Path, results: Results, swept: list[str]) -> pd.Data
         for given, cell in of_encoder.items()
     ]
     return pd.concat(parts, ignore_index=True)
+
+
+ENGINE = Engine(study.cells, preparation.prepare, preparation.check, load_spikes, cells.run_cell, tables)
+"""The entry point `networks` of the group `neurotact.ways`."""

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from itertools import product
 from pathlib import Path
 
@@ -12,8 +13,8 @@ from toy import bring
 
 from neurotact import plugins
 from neurotact.errors import InputError
-from neurotact.report import protocol_answer, report
-from neurotact.studies import loading, protocol, protocol_cell, protocol_study, runner, study
+from neurotact.report import report, way_answer
+from neurotact.studies import loading, runner, study, way, way_cells, way_study
 from neurotact.studies.store import is_done, write_cell
 from neurotact.tables import read_table
 
@@ -26,15 +27,15 @@ def _toy_protocols(monkeypatch):
     bring(monkeypatch)
 
 
-def run_here(what: protocol_study.ProtocolStudy, folder: Path, n_cells: int | None = None) -> Path:
+def run_here(what: way_study.WayStudy, folder: Path, n_cells: int | None = None) -> Path:
     """As `runner.run`, in this process, which alone knows the toy protocol."""
     runner._claim(folder, what)
-    cells = list(protocol_study.cells(what))
-    protocol_cell.prepare(folder, what, cells)
+    cells = list(way_study.cells(what))
+    way_cells.prepare(folder, what, cells)
     for cell in cells[:n_cells]:
         if not is_done(folder, cell):
-            given = protocol_cell.load_arrays(folder / cell.given)
-            write_cell(protocol_cell.run_cell(cell, given), cell, folder)
+            given = way_cells.load_arrays(folder / cell.given)
+            write_cell(way_cells.run_cell(cell, given), cell, folder)
     runner.write_tables(folder)
     return report.write(folder)
 
@@ -49,7 +50,7 @@ def finished(tmp_path_factory):
 
 
 def test_cells_are_the_product_of_the_sweep_with_every_parameter_whole():
-    cells = list(protocol_study.cells(loading.resolve(COINS)))
+    cells = list(way_study.cells(loading.resolve(COINS)))
     assert len({cell.digest() for cell in cells}) == len(cells) == 8
     assert [(c.parameters["rule"], c.parameters["data"]["heads"], c.parameters["seed"]) for c in cells[:3]] == [
         ("toss", 0.2, 0), ("toss", 0.2, 1), ("toss", 0.9, 0),
@@ -68,7 +69,7 @@ def test_a_resolved_study_reads_back_equal(tmp_path, quick):
 @pytest.mark.parametrize("key", ["data.tosses", "parameters.data.tosses"])
 def test_an_override_reaches_the_parameters(key):
     what = loading.resolve(COINS, {key: 7, "rule": "heads"}, quick=True)
-    assert [(c.parameters["rule"], c.parameters["data"]["tosses"]) for c in protocol_study.cells(what)] == [
+    assert [(c.parameters["rule"], c.parameters["data"]["tosses"]) for c in way_study.cells(what)] == [
         ("heads", 7), ("heads", 7),
     ]  # fmt: skip
 
@@ -98,9 +99,9 @@ def test_a_protocol_says_what_a_file_becomes(tmp_path, monkeypatch):
 
     def own(path, given):
         asked.append((path, dict(given)))
-        return protocol.Own({**given, "data.path": str(path), "sweep.seed": [4]}, ("Seeds: one.",))
+        return way.Own({**given, "data.path": str(path), "sweep.seed": [4]}, ("Seeds: one.",))
 
-    monkeypatch.setattr(protocol.module_of("coins"), "own", own, raising=False)
+    monkeypatch.setattr(way.module_of("coins"), "own", own, raising=False)
     (tmp_path / "touches.h5").write_text("0")
     table = (
         COINS.read_text() + '\n[with_data]\ntitle = "Mine"\n"data.tosses" = 9\n[with_data.quick]\n"data.tosses" = 3\n'
@@ -121,7 +122,7 @@ def test_a_protocol_says_what_a_file_becomes(tmp_path, monkeypatch):
 
 def test_a_path_decides_nothing_where_the_content_is_named():
     def cell(**data):
-        return protocol_study.ProtocolCell(protocol="coins", parameters={"data": {"tosses": 3, **data}})
+        return way_study.WayCell(way="coins", parameters={"data": {"tosses": 3, **data}})
 
     here, there, other = (cell(path=path, content=content) for path, content in (("a", "1"), ("b", "1"), ("a", "2")))
     assert (here.digest(), here.given) == (there.digest(), there.given)
@@ -153,12 +154,12 @@ def test_the_rows_stand_in_the_order_of_the_sweep(finished):
 
 
 def test_swept_keys_that_end_alike_keep_their_whole_names():
-    what = protocol_study.ProtocolStudy(
-        title="T", protocol="coins", sweep={"small.size": [1], "large.size": [2], "network.hidden": [3], "seed": [0]}
+    what = way_study.WayStudy(
+        title="T", way="coins", sweep={"small.size": [1], "large.size": [2], "network.hidden": [3], "seed": [0]}
     )
     parameters = {"small": {"size": 1}, "large": {"size": 2}, "network": {"hidden": 3}, "seed": 0}
-    cell = protocol_study.ProtocolCell(protocol="coins", parameters=parameters)
-    assert protocol_study.swept_values(what, cell) == {"small.size": 1, "large.size": 2, "hidden": 3, "seed": 0}
+    cell = way_study.WayCell(way="coins", parameters=parameters)
+    assert way_study.swept_values(what, cell) == {"small.size": 1, "large.size": 2, "hidden": 3, "seed": 0}
 
 
 def test_an_interrupted_study_goes_on_to_the_same_bytes(finished, tmp_path):
@@ -175,7 +176,7 @@ def test_recordings_that_changed_are_refused(finished, tmp_path, monkeypatch):
     run_here(what, tmp_path, n_cells=1)
     for path in (tmp_path / "data").glob("*.npz"):
         path.unlink()
-    monkeypatch.setattr(protocol.module_of("coins"), "load", lambda data: {"fell": np.zeros(data.tosses)})
+    monkeypatch.setattr(way.module_of("coins"), "load", lambda data: {"fell": np.zeros(data.tosses)})
     with pytest.raises(InputError, match="the recordings changed since this study began"):
         run_here(what, tmp_path)
 
@@ -201,11 +202,11 @@ def test_the_report_shows_claims_figures_and_every_configuration(finished):
 
 def test_the_first_screen_answers_before_anything_else(finished):
     page = (finished / "report.html").read_text()
-    view = protocol.module_of("coins").VIEW
+    view = way.module_of("coins").VIEW
     results = read_table(finished / "results.csv")
-    (found,) = protocol_answer.answers(read_table(finished / "means.csv"), view, results)
-    assert protocol_answer.kind_of(found) == "worse"  # of the rule that is right where heads fall
-    said = protocol_answer.evidence(found, view).replace(" %", "\u00a0%")
+    (found,) = way_answer.answers(read_table(finished / "means.csv"), view, results)
+    assert way_answer.kind_of(found) == "worse"  # of the rule that is right where heads fall
+    said = way_answer.evidence(found, view).replace(" %", "\u00a0%")
     assert "The comparison is of 30 test trials of one split, and says nothing of other splits." in page
     assert found.best.name.startswith("heads")
     parts = ("The best rule foresees", 'id="plot"', "The best of each kind", said, "Explore every", 'id="claims"')
@@ -227,10 +228,24 @@ def test_what_a_protocol_says_is_kept_for_programs_and_leads_the_page(finished):
     assert f'<p class="headline">{first}</p>' in page
 
 
+def test_a_way_without_sentences_leaves_the_answer_of_its_page(finished, tmp_path, monkeypatch):
+    shutil.copytree(finished, tmp_path / "run")
+    monkeypatch.delattr(way.module_of("coins"), "answers")
+    report.write(tmp_path / "run")
+    answer, view = json.loads((tmp_path / "run" / "answer.json").read_text()), way.module_of("coins").VIEW
+    (found,) = way_answer.answers(read_table(finished / "means.csv"), view, read_table(finished / "results.csv"))
+    (said,) = answer["answers"]
+    assert (said["headline"], said["short"]) == (way_answer.headline(found, view), way_answer.verdict(found))
+    assert said["details"] == [*way_answer.details(found, view)]
+    assert [figure["what"] for figure in said["figures"]] == ["test accuracy", "FLOPs"]
+    (table,) = answer["tables"]
+    assert (table["setting"], table["rows"]) == ("", way_answer.table(found, view).rows)
+
+
 def test_the_protocols_that_ship_hold_what_a_protocol_holds(monkeypatch):
     monkeypatch.undo()
-    for name in plugins.names("protocols"):
-        module = protocol.module_of(name)
+    for name in {*plugins.names("ways")} - {"networks"}:  # which is an engine of its own
+        module = way.module_of(name)
         assert "data" in module.Parameters.model_fields, name
         view = module.VIEW
         assert {view.cost, view.score} <= set(view.measures), name

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from neurotact.figures.style import Drawn, new_figure
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, View
+from neurotact.studies.way import Arrays, View
 
 
 class CoinSpec(Spec):

@@ -1,0 +1,197 @@
+"""The tables of a study beside its cells: what its recordings, encoders and classical classifiers give.
+
+Each is written before any cell runs, from the recordings of the first cell and the spikes of all.
+"""
+
+from collections.abc import Callable, Container, Iterator, Sequence
+from functools import partial
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from neurotact.baselines import opponents
+from neurotact.data import hdf5
+from neurotact.data.augmentation import varied_copies
+from neurotact.data.copies import copies_of
+from neurotact.data.dataset import until
+from neurotact.data.recordings import Recordings, class_indices
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import Split
+from neurotact.data.windows import Windows
+from neurotact.encoders import regained
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.same_drive import same_drive_table
+from neurotact.encoders.signals import signal_table
+from neurotact.encoders.specs import t_ref_pair_ms
+from neurotact.metrics import paired
+from neurotact.networks.training import robust, tasks
+from neurotact.progress import track
+from neurotact.studies import encoded, store
+from neurotact.studies.cell import task_of
+from neurotact.studies.study import Cell, StudySpec, by_split, encoder_columns, reach_ms, split_columns, value_at
+from neurotact.tables import write_table
+
+BASELINES = ("baselines.csv", "baselines_trials.csv")
+RECONSTRUCTION = "reconstruction.csv"
+
+
+class _Beside(NamedTuple):
+    """Tables that are made together: their files, whether a study asks for them, and the name of their time."""
+
+    files: tuple[str, ...]
+    is_asked: Callable[[StudySpec], bool]
+    make: Callable[[Path, StudySpec, Sequence[Cell], Recordings], Sequence[pd.DataFrame]]
+    timed: str
+
+
+def names(study: StudySpec) -> list[str]:
+    """The files of the tables that a study asks for."""
+    return [name for one in _EVERY if one.is_asked(study) for name in one.files]
+
+
+def write(
+    folder: Path, study: StudySpec, cells: Sequence[Cell], recordings: Recordings, missing: Container[str]
+) -> None:
+    """Write those of the study's tables that are missing."""
+    for one in _EVERY:
+        if one.is_asked(study) and any(name in missing for name in one.files):
+            with store.timed(folder, one.timed):
+                for name, table in zip(one.files, one.make(folder, study, cells, recordings), strict=True):
+                    write_table(table, folder / name)
+
+
+def _signals(folder: Path, study: StudySpec, cells: Sequence[Cell], recordings: Recordings) -> Sequence[pd.DataFrame]:
+    return [signal_table(recordings, study.encoder, study.dataset.stratify, study.window.start_ms)]
+
+
+def _same_drive(
+    folder: Path, study: StudySpec, cells: Sequence[Cell], recordings: Recordings
+) -> Sequence[pd.DataFrame]:
+    assert study.same_drive is not None
+    assert isinstance(study.encoder, AfferentSpec)
+    return [same_drive_table(recordings, study.encoder, study.same_drive, study.window.start_ms)]
+
+
+def _baselines(
+    folder: Path, study: StudySpec, cells: Sequence[Cell], recordings: Recordings
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Classical classifiers on the windows of the networks, for each subset and split, and their single trials.
+
+    The second table contains, for each row of the first (`baseline`) and each validation or test trial (`side`), the
+    share of correctly classified windows; copies are one trial, the first of them.
+    """
+    groups = [list({cell.spikes_name: cell for cell in group}.values()) for group in by_split(cells)]
+    fitted_rows = []
+    with track("baselines", sum(map(len, groups))) as advance:
+        for group in groups:
+            for cell in group:
+                fitted_rows += _fitted(folder, recordings, study, cell, cells, is_first=cell is group[0])
+                advance(1, "")
+    shares = [row.pop(opponents.RIGHT) for row in fitted_rows]
+    trials = [
+        (row, side, *pair)
+        for row, sides in enumerate(shares)
+        for side, by_trial in sides.items()
+        for pair in by_trial.items()
+    ]
+    return pd.DataFrame(fitted_rows), pd.DataFrame(trials, columns=["baseline", "side", "trial", "right"])
+
+
+def _fitted(
+    folder: Path, recordings: Recordings, study: StudySpec, cell: Cell, cells: Sequence[Cell], *, is_first: bool
+) -> Iterator[dict[str, Any]]:
+    """Rows of `baselines.csv` on the spikes of one cell, the only spikes in memory; if `is_first`, also on signals."""
+    trains, split = hdf5.load_spikes(folder / cell.given), {key: value_at(cell, key) for key in split_columns(study)}
+    task = task_of(cell).model_copy(update={"subset": {}})
+    parts, last = tasks.trials_of(trains, task), tasks.with_every_condition(trains, task)
+    every, first = trains.with_variations(), copies_of(trains).first
+    if trains.variations is not None:  # the trial of a varied copy is that of which it is one
+        first = np.concatenate([first, first[trains.variations.of]])
+    windows, labels = every.cut(cells[0].window), class_indices(every.conditions)
+    pieces = pieces_with_copies(recordings, windows, trains, cell) if is_first and trains.variations else ()
+    first_ms, second_ms = t_ref_pair_ms(cell.encoder)
+    pair = second_ms, first_ms
+    for name, where in {cell.dataset: cell.subset for cell in cells}.items():
+        cut = partial(opponents.cuts_of, every.conditions, windows, trains.sampling_rate_Hz, subset=where)
+        cuts = with_training(cut(parts), trains, cell, parts)
+        if last is not None:
+            known = tasks.trials_of(trains, last)
+            cuts = cuts._replace(last=with_training(cut(known), trains, cell, known))
+        of_signals = opponents.signal_inputs(recordings, cuts, study.baselines, pieces) if is_first else ()
+        counts = {"is_first": is_first, "encoding": study.encoding_in == "processor"}
+        of_spikes = opponents.spike_inputs(every, pair, cuts, study.baselines, **counts)
+        of_spikes = () if study.baselines == "linear" else of_spikes
+        for row in opponents.rows(chain(of_signals, of_spikes), labels[windows.trial], cuts):
+            is_of_spikes = row["t_ref_ra_ms"] is not None
+            encoder = {key: value_at(cell, key) if is_of_spikes else None for key in encoder_columns(study)}
+            own = row[opponents.RIGHT].items()
+            touches = {side: paired.by_trial(first[[*shares]], [*shares.values()]) for side, shares in own}
+            yield {"dataset": name, **split, **row, **encoder, opponents.RIGHT: touches}
+
+
+def _reconstruction(
+    folder: Path, study: StudySpec, cells: Sequence[Cell], recordings: Recordings
+) -> tuple[pd.DataFrame]:
+    """A row for each encoding: what its spikes give back of the signals of test trials.
+
+    Columns: the t_ref pair, swept keys of the split and of the encoder, snr_dB, bits_per_s and bits_per_spike.
+    """
+    distinct, keys = {cell.spikes_name: cell for cell in cells}, [*split_columns(study), *encoder_columns(study)]
+    rows = []
+    with track("reconstruction", len(distinct)) as advance:
+        for cell in distinct.values():
+            trains = hdf5.load_spikes(folder / cell.given)
+            sides = tasks.trials_of(trains, task_of(cell).model_copy(update={"subset": {}}))
+            measured = regained.regained(recordings, trains, sides, start_s=cell.window.start_ms * 1e-3)
+            own = {key: value_at(cell, key) for key in keys}
+            rows.append({**encoded.periods(cell), **own, **measured._asdict()})
+            advance(1, "")
+    return (pd.DataFrame(rows),)
+
+
+def pieces_with_copies(recordings: Recordings, windows: Windows, trains: SpikeTrains, cell: Cell) -> list[np.ndarray]:
+    """The samples of each window of the recorded trials, then of those of their varied copies."""
+    assert cell.augmentation is not None
+    of_recorded = windows.trial < len(trains)
+    recorded = Windows(windows.trial[of_recorded], windows.start[of_recorded], windows.n_steps)
+    pieces = [*opponents.pieces_of(recordings, recorded, trains.sampling_rate_Hz)]
+    before = len(trains)
+    for copies in varied_copies(copied_part(recordings, cell), cell.augmentation):
+        inside = (windows.trial >= before) & (windows.trial < before + len(copies.of))
+        own = Windows(windows.trial[inside] - before, windows.start[inside], windows.n_steps)
+        pieces += [piece.copy() for piece in opponents.pieces_of(copies.recordings, own, trains.sampling_rate_Hz)]
+        before += len(copies.of)
+    return pieces
+
+
+def with_training(cuts: opponents.Cuts, trains: SpikeTrains, cell: Cell, parts: Split) -> opponents.Cuts:
+    """The cuts with a choice of varied copies to train on, as the networks have it."""
+    if cell.augmentation is None or trains.variations is None:
+        return cuts
+    made, known = {}, np.isin(cuts.windows.trial, cuts.windows.trial[cuts.sides[0]])
+    for kind in robust.candidates(cell.augmentation, trains.conditions, cell.split):
+        rows = trains.variations.rows(parts.train, kind)
+        rows = rows[np.isin(trains.variations.of[rows], cuts.windows.trial[known])]
+        made[kind] = cuts.sides[0] | np.isin(cuts.windows.trial, len(trains) + rows)
+    if not robust.are_unranked([*made], trains.conditions, cell.split):
+        return cuts._replace(copies=made)
+    rows = trains.variations.rows(parts.validation, next(iter(made)))
+    validation = cuts.sides[1] | np.isin(cuts.windows.trial, len(trains) + rows)
+    return cuts._replace(copies=made, sides=(cuts.sides[0], validation, cuts.sides[2]))
+
+
+def copied_part(recordings: Recordings, cell: Cell) -> Recordings:
+    """The trials as far as the windows of their varied copies reach; the whole trials if these begin at an onset."""
+    end_ms = reach_ms(cell)
+    return recordings if end_ms is None or cell.augmentation is None else until(recordings, end_ms)
+
+
+_EVERY = (
+    _Beside(("signals.csv",), lambda study: study.signals, _signals, "signals"),
+    _Beside(("same_drive.csv",), lambda study: study.same_drive is not None, _same_drive, "same drive"),
+    _Beside(BASELINES, lambda study: study.baselines != "none", _baselines, "baselines"),
+    _Beside((RECONSTRUCTION,), lambda study: study.reconstruction, _reconstruction, "reconstruct"),
+)
