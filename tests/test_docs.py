@@ -258,7 +258,7 @@ def prepared(tmp_path, monkeypatch):
     rasters = (rng.random((60, 300, 4)) < 0.1).astype(np.uint8)
     spikes = spike_trains.from_rasters(rasters, 1000.0, ("SA-I a", "SA-I b", "RA-I a", "RA-I b"), conditions)
     nt.save(spikes, "spikes.h5")
-    encoder = specs.load("sa1-ra1-lif", {"conditioning.baseline": "first"})
+    encoder = specs.load("sa1-ra1-lif", {"conditioning.baseline": "start"})
     network = nt.RSNN(16, 2, hidden=4, sampling_rate_Hz=2000.0)
     press = 5 * np.exp(-((np.linspace(0, 3, 6000) - 1) ** 2) / 0.01)
     signal = np.repeat(press[:, None], 4, axis=1).astype(np.float32)

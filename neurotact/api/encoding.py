@@ -100,7 +100,7 @@ def encode_file(
     Returns the numbers of trials, of spikes of each afferent `(afferent,)` and of steps, and the clock in Hz.
     Raises InputError for a file that exists, and as `encode` does; logs of what it warns.
 
-    >>> done = nt.encode_file("touch.h5", "encoded.h5", settings={"conditioning.baseline": "first"})
+    >>> done = nt.encode_file("touch.h5", "encoded.h5", settings={"conditioning.baseline": "start"})
     >>> done.trials, done.clock_Hz
     (30, 1000.0)
     """
@@ -176,7 +176,7 @@ def calibrate(
         the fitted encoder (`what_survives`), which is also told in a line. tell: called with what the command prints.
     Raises InputError for less than two classes, for constant signals, and as `train` does for the split.
 
-    >>> encoder = nt.calibrate("touch.h5", settings={"conditioning.baseline": "first"})
+    >>> encoder = nt.calibrate("touch.h5", settings={"conditioning.baseline": "start"})
     >>> encoder.sa1.gain > 0, len(encoder.conditioning.scale)
     (True, 2)
     """

@@ -52,7 +52,7 @@ class Stream:
     InputError for an encoder with a baseline of the whole trial, and for samples with another number of taxels.
 
     >>> from neurotact.encoders import specs
-    >>> encoder = specs.load("sa1-ra1-lif", {"conditioning.baseline": "first"})
+    >>> encoder = specs.load("sa1-ra1-lif", {"conditioning.baseline": "start"})
     >>> stream = Stream((encoder, RSNN(16, 2, hidden=4, sampling_rate_Hz=2000.0)), length_ms=5)
     >>> [decision.steps for decision in stream.push(np.zeros((25, 8)))]
     [10, 10]

@@ -35,7 +35,7 @@ CONDITIONED = {
     "baseline of the whole trial": {"baseline": "mean"},
     "standardisation": {"offset": [0.5] * TAXELS, "scale": [0.9] * TAXELS},
     "rectification": {"rectify": True},
-    "membranes in closed form": {"resample_Hz": RATE_Hz, "baseline": "first"},
+    "membranes in closed form": {"resample_Hz": RATE_Hz, "baseline": "start"},
 }
 ENCODED = {
     "several grades a taxel": {"sa1.grades": [0.5, 1.0]},
@@ -73,10 +73,10 @@ RULES = {
 
 def parts_with(feature: str) -> tuple[EncoderSpec, nt.RSNN, ExitRule]:
     """A small chain that has the feature, and spikes enough to decide."""
-    encoder = make_encoder(ENCODED.get(feature), **CONDITIONED.get(feature, {"baseline": "first"}))
+    encoder = make_encoder(ENCODED.get(feature), **CONDITIONED.get(feature, {"baseline": "start"}))
     models = {row.title: model for model, row in MODELS.items() if model != "lif"}
     if feature in models:
-        encoder = load(models[feature], {"conditioning.baseline": "first"})
+        encoder = load(models[feature], {"conditioning.baseline": "start"})
         own = encoder.conditioning.model_copy(update={"resample_Hz": None})
         encoder = encoder.model_copy(update={"conditioning": own})
     per_taxel = n_per_taxel(encoder)

@@ -29,7 +29,8 @@ from neurotact.studies import loading, runner, study, suited
 
 FEW = {
     "calibrate": False,
-    "encoder.conditioning.baseline": "first",
+    "encoder.conditioning.baseline": "start",
+    "encoder.conditioning.start_ms": 1.0,  # the first sample
     "network": "rsnn",
     "network.hidden": 4,
     "network.training.epochs": 1,

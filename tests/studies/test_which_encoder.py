@@ -58,7 +58,7 @@ def test_spikes_of_windows_are_the_same_if_trials_are_encoded_no_further(tmp_pat
     assert part[0].spikes_name != whole[0].spikes_name
     felt = waves()
     for cell in part:
-        encoder = cell.encoder.model_copy(update={"conditioning": ConditioningSpec(baseline="first"), "unit": "count"})
+        encoder = cell.encoder.model_copy(update={"conditioning": ConditioningSpec(baseline="start"), "unit": "count"})
         early, late = (encode_recordings(preparation.encoded_part(felt, one), encoder) for one in (cell, whole[0]))
         assert early.raster(early.cut(cell.window)).any()
         np.testing.assert_array_equal(early.raster(early.cut(cell.window)), late.raster(late.cut(cell.window)))

@@ -79,7 +79,7 @@ def _has_grades(subject: Subject) -> bool:
 
 
 CHAIN = ("conditioning", "encoder", "network", "readout", "exit")
-CAUSAL_INSTEAD = "encode and train with conditioning.baseline start, first, running, high-pass or none"
+CAUSAL_INSTEAD = "encode and train with conditioning.baseline start, high-pass or none"
 LIF_INSTEAD = "encode and train with sa1-ra1-lif"
 OTHER_MODELS = {
     row.title: Feature("encoder", ("model",), _of_model(model), LIF_INSTEAD)

@@ -82,7 +82,7 @@ def calibrated(encoder: Mapping[str, Any], each: str) -> Iterator[str]:
 
     encoder: its table, as spikes have it. each: what has a turn, as an argument, such as "folds=5".
 
-    >>> list(calibrated({"conditioning": {"baseline": "first"}}, "folds=5"))
+    >>> list(calibrated({"conditioning": {"baseline": "start"}}, "folds=5"))
     []
     >>> print(*calibrated({"conditioning": {"scale": [2.0]}}, "folds=5"))
     the encoder was calibrated once for all tests: if on trials of this file, it knows trials that are tested; `nt.run_study(..., folds=5)` of own-recordings calibrates for each test without its trials
