@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from neurotact.data.readers.clock.stamps import UNIT_S, Unit, unit_in, without_unit
+from neurotact.data.readers.clock.units import UNIT_S, Unit, unit_in, without_unit
 from neurotact.data.readers.columns import GUESSES, LayoutSpec, read_table
 from neurotact.data.readers.events import heidelberg
 from neurotact.data.readers.events.spikes import ROW, Events, EventSpec, joined, to_trains

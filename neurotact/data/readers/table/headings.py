@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
-from neurotact.data.readers.clock.stamps import is_time_of_day
+from neurotact.data.readers.clock.units import is_time_of_day
 from neurotact.data.readers.formats.lvm import is_measurement, measurement
 from neurotact.data.readers.table.cells import (
     BLANKS,
