@@ -16,7 +16,8 @@ RAGGED = [np.arange(8.0).reshape(4, 2), np.ones((6, 2)), np.zeros((1, 2))]
 
 
 def recordings(signals=RAGGED, labels=("silk", "felt", "silk"), **changes) -> Recordings:
-    table = pd.DataFrame({"label": list(labels), "force_N": [3, 6, 12][: len(labels)]})
+    labels = pd.Series(labels, dtype=object)  # pyarrow, where it is installed, holds no text that is not UTF-8
+    table = pd.DataFrame({"label": labels, "force_N": [3, 6, 12][: len(labels)]})
     return Recordings(**{"signals": signals, "sampling_rate_Hz": 2000.0, "unit": "mV", "conditions": table, **changes})
 
 
