@@ -16,8 +16,7 @@ RAGGED = [np.arange(8.0).reshape(4, 2), np.ones((6, 2)), np.zeros((1, 2))]
 
 
 def recordings(signals=RAGGED, labels=("silk", "felt", "silk"), **changes) -> Recordings:
-    labels = pd.Series(labels, dtype=object)  # pyarrow, where it is installed, holds no text that is not UTF-8
-    table = pd.DataFrame({"label": labels, "force_N": [3, 6, 12][: len(labels)]})
+    table = pd.DataFrame({"label": list(labels), "force_N": [3, 6, 12][: len(labels)]})
     return Recordings(**{"signals": signals, "sampling_rate_Hz": 2000.0, "unit": "mV", "conditions": table, **changes})
 
 
@@ -197,7 +196,8 @@ def test_channels_of_one_name_are_refused():
 
 
 def test_names_that_no_file_can_hold_are_refused():
-    refused(r"the label 'caf\udce9' is not UTF-8; rename it", labels=("felt", "caf\udce9", "silk"))
+    labels = pd.Series(("felt", "caf\udce9", "silk"), dtype=object)  # where pyarrow is installed no other type holds it
+    refused(r"the label 'caf\udce9' is not UTF-8; rename it", conditions=pd.DataFrame({"label": labels}))
     refused(r"the channel 'caf\udce9' is not UTF-8; rename it", channels=("caf\udce9", "right"))
 
 
