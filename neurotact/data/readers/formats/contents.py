@@ -3,7 +3,8 @@
 import json
 import re
 import zipfile
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -143,6 +144,18 @@ OFFICE = Content("a document of an office program", "save the table in it as CSV
 ZIP = Content("a zip archive", "unpack it and give the folder", hides=True)
 
 JSON_BEGIN = re.compile(rb"\s*(\{\s*[\"}]|(\[\s*)+(\{\s*[\"}]|\"|-?\d[\d.eE+-]*\s*[,\]]|\]))")
+
+
+@contextmanager
+def damaged_as(path: str | Path, what: str, fix: str) -> Iterator[None]:
+    """An InputError in place of whatever a library raises for damaged bytes, which may be nearly anything."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        why = (str(error).strip().splitlines() or [""])[0][:80] or type(error).__name__
+        raise InputError(f"{path}: {what} ({why}); {fix}") from error
 
 
 def content_of(path: str | Path) -> Content | None:

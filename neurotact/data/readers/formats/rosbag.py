@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from neurotact.data.readers.formats.contents import MCAP, ROS_BAG, SQLITE, check_content
+from neurotact.data.readers.formats.contents import MCAP, ROS_BAG, SQLITE, check_content, damaged_as
 from neurotact.data.readers.table.cells import MAX_CHANNELS, Table, table_of
-from neurotact.errors import InputError, first_line, optional
+from neurotact.errors import InputError, optional
 from neurotact.files import check_size
 
 TIME = "time_ns"
@@ -27,7 +27,7 @@ def read(path: Path) -> dict[str, Table]:
     is_in_folder = path.suffix.lower() != ".bag" and (path.parent / "metadata.yaml").is_file()
     rows: dict[str, list[dict[str, Any]]] = {}
     n_bytes = 0
-    try:
+    with damaged_as(path, "cannot be read as a bag of ROS", "record it again"):
         usual = stores.get_typestore(stores.Stores.LATEST)
         with highlevel.AnyReader([path.parent if is_in_folder else path], default_typestore=usual) as bag:
             for connection, recorded_ns, raw in bag.messages():
@@ -36,11 +36,6 @@ def read(path: Path) -> dict[str, Table]:
                 rows.setdefault(connection.topic, []).append({TIME: stamp or recorded_ns, **row})
                 n_bytes += 100 * len(row)
                 check_size(path, n_bytes)
-    except InputError:
-        raise
-    except Exception as error:  # damaged bytes make rosbags raise nearly anything
-        why = first_line(error)[:80]
-        raise InputError(f"{path}: cannot be read as a bag of ROS ({why}); record it again") from error
     alike = {
         topic: its for topic, its in rows.items() if len(its[0]) > 1 and all(row.keys() == its[0].keys() for row in its)
     }  # fmt: skip
