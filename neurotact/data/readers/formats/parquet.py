@@ -7,6 +7,9 @@ from neurotact.data.readers.table.cells import Table, table_of
 from neurotact.errors import optional
 from neurotact.files import check_size
 
+VALUE_BYTES = 8
+"""Memory of a value, of which a file may hold any number as one and a count."""
+
 
 def read(path: Path) -> dict[str, Table]:
     """The table in a file; InputError without pyarrow, and for a file that is damaged or too large."""
@@ -15,8 +18,9 @@ def read(path: Path) -> dict[str, Table]:
     parquet = optional("pyarrow.parquet", needed)
     with damaged_as(path, "cannot be read as a Parquet table", "write it again"):
         with parquet.ParquetFile(path) as file:
-            groups = [file.metadata.row_group(number) for number in range(file.metadata.num_row_groups)]
-            check_size(path, sum(group.total_byte_size for group in groups))
+            held = file.metadata
+            n_bytes = sum(held.row_group(number).total_byte_size for number in range(held.num_row_groups))
+            check_size(path, max(n_bytes, VALUE_BYTES * held.num_rows * held.num_columns))
             frame = file.read().to_pandas()
         if frame.index.name is not None:
             frame = frame.reset_index()

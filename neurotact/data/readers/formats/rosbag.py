@@ -11,6 +11,8 @@ from neurotact.data.readers.table.cells import MAX_CHANNELS, Table, table_of
 from neurotact.errors import InputError, optional
 from neurotact.files import check_size
 
+NUMBER_BYTES = 100
+"""Memory of a number with its name, while messages are read."""
 TIME = "time_ns"
 """The column of times: the stamp of a message's header, else when the message was recorded."""
 
@@ -34,7 +36,7 @@ def read(path: Path) -> dict[str, Table]:
                 row = dict(_numbers(bag.deserialize(raw, connection.msgtype), ""))
                 stamp = row.pop("header.stamp.sec", 0) * 10**9 + row.pop("header.stamp.nanosec", 0)
                 rows.setdefault(connection.topic, []).append({TIME: stamp or recorded_ns, **row})
-                n_bytes += 100 * len(row)
+                n_bytes += NUMBER_BYTES * (1 + len(row))
                 check_size(path, n_bytes)
     alike = {
         topic: its for topic, its in rows.items() if len(its[0]) > 1 and all(row.keys() == its[0].keys() for row in its)
