@@ -166,7 +166,7 @@ def test_what_would_take_more_than_the_limit_is_refused(tmp_path, monkeypatch, w
     write(tmp_path / "felt" / f"a{suffix}")
     assert (tmp_path / "felt" / f"a{suffix}").stat().st_size < 1e6
     monkeypatch.setenv(MAX_MB, "1")
-    with pytest.raises(InputError, match="more than the limit of 1 MB"):
+    with pytest.raises(InputError, match=rf"a{suffix}: .*more than the limit of 1 MB"):
         nt.read_folder(tmp_path, unit="count")
 
 
@@ -183,7 +183,7 @@ def test_an_index_is_a_column_and_a_class_that_is_missing_is_empty(tmp_path):
 
 def test_a_topic_of_other_numbers_in_each_message_is_no_trial(tmp_path):
     (tmp_path / "felt").mkdir()
-    bag(tmp_path / "felt" / "a.bag", n_numbers=lambda row: row % 3)
+    bag(tmp_path / "felt" / "a.bag", n_numbers=lambda row: 1 + row % 2)
     with pytest.raises(InputError, match="holds no topic whose messages all have the same numbers"):
         nt.read_folder(tmp_path, unit="count")
 
@@ -227,10 +227,30 @@ def test_a_damaged_file_is_read_or_refused_by_name(tmp_path_factory, write, suff
 
 def test_one_of_several_tables_is_no_table_of_all_trials(tmp_path):
     nptdms = pytest.importorskip("nptdms")
+    (tmp_path / "felt").mkdir()
     with nptdms.TdmsWriter(tmp_path / "a.tdms") as writer:
         writer.write_segment([nptdms.ChannelObject(group, "left", SIGNAL[:, 0]) for group in ("one", "two")])
     with pytest.raises(InputError, match=r"holds 2 tables \(one, two\); neurotact import folder reads each"):
         nt.read_table(tmp_path / "a.tdms", unit="V")
+    (tmp_path / "a.tdms").rename(tmp_path / "felt" / "a.tdms")
+    assert nt.read_folder(tmp_path, 100, "V", array="two").conditions["file"].tolist() == ["felt/a.tdms:two"]
+
+
+def test_options_and_faults_of_samples_are_those_of_text(tmp_path):
+    pytest.importorskip("pyarrow")
+    (tmp_path / "felt").mkdir()
+    rows = pd.DataFrame({"left": SIGNAL[:, 0].astype(float), "right": SIGNAL[:, 1]})
+    rows["left"] = rows["left"].where(rows.index != 7)
+    rows.to_parquet(tmp_path / "felt" / "a.parquet")
+    with pytest.raises(InputError, match="sample 7, channel 0 is nan; repair the gap"):
+        nt.read_folder(tmp_path, 200, "count")
+    found = nt.read_folder(tmp_path, 200, "count", missing="interpolate")
+    assert found.signals[0][7, 0] == np.float32((rows["left"][6] + rows["left"][8]) / 2)
+    with pytest.raises(InputError, match=r"a\.parquet: `header_lines` is for text files; leave it out"):
+        nt.read_folder(tmp_path, 200, "count", header_lines=1)
+    rows[["right"]].to_parquet(tmp_path / "felt" / "b.parquet")
+    with pytest.raises(InputError, match=r"felt/b\.parquet: has 1 channels where felt/a\.parquet has 2"):
+        nt.read_folder(tmp_path, 200, "count", missing="interpolate")
 
 
 def test_each_format_has_its_module():

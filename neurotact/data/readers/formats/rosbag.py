@@ -26,12 +26,11 @@ def read(path: Path) -> dict[str, Table]:
     needed = f"{path}: rosbags is needed to read bags of ROS; pip install 'neurotact[ros]'"
     highlevel = optional("rosbags.highlevel", needed)
     stores = optional("rosbags.typesys", needed)
-    is_in_folder = path.suffix.lower() != ".bag" and (path.parent / "metadata.yaml").is_file()
     rows: dict[str, list[dict[str, Any]]] = {}
     n_bytes = 0
     with damaged_as(path, "cannot be read as a bag of ROS", "record it again"):
         usual = stores.get_typestore(stores.Stores.LATEST)
-        with highlevel.AnyReader([path.parent if is_in_folder else path], default_typestore=usual) as bag:
+        with highlevel.AnyReader([path], default_typestore=usual) as bag:
             for connection, recorded_ns, raw in bag.messages():
                 row = dict(_numbers(bag.deserialize(raw, connection.msgtype), ""))
                 stamp = row.pop("header.stamp.sec", 0) * 10**9 + row.pop("header.stamp.nanosec", 0)
@@ -63,5 +62,5 @@ def _numbers(value: Any, name: str) -> Iterator[tuple[str, Any]]:
             yield from _numbers(each, f"{name}.{place}")
     elif hasattr(value, "__dataclass_fields__"):
         for field in value.__dataclass_fields__:
-            if not field.startswith("__") and field not in ("layout", "seq"):
+            if not field.startswith("__") and field != "layout":
                 yield from _numbers(getattr(value, field), f"{name}.{field}" if name else field)
