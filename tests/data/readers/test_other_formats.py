@@ -236,19 +236,20 @@ def test_one_of_several_tables_is_no_table_of_all_trials(tmp_path):
     assert nt.read_folder(tmp_path, 100, "V", array="two").conditions["file"].tolist() == ["felt/a.tdms:two"]
 
 
-def test_options_and_faults_of_samples_are_those_of_text(tmp_path):
+def test_options_and_faults_of_samples_are_those_of_text(tmp_path, caplog):
     pytest.importorskip("pyarrow")
     (tmp_path / "felt").mkdir()
-    rows = pd.DataFrame({"left": SIGNAL[:, 0].astype(float), "right": SIGNAL[:, 1]})
+    rows = pd.DataFrame({"left": SIGNAL[:, 0].astype(float), "right": SIGNAL[:, 1], "t_ms": 5 * np.arange(40)})
     rows["left"] = rows["left"].where(rows.index != 7)
     rows.to_parquet(tmp_path / "felt" / "a.parquet")
     with pytest.raises(InputError, match="sample 7, channel 0 is nan; repair the gap"):
-        nt.read_folder(tmp_path, 200, "count")
-    found = nt.read_folder(tmp_path, 200, "count", missing="interpolate")
+        nt.read_folder(tmp_path, unit="count")
+    found = nt.read_folder(tmp_path, unit="count", missing="interpolate")
+    assert "left out" not in caplog.text
     assert found.signals[0][7, 0] == np.float32((rows["left"][6] + rows["left"][8]) / 2)
     with pytest.raises(InputError, match=r"a\.parquet: `header_lines` is for text files; leave it out"):
         nt.read_folder(tmp_path, 200, "count", header_lines=1)
-    rows[["right"]].to_parquet(tmp_path / "felt" / "b.parquet")
+    rows[["right", "t_ms"]].to_parquet(tmp_path / "felt" / "b.parquet")
     with pytest.raises(InputError, match=r"felt/b\.parquet: has 1 channels where felt/a\.parquet has 2"):
         nt.read_folder(tmp_path, 200, "count", missing="interpolate")
 
