@@ -14,7 +14,7 @@ from neurotact.data.description import MOST_TAXELS as MOST_TAXELS
 from neurotact.data.onset import common_onset_s
 from neurotact.data.readers import arrays, folder
 from neurotact.data.readers import one_table as sample_table
-from neurotact.data.readers.clock.stamps import Unit as Unit
+from neurotact.data.readers.clock.units import Unit as Unit
 from neurotact.data.readers.events import files as event_files
 from neurotact.data.readers.events import raster
 from neurotact.data.readers.formats import nwb
