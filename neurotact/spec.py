@@ -20,7 +20,6 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
-    Tag,
     ValidationError,
     model_validator,
 )
@@ -106,6 +105,11 @@ class Spec(BaseModel, metaclass=_InOurWords):
     def _repr_html_(self) -> str:
         """All keys with their values, in a notebook."""
         return html_of(self, {key: str(value) for key, value in leaves(self.model_dump(mode="json")).items()})
+
+    @classmethod
+    def any_of(cls) -> "Mapping[str, type[Spec]]":
+        """Of a spec that stands for any one of several, those by their names; else empty."""
+        return {}
 
     def digest(self) -> str:
         """Twelve hexadecimal digits that identify the content, independent of key order and comments.
@@ -576,12 +580,13 @@ def _place(model: Any, location: tuple[int | str, ...]) -> tuple[list[str], list
 
 
 def _tagged(annotation: Any) -> dict[str, Any]:
-    """The models of a tagged union, by their tags."""
-    marks = [(part, mark) for part in get_args(annotation) for mark in getattr(part, "__metadata__", ())]
-    return {mark.tag: part.__origin__ for part, mark in marks if isinstance(mark, Tag)}
+    """The models of which a key holds any one, by their names."""
+    if hasattr(annotation, "any_of"):
+        return dict(annotation.any_of())
+    return {name: kind for part in get_args(annotation) for name, kind in _tagged(part).items()}
 
 
 def _models_in(annotation: Any) -> list[Any]:
     if hasattr(annotation, "model_fields"):
-        return [annotation]
+        return [*_tagged(annotation).values()] or [annotation]
     return [model for part in get_args(annotation) for model in _models_in(part)]

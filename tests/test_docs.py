@@ -25,7 +25,7 @@ from neurotact import cli, plugins
 from neurotact.cli import COMMANDS
 from neurotact.data import spikes as spike_trains
 from neurotact.data.sources import simulator
-from neurotact.encoders.specs import MODELS
+from neurotact.encoders.model import usable
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.search.tuning import SearchSpec
 from neurotact.studies.claims import Claim
@@ -51,7 +51,7 @@ SMALLER = {
     "docs/touch-modality-simulator.md": {"people=10": "people=1", "TouchModalitySpec()": "TouchModalitySpec(people=1)"},
 }
 """What of the code of a page is changed so that it takes a moment."""
-SPECS = [model.spec for model in MODELS.values()] + [RSNNSpec, SearchSpec, StudySpec, WayStudy, Claim]
+SPECS = [model.spec for model in usable().values()] + [RSNNSpec, SearchSpec, StudySpec, WayStudy, Claim]
 SPECS += [simulator(name).model for name in plugins.names("simulators")]
 
 

@@ -18,7 +18,7 @@ from neurotact.deploy.chain import build_encoder
 from neurotact.deploy.exporters import Exporter
 from neurotact.encoders import afferents
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.specs import EncoderSpec
+from neurotact.encoders.model import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import Subject, require
 from neurotact.networks.definition.kernels import Backend

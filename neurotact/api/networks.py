@@ -459,7 +459,8 @@ def sops(
     sizes = len(trains.afferents), network.n_classes
     made_by = {"encoder": trains.encoder or None, "recorded_Hz": trains.recorded_Hz}
     costs = ledger.decision_ledger(network.spec, *sizes, trains.sampling_rate_Hz, means, **made_by, prices=priced)
-    tell(costs[COSTS])
+    shown = costs[COSTS].astype(object)
+    tell(shown.where(shown.notna(), "not counted"))
     return table
 
 

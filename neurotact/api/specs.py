@@ -32,7 +32,7 @@ def keys_of(kind: str, name: str = "") -> list[str]:
         model: Any = simulator(name).model
         return [*dict.fromkeys([*spec.keys_of(model), *spec.leaves(model().model_dump())])]
     room, of_kind = {
-        "encoders": ("neurotact.encoders.specs", "EncoderSpec"),
+        "encoders": ("neurotact.encoders.model", "EncoderSpec"),
         "networks": ("neurotact.networks.definition.specs", "RSNNSpec"),
         "studies": ("neurotact.studies.study", "StudySpec"),
     }[kind]

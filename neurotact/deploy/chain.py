@@ -10,7 +10,8 @@ from neurotact.data.conditioning import conditioned_length
 from neurotact.data.recordings import check_sampling_rate
 from neurotact.deploy.windows import WindowPlan
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.specs import MODELS, EncoderSpec, conditioning_of, n_per_taxel, populations, taxel_names
+from neurotact.encoders.model import EncoderSpec, name_in, names, of_name
+from neurotact.encoders.specs import conditioning_of, n_per_taxel, populations, taxel_names
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import LIF_INSTEAD, Subject, require
 from neurotact.networks.definition.rsnn import RSNN
@@ -131,10 +132,10 @@ def build_encoder(restored: Restored, source: object) -> EncoderSpec:
 
 def encoder_of(table: Mapping[str, Any], source: object) -> EncoderSpec:
     """The encoder of a saved table; InputError for an unknown model."""
-    model = str(table.get("model", "lif"))
-    if model not in MODELS:
+    model = name_in(table)
+    if model not in names():
         raise InputError(f"{source}: its encoder model '{model}' is unknown; train the network again")
-    return build(MODELS[model].spec, dict(table), source=f"{source}, encoder")
+    return build(of_name(model).spec, dict(table), source=f"{source}, encoder")
 
 
 def _check_taxels(encoder: EncoderSpec, network: RSNN) -> None:

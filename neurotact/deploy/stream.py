@@ -23,7 +23,8 @@ from neurotact.deploy.chain import LARGEST, Chain, chain_of
 from neurotact.deploy.native import CompiledStream, Decided, Remembered
 from neurotact.deploy.stream_state import Decision, StreamState, Tally, Trace, copied
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.specs import EncoderSpec, conditioning_of, encode, finish, is_exact
+from neurotact.encoders.model import EncoderSpec
+from neurotact.encoders.specs import conditioning_of, encode, finish, is_exact
 from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.networks.definition.rsnn import RSNN

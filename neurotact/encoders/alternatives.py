@@ -10,7 +10,8 @@ from neurotact.data.conditioning import ACAUSAL, Baseline
 from neurotact.data.recordings import Trials
 from neurotact.encoders.calibration import Calibration, calibrate
 from neurotact.encoders.gain_search import CalibrationRule, Progress
-from neurotact.encoders.specs import CALIBRATED, EncoderSpec
+from neurotact.encoders.model import EncoderSpec
+from neurotact.encoders.specs import CALIBRATED
 from neurotact.errors import InputError
 
 BASELINES: tuple[Baseline, ...] = ("none", "start", "high-pass", "mean")

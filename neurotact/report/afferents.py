@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from neurotact.encoders.knobs import pair_of
+from neurotact.encoders.sensitivity import pair_of
 from neurotact.figures import gains as gain_figures
 from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn

@@ -15,6 +15,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, turns_of, validation_note
 from neurotact.data.trial_choice import values_in_words
 from neurotact.data.window_choice import on_late_onsets, timing_of
+from neurotact.encoders.cost import no_cost
 from neurotact.errors import InputError
 from neurotact.metrics import paired, starts
 from neurotact.metrics.paired import Paired
@@ -125,8 +126,13 @@ def _costs(
         how = {"n_classes": n_classes, "early": bool(before), "encoding": counts}
         costs["ms"] = 1e3 * steps / afferents.rate_Hz
         if not counts or afferents.is_countable:
-            costs["nJ"] = ledger.row_cost(study.network, row, afferents, **how).energy_nJ(study.prices)
+            spent = ledger.row_cost(study.network, row, afferents, **how).energy_nJ(study.prices)
+            costs["nJ"] = _known(spent)
     return costs
+
+
+def _known(energy_nJ: float) -> float | None:
+    return None if pd.isna(energy_nJ) else float(energy_nJ)
 
 
 def with_exit_bound(network: Network, folder: Path, cells: Sequence[Cell], tolerance: float) -> Network:
@@ -252,8 +258,7 @@ def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], result: M
             name = f"{row['classifier']} on {pair}{source} ({words})"
             shares = row["accuracy_validation"], row["accuracy_test"]
             right = validated(tables["baselines_trials"], rows) if "baselines_trials" in tables else None
-            spent_nJ = None if pd.isna(row["energy_estimate_nJ"]) else float(row["energy_estimate_nJ"])
-            baselines.append(Baseline(name, *shares, spent_nJ, rows, right))
+            baselines.append(Baseline(name, *shares, _known(row["energy_estimate_nJ"]), rows, right))
     return baselines
 
 
@@ -399,6 +404,7 @@ def _of_encoding(answer: Answer, afferents: Sequence[Afferents], study: StudySpe
     afferents: of each training of that network; the energy is a mean over them.
     """
     decision = answer.cheapest.used
+    yield from dict.fromkeys(f"{why[:1].upper()}{why[1:]}." for one in afferents if (why := no_cost(one.encoder)))
     if not afferents or decision.nJ is None or not answer.is_above_chance:
         return
     if not all(one.is_countable for one in afferents):

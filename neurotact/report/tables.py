@@ -9,7 +9,7 @@ import pandas as pd
 
 from neurotact.data.hdf5 import encoded_by, load_spikes
 from neurotact.data.spikes import SpikeTrains
-from neurotact.encoders.specs import EncoderSpec
+from neurotact.encoders.model import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.figures.columns import in_unit, quantity
 from neurotact.figures.encoding import Classes

@@ -14,7 +14,7 @@ import pandas as pd
 
 from neurotact.data.recordings import LABEL, select_conditions
 from neurotact.data.spikes import SpikeTrains
-from neurotact.encoders.knobs import pair_of
+from neurotact.encoders.sensitivity import pair_of
 from neurotact.encoders.specs import populations, t_ref_pair_ms
 from neurotact.files import scratch, write_json
 from neurotact.metrics import firing, isi_distributions

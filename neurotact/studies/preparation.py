@@ -21,7 +21,8 @@ from neurotact.data.windows import check_fit
 from neurotact.encoders.calibration import CLOCK_HZ, calibration_for
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.gain_search import CalibrationRule
-from neurotact.encoders.specs import EncoderSpec, with_t_refs
+from neurotact.encoders.model import EncoderSpec
+from neurotact.encoders.specs import with_t_refs
 from neurotact.errors import InputError
 from neurotact.files import write_json
 from neurotact.spec import digest

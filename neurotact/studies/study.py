@@ -23,8 +23,9 @@ from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.model import AnyEncoder, names, usable
 from neurotact.encoders.same_drive import SameDriveSpec
-from neurotact.encoders.specs import EncoderSpec, is_exact, pays_exact
+from neurotact.encoders.specs import is_exact, pays_exact
 from neurotact.errors import InputError, nearest
 from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList, price_list
 from neurotact.networks.definition import recipe
@@ -148,7 +149,7 @@ class StudySpec(Spec):
     """Also measure the amplitude and the principal frequency of each class and condition: the table signals.csv."""
     same_drive: SameDriveSpec | None = None
     """Also give one afferent the same drive at several refractory periods: the table same_drive.csv."""
-    encoder: EncoderSpec
+    encoder: AnyEncoder
     """An encoder spec: its name, its path, or the whole table."""
     network: RSNNSpec | None = None
     """Without one, cells only encode and train nothing."""
@@ -240,10 +241,10 @@ class Cell(Spec):
     window: WindowSpec
     split: SplitSpec
     early_exit: EarlyExitSpec
-    encoder: EncoderSpec
-    calibrate: EncoderSpec | None = None
+    encoder: AnyEncoder
+    calibrate: AnyEncoder | None = None
     """The encoder whose gains are fitted on the training trials; t_ref varies around it."""
-    conditioned_by: EncoderSpec | None = None
+    conditioned_by: AnyEncoder | None = None
     """The encoder for which baseline and moving average are chosen there, if not `calibrate` itself."""
     choose_ema: bool = False
     """Whether the cut-off of its moving average is chosen there, too."""
@@ -356,7 +357,7 @@ def _suit_periods(table: dict[str, Any]) -> None:
     sweep, encoder = table["sweep"], table.get("encoder")
     pairs = sweep.get(PAIR) if isinstance(sweep, dict) else None
     model = encoder.get("model", "lif") if isinstance(encoder, dict) else "lif"
-    if not isinstance(pairs, list) or model not in encoders.MODELS:
+    if not isinstance(pairs, list) or model not in names():
         return
     keys = [f"{calibrated.ENCODER}{key}" for key in encoders.period_keys(model)]
     if set(PAIR.split(sweeps.JOIN)) <= set(keys):
@@ -377,7 +378,7 @@ def _with_every_encoder(sweep: Any) -> None:
     if isinstance(sweep, dict) and sweep.get(axis) == EVERY:
         sweep[axis] = [
             [encoders.default_of(model), period]
-            for model, row in encoders.MODELS.items()
+            for model, row in usable().items()
             if row.is_compared
             for period in ([OWN, LONGER_MS] if encoders.period_keys(model) else [OWN])
         ]
@@ -401,7 +402,8 @@ def _suited(
     table, notes = suited.suit(table, recorded, left, given, split=study.split)
     notes = [*suited.of_fewer(recorded), *notes]
     exact = is_exact(study.encoder)
-    swept = [value for key in calibrated.PERIODS for value in sweeps.values(study.sweep, key)]
+    periods = filter(calibrated.is_period, sweeps.keys(study.sweep))
+    swept = [value for key in periods for value in sweeps.values(study.sweep, key)]
     if suited.INTEGRATION in left and pays_exact(study.encoder, recorded.sampling_rate_Hz, swept):
         exact, table = True, {**table, "encoder": {**table["encoder"], "integration": "exact"}}
     notes += suited.clock(recorded, clock_Hz, exact=exact, chosen=suited.INTEGRATION in left)

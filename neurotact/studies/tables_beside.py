@@ -21,8 +21,8 @@ from neurotact.data.recordings import Recordings, class_indices
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.data.windows import Windows
-from neurotact.encoders import regained
 from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.reconstruction import reconstructed
 from neurotact.encoders.same_drive import same_drive_table
 from neurotact.encoders.signals import signal_table
 from neurotact.encoders.specs import t_ref_pair_ms
@@ -145,7 +145,7 @@ def _reconstruction(
         for cell in distinct.values():
             trains = hdf5.load_spikes(folder / cell.given)
             sides = tasks.trials_of(trains, task_of(cell).model_copy(update={"subset": {}}))
-            measured = regained.regained(recordings, trains, sides, start_s=cell.window.start_ms * 1e-3)
+            measured = reconstructed(recordings, trains, sides, start_s=cell.window.start_ms * 1e-3)
             own = {key: value_at(cell, key) for key in keys}
             rows.append({**encoded.periods(cell), **own, **measured._asdict()})
             advance(1, "")

@@ -8,6 +8,7 @@ from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.cost import encoding_cost
 from neurotact.metrics import synops
+from neurotact.metrics.flops import Cost, NotCounted
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.use import ledger
 from neurotact.networks.use.ledger import Afferents
@@ -249,3 +250,9 @@ def test_the_shipped_encoder_of_fabrics_by_hand():
     assert counted.macs == 6 * each
     assert counted.acs == (each + 1000) + each
     assert counted.other_flops == 1000 + 3 * each
+
+
+def test_a_mean_with_what_is_not_counted_is_not_counted():
+    mean = ledger._mean([(Cost(macs=3, bytes=4, signal_ms=50), 1), (NotCounted(signal_ms=100), 1)])
+    assert np.isnan([mean.macs, mean.bytes, mean.energy_estimate_nJ]).all()
+    assert mean.signal_ms == 75

@@ -7,12 +7,13 @@ from made_chains import make_signal, offline, told
 
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.deploy.stream import Stream
-from neurotact.encoders.specs import MODELS, default_of, load, n_per_taxel
+from neurotact.encoders.model import usable
+from neurotact.encoders.specs import default_of, load, n_per_taxel
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import EXECUTORS
 from neurotact.networks.definition.rsnn import RSNN
 
-STREAMED = [model for model, row in MODELS.items() if row.title not in EXECUTORS["stream"].lacks]
+STREAMED = [model for model, row in usable().items() if row.title not in EXECUTORS["stream"].lacks]
 LIVELY = {
     "send-on-delta": {"threshold": 0.5},
     "sigma-delta": {"threshold_unit_ms": 10.0},

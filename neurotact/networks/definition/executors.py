@@ -10,9 +10,11 @@ from typing import NamedTuple
 
 import torch
 
+from neurotact import plugins
 from neurotact.data.conditioning import ACAUSAL, ConditioningSpec
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.specs import MODELS, EncoderSpec, is_exact
+from neurotact.encoders.model import EncoderSpec, names, of_name
+from neurotact.encoders.specs import is_exact
 from neurotact.errors import InputError
 from neurotact.networks.definition.native import Network
 from neurotact.networks.definition.surrogate import FAST_SIGMOID
@@ -68,6 +70,10 @@ def _of_model(model: str) -> Callable[[Subject], bool]:
     return lambda subject: subject.encoder is not None and subject.encoder.model == model
 
 
+def _is_of_another_package(subject: Subject) -> bool:
+    return subject.encoder is not None and not plugins.is_ours("encoders", subject.encoder.model)
+
+
 def _of_spec(key: str, *values: object) -> Callable[[Subject], bool]:
     """Whether a key of the network's spec has one of these values."""
     return lambda subject: getattr(subject.network.spec, key) in values
@@ -81,12 +87,13 @@ def _has_grades(subject: Subject) -> bool:
 CHAIN = ("conditioning", "encoder", "network", "readout", "exit")
 CAUSAL_INSTEAD = "encode and train with conditioning.baseline start, high-pass or none"
 LIF_INSTEAD = "encode and train with sa1-ra1-lif"
+OUR_MODELS = {name: of_name(name) for name in names() if plugins.is_ours("encoders", name) and name != "lif"}
+OF_ANOTHER_PACKAGE = "afferents of another package"
 OTHER_MODELS = {
-    row.title: Feature("encoder", ("model",), _of_model(model), LIF_INSTEAD)
-    for model, row in MODELS.items()
-    if model != "lif"
+    **{model.title: Feature("encoder", ("model",), _of_model(name), LIF_INSTEAD) for name, model in OUR_MODELS.items()},
+    OF_ANOTHER_PACKAGE: Feature("encoder", ("model",), _is_of_another_package, LIF_INSTEAD),
 }
-"""Every encoder model but LIF; one that is added to `MODELS` is among them."""
+"""Every encoder model but LIF."""
 FEATURES: dict[str, Feature] = {
     "moving average": Feature(
         "conditioning", ("ema_cutoff_Hz",), lambda s: s.conditioning.ema_cutoff_Hz is not None, "leave it out"
@@ -222,7 +229,8 @@ SETTINGS = frozenset({
 """Keys of specs of networks, LIF afferents and conditioning that are sizes, constants or how a network is trained."""
 
 _STREAMED = {
-    "Izhikevich afferents": "a sample far below rest would make their integration unstable",
+    **{model.title: model.not_streamed for model in OUR_MODELS.values() if model.not_streamed},
+    OF_ANOTHER_PACKAGE: "only models of neurotact are tested to spike in pieces as in the whole",
     "baseline of the whole trial": "a stream has not received the whole trial yet",
     "double precision": "a chain is deployed in float32",
 }

@@ -11,11 +11,12 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from neurotact.data.spikes import SpikeTrains
-from neurotact.encoders.cost import NOT_COUNTED, encoding_cost, is_countable
+from neurotact.encoders.cost import NOT_COUNTED, encoding_cost, is_countable, no_cost
 from neurotact.encoders.specs import taxels_of
 from neurotact.metrics.flops import (
     Cost,
     Integrator,
+    NotCounted,
     SpikingLayer,
     cost,
     ledger_table,
@@ -132,7 +133,8 @@ def decision_ledger(
     """The ledger of one trained network: encoder, network and both, from the `all` row of a SOP summary.
 
     summary: of `metrics.synops.summary`. spec: as for `network_cost`; encoder, recorded_Hz: as for `encoding_cost`;
-    where the encoder is None, the network alone counts; so it does, with a warning, where a rate is missing.
+    where the encoder is None, the network alone counts; so it does, with a warning, where a rate is missing. NaN, with
+    a warning, where the encoder declares no cost.
     """
     measured = summary.iloc[-1]
     steps = float(measured["steps"])
@@ -143,6 +145,8 @@ def decision_ledger(
         if made_by is not None:
             warnings.warn(f"the ledger has the network alone: {NOT_COUNTED}", stacklevel=3)
         return ledger_table([("network", network)], prices)
+    if why := no_cost(made_by.encoder):
+        warnings.warn(why, stacklevel=3)
     encoding = made_by.cost(steps, measured["sops_input"] / spec.hidden)
     return ledger_table([("encoder", encoding), ("network", network), ("both", encoding + network)], prices)
 
@@ -171,10 +175,7 @@ def study_ledger(
         spent = [field.name for field in fields(Cost) if field.name in baselines]
         means = baselines.groupby(["classifier", "input"], sort=False)[spent].mean()
         for (classifier, source), row in means.iterrows():  # pyright: ignore[reportGeneralTypeIssues]
-            counted = None
-            if row.notna().all():
-                whole = {name: round(row[name]) for name in ("parameters", "bytes") if name in row}
-                counted = Cost(**{**row.to_dict(), **whole})
+            counted = _cost_of(row.to_dict()) if row.notna().all() else None
             rows.append((f"{classifier} on {source}", counted))
     for steps in sorted(results["window_steps"].unique()):
         mine = results[results["window_steps"] == steps]
@@ -200,10 +201,15 @@ def _mean(costs: Sequence[tuple[Cost, float]]) -> Cost:
     if len(costs) == 1:
         return costs[0][0]
     total = sum(weight for _, weight in costs)
-    means: dict[str, Any] = {
-        field.name: sum(getattr(cost, field.name) * weight for cost, weight in costs) / total for field in fields(Cost)
-    }
-    return Cost(**means | {name: round(means[name]) for name in ("parameters", "bytes")})
+    names = [field.name for field in fields(Cost)]
+    return _cost_of({name: sum(getattr(cost, name) * weight for cost, weight in costs) / total for name in names})
+
+
+def _cost_of(means: Mapping[str, Any]) -> Cost:
+    """The cost with these means, some of which are of whole numbers."""
+    if any(map(pd.isna, means.values())):
+        return NotCounted(**means)
+    return Cost(**{**means, **{name: round(means[name]) for name in ("parameters", "bytes") if name in means}})
 
 
 def row_cost(
