@@ -41,6 +41,8 @@ Milliseconds = Annotated[float, Field(gt=0)]
 Steps = Annotated[int, Field(ge=1)]
 SOURCE = "dataset.parameters."
 """Prefix of swept keys of the simulation; a cell stores them in its `source`."""
+NETWORKS = "networks"
+"""The way of a study that names none."""
 SPLIT = "split."
 """Prefix of swept keys of the split, such as `split.fold`."""
 MEASURES = ("cut_short_ms", "exit_patiences", "test_every_condition")
@@ -75,29 +77,16 @@ class EarlyExitSpec(Spec):
     gone = {"by": "stability"}
 
 
-class SelectionSpec(Spec):
-    """How the best trade-off is selected, in the loop of the texture paper's Fig. 7 (`studies/selection.py`).
-
-    All criteria use validation trials and means over seeds, and over swept keys of the simulation.
-    """
-
-    length_tolerance: float = Field(default=0.08, ge=0, lt=1)
-    """T_min is the shortest window with an accuracy within this of the accuracy of the best length."""
-    accuracy_tolerance: float = Field(default=0.08, ge=0, lt=1)
-    """A network is accurate enough if it is within this of the best; of these, the fewest SOPs decide."""
-    networks: int = Field(default=2, ge=1)
-    """Networks to select, each with another pair of refractory periods."""
-
-
 class StudySpec(Spec):
     """A study with its complete encoder and network (`studies/*.toml` after `resolve`)."""
 
     folder: ClassVar[str] = "studies"
     words: ClassVar[set[str]] = {"title", "about", "claims", "notes", "as_shipped"}
     """Keys that change none of the numbers."""
-    way: ClassVar[str] = "networks"
-    """The entry point of the group `neurotact.ways` that runs such a study."""
-
+    way: str = NETWORKS
+    """The entry point of the group `neurotact.ways` that runs the study."""
+    parameters: dict[str, Any] = {}
+    """Of a way other than `networks`."""
     title: str
     """Heading of the report."""
     about: str = ""
@@ -149,8 +138,6 @@ class StudySpec(Spec):
     """Without one, cells only encode and train nothing."""
     search: SearchSpec | None = None
     """Each cell searches its network's hyperparameters on its own validation trials; swept ones are not searched."""
-    selection: SelectionSpec | None = None
-    """Select a network step by step; only the cells of the sweep that a step requests are run."""
     augmentation: AugmentationSpec | None = None
     """Varied copies of the training trials, for tests at conditions that no training trial has."""
     balance: Balance = "none"
@@ -184,6 +171,12 @@ class StudySpec(Spec):
         return self
 
     @model_validator(mode="after")
+    def _has_parameters_of_its_way(self) -> "StudySpec":
+        if self.parameters and self.way == NETWORKS:
+            raise ValueError(f"parameters: the way '{NETWORKS}' takes none; its keys stand beside the dataset's")
+        return self
+
+    @model_validator(mode="after")
     def _describes_one_set_of_recordings(self) -> "StudySpec":
         swept = [key for key in sweeps.keys(self.sweep) if key.startswith(SOURCE)]
         if swept and self.dataset.simulate is None:
@@ -206,16 +199,6 @@ class StudySpec(Spec):
         ]
         if self.network is None and of_network:
             raise ValueError(f"{of_network[0]} needs a network; name one, as in network = 'rsnn'")
-        return self
-
-    @model_validator(mode="after")
-    def _selects_among_what_it_sweeps(self) -> "StudySpec":
-        selected = {axis for axis in self.sweep if axis != "seed" and not axis.startswith(SOURCE)}
-        if self.selection is not None and selected != {LENGTH, PAIR, "network.hidden"}:
-            raise ValueError(
-                f"selection needs a sweep of '{LENGTH}', '{PAIR}' and 'network.hidden'; beside them only seed and keys "
-                f"of {SOURCE.rstrip('.')}, over which it averages"
-            )
         return self
 
     def digest(self) -> str:
