@@ -195,7 +195,8 @@ def as_arrays(touches: Recordings | SpikeTrains) -> dict[str, np.ndarray]:
         }
     return {
         **shared,
-        "values": np.concatenate([np.asarray(signal, np.float32) for signal in touches.signals]),
+        # In the order of memory that every file has: sums over time in another order differ in their last bits.
+        "values": np.ascontiguousarray(np.concatenate([np.asarray(one, np.float32) for one in touches.signals])),
         "lengths": touches.lengths,
         "unit": np.array(touches.unit),
         "channels": np.array(touches.channels),

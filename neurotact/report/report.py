@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from neurotact import files
-from neurotact.report import afferents, networks, ways
+from neurotact.report import networks, ways
 from neurotact.studies import runner
 from neurotact.studies.loading import engine_of
 from neurotact.studies.way_study import WayStudy
@@ -21,4 +21,4 @@ def write(folder: Path) -> Path:
             return own(study, folder)
         if isinstance(study, WayStudy):
             return ways.write(study, folder)
-        return networks.write(study, folder) if study.network is not None else afferents.write(study, folder)
+        return networks.write(study, folder)

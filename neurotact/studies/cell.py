@@ -35,7 +35,7 @@ SEARCH = "search"
 
 
 def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None, tells: bool = False) -> Files:
-    """Train and measure a cell, or measure its spike trains where it has no network.
+    """Train and measure a cell.
 
     It may run on any machine: it reads and writes only what is passed.
 
@@ -43,8 +43,7 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None, tells: b
     without a search, no journal is read or saved. tells: say how long the training of a network takes, if it takes
     minutes.
     """
-    if cell.network is None:
-        return encoded.run(cell, trains)
+    assert cell.network is not None
     began = perf_counter()
     task = task_of(cell)
     if cell.search is None:

@@ -135,7 +135,7 @@ class StudySpec(Spec):
     encoder: EncoderSpec
     """An encoder spec: its name, its path, or the whole table."""
     network: RSNNSpec | None = None
-    """Without one, cells only encode and train nothing."""
+    """Of every way that trains one."""
     search: SearchSpec | None = None
     """Each cell searches its network's hyperparameters on its own validation trials; swept ones are not searched."""
     augmentation: AugmentationSpec | None = None
@@ -199,6 +199,10 @@ class StudySpec(Spec):
         ]
         if self.network is None and of_network:
             raise ValueError(f"{of_network[0]} needs a network; name one, as in network = 'rsnn'")
+        if self.network is None and self.way == NETWORKS:
+            raise ValueError(
+                "network: is missing; name one, as in network = 'rsnn', or encode alone: way = 'afferents'"
+            )
         return self
 
     def digest(self) -> str:
