@@ -8,8 +8,8 @@ INSTALL := $(BIN)/pip install --quiet --no-compile -c constraints.txt
 # pip compiles modules one by one, also the tests of packages. Without any, a process compiles what it imports, and where
 # PYTHONDONTWRITEBYTECODE is set each process does so anew: the import of torch and scipy takes twice as long. Some
 # packages hold files of later versions of Python, which fail.
-COMPILE := $(BIN)/python -m compileall -qq -j 0 -x '/tests?/' $(VENV)/lib neurotact encoders studies || true
-CODE := neurotact encoders networks studies
+COMPILE := $(BIN)/python -m compileall -qq -j 0 -x '/tests?/' $(VENV)/lib $(CODE) || true
+CODE := neurotact encoders exporters networks studies
 SOURCES := pyproject.toml constraints.txt CMakeLists.txt $(wildcard native/*) neurotact/__init__.py
 
 # Where there is a compiler, a C++ error must not fall back silently to the slow reference.
@@ -51,7 +51,7 @@ lint: $(VENV)/.linters
 	$(BIN)/ruff check $(CODE) tests benchmarks docs
 	$(BIN)/ruff format --check $(CODE) tests benchmarks docs
 	mkdir -p build/packages/neurotact_parts
-	for room in encoders networks studies; do ln -sfn ../../../$$room build/packages/neurotact_parts/$$room; done
+	for room in encoders exporters networks studies; do ln -sfn ../../../$$room build/packages/neurotact_parts/$$room; done
 	$(BIN)/pyright
 	$(BIN)/pyright -p docs/examples
 

@@ -9,10 +9,11 @@ import argparse
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from neurotact_parts.exporters.c import proving
+
 import neurotact as nt
 from neurotact import files, spec
 from neurotact.data import hdf5
-from neurotact.deploy import proving
 from neurotact.encoders.encoding import encode_file
 from neurotact.progress import say
 

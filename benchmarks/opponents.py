@@ -29,8 +29,9 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
-from neurotact.baselines.families import ELM_HIDDEN, ON_FEATURES, Sides, accuracy, best_of
+from neurotact.baselines.families import ELM_HIDDEN
 from neurotact.baselines.minirocket import TRIPLES, Convolution, MiniRocket, MiniRocketClassifier
+from neurotact.baselines.opponent import Sides, accuracy, best_of, load
 from neurotact.baselines.pooled_gru import PooledGRUClassifier
 
 PROBLEMS = ("GunPoint", "ItalyPowerDemand", "ArrowHead", "OSULeaf", "BasicMotions")
@@ -49,7 +50,7 @@ LIBRARY: dict[str, tuple[BaseEstimator, dict[str, list]]] = {
         {"rbfsampler__gamma": list(np.logspace(-4, 0, 9)), "ridgeclassifier__alpha": list(np.logspace(-4, 2, 7))},
     ),
 }
-"""Estimator and grid of scikit-learn beside each of our families."""
+"""Estimator and grid of scikit-learn beside each of our opponents."""
 THEIRS = """
 import sys
 import numpy as np
@@ -93,9 +94,8 @@ def on_digits() -> pd.DataFrame:
         parts = train_test_split(X, y, test_size=0.2, random_state=seed, stratify=y)
         train, validation, y_train, y_validation = parts
         sides = Sides(train, validation, X_test, y_train, y_validation, y_test)
-        for name, family in ON_FEATURES.items():
-            chosen = best_of(family, sides, seed)
-            estimator, grid = LIBRARY[name]
+        for name, (estimator, grid) in LIBRARY.items():
+            chosen = best_of(load(name), sides, seed)
             search = GridSearchCV(estimator, grid, cv=5).fit(X, y)
             rows.append({
                 "family": name, "ours (%)": 100 * accuracy(chosen, X_test, y_test),

@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 import torch
+from neurotact_parts.exporters.c import c_export, formats
 
 import neurotact as nt
 from neurotact.backend import Backend
-from neurotact.deploy import c_export, formats
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.encoders import afferents, specs
 from neurotact.networks.exit.early_exit import ExitRule

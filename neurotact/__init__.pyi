@@ -1,9 +1,13 @@
 from .api.deployment import Flow as Flow
 from .api.deployment import check_chip as check_chip
+from .api.deployment import export as export
 from .api.deployment import export_c as export_c
 from .api.deployment import export_nir as export_nir
 from .api.deployment import fine_tune as fine_tune
+from .api.deployment import from_nir as from_nir
+from .api.deployment import live as live
 from .api.deployment import stream as stream
+from .api.deployment import to_nir as to_nir
 from .api.deployment import to_snntorch as to_snntorch
 from .api.encoding import calibrate as calibrate
 from .api.encoding import encode as encode
@@ -12,7 +16,6 @@ from .api.encoding import plot_raster as plot_raster
 from .api.encoding import plot_survival as plot_survival
 from .api.encoding import save_raster as save_raster
 from .api.encoding import what_survives as what_survives
-from .api.live import live as live
 from .api.networks import conditions_curve as conditions_curve
 from .api.networks import infer as infer
 from .api.networks import load_network as load_network
@@ -51,8 +54,7 @@ from .data.spikes import SpikeTrains as SpikeTrains
 from .data.windowed import SpikeArray as SpikeArray
 from .data.windowed import WindowedSpikes as WindowedSpikes
 from .data.windowed import windows as windows
-from .deploy.nir_exchange.exchange import from_nir as from_nir
-from .deploy.nir_exchange.exchange import to_nir as to_nir
+from .deploy.exporters import Exporter as Exporter
 from .deploy.stream import Decision as Decision
 from .deploy.stream import Stream as Stream
 from .encoders.afferents import AfferentSpec as AfferentSpec

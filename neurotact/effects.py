@@ -57,9 +57,6 @@ class Need(NamedTuple):
 
 
 OR_GIVE = "give that, or leave it out"
-OF_C = "variant weight_bits state_bits lsb name sampling_rate_Hz length_ms start_ms hop_ms contact quiet_ms full_window"
-WRITTEN = "out to prove recordings spikes force"
-OF_NIR = "plain lower_refractory network_only dt_s"
 SAMPLES = is_in("pipe", "serial port", "file")
 """Kinds of sources of which samples are read as text or bytes; the others are recordings and a simulation."""
 
@@ -85,9 +82,6 @@ NEEDS = (
     Need("weight_bits state_bits lsb", "variant", is_in(None, "integer"), "with `variant='float'`"),
     Need("quiet_ms", "contact", bool, "without `contact=True`: windows then start one after the other", OR_GIVE),
     Need("hop_ms", "contact", is_absent, "with `contact=True`: each window then starts at a contact"),
-    Need(f"{WRITTEN} {OF_C} {OF_NIR}", "check", is_absent, "with `check`, which writes nothing"),
-    Need(OF_C, "to", is_in("c"), "with `to='nir'`; it belongs to `to='c'`"),
-    Need(OF_NIR, "to", is_in("nir"), "with `to='c'`; it belongs to `to='nir'`"),
     Need("recordings spikes", "ranges", bool, "where no recordings are read: only integers and `prove` need them"),
     # stream, live
     Need("format lsb zero time_column", "source", SAMPLES, "with this `source`, which has a format of its own"),

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from neurotact.errors import InputError, first_line, nearest
 
-Group = Literal["simulators", "readers", "ways", "surrogates", "losses"]
+Group = Literal["simulators", "readers", "ways", "surrogates", "losses", "opponents", "prices", "exporters", "tools"]
 OURS = __name__.partition(".")[0]
 
 

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -12,8 +13,14 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from neurotact.interrupt import stop_if_asked
 
 Advance = Callable[[int, str], None]
+Tell = Callable[[Any], object]
+"""Called with what the command of a function prints, a text or a table at a time; `print` is one."""
 SECONDS_BETWEEN_LINES = 10.0
 _shown = ContextVar("shown", default=True)
+
+
+def untold(_what: Any) -> None:
+    """A `Tell` that prints nothing."""
 
 
 def show(is_shown: bool) -> None:

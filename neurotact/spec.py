@@ -47,7 +47,7 @@ SCHEMA = 2
 """The form of saved studies, trainings and searches. It changes when a new key or a new meaning would make an earlier
 one another than it was; then only the folder of an earlier form is refused, and no key needs to know of others."""
 
-KINDS = ("encoders", "networks", "networks/spaces", "studies")
+KINDS = ("encoders", "networks", "networks/spaces", "studies", "prices")
 
 
 @dataclass_transform(kw_only_default=True, field_specifiers=(Field,))

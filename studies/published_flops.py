@@ -92,7 +92,7 @@ def touch_modality_flops(cell: Literal["LSTM", "GRU"], units: int, inputs: int =
     `g (4 units² + 2 inputs units + 2) + 2 classes units + 2` with g = 4 gates (LSTM) or 3 (GRU). Four operations for a
     recurrent weight and none for the cell's own products and activations are not a count of an inference; they agree
     with a count of how Keras *draws* the weights (orthogonal 4, uniform 2 per weight), which the paper does not
-    mention. Use it only for comparison with published values; `flops.LSTM` and `flops.GRU` give the cost of a step.
+    mention. Use it only for comparison with published values; the ledger's `LSTM` and `GRU` give the cost of a step.
 
     >>> [touch_modality_flops(cell, units) for cell, units in TOUCH_MODALITY_FLOPS]
     [2950, 2228, 2960]

@@ -241,9 +241,7 @@ def test_the_names_of_a_page_are_those_of_the_package(page):
         try:
             import_module(name)
         except ModuleNotFoundError:
-            if f"neurotact.{attribute}" not in (
-                f"neurotact.{group}" for group in ("simulators", "readers", "ways")
-            ):
+            if f"neurotact.{attribute}" not in (f"neurotact.{group}" for group in ("simulators", "readers", "ways")):
                 assert hasattr(import_module(module), attribute), name
 
 

@@ -444,7 +444,13 @@ WAYS = {
     "sops": [
         Way(
             "sops in/run -o a.csv",
-            {"-o": "-o b.csv", "--early-exit": "--early-exit", "--json": "--json", "--force": TWICE},
+            {
+                "--prices": "--prices in/chip.toml",
+                "-o": "-o b.csv",
+                "--early-exit": "--early-exit",
+                "--json": "--json",
+                "--force": TWICE,
+            },
             tested={"--spikes": MOVED},
         ),
         Way("sops in/run -o a.csv --spikes in/other-spikes.h5", {"--allow-other-encoder": "--allow-other-encoder"}),
@@ -718,6 +724,7 @@ def further() -> None:
     wide = np.random.default_rng(0).normal(size=(4, 20, 70)).astype(np.float32)
     nt.save(nt.Recordings(wide, 1000.0, "mV", pd.DataFrame({"label": ["a", "b"] * 2})), "wide.h5")
     Path("space.toml").write_text('hidden = { _type = "choice", _value = [2, 3] }\n')
+    Path("chip.toml").write_text("source = 'a data sheet'\nmultiplication_pJ = 0.2\naddition_pJ = 0.1\n")
     if find_spec("pynwb"):
         spikes = nt.load("spikes.h5")
         assert isinstance(spikes, nt.SpikeTrains)
@@ -846,7 +853,7 @@ NAMES = {"settings": "--set", "length_ms": "--window-ms", "folder": "-o", "path"
     "leave_out_units": "--units",
     "source": "--from",}  # fmt: skip
 INPUTS = {"spikes", "run", "recordings", "name", "path", "what", "source", "block", "parts", "network", "folder",
-          "column", "file", "decisions", "tell", "check", "kind"}  # fmt: skip
+          "column", "file", "decisions", "tell", "check", "kind", "options"}  # fmt: skip
 """What a function works on, and whom it tells."""
 HERE, NWB, NEO = "tests/test_options.py", "tests/data/readers/test_nwb.py", "tests/data/test_neo_blocks.py"
 DECODING = "tests/encoders/test_decoding.py"
@@ -895,13 +902,13 @@ def test_an_option_is_a_keyword_with_its_default():
 
 
 def test_a_public_function_names_all_its_keywords():
-    """Besides `simulate`, whose further keywords are the keys of its spec."""
+    """Besides `simulate`, whose further keywords are the keys of its spec, and `export`: those of its exporter."""
     swallowing = [
         name
         for name in FUNCTIONS
         if any(each.kind == each.VAR_KEYWORD for each in inspect.signature(getattr(nt, name)).parameters.values())
     ]
-    assert swallowing == ["simulate"]
+    assert swallowing == ["export", "simulate"]
     assert not any(each.kind == each.VAR_KEYWORD for each in inspect.signature(nt.Stream).parameters.values())
 
 

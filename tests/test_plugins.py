@@ -3,15 +3,25 @@
 import sys
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
+from neurotact_parts.studies.comparison import protocol
 
 import neurotact as nt
 from neurotact import cli, plugins
+from neurotact.baselines import opponents
+from neurotact.data import hdf5
+from neurotact.data.recordings import Recordings
+from neurotact.data.splits import Split
+from neurotact.data.windows import WindowSpec, cut
 from neurotact.errors import InputError
+from neurotact.metrics.prices import price_list
 from neurotact.networks.definition import rsnn
-from neurotact.networks.training import checkpoint
-from neurotact.studies import loading
+from neurotact.networks.training import checkpoint, comparison
+from neurotact.networks.training.training import Examples
+from neurotact.report import report
+from neurotact.studies import loading, runner
 
 READER = "from neurotact.data.sources import Reader\nREADER = Reader('Touches of my skin.', print)\n"
 
@@ -81,6 +91,106 @@ def test_the_help_shows_the_others_beside_one_that_cannot_be_used(package, monke
     words = " ".join(text.split())
     assert "Cannot be used: readers: 'my-skin' of the package my-skin" in words
     assert "fabricslide" in words
+
+
+NEAREST = """
+from sklearn.neighbors import KNeighborsClassifier
+from neurotact.baselines import Opponent
+from neurotact.metrics.flops import NearestPoints
+GRID = [{"n_neighbors": k} for k in (1, 3)]
+def layers(fitted, x):
+    return (NearestPoints(len(x), x.shape[1], fitted.n_neighbors),)
+def fails(n_neighbors):
+    raise ValueError("no neighbours\\nat all")
+COUNTED = Opponent("The nearest examples.", KNeighborsClassifier, GRID, layers=layers)
+OPPONENT = Opponent("The nearest examples.", KNeighborsClassifier, GRID)
+ASKED = Opponent("The nearest examples.", KNeighborsClassifier, GRID, joins="named")
+BROKEN = Opponent("The nearest examples.", fails, GRID)
+"""
+LABELS = np.arange(40) % 2
+WAVES = Recordings(
+    list(np.random.default_rng(0).normal(size=(40, 200, 2)) + LABELS[:, None, None]), 500.0, "mV",
+    pd.DataFrame({"label": ["felt", "silk"] * 20}),
+)  # fmt: skip
+
+
+def rows_of_opponents(level="quick"):
+    windows = cut(np.full(40, 200), 500.0, WindowSpec(length_ms=400))
+    parts = Split(np.arange(24), np.arange(24, 32), np.arange(32, 40))
+    cuts = opponents.cuts_of(WAVES.conditions, windows, 500.0, parts, {})
+    moments = next(opponents.signal_inputs(WAVES, cuts, level))
+    return {row["classifier"]: row for row in opponents.rows([moments], LABELS, cuts)}
+
+
+def test_an_opponent_of_another_package_takes_part_after_those_that_ship(package):
+    package({"opponents": "nearest = my_skin:COUNTED\nasked = my_skin:ASKED"}, NEAREST)
+    found = rows_of_opponents()
+    assert [*found] == ["logistic regression", "SVM", "ELM", "extra trees", "nearest"]
+    assert found["nearest"]["settings"] == "n_neighbors 1"
+    assert found["nearest"]["macs"] > 24 * 4
+    assert [*rows_of_opponents("linear")] == ["logistic regression"]
+    assert "extra trees and nearest, on signals" in opponents.in_words("quick")
+    sides = comparison.Sides(*(Examples(torch.from_numpy(TOUCHES[0]), torch.arange(24) // 12) for _ in range(3)))
+    beside = comparison.opponents_of(sides, comparison.Trials(np.arange(24), np.arange(24)))
+    assert [one.name for one in beside if "nearest" in one.name] == ["nearest on counts", "nearest on 10 time bins"]
+
+
+def test_an_opponent_that_is_not_counted_costs_nothing_known(package):
+    package({"opponents": "nearest = my_skin:OPPONENT"}, NEAREST)
+    row = rows_of_opponents()["nearest"]
+    assert (row["accuracy_test"], row["signal_ms"]) == (1.0, 400.0)
+    assert np.isnan([row[name] for name in ("macs", "flops", "parameters", "energy_estimate_nJ")]).all()
+
+
+@pytest.mark.parametrize(
+    ("module", "why"),
+    [
+        ("OPPONENT = 1 / 0", r"cannot be imported \(ZeroDivisionError"),
+        ("OPPONENT = print", "is of the type builtin_function_or_method where a Opponent is expected"),
+        (NEAREST + "OPPONENT = BROKEN",
+         r"cannot be fitted \(ValueError: no neighbours\)"),
+    ],
+)  # fmt: skip
+def test_an_opponent_that_cannot_be_used_is_named_with_its_package(package, module, why):
+    package({"opponents": "nearest = my_skin:OPPONENT"}, module)
+    with pytest.raises(InputError, match=rf"^opponents: 'nearest' of the package my-skin \(my_skin:OPPONENT\) {why}"):
+        rows_of_opponents()
+
+
+@pytest.mark.thorough
+def test_an_opponent_of_another_package_stands_in_the_report_of_own_recordings(package, tmp_path):
+    package({"opponents": "nearest = my_skin:OPPONENT"}, NEAREST)
+    hdf5.save_recordings(WAVES, tmp_path / "touches.h5")
+    small = {"sweep.seed": [0], "sweep.network.hidden": [4], "network.training.epochs": 2, "window.length_ms": 200.0,
+             "sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1]], "window.per_trial": 1,
+             "baselines": "quick"}  # fmt: skip
+    runner.run(loading.resolve("own-recordings", small, data=tmp_path / "touches.h5"), tmp_path / "run")
+    page = report.write(tmp_path / "run").read_text(encoding="utf-8")
+    table = pd.read_csv(tmp_path / "run" / "baselines.csv")
+    assert table["energy_estimate_nJ"].isna().tolist() == (table["classifier"] == "nearest").tolist()
+    assert "nearest" in table["classifier"].tolist()
+    ledger = pd.read_csv(tmp_path / "run" / "ledger.csv").set_index("name")
+    assert ledger.loc["nearest on signals: mean and deviation"].drop("prices").isna().all()
+    assert "not counted" in page
+    assert ">nan<" not in page
+
+
+def test_an_opponent_of_another_package_is_a_way_of_one_task(package):
+    package({"opponents": "nearest = my_skin:OPPONENT"}, NEAREST)
+    rng = np.random.default_rng(0)
+    arrays = {
+        "features": rng.normal(size=(60, 2)) + 4 * (np.arange(60) % 2)[:, None],
+        "sequences": rng.normal(size=(60, 20, 2)),
+        "labels": np.array(["a", "b"] * 30), "groups": np.arange(60), "sampling_rate_Hz": np.array(100.0),
+        "unit": np.array("mV"), **{f"before_{kind}": np.zeros(len(protocol.COUNTED))
+                                  for kind in ("features", "sequences")},
+    }  # fmt: skip
+    (row,) = protocol.run(protocol.Parameters(family="nearest"), arrays)
+    assert row["accuracy_test"] == 1.0
+    assert np.isnan(row["energy_estimate_nJ"])
+    assert row["signal_ms"] == 200.0
+    with pytest.raises(ValueError, match="there is none called 'nearst'; did you mean 'nearest'"):
+        protocol.Parameters(family="nearst")
 
 
 SIMULATOR = (
@@ -229,3 +339,41 @@ def test_a_network_with_a_surrogate_of_another_package_is_saved_and_needs_it(pac
     assert checkpoint.load(tmp_path / "net")[0].spike == net.spike != nt.RSNN(2, 2, sampling_rate_Hz=1000.0).spike
     with pytest.raises(InputError, match="another surrogate: the native kernels does not run it"):
         nt.RSNN(2, 2, sampling_rate_Hz=1000.0, surrogate="triangle", backend="native")(torch.zeros(1, 5, 2))
+
+
+PRICES = """
+from neurotact.metrics.prices import PriceList
+CHIP = PriceList(source="a data sheet", multiplication_pJ=20.0, addition_pJ=1.0, mac_pJ=30.0)
+"""
+
+
+def test_a_price_list_of_another_package_prices_costs_and_is_named(package, tmp_path):
+    package({"prices": "my-chip = my_skin:CHIP"}, PRICES)
+    fitted = classifier().fit(*TOUCHES)
+    (costs,) = fitted.costs(TOUCHES[0], prices="my-chip").to_dict("records")
+    others = ("comparisons", "divisions", "exponentials")
+    spent_pJ = 30 * costs["macs"] + costs["acs"] + 20 * costs["multiplications"]
+    spent_pJ += sum(price * costs[kind] for kind, price in zip(others, (1, 60, 120), strict=True))
+    assert costs["energy_estimate_nJ"] == pytest.approx(1e-3 * spent_pJ)
+    assert (costs["prices"], fitted.costs(TOUCHES[0])["prices"][0]) == ("my-chip", "arithmetic-45nm")
+    copied = tmp_path / "mine.toml"
+    copied.write_text("source = 'me'\nmultiplication_pJ = 3.7\naddition_pJ = 1.8\n")
+    (mine,) = fitted.costs(TOUCHES[0], prices=copied).to_dict("records")
+    assert mine["prices"] == "mine"
+    with pytest.raises(InputError, match=r"^prices: there is none called 'my-chop'; did you mean 'my-chip'\?$"):
+        fitted.costs(TOUCHES[0], prices="my-chop")
+
+
+@pytest.mark.parametrize(
+    ("module", "why"),
+    [
+        (PRICES.replace("20.0", "-20.0"), r"cannot be imported \(InputError: multiplication_pJ: must be >= 0; got -20"),
+        (PRICES.replace("30.0", "float('nan')"), r"cannot be imported \(InputError: mac_pJ: must be a finite number"),
+        (PRICES.replace("addition_pJ=1.0, ", ""), r"cannot be imported \(InputError: addition_pJ: is missing; add it"),
+        ("CHIP = {'addition_pJ': 1.0}", "is of the type dict where a PriceList is expected"),
+    ],
+)
+def test_a_price_list_that_cannot_be_used_is_named_with_its_package(package, module, why):
+    package({"prices": "my-chip = my_skin:CHIP"}, module)
+    with pytest.raises(InputError, match=rf"^prices: 'my-chip' of the package my-skin \(my_skin:CHIP\) {why}"):
+        price_list("my-chip")

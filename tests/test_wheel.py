@@ -23,7 +23,7 @@ from venvs import CONSTRAINTS, PIP, ROOT, clean, copy_of_checkout, pip_install, 
 
 from neurotact import cli
 
-ROOMS = ("encoders", "networks", "studies")
+ROOMS = ("encoders", "exporters", "networks", "prices", "studies")
 SPECS = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.toml")) if path.parent.name != "spaces"]
 HAS_COMPILER = any(map(shutil.which, ("c++", "g++", "clang++")))
 EXTRAS = "live,nir,neuro"
@@ -164,11 +164,11 @@ def test_the_source_holds_what_a_clone_holds(source):
 def test_the_wheel_holds_every_module_every_stub_and_every_spec(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     files = {path for kind in ("*.py", "*.pyi", "*.html", "py.typed") for path in (ROOT / "neurotact").rglob(kind)}
-    beside = [path for room in ("encoders", "networks", "studies") for path in (ROOT / room).rglob("*")]
+    beside = [path for room in ROOMS for path in (ROOT / room).rglob("*")]
     theirs = {f"neurotact_parts/{path.relative_to(ROOT).as_posix()}" for path in beside
-              if path.suffix in (".py", ".toml", ".csv")}  # fmt: skip
+              if path.suffix in (".py", ".toml", ".csv", ".html", ".jinja", ".c", ".ld")}  # fmt: skip
     assert {path.relative_to(ROOT).as_posix() for path in files} | theirs <= names
-    assert not {name for name in names if name.startswith(("tests/", "native/", "studies/", "encoders/"))}
+    assert not {name for name in names if name.startswith(("tests/", "native/", *(f"{room}/" for room in ROOMS)))}
 
 
 def test_the_wheel_holds_kernels_where_there_is_a_compiler(wheel, plain_wheel):

@@ -25,6 +25,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
+from neurotact.metrics.prices import PriceList
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.recipe import Seen
 from neurotact.networks.definition.rsnn import RSNN
@@ -208,7 +209,7 @@ def use_simulator(name: Path, given: Mapping[str, Any], _: Path) -> None:
 
 USES: dict[str, Callable[[Path, Mapping[str, Any], Path], None]] = {
     "encoders": use_encoder, "networks": use_network, "networks/spaces": use_space, "studies": use_study,
-    "simulators": use_simulator,
+    "simulators": use_simulator, "prices": lambda name, given, _: spec.load(PriceList, name, given),
 }  # fmt: skip
 
 

@@ -62,7 +62,7 @@ SUBJECTS = {
         "Streams, devices and exchange",
         "A trained chain in use: sample by sample, `(sample, taxel)`, in the unit of the encoder; as C, in integers, "
         "as NIR, in snnTorch, on a page.",
-        "Stream Decision stream Flow live export_c fine_tune check_chip to_nir from_nir export_nir to_snntorch "
+        "Stream Decision stream Flow live export export_c fine_tune check_chip to_nir from_nir export_nir to_snntorch "
         "from_snntorch",
     ),
     "studies": Subject(
@@ -79,7 +79,7 @@ SUBJECTS = {
     "extending": Subject(
         "Plug-ins and errors",
         "What packages of your own register, and the one error that says that an input cannot be used.",
-        "Reader Simulator InputError",
+        "Reader Simulator Exporter InputError",
     ),
 }
 """The pages, in the order of a chain."""

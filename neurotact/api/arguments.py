@@ -1,12 +1,12 @@
 """What the arguments of several functions are, and the refusal of others."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from neurotact.errors import InputError
+from neurotact.progress import Tell as Tell
+from neurotact.progress import untold as silent  # noqa: F401
 
 Settings = Mapping[str, Any]
 """Changes of a spec: dotted keys and their values, such as `{"sa1.t_ref_ms": 5}`."""
@@ -16,12 +16,6 @@ LeftOut = str | Sequence[str] | Mapping[str, Any] | None
 """Trials to leave out: by conditions, such as `{"material": "wood"}`, or by class, such as "rest,moving"."""
 Columns = str | Sequence[str]
 """The name of one condition, or the names of several."""
-Tell = Callable[[str | pd.DataFrame], object]
-"""Called with what the command of a function prints, a text or a table at a time; `print` is one."""
-
-
-def silent(_what: str | pd.DataFrame) -> None:
-    """A `Tell` that prints nothing."""
 
 
 def columns_of(names: Columns | None) -> list[str]:
@@ -47,15 +41,6 @@ def path_of(spikes: object) -> Path:
             f"spikes: must be the path of a file; got {type(spikes).__name__}; nt.save(spikes, 'spikes.h5') writes one"
         )
     return Path(spikes)
-
-
-def check_folder(run: object, function: str, why: str) -> None:
-    """InputError unless `run` is a path: the function needs more of a training than a fitted estimator keeps."""
-    if not isinstance(run, (str, Path)):
-        raise InputError(
-            f"run: {function} needs the folder of a training, {why}; got {type(run).__name__}; `nt.train(...)` makes "
-            "one"
-        )
 
 
 def check_instance(name: str, value: object, wanted: type, fix: str) -> None:

@@ -13,7 +13,6 @@ from neurotact.api.arguments import (
     LeftOut,
     Settings,
     Tell,
-    check_folder,
     check_instance,
     columns_of,
     path_of,
@@ -33,6 +32,7 @@ from neurotact.figures.conditions_curve import draw_conditions_curve
 from neurotact.figures.search import save_found
 from neurotact.figures.style import save as save_figure
 from neurotact.metrics import synops
+from neurotact.metrics.prices import DEFAULT, PriceList, price_list
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.kernels import device_of
 from neurotact.networks.definition.rsnn import RSNN
@@ -51,7 +51,7 @@ from neurotact.progress import track
 from neurotact.tables import write_table
 
 REPEATED = ["folder", "accuracy_validation", "accuracy_test", "baseline", "sops_total", "exit_steps"]
-COSTS = ["name", "macs", "acs", "parameters", "signal_ms", "energy_estimate_nJ"]
+COSTS = ["name", "macs", "acs", "parameters", "signal_ms", "energy_estimate_nJ", "prices"]
 """The columns of tables that are told; the files hold all of them."""
 
 
@@ -425,21 +425,25 @@ def sops(
     spikes: str | Path | None = None,
     early_exit: bool = False,
     allow_other_encoder: bool = False,
+    prices: str | Path | PriceList = DEFAULT,
     force: bool = False,
     tell: Tell = silent,
 ) -> pd.DataFrame:
     """Write the synaptic operations of each test window of a run to `out` (.csv, .json, .md); returns the rows.
 
-    spikes: that the run was trained on, where they moved since. early_exit: count with early exit. force: replace a
-    file. tell: called with what `neurotact sops` prints beside the means. Columns as of `infer`.
+    spikes: that the run was trained on, where they moved since. early_exit: count with early exit. prices: the
+        price list of the estimate of energy that is told, by name or path. force: replace a file.
+    tell: called with what `neurotact sops` prints beside the means. Columns as of `infer`.
     Raises InputError for a file that exists, and for spikes of another encoder, unless `allow_other_encoder`.
 
     >>> nt.sops("run", "sops.csv")["side"].unique().tolist()
     ['test']
     """
-    check_folder(run, "sops", "whose test windows it counts (SpikingClassifier.sops counts those of any windows)")
+    why = "whose test windows it counts (SpikingClassifier.sops counts those of any windows)"
+    fitted.check_folder(run, "sops", why)
     run, out = Path(run), Path(out)
     files.check_new(out, force=force, inputs=[*trained.files_of(run), spikes])
+    priced = price_list(prices)
     restored = trained.restore(run, spikes=spikes)
     files.check_new(out, force=force, inputs=[restored.spikes_path])
     trains = trained.load_spikes_of(restored)
@@ -454,7 +458,7 @@ def sops(
     network = restored.network
     sizes = len(trains.afferents), network.n_classes
     made_by = {"encoder": trains.encoder or None, "recorded_Hz": trains.recorded_Hz}
-    costs = ledger.decision_ledger(network.spec, *sizes, trains.sampling_rate_Hz, means, **made_by)
+    costs = ledger.decision_ledger(network.spec, *sizes, trains.sampling_rate_Hz, means, **made_by, prices=priced)
     tell(costs[COSTS])
     return table
 

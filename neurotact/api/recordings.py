@@ -12,8 +12,12 @@ from neurotact.data import description, doubtful, hdf5, sources
 from neurotact.data import fetch as public
 from neurotact.data.description import MOST_TAXELS as MOST_TAXELS
 from neurotact.data.onset import common_onset_s
-from neurotact.data.readers import arrays, event_files, folder, nwb, raster, sample_table
-from neurotact.data.readers.clock import Unit as Unit
+from neurotact.data.readers import arrays, folder
+from neurotact.data.readers import one_table as sample_table
+from neurotact.data.readers.clock.stamps import Unit as Unit
+from neurotact.data.readers.events import files as event_files
+from neurotact.data.readers.events import raster
+from neurotact.data.readers.formats import nwb
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import Reader as Reader
 from neurotact.data.sources import Simulator as Simulator

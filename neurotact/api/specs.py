@@ -7,7 +7,7 @@ from neurotact import spec
 from neurotact.errors import InputError, nearest
 
 
-def spec_names(kind: Literal["encoders", "networks", "networks/spaces", "studies"]) -> list[str]:
+def spec_names(kind: Literal["encoders", "networks", "networks/spaces", "studies", "prices"]) -> list[str]:
     """The names of the specs of a kind that ship, as `neurotact list` prints them; InputError for another kind.
 
     >>> spec_names("networks")

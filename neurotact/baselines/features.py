@@ -1,8 +1,12 @@
 """Features of signals and spikes that classifiers without a memory receive: sums and means in time bins, spectra."""
 
+import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
+
+from neurotact.metrics.flops import BYTES, Cost, Layer
 
 
 def bin_edges(n_samples: int, n_bins: int) -> np.ndarray:
@@ -53,3 +57,24 @@ def band_powers(piece: np.ndarray, n_bands: int) -> np.ndarray:
     edges = np.maximum(edges, np.arange(n_bands + 1))
     edges = np.minimum(edges, len(lines) - np.arange(n_bands, -1, -1))
     return np.log(np.add.reduceat(lines, edges[:-1], axis=0) / np.diff(edges)[:, None] + np.finfo(float).tiny)
+
+
+@dataclass(frozen=True)
+class BandPowers(Layer):
+    """The logarithm of a signal's power in bands of frequency: a window, a real FFT, squares, sums.
+
+    A real FFT of n samples takes n log2(n) multiplications and 1.5 n log2(n) additions (radix 2, half of the complex
+    transform); the window is a multiplication per sample.
+
+    >>> BandPowers(samples=256, bands=8, channels=2).cost().macs
+    512.0
+    """
+
+    samples: int
+    bands: int
+    channels: int = 1
+
+    def cost(self) -> Cost:
+        n, transform = self.samples, self.samples * math.log2(max(2, self.samples))
+        one = Cost(macs=float(n), acs=1.5 * transform + n, multiplications=transform + n, exponentials=self.bands)
+        return one.times(self.channels) + Cost(bytes=BYTES * self.channels * n)

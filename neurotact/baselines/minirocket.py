@@ -1,5 +1,6 @@
 """MiniRocket: shares of positive values of many fixed convolutions, and a ridge classifier on them."""
 
+from dataclasses import dataclass
 from itertools import combinations, groupby
 from typing import NamedTuple
 
@@ -15,6 +16,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from neurotact.checks import at_least, sequences, trial_labels
 from neurotact.errors import InputError
+from neurotact.metrics.flops import BYTES, Cost, Layer
 
 KERNEL = 9
 """Weights of a kernel: three are 2, the others -1."""
@@ -194,3 +196,34 @@ def _convolve(shifted: dict[int, torch.Tensor], kernel: int, channels: np.ndarra
     one, two, three = (shifted[tap] for tap in TRIPLES[kernel])
     parts = [3 * (one[:, c] + two[:, c] + three[:, c]) - shifted[-1][:, c] for c in channels.tolist()]
     return parts[0] if len(parts) == 1 else torch.stack(parts).sum(dim=0)
+
+
+@dataclass(frozen=True)
+class FixedConvolutions(Layer):
+    """MiniRocket's features: nine-tap convolutions with weights of -1 and 2, and comparisons with biases.
+
+    channels: of the sequence. dilations: how many different ones. convolved: channels, added up over all convolutions.
+    biases: number of features. At each step the sum of nine taps is made once per dilation and channel (eight
+    additions); a convolution then adds three taps, multiplies by 3 and subtracts that sum for each of its channels; a
+    feature is a comparison and a count per step, and a product at the end.
+
+    >>> FixedConvolutions(samples=100, channels=1, dilations=1, convolved=84, biases=84).cost().acs
+    42800
+    """
+
+    samples: int
+    channels: int
+    dilations: int
+    convolved: int
+    biases: int
+
+    def cost(self) -> Cost:
+        n = self.samples
+        additions = 8 * self.dilations * self.channels + 4 * self.convolved
+        return Cost(
+            acs=n * (additions + self.biases),
+            multiplications=n * self.convolved + self.biases,
+            comparisons=n * self.biases,
+            parameters=self.biases,
+            bytes=BYTES * (self.biases + n * self.channels),
+        )

@@ -2,20 +2,31 @@
 
 On the signals: logistic regression, support vector machines, extreme learning machines and extremely randomised trees
 on three kinds of features, MiniRocket and a GRU on the sequences. On the spikes of the first encoder, the first four on
-counts; on those of the others logistic regression. Each family but MiniRocket is sized on validation windows.
+counts; on those of the others logistic regression. Each but MiniRocket is sized on validation windows. Opponents of
+other packages join them.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from sklearn.preprocessing import StandardScaler
 
-from neurotact.baselines import families
-from neurotact.baselines.families import Candidate, Family, Sides, best_of, first_best
-from neurotact.baselines.features import averaged, band_powers, bin_edges
-from neurotact.baselines.minirocket import KERNEL
+from neurotact.baselines.families import standardised
+from neurotact.baselines.features import BandPowers, averaged, band_powers, bin_edges
+from neurotact.baselines.opponent import (
+    Candidate,
+    Opponent,
+    Opponents,
+    Sides,
+    Takes,
+    accuracy,
+    best_of,
+    first_best,
+    joined,
+    named,
+)
 from neurotact.data.augmentation import NONE
 from neurotact.data.recordings import Recordings, select_conditions
 from neurotact.data.spikes import SpikeTrains
@@ -25,22 +36,18 @@ from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.specs import taxels_of
 from neurotact.metrics import paired
 from neurotact.metrics.flops import Cost, Moments, Standardise, cost
-from neurotact.metrics.signal_flops import Averaging, BandPowers, StandardisedSteps
+from neurotact.metrics.signal_flops import Averaging, StandardisedSteps
 from neurotact.progress import say
 
-Opponents = Literal["none", "linear", "readout", "quick", "all"]
-"""Which opponents a study fits."""
 BINS = 10
 """Time bins of a window, in which spikes are counted and signals averaged."""
 BANDS = 8
 """Bands of frequency, each about as wide in octaves."""
 MOST_SAMPLES = 1000
-"""Steps of the sequences for MiniRocket; longer windows are averaged."""
+"""Most steps of `signals`; longer windows are averaged."""
 GRU_BIN_MS, GRU_STEPS = 20.0, 150
-"""A bin of the sequences for the GRU, and the most bins of a window."""
+"""A bin of `sequences`, and the most bins of a window."""
 LINEAR = "logistic regression"
-ON_SAMPLES: dict[str, Family] = {"MiniRocket": families.minirocket}
-ON_BINS: dict[str, Family] = {"GRU": families.pooled_gru}
 SLOW = ("spectra of the signals", "a GRU")
 """What `quick` opponents leave out of `all`, in words."""
 SIGNALS, SPIKES, EVENTS = "signals", "spikes", "events"
@@ -52,7 +59,7 @@ class Input(NamedTuple):
     """An input of classifiers: features `(window, feature)` or sequences `(window, time, channel)`, and their cost.
 
     source: signals, spikes, or the events of an event-based sensor. pair: refractory periods of RA-I and SA-I in ms;
-    None for signals. families: the classifiers that receive it.
+    None for signals. opponents: the classifiers that receive it.
     """
 
     source: str
@@ -60,7 +67,7 @@ class Input(NamedTuple):
     pair: tuple[float, float] | None
     features: np.ndarray
     made: Cost
-    families: Mapping[str, Family]
+    opponents: Mapping[str, Opponent]
 
     @property
     def column(self) -> str:
@@ -110,9 +117,9 @@ def in_words(opponents: Opponents) -> str:
         return ""
     if opponents in ("linear", "readout"):
         return f"Compared with {LINEAR}."
-    quick = (
-        f"Compared with {_listed(tuple(families.ON_FEATURES))}, on signals and on spikes, and {', '.join(ON_SAMPLES)}"
-    )
+    on_features, others = (list(joined(takes, "quick")) for takes in ("features", "signals"))
+    others += joined("sequences", "quick")
+    quick = f"Compared with {_listed(on_features)}, on signals and on spikes, and {', '.join(others)}"
     return f"{quick}{', without ' if opponents == 'quick' else '; also with '}{_listed(SLOW)}."
 
 
@@ -158,7 +165,7 @@ def signal_inputs(
     pieces = pieces or list(pieces_of(recordings, cuts.windows, cuts.clock_Hz))
     least, samples, taxels = min(map(len, pieces)), max(map(len, pieces)), recordings.n_channels
     is_linear = opponents in ("linear", "readout")
-    of_features = {LINEAR: families.logistic_regression} if is_linear else families.ON_FEATURES
+    of_features = joined("features", opponents)
     moments = np.array([np.concatenate([piece.mean(axis=0), piece.std(axis=0)]) for piece in pieces])
     made = cost(Moments(samples, taxels, order=2), signal_ms=cuts.length_ms)
     yield Input(SIGNALS, "mean and deviation", None, moments, made, of_features)
@@ -180,15 +187,19 @@ def signal_inputs(
 
 
 def _sequences_of(
-    words: str, length_ms: float, most: int, opponents: Opponents
-) -> Iterator[tuple[str, int, dict[str, Family]]]:
+    words: str, length_ms: float, most: int, level: Opponents
+) -> Iterator[tuple[str, int, dict[str, Opponent]]]:
     """Sequences of a window of `most` samples: their name, their steps, and the classifiers that receive them."""
-    if most >= KERNEL:
-        yield words, min(MOST_SAMPLES, most), ON_SAMPLES
-    else:
-        say(f"baselines: no MiniRocket: windows of {most} {words} are shorter than its kernels of {KERNEL}")
-    if opponents == "all":
-        yield f"{GRU_BIN_MS:g} ms bins", gru_steps(length_ms, most), ON_BINS
+    inputs: tuple[tuple[Takes, str, int], ...] = (
+        ("signals", words, min(MOST_SAMPLES, most)),
+        ("sequences", f"{GRU_BIN_MS:g} ms bins", gru_steps(length_ms, most)),
+    )
+    for takes, its_words, n_steps in inputs:
+        found = joined(takes, level)
+        for name in [name for name, one in found.items() if n_steps < one.least_steps]:
+            say(f"baselines: no {name}: windows have {n_steps} {its_words}; it needs {found.pop(name).least_steps}")
+        if found:
+            yield its_words, n_steps, found
 
 
 def gru_steps(length_ms: float, most: int) -> int:
@@ -227,8 +238,7 @@ def spike_inputs(
     if is_counted:
         how = {"recorded_Hz": trains.recorded_Hz, "spikes": spikes}
         made += encoding_cost(n_taxels, n_steps, cuts.length_ms, trains.encoder, **how)
-    is_linear = opponents == "readout" or not is_first
-    of_features = {LINEAR: families.logistic_regression} if is_linear else families.ON_FEATURES
+    of_features = joined("features", opponents if is_first else "linear")
     yield Input(source, "counts", pair, counts.sum(axis=1).astype(float), made, of_features)
     if opponents == "readout":
         return
@@ -243,28 +253,29 @@ def spike_inputs(
 def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts) -> Iterator[dict[str, Any]]:
     """A row of `baselines.csv` for each classifier on each input; labels: class of each window, `(window,)`.
 
-    A GRU, which takes minutes, is trained with the varied copies that were best for the classifiers before it. A
+    A slow one (`all`) is trained with the varied copies that were best for the classifiers before it. A
     classifier that is chosen is fitted again to the training windows of `cuts.last`, as networks are.
     Under `RIGHT` a row also has, for validation and test, the share of correctly classified windows of each trial.
     """
     best_yet: tuple[float, str] | None = None
     for one in inputs:
-        for name, family in one.families.items():
-            most = families.MOST_MACHINES if name == families.MACHINES else None
+        for name, opponent in one.opponents.items():
+            most = opponent.most_examples
             kinds = [kind for kind in cuts.trained if most is None or cuts.most_trained(kind) <= most]
             if not kinds:
                 least = min(map(cuts.most_trained, cuts.trained))
-                say(f"baselines: no SVM on {one.column}: {least} training windows, at most {most}")
+                say(f"baselines: no {name} on {one.column}: {least} training windows, at most {most}")
                 continue
-            if name in ON_BINS and best_yet is not None and best_yet[1] in kinds:
+            if opponent.joins == "all" and best_yet is not None and best_yet[1] in kinds:
                 kinds = [best_yet[1]]
-            kind, sides, best = _best_training(one, family, labels, cuts, kinds)
+            with named(name):
+                kind, sides, best = _best_training(one, opponent, labels, cuts, kinds)
             validated = best.fitted.predict(sides.validation) == sides.y_validation
             last = cuts
             if cuts.last is not None:
                 last = cuts.last
                 sides = _sides(one, labels, last.with_training(kind))
-                best = families.refitted(best, sides)
+                best = best.again(sides)
             # predicted once: sequences take seconds
             right = {"validation": validated, "test": best.fitted.predict(sides.test) == sides.y_test}
             trials = cuts.windows.trial[cuts.sides[1]], last.windows.trial[last.sides[2]]
@@ -278,14 +289,14 @@ def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts) -> Iterator[di
 
 
 def _best_training(
-    one: Input, family: Family, labels: np.ndarray, cuts: Cuts, kinds: Sequence[str]
+    one: Input, opponent: Opponent, labels: np.ndarray, cuts: Cuts, kinds: Sequence[str]
 ) -> tuple[str, Sides, Candidate]:
-    """The best candidate of a family on validation windows, with the varied copies on which it was trained."""
+    """The best candidate of an opponent on validation windows, with the varied copies on which it was trained."""
 
     def training(kind: str) -> tuple[float, tuple[str, Sides, Candidate]]:
         sides = _sides(one, labels, cuts.with_training(kind))
-        best = best_of(family, sides, 0)
-        return families.accuracy(best, sides.validation, sides.y_validation), (kind, sides, best)
+        best = best_of(opponent, sides, 0)
+        return accuracy(best, sides.validation, sides.y_validation), (kind, sides, best)
 
     return first_best(map(training, kinds))[1]
 
@@ -299,7 +310,7 @@ def _sides(one: Input, labels: np.ndarray, cuts: Cuts) -> Sides:
     if one.features.ndim == 3:
         if one.source == EVENTS:
             return Sides(*(one.features[side] for side in cuts.sides), *(labels[side] for side in cuts.sides))
-        return families.standardised(one.features, labels, cuts.sides)
+        return standardised(one.features, labels, cuts.sides)
     scaler = StandardScaler().fit(one.features[cuts.sides[0]])
     return Sides(*(scaler.transform(one.features[side]) for side in cuts.sides), *(labels[side] for side in cuts.sides))
 
@@ -307,7 +318,7 @@ def _sides(one: Input, labels: np.ndarray, cuts: Cuts) -> Sides:
 def _row(one: Input, name: str, best: Candidate, sides: Sides, right: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """The row of a fitted classifier; right: of validation and test, whether each window is classified correctly."""
     scaling = (Standardise(one.features.shape[1]),) if one.features.ndim == 2 else ()
-    spent = one.made + cost(*scaling, *best.layers)
+    spent = best.spent(one.made + cost(*scaling))
     ra_ms, sa_ms = one.pair if one.pair else (None, None)
     return {
         "classifier": name,
@@ -319,7 +330,7 @@ def _row(one: Input, name: str, best: Candidate, sides: Sides, right: Mapping[st
         "n_validation": len(right["validation"]),
         "n_test": len(sides.y_test),
         **{f"accuracy_{side}": float(windows.mean()) for side, windows in right.items()},
-        **{name: value for name, value in spent.columns().items() if name != "sops"},
+        **{name: value for name, value in spent.items() if name != "sops"},
     }
 
 

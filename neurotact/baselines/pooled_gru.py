@@ -1,6 +1,7 @@
 """A GRU by a modern recipe: mean and maximum of its states over time, drop-out, AdamW with one cycle of the rate."""
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from torch import Tensor, nn
 from neurotact.baselines.targets import encode, indices_of
 from neurotact.checks import at_least, fraction, sequences, trial_labels
 from neurotact.errors import InputError
+from neurotact.metrics.flops import BYTES, SIGMOID, TANH, Cost, Layer
 
 BATCHES, MOST_BATCH, LEAST_BATCH = 16, 64, 8
 """Batches of an epoch that are aimed at, and the limits of a batch."""
@@ -162,3 +164,33 @@ class _PooledGRU(nn.Module):
     def forward(self, signals: Tensor) -> Any:
         states = self.gru(signals)[0]
         return self.dense(self.dropout(torch.cat([states.mean(dim=1), states.max(dim=1).values], dim=1)))
+
+
+@dataclass(frozen=True)
+class GRU(Layer):
+    """`steps` steps of a GRU with one bias a gate.
+
+    A step: three gates; the reset `r h`; `h = g + z (h - g)`; two sigmoids and a tanh a unit.
+    """
+
+    inputs: int
+    units: int
+    steps: int = 1
+
+    def cost(self) -> Cost:
+        n, gates = self.units, 3 * self.units * (self.inputs + self.units)
+        unit = Cost(macs=1, acs=1, multiplications=1) + SIGMOID.times(2) + TANH
+        stored = Cost(parameters=gates + 3 * n, bytes=BYTES * (gates + 4 * n))
+        return stored + (Cost(macs=gates) + unit.times(n)).times(self.steps)
+
+
+@dataclass(frozen=True)
+class PooledStates(Layer):
+    """Mean and maximum over `steps` steps of each of `units` states: an addition and a comparison each."""
+
+    units: int
+    steps: int
+
+    def cost(self) -> Cost:
+        n = self.units * self.steps
+        return Cost(acs=n, multiplications=self.units, comparisons=n, bytes=2 * BYTES * self.units)

@@ -97,10 +97,10 @@ class MachinesMixin:
 
         All use the decomposition of the fit, so a whole grid costs about as much as one alpha.
 
-        >>> from neurotact.baselines.rls import RLSClassifier
+        >>> from neurotact.baselines.elm import ELMClassifier
         >>> X, y = np.random.default_rng(0).normal(size=(40, 2)), np.arange(40) % 2
-        >>> rls = RLSClassifier().fit(X, y)
-        >>> bool(rls.accuracy_path([1e-3, 1.0], X, y)[0] == rls.score(X, y))
+        >>> elm = ELMClassifier(random_state=0).fit(X, y)
+        >>> bool(elm.accuracy_path([1e-3, 1.0], X, y)[0] == elm.score(X, y))
         True
         """
         return (decide(self.decision_path(alphas, X)) == indices_of(y, self.classes_)).mean(axis=1)

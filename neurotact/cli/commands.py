@@ -21,7 +21,9 @@ class Place(NamedTuple):
 
 
 COMMANDS = {
-    "list": Place("specs", "list_specs", "List the specs that ship: encoders, networks, search spaces, studies."),
+    "list": Place(
+        "specs", "list_specs", "List the specs that ship: encoders, networks, search spaces, studies, price lists."
+    ),
     "show": Place("specs", "show", "Print a spec, with the comments that give its sources."),
     "copy": Place("specs", "copy", "Copy a spec to this folder, to edit it and pass its path."),
     "simulate": Place("simulate", "app", "Simulate an experiment."),
@@ -43,12 +45,12 @@ COMMANDS = {
     "infer": Place("networks", "infer", "Classify every window with a trained network, and count its operations."),
     "sops": Place("networks", "sops", "Write the synaptic operations of each test window (.csv, .json, .md)."),
     "fine-tune": Place(
-        "deploy", "fine_tune", "Continue the training of a network with rounded weights, for an export with few bits."
+        "export", "fine_tune", "Continue the training of a network with rounded weights, for an export with few bits."
     ),
     "stream": Place("deploy", "stream", "Classify samples as they arrive, from a pipe, a device or a file."),
     "live": Place("live", "live", "Show a running chain on a local page with sliders: touch, spikes, decision."),
     "export": Place(
-        "deploy", "export_command", "Write a trained chain as C or NIR, or check it against a chip's limits."
+        "export", "export_command", "Write a trained run as C, NIR or in another form, or check it against a chip."
     ),
     "study": Place("studies", "app", "Run, resume and report studies."),
 }

@@ -1,31 +1,15 @@
-"""The commands that use a trained chain: fine-tune, stream, export."""
+"""The command that classifies samples as they come: stream."""
 
 import json
-import shlex
 import sys
-from pathlib import Path
 from typing import Annotated, Any
 
-import pandas as pd
 import typer
 
-from neurotact import effects
 from neurotact.api import deployment as api
-from neurotact.cli.options import (
-    MOST_SEEDS,
-    REPLACED,
-    Force,
-    HopMs,
-    Json,
-    MovedSpikes,
-    RunFolder,
-    arguments,
-    calling,
-    option,
-)
-from neurotact.cli.output import print_json, show, unless
+from neurotact.cli.options import Json, calling, option
 from neurotact.cli.words import say
-from neurotact.errors import INTERRUPTED, InputError
+from neurotact.errors import INTERRUPTED
 from neurotact.progress import printable
 
 WindowMs = Annotated[float | None, typer.Option("--window-ms", help="Length of a window; as in training when absent.")]
@@ -46,10 +30,6 @@ QuietMs = Annotated[
 ]
 FullWindow = Annotated[
     bool, typer.Option("--full-window", help="Decide at the end of each window, without early exit.")
-]
-StateBits = Annotated[
-    int | None,
-    typer.Option("--state-bits", help="Bits of a state in the integer variant: 8 to 16, or 24; chosen when absent."),
 ]
 RateHz = Annotated[
     float | None,
@@ -135,109 +115,3 @@ def _line(decision: api.Decision, *, as_json: bool) -> str:
         f"{decision.time_s:.4f} s: {label} after {decision.steps} steps ({decision.ms:g} ms), "
         f"{decision.input_spikes} + {decision.hidden_spikes} spikes, {decision.sops} SOPs{held}"
     )
-
-
-@calling(
-    api.fine_tune,
-    weight_bits=option(int, "Bits of a weight in the integer variant of C: 2 to 8."),
-    state_bits=StateBits,
-    epochs=option(int, "Epochs of training; 0 only rounds.", min=0),
-    seed=option(int | None, "Random seed of the order of windows.", min=0, max=MOST_SEEDS, show_default="0"),
-    spikes=MovedSpikes,
-    force=REPLACED,
-)
-def fine_tune(given: dict[str, Any], as_json: Json = False) -> None:
-    """Continue the training of a network with rounded weights, for an export with few bits.
-
-    The rounded network is saved as a new run; neurotact export --to c writes it with these bits. The best epoch on
-    validation windows is saved, or the network that is only rounded, if that is better.
-    """
-    row = api.fine_tune(**given, tell=unless(as_json))
-    if as_json:
-        print_json(pd.DataFrame([row]))
-    else:
-        print(f"next: neurotact export {shlex.quote(str(given['folder']))} --to c -o chain/")
-    for caution in row["cautions"]:
-        say(caution)
-
-
-def export_command(
-    run: RunFolder,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="The folder to write; with --to nir, the file.")
-    ] = None,
-    to: Annotated[str | None, typer.Option("--to", help="Target: c or nir.")] = None,
-    variant: Annotated[
-        str | None, typer.Option(show_default="integer", help="With --to c: integer or float arithmetic.")
-    ] = None,
-    weight_bits: Annotated[
-        int | None,
-        typer.Option(
-            "--weight-bits",
-            help="Bits of a weight in the integer variant: 2 to 8; when absent, as in fine-tune, else 8.",
-        ),
-    ] = None,
-    state_bits: StateBits = None,
-    lsb: Annotated[
-        float | None,
-        typer.Option(
-            help="Signal per digit of a 16-bit sample. When absent: 1 for whole numbers, else from the recorded range."
-        ),
-    ] = None,
-    recordings: Annotated[
-        Path | None, typer.Option(help="The recordings that the run was trained on, if they were moved.")
-    ] = None,
-    spikes: MovedSpikes = None,
-    name: Annotated[str | None, typer.Option(show_default="touch", help="Prefix of all names in C.")] = None,
-    sampling_rate_Hz: RateHz = None,
-    length_ms: WindowMs = None,
-    start_ms: StartMs = None,
-    hop_ms: HopMs = None,
-    contact: Contact = False,
-    quiet_ms: QuietMs = None,
-    full_window: FullWindow = False,
-    prove: Annotated[
-        int | None,
-        typer.Option(
-            min=0,
-            show_default="0",
-            help="Compile the export, run it here and in QEMU, and compare this many test trials spike by spike.",
-        ),
-    ] = None,
-    plain: Annotated[
-        bool,
-        typer.Option("--plain", help="With --to nir: only CubaLIF and Linear nodes, which snnTorch and Norse load."),
-    ] = False,
-    lower_refractory: Annotated[
-        bool, typer.Option("--lower-refractory", help="With --to nir: express refractory periods as nodes.")
-    ] = False,
-    network_only: Annotated[
-        bool, typer.Option("--network-only", help="With --to nir: leave out the afferents.")
-    ] = False,
-    dt_s: Annotated[
-        float | None,
-        typer.Option("--dt-s", help="With --to nir: seconds per step; 1 / clock when absent, 1e-4 for snnTorch."),
-    ] = None,
-    check: Annotated[
-        str | None, typer.Option(help="List what this chip cannot run: xyloaudio2, loihi2 or spinnaker2.")
-    ] = None,
-    force: Force = False,
-) -> None:
-    """Write a trained chain as C or NIR, or check it against a chip's limits.
-
-    The chain in C computes a decision from raw samples: conditioning, afferents, network and early exit. A NIR file
-    holds afferents and network as a graph, the rest as metadata.
-    """
-    options = locals()
-    given = {key: value for key, value in options.items() if key not in ("run", "check", "out", "to", "prove", "force")}
-    if check is not None:
-        effects.check(check=check, out=out, to=to, prove=prove, force=force, **given)
-        api.check_chip(run, check, tell=show)
-        return
-    if to is None or out is None:
-        raise InputError("export: needs --to c (or nir) and -o, or --check TARGET")
-    if to not in ("c", "nir"):
-        raise InputError(f"--to {to}: is unknown; choose c or nir")
-    effects.check(to=to, ranges=(to == "c" and variant in (None, "integer")) or prove, **given)
-    function, target = (api.export_c, "folder") if to == "c" else (api.export_nir, "path")
-    function(**arguments(function, {**options, target: out, "early_exit": not full_window}), tell=show)

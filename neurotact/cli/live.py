@@ -4,22 +4,25 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from neurotact.api import live as api
 from neurotact.cli.deploy import OF_SAMPLES, FullWindow
 from neurotact.cli.options import calling, flag, option
 from neurotact.cli.words import say
+from neurotact.plugins import load_function
 
 MOST_PORTS = 65_535
 
 
+LIVE = load_function("tools", "live")
+
+
 @calling(
-    api.live,
+    LIVE,
     source=option(
         str, "FILE.h5, - (standard input), a device file, serial:/dev/ttyUSB0, FILE.csv, or gratings.", "--from"
     ),
     speed=option(
         float | None, "Speed of a replay or of the simulated finger; 1 is real time.",
-        min=api.SLOWEST, max=api.FASTEST, show_default="1",
+        show_default="1",
     ),
     loop=flag("--loop", "Repeat recordings from the start."),
     shuffle=flag("--shuffle", "Replay the trials of recordings in a random order."),
@@ -34,7 +37,7 @@ def live(given: dict[str, Any], full_window: FullWindow = False) -> None:
     at their own rate; a device is read as its samples arrive; gratings is a simulated finger that the page moves (--set
     changes its spec). The page's sliders change refractory periods, gains and patience of the running stream.
     """
-    say(api.live(**given, early_exit=not full_window, tell=_print_at_once))
+    say(LIVE(**given, early_exit=not full_window, tell=_print_at_once))
     sys.exit(0)
 
 

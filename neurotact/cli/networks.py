@@ -161,7 +161,12 @@ def infer(given: dict[str, Any], as_json: Json = False) -> None:
     _print_sides(api.infer(**given, tell=told.append), told, as_json=as_json)
 
 
-@calling(api.sops, spikes=MovedSpikes, early_exit=flag("--early-exit", "Count with early exit."))
+@calling(
+    api.sops,
+    spikes=MovedSpikes,
+    early_exit=flag("--early-exit", "Count with early exit."),
+    prices=option(str, "The price list of the estimate of energy: a name (`neurotact list`) or a path."),
+)
 def sops(given: dict[str, Any], as_json: Json = False) -> None:
     """Write the synaptic operations of each test window (.csv, .json, .md)."""
     told: list[Any] = []

@@ -15,7 +15,7 @@ console = Console(soft_wrap=True, highlight=False)
 
 
 def list_specs() -> None:
-    """List the specs that ship: encoders, networks, search spaces, studies."""
+    """List the specs that ship: encoders, networks, search spaces, studies, price lists."""
     for kind in spec.KINDS:
         table = Table("name", "about", title=kind, title_justify="left", box=None)
         for path in spec.shipped(kind):

@@ -20,10 +20,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from neurotact.data import heidelberg
 from neurotact.data.hdf5_input import EVENTS, Declared, attribute, names, opened, table
 from neurotact.data.hdf5_output import Output, create
-from neurotact.data.readers.events import EventSpec
+from neurotact.data.readers.events import heidelberg
+from neurotact.data.readers.events.spikes import EventSpec
 from neurotact.data.recordings import (
     Recordings,
     Trials,

@@ -19,7 +19,7 @@ from typing import Any, BinaryIO
 import h5py
 import numpy as np
 
-from neurotact.data.readers.contents import HDF5, MATLAB, content_of
+from neurotact.data.readers.formats.contents import HDF5, MATLAB, content_of
 from neurotact.data.recordings import check_text
 from neurotact.errors import InputError
 from neurotact.files import MAX_MB, check_size, existing, max_bytes

@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.digests import DIGEST, TOUCH
-from neurotact.data.readers.event_times import EventTimes, event_times, joined_times, lengths_of, rounding_of, steps_of
-from neurotact.data.readers.events import BYTES_PER_EVENT, MOST_AFFERENTS, on_clock, say_length, say_merged
-from neurotact.data.readers.observed import Unobserved, observed_trials
+from neurotact.data.readers.events.observed import Unobserved, observed_trials
+from neurotact.data.readers.events.spikes import BYTES_PER_EVENT, MOST_AFFERENTS, on_clock, say_length, say_merged
+from neurotact.data.readers.events.times import EventTimes, event_times, joined_times, lengths_of, rounding_of, steps_of
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains, from_trials
 from neurotact.data.trial_choice import TrialChoice

@@ -10,9 +10,7 @@ import numpy as np
 from neurotact import files
 from neurotact.data.digests import DIGEST, TOUCH, spike_digests
 from neurotact.data.hdf5_output import create
-from neurotact.data.readers.nwb import OURS
-from neurotact.data.readers.nwb_tables import KEPT
-from neurotact.data.readers.nwb_units import AFFERENT
+from neurotact.data.readers.formats.nwb import AFFERENT, KEPT, OURS
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError, optional
@@ -34,7 +32,7 @@ def to_nwb(
     Raises InputError where pynwb is not installed, for no trials, and for conditions with names that NWB reserves.
 
     >>> import pandas as pd, tempfile
-    >>> from neurotact.data.readers import nwb
+    >>> from neurotact.data.readers.formats import nwb
     >>> from neurotact.data.spikes import from_rasters
     >>> raster = np.zeros((1, 4, 2), np.uint8)
     >>> raster[0, 1, 0] = raster[0, 3, 1] = 1

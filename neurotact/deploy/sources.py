@@ -19,11 +19,10 @@ import numpy as np
 
 from neurotact import effects
 from neurotact.data import hdf5
-from neurotact.data.readers.clock import UNIT_S
-from neurotact.data.readers.contents import content_of_bytes
-from neurotact.data.readers.headings import SEPARATOR_LINE
-from neurotact.data.readers.tables import COMMENT, FLOAT32_MAX, NOT_FINITE, NUMBER
-from neurotact.data.readers.usual_rows import is_unit
+from neurotact.data.readers.clock.stamps import UNIT_S
+from neurotact.data.readers.formats.contents import content_of_bytes
+from neurotact.data.readers.table.cells import COMMENT, FLOAT32_MAX, NOT_FINITE, NUMBER
+from neurotact.data.readers.table.headings import SEPARATOR_LINE, is_unit
 from neurotact.data.recordings import order_by_name
 from neurotact.deploy.noted import Noted
 from neurotact.deploy.stamped_rows import Placed, StampedRows

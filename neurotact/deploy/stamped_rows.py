@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from neurotact.data.readers.clock import DAY_S
+from neurotact.data.readers.clock.stamps import DAY_S
 from neurotact.deploy.noted import Noted
 from neurotact.errors import InputError
 from neurotact.progress import say

@@ -40,8 +40,8 @@ from neurotact.encoders.scaling import REST_SD, Scaling
 from neurotact.encoders.scaling import fit as fit_scaling
 from neurotact.encoders.specs import CALIBRATED, SA_RA, EncoderSpec, conditioning_of, is_exact, populations
 from neurotact.errors import InputError, some
+from neurotact.metrics.decision import Decision, otherwise
 from neurotact.metrics.linear import cross_validated_accuracy
-from neurotact.metrics.shares import standard_error
 from neurotact.spec import refuse
 
 CLOCK_HZ = 1000.0
@@ -53,9 +53,11 @@ NEAR = 0.2
 WIDER, MOST_CUTOFFS = 4.0, 3
 """Cut-offs of the moving average that are tried: the encoder's own, `WIDER` times that, and none."""
 
-KEPT = "; each taxel keeps its level, which another day or mounting may change"
-GRADES = (0.5, 1.0)
-"""Grades to begin with where several SA-I of different thresholds are tried under each taxel."""
+KEPT = "each taxel keeps its level, which another day or mounting may change"
+MEASURED = "accuracy of logistic regression on the {} rates of the training trials"
+MEASURED_ON_BOTH = MEASURED.format("SA-I and RA-I")
+ONE_GRADE, GRADES = (1.0,), (0.5, 1.0)
+"""The grades of an encoder with one SA-I under each taxel, and those to begin with where several are tried."""
 MORE_RESTLESS = 0.1
 """Share of the afferents that may fire at rest, beyond those that do so without the falling signal."""
 
@@ -287,8 +289,9 @@ def _of_baselines(
         calibrated, failed = _each(fit, tried)
         if calibrated:
             accuracy: dict[Baseline, float] = {baseline: one.accuracy for baseline, one in calibrated.items()}
-            best = _best_of(accuracy, _n_trials(calibrated))
-            return calibrated[best], _on_baseline(accuracy, best, spec)
+            accuracy |= dict.fromkeys(failed, np.nan)
+            found = Decision.of_shares("conditioning.baseline", accuracy, len(next(iter(calibrated.values())).labels))
+            return calibrated[found.chosen], _on_baseline(found, spec)
         errors.append(failed[PAST[-1]])
     raise errors[0]
 
@@ -307,9 +310,10 @@ def _of_cutoffs(
     wider_Hz = cutoffs_Hz[cutoffs_Hz.index(known.ema_cutoff_Hz) + 1 :]
     others, _ = _each(fit, {cutoff_Hz: _with(start, known.baseline, cutoff_Hz) for cutoff_Hz in wider_Hz})
     calibrated = {known.ema_cutoff_Hz: best, **others}
-    accuracy = {cutoff_Hz: one.accuracy_of_both for cutoff_Hz, one in calibrated.items()}
-    chosen_Hz = _best_of(accuracy, len(best.labels))
-    return calibrated[chosen_Hz], _on_ema(accuracy, chosen_Hz, cutoffs_Hz[0], start)
+    key = "conditioning.ema_cutoff_Hz"
+    found = _by_both(key, calibrated)
+    note = found.note(_measured(start, 2), override=f"{key} = {cutoffs_Hz[0]:g}")
+    return calibrated[found.chosen], [] if found.chosen == cutoffs_Hz[0] else [note]
 
 
 def _of_polarities(
@@ -320,12 +324,14 @@ def _of_polarities(
 ) -> tuple[Calibration[Encoder], tuple[str, ...]]:
     """The calibration without or with SA-I of the falling signal, and the notes; the last one is on the baseline."""
     best, both = without_and_with
-    reached = best.accuracy_of_both, both.accuracy_of_both
-    if _best_of(dict(enumerate(reached)), len(best.labels)) == 0:
+    found = _by_both("sa1.opposite", {False: best, True: both})
+    if not found.chosen:
         return best, notes
     if _wakes(recordings, best.encoder, both.encoder):
-        return best, (*notes, _on_opposite(*reached, wakes=True))
-    return both, (*notes[:-1], on_its_baseline, _on_opposite(*reached))
+        why = f"SA-I of the falling signal would fire at rest and are left out; {found.compared(MEASURED_ON_BOTH)}"
+        return best, (*notes, f"{why}; {otherwise('sa1.opposite = true')}")
+    effect = "a second SA-I under each taxel receives the falling signal"
+    return both, (*notes[:-1], on_its_baseline, found.note(MEASURED_ON_BOTH, effect, "sa1.opposite = false"))
 
 
 def _of_grades(
@@ -333,10 +339,25 @@ def _of_grades(
 ) -> tuple[Calibration[Encoder], tuple[str, ...]]:
     """The calibration without or with several grades, and the notes."""
     best, several = without_and_with
-    reached = best.accuracy_of_both, several.accuracy_of_both
-    if best.is_apart and _best_of(dict(enumerate(reached)), len(best.labels)) == 0:
+    assert isinstance(several.encoder, AfferentSpec)
+    grades = several.encoder.sa1.grades
+    found = _by_both("sa1.grades", {ONE_GRADE: best, grades: several})
+    if best.is_apart and found.chosen == ONE_GRADE:
         return best, notes
-    return several, (*notes, _on_grades(several.encoder, *reached, is_ranked=best.is_apart))
+    effect = (
+        f"{len(grades)} SA-I of different thresholds under each taxel tell the size of a touch at another condition, "
+        "for as many times the SA-I to compute"
+    )
+    if best.is_apart:
+        return several, (*notes, found.note(MEASURED_ON_BOTH, effect, "sa1.grades = [1.0]"))
+    why = "no training trials are of another condition, by which they could be compared"
+    return several, (*notes, f"sa1.grades: {effect}; {why}; {otherwise('sa1.grades = [1.0]')}")
+
+
+def _by_both(key: str, tried: Mapping[Key, Calibration[Encoder]]) -> Decision[Key]:
+    """The choice among calibrations by their accuracy of both populations."""
+    shares = {candidate: one.accuracy_of_both for candidate, one in tried.items()}
+    return Decision.of_shares(key, shares, len(next(iter(tried.values())).labels))
 
 
 def with_opposite(spec: Encoder) -> Encoder | None:
@@ -386,59 +407,21 @@ def _wakes(recordings: Trials, without: EncoderSpec, signed: EncoderSpec) -> boo
     return after > before + MORE_RESTLESS
 
 
-def _on_opposite(without: float, reached: float, *, wakes: bool = False) -> str:
-    """The note on SA-I of the falling signal; without, reached: the accuracies without and with them."""
-    accuracies = (
-        f"accuracy of logistic regression on the SA-I and RA-I rates of the training trials: {100 * reached:.0f} %, "
-        f"without it {100 * without:.0f} %"
-    )
-    if wakes:
-        return f"SA-I of the falling signal would fire at rest and are left out; {accuracies}; set sa1.opposite = true"
-    return (
-        f"sa1.opposite = true is chosen: a second SA-I under each taxel receives the falling signal; {accuracies}; to "
-        "leave it out, set sa1.opposite = false"
-    )
-
-
-def _on_grades(spec: EncoderSpec, without: float, reached: float, *, is_ranked: bool) -> str:
-    """The note on several grades; without, reached: the accuracies without and with them."""
-    assert isinstance(spec, AfferentSpec)
-    why = (
-        f"accuracy of logistic regression on the SA-I and RA-I rates of the training trials: {100 * reached:.0f} %, "
-        f"without them {100 * without:.0f} %"
-        if is_ranked
-        else "no training trials are of another condition, by which they could be compared"
-    )
-    return (
-        f"sa1.grades: {len(spec.sa1.grades)} SA-I of different thresholds under each taxel tell the size of a touch at "
-        f"another condition, for as many times the SA-I to compute; {why}; to leave them out, set sa1.grades = [1.0]"
-    )
-
-
-def _n_trials(calibrated: Mapping[Any, Calibration[Any]]) -> int:
-    return len(next(iter(calibrated.values())).labels)
-
-
-def _on_baseline(accuracy: Mapping[Baseline, float], best: Baseline, spec: EncoderSpec) -> str:
+def _on_baseline(found: Decision[Baseline], spec: EncoderSpec) -> str:
     """The note on the baseline, with the accuracy of each."""
-    if np.isnan(accuracy[best]):
+    if np.isnan(found.merits[found.chosen]):
         return (
-            f"conditioning.baseline = '{best}' is chosen without a comparison: a class has one training trial, so none "
-            "can be held out for testing; add trials of it, or set conditioning.baseline"
+            f"conditioning.baseline = '{found.chosen}' is chosen without a comparison: a class has one training trial, "
+            "so none can be held out for testing; add trials of it, or set conditioning.baseline"
         )
-    accuracies = [f"{baseline} {100 * reached:.0f} %" for baseline, reached in accuracy.items()]
-    accuracies += [f"{baseline} cannot be calibrated" for baseline in PAST if baseline not in accuracy]
-    return (
-        f"conditioning.baseline = '{best}' is chosen, the first within one standard error of the best; accuracy of "
-        f"logistic regression on the {_judged(spec, 1)} rates of the training trials: {', '.join(accuracies)}"
-        f"{KEPT if best == PAST[0] else ''}"
-    )
+    return found.note(_measured(spec, 1), KEPT if found.chosen == PAST[0] else "")
 
 
-def _judged(spec: EncoderSpec, most: int) -> str:
-    """The populations whose rates are judged: SA-I, and RA-I, or all of another model."""
+def _measured(spec: EncoderSpec, most: int) -> str:
+    """What the accuracies are: of the rates of SA-I, and RA-I, or of all populations of another model."""
     names = [population.name for population in populations(spec)]
-    return " and ".join(names[:most] if populations(spec)[0] in SA_RA else names)
+    judged = " and ".join(names[:most] if populations(spec)[0] in SA_RA else names)
+    return MEASURED.format(judged)
 
 
 def _cutoffs(own_Hz: float | None, sampling_rate_Hz: float) -> list[float | None]:
@@ -469,35 +452,6 @@ def _each(
         except InputError as error:
             errors[key] = error
     return calibrated, errors
-
-
-def _best_of(accuracy: Mapping[Key, float], n_trials: int) -> Key:
-    """The first within one standard error of the highest accuracy; the first of all if no accuracy is known.
-
-    >>> _best_of({"none": 0.85, "start": 0.7, "high-pass": 0.88}, 100), _best_of({"none": 0.5, "start": 0.9}, 100)
-    ('none', 'start')
-    """
-    highest = max(accuracy.values())
-    enough = highest - standard_error(highest, n_trials)
-    good = [key for key, reached in accuracy.items() if reached >= enough]
-    return (good or list(accuracy))[0]
-
-
-def _on_ema(
-    accuracy: Mapping[float | None, float], chosen_Hz: float | None, own_Hz: float | None, spec: EncoderSpec
-) -> list[str]:
-    """The note on another moving average than the encoder's own; accuracy: of each cut-off that was tried."""
-    if chosen_Hz == own_Hz:
-        return []
-    accuracies = ", ".join(
-        f"{'none' if hz is None else f'{hz:g} Hz'} {100 * reached:.0f} %" for hz, reached in accuracy.items()
-    )
-    what = "is left out" if chosen_Hz is None else f"= {chosen_Hz:g} is chosen"
-    return [
-        f"conditioning.ema_cutoff_Hz {what}, the first within one standard error of the best; accuracy of logistic "
-        f"regression on the {_judged(spec, 2)} rates of the training trials: {accuracies}; to keep {own_Hz:g} Hz, set "
-        "that key of the encoder"
-    ]
 
 
 def calibration_for(

@@ -21,6 +21,7 @@ from neurotact.encoders.knobs import Knob, knobs_of, turned, value_of
 from neurotact.encoders.specs import CALIBRATED, MODELS, Calibrated, EncoderSpec, afferent_names, encode
 from neurotact.encoders.stepping import side_by_side
 from neurotact.errors import InputError
+from neurotact.metrics.decision import is_within
 from neurotact.metrics.isi_distributions import bin_edges, separation, shares_of
 from neurotact.metrics.spike_trains import Intervals, events_of_raster, isis_ms, spike_counts
 from neurotact.spec import Spec
@@ -417,7 +418,7 @@ def choose(table: pd.DataFrame, rule: CalibrationRule, where: str, knob: str = "
             )
         good = good[good.silent_share == good.silent_share.min()]
     best = good.separation.max()
-    return int(good.index[good.separation >= best - rule.tie * abs(best)][0])
+    return int(good.index[is_within(good.separation, best, rule.tie * abs(best))][0])
 
 
 def _isi_table(

@@ -3,7 +3,7 @@
 A chain is a list of layer descriptors; `cost` counts it analytically. A layer that is not known raises: it never
 counts zero. FLOPs as the papers count them are in `neurotact_parts.studies.published_flops`.
 
-What is counted, by kind (`FLOPS` and `PRICES_PJ` have the FLOPs and the energy of each):
+What is counted, by kind (`FLOPS` has the FLOPs of each, a `prices.PriceList` the energy):
 - a MAC is a multiplication whose product is added; a sum starts at its bias, so that a bias costs nothing;
 - an AC is an addition or subtraction without a multiplication: what a spike or a zero-or-one input costs;
 - a multiplication is one whose product is not added: a gain, a window, a decay;
@@ -19,29 +19,10 @@ from typing import Literal
 import pandas as pd
 
 from neurotact.errors import InputError
+from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList
 
 FLOPS = {"macs": 2, "acs": 1, "multiplications": 1, "comparisons": 1, "divisions": 4, "exponentials": 8}
 """FLOPs of an operation of each kind: the weights behind the stiffness paper's Tables I and II."""
-MULTIPLICATION_PJ, ADDITION_PJ = 3.7, 0.9
-"""In 32-bit floating point at 45 nm (Horowitz, ISSCC 2014, Fig. 1.1.9)."""
-MAC_PJ = MULTIPLICATION_PJ + ADDITION_PJ
-PRICES_PJ = {
-    "macs": MAC_PJ,
-    "acs": ADDITION_PJ,
-    "multiplications": MULTIPLICATION_PJ,
-    "comparisons": ADDITION_PJ,
-    "divisions": MAC_PJ * FLOPS["divisions"] / FLOPS["macs"],
-    "exponentials": MAC_PJ * FLOPS["exponentials"] / FLOPS["macs"],
-}
-"""Energy of an operation of each kind. The figure has no divisions, roots, exponentials and logarithms: as they are
-computed by MACs (Newton's method, a polynomial), theirs is that of as many FLOPs in MACs."""
-ENERGY = (
-    f"Energy is an estimate of the arithmetic alone, without memory: {PRICES_PJ['macs']:g} pJ per MAC, "
-    f"{PRICES_PJ['acs']:g} pJ per addition or comparison, {PRICES_PJ['multiplications']:g} pJ per other "
-    "multiplication, 32-bit floating point at 45 nm (Horowitz, ISSCC 2014); a division costs as much as "
-    f"{PRICES_PJ['divisions'] / MAC_PJ:g} MACs, an exponential as {PRICES_PJ['exponentials'] / MAC_PJ:g}."
-)
-"""How energy is estimated, for people."""
 OTHERS = ("multiplications", "comparisons", "divisions", "exponentials")
 """The kinds that are neither MACs nor ACs."""
 
@@ -112,28 +93,28 @@ class Cost:
         return sum(FLOPS[kind] * getattr(self, kind) for kind in OTHERS)
 
     @property
-    def energy_estimate_pJ(self) -> float:  # noqa: N802
-        """An estimate of the arithmetic alone, without memory and data movement: each operation at its `PRICES_PJ`.
-
-        32-bit floating point at 45 nm (Horowitz, ISSCC 2014); never a measurement.
-
-        >>> Cost(macs=10, acs=100).energy_estimate_pJ, Cost(multiplications=10).energy_estimate_pJ
-        (136.0, 37.0)
-        """
-        return sum(price * getattr(self, kind) for kind, price in PRICES_PJ.items())
-
-    @property
     def energy_estimate_nJ(self) -> float:  # noqa: N802
-        """`energy_estimate_pJ` in nanojoules."""
-        return 1e-3 * self.energy_estimate_pJ
+        """`energy_nJ` by the default price list."""
+        return self.energy_nJ()
 
-    def columns(self, *names: str) -> dict[str, float]:
-        """The cost as columns of a table: those named, in that order, else all of the ledger's.
+    def energy_nJ(self, prices: PriceList = ARITHMETIC_45NM) -> float:  # noqa: N802
+        """An estimate of the arithmetic alone, without memory and data movement: each operation at its price.
+
+        Never a measurement.
+
+        >>> Cost(macs=10, acs=100).energy_nJ(), Cost(multiplications=10).energy_nJ()
+        (0.136, 0.037)
+        """
+        return prices.energy_nJ({kind: getattr(self, kind) for kind in FLOPS})
+
+    def columns(self, *names: str, prices: PriceList = ARITHMETIC_45NM) -> dict[str, float]:
+        """The cost as columns of a table: those named, in that order, else all of the ledger's; energy by `prices`.
 
         >>> Cost(macs=10, acs=100).columns("macs", "flops")
         {'macs': 10, 'flops': 120}
         """
-        return {name: getattr(self, name) for name in names or LEDGER_COLUMNS}
+        priced = {"energy_estimate_nJ": self.energy_nJ(prices)}
+        return {name: priced[name] if name in priced else getattr(self, name) for name in names or LEDGER_COLUMNS}
 
 
 @dataclass(frozen=True)
@@ -170,17 +151,20 @@ def cost(*layers: Layer, signal_ms: float = 0) -> Cost:
     return total
 
 
-def ledger_table(costs: Mapping[str, Cost] | Iterable[tuple[str, Cost]]) -> pd.DataFrame:
-    """Named costs as a table, a row each, in their order.
+def ledger_table(
+    costs: Mapping[str, Cost | None] | Iterable[tuple[str, Cost | None]], prices: PriceList = ARITHMETIC_45NM
+) -> pd.DataFrame:
+    """Named costs as a table, a row each, in their order; NaN where a cost is None, which is not counted.
 
     Columns: name, and those of `LEDGER_COLUMNS`: operations by kind, flops, parameters, bytes, sops, signal_ms and
-    energy_estimate_nJ.
+    energy_estimate_nJ; and prices, the name of the price list.
 
     >>> ledger_table({"R-FC": cost(Dense(8, 51, "relu"), Dense(51, 3))}).T[0].to_dict()["macs"]
     561
     """
     named = costs.items() if isinstance(costs, Mapping) else costs
-    return pd.DataFrame([{"name": name, **c.columns()} for name, c in named], columns=["name", *LEDGER_COLUMNS])
+    rows = [{"name": name, "prices": prices.name, **(one.columns(prices=prices) if one else {})} for name, one in named]
+    return pd.DataFrame(rows, columns=["name", *LEDGER_COLUMNS, "prices"])
 
 
 def _with_weights(parameters: int, state: int = 0, *, bytes_a_parameter: int = BYTES, **operations: float) -> Cost:
@@ -220,115 +204,6 @@ class Dense(Layer):
     def cost(self) -> Cost:
         parameters = self.units * (self.inputs + self.bias)
         return _with_weights(parameters, macs=self.inputs * self.units) + _activations(self.activation, self.units)
-
-
-@dataclass(frozen=True)
-class PowerOfTwoDense(Layer):
-    """A fully connected layer whose weights are powers of two: a shift and an addition for each (H-ELM's hidden layer).
-
-    A weight takes one byte (sign and exponent), a bias four.
-    """
-
-    inputs: int
-    units: int
-    activation: Activation = "hard_limit"
-    bias: bool = True
-
-    def cost(self) -> Cost:
-        weights, biases = self.inputs * self.units, self.units * self.bias
-        shifts = weights
-        parameters, stored = weights + biases, weights + BYTES * biases
-        return Cost(acs=weights, comparisons=shifts, parameters=parameters, bytes=stored) + _activations(
-            self.activation, self.units
-        )
-
-
-@dataclass(frozen=True)
-class BinaryInputDense(Dense):
-    """A fully connected layer that is fed zeros and ones: additions alone (the output of an H-ELM)."""
-
-    def cost(self) -> Cost:
-        dense = super().cost()
-        return replace(dense, macs=0, acs=dense.macs)
-
-
-LSTM_UNIT = Cost(macs=1, multiplications=2) + SIGMOID.times(3) + TANH.times(2)
-"""A unit of an LSTM in a step, beside its gates' sums: `f c`, `+ i g`, `o tanh(c)`."""
-
-
-@dataclass(frozen=True)
-class LSTM(Layer):
-    """`steps` steps of an LSTM with one bias a gate.
-
-    A step: four gates; `c = f c + i g`; `h = o tanh(c)`; three sigmoids and two tanhs a unit.
-    """
-
-    inputs: int
-    units: int
-    steps: int = 1
-
-    def cost(self) -> Cost:
-        n, gates = self.units, 4 * self.units * (self.inputs + self.units)
-        step = Cost(macs=gates) + LSTM_UNIT.times(n)
-        return _with_weights(gates + 4 * n, 2 * n) + step.times(self.steps)
-
-
-@dataclass(frozen=True)
-class GRU(Layer):
-    """`steps` steps of a GRU with one bias a gate.
-
-    A step: three gates; the reset `r h`; `h = g + z (h - g)`; two sigmoids and a tanh a unit.
-    """
-
-    inputs: int
-    units: int
-    steps: int = 1
-
-    def cost(self) -> Cost:
-        n, gates = self.units, 3 * self.units * (self.inputs + self.units)
-        unit = Cost(macs=1, acs=1, multiplications=1) + SIGMOID.times(2) + TANH
-        return _with_weights(gates + 3 * n, n) + (Cost(macs=gates) + unit.times(n)).times(self.steps)
-
-
-@dataclass(frozen=True)
-class Conv2d(Layer):
-    """A two-dimensional convolution with square kernels; `height` and `width` are those of its *output*.
-
-    At a padded border the products with zeros are counted too.
-    """
-
-    height: int
-    width: int
-    channels: int
-    filters: int
-    kernel: int
-    activation: Activation = "linear"
-
-    def cost(self) -> Cost:
-        pixels, weights = self.height * self.width, self.filters * self.channels * self.kernel**2
-        activations = _activations(self.activation, pixels * self.filters)
-        return _with_weights(weights + self.filters, macs=pixels * weights) + activations
-
-
-@dataclass(frozen=True)
-class ConvLSTM(Layer):
-    """`steps` steps of a convolutional LSTM: an LSTM whose products are convolutions with square kernels.
-
-    `height` and `width` are those of its output, as for `Conv2d`; no peepholes.
-    """
-
-    height: int
-    width: int
-    channels: int
-    filters: int
-    kernel: int
-    steps: int = 1
-
-    def cost(self) -> Cost:
-        units = self.height * self.width * self.filters
-        weights = 4 * self.filters * (self.channels + self.filters) * self.kernel**2
-        step = Cost(macs=self.height * self.width * weights) + LSTM_UNIT.times(units)
-        return _with_weights(weights + 4 * self.filters, 2 * units) + step.times(self.steps)
 
 
 @dataclass(frozen=True)
@@ -394,23 +269,6 @@ class NearestPoints(Layer):
 
 
 @dataclass(frozen=True)
-class Trees(Layer):
-    """A forest of `trees` decision trees: `depth` comparisons a tree on average, then the shares of classes are added.
-
-    nodes: of all trees; an inner one holds a feature and a threshold, a leaf the shares of the classes.
-    """
-
-    trees: int
-    depth: float
-    nodes: int
-    classes: int
-
-    def cost(self) -> Cost:
-        parameters = self.nodes * (2 + self.classes) // 2
-        return _with_weights(parameters, acs=self.trees * self.classes, comparisons=self.trees * self.depth)
-
-
-@dataclass(frozen=True)
 class MovingAverage(Layer):
     """`y[i] = a x[i] + (1 - a) y[i - 1]` on every sample of every channel (stiffness paper, Sec. III-B: 3n FLOPs)."""
 
@@ -457,18 +315,6 @@ class Standardise(Layer):
 
     def cost(self) -> Cost:
         return _with_weights(2 * self.features, macs=self.features)
-
-
-@dataclass(frozen=True)
-class Projection(Layer):
-    """Projection of centred features on `components` axes (PCA)."""
-
-    features: int
-    components: int
-
-    def cost(self) -> Cost:
-        parameters = self.features * self.components + self.features
-        return _with_weights(parameters, macs=self.features * self.components, acs=self.features)
 
 
 @dataclass(frozen=True)

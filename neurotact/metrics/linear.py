@@ -12,16 +12,9 @@ from sklearn.preprocessing import StandardScaler
 MOST_FOLDS = 5
 
 
-def fit_linear(features: np.ndarray, labels: np.ndarray, c: float = 1.0) -> Pipeline:
-    """Logistic regression on features `(window, feature)`, standardised on the same windows; c: inverse penalty.
-
-    >>> fit_linear(np.array([[0.0], [1.0], [5.0], [6.0]]), np.array([0, 0, 1, 1])).predict([[0.5], [7.0]]).tolist()
-    [0, 1]
-    """
-    model = make_pipeline(StandardScaler(), LogisticRegression(C=c, max_iter=2000))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # for features that carry no information
-        return model.fit(features, labels)
+def linear(C: float = 1.0) -> Pipeline:
+    """Logistic regression on standardised features, not yet fitted; C: inverse penalty."""
+    return make_pipeline(StandardScaler(), LogisticRegression(C=C, max_iter=2000))
 
 
 def cross_validated_accuracy(features: np.ndarray, labels: np.ndarray, groups: np.ndarray | None = None) -> float:
@@ -44,8 +37,9 @@ def cross_validated_accuracy(features: np.ndarray, labels: np.ndarray, groups: n
         if n_groups > 1
         else StratifiedKFold(n_folds, shuffle=True, random_state=0).split(features, labels)
     )
-    for train, test in folds:
-        if len(np.unique(labels[train])) < 2:
-            continue
-        right[test] = fit_linear(features[train], labels[train]).predict(features[test]) == labels[test]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)  # for features that carry no information
+        for train, test in folds:
+            if len(np.unique(labels[train])) > 1:
+                right[test] = linear().fit(features[train], labels[train]).predict(features[test]) == labels[test]
     return float(right.mean())

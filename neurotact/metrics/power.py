@@ -10,7 +10,7 @@ WEAK = 0.1
 of fewer than 60 test trials; of six, of fewer than 80."""
 
 
-def least_shown(verdict: Verdict) -> float:
+def _least_shown(verdict: Verdict) -> float:
     """The least difference that the test of a verdict can show; infinite if none."""
     return least_difference(verdict.n, verdict.opponents)
 
@@ -21,7 +21,7 @@ def is_too_weak(verdict: Verdict) -> bool:
     >>> [is_too_weak(Verdict("tie", 0, 1.0, n, 6)) for n in (12, 79, 80)]
     [True, True, False]
     """
-    return verdict.kind == "tie" and least_shown(verdict) > WEAK
+    return verdict.kind == "tie" and _least_shown(verdict) > WEAK
 
 
 def can_beat_guessing(n_trials: int, guess: float) -> bool:
@@ -38,7 +38,7 @@ def in_words(verdict: Verdict) -> str:
     >>> in_words(Verdict("tie", 0, 1.0, 12, 6)), in_words(Verdict("tie", 0, 1.0, 5, 1))
     ('too few test trials: only differences of 67 points or more would show', 'too few test trials: no difference would show')
     """  # noqa: E501
-    least = least_shown(verdict)
+    least = _least_shown(verdict)
     if math.isinf(least):
         return "too few test trials: no difference would show"
     return f"too few test trials: only differences of {100 * least:.0f} points or more would show"

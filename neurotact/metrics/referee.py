@@ -8,14 +8,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
-import numpy as np
 from scipy.stats import fisher_exact
 
 from neurotact.errors import InputError
-from neurotact.metrics.paired import Paired, compare, sign_test
+from neurotact.metrics.decision import is_within
+from neurotact.metrics.paired import LEVEL, Paired, compare_by_trial, sign_test
 
-LEVEL = 0.05
-"""The probability below which a difference is clear, after Holm's correction."""
 GAP = 0.01
 """The probability below which an accuracy on test trials is clearly not that of validation trials."""
 Kind = Literal["better", "worse", "tie"]
@@ -25,8 +23,8 @@ class Way(NamedTuple):
     """What the referee knows of one way to decide.
 
     validation: its accuracy on validation trials. error: one standard error of it; NaN if unknown. cost: of a decision;
-    infinite if unknown. right: by validation trial, the share of its windows that are decided correctly; None if
-    unknown.
+    infinite or NaN if it is not counted. right: by validation trial, the share of its windows that are decided
+    correctly; None if unknown.
     """
 
     validation: float
@@ -56,7 +54,7 @@ def best_of(ways: Sequence[Way]) -> int:
     >>> best_of([Way(0.9, cost=5.0), Way(0.9, cost=3.0), Way(0.8, cost=1.0)])
     1
     """
-    return max(range(len(ways)), key=lambda index: (_rounded(ways[index].validation), -ways[index].cost))
+    return max(range(len(ways)), key=lambda index: (_rounded(ways[index].validation), -_cost(ways[index])))
 
 
 def within_error(ways: Sequence[Way]) -> list[int]:
@@ -66,8 +64,8 @@ def within_error(ways: Sequence[Way]) -> list[int]:
     [0, 1]
     """
     at = best_of(ways)
-    least = ways[at].validation - (0.0 if math.isnan(ways[at].error) else ways[at].error) - 1e-12
-    return [index for index, way in enumerate(ways) if index == at or way.validation >= least]
+    best, error = ways[at].validation, 0.0 if math.isnan(ways[at].error) else ways[at].error
+    return [index for index, way in enumerate(ways) if index == at or is_within(way.validation, best, error)]
 
 
 def cheapest_of(ways: Sequence[Way]) -> int:
@@ -76,7 +74,7 @@ def cheapest_of(ways: Sequence[Way]) -> int:
     >>> cheapest_of([Way(0.9, 0.03, 5.0), Way(0.88, 0.03, 3.0), Way(0.8, 0.03, 1.0)])
     1
     """
-    return min(within_error(ways), key=lambda index: (ways[index].cost, -ways[index].validation))
+    return min(within_error(ways), key=lambda index: (_cost(ways[index]), -ways[index].validation))
 
 
 def level_with_best(ways: Sequence[Way]) -> list[int]:
@@ -97,10 +95,8 @@ def level_with_best(ways: Sequence[Way]) -> list[int]:
 
 
 def _is_level(best: Way, other: Way) -> bool:
-    common = sorted(best.right.keys() & other.right.keys(), key=str) if best.right and other.right else []
-    if common and best.right and other.right:
-        shares = (np.array([way.right[trial] for trial in common]) for way in (best, other) if way.right)
-        return compare(*shares).p >= LEVEL
+    if best.right and other.right and best.right.keys() & other.right.keys():
+        return compare_by_trial(best.right, other.right).p >= LEVEL
     return best.validation - other.validation <= 2 * math.hypot(best.error, other.error)
 
 
@@ -176,6 +172,11 @@ def is_gap(validation: float, n_validation: int, test: float, n_test: int, level
     right = [round(validation * n_validation), round(test * n_test)]
     table = [[right[0], n_validation - right[0]], [right[1], n_test - right[1]]]
     return float(fisher_exact(table, alternative="greater").pvalue) < level  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _cost(way: Way) -> float:
+    """What is not counted is never the cheapest."""
+    return math.inf if math.isnan(way.cost) else way.cost
 
 
 def _rounded(share: float) -> float:

@@ -26,7 +26,7 @@ import pandas as pd
 from scipy import stats
 
 from neurotact.errors import InputError
-from neurotact.metrics.paired import Paired, least_p
+from neurotact.metrics.paired import LEVEL, Paired, least_p
 from neurotact.metrics.shares import Z_95, standard_error, wilson_interval
 
 LEAST_SPLITS = 3
@@ -36,8 +36,6 @@ SHARES, DIFFERENCES = (0.0, 1.0), (-1.0, 1.0)
 """What the mean of shares, and of differences of shares, can be."""
 ROUNDING = 1e-12
 """Shares that differ by less are equal: means of several differ in their last bits."""
-LEVEL = 0.05
-"""The probability that an interval leaves out."""
 LEAST_APART = 1 - math.log2(LEVEL)
 """Trials that must differ, all in favor of the same side, for a sign test's p of `LEVEL`."""
 ADDED = (LEAST_APART / Z_95) ** 2 - LEAST_APART

@@ -67,7 +67,7 @@ class Synops(NamedTuple):
         return html_of(self, table=self.table().describe().loc[["mean", "min", "max"]].to_html())
 
 
-class NetworkSpec(Protocol):
+class _NetworkSpec(Protocol):
     """What of a network's spec decides where a hidden spike goes."""
 
     @property
@@ -76,16 +76,16 @@ class NetworkSpec(Protocol):
     def fan_among(self) -> int: ...
 
 
-class Network(Protocol):
+class _Network(Protocol):
     """A network as far as its spikes are counted, such as `networks.rsnn.RSNN`."""
 
     @property
-    def spec(self) -> NetworkSpec: ...
+    def spec(self) -> _NetworkSpec: ...
     @property
     def n_classes(self) -> int: ...
 
 
-def of_network(network: Network, input_spikes: np.ndarray, hidden_spikes: np.ndarray) -> Synops:
+def of_network(network: _Network, input_spikes: np.ndarray, hidden_spikes: np.ndarray) -> Synops:
     """SOPs of trials on a network: `synops` with its own sizes and its own recurrence.
 
     >>> from types import SimpleNamespace
@@ -118,9 +118,7 @@ def synops(
     if n_hidden < 1 or n_readout < 1:
         raise InputError(f"synops: a network has at least one neuron a layer; got {n_hidden} and {n_readout}")
     n_among = n_hidden * recurrent if isinstance(recurrent, bool) else recurrent
-    into_hidden, among_hidden, into_readout = n_hidden * sent, n_among * hidden, n_readout * hidden
-    feedforward = into_hidden + into_readout
-    return Synops(into_hidden, among_hidden, into_readout, feedforward + among_hidden, feedforward)
+    return _with_totals(n_hidden * sent, n_among * hidden, n_readout * hidden)
 
 
 def of_fans(
@@ -136,7 +134,10 @@ def of_fans(
     >>> [int(part[0]) for part in found]
     [3, 2, 10, 15, 13]
     """
-    into_hidden, among_hidden, into_readout = input_counts @ fan_in, hidden_counts @ fan_among, hidden_counts @ fan_out
+    return _with_totals(input_counts @ fan_in, hidden_counts @ fan_among, hidden_counts @ fan_out)
+
+
+def _with_totals(into_hidden: np.ndarray, among_hidden: np.ndarray, into_readout: np.ndarray) -> Synops:
     feedforward = into_hidden + into_readout
     return Synops(into_hidden, among_hidden, into_readout, feedforward + among_hidden, feedforward)
 

@@ -5,6 +5,7 @@ in sentences. Networks are chosen by whole windows, and judged as they are used:
 something, and where an upper bound of what it loses is within the tolerance.
 """
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
@@ -88,7 +89,7 @@ class Network(NamedTuple):
 
 
 class Baseline(NamedTuple):
-    """A classifier without spikes in its decision; nJ is None if unknown.
+    """A classifier without spikes in its decision; nJ is None if its cost is not counted.
 
     rows: the rows of `baselines.csv` that it averages, one per split. right: for the referee (`Way.right`).
     """
@@ -111,9 +112,9 @@ class Baseline(NamedTuple):
         return self.name.partition(" (")[0]
 
     def way(self, trials: "Trials") -> Way:
-        """What the referee knows of it; an unknown cost counts as zero."""
+        """What the referee knows of it."""
         error = standard_error(self.validation, trials.validation)
-        return Way(self.validation, error, self.nJ or 0.0, self.right)
+        return Way(self.validation, error, _cost(self), self.right)
 
 
 class Trials(NamedTuple):
@@ -147,6 +148,7 @@ class Answer(NamedTuple):
     rivals: the baselines that validation cannot tell from the best one. verdict: on the best network against them.
     unranked: a baseline that validation ranks lower, and that is at least as accurate on test trials; None if none is.
     guess: the accuracy of guessing, or of always predicting the most frequent class.
+    uncounted: the baselines whose cost is not counted.
     """
 
     best: Network
@@ -160,6 +162,7 @@ class Answer(NamedTuple):
     unranked: Baseline | None
     guess: float
     trials: Trials
+    uncounted: tuple[Baseline, ...] = ()
 
     @property
     def is_above_chance(self) -> bool:
@@ -254,6 +257,7 @@ def answer(
         max(lower, key=lambda one: one.accuracy, default=None),
         guess,
         trials,
+        tuple(one for one in baselines if one.nJ is None),
     )
 
 
@@ -295,7 +299,8 @@ def _priced(
 
 
 def _cost(one: Baseline) -> float:
-    return 0.0 if one.nJ is None else one.nJ
+    """Infinite if it is not counted: then no other is dearer."""
+    return math.inf if one.nJ is None else one.nJ
 
 
 def _is_ahead(comparison: Paired) -> bool:
@@ -469,6 +474,9 @@ def details(outcome: Answer) -> Iterator[str]:
         yield from _early(each.network, outcome.trials.test, "it" if len(outcome.priced) == 1 else each.network.name)
     for each in outcome.priced:
         yield from _energy(each)
+    if outcome.uncounted:
+        names = " and of ".join(dict.fromkeys(one.name.partition(" on ")[0] for one in outcome.uncounted))
+        yield f"The cost of {names} is not counted, so that no sentence on energy compares with it."
 
 
 def _energy(priced: Priced) -> Iterator[str]:
@@ -497,7 +505,7 @@ def _energy(priced: Priced) -> Iterator[str]:
 
 def _with_price(one: Baseline) -> str:
     """A baseline with its energy and its accuracy on test windows."""
-    spent = "unknown energy" if one.nJ is None else energy(one.nJ)
+    spent = "an energy that is not counted" if one.nJ is None else energy(one.nJ)
     return f"{one.name} at {spent} and {percent(one.accuracy)} on test windows"
 
 

@@ -97,7 +97,7 @@ def table(outcome: Answer, networks: Sequence[Network], baselines: Sequence[Base
     for baseline in _baselines_shown(outcome, baselines):
         mark = ": cheapest on signals that is not clearly less accurate"
         name = f"{baseline.name}{mark if baseline is outcome.comparable else ''}"
-        spent = "-" if baseline.nJ is None else answers.energy(baseline.nJ)
+        spent = "not counted" if baseline.nJ is None else answers.energy(baseline.nJ)
         rows.append(
             [name, with_interval(baseline.accuracy, outcome.trials.test), "", "", _ms(outcome.best.whole), spent]
         )

@@ -125,7 +125,7 @@ def _costs(
         how = {"n_classes": n_classes, "early": bool(before), "encoding": counts}
         costs["ms"] = 1e3 * steps / afferents.rate_Hz
         if not counts or afferents.is_countable:
-            costs["nJ"] = ledger.row_cost(study.network, row, afferents, **how).energy_estimate_nJ
+            costs["nJ"] = ledger.row_cost(study.network, row, afferents, **how).energy_nJ(study.prices)
     return costs
 
 
@@ -252,7 +252,8 @@ def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], result: M
             name = f"{row['classifier']} on {pair}{source} ({words})"
             shares = row["accuracy_validation"], row["accuracy_test"]
             right = validated(tables["baselines_trials"], rows) if "baselines_trials" in tables else None
-            baselines.append(Baseline(name, *shares, float(row["energy_estimate_nJ"]), rows, right))
+            spent_nJ = None if pd.isna(row["energy_estimate_nJ"]) else float(row["energy_estimate_nJ"])
+            baselines.append(Baseline(name, *shares, spent_nJ, rows, right))
     return baselines
 
 
@@ -321,6 +322,7 @@ def fronts(
             *robustness.hardest(classes),
             *answers.details(answer),
             *_of_encoding(answer, made_by, study),
+            *([] if answer.best.whole.nJ is None else [f"Energies are by the price list {study.prices.name}."]),
             *saved,
         ]
         standing = [representative(rows, network) for network in networks]
@@ -402,8 +404,8 @@ def _of_encoding(answer: Answer, afferents: Sequence[Afferents], study: StudySpe
     if not all(one.is_countable for one in afferents):
         return
     first = afferents[0]
-    spent = [one.cost(1e-3 * decision.ms * one.rate_Hz, decision.spikes).energy_estimate_nJ for one in afferents]
-    alone = answers.energy(float(np.mean(spent)))
+    spent = [one.cost(1e-3 * decision.ms * one.rate_Hz, decision.spikes) for one in afferents]
+    alone = answers.energy(float(np.mean([one.energy_nJ(study.prices) for one in spent])))
     if study.encoding_in == "sensor":
         yield f"Conditioning and encoding are in the sensor and not counted; on the processor they take {alone} more."
         return

@@ -176,7 +176,7 @@ def write(
         ],
         baselines=_baselines_table(baselines, study),
         ledger=_ledger_table(costs),
-        ledger_about=ledger.ABOUT,
+        ledger_about=f"{ledger.ABOUT} {study.prices.in_words()}",
         pair_word=periods.head(study),
         page=page.parts(
             _page_data(folder, done, results, spent, trials, classes, fronts, trains)
@@ -347,8 +347,10 @@ def _baselines_table(baselines: pd.DataFrame | None, study: StudySpec) -> Table 
             periods.NONE if pd.isna(row["t_ref_ra_ms"]) else pair,
             row["dataset"],
             *(f"{100 * row[name]:.1f}" for name in ("accuracy_validation", "accuracy_test")),
-            f"{row['flops']:,.0f}",
-            f"{row['energy_estimate_nJ']:,.3g}",
+            *(
+                "not counted" if pd.isna(row[name]) else f"{row[name]:,{form}}"
+                for name, form in (("flops", ".0f"), ("energy_estimate_nJ", ".3g"))
+            ),
             row["settings"],
         ]
         for row, pair in zip(baselines.to_dict("records"), periods.of_rows(baselines, study), strict=True)
@@ -384,7 +386,8 @@ def _ledger(
         if model is not None and baselines is not None:  # those on signals once, on spikes those of this encoder
             own = baselines[(baselines["encoder"] == model) | (baselines["encoder"].isna() & (not parts))]
         made_by = [known[index] for index in rows.index]
-        table = ledger.study_ledger(study.network, rows, own, afferents=made_by, n_classes=n_classes)
+        how = {"afferents": made_by, "n_classes": n_classes, "prices": study.prices}
+        table = ledger.study_ledger(study.network, rows, own, **how)
         parts.append(table if model is None else table.assign(name=f"{model}: " + table["name"]))
     return pd.concat(parts, ignore_index=True)
 
@@ -392,10 +395,14 @@ def _ledger(
 def _ledger_table(costs: pd.DataFrame | None) -> Table | None:
     if costs is None:
         return None
-    rows = [[row[0], *(f"{value:,.6g}" for value in row[1:])] for row in costs.itertuples(index=False, name=None)]
+    shown: pd.DataFrame = costs.drop(columns="prices")
+    rows = [
+        [row[0], *("not counted" if pd.isna(value) else f"{value:,.6g}" for value in row[1:])]
+        for row in shown.itertuples(index=False, name=None)
+    ]
     return Table(
         "Operations and energy of each decision",
-        ["decision by", *(HEADS[column] for column in costs.columns[1:])],
+        ["decision by", *(HEADS[column] for column in shown.columns[1:])],
         rows,
         n_heads=1,
     )

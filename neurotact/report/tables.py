@@ -139,6 +139,8 @@ def tables_beside(study: StudySpec, folder: Path) -> dict[str, pd.DataFrame]:
             f"{folder / made.BASELINES[0]}: an earlier version wrote it, with one price for most operations, so "
             "that its energies do not compare with those of networks now; run the study in a new folder"
         )
+    if "baselines" in beside:
+        beside["baselines"] = study.prices.repriced(beside["baselines"])
     return beside
 
 

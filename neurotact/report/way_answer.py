@@ -61,7 +61,7 @@ class Configuration(NamedTuple):
     @property
     def way(self) -> Way:
         """What the referee knows of it."""
-        return Way(self.chosen_by, self.choice_error, math.inf if math.isnan(self.cost) else self.cost)
+        return Way(self.chosen_by, self.choice_error, self.cost)
 
 
 class WayAnswer(NamedTuple):
@@ -317,13 +317,16 @@ def details(answer: WayAnswer, view: View) -> Iterator[str]:
     if math.isnan(best.choice_error):
         few = "one row" if best.rows == 1 else "too few splits"
         yield f"{best.name} has {few}, so that its error is not known."
-    elif cheapest.index == best.index:
+    elif cheapest.index == best.index and not math.isnan(best.cost):
         yield f"{best.name} is also the cheapest within its error ({_points(best.choice_error, view)} on {rows} rows)."
-    else:
+    elif cheapest.index != best.index:
         yield (
             f"Within the error of {best.name} ({_points(best.choice_error, view)} on {rows} rows), {cheapest.name} is "
             f"the cheapest: {_saved(best, cheapest, view)}, {_lost(best, cheapest, view)}."
         )
+    uncounted = dict.fromkeys(one.name for one in answer.configurations if math.isnan(one.cost))
+    if uncounted and view.cost != "sops_total":  # which only networks have
+        yield f"Not counted, and so never among the cheapest: {', '.join(uncounted)}."
     if not answer.is_validated:
         yield "The run holds no validation accuracy: the best is chosen by what is shown, which flatters it."
     if answer.is_optimistic:
@@ -458,13 +461,15 @@ def _cost(value: float, view: View) -> str:
     ['635 FLOPs', "635 FLOPs (paper's count)", '635 nJ (energy)']
     """
     if math.isnan(value):
-        return "an unknown cost"
+        return "a cost that is not counted"
     head = view.measures[view.cost]
     what, _, unit = head.removesuffix(")").partition(" (")
     return f"{count(value)} {unit} ({what})" if unit and " " not in unit else f"{count(value)} {head}"
 
 
 def _saved(before: Configuration, after: Configuration, view: View) -> str:
+    if math.isnan(before.cost):
+        return f"{_cost(after.cost, view)} against {_cost(before.cost, view)}"
     both = f"{_cost(after.cost, view)} against {count(before.cost)}"
     return f"{100 * (1 - after.cost / before.cost):.0f} % less, {both}" if before.cost > 0 else both
 

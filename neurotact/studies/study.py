@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 
 from neurotact import effects, files
 from neurotact import spec as specs
-from neurotact.baselines.opponents import Opponents
+from neurotact.baselines.opponent import Opponents
 from neurotact.data.augmentation import AUTO, NONE, AugmentationSpec
 from neurotact.data.contact import OnsetSpec
 from neurotact.data.dataset import DatasetSpec
@@ -26,6 +26,7 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.same_drive import SameDriveSpec
 from neurotact.encoders.specs import EncoderSpec, is_exact, pays_exact
 from neurotact.errors import InputError, nearest
+from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList, price_list
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import RSNNSpec
@@ -48,7 +49,9 @@ SPLIT = "split."
 MEASURES = ("cut_short_ms", "exit_patiences", "test_every_condition")
 """Keys of a study that request further measurements; each gives its own table."""
 
-PARTS: dict[str, Callable[[str | Path], Spec]] = {"encoder": encoders.load, "network": partial(specs.load, RSNNSpec)}
+PARTS: dict[str, Callable[[str | Path], Spec]] = {
+    "encoder": encoders.load, "network": partial(specs.load, RSNNSpec), "prices": price_list,
+}  # fmt: skip
 LENGTH = "window.length_ms"
 T_REF = "t_ref_ms"
 """Swept with `encoder`, the names of encoders: the refractory period of all its afferents, or "own"."""
@@ -81,8 +84,8 @@ class StudySpec(Spec):
     """A study with its complete encoder and network (`studies/*.toml` after `resolve`)."""
 
     folder: ClassVar[str] = "studies"
-    words: ClassVar[set[str]] = {"title", "about", "claims", "notes", "as_shipped"}
-    """Keys that change none of the numbers."""
+    words: ClassVar[set[str]] = {"title", "about", "claims", "notes", "as_shipped", "prices"}
+    """Keys that change none of the cells: a report can be written again with other words and prices."""
     way: str = NETWORKS
     """The entry point of the group `neurotact.ways` that runs the study."""
     parameters: dict[str, Any] = {}
@@ -116,6 +119,8 @@ class StudySpec(Spec):
     also on spikes, and MiniRocket on the signals; `all`, also spectra and a GRU."""
     encoding_in: Literal["processor", "sensor"] = "processor"
     """Where conditioning and encoding are computed: their energy counts on the processor, and not in the sensor."""
+    prices: PriceList = ARITHMETIC_45NM
+    """The price list by which energy is estimated: its name, its path, or the whole table."""
     cut_short_ms: tuple[Milliseconds, ...] = ()
     """Also test each network on the first part of its own windows, of these lengths: the table cut_short.csv."""
     exit_patiences: tuple[Steps, ...] = ()

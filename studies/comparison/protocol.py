@@ -15,13 +15,14 @@ from neurotact_parts.studies.comparison import families, figures
 from neurotact_parts.studies.comparison import spiking as spiking_family
 from neurotact_parts.studies.comparison.skipped import SKIPPED, left_out, of_run, skipped_row
 from neurotact_parts.studies.comparison.tasks import at_most, slowed, source_of, split_groups
-from pydantic import Field
+from pydantic import Field, field_validator
 
-from neurotact.baselines.families import accuracy, best_of
+from neurotact.baselines.opponent import accuracy, best_of, named
 from neurotact.data.copies import equal_examples, joined
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
-from neurotact.metrics.flops import ENERGY, FLOPS, LEDGER_COLUMNS, Cost, cost
+from neurotact.metrics.flops import FLOPS, LEDGER_COLUMNS, Cost, Standardise, cost
+from neurotact.metrics.prices import ARITHMETIC_45NM
 from neurotact.spec import Spec, build
 from neurotact.studies.way import Arrays, TaskData, View, heads
 
@@ -42,11 +43,17 @@ class Parameters(Spec):
     """One cell: a family on a task."""
 
     data: TaskSpec = TaskSpec()
-    family: Literal[
-        "ELM", "SLFN", "SVM", "RLS", "k-means", "kNN", "extra trees", "LSTM", "GRU", "MiniRocket", "pooled GRU", "SNN"
-    ] = "ELM"
+    family: str = "ELM"
+    """The spiking network, SNN, or an opponent: one of this study, or of another package."""
     seed: int = Field(default=0, ge=0)
     """Random seed of the split, the weights and the order of training."""
+
+    @field_validator("family")
+    @classmethod
+    def _is_known(cls, family: str) -> str:
+        if family != spiking_family.FAMILY:
+            families.opponent_of(family)
+        return family
 
 
 def load(data: TaskSpec) -> Arrays:
@@ -113,22 +120,21 @@ def _as_cost(array: np.ndarray) -> Cost:
 
 def _plain(task: TaskData, arrays: Arrays, parameters: Parameters, split: Any) -> dict:
     window_ms = 1e3 * task.sequences.shape[1] / task.sampling_rate_Hz
-    if parameters.family in families.ON_FEATURES:
-        family, sides = families.ON_FEATURES[parameters.family], families.feature_sides(task, split)
-        before = _as_cost(arrays["before_features"]) + cost(*families.standardising(sides))
+    opponent = families.opponent_of(parameters.family)
+    if opponent.takes == "features":
+        sides = families.feature_sides(task, split)
+        before = _as_cost(arrays["before_features"]) + cost(Standardise(sides.train.shape[1]))
     else:
-        family, sides = (
-            families.ON_SEQUENCES[parameters.family],
-            families.sequence_sides(task, split, parameters.family),
-        )
+        sides = families.sequence_sides(task, split, parameters.family)
         before = _as_cost(arrays["before_sequences"]) + cost(*families.slowing(task.sequences.shape[1], sides))
-    best = best_of(family, sides, parameters.seed)
+    with named(parameters.family):
+        best = best_of(opponent, sides, parameters.seed)
     return {
         "settings": best.settings,
         "accuracy_validation": accuracy(best, sides.validation, sides.y_validation),
         "accuracy_test": accuracy(best, sides.test, sides.y_test),
         "energy_before_nJ": before.energy_estimate_nJ,
-        **(before + cost(*best.layers, signal_ms=window_ms)).columns(),
+        **best.spent(before + cost(signal_ms=window_ms)),
     }
 
 
@@ -191,10 +197,10 @@ VIEW = View(
     ),
     cost="energy_estimate_nJ",
     score="accuracy_test",
-    note=f"{ENERGY} It counts everything from the recorded samples on: conditioning, features, averaging, afferents, "
-    "classifier. Afferents are counted on every step and taxel, as digital neurons; an analogue or event-driven "
-    "encoder would not have this cost. Tasks whose recordings are not available are left out; the column `skipped` of "
-    "results.csv gives the reason.",
+    note=f"{ARITHMETIC_45NM.in_words()} It counts everything from the recorded samples on: conditioning, features, "
+    "averaging, afferents, classifier. Afferents are counted on every step and taxel, as digital neurons; an analogue "
+    "or event-driven encoder would not have this cost. Tasks whose recordings are not available are left out; the "
+    "column `skipped` of results.csv gives the reason.",
     apart=("task",),
     spiking=("family", (spiking_family.FAMILY, spiking_family.EARLY)),
     splits=("seed",),

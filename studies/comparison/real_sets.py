@@ -133,7 +133,8 @@ def _answer(found: WayAnswer, name: str, split: str, rows: pd.DataFrame) -> str:
     is_known = not np.isnan(best.choice_error)  # of one or two seeds it is not, so that nothing is said of it
     near = [found.others[index] for index in referee.within_error([one.way for one in found.others])]
     on_signals = [one for one in near if f"{opponents.SPIKES}: " not in one.name]
-    cheapest = min(on_signals, key=lambda one: one.cost, default=None) if is_known else None
+    counted = [one for one in on_signals if not np.isnan(one.cost)]
+    cheapest = min(counted, key=lambda one: one.cost, default=None) if is_known else None
     if found.verdict is None or network.rows < LEAST_SPLITS:
         rival, said = best, f"{fronts.in_seeds(network.rows)}, so that no difference is clear"
     else:
@@ -144,10 +145,10 @@ def _answer(found: WayAnswer, name: str, split: str, rows: pd.DataFrame) -> str:
     level = (
         f", one of {len(found.rivals)} that validation cannot tell apart" if is_known and len(found.rivals) > 1 else ""
     )
+    energy = "" if np.isnan(rival.cost) else f", at {100 * network.cost / rival.cost:,.3g} % of its energy"
     sentence = (
         f"{name}, split by {split}: {said}. {_words(network)}{fronts.afferents_in_words(rows)}; {_words(rival)}{level}"
-        f": the network has {abs(gained):.1f} points {verb}{within}, at "
-        f"{100 * network.cost / rival.cost:,.3g} % of its energy."
+        f": the network has {abs(gained):.1f} points {verb}{within}{energy}."
     )
     if cheapest is None or cheapest is rival:
         return sentence
@@ -160,7 +161,8 @@ SAID = {"better": "spiking is more accurate", "worse": "spiking costs accuracy",
 
 def _words(one: Configuration) -> str:
     classifier, _, source = one.name.partition(", ")
-    return f"{classifier} on {source} has {100 * one.score:.1f} % at {one.cost:,.0f} nJ"
+    spent = "a cost that is not counted" if np.isnan(one.cost) else f"{one.cost:,.0f} nJ"
+    return f"{classifier} on {source} has {100 * one.score:.1f} % at {spent}"
 
 
 def _gained(one: Configuration, other: Configuration) -> Interval:

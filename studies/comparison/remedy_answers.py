@@ -89,10 +89,10 @@ def _beside(network: pd.Series, rival: pd.Series) -> str:
     more = rival["accuracy_test"] - network["accuracy_test"]
     energy = rival["energy_estimate_nJ"] / network["energy_estimate_nJ"]
     verdict = f"{_points(more)} {'more' if more > 0 else 'fewer'}" if more else "as much"
+    spent = "at a cost that is not counted" if pd.isna(energy) else f"at {100 * energy:,.3g} % of the network's energy"
     return (
         f"of opponents with the same remedies, the best on validation trials, {rival['classifier']} on "
-        f"{rival['input']}, has {_percent(rival['accuracy_test'])}, {verdict}, at {100 * energy:,.3g} % of the "
-        "network's energy"
+        f"{rival['input']}, has {_percent(rival['accuracy_test'])}, {verdict}, {spent}"
     )
 
 

@@ -21,6 +21,7 @@ from neurotact.data.windows import WindowSpec
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.metrics.flops import Cost
+from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList
 from neurotact.networks.definition import clock, recipe
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
@@ -145,7 +146,9 @@ class Fitted(NamedTuple):
     was_open: bool = False
 
 
-def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[str, Any]:
+def measured(
+    bench: Bench, setting: Setting, known: dict[str, Fitted], prices: PriceList = ARITHMETIC_45NM
+) -> dict[str, Any]:
     """A row of results: accuracies, SOPs, energy and signal of a decision with one setting.
 
     known: first trainings by their key; a new one is added. With that of `Setting()`, which saves nothing, among them,
@@ -175,10 +178,12 @@ def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[s
     rule = FULL_WINDOW
     if setting.exit_tolerance is not None:
         rule = fitting.exit_of(fitted.network, fitted.sides.validation, setting.exit_tolerance).used
-    return row_of(fitted, rule, pruned=setting.prune is not None)
+    return row_of(fitted, rule, pruned=setting.prune is not None, prices=prices)
 
 
-def row_of(fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, pruned: bool = False) -> dict[str, Any]:
+def row_of(
+    fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, pruned: bool = False, prices: PriceList = ARITHMETIC_45NM
+) -> dict[str, Any]:
     """Accuracies, SOPs, energy and signal of a decision; of a pruned network, SOPs of the remaining weights."""
     network, (train, validation, test) = fitted.network, fitted.sides
     inferred = network.infer(test.spikes, rule)
@@ -190,7 +195,7 @@ def row_of(fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, pruned: bool = False
     return {
         "accuracy_validation": measuring.accuracy_of(network.infer(validation.spikes, rule), validation),
         **row,
-        **spent.columns("energy_estimate_nJ", "signal_ms"),
+        **spent.columns("energy_estimate_nJ", "signal_ms", prices=prices),
         "input_spikes": float(inferred.input_spikes.double().mean()),
         "hidden_spikes": float(inferred.hidden_spikes.double().mean()),
         "network_step_ms": network.spec.own_step_ms or 1e3 / network.sampling_rate_Hz,

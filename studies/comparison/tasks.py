@@ -4,6 +4,7 @@ This module makes two tasks; the others come from their protocols.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,8 +22,8 @@ from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.sources import expand
 from neurotact.data.splits import Split, SplitSpec, split_trials
 from neurotact.errors import InputError
-from neurotact.metrics.flops import Layer, Moments, MovingAverage
-from neurotact.metrics.signal_flops import Averaging, BaselineRemoval, Interpolation, LevelSpreadRate
+from neurotact.metrics.flops import BYTES, Cost, Layer, Moments, MovingAverage
+from neurotact.metrics.signal_flops import Averaging, BaselineRemoval, Interpolation
 from neurotact.spec import Spec
 from neurotact.studies.way import TaskData, module_of
 
@@ -229,3 +230,24 @@ FRONT_ENDS: dict[str, Callable[[Any, TaskData], FrontEnd]] = {
     "touch_modality": _touch_front_end,
     "compliance": _compliance_front_end,
 }
+
+
+@dataclass(frozen=True)
+class LevelSpreadRate(Layer):
+    """Mean, deviation and mean absolute change of every channel, in one pass over the signal.
+
+    A sample adds to the sum, its square to the sum of squares, and the magnitude of its difference from the previous
+    sample to a third sum; at the end three products, the variance's MAC and a root.
+
+    >>> LevelSpreadRate(samples=500, channels=8).cost().macs
+    4008
+    """
+
+    samples: int
+    channels: int = 1
+
+    def cost(self) -> Cost:
+        ends = Cost(macs=1, multiplications=3, divisions=1)
+        sums = 4 * self.channels  # three, and the previous sample
+        each = Cost(macs=1, acs=3, comparisons=1).times(self.samples) + ends
+        return each.times(self.channels) + Cost(bytes=BYTES * sums)

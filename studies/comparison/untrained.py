@@ -18,8 +18,8 @@ from neurotact_parts.studies.comparison.touch_sets import TouchData
 from pydantic import Field, model_validator
 
 from neurotact import spec
-from neurotact.baselines import families, opponents
-from neurotact.baselines.families import Family
+from neurotact.baselines import opponents
+from neurotact.baselines.opponent import joined
 from neurotact.baselines.opponents import Cuts, Input
 from neurotact.data import hdf5
 from neurotact.data.augmentation import NONE, AugmentationSpec
@@ -55,8 +55,6 @@ PERIODS = f"sweep.{study.PAIR}"
 TASKS = "sweep.data.set & condition & value"
 TESTED, SPLITS = f"sweep.{suited.TESTED}", "sweep.split.seed"
 """Keys that `leave_out_each` (without the condition) and `repeats` set."""
-CLASSIFIERS: dict[str, Family] = {name: family for name, family in families.ON_FEATURES.items() if name != "ELM"}
-"""The opponents on features; on sequences there is MiniRocket."""
 
 
 class Remedy(Spec):
@@ -312,11 +310,12 @@ def _inputs(prepared: Prepared, every: SpikeTrains, cuts: Cuts) -> Iterator[Inpu
     """Moments and time bins of the signals, the signals, and time bins of the spikes, each for some classifiers."""
     cell, trains, recordings = prepared.cell, prepared.trains, prepared.recordings
     pieces = tables_beside.pieces_with_copies(recordings, cuts.windows, trains, cell) if trains.variations else ()
+    on_features = {name: one for name, one in joined("features", "quick").items() if name != "ELM"}
     for one in opponents.signal_inputs(recordings, cuts, "quick", pieces):
-        yield one if one.families is opponents.ON_SAMPLES else one._replace(families=CLASSIFIERS)
+        yield one if one.features.ndim == 3 else one._replace(opponents=on_features)
     first_ms, second_ms = t_ref_pair_ms(cell.encoder)
     *_, binned = opponents.spike_inputs(every, (second_ms, first_ms), cuts)
-    yield binned._replace(families=CLASSIFIERS)
+    yield binned._replace(opponents=on_features)
 
 
 def _accuracy(shares: Mapping[int, float], trials: np.ndarray, trial_of: np.ndarray) -> float:

@@ -19,6 +19,7 @@ from pydantic import Field, model_validator
 
 from neurotact.data.recordings import Recordings
 from neurotact.figures.style import Drawn
+from neurotact.metrics.prices import ARITHMETIC_45NM, Priced
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.spec import Spec
 from neurotact.studies.way import Arrays, Listed, View, heads
@@ -33,6 +34,8 @@ class Parameters(Spec):
     network: RSNNSpec = RSNNSpec(recipe="default", hidden=50)
     seed: int = Field(default=0, ge=0)
     """Random seed of the split, the weights and the order of training."""
+    prices: Priced = ARITHMETIC_45NM
+    """The price list by which energy is estimated: its name, its path, or the whole table."""
 
     @model_validator(mode="after")
     def _leaves_the_name_of_nothing(self) -> "Parameters":
@@ -53,9 +56,9 @@ VIEW = View(
     score="accuracy_test",
     note="Each seed has its own split, the same for all ways. A single refractory period applies to both populations; "
     "events have a dead time. SOPs of pruned networks count the remaining weights. Energy is an estimate of the "
-    "arithmetic of afferents and network, without memory. A network computes at every step of its clock, with or "
-    "without spikes; the column `afferents` of results.csv says when afferents do. Sets whose recordings are not "
-    "available are left out; the column `skipped` gives the reason.",
+    "arithmetic of afferents and network, without memory, by the price list in the column `prices` of results.csv. A "
+    "network computes at every step of its clock, with or without spikes; the column `afferents` says when afferents "
+    "do. Sets whose recordings are not available are left out; the column `skipped` gives the reason.",
     apart=("set",),
 )
 
@@ -74,7 +77,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     if SKIPPED in arrays:
         return [{"way": "", "setting": "", **skipped_row(arrays, VIEW.measures)}]
     bench = bench_of(parameters.data, parameters.network, parameters.seed, arrays)
-    shared = {"afferents": computed_at(parameters.data, arrays), SKIPPED: ""}
+    shared = {"afferents": computed_at(parameters.data, arrays), "prices": parameters.prices.name, SKIPPED: ""}
     known: dict[str, Fitted] = {}
     rows: list[dict[str, Any]] = []
     tried = list(_differing(bench, parameters.ways, step_ms(parameters.data, arrays)))
@@ -85,7 +88,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
             if not plain.was_open:
                 continue
             used = setting.model_copy(update={"recurrence": True})
-        rows.append({"way": way, "setting": name, **measured(bench, used, known), **shared})
+        rows.append({"way": way, "setting": name, **measured(bench, used, known, parameters.prices), **shared})
         needed = {Setting().first_training(), *(later.first_training() for _, later in tried[index + 1 :])}
         known = {name: fitted for name, fitted in known.items() if name in needed}  # windows use much memory
     tested = _tested(bench, known[Setting().first_training()])

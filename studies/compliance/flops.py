@@ -42,3 +42,16 @@ class CurveFeatures(Layer):
             comparisons=samples * self.held,
             bytes=int(BYTES * self.curves * (self.areas + self.held)),
         )
+
+
+@dataclass(frozen=True)
+class Projection(Layer):
+    """Projection of centred features on `components` axes (PCA)."""
+
+    features: int
+    components: int
+
+    def cost(self) -> Cost:
+        parameters = self.features * self.components + self.features
+        macs = self.features * self.components
+        return Cost(macs=macs, acs=self.features, parameters=parameters, bytes=BYTES * parameters)

@@ -11,19 +11,19 @@ from typing import Literal, NamedTuple
 import numpy as np
 import pandas as pd
 from neurotact_parts.studies.compliance import figures as compliance_figures
+from neurotact_parts.studies.compliance.centroid_kmeans import ClassCentroidKMeans, Init
 from neurotact_parts.studies.compliance.curve_features import COMBINATIONS, curve_features, instants, select_features
 from neurotact_parts.studies.compliance.fixed_point import fit_fixed_point
-from neurotact_parts.studies.compliance.flops import CurveFeatures, TactileMoments
+from neurotact_parts.studies.compliance.flops import CurveFeatures, Projection, TactileMoments
 from neurotact_parts.studies.compliance.fpga_resources import published_accuracy
 from neurotact_parts.studies.compliance.simulator import CHANNELS, SENSORS, ComplianceSpec, simulate, skin_of
 from neurotact_parts.studies.compliance.tactile_moments import NAMES, moment_weights
 from pydantic import Field
 from sklearn.decomposition import PCA
 
-from neurotact.baselines.centroid_kmeans import ClassCentroidKMeans, Init
 from neurotact.data.splits import SplitSpec, split_trials
 from neurotact.figures.style import Drawn
-from neurotact.metrics.flops import Cost, Layer, NearestPoints, Projection, cost
+from neurotact.metrics.flops import Cost, Layer, NearestPoints, cost
 from neurotact.spec import Spec
 from neurotact.studies.way import Arrays, TaskData, View, heads
 

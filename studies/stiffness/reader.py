@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from neurotact.data.readers.archives import as_signal, read_arrays
-from neurotact.data.readers.tables import numbers
-from neurotact.data.readers.texts import read_text, split_header
+from neurotact.data.readers.formats.numpy_files import read_arrays
+from neurotact.data.readers.table.cells import as_signal, numbers
+from neurotact.data.readers.table.texts import read_text, split_header
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import Reader
 from neurotact.errors import InputError

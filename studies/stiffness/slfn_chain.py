@@ -1,23 +1,25 @@
 """The single-layer networks of the stiffness paper on features: model selection, accuracy and the unit's cost."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from neurotact_parts.studies.published_flops import SLFN
+from neurotact_parts.studies.stiffness import slfn
 from pydantic import Field, model_validator
 from sklearn.preprocessing import StandardScaler
 
-from neurotact.baselines import elm, slfn
+from neurotact.baselines import elm
 from neurotact.data.splits import Split
 from neurotact.metrics.flops import (
-    BinaryInputDense,
+    ACTIVATIONS,
+    BYTES,
     Cost,
     Dense,
     Layer,
     Moments,
     MovingAverage,
-    PowerOfTwoDense,
     Standardise,
     cost,
 )
@@ -195,3 +197,29 @@ def _fc_accuracies(classifier: str, parts: Sequence[Parts], spec: SLFNSpec, seed
 
 def _draw_seed(seed: int, split: int, draw: int) -> int:
     return int(np.random.SeedSequence([seed, split, draw]).generate_state(1)[0])
+
+
+@dataclass(frozen=True)
+class PowerOfTwoDense(Layer):
+    """The hidden layer of an H-ELM, whose weights are powers of two: a shift and an addition for each.
+
+    A weight takes one byte (sign and exponent), a bias four.
+    """
+
+    inputs: int
+    units: int
+
+    def cost(self) -> Cost:
+        weights, biases = self.inputs * self.units, self.units
+        shifts, stored = weights, weights + BYTES * biases
+        sums = Cost(acs=weights, comparisons=shifts, parameters=weights + biases, bytes=stored)
+        return sums + ACTIVATIONS["hard_limit"].times(self.units)
+
+
+@dataclass(frozen=True)
+class BinaryInputDense(Dense):
+    """A fully connected layer that is fed zeros and ones: additions alone (the output of an H-ELM)."""
+
+    def cost(self) -> Cost:
+        dense = super().cost()
+        return replace(dense, macs=0, acs=dense.macs)

@@ -1,8 +1,8 @@
 """The cost of integers in the texture paper's chain: accuracy, SOPs and bytes over weight bits and state bits.
 
 The network is trained in float on the simulated gratings, then rounded, or fine-tuned with rounded weights
-(`neurotact.deploy.fine_tuning`); its integer twin (`neurotact.deploy.integer`), identical to the C export in every
-spike, classifies the test windows.
+(`exporters.c.fine_tuning`); its integer twin (`exporters.c.integer`), identical to the C export in every spike,
+classifies the test windows.
 """
 
 import copy
@@ -16,15 +16,15 @@ import pandas as pd
 import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from neurotact_parts.exporters.c import fine_tuning, formats, integer
+from neurotact_parts.exporters.c.formats import Formats, Ranges, Steps
 from neurotact_parts.studies.texture.simulator import SIMULATOR
 from pydantic import Field
 
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.splits import SplitSpec, split_touches
 from neurotact.data.windows import WindowSpec
-from neurotact.deploy import fine_tuning, formats, integer
 from neurotact.deploy.chain import Chain, chain_of
-from neurotact.deploy.formats import Formats, Ranges, Steps
 from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
 from neurotact.encoders.calibration import BY_CALIBRATION, FITTED, calibrate
 from neurotact.encoders.encoding import encode_recordings
@@ -185,7 +185,7 @@ def _trained_on(parameters: Parameters, given: Given, grids: dict[str, Grid]) ->
     """The network fine-tuned on these grids, with its own exit rule; without grids, trained as long in float."""
     network = copy.deepcopy(given.done.network)
     order = torch.Generator().manual_seed(parameters.seed)
-    training = fine_tuning.fine_tune(
+    training = fine_tuning.train_rounded(
         network, given.sides.train, given.sides.validation, grids, generator=order, epochs=parameters.fine_tune_epochs
     )
     return fitting.finished(network, training, given.sides, given.task)

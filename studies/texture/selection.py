@@ -19,6 +19,7 @@ from pydantic import Field
 
 from neurotact.encoders.specs import t_ref_pair_ms
 from neurotact.errors import InputError
+from neurotact.metrics.decision import is_within
 from neurotact.spec import Spec, build
 from neurotact.studies import study
 from neurotact.studies.engine import Step
@@ -166,7 +167,8 @@ def by_length(rows: pd.DataFrame, rule: Rule) -> pd.DataFrame:
     [False, True, False]
     """
     table = _means(rows, [LENGTH]).sort_values(LENGTH, ignore_index=True)
-    within = _within(table["accuracy_validation"], rule.length_tolerance)
+    accuracy = table["accuracy_validation"]
+    within = is_within(accuracy, accuracy.max(), rule.length_tolerance)
     return table.assign(within=within, chosen=within & ~within.shift(fill_value=False).cummax())
 
 
@@ -182,11 +184,12 @@ def by_network(rows: pd.DataFrame, rule: Rule) -> pd.DataFrame:
     [2, 1, 0]
     """
     table = _means(rows, ["pair", "hidden"])
-    within = _within(table["accuracy_validation"], rule.accuracy_tolerance)
+    accuracy = table["accuracy_validation"]
+    within = is_within(accuracy, accuracy.max(), rule.accuracy_tolerance)
     cheapest = table[within].sort_values("sops_validation", kind="stable").drop_duplicates("pair")
     ranks = {index: rank for rank, index in enumerate(cheapest.index[: rule.networks], start=1)}
     rank = pd.Series(ranks, dtype=int).reindex(table.index, fill_value=0)
-    best = table.index == table["accuracy_validation"].idxmax()
+    best = table.index == accuracy.idxmax()
     return table.assign(within=within, best=best, chosen=rank > 0, rank=rank)
 
 
@@ -249,10 +252,6 @@ def _course(rule: Rule, every: Sequence[Cell]) -> Generator[Step, pd.DataFrame, 
         if all(persists):
             break
     return Selection(start, lengths, tuple(attempts))
-
-
-def _within(accuracy: pd.Series, tolerance: float) -> pd.Series:
-    return accuracy >= accuracy.max() - tolerance - 1e-12  # a difference equal to the tolerance is within it
 
 
 def _means(rows: pd.DataFrame, by: list[str]) -> pd.DataFrame:

@@ -12,9 +12,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import StrMethodFormatter
 from neurotact_parts.studies.published_flops import touch_modality_flops
+from neurotact_parts.studies.touch_modality.recurrent import LSTM
 
+from neurotact.baselines.pooled_gru import GRU
 from neurotact.figures.style import INK, MUTED, PALE, SERIES, add_legend, keep_within, new_figure, printed, sequence
-from neurotact.metrics.flops import GRU, LSTM, Dense, cost
+from neurotact.metrics.flops import Dense, cost
 
 CELLS = {"LSTM": LSTM, "GRU": GRU}
 TAXELS = (16, 64, 144, 256)

@@ -12,6 +12,8 @@ import numpy as np
 import pandas as pd
 import torch
 from neurotact_parts.studies.touch_modality import figures
+from neurotact_parts.studies.touch_modality.cnn_features import CNNFeatures, Conv2d
+from neurotact_parts.studies.touch_modality.conv_lstm import ConvLSTM, ConvLSTMClassifier
 from neurotact_parts.studies.touch_modality.datasets import (
     IMAGE_SIDE,
     TOUCH_SAMPLES,
@@ -20,17 +22,15 @@ from neurotact_parts.studies.touch_modality.datasets import (
     window_bounds,
 )
 from neurotact_parts.studies.touch_modality.folds import Fold
+from neurotact_parts.studies.touch_modality.recurrent import LSTM, GRUClassifier, LSTMClassifier
 from neurotact_parts.studies.touch_modality.touches import TAXELS, TouchData, folds_of, seed_of, touches_of, typical
 from pydantic import Field
 from sklearn.pipeline import Pipeline
 from torch import nn
 
-from neurotact.baselines.cnn_features import CNNFeatures
-from neurotact.baselines.conv_lstm import ConvLSTMClassifier
-from neurotact.baselines.recurrent import GRUClassifier, LSTMClassifier
+from neurotact.baselines.pooled_gru import GRU
 from neurotact.data.conditioning import fit_standardisation
 from neurotact.figures.style import Drawn
-from neurotact.metrics import flops
 from neurotact.metrics.flops import Dense, Layer, Moments, cost
 from neurotact.spec import Spec
 from neurotact.studies.way import Arrays, View, heads
@@ -165,7 +165,7 @@ def _gru(parameters: Parameters, seed: int) -> GRUClassifier:
 def _gru_layers(parameters: Parameters, fitted: Any, n_classes: int) -> tuple[Layer, ...]:
     bounds = window_bounds(TOUCH_SAMPLES, GRU_STEPS, parameters.data.windows)
     averaging = (Moments(int(stop - first), TAXELS, order=1) for first, stop in bounds)
-    return (*averaging, flops.GRU(TAXELS, HIDDEN, GRU_STEPS), Dense(HIDDEN, n_classes, "softmax"))
+    return (*averaging, GRU(TAXELS, HIDDEN, GRU_STEPS), Dense(HIDDEN, n_classes, "softmax"))
 
 
 def _conv_lstm(parameters: Parameters, seed: int) -> ConvLSTMClassifier:
@@ -175,7 +175,7 @@ def _conv_lstm(parameters: Parameters, seed: int) -> ConvLSTMClassifier:
 def _conv_lstm_layers(parameters: Parameters, fitted: Any, n_classes: int) -> tuple[Layer, ...]:
     side = IMAGE_SIDE - KERNEL + 1
     return (
-        flops.ConvLSTM(side, side, 1, FILTERS, KERNEL, _n_images()),
+        ConvLSTM(side, side, 1, FILTERS, KERNEL, _n_images()),
         Dense(side * side * FILTERS, UNITS, "relu"),
         Dense(UNITS, n_classes, "softmax"),
     )
@@ -189,7 +189,7 @@ def _cnn_lstm(parameters: Parameters, seed: int) -> Pipeline:
 
 def _cnn_lstm_layers(parameters: Parameters, fitted: Pipeline, n_classes: int) -> tuple[Layer, ...]:
     cnn, _ = fitted
-    lstm = flops.LSTM(cnn.n_features_out_, HIDDEN, _n_images())
+    lstm = LSTM(cnn.n_features_out_, HIDDEN, _n_images())
     return (*convolutions(cnn.network_) * _n_images(), lstm, Dense(HIDDEN, n_classes, "softmax"))
 
 
@@ -226,7 +226,7 @@ def convolutions(network: nn.Module) -> tuple[Layer, ...]:
     def count(module: nn.Conv2d, inputs: Any, output: torch.Tensor) -> None:
         height, width = output.shape[-2:]
         channels = module.in_channels // module.groups
-        layers.append(flops.Conv2d(height, width, channels, module.out_channels, module.kernel_size[0]))
+        layers.append(Conv2d(height, width, channels, module.out_channels, module.kernel_size[0]))
 
     hooks = [m.register_forward_hook(count) for m in network.modules() if isinstance(m, nn.Conv2d)]
     with torch.no_grad():

@@ -15,13 +15,14 @@ from neurotact_parts.studies.published_flops import TOUCH_MODALITY_FLOPS
 from neurotact_parts.studies.touch_modality import figures
 from neurotact_parts.studies.touch_modality.datasets import STEP_COUNTS, TOUCH_SAMPLES, dataset_c, window_bounds
 from neurotact_parts.studies.touch_modality.folds import Fold
+from neurotact_parts.studies.touch_modality.recurrent import LSTM, GRUClassifier, LSTMClassifier, fit_snapshots
 from neurotact_parts.studies.touch_modality.touches import TouchData, folds_of, seed_of, touches_of, typical
 from pydantic import Field
 
-from neurotact.baselines.recurrent import GRUClassifier, LSTMClassifier, fit_snapshots
+from neurotact.baselines.pooled_gru import GRU
 from neurotact.data.conditioning import ema, ema_coefficient, fit_standardisation, resample
 from neurotact.figures.style import Drawn
-from neurotact.metrics.flops import GRU, LSTM, Cost, Dense, Moments, cost
+from neurotact.metrics.flops import Cost, Dense, Moments, cost
 from neurotact.spec import Spec
 from neurotact.studies.way import Arrays, TaskData, View, heads
 

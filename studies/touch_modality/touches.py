@@ -5,13 +5,13 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
+from neurotact_parts.studies.touch_modality.activity import ActivityBand, cut_from_onset, find_activity
 from neurotact_parts.studies.touch_modality.datasets import ARRAY_SIDE, TOUCH_SAMPLES, WindowRule
 from neurotact_parts.studies.touch_modality.folds import Fold, folds_by_person, folds_in_order
 from neurotact_parts.studies.touch_modality.simulator import TouchModalitySpec, each_person
 
 from neurotact.data import doubtful
 from neurotact.data.hdf5 import load_recordings
-from neurotact.data.onset import ActivityBand, cut_from_onset, find_activity
 from neurotact.errors import InputError
 from neurotact.spec import Spec
 from neurotact.studies.way import Arrays

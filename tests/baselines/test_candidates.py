@@ -6,10 +6,20 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sklearn.ensemble import ExtraTreesClassifier
+from sklearn.neighbors import KNeighborsClassifier
+from sklearn.pipeline import Pipeline
 
 from neurotact.baselines import families
 from neurotact.baselines import minirocket as rocket
-from neurotact.baselines.families import ON_FEATURES, Sides, first_best, minirocket, pooled_gru, refitted
+from neurotact.baselines.families import Trees, mean_depth
+from neurotact.baselines.features import BandPowers
+from neurotact.baselines.minirocket import FixedConvolutions
+from neurotact.baselines.opponent import Opponent, Sides, best_of, first_best, joined, load
+from neurotact.baselines.pooled_gru import GRU, PooledStates
+from neurotact.errors import InputError
+from neurotact.metrics import flops
+from neurotact.metrics.flops import Cost, cost
 
 
 @given(st.lists(st.sampled_from([0.0, 0.5, 0.9, 1.0]), min_size=1))
@@ -35,25 +45,120 @@ def sides_of(seed, n_train=24, shape=(3,)):
 
 @pytest.mark.parametrize(
     ("family", "shape"),
-    [*((family, (3,)) for family in ON_FEATURES.values()), (minirocket, (40, 2)), (pooled_gru, (20, 2))],
-)
+    [*((name, (3,)) for name in (*joined("features", "quick"), "RLS", "SLFN", "k-means", "kNN")),
+     *((name, (20, 2)) for name in ("MiniRocket", "GRU"))],
+)  # fmt: skip
 def test_a_choice_is_fitted_again_with_its_settings(monkeypatch, family, shape):
     monkeypatch.setattr(rocket, "FEATURES", 84)
     monkeypatch.setattr(families, "GRU_HIDDEN", (4, 6))
     sides, others = sides_of(0, shape=shape), sides_of(1, n_train=36, shape=shape)
-    for candidate, own in islice(zip(family(sides, 0), family(others, 0), strict=True), 3):
-        again, elsewhere = refitted(candidate, sides), refitted(candidate, others)
+    opponent = load(family)
+    for candidate, own in islice(zip(*(opponent.candidates(of, 0) for of in (sides, others)), strict=True), 3):
+        again, elsewhere = candidate.again(sides), candidate.again(others)
         assert (again.settings, again.layers) == (candidate.settings, candidate.layers)
         np.testing.assert_array_equal(again.fitted.predict(sides.test), candidate.fitted.predict(sides.test))
-        if family is families.elm:  # whose penalty is chosen, and kept
+        if family in ("ELM", "RLS"):  # whose penalty is chosen, and kept
             assert elsewhere.settings == candidate.settings
-        elif family is not families.svm:  # whose order depends on the data
+        elif family != "SVM":  # whose order depends on the data
             np.testing.assert_array_equal(elsewhere.fitted.predict(others.test), own.fitted.predict(others.test))
 
 
 def test_minirocket_has_one_candidate_of_the_default_size(monkeypatch):
     monkeypatch.setattr(rocket, "FEATURES", 168)
-    (candidate,) = minirocket(sides_of(0, shape=(40, 2)), 0)
+    (candidate,) = families.MINIROCKET.candidates(sides_of(0, shape=(40, 2)), 0)
     assert candidate.settings == "168 features"
     assert len(candidate.fitted.transform_.convolutions_) == 84 * 2
     assert sum(len(one.biases) for one in candidate.fitted.transform_.convolutions_) == 168
+
+
+def test_gru_by_hand():
+    # 1 input, 2 units, one step. Gates: 6 sums of 3 products = 18 MACs. r h a product, h - g a difference,
+    # g + z (h - g) a MAC, a unit; 2 sigmoids and 1 tanh a unit.
+    others = {"multiplications": 2, "comparisons": 2 * (2 * 2 + 3), "divisions": 2 * 3, "exponentials": 2 * 3}
+    counted = cost(GRU(1, 2))
+    assert counted == Cost(macs=18 + 2, acs=2, parameters=24, bytes=4 * (24 + 2), **others)
+    assert counted.other_flops == 2 * (1 + 2 * 14 + 15)
+
+
+def test_opponents_on_sequences_by_hand():
+    # 100 steps, 2 channels, 3 dilations: 8 additions each; 10 channels in all convolutions: 4 additions, a product.
+    rocket = FixedConvolutions(samples=100, channels=2, dilations=3, convolved=10, biases=20).cost()
+    assert (rocket.macs, rocket.acs) == (0, 100 * (8 * 3 * 2 + 4 * 10 + 20))
+    assert (rocket.other_flops, rocket.parameters) == (100 * (10 + 20) + 20, 20)
+    assert rocket.multiplications == 100 * 10 + 20
+    # 8 samples: a window, an FFT of 8 * 3 products and 36 additions, 8 squares and sums, the logarithm of 2 bands.
+    bands = BandPowers(samples=8, bands=2, channels=3).cost()
+    assert (bands.macs, bands.acs, bands.other_flops) == (3 * 8, 3 * (36 + 8), 3 * (24 + 8 + 16))
+    pooled = PooledStates(units=4, steps=10).cost()
+    assert (pooled.acs, pooled.multiplications, pooled.comparisons) == (40, 4, 40)
+
+
+def test_trees_by_hand():
+    """A comparison at each inner node on the way; of two classes, two sums a tree; three numbers a node pair."""
+    forest = ExtraTreesClassifier(2, random_state=0).fit(np.arange(4.0)[:, None], [0, 0, 1, 1])
+    depth = mean_depth(forest, np.arange(4.0)[:, None])
+    assert depth == np.mean([tree.tree_.max_depth for tree in forest.estimators_]) == 1.0
+    spent = Trees(trees=2, depth=depth, nodes=6, classes=2).cost()
+    assert (spent.acs, spent.other_flops, spent.parameters) == (4, 2, 12)
+
+
+def drawn_costs(is_ordered: bool) -> Opponent:
+    """Settings that classify alike and cost 3, 1 and 2."""
+
+    def layers(fitted, x):
+        return (flops.Dense(1, fitted.n_neighbors),)
+
+    return Opponent(
+        "Alike.", KNeighborsClassifier, [{"n_neighbors": k} for k in (3, 1, 2)], layers=layers, is_ordered=is_ordered
+    )
+
+
+@pytest.mark.parametrize(("is_ordered", "chosen"), [(True, 3), (False, 1)])
+def test_the_cheapest_of_equals_is_chosen_where_a_grid_is_in_no_order(is_ordered, chosen):
+    x, y = np.repeat([[0.0], [9.0]], 8, axis=0), np.repeat([0, 1], 8)
+    assert best_of(drawn_costs(is_ordered), Sides(x, x, x, y, y, y), 0).fitted.n_neighbors == chosen
+
+
+def test_a_decision_that_is_not_counted_has_no_cost_but_its_signal():
+    sides, before = sides_of(0), Cost(macs=5, signal_ms=20.0)
+    counted = best_of(load("kNN"), sides, 0)
+    assert counted.spent(before)["macs"] == 5 + 24 * 3
+    columns = counted._replace(layers=None).spent(before)
+    assert columns.pop("signal_ms") == 20.0
+    assert columns.keys() == counted.spent(before).keys() - {"signal_ms"}
+    assert np.isnan([*columns.values()]).all()
+
+
+def test_what_an_estimator_leaves_open_is_the_seed_and_what_it_sets_stays():
+    sides = sides_of(0)
+    tree = ("tree", ExtraTreesClassifier(3))
+    for build, seeds in ((lambda: Pipeline([tree]), (5, 5)), (lambda: ExtraTreesClassifier(3, random_state=2), (2, 2))):
+        fitted = best_of(Opponent("Trees.", build), sides, 5).fitted
+        found = {value for key, value in fitted.get_params().items() if key.endswith("random_state")}
+        assert found == {seeds[0]}
+
+
+def test_validation_examples_reach_an_estimator_that_takes_them():
+    seen = []
+
+    class Stopping:
+        def fit(self, x, y, validation=None):
+            seen.append(validation)
+
+        def predict(self, x):
+            return np.zeros(len(x), int)
+
+    sides = sides_of(0)
+    best_of(Opponent("Stops.", Stopping), sides, 0)
+    assert seen[0][0] is sides.validation
+    assert seen[0][1] is sides.y_validation
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [({"takes": "feature"}, "takes: 'feature' is unknown; did you mean"), ({"joins": "ever"}, "joins: 'ever'"),
+     ({"build": None}, r"Opponent\.build: must be a function"), ({"layers": (1,)}, r"Opponent\.layers")],
+)  # fmt: skip
+def test_an_opponent_that_cannot_be_is_refused(given, why):
+    with pytest.raises(InputError, match=why):
+        Opponent(**{"about": "", "build": KNeighborsClassifier, **given})

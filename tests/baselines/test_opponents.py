@@ -1,5 +1,7 @@
 """Classical baselines of a study: what they see, counted by hand, and what they must and must not learn."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,6 +10,7 @@ from hypothesis import strategies as st
 
 from neurotact.baselines import families, opponents
 from neurotact.baselines.features import band_powers
+from neurotact.baselines.opponent import Opponent, joined
 from neurotact.baselines.opponents import Cuts, Input
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import from_rasters
@@ -63,10 +66,10 @@ def test_a_window_behind_the_last_sample_sees_the_last_one():
     assert all(len(piece) >= 1 for piece in pieces)
 
 
-def rows_of(features, of=families.ON_FEATURES):
+def rows_of(features, of=None):
     made = cuts(np.full(40, 20))
     labels = np.arange(40) % 2
-    one = Input("signals", "made up", None, features, Cost(acs=7.0, signal_ms=20.0), of)
+    one = Input("signals", "made up", None, features, Cost(acs=7.0, signal_ms=20.0), of or joined("features", "quick"))
     return list(opponents.rows([one], labels, made))
 
 
@@ -99,13 +102,17 @@ def test_every_classifier_receives_its_input_on_the_scale_of_the_training_window
     seen = []
 
     class Always:
+        def fit(self, x, y):
+            pass
+
         def predict(self, x):
             return np.zeros(len(x), int)
 
-    def probe(sides, seed):
+    def grid(sides, seed):
         seen.append(sides)
-        yield families.Candidate("probe", Always(), ())
+        yield {}
 
+    probe = Opponent("Always the first class.", Always, grid)
     place = np.arange(40.0).reshape(-1, *[1] * len(shape))
     values = np.random.default_rng(0).normal(size=(40, *shape)) * [1, 5, 0] + place  # the sides are not alike
     made, labels = cuts(np.full(40, 20)), np.arange(40) % 2
@@ -119,14 +126,13 @@ def test_every_classifier_receives_its_input_on_the_scale_of_the_training_window
         np.testing.assert_array_equal(own, labels[side])
 
 
-def test_many_windows_are_too_many_for_machines(monkeypatch, capsys):
+def test_many_windows_are_too_many_for_machines(capsys):
     features = np.arange(40.0)[:, None] % 2
-    monkeypatch.setattr(families, "MOST_MACHINES", 23)
-    left = rows_of(features)
+    shipped = joined("features", "quick")
+    left = rows_of(features, shipped | {"SVM": replace(families.SVM, most_examples=23)})
     assert [row["classifier"] for row in left] == ["logistic regression", "ELM", "extra trees"]
     assert "no SVM on signals: made up: 24 training windows, at most 23" in capsys.readouterr().err
-    monkeypatch.setattr(families, "MOST_MACHINES", 24)
-    assert len(rows_of(features)) == 4
+    assert len(rows_of(features, shipped | {"SVM": replace(families.SVM, most_examples=24)})) == 4
 
 
 def sequences_of(n_steps=60):
@@ -147,12 +153,12 @@ def test_all_opponents_see_the_signals_as_sequences_too():
     np.testing.assert_allclose(found["20 ms bins"].features[0, 1], recordings.signals[0][20:40].mean(axis=0))
     quick = {one.words: one for one in opponents.signal_inputs(recordings, made, "quick")}
     assert found.keys() - quick.keys() == {"power in 8 bands", "20 ms bins"}
-    assert [*quick["samples"].families] == ["MiniRocket"]
+    assert [*quick["samples"].opponents] == ["MiniRocket"]
     assert len(opponents.SLOW) == 2  # what is left out is what is named
     assert "MiniRocket" in opponents.in_words("quick").partition("without")[0]
     assert all(word in opponents.without_slow() and word in opponents.in_words("all") for word in opponents.SLOW)
     (linear,) = opponents.signal_inputs(recordings, made, "linear")
-    assert [*linear.families] == ["logistic regression"]
+    assert [*linear.opponents] == ["logistic regression"]
 
 
 def test_what_only_time_tells_is_found_by_spectra_and_sequences(monkeypatch):
@@ -196,7 +202,7 @@ def test_short_windows_have_no_minirocket_and_it_is_said(capsys):
     recordings = Recordings([np.ones((8, 1))] * 40, 1000.0, "mV", CONDITIONS)
     made = cuts(np.full(40, 8), WindowSpec(length_ms=8))
     assert "samples" not in [one.words for one in opponents.signal_inputs(recordings, made, "all")]
-    assert "no MiniRocket: windows of 8 samples are shorter than its kernels of 9" in capsys.readouterr().err
+    assert "no MiniRocket: windows have 8 samples; it needs 9" in capsys.readouterr().err
 
 
 def test_each_classifier_trains_on_the_copies_that_validation_prefers():
@@ -211,11 +217,12 @@ def test_each_classifier_trains_on_the_copies_that_validation_prefers():
     )
     asked = []
 
-    def recording(sides, seed):
+    def grid(sides, seed):
         asked.append(len(sides.y_train))
-        return families.logistic_regression(sides, seed)
+        return families.LOGISTIC_REGRESSION.grid
 
-    of = {"logistic regression": families.logistic_regression, "GRU": recording}
+    linear = families.LOGISTIC_REGRESSION
+    of = {"logistic regression": linear, "slow": replace(linear, grid=grid, joins="all")}
     one = Input("signals", "made up", None, told, Cost(signal_ms=20.0), of)
     rows = list(opponents.rows([one], labels, made))
     assert [row["settings"].rpartition("; ")[2] for row in rows] == ["varied copies: time"] * 2
@@ -232,7 +239,7 @@ def test_a_choice_is_fitted_again_with_the_condition_of_validation():
     sides = (place < 12, (place >= 12) & (place < 28), place >= 32)
     made = cuts(np.full(40, 20))._replace(sides=sides)
     last = made._replace(sides=((place >= 8) & (place < 28), (place >= 28) & (place < 32), place >= 32))
-    family = {"logistic regression": families.logistic_regression}
+    family = {"logistic regression": families.LOGISTIC_REGRESSION}
     one = Input("signals", "made up", None, features, Cost(signal_ms=20.0), family)
     (before,), (after,) = (list(opponents.rows([one], labels, each)) for each in (made, made._replace(last=last)))
     assert (before["accuracy_validation"], before["accuracy_test"]) == (0.0, 0.0)

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.exporters.c import export
 from typer.testing import CliRunner
 
 import neurotact as nt
@@ -17,7 +18,6 @@ from neurotact.cli import app
 from neurotact.data.dataset import load_recordings
 from neurotact.data.splits import SplitSpec, split_conditions
 from neurotact.data.trial_choice import LEAST_OF_CLASS, TrialChoice, chosen_trials, evenly_of, fewer_trials
-from neurotact.deploy import export
 from neurotact.errors import InputError
 from neurotact.networks.training import trained
 from neurotact.spec import parse_choice

@@ -26,7 +26,7 @@ from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
 from neurotact.encoders.calibration import (
     GRADES,
     Calibration,
-    _best_of,
+    _of_baselines,
     _of_polarities,
     _wakes,
     calibrate,
@@ -454,10 +454,15 @@ def test_a_zero_that_drifts_within_a_trial_is_taken_off_by_a_high_pass():
     assert found.encoder.conditioning.baseline == "high-pass"
 
 
-def test_the_simplest_baseline_within_an_error_of_the_best_is_chosen():
-    assert _best_of({"none": 0.80, "start": 0.84}, 50) == "none"
-    assert _best_of({"none": 0.80, "start": 0.84}, 5000) == "start"
-    assert _best_of({"none": float("nan"), "start": float("nan")}, 50) == "none"
+def test_a_baseline_that_cannot_be_calibrated_is_named_beside_the_others():
+    def fit(spec):
+        if spec.conditioning.baseline == "none":
+            raise InputError("no gain suits")
+        return SimpleNamespace(accuracy={"start": 0.5, "high-pass": 0.8}[spec.conditioning.baseline], labels=range(100))
+
+    chosen, note = _of_baselines(fit, SPEC, [30.0])  # pyright: ignore
+    assert chosen.accuracy == 0.8
+    assert "'start' 50 %, 'high-pass' 80 %, 'none' failed; to choose otherwise, set conditioning.baseline" in note
 
 
 def test_the_baseline_that_is_chosen_is_fitted_as_if_it_had_been_given():
@@ -486,7 +491,7 @@ def test_a_moving_average_that_hides_a_vibration_gives_way():
     assert found.encoder.conditioning.ema_cutoff_Hz in (120.0, None)
     (note,) = [note for note in found.notes if "ema_cutoff_Hz" in note]
     assert "SA-I and RA-I rates of the training trials: 30 Hz" in note
-    assert "to keep 30 Hz, set that key of the encoder" in note
+    assert "to choose otherwise, set conditioning.ema_cutoff_Hz = 30" in note
     own = calibrate_causally(vibrating(), SPEC, rule=RULE)
     assert own.encoder.conditioning.ema_cutoff_Hz == 30.0
     assert found.accuracy_of_both > own.accuracy_of_both + 0.2
@@ -522,7 +527,7 @@ def test_sa1_of_the_falling_signal_are_added_where_they_tell_more():
     assert (without.encoder.sa1.opposite, found.encoder.sa1.opposite) == (False, True)
     assert found.accuracy_of_both > without.accuracy_of_both + 0.1
     (note,) = [note for note in found.notes if "opposite" in note]
-    assert f"without it {100 * without.accuracy_of_both:.0f} %" in note
+    assert f"training trials: false {100 * without.accuracy_of_both:.0f} %, true " in note
     assert len([note for note in found.notes if "conditioning.baseline =" in note]) == 1
     given = SPEC.model_copy(update={"sa1": SPEC.sa1.model_copy(update={"opposite": True})})
     assert found.encoder == calibrate_causally(falling(), given, rule=RULE).encoder
@@ -635,7 +640,7 @@ def test_grades_are_added_where_size_tells_more_at_another_condition():
         np.hstack([found.rates, found.rates_ra]), found.labels, found.apart
     )
     (note,) = [note for note in found.notes if note.startswith("sa1.grades")]
-    assert f"without them {100 * without.accuracy_of_both:.0f} %" in note
+    assert f"training trials: [1] {100 * without.accuracy_of_both:.0f} %, [" in note
 
 
 def rising() -> Recordings:

@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import torch
 from made_chains import make_chain, make_signal
+from neurotact_parts.exporters.c import c_export, formats, proof
+from neurotact_parts.exporters.c.boards import Board
+from neurotact_parts.exporters.c.formats import Formats
+from neurotact_parts.exporters.c.proof import Spoken
+from neurotact_parts.exporters.c.twin import said_in_float, said_in_whole_numbers
 from neurotact_parts.studies.stiffness.reader import VOLTS_PER_ADC_COUNT
 
-from neurotact.deploy import c_export, formats, proof
-from neurotact.deploy.boards import Board
 from neurotact.deploy.chain import Chain
-from neurotact.deploy.formats import Formats
-from neurotact.deploy.proof import Spoken
-from neurotact.deploy.twin import said_in_float, said_in_whole_numbers
 from neurotact.encoders import specs
 
 

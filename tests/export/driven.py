@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from neurotact_parts.exporters.c import c_export, proof
+from neurotact_parts.exporters.c.boards import Board
+from neurotact_parts.exporters.c.formats import Formats
 
-from neurotact.deploy import c_export, proof
-from neurotact.deploy.boards import Board
 from neurotact.deploy.chain import Chain
-from neurotact.deploy.formats import Formats
 from neurotact.deploy.stream import Stream
 from neurotact.deploy.stream_state import Decision, StreamState, Tally, Trace
 

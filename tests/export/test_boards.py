@@ -4,11 +4,10 @@ import pytest
 import torch
 from compiled import chosen, compare_on, kinds_of, pressed, spikes_of
 from made_chains import make_chain, make_signal
-
-from neurotact.deploy import c_export, proof
-from neurotact.deploy.boards import BOARDS
-from neurotact.deploy.formats import Ranges, choose
-from neurotact.deploy.twin import said_in_float, said_in_whole_numbers
+from neurotact_parts.exporters.c import c_export, proof
+from neurotact_parts.exporters.c.boards import BOARDS
+from neurotact_parts.exporters.c.formats import Ranges, choose
+from neurotact_parts.exporters.c.twin import said_in_float, said_in_whole_numbers
 
 ABSENT = proof.missing("arm-none-eabi-gcc", "qemu-system-arm")
 pytestmark = pytest.mark.skipif(ABSENT is not None, reason=str(ABSENT))

@@ -10,15 +10,15 @@ from compiled import chosen
 from driven import COUNTED, Do, Driven, Told, checksum, streamed
 from levels import thinned
 from made_chains import ADAPTING, make_chain, make_signal
+from neurotact_parts.exporters.c import c_export, integer, proof
+from neurotact_parts.exporters.c.boards import BOARDS
+from neurotact_parts.exporters.c.formats import Formats
+from neurotact_parts.exporters.c.twin import said_in_whole_numbers
 
 from neurotact.backend import native
-from neurotact.deploy import c_export, integer, proof
-from neurotact.deploy.boards import BOARDS
 from neurotact.deploy.chain import LARGEST, Chain
-from neurotact.deploy.formats import Formats
 from neurotact.deploy.stream import Stream
 from neurotact.deploy.stream_state import StreamState
-from neurotact.deploy.twin import said_in_whole_numbers
 from neurotact.errors import InputError
 
 needs_compiler = pytest.mark.skipif(proof.missing("cc") is not None, reason=str(proof.missing("cc")))

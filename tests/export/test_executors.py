@@ -9,13 +9,13 @@ import torch
 from compiled import chosen
 from compiled import compare as compare_in_c
 from made_chains import READOUTS, make_encoder, make_signal, offline, told, unequal_stretches
+from neurotact_parts.exporters.c import c_export, proof
+from neurotact_parts.exporters.nir import compare
 
 import neurotact as nt
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.data.recordings import Recordings
-from neurotact.deploy import c_export, proof
 from neurotact.deploy.chain import Chain, chain_of
-from neurotact.deploy.nir_exchange import compare
 from neurotact.deploy.stream import Stream
 from neurotact.encoders import afferents, exact
 from neurotact.encoders.afferents import AfferentSpec, AfferentType

@@ -11,12 +11,12 @@ import pytest
 import torch
 from levels import thinned
 from made_chains import make_encoder, make_signal
+from neurotact_parts.exporters.c import export, fine_tuning, formats
 
 import neurotact as nt
 from neurotact import cli
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
-from neurotact.deploy import export, fine_tuning, formats
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.networks.definition.rounding import Grid
@@ -86,7 +86,7 @@ def test_with_many_bits_no_epoch_changes_nothing(run):
     fine = formats.Steps(*(largest / 2**30 for _ in range(3)))
     grids = fine_tuning.grids_of(restored.network, fine, 32)
     network = restored.network
-    fine_tuning.fine_tune(
+    fine_tuning.train_rounded(
         network, sides.train, sides.validation, grids, generator=torch.Generator().manual_seed(0), epochs=0
     )
     for name, weights in again.network.state_dict().items():
@@ -145,7 +145,7 @@ def test_where_no_epoch_is_better_rounding_alone_is_saved():
 
     def tuned(labels: torch.Tensor, epochs: int):
         order = torch.Generator().manual_seed(0)
-        return fine_tuning.fine_tune(
+        return fine_tuning.train_rounded(
             network, right._replace(labels=labels), right, grids, generator=order, epochs=epochs
         )
 
@@ -197,7 +197,7 @@ def test_an_exit_that_was_chosen_at_another_condition_stays(spiking, tmp_path, h
     losses = dict.fromkeys(range(400), 0.0)
     network["extra"] |= {"exit_patience": other, "has_own_rule": has_own_rule, "exit_losses": losses}
     path.write_text(json.dumps(network))
-    fine_tuning.run(tmp_path / "kept" / "run", tmp_path / "tuned", epochs=0)
+    fine_tuning.fine_tune(tmp_path / "kept" / "run", tmp_path / "tuned", epochs=0)
     tuned = trained.restore(tmp_path / "tuned")
     assert own != other
     assert (tuned.rule.patience == other) is not has_own_rule

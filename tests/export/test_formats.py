@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from made_chains import make_chain, make_signal, offline
+from neurotact_parts.exporters.c import formats, integer
+from neurotact_parts.exporters.c.formats import Ranges, Raw, Weight
+from neurotact_parts.exporters.c.twin import said_in_whole_numbers
 
 from neurotact.data.conditioning import conditioned_length
-from neurotact.deploy import formats, integer
-from neurotact.deploy.formats import Ranges, Raw, Weight
-from neurotact.deploy.twin import said_in_whole_numbers
 from neurotact.errors import InputError
 
 

@@ -12,13 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from made_chains import make_encoder, make_signal
+from neurotact_parts.exporters.nir import compare, graph, note
+from neurotact_parts.exporters.nir.execute import Interpreter, flat
+from neurotact_parts.exporters.nir.nodes import Clock
 from typer.testing import CliRunner
 
 import neurotact as nt
 from neurotact.cli import app
-from neurotact.deploy.nir_exchange import compare, graph, note
-from neurotact.deploy.nir_exchange.execute import Interpreter, flat
-from neurotact.deploy.nir_exchange.nodes import Clock
 from neurotact.encoders import afferents
 from neurotact.errors import InputError
 from neurotact.networks.exit.early_exit import ExitRule

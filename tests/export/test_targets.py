@@ -4,8 +4,8 @@ import math
 
 import pytest
 import torch
+from neurotact_parts.exporters import chips
 
-from neurotact.deploy import targets
 from neurotact.encoders.specs import load
 from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN
@@ -20,7 +20,7 @@ MADE_FOR_XYLO = {
 
 def broken(target: str, rule=FULL_WINDOW, encoder=None, n_inputs=16, n_classes=8, **spec) -> dict[str, str]:
     network = RSNN(n_inputs, n_classes, sampling_rate_Hz=2000.0, **spec)
-    found = targets.check(network, encoder, rule, target)
+    found = chips.compare(network, encoder, rule, target)
     assert (found["cost"] != "").equals(~found["fits"])
     return {row.what: row.cost for row in found.itertuples() if not row.fits}
 
@@ -71,7 +71,7 @@ def test_a_weight_that_dwarfs_the_others_does_not_fit_eight_bits(target, project
     weights[0, 0] = 40 * weights.std()  # a step of 0.3 deviations: rounding changes 0.09 of 0.8
 
     def projections() -> list[str]:
-        found = targets.check(network, None, FULL_WINDOW, target)
+        found = chips.compare(network, None, FULL_WINDOW, target)
         return [row.what for row in found.itertuples() if not row.fits and row.what.endswith("weights")]
 
     name = {"w_in": "input", "w_rec": "recurrent", "w_out": "readout"}[projection]

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 from made_chains import make_signal
+from neurotact_parts.exporters.live.server import Server
+from neurotact_parts.exporters.live.session import Session
 from websockets.sync.client import ClientConnection, connect
 
 from neurotact.deploy.chain import Chain
 from neurotact.deploy.sources import Arrived, Noted
 from neurotact.encoders.specs import afferent_names
-from neurotact.live_page.server import Server
-from neurotact.live_page.session import Session
 
 PATIENCE_s = 60.0
 

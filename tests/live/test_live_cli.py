@@ -6,17 +6,17 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
+import neurotact_parts.exporters.live
 import numpy as np
 import pytest
 from live_pages import has_ended, page_of
 from made_chains import make_run, make_signal, told
+from neurotact_parts.exporters.live import show as live_api
+from neurotact_parts.exporters.live.feeds import Replay
 
 import neurotact as nt
-import neurotact.live_page
 from neurotact import cli
-from neurotact.api import live as live_api
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.live_page.feeds import Replay
 from neurotact.networks.training import trained
 
 
@@ -69,8 +69,8 @@ def test_input_without_a_sample_is_refused(made, refused, tmp_path):
 
 def test_without_its_packages_it_says_what_to_install(made, refused, monkeypatch):
     monkeypatch.setitem(sys.modules, "uvicorn", None)
-    monkeypatch.delitem(sys.modules, "neurotact.live_page.server", raising=False)
-    monkeypatch.delattr(neurotact.live_page, "server", raising=False)
+    monkeypatch.delitem(sys.modules, "neurotact_parts.exporters.live.server", raising=False)
+    monkeypatch.delattr(neurotact_parts.exporters.live, "server", raising=False)
     assert "pip install 'neurotact[live]'" in refused(made / "run", "--from", "gratings")
 
 

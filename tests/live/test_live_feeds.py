@@ -8,14 +8,14 @@ import pandas as pd
 import pytest
 from live_pages import session_of
 from made_chains import make_chain, make_signal
+from neurotact_parts.exporters.live import feeds, messages
+from neurotact_parts.exporters.live.feeds import ByHand, Device, Replay
 
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import Control, Finger, Simulator, simulator
 from neurotact.deploy.sources import Layout, Noted
 from neurotact.errors import InputError
-from neurotact.live_page import feeds, messages
-from neurotact.live_page.feeds import ByHand, Device, Replay
 
 
 @pytest.fixture

@@ -13,13 +13,13 @@ import pytest
 from levels import thinned
 from live_pages import Given, cut, has_ended, page_of, serving, session_of
 from made_chains import make_chain, make_signal, offline
+from neurotact_parts.exporters.live import connections
+from neurotact_parts.exporters.live import server as servers
+from neurotact_parts.exporters.live import session as sessions
+from neurotact_parts.exporters.live.server import Allowance, Server, content_policy, page
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from neurotact.errors import InputError
-from neurotact.live_page import connections
-from neurotact.live_page import server as servers
-from neurotact.live_page import session as sessions
-from neurotact.live_page.server import Allowance, Server, content_policy, page
 
 
 @pytest.fixture

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from levels import examples
 from live_pages import Given, cut, session_of
 from made_chains import make_chain, make_signal, offline
+from neurotact_parts.exporters.live import messages
+from neurotact_parts.exporters.live.frames import EVENT, Audience, FrameBuilder, Mailbox
+from neurotact_parts.exporters.live.scores import cost_nJ, summary
 
 from neurotact.deploy.sources import Arrived
 from neurotact.encoders import afferents, specs
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
-from neurotact.live_page import messages
-from neurotact.live_page.frames import EVENT, Audience, FrameBuilder, Mailbox
-from neurotact.live_page.scores import cost_nJ, summary
 from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.networks.use.ledger import decision_ledger
 from neurotact.spec import override
@@ -181,7 +181,7 @@ def test_only_the_last_windows_are_compared():
 
 def test_changes_in_quick_succession_are_one(monkeypatch):
     now = [100.0]
-    monkeypatch.setattr("neurotact.live_page.session.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("neurotact_parts.exporters.live.session.time.monotonic", lambda: now[0])
     session = session_of(make_chain({}))
     first = session.take(Arrived(make_signal(200)))
     for wait_s, value in ((0.0, 3), (1.0, 4), (1.5, 7)):
@@ -299,8 +299,8 @@ def test_frames_hold_every_spike_and_the_reach_of_every_sample(sizes, rate_Hz):
 
 
 def test_what_is_too_much_to_draw_is_counted_and_the_counts_are_right(monkeypatch):
-    monkeypatch.setattr("neurotact.live_page.frames.MOST_EVENTS", 5)
-    monkeypatch.setattr("neurotact.live_page.frames.MOST_BUCKETS", 3)
+    monkeypatch.setattr("neurotact_parts.exporters.live.frames.MOST_EVENTS", 5)
+    monkeypatch.setattr("neurotact_parts.exporters.live.frames.MOST_BUCKETS", 3)
     chain, signal = make_chain({}), make_signal(400)
     session = session_of(chain, Given([signal]))
     for block in cut(signal, 20):

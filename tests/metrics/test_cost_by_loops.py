@@ -11,15 +11,17 @@ import pytest
 import scipy.stats
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.studies.comparison.tasks import LevelSpreadRate
 
+from neurotact.baselines.features import BandPowers
 from neurotact.data import conditioning
 from neurotact.data.conditioning import Conditioner, ConditioningSpec, ema_coefficient
 from neurotact.encoders import afferents, specs
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.cost import encoding_cost, is_countable
 from neurotact.errors import InputError
-from neurotact.metrics.flops import PRICES_PJ, Cost, Moments
-from neurotact.metrics.signal_flops import BandPowers, LevelSpreadRate
+from neurotact.metrics.flops import Cost, Moments
+from neurotact.metrics.prices import ARITHMETIC_45NM
 
 PARTS = ("acs", "multiplications", "comparisons", "divisions")
 
@@ -157,8 +159,8 @@ def test_each_step_of_conditioning_is_counted_where_it_runs(keys, rate_Hz, lengt
     tables = {"conditioning": how.model_dump()}, {}
     whole, bare = (encoding_cost(2, steps, length_ms, table, recorded_Hz=rate_Hz) for table in tables)
     assert {kind: value - parts(bare)[kind] for kind, value in parts(whole).items()} == tally()
-    spent_pJ = sum(PRICES_PJ[kind] * n for kind, n in tally().items())
-    assert whole.energy_estimate_pJ - bare.energy_estimate_pJ == pytest.approx(spent_pJ)
+    spent_nJ = ARITHMETIC_45NM.energy_nJ(tally())
+    assert whole.energy_nJ() - bare.energy_nJ() == pytest.approx(spent_nJ)
 
 
 @given(st.sampled_from([2000.0, 1000.0, 500.0, 200.0, 100.0]), st.sampled_from(["clock", "exact"]))
@@ -206,7 +208,7 @@ def test_a_moving_average_costs_the_same_at_each_clock(clock_Hz, n_taxels):
         for keys in ({"ema_cutoff_Hz": 30.0, **plain}, plain)
     )
     assert smoothed.macs - rough.macs == smoothed.multiplications - rough.multiplications == 2000 * n_taxels
-    assert smoothed.energy_estimate_pJ - rough.energy_estimate_pJ == pytest.approx(2000 * n_taxels * (4.6 + 3.7))
+    assert smoothed.energy_nJ() - rough.energy_nJ() == pytest.approx(1e-3 * 2000 * n_taxels * (4.6 + 3.7))
 
 
 @pytest.mark.parametrize("integration", ["clock", "exact"])

@@ -5,22 +5,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from neurotact_parts.studies import published_flops
-from sklearn.ensemble import ExtraTreesClassifier
+from neurotact_parts.studies.compliance.flops import Projection
+from neurotact_parts.studies.stiffness.slfn_chain import BinaryInputDense, PowerOfTwoDense
+from neurotact_parts.studies.touch_modality.cnn_features import Conv2d
+from neurotact_parts.studies.touch_modality.conv_lstm import ConvLSTM
+from neurotact_parts.studies.touch_modality.recurrent import LSTM
 from sklearn.svm import SVC
 
-from neurotact.baselines.families import mean_depth
+from neurotact.baselines.families import Trees
+from neurotact.baselines.pooled_gru import GRU
 from neurotact.errors import InputError
 from neurotact.metrics import flops
 from neurotact.metrics.flops import (
-    GRU,
     LEDGER_COLUMNS,
-    LSTM,
     Afferents,
     BensSpiker,
-    BinaryInputDense,
     BurstAfferents,
-    Conv2d,
-    ConvLSTM,
     Cost,
     DeltaEvents,
     Dense,
@@ -35,18 +35,14 @@ from neurotact.metrics.flops import (
     MovingWindowEvents,
     NearestPoints,
     PoissonAfferents,
-    PowerOfTwoDense,
-    Projection,
     RBFExpansion,
     ResonatorAfferents,
     SpikingLayer,
     Standardise,
     SupportVectorMachines,
-    Trees,
     cost,
     ledger_table,
 )
-from neurotact.metrics.signal_flops import BandPowers, FixedConvolutions, PooledStates
 
 EVERY_LAYER = [
     Dense(8, 3),
@@ -86,53 +82,6 @@ def test_dense_by_hand():
     assert counted == Cost(macs=6, comparisons=2, parameters=8, bytes=32)
     assert counted.flops == 14
     assert cost(Dense(3, 2, bias=False)).parameters == 6
-
-
-def test_h_elm_by_hand():
-    # 3 features to 2 hard-limit units: 6 shifts, 6 additions, 2 comparisons; 6 weights of a byte, 2 biases of four.
-    hidden = cost(PowerOfTwoDense(3, 2))
-    assert hidden == Cost(acs=6, comparisons=8, parameters=8, bytes=14)
-    # 2 zeros or ones to 3 classes: 6 additions.
-    assert cost(BinaryInputDense(2, 3, bias=False)) == Cost(acs=6, parameters=6, bytes=24)
-
-
-def test_lstm_by_hand():
-    # 1 input, 2 units, one step. Gates: 8 sums of 1 + 2 products = 24 MACs. Cell: f c a product, + i g a MAC, a unit;
-    # o tanh(c) a product a unit; 3 sigmoids of 14 and 2 tanhs of 15 a unit, each an exponential and a division.
-    one = cost(LSTM(1, 2))
-    others = {"multiplications": 2 * 2, "comparisons": 2 * (3 * 2 + 2 * 3), "divisions": 10, "exponentials": 10}
-    assert one == Cost(macs=24 + 2, parameters=32, bytes=4 * (32 + 4), **others)
-    assert one.other_flops == 2 * (2 + 3 * 14 + 2 * 15)
-    five = cost(LSTM(1, 2, steps=5))
-    assert (five.macs, five.other_flops, five.parameters) == (5 * one.macs, 5 * one.other_flops, 32)
-
-
-def test_gru_by_hand():
-    # 1 input, 2 units, one step. Gates: 6 sums of 3 products = 18 MACs. r h a product, h - g a difference,
-    # g + z (h - g) a MAC, a unit; 2 sigmoids and 1 tanh a unit.
-    others = {"multiplications": 2, "comparisons": 2 * (2 * 2 + 3), "divisions": 2 * 3, "exponentials": 2 * 3}
-    counted = cost(GRU(1, 2))
-    assert counted == Cost(macs=18 + 2, acs=2, parameters=24, bytes=4 * (24 + 2), **others)
-    assert counted.other_flops == 2 * (1 + 2 * 14 + 15)
-
-
-def test_published_parameters_of_the_touch_modality_paper():
-    assert cost(LSTM(16, 10), Dense(10, 3)).parameters == 1113
-    assert cost(GRU(16, 10), Dense(10, 3)).parameters == 843
-    assert cost(GRU(16, 12), Dense(12, 3)).parameters == 1083
-
-
-def test_convolutions_by_hand():
-    # 2x3 output pixels, 1 channel, 2 filters of 3x3: 6 x 2 x 9 MACs; 2 filters of 9 weights and a bias.
-    assert cost(Conv2d(2, 3, 1, 2, 3)) == Cost(macs=108, parameters=20, bytes=80)
-    # An LSTM of 1 channel and 2 filters on 6 pixels: 4 gates x 2 filters x 3 maps x 9 = 216 weights, 8 biases.
-    convolutional = cost(ConvLSTM(2, 3, 1, 2, 3))
-    assert (convolutional.macs, convolutional.parameters) == (6 * 216 + 12, 224)
-    assert convolutional.other_flops == 12 * (2 + 3 * 14 + 2 * 15)
-
-
-def test_a_conv_lstm_of_one_pixel_and_one_tap_is_an_lstm():
-    assert cost(ConvLSTM(1, 1, 16, 10, 1, steps=20)) == cost(LSTM(16, 10, steps=20))
 
 
 def test_kernel_expansion_by_hand():
@@ -209,8 +158,7 @@ def test_spiking_network_by_hand():
     assert counted.parameters == 2 * 3 + 3 * 3 + 3 * 4
     assert counted.signal_ms == 1.5
     # 42 MACs at 4.6 pJ, 29 ACs and 21 comparisons at 0.9 pJ.
-    assert counted.energy_estimate_pJ == pytest.approx(42 * 4.6 + 50 * 0.9)
-    assert counted.energy_estimate_nJ == pytest.approx(1e-3 * counted.energy_estimate_pJ)
+    assert counted.energy_estimate_nJ == pytest.approx(1e-3 * (42 * 4.6 + 50 * 0.9))
 
 
 @given(st.integers(1, 10**5), st.integers(1, 64))
@@ -235,12 +183,6 @@ def test_networks_are_the_papers_table_ii_but_for_its_relu(N, nf, nc):
     binary = cost(PowerOfTwoDense(nf, N), BinaryInputDense(N, nc, bias=False))
     assert binary.flops == published_flops.slfn_flops("H-ELM", N, nf, nc)
     assert binary.macs == 0
-
-
-def test_a_published_block_is_no_count_of_an_inference():
-    ours = cost(LSTM(16, 10), Dense(10, 3)).flops
-    assert ours == 2 * (1040 + 10 + 30) + 10 * 74
-    assert ours != published_flops.touch_modality_flops("LSTM", 10)
 
 
 @given(st.lists(st.sampled_from(EVERY_LAYER), max_size=5), st.lists(st.sampled_from(EVERY_LAYER), max_size=5))
@@ -277,7 +219,7 @@ def test_multiplications_whose_product_is_not_added_have_their_own_price(layer):
     assert counted.multiplications == LONE.get(type(layer).__name__, 0)
     cheap, costly = counted.acs + counted.comparisons, counted.divisions * 4 + counted.exponentials * 8
     by_hand = 4.6 * counted.macs + 0.9 * cheap + 3.7 * counted.multiplications + 2.3 * costly
-    assert counted.energy_estimate_pJ == pytest.approx(by_hand)
+    assert counted.energy_estimate_nJ == pytest.approx(1e-3 * by_hand)
 
 
 def test_divisions_and_exponentials_are_told_from_comparisons():
@@ -295,7 +237,7 @@ def test_no_layer_counts_zero(layer):
 
 def test_every_layer_of_the_module_is_tested():
     found = {c for c in vars(flops).values() if isinstance(c, type) and issubclass(c, Layer) and c is not Layer}
-    assert found == {type(layer) for layer in EVERY_LAYER}
+    assert found == {type(layer) for layer in EVERY_LAYER if type(layer).__module__ == flops.__name__}
 
 
 @pytest.mark.parametrize("unknown", [object(), "LSTM", None, Dense])
@@ -334,28 +276,6 @@ def test_what_cannot_be_is_refused(make, complaint):
 def test_the_table_has_a_row_a_cost_in_the_order_given():
     table = ledger_table([("b", Cost(macs=1)), ("a", Cost(acs=2, sops=2))])
     assert table["name"].tolist() == ["b", "a"]
-    assert list(table.columns) == ["name", *LEDGER_COLUMNS]
+    assert list(table.columns) == ["name", *LEDGER_COLUMNS, "prices"]
     assert table["energy_estimate_nJ"].tolist() == [pytest.approx(4.6e-3), pytest.approx(1.8e-3)]
-    assert list(ledger_table({}).columns) == ["name", *LEDGER_COLUMNS]
-
-
-def test_opponents_on_sequences_by_hand():
-    # 100 steps, 2 channels, 3 dilations: 8 additions each; 10 channels in all convolutions: 4 additions, a product.
-    rocket = FixedConvolutions(samples=100, channels=2, dilations=3, convolved=10, biases=20).cost()
-    assert (rocket.macs, rocket.acs) == (0, 100 * (8 * 3 * 2 + 4 * 10 + 20))
-    assert (rocket.other_flops, rocket.parameters) == (100 * (10 + 20) + 20, 20)
-    assert rocket.multiplications == 100 * 10 + 20
-    # 8 samples: a window, an FFT of 8 * 3 products and 36 additions, 8 squares and sums, the logarithm of 2 bands.
-    bands = BandPowers(samples=8, bands=2, channels=3).cost()
-    assert (bands.macs, bands.acs, bands.other_flops) == (3 * 8, 3 * (36 + 8), 3 * (24 + 8 + 16))
-    pooled = PooledStates(units=4, steps=10).cost()
-    assert (pooled.acs, pooled.multiplications, pooled.comparisons) == (40, 4, 40)
-
-
-def test_trees_by_hand():
-    """A comparison at each inner node on the way; of two classes, two sums a tree; three numbers a node pair."""
-    forest = ExtraTreesClassifier(2, random_state=0).fit(np.arange(4.0)[:, None], [0, 0, 1, 1])
-    depth = mean_depth(forest, np.arange(4.0)[:, None])
-    assert depth == np.mean([tree.tree_.max_depth for tree in forest.estimators_]) == 1.0
-    spent = Trees(trees=2, depth=depth, nodes=6, classes=2).cost()
-    assert (spent.acs, spent.other_flops, spent.parameters) == (4, 2, 12)
+    assert list(ledger_table({}).columns) == ["name", *LEDGER_COLUMNS, "prices"]

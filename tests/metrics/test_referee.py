@@ -2,6 +2,7 @@
 
 import math
 from functools import cache
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -225,8 +226,14 @@ def study_without_difference(rng: np.random.Generator, n_validation: int, n_test
 def test_in_studies_without_a_difference_a_difference_is_claimed_in_at_most_one_of_twenty(
     n_validation, n_test, n_baselines, monkeypatch
 ):
-    monkeypatch.setattr(referee, "compare", exact)
+    monkeypatch.setattr(paired, "compare", exact)
     rng = np.random.default_rng(7)
     kinds = [study_without_difference(rng, n_validation, n_test, n_baselines).kind for _ in range(1000)]
     assert sum(kind in ("better", "worse") for kind in kinds) <= 50
     assert sum(kind in ("tie", "too few trials") for kind in kinds) >= 940
+
+
+def test_what_is_not_counted_is_neither_cheaper_nor_the_best_of_equals():
+    ways = [Way(0.9, 0.03, cost) for cost in (math.nan, 5.0, math.inf)]
+    for order in permutations(ways):
+        assert order[referee.best_of(order)].cost == order[referee.cheapest_of(order)].cost == 5.0

@@ -5,8 +5,9 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.exporters import chips
+from neurotact_parts.exporters.c import formats
 
-from neurotact.deploy import formats, targets
 from neurotact.errors import InputError
 from neurotact.networks.definition import clock, recipe
 from neurotact.networks.definition.rsnn import RSNN
@@ -196,7 +197,7 @@ def test_initial_weights_are_scaled_on_bins():
 @pytest.mark.parametrize("chip", ["xyloaudio2", "loihi2"])
 def test_a_chip_steps_with_the_network(chip):
     own = network()
-    ours, theirs = (targets.check(net, None, FULL_WINDOW, chip) for net in (own, slow_network(own)))
+    ours, theirs = (chips.compare(net, None, FULL_WINDOW, chip) for net in (own, slow_network(own)))
     assert ours.equals(theirs)
 
 

@@ -1,10 +1,12 @@
 """What a test accuracy is compared with."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
-from neurotact.baselines import families
+from neurotact.baselines import families, opponent
 from neurotact.metrics import referee
 from neurotact.metrics.shares import wilson_interval
 from neurotact.networks.training.comparison import Trials, compare, costs, lines, opponents_of
@@ -34,7 +36,7 @@ def one_each(sides: Sides) -> Trials:
 def test_opponents_learn_what_counts_tell(tells):
     sides = sides_of([0, 1, 2] * 20, tells)
     found = {one.name: one for one in opponents_of(sides, one_each(sides))}
-    assert len(found) == 2 * len(families.ON_FEATURES)
+    assert len(found) == 2 * len(opponent.joined("features", "quick"))
     for name in ("logistic regression on counts", "SVM on 10 time bins"):
         shares = found[name].accuracy_validation, found[name].accuracy_test
         assert min(shares) > 0.9 if tells else shares[1] < 0.6
@@ -110,7 +112,7 @@ def test_what_few_test_trials_cannot_show_is_said_in_place_of_no_difference():
 
 
 def test_many_windows_are_too_many_for_machines(monkeypatch, capsys):
-    monkeypatch.setattr(families, "MOST_MACHINES", 59)
+    monkeypatch.setattr(families, "SVM", replace(families.SVM, most_examples=59))
     sides = sides_of([0, 1, 2] * 20, True)
     assert not any("SVM" in one.name for one in opponents_of(sides, one_each(sides)))
     assert "no SVM: 60 training windows, at most 59" in capsys.readouterr().err

@@ -54,6 +54,13 @@ def test_a_study_has_the_baseline_the_encoding_and_each_network():
     assert table["sops"].tolist() == [0.0, 0.0, 115.5]
     assert (table["signal_ms"] == 150).all()
     assert table["energy_estimate_nJ"].iloc[0] == pytest.approx(1e-3 * (36 * 4.6 + 40 * 0.9 + 10 * 3.7))
+    unknown = pd.DataFrame(
+        [{"classifier": "mine", "input": "signals", **dict.fromkeys(spent, np.nan), "signal_ms": 150.0}]
+    )
+    both = pd.concat([baselines, unknown])
+    counted = ledger.study_ledger(RSNNSpec(), results, both, afferents=[made_by] * 2, n_classes=8).set_index("name")
+    assert counted.loc["mine on signals"].drop("prices").isna().all()
+    pd.testing.assert_frame_equal(counted.drop("mine on signals").reset_index(), table, check_dtype=False)
     assert len(ledger.study_ledger(RSNNSpec(), results, None, afferents=[made_by] * 2, n_classes=8)) == 2
 
 

@@ -12,14 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from made_chains import READOUTS
+from neurotact_parts.exporters.c import fine_tuning
+from neurotact_parts.exporters.c.formats import Steps
 from neurotact_parts.studies.comparison.pruning import prune, remaining_synops
 from stopped_trainings import stopped_after
 
 import neurotact as nt
 from neurotact.data.hdf5 import save_spikes
 from neurotact.data.spikes import from_rasters
-from neurotact.deploy import fine_tuning
-from neurotact.deploy.formats import Steps
 from neurotact.errors import InputError
 from neurotact.networks.definition import kernels, recipe, seeds
 from neurotact.networks.definition.joining import joined
@@ -292,7 +292,7 @@ def test_fine_tuning_leaves_the_blocks_of_a_joined_network_apart():
     side = Examples(spikes(n_trials=16), torch.arange(16) % 2)
     grids = fine_tuning.grids_of(whole, Steps(0.05, 0.05, 0.05), weight_bits=6)
     before = whole.w_rec.detach().clone()
-    fine_tuning.fine_tune(whole, side, side, grids, generator=torch.Generator().manual_seed(0), epochs=3)
+    fine_tuning.train_rounded(whole, side, side, grids, generator=torch.Generator().manual_seed(0), epochs=3)
     assert not whole.w_rec[~whole.within_blocks()].any()
     assert not torch.equal(whole.w_rec, before)
 

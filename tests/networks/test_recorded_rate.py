@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from neurotact_parts.exporters.live.scores import cost_nJ
 
 import neurotact as nt
 from neurotact.baselines import opponents
@@ -16,9 +17,8 @@ from neurotact.deploy.stream import Stream
 from neurotact.encoders.cost import NOT_COUNTED, encoding_cost
 from neurotact.encoders.survival import what_survives
 from neurotact.errors import InputError
-from neurotact.live_page.scores import cost_nJ
 from neurotact.metrics.flops import Cost
-from neurotact.networks.use import ledger
+from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList
 from neurotact.networks.use.ledger import Afferents, network_cost
 from neurotact.report import answer as answers
 from neurotact.report import front, networks, tables
@@ -122,7 +122,7 @@ def test_the_rate_reaches_what_survives(recordings, trains):
 def test_a_report_says_at_which_rates_encoding_runs_or_counts_no_energy(trains):
     decision = Decision(0.9, 1000.0, LENGTH_ms, 100.0, 500.0)
     judged = SimpleNamespace(cheapest=SimpleNamespace(used=decision), is_above_chance=True)
-    study = SimpleNamespace(encoding_in="processor", network=nt.RSNNSpec(hidden=4))
+    study = SimpleNamespace(encoding_in="processor", network=nt.RSNNSpec(hidden=4), prices=ARITHMETIC_45NM)
     (said,) = front._of_encoding(judged, [Afferents.of(trains)], study)
     assert f"take {answers.energy(encoding(trains).energy_estimate_nJ)} of 500 nJ" in said
     assert "at 2000 samples per second of a moving average and 200 steps per second" in said
@@ -140,7 +140,8 @@ def test_a_report_says_at_which_rates_encoding_runs_or_counts_no_energy(trains):
     assert known["whole_ms"] == missing["whole_ms"] == LENGTH_ms
     assert known["whole_nJ"] > 0
     assert np.isnan(missing["whole_nJ"])
-    in_sensor = front.costs_of(SimpleNamespace(encoding_in="sensor", network=study.network), row, [left_out], 2)
+    sensor = SimpleNamespace(encoding_in="sensor", network=study.network, prices=study.prices)
+    in_sensor = front.costs_of(sensor, row, [left_out], 2)
     assert in_sensor["whole_nJ"].iloc[0] > 0
 
 
@@ -161,6 +162,10 @@ def test_energies_at_two_price_lists_are_not_compared(tmp_path, monkeypatch):
 
 
 def test_the_sentence_below_a_ledger_has_the_prices_of_the_table():
-    for price in ("4.6 pJ per MAC", "0.9 pJ per addition or comparison", "3.7 pJ per other multiplication"):
-        assert price in ledger.ABOUT
-    assert "a division costs as much as 2 MACs, an exponential as 4" in ledger.ABOUT
+    assert ARITHMETIC_45NM.in_words() == (
+        "Energy is an estimate of the arithmetic alone, without memory, by the price list arithmetic-45nm: 4.6 pJ per "
+        "MAC, 0.9 pJ per addition or comparison, 3.7 pJ per other multiplication, 9.2 pJ per division, 18.4 pJ per "
+        "exponential, 32-bit floating point at 45 nm (Horowitz, ISSCC 2014)."
+    )
+    other = PriceList(source="me", multiplication_pJ=1, addition_pJ=2, comparison_pJ=3)
+    assert "2 pJ per addition, 3 pJ per comparison, 1 pJ" in other.in_words()

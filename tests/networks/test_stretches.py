@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from made_chains import READOUTS, unequal_stretches
+from neurotact_parts.exporters.c import fine_tuning
+from neurotact_parts.exporters.c.formats import Steps
 from neurotact_parts.studies.comparison.pruning import prune, remaining_synops
 
-from neurotact.deploy import fine_tuning
-from neurotact.deploy.formats import Steps
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Integrator, cost
 from neurotact.networks.definition import kernels, recipe

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from neurotact.metrics.paired import Paired
 from neurotact.metrics.shares import standard_error
 from neurotact.report import answer as answers
+from neurotact.report import first_screen
 from neurotact.report.answer import Baseline, Decision, Network, Trials, answer, details, headline
 
 TRIALS = Trials(validation=96, test=100)
@@ -22,6 +23,19 @@ def test_where_nothing_is_clear_every_rival_is_named_by_its_ends():
     rivals = [Baseline("LR", 1.0, 0.3, 1.0), Baseline("trees", 1.0, 0.74, 9.0), Baseline("weak", 0.2, 0.9, 1.0)]
     said = headline(answer([network(accuracy=0.3)], rivals, 0.25, TRIALS))
     assert "2 baselines that validation cannot tell apart are right in 30.0 % (LR) to 74.0 % (trees): some of" in said
+
+
+def test_a_baseline_that_is_not_counted_is_compared_by_accuracy_alone():
+    """Were its cost zero, it would be the cheapest and, of equals, the best."""
+    rivals = [Baseline(f"{name} on signals", 0.9, 0.9, nJ) for name, nJ in (("mine", None), ("SVM", 25.0))]
+    found = answer([network(nJ=250.0)], rivals, 0.25, TRIALS)
+    assert (found.baseline, found.comparable) == (rivals[1], rivals[1])
+    assert found.rivals == tuple(rivals)
+    *_, told = details(found)
+    assert told == "The cost of mine is not counted, so that no sentence on energy compares with it."
+    assert not any("not counted" in line for line in details(answer([network(nJ=250.0)], rivals[1:], 0.25, TRIALS)))
+    shown = first_screen.table(found, [network(nJ=250.0)], rivals).rows
+    assert {row[0].partition(" on ")[0]: row[-1] for row in shown}["mine"] == "not counted"
 
 
 def test_the_cheapest_within_the_error_is_chosen_on_validation_trials():

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.cost import encoding_cost
 from neurotact.metrics.paired import compare_shares
+from neurotact.metrics.prices import ARITHMETIC_45NM
 from neurotact.networks.use.ledger import Afferents
 from neurotact.report import answer as answers
 from neurotact.report import first_screen, front
@@ -104,6 +105,6 @@ def test_the_energy_of_encoding_is_that_of_the_decision_it_is_part_of(spikes):
     made_by = Afferents(2, {**encoder, "recorded_Hz": 50.0}, 1000.0)
     decision = Decision(0.9, 1000.0, 1000.0, spikes, 500.0)
     judged = SimpleNamespace(cheapest=SimpleNamespace(used=decision), is_above_chance=True)
-    (said,) = front._of_encoding(judged, [made_by], SimpleNamespace(encoding_in="processor"))
+    (said,) = front._of_encoding(judged, [made_by], SimpleNamespace(encoding_in="processor", prices=ARITHMETIC_45NM))
     spent = encoding_cost(1, 1000.0, 1000.0, made_by.encoder, spikes=spikes)
     assert f"take {answers.energy(spent.energy_estimate_nJ)} of 500 nJ" in said

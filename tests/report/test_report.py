@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from base64 import b64decode
 from html.parser import HTMLParser
 from pathlib import Path
@@ -19,6 +20,7 @@ from made_run import GRATINGS, SUBSETS, grating_conditions, make_run, row_of
 from neurotact.data.hdf5 import load_spikes
 from neurotact.errors import InputError
 from neurotact.files import read_json
+from neurotact.metrics.prices import PriceList
 from neurotact.networks.definition.specs import TrainingSpec
 from neurotact.networks.exit.held_out import upper_bound
 from neurotact.networks.training import tasks, trained
@@ -117,6 +119,28 @@ def written(tmp_path_factory):
 @pytest.fixture
 def text_alone(monkeypatch):
     without_pictures(monkeypatch)
+
+
+def energies_of(folder: Path) -> list[float]:
+    """Of the rows of ledger.csv, of the networks and of the baselines on the page."""
+    answer = json.dumps(json.loads((folder / "answer.json").read_text()))
+    shown = [float(number) for number in re.findall(r'"(?:nJ|energy_nJ)": ([0-9.e+-]+)', answer)]
+    return [*pd.read_csv(folder / "ledger.csv")["energy_estimate_nJ"], *shown]
+
+
+def test_a_report_prices_networks_and_baselines_by_the_list_of_its_study(written, text_alone, tmp_path):
+    folder, before = tmp_path / "run", energies_of(written.parent)
+    shutil.copytree(written.parent, folder)
+    both = {"multiplication_pJ": 2 * 3.7, "addition_pJ": 2 * 0.9}
+    twice = PriceList(name="twice", source="a test", **both)
+    page = networks.write(make_study(baselines="linear", as_shipped=True, prices=twice), folder)
+    assert energies_of(folder) == pytest.approx([2 * nJ for nJ in before])
+    assert "by the price list twice: 9.2 pJ per MAC" in page.read_text()
+    assert set(pd.read_csv(folder / "ledger.csv")["prices"]) == {"twice"}
+    assert all(
+        "Energies are by the price list twice." in one["details"]
+        for one in read_json(folder / "answer.json")["answers"]
+    )
 
 
 def test_the_report_needs_nothing_from_the_network(written):

@@ -66,6 +66,17 @@ def test_the_cheapest_lies_within_one_standard_error_on_validation_rows():
     )
 
 
+def test_what_is_not_counted_is_never_the_cheapest_and_it_is_said():
+    rows = (("a", 1, 0.95, 0.90, math.nan), ("b", 1, 0.94, 0.89, 300.0), ("c", 1, 0.94, 0.89, 400.0))
+    (found,) = way_answer.answers(means(*rows), VIEW)
+    assert (found.best.name, found.cheapest.name) == ("a, size 1", "b, size 1")
+    saved, uncounted = way_answer.details(found, VIEW)
+    assert "is the cheapest: 300 FLOPs against a cost that is not counted, and its score" in saved
+    assert uncounted == "Not counted, and so never among the cheapest: a, size 1."
+    (alone,) = way_answer.answers(means(rows[0]), VIEW)
+    assert [*way_answer.details(alone, VIEW)] == [uncounted]
+
+
 def test_without_validation_the_reader_is_warned():
     table = means(("a", 1, 0.95, 0.90, 900.0)).drop(columns=["accuracy_validation", "accuracy_validation_sd"])
     (found,) = way_answer.answers(table, VIEW)

@@ -200,9 +200,9 @@ def test_an_export_is_written_once(run, tmp_path, neurotact):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ([], "needs --to c"),
-        (["--to", "vhdl", "-o", "x"], "--to vhdl: is unknown"),
-        (["--to", "c", "-o", "x", "--variant", "double"], "'double' is unknown"),
+        ([], "needs --to NAME (c, nir)"),
+        (["--to", "vhdl", "-o", "x"], "exporters: there is none called 'vhdl'; known: c, nir"),
+        (["--to", "c", "-o", "x", "--variant", "double"], "'double' is not one of 'integer', 'float'"),
         (["--to", "c", "-o", "x", "--weight-bits", "9"], "weight_bits: must be from 2 to 8"),
         (["--to", "c", "-o", "x", "--state-bits", "20"], "state_bits: must be from 8 to 16, or 24"),
         (["--to", "c", "-o", "x", "--lsb", "nan"], "lsb: must be a positive number"),

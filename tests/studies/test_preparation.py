@@ -237,7 +237,7 @@ def told():
     sides = Split(trials[:12], trials[12:16], trials[16:])
     is_turned = (table["force_N"] == 6).to_numpy() ^ (trials >= 16)
     features = np.where(recordings.labels.astype(bool) ^ is_turned, 1.0, -1.0)[:, None]
-    told = opponents.Input("signals", "told", None, features, Cost(), {"linear": families.logistic_regression})
+    told = opponents.Input("signals", "told", None, features, Cost(), {"linear": families.LOGISTIC_REGRESSION})
     windows = Windows(trials, np.zeros(24, np.int64), 10)
 
     def rows(where):

@@ -12,10 +12,89 @@ from typing import NamedTuple
 import numpy as np
 
 from neurotact.checks import swapped
-from neurotact.data.readers import thousands
-from neurotact.data.readers.clock import GAP, OF_GIVEN_RATE, OF_STAMPS, of_rate
+from neurotact.data.readers.clock.stamps import FASTEST_HZ, GAP, OF_GIVEN_RATE, OF_STAMPS, of_rate
+from neurotact.data.readers.table.cells import LOOKED_AT, NEAR_IN_FLOAT32, has_decimals
 from neurotact.data.recordings import Recordings
-from neurotact.errors import some
+from neurotact.errors import InputError, some
+
+log = logging.getLogger("neurotact")
+
+SINCE_1970_S = (0.9e9, 2.2e9)
+"""Seconds since 1970, from 1998 to 2039; a start time may also be in ms, us or ns."""
+ABOVE = 100.0
+"""Factor by which a start time, or a sampling rate alone, is above all samples."""
+FEW_WHOLE = 0.02
+"""Share of whole numbers below which samples have decimals, so that a whole number beside them is none of them."""
+LEAST_ROWS = 3
+"""Samples that tell what is usual."""
+
+
+def check_first_row(signal: np.ndarray, where: str, first_line: int) -> None:
+    """Refuse a signal, `(time, channel)`, whose first row holds a start time.
+
+    where: begins the message. first_line: the line of the first row, 0 in an array.
+
+    >>> check_first_row(np.array([[1.6e9], [64.0], [0.1], [0.2], [0.3]]), "acc.csv", 1)
+    Traceback (most recent call last):
+    neurotact.errors.InputError: acc.csv: line 1 holds a start time, 1.6e+09 s since 1970, and the sampling rate is 64 \
+Hz; skip what is no sample with `header_lines=2`, and give `sampling_rate_Hz=64`
+    """
+    started = _start_time(signal) if len(signal) > LEAST_ROWS else ""
+    if not started:
+        return
+    beside = [value for value in signal[0].tolist() if _may_be_rate(value) and value > np.abs(signal[1:]).max()]
+    row, number = ("line", first_line) if first_line else ("sample", 0)
+    held = f"{where}: {row} {number} holds a start time, {started}"
+    is_below = not beside and _may_be_rate(float(signal[1, 0])) and bool((signal[1] == signal[1, 0]).all())
+    if is_below and not _differs(float(signal[1, 0]), signal[2:]):
+        raise InputError(f"{held}; remove it, and {row} {number + 1}, too, if that is the sampling rate")
+    rate_Hz = beside[0] if beside else float(signal[1, 0]) if is_below else None
+    n_rows = 1 + is_below
+    also, given = "", ""
+    if rate_Hz is not None:
+        also, given = f", and the sampling rate is {rate_Hz:g} Hz", f", and give `sampling_rate_Hz={rate_Hz:g}`"
+    skip = f"skip what is no sample with `header_lines={first_line - 1 + n_rows}`"
+    raise InputError(f"{held}{also}; {skip if first_line else f'remove the first {n_rows} rows'}{given}")
+
+
+def _differs(value: float, samples: np.ndarray) -> bool:
+    """Whether a number is surely no sample: whole where hardly a sample is, in several columns or beyond the samples of
+    one; or further off than samples differ.
+    """
+    low, high = float(samples.min()), float(samples.max())
+    is_whole = value == round(value) and (samples == np.rint(samples)).mean() < FEW_WHOLE
+    if is_whole and (samples.shape[1] > 1 or not low <= value <= high):
+        return True
+    return not low - (high - low) <= value <= high + (high - low)
+
+
+def rate_in(signal: np.ndarray, given_Hz: float | None) -> float | None:
+    """The sampling rate that the first row seems to hold: one whole number, far above all samples, or the given rate.
+
+    >>> rate_in(np.array([[64.0], [0.1], [0.2], [0.3]]), None), rate_in(np.array([[4.0], [3.0], [2.0], [1.0]]), None)
+    (64.0, None)
+    """
+    if len(signal) <= LEAST_ROWS:
+        return None
+    first, rest = float(signal[0, 0]), signal[1:]
+    is_given = first == given_Hz and not rest.min() <= first <= rest.max()
+    is_far = first == round(first) and first > ABOVE * float(np.abs(rest).max()) > 0
+    return first if _may_be_rate(first) and (signal[0] == first).all() and (is_given or is_far) else None
+
+
+def _start_time(signal: np.ndarray) -> str:
+    """The start time in the first row, in words; empty if there is none."""
+    first, rest = np.abs(signal[0].astype(float)), np.abs(signal[2:]).max(axis=0)
+    for unit_s, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns")):
+        is_time = (SINCE_1970_S[0] < first * unit_s) & (first * unit_s < SINCE_1970_S[1]) & (first > ABOVE * rest)
+        if is_time.any():
+            return f"{first[is_time][0]:.6g} {unit} since 1970"
+    return ""
+
+
+def _may_be_rate(value: float) -> bool:
+    return 1 <= value <= FASTEST_HZ
+
 
 RASTER = "neurotact import raster reads spikes, of arrays or of a folder of files"
 MOST_COUNTED, SILENT = 5, 0.9
@@ -32,8 +111,6 @@ FEW, RARE = 0.01, 0.001
 """Shares of steps or samples, and of the samples of a taxel that is mostly at rest, that are exceptions to a doubt."""
 LEAST_TRIALS = 10
 """Trials from which on a class of its own for each of them is a doubt."""
-
-log = logging.getLogger("neurotact")
 
 
 class Fixes(NamedTuple):
@@ -67,12 +144,12 @@ class _Values(NamedTuple):
     n_counted: int
 
 
-def nearly_all(count: int, n: int, few: float = FEW) -> bool:
+def _nearly_all(count: int, n: int, few: float = FEW) -> bool:
     """Whether so many of `n` trials or samples are all but few; of at least four one may be an exception."""
     return n - count <= max(int(n >= 4), few * n)
 
 
-def say(recordings: Recordings, where: str, fixes: Fixes, *, rate_is_given: bool = True) -> None:
+def say_doubts(recordings: Recordings, where: str, fixes: Fixes, *, rate_is_given: bool = True) -> None:
     """Warn of what speaks against recordings as they were read; `where` begins each line.
 
     rate_is_given: whether the sampling rate was not found from time stamps.
@@ -116,14 +193,14 @@ def are_thousandths(signals: Sequence[np.ndarray] | np.ndarray) -> bool:
     """
     n_such = n_other = n_samples = 0
     for signal in signals:
-        size = np.abs(signal[: thousands.LOOKED_AT]).ravel()
-        near = 1e-6 if size.dtype == np.float64 else thousands.NEAR_IN_FLOAT32
+        size = np.abs(signal[:LOOKED_AT]).ravel()
+        near = 1e-6 if size.dtype == np.float64 else NEAR_IN_FLOAT32
         fits = (size < 1000) & ((size >= 1) | (size == 0))
         its = size[fits]
-        n_such += int(thousands.has_decimals(its, 3, near).sum())
-        n_other += int((~thousands.has_decimals(8 * its, 0, near)).sum())
+        n_such += int(has_decimals(its, 3, near).sum())
+        n_other += int((~has_decimals(8 * its, 0, near)).sum())
         n_samples += size.size
-    return nearly_all(n_such, n_samples) and 2 * n_other > n_samples
+    return _nearly_all(n_such, n_samples) and 2 * n_other > n_samples
 
 
 def _values_of(signals: Sequence[np.ndarray] | np.ndarray) -> _Values:
@@ -136,7 +213,7 @@ def _values_of(signals: Sequence[np.ndarray] | np.ndarray) -> _Values:
     for signal, its in zip(signals, usual, strict=True):
         n_same = (signal == its).sum(axis=0)
         n_constant += n_same if (its == typical).all() else (signal == typical).sum(axis=0)
-        n_steady += [nearly_all(n, len(signal)) for n in n_same.tolist()]
+        n_steady += [_nearly_all(n, len(signal)) for n in n_same.tolist()]
         n_long += len(signal) >= LEAST_RISING
         n_rising += _rises(signal)
         is_whole = signal == np.floor(signal)
@@ -148,17 +225,17 @@ def _values_of(signals: Sequence[np.ndarray] | np.ndarray) -> _Values:
         ends.update([*signal.max(axis=0).tolist(), *signal.min(axis=0).tolist()])
         n_rows += len(signal)
     return _Values(
-        np.array([nearly_all(n, n_rows, RARE) for n in n_constant.tolist()]),
+        np.array([_nearly_all(n, n_rows, RARE) for n in n_constant.tolist()]),
         bool((n_constant == n_rows).all()),
-        np.array([nearly_all(n, len(usual)) for n in n_steady.tolist()]),
-        np.array([n_long > 0 and nearly_all(n, len(usual)) for n in n_rising.tolist()]),
+        np.array([_nearly_all(n, len(usual)) for n in n_steady.tolist()]),
+        np.array([n_long > 0 and _nearly_all(n, len(usual)) for n in n_rising.tolist()]),
         usual, ends, n_rows * n_taxels, n_whole, n_zeros, n_bits, n_counted,
     )  # fmt: skip
 
 
 def _usual(signal: np.ndarray) -> np.ndarray:
     """The lower median of some samples of each taxel, which is one of its values."""
-    signal = signal[:: max(1, len(signal) // thousands.LOOKED_AT)]
+    signal = signal[:: max(1, len(signal) // LOOKED_AT)]
     middle = (len(signal) - 1) // 2
     return np.partition(signal, middle, axis=0)[middle]
 
@@ -229,12 +306,12 @@ def _tells_the_class(recordings: Recordings, of_trials: np.ndarray) -> bool:
     labels, n_classes = recordings.labels, len(recordings.classes)
     usual = [Counter(of_trials[labels == label].tolist()).most_common(1)[0] for label in range(n_classes)]
     n_usual = sum(n for _, n in usual)
-    return len({value for value, _ in usual}) == n_classes < len(labels) and nearly_all(n_usual, len(labels))
+    return len({value for value, _ in usual}) == n_classes < len(labels) and _nearly_all(n_usual, len(labels))
 
 
 def _share_at_an_end(recordings: Recordings, values: _Values) -> tuple[float, float] | None:
     """The end of a converter at which too many samples are, and their share; None if there is none."""
-    if not nearly_all(values.n_whole, values.n_samples):
+    if not _nearly_all(values.n_whole, values.n_samples):
         return None
     ends = [end for end in values.ends if end in ENDS or (end < 0 and -end - 1 in ENDS)]
     for end in sorted(ends, reverse=True):
@@ -256,7 +333,7 @@ def _of_lengths(recordings: Recordings, axes: str) -> Iterator[str]:
 
 def _of_classes(recordings: Recordings) -> Iterator[str]:
     n_classes, n_trials = len(recordings.classes), len(recordings)
-    if n_trials >= LEAST_TRIALS and nearly_all(n_classes, n_trials):
+    if n_trials >= LEAST_TRIALS and _nearly_all(n_classes, n_trials):
         each = f"{'each' if n_classes == n_trials else 'nearly each'} of the {n_trials} trials"
         yield (
             f"{each} has a class of its own ({some(list(recordings.classes), 3)}), so none can be learned and tested; "

@@ -2,37 +2,199 @@
 
 import logging
 import os
+import re
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from pydantic import Field, model_validator
 
-from neurotact.data.readers import doubts, missing, sampled, split_stamps, tdms
-from neurotact.data.readers.archives import as_signal
-from neurotact.data.readers.array_files import ArrayFile, opened_arrays, said_rates, sampling_rate_of
-from neurotact.data.readers.clock import Unit, unit_in
-from neurotact.data.readers.contents import content_of
-from neurotact.data.readers.layout import TIME_COLUMN, LayoutSpec, Table, is_text, read_table
-from neurotact.data.readers.matlab import MATLAB
-from neurotact.data.readers.naming import SUFFIXES, TEXTS, NamingSpec, conditions_of
-from neurotact.data.readers.sampled import OF_COLUMNS, Read
-from neurotact.data.recordings import Recordings, check_import
+from neurotact.data.readers.arrays import TENSORS, ArrayFile, opened_arrays, said_rates, sampling_rate_of
+from neurotact.data.readers.clock.split import apart, joined, pair_in
+from neurotact.data.readers.clock.stamps import Unit, unit_in
+from neurotact.data.readers.clock.trials import OF_COLUMNS, Read, mended, recordings_of
+from neurotact.data.readers.columns import LayoutSpec, Samples, called, is_text, read_table, samples_of
+from neurotact.data.readers.doubts import Fixes
+from neurotact.data.readers.formats import TABLES, tables_in
+from neurotact.data.readers.formats.contents import content_of
+from neurotact.data.readers.formats.matlab import MAT_SUFFIX
+from neurotact.data.readers.table.cells import NUMBER, as_signal, columns_of
+from neurotact.data.readers.table.headings import named_table
+from neurotact.data.recordings import LABEL, Recordings, check_import
 from neurotact.errors import InputError, nearest, some
 from neurotact.files import below, check_size, existing, is_hidden
-from neurotact.spec import build
+from neurotact.spec import Names, Spec, build
 
-USUAL = (".csv", ".npz", ".npy", MATLAB, tdms.SUFFIX)
+log = logging.getLogger("neurotact")
+
+FILE = "file"
+FIELD = re.compile(r"\{([^{}]*)\}")
+TEXTS = (".csv", ".tsv", ".txt", ".lvm")
+ARRAYS = (".npz", ".npy", MAT_SUFFIX, *TENSORS)
+SUFFIXES = (*TEXTS, *ARRAYS, *TABLES)
+KINDS = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
+
+
+class NamingSpec(Spec):
+    """The source of the class and the conditions of a file.
+
+    A pattern holds names in braces, `{label}_F{force}_{repetition}.csv`; each stands for one character or more, as few
+    as fit. Values that are numbers in every file become numbers; `label` stays text.
+    """
+
+    levels: Names = ()
+    """For each sub-folder, from the top: a condition (`speed`), or a pattern (`{speed}mm_per_s`). Deeper folders are
+    read too. `label` alone if neither pattern nor table gives the label."""
+    pattern: str | None = None
+    """Pattern of the file's name; of the end of its path if the pattern holds a `/`."""
+    table: str | None = Field(default=None)
+    """A CSV file with the column `file`, the path or the name of each file, and a column for each condition."""
+    label: str | None = None
+    """The condition that is the class, where none is called `label`."""
+
+    @model_validator(mode="after")
+    def _names_each_condition_once(self) -> "NamingSpec":
+        if self.pattern is not None and not FIELD.search(self.pattern):
+            raise ValueError(f"pattern must hold a name in braces, such as {{label}}; got {self.pattern!r}")
+        patterns = [*self.levels, *([] if self.pattern is None else [self.pattern])]
+        names = [name for pattern in patterns for name in _fields(pattern)]
+        wrong = [name for name in names if not name.isidentifier()]
+        twice = [name for name in names if names.count(name) > 1]
+        if wrong:
+            raise ValueError(f"a condition is a word of letters, digits and _; got {wrong[0]!r}")
+        if twice or FILE in names:
+            raise ValueError(f"{(twice or [FILE])[0]!r} is named twice; give each condition once")
+        return self
+
+    @property
+    def is_label_by_folder(self) -> bool:
+        """Whether the label is the first sub-folder because nothing else is given."""
+        is_given = bool(self.levels) or self.table is not None or self.label not in (None, LABEL)
+        return not is_given and LABEL not in _fields(self.pattern or "")
+
+
+def conditions_of(files: Sequence[str], naming: NamingSpec, folder: Path) -> pd.DataFrame:
+    """One row per file (paths within `folder`): label, the other conditions, file.
+
+    Raises InputError for a file that does not fit a level, the pattern or the table, and if no label is given.
+
+    >>> naming = NamingSpec(levels="label", pattern="F{force}_{repetition}.csv")
+    >>> conditions_of(["felt/F3_0.csv", "felt/F6_0.csv"], naming, Path("my-data")).values.tolist()
+    [['felt', 3, 0, 'felt/F3_0.csv'], ['felt', 6, 0, 'felt/F6_0.csv']]
+    """
+    table = _read_table(naming.table, files) if naming.table is not None else {file: {} for file in files}
+    levels = (LABEL,) if naming.is_label_by_folder else naming.levels
+    rows = []
+    for file in files:
+        parts = [*_of_path(file, levels, naming.pattern, folder), table[file]]
+        names = [name for part in parts for name in part]
+        twice = [name for name in names if names.count(name) > 1]
+        if twice:
+            raise InputError(f"{naming.table}: the condition '{twice[0]}' is also given by the file's path or name")
+        rows.append({name: value for part in parts for name, value in part.items()})
+    conditions = _with_label(pd.DataFrame(rows), naming.label, folder)
+    for name in conditions.columns.drop(LABEL):
+        texts = conditions[name].astype(str)
+        if all(NUMBER.fullmatch(text) and not re.match(r"[+-]?0\d", text) for text in texts):  # 007 is a name
+            conditions[name] = pd.to_numeric(texts)
+    conditions = conditions[[LABEL, *conditions.columns.drop(LABEL)]]
+    conditions[FILE] = list(files)
+    return conditions
+
+
+def _with_label(conditions: pd.DataFrame, label: str | None, folder: Path) -> pd.DataFrame:
+    """The conditions of each file, that which is the class called `label`."""
+    names = [*map(str, conditions.columns)]
+    if label is not None and label not in names:
+        if not names:
+            raise InputError(
+                f"{folder}: no condition is called {label}, as no condition is named; name the sub-folders with "
+                f"`levels={label!r}`, or leave out `label`: the first sub-folder is the class"
+            )
+        raise InputError(f"{folder}: no condition is called {label}; {nearest(label, names)}")
+    if label not in (None, LABEL):
+        if LABEL in names:
+            raise InputError(f"{folder}: a condition is called label already; rename it, or leave out `label`")
+        conditions = conditions.rename(columns={label: LABEL})
+    if LABEL not in conditions:
+        named = f"name it with `label`, of {', '.join(names)}"
+        fix = named if names else "add it with `levels`, `pattern` or `conditions`"
+        raise InputError(f"{folder}: no condition is called label, the class of each file; {fix}")
+    return conditions
+
+
+def _fields(pattern: str) -> list[str]:
+    """The names in a pattern; a level without braces is a name."""
+    return FIELD.findall(pattern) if "{" in pattern else [pattern]
+
+
+def _compiled(pattern: str) -> re.Pattern[str]:
+    """A pattern with names in braces as a regular expression of named groups."""
+    parts = FIELD.split(pattern)  # text, name, text, ...
+    return re.compile("".join(re.escape(part) if i % 2 == 0 else f"(?P<{part}>[^/]+?)" for i, part in enumerate(parts)))
+
+
+def _of_path(file: str, levels: Sequence[str], pattern: str | None, folder: Path) -> tuple[dict, dict]:
+    """The conditions in the names of the sub-folders, and those in the name of the file."""
+    *above, _ = parts = PurePosixPath(file).parts
+    if len(above) < len(levels):
+        raise InputError(
+            f"{folder / file}: is {len(above)} sub-folders deep, but `levels` names {len(levels)} "
+            f"({', '.join(levels)}); move it, or name fewer levels"
+        )
+    found: dict[str, str] = {}
+    for level, name in zip(levels, above, strict=False):
+        match = _compiled(level if "{" in level else f"{{{level}}}").fullmatch(name)
+        if match is None:
+            raise InputError(f"{folder / file}: the folder '{name}' does not fit the level {level}; rename one of them")
+        found |= match.groupdict()
+    if pattern is None:
+        return found, {}
+    if not pattern.lower().endswith(SUFFIXES):
+        parts = PurePosixPath(file).with_suffix("").parts
+    match = _compiled(pattern).fullmatch("/".join(parts[-1 - pattern.count("/") :]))
+    if match is None:
+        raise InputError(f"{folder / file}: its name does not fit the pattern {pattern}; rename it or move it away")
+    return found, match.groupdict()
+
+
+def _read_table(path: str, files: Sequence[str]) -> dict[str, dict[str, str]]:
+    """The conditions of each file, by the table in `path`."""
+    table = named_table(Path(path))
+    if FILE not in table.names:
+        raise InputError(f"{path}: has no column 'file', the path of each file; {nearest(FILE, [*table.names])}")
+    if "" in table.names:
+        raise InputError(f"{path}: column {table.names.index('') + 1} has no name; give it one, or remove it")
+    columns = columns_of(table)
+    by_name: dict[str, list[str]] = {}
+    for file in files:
+        by_name.setdefault(PurePosixPath(file).name, []).append(file)
+    rows: dict[str, dict[str, str]] = {}
+    for number, row in enumerate(zip(*(columns[name].tolist() for name in table.names), strict=True), table.first_line):
+        given = dict(zip(table.names, row, strict=True))
+        name = given.pop(FILE)
+        fitting = [name] if name in files else by_name.get(name, [])
+        if len(fitting) != 1:
+            why = "is not a file of recordings in the folder" if not fitting else f"is the name of {len(fitting)} files"
+            raise InputError(f"{path}: line {number}: '{name[:80]}' {why}; give its path within the folder")
+        if fitting[0] in rows:
+            raise InputError(f"{path}: line {number}: '{name[:80]}' already has a line above; drop one of them")
+        rows[fitting[0]] = given
+    absent = [file for file in files if file not in rows]
+    if absent:
+        raise InputError(f"{path}: has no line for {absent[0]} ({len(absent)} in all); add it or move the file away")
+    return rows
+
+
+USUAL = (".csv", *ARRAYS, *TABLES)
 """Files that are read; those of `LATER` only if a folder holds none of these, as other text files may be notes."""
 LATER = ((".lvm",), SUFFIXES)
-KINDS = ".csv, .tsv, .txt, .lvm, .npz, .npy, .mat or .tdms"
 
 MOST_FAULTS = 20
 """Files with faults after which no more are read."""
-OF_ARRAYS = doubts.Fixes("save the arrays without it")
-
-log = logging.getLogger("neurotact")
+OF_ARRAYS = Fixes("save the arrays without it")
 
 
 def read(
@@ -102,19 +264,20 @@ def read(
         check_size(folder, n_bytes)
     if faults:
         raise _every(faults, folder)
-    read, kept = missing.mended(read, table.missing, str(folder))
+    read, kept = mended(read, table.missing, str(folder))
     row_of = [row_of[number] for number in kept]
     if said_hz and (sampling_rate_Hz is not None or read[0].table.time is None):
         sampling_rate_Hz = sampling_rate_of(said_hz, sampling_rate_Hz, str(folder))
     if table.time_unit is not None and all(trial.table.time is None for trial in read):
         raise InputError(f"{folder}: `time_unit`: the samples have no time stamps; leave it out")
     _warn_of_axes(read, table, folder)
-    for note, noted in _noted(read).items():
+    for note in dict.fromkeys(note for trial in read for note in trial.table.notes):
+        noted = [trial.file for trial in read if note in trial.table.notes]
         log.warning("%s: %s%s", folder, note, "" if len(noted) == len(read) else f" ({some(noted)})")
     conditions = of_files.iloc[row_of].reset_index(drop=True)
     conditions["file"] = [trial.file for trial in read]
     conditions = _with_constants(conditions, read, folder)
-    return sampled.recordings(
+    return recordings_of(
         read, conditions, sampling_rate_Hz, unit,
         max_gap_ms=table.max_gap_ms, drop_repeats=table.drop_repeats, source=f"folder {folder.name}", where=str(folder),
         fixes=None if is_raster else OF_ARRAYS if all(trial.table.first_line == 0 for trial in read) else OF_COLUMNS,
@@ -151,45 +314,31 @@ def _with_constants(conditions: pd.DataFrame, read: Sequence[Read], folder: Path
     return conditions
 
 
-def _noted(read: Sequence[Read]) -> dict[str, list[str]]:
-    """What is said of files, and of which."""
-    noted: dict[str, list[str]] = {}
-    for trial in read:
-        for note in trial.table.notes:
-            noted.setdefault(note, []).append(trial.file)
-    return noted
-
-
 def _read(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> tuple[list[Read], dict[str, float]]:
     """The trials of a file, and the sampling rates that it says."""
     if path.suffix.lower() in TEXTS:
         if layout.array is not None or layout.transpose:
             raise InputError(f"{path}: `array` and `transpose` are for NPZ and MATLAB files; leave them out")
         return [Read(str(path), file, read_table(path, layout, find_time=find_time))], {}
-    if path.suffix.lower() == tdms.SUFFIX:
+    layout.check_no_text(path)
+    if path.suffix.lower() in TABLES:
         if layout.transpose:
             raise InputError(f"{path}: `transpose` is for NPZ and MATLAB files; leave it out")
-        _check_no_text(path, layout)
-        groups = tdms.read_groups(path, layout, find_time=find_time)
-        return [Read(f"{path}:{name}", f"{file}:{name}", group) for name, group in groups.items()], {}
+        tables = tables_in(path, layout.array).items()
+        return [
+            Read(f"{path}:{name}" if name else str(path), f"{file}:{name}" if name else file,
+                 samples_of(table, layout, find_time=find_time)) for name, table in tables
+        ], {}  # fmt: skip
     if layout.columns:
         raise InputError(f"{path}: `columns` is for CSV files and TDMS; save the chosen columns, or as CSV")
-    _check_no_text(path, layout)
     return _of_arrays(path, file, layout, find_time=find_time)
-
-
-def _check_no_text(path: Path, layout: LayoutSpec) -> None:
-    """Refuse what only the reading of text needs."""
-    for key in ("decimal", "header_lines"):
-        if getattr(layout, key) != LayoutSpec.model_fields[key].default:
-            raise InputError(f"{path}: `{key}` is for text files; leave it out")
 
 
 def _of_arrays(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> tuple[list[Read], dict[str, float]]:
     """The trials in a file of arrays, and the sampling rates that it says."""
     with opened_arrays(path) as opened:
         arrays, rates_hz = _matrices(opened, layout.array), said_rates(opened)
-    stamps_at = [] if layout.time_column is None else split_stamps.apart(layout.time_column, arrays)
+    stamps_at = [] if layout.time_column is None else apart(layout.time_column, arrays)
     for key_wanted in (layout.array if layout.array not in opened.cells else None, *stamps_at):
         if key_wanted is not None and key_wanted not in arrays:
             raise InputError(f"{path}: holds no array '{key_wanted[:40]}'; {nearest(key_wanted, list(arrays))}")
@@ -202,7 +351,12 @@ def _of_arrays(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) ->
     }  # fmt: skip
     if not chosen:
         raise InputError(f"{path}: holds no array but the time stamps; save the samples too, (time, taxel)")
-    signals = _signals(chosen, path, transpose=layout.transpose)
+    signals = {key: as_signal(array, f"{path}, key '{key}'") for key, array in chosen.items()}
+    if len({signal.shape[0 if layout.transpose else 1] for signal in signals.values()}) > 1:
+        held = ", ".join(f"{key} {signal.shape}" for key, signal in signals.items())
+        raise InputError(f"{path}: holds arrays of different numbers of taxels ({held[:100]}); name one with `array`")
+    if layout.transpose:
+        signals = {key: signal.T for key, signal in signals.items()}
     for key, array in signals.items():
         if time is not None and len(time) != len(array):
             raise InputError(
@@ -210,23 +364,13 @@ def _of_arrays(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) ->
                 "sample one"
                 f"{'' if layout.transpose else ', or use `transpose=True`'}"
             )
-    trials = [Read(f"{path}:{key}", f"{file}:{key}", Table((), array, time, 0, unit)) for key, array in signals.items()]
-    return trials, rates_hz
-
-
-def _signals(arrays: Mapping[str, np.ndarray], path: Path, *, transpose: bool) -> dict[str, np.ndarray]:
-    """The arrays as `(time, taxel)`; InputError if they do not have the same taxels."""
-    signals = {key: as_signal(array, f"{path}, key '{key}'") for key, array in arrays.items()}
-    if len({signal.shape[0 if transpose else 1] for signal in signals.values()}) > 1:
-        held = ", ".join(f"{key} {signal.shape}" for key, signal in signals.items())
-        raise InputError(f"{path}: holds arrays of different numbers of taxels ({held[:100]}); name one with `array`")
-    return {key: signal.T for key, signal in signals.items()} if transpose else signals
+    return [
+        Read(f"{path}:{key}", f"{file}:{key}", Samples((), array, time, 0, unit)) for key, array in signals.items()
+    ], rates_hz
 
 
 def _stamps_at(arrays: Mapping[str, np.ndarray], layout: LayoutSpec) -> list[str]:
-    """The first array of one number per sample that is named like time stamps, or two that are named like seconds and
-    their rest; none if there is none.
-    """
+    """The first array of a number per sample that is named like time stamps, or two like seconds and their rest."""
     axis = 1 if layout.transpose else 0
     samples = {key: part.shape[axis] for key, part in arrays.items() if part.ndim == 2 and layout.array in (None, key)}
 
@@ -234,10 +378,8 @@ def _stamps_at(arrays: Mapping[str, np.ndarray], layout: LayoutSpec) -> list[str
         others = {n for name, n in samples.items() if name not in keys}
         return all(key != layout.array and others == {arrays[key].size} == {max(arrays[key].shape)} for key in keys)
 
-    names = list(arrays)
-    pair = split_stamps.pair_in(names)
-    ways = [] if pair is None else [[names[column] for column in pair]]
-    ways += [[key] for key in names if TIME_COLUMN.match(key)]
+    pair = [[[*arrays][column] for column in pair_in([*arrays]) or ()]]
+    ways = [keys for keys in [*pair, *([key] for key in arrays if called([key.rpartition("/")[2]], "time"))] if keys]
     return next((keys for keys in ways if is_per_sample(keys)), [])
 
 
@@ -255,7 +397,7 @@ def _time_of(
             f"{path}: '{keys[0]}' has {len(stamps[0])} time stamps and '{keys[1]}' {len(stamps[1])}; give each sample "
             "both"
         )
-    return split_stamps.joined(stamps[0], stamps[1], keys[1], str(path), 0, layout.time_unit), "s"
+    return joined(stamps[0], stamps[1], keys[1], str(path), 0, layout.time_unit), "s"
 
 
 def _stamps(array: np.ndarray, where: str) -> np.ndarray:
@@ -277,7 +419,7 @@ def _matrices(file: ArrayFile, chosen: str | None) -> dict[str, np.ndarray]:
             f"{file.path}: '{file.others[0][:40]}' is neither numbers nor text; name the matrix of samples with `array`"
         )
     held = {name: np.asarray(file.read(name)) for name in file.shapes}
-    is_matlab = file.path.suffix.lower() == MATLAB
+    is_matlab = file.path.suffix.lower() == MAT_SUFFIX
     matrices = {
         name: values for name, values in held.items()
         if (values.size != 1 or values.ndim > 1) and (values.dtype.kind in "iufb" or not is_matlab)
@@ -309,7 +451,9 @@ def _data_files(folder: Path, naming: NamingSpec) -> list[Path]:
     """The files to read; a warning names ignored files, and a folder or file that would be lost is refused."""
     table = None if naming.table is None else os.path.realpath(naming.table)
     paths = [path.relative_to(folder) for path in below(folder) if table is None or os.path.realpath(path) != table]
-    data_files = next(filter(None, (_with_suffix(paths, suffixes) for suffixes in (USUAL, *LATER))), [])
+    shown = [path for path in paths if not is_hidden(path.name)]
+    ways = ([path for path in shown if path.suffix.lower() in suffixes] for suffixes in (USUAL, *LATER))
+    data_files = next(filter(None, ways), [])
     read = set(data_files)
     ignored = [path for path in paths if path not in read]
     if naming.is_label_by_folder:
@@ -325,10 +469,6 @@ def _data_files(folder: Path, naming: NamingSpec) -> list[Path]:
         names = some([str(path) for path in ignored])
         log.warning("%s: %d files are ignored (hidden, or not recordings): %s", folder, len(ignored), names)
     return [folder / inside for inside in data_files]
-
-
-def _with_suffix(paths: Sequence[Path], suffixes: Sequence[str]) -> list[Path]:
-    return [path for path in paths if path.suffix.lower() in suffixes and not is_hidden(path.name)]
 
 
 def _no_recordings(folder: Path, others: Sequence[Path]) -> InputError:

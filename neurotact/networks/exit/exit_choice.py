@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from neurotact.errors import InputError
+from neurotact.metrics.decision import is_within
 from neurotact.networks.definition.readouts import Integration
 from neurotact.networks.exit.early_exit import ExitRule, Leader
 
@@ -117,8 +118,7 @@ def _within(accuracy: Tensor, tolerance: float) -> Tensor:
     """Whether the accuracy of each rule is within `tolerance` of the last one's, the full window's."""
     if not 0 <= tolerance <= 1:
         raise InputError(f"tolerance: is an accuracy from 0 to 1; got {tolerance}")
-    # Accuracies are multiples of 1 / trials: a rounding error of the tolerance must not decide.
-    return accuracy >= accuracy[-1] - tolerance - 1e-9
+    return is_within(accuracy, accuracy[-1], tolerance)
 
 
 def printed_exits(rasters: Tensor | np.ndarray, integration: Integration | None = None) -> Exits:

@@ -6,9 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from sklearn.preprocessing import StandardScaler
 
-from neurotact.baselines import families
+from neurotact.baselines import opponent
 from neurotact.baselines.features import counted
 from neurotact.metrics import power, referee
+from neurotact.metrics.decision import otherwise
 from neurotact.metrics.paired import by_trial, compare_by_trial
 from neurotact.metrics.referee import Verdict, Way
 from neurotact.metrics.shares import standard_error, wilson_interval
@@ -113,25 +114,26 @@ def opponents_of(sides: Sides, trials: Trials, last: Sides | None = None) -> Ite
     for n_bins in sorted({1, min(BINS, n_steps)}):
         inputs = _inputs(sides, n_bins)
         again = None if last is None else _inputs(last, n_bins)
-        for name, family in families.ON_FEATURES.items():
+        for name, one in opponent.joined("features", "quick").items():
             n_train = len((inputs if again is None else again).y_train)
-            if name == families.MACHINES and n_train > families.MOST_MACHINES:
-                say(f"baselines: no {name}: {n_train} training windows, at most {families.MOST_MACHINES}")
+            if one.most_examples is not None and n_train > one.most_examples:
+                say(f"baselines: no {name}: {n_train} training windows, at most {one.most_examples}")
                 continue
-            best = families.best_of(family, inputs, 0)
+            with opponent.named(name):
+                best = opponent.best_of(one, inputs, 0)
             held = best.fitted.predict(inputs.validation) == inputs.y_validation
-            used, of = (best, inputs) if again is None else (families.refitted(best, again), again)
+            used, of = (best, inputs) if again is None else (best.again(again), again)
             tested = used.fitted.predict(of.test) == of.y_test
             shares = by_trial(trials.validation, held), by_trial(trials.test, tested)
             source = "counts" if n_bins == 1 else f"{n_bins} time bins"
             yield Opponent(f"{name} on {source}", *shares, float(held.mean()), float(tested.mean()))
 
 
-def _inputs(sides: Sides, n_bins: int) -> families.Sides:
+def _inputs(sides: Sides, n_bins: int) -> opponent.Sides:
     """Spikes of each afferent in time bins, standardised on the training side."""
     features = [_counts(side, n_bins) for side in sides]
     scaler = StandardScaler().fit(features[0])
-    return families.Sides(*map(scaler.transform, features), *(side.labels.numpy() for side in sides))
+    return opponent.Sides(*map(scaler.transform, features), *(side.labels.numpy() for side in sides))
 
 
 def lines(against: Comparison) -> tuple[str, str]:
@@ -178,14 +180,16 @@ def recurrence(row: Mapping[str, Any]) -> list[str]:
     """What recurrence gained on validation windows, and whether it stays, in words; nothing where it was not tried.
 
     >>> print(*recurrence({"recurrence_gain": 0.005, "sops_recurrent": 0.0}))
-    hidden neurons: without recurrence; with it, validation accuracy changes by +0.5 points, within the standard error
-    """
+    hidden neurons: without recurrence; with it, validation accuracy changes by +0.5 points, within the standard error; to choose otherwise, set model
+    """  # noqa: E501
     if (gain := row.get("recurrence_gain")) is None:
         return []
     if row["sops_recurrent"] > 0:
-        return [f"hidden neurons: with recurrence; validation accuracy gains {100 * gain:.1f} points"]
-    change = f"{100 * gain:+.1f} points" + (", within the standard error" if gain > 0 else "")
-    return [f"hidden neurons: without recurrence; with it, validation accuracy changes by {change}"]
+        words = f"with recurrence; validation accuracy gains {100 * gain:.1f} points"
+    else:
+        words = f"without recurrence; with it, validation accuracy changes by {100 * gain:+.1f} points"
+        words += ", within the standard error" if gain > 0 else ""
+    return [f"hidden neurons: {words}; {otherwise('model')}"]
 
 
 def confused(matrix: Sequence[Sequence[int]], classes: Sequence[str], most: int = 3) -> str:

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from neurotact.errors import InputError
+from neurotact.metrics.decision import is_within
 from neurotact.networks.definition import seeds
 from neurotact.networks.definition.joining import joined
 from neurotact.networks.definition.rsnn import RSNN
@@ -98,7 +99,7 @@ def pays(without: Tensor, with_it: Tensor) -> bool:
     (True, False)
     """
     gained, lost = int((with_it & ~without).sum()), int((without & ~with_it).sum())
-    return gained - lost > (gained + lost) ** 0.5
+    return not is_within(0.0, gained - lost, (gained + lost) ** 0.5)
 
 
 def spec_of(network: RSNN, n_members: int) -> RSNNSpec:

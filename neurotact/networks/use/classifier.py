@@ -29,6 +29,7 @@ from neurotact.data.windowed import Origin, in_order
 from neurotact.data.windows import WindowSpec, whole_steps
 from neurotact.errors import InputError
 from neurotact.metrics import synops
+from neurotact.metrics.prices import DEFAULT, PriceList, price_list
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.rsnn import RSNN, Inference
 from neurotact.networks.definition.specs import RSNNSpec, given_keys, void_keys
@@ -235,15 +236,19 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
         """Synaptic operations of each window: `input`, `recurrent`, `readout`, `total`, ... each `(window,)`."""
         return synops_of(self._infer(X, self._rule(early_exit)), self.network_)
 
-    def costs(self, X: ArrayLike, *, early_exit: bool = False) -> pd.DataFrame:
+    def costs(
+        self, X: ArrayLike, *, early_exit: bool = False, prices: str | Path | PriceList = DEFAULT
+    ) -> pd.DataFrame:
         """What a decision costs on average over X: conditioning and encoding (where X says its encoder), and network.
 
         One row each, with macs, acs, parameters, signal_ms and an energy estimate of the arithmetic alone
-        (docs/one-task-all-ways.md).
+        (docs/one-task-all-ways.md). prices: the price list, by name or path, or a `PriceList`.
         """
+        priced = price_list(prices)
         decided = self.decide(X, early_exit=early_exit).drop(columns="predicted").mean()
         origin = self.origin_
         made_by = {"encoder": None if origin is None else origin.encoder, "recorded_Hz": origin and origin.recorded_Hz}
+        made_by["prices"] = priced
         sizes = self.n_features_in_, len(self.classes_)
         means = decided.to_frame().T
         return ledger.decision_ledger(self.network_.spec, *sizes, self.sampling_rate_Hz_, means, **made_by)

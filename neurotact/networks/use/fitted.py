@@ -51,6 +51,15 @@ def name_of(source: Any) -> str:
     return type(source).__name__ if is_in_memory(source) else str(source)
 
 
+def check_folder(run: object, function: str, why: str) -> None:
+    """InputError unless `run` is a path: the function needs more of a training than a fitted estimator keeps."""
+    if not isinstance(run, (str, Path)):
+        raise InputError(
+            f"run: {function} needs the folder of a training, {why}; got {type(run).__name__}; `nt.train(...)` makes "
+            "one"
+        )
+
+
 def restore(source: Fitted, *, device: str = "cpu", spikes: str | Path | None = None) -> Restored:
     """The network of a source with its encoder, its exit rule and its windows; a copy, for an estimator.
 

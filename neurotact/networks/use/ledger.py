@@ -14,13 +14,13 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.encoders.cost import NOT_COUNTED, encoding_cost, is_countable
 from neurotact.encoders.specs import taxels_of
 from neurotact.metrics.flops import (
-    ENERGY,
     Cost,
     Integrator,
     SpikingLayer,
     cost,
     ledger_table,
 )
+from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.spec import digest
@@ -41,7 +41,7 @@ AMONG = "among"
 ABOUT = (
     "Conditioning and encoding are counted for both populations of every taxel, on every step of the encoder's clock "
     "(with integration = exact, on every sample, and for every spike), a moving average on every sample of the sensor; "
-    f"neurons on every step of the network's clock. {ENERGY}"
+    "neurons on every step of the network's clock."
 )
 
 
@@ -127,6 +127,7 @@ def decision_ledger(
     *,
     encoder: Mapping[str, Any] | None,
     recorded_Hz: float | None = None,
+    prices: PriceList = ARITHMETIC_45NM,
 ) -> pd.DataFrame:
     """The ledger of one trained network: encoder, network and both, from the `all` row of a SOP summary.
 
@@ -141,9 +142,9 @@ def decision_ledger(
     if made_by is None or not made_by.is_countable:
         if made_by is not None:
             warnings.warn(f"the ledger has the network alone: {NOT_COUNTED}", stacklevel=3)
-        return ledger_table([("network", network)])
+        return ledger_table([("network", network)], prices)
     encoding = made_by.cost(steps, measured["sops_input"] / spec.hidden)
-    return ledger_table([("encoder", encoding), ("network", network), ("both", encoding + network)])
+    return ledger_table([("encoder", encoding), ("network", network), ("both", encoding + network)], prices)
 
 
 def study_ledger(
@@ -153,6 +154,7 @@ def study_ledger(
     *,
     afferents: Sequence[Afferents],
     n_classes: int,
+    prices: PriceList = ARITHMETIC_45NM,
 ) -> pd.DataFrame:
     """The ledger of a study: the baselines, encoding alone, and encoding with each network (means over seeds).
 
@@ -164,13 +166,16 @@ def study_ledger(
     """
     kinds = [digest([*one]) for one in afferents]
     of_kind, results = dict(zip(kinds, afferents, strict=True)), results.assign(**{KIND: kinds})
-    rows: list[tuple[str, Cost]] = []
+    rows: list[tuple[str, Cost | None]] = []
     if baselines is not None:
         spent = [field.name for field in fields(Cost) if field.name in baselines]
         means = baselines.groupby(["classifier", "input"], sort=False)[spent].mean()
         for (classifier, source), row in means.iterrows():  # pyright: ignore[reportGeneralTypeIssues]
-            whole = {name: round(row[name]) for name in ("parameters", "bytes") if name in row}
-            rows.append((f"{classifier} on {source}", Cost(**{**row.to_dict(), **whole})))
+            counted = None
+            if row.notna().all():
+                whole = {name: round(row[name]) for name in ("parameters", "bytes") if name in row}
+                counted = Cost(**{**row.to_dict(), **whole})
+            rows.append((f"{classifier} on {source}", counted))
     for steps in sorted(results["window_steps"].unique()):
         mine = results[results["window_steps"] == steps]
         spikes = (mine["sops_input"] / mine["hidden"]).groupby(mine[KIND], sort=False).agg(["mean", "size"])
@@ -187,7 +192,7 @@ def study_ledger(
             spent.append((row_cost(spec, row, of_kind[row[KIND]], n_classes=n_classes), row["seeds"]))
         name = f"spiking: {first['setting']}, t_ref {first['pair']} ms, N = {first['hidden']}"
         rows.append((name, _mean(spent)))
-    return ledger_table(rows)
+    return ledger_table(rows, prices)
 
 
 def _mean(costs: Sequence[tuple[Cost, float]]) -> Cost:

@@ -21,8 +21,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from neurotact.data.readers import contents
-from neurotact.data.readers.contents import Content, content_of, content_of_bytes
+from neurotact.data.readers.formats import contents
+from neurotact.data.readers.formats.contents import Content, content_of, content_of_bytes
 
 SIGNAL = np.arange(6.0).reshape(3, 2)
 LFS = b"version https://git-lfs.github.com/spec/v1\noid sha256:" + b"0" * 64 + b"\nsize 28644058\n"
@@ -121,6 +121,7 @@ KINDS: list[tuple[Content, bytes]] = [
     (contents.ROS_YAML, b"data:\n- 1.5\n- 2.5\n---\n"),
     *((contents.IMAGE, image(kind)) for kind in ("PNG", "JPEG", "GIF", "BMP", "TIFF", "WEBP")),
     (contents.SOUND, written(sound)),
+    (contents.FLAC, b"fLaC\0\0\0\x22"),
     (contents.VIDEO, b"\0\0\0\x20ftypisom"),
 ]
 

@@ -18,11 +18,11 @@ import neurotact as nt
 from neurotact.cli import app
 from neurotact.cli import recordings as recordings_commands
 from neurotact.data import hdf5
-from neurotact.data.readers.clock import UNIT_S
-from neurotact.data.readers.event_files import ALIASES
-from neurotact.data.readers.event_times import in_order
-from neurotact.data.readers.events import EventSpec
-from neurotact.data.readers.naming import NamingSpec
+from neurotact.data.readers.clock.stamps import UNIT_S
+from neurotact.data.readers.events.files import ALIASES
+from neurotact.data.readers.events.spikes import EventSpec
+from neurotact.data.readers.events.times import in_order
+from neurotact.data.readers.folder import NamingSpec
 from neurotact.errors import InputError
 
 GRID = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "?")])

@@ -13,7 +13,7 @@ from levels import examples
 
 import neurotact as nt
 from neurotact.cli import recordings as recordings_commands
-from neurotact.data.readers.events import Events, EventSpec, to_trains
+from neurotact.data.readers.events.spikes import Events, EventSpec, to_trains
 from neurotact.errors import InputError
 from neurotact.figures.raster import painted_populations
 from neurotact.networks.use.measuring import spikes_column

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import neurotact as nt
-from neurotact.data.readers.tables import lost_digits
+from neurotact.data.readers.table.cells import lost_digits
 from neurotact.errors import InputError
 
 OPTIONS = re.compile(r"`(header_lines|sampling_rate_Hz)=([\d.]+)`")

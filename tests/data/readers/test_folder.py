@@ -226,7 +226,7 @@ def test_a_pointer_in_place_of_arrays_or_recordings_is_named(tmp_path, suffix):
     ("name", "content", "message"),
     [
         ("a.xlsx", b"PK\x03\x04", "but a.xlsx, which is a zip archive; unpack it and give the folder"),
-        ("a.parquet", b"PAR1", "but a.parquet, which is a Parquet table; save it as CSV, in Python with pandas.read_p"),
+        ("a.orc", b"ORC\x08\x03", "but a.orc, which is an ORC table; save it as CSV, in Python with pandas.read_orc"),
         ("a.csv.gz", b"\x1f\x8b", "but a.csv.gz, which is compressed by gzip; unpack it with gunzip"),
         ("a.dat", b"1 2\n3 4\n", "but a.dat; if it is a table of samples as text, name it .csv"),
     ],
@@ -235,11 +235,9 @@ def test_a_folder_says_what_it_holds_instead(tmp_path, name, content, message):
     write(tmp_path / "felt", "a.csv")
     (tmp_path / "silk").mkdir()
     (tmp_path / "silk" / name).write_bytes(content)
-    refused(
-        tmp_path, f"{tmp_path / 'silk'}: holds no .csv, .tsv, .txt, .lvm, .npz, .npy, .mat or .tdms file, {message}"
-    )
+    refused(tmp_path, f"{tmp_path / 'silk'}: holds no {folder.KINDS} file, {message}")
     (tmp_path / "felt" / "a.csv").unlink()
-    with pytest.raises(InputError, match=r"tdms file, but silk/a\."):
+    with pytest.raises(InputError, match=r"\.db3 file, but silk/a\."):
         folder.read(tmp_path, 100, "mV", naming={"levels": "label"})
 
 
@@ -386,10 +384,7 @@ def test_folders_rates_and_units_that_say_nothing_are_refused(tmp_path):
         refused(tmp_path, "sampling_rate_Hz must be a positive number", rate=rate)
     refused(tmp_path, "the unit of the signals is empty", unit=" ")
     (tmp_path / "silk").mkdir()
-    refused(
-        tmp_path,
-        "silk: holds no .csv, .tsv, .txt, .lvm, .npz, .npy, .mat or .tdms file; add one or remove",
-    )
+    refused(tmp_path, f"silk: holds no {folder.KINDS} file; add one or remove")
 
 
 @given(cut=st.integers(0, 10**6), flip=st.none() | st.integers(0, 255))

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from levels import examples
 
 import neurotact as nt
-from neurotact.data.readers import clock, folder
-from neurotact.data.readers.naming import NamingSpec, conditions_of
+from neurotact.data.readers import folder
+from neurotact.data.readers.clock import stamps as clock
+from neurotact.data.readers.folder import NamingSpec, conditions_of
 from neurotact.errors import InputError
 from neurotact.spec import build
 

@@ -12,13 +12,14 @@ from hypothesis.extra import numpy as arrays
 from scipy.io import savemat
 
 import neurotact as nt
-from neurotact.data.readers.matlab import read_variables
+from neurotact.data.readers.formats.matlab import read_variables
 from neurotact.errors import InputError
 from neurotact.files import MAX_MB
 
 SIGNALS = np.random.default_rng(2).normal(size=(4, 9, 3)).astype(np.float32)
 MATERIALS = ["felt", "silk", "felt", "silk"]
 VERSIONS = ["5", "7", "7.3"]
+NOT_READ = np.array([[1j]])
 
 
 def save(path, version, **variables):
@@ -38,6 +39,8 @@ def save(path, version, **variables):
                 _characters(file, name, value)
             elif isinstance(value, dict):
                 file.create_group(name).attrs["MATLAB_class"] = np.bytes_("struct")
+                for field, held in value.items():
+                    file[name][field] = np.atleast_2d(held).T
             else:
                 file[name] = np.atleast_2d(value).T  # MATLAB writes the last axis first
                 file[name].attrs["MATLAB_class"] = np.bytes_("double")
@@ -74,7 +77,7 @@ def test_a_matrix_comes_back(tmp_path_factory, values, version):
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_texts_come_back_and_the_rest_is_named(tmp_path, version):
-    path = save(tmp_path / "a.mat", version, data=np.ones((3, 2)), material="felt", each=MATERIALS, rig={"speed": 5})
+    path = save(tmp_path / "a.mat", version, data=np.ones((3, 2)), material="felt", each=MATERIALS, rig=NOT_READ)
     found = read_variables(path)
     assert found.arrays["material"].tolist() == ["felt"]
     assert found.arrays["each"].tolist() == MATERIALS
@@ -127,7 +130,7 @@ def test_version_4_says_how_to_save(tmp_path):
 @pytest.mark.parametrize("version", VERSIONS)
 def test_one_file_holds_all_trials(tmp_path, version, caplog):
     path = save(
-        tmp_path / "a.mat", version, X=SIGNALS, y=MATERIALS, day=np.array([[1], [1], [2], [2]]), fs=100.0, rig={"a": 1}
+        tmp_path / "a.mat", version, X=SIGNALS, y=MATERIALS, day=np.array([[1], [1], [2], [2]]), fs=100.0, rig=NOT_READ
     )
     found = nt.read_arrays(path, 100, "count")
     np.testing.assert_array_equal(found.signals, SIGNALS)
@@ -141,7 +144,7 @@ def test_a_folder_holds_a_file_a_trial(tmp_path, version):
         place = tmp_path / material
         place.mkdir(exist_ok=True)
         path = place / f"{len(list(place.iterdir()))}.mat"
-        save(path, version, pressure=trial, fs=100.0, material=material, force=np.ones(9), rig={"a": 1})
+        save(path, version, pressure=trial, fs=100.0, material=material, force=np.ones(9), rig=NOT_READ)
     found = nt.read_folder(tmp_path, 100, "count", array="pressure")
     np.testing.assert_array_equal(found.signals, SIGNALS[[0, 2, 1, 3]])
     assert found.conditions["label"].tolist() == ["felt", "felt", "silk", "silk"]
@@ -209,9 +212,43 @@ def test_what_inflates_beyond_the_limit_is_refused(tmp_path, monkeypatch):
     refused("more than the limit of 1 MB", read_variables, path)
 
 
-def test_a_file_of_structures_alone_says_what_to_save(tmp_path):
+@pytest.mark.parametrize("version", VERSIONS)
+def test_fields_of_a_structure_are_read(tmp_path, version):
+    for material, trial in zip(MATERIALS[:2], SIGNALS, strict=False):
+        (tmp_path / material).mkdir()
+        save(tmp_path / material / "0.mat", version, touch={"pressure": trial, "t_ms": 10.0 * np.arange(9)[:, None]})
+    found = nt.read_folder(tmp_path, unit="count")
+    np.testing.assert_array_equal(found.signals, SIGNALS[:2])
+    assert (found.sampling_rate_Hz, found.conditions["file"][0]) == (100.0, "felt/0.mat:touch/pressure")
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_an_array_of_structures_holds_a_trial_in_each(tmp_path, compress):
+    touches = np.zeros((3,), [("pressure", object), ("label", object), ("rig", object)])
+    for place, cell in enumerate(RAGGED):
+        touches[place] = (cell, MATERIALS[place], {"speed": float(place)})
+    savemat(tmp_path / "a.mat", {"touch": touches, "fs": 250.0}, do_compression=compress)
+    found = nt.read_arrays(tmp_path / "a.mat", unit="count")
+    assert found.conditions.to_dict("list") == {"label": MATERIALS[:3]}
+    for mine, its in zip(found.signals, RAGGED, strict=True):
+        np.testing.assert_array_equal(mine, its.astype(np.float32))
+
+
+def test_an_array_of_structures_in_hdf5_holds_a_trial_in_each(tmp_path):
+    path = save_cells(tmp_path / "a.mat", "7.3", RAGGED, y=MATERIALS[:3], fs=250.0)
+    with h5py.File(path, "r+") as file:
+        del file["trials"].attrs["MATLAB_class"]  # a field of an array of structures has none
+        file.move("trials", "touch/pressure")
+    found = nt.read_arrays(path, unit="count")
+    assert ([len(signal) for signal in found.signals], found.classes) == ([9, 7, 8], ("felt", "silk"))
+    with h5py.File(path, "r+") as file:
+        file["touch"]["touch"] = file["touch/again"] = file["touch"]  # without a bound there were no end
+    assert "touch/pressure" in read_variables(path).cells
+
+
+def test_a_file_without_numbers_and_texts_says_what_to_save(tmp_path):
     refused(
-        "holds neither matrices of numbers nor texts (rig)", read_variables, save(tmp_path / "a.mat", "7", rig={"a": 1})
+        "holds neither matrices of numbers nor texts (rig)", read_variables, save(tmp_path / "a.mat", "7", rig=NOT_READ)
     )
     (tmp_path / "b.mat").write_text("dear diary")
     refused("is not a MATLAB file of version 5", read_variables, tmp_path / "b.mat")

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import neurotact as nt
 from neurotact.cli import app
 from neurotact.data.nwb_output import EPOCH
-from neurotact.data.readers import nwb
+from neurotact.data.readers.formats import nwb
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError

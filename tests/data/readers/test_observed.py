@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 import neurotact as nt
 from neurotact.cli import app
-from neurotact.data.readers.observed import observed_trials, touching, within
+from neurotact.data.readers.events.observed import observed_trials, touching, within
 from neurotact.errors import InputError
 
 N_TRIALS = 20

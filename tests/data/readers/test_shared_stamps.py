@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import neurotact as nt
-from neurotact.data.readers import clock, shared_stamps
-from neurotact.data.readers.shared_stamps import Uneven
+from neurotact.data.readers.clock import shared as shared_stamps
+from neurotact.data.readers.clock import stamps as clock
+from neurotact.data.readers.clock.shared import Uneven
 from neurotact.errors import InputError
 
 

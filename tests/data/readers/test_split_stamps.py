@@ -1,15 +1,14 @@
 """Seconds beside nanoseconds are one time stamp: in folders and tables, by name or as asked for."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 import neurotact as nt
-from neurotact.data.readers import split_stamps, tdms
-from neurotact.data.readers.layout import LayoutSpec
+from neurotact.data.readers.clock import split as split_stamps
+from neurotact.data.readers.columns import LayoutSpec, samples_of
+from neurotact.data.readers.table.cells import table_of
 from neurotact.errors import InputError
 
 PER_SECOND = {"nanosec": 10**9, "nsecs": 10**9, "nanoseconds": 10**9, "tv_usec": 10**6, "msec": 1000, "ms": 1000}
@@ -99,8 +98,7 @@ def test_arrays_of_seconds_and_their_rest_are_joined(tmp_path, names, asked):
 
 def test_channels_of_a_group_are_joined():
     seconds, rest, left = np.array(rows_of(), float).T
-    group = tdms._Group({"sec": seconds, "nanosec": rest, "left": left}, {}, [], {})
-    table = tdms._table(group, LayoutSpec(), Path("felt.tdms"), "touch", find_time=True)
+    table = samples_of(table_of("felt.tdms", {"sec": seconds, "nanosec": rest, "left": left}), LayoutSpec())
     assert (table.names, table.time_unit) == (("left",), "s")
     assert table.time is not None
     np.testing.assert_allclose(np.diff(table.time), 0.01, atol=1e-6)

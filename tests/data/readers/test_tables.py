@@ -5,8 +5,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from neurotact.data.readers import tables
-from neurotact.data.readers.texts import read_text
+from neurotact.data.readers.table import cells as tables
+from neurotact.data.readers.table.texts import read_text
 from neurotact.errors import InputError
 
 TABLES = st.integers(1, 4).flatmap(

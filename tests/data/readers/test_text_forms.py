@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import neurotact as nt
-from neurotact.data.readers.headings import open_table
-from neurotact.data.readers.texts import with_line_ends
+from neurotact.data.readers.table.headings import open_table
+from neurotact.data.readers.table.texts import with_line_ends
 from neurotact.errors import InputError
 
 TOUCH = pd.DataFrame({"t": np.arange(6) * 0.01, "left": [1.5, 2, 3, 2, 1, 5], "right": [2, 3, 1, 5, 6, 7.25]})

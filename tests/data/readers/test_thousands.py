@@ -9,8 +9,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import neurotact as nt
-from neurotact.data.readers import event_files, tables
-from neurotact.data.readers.thousands import THOUSANDS, grouping_of
+from neurotact.data.readers.events import files as event_files
+from neurotact.data.readers.table import cells as tables
+from neurotact.data.readers.table.cells import THOUSANDS, grouping_of
 from neurotact.errors import InputError
 
 SIGNS = {"Germany": (".", ","), "the USA": (",", "."), "Switzerland": ("'", "."), "typeset": ("\u2019", "."),

@@ -3,10 +3,10 @@
 import numpy as np
 import pandas as pd
 import pytest
-from neurotact_parts.studies.comparison import families
 from neurotact_parts.studies.comparison import protocol as all_ways
 from neurotact_parts.studies.comparison import spiking as spiking_family
 from neurotact_parts.studies.comparison.protocol import Parameters, TaskSpec
+from neurotact_parts.studies.touch_modality import recurrent
 
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost
@@ -33,7 +33,7 @@ def arrays():
 def short_training(monkeypatch):
     short = RSNNSpec.model_validate({"recipe": "default", "hidden": 8, "training": {"epochs": 2}})
     monkeypatch.setattr(spiking_family, "TRIED", (short,))
-    monkeypatch.setattr(families, "RECURRENT_TRAINING", {"epochs": 2, "batch": 16, "learning_rate": 0.01})
+    monkeypatch.setattr(recurrent, "TRAINING", {"epochs": 2, "batch": 16, "learning_rate": 0.01})
 
 
 def test_the_task_is_on_the_clock_of_the_afferents(arrays):

@@ -6,9 +6,12 @@ from levels import thinned
 from neurotact_parts.studies.comparison import families
 from neurotact_parts.studies.comparison import spiking as spiking_family
 from neurotact_parts.studies.comparison.tasks import level_spread_rate, split_groups
+from neurotact_parts.studies.materials import rls
 from neurotact_parts.studies.texture import baselines as texture_baselines
+from neurotact_parts.studies.touch_modality import recurrent
 
 from neurotact.baselines import families as generic
+from neurotact.baselines.opponent import Sides, accuracy, best_of
 from neurotact.data.splits import Split
 from neurotact.metrics import flops
 from neurotact.networks.definition.specs import RSNNSpec
@@ -36,20 +39,20 @@ def split(task):
     return split_groups(task.labels, task.groups, 0)
 
 
-@pytest.mark.parametrize("name", list(families.ON_FEATURES))
+@pytest.mark.parametrize("name", ["ELM", "SLFN", "SVM", "RLS", "k-means", "kNN", "extra trees"])
 def test_a_family_on_features_solves_an_easy_task_and_counts_its_layers(task, split, name):
     sides = families.feature_sides(task, split)
-    best = generic.best_of(families.ON_FEATURES[name], sides, 0)
-    assert generic.accuracy(best, sides.test, sides.y_test) == 1.0
+    best = best_of(families.opponent_of(name), sides, 0)
+    assert accuracy(best, sides.test, sides.y_test) == 1.0
     assert flops.cost(*best.layers).energy_estimate_nJ > 0
 
 
 @pytest.mark.parametrize("name", ["LSTM", "GRU"])
 def test_a_recurrent_family_runs_and_counts_its_parameters(task, split, name, monkeypatch):
-    monkeypatch.setattr(families, "RECURRENT_TRAINING", {"epochs": 2, "batch": 16, "learning_rate": 0.01})
+    monkeypatch.setattr(recurrent, "TRAINING", {"epochs": 2, "batch": 16, "learning_rate": 0.01})
     sides = families.sequence_sides(task, split)
     assert sides.train.shape[1:] == (50, 2)
-    for candidate in families.ON_SEQUENCES[name](sides, 0):
+    for candidate in families.opponent_of(name).candidates(sides, 0):
         assert flops.cost(*candidate.layers).parameters == candidate.fitted.n_parameters_
 
 
@@ -61,8 +64,8 @@ def test_a_family_on_sequences_has_steps_of_its_own(task, split, name, n_steps):
 @thinned("name", ["MiniRocket", "pooled GRU"])
 def test_a_strong_family_solves_an_easy_task(task, split, name):
     sides = families.sequence_sides(task, split, name)
-    best = generic.best_of(families.ON_SEQUENCES[name], sides, 0)
-    assert generic.accuracy(best, sides.test, sides.y_test) == 1.0
+    best = best_of(families.opponent_of(name), sides, 0)
+    assert accuracy(best, sides.test, sides.y_test) == 1.0
 
 
 def test_standardisation_sees_training_examples_alone(task, split):
@@ -81,13 +84,13 @@ def test_standardisation_sees_training_examples_alone(task, split):
 def test_settings_do_not_depend_on_test_examples(task, split, name):
     sides = families.feature_sides(task, split)
     spoiled = sides._replace(test=sides.test * 0, y_test=sides.y_test[::-1])
-    family = families.ON_FEATURES[name]
-    assert generic.best_of(family, sides, 0).settings == generic.best_of(family, spoiled, 0).settings
+    family = families.opponent_of(name)
+    assert best_of(family, sides, 0).settings == best_of(family, spoiled, 0).settings
 
 
 def test_of_equals_the_first_is_taken(task, split):
     sides = families.feature_sides(task, split)
-    assert generic.best_of(families.knn, sides, 0).settings == "k 1"
+    assert best_of(generic.KNN, sides, 0).settings == "k 1"
 
 
 def test_random_labels_are_at_chance(task):
@@ -100,8 +103,8 @@ def test_random_labels_are_at_chance(task):
             groups=np.arange(300),
         )
         sides = families.feature_sides(shuffled, split_groups(shuffled.labels, shuffled.groups, seed))
-        best = generic.best_of(families.rls, sides, seed)
-        scores.append(generic.accuracy(best, sides.test, sides.y_test))
+        best = best_of(rls.OPPONENT, sides, seed)
+        scores.append(accuracy(best, sides.test, sides.y_test))
     assert np.mean(scores) == pytest.approx(0.5, abs=4 * 0.5 / np.sqrt(10 * 45))
 
 
@@ -153,7 +156,7 @@ def test_one_machine_costs_the_same_in_every_study(monkeypatch):
     labels = np.arange(120) % 4
     features = rng.normal(size=(120, 3)) + labels[:, None]
     split = Split(np.arange(80), np.arange(80, 100), np.arange(100, 120))
-    sides = generic.Sides(*(features[side] for side in split), *(labels[side] for side in split))
-    (candidate,) = generic.svm(sides, 0)
+    sides = Sides(*(features[side] for side in split), *(labels[side] for side in split))
+    (candidate,) = generic.SVM.candidates(sides, 0)
     *_, layers = texture_baselines.svm(features, labels, split, 0)
     assert flops.cost(*candidate.layers) == flops.cost(*layers)

@@ -9,6 +9,7 @@ from neurotact_parts.studies.comparison.tasks import (
     OWN,
     FabricsTask,
     GratingsTask,
+    LevelSpreadRate,
     at_most,
     fabrics_task,
     gratings_task,
@@ -22,7 +23,7 @@ from neurotact_parts.studies.touch_modality.datasets import TOUCH_SAMPLES
 
 from neurotact.errors import InputError
 from neurotact.metrics.flops import cost
-from neurotact.metrics.signal_flops import Averaging, LevelSpreadRate, StandardisedSteps
+from neurotact.metrics.signal_flops import Averaging, StandardisedSteps
 from neurotact.spec import build
 from neurotact.studies.way import TaskData
 
@@ -147,4 +148,4 @@ def test_a_protocol_makes_its_task_and_its_front_end_counts_it(name):
     assert len(task.features) == len(task.sequences) == len(task.labels) == len(task.groups)
     features, sequences = (cost(*layers) for layers in source.front_end(spec, task))
     assert features.macs > 0
-    assert features.energy_estimate_pJ >= sequences.energy_estimate_pJ > 0
+    assert features.energy_estimate_nJ >= sequences.energy_estimate_nJ > 0

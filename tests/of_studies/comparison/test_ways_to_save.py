@@ -72,9 +72,9 @@ def at(path):
     return {**SETS["letters"], "dataset": {"read": "braille-letters", "path": str(path)}}
 
 
-def ran(name, folder, ways=WAYS, network=NETWORK):
+def ran(name, folder, ways=WAYS, network=NETWORK, **more):
     sets = {**SETS, "letters": at(letters(folder))}
-    table = {"data": {"set": name, "sets": sets}, "ways": ways, "network": network}
+    table = {"data": {"set": name, "sets": sets}, "ways": ways, "network": network, **more}
     parameters = build(Parameters, table, source="test")
     arrays = ways_to_save.load(parameters.data)
     return parameters, arrays, {row["way"]: row for row in ways_to_save.run(parameters, arrays)}
@@ -306,6 +306,17 @@ def test_gains_hold_on_the_set_s_clock(tmp_path):
     assert bench.encoder is not None
     assert bench.encoder.conditioning.resample_Hz == 500.0
     assert bench.encoder.sa1.t_ref_ms == bench.encoder.ra1.t_ref_ms == 2.0
+
+
+def test_a_way_is_priced_by_the_list_that_is_named(tmp_path):
+    chip = tmp_path / "chip.toml"
+    chip.write_text("source = 'a test'\nmultiplication_pJ = 7.4\naddition_pJ = 1.8\n")
+    usual, dear = (
+        ran("letters", tmp_path, {}, {**NETWORK, "training": {"epochs": 1}}, **how)[2][NOTHING]
+        for how in ({}, {"prices": str(chip)})
+    )
+    assert dear["energy_estimate_nJ"] == pytest.approx(2 * usual["energy_estimate_nJ"])
+    assert (usual["prices"], dear["prices"]) == ("arithmetic-45nm", "chip")
 
 
 def test_a_set_that_is_not_at_hand_is_left_out(tmp_path):

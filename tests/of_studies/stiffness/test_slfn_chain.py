@@ -4,10 +4,18 @@ import numpy as np
 import pytest
 from levels import thinned
 from neurotact_parts.studies.published_flops import preprocessing_flops, slfn_flops
-from neurotact_parts.studies.stiffness.slfn_chain import CLASSIFIERS, SLFNSpec, choices, unit_cost
+from neurotact_parts.studies.stiffness.slfn_chain import (
+    CLASSIFIERS,
+    BinaryInputDense,
+    PowerOfTwoDense,
+    SLFNSpec,
+    choices,
+    unit_cost,
+)
 
 from neurotact.data.splits import SplitSpec, split_trials
 from neurotact.errors import InputError
+from neurotact.metrics.flops import Cost, cost
 
 SMALL = SLFNSpec(neurons=(5, 10), n_max=(5, 10), exponents=(-2, 0, 2), draws=2, epochs=60, batch=16)
 
@@ -99,3 +107,11 @@ def test_the_unit_costs_what_the_paper_says_and_the_standardisation(classifier, 
 def test_no_candidate_is_refused():
     with pytest.raises(InputError, match="allows none"):
         SLFNSpec(neurons=(100,), n_max=(50,))
+
+
+def test_h_elm_by_hand():
+    # 3 features to 2 hard-limit units: 6 shifts, 6 additions, 2 comparisons; 6 weights of a byte, 2 biases of four.
+    hidden = cost(PowerOfTwoDense(3, 2))
+    assert hidden == Cost(acs=6, comparisons=8, parameters=8, bytes=14)
+    # 2 zeros or ones to 3 classes: 6 additions.
+    assert cost(BinaryInputDense(2, 3, bias=False)) == Cost(acs=6, parameters=6, bytes=24)

@@ -4,10 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from neurotact_parts.exporters.c import fine_tuning
 from neurotact_parts.studies.texture import quantisation
 from neurotact_parts.studies.texture.quantisation import FLOAT, Parameters, QuantisationData
 
-from neurotact.deploy import fine_tuning
 from neurotact.networks.training.training import Epoch
 from neurotact.spec import build
 
@@ -79,7 +79,7 @@ def test_float_is_trained_on_as_fine_tuning_is_and_the_trained_network_stays(mad
         given.append((network, {name: tensor.clone() for name, tensor in network.state_dict().items()}, grids, options))
         return fine_tuning.Training((Epoch(0, 1.0, 1.0, 1.0, 1.0),), Epoch(0, 1.0, 1.0, 1.0, 1.0))
 
-    monkeypatch.setattr(quantisation.fine_tuning, "fine_tune", looking)
+    monkeypatch.setattr(quantisation.fine_tuning, "train_rounded", looking)
     quantisation.run(parameters, arrays)
     first, *others = given
     assert first[2] == {}

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.studies.touch_modality.activity import ActivityBand, find_activity
 from neurotact_parts.studies.touch_modality.contacts import (
     BrushSpec,
     FingerSpec,
@@ -23,7 +24,6 @@ from neurotact_parts.studies.touch_modality.simulator import (
     simulate,
 )
 
-from neurotact.data.onset import ActivityBand, find_activity
 from neurotact.errors import InputError
 from neurotact.spec import build
 

@@ -1,0 +1,364 @@
+"""A chain as C99: one header, one source, an example and a README; in float or in integers.
+
+The float variant gives the same spikes as `stream`, the integer variant the same as `integer`.
+"""
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jinja2
+import numpy as np
+from neurotact_parts.exporters.c import formats as whole
+from neurotact_parts.exporters.c.formats import Formats, Integrator
+
+from neurotact import __version__, files
+from neurotact.data.conditioning import HALF, Conditioner
+from neurotact.deploy.chain import LARGEST, Chain
+from neurotact.encoders.afferents import AfferentType, marks
+from neurotact.errors import InputError
+from neurotact.networks.definition.executors import require
+from neurotact.progress import printable
+
+MOST_STEPS, MOST_COUNT = 2**31 - 1, 2**32 - 1
+HOLD_MS = 5.0
+"""For how long the last values stand in for missing ones, as in `Stream`; a macro of the export changes it."""
+LINE = 110
+
+
+class Table(NamedTuple):
+    """A constant array in the C source."""
+
+    about: str
+    type: str
+    name: str
+    size: int
+    lines: list[str]
+
+
+EXPORTED = (("chain.h", "{}.h"), ("chain.c", "{}.c"), ("example.c", "example.c"), ("README.md", "README.md"))
+HARNESS = (*EXPORTED[:2], ("harness.h", "harness.h"), ("harness.c", "harness.c"))
+"""The files that `proof` compiles."""
+RESERVED = ("example", "harness", "stub")
+
+
+def write(
+    chain: Chain,
+    folder: Path,
+    formats: Formats | None = None,
+    *,
+    name: str = "touch",
+    parts: Sequence[tuple[str, str]] = EXPORTED,
+) -> list[Path]:
+    """Write `NAME.h`, `NAME.c`, `example.c` and `README.md` into a folder, and return their paths.
+
+    formats: of the integer variant; None: the float variant.
+    name: prefix of every name in C. parts: pairs of a template and its file.
+    Raises InputError for what C cannot represent.
+    """
+    paths(folder, name)
+    context = context_of(chain, formats, name)
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("neurotact_parts.exporters.c", "templates"),
+        undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True,
+    )
+    written = []
+    for template, file in parts:
+        path = folder / file.format(name)
+        files.write_text(path, environment.get_template(f"{template}.jinja").render(context))
+        written.append(path)
+    return written
+
+
+def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, Any]:
+    """The variables of the templates."""
+    require("c-float" if formats is None else "c-integer", chain.subject)
+    network, plan, encoder = chain.network, chain.windows, chain.lif
+    spec, conditioning = network.spec, encoder.conditioning
+    n_taxels, integrator = chain.n_taxels, network.bias is not None
+    if max(plan.length, plan.start, plan.hop, plan.quiet) > MOST_STEPS:
+        raise InputError("windows: are longer than 2^31 - 1 steps; shorten them")
+    if plan.length * max(network.n_inputs, spec.hidden) > MOST_COUNT:
+        raise InputError("windows: their spikes may exceed a counter of 32 bits; shorten them")
+    n_start = Conditioner(chain.sampling_rate_Hz, conditioning).n_start
+    if n_start > MOST_STEPS:
+        raise InputError("conditioning.start_ms: is longer than 2^31 - 1 steps; shorten it")
+    per_sample = max(1, int(np.ceil(chain.clock_Hz / chain.sampling_rate_Hz)))
+    return {
+        "title": title_of(chain, formats), "version": __version__, "name": name, "macro": name.upper(),
+        "integer": formats is not None, "unit": _in_comment(encoder.unit),
+        "sampling_rate_Hz": f"{chain.sampling_rate_Hz:g}",
+        "n_taxels": n_taxels, "n_afferents": network.n_inputs,
+        "n_hidden": spec.hidden, "n_classes": network.n_classes,
+        "class_names": [_text(name_of_class) for name_of_class in chain.classes],
+        "length": plan.length, "start": plan.start, "hop": plan.hop, "quiet": plan.quiet, "at_once": plan.at_once,
+        "most_decisions": plan.at_once * per_sample,
+        "hold": max(1, int(HOLD_MS * 1e-3 * chain.sampling_rate_Hz)), "hold_ms": f"{HOLD_MS:g}",
+        "afferent_type": _unsigned(network.n_inputs), "neuron_type": _unsigned(spec.hidden),
+        "class_type": _unsigned(network.n_classes),
+        "integrator": integrator, "adapts": network.adaptation is not None, "recurrent": spec.recurrent,
+        "membrane_kind": spec.membrane, "reset": spec.reset,
+        "delay": spec.recurrent and spec.recurrent_delay_steps,
+        "bin": network.steps_per_bin,
+        "stretches": 1 if network.stretches is None else network.stretches.number,
+        "stretch_steps": 1 if network.stretches is None else network.stretches.steps,
+        "weight": "float" if formats is None else "int8_t",
+        "patience": chain.rule.in_bins(network.steps_per_bin).patience, "from_first_spike": chain.rule.from_first_spike,
+        "resampled": chain.sampling_rate_Hz != chain.clock_Hz, "baseline": conditioning.baseline,
+        "rectify": conditioning.rectify,
+        **(_in_float(chain) if formats is None else _in_integers(chain, formats)),
+    }  # fmt: skip
+
+
+def paths(folder: Path, name: str) -> list[Path]:
+    """The files that `write` writes; InputError for a name that is not valid in C or is reserved."""
+    if not (name.isidentifier() and name.isascii()) or name in RESERVED:
+        raise InputError(
+            f"`name={name!r}`: must be a C name (letters, digits, underscores), not {' or '.join(RESERVED)}"
+        )
+    return [folder / file.format(name) for _, file in EXPORTED]
+
+
+def title_of(chain: Chain, formats: Formats | None) -> str:
+    """One line about an export."""
+    spec = chain.network.spec
+    kind = "float" if formats is None else f"{formats.weight_bits}-bit weights, {formats.state_bits}-bit states"
+    sizes = f"{chain.network.n_inputs}-{spec.hidden}-{chain.network.n_classes}"
+    return f"A chain from touch to decision: {chain.n_taxels} taxels, {sizes} neurons, {kind}."
+
+
+def _in_float(chain: Chain) -> dict[str, Any]:
+    encoder, network = chain.lif, chain.network
+    conditioning = encoder.conditioning
+    conditioner = Conditioner(chain.sampling_rate_Hz, chain.encoder.conditioning)
+    sa1, ra1 = encoder.neuron(encoder.sa1, chain.clock_Hz), encoder.neuron(encoder.ra1, chain.clock_Hz)
+    alpha, beta, threshold = (np.asarray(p.detach()) for p in (network.alpha, network.beta, network.threshold))
+    matrices = {"w_in": network.w_in, "w_rec": network.w_rec, "w_out": network.readout_weights}
+    tables = [_floats(key, matrix.detach().numpy()) for key, matrix in matrices.items() if matrix is not None]
+    offset, scale = conditioning.offset is not None, conditioning.scale is not None
+    for key, values in (("offset", conditioning.offset), ("scale", conditioning.scale)):
+        tables += [] if values is None else [_floats(key, np.array(values, np.float32))]
+    integration = network.integration
+    if network.bias is not None:
+        tables.append(_table("bias", "double", [float(b).hex() for b in network.bias.detach().double()]))
+    layers = [_float_layer(chain, index, alpha, beta, threshold) for index in (0, 1)]
+    smoothing, smoothing_keep = _ema_weights(conditioner.smoothing)
+    baseline_weight, baseline_keep = _ema_weights(conditioner.following)
+    return {
+        "value": "float", "sum": "double", "state": "float", "wide": "float",
+        "largest": f"{LARGEST:g}", "largest_bits": f"0x{int(np.float32(LARGEST).view(np.uint32)):08x}",
+        "heard": "double" if conditioning.baseline == "running" else "uint32_t",
+        "count": "double" if network.bias is not None else _count(chain),
+        "readout_leak": float(integration.decay).hex() if integration is not None and integration.leaks else None,
+        "peak": integration is not None and integration.peak,
+        "silent_type": _unsigned(max(sa1.refractory_steps, ra1.refractory_steps) + 1), "kinds": [*_float_kinds(chain)],
+        "smoothing": smoothing, "smoothing_keep": smoothing_keep,
+        "baseline_weight": baseline_weight, "baseline_keep": baseline_keep,
+        "baseline_steps": f"{conditioner.n_start}u",
+        "stride": (chain.sampling_rate_Hz / chain.clock_Hz).hex(), "half": HALF.hex(),
+        "rate": float(chain.sampling_rate_Hz).hex(), "clock": float(chain.clock_Hz).hex(),
+        "offset": offset, "scale": scale, "sign": False, "plain": True, "leak": _float(sa1.decay),
+        "v_rest": _float(sa1.v_rest_mV),
+        "tables": tables, "layers": layers[: 1 if network.bias is not None else 2],
+        "threshold_out": _float(threshold[1]),
+    }  # fmt: skip
+
+
+def _float_kinds(chain: Chain) -> Iterator[dict[str, Any]]:
+    """The afferents under each taxel: what drives them, their levels and refractory steps, and words for them."""
+    encoder, clock_Hz = chain.lif, chain.clock_Hz
+    drives = ("sa1", "felt"), ("ra1", "magnitude(change)")
+    for (part, drive), gains in zip(drives, encoder.gains_at(clock_Hz), strict=True):
+        kind = getattr(encoder, part)
+        neuron = encoder.neuron(kind, clock_Hz)
+        for gain, about in zip(gains, _words(kind, part), strict=True):
+            yield {
+                "about": about, "target": f"{_float(neuron.v_rest_mV)} + {_float(gain)} * {drive}",
+                "threshold": _float(neuron.v_threshold_mV), "reset": _float(neuron.v_reset_mV),
+                "silent": neuron.refractory_steps,
+            }  # fmt: skip
+
+
+def _words(kind: AfferentType, part: str) -> list[str]:
+    """A word for each afferent of a type under a taxel, as `SA-I falling x0.5`."""
+    return [("SA-I" if part == "sa1" else "RA-I") + mark for mark in marks(kind.model_dump())]
+
+
+def _float_layer(chain: Chain, index: int, alpha: np.ndarray, beta: np.ndarray, threshold: np.ndarray) -> dict:
+    decay = _float(beta[index])
+    next_membrane = {
+        "eq4": f"{decay} * (carried + before)",
+        "delayed": f"{decay} * carried + before",
+        "immediate": f"{decay} * carried + now",
+    }[chain.network.spec.membrane]
+    layer = _layer(chain, index) | {
+        "alpha": _float(alpha[index]), "threshold": _float(threshold[index]), "next": next_membrane
+    }  # fmt: skip
+    if (adapted := chain.network.adaptation_of(index)) is None:
+        return layer
+    strength, decay = map(float, adapted)
+    return layer | {"adapts": True, "strength": _float(strength), "adaptation_decay": _float(decay)}
+
+
+def _in_integers(chain: Chain, formats: Formats) -> dict[str, Any]:
+    front, raw, hidden, readout = formats.front, formats.raw, formats.hidden, formats.readout
+    tables = [_integers("w_in", hidden.w, "int8_t")]
+    tables += [] if hidden.v is None else [_integers("w_rec", hidden.v, "int8_t")]
+    tables.append(_integers("w_out", readout.w, "int8_t"))
+    levels = {kind.name: kind for kind in front.kinds}  # SA-I of the falling signal have those of the rising one
+    for what in ("threshold", "reset"):
+        tables += [_integers(f"{what}_{name}", getattr(kind, what), "int32_t") for name, kind in levels.items()]
+    has_offset = bool(front.offset.any())
+    tables += [_integers("offset", front.offset, "int32_t")] if has_offset else []
+    has_sign = bool((front.sign < 0).any())
+    tables += [_integers("sign", front.sign, "int8_t")] if has_sign else []
+    if isinstance(readout, Integrator):
+        tables.append(_integers("bias", readout.bias, "int32_t"))
+    layers = [_integer_layer(chain, 0, hidden)]
+    layers += [] if isinstance(readout, Integrator) else [_integer_layer(chain, 1, readout)]
+    stride = front.stride or (0, 0)
+    return {
+        "value": "int32_t", "sum": "int64_t", "wide": "int32_t", "heard": "uint32_t",
+        "state": "int16_t" if formats.state_bits <= 16 else "int32_t",
+        "count": "int32_t" if isinstance(readout, Integrator) else _count(chain),
+        "readout_leak": None, "peak": False,
+        "silent_type": _unsigned(max(kind.silent for kind in front.kinds) + 1), "kinds": _integer_kinds(chain, front),
+        "smoothing": front.smoothing, "baseline_weight": front.baseline_weight,
+        "baseline_steps": f"{front.baseline_steps}u",
+        "stride_whole": stride[0], "stride_part": stride[1], "stride": stride[0] * 2**32 + stride[1],
+        "offset": has_offset, "scale": False, "sign": has_sign, "leak": front.leak,
+        "lsb": f"{raw.lsb:.9g}", "zero": f"{raw.zero:.9g}", "plain": raw.is_plain, "fraction": whole.FRACTION,
+        "mantissa": whole.MANTISSA, "most_state": 2 ** (formats.state_bits - 1) - 1,
+        "weight_bits": formats.weight_bits, "state_bits": formats.state_bits,
+        "tables": tables, "layers": layers,
+        "threshold_out": 0 if isinstance(readout, Integrator) else readout.threshold,
+    }  # fmt: skip
+
+
+def _integer_kinds(chain: Chain, front: whole.FrontEnd) -> list[dict[str, Any]]:
+    """As `_float_kinds`."""
+    drives = {"signal": "felt", "falling": "-felt", "change": "change < 0 ? -change : change"}
+    words = _words(chain.lif.sa1, "sa1") + _words(chain.lif.ra1, "ra1")
+    return [
+        {
+            "about": about, "target": drives[kind.drive], "threshold": f"threshold_{kind.name}[i]",
+            "reset": f"reset_{kind.name}[i]", "silent": kind.silent,
+        }
+        for kind, about in zip(front.kinds, words, strict=True)
+    ]  # fmt: skip
+
+
+def _integer_layer(chain: Chain, index: int, layer: whole.Layer) -> dict[str, Any]:
+    def decayed(what: str, factor: int) -> str:
+        if layer.state_bits <= 16:
+            return f"{what} * {factor} / {2**layer.decay_bits}"
+        return f"(int32_t)((int64_t){what} * {factor} / {2**layer.decay_bits})"
+
+    next_membrane = {
+        "eq4": decayed("(carried + before)", layer.beta),
+        "delayed": decayed("carried", layer.beta) + " + before",
+        "immediate": decayed("carried", layer.beta) + " + now",
+    }[chain.network.spec.membrane]
+    return _layer(chain, index) | {
+        "decay_current": decayed("before", layer.alpha), "threshold": layer.threshold, "next": next_membrane,
+        "shift": layer.shift, "shift_rec": layer.shift_rec,
+    }  # fmt: skip
+
+
+def _layer(chain: Chain, index: int) -> dict[str, Any]:
+    spec, n_afferents = chain.network.spec, chain.network.n_inputs
+    if index == 0:
+        return {
+            "name": "hidden", "about": "hidden layer", "size": "HIDDEN", "recurrent": spec.recurrent, "adapts": False,
+            "from_type": _unsigned(n_afferents), "to_type": _unsigned(spec.hidden), "w": "w_in", "v": "w_rec",
+        }  # fmt: skip
+    return {
+        "name": "readout", "about": "readout", "size": "CLASSES", "recurrent": False, "adapts": False,
+        "from_type": _unsigned(spec.hidden), "to_type": _unsigned(chain.network.n_classes), "w": "w_out", "v": "",
+    }  # fmt: skip
+
+
+ABOUT = {
+    "w_in": "Weights from afferents to hidden neurons, one row per afferent.",
+    "w_rec": "Weights from hidden neurons to hidden neurons, one row per presynaptic neuron.",
+    "w_out": "Weights from hidden neurons to classes, one row per hidden neuron (of each stretch of a window).",
+    "bias": "Initial values of the readout.",
+    "offset": "Subtracted from each taxel's signal.",
+    "scale": "Divisors of each taxel's signal.",
+    "sign": "Signs of each taxel's signal: -1 if it falls on contact.",
+    "threshold_sa1": "Thresholds of SA-I afferents above rest, divided by their gains.",
+    "threshold_ra1": "Thresholds of RA-I afferents above rest, divided by their gains.",
+    "reset_sa1": "Reset values of SA-I afferents, in the same unit.",
+    "reset_ra1": "Reset values of RA-I afferents, in the same unit.",
+}
+"""What a table is, by its name; those of the second and later grades have a number after it."""
+
+
+def _table(name: str, kind: str, values: Sequence[str]) -> Table:
+    return Table(ABOUT[re.sub(r"(?<=1)_\d+$", "", name)], kind, name, len(values), list(_wrapped(values)))
+
+
+def _integers(name: str, values: np.ndarray, kind: str) -> Table:
+    return _table(name, kind, [str(value) for value in values.ravel().tolist()])
+
+
+def _floats(name: str, values: np.ndarray) -> Table:
+    return _table(name, "float", [_float(value) for value in values.ravel()])
+
+
+def _wrapped(values: Iterable[str]) -> Iterable[str]:
+    line = ""
+    for value in values:
+        if len(line) + len(value) + 2 > LINE:
+            yield line.rstrip()
+            line = ""
+        line += f"{value}, "
+    yield line.rstrip().rstrip(",")
+
+
+def _float(value: float | np.floating) -> str:
+    """The shortest literal of a float32.
+
+    >>> _float(0.1), _float(-65.0)
+    ('1.e-01f', '-6.5e+01f')
+    """
+    return f"{np.format_float_scientific(np.float32(value), unique=True)}f"
+
+
+def _ema_weights(weight: float | None) -> tuple[str | None, str | None]:
+    """The weights of a moving average: of the newest sample, and of the average before."""
+    return (None, None) if weight is None else (_float(weight), _float(1.0 - weight))
+
+
+def _unsigned(n: int) -> str:
+    """The smallest type for the numbers 0 to n.
+
+    >>> _unsigned(255), _unsigned(256)
+    ('uint8_t', 'uint16_t')
+    """
+    return "uint8_t" if n < 2**8 else "uint16_t" if n < 2**16 else "uint32_t"
+
+
+def _count(chain: Chain) -> str:
+    return "uint16_t" if chain.windows.length < 2**16 else "uint32_t"
+
+
+def _text(text: str) -> str:
+    """A C string; characters other than ASCII are octal escapes, which end after three digits.
+
+    Half a surrogate pair, which is no UTF-8, is written as its escape in Python.
+    """
+    content = text.encode(errors="backslashreplace")
+    plain = "".join(chr(b) if 32 <= b < 127 and b not in b'"\\?' else f"\\{b:03o}" for b in content)
+    return f'"{plain}"'
+
+
+def _in_comment(text: str) -> str:
+    """A text in a comment of C, on one line, which it neither ends nor begins anew.
+
+    >>> _in_comment("mV */ int x;")
+    'mV * / int x;'
+    """
+    return printable(text).replace("*/", "* /").replace("/*", "/ *")

@@ -1,0 +1,150 @@
+"""Export to C: from a run folder to files, and for integers the formats from the training trials."""
+
+import logging
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from neurotact_parts.exporters.c import c_export, fine_tuning, formats, proving
+from neurotact_parts.exporters.c.formats import Formats, Steps
+from neurotact_parts.exporters.trials import recorded
+
+from neurotact import effects, files
+from neurotact.data.recordings import Recordings
+from neurotact.deploy.chain import Chain, chain_of
+from neurotact.deploy.exporters import Exporter
+from neurotact.errors import InputError
+from neurotact.networks.training import trained
+from neurotact.networks.use import fitted
+from neurotact.networks.use.fitted import Fitted
+from neurotact.progress import Tell, untold
+
+WEIGHT_BITS = 8
+"""Default of a network that was not fine-tuned for other bits."""
+
+log = logging.getLogger("neurotact")
+
+
+class Exported(NamedTuple):
+    """A chain, and its formats if it computes in integers."""
+
+    chain: Chain
+    formats: Formats | None
+
+
+def export_c(
+    run: Fitted,
+    folder: str | Path,
+    *,
+    variant: Literal["integer", "float"] = "integer",
+    weight_bits: int | None = None,
+    state_bits: int | None = None,
+    lsb: float | None = None,
+    recordings: Recordings | str | Path | None = None,
+    spikes: str | Path | None = None,
+    name: str = "touch",
+    sampling_rate_Hz: float | None = None,
+    early_exit: bool = True,
+    length_ms: float | None = None,
+    start_ms: float | None = None,
+    hop_ms: float | None = None,
+    contact: bool = False,
+    quiet_ms: float | None = None,
+    prove: int = 0,
+    force: bool = False,
+    tell: Tell = untold,
+) -> Exported:
+    """Write the chain in the run folder `run` as C99, from a raw sample to a decision, as `neurotact export` does.
+
+    run: the folder, or a fitted `SpikingClassifier` or a pipeline that ends in one.
+    variant: "integer", whose formats are chosen from the run's training trials, or "float". recordings, spikes: that
+    the run was trained on, where they moved since; of a classifier, recordings (or a file of them) like those that it
+    was fitted on, which give the range of samples. weight_bits: 2 to 8; when None those of `fine_tune`, else 8.
+    state_bits: 8 to 16, or 24; chosen when None. lsb: of a sample of 16 bits; when None, 1 for whole
+    numbers that fit, else from the recorded range.
+    name: prefix of every name in C.
+    sampling_rate_Hz, early_exit, length_ms, start_ms, hop_ms, contact, quiet_ms: as for `Stream`.
+    prove: compile the export, run it here and in QEMU, and compare this many test trials spike by spike.
+    force: replace files. tell: called with what the command prints.
+    Returns the chain and its formats. Raises InputError for files that exist, and for a chain that cannot run in C.
+
+    >>> made = nt.export_c("run", "chain")
+    >>> sorted(path.name for path in Path("chain").iterdir())
+    ['README.md', 'example.c', 'touch.c', 'touch.h']
+    """
+    effects.check(
+        variant=variant, weight_bits=weight_bits, state_bits=state_bits, lsb=lsb,
+        ranges=variant == "integer" or prove, recordings=recordings, spikes=spikes,
+    )  # fmt: skip
+    if variant not in ("integer", "float"):
+        raise InputError(f"variant: '{variant}' is unknown; choose integer or float")
+    for path in c_export.paths(Path(folder), name):
+        files.check_new(path, force=force)
+    made = prepared(
+        run, integer=variant == "integer", recordings=recordings, spikes=spikes, weight_bits=weight_bits,
+        state_bits=state_bits, lsb=lsb, sampling_rate_Hz=sampling_rate_Hz, early_exit=early_exit, length_ms=length_ms,
+        start_ms=start_ms, hop_ms=hop_ms, contact=contact, quiet_ms=quiet_ms,
+    )  # fmt: skip
+    c_export.write(made.chain, Path(folder), made.formats, name=name)
+    tell(f"{folder}: {c_export.title_of(made.chain, made.formats)}")
+    if prove:
+        tell(proving.prove(run, made.chain, made.formats, prove, recordings, spikes, say=log.warning))
+    return made
+
+
+def prepared(
+    run: Fitted,
+    *,
+    integer: bool = True,
+    recordings: Recordings | str | Path | None = None,
+    spikes: str | Path | None = None,
+    weight_bits: int | None = None,
+    state_bits: int | None = None,
+    lsb: float | None = None,
+    **options: Any,
+) -> Exported:
+    """The chain of a run folder or a fitted classifier, ready to be written as C; options as for `chain_of`.
+
+    integer: computed in integers. recordings, spikes: those that the run was trained on, if they were moved; of a
+    classifier, the recordings that give the ranges of samples and states.
+    weight_bits, state_bits, lsb: as for `formats.choose`. By default, the weights of a fine-tuned run have the bits and
+    steps of its fine-tuning, others 8 bits.
+    """
+    if not integer:
+        return Exported(chain_of(run, **options), None)
+    restored = fitted.restore(run, spikes=spikes)
+    signals = recorded(restored, recordings)
+    if "sampling_rate_Hz" not in options or options["sampling_rate_Hz"] is None:
+        options["sampling_rate_Hz"] = signals.sampling_rate_Hz if _resamples(restored) else None
+    chain = chain_of(run, **options)
+    ranges = formats.record(chain.network, signals.windows, signals.training)
+    return Exported(chain, formats.choose(chain, ranges, lsb=lsb, **_bits_and_steps(restored, weight_bits, state_bits)))
+
+
+def _bits_and_steps(restored: trained.Restored, weight_bits: int | None, state_bits: int | None) -> dict[str, Any]:
+    """Bits and steps of the weights and bits of the states, as given or as in the fine-tuning of the run.
+
+    With other weight bits, or with fewer state bits, the weights are rounded again.
+    """
+    tuned = fine_tuning.tuned_of(restored)
+    if tuned is None:
+        return {"weight_bits": weight_bits or WEIGHT_BITS, "state_bits": state_bits}
+    bits = {"weight_bits": weight_bits or tuned.weight_bits, "state_bits": state_bits or tuned.state_bits}
+    same_grid = bits["weight_bits"] == tuned.weight_bits and bits["state_bits"] >= tuned.state_bits
+    return {**bits, "steps": Steps(*tuned.steps) if same_grid else None}
+
+
+def _resamples(restored: trained.Restored) -> bool:
+    return ((restored.encoder or {}).get("conditioning") or {}).get("resample_Hz") is not None
+
+
+EXPORTER = Exporter(
+    "a folder of C99 for a microcontroller, from raw samples to decisions",
+    export_c,
+    {
+        "variant": "integer or float arithmetic.",
+        "weight_bits": "bits of a weight in the integer variant: 2 to 8; when absent, as in fine-tune, else 8.",
+        "state_bits": "bits of a state in the integer variant: 8 to 16, or 24; chosen when absent.",
+        "lsb": "signal per digit of a 16-bit sample. When absent: 1 for whole numbers, else from the recorded range.",
+        "name": "prefix of all names in C.",
+    },
+)

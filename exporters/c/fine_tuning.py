@@ -1,0 +1,221 @@
+"""Continued training with rounded weights, so that a network loses less accuracy in integers.
+
+The forward pass uses the weights of the integer variant of the C export. Their steps are those that `formats` chooses
+for the original network, and are constant. The gradients of the rounded weights reach the full-precision ones
+(`networks.rounding`). The rounded weights are saved with their steps, from which an export gets the same integers.
+States and decays are not rounded during training. Test windows are not used.
+"""
+
+import copy
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import torch
+from neurotact_parts.exporters.c import formats
+from neurotact_parts.exporters.c.formats import Layers, Steps
+from pydantic import Field, PositiveFloat
+
+from neurotact import effects, files
+from neurotact.data.windows import steps_of
+from neurotact.errors import InputError
+from neurotact.networks.definition.rounding import Grid, seen_rounded
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.training import checkpoint, fitting, tasks, train_run, trained
+from neurotact.networks.training.outcome import Outcome, outcome_of, summary_of
+from neurotact.networks.training.tasks import Sides
+from neurotact.networks.training.trained import Restored
+from neurotact.networks.training.training import Epoch, Examples, Training, best_of, evaluate, train
+from neurotact.networks.use.fitted import check_folder
+from neurotact.progress import Tell, track, untold
+from neurotact.spec import Spec, build
+
+EPOCHS = 10
+KEY = "fine_tuned"
+
+
+class FineTuned(Spec):
+    """What is saved with a fine-tuned network (`network.json`, under `extra.fine_tuned`)."""
+
+    network: str
+    """The folder of the original network, relative to its own folder."""
+    weights_sha256: str
+    """Of the original weights."""
+    weight_bits: int = Field(ge=2, le=8)
+    state_bits: int = Field(ge=8, le=24)
+    steps: tuple[PositiveFloat, PositiveFloat | None, PositiveFloat]
+    """The value of 1 of an integer weight: into, among and out of the hidden neurons."""
+    epochs: int = Field(ge=0)
+    seed: int = Field(ge=0)
+
+
+class Done(NamedTuple):
+    """The result of a fine-tuning, and its epochs; epoch 0 is rounding alone."""
+
+    outcome: Outcome
+    training: Training
+
+
+def tuned_of(restored: Restored) -> FineTuned | None:
+    """The fine-tuning that is saved with a network; None if it was not fine-tuned."""
+    if restored.fine_tuned is None:
+        return None
+    return build(FineTuned, restored.fine_tuned, source=f"{checkpoint.NETWORK}, {KEY}")
+
+
+def grids_of(network: RSNN, steps: Steps, weight_bits: int) -> dict[str, Grid]:
+    """The possible values of each matrix of weights; an integrator's bias has the steps of its weights, and 32 bits.
+
+    Raises InputError for a network with `readout_stretches`: the sum of two weights on a grid may be too large for it.
+    """
+    if network.stretches is not None:
+        raise InputError("readout_stretches: fine-tuning rounds one readout; fine-tune with 0 epochs, or train with 1")
+    most = 2 ** (weight_bits - 1) - 1
+    grids = {name: Grid(step, most) for name, step in steps._asdict().items() if step is not None}
+    return grids if network.bias is None else {**grids, "bias": Grid(steps.w_out, formats.LARGEST)}
+
+
+def train_rounded(
+    network: RSNN,
+    training: Examples,
+    validation: Examples,
+    grids: dict[str, Grid],
+    *,
+    generator: torch.Generator,
+    epochs: int = EPOCHS,
+    progress: Callable[[Epoch], None] | None = None,
+) -> Training:
+    """Continue the training of a network in place, with weights rounded to their grids; it ends with rounded weights.
+
+    grids: by name of the weights (`grids_of`); weights without a grid are not rounded. generator: orders the windows.
+    The network's own training settings are used, with learning rates that fall to 0 over `epochs`. Epoch 0 is rounding
+    alone; it is the result if no epoch is better on the validation windows.
+    """
+    settings = network.spec.training
+    if settings.keep == "both":  # training accuracy is that of disturbed windows, except in epoch 0
+        settings = settings.model_copy(update={"keep": "accuracy"})
+    if epochs:
+        update = {"epochs": epochs, "patience": epochs, "schedule": "cosine"}
+        network.spec = network.spec.model_copy(update={"training": settings.model_copy(update=update)})
+    with seen_rounded(network, grids):
+        rounded = Epoch(0, *evaluate(network, training), *evaluate(network, validation))
+        before = copy.deepcopy(network.state_dict())
+        log = [rounded]
+        if epochs:
+            log += train(network, training, validation, generator=generator, progress=progress).epochs
+        best = best_of(log, settings.keep)
+        if best is rounded:
+            network.load_state_dict(before)
+    return Training(tuple(log), best)
+
+
+def _run(
+    source: str | Path,
+    folder: str | Path,
+    *,
+    weight_bits: int = 8,
+    state_bits: int | None = None,
+    epochs: int = EPOCHS,
+    seed: int | None = None,
+    spikes: str | Path | None = None,
+    force: bool = False,
+) -> Done:
+    """Fine-tune the network in the run folder `source` for integer weights, and save it in `folder` as a new run.
+
+    spikes: those that the run was trained on, where they moved since.
+    weight_bits, state_bits: as for `formats.choose`. epochs: of training; 0: rounding alone. seed: of the order of
+    windows, 0 if None.
+    force: replace an existing training in `folder`.
+    Raises InputError for a folder that is not empty, and for spikes that are no longer those of the run.
+    """
+    effects.check(epochs=epochs, seed=seed)
+    source, folder, seed = Path(source), Path(folder), seed or 0
+    if not 0 <= epochs <= 100_000:
+        raise InputError(f"epochs: must be from 0 to 100000; got {epochs}")
+    # os.path and not Path: a folder that may not be read counts as another one, and is refused when it is written.
+    if os.path.exists(folder) and os.path.exists(source) and folder.samefile(source):
+        raise InputError(f"{folder}: is the run that is to be fine-tuned; choose another folder")
+    with files.locked(folder):
+        train_run.check_place(folder, force=force)
+        restored = trained.restore(source, spikes=spikes)
+        trains = trained.load_spikes_of(restored)
+        assert restored.spikes_path is not None  # of a folder
+        trained.check_trials(restored, trains)
+        sides = tasks.sides_of(trains, restored.task)
+        layers = layers_of(restored, sides, weight_bits=weight_bits, state_bits=state_bits)
+        digest = files.sha256(source / checkpoint.WEIGHTS)
+        done = _trained_on(restored, sides, layers, weight_bits, epochs, seed)
+        about = FineTuned(
+            network=os.path.relpath(source, folder), weights_sha256=digest, weight_bits=weight_bits,
+            state_bits=layers.hidden.state_bits, steps=layers.steps, epochs=epochs, seed=seed,
+        )  # fmt: skip
+        outcome = outcome_of(done, sides, trains, restored.task, "fine-tune")
+        train_run.clear(folder)
+        more = {KEY: about.model_dump(mode="json")}
+        trained.save(done, folder, trains, restored.spikes_path, restored.task, more=more)
+        files.write_json(folder / train_run.RESULT, outcome.as_json())
+    return Done(outcome, done.training)
+
+
+def layers_of(restored: Restored, sides: Sides, **options: Any) -> Layers:
+    """The network in integers, as an export chooses them; options as for `formats.layers_of`."""
+    network = restored.network
+    n_steps, _, _ = steps_of(restored.task.window, network.sampling_rate_Hz)
+    seen = formats.record_states(network, sides.train.spikes)
+    return formats.layers_of(network, seen, n_steps=n_steps, **options)
+
+
+def _trained_on(
+    restored: Restored, sides: Sides, layers: Layers, weight_bits: int, epochs: int, seed: int
+) -> fitting.Trained:
+    network, steps = restored.network, layers.steps
+    with track("fine-tune", epochs) as advance:
+        training = train_rounded(
+            network, sides.train, sides.validation, grids_of(network, steps, weight_bits),
+            generator=torch.Generator().manual_seed(seed), epochs=epochs,
+            progress=lambda epoch: advance(1, train_run.line_of(epoch)),
+        )  # fmt: skip
+    # Refuse what an export refuses, before anything is saved.
+    layers_of(restored, sides, weight_bits=weight_bits, state_bits=layers.hidden.state_bits, steps=steps)
+    done = fitting.finished(network, training, sides, restored.task)
+    return done if restored.has_own_rule else done.with_rule(restored.rule, restored.held)
+
+
+def fine_tune(
+    run: str | Path,
+    folder: str | Path,
+    *,
+    weight_bits: int = 8,
+    state_bits: int | None = None,
+    epochs: int = EPOCHS,
+    seed: int | None = None,
+    spikes: str | Path | None = None,
+    force: bool = False,
+    tell: Tell = untold,
+) -> dict[str, Any]:
+    """Train the network in the run folder `run` on with rounded weights, as `neurotact fine-tune` does.
+
+    It is saved in `folder` as a run of its own, which `export_c` writes with these bits. weight_bits: 2 to 8.
+    state_bits: 8 to 16, or 24; chosen when None. epochs: 0 rounds alone. seed: of the order of windows, 0 if
+    None. Training and validation trials are used alone.
+    spikes: that the run was trained on, where they moved since. force: replace a training that is in the folder.
+    tell: called with what the command prints. Returns what it came to, as `train` does.
+    Raises InputError for a folder that is not free, and for spikes that are no longer those of the run.
+
+    >>> nt.fine_tune("run", "few-bits", weight_bits=4, epochs=1)["accuracy_test"] >= 0
+    True
+    """
+    check_folder(run, "fine_tune", "which it trains on from the spikes of that")
+    path = Path(folder)
+    outcome, training = _run(
+        run, path, weight_bits=weight_bits, state_bits=state_bits, epochs=epochs, seed=seed, spikes=spikes, force=force
+    )
+    rounded, best = (100 * epoch.validation_accuracy for epoch in (training.epochs[0], training.best))
+    tuned = (
+        f"validation accuracy with {weight_bits}-bit weights: {rounded:.1f} % rounded, {best:.1f} % fine-tuned "
+        f"(epoch {training.best.epoch} of {epochs})"
+    )
+    for line in (*outcome.lines(), tuned, train_run.saved_in(path)):
+        tell(line)
+    return summary_of(files.read_json(path / train_run.RESULT))

@@ -1,0 +1,283 @@
+"""Proof of an export: compiled here and for a Cortex-M, run, and compared with its twin spike by spike.
+
+QEMU emulates the processor. It also counts instructions: with `-icount`, its clock advances by a fixed time for each.
+If a tool is not installed, the step is skipped, and the reason names the tool.
+"""
+
+import shutil
+import struct
+import subprocess
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from neurotact_parts.exporters.c import boards
+from neurotact_parts.exporters.c.boards import Board
+
+from neurotact import files
+from neurotact.errors import InputError
+
+WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
+SANITIZERS = (
+    "-O1", "-g", "-fsanitize=address,undefined,float-cast-overflow,float-divide-by-zero", "-fno-sanitize-recover=all",
+)  # fmt: skip
+LONGEST_S = 600
+
+
+class Spoken(NamedTuple):
+    """The output of a chain for one trial.
+
+    afferents: numbers of the afferents that spiked, one tuple per step. hidden: the same for the hidden neurons of each
+    window. decisions: window, start step, steps, input spikes, hidden spikes, whether the readout changed, and label,
+    in the order of windows.
+    """
+
+    afferents: list[tuple[int, ...]]
+    hidden: dict[int, list[tuple[int, ...]]]
+    decisions: list[tuple[int, ...]]
+
+
+class Ticks(NamedTuple):
+    """Number of samples, and the maximum and the sum of their ticks."""
+
+    samples: int
+    most: int
+    total: int
+
+
+class Footprint(NamedTuple):
+    """Bytes of the chain without start-up code: code and tables, state, and the sum of the stack frames."""
+
+    flash: int
+    ram: int
+    stack: int
+
+
+def missing(*tools: str) -> str | None:
+    """Why a step cannot run: the tools that are not on the path; None if all are.
+
+    >>> missing("a-compiler-of-nobody")
+    'a-compiler-of-nobody is not installed'
+    """
+    absent = [tool for tool in tools if shutil.which(tool) is None]
+    return f"{', '.join(absent)} is not installed" if absent else None
+
+
+def on_host(folder: Path, name: str, trials: Sequence[np.ndarray], *, flags: Sequence[str] = ("-O2",)) -> list[Spoken]:
+    """Compile the export in `folder` with the host's C compiler and run trials `(sample, taxel)` through it."""
+    output = run(built_here(folder, name, flags=flags), _packed(trials))
+    return _parsed(output, name, folder)[0]
+
+
+def built_here(folder: Path, name: str, *, flags: Sequence[str]) -> Path:
+    """Compile a program for this machine."""
+    program = folder / "harness"
+    _call(
+        ["cc", *WARNINGS, *flags, *_watched(name), f"{name}.c", "harness.c", str(boards.HOST), "-o", str(program)],
+        folder,
+    )
+    return program
+
+
+def run(program: Path, data: bytes) -> bytes:
+    """The output of a program on this machine."""
+    return _call([str(program)], program.parent, data=data)
+
+
+def on_board(
+    folder: Path, name: str, trials: Sequence[np.ndarray], board: Board, *, counting: bool = False
+) -> tuple[list[Spoken], Ticks]:
+    """Compile the export for a board and run trials on QEMU's emulation of it.
+
+    counting: without recording spikes, and with a clock that counts instructions; ticks are then instructions.
+    """
+    image = build(folder, name, board, watched=not counting)
+    outputs, ticks = _parsed(emulate(image, _packed(trials), board, counting=counting), name, folder)
+    if counting:
+        scale = 1e9 / board.clock_Hz / 2**boards.SHIFT
+        ticks = Ticks(ticks.samples, round(ticks.most * scale), round(ticks.total * scale))
+    return outputs, ticks
+
+
+def emulate(image: Path, data: bytes, board: Board, *, counting: bool = False) -> bytes:
+    """The output of an image on QEMU's emulation of a board."""
+    folder = image.parent
+    with files.whole(folder / "input.bin") as draft:
+        draft.write_bytes(data)
+    counted = ["-icount", f"shift={boards.SHIFT}"] if counting else []
+    _call(
+        ["qemu-system-arm", "-M", board.machine, "-nographic", "-monitor", "none", "-serial", "none", *counted,
+         "-semihosting-config", "enable=on,target=native", "-kernel", image.name], folder,
+    )  # fmt: skip
+    return (folder / "output.bin").read_bytes()
+
+
+def build(folder: Path, name: str, board: Board, *, watched: bool) -> Path:
+    """Compile an image for a board."""
+    image = folder / f"{board.machine}.elf"
+    _call(
+        ["arm-none-eabi-gcc", *WARNINGS[:-1], *board.flags, "-O2", "-ffreestanding", "-nostdlib",
+         "-T", str(boards.SCRIPT), f"-Wl,--defsym=FLASH_SIZE={board.flash},--defsym=RAM_SIZE={board.ram}",
+         f"-Wl,-Map={board.machine}.map", *(_watched(name) if watched else ()),
+         f"{name}.c", "harness.c", str(boards.CORTEX_M), "-lgcc", "-o", image.name],
+        folder,
+    )  # fmt: skip
+    return image
+
+
+def footprint(folder: Path, name: str, board: Board, *, optimise: str = "-Os") -> Footprint:
+    """Memory of the chain on a processor: sections of its object, with the functions of the compiler's library."""
+    chain, whole = folder / f"{name}.o", folder / f"{name}-whole.o"
+    flags = [*WARNINGS, *board.flags, optimise, "-ffreestanding"]
+    _call(["arm-none-eabi-gcc", *flags, "-fstack-usage", "-c", f"{name}.c", "-o", chain.name], folder)
+    roots = [f"-Wl,-u,{name}_push,-u,{name}_reset,-u,state,-e,{name}_push", "-Wl,--gc-sections"]
+    stub = folder / "stub.c"
+    files.write_text(
+        stub,
+        f'#include "{name}.h"\n{name}_chain state;\n'
+        "void *memcpy(void *to, const void *from, unsigned int n);\n"
+        "void *memset(void *to, int value, unsigned int n);\n"
+        "void *memcpy(void *to, const void *from, unsigned int n)\n{ (void)from; (void)n; return to; }\n"
+        "void *memset(void *to, int value, unsigned int n)\n{ (void)value; (void)n; return to; }\n",
+    )
+    _call(
+        [
+            "arm-none-eabi-gcc",
+            *flags[:-1],
+            "-fno-builtin",
+            "-nostdlib",
+            *roots,
+            chain.name,
+            "stub.c",
+            "-lgcc",
+            "-o",
+            whole.name,
+        ],
+        folder,
+    )
+    sizes = _call(["arm-none-eabi-size", whole.name], folder).decode().splitlines()[1].split()
+    frames = [int(line.split("\t")[1]) for line in (folder / f"{name}.su").read_text().splitlines()]
+    return Footprint(int(sizes[0]) + int(sizes[1]), int(sizes[1]) + int(sizes[2]), sum(frames))
+
+
+def first_difference(said: Sequence[Spoken], expected: Sequence[Spoken]) -> str | None:
+    """Where two chains first differ: trial, step and neuron; None if every spike and decision is equal."""
+    if len(said) != len(expected):
+        return f"{len(said)} trials where {len(expected)} are expected"
+    for trial, (one, other) in enumerate(zip(said, expected, strict=True)):
+        difference = _first(one.afferents, other.afferents)
+        if difference:
+            return f"trial {trial}, afferents, {difference}"
+        for window in sorted({*one.hidden, *other.hidden}):
+            difference = _first(one.hidden.get(window, []), other.hidden.get(window, []))
+            if difference:
+                return f"trial {trial}, window {window}, hidden neurons, {difference}"
+        for mine, theirs in zip(one.decisions, other.decisions, strict=False):
+            if mine != theirs:
+                return f"trial {trial}, decision {mine} where {theirs} is expected"
+        if len(one.decisions) != len(other.decisions):
+            return f"trial {trial}: {len(one.decisions)} decisions where {len(other.decisions)} are expected"
+    return None
+
+
+def _first(one: list[tuple[int, ...]], other: list[tuple[int, ...]]) -> str | None:
+    if one == other:
+        return None
+    for step, (mine, theirs) in enumerate(zip(one, other, strict=False)):
+        if mine != theirs:
+            return f"step {step}: {mine} where {theirs} is expected"
+    return f"{len(one)} steps where {len(other)} are expected"
+
+
+def _watched(name: str) -> list[str]:
+    return [f"-D{name.upper()}_ON_SPIKES={name}_on_spikes", f"-D{name.upper()}_ON_HIDDEN={name}_on_hidden"]
+
+
+def _packed(trials: Sequence[np.ndarray]) -> bytes:
+    parts = [struct.pack("<I", len(trials))]
+    for trial in trials:
+        if trial.dtype not in (np.int16, np.float32):
+            raise InputError(f"trials: must be int16 or float32; got {trial.dtype}")
+        parts += [struct.pack("<I", len(trial)), np.ascontiguousarray(trial).tobytes()]
+    return b"".join(parts)
+
+
+def _parsed(output: bytes, name: str, folder: Path) -> tuple[list[Spoken], Ticks]:
+    afferent, neuron = (_size_of(kind, name, folder) for kind in ("afferents", "neurons"))
+    trials, offset = [], 0
+    afferents: list[tuple[int, ...]] = []
+    hidden: dict[int, list[tuple[int, ...]]] = {}
+    decisions: list[tuple[int, ...]] = []
+    while offset < len(output):
+        tag, offset = output[offset : offset + 1], offset + 1
+        if tag == b"S":
+            numbers, offset = _numbers(output, offset, afferent)
+            afferents.append(numbers)
+        elif tag == b"H":
+            window = int.from_bytes(output[offset : offset + 4], "little")
+            numbers, offset = _numbers(output, offset + 4, neuron)
+            hidden.setdefault(window, []).append(numbers)
+        elif tag == b"D":
+            decisions.append(struct.unpack_from("<7I", output, offset))
+            offset += 28
+        elif tag == b"E":
+            trials.append(Spoken(afferents, hidden, sorted(decisions)))
+            afferents, hidden, decisions = [], {}, []
+        elif tag == b"T":
+            samples, most, low, high = struct.unpack_from("<4I", output, offset)
+            return trials, Ticks(samples, most, low + (high << 32))
+        else:
+            break
+    raise InputError(f"{folder}: the harness stopped in the middle; compile and run it by hand")
+
+
+def _numbers(output: bytes, offset: int, size: int) -> tuple[tuple[int, ...], int]:
+    n = int.from_bytes(output[offset : offset + 4], "little")
+    end = offset + 4 + n * size
+    return tuple(np.frombuffer(output[offset + 4 : end], f"<u{size}").tolist()), end
+
+
+def _size_of(what: str, name: str, folder: Path) -> int:
+    """Bytes of a neuron's number, from the header."""
+    header = (folder / f"{name}.h").read_text()
+    return next(
+        size for size, kind in ((1, "uint8_t"), (2, "uint16_t"), (4, "uint32_t")) if f"const {kind} *{what}," in header
+    )
+
+
+def _call(command: list[str], folder: Path, data: bytes = b"") -> bytes:
+    try:
+        done = subprocess.run(command, cwd=folder, input=data, capture_output=True, timeout=LONGEST_S, check=False)
+    except subprocess.TimeoutExpired as error:
+        raise InputError(f"{command[0]}: ran for more than {LONGEST_S} s; use fewer trials") from error
+    if done.returncode:
+        last = done.stderr.decode(errors="replace").strip().splitlines() or ["no message"]
+        raise InputError(f"{command[0]}: failed with code {done.returncode}: {last[0][:300]}")
+    return done.stdout
+
+
+def spoken_of(
+    rasters: np.ndarray, starts: np.ndarray, hidden: np.ndarray, decided: np.ndarray, steps_per_bin: int = 1
+) -> Spoken:
+    """The output of a twin for a trial, in the format of a chain in C.
+
+    rasters: afferents `(step, afferent)`; starts: of windows; hidden: `(window, bin, hidden)`; decided: label, steps,
+    input spikes, hidden spikes and whether the readout changed, of each window. steps_per_bin: steps in a bin.
+    """
+    rows = [tuple(np.flatnonzero(row).tolist()) for row in rasters]
+    windows = {}
+    decisions = []
+    for window, (start, raster, row) in enumerate(zip(starts.tolist(), hidden, decided.tolist(), strict=True)):
+        label, steps, input_spikes, hidden_spikes, is_heard = row
+        windows[window] = [tuple(np.flatnonzero(step).tolist()) for step in raster[: -(-steps // steps_per_bin)]]
+        decisions.append((window, start, steps, input_spikes, hidden_spikes, is_heard, label))
+    return Spoken(rows, windows, decisions)
+
+
+def cut_off(said: list[Spoken], expected: Sequence[Spoken]) -> Iterator[Spoken]:
+    """The output without the windows that the trial's end cuts off, which twins do not have."""
+    for one, other in zip(said, expected, strict=True):
+        n = len(other.decisions)
+        hidden = {window: steps for window, steps in one.hidden.items() if window < n}
+        yield Spoken(one.afferents, hidden, [row for row in one.decisions if row[0] < n])

@@ -1,0 +1,231 @@
+"""Exchange with NIR, for users: `nt.to_nir`, `nt.from_nir`, and the proof of an export."""
+
+import logging
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from neurotact_parts.exporters.nir import compare, execute, file, graph, note, parse
+from neurotact_parts.exporters.nir.parse import FromNIR
+from neurotact_parts.exporters.trials import recorded
+
+from neurotact import effects
+from neurotact.data.recordings import Recordings
+from neurotact.deploy.chain import build_encoder
+from neurotact.deploy.exporters import Exporter
+from neurotact.encoders import afferents
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.specs import EncoderSpec
+from neurotact.errors import InputError
+from neurotact.networks.definition.executors import Subject, require
+from neurotact.networks.definition.kernels import Backend
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.exit.early_exit import FULL_WINDOW
+from neurotact.networks.use import fitted
+from neurotact.networks.use.fitted import Fitted
+from neurotact.progress import Tell, untold
+
+log = logging.getLogger("neurotact")
+
+
+def to_nir(
+    source: Fitted | RSNN | tuple[EncoderSpec, RSNN],
+    path: str | Path | None = None,
+    *,
+    plain: bool = False,
+    lower_refractory: bool = False,
+    network_only: bool = False,
+    dt_s: float | None = None,
+    force: bool = False,
+) -> Any:
+    """The graph of a network, or of an encoder and a network, in the Neuromorphic Intermediate Representation.
+
+    source: a run folder that `train` wrote, or a fitted `SpikingClassifier` or pipeline (its encoder included unless
+        `network_only`), a network, or an encoder and a network.
+    path: a file to write (HDF5); an existing one is refused unless `force`.
+    plain: only CubaLIF and Linear, which snnTorch and Norse load; exact for membrane `immediate` with reset `hard`.
+        For any other, the graph's note contains the differences. lower_refractory: afferents' refractory periods as
+        nodes; by default they are only in the note, since NIR's neurons have none.
+    A network with a `step_ms` is exported alone, and takes spikes in bins of that length, `network.binned`.
+    dt_s: seconds per step; None: 1 / clock. snnTorch requires 1e-4: time constants are scaled with it.
+    Raises InputError for what a graph cannot represent: decays of 1, encoders other than LIF afferents.
+
+    >>> net = RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0)
+    >>> sorted(to_nir(net).nodes)  # doctest: +SKIP
+    ['hidden', 'input', 'late', 'late_out', 'output', 'readout', 'w_in', 'w_out']
+    """
+    rule, classes = FULL_WINDOW, None
+    if isinstance(source, RSNN):
+        encoder, network = None, source
+    elif isinstance(source, tuple):
+        encoder, network = source
+    else:
+        restored = fitted.restore(source)
+        network, rule, classes = restored.network, restored.exits(), restored.classes
+        encoder = build_encoder(restored, fitted.name_of(source)) if restored.encoder is not None else None
+    encoder = None if network_only else encoder
+    require("nir-plain" if plain else "nir", Subject(encoder, network))
+    assert encoder is None or isinstance(encoder, AfferentSpec)  # `require` refuses the others
+    exported = graph.of(
+        network.on_own_clock(),
+        encoder,
+        rule=rule,
+        classes=classes,
+        dt_s=dt_s,
+        plain=plain,
+        lower_refractory=lower_refractory,
+    )
+    if path is not None:
+        file.write(exported, path, force=force)
+    return exported
+
+
+def from_nir(
+    source: str | Path | Any,
+    *,
+    dt_s: float | None = None,
+    sampling_rate_Hz: float | None = None,
+    backend: Backend = "auto",
+) -> FromNIR:
+    """The network in a NIR file or graph; from neurotact's own files also the encoder, the exit rule and the classes.
+
+    dt_s: seconds per step, for files without it (snnTorch's have 1e-4). sampling_rate_Hz: of the network, if a step in
+    another program's file means another time than `dt_s`; None: 1 / dt_s. Either is refused if it differs from what the
+    file states.
+    Raises InputError for files that are damaged or hostile, for graphs that are not Linear, CubaLIF (recurrent or not),
+    Linear, CubaLIF, and for features that neurotact's networks do not have.
+
+    >>> net = RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0)
+    >>> from_nir(to_nir(net)).network.n_inputs
+    16
+    """
+    if sampling_rate_Hz is not None and not (math.isfinite(sampling_rate_Hz) and sampling_rate_Hz > 0):
+        raise InputError(f"sampling_rate_Hz: must be a positive number; got {sampling_rate_Hz}")
+    is_file = isinstance(source, (str, Path))
+    content = file.read(source) if is_file else source
+    return parse.parsed(content, dt_s, str(source) if is_file else "graph", sampling_rate_Hz, backend)
+
+
+def export_nir(
+    run: Fitted,
+    path: str | Path,
+    *,
+    plain: bool = False,
+    lower_refractory: bool = False,
+    network_only: bool = False,
+    dt_s: float | None = None,
+    prove: int = 0,
+    recordings: Recordings | str | Path | None = None,
+    spikes: str | Path | None = None,
+    force: bool = False,
+    tell: Tell = untold,
+) -> Any:
+    """Write the afferents and the network of a run as a NIR graph, as `neurotact export` does; returns it.
+
+    run: as of `export_c`.
+    plain, lower_refractory, network_only, dt_s: as of `to_nir`.
+    prove: run the graph in the interpreter, snnTorch and Norse, and compare this many test trials spike by spike.
+    recordings, spikes: for that, those that the run was trained on, where they moved since; of a classifier, others.
+    force: replace a file. tell: called with what the command prints.
+    Raises InputError for a file that exists, and for a chain that NIR cannot express.
+
+    >>> made = nt.export_nir("run", "run.nir")
+    >>> "afferents" in made.nodes
+    True
+    """
+    effects.check(ranges=prove, recordings=recordings, spikes=spikes)
+    made = to_nir(
+        run, path, plain=plain, lower_refractory=lower_refractory, network_only=network_only, dt_s=dt_s, force=force
+    )
+    said = note.of(made, str(path))
+    assert said is not None
+    tell(f"{path}: {len(execute.flat(made)[0])} nodes, steps of {said.dt_s:g} s, {said.form}")
+    for difference in said.differences:
+        tell(f"  differs: {difference}")
+    if prove:
+        for line in summary(proved(run, made, prove, recordings, spikes, say=log.warning)):
+            tell(line)
+    return made
+
+
+def proved(
+    run: Fitted,
+    made: Any,
+    n_trials: int,
+    recordings: Recordings | str | Path | None = None,
+    spikes: str | Path | None = None,
+    say: Callable[[str], None] = lambda _: None,
+) -> pd.DataFrame:
+    """The run's network compared with its graph on test trials, in the interpreter, snnTorch and Norse.
+
+    recordings, spikes: those that the run was trained on, if they were moved. Columns as `compare.first_differences`.
+    A simulator that cannot run the graph is reported, with the reason.
+    """
+    restored = fitted.restore(run, spikes=spikes)
+    encoder = build_encoder(restored, fitted.name_of(run))
+    require("nir-plain", Subject(encoder, restored.network))
+    assert isinstance(encoder, AfferentSpec)  # `require` refuses the others
+    written = note.of(made, "graph")
+    has_afferents = written is not None and written.encoder is not None
+    known = recorded(restored, recordings)
+    rate_Hz, signals = known.sampling_rate_Hz, known.test[:n_trials]
+    tables: list[pd.DataFrame] = []
+    for simulator in compare.SIMULATORS:
+        for trial, signal in enumerate(signals):
+            conditioned = compare.conditioned_trial(signal, encoder, rate_Hz)
+            raster = afferents.encode(conditioned, restored.network.sampling_rate_Hz, encoder)[0]
+            more = {"conditioned": conditioned, "encoder": encoder} if has_afferents else {}
+            try:
+                table = compare.report(restored.network, made, raster, (simulator,), **more)
+            except InputError as error:
+                say(f"{simulator} is skipped: {error}")
+                break
+            table["first_trial"] = table["first_trial"].where(table["first_trial"].isna(), trial)
+            tables.append(table)
+    return _joined(tables)
+
+
+def _joined(tables: list[pd.DataFrame]) -> pd.DataFrame:
+    """One row per simulator and layer: the first trial that differs, and the sums."""
+    rows = pd.concat(tables, ignore_index=True)
+    firsts = []
+    for _, group in rows.groupby(["simulator", "layer"], sort=False):
+        differing = group[group["differing"] > 0]
+        first = (differing if len(differing) else group).iloc[0].copy()
+        first["spikes"], first["differing"] = int(group["spikes"].sum()), int(group["differing"].sum())
+        firsts.append(first)
+    return pd.DataFrame(firsts).reset_index(drop=True)
+
+
+def summary(table: pd.DataFrame) -> list[str]:
+    """One line per row of a proof.
+
+    >>> empty = {"first_trial": None, "first_step": None, "first_neuron": None, "reference": None, "other": None}
+    >>> summary(pd.DataFrame([{"simulator": "graph", "layer": "hidden", **empty, "spikes": 7, "differing": 0}]))
+    ['graph, hidden: equal, 7 values']
+    """
+    lines = []
+    for row in table.itertuples(index=False):
+        head = f"{row.simulator}, {row.layer}"
+        if not row.differing:
+            lines.append(f"{head}: equal, {row.spikes} values")
+            continue
+        position = f"trial {int(row.first_trial)}, step {int(row.first_step)}, neuron {int(row.first_neuron)}"
+        values = f"{np.format_float_positional(row.reference, 6)} and not {np.format_float_positional(row.other, 6)}"
+        lines.append(f"{head}: {row.differing} differ of {row.spikes} values, first at {position} ({values})")
+    return lines
+
+
+EXPORTER = Exporter(
+    "a file with afferents and network as a graph (Neuromorphic Intermediate Representation)",
+    export_nir,
+    {
+        "plain": "only CubaLIF and Linear nodes, which snnTorch and Norse load.",
+        "lower_refractory": "express refractory periods as nodes.",
+        "network_only": "leave out the afferents.",
+        "dt_s": "seconds per step; 1 / clock when absent, 1e-4 for snnTorch.",
+    },
+)

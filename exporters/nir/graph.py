@@ -1,0 +1,83 @@
+"""A network, with or without its encoder, as one NIR graph."""
+
+from typing import Any
+
+import numpy as np
+from neurotact_parts.exporters.nir import afferents, layers
+from neurotact_parts.exporters.nir.nodes import Clock, graph
+from neurotact_parts.exporters.nir.note import Note
+
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.errors import InputError
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+
+
+def of(
+    network: RSNN,
+    encoder: AfferentSpec | None = None,
+    *,
+    rule: ExitRule = FULL_WINDOW,
+    classes: tuple[str, ...] | None = None,
+    dt_s: float | None = None,
+    plain: bool = False,
+    lower_refractory: bool = False,
+) -> Any:
+    """The graph, from afferents' spikes or, with an encoder, from their signals, to the readout.
+
+    dt_s: seconds per step in the file; None: 1 / clock. snnTorch uses 1e-4 for any file.
+    plain, lower_refractory: see `layers` and `afferents`.
+    """
+    rate_Hz = network.sampling_rate_Hz
+    clock = Clock(1.0 / rate_Hz if dt_s is None else dt_s)
+    if not 1e-12 < clock.dt_s < 1e6:
+        raise InputError(f"dt_s: must be a positive number of seconds; got {clock.dt_s:g}")
+    if plain and lower_refractory:
+        raise InputError("plain: has no node for a refractory period; leave out either it or lower_refractory")
+    nodes, edges = layers.of_network(network, clock, plain=plain)
+    n_inputs, silent = network.n_inputs, None
+    if encoder is not None:
+        if n_inputs % encoder.n_per_taxel:
+            raise InputError(f"network: receives {n_inputs} afferents, not {encoder.n_per_taxel} under each taxel")
+        n_taxels = n_inputs // encoder.n_per_taxel
+        front, links = afferents.of_encoder(encoder, n_taxels, rate_Hz, clock, lower_refractory=lower_refractory)
+        n_inputs = 2 * n_taxels
+        edges = links + [("afferents" if a == "input" else a, b) for a, b in edges]
+        nodes = {**front, **nodes}
+        silent = {key: encoder.neuron(getattr(encoder, key), rate_Hz).refractory_steps for key in ("sa1", "ra1")}
+    elif lower_refractory:
+        raise InputError("lower_refractory: the graph has no afferents; export it with its encoder")
+    note = Note(
+        dt_s=clock.dt_s,
+        sampling_rate_Hz=rate_Hz,
+        form="plain" if plain else "exact",
+        differences=tuple(_differences(network, silent, plain=plain, lowered=lower_refractory)),
+        network=network.spec.model_dump(mode="json"),
+        unused=tuple(float(values[1].detach()) for values in (network.alpha, network.beta, network.threshold)),  # pyright: ignore
+        bias=None if network.bias is None else tuple(network.bias.detach().tolist()),
+        classes=classes or tuple(str(index) for index in range(network.n_classes)),
+        encoder=None if encoder is None else encoder.model_dump(mode="json", exclude_none=True),
+        refractory_steps=silent,
+        lowered=lower_refractory,
+        exit_patience=rule.patience,
+        exit_from_first_spike=rule.from_first_spike,
+    )
+    return graph(nodes, edges, n_inputs, network.n_classes, note.metadata())
+
+
+def _differences(network: RSNN, silent: dict[str, int] | None, *, plain: bool, lowered: bool) -> list[str]:
+    lines = layers.differences(network) if plain else []
+    if silent is not None and not lowered and any(silent.values()):
+        steps = " and ".join(f"{n} steps of {name}" for name, n in silent.items())
+        lines.append(f"afferents have no refractory period ({steps}); `lower_refractory=True` adds them as nodes")
+    return lines
+
+
+def signals(conditioned: np.ndarray, clock_Hz: float) -> np.ndarray:
+    """The input of a graph with afferents, `(trial, time, 2 taxel)`: the conditioned signal, then its change per ms.
+
+    >>> signals(np.array([[[1.0], [3.0]]]), 1000.0).tolist()
+    [[[1.0, 0.0], [3.0, 2.0]]]
+    """
+    change = np.abs(np.diff(conditioned, axis=1, prepend=conditioned[:, :1])) * (clock_Hz * 1e-3)
+    return np.concatenate([conditioned, change], axis=2)

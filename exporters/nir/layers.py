@@ -1,0 +1,164 @@
+"""The layers of a network as graphs of NIR's nodes: unchanged if NIR has them, else lowered to equal sub-graphs.
+
+NIR's CubaLIF computes membrane `immediate` with reset `hard`, step by step. Others are lowered:
+
+- `delayed` and `eq4` are the same neuron with its input two steps later (see `snntorch_exchange`), `eq4` with its
+  current times beta: a `Delay` before every layer and in the recurrence.
+- reset `subtract`: a leaky integrator and a `Threshold`, whose spike returns one step later, times -threshold.
+- reset `zero`: a spike returns one step later with a force that makes the membrane fire again, for any input. This
+  resets it to zero once more, and a `Threshold` removes the second spike.
+
+A `Delay` delays by its own time. A cycle without a `Delay` returns in the next step, as in snnTorch and Norse; only
+`immediate`, `hard` without a recurrent delay has such a cycle.
+"""
+
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from neurotact_parts.exporters.nir.nodes import FORCE, Clock, Edges, graph, linear, scale, threshold
+from neurotact_parts.exporters.nir.package import nir
+
+from neurotact.networks.definition.rsnn import RSNN
+
+Layered = tuple[dict[str, Any], Edges]
+
+
+class Neuron(NamedTuple):
+    """A layer's decays and threshold, its kind of reset, the delay of its input in steps, and the input's scale."""
+
+    alpha: float
+    beta: float
+    threshold: float
+    reset: str
+    late: int
+    scale: float
+
+    @staticmethod
+    def of(network: RSNN, layer: int, *, plain: bool) -> "Neuron":
+        """The neuron of the hidden layer (0) or of the readout (1); plain: as in CubaLIF."""
+        alpha, beta, level = (float(part[layer].detach()) for part in (network.alpha, network.beta, network.threshold))
+        spec = network.spec
+        late = 0 if plain or spec.membrane == "immediate" else 2
+        return Neuron(
+            alpha, beta, level, "hard" if plain else spec.reset, late, beta if spec.membrane == "eq4" else 1.0
+        )
+
+    def nodes(self, clock: Clock, n: int) -> tuple[dict[str, Any], Edges, str, str]:
+        """Nodes and edges of `n` neurons, the node that receives the input and the node that spikes."""
+        if self.reset == "hard":
+            return {"lif": clock.cuba(self.alpha, self.beta, self.threshold, n, self.scale)}, [], "lif", "lif"
+        nodes = {"synapse": clock.leak(self.alpha, n, "alpha", self.scale)}
+        if self.reset == "subtract":
+            nodes |= {
+                "membrane": clock.leak(self.beta, n, "beta"),
+                "spike": threshold(self.threshold, n),
+                "before": clock.delay(1, n),
+                "reset": scale(-self.threshold, n),
+            }
+            edges = [("synapse", "membrane"), ("membrane", "spike"), ("spike", "before"), ("before", "reset")]
+            return nodes, [*edges, ("reset", "membrane")], "synapse", "spike"
+        nodes |= {
+            "membrane": clock.lif(self.beta, self.threshold, n, "beta"),
+            "spike": threshold(0.5, n),
+            "before": clock.delay(1, n),
+            "force": scale(FORCE, n),
+            "veto": scale(-1.0, n),
+        }
+        edges = [
+            ("synapse", "membrane"), ("membrane", "spike"), ("spike", "before"), ("before", "force"),
+            ("force", "membrane"), ("before", "veto"), ("veto", "spike"),
+        ]  # fmt: skip
+        return nodes, edges, "synapse", "spike"
+
+
+def of_network(network: RSNN, clock: Clock, *, plain: bool = False) -> Layered:
+    """Nodes and edges from `input` (afferents) to `output`: readout spikes, or the running values of an integrator.
+
+    plain: each layer as only CubaLIF and Linear, which snnTorch and Norse load; see `differences` for what is lost.
+    """
+    hidden, n_hidden = Neuron.of(network, 0, plain=plain), network.spec.hidden
+    nodes: dict[str, Any] = {"w_in": linear(_array(network.w_in))}
+    edges: Edges = []
+    if hidden.late:
+        nodes["late"] = clock.delay(hidden.late, network.n_inputs)
+    nodes["hidden"] = _hidden(network, hidden, clock, plain=plain)
+    nodes["w_out"] = linear(_array(network.w_out))
+    if network.bias is not None:
+        path = ["input", *(["late"] if hidden.late else []), "w_in", "hidden", "w_out"]
+        if not plain:
+            nodes |= _integrator(network, clock)
+            path += ["sum", "level"]
+        return nodes, _chained([*path, "output"])
+    readout = Neuron.of(network, 1, plain=plain)
+    if readout.late:
+        nodes["late_out"] = clock.delay(readout.late, n_hidden)
+    parts, inner, receives, spikes = readout.nodes(clock, network.n_classes)
+    if inner:
+        nodes["readout"] = graph(
+            parts, [("input", receives), *inner, (spikes, "output")], network.n_classes, network.n_classes
+        )
+    else:
+        nodes["readout"] = parts["lif"]
+    edges += _chained(["input", *(["late"] if hidden.late else []), "w_in", "hidden"])
+    return nodes, edges + _chained(["hidden", *(["late_out"] if readout.late else []), "w_out", "readout", "output"])
+
+
+def _hidden(network: RSNN, neuron: Neuron, clock: Clock, *, plain: bool) -> Any:
+    """The hidden layer: one node, or a graph if it is recurrent or lowered."""
+    n = network.spec.hidden
+    nodes, edges, receives, spikes = neuron.nodes(clock, n)
+    edges = [("input", receives), *edges]
+    if network.w_rec is not None:
+        nodes["w_rec"] = linear(_array(network.w_rec))
+        spec = network.spec
+        # Simulators support a cycle of one step; a longer one, or a lowered neuron, has its own delay.
+        steps = 1 if plain else max(1, neuron.late) + spec.recurrent_delay_steps
+        feedback = [spikes, "w_rec", receives]
+        if steps > 1 or neuron.reset != "hard":
+            nodes["back"] = clock.delay(steps, n)
+            feedback.insert(1, "back")
+        edges += _chained(feedback)
+    elif not edges[1:]:
+        return nodes["lif"]
+    return graph(nodes, [*edges, (spikes, "output")], n, n)
+
+
+def _integrator(network: RSNN, clock: Clock) -> dict[str, Any]:
+    how = network.integration
+    assert network.bias is not None
+    assert how is not None
+    bias = _array(network.bias)
+    adder = clock.leak(float(how.decay), len(bias), "readout_tau_ms") if how.leaks else clock.adder(len(bias))
+    return {"sum": adder, "level": nir().Affine(weight=np.eye(len(bias)), bias=bias)}
+
+
+def differences(network: RSNN) -> list[str]:
+    """The differences between the plain form and the network, in words; empty if there are none."""
+    spec, lines = network.spec, []
+    if spec.reset == "zero":
+        lines.append("reset zero is written as hard: a neuron may spike again in the step after its spike")
+    if spec.reset == "subtract":
+        lines.append("reset subtract is written as hard: a membrane loses its value above the threshold")
+    if spec.membrane != "immediate":
+        back = " and its recurrent spikes return one step earlier" if spec.recurrent else ""
+        lines.append(f"membrane {spec.membrane} is written as immediate: each layer responds two steps earlier{back}")
+    if spec.recurrent and spec.recurrent_delay_steps:
+        lines.append("the recurrent delay of one step is left out")
+    if network.bias is not None:
+        leak_ms = spec.readout_leak_ms
+        decays = "" if leak_ms is None else f" with a decay of {leak_ms:g} ms"
+        largest = ", and take the largest value over time" if spec.readout == "max" else ""
+        lines.append(
+            f"the output is the increment of an integrator in each step; sum it{decays}, from the bias on{largest}"
+        )
+    return lines
+
+
+def _chained(names: list[str]) -> Edges:
+    return list(pairwise(names))
+
+
+def _array(values: torch.Tensor) -> np.ndarray:
+    return values.detach().cpu().numpy()

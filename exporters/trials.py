@@ -1,0 +1,74 @@
+"""The trials of a run, on which an export is tested, and that give the ranges of its integers."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from torch import Tensor
+
+from neurotact.data import encoded_from, hdf5
+from neurotact.data.recordings import Recordings
+from neurotact.deploy.chain import build_encoder
+from neurotact.encoders.encoding import encode_recordings
+from neurotact.errors import InputError
+from neurotact.networks.training import tasks, trained
+
+MOST_TRIALS = 256
+"""Maximum number of training trials from which the range of samples is taken."""
+
+
+class Recorded(NamedTuple):
+    """The trials that give the ranges, and those on which an export is tested: signals and classes.
+
+    training, test: signals `(sample, taxel)` in the encoder's unit. labels: class indices of the test trials.
+    sampling_rate_Hz: of the recordings. windows: of the training trials, `(window, time, afferent)`.
+    """
+
+    training: list[np.ndarray]
+    test: list[np.ndarray]
+    labels: np.ndarray
+    sampling_rate_Hz: float
+    windows: Tensor
+
+
+def recorded(restored: trained.Restored, recordings: Recordings | str | Path | None = None) -> Recorded:
+    """The signals of a run's training and test trials, in the encoder's unit.
+
+    Raises InputError if the run's spikes were not encoded from these recordings.
+    """
+    if restored.spikes_path is None:
+        return _given(restored, recordings)
+    if isinstance(recordings, Recordings):
+        raise InputError("recordings: must be the file that the run was trained on; give its path, or leave it out")
+    trains = trained.load_spikes_of(restored)
+    trained.check_trials(restored, trains)
+    unit = str((restored.encoder or {}).get("unit", "mV"))
+    split = tasks.trials_of(trains, restored.task)
+    chosen = split.train[np.linspace(0, len(split.train) - 1, min(len(split.train), MOST_TRIALS)).astype(int)]
+    path, trials = encoded_from.find(restored.spikes_path, trains, np.append(chosen, split.test), recordings)
+    with encoded_from.opened(path, trains) as stored:
+        sides = trials[: len(chosen)], trials[len(chosen) :]
+        parts = [list(stored.select(side).loaded().to_unit(unit).signals) for side in sides]
+        labels, windows = trains.labels[split.test], tasks.sides_of(trains, restored.task).train.spikes
+        return Recorded(parts[0], parts[1], labels, stored.sampling_rate_Hz, windows)
+
+
+def _given(restored: trained.Restored, recordings: Recordings | str | Path | None) -> Recorded:
+    """All trials of some recordings as those of training and of the test, for a network that was fitted in memory."""
+    if recordings is None:
+        raise InputError(
+            "`recordings`: a classifier keeps none, and integers need the range of samples; give recordings like those "
+            "that it was fitted on, or `variant='float'`"
+        )
+    encoder = build_encoder(restored, "run")
+    data = recordings if isinstance(recordings, Recordings) else hdf5.load_recordings(recordings)
+    unknown = sorted({*data.classes} - {*restored.classes})
+    if unknown:
+        raise InputError(f"recordings: class '{unknown[0]}' is not a class of the network; leave its trials out")
+    data = data.in_order(encoder.conditioning.taxels)
+    chosen = data.select(np.linspace(0, len(data) - 1, min(len(data), MOST_TRIALS)).astype(int))
+    trains = encode_recordings(chosen, encoder)
+    examples, _ = tasks.examples_of(trains, np.arange(len(trains)), restored.task.window)
+    signals = list(chosen.to_unit(encoder.unit).signals)
+    labels = np.array([restored.classes.index(chosen.classes[label]) for label in chosen.labels])
+    return Recorded(signals, signals, labels, data.sampling_rate_Hz, examples.spikes)

@@ -1,0 +1,200 @@
+"""What a network is compared with: an estimator, the grid that validation searches, its input and its cost.
+
+An opponent is a part of the group `opponents` (`docs/plugins.md`); those that ship are in `families`.
+"""
+
+import inspect
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Literal, NamedTuple, TypeVar, get_args
+
+import numpy as np
+from sklearn.exceptions import ConvergenceWarning
+
+from neurotact import plugins
+from neurotact.checks import one_of
+from neurotact.errors import InputError, first_line
+from neurotact.metrics.flops import Cost, Layer, cost
+
+T = TypeVar("T")
+Opponents = Literal["none", "linear", "readout", "quick", "all"]
+"""Which opponents a study fits."""
+Takes = Literal["features", "sequences", "signals"]
+Joins = Literal["linear", "quick", "all", "named"]
+LEVELS = {"linear": 0, "readout": 0, "quick": 1, "all": 2, "named": 3}
+FIRST = ("logistic regression", "SVM", "ELM", "extra trees", "MiniRocket", "GRU")
+"""The order of those that ship, which is that of tables and of ties; others follow by name."""
+
+
+class Sides(NamedTuple):
+    """Inputs `(example, ...)` and labels `(example,)` for training, validation and test."""
+
+    train: np.ndarray
+    validation: np.ndarray
+    test: np.ndarray
+    y_train: np.ndarray
+    y_validation: np.ndarray
+    y_test: np.ndarray
+
+
+class Candidate(NamedTuple):
+    """A description, the fitted estimator, and the layers of its decision; None where they are not counted.
+
+    again: fits the same settings to other sides.
+    """
+
+    settings: str
+    fitted: Any
+    layers: tuple[Layer, ...] | None
+    again: "Callable[[Sides], Candidate]"
+
+    def spent(self, before: Cost) -> dict[str, float]:
+        """The ledger's columns of a decision, and of what comes before it.
+
+        Where the decision is not counted, nothing is known but the signal that it waits for; the rest is NaN.
+        """
+        columns = (before + cost(*self.layers or ())).columns()
+        if self.layers is None:
+            return {name: value if name == "signal_ms" else float("nan") for name, value in columns.items()}
+        return columns
+
+
+Settings = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Opponent:
+    """A classifier on the windows, trials and split of a network.
+
+    about: a line about it.
+    build: called with settings of the grid; gives an estimator with scikit-learn's `fit` and `predict`, such as its
+        class. Every `random_state` that it leaves open gets the seed. If `fit` has the parameter `validation`, it gets
+        `(X, y)` of the validation examples, to stop or choose by.
+    grid: settings, from the cheapest on. Validation chooses the first of the most accurate, and none is fitted after
+        one without an error. Or a function of the sides and the seed that gives them.
+    takes: its input. `features` `(example, feature)`: counts, means in time bins, spectra; `signals` `(example, time,
+        channel)`: all samples, up to 1000 steps; `sequences`: the same in bins of 20 ms.
+    layers: of a decision, for the ledger of costs, from the fitted estimator and its training input. Without it the
+        cost is not counted: no sentence compares it, and none takes it for zero.
+    words: the settings in words, from the fitted estimator.
+    joins: studies whose `baselines` are `linear`, `quick` or `all` fit it; `named`: those that ask for it by name.
+    is_ordered: False where a grid need not begin with the cheapest: then all are fitted, and the cheapest of the most
+        accurate is chosen.
+    most_examples: of training; more would take too long. least_steps: of a sequence.
+
+    Raises InputError for an input or a level that is none of these, and for what cannot be called.
+
+    >>> from sklearn.neighbors import KNeighborsClassifier
+    >>> nearest = Opponent("The nearest examples.", KNeighborsClassifier, [{"n_neighbors": k} for k in (1, 3)])
+    >>> x, y = np.array([[0.0], [0.1], [0.2], [0.9], [1.0], [1.1]]), np.array([0, 0, 0, 1, 1, 1])
+    >>> best_of(nearest, Sides(x, x, x, y, y, y), seed=0).settings
+    'n_neighbors 1'
+    """
+
+    about: str
+    build: Callable[..., Any]
+    grid: Sequence[Settings] | Callable[[Sides, int], Iterable[Settings]] = ({},)
+    takes: Takes = "features"
+    layers: Callable[[Any, np.ndarray], tuple[Layer, ...]] | None = None
+    words: Callable[[Any], str] | None = None
+    joins: Joins = "quick"
+    is_ordered: bool = True
+    most_examples: int | None = None
+    least_steps: int = 1
+
+    def __post_init__(self) -> None:
+        one_of("takes", self.takes, get_args(Takes))
+        one_of("joins", self.joins, get_args(Joins))
+        for name in ("build", "layers", "words"):
+            value = getattr(self, name)
+            if not callable(value) and (value is not None or name == "build"):
+                raise InputError(f"Opponent.{name}: must be a function; got {value!r}")
+
+    def candidates(self, sides: Sides, seed: int) -> Iterator[Candidate]:
+        """Fitted with each settings of the grid, from the cheapest on."""
+        rows = self.grid(sides, seed) if callable(self.grid) else self.grid
+        found = (self._fitted(sides, settings, seed) for settings in rows)
+        yield from found if self.is_ordered else sorted(found, key=lambda one: cost(*one.layers or ()).flops)
+
+    def _fitted(self, sides: Sides, settings: Settings, seed: int) -> Candidate:
+        estimator = self.build(**settings)
+        parameters = estimator.get_params() if hasattr(estimator, "get_params") else {}
+        is_open = {key for key, value in parameters.items() if value is None and key.endswith("random_state")}
+        if is_open:
+            estimator.set_params(**dict.fromkeys(is_open, seed))
+        held = {"validation": (sides.validation, sides.y_validation)}
+        takes_held = "validation" in inspect.signature(estimator.fit).parameters
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ConvergenceWarning)  # for features that carry no information
+            estimator.fit(sides.train, sides.y_train, **held if takes_held else {})
+        plain = (
+            f"{key} {value:g}" if isinstance(value, float) else f"{key} {value}" for key, value in settings.items()
+        )
+        return Candidate(
+            self.words(estimator) if self.words else ", ".join(plain),
+            estimator,
+            self.layers(estimator, sides.train) if self.layers else None,
+            partial(self._fitted, settings=settings, seed=seed),
+        )
+
+
+def load(name: str) -> Opponent:
+    """The opponent of this name; InputError, with the nearest one, if there is none or if it cannot be used.
+
+    >>> load("SVM").takes
+    'features'
+    """
+    return plugins.load("opponents", name, Opponent)
+
+
+def joined(takes: Takes, level: Opponents) -> dict[str, Opponent]:
+    """The opponents of an input that a study of a level fits, by name: those that ship, then others.
+
+    >>> list(joined("features", "linear"))
+    ['logistic regression']
+    """
+    known = plugins.names("opponents")
+    found = {name: load(name) for name in (*(one for one in FIRST if one in known), *known)}
+    return {name: one for name, one in found.items() if one.takes == takes and LEVELS[one.joins] <= LEVELS[level]}
+
+
+def best_of(opponent: Opponent, sides: Sides, seed: int) -> Candidate:
+    """The candidate with the highest validation accuracy (ties: the first); test examples are not used."""
+    found = opponent.candidates(sides, seed)
+    return first_best((accuracy(one, sides.validation, sides.y_validation), one) for one in found)[1]
+
+
+def first_best(scored: Iterable[tuple[float, T]]) -> tuple[float, T]:
+    """The first of the highest accuracy; after one of 1 no other is asked for, as none can be better.
+
+    scored: `(accuracy, what has it)`, at least one.
+
+    >>> first_best(iter([(0.5, "a"), (0.9, "b"), (0.9, "c")]))
+    (0.9, 'b')
+    """
+    remaining = iter(scored)
+    best = next(remaining)
+    while best[0] < 1 and (following := next(remaining, None)) is not None:
+        best = following if following[0] > best[0] else best
+    return best
+
+
+def accuracy(candidate: Candidate, x: np.ndarray, y: np.ndarray) -> float:
+    """Share of correct decisions."""
+    return float((candidate.fitted.predict(x) == y).mean())
+
+
+@contextmanager
+def named(name: str) -> Iterator[None]:
+    """What goes wrong in an opponent of another package is an InputError that names it."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        if name in FIRST or name not in plugins.names("opponents"):
+            raise
+        raise plugins.unfit("opponents", name, f"cannot be fitted ({first_line(error)})") from error

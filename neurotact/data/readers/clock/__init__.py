@@ -1,0 +1,1 @@
+"""Clocks: how time stamps are read, and trials at one sampling rate."""

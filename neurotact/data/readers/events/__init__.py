@@ -1,0 +1,1 @@
+"""Events and rasters, which become spikes."""

@@ -1,0 +1,116 @@
+"""Rasters to spikes: dense arrays of 0 and 1, or of counts, of the trials of one file, or of a file per trial."""
+
+import logging
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from neurotact.data.readers import arrays, folder
+from neurotact.data.readers.clock.stamps import OF_GIVEN_RATE, of_rate
+from neurotact.data.readers.events.spikes import MOST_AFFERENTS, OnClock, say_merged
+from neurotact.data.recordings import check_channels, check_conditions, check_import
+from neurotact.data.spikes import SpikeTrains, from_trials, spikes_of
+from neurotact.errors import InputError
+from neurotact.files import existing
+
+log = logging.getLogger("neurotact")
+
+UNIT = "spikes"
+
+
+def read(
+    path: str | Path,
+    sampling_rate_Hz: float | None = None,
+    *,
+    names: Mapping[str, str] | None = None,
+    axes: str | None = None,
+    conditions: str | Path | None = None,
+    naming: Mapping[str, Any] | None = None,
+    layout: Mapping[str, Any] | None = None,
+    merge_events: bool = False,
+) -> SpikeTrains:
+    """The spikes of rasters `(trial, time, afferent)` in a .npz, .npy, .mat, .h5 or .hdf5 file, or in a folder.
+
+    sampling_rate_Hz: steps per second; that which the file says when None. names, axes, conditions: as of
+    `arrays.read`, whose taxels are the afferents here; named `channel0`, `channel1`, ... if the file has no names.
+    naming, layout: of a folder with a raster `(time, afferent)` per trial, as of `folder.read`.
+    merge_events: whether more than 1 % of the spikes may be lost where a step has several.
+    Raises InputError for what is no raster, and as `arrays.read` and `folder.read`.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "taps.npz"
+    >>> np.savez(path, raster=np.eye(4, dtype=bool)[None], label=["tap"], fs=1000)
+    >>> taps = read(path)
+    >>> taps.steps[0].tolist(), taps.units[0].tolist(), taps.afferents[3]
+    ([0, 1, 2, 3], [0, 1, 2, 3], 'channel3')
+    """
+    check_import(sampling_rate_Hz, UNIT, str(path))
+    naming, layout = ({key: value for key, value in (given or {}).items() if value} for given in (naming, layout))
+    if existing(path, "file or folder").is_dir():
+        if names or axes:
+            raise InputError(f"{path}: `names` and `axes` are for one file with all trials; leave them out")
+        table = {} if conditions is None else {"table": str(conditions)}
+        frames = folder.read(path, sampling_rate_Hz, UNIT, naming=naming | table, layout=layout, is_raster=True)
+        named = () if frames.channels[0] == "taxel1" else frames.channels
+        return trains_of(
+            frames.signals, frames.sampling_rate_Hz, named, frames.conditions, str(path), merge_events=merge_events
+        )
+    if naming or layout:
+        raise InputError(f"{path}: `{next(iter(naming | layout))}` is for a folder with a file per trial; leave it out")
+    loaded = arrays.load(path, sampling_rate_Hz, names, axes, conditions)
+    return trains_of(
+        loaded.signals,
+        loaded.sampling_rate_Hz,
+        loaded.channels,
+        loaded.conditions,
+        str(path),
+        merge_events=merge_events,
+    )
+
+
+def trains_of(
+    rasters: Sequence[np.ndarray] | np.ndarray,
+    sampling_rate_Hz: float,
+    afferents: Sequence[str],
+    conditions: pd.DataFrame,
+    where: str,
+    *,
+    merge_events: bool,
+) -> SpikeTrains:
+    """The spikes of one `(time, afferent)` raster per trial; a count of several in a step is one spike, and is said.
+
+    where: begins messages. Raises InputError for values that are no counts, and if more than 1 % of the spikes would be
+    lost, unless `merge_events`.
+    """
+    n_afferents = rasters[0].shape[1]
+    if n_afferents > MOST_AFFERENTS:
+        raise InputError(f"{where}: has {n_afferents} afferents, more than {MOST_AFFERENTS}; use fewer")
+    afferents = tuple(afferents) or tuple(f"channel{number}" for number in range(n_afferents))
+    check_channels(afferents, where)
+    check_conditions(conditions, where)
+    n_events = sum(_n_spikes(raster, trial, where) for trial, raster in enumerate(rasters))
+    binned = OnClock([spikes_of(raster) for raster in rasters], n_events, 0)
+    if n_events == 0:
+        raise InputError(f"{where}: holds no spike; give at least one")
+    say_merged(binned, 1 / sampling_rate_Hz, where, accept=merge_events, step="step")
+    for doubt in of_rate(np.array([len(raster) for raster in rasters]), sampling_rate_Hz, OF_GIVEN_RATE):
+        log.warning("%s: %s", where, doubt)
+    return from_trials(binned.trials, sampling_rate_Hz, afferents, conditions, source=where)
+
+
+def _n_spikes(raster: np.ndarray, trial: int, where: str) -> int:
+    """The number of spikes in a raster; InputError for values that are no counts."""
+    if raster.dtype.kind == "f":
+        wrong = np.argwhere(~(np.isfinite(raster) & (raster == np.floor(raster)) & (raster >= 0)))
+    else:
+        wrong = np.argwhere(raster < 0)
+    if len(wrong):
+        step, afferent = wrong[0].tolist()
+        raise InputError(
+            f"{where}: trial {trial}, step {step}, afferent {afferent} is {raster[step, afferent]:g}, which is no "
+            "count of spikes; give 0 and 1, or read signals with neurotact import arrays"
+        )
+    return int(raster.sum(dtype=np.float64 if raster.dtype.kind == "f" else np.int64))
