@@ -35,7 +35,7 @@ from neurotact.report.tables import (
 )
 from neurotact.spec import to_toml
 from neurotact.studies import study as studies
-from neurotact.studies.encoded import read_encoding
+from neurotact.studies.encoding_tables import read_encoding
 from neurotact.studies.store import is_done
 from neurotact.studies.study import SPLIT, Cell, StudySpec, cells, setting_columns, split_columns, swept_columns
 from neurotact.studies.way import HEADS

@@ -21,7 +21,7 @@ from neurotact.networks.training.training import Epoch
 from neurotact.networks.use import measuring
 from neurotact.networks.use.conditions import by_condition
 from neurotact.progress import say
-from neurotact.studies import encoded
+from neurotact.studies import encoding_tables
 from neurotact.studies.engine import Files
 from neurotact.studies.store import RESULT, TIMING, cell_folder
 from neurotact.studies.study import Cell
@@ -137,7 +137,7 @@ def files_of(
         result[decided] = paired.by_trial(trial, result[decided])
     result["row"] = {
         "dataset": cell.dataset,
-        **encoded.periods(cell),
+        **encoding_tables.periods(cell),
         "hidden": fitted.network.spec.hidden,
         "seed": cell.seed,
         **result["row"],

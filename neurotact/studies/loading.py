@@ -7,10 +7,10 @@ from typing import Any
 from neurotact import plugins
 from neurotact import spec as specs
 from neurotact.errors import InputError
-from neurotact.studies import study, suited, way_cells, way_study
+from neurotact.studies import automatic, study, way_cells, way_study
+from neurotact.studies.automatic import CHOICE
 from neurotact.studies.engine import Engine
 from neurotact.studies.study import StudySpec
-from neurotact.studies.suited import CHOICE
 from neurotact.studies.way_study import WayStudy
 
 Study = StudySpec | WayStudy
@@ -36,7 +36,7 @@ def resolve(
 ) -> Study:
     """Load a study file with its complete parts; see `study.resolve` and `way_study.resolve`."""
     path = specs.find(StudySpec.folder, name)
-    table = suited.table_of(path)
+    table = automatic.table_of(path)
     if "protocol" in table and "dataset" not in table:
         raise InputError(f"{path}: its key `protocol` is now called `way`; rename it")
     if "way" in table and _own_engine(table["way"]) is None:

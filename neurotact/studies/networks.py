@@ -9,8 +9,8 @@ import pandas as pd
 from neurotact.data.hdf5 import load_spikes
 from neurotact.studies import cell as cells
 from neurotact.studies import preparation, study
-from neurotact.studies.calibrated import ENCODER
-from neurotact.studies.encoded import read_encoding
+from neurotact.studies.calibration_keys import ENCODER
+from neurotact.studies.encoding_tables import read_encoding
 from neurotact.studies.engine import Engine, Results
 from neurotact.studies.study import OF_SPIKES, SOURCE, Cell, StudySpec, swept_columns, value_at
 

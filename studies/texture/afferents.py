@@ -27,7 +27,7 @@ from neurotact.report.encoding_drawings import name_classes
 from neurotact.report.tables import first_spikes, with_pair
 from neurotact.spec import to_toml
 from neurotact.studies import networks
-from neurotact.studies.encoded import periods, read_encoding
+from neurotact.studies.encoding_tables import periods, read_encoding
 from neurotact.studies.engine import Files, Results
 from neurotact.studies.store import cell_folder, is_done
 from neurotact.studies.study import Cell, StudySpec, cells, swept_columns

@@ -16,7 +16,7 @@ from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.networks.training import fitting, tasks, trained
 from neurotact.networks.training.training import Epoch, Training
 from neurotact.studies import networks, runner, store, study
-from neurotact.studies.encoded import encoding_table
+from neurotact.studies.encoding_tables import encoding_table
 from neurotact.studies.store import TIMING, cell_folder
 from neurotact.studies.study import Cell, StudySpec
 

@@ -19,7 +19,7 @@ from neurotact.metrics.spike_trains import isis_ms
 from neurotact.studies import loading, study
 from neurotact.studies.study import Cell
 
-TINY = Path(__file__).parent / "tiny-encoder.toml"
+TINY = Path(__file__).parents[2] / "studies" / "tiny-encoder.toml"
 WHAT = study.resolve(TINY)
 CELLS = list(study.cells(WHAT))
 
