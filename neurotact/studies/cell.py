@@ -69,14 +69,21 @@ def trains_once(cell: Cell) -> bool:
 def _robust(cell: Cell, trains: SpikeTrains, spec: RSNNSpec, progress: Any) -> Files:
     """The files of a cell whose varied copies are chosen on validation trials, and which is trained again."""
     began = perf_counter()
-    kinds = robust.candidates(cell.augmentation, trains.conditions, cell.split)
-    tried = [*robust.trainings(trains, spec, task_of(cell), cell.seeds, kinds, progress)]
-    best = robust.best_of(tried)
-    last = robust.again(trains, best, cell.seeds, progress)
+    tried, best, last = robustly(cell, trains, spec, task_of(cell), progress)
     every = tried if last is best else [*tried, last]
     rows = [one.row() | {"chosen": one is best, "last": one is last} for one in every]
     remedies = rows if cell.augmentation is not None else ()
     return files_of(cell, trains, last.fitted, last.sides, perf_counter() - began, last=last, remedies=remedies)
+
+
+def robustly(
+    cell: Cell, trains: SpikeTrains, spec: RSNNSpec, task: Task, progress: Any = None
+) -> tuple[list[Tried], Tried, Tried]:
+    """The training with each kind of varied copies, the best on validation trials, and the last, on what these had."""
+    kinds = robust.candidates(cell.augmentation, trains.conditions, cell.split)
+    tried = [*robust.trainings(trains, spec, task, cell.seeds, kinds, progress)]
+    best = robust.best_of(tried)
+    return tried, best, robust.again(trains, best, cell.seeds, progress)
 
 
 class LongTraining:

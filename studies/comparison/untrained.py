@@ -42,7 +42,7 @@ from neurotact.networks.use import ledger, measuring
 from neurotact.spec import Spec
 from neurotact.studies import automatic, loading, preparation, study, tables_beside
 from neurotact.studies.automatic import AUTO
-from neurotact.studies.cell import task_of
+from neurotact.studies.cell import robustly, task_of
 from neurotact.studies.study import Cell
 from neurotact.studies.sweeps import JOIN
 from neurotact.studies.way import Arrays, Own, View, heads
@@ -236,7 +236,6 @@ class Prepared(NamedTuple):
     recordings: Recordings
     trains: SpikeTrains
     task: Task
-    seeds: tuple[int, int]
 
 
 def _prepared(recordings: Recordings, cell: Cell, parameters: Parameters) -> Prepared:
@@ -244,16 +243,14 @@ def _prepared(recordings: Recordings, cell: Cell, parameters: Parameters) -> Pre
     encoder = preparation.encoder_of(cell, recordings, {}, between=parameters.chosen.between, tell=False)
     trains = preparation.spikes_of(cell, recordings, encoder)
     task = task_of(cell).model_copy(update={"seen": robust.SEEN if parameters.condition else 0.0})
-    return Prepared(cell, recordings, trains, task, cell.seeds)
+    return Prepared(cell, recordings, trains, task)
 
 
 def _of_network(prepared: Prepared) -> dict[str, Any]:
     """The row of the network, trained with the kind of varied copies that is best on validation trials."""
     cell, trains = prepared.cell, prepared.trains
     assert cell.network is not None
-    kinds = robust.candidates(cell.augmentation, trains.conditions, cell.split)
-    chosen = robust.best_of([*robust.trainings(trains, cell.network, prepared.task, prepared.seeds, kinds)])
-    best = robust.again(trains, chosen, prepared.seeds)
+    _, _, best = robustly(cell, trains, cell.network, prepared.task)
     measured = measuring.measure(best.fitted, best.sides, trains.populations)["row"]
     row = {**measured, **best.validated, "hidden": best.fitted.network.spec.hidden}
     how = {"afferents": ledger.Afferents.of(trains), "n_classes": len(trains.classes)}
