@@ -25,6 +25,7 @@ from neurotact.backend import Backend
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.encoders import afferents, specs
 from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.training.ranges import record
 
 TIMER = """
 #define _POSIX_C_SOURCE 199309L
@@ -102,7 +103,7 @@ def c_ns(chain: Chain, samples: np.ndarray, *, integer: bool) -> np.ndarray:
         if integer:
             raster = afferents.encode(samples[None, :2000], chain.clock_Hz, chain.encoder)[0]
             windows = torch.from_numpy(raster[:, : chain.windows.length])
-            chosen = formats.choose(chain, formats.record(chain.network, windows, [samples]))
+            chosen = formats.choose(chain, record(chain.network, windows, [samples]))
             samples = chosen.raw.samples(samples)
         c_export.write(chain, folder, chosen)
         (folder / "timer.c").write_text(TIMER)

@@ -12,9 +12,7 @@ from neurotact.deploy.chain import build_encoder
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.networks.training import tasks, trained
-
-MOST_TRIALS = 256
-"""Maximum number of training trials from which the range of samples is taken."""
+from neurotact.networks.training.ranges import evenly
 
 
 class Recorded(NamedTuple):
@@ -36,15 +34,16 @@ def recorded(restored: trained.Restored, recordings: Recordings | str | Path | N
 
     Raises InputError if the run's spikes were not encoded from these recordings.
     """
-    if restored.spikes_path is None:
+    if not restored.spikes:
         return _given(restored, recordings)
     if isinstance(recordings, Recordings):
         raise InputError("recordings: must be the file that the run was trained on; give its path, or leave it out")
     trains = trained.load_spikes_of(restored)
     trained.check_trials(restored, trains)
+    assert restored.spikes_path is not None  # the file of these
     unit = str((restored.encoder or {}).get("unit", "mV"))
     split = tasks.trials_of(trains, restored.task)
-    chosen = split.train[np.linspace(0, len(split.train) - 1, min(len(split.train), MOST_TRIALS)).astype(int)]
+    chosen = evenly(split.train)
     path, trials = encoded_from.find(restored.spikes_path, trains, np.append(chosen, split.test), recordings)
     with encoded_from.opened(path, trains) as stored:
         sides = trials[: len(chosen)], trials[len(chosen) :]
@@ -66,7 +65,7 @@ def _given(restored: trained.Restored, recordings: Recordings | str | Path | Non
     if unknown:
         raise InputError(f"recordings: class '{unknown[0]}' is not a class of the network; leave its trials out")
     data = data.in_order(encoder.conditioning.taxels)
-    chosen = data.select(np.linspace(0, len(data) - 1, min(len(data), MOST_TRIALS)).astype(int))
+    chosen = data.select(evenly(np.arange(len(data))))
     trains = encode_recordings(chosen, encoder)
     examples, _ = tasks.examples_of(trains, np.arange(len(trains)), restored.task.window)
     signals = list(chosen.to_unit(encoder.unit).signals)

@@ -64,9 +64,9 @@ public:
     }
     template <class Visit>
     void each_part(const Visit& visit) {
-        visit("readout_current", current, classes * sizeof(T));
-        visit("readout_membrane", membrane, classes * sizeof(T));
-        visit("readout_spikes", decided, words(classes) * sizeof(uint64_t));
+        visit(current, classes * sizeof(T));
+        visit(membrane, classes * sizeof(T));
+        visit(decided, words(classes) * sizeof(uint64_t));
     }
     // One step from the hidden neurons that spiked; whether a readout neuron is heard in it.
     NT_INLINE bool step(const uint32_t* rows, int n_rows, int64_t, Value* counts) {
@@ -109,7 +109,7 @@ public:
     bool leaks() const { return how.leaks; }
     template <class Visit>
     void each_part(const Visit& visit) {
-        if (how.leaks) visit("leaky", y, classes * sizeof(double));
+        if (how.leaks) visit(y, classes * sizeof(double));
     }
     void start(Value* sums) {
         std::memcpy(sums, bias, classes * sizeof(double));

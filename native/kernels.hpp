@@ -203,10 +203,10 @@ struct Decided {
     int64_t window, start, steps, label, input_spikes, hidden_spikes, held, heard;
 };
 
-// Called with each part of a stream's memory.
+// Called with each part of a stream's state, in the order of its type (neurotact/deploy/native.py).
 struct Visitor {
     void* to;
-    void (*visit)(void* to, const char* name, void* at, size_t bytes);
+    void (*visit)(void* to, void* at, size_t bytes);
 };
 
 // At most so many partial sums of gradients.

@@ -292,23 +292,35 @@ public:
         taken = 0;
         kernels->begin(plan, stream);
     }
-    // Every part of the state, in order: from memory where `parts` is null, else into it.
-    nb::list exchange(const std::vector<nb::bytes>* parts) {
-        struct Walk {
-            nb::list found;
-            const std::vector<nb::bytes>* parts;
-            size_t next;
-            bool fits;
-        } walk{{}, parts, 0, true};
-        kernels->visit(plan, stream, {&walk, [](void* to, const char* name, void* here, size_t bytes) {
-            Walk& w = *static_cast<Walk*>(to);
-            if (!w.parts) return w.found.append(nb::make_tuple(name, nb::bytes(here, bytes)));
-            w.fits = w.fits && w.next < w.parts->size() && (*w.parts)[w.next].size() == bytes;
-            if (w.fits) std::memcpy(here, (*w.parts)[w.next++].c_str(), bytes);
+    // The whole state, of the type in neurotact/deploy/native.py.
+    nb::bytes state() {
+        std::string found;
+        kernels->visit(plan, stream, {&found, [](void* to, void* here, size_t bytes) {
+            static_cast<std::string*>(to)->append(static_cast<const char*>(here), bytes);
         }});
-        if (parts && !(walk.fits && walk.next == parts->size()))
-            throw std::invalid_argument("state: has not the parts of this stream");
-        return walk.found;
+        return nb::bytes(found.data(), found.size());
+    }
+    void restore(const nb::bytes& state) {
+        // The counters come first; the last of them says how many windows follow.
+        constexpr size_t counters = 6 * sizeof(int64_t);
+        int64_t under_way = -1;
+        if (state.size() >= counters) std::memcpy(&under_way, state.c_str() + counters - sizeof under_way, sizeof under_way);
+        if (under_way < 0 || under_way > plan.at_once) throw std::invalid_argument("state: too many windows");
+        begin();
+        struct Rest {
+            const char* at;
+            size_t bytes;
+            bool fits;
+        } rest{state.c_str(), state.size(), true};
+        kernels->visit(plan, stream, {&rest, [](void* of, void* here, size_t bytes) {
+            Rest& r = *static_cast<Rest*>(of);
+            r.fits = r.fits && bytes <= r.bytes;
+            if (!r.fits) return;
+            std::memcpy(here, r.at, bytes);
+            r.at += bytes;
+            r.bytes -= bytes;
+        }});
+        if (!rest.fits || rest.bytes) throw std::invalid_argument("state: is not one of this stream");
     }
     // From now on each push writes down its steps, `room` of them at most.
     void watch(int64_t room) {
@@ -325,7 +337,6 @@ public:
                               rows(trace.hidden, words(plan.net.sizes.hidden)), rows(trace.window, 1));
     }
     int taxels() const { return plan.taxels; }
-    int64_t at_once() const { return plan.at_once; }
 
 private:
     const float* kept(Address from, int64_t n) {
@@ -392,17 +403,8 @@ void add_stream(nb::module_& m) {
             self.watch(room);
         })
         .def("watched", &Stream::watched)
-        .def("begin", &Stream::begin)
-        .def("state", [](Stream& self) { return self.exchange(nullptr); })
-        .def("restore", [](Stream& self, const std::vector<nb::bytes>& parts) {
-            // The counters come first; the last of them says how many windows follow.
-            int64_t under_way = -1;
-            if (!parts.empty() && parts[0].size() >= sizeof under_way)
-                std::memcpy(&under_way, parts[0].c_str() + parts[0].size() - sizeof under_way, sizeof under_way);
-            if (under_way < 0 || under_way > self.at_once()) throw std::invalid_argument("state: too many windows");
-            self.begin();
-            self.exchange(&parts);
-        });
+        .def("state", &Stream::state)
+        .def("restore", &Stream::restore);
 }
 
 constexpr const char* kIsaNames[] = {"plain", "avx2", "avx512"};

@@ -269,32 +269,32 @@ struct Streaming {
     }
 
     void visit(const StreamPlan& plan, const Visitor& visitor) {
-        const auto part = [&](const char* name, void* at, size_t bytes) { visitor.visit(visitor.to, name, at, bytes); };
+        const auto part = [&](void* at, size_t bytes) { visitor.visit(visitor.to, at, bytes); };
         const size_t lanes = groups * kLanes * sizeof(T);
-        part("counters", &at, sizeof at);
-        part("smoothed", smoothed, lanes);
-        part("level", level, lanes);
-        part("last", last, lanes);
-        part("total", total, 2 * lanes);
+        part(&at, sizeof at);
+        part(smoothed, lanes);
+        part(level, lanes);
+        part(last, lanes);
+        part(total, 2 * lanes);
         for (int i = 0; i < groups * kinds; i++) {
-            part("afferents", &populations[i].membrane, sizeof(V));
-            part("silent", &populations[i].silent, sizeof populations[i].silent);
+            part(&populations[i].membrane, sizeof(V));
+            part(&populations[i].silent, sizeof populations[i].silent);
         }
         std::memcpy(before, smoothed, lanes);  // between samples they are the same
         for (int64_t i = 0; i < at.under_way; i++) {
             Window<Readout>& window = *windows[order[i]];
             const Sizes& n = plan.net.sizes;
-            part("numbers", window.numbers, sizeof window.numbers);
-            part("waiting", window.waiting, words(n.inputs) * sizeof(uint64_t));
-            part("current", window.net.current, n.hidden * sizeof(T));
-            part("membrane", window.net.membrane, n.hidden * sizeof(T));
-            part("spikes", window.net.spikes.now, words(n.hidden) * sizeof(uint64_t));
-            part("spikes_before", window.net.spikes.before, words(n.hidden) * sizeof(uint64_t));
-            if (window.net.adaptation) part("adaptation", window.net.adaptation, n.hidden * sizeof(T));
+            part(window.numbers, sizeof window.numbers);
+            part(window.waiting, words(n.inputs) * sizeof(uint64_t));
+            part(window.net.current, n.hidden * sizeof(T));
+            part(window.net.membrane, n.hidden * sizeof(T));
+            part(window.net.spikes.now, words(n.hidden) * sizeof(uint64_t));
+            part(window.net.spikes.before, words(n.hidden) * sizeof(uint64_t));
+            if (window.net.adaptation) part(window.net.adaptation, n.hidden * sizeof(T));
             window.net.readout.each_part(part);
-            part("counts", window.counts, n.classes * sizeof(typename Readout::Value));
-            part("leader", &window.leader.index, 3 * sizeof(int64_t));  // index, standing, standing_since_spike
-            part("heard", &window.leader.heard, sizeof(bool));
+            part(window.counts, n.classes * sizeof(typename Readout::Value));
+            part(&window.leader.index, 3 * sizeof(int64_t));  // index, standing, standing_since_spike
+            part(&window.leader.heard, sizeof(bool));
         }
     }
 };

@@ -2,6 +2,7 @@
 
 import sys
 
+import made_chains
 import numpy as np
 import pandas as pd
 import pytest
@@ -377,3 +378,86 @@ def test_a_price_list_that_cannot_be_used_is_named_with_its_package(package, mod
     package({"prices": "my-chip = my_skin:CHIP"}, module)
     with pytest.raises(InputError, match=rf"^prices: 'my-chip' of the package my-skin \(my_skin:CHIP\) {why}"):
         price_list("my-chip")
+
+
+EXPORTS = """
+from pathlib import Path
+from neurotact.deploy.chain import chain_of
+from neurotact.deploy.exporters import Exporter
+from neurotact.errors import InputError
+def export(run, out, *, digits: int = 3, upper: bool = False, kind: str | None = None, tell=print):
+    if digits > 9:
+        raise InputError("digits: a float32 has no more than 9; give fewer")
+    chain = chain_of(run)
+    text = f"{', '.join(chain.classes)} {float(chain.network.w_in.detach().abs().max()):.{digits}f}"
+    Path(out).write_text(text.upper() if upper else text)
+    tell(f"{out}: {digits} digits")
+    return chain.classes
+THEIRS = Exporter("the classes, as text", export, {"digits": "digits of the largest weight.", "upper": "in capitals."})
+WRONG = Exporter("nothing", export, {"colour": "of it."})
+NOTHING = Exporter("nothing", None)
+"""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    return made_chains.make_run(tmp_path_factory.mktemp("run")) / "run"
+
+
+def test_an_exporter_of_another_package_is_used_with_its_options(package, monkeypatch, capsys, tmp_path, run):
+    package({"exporters": "theirs = my_skin:THEIRS"}, EXPORTS)
+    out = tmp_path / "classes.txt"
+    code, said = said_by(monkeypatch, capsys, "export", str(run), "--to", "theirs", "-o", str(out))
+    assert (code, said) == (0, f"{out}: 3 digits\n")
+    words = ["export", str(run), "--to", "theirs", "-o", str(out), "--digits", "5", "--upper"]
+    code, line = said_by(monkeypatch, capsys, *words)
+    assert (code, line.partition(";")[0]) == (2, f"neurotact: {out}: already exists")
+    assert said_by(monkeypatch, capsys, *words, "--force") == (0, f"{out}: 5 digits\n")
+    assert out.read_text().startswith("FELT, SILK ")
+    assert nt.export(run, tmp_path / "again.txt", "theirs", digits=1) == ("felt", "silk")
+    with pytest.raises(InputError, match=r"`plain`: has no effect with `to='theirs'`; it belongs to `to='nir'`; leave"):
+        nt.export(run, tmp_path / "other.txt", "theirs", plain=False)
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["--to", "theirs", "--digits", "10"], "digits: a float32 has no more than 9; give fewer"),
+        (
+            ["--to", "c", "--digits", "4"],
+            "--digits: has no effect with --to c; it belongs to --to theirs; leave it out",
+        ),
+        (["--to", "theirs", "--full-window"], "--full-window: has no effect with --to theirs; leave it out"),
+        (["--to", "their"], "exporters: there is none called 'their'; did you mean 'theirs'?"),
+        (["--check", "loihi2", "--upper"], "--upper: has no effect with --check, which writes nothing; leave it out"),
+    ],
+)  # fmt: skip
+def test_a_refusal_of_an_export_is_one_line(package, monkeypatch, capsys, tmp_path, run, words, line):
+    package({"exporters": "theirs = my_skin:THEIRS"}, EXPORTS)
+    out = [] if "--check" in words else ["-o", str(tmp_path / "out")]
+    assert said_by(monkeypatch, capsys, "export", str(run), *words, *out) == (2, f"neurotact: {line}\n")
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_help_of_export_shows_the_options_of_every_exporter_that_can_be_used(package, monkeypatch, capsys):
+    package({"exporters": "theirs = my_skin:THEIRS\nbroken = my_skin:ABSENT"}, EXPORTS)
+    words = " ".join(said_by(monkeypatch, capsys, "export", "--help")[1].split())
+    assert "theirs: the classes, as text" in words
+    assert "broken: cannot be used: exporters: 'broken' of the package my-skin" in words
+    assert "--digits <int> With --to theirs: digits of the largest weight. [default: (3)]" in words
+    assert "--kind" not in words
+
+
+@pytest.mark.parametrize(
+    ("entry", "why"),
+    [
+        ("WRONG", r"describes the option 'colour', which it does not have"),
+        ("NOTHING", "has nothing to call"),
+        ("EXPORTS", "cannot be imported"),
+        ("export", "is of the type function where a Exporter is expected"),
+    ],
+)
+def test_an_exporter_that_cannot_be_used_is_named_with_its_package(package, tmp_path, run, entry, why):
+    package({"exporters": f"mine = my_skin:{entry}"}, EXPORTS)
+    with pytest.raises(InputError, match=rf"^exporters: 'mine' of the package my-skin \(my_skin:{entry}\) {why}"):
+        nt.export(run, tmp_path / "out", "mine")

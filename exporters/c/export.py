@@ -14,6 +14,7 @@ from neurotact.deploy.chain import Chain, chain_of
 from neurotact.deploy.exporters import Exporter
 from neurotact.errors import InputError
 from neurotact.networks.training import trained
+from neurotact.networks.training.ranges import record
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
 from neurotact.progress import Tell, untold
@@ -56,9 +57,10 @@ def export_c(
     """Write the chain in the run folder `run` as C99, from a raw sample to a decision, as `neurotact export` does.
 
     run: the folder, or a fitted `SpikingClassifier` or a pipeline that ends in one.
-    variant: "integer", whose formats are chosen from the run's training trials, or "float". recordings, spikes: that
-    the run was trained on, where they moved since; of a classifier, recordings (or a file of them) like those that it
-    was fitted on, which give the range of samples. weight_bits: 2 to 8; when None those of `fine_tune`, else 8.
+    variant: "integer", whose formats are chosen from the ranges that training saved in the folder, or "float".
+    recordings, spikes: that the run was trained on, where they moved since, for `prove` or for a run without ranges;
+    of a classifier, recordings (or a file of them) like those that it was fitted on, which give the range of samples.
+    weight_bits: 2 to 8; when None those of `fine_tune`, else 8.
     state_bits: 8 to 16, or 24; chosen when None. lsb: of a sample of 16 bits; when None, 1 for whole
     numbers that fit, else from the recorded range.
     name: prefix of every name in C.
@@ -104,19 +106,27 @@ def prepared(
 ) -> Exported:
     """The chain of a run folder or a fitted classifier, ready to be written as C; options as for `chain_of`.
 
-    integer: computed in integers. recordings, spikes: those that the run was trained on, if they were moved; of a
-    classifier, the recordings that give the ranges of samples and states.
+    integer: computed in integers, whose formats come from the ranges that training saved in the run folder, or from
+    `recordings` and `spikes`: those that the run was trained on, or recordings like those of a classifier.
     weight_bits, state_bits, lsb: as for `formats.choose`. By default, the weights of a fine-tuned run have the bits and
     steps of its fine-tuning, others 8 bits.
     """
     if not integer:
         return Exported(chain_of(run, **options), None)
     restored = fitted.restore(run, spikes=spikes)
-    signals = recorded(restored, recordings)
-    if "sampling_rate_Hz" not in options or options["sampling_rate_Hz"] is None:
-        options["sampling_rate_Hz"] = signals.sampling_rate_Hz if _resamples(restored) else None
-    chain = chain_of(run, **options)
-    ranges = formats.record(chain.network, signals.windows, signals.training)
+    if recordings is None and spikes is None and restored.spikes:
+        chain, ranges = chain_of(run, **options), restored.ranges
+        if ranges is None:
+            raise InputError(
+                f"{run}: does not hold the ranges of its samples, since their recordings were not found in training; "
+                "name them with `recordings`, or train it again beside them"
+            )
+    else:
+        known = recorded(restored, recordings)
+        if options.get("sampling_rate_Hz") is None and _resamples(restored):
+            options["sampling_rate_Hz"] = known.sampling_rate_Hz
+        chain = chain_of(run, **options)
+        ranges = record(chain.network, known.windows, known.training)
     return Exported(chain, formats.choose(chain, ranges, lsb=lsb, **_bits_and_steps(restored, weight_bits, state_bits)))
 
 

@@ -10,7 +10,7 @@ import copy
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from neurotact_parts.exporters.c import formats
@@ -23,7 +23,8 @@ from neurotact.errors import InputError
 from neurotact.networks.definition.rounding import Grid, seen_rounded
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.training import checkpoint, fitting, tasks, train_run, trained
-from neurotact.networks.training.outcome import Outcome, outcome_of, summary_of
+from neurotact.networks.training.outcome import outcome_of, summary_of
+from neurotact.networks.training.ranges import record_states
 from neurotact.networks.training.tasks import Sides
 from neurotact.networks.training.trained import Restored
 from neurotact.networks.training.training import Epoch, Examples, Training, best_of, evaluate, train
@@ -48,13 +49,6 @@ class FineTuned(Spec):
     """The value of 1 of an integer weight: into, among and out of the hidden neurons."""
     epochs: int = Field(ge=0)
     seed: int = Field(ge=0)
-
-
-class Done(NamedTuple):
-    """The result of a fine-tuning, and its epochs; epoch 0 is rounding alone."""
-
-    outcome: Outcome
-    training: Training
 
 
 def tuned_of(restored: Restored) -> FineTuned | None:
@@ -110,78 +104,6 @@ def train_rounded(
     return Training(tuple(log), best)
 
 
-def _run(
-    source: str | Path,
-    folder: str | Path,
-    *,
-    weight_bits: int = 8,
-    state_bits: int | None = None,
-    epochs: int = EPOCHS,
-    seed: int | None = None,
-    spikes: str | Path | None = None,
-    force: bool = False,
-) -> Done:
-    """Fine-tune the network in the run folder `source` for integer weights, and save it in `folder` as a new run.
-
-    spikes: those that the run was trained on, where they moved since.
-    weight_bits, state_bits: as for `formats.choose`. epochs: of training; 0: rounding alone. seed: of the order of
-    windows, 0 if None.
-    force: replace an existing training in `folder`.
-    Raises InputError for a folder that is not empty, and for spikes that are no longer those of the run.
-    """
-    effects.check(epochs=epochs, seed=seed)
-    source, folder, seed = Path(source), Path(folder), seed or 0
-    if not 0 <= epochs <= 100_000:
-        raise InputError(f"epochs: must be from 0 to 100000; got {epochs}")
-    # os.path and not Path: a folder that may not be read counts as another one, and is refused when it is written.
-    if os.path.exists(folder) and os.path.exists(source) and folder.samefile(source):
-        raise InputError(f"{folder}: is the run that is to be fine-tuned; choose another folder")
-    with files.locked(folder):
-        train_run.check_place(folder, force=force)
-        restored = trained.restore(source, spikes=spikes)
-        trains = trained.load_spikes_of(restored)
-        assert restored.spikes_path is not None  # of a folder
-        trained.check_trials(restored, trains)
-        sides = tasks.sides_of(trains, restored.task)
-        layers = layers_of(restored, sides, weight_bits=weight_bits, state_bits=state_bits)
-        digest = files.sha256(source / checkpoint.WEIGHTS)
-        done = _trained_on(restored, sides, layers, weight_bits, epochs, seed)
-        about = FineTuned(
-            network=os.path.relpath(source, folder), weights_sha256=digest, weight_bits=weight_bits,
-            state_bits=layers.hidden.state_bits, steps=layers.steps, epochs=epochs, seed=seed,
-        )  # fmt: skip
-        outcome = outcome_of(done, sides, trains, restored.task, "fine-tune")
-        train_run.clear(folder)
-        more = {KEY: about.model_dump(mode="json")}
-        trained.save(done, folder, trains, restored.spikes_path, restored.task, more=more)
-        files.write_json(folder / train_run.RESULT, outcome.as_json())
-    return Done(outcome, done.training)
-
-
-def layers_of(restored: Restored, sides: Sides, **options: Any) -> Layers:
-    """The network in integers, as an export chooses them; options as for `formats.layers_of`."""
-    network = restored.network
-    n_steps, _, _ = steps_of(restored.task.window, network.sampling_rate_Hz)
-    seen = formats.record_states(network, sides.train.spikes)
-    return formats.layers_of(network, seen, n_steps=n_steps, **options)
-
-
-def _trained_on(
-    restored: Restored, sides: Sides, layers: Layers, weight_bits: int, epochs: int, seed: int
-) -> fitting.Trained:
-    network, steps = restored.network, layers.steps
-    with track("fine-tune", epochs) as advance:
-        training = train_rounded(
-            network, sides.train, sides.validation, grids_of(network, steps, weight_bits),
-            generator=torch.Generator().manual_seed(seed), epochs=epochs,
-            progress=lambda epoch: advance(1, train_run.line_of(epoch)),
-        )  # fmt: skip
-    # Refuse what an export refuses, before anything is saved.
-    layers_of(restored, sides, weight_bits=weight_bits, state_bits=layers.hidden.state_bits, steps=steps)
-    done = fitting.finished(network, training, sides, restored.task)
-    return done if restored.has_own_rule else done.with_rule(restored.rule, restored.held)
-
-
 def fine_tune(
     run: str | Path,
     folder: str | Path,
@@ -207,15 +129,61 @@ def fine_tune(
     True
     """
     check_folder(run, "fine_tune", "which it trains on from the spikes of that")
-    path = Path(folder)
-    outcome, training = _run(
-        run, path, weight_bits=weight_bits, state_bits=state_bits, epochs=epochs, seed=seed, spikes=spikes, force=force
-    )
-    rounded, best = (100 * epoch.validation_accuracy for epoch in (training.epochs[0], training.best))
+    effects.check(epochs=epochs, seed=seed)
+    source, folder, seed = Path(run), Path(folder), seed or 0
+    if not 0 <= epochs <= 100_000:
+        raise InputError(f"epochs: must be from 0 to 100000; got {epochs}")
+    # os.path and not Path: a folder that may not be read counts as another one, and is refused when it is written.
+    if os.path.exists(folder) and os.path.exists(source) and folder.samefile(source):
+        raise InputError(f"{folder}: is the run that is to be fine-tuned; choose another folder")
+    with files.locked(folder):
+        train_run.check_place(folder, force=force)
+        restored = trained.restore(source, spikes=spikes)
+        trains = trained.load_spikes_of(restored)
+        assert restored.spikes_path is not None  # of a folder
+        trained.check_trials(restored, trains)
+        sides = tasks.sides_of(trains, restored.task)
+        layers = layers_of(restored, sides, weight_bits=weight_bits, state_bits=state_bits)
+        digest = files.sha256(source / checkpoint.WEIGHTS)
+        done = _trained_on(restored, sides, layers, weight_bits, epochs, seed)
+        about = FineTuned(
+            network=os.path.relpath(source, folder), weights_sha256=digest, weight_bits=weight_bits,
+            state_bits=layers.hidden.state_bits, steps=layers.steps, epochs=epochs, seed=seed,
+        )  # fmt: skip
+        outcome = outcome_of(done, sides, trains, restored.task, "fine-tune")
+        train_run.clear(folder)
+        more = {KEY: about.model_dump(mode="json")}
+        trained.save(done, folder, trains, restored.spikes_path, restored.task, more=more)
+        files.write_json(folder / train_run.RESULT, outcome.as_json())
+    rounded, best = (100 * epoch.validation_accuracy for epoch in (done.training.epochs[0], done.training.best))
     tuned = (
         f"validation accuracy with {weight_bits}-bit weights: {rounded:.1f} % rounded, {best:.1f} % fine-tuned "
-        f"(epoch {training.best.epoch} of {epochs})"
+        f"(epoch {done.training.best.epoch} of {epochs})"
     )
-    for line in (*outcome.lines(), tuned, train_run.saved_in(path)):
+    for line in (*outcome.lines(), tuned, train_run.saved_in(folder)):
         tell(line)
-    return summary_of(files.read_json(path / train_run.RESULT))
+    return summary_of(files.read_json(folder / train_run.RESULT))
+
+
+def layers_of(restored: Restored, sides: Sides, **options: Any) -> Layers:
+    """The network in integers, as an export chooses them; options as for `formats.layers_of`."""
+    network = restored.network
+    n_steps, _, _ = steps_of(restored.task.window, network.sampling_rate_Hz)
+    seen = record_states(network, sides.train.spikes)
+    return formats.layers_of(network, seen, n_steps=n_steps, **options)
+
+
+def _trained_on(
+    restored: Restored, sides: Sides, layers: Layers, weight_bits: int, epochs: int, seed: int
+) -> fitting.Trained:
+    network, steps = restored.network, layers.steps
+    with track("fine-tune", epochs) as advance:
+        training = train_rounded(
+            network, sides.train, sides.validation, grids_of(network, steps, weight_bits),
+            generator=torch.Generator().manual_seed(seed), epochs=epochs,
+            progress=lambda epoch: advance(1, train_run.line_of(epoch)),
+        )  # fmt: skip
+    # Refuse what an export refuses, before anything is saved.
+    layers_of(restored, sides, weight_bits=weight_bits, state_bits=layers.hidden.state_bits, steps=steps)
+    done = fitting.finished(network, training, sides, restored.task)
+    return done if restored.has_own_rule else done.with_rule(restored.rule, restored.held)

@@ -11,18 +11,17 @@ from collections.abc import Iterator, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from neurotact.data.conditioning import Conditioner
 from neurotact.deploy.chain import Chain
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
-from neurotact.networks.definition import reference
 from neurotact.networks.definition.executors import Subject, require
 from neurotact.networks.definition.readouts import Stretches
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.neurons import LIF, cuba_lif_start
+from neurotact.networks.training.ranges import Ranges
+from neurotact.neurons import LIF
 
 FRACTION = 12
 """Bits after the binary point of a conditioned sample: 16 + 12 bits, and two more for differences, fit in 32."""
@@ -38,8 +37,6 @@ LARGEST = 2**31 - 1
 MOST_OFFSET = 2**28
 FINEST = 128
 """Units of the afferents' arithmetic in the least threshold, from which on rounding it moves it by less than 0.4 %."""
-WINDOWS = 256
-"""Maximum number of training windows whose states are recorded."""
 
 
 class Raw(NamedTuple):
@@ -211,19 +208,6 @@ class Formats(NamedTuple):
     state_bits: int
 
 
-class Ranges(NamedTuple):
-    """Recorded ranges: extremes of the samples, and the largest |I| or |U| of the hidden layer and of the readout.
-
-    is_whole: whether every sample is a whole number, as the counts of a converter are.
-    """
-
-    low: float
-    high: float
-    hidden: float
-    readout: float
-    is_whole: bool = False
-
-
 def choose(
     chain: Chain,
     ranges: Ranges,
@@ -281,34 +265,6 @@ def layers_of(
     if network.bias is not None:
         return Layers(hidden, _integrator(network, weight_bits, n_steps, w_out))
     return Layers(hidden, _layer(network, 1, (network.w_out, None), seen[1], bits, (w_out, None)))
-
-
-def record(network: RSNN, rasters: Tensor, signals: Sequence[np.ndarray]) -> Ranges:
-    """Ranges of states over training windows `(window, time, afferent)`, and of the samples of their trials."""
-    low, high = min(float(s.min()) for s in signals), max(float(s.max()) for s in signals)
-    is_whole = all(bool((s == np.rint(s)).all()) for s in signals)
-    return Ranges(low, high, *record_states(network, rasters), is_whole)
-
-
-@torch.no_grad()
-def record_states(network: RSNN, rasters: Tensor) -> tuple[float, float]:
-    """The largest |I| or |U| of the hidden layer and of the readout over windows `(window, time, afferent)`."""
-    chosen = torch.linspace(0, len(rasters) - 1, min(len(rasters), WINDOWS)).long()
-    spikes = network.binned(rasters[chosen]).to(network.w_in.dtype)
-    states = [cuba_lif_start(len(spikes), n, network.w_in) for n in (network.spec.hidden, network.n_classes)]
-    largest = [0.0, 0.0]
-    layers = ((network.w_in, network.w_rec), (network.w_out, None))
-    for t in range(spikes.shape[1]):
-        inputs = spikes[:, t : t + 1]
-        for index, (w, v) in enumerate(layers if network.bias is None else layers[:1]):
-            inputs, states[index] = reference.cuba_lif_layer(
-                inputs, w, v, alpha=network.alpha[index], beta=network.beta[index], threshold=network.threshold[index],
-                neuron=network.neuron, spike=network.spike, adaptation=network.adaptation_of(index),
-                state=states[index],
-            )  # fmt: skip
-            state = states[index]
-            largest[index] = max(largest[index], float(state.current.abs().max()), float(state.membrane.abs().max()))
-    return largest[0], largest[1]
 
 
 def _raw(ranges: Ranges, lsb: float | None) -> Raw:

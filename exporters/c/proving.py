@@ -6,14 +6,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from neurotact_parts.exporters.c import boards, c_export, export, proof, twin
+import torch
+from neurotact_parts.exporters.c import boards, c_export, export, integer, proof
 from neurotact_parts.exporters.c.boards import Board
 from neurotact_parts.exporters.c.formats import Formats
-from neurotact_parts.exporters.c.proof import Spoken
+from neurotact_parts.exporters.c.proof import Spoken, spoken_of
 
 from neurotact import files
+from neurotact.data.conditioning import Conditioner
 from neurotact.data.recordings import Recordings
 from neurotact.deploy.chain import Chain
+from neurotact.encoders import afferents
 from neurotact.errors import InputError
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
@@ -74,9 +77,49 @@ def trials_of(
     recorded, learned = export.recorded(restored, recordings), restored.task.window.per_trial
     signals = [np.asarray(signal, np.float32) for signal in recorded.test[:n_trials]]
     if formats is None:
-        return Trials(signals, [twin.said_in_float(chain, signal) for signal in signals], recorded.labels, learned)
+        return Trials(signals, [expected_in_float(chain, signal) for signal in signals], recorded.labels, learned)
     given = [formats.raw.samples(signal) for signal in signals]
-    return Trials(given, twin.said_in_whole_numbers(chain, formats, given), recorded.labels, learned)
+    return Trials(given, expected_in_integers(chain, formats, given), recorded.labels, learned)
+
+
+def expected_in_integers(chain: Chain, formats: Formats, trials: Sequence[np.ndarray]) -> list[Spoken]:
+    """The output for trials of raw samples `(sample, taxel)` int16, together: shorter ones are padded and cut."""
+    lengths = np.array([len(trial) for trial in trials])
+    padded = np.stack(
+        [np.concatenate([trial, np.repeat(trial[-1:], lengths.max() - len(trial), axis=0)]) for trial in trials]
+    )
+    rasters = integer.encode(padded, formats.front, lengths)
+    spikes = [
+        raster[: integer.n_steps(n_samples, formats.front)]
+        for raster, n_samples in zip(rasters, lengths.tolist(), strict=True)
+    ]
+    cut, n = [_windows(chain, raster) for raster in spikes], chain.network.steps_per_bin
+    made = integer.infer(np.concatenate([windows for _, windows in cut]), formats, chain.network.neuron, chain.rule, n)
+    decided = np.stack([made.labels, made.steps, made.input_spikes, made.hidden_spikes, made.heard], axis=1)
+    ends = np.cumsum([len(starts) for starts, _ in cut])[:-1]
+    parts = zip(spikes, cut, np.split(made.hidden, ends), np.split(decided, ends), strict=True)
+    return [spoken_of(raster, starts, hidden, rows, n) for raster, (starts, _), hidden, rows in parts]
+
+
+@torch.no_grad()
+def expected_in_float(chain: Chain, trial: np.ndarray) -> Spoken:
+    """The output for a whole trial of samples `(sample, taxel)` float32, in the encoder's unit."""
+    conditioner = Conditioner(chain.sampling_rate_Hz, chain.encoder.conditioning)
+    raster = afferents.encode(conditioner.whole(trial)[None], chain.clock_Hz, chain.lif)[0][0]
+    starts, windows = _windows(chain, raster)
+    inputs = torch.from_numpy(windows)
+    made, (hidden, readout) = chain.network.infer(inputs, chain.rule), chain.network.simulate(inputs)
+    n = chain.network.steps_per_bin
+    is_simulated = torch.arange(hidden.shape[1]) * n < made.steps[:, None]
+    fired = ((readout != 0).any(dim=2) & is_simulated).any(dim=1).long()
+    decided = torch.stack([made.labels, made.steps, made.input_spikes, made.hidden_spikes, fired], dim=1)
+    return spoken_of(raster, starts, hidden.numpy(), decided.numpy(), n)
+
+
+def _windows(chain: Chain, raster: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    starts, length = chain.windows.starts(raster), chain.windows.length
+    shape = (0, length, raster.shape[1])
+    return starts, np.stack([raster[i : i + length] for i in starts]) if len(starts) else np.zeros(shape, np.uint8)
 
 
 def _on_this_machine(folder: Path, trials: Trials, say: Callable[[str], None]) -> Iterator[tuple[str, Any]]:

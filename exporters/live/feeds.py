@@ -14,7 +14,7 @@ from neurotact.data import hdf5
 from neurotact.data.recordings import LABEL, order_by_name
 from neurotact.data.sources import Control, Simulator
 from neurotact.deploy import sources
-from neurotact.deploy.sources import Arrived, Layout, Noted
+from neurotact.deploy.sources import Arrived, Faults, Layout
 from neurotact.errors import InputError
 
 TICK_S = 0.02
@@ -39,7 +39,7 @@ class Feed(Protocol):
     label: str | None
     note: str
 
-    def pieces(self, noted: Noted) -> Iterator[Arrived]: ...
+    def pieces(self, faults: Faults) -> Iterator[Arrived]: ...
 
 
 class Paced:
@@ -48,9 +48,11 @@ class Paced:
     speed: float = 1.0
     sampling_rate_Hz: float
 
-    def _at_its_rate(self, pieces: Iterator[Arrived], noted: Noted) -> Iterator[Arrived]:
+    def _at_its_rate(self, pieces: Iterator[Arrived], faults: Faults) -> Iterator[Arrived]:
         block = max(1, round(BLOCK_S * self.sampling_rate_Hz))
-        return sources.at_its_rate(pieces, self.sampling_rate_Hz, noted, block, speed=lambda: self.speed, tick_s=TICK_S)
+        return sources.at_its_rate(
+            pieces, self.sampling_rate_Hz, faults, block, speed=lambda: self.speed, tick_s=TICK_S
+        )
 
 
 class Replay(Paced):
@@ -78,10 +80,10 @@ class Replay(Paced):
         if order_by_name(self.taxels, taxels, self.name) is not None:
             self.taxels = taxels or self.taxels
 
-    def pieces(self, noted: Noted) -> Iterator[Arrived]:
+    def pieces(self, faults: Faults) -> Iterator[Arrived]:
         block = max(1, round(BLOCK_S * self.sampling_rate_Hz))
         while True:
-            for piece in self._at_its_rate(self._stored(block), noted):
+            for piece in self._at_its_rate(self._stored(block), faults):
                 if piece.trial is not None:
                     self.label = self._labels[piece.trial]
                     self.note = f"trial {piece.trial + 1} of {len(self._labels)}"
@@ -120,12 +122,12 @@ class ByHand(Paced):
     def _touch(self, number: int) -> Any:
         return self._finger.touch(self._spec, self.values, number)
 
-    def pieces(self, noted: Noted) -> Iterator[Arrived]:
+    def pieces(self, faults: Faults) -> Iterator[Arrived]:
         number = 0
         while True:
             values, touch = self.values, self._touch(number)
             self.label, self.note = str(touch.conditions[LABEL].iloc[0]), f"touch {number + 1}"
-            for piece in self._at_its_rate(iter((Arrived(touch.signals[0]),)), noted):
+            for piece in self._at_its_rate(iter((Arrived(touch.signals[0]),)), faults):
                 if self.values is not values:
                     break
                 yield piece
@@ -144,17 +146,17 @@ class Device:
         *, stall_s: float = 1.0, baud: int = sources.DEFAULT_BAUD,
     ) -> None:  # fmt: skip
         self.name, self.taxels, self.sampling_rate_Hz, self.unit = path, taxels, sampling_rate_Hz, unit
-        self._open: Callable[[Noted], Iterator[Arrived]] = lambda noted: sources.live(
+        self._open: Callable[[Faults], Iterator[Arrived]] = lambda faults: sources.live(
             path,
-            layout.parser(path, len(taxels), sampling_rate_Hz, noted, taxels),
-            noted,
+            layout.parser(path, len(taxels), sampling_rate_Hz, faults, taxels),
+            faults,
             stall_s,
             tick_s=TICK_S,
             baud=baud,
         )
-        layout.parser(path, len(taxels), sampling_rate_Hz, Noted())  # refuse a wrong layout now
+        layout.parser(path, len(taxels), sampling_rate_Hz, Faults())  # refuse a wrong layout now
         self.label: str | None = None
         self.note = ""
 
-    def pieces(self, noted: Noted) -> Iterator[Arrived]:
-        return self._open(noted)
+    def pieces(self, faults: Faults) -> Iterator[Arrived]:
+        return self._open(faults)

@@ -23,7 +23,7 @@ from neurotact.backend import Backend
 from neurotact.data.spikes import populations_of
 from neurotact.deploy import sources
 from neurotact.deploy.chain import Chain
-from neurotact.deploy.sources import Arrived, Noted
+from neurotact.deploy.sources import Arrived, Faults
 from neurotact.deploy.stream import Stream
 from neurotact.deploy.stream_state import Trace
 from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
@@ -75,7 +75,7 @@ class Session:
         self._frames = FrameBuilder(chain.sampling_rate_Hz, chain.n_taxels)
         self.stream = Stream(chain, unit=feed.unit, hold_ms=hold_ms, backend=backend, watch=self._watch)
         self._start = self._settings()
-        self.scores, self.noted, self.audience = Scores(chain.classes), Noted(), Audience()
+        self.scores, self.faults, self.audience = Scores(chain.classes), Faults(), Audience()
         self._afferent_spikes, self._hidden = np.zeros(chain.network.n_inputs, np.int64), 0
         self._requests: Queue[tuple[Mailbox, messages.Message]] = Queue(MOST_WAITING)
         self._label: str | None = None
@@ -154,7 +154,7 @@ class Session:
             self._serve_pages(lambda: self._again)
 
     def _run_feed(self) -> None:
-        for arrived in self.feed.pieces(self.noted):
+        for arrived in self.feed.pieces(self.faults):
             self._handle_requests()
             if self._stopped.is_set():
                 return
@@ -360,7 +360,7 @@ class Session:
             "side": self._side,
             "speed": feed.speed if isinstance(feed, (ByHand, Replay)) else None,
             "values": feed.values if isinstance(feed, ByHand) else None,
-            "trouble": sources.trouble_of(self.stream.tally, self.noted),
+            "trouble": sources.trouble_of(self.stream.tally, self.faults),
             "pages": len(self.audience),
             "refused": self.refused,
             "ended": self.ended,

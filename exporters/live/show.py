@@ -20,7 +20,6 @@ from neurotact.deploy.sources import DEFAULT_BAUD, STALL_S, Layout, kind_of, tro
 from neurotact.encoders.specs import afferent_names
 from neurotact.errors import InputError
 from neurotact.metrics.synops import SIDES, UNKNOWN
-from neurotact.networks.training import trained
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
 from neurotact.spec import checked_settings
@@ -107,7 +106,7 @@ def live(
     if session.failure is not None and not session.stream.tally.samples:
         raise session.failure
     tally = session.stream.tally
-    trouble = trouble_of(tally, session.noted)
+    trouble = trouble_of(tally, session.faults)
     return f"{tally.samples} samples, {tally.decisions} decisions; {trouble or 'every sample was used unchanged'}"
 
 
@@ -134,7 +133,7 @@ def _ended(session: Session, stop: Callable[[], None]) -> None:
 
 def sides_of(run: Fitted, feed: Replay) -> list[str]:
     """The side of the network's split that each trial was on, as for `neurotact infer`; logs how many on each."""
-    known = trained.recall(fitted.restore(run))
+    known = fitted.restore(run).provenance
     with hdf5.open_recordings(feed.name) as stored:
         sides = [UNKNOWN] * len(stored)
         if known is not None and known.trials.training.recorded:

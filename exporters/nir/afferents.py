@@ -10,8 +10,7 @@ the membrane to fire, which resets it, and removes those spikes.
 from typing import Any
 
 import numpy as np
-from neurotact_parts.exporters.nir.nodes import FORCE, Clock, Edges, graph, linear, scale, threshold
-from neurotact_parts.exporters.nir.package import nir
+from neurotact_parts.exporters.nir.nodes import FORCE, Clock, Edges, graph, linear, nir, scale, threshold
 from scipy.linalg import block_diag
 
 from neurotact.encoders.afferents import AfferentSpec

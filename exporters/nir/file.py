@@ -5,7 +5,7 @@ from typing import Any
 
 import h5py
 from neurotact_parts.exporters.nir.execute import KINDS
-from neurotact_parts.exporters.nir.package import nir
+from neurotact_parts.exporters.nir.nodes import nir
 
 from neurotact import files
 from neurotact.data.hdf5_input import Declared, reading

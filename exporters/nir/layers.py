@@ -17,8 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from neurotact_parts.exporters.nir.nodes import FORCE, Clock, Edges, graph, linear, scale, threshold
-from neurotact_parts.exporters.nir.package import nir
+from neurotact_parts.exporters.nir.nodes import FORCE, Clock, Edges, graph, linear, nir, scale, threshold
 
 from neurotact.networks.definition.rsnn import RSNN
 

@@ -10,13 +10,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from neurotact_parts.exporters.nir.package import nir
 
-from neurotact.errors import InputError
+from neurotact.errors import InputError, optional
 
 FORCE = 2.0**60
 """An input that makes any membrane fire: larger than any other input, and far below the largest float32."""
 Edges = list[tuple[str, str]]
+
+
+def nir() -> Any:
+    """The package; InputError if it is not installed."""
+    return optional("nir", "nir: cannot be imported ({}); pip install 'neurotact[nir]'")
 
 
 @dataclass(frozen=True)

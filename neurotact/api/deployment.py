@@ -108,19 +108,19 @@ def stream(
             "samples are taken to come at %g Hz, as the recordings of the training; `sampling_rate_Hz` changes it",
             chain.sampling_rate_Hz,
         )
-    flow, noted = Stream(chain, unit=unit, hold_ms=hold_ms), sources.Noted()
+    flow, faults = Stream(chain, unit=unit, hold_ms=hold_ms), sources.Faults()
     block = max(1, round(0.01 * chain.sampling_rate_Hz))
     if kind == "recordings":
         samples = sources.recorded(Path(source), chain.n_taxels, block, taxels=chain.taxels)
     else:
         layout = sources.Layout.of(format, time_column, lsb, zero)
-        parser = layout.parser(source, chain.n_taxels, chain.sampling_rate_Hz, noted, chain.taxels)
-        samples = sources.live(source, parser, noted, stall_s or sources.STALL_S, baud=baud or sources.DEFAULT_BAUD)
+        parser = layout.parser(source, chain.n_taxels, chain.sampling_rate_Hz, faults, chain.taxels)
+        samples = sources.live(source, parser, faults, stall_s or sources.STALL_S, baud=baud or sources.DEFAULT_BAUD)
     if rate == "real":
-        samples = sources.at_its_rate(samples, chain.sampling_rate_Hz, noted, block)
+        samples = sources.at_its_rate(samples, chain.sampling_rate_Hz, faults, block)
 
     def summary() -> str:
-        tally, trouble = flow.tally, sources.trouble_of(flow.tally, noted)
+        tally, trouble = flow.tally, sources.trouble_of(flow.tally, faults)
         took = f"in {time.perf_counter() - began:.1f} s; {trouble or 'every sample was used unchanged'}"
         return f"{tally.samples} samples, {tally.decisions} decisions, {took}"
 

@@ -71,7 +71,7 @@ def _export(
     force: Force = False,
     **options: Any,
 ) -> None:
-    """Write a trained run in another form, or check it against a chip's limits."""
+    """Write a trained run as C, NIR or in another form, or check it against a chip."""
     given = {name: value for name, value in options.items() if is_given(value)}
     if check is not None:
         for name, value in {**given, "out": out, "to": to, "force": force}.items():
@@ -145,4 +145,5 @@ def _described(parameter: inspect.Parameter, help: str) -> Any:
     written = "--" + parameter.name.replace("_", "-")
     if kind is bool:
         return flag(written, help)
-    return option(kind | None, help, written, show_default=parameter.default if is_given(parameter.default) else False)
+    default = str(parameter.default) if is_given(parameter.default) else False
+    return option(kind | None, help, written, show_default=default)

@@ -121,13 +121,11 @@ def chain_of(
 
 def build_encoder(restored: Restored, source: object) -> EncoderSpec:
     """The encoder that a network was trained with; InputError where it is not known."""
-    if restored.encoder is None and restored.spikes_path is None:
+    if restored.encoder is None:
         raise InputError(
             f"{source}: was fitted on an array that does not say its encoder; fit it on `nt.windows(...).X` or, in a "
             "pipeline, behind nt.SpikeEncoder"
         )
-    if restored.encoder is None:
-        raise InputError(f"{source}: was saved without its encoder; train the network again")
     return encoder_of(restored.encoder, source)
 
 

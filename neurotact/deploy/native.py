@@ -1,8 +1,7 @@
 """The compiled step of a stream; its computation is defined in `stream.py` and the functions called there."""
 
 import math
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -18,11 +17,44 @@ from neurotact.networks.exit.early_exit import Leader
 from neurotact.neurons import CubaLIFState, LIFState, lif_start
 
 BASELINES = ("none", "first", "start", "running", "high-pass")
-COUNTERS = ("samples", "steps", "silent", "free_at", "n_windows", "under_way")
 Decided = tuple[int, int, int, int, int, int, int, bool]
 """A decided window: its number, start, steps, label, input spikes, hidden spikes, held, heard."""
+NUMBERS = ("window", "start", "steps", "input_spikes", "hidden_spikes", "held")
+STANDING = ("index", "standing", "standing_since_spike")
 LANES = 8
 """Number of taxels that are computed together; arrays are padded to a multiple of it."""
+
+
+class Layout(NamedTuple):
+    """The state of a compiled stream (`native/stream.cpp`): `stream`, then a `window` for each that is under way."""
+
+    stream: np.dtype
+    window: np.dtype
+
+    @classmethod
+    def of(cls, chain: Chain) -> "Layout":
+        """The layout for a chain, whose taxels fill up whole groups of `LANES`."""
+        network, groups = chain.network, -(-chain.n_taxels // LANES)
+        n, n_classes, taxels = network.spec.hidden, network.n_classes, groups * LANES
+        spiking = network.bias is None
+        counters = ("samples", "steps", "silent", "free_at", "n_windows", "under_way")
+        neurons = np.dtype([("membrane", "f4", LANES), ("silent", "i4", LANES)])
+        stream = [
+            *((name, "i8") for name in counters),
+            *((name, "f4", taxels) for name in ("smoothed", "level", "last")),
+            ("total", "f8", taxels), ("afferents", neurons, (groups, network.n_inputs // chain.n_taxels)),
+        ]  # fmt: skip
+        layer = [("current", "f4", n), ("membrane", "f4", n), ("spikes", *_words(n)), ("spikes_before", *_words(n))]
+        layer += [("adaptation", "f4", n)] if network.adaptation is not None else []
+        readout = [("current", "f4", n_classes), ("membrane", "f4", n_classes), ("spikes", *_words(n_classes))]
+        window = [
+            *((name, "i8") for name in NUMBERS), ("waiting", *_words(network.n_inputs)), ("hidden", np.dtype(layer)),
+            *([("readout", np.dtype(readout))] if spiking else []),
+            *([("leaky", "f8", n_classes)] if network.leaks else []),
+            ("counts", "i8" if spiking else "f8", n_classes),
+            *((name, "i8") for name in STANDING), ("heard", "?"),
+        ]  # fmt: skip
+        return cls(np.dtype(stream), np.dtype(window))
 
 
 class Remembered(NamedTuple):
@@ -43,6 +75,7 @@ class CompiledStream:
 
     def __init__(self, chain: Chain, conditioner: Conditioner, most_samples: int) -> None:
         self.chain, self.conditioner = chain, conditioner
+        self._layout = Layout.of(chain)
         self._most_steps = math.ceil(most_samples * max(1.0, chain.clock_Hz / chain.sampling_rate_Hz)) + 1
         network, encoder, plan = chain.network, chain.lif, chain.windows
         spec, n_taxels = conditioner.how, chain.n_taxels
@@ -95,178 +128,153 @@ class CompiledStream:
 
     def remembered(self) -> Remembered:
         """The state, in the format of the reference."""
-        parts = list(self._stream.state())
-        counters: dict[str, int] = dict(zip(COUNTERS, np.frombuffer(parts[0][1], np.int64).tolist(), strict=True))
-        taxels = dict(parts[1:5])
-        n_states = 2 * self._n_groups * self._n_kinds
-        states = [content for _, content in parts[5 : 5 + n_states]]
-        rest = iter(parts[5 + n_states :])
-        values = {
-            name: self._taxels(content, np.float64 if name == "total" else np.float32)
-            for name, content in taxels.items()
-        }
-        opening = Opening(self.chain.windows, counters["steps"], counters["silent"], counters["free_at"])
-        windows = tuple(self._window(rest) for _ in range(counters["under_way"]))
+        content = self._stream.state()
+        found = np.frombuffer(content, self._layout.stream, 1)[0]
+        windows = np.frombuffer(content, self._layout.window, offset=self._layout.stream.itemsize)
+        opening = Opening(self.chain.windows, *(int(found[name]) for name in ("steps", "silent", "free_at")))
         return Remembered(
-            opening, self._conditioned(counters, values), self._encoder(counters, values, states), windows,
-            counters["n_windows"],
+            opening, self._conditioned(found), self._encoder(found), tuple(map(self._window, windows)),
+            int(found["n_windows"]),
         )  # fmt: skip
 
     def remember(self, state: Remembered) -> None:
         """Continue from a state."""
-        spec = self.conditioner.how
-        done, opening = state.conditioned, state.opening
-        counters = (done.n_samples, done.n_steps, opening.silent, opening.free_at, state.n_windows, len(state.windows))
-        smoothed = done.smoothed if done.held is None else done.held[-1]
-        carried = (None, 0) if done.carried is None else done.carried
-        total = carried[0] if spec.baseline in ("start", "running") else None
-        level = carried[0] if spec.baseline == "high-pass" else None if done.level is None else done.level[0]
+        found, windows = np.zeros(1, self._layout.stream)[0], np.zeros(len(state.windows), self._layout.window)
+        done, opening, n = state.conditioned, state.opening, self.chain.n_taxels
+        for name, value in zip(
+            found.dtype.names,
+            (done.n_samples, done.n_steps, opening.silent, opening.free_at, state.n_windows, len(windows)),
+            strict=False,
+        ):
+            found[name] = value
+        carried = None if done.carried is None else done.carried[0]
+        is_ema = self.conditioner.how.baseline == "high-pass"
         encoder = state.encoder
-        last = None if encoder is None or encoder.last is None else encoder.last[0]
-        parts = [np.array(counters, np.int64).tobytes()]
-        parts += [self._lanes(values, np.float32) for values in (smoothed, level, last)]
-        parts.append(self._lanes(total, np.float64))
-        parts += self._states_of(encoder)
-        for window in state.windows:
-            parts += _parts_of(window, adapts=self.chain.network.adaptation is not None)
-        self._stream.restore(parts)
+        for name, values in (
+            ("smoothed", done.smoothed if done.held is None else done.held[-1]),
+            ("level", carried if is_ema else None if done.level is None else done.level[0]),
+            ("total", None if is_ema else carried),
+            ("last", None if encoder is None or encoder.last is None else encoder.last[0]),
+        ):
+            if values is not None:
+                found[name][:n] = values
+        for name, values in zip(("membrane", "silent"), self._populations(encoder), strict=True):
+            lanes = np.zeros((len(values), self._n_lanes), values.dtype)
+            lanes[:, :n] = values
+            found["afferents"][name] = lanes.reshape(len(values), -1, LANES).swapaxes(0, 1)
+        for window, into in zip(state.windows, windows, strict=True):
+            _fill(window, into)
+        self._stream.restore(found.tobytes() + windows.tobytes())
 
     @property
-    def _n_kinds(self) -> int:
-        """Afferents under a taxel."""
-        return self.chain.network.n_inputs // self.chain.n_taxels
+    def _n_lanes(self) -> int:
+        """Taxels, filled up to whole groups."""
+        return -(-self.chain.n_taxels // LANES) * LANES
 
-    @property
-    def _n_groups(self) -> int:
-        """Groups of taxels that are computed together."""
-        return -(-self.chain.n_taxels // LANES)
-
-    def _states_of(self, encoder: EncoderState | None) -> list[bytes]:
-        """Membranes and refractory steps of each kind of afferent of each group of taxels."""
+    def _populations(self, encoder: EncoderState | None) -> tuple[np.ndarray, np.ndarray]:
+        """Membranes and refractory steps of each kind of afferent, `(kind, taxel)`."""
         n, lif = self.chain.n_taxels, self.chain.lif
-        if encoder is None:
-            populations = [
-                lif_start(lif.neuron(kind, self.chain.clock_Hz), (1, n * len(kind.gains)), np.dtype(np.float32))
-                for kind in (lif.sa1, lif.ra1)
-            ]
-        else:
-            populations = [encoder.sa1, encoder.ra1]
-        lanes: list[tuple[bytes, bytes]] = []
-        for population in populations:
-            membranes, silent = (values[0].reshape(-1, n) for values in population)
-            lanes += [
-                (self._lanes(of_kind, np.float32), self._lanes(left, np.int32))
-                for of_kind, left in zip(membranes, silent, strict=True)
-            ]
-        width = 4 * LANES
-        places = [slice(width * group, width * (group + 1)) for group in range(self._n_groups)]
-        return [part[index] for index in places for kind in lanes for part in kind]
+        sa1, ra1 = (encoder.sa1, encoder.ra1) if encoder is not None else (
+            lif_start(lif.neuron(kind, self.chain.clock_Hz), (1, n * len(kind.gains)), np.dtype(np.float32))
+            for kind in (lif.sa1, lif.ra1)
+        )  # fmt: skip
+        membrane, silent = (np.concatenate(parts, axis=1).reshape(-1, n) for parts in zip(sa1, ra1, strict=True))
+        return membrane, silent
 
-    def _taxels(self, content: bytes, kind: Any) -> np.ndarray:
-        return np.frombuffer(content, kind)[: self.chain.n_taxels].copy()
+    def _taxels(self, values: np.ndarray) -> np.ndarray:
+        return values[..., : self.chain.n_taxels].copy()
 
-    def _lanes(self, values: np.ndarray | None, kind: Any) -> bytes:
-        filled = np.zeros(-(-self.chain.n_taxels // LANES) * LANES, kind)
-        if values is not None:
-            filled[: self.chain.n_taxels] = values
-        return filled.tobytes()
-
-    def _conditioned(self, counters: dict[str, int], values: dict[str, np.ndarray]) -> Conditioned:
-        samples, steps, spec = counters["samples"], counters["steps"], self.conditioner.how
+    def _conditioned(self, found: np.void) -> Conditioned:
+        samples, steps, spec = int(found["samples"]), int(found["steps"]), self.conditioner.how
         if not samples:
             return Conditioned()
+        smoothed, level, total = (self._taxels(found[name]) for name in ("smoothed", "level", "total"))
         carried = None
         if spec.baseline in CAUSAL:
-            is_ema = spec.baseline == "high-pass"
             n_averaged = min(steps, self.conditioner.n_start) if spec.baseline == "start" else steps
-            carried = (values["level" if is_ema else "total"], n_averaged)
+            carried = (level if spec.baseline == "high-pass" else total, n_averaged)
         resampled = self.conditioner.clock_Hz != self.conditioner.rate_Hz
         return Conditioned(
             samples, steps,
-            smoothed=None if self.conditioner.smoothing is None else values["smoothed"],
-            held=values["smoothed"][None] if resampled else None,
-            level=values["level"][None] if spec.baseline == "first" else None, carried=carried,
+            smoothed=None if self.conditioner.smoothing is None else smoothed,
+            held=smoothed[None] if resampled else None,
+            level=level[None] if spec.baseline == "first" else None, carried=carried,
         )  # fmt: skip
 
-    def _encoder(
-        self, counters: dict[str, int], values: dict[str, np.ndarray], states: list[bytes]
-    ) -> EncoderState | None:
-        """states: as `_states_of` gives them."""
-        if not counters["steps"]:
+    def _encoder(self, found: np.void) -> EncoderState | None:
+        if not found["steps"]:
             return None
-        every = [
-            (
-                self._taxels(b"".join(states[2 * kind :: 2 * self._n_kinds]), np.float32),
-                self._taxels(b"".join(states[2 * kind + 1 :: 2 * self._n_kinds]), np.int32),
-            )
-            for kind in range(self._n_kinds)
-        ]
+        membrane, silent = (
+            self._taxels(found["afferents"][name].swapaxes(0, 1).reshape(-1, self._n_lanes))
+            for name in ("membrane", "silent")
+        )
         n_slow = len(self.chain.lif.sa1.gains)
         sa1, ra1 = (
-            LIFState(*(np.concatenate(parts)[None] for parts in zip(*kinds, strict=True)))
-            for kinds in (every[:n_slow], every[n_slow:])
+            LIFState(membrane[kinds].reshape(1, -1), silent[kinds].reshape(1, -1))
+            for kinds in (slice(n_slow), slice(n_slow, None))
         )
-        return EncoderState(sa1, ra1, values["last"][None])
+        return EncoderState(sa1, ra1, self._taxels(found["last"])[None])
 
-    def _window(self, parts: Iterator[tuple[str, bytes]]) -> Running:
-        network = self.chain.network
-        n_hidden, n_classes, spiking = network.spec.hidden, network.n_classes, network.bias is None
-
-        def read(kind: Any) -> np.ndarray:
-            return np.frombuffer(next(parts)[1], kind).copy()
-
-        def row(values: np.ndarray) -> torch.Tensor:
-            return torch.from_numpy(values[None])
-
-        window, start, steps, input_spikes, hidden_spikes, held = read(np.int64).tolist()
-        waiting = _bits(read(np.uint64), network.n_inputs).astype(bool)
-        current, membrane = (row(read(np.float32)) for _ in range(2))
-        spikes, before = (row(_bits(read(np.uint64), n_hidden)) for _ in range(2))
-        adaptation = torch.zeros(1, n_hidden) if network.adaptation is None else row(read(np.float32))
-        hidden = CubaLIFState(current, membrane, spikes, before, adaptation)
-        readout = None
-        if spiking:
-            current, membrane = (row(read(np.float32)) for _ in range(2))
-            spikes = row(_bits(read(np.uint64), n_classes))
-            zeros = torch.zeros_like(spikes)
-            readout = CubaLIFState(current, membrane, spikes, zeros, zeros)
-        leaky = row(read(np.float64)) if network.leaks else None
-        counts = row(read(np.int64 if spiking else np.float64))
-        index, standing, since = (torch.tensor([value]) for value in read(np.int64).tolist())
-        leader = Leader(counts, index, standing, since, torch.tensor([bool(next(parts)[1][0])]), leaky)
-        return Running(window, start, steps, hidden, readout, leader, waiting, input_spikes, hidden_spikes, held)
+    def _window(self, found: np.void) -> Running:
+        network, names = self.chain.network, found.dtype.names
+        assert names is not None
+        hidden = _layer(found["hidden"], network.spec.hidden)
+        readout = _layer(found["readout"], network.n_classes) if "readout" in names else None
+        standing = {name: torch.tensor([int(found[name])]) for name in STANDING}
+        leaky = _row(found["leaky"]) if "leaky" in names else None
+        leader = Leader(_row(found["counts"]), heard=torch.tensor([bool(found["heard"])]), leaky=leaky, **standing)
+        waiting = _unpacked(found["waiting"], network.n_inputs).astype(bool)
+        numbers = {name: int(found[name]) for name in NUMBERS}
+        return Running(hidden=hidden, readout=readout, leader=leader, waiting=waiting, **numbers)
 
 
-def _parts_of(window: Running, *, adapts: bool) -> list[bytes]:
-    numbers = (window.window, window.start, window.steps, window.input_spikes, window.hidden_spikes, window.held)
-    hidden, readout, leader = window.hidden, window.readout, window.leader
-    parts = [np.array(numbers, np.int64).tobytes(), _words(window.waiting)]
-    parts += [_bytes(hidden.current), _bytes(hidden.membrane), _words(hidden.spikes), _words(hidden.spikes_before)]
-    if adapts:
-        parts.append(_bytes(hidden.adaptation))
-    if readout is not None:
-        parts += [_bytes(readout.current), _bytes(readout.membrane), _words(readout.spikes)]
+def _fill(window: Running, into: np.void) -> None:
+    """Write a window into a record of `Layout.window`."""
+    for name in NUMBERS:
+        into[name] = getattr(window, name)
+    into["waiting"] = _packed(window.waiting, into["waiting"])
+    for name in {"hidden", "readout"} & {*(into.dtype.names or ())}:
+        layer, part = getattr(window, name), into[name]
+        for key in part.dtype.names:
+            values = getattr(layer, key).detach().numpy().ravel()
+            part[key] = _packed(values, part[key]) if key.startswith("spikes") else values
+    leader = window.leader
+    for name in STANDING:
+        into[name] = int(getattr(leader, name))
+    into["heard"], into["counts"] = bool(leader.heard), leader.counts.numpy().ravel()
     if leader.leaky is not None:
-        parts.append(_bytes(leader.leaky))
-    standing = np.array([int(leader.index), int(leader.standing), int(leader.standing_since_spike)], np.int64)
-    return [*parts, _bytes(leader.counts), standing.tobytes(), bytes([bool(leader.heard)])]
+        into["leaky"] = leader.leaky.numpy().ravel()
 
 
-def _bytes(values: torch.Tensor) -> bytes:
-    return values.detach().numpy().tobytes()
+def _layer(found: np.void, n: int) -> CubaLIFState:
+    parts = {
+        name: _row(_unpacked(found[name], n) if name.startswith("spikes") else found[name])
+        for name in found.dtype.names or ()
+    }
+    absent = {name: torch.zeros(1, n) for name in CubaLIFState._fields if name not in parts}
+    return CubaLIFState(**parts, **absent)
 
 
-def _bits(words: np.ndarray, n: int) -> np.ndarray:
-    """Spikes of `n` neurons as float32, from words of 64 bits, lowest bit first."""
-    return np.unpackbits(words.view(np.uint8), bitorder="little")[:n].astype(np.float32)
+def _row(values: np.ndarray) -> torch.Tensor:
+    return torch.from_numpy(np.array(values)[None])
+
+
+def _words(n: int) -> tuple[str, int]:
+    """Type and length of the spikes of `n` neurons: words of 64 bits, lowest bit first."""
+    return "u1", 8 * -(-n // 64)
+
+
+def _packed(spikes: np.ndarray, like: np.ndarray) -> np.ndarray:
+    bits = np.packbits(spikes != 0, bitorder="little")
+    return np.pad(bits, (0, len(like) - len(bits)))
+
+
+def _unpacked(words: np.ndarray, n: int) -> np.ndarray:
+    """Spikes of `n` neurons as float32."""
+    return np.unpackbits(words, count=n, bitorder="little").astype(np.float32)
 
 
 def _rows(words: bytes, n: int, n_steps: int) -> np.ndarray:
     """Spikes of `n` neurons as `(step, n)` bool, from one row of words per step."""
-    rows = np.frombuffer(words, np.uint8).reshape(n_steps, -(-n // 64) * 8)
+    rows = np.frombuffer(words, np.uint8).reshape(n_steps, _words(n)[1])
     return np.unpackbits(rows, axis=1, count=n, bitorder="little").astype(bool)
-
-
-def _words(spikes: torch.Tensor | np.ndarray) -> bytes:
-    bits = np.packbits(np.asarray(spikes).ravel() != 0, bitorder="little").tobytes()
-    return bits.ljust(-(-len(bits) // 8) * 8, b"\0")

@@ -24,8 +24,7 @@ from neurotact.data.readers.formats.contents import content_of_bytes
 from neurotact.data.readers.table.cells import COMMENT, FLOAT32_MAX, NOT_FINITE, NUMBER
 from neurotact.data.readers.table.headings import SEPARATOR_LINE, is_unit
 from neurotact.data.recordings import order_by_name
-from neurotact.deploy.noted import Noted
-from neurotact.deploy.stamped_rows import Placed, StampedRows
+from neurotact.deploy.stamped_rows import Faults, Placed, StampedRows
 from neurotact.deploy.stream import Decision, Stream
 from neurotact.deploy.stream_state import Tally
 from neurotact.errors import InputError, optional
@@ -72,7 +71,7 @@ class Rows:
         tells that of the columns; one with other names is refused. None: the columns are in order.
     joins: the source was already running; text before the first end of a line may be incomplete, and is ignored.
 
-    >>> rows = Rows("-", 2, 1000.0, Noted())
+    >>> rows = Rows("-", 2, 1000.0, Faults())
     >>> [arrived.samples.tolist() for arrived in rows.take(b"left,right\\n1,2\\n3,nan\\n")]
     [[[1.0, 2.0], [3.0, nan]]]
     """
@@ -82,15 +81,15 @@ class Rows:
         where: str,
         n_taxels: int,
         rate_Hz: float,
-        noted: Noted,
+        faults: Faults,
         time_unit_s: float | None = None,
         *,
         taxels: tuple[str, ...] | None = None,
         joins: bool = False,
     ) -> None:
-        self.where, self.n_taxels, self.noted, self.joins = where, n_taxels, noted, joins
+        self.where, self.n_taxels, self.faults, self.joins = where, n_taxels, faults, joins
         self.taxels, self.order = taxels, None
-        self.stamped = None if time_unit_s is None else StampedRows(where, rate_Hz, time_unit_s, noted)
+        self.stamped = None if time_unit_s is None else StampedRows(where, rate_Hz, time_unit_s, faults)
         self.left, self.line, self.has_names = b"", 0, False
         self.n_good = 0
 
@@ -115,7 +114,7 @@ class Rows:
 
     def finish(self) -> None:
         """The source has ended: a row without its end may lack digits, and is ignored."""
-        self.noted.cut_off += bool(self.left.strip())
+        self.faults.cut_off += bool(self.left.strip())
         if not self.n_good:
             raise InputError(f"{self.where}: has no sample; give {self.n_taxels} values per row")
 
@@ -150,7 +149,7 @@ class Rows:
                 f"{self.where}: line {self.line} has {len(cells)} values, {text[:40]!r}, where {expected} numbers are "
                 "expected; give one row per sample and one column per taxel"
             )
-        self.noted.bad_rows += 1
+        self.faults.bad_rows += 1
         if self.stamped is None:  # else the next valid row shows how many were lost
             yield Placed(None, lost=1)
 
@@ -192,8 +191,10 @@ def _samples(block: list[list[float]]) -> np.ndarray:
 class Frames:
     """Bytes to samples: little-endian `float32` or `int16`, one value per taxel; an int16 x means `zero + lsb x`."""
 
-    def __init__(self, where: str, n_taxels: int, kind: str, noted: Noted, lsb: float = 1.0, zero: float = 0.0) -> None:
-        self.where, self.n_taxels, self.noted, self.lsb, self.zero = where, n_taxels, noted, lsb, zero
+    def __init__(
+        self, where: str, n_taxels: int, kind: str, faults: Faults, lsb: float = 1.0, zero: float = 0.0
+    ) -> None:
+        self.where, self.n_taxels, self.faults, self.lsb, self.zero = where, n_taxels, faults, lsb, zero
         self.kind = np.dtype({"float32": "<f4", "int16": "<i2"}[kind])
         self.left, self.n_good = b"", 0
 
@@ -218,7 +219,7 @@ class Frames:
 
     def finish(self) -> None:
         """The source has ended: an incomplete frame is ignored."""
-        self.noted.cut_off += bool(self.left)
+        self.faults.cut_off += bool(self.left)
         if not self.n_good:
             raise InputError(f"{self.where}: has no sample; give frames of {self.n_taxels} {self.kind.name} values")
 
@@ -245,9 +246,9 @@ def kind_of(path: str) -> str:
     return "file" if os.path.isfile(path) else "pipe"
 
 
-def trouble_of(tally: Tally, noted: Noted) -> str:
+def trouble_of(tally: Tally, faults: Faults) -> str:
     """The errors in the samples, in words, of a stream and of its source; empty without errors."""
-    return ", ".join(filter(None, (tally.trouble(), noted.trouble())))
+    return ", ".join(filter(None, (tally.trouble(), faults.trouble())))
 
 
 class Layout(NamedTuple):
@@ -274,7 +275,7 @@ class Layout(NamedTuple):
         return cls(**{key: value for key, value in given.items() if value is not None})
 
     def parser(
-        self, where: str, n_taxels: int, rate_Hz: float, noted: Noted, taxels: tuple[str, ...] | None = None
+        self, where: str, n_taxels: int, rate_Hz: float, faults: Faults, taxels: tuple[str, ...] | None = None
     ) -> Rows | Frames:
         """The parser of the format; InputError for an unknown format or unit. taxels: as for `Rows`."""
         if self.format not in FORMATS:
@@ -283,9 +284,9 @@ class Layout(NamedTuple):
             raise InputError(f"`time_column={self.time_column!r}`: is unknown; choose one of {', '.join(UNIT_S)}")
         self._check_digits()
         if self.format != "csv":
-            return Frames(where, n_taxels, self.format, noted, self.lsb, self.zero)
+            return Frames(where, n_taxels, self.format, faults, self.lsb, self.zero)
         unit_s = None if self.time_column is None else UNIT_S[self.time_column]
-        return Rows(where, n_taxels, rate_Hz, noted, unit_s, taxels=taxels, joins=where.startswith(SERIAL))
+        return Rows(where, n_taxels, rate_Hz, faults, unit_s, taxels=taxels, joins=where.startswith(SERIAL))
 
     def _check_digits(self) -> None:
         """InputError for digits of which a signal is not finite."""
@@ -298,7 +299,7 @@ class Layout(NamedTuple):
 def live(
     path: str,
     parser: Rows | Frames,
-    noted: Noted,
+    faults: Faults,
     stall_s: float,
     *,
     tick_s: float | None = None,
@@ -321,7 +322,7 @@ def live(
             if not ready:
                 stalls = not is_stalled and time.monotonic() - received_s >= stall_s
                 is_stalled |= stalls
-                noted.stalls += stalls
+                faults.stalls += stalls
                 if stalls or tick_s is not None:
                     yield Arrived(stalled=stalls)
                 continue
@@ -363,7 +364,7 @@ def recorded(
 def at_its_rate(
     source: Iterator[Arrived],
     rate_Hz: float,
-    noted: Noted,
+    faults: Faults,
     block: int,
     *,
     speed: Callable[[], float] = lambda: 1.0,
@@ -386,8 +387,8 @@ def at_its_rate(
             yield from waiting(due - time.monotonic(), tick_s)
             late_s = time.monotonic() - due
             if late_s > max(LATE_S, lasts_s):
-                noted.late_blocks += 1
-                noted.late_ms = max(noted.late_ms, 1e3 * late_s)
+                faults.late_blocks += 1
+                faults.late_ms = max(faults.late_ms, 1e3 * late_s)
             if late_s > HOPELESS_S:
                 due = time.monotonic()
             yield part

@@ -20,12 +20,12 @@ than samples come, as of a wrong unit, are refused after the first `FIRST_ROWS`.
 import math
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from neurotact.data.readers.clock.stamps import DAY_S
-from neurotact.deploy.noted import Noted
 from neurotact.errors import InputError
 from neurotact.progress import say
 
@@ -45,6 +45,39 @@ FIRST_ROWS, FIRST_STEPS, MOST_FIRST = 500, 20, 50_000
 """Number of rows, and of times at which their stamp changed, that show the rate; without them it stays unknown."""
 WRONG_RATE = 2.5
 """Factor by which the rate of the first stamps may differ from that of the samples: rows may be lost or repeated."""
+
+
+@dataclass
+class Faults:
+    """Counts of errors in a source, which is not changed by them.
+
+    bad_rows: rows that were not used: no samples, repeats, or of a time that fits no other. cut_off: an incomplete end.
+    restarts, wraps: of the clock that writes time stamps. outliers: time stamps that fit no other.
+    stalls, late_blocks, late_ms: of the arrival.
+    """
+
+    bad_rows: int = 0
+    cut_off: int = 0
+    stalls: int = 0
+    late_blocks: int = 0
+    late_ms: float = 0.0
+    restarts: int = 0
+    wraps: int = 0
+    outliers: int = 0
+
+    def trouble(self) -> str:
+        """The counts that are not zero, in words.
+
+        >>> Faults(bad_rows=2, restarts=1).trouble()
+        'bad rows 2, clock restarts 1'
+        """
+        words = (
+            (self.bad_rows, "bad rows"), (self.cut_off, "cut off at the end"), (self.restarts, "clock restarts"),
+            (self.wraps, "clock wraps"), (self.outliers, "time stamps ignored"), (self.stalls, "stalls"),
+        )  # fmt: skip
+        counts = [f"{what} {n}" for n, what in words if n]
+        late = [f"late blocks {self.late_blocks} (by up to {self.late_ms:.1f} ms)"] if self.late_blocks else []
+        return ", ".join(counts + late)
 
 
 class Placed(NamedTuple):
@@ -68,17 +101,17 @@ class Stamped(NamedTuple):
 class StampedRows:
     """The rows of one source, one after the other; the module has the rule.
 
-    where: name of the source, for messages. rate_Hz: of the samples. unit_s: of the stamps. noted: gets the counts.
+    where: name of the source, for messages. rate_Hz: of the samples. unit_s: of the stamps. faults: gets the counts.
     Each kind of fault is said once.
 
-    >>> rows = StampedRows("pipe", 1000.0, 1e-3, Noted())
+    >>> rows = StampedRows("pipe", 1000.0, 1e-3, Faults())
     >>> [placed for stamp in (5, 6, 99999, 8, 10) for placed in rows.take(stamp, [stamp])][2:]
     [Placed(values=[99999], lost=0, restarts=False), Placed(values=[8], lost=0, restarts=False), \
 Placed(values=[10], lost=1, restarts=False)]
     """
 
-    def __init__(self, where: str, rate_Hz: float, unit_s: float, noted: Noted) -> None:
-        self._where, self._rate_Hz, self._unit_s, self._noted = where, rate_Hz, unit_s, noted
+    def __init__(self, where: str, rate_Hz: float, unit_s: float, faults: Faults) -> None:
+        self._where, self._rate_Hz, self._unit_s, self._noted = where, rate_Hz, unit_s, faults
         self._per_unit = rate_Hz * unit_s
         self._near = max(NEAR_S * rate_Hz, NEAR_ROWS) / self._per_unit
         self._most_held = max(MOST_HELD, min(int(rate_Hz), 100 * MOST_HELD))

@@ -85,7 +85,7 @@ class StudySpec(Spec):
 
     folder: ClassVar[str] = "studies"
     words: ClassVar[set[str]] = {"title", "about", "claims", "notes", "as_shipped", "prices"}
-    """Keys that change none of the cells: a report can be written again with other words and prices."""
+    """Keys that change none of the numbers of cells: a report can be written again with other words and prices."""
     way: str = NETWORKS
     """The entry point of the group `neurotact.ways` that runs the study."""
     parameters: dict[str, Any] = {}

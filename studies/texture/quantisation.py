@@ -17,7 +17,7 @@ import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from neurotact_parts.exporters.c import fine_tuning, formats, integer
-from neurotact_parts.exporters.c.formats import Formats, Ranges, Steps
+from neurotact_parts.exporters.c.formats import Formats, Steps
 from neurotact_parts.studies.texture.simulator import SIMULATOR
 from pydantic import Field
 
@@ -46,6 +46,7 @@ from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW
 from neurotact.networks.training import fitting
 from neurotact.networks.training.fitting import Trained
+from neurotact.networks.training.ranges import Ranges, record, record_states
 from neurotact.networks.training.tasks import Sides, Task
 from neurotact.networks.use import measuring
 from neurotact.spec import Spec, build
@@ -144,7 +145,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     done, sides = fitting.fit(trains, parameters.network, task, seeds)
     encoder = build(AfferentSpec, dict(trains.encoder), source="quantisation")
     chain = chain_of((encoder, done.network), length_ms=task.window.length_ms)._replace(rule=done.rule)
-    ranges = formats.record(chain.network, sides.train.spikes, list(skin.select(split.train).signals))
+    ranges = record(chain.network, sides.train.spikes, list(skin.select(split.train).signals))
     first = round(task.window.start_ms * 1e-3 * chain.clock_Hz)
     given = Given(done, chain, sides, ranges, task, skin.select(split.test), first)
     measured = measuring.measure(done, sides, trains.populations)["row"]
@@ -175,7 +176,7 @@ def _whole_rows(parameters: Parameters, given: Given) -> Iterator[dict[str, Any]
                 done = _trained_on(parameters, given, fine_tuning.grids_of(chain.network, steps, weight_bits))
                 tuned[steps] = chain._replace(network=done.network, rule=done.rule)
             other = tuned[steps]
-            seen = formats.record_states(other.network, given.sides.train.spikes)
+            seen = record_states(other.network, given.sides.train.spikes)
             ranges = given.ranges._replace(hidden=seen[0], readout=seen[1])
             chosen = formats.choose(other, ranges, weight_bits=weight_bits, state_bits=state_bits, steps=steps)
             yield _row(parameters, other.network, FINE_TUNING, bits, _measured(other, chosen, windows, given))

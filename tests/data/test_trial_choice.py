@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
-from neurotact_parts.exporters.c import export
+from neurotact_parts.exporters import trials as export
 from typer.testing import CliRunner
 
 import neurotact as nt

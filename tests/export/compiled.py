@@ -9,11 +9,12 @@ from neurotact_parts.exporters.c import c_export, formats, proof
 from neurotact_parts.exporters.c.boards import Board
 from neurotact_parts.exporters.c.formats import Formats
 from neurotact_parts.exporters.c.proof import Spoken
-from neurotact_parts.exporters.c.twin import said_in_float, said_in_whole_numbers
+from neurotact_parts.exporters.c.proving import expected_in_float, expected_in_integers
 from neurotact_parts.studies.stiffness.reader import VOLTS_PER_ADC_COUNT
 
 from neurotact.deploy.chain import Chain
 from neurotact.encoders import specs
+from neurotact.networks.training.ranges import record
 
 
 def chosen(chain: Chain, signals: list[np.ndarray], **bits) -> Formats:
@@ -21,7 +22,7 @@ def chosen(chain: Chain, signals: list[np.ndarray], **bits) -> Formats:
     rasters = [raster_of(chain, signal) for signal in signals]
     length = min(chain.windows.length, *(len(raster) for raster in rasters))
     windows = torch.from_numpy(np.stack([raster[:length] for raster in rasters]))
-    return formats.choose(chain, formats.record(chain.network, windows, signals), **bits)
+    return formats.choose(chain, record(chain.network, windows, signals), **bits)
 
 
 def raster_of(chain: Chain, signal: np.ndarray) -> np.ndarray:
@@ -48,10 +49,10 @@ def compare_on(
     folder.mkdir(exist_ok=True, parents=True)
     c_export.write(chain, folder, formats_, name="skin", parts=c_export.HARNESS)
     if formats_ is None:
-        trials, expected = signals, [said_in_float(chain, signal) for signal in signals]
+        trials, expected = signals, [expected_in_float(chain, signal) for signal in signals]
     else:
         trials = [formats_.raw.samples(signal) for signal in signals]
-        expected = said_in_whole_numbers(chain, formats_, trials)
+        expected = expected_in_integers(chain, formats_, trials)
     if board is None:
         said = proof.on_host(folder, "skin", trials, flags=flags)
     else:

@@ -6,8 +6,10 @@ from compiled import chosen, compare_on, kinds_of, pressed, spikes_of
 from made_chains import make_chain, make_signal
 from neurotact_parts.exporters.c import c_export, proof
 from neurotact_parts.exporters.c.boards import BOARDS
-from neurotact_parts.exporters.c.formats import Ranges, choose
-from neurotact_parts.exporters.c.twin import said_in_float, said_in_whole_numbers
+from neurotact_parts.exporters.c.formats import choose
+from neurotact_parts.exporters.c.proving import expected_in_float, expected_in_integers
+
+from neurotact.networks.training.ranges import Ranges
 
 ABSENT = proof.missing("arm-none-eabi-gcc", "qemu-system-arm")
 pytestmark = pytest.mark.skipif(ABSENT is not None, reason=str(ABSENT))
@@ -21,10 +23,10 @@ def test_a_processor_says_what_the_twin_says(board, variant, tmp_path):
     formats = None if variant == "float" else chosen(chain, signals)
     c_export.write(chain, tmp_path, formats, parts=c_export.HARNESS)
     if formats is None:
-        trials, expected = signals, [said_in_float(chain, signal) for signal in signals]
+        trials, expected = signals, [expected_in_float(chain, signal) for signal in signals]
     else:
         trials = [formats.raw.samples(signal) for signal in signals]
-        expected = said_in_whole_numbers(chain, formats, trials)
+        expected = expected_in_integers(chain, formats, trials)
     said, _ = proof.on_board(tmp_path, "touch", trials, BOARDS[board])
     assert proof.first_difference(list(proof.cut_off(said, expected)), expected) is None
     assert all(n > 0 for n in spikes_of(expected))

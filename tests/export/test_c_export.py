@@ -1,8 +1,12 @@
 """C says what its twin says, spike by spike, for every kind of chain; and its text holds what it must."""
 
+import json
 import re
+import shutil
 import subprocess
+from pathlib import Path
 
+import made_chains
 import numpy as np
 import pytest
 from compiled import chosen, compare, compare_on, kinds_of, pressed, spikes_of
@@ -10,10 +14,12 @@ from levels import thinned
 from made_chains import ADAPTING, make_chain, make_encoder, make_signal
 from neurotact_parts.exporters.c import c_export, proof
 
+import neurotact as nt
 from neurotact.deploy.chain import chain_of
 from neurotact.deploy.stream import Stream
 from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.training import trained
 
 needs_compiler = pytest.mark.skipif(proof.missing("cc") is not None, reason=str(proof.missing("cc")))
 FALLING = {"afferents": {"sa1.opposite": True, "ra1.gain": 90.0}}
@@ -267,3 +273,48 @@ def test_a_harness_that_stops_is_no_success(tmp_path):
 def test_trials_of_another_type_are_refused():
     with pytest.raises(InputError, match="must be int16 or float32"):
         proof._packed([np.zeros((3, 2))])
+
+
+def exported(folder: Path, run: Path, **options) -> dict[str, bytes]:
+    nt.export_c(run, folder, **options)
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_an_export_needs_the_run_folder_alone(tmp_path):
+    """Training saves the ranges that an export computes from the recordings, where they are given."""
+    made_chains.make_run(tmp_path)
+    due = exported(tmp_path / "due", tmp_path / "run", recordings=tmp_path / "skin.h5")
+    shutil.move(tmp_path / "run", tmp_path / "elsewhere")
+    (tmp_path / "skin.h5").unlink()
+    (tmp_path / "spikes.h5").unlink()
+    assert exported(tmp_path / "found", tmp_path / "elsewhere") == due
+
+
+def changed(run: Path, ranges: dict | None) -> None:
+    path = run / "network.json"
+    table = json.loads(path.read_text())
+    table["extra"]["ranges"] = ranges
+    path.write_text(json.dumps(table))
+
+
+def test_a_run_without_ranges_names_the_fix_and_a_damaged_one_its_file(tmp_path):
+    run = made_chains.make_run(tmp_path) / "run"
+    due = exported(tmp_path / "due", run)
+    changed(run, None)
+    with pytest.raises(InputError, match=r"does not hold the ranges .* name them with `recordings`, or"):
+        nt.export_c(run, tmp_path / "chain")
+    assert exported(tmp_path / "found", run, recordings=tmp_path / "skin.h5") == due
+    nt.export_c(run, tmp_path / "float", variant="float")
+    whole = {"low": -1.0, "high": 1.0, "hidden": 2.0, "readout": 3.0}
+    for damaged in ({**whole, "high": "much"}, {**whole, "high": -2.0}, {**whole, "hidden": -1.0}, {"low": 0.0}, 3):
+        changed(run, damaged)
+        with pytest.raises(InputError, match=r"ranges.*network\.json"):
+            nt.export_c(run, tmp_path / "chain")
+
+
+def test_recordings_that_are_gone_in_training_leave_no_ranges(tmp_path):
+    made_chains.make_run(tmp_path)
+    (tmp_path / "skin.h5").unlink()
+    nt.train(tmp_path / "spikes.h5", tmp_path / "again", "rsnn", {"hidden": 4, "training.epochs": 1}, length_ms=40)
+    assert trained.restore(tmp_path / "again").ranges is None
+    assert trained.restore(tmp_path / "run").ranges is not None

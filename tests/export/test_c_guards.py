@@ -13,7 +13,7 @@ from made_chains import ADAPTING, make_chain, make_signal
 from neurotact_parts.exporters.c import c_export, integer, proof
 from neurotact_parts.exporters.c.boards import BOARDS
 from neurotact_parts.exporters.c.formats import Formats
-from neurotact_parts.exporters.c.twin import said_in_whole_numbers
+from neurotact_parts.exporters.c.proving import expected_in_integers
 
 from neurotact.backend import native
 from neurotact.deploy.chain import LARGEST, Chain
@@ -153,7 +153,7 @@ def in_integers(chain: Chain, formats: Formats, records: list[Do]) -> tuple[Told
         if not stretches[-1]:
             return
         trial = np.stack([sample for sample, _ in stretches[-1]])
-        said = said_in_whole_numbers(chain, formats, [trial])[0]
+        said = expected_in_integers(chain, formats, [trial])[0]
         opening, opened = chain.windows.begin(), 0
         steps_done = said.afferents[: n_done(len(trial), formats)]
         for step in steps_done:
@@ -294,7 +294,7 @@ def test_no_step_is_the_last_of_a_chain_in_integers(kind, driven):
     said = exported.run(records)
     raster = integer.encode(raw[None], formats.front, averaged=averaged)[0][: n_done(len(raw), formats)]
     assert said.steps == [checksum(np.flatnonzero(row)) for row in raster]
-    plain = said_in_whole_numbers(chain, formats, [raw])[0]
+    plain = expected_in_integers(chain, formats, [raw])[0]
     if averaged is None:
         decided = [(window + BEYOND - 3, start + count, *rest) for window, start, *rest in plain.decisions]
         mine = {(*row[:5], *row[6:]) for row in said.decisions}

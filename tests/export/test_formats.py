@@ -9,11 +9,12 @@ from hypothesis import strategies as st
 from levels import examples
 from made_chains import make_chain, make_signal, offline
 from neurotact_parts.exporters.c import formats, integer
-from neurotact_parts.exporters.c.formats import Ranges, Raw, Weight
-from neurotact_parts.exporters.c.twin import said_in_whole_numbers
+from neurotact_parts.exporters.c.formats import Raw, Weight
+from neurotact_parts.exporters.c.proving import expected_in_integers
 
 from neurotact.data.conditioning import conditioned_length
 from neurotact.errors import InputError
+from neurotact.networks.training.ranges import Ranges, record
 
 
 @given(value=st.floats(1e-6, 0.999))
@@ -47,7 +48,7 @@ def test_fine_formats_decide_as_the_float_chain_does(kind):
     fine = chosen(chain, signals, state_bits=24)
     same = n = spikes = 0
     for signal in signals:
-        said = said_in_whole_numbers(chain, fine, [fine.raw.samples(signal)])[0]
+        said = expected_in_integers(chain, fine, [fine.raw.samples(signal)])[0]
         raster, expected = offline(chain, signal)
         rows = [tuple(np.flatnonzero(row).tolist()) for row in raster]
         spikes += sum(map(len, rows))
@@ -161,8 +162,8 @@ def test_trials_in_integers_end_alike_alone_and_beside_longer_ones(rate, conditi
     chain = make_chain({"resample_Hz": 1000.0, **conditioning}, rate_Hz=rate)
     made = formats.choose(chain, Ranges(-10.0, 10.0, 5.0, 5.0))
     trials = [made.raw.samples(make_signal(n, seed=n)) for n in (1, 40, 93, 120)]
-    together = said_in_whole_numbers(chain, made, trials)
-    assert [said_in_whole_numbers(chain, made, [trial])[0] for trial in trials] == together
+    together = expected_in_integers(chain, made, trials)
+    assert [expected_in_integers(chain, made, [trial])[0] for trial in trials] == together
     assert sum(map(len, together[-1].afferents)) > 0
 
 
@@ -170,8 +171,8 @@ def test_ranges_are_the_largest_values_that_were_seen():
     chain = make_chain({}, seed=1)
     signal = make_signal(100)
     raster = raster_of(chain, signal)[None, :40]
-    found = formats.record(chain.network, torch.from_numpy(raster), [signal])
+    found = record(chain.network, torch.from_numpy(raster), [signal])
     assert found.low == pytest.approx(float(signal.min()))
     assert found.high == pytest.approx(float(signal.max()))
     assert found.hidden > 1
-    assert formats.record(chain.network, torch.zeros(1, 40, 4), [signal]).hidden == 0
+    assert record(chain.network, torch.zeros(1, 40, 4), [signal]).hidden == 0

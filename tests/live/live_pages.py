@@ -14,7 +14,7 @@ from neurotact_parts.exporters.live.session import Session
 from websockets.sync.client import ClientConnection, connect
 
 from neurotact.deploy.chain import Chain
-from neurotact.deploy.sources import Arrived, Noted
+from neurotact.deploy.sources import Arrived, Faults
 from neurotact.encoders.specs import afferent_names
 
 PATIENCE_s = 60.0
@@ -36,7 +36,7 @@ class Given:
         self.label: str | None = None
         self.go = Event()
 
-    def pieces(self, noted: Noted) -> Iterator[Arrived]:
+    def pieces(self, faults: Faults) -> Iterator[Arrived]:
         for piece, label in zip(self._pieces, self._labels, strict=True):
             while piece is None and not self.go.wait(0.005):
                 yield Arrived()

@@ -14,7 +14,7 @@ from neurotact_parts.exporters.live.feeds import ByHand, Device, Replay
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import Control, Finger, Simulator, simulator
-from neurotact.deploy.sources import Layout, Noted
+from neurotact.deploy.sources import Faults, Layout
 from neurotact.errors import InputError
 
 
@@ -28,7 +28,7 @@ def skin(tmp_path):
 def test_recordings_are_replayed_with_their_labels(skin):
     path, signals = skin
     feed, found = Replay(str(path), 20.0, loops=False), {"a": [], "b": []}
-    for piece in feed.pieces(Noted()):
+    for piece in feed.pieces(Faults()):
         if piece.samples is not None:
             found[feed.label].append(piece.samples)
     assert [np.array_equal(np.concatenate(each), signal) for each, signal in zip(found.values(), signals, strict=True)]
@@ -38,7 +38,7 @@ def test_recordings_are_replayed_with_their_labels(skin):
 
 def test_recordings_that_loop_begin_again(skin):
     feed, labels = Replay(str(skin[0]), 20.0, loops=True), []
-    for piece in feed.pieces(Noted()):
+    for piece in feed.pieces(Faults()):
         labels += [feed.label] if piece.end else []
         if len(labels) == 5:
             break
@@ -53,7 +53,7 @@ def test_shuffled_recordings_have_each_trial_once_in_another_order(tmp_path):
 
     def orders() -> list[list[str | None]]:
         feed, found = Replay(str(path), 20.0, loops=True, shuffled=True), []
-        for piece in feed.pieces(Noted()):
+        for piece in feed.pieces(Faults()):
             found += [feed.label] if piece.end else []
             if len(found) == 24:
                 return [found[:12], found[12:]]
@@ -73,7 +73,7 @@ def test_a_finger_touches_what_its_controls_say(monkeypatch):
     feed = ByHand("gratings", simulator("gratings"), SPEC, 20.0)
     assert [control.name for control in feed.controls] == ["grating", "force_N", "speed_mm_per_s"]
     touches, labels = [[]], []
-    for piece in feed.pieces(Noted()):
+    for piece in feed.pieces(Faults()):
         if piece.samples is not None:
             touches[-1].append(piece.samples)
         if piece.end:
@@ -92,7 +92,7 @@ def test_a_finger_that_is_moved_begins_another_touch(monkeypatch):
     monkeypatch.setattr(feeds, "LIFTED_S", 0.0)
     feed = ByHand("gratings", simulator("gratings"), {"duration_s": 1.0}, 20.0)
     n_samples = 0
-    for piece in feed.pieces(Noted()):
+    for piece in feed.pieces(Faults()):
         if piece.end:
             break
         n_samples += 0 if piece.samples is None else len(piece.samples)
@@ -151,7 +151,7 @@ def test_the_finger_of_another_package_serves(monkeypatch):
     feed = ByHand("theirs", theirs, {}, 20.0)
     session = session_of(make_chain({}), feed)
     session.do(messages.Move(kind="move", values={"depth_mm": 2.0}))
-    for piece in feed.pieces(Noted()):
+    for piece in feed.pieces(Faults()):
         session.take(piece)
         if piece.end:
             break
@@ -168,7 +168,7 @@ def test_a_device_is_read_and_the_page_says_what_it_touches(tmp_path):
     feed = Device(str(path), Layout(), ("left", "right"), 1000.0, "mV")
     session = session_of(make_chain({}), feed)
     session.do(messages.Label(kind="label", label="2"))
-    pieces = feed.pieces(session.noted)
+    pieces = feed.pieces(session.faults)
     assert next(pieces).samples is None
     os.write(descriptor, text.getvalue().encode())
     found: list = []
@@ -190,7 +190,7 @@ def test_a_device_whose_clock_starts_again_is_followed(tmp_path):
     session = session_of(
         make_chain({}), Device(str(tmp_path / "rows.csv"), Layout(time_column="ms"), ("left", "right"), 1000.0, "mV")
     )
-    found = [scored for piece in session.feed.pieces(session.noted) for scored in session.take(piece)]
+    found = [scored for piece in session.feed.pieces(session.faults) for scored in session.take(piece)]
     assert len(found) == 2 * (150 // 40)
     assert session.stream.tally.samples == 300
     assert "gaps 1" in session.state()["trouble"]

@@ -373,7 +373,7 @@ def test_a_page_that_vanishes_is_forgotten():
 
 def test_a_fault_of_the_session_is_raised_by_the_server():
     class Broken(Given):
-        def pieces(self, noted):
+        def pieces(self, faults):
             yield from ()
             raise ZeroDivisionError
 

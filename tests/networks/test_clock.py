@@ -6,7 +6,6 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from neurotact_parts.exporters import chips
-from neurotact_parts.exporters.c import formats
 
 from neurotact.errors import InputError
 from neurotact.networks.definition import clock, recipe
@@ -15,6 +14,7 @@ from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit import truncated
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.training import fitting, training
+from neurotact.networks.training.ranges import record_states
 from neurotact.networks.training.tasks import Sides
 from neurotact.networks.training.training import Examples
 from neurotact.networks.use import measuring
@@ -157,7 +157,7 @@ def test_what_is_measured_is_that_of_the_network_of_that_clock_with_longer_steps
             assert one[key] == expected, key
     cuts = [truncated.cut_short(net, each, [25.0, 100.0]) for net, each in zip((own, slow), windows, strict=True)]
     assert cuts[0] == cuts[1]
-    assert formats.record_states(own, spikes) == formats.record_states(slow, clock.binned(spikes, 5))
+    assert record_states(own, spikes) == record_states(slow, clock.binned(spikes, 5))
 
 
 def test_neurons_are_counted_on_their_clock_and_afferents_on_theirs():

@@ -399,43 +399,14 @@ def test_spikes_of_other_afferents_are_refused(made):
 # --- networks of earlier versions ------------------------------------------------------------------------
 
 
-@pytest.fixture
-def old(made, tmp_path):
-    """The same network, its file written as earlier versions wrote it, and spikes without digests."""
-    trains, _, split = made
+@pytest.mark.parametrize("key", ["trials", "afferents", "encoder"])
+def test_a_network_without_its_trials_is_refused(made, tmp_path, key):
     path = tmp_path / "run" / "network.json"
     table = json.loads(path.read_text())
-    del table["extra"]["trials"], table["extra"]["afferents"]
+    del table["extra"][key]
     path.write_text(json.dumps(table))
-    bare = replace(trains, trial_digests=())
-    hdf5.save_spikes(bare, tmp_path / "spikes.h5")
-    return bare, trained.restore(tmp_path / "run"), split
-
-
-def test_an_old_network_knows_its_own_spikes_by_its_split_and_says_so(old):
-    trains, restored, split = old
-    for spikes in (trains, trains.select(np.arange(N_TRIALS)[::-1])):
-        with pytest.warns(UserWarning, match="saved without its trials; its split is drawn again from"):
-            table = infer(restored, spikes)
-        assert table[table.side == "test"].trial.nunique() == len(split.test)
-        assert table[table.side == "training"].trial.nunique() == len(split.train)
-
-
-@pytest.mark.parametrize("replaced", [False, True])
-def test_an_old_network_whose_spikes_are_gone_cannot_tell(old, tmp_path, replaced):
-    trains, restored, _ = old
-    (tmp_path / "spikes.h5").unlink()
-    if replaced:
-        hdf5.save_spikes(replace(trains, encoder={**ENCODER, "tau_mem_ms": 7.0}), tmp_path / "spikes.h5")
-    with pytest.warns(UserWarning, match="its training trials are unknown .*; train it again"):
-        table = infer(restored, trains)
-    assert set(table.side) == {"unknown"}
-
-
-def test_an_old_network_refuses_another_encoder_too(old):
-    trains, restored, _ = old
-    with pytest.raises(InputError, match=r"tau_mem_ms is 7\.0 but was 10\.0 in training"):
-        infer(restored, replace(trains, encoder={**ENCODER, "tau_mem_ms": 7.0}))
+    with pytest.raises(InputError, match=f"'{key}' is missing; make the network with neurotact train"):
+        trained.restore(tmp_path / "run")
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from made_chains import make_chain, make_signal, told
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.deploy import sources
-from neurotact.deploy.sources import Arrived, Frames, Layout, Noted, Rows
+from neurotact.deploy.sources import Arrived, Faults, Frames, Layout, Rows
 from neurotact.deploy.stream import Stream
 from neurotact.errors import InputError
 
@@ -38,7 +38,7 @@ def test_rows_are_the_same_however_the_bytes_come(cuts, separator):
     text = "a,b\n" + "".join(separator.join(repr(float(v)) for v in row) + "\n" for row in signal)
     data, places = text.encode(), sorted({0, *cuts, len(text)})
     pieces = [data[a:b] for a, b in zip(places, [*places[1:], len(data)], strict=True)]
-    assert np.array_equal(np.array(taken(Rows("-", 2, 1000.0, Noted()), *pieces), np.float32), signal)
+    assert np.array_equal(np.array(taken(Rows("-", 2, 1000.0, Faults()), *pieces), np.float32), signal)
 
 
 @pytest.mark.parametrize(
@@ -48,33 +48,33 @@ def test_rows_are_the_same_however_the_bytes_come(cuts, separator):
 )  # fmt: skip
 @pytest.mark.parametrize("size", [1, 2, 400])
 def test_what_stands_above_the_rows_is_no_sample(above, size):
-    noted = Noted()
+    faults = Faults()
     data = (above + "1,2\n3,4\n").encode()
     pieces = [data[at : at + size] for at in range(0, len(data), size)]
-    assert taken(Rows("-", 2, 1000.0, noted), *pieces) == [[1.0, 2.0], [3.0, 4.0]]
-    assert noted == Noted()
+    assert taken(Rows("-", 2, 1000.0, faults), *pieces) == [[1.0, 2.0], [3.0, 4.0]]
+    assert faults == Faults()
 
 
 def test_what_is_no_sample_is_counted_and_stands_for_a_missing_one():
-    noted = Noted()
-    rows = Rows("-", 2, 1000.0, noted)
+    faults = Faults()
+    rows = Rows("-", 2, 1000.0, faults)
     found = taken(rows, b"# a skin\n1,2\n\n3\n4,five\n6,\n7,8,9\n10,11\r\n12,1")
     assert found[:3] == [[1.0, 2.0], 1, 1]
     assert np.isnan(found[3][1])
     assert found[4:] == [1, [10.0, 11.0]]
     rows.finish()
-    assert noted == Noted(bad_rows=3, cut_off=1)
-    assert noted.trouble() == "bad rows 3, cut off at the end 1"
+    assert faults == Faults(bad_rows=3, cut_off=1)
+    assert faults.trouble() == "bad rows 3, cut off at the end 1"
 
 
 @pytest.mark.parametrize(("unit_s", "scale"), [(1.0, 1e-3), (1e-3, 1.0)])
 def test_a_time_column_finds_lost_and_doubled_rows(unit_s, scale):
-    noted = Noted()
-    rows = Rows("-", 1, 1000.0, noted, time_unit_s=unit_s)
+    faults = Faults()
+    rows = Rows("-", 1, 1000.0, faults, time_unit_s=unit_s)
     times = [5.0, 6.1, 6.9, 10.0, 10.0, 9.0, 11.0]
     text = "".join(f"{t * scale!r},{i}\n" for i, t in enumerate(times))
     assert taken(rows, text.encode()) == [[0.0], [1.0], [2.0], 2, [3.0], [6.0]]
-    assert noted.bad_rows == 2
+    assert faults.bad_rows == 2
 
 
 @pytest.mark.parametrize(
@@ -92,10 +92,10 @@ def test_a_time_column_finds_lost_and_doubled_rows(unit_s, scale):
 )
 def test_text_that_is_no_table_is_refused(data, message):
     with pytest.raises(InputError, match=message):
-        list(Rows("-", 2, 1000.0, Noted()).take(data))
+        list(Rows("-", 2, 1000.0, Faults()).take(data))
 
 
-@pytest.mark.parametrize("parser", [Rows("-", 2, 1000.0, Noted()), Frames("-", 2, "int16", Noted())])
+@pytest.mark.parametrize("parser", [Rows("-", 2, 1000.0, Faults()), Frames("-", 2, "int16", Faults())])
 def test_a_source_without_a_sample_is_refused(parser):
     with pytest.raises(InputError, match="has no sample"):
         parser.finish()
@@ -105,22 +105,22 @@ def test_a_source_without_a_sample_is_refused(parser):
 @examples(20)
 def test_frames_are_the_same_however_the_bytes_come(cuts, kind):
     signal = np.arange(-12, 12).reshape(-1, 2)
-    data, noted = signal.astype({"float32": "<f4", "int16": "<i2"}[kind]).tobytes() + b"\x01", Noted()
+    data, faults = signal.astype({"float32": "<f4", "int16": "<i2"}[kind]).tobytes() + b"\x01", Faults()
     places = sorted({0, *(c for c in cuts if c < len(data))})
-    frames = Frames("-", 2, kind, noted, lsb=0.5, zero=1.0)
+    frames = Frames("-", 2, kind, faults, lsb=0.5, zero=1.0)
     found = taken(frames, *(data[a:b] for a, b in zip(places, [*places[1:], len(data)], strict=True)))
     assert found == (signal if kind == "float32" else 1.0 + 0.5 * signal).tolist()
     frames.finish()
-    assert noted.cut_off == 1
+    assert faults.cut_off == 1
 
 
 def test_text_given_for_frames_is_refused():
     with pytest.raises(InputError, match="pass `format='csv'`"):
-        list(Frames("-", 2, "float32", Noted()).take(b"1.25,3.5\n1.5,2.5\n"))
+        list(Frames("-", 2, "float32", Faults()).take(b"1.25,3.5\n1.5,2.5\n"))
 
 
 def test_a_pipe_that_stalls_is_a_gap(tmp_path):
-    chain, noted = make_chain({}), Noted()
+    chain, faults = make_chain({}), Faults()
     signal = make_signal(150)
     path = tmp_path / "pipe"
     os.mkfifo(path)
@@ -129,7 +129,7 @@ def test_a_pipe_that_stalls_is_a_gap(tmp_path):
         with path.open("wb", buffering=0) as pipe:
             pipe.write(signal[:60].tobytes())
             for _ in range(600):
-                if noted.stalls:
+                if faults.stalls:
                     break
                 time.sleep(0.1)
             pipe.write(signal[60:].tobytes())
@@ -137,10 +137,10 @@ def test_a_pipe_that_stalls_is_a_gap(tmp_path):
     writer = threading.Thread(target=write)
     writer.start()
     stream = Stream(chain)
-    source = sources.live(str(path), Frames("-", 2, "float32", noted), noted, stall_s=0.2)
+    source = sources.live(str(path), Frames("-", 2, "float32", faults), faults, stall_s=0.2)
     found = list(sources.decide(stream, source))
     writer.join()
-    assert noted.stalls == 1
+    assert faults.stalls == 1
     assert stream.tally.gaps == 1
     assert stream.tally.dropped == 1
     alone = Stream(chain)
@@ -160,54 +160,54 @@ def test_recordings_are_streamed_trial_by_trial(tmp_path):
 
 
 def test_a_replay_keeps_its_rate():
-    noted = Noted()
+    faults = Faults()
     source = iter([sources.Arrived(make_signal(200)), sources.Arrived(missing=100), sources.Arrived(end=True)])
     began = time.monotonic()
-    parts = list(sources.at_its_rate(source, 1000.0, noted, 20))
+    parts = list(sources.at_its_rate(source, 1000.0, faults, 20))
     assert 0.299 < time.monotonic() - began < 1.5
     assert [len(p.samples) for p in parts if p.samples is not None] == [20] * 10
 
 
 def test_a_slow_taker_is_noted():
-    noted = Noted()
+    faults = Faults()
     source = iter([sources.Arrived(make_signal(60))])
-    for _ in sources.at_its_rate(source, 1000.0, noted, 10):
+    for _ in sources.at_its_rate(source, 1000.0, faults, 10):
         time.sleep(0.05)
-    assert noted.late_blocks >= 3
-    assert "late blocks" in noted.trouble()
+    assert faults.late_blocks >= 3
+    assert "late blocks" in faults.trouble()
 
 
 def test_a_replay_may_be_faster_or_slower():
-    noted, speeds = Noted(), iter([2.0] * 5 + [0.5] * 5)
+    faults, speeds = Faults(), iter([2.0] * 5 + [0.5] * 5)
     source = iter([Arrived(make_signal(100))])
     began = time.monotonic()
-    parts = list(sources.at_its_rate(source, 1000.0, noted, 10, speed=lambda: next(speeds)))
+    parts = list(sources.at_its_rate(source, 1000.0, faults, 10, speed=lambda: next(speeds)))
     assert 0.124 < time.monotonic() - began < 1.5
     assert len(parts) == 10
 
 
 def test_whoever_waits_is_told_that_nothing_came(tmp_path):
-    parts = list(sources.at_its_rate(iter([Arrived(make_signal(100))]), 1000.0, Noted(), 100, tick_s=0.01))
+    parts = list(sources.at_its_rate(iter([Arrived(make_signal(100))]), 1000.0, Faults(), 100, tick_s=0.01))
     assert 2 <= len(parts) - 1 <= 10
     assert all(part == Arrived() for part in parts[:-1])
     path = tmp_path / "pipe"
     os.mkfifo(path)
-    noted = Noted()
+    faults = Faults()
     descriptor = os.open(path, os.O_RDWR)  # a pipe that nobody closes
-    source = sources.live(str(path), Frames("-", 2, "float32", noted), noted, 0.3, tick_s=0.01)
+    source = sources.live(str(path), Frames("-", 2, "float32", faults), faults, 0.3, tick_s=0.01)
     before = [*takewhile(lambda arrived: not arrived.stalled, source)]
     assert 1 <= len(before) <= 30
     assert {*before, *(next(source) for _ in range(3))} == {Arrived()}
-    assert noted.stalls == 1
+    assert faults.stalls == 1
     os.write(descriptor, make_signal(3).tobytes())
     assert len(next(source).samples) == 3
     os.close(descriptor)
 
 
 def test_a_source_that_was_under_way_begins_with_a_whole_row():
-    rows = Rows("-", 2, 1000.0, Noted(), joins=True)
+    rows = Rows("-", 2, 1000.0, Faults(), joins=True)
     assert taken(rows, b"3.5", b",7\n1,", b"2\n3,4\n") == [[1.0, 2.0], [3.0, 4.0]]
-    cut_off = Layout().parser("serial:/dev/x", 2, 1000.0, Noted())
+    cut_off = Layout().parser("serial:/dev/x", 2, 1000.0, Faults())
     assert taken(cut_off, b"9\n1,2\n") == [[1.0, 2.0]]
 
 
@@ -217,14 +217,14 @@ def test_a_source_that_was_under_way_begins_with_a_whole_row():
 )
 def test_a_layout_that_is_unknown_is_refused(layout, message):
     with pytest.raises(InputError, match=message):
-        layout.parser("-", 2, 1000.0, Noted())
+        layout.parser("-", 2, 1000.0, Faults())
 
 
 def test_a_serial_port_is_read_as_its_samples_come():
     pytest.importorskip("serial", reason="no pyserial; pip install 'neurotact[serial]'")
     master, slave = os.openpty()
-    path, noted = f"serial:{os.ttyname(slave)}", Noted()
-    source = sources.live(path, Layout().parser(path, 2, 1000.0, noted), noted, 5.0, tick_s=0.01)
+    path, faults = f"serial:{os.ttyname(slave)}", Faults()
+    source = sources.live(path, Layout().parser(path, 2, 1000.0, faults), faults, 5.0, tick_s=0.01)
     assert next(source) == Arrived()  # it is open; what came before is dropped
     os.write(master, b"5,6\n1,2\r\n3,4\n")
     rows: list = []
@@ -241,7 +241,7 @@ def test_a_serial_port_that_is_not_there_is_refused(monkeypatch):
     path = "serial:/dev/no-such-port"
     pytest.importorskip("serial", reason="no pyserial; pip install 'neurotact[serial]'")
     with pytest.raises(InputError, match="/dev/no-such-port: cannot be read"):
-        next(sources.live(path, Rows(path, 2, 1000.0, Noted()), Noted(), 1.0))
+        next(sources.live(path, Rows(path, 2, 1000.0, Faults()), Faults(), 1.0))
     monkeypatch.setitem(sys.modules, "serial", None)
     with pytest.raises(InputError, match=r"needs pyserial; pip install 'neurotact\[serial\]'"):
-        next(sources.live(path, Rows(path, 2, 1000.0, Noted()), Noted(), 1.0))
+        next(sources.live(path, Rows(path, 2, 1000.0, Faults()), Faults(), 1.0))

@@ -10,24 +10,23 @@ from levels import examples
 from made_chains import make_chain, make_signal
 
 from neurotact.deploy import sources, stamped_rows
-from neurotact.deploy.noted import Noted
 from neurotact.deploy.sources import Layout, Rows
-from neurotact.deploy.stamped_rows import AHEAD, BEHIND, StampedRows
+from neurotact.deploy.stamped_rows import AHEAD, BEHIND, Faults, StampedRows
 from neurotact.deploy.stream import Stream
 from neurotact.errors import InputError
 
 MS = 1e-3
 
 
-def taken(stamps, *, rate_Hz: float = 1000.0, unit_s: float = MS) -> tuple[list, Noted]:
+def taken(stamps, *, rate_Hz: float = 1000.0, unit_s: float = MS) -> tuple[list, Faults]:
     """What becomes of rows numbered from 0: their numbers, `(n,)` for n missing samples, `...` for a restart."""
-    noted = Noted()
-    rows, found = StampedRows("pipe", rate_Hz, unit_s, noted), []
+    faults = Faults()
+    rows, found = StampedRows("pipe", rate_Hz, unit_s, faults), []
     placed = [each for number, stamp in enumerate(stamps) for each in rows.take(float(stamp), [float(number)])]
     for row in (*placed, *rows.rest()):
         found += [...] if row.restarts else [(row.lost,)] if row.lost else []
         found.append(int(row.values[0]) if row.values else None)
-    return found, noted
+    return found, faults
 
 
 def used(found: list) -> list[int]:
@@ -51,16 +50,16 @@ FAR = st.one_of(
 )
 
 
-def decided(chain, signal: np.ndarray, stamps: list[float], cuts: list[int] = []) -> tuple[list, Stream, Noted]:  # noqa: B006
+def decided(chain, signal: np.ndarray, stamps: list[float], cuts: list[int] = []) -> tuple[list, Stream, Faults]:  # noqa: B006
     """The decisions of a table with time stamps in ms, whose bytes come in pieces."""
-    stream, noted = Stream(chain), Noted()
-    parser = Layout(time_column="ms").parser("pipe", chain.n_taxels, chain.sampling_rate_Hz, noted)
+    stream, faults = Stream(chain), Faults()
+    parser = Layout(time_column="ms").parser("pipe", chain.n_taxels, chain.sampling_rate_Hz, faults)
     rows = (f"{t!r},{','.join(repr(float(v)) for v in row)}\n" for t, row in zip(stamps, signal, strict=True))
     data = "".join(rows).encode()
     places = sorted({0, *(cut % len(data) for cut in cuts)})
     pieces = [data[a:b] for a, b in zip(places, [*places[1:], len(data)], strict=True)]
     arrived = [each for piece in pieces for each in parser.take(piece)]
-    return [*sources.decide(stream, [*arrived, *parser.rest()])], stream, noted
+    return [*sources.decide(stream, [*arrived, *parser.rest()])], stream, faults
 
 
 @given(
@@ -72,11 +71,11 @@ def test_stamps_that_fit_no_other_change_no_decision(at, stamps, seed, cuts, bas
     chain, signal = make_chain({"baseline": baseline}, patience=5), make_signal(150, seed=seed)
     clock = ramp(150, 7.0)
     clock[at : at + len(stamps)] = [clock[at - 1] + stamp if abs(stamp) > 1e-3 else stamp for stamp in stamps]
-    found, stream, noted = decided(chain, signal, clock, cuts)
+    found, stream, faults = decided(chain, signal, clock, cuts)
     assert found == Stream(chain).push(signal)
     assert stream.tally.trouble() == ""
-    assert 1 <= noted.outliers <= len(stamps)
-    assert (noted.bad_rows, noted.restarts) == (0, 0)
+    assert 1 <= faults.outliers <= len(stamps)
+    assert (faults.bad_rows, faults.restarts) == (0, 0)
 
 
 @given(
@@ -86,13 +85,13 @@ def test_stamps_that_fit_no_other_change_no_decision(at, stamps, seed, cuts, bas
 @examples(30)
 def test_a_clock_that_starts_again_is_a_gap_and_costs_no_row(n, begin, again, seed, cuts):
     chain, signal = make_chain({"baseline": "running"}), make_signal(260, seed=seed)
-    found, stream, noted = decided(chain, signal, ramp(n, begin) + ramp(260 - n, again + begin * (again > 0)), cuts)
+    found, stream, faults = decided(chain, signal, ramp(n, begin) + ramp(260 - n, again + begin * (again > 0)), cuts)
     clean = Stream(chain)
     expected = clean.push(signal[:n])
     clean.gap()
     expected += clean.push(signal[n:])
     assert found == expected
-    assert (noted.restarts, noted.outliers, noted.bad_rows) == (1, 0, 0)
+    assert (faults.restarts, faults.outliers, faults.bad_rows) == (1, 0, 0)
     assert stream.tally.samples == 260
     assert stream.tally.gaps == 1
 
@@ -112,24 +111,24 @@ def test_a_counter_that_wraps_goes_on(period_ms, is_signed, before, lost, counte
     number = np.r_[0:before, before + lost : 60]
     counted = (length - before * ticks + number * ticks) % length
     counted = np.where(counted >= length // 2, counted - length, counted) if is_signed else counted
-    found, noted = taken((counted * tick_s / unit_s).tolist(), rate_Hz=rate_Hz, unit_s=unit_s)
+    found, faults = taken((counted * tick_s / unit_s).tolist(), rate_Hz=rate_Hz, unit_s=unit_s)
     assert used(found) == list(range(len(number)))
     assert sum(missing(found)) == lost
-    assert (noted.wraps, noted.restarts, noted.outliers, noted.bad_rows) == (not is_signed, 0, 0, 0)
+    assert (faults.wraps, faults.restarts, faults.outliers, faults.bad_rows) == (not is_signed, 0, 0, 0)
 
 
 @pytest.mark.parametrize("length", [2**15, 2**31])
 def test_a_signed_counter_wraps_at_its_middle(length):
-    found, noted = taken([length - 3, length - 2, length - 1, *range(-length, -length + 30)])
+    found, faults = taken([length - 3, length - 2, length - 1, *range(-length, -length + 30)])
     assert found == [*range(33)]
-    assert (noted.wraps, noted.restarts) == (1, 0)
+    assert (faults.wraps, faults.restarts) == (1, 0)
 
 
 def test_every_wrap_is_unwrapped():
     stamps = [k % 2**16 for k in range(0, 400_000, 100)]
-    found, noted = taken(stamps, rate_Hz=10.0)
+    found, faults = taken(stamps, rate_Hz=10.0)
     assert found == [*range(4000)]
-    assert noted.trouble() == "clock wraps 6"
+    assert faults.trouble() == "clock wraps 6"
 
 
 @pytest.mark.parametrize("ahead", [-2, -1, 1, 2])
@@ -137,10 +136,10 @@ def test_a_stamp_that_errs_by_a_row_or_two_costs_no_more_than_four(ahead):
     """It is believed, or taken for the same sample: the rows after it then repeat what is past."""
     stamps = ramp(100)
     stamps[50] += ahead
-    found, noted = taken(stamps)
+    found, faults = taken(stamps)
     assert {*range(100)} - {*used(found)} <= {*range(49, 53)}
     assert len(used(found)) + sum(missing(found)) == 100
-    assert noted.restarts == 0
+    assert faults.restarts == 0
 
 
 # --- the cases of the rule ----------------------------------------------------------------------------
@@ -148,71 +147,71 @@ def test_a_stamp_that_errs_by_a_row_or_two_costs_no_more_than_four(ahead):
 
 @pytest.mark.parametrize("lost", [1, 2, 3, 7, 500, 30_000])
 def test_a_jump_ahead_is_missing_samples(lost):
-    found, noted = taken(ramp(50) + ramp(AHEAD, 50 + lost))
+    found, faults = taken(ramp(50) + ramp(AHEAD, 50 + lost))
     assert found == [*range(50), (lost,), *range(50, 50 + AHEAD)]
-    assert noted == Noted()
+    assert faults == Faults()
 
 
 def test_a_jump_of_days_is_a_clock_that_was_set():
-    found, noted = taken(ramp(50) + ramp(50, 1.7e12))
+    found, faults = taken(ramp(50) + ramp(50, 1.7e12))
     assert found == [*range(50), ..., *range(50, 100)]
-    assert noted.restarts == 1
+    assert faults.restarts == 1
 
 
 def test_a_link_that_loses_most_rows_is_not_silenced():
     stamps = ramp(600)[:510] + ramp(30, 520, 17.0) + ramp(100, 1030)
-    found, noted = taken(stamps)
+    found, faults = taken(stamps)
     assert used(found) == list(range(len(stamps)))
     assert sum(missing(found)) == stamps[-1] + 1 - len(stamps)
-    assert noted == Noted()
+    assert faults == Faults()
 
 
 def test_repeated_and_late_rows_are_dropped_and_change_nothing():
-    noted = Noted()
-    rows = StampedRows("pipe", 1000.0, MS, noted)
+    faults = Faults()
+    rows = StampedRows("pipe", 1000.0, MS, faults)
     stamps = [*range(40), *range(10, 40), *range(40, 70), 45, 50, *range(70, 90)]  # a packet is sent twice
     found = [placed for stamp in stamps for placed in rows.take(float(stamp), [float(stamp)])]
     assert [placed.values for placed in found] == [[float(k)] for k in range(90)]
     assert {(placed.lost, placed.restarts) for placed in found} == {(0, False)}
-    assert noted.trouble() == "bad rows 32"
+    assert faults.trouble() == "bad rows 32"
 
 
 @pytest.mark.parametrize(("rate_Hz", "tick_ms"), [(2000.0, 1), (1000.0, 10), (400.0, 1000), (333.0, 1)])
 def test_a_coarse_clock_costs_no_row(rate_Hz, tick_ms):
     stamps = [tick_ms * math.floor(k / rate_Hz / MS / tick_ms + 1e-9) for k in range(3000)]
-    found, noted = taken(stamps, rate_Hz=rate_Hz)
+    found, faults = taken(stamps, rate_Hz=rate_Hz)
     assert found == [*range(3000)]
-    assert noted == Noted()
+    assert faults == Faults()
 
 
 def test_a_coarse_clock_shows_what_is_lost():
     stamps = [k // 2 for k in range(200)]
     del stamps[100:103]
-    found, noted = taken(stamps, rate_Hz=2000.0)
+    found, faults = taken(stamps, rate_Hz=2000.0)
     assert used(found) == [*range(197)]
     assert [each for each in found if isinstance(each, tuple)] == [
         (2,),
         (1,),
     ]  # the tick of three rows, one of them left
-    assert noted == Noted()
+    assert faults == Faults()
 
 
 def test_rows_stamped_as_they_are_read_are_used_in_order():
     """A serial port hands over 16 rows at once, which the host then stamps."""
     stamps = [16 * (k // 16) + 0.01 * (k % 16) for k in range(1600)]
-    found, noted = taken(stamps)
+    found, faults = taken(stamps)
     assert found == [*range(1600)]
-    assert noted == Noted()
+    assert faults == Faults()
 
 
 @pytest.mark.parametrize("stamp", [499.0, 0.0, math.nan, 1e9])
 def test_a_clock_that_stands_still_does_not_silence_the_stream(stamp, capsys):
     stamps = ramp(500) + [stamp] * 5000 + ramp(300, 5500)
-    found, noted = taken(stamps)
+    found, faults = taken(stamps)
     assert used(found) == [*range(5800)]
     assert used(found) == found  # no gap
-    assert noted.bad_rows == 0
-    assert noted.outliers > 4000
+    assert faults.bad_rows == 0
+    assert faults.outliers > 4000
     assert capsys.readouterr().err.count("used as successive samples") == 1
 
 
@@ -228,9 +227,9 @@ def test_whatever_the_stamps_each_row_is_used_in_order_or_counted_and_a_clean_cl
     stamps = ramp(stamped_rows.FIRST_ROWS, 0.0, 1e3 / rate_Hz)  # it has the right rate
     stamps += [begin + k * step for n, step, begin in pieces for k in range(n)]
     clean = ramp(stamped_rows.MOST_HELD + 2 * BEHIND, 12.0, 1e3 / rate_Hz)
-    found, noted = taken([*stamps, *clean], rate_Hz=rate_Hz)
+    found, faults = taken([*stamps, *clean], rate_Hz=rate_Hz)
     assert used(found) == sorted(set(used(found)))
-    assert len(used(found)) + noted.bad_rows == len(stamps) + len(clean)
+    assert len(used(found)) + faults.bad_rows == len(stamps) + len(clean)
     assert found[-BEHIND:] == [*range(len(stamps) + len(clean) - BEHIND, len(stamps) + len(clean))]
 
 
@@ -240,7 +239,7 @@ def test_whatever_the_stamps_each_row_is_used_in_order_or_counted_and_a_clean_cl
 def test_each_kind_of_fault_is_said_once_as_it_happens(capsys):
     wrapping = [(2**16 - 50 + k) % 2**16 for k in range(100)]
     odd = [1e9, 51.0, -7.0, *ramp(30, 53)]
-    rows, said = StampedRows("pipe", 1000.0, MS, Noted()), []
+    rows, said = StampedRows("pipe", 1000.0, MS, Faults()), []
     for number, stamp in enumerate([*wrapping, *odd, *ramp(60), *ramp(60, 9e7), *ramp(60), *([math.nan] * 2100)]):
         list(rows.take(stamp, [float(number)]))
         said += [(number, line) for line in capsys.readouterr().err.splitlines()]
@@ -264,8 +263,8 @@ def test_stamps_of_another_rate_are_refused(unit_s, step, words, n):
 
 
 def test_a_unit_of_microseconds_is_taken():
-    noted = Noted()
-    rows = Layout(time_column="us").parser("-", 1, 1000.0, noted)
+    faults = Faults()
+    rows = Layout(time_column="us").parser("-", 1, 1000.0, faults)
     assert isinstance(rows, Rows)
     found = [*rows.take(b"0,1\n1000,2\n4000,3\n")]
     assert [(each.missing, None if each.samples is None else each.samples.tolist()) for each in found] == [

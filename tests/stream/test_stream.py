@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from levels import examples
 from made_chains import ADAPTING, READOUTS, make_chain, make_encoder, make_signal, offline, told
@@ -441,6 +441,58 @@ def test_the_compiled_step_remembers_and_counts_what_the_reference_does(
         assert mine[:3] == theirs[:3]
         assert all(np.array_equal(a, b) for a, b in zip(mine.hidden, theirs.hidden, strict=True))
     assert streams[0].finish() == streams[1].finish()
+
+
+@pytest.mark.skipif(not native, reason="no compiled kernels")
+@given(
+    readout=st.sampled_from([*READOUTS]),
+    adapting=st.sampled_from([{}, ADAPTING]),
+    baseline=st.sampled_from(["none", "first", "start", "running", "high-pass"]),
+    n_taxels=st.sampled_from([1, 8, 9]),
+    cut=st.integers(0, 90),
+)
+@example(readout="leaky", adapting={}, baseline="first", n_taxels=9, cut=47)
+@example(readout="count", adapting=ADAPTING, baseline="start", n_taxels=9, cut=31)
+@examples(30)
+def test_a_state_goes_from_the_compiled_step_to_the_reference_and_back(readout, adapting, baseline, n_taxels, cut):
+    """In the middle of windows and of a step of the network, whose spikes wait."""
+    settings = {"recurrent_weight_scale": 0.4, "step_ms": 2.0} | ({} if readout == "max" else adapting)
+    chain = make_chain(
+        {"baseline": baseline, "ema_cutoff_Hz": 30.0}, n_taxels=n_taxels, readout=readout,
+        windows={"length_ms": 30, "hop_ms": 9}, **settings,
+    )  # fmt: skip
+    signal, streams = make_signal(120, n_taxels), [Stream(chain, backend=each) for each in BACKENDS]
+    before = [stream.push(signal[:cut]) for stream in streams]
+    states = [stream.state() for stream in streams]
+    if cut:
+        afferents = [(*state.encoder.sa1, *state.encoder.ra1, state.encoder.last) for state in states]
+        assert all(np.array_equal(one, other) for one, other in zip(*afferents, strict=True))
+    rest = [stream.push(signal[cut:]) for stream in streams]
+    assert before[0] == before[1]
+    assert rest[0] == rest[1]
+    for stream, state in zip(streams, states[::-1], strict=True):
+        stream.restore(state)
+        assert stream.push(signal[cut:]) == rest[0]
+
+
+@pytest.mark.skipif(not native, reason="no compiled kernels")
+@pytest.mark.parametrize("readout", [*READOUTS])
+def test_a_state_of_another_size_is_refused_by_the_compiled_step(readout):
+    stream = Stream(make_chain({}, readout=readout, windows={"length_ms": 30, "hop_ms": 7}), backend="native")
+    stream.push(make_signal(50))
+    compiled = stream._compiled
+    content, layout = compiled._stream.state(), compiled._layout
+    n_windows = int(np.frombuffer(content, layout.stream, 1)[0]["under_way"])
+    assert n_windows == 5
+    assert len(content) == layout.stream.itemsize + n_windows * layout.window.itemsize
+    more = np.frombuffer(content, layout.stream, 1).copy()
+    for under_way in (-1, 6):
+        more["under_way"] = under_way
+        with pytest.raises(ValueError, match="too many windows"):
+            compiled._stream.restore(more.tobytes() + content[layout.stream.itemsize :])
+    for changed in (content[:-1], content + b"0", b"", content[:20]):
+        with pytest.raises(ValueError, match="state: "):
+            compiled._stream.restore(changed)
 
 
 @pytest.mark.slow

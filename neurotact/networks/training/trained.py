@@ -1,7 +1,6 @@
 """A trained network in a folder, with what is needed to use it again: window, split, spikes, exit rule."""
 
 import os
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,7 +10,7 @@ from pydantic import Field
 
 from neurotact import files
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import Split, split_conditions
+from neurotact.data.splits import Split
 from neurotact.errors import InputError
 from neurotact.networks.definition.kernels import Backend
 from neurotact.networks.definition.rsnn import RSNN
@@ -19,9 +18,10 @@ from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.exit.held_out import ExitChoice
 from neurotact.networks.training import checkpoint
 from neurotact.networks.training.fitting import Trained
-from neurotact.networks.training.provenance import Provenance, first_difference, provenance_of
-from neurotact.networks.training.tasks import Task, load_spikes, trials_of
-from neurotact.spec import Spec, build
+from neurotact.networks.training.provenance import Provenance, provenance_of
+from neurotact.networks.training.ranges import Ranges, SavedRanges, recorded
+from neurotact.networks.training.tasks import Task, load_spikes, sides_of, trials_of
+from neurotact.spec import build
 from neurotact.tables import write_table
 
 LOG = "training.csv"
@@ -39,10 +39,14 @@ def save(
 ) -> None:
     """Write the network with its task, its exit rule, its training log and what it was trained on into `folder`.
 
-    Of networks that were joined, their number and the hidden neurons of each are saved, too.
+    Of networks that were joined, their number and the hidden neurons of each are saved, too; and the ranges of values
+    on training trials, where their recordings are found.
     split: as given to `fit`. more: further JSON values for `restore`.
     """
     folder, n_members, n_hidden = Path(folder), trained.training.n_members, trained.network.spec.hidden
+    sides = trials_of(trains, task, split)
+    windows = sides_of(trains, task, split).train.spikes
+    found = recorded(trained.network, windows, trains, sides.train, spikes_path)
     extra = {
         "classes": list(trains.classes),
         "spikes": os.path.relpath(spikes_path, folder),
@@ -53,7 +57,8 @@ def save(
         **({} if trained.held is None else {"exit_losses": {**trained.held.losses}}),
         "best_epoch": trained.training.best.epoch,
         **({} if n_members == 1 else {"joined": {"networks": n_members, "hidden": n_hidden // n_members}}),
-        **provenance_of(trains, trials_of(trains, task, split)).model_dump(mode="json"),
+        **({} if found is None else {"ranges": found._asdict()}),
+        **provenance_of(trains, sides).model_dump(mode="json"),
         **(more or {}),
     }
     write_table(trained.training.table(), folder / LOG)
@@ -67,13 +72,13 @@ class Restored(NamedTuple):
     task: Task
     rule: ExitRule
     classes: tuple[str, ...]
-    spikes_path: Path | None
-    """None of a network that was fitted in memory, to an array."""
+    spikes: tuple[Path, ...]
+    """Where the file of its spikes may be; none of a network that was fitted in memory, to an array."""
     encoder: Mapping[str, Any] | None
     provenance: Provenance | None
-    """None if the network was fitted in memory, or if an earlier version saved it, without it."""
+    """None if the network was fitted in memory."""
     fine_tuned: Any = None
-    """What `deploy.fine_tuning` saved; None for a network that was not fine-tuned."""
+    """What a fine-tuning saved; None for a network that was not fine-tuned."""
     recorded_Hz: float | None = None
     """Samples per second of the recordings that it was trained on; None if unknown."""
     has_own_rule: bool = True
@@ -83,6 +88,23 @@ class Restored(NamedTuple):
 
     held: ExitChoice | None = None
     """As of `fitting.Trained`."""
+    ranges: Ranges | None = None
+    """Of values on its training trials; None where their recordings were not found."""
+
+    @property
+    def spikes_path(self) -> Path | None:
+        """The file of its spikes: of two that exist, the one with the trials of its training."""
+        found = [path for path in self.spikes if os.path.isfile(path)] or self.spikes
+        if len(found) < 2:
+            return next(iter(found), None)
+        return next((path for path in found if self._was_trained_on(path)), found[0])
+
+    def _was_trained_on(self, path: Path) -> bool:
+        try:
+            trains = load_spikes(path, self.task)
+            return _has_its_trials(self, trains)
+        except InputError:
+            return False
 
     @property
     def afferents(self) -> tuple[str, ...] | None:
@@ -96,7 +118,7 @@ class Restored(NamedTuple):
         return self.rule if self.held is None else self.held.used
 
 
-class _Extra(Spec):
+class _Extra(Provenance):
     """What `network.json` must contain for a trained network, in addition to the network."""
 
     task: Task
@@ -106,6 +128,7 @@ class _Extra(Spec):
     gone = {"exit_margin": None}
     has_own_rule: bool = True
     exit_losses: dict[int, float] | None = None
+    ranges: SavedRanges | None = None
     recorded_Hz: float | None = Field(default=None, gt=0)
 
 
@@ -138,55 +161,18 @@ def restore(
     rule = ExitRule(known.exit_patience, from_first_spike=True)
     losses, tolerance = known.exit_losses, known.task.exit_tolerance
     held = None if losses is None else ExitChoice(rule, losses, tolerance)
-    table = {key: extra[key] for key in Provenance.model_fields if key in extra}
-    provenance = build(Provenance, table, source=str(path)) if "trials" in table else None
-    encoder = extra.get("encoder") if isinstance(extra.get("encoder"), dict) else None
-    source = files.existing(spikes) if spikes is not None else _spikes_of(path, known, provenance)
+    places = [files.existing(spikes)] if spikes is not None else files.named_by(path, known.spikes)
+    provenance = Provenance(encoder=known.encoder, afferents=known.afferents, trials=known.trials)
     return Restored(
-        network.to(device), known.task, rule, known.classes, source, encoder, provenance, extra.get("fine_tuned"),
-        known.recorded_Hz, known.has_own_rule, held=held,
+        network.to(device), known.task, rule, known.classes, tuple(places), known.encoder, provenance,
+        extra.get("fine_tuned"), known.recorded_Hz, known.has_own_rule, held=held, ranges=known.ranges,
     )  # fmt: skip
 
 
-def _spikes_of(path: Path, known: _Extra, provenance: Provenance | None) -> Path:
-    """The file of spikes that a network names: of two that exist, the one with the trials of its training."""
-    places = files.named_by(path, known.spikes)
-    files_found = [path_ for path_ in places if os.path.isfile(path_)] or places
-    if len(files_found) == 1 or provenance is None:
-        return files_found[0]
-    return next((path_ for path_ in files_found if _has_trials(path_, known.task, provenance)), files_found[0])
-
-
-def _has_trials(path: Path, task: Task, provenance: Provenance) -> bool:
-    try:
-        trains = load_spikes(path, task)
-        return provenance_of(trains, trials_of(trains, task)).trials == provenance.trials
-    except InputError:
-        return False
-
-
-def recall(restored: Restored) -> Provenance | None:
-    """What a network was trained on; None, with a warning, if that is unknown; None of one that was fitted in memory.
-
-    Earlier versions did not save it. It is then derived, with a warning, from the spikes file, if it still exists, and
-    the split of the task.
-    """
-    if restored.provenance is not None:
-        return restored.provenance
-    if restored.spikes_path is None:
-        return None
-    about = "network: was saved without its trials"
-    try:
-        trains = load_spikes_of(restored)
-        if restored.encoder is not None and first_difference(trains.encoder, (), restored.encoder, ()):
-            raise InputError(f"{restored.spikes_path}: holds the spikes of another encoder")
-        split = split_conditions(trains.conditions, restored.task.stratify, restored.task.split)  # as that version did
-        trials = provenance_of(trains, trials_of(trains, restored.task, split))
-    except InputError as error:
-        warnings.warn(f"{about}, so its training trials are unknown ({error}); train it again", stacklevel=2)
-        return None
-    warnings.warn(f"{about}; its split is drawn again from {restored.spikes_path}", stacklevel=2)
-    return trials
+def _has_its_trials(restored: Restored, trains: SpikeTrains) -> bool:
+    """Whether spike trains, split again, have the trials of a network's training."""
+    known = restored.provenance
+    return known is None or provenance_of(trains, trials_of(trains, restored.task)).trials == known.trials
 
 
 def test_trials(restored: Restored, trains: SpikeTrains) -> np.ndarray:
@@ -196,20 +182,20 @@ def test_trials(restored: Restored, trains: SpikeTrains) -> np.ndarray:
 
 def load_spikes_of(restored: Restored) -> SpikeTrains:
     """The spikes that the network was trained on, of the trials that its task uses."""
-    if restored.spikes_path is None:
+    path = restored.spikes_path
+    if path is None:
         raise InputError("run: was fitted in memory, to an array that it did not keep; train it from a file of spikes")
-    if not os.path.isfile(restored.spikes_path):
+    if not os.path.isfile(path):
         raise InputError(
-            f"{restored.spikes_path}: the spikes that the network was trained on are neither there nor in the current "
-            "folder; name them with `spikes`"
+            f"{path}: the spikes that the network was trained on are neither there nor in the current folder; name "
+            "them with `spikes`"
         )
-    return load_spikes(restored.spikes_path, restored.task)
+    return load_spikes(path, restored.task)
 
 
 def check_trials(restored: Restored, trains: SpikeTrains) -> None:
     """Refuse spikes with another split of trials than in training: test trials may be among the training trials."""
-    known = restored.provenance
-    if known is not None and provenance_of(trains, trials_of(trains, restored.task)).trials != known.trials:
+    if not _has_its_trials(restored, trains):
         raise InputError(
             f"{restored.spikes_path}: no longer contains the trials that the network was trained on; name the file "
             "that does with `spikes`, or train it again"

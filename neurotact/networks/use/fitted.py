@@ -77,7 +77,7 @@ def restore(source: Fitted, *, device: str = "cpu", spikes: str | Path | None = 
     classifier = classifier_of(source)
     origin, network = classifier.origin_, copy.deepcopy(classifier.network_).to(device)
     return Restored(
-        network, Task(window=classifier.window_), classifier.exit_rule_, tuple(map(str, classifier.classes_)), None,
+        network, Task(window=classifier.window_), classifier.exit_rule_, tuple(map(str, classifier.classes_)), (),
         None if origin is None else origin.encoder, None, recorded_Hz=None if origin is None else origin.recorded_Hz,
         names=None if origin is None else origin.afferents,
         held=classifier.exit_choice_,

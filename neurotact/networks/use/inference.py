@@ -10,7 +10,7 @@ from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.networks.training.provenance import Provenance, first_difference
 from neurotact.networks.training.tasks import examples_of, warn_of_onsets
-from neurotact.networks.training.trained import Restored, recall
+from neurotact.networks.training.trained import Restored
 from neurotact.progress import say
 
 
@@ -25,7 +25,7 @@ def infer(
     """Decide every window of some spike trains: the SOP report, one row per window.
 
     Columns: those of `synops.to_table`, with class names in `label` and `predicted`; and `side`, the side of the split
-    that had the window's trial: training, validation, test or unseen; "unknown" if a network was saved without them.
+    that had the window's trial: training, validation, test or unseen; "unknown" of a network that was fitted in memory.
 
     test_only: leave out all trials but the network's own test trials.
     allow_other_encoder: warn of spikes with another encoder than in training, instead of refusing them.
@@ -40,7 +40,7 @@ def infer(
             f"{restored.network.sampling_rate_Hz:g} Hz; encode them on that clock"
         )
     _check_encoder(restored, trains, allow_other_encoder)
-    known = recall(restored)
+    known = restored.provenance
     sides = np.full(len(trains), synops.UNKNOWN) if known is None else known.sides(trains)
     trials = _tested(trains, known) if test_only else np.arange(len(trains))
     warn_of_onsets(trains.select(trials), restored.task.window)
