@@ -57,7 +57,7 @@ def write(
 ) -> None:
     """Write those of the study's tables that are missing."""
     for one in _EVERY:
-        if one.is_asked(study) and any(name in missing for name in one.files):
+        if any(name in missing for name in one.files):
             with store.timed(folder, one.timed):
                 for name, table in zip(one.files, one.make(folder, study, cells, recordings), strict=True):
                     write_table(table, folder / name)
