@@ -318,7 +318,7 @@ def test_a_row_of_a_spec_has_default_unit_and_range(site):
     assert rows["cut_short_ms"] == ("", "list of numbers, ms, > 0")
     assert rows["encoder"] == ("required", ["table: [encoders](#encoders)", "[encoders](#encoders)"][0])
     assert rows["window.align"] == ('`"trial"`', '`"trial"`, `"onset"`')
-    assert rows["selection"] == ("", "table")
+    assert rows["augmentation"] == ("", "table")
 
 
 def test_a_table_within_a_spec_has_the_defaults_that_it_has_there(site):

@@ -596,7 +596,7 @@ WAYS = {
                 "--group": SPLITS,
                 "--order": SPLITS,
                 "--folds": SPLITS,
-                "--leave-out-each": "tests/studies/test_suited.py",
+                "--leave-out-each": "tests/studies/test_automatic.py",
                 "--repeats": SPLITS,
                 "--set": "tests/studies/test_study.py",
                 "--workers": "tests/studies/test_scheduler.py",

@@ -492,6 +492,8 @@ def test_a_price_list_that_cannot_be_used_is_named_with_its_package(package, mod
     package({"prices": "my-chip = my_skin:CHIP"}, module)
     with pytest.raises(InputError, match=rf"^prices: 'my-chip' of the package my-skin \(my_skin:CHIP\) {why}"):
         price_list("my-chip")
+
+
 EXPORTS = """
 from pathlib import Path
 from neurotact.deploy.chain import chain_of

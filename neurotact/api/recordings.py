@@ -27,8 +27,8 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.window_choice import timing_of
 from neurotact.errors import InputError, some
-from neurotact.gathered import in_few_lines
 from neurotact.progress import track
+from neurotact.repeated_warnings import in_few_lines
 
 ARRAY_NAMES = [arrays.SIGNALS, *arrays.ALIASES]
 EVENT_NAMES = [*event_files.ALIASES, event_files.POLARITY]

@@ -29,7 +29,7 @@ from neurotact.report import answer as answers
 from neurotact.report import first_screen, periods, robustness
 from neurotact.report.answer import Answer, Baseline, Decision, Network, Trials
 from neurotact.report.page import Figure, Table
-from neurotact.studies import suited
+from neurotact.studies import automatic
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import LENGTH, Cell, StudySpec, by_split, encoder_columns, split_columns, value_at
@@ -495,7 +495,7 @@ def beware(
     if trains is not None:
         lines += cautions.copies(len(copies_of(trains).trials), len(trains))
         note = acausal_note(trains.encoder)
-        lines += [*([note] if note else []), *on_late_onsets(trains, timing_of(trains), study.window, suited.WORDS)]
+        lines += [*([note] if note else []), *on_late_onsets(trains, timing_of(trains), study.window, automatic.WORDS)]
     return [*lines, *cautions.together([list(_of_training(folder, cell)) for cell in done])]
 
 

@@ -13,10 +13,10 @@ from neurotact.data.trial_choice import values_in_words
 from neurotact.metrics.shares import wilson_interval
 from neurotact.report.answer import Network, percent
 from neurotact.report.page import Table
+from neurotact.studies.automatic import TESTED
 from neurotact.studies.cell import RIGHT_SEEN
 from neurotact.studies.store import result_of
 from neurotact.studies.study import Cell, StudySpec
-from neurotact.studies.suited import TESTED
 
 REMEDIES = "remedies"
 TRAINED = "at trained conditions"

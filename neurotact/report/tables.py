@@ -22,9 +22,9 @@ from neurotact.networks.training.training import Epoch, best_of
 from neurotact.networks.use.ledger import Afferents
 from neurotact.report import periods
 from neurotact.studies import tables_beside as made
+from neurotact.studies.automatic import TESTED
 from neurotact.studies.store import cell_folder
 from neurotact.studies.study import SPLIT, Cell, StudySpec
-from neurotact.studies.suited import TESTED
 from neurotact.tables import read_table
 
 EXTRA_TABLES = {
