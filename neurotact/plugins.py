@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from neurotact.errors import InputError, first_line, nearest
 
-Group = Literal["simulators", "readers", "protocols", "surrogates", "losses"]
+Group = Literal["simulators", "readers", "protocols", "networks", "surrogates", "losses"]
 OURS = __name__.partition(".")[0]
 
 

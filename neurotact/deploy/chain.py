@@ -12,7 +12,7 @@ from neurotact.deploy.windows import WindowPlan
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.specs import MODELS, EncoderSpec, conditioning_of, n_per_taxel, populations, taxel_names
 from neurotact.errors import InputError
-from neurotact.networks.definition.executors import LIF_INSTEAD, Subject, require
+from neurotact.networks.definition.executors import LIF_INSTEAD, Subject, require, rsnn_of
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.training.trained import Restored
@@ -96,10 +96,11 @@ def chain_of(
     recorded_Hz: float | None = None
     taxels: tuple[str, ...] | None = None
     if isinstance(source, tuple):
-        encoder, network = source
+        encoder, network = source[0], rsnn_of("stream", source[1])
     else:
         restored = fitted.restore(source)
-        encoder, network, classes = build_encoder(restored, fitted.name_of(source)), restored.network, restored.classes
+        encoder, classes = build_encoder(restored, fitted.name_of(source)), restored.classes
+        network = rsnn_of("stream", restored.network)
         rule = restored.exits(early_exit)
         recorded_Hz = restored.recorded_Hz
         if restored.afferents is not None:

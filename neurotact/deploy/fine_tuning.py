@@ -20,6 +20,7 @@ from neurotact.data.windows import steps_of
 from neurotact.deploy import formats
 from neurotact.deploy.formats import Layers, Steps
 from neurotact.errors import InputError
+from neurotact.networks.definition.executors import rsnn_of
 from neurotact.networks.definition.rounding import Grid, seen_rounded
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.training import checkpoint, fitting, tasks, train_run, trained
@@ -159,7 +160,7 @@ def run(
 
 def layers_of(restored: Restored, sides: Sides, **options: Any) -> Layers:
     """The network in integers, as an export chooses them; options as for `formats.layers_of`."""
-    network = restored.network
+    network = rsnn_of("c-integer", restored.network)
     n_steps, _, _ = steps_of(restored.task.window, network.sampling_rate_Hz)
     seen = formats.record_states(network, sides.train.spikes)
     return formats.layers_of(network, seen, n_steps=n_steps, **options)
@@ -168,7 +169,7 @@ def layers_of(restored: Restored, sides: Sides, **options: Any) -> Layers:
 def _trained_on(
     restored: Restored, sides: Sides, layers: Layers, weight_bits: int, epochs: int, seed: int
 ) -> fitting.Trained:
-    network, steps = restored.network, layers.steps
+    network, steps = rsnn_of("c-integer", restored.network), layers.steps
     with track("fine-tune", epochs) as advance:
         training = fine_tune(
             network, sides.train, sides.validation, grids_of(network, steps, weight_bits),

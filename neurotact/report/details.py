@@ -174,7 +174,7 @@ def _raster(
         for spikes in network.simulate(torch.from_numpy(window))
     )
     whole = network.infer(torch.from_numpy(window))
-    readout = readout if network.bias is None else np.zeros_like(readout)  # an integrator does not spike
+    readout = readout if network.integration is None else np.zeros_like(readout)  # an integrator does not spike
     early = network.infer(torch.from_numpy(window), restored.rule)
     order = [restored.classes.index(label) for label in classes.order]
     layers = (window[0], hidden, readout[:, order])

@@ -117,14 +117,14 @@ def _costs(
     costs: dict[str, float | None] = {
         "sops": row[f"{before}sops_total"],
         "ms": None,
-        "spikes": row[f"{before}sops_input"] / row["hidden"],
+        "spikes": ledger.input_spikes(row, before),
         "nJ": None,
     }
     if afferents is not None and study.network is not None:
         counts = study.encoding_in == "processor"
         how = {"n_classes": n_classes, "early": bool(before), "encoding": counts}
         costs["ms"] = 1e3 * steps / afferents.rate_Hz
-        if not counts or afferents.is_countable:
+        if (not counts or afferents.is_countable) and ledger.is_row_counted(study.network, row):
             costs["nJ"] = ledger.row_cost(study.network, row, afferents, **how).energy_estimate_nJ
     return costs
 

@@ -1,5 +1,6 @@
 """A selection in a report: each step's rule, table and outcome, and its figures."""
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -215,6 +216,8 @@ def _text(column: str, value: object) -> str:
     if isinstance(value, str):
         return value
     number = float(value)  # pyright: ignore[reportArgumentType]
+    if math.isnan(number) and ("sops" in column or column.endswith("_saved")):
+        return "not counted"
     if "accuracy" in column or column.endswith("_saved"):
         return f"{100 * number:.1f}"
     return f"{number:,.0f}" if "sops" in column or "steps" in column else f"{number:g}"

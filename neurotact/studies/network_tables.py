@@ -38,7 +38,9 @@ def tables(folder: Path, study: StudySpec, results: Results) -> Mapping[str, pd.
 def results_table(study: StudySpec, results: Results) -> pd.DataFrame:
     """One row per cell; swept keys without their own column come last."""
     swept = swept_columns(study)
-    return pd.DataFrame([{**result["row"], **{key: value_at(cell, key) for key in swept}} for cell, result in results])
+    table = pd.DataFrame([{**result["row"], **{key: value_at(cell, key) for key in swept}} for cell, result in results])
+    uncounted = [column for column in table if "sops" in str(column) and table[column].isna().all()]
+    return table.astype(dict.fromkeys(uncounted, float))  # and not objects
 
 
 def _encoding_table(folder: Path, results: Results, swept: list[str]) -> pd.DataFrame:

@@ -23,6 +23,7 @@ from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.metrics.flops import Cost
 from neurotact.networks.definition import clock, recipe
+from neurotact.networks.definition.executors import rsnn_of
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
@@ -223,7 +224,7 @@ def cut(bench: Bench, setting: Setting) -> Sides:
 def fit(sides: Sides, spec: RSNNSpec, seeds: tuple[int, int]) -> Fitted:
     """A network trained on `sides`; seeds: of its weights and of the order of windows."""
     network, _ = fitting.new_trained(sides.trains, spec, seeds, sides.training, sides.validation)
-    return Fitted(network, sides, torch.Generator().manual_seed(seeds[1]))
+    return Fitted(rsnn_of("c-integer", network), sides, torch.Generator().manual_seed(seeds[1]))
 
 
 def changed(spec: RSNNSpec, setting: Setting, seen: recipe.Seen, whole_steps: int) -> RSNNSpec:

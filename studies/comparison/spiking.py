@@ -14,7 +14,7 @@ from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.calibration import calibrate
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.metrics.flops import Cost
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
@@ -87,16 +87,16 @@ def _examples(trains: SpikeTrains, side: np.ndarray) -> Examples:
 
 def _fit(
     trains: SpikeTrains, spec: RSNNSpec, training: Examples, validation: Examples, seed: int
-) -> tuple[RSNN, float]:
+) -> tuple[Network, float]:
     network, _ = fitting.new_trained(trains, spec, of_start(seed, SplitSpec(seed=seed)), training, validation)
     return network, _accuracy(network, validation, FULL_WINDOW)
 
 
-def _accuracy(network: RSNN, examples: Examples, rule: ExitRule) -> float:
+def _accuracy(network: Network, examples: Examples, rule: ExitRule) -> float:
     return measuring.accuracy_of(network.infer(examples.spikes, rule), examples)
 
 
-def _measure(network: RSNN, trains: SpikeTrains, test: Examples, rule: ExitRule) -> tuple[float, Cost, Cost]:
+def _measure(network: Network, trains: SpikeTrains, test: Examples, rule: ExitRule) -> tuple[float, Cost, Cost]:
     """Test accuracy, and the mean cost of encoding and of the network."""
     inferred = network.infer(test.spikes, rule)
     measured = {f"sops_{name}": float(v.mean()) for name, v in measuring.synops_of(inferred, network)._asdict().items()}

@@ -6,7 +6,7 @@ it, so that a new feature is entered here and nowhere else.
 """
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import torch
 
@@ -14,16 +14,20 @@ from neurotact.data.conditioning import ACAUSAL, ConditioningSpec
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.specs import MODELS, EncoderSpec, is_exact
 from neurotact.errors import InputError
-from neurotact.networks.definition.native import Network
+from neurotact.networks.definition import native
 from neurotact.networks.definition.surrogate import FAST_SIGMOID
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+
+if TYPE_CHECKING:
+    from neurotact.networks.definition.network import Network
+    from neurotact.networks.definition.rsnn import RSNN
 
 
 class Subject(NamedTuple):
     """What is to be executed: an encoder, unless spikes are the input, a network, and an exit rule."""
 
     encoder: EncoderSpec | None
-    network: Network
+    network: native.Network
     rule: ExitRule = FULL_WINDOW
 
     @property
@@ -79,6 +83,7 @@ def _has_grades(subject: Subject) -> bool:
 
 
 CHAIN = ("conditioning", "encoder", "network", "readout", "exit")
+OTHER = "network of another model"
 CAUSAL_INSTEAD = "encode and train with conditioning.baseline start, first, running, high-pass or none"
 LIF_INSTEAD = "encode and train with sa1-ra1-lif"
 OTHER_MODELS = {
@@ -142,6 +147,9 @@ FEATURES: dict[str, Feature] = {
         "stream it, or train with integration = 'clock'",
     ),
     **OTHER_MODELS,
+    OTHER: Feature(
+        "network", ("model",), lambda s: s.network.spec.own is not None, "train with model = 'rsnn' or 'snn'"
+    ),
     "clock of the network": Feature(
         "network", ("step_ms",), lambda s: s.network.steps_per_bin > 1, "train with step_ms = 'encoder'"
     ),
@@ -221,7 +229,9 @@ SETTINGS = frozenset({
 })  # fmt: skip
 """Keys of specs of networks, LIF afferents and conditioning that are sizes, constants or how a network is trained."""
 
+_ONE_LAYER = {OTHER: "it has one hidden layer of CUBA-LIF neurons"}
 _STREAMED = {
+    **_ONE_LAYER,
     "Izhikevich afferents": "a sample far below rest would make their integration unstable",
     "baseline of the whole trial": "a stream has not received the whole trial yet",
     "double precision": "a chain is deployed in float32",
@@ -238,6 +248,7 @@ _IN_C = {
     "membranes in closed form": "C has no logarithm without a library",
 }
 _NOT_IN_NIR = {
+    **_ONE_LAYER,
     "clock slower than its encoder's": "it has no node that puts spikes into bins",
     "half-wave rate of change": "its graph rectifies the rate of change",
     "rise in SA-I": "its graph drives SA-I by the signal alone",
@@ -251,7 +262,11 @@ EXECUTORS: dict[str, Executor] = {
     "native": Executor(
         "the native kernels",
         ("encoder", "network", "readout", "exit"),
-        {**dict.fromkeys(OTHER_MODELS, "NumPy computes them"), "another surrogate": "they have the fast sigmoid alone"},
+        {
+            **_ONE_LAYER,
+            **dict.fromkeys(OTHER_MODELS, "NumPy computes them"),
+            "another surrogate": "they have the fast sigmoid alone",
+        },
     ),
     "stream": Executor("a stream", CHAIN, _STREAMED),
     "c-float": Executor("C in float32", CHAIN, {**_STREAMED, **_IN_C}),
@@ -266,6 +281,7 @@ EXECUTORS: dict[str, Executor] = {
         "snnTorch",
         ("network", "readout"),
         {
+            **_ONE_LAYER,
             "reset hard": "its neurons have only 'zero' and 'subtract'",
             "adaptive thresholds": "its Synaptic has fixed thresholds",
             "double precision": "its spikes are float32",
@@ -286,8 +302,21 @@ def require(executor: str, subject: Subject) -> None:
     """
     name = lacking(executor, subject)
     if name is not None:
-        entry = EXECUTORS[executor]
-        raise InputError(f"{name}: {entry.what} does not run it: {entry.lacks[name]}; {FEATURES[name].instead}")
+        raise _refusal(executor, name)
+
+
+def rsnn_of(executor: str, network: "Network") -> "RSNN":
+    """A network that an executor, or a `chip`, takes at all; InputError for one of another model than an RSNN."""
+    if network.spec.own is not None and executor == "chip":
+        raise InputError(f"{OTHER}: limits of chips are known for one hidden layer; {FEATURES[OTHER].instead}")
+    if network.spec.own is not None:
+        raise _refusal(executor, OTHER)
+    return network  # pyright: ignore[reportReturnType]
+
+
+def _refusal(executor: str, name: str) -> InputError:
+    entry = EXECUTORS[executor]
+    return InputError(f"{name}: {entry.what} does not run it: {entry.lacks[name]}; {FEATURES[name].instead}")
 
 
 def lacking(executor: str, subject: Subject) -> str | None:

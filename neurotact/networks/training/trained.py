@@ -14,7 +14,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split, split_conditions
 from neurotact.errors import InputError
 from neurotact.networks.definition.kernels import Backend
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.network import Network
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.exit.held_out import ExitChoice
 from neurotact.networks.training import checkpoint
@@ -42,7 +42,7 @@ def save(
     Of networks that were joined, their number and the hidden neurons of each are saved, too.
     split: as given to `fit`. more: further JSON values for `restore`.
     """
-    folder, n_members, n_hidden = Path(folder), trained.training.n_members, trained.network.spec.hidden
+    folder, n_members, n_hidden = Path(folder), trained.training.n_members, trained.network.spec.n_hidden
     extra = {
         "classes": list(trains.classes),
         "spikes": os.path.relpath(spikes_path, folder),
@@ -63,7 +63,7 @@ def save(
 class Restored(NamedTuple):
     """A network read back from its folder."""
 
-    network: RSNN
+    network: Network
     task: Task
     rule: ExitRule
     classes: tuple[str, ...]
