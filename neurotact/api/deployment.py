@@ -20,8 +20,8 @@ from neurotact.deploy.nir_exchange import exchange, execute, note
 from neurotact.deploy.stream import Decision as Decision
 from neurotact.deploy.stream import Stream
 from neurotact.errors import InputError
-from neurotact.networks.definition import executors, snntorch_exchange
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition import snntorch_exchange
+from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.training import train_run
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
@@ -237,7 +237,7 @@ def to_snntorch(source: Fitted | RSNN, *, time_first: bool = False) -> snntorch_
     (torch.Size([10, 2, 20]), torch.Size([10, 2, 8]))
     """
     network = source if isinstance(source, RSNN) else fitted.restore(source).network
-    return snntorch_exchange.to_snntorch(executors.rsnn_of("snntorch", network), time_first=time_first)
+    return snntorch_exchange.to_snntorch(rsnn_of("snntorch", network), time_first=time_first)
 
 
 def check_chip(run: Fitted, check: str, *, tell: Tell = silent) -> pd.DataFrame:
@@ -251,7 +251,7 @@ def check_chip(run: Fitted, check: str, *, tell: Tell = silent) -> pd.DataFrame:
     ['what', 'here', 'limit', 'fits', 'cost']
     """
     restored = fitted.restore(run)
-    findings = targets.check(executors.rsnn_of("chip", restored.network), restored.encoder, restored.exits(), check)
+    findings = targets.check(rsnn_of("chip", restored.network), restored.encoder, restored.exits(), check)
     tell(targets.title(check))
     for row in findings.itertuples(index=False):
         parts = filter(None, (f"{'fits' if row.fits else 'NOT'}  {row.what}: {row.here}", row.limit, row.cost))

@@ -12,8 +12,8 @@ from neurotact.deploy.windows import WindowPlan
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.specs import MODELS, EncoderSpec, conditioning_of, n_per_taxel, populations, taxel_names
 from neurotact.errors import InputError
-from neurotact.networks.definition.executors import LIF_INSTEAD, Subject, require, rsnn_of
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.executors import LIF_INSTEAD, Subject, require
+from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.training.trained import Restored
 from neurotact.networks.use import fitted

@@ -20,9 +20,8 @@ from neurotact.data.windows import steps_of
 from neurotact.deploy import formats
 from neurotact.deploy.formats import Layers, Steps
 from neurotact.errors import InputError
-from neurotact.networks.definition.executors import rsnn_of
 from neurotact.networks.definition.rounding import Grid, seen_rounded
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.training import checkpoint, fitting, tasks, train_run, trained
 from neurotact.networks.training.outcome import Outcome, outcome_of
 from neurotact.networks.training.tasks import Sides

@@ -66,7 +66,7 @@ class Network(NamedTuple):
 
     @property
     def name(self) -> str:
-        size = f"{self.hidden} neurons"
+        size = f"{self.hidden} neurons" if self.hidden else "the network"
         return size if self.pair == periods.NONE else f"{self.pair} ms with {size}"
 
     @property

@@ -32,7 +32,7 @@ from neurotact.studies import suited
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import LENGTH, Cell, StudySpec, by_split, encoder_columns, split_columns, value_at
-from neurotact.tables import NETWORK, means_over
+from neurotact.tables import NETWORK, means_over, sized
 
 COSTS = ("sops", "ms", "spikes", "nJ")
 KINDS = {"whole": "", "early": "exit_"}
@@ -195,7 +195,7 @@ def as_json(front: Front) -> dict[str, Any]:
     drawn = []
     for network, cell in zip(front.networks, front.cells, strict=True):
         low, high = answers.interval_of(network, network.used, front.answer.trials)
-        name = f"{periods.in_ms(network.pair)}, N = {network.hidden}"
+        name = f"{periods.in_ms(network.pair)}, {sized(network.hidden)}"
         more = {"low": low, "high": high, "used": USED[network.exits], "cell": cell, "name": name}
         entry = {key: value for key, value in network._asdict().items() if not key.startswith("apart")} | more
         drawn.append(entry | {kind: _as_json(getattr(network, kind)) for kind in KINDS})

@@ -23,8 +23,7 @@ from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.metrics.flops import Cost
 from neurotact.networks.definition import clock, recipe
-from neurotact.networks.definition.executors import rsnn_of
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.training import fitting, tasks

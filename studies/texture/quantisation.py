@@ -40,9 +40,8 @@ from neurotact.figures.style import (
     series_style,
 )
 from neurotact.metrics import synops
-from neurotact.networks.definition.executors import rsnn_of
 from neurotact.networks.definition.rounding import Grid
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW
 from neurotact.networks.training import fitting

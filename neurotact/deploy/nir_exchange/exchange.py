@@ -17,9 +17,9 @@ from neurotact.encoders import afferents
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
-from neurotact.networks.definition.executors import Subject, require, rsnn_of
+from neurotact.networks.definition.executors import Subject, require
 from neurotact.networks.definition.kernels import Backend
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.exit.early_exit import FULL_WINDOW
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted

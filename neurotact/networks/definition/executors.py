@@ -6,7 +6,7 @@ it, so that a new feature is entered here and nowhere else.
 """
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import torch
 
@@ -17,10 +17,6 @@ from neurotact.errors import InputError
 from neurotact.networks.definition import native
 from neurotact.networks.definition.surrogate import FAST_SIGMOID
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
-
-if TYPE_CHECKING:
-    from neurotact.networks.definition.network import Network
-    from neurotact.networks.definition.rsnn import RSNN
 
 
 class Subject(NamedTuple):
@@ -263,7 +259,6 @@ EXECUTORS: dict[str, Executor] = {
         "the native kernels",
         ("encoder", "network", "readout", "exit"),
         {
-            **_ONE_LAYER,
             **dict.fromkeys(OTHER_MODELS, "NumPy computes them"),
             "another surrogate": "they have the fast sigmoid alone",
         },
@@ -302,19 +297,11 @@ def require(executor: str, subject: Subject) -> None:
     """
     name = lacking(executor, subject)
     if name is not None:
-        raise _refusal(executor, name)
+        raise refusal(executor, name)
 
 
-def rsnn_of(executor: str, network: "Network") -> "RSNN":
-    """A network that an executor, or a `chip`, takes at all; InputError for one of another model than an RSNN."""
-    if network.spec.own is not None and executor == "chip":
-        raise InputError(f"{OTHER}: limits of chips are known for one hidden layer; {FEATURES[OTHER].instead}")
-    if network.spec.own is not None:
-        raise _refusal(executor, OTHER)
-    return network  # pyright: ignore[reportReturnType]
-
-
-def _refusal(executor: str, name: str) -> InputError:
+def refusal(executor: str, name: str) -> InputError:
+    """The error for a feature that an executor lacks."""
     entry = EXECUTORS[executor]
     return InputError(f"{name}: {entry.what} does not run it: {entry.lacks[name]}; {FEATURES[name].instead}")
 

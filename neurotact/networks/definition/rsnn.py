@@ -102,7 +102,8 @@ class RSNN(Network):
         table = {} if spec is None else spec.model_dump(mode="json")
         self.spec = spec = build(RSNNSpec, override(table, keys), source="RSNN") if keys or spec is None else spec
         if spec.model not in get_args(Model):
-            raise InputError(f"model: RSNN is 'rsnn' or 'snn', and no '{spec.model}'; train that with `nt.train`")
+            what = "'auto' is decided in training" if spec.model == "auto" else f"RSNN is no '{spec.model}'"
+            raise InputError(f"model: {what}; give 'rsnn' or 'snn', or train with `nt.train`")
         effects.check_keys(leaves(keys), [void_keys(spec)], "RSNN")
         one_of("returns", returns, get_args(Returns))
         if returns == "spikes" and spec.integrates:
@@ -404,6 +405,16 @@ class RSNN(Network):
 @cache
 def _say_once(what: str) -> None:
     say(what)
+
+
+def rsnn_of(executor: str, network: Network) -> RSNN:
+    """A network that an executor, or a `chip`, takes at all; InputError for one that is no RSNN."""
+    if isinstance(network, RSNN):
+        return network
+    if executor == "chip":
+        instead = executors.FEATURES[executors.OTHER].instead
+        raise InputError(f"{executors.OTHER}: limits of chips are known for one hidden layer; {instead}")
+    raise executors.refusal(executor, executors.OTHER)
 
 
 def _of_part(spec: RSNNSpec, sizes: Sizes) -> RSNN:

@@ -423,7 +423,8 @@ def void_keys(spec: RSNNSpec) -> dict[str, str]:
     if spec.own is not None:
         optimiser = spec.training.optimiser
         of_rsnn = "has no effect with a network of another model; leave it out"
-        unheard = ["rate_penalty", "population_penalty"] if _counts_nothing(spec.model) else []
+        penalties = [key for key in ("rate_penalty", "population_penalty") if getattr(spec.training, key)]
+        unheard = penalties if _counts_nothing(spec.model) else []
         return {
             **{f"training.{key}": of_rsnn for key in ("readout_dropout", "stretch_rate")},
             **{f"training.{key}": "has no effect where no hidden spikes are counted; leave it out" for key in unheard},

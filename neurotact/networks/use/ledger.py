@@ -27,7 +27,7 @@ from neurotact.networks.definition import module, recipe
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.use.measuring import OWN_KEYS
 from neurotact.spec import build, digest
-from neurotact.tables import NETWORK, means_over
+from neurotact.tables import NETWORK, means_over, sized
 
 SOPS = ("sops_input", "sops_recurrent", "sops_readout")
 MEASURED = (*SOPS, "sops_total", "sops_total_feedforward")
@@ -237,7 +237,7 @@ def study_ledger(
         first, spent = parts.iloc[0], []
         for row in parts.to_dict("records"):
             spent.append((row_cost(spec, row, of_kind[row[KIND]], n_classes=n_classes), row["seeds"]))
-        name = f"spiking: {first['setting']}, t_ref {first['pair']} ms, N = {first['hidden']}"
+        name = f"spiking: {first['setting']}, t_ref {first['pair']} ms, {sized(first['hidden'])}"
         rows.append((name, _mean(spent)))
     return ledger_table(rows)
 
