@@ -11,17 +11,21 @@ from test_plugins import package  # noqa: F401
 import neurotact as nt
 from neurotact.errors import InputError
 from neurotact.metrics import synops
+from neurotact.metrics.fronts import pareto_front
 from neurotact.networks.definition import module
 from neurotact.networks.definition.specs import RSNNSpec, void_keys
 from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.networks.exit.truncated import cut_short, exit_curve, simulate_windows
+from neurotact.networks.search.journal import Trial, beside_given
+from neurotact.networks.search.search import _is_consistent
+from neurotact.networks.search.tuning import SearchSpec
 from neurotact.networks.training import training_checkpoint
 from neurotact.networks.training.checkpoint import load, save
 from neurotact.networks.training.comparison import costs
 from neurotact.networks.training.training import Examples, train
 from neurotact.networks.use import ledger
 from neurotact.networks.use.measuring import synops_of
-from neurotact.report.answer import count
+from neurotact.report.answer import Decision, Network, Trials, count
 
 STRANGER = """
 from torch import nn
@@ -215,3 +219,31 @@ def test_a_stream_and_c_and_nir_and_chips_refuse_it_in_a_sentence(hidden):
     for executor in (nt.to_snntorch, nt.to_nir, lambda one: nt.check_chip(one, "loihi2")):
         with pytest.raises(InputError, match=r"^network of another model: .*; train with model = 'rsnn' or 'snn'$"):
             executor(model)
+
+
+def test_no_network_without_a_counted_cost_is_the_cheapest():
+    decision = Decision(0.9, math.nan, 300.0, 20.0, None)
+    network = Network("5&5", 0, 1, 0.9, decision, None)
+    assert network.way(Trials(10, 10)).cost == math.inf
+    assert network.name == "5&5 ms with the network"
+    assert pareto_front(np.array([math.nan, 2.0]), np.array([0.99, 0.9])).tolist() == [False, True]
+
+
+def test_a_search_takes_accuracy_alone_where_operations_are_not_counted():
+    space = {"units": {"_type": "choice", "_value": [4]}}
+    uncounted = Trial(0, {"units": 4}, [0.5], "finished", 0.5, None, 0.5)
+    assert Trial(**json.loads(uncounted.line())) == uncounted
+    assert _is_consistent(uncounted, SearchSpec(space=space))
+    assert not _is_consistent(uncounted, SearchSpec(space=space, max_sops=10.0))
+    assert "SOPs not counted" in beside_given([uncounted, Trial(1, {}, [0.7], "finished", 0.7, None, 0.7)])
+
+
+def test_the_cost_of_layers_by_hand():
+    # 4 afferents, 6 and 4 neurons, 2 classes; 10 steps, in each of which a neuron takes two MACs.
+    spec = RSNNSpec(hidden=[6, 4])
+    measured = dict.fromkeys(ledger.MEASURED, 0.0) | {"sops_total": 90.0, "sops_readout": 20.0}
+    spent = ledger.network_cost(spec, 4, 2, measured, steps=10, signal_ms=10.0)
+    assert (spent.macs, spent.acs, spent.sops, spent.parameters) == (2 * 10 * 10, 90, 90, 4 * 6 + 6 * 4 + 4 * 2 + 2)
+    row = {ledger.OWN_KEYS: made("counts", units=7).spec.own_keys, "hidden": 0}
+    assert ledger.spec_of_row(RSNNSpec(), row).own.units == 7
+    assert not ledger.is_row_counted(RSNNSpec(), row)
