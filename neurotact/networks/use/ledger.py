@@ -31,7 +31,7 @@ from neurotact.tables import NETWORK, means_over, sized
 
 SOPS = ("sops_input", "sops_recurrent", "sops_readout")
 MEASURED = (*SOPS, "sops_total", "sops_total_feedforward")
-GIVES_COST = "its module gives it with a method `cost` (docs/plugins.md)"
+GIVES_COST = "its module gives it with a method named cost (docs/plugins.md)"
 MODEL = "network.model"
 STEPS_PER_BIN = "steps_per_bin"
 """Column of results: steps of the encoder's clock in one of the network's."""
