@@ -4,15 +4,19 @@ import json
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 from test_plugins import package  # noqa: F401
 
 import neurotact as nt
+from neurotact.data import hdf5
+from neurotact.data.spikes import from_rasters
 from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.metrics.fronts import pareto_front
 from neurotact.networks.definition import module
+from neurotact.networks.definition.recipe import has_key
 from neurotact.networks.definition.specs import RSNNSpec, void_keys
 from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.networks.exit.truncated import cut_short, exit_curve, simulate_windows
@@ -247,3 +251,33 @@ def test_the_cost_of_layers_by_hand():
     row = {ledger.OWN_KEYS: made("counts", units=7).spec.own_keys, "hidden": 0}
     assert ledger.spec_of_row(RSNNSpec(), row).own.units == 7
     assert not ledger.is_row_counted(RSNNSpec(), row)
+
+
+def test_initial_weights_come_from_the_seed_alone():
+    torch.manual_seed(3)
+    first = made().state_dict()
+    torch.manual_seed(4)
+    for name, tensor in made().state_dict().items():
+        assert torch.equal(tensor, first[name])
+
+
+def test_operations_are_cut_short_with_the_window():
+    network, sides = made("counts"), examples()
+    (row,) = cut_short(network, simulate_windows(network, sides), [10.0])
+    assert row["sops_total"] == pytest.approx(3 * float(sides.spikes[:, :10].sum()) / len(sides.labels))
+
+
+def test_a_run_says_null_and_a_search_that_weighs_operations_is_refused(tmp_path):
+    side = examples(n=60)
+    labels = pd.DataFrame({"label": np.array(["soft", "hard"])[side.labels]})
+    trains = from_rasters(side.spikes.numpy(), 1000.0, ("a", "b", "c", "d"), labels)
+    hdf5.save_spikes(trains, tmp_path / "spikes.h5")
+    spec = tmp_path / "mine.toml"
+    spec.write_text('model = "gru"\nrecipe = "default"\ntraining.epochs = 2\n')
+    nt.train(tmp_path / "spikes.h5", tmp_path / "run", network=spec)
+    row = json.loads((tmp_path / "run" / "result.json").read_text())["row"]
+    assert (row["sops_total"], row["exit_sops_total"], row["input_spikes"] > 0) == (None, None, True)
+    assert nt.infer(tmp_path / "run", tmp_path / "spikes.h5")["sops_total"].isna().all()
+    with pytest.raises(InputError, match="none of 2 trials finished; trial 0: its SOPs are not counted"):
+        nt.tune(tmp_path / "spikes.h5", tmp_path / "tuned", network=spec, trials=2, objective="accuracy-sops")
+    assert not has_key(made().spec, "training.readout_dropout")
