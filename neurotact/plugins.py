@@ -13,7 +13,17 @@ from typing import Any, Literal
 from neurotact.errors import InputError, first_line, nearest
 
 Group = Literal[
-    "simulators", "readers", "encoders", "ways", "surrogates", "losses", "opponents", "prices", "exporters", "tools"
+    "simulators",
+    "readers",
+    "encoders",
+    "networks",
+    "surrogates",
+    "losses",
+    "opponents",
+    "ways",
+    "prices",
+    "exporters",
+    "tools",
 ]
 OURS = __name__.partition(".")[0]
 

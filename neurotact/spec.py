@@ -483,6 +483,9 @@ def _explain(model: type[BaseModel], error: ValidationError) -> str:
         return f"{key}: is missing; add it"
     if first["type"] in ("model_type", "dict_type"):
         return f"{key}: must be a table; got {first['input']!r}"
+    own = first.get("ctx", {}).get("error")
+    if isinstance(own, InputError) and isinstance(first["input"], Mapping):
+        return ".".join([*path, str(own)])  # of the keys of a part, which says where
     message = first["msg"].replace("Input should be ", "must be ").replace("Value error, ", "")
     message = re.sub(
         r"^Tuple should have at least (\d+) item(s?) after validation, not", r"needs at least \1 value\2, not", message

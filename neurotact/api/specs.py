@@ -11,7 +11,7 @@ def spec_names(kind: Literal["encoders", "networks", "networks/spaces", "studies
     """The names of the specs of a kind that ship, as `neurotact list` prints them; InputError for another kind.
 
     >>> spec_names("networks")
-    ['default', 'rsnn', 'snn']
+    ['default', 'layered', 'rsnn', 'snn']
     """
     if kind not in spec.KINDS:
         raise InputError(f"kind: {kind!r} is unknown; {nearest(str(kind), spec.KINDS)}")

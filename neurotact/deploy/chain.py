@@ -14,7 +14,7 @@ from neurotact.encoders.model import EncoderSpec, name_in, names, of_name
 from neurotact.encoders.specs import conditioning_of, n_per_taxel, populations, taxel_names
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import LIF_INSTEAD, Subject, require
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.training.trained import Restored
 from neurotact.networks.use import fitted
@@ -97,10 +97,11 @@ def chain_of(
     recorded_Hz: float | None = None
     taxels: tuple[str, ...] | None = None
     if isinstance(source, tuple):
-        encoder, network = source
+        encoder, network = source[0], rsnn_of("stream", source[1])
     else:
         restored = fitted.restore(source)
-        encoder, network, classes = build_encoder(restored, fitted.name_of(source)), restored.network, restored.classes
+        encoder, classes = build_encoder(restored, fitted.name_of(source)), restored.classes
+        network = rsnn_of("stream", restored.network)
         rule = restored.exits(early_exit)
         recorded_Hz = restored.recorded_Hz
         if restored.afferents is not None:

@@ -33,7 +33,7 @@ from neurotact.studies import automatic
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import LENGTH, Cell, StudySpec, by_split, encoder_columns, split_columns, value_at
-from neurotact.tables import NETWORK, means_over
+from neurotact.tables import NETWORK, means_over, sized
 
 COSTS = ("sops", "ms", "spikes", "nJ")
 KINDS = {"whole": "", "early": "exit_"}
@@ -118,16 +118,15 @@ def _costs(
     costs: dict[str, float | None] = {
         "sops": row[f"{before}sops_total"],
         "ms": None,
-        "spikes": row[f"{before}sops_input"] / row["hidden"],
+        "spikes": ledger.input_spikes(row, before),
         "nJ": None,
     }
     if afferents is not None and study.network is not None:
         counts = study.encoding_in == "processor"
         how = {"n_classes": n_classes, "early": bool(before), "encoding": counts}
         costs["ms"] = 1e3 * steps / afferents.rate_Hz
-        if not counts or afferents.is_countable:
-            spent = ledger.row_cost(study.network, row, afferents, **how).energy_nJ(study.prices)
-            costs["nJ"] = _known(spent)
+        if (not counts or afferents.is_countable) and ledger.is_row_counted(study.network, row):
+            costs["nJ"] = _known(ledger.row_cost(study.network, row, afferents, **how).energy_nJ(study.prices))
     return costs
 
 
@@ -201,7 +200,7 @@ def as_json(front: Front) -> dict[str, Any]:
     drawn = []
     for network, cell in zip(front.networks, front.cells, strict=True):
         low, high = answers.interval_of(network, network.used, front.answer.trials)
-        name = f"{periods.in_ms(network.pair)}, N = {network.hidden}"
+        name = f"{periods.in_ms(network.pair)}, {sized(network.hidden)}"
         more = {"low": low, "high": high, "used": USED[network.exits], "cell": cell, "name": name}
         entry = {key: value for key, value in network._asdict().items() if not key.startswith("apart")} | more
         drawn.append(entry | {kind: _as_json(getattr(network, kind)) for kind in KINDS})

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
-from neurotact.files import DRAFT, scratch, whole, write_json
+from neurotact.files import DRAFT, scratch, whole, without_nan, write_json
 from neurotact.metrics import paired
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.specs import RSNNSpec
@@ -145,7 +145,7 @@ def files_of(
     result["row"] = {
         "dataset": cell.dataset,
         **encoding_tables.periods(cell),
-        "hidden": fitted.network.spec.hidden,
+        "hidden": fitted.network.spec.n_hidden,
         "seed": cell.seed,
         **result["row"],
         "sops_validation": measuring.mean_sops(fitted.network, sides.validation),
@@ -160,7 +160,7 @@ def files_of(
         for name, content in (searched.files if searched else {}).items():
             with whole(target / name) as draft:
                 draft.write_bytes(content)
-        write_json(target / RESULT, result)
+        write_json(target / RESULT, without_nan(result))
         return {path.relative_to(target).as_posix(): path.read_bytes() for path in target.rglob("*") if path.is_file()}
 
 

@@ -38,7 +38,9 @@ def tables(folder: Path, what: StudySpec, results: Results) -> Mapping[str, pd.D
 def results_table(what: StudySpec, results: Results) -> pd.DataFrame:
     """One row per cell; swept keys without their own column come last."""
     swept = swept_columns(what)
-    return pd.DataFrame([{**result["row"], **{key: value_at(cell, key) for key in swept}} for cell, result in results])
+    table = pd.DataFrame([{**result["row"], **{key: value_at(cell, key) for key in swept}} for cell, result in results])
+    uncounted = [column for column in table if "sops" in str(column) and table[column].isna().all()]
+    return table.astype(dict.fromkeys(uncounted, float))  # and not objects
 
 
 def _encoding_table(folder: Path, results: Results, swept: list[str]) -> pd.DataFrame:

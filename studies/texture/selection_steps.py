@@ -1,5 +1,6 @@
 """The way `selection` in a report: each step's rule, table and outcome, and its figures."""
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -13,7 +14,7 @@ from neurotact.report import networks as report
 from neurotact.report.page import Table
 from neurotact.studies import networks
 from neurotact.studies.study import LENGTH, Cell, StudySpec
-from neurotact.tables import over_seeds
+from neurotact.tables import over_seeds, sized
 
 
 class Shown(NamedTuple):
@@ -170,7 +171,7 @@ def _exits(course: Selection) -> Shown:
         "the paper's own exit (its Algorithm 1), which uses the true label, is shown for comparison."
     )
     words = [
-        f"{row['pair']}, N = {row['hidden']} stops after "
+        f"{row['pair']}, {sized(row['hidden'])} stops after "
         f"{course.last.length_ms * row['exit_steps'] / row['window_steps']:.0f} of {course.last.length_ms:g} ms "
         f"({row['exit_steps']:.0f} of {row['window_steps']:.0f} steps) and saves {100 * row['exit_saved']:.1f} % of "
         "the SOPs"
@@ -199,12 +200,13 @@ def _chosen_words(attempt: Attempt) -> str:
     best = networks[networks["best"]].iloc[0]
     chosen = networks[networks["chosen"]].sort_values("rank")
     words = [
-        f"{row['pair']}, N = {row['hidden']} ({100 * (row['accuracy_validation'] - best['accuracy_validation']):+.1f} "
-        f"points, {100 * (row['sops_validation'] / best['sops_validation'] - 1):+.0f} % SOPs)"
+        f"{row['pair']}, {sized(row['hidden'])} "
+        f"({100 * (row['accuracy_validation'] - best['accuracy_validation']):+.1f} points, "
+        f"{100 * (row['sops_validation'] / best['sops_validation'] - 1):+.0f} % SOPs)"
         for _, row in chosen.iterrows()
     ]
     return (
-        f"Selected: {'; '.join(words)}, compared with the most accurate, {best['pair']}, N = {best['hidden']} "
+        f"Selected: {'; '.join(words)}, compared with the most accurate, {best['pair']}, {sized(best['hidden'])} "
         f"({100 * best['accuracy_validation']:.1f} %). {int(networks['within'].sum())} of {len(networks)} networks are "
         "within the tolerance."
     )
@@ -237,13 +239,15 @@ def _text(column: str, value: object) -> str:
     if isinstance(value, str):
         return value
     number = float(value)  # pyright: ignore[reportArgumentType]
+    if math.isnan(number) and ("sops" in column or column.endswith("_saved")):
+        return "not counted"
     if "accuracy" in column or column.endswith("_saved"):
         return f"{100 * number:.1f}"
     return f"{number:,.0f}" if "sops" in column or "steps" in column else f"{number:g}"
 
 
 def _name(network: Network) -> str:
-    return f"{network.pair}, N = {network.hidden}"
+    return f"{network.pair}, {sized(network.hidden)}"
 
 
 def _names(table: pd.DataFrame) -> list[str]:

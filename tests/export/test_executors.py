@@ -27,7 +27,16 @@ from neurotact.encoders.model import EncoderSpec, usable
 from neurotact.encoders.send_on_delta import SendOnDeltaSpec
 from neurotact.encoders.specs import is_exact, load, n_per_taxel
 from neurotact.errors import InputError
-from neurotact.networks.definition.executors import EXECUTORS, FEATURES, OF_ANOTHER_PACKAGE, SETTINGS, Subject, require
+from neurotact.networks.definition import module
+from neurotact.networks.definition.executors import (
+    EXECUTORS,
+    FEATURES,
+    OF_ANOTHER_PACKAGE,
+    OTHER,
+    SETTINGS,
+    Subject,
+    require,
+)
 from neurotact.networks.definition.snntorch_exchange import to_snntorch
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
@@ -65,6 +74,7 @@ NETWORKS = {
     "adaptive thresholds": {"threshold_adaptation": 0.3, "tau_adaptation_ms": 12.0},
     "learned constants": {"learn": ["alpha", "beta", "threshold"]},
     "another surrogate": {"surrogate": "arctan"},
+    OTHER: {},
     "double precision": {},
     "readout count": READOUTS["count"],
     "readout integrator": READOUTS["integrator"],
@@ -106,7 +116,10 @@ def parts_with(feature: str) -> tuple[EncoderSpec, nt.RSNN, ExitRule]:
         per_taxel * TAXELS, CLASSES, sampling_rate_Hz=RATE_Hz, generator=torch.Generator().manual_seed(0),
         dtype=torch.float64 if feature == "double precision" else torch.float32, **settings,
     )  # fmt: skip
-    unequal_stretches(network)
+    if feature == OTHER:
+        network = module.new(per_taxel * TAXELS, CLASSES, RSNNSpec(hidden=[6, 4]), RATE_Hz)
+    else:
+        unequal_stretches(network)
     return encoder, network, RULES.get(feature, FULL_WINDOW)
 
 
