@@ -30,7 +30,7 @@ def trained_run(folder: Path, trials: int) -> Path:
     with hdf5.open_recordings(touches) as stored:
         encode_file(stored, encoder, spikes)
     settings = {"hidden": 30, "training.batch": 32}
-    nt.train(spikes, run, "rsnn", settings, length_ms=150, start_ms=250, per_trial=1, force=True)
+    nt.train(spikes, run, "rsnn", settings, force=True, window=nt.Window(length_ms=150, start_ms=250, per_trial=1))
     return run
 
 

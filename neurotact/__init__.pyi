@@ -39,6 +39,10 @@ from .api.recordings import read_raster as read_raster
 from .api.recordings import read_table as read_table
 from .api.recordings import save as save
 from .api.recordings import simulate as simulate
+from .api.specs import Onset as Onset
+from .api.specs import Search as Search
+from .api.specs import Split as Split
+from .api.specs import Window as Window
 from .api.specs import spec_names as spec_names
 from .api.studies import report_study as report_study
 from .api.studies import resume_study as resume_study

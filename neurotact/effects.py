@@ -62,14 +62,15 @@ SAMPLES = is_in("pipe", "serial port", "file")
 
 NEEDS = (
     # windows and split
-    Need("rest_ms onset_deviations", "align", is_in("onset"), "without `align='onset'`", OR_GIVE),
+    Need("onset.rest_ms onset.bin_ms onset.deviations", "align", is_in("onset"), "without `align='onset'`", OR_GIVE),
     Need("fold", "folds", is_given, "without `folds`, the number of folds", OR_GIVE),
-    Need("split_seed", "order", is_absent, "with `order`, which draws nothing at random"),
+    Need("split.seed", "order", is_absent, "with `order`, which draws nothing at random"),
     Need("nested", "test_where", is_given, "without `test_where`", OR_GIVE),
     Need("leave_aside", "test_where", more_than_one_of, "without several conditions in `test_where`", OR_GIVE),
     Need("stratify", "drawn", bool, "with `test_where`, where validation leaves out one of the other values"),
     Need("test", "test_where", is_absent, "with `test_where`, which selects the test trials"),
     Need("test", "folds", is_absent, "with `folds`, of which one is tested"),
+    Need("test", "leave_out_each", is_absent, "with `leave_out_each`, which selects the test trials"),
     Need("copies", "augmentation", is_given, "without `augmentation`, which says what varies", OR_GIVE),
     # train, tune, infer
     Need("sops_weight", "objective", is_in("accuracy-sops"), "without `objective='accuracy-sops'`", OR_GIVE),
@@ -134,6 +135,19 @@ def check(**values: Any) -> None:
     reasons = voids(**values)
     for name in values:
         if name in reasons and is_given(values[name]):
+            raise NoEffectError(f"`{name}`: {reasons[name]}")
+
+
+def check_given(given: Iterable[str], **beside: Any) -> None:
+    """NoEffectError for the first given field of a spec that has no effect beside these values.
+
+    >>> check_given(["onset.rest_ms"], align="trial")
+    Traceback (most recent call last):
+    neurotact.effects.NoEffectError: `onset.rest_ms`: has no effect without `align='onset'`; give that, or leave it out
+    """
+    reasons = voids(**beside)
+    for name in given:
+        if name in reasons:
             raise NoEffectError(f"`{name}`: {reasons[name]}")
 
 

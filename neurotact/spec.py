@@ -10,10 +10,22 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import date, time
+from functools import wraps
+from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, dataclass_transform, get_args, get_origin
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    ParamSpec,
+    TypeVar,
+    dataclass_transform,
+    get_args,
+    get_origin,
+)
 
 from pydantic import (
     BaseModel,
@@ -59,7 +71,7 @@ class _InOurWords(type(BaseModel)):
             try:
                 return super().__call__(*args, **keys)
             except ValidationError as error:
-                raise InputError(f"{_explain(cls, error)} ({cls.__name__})") from error
+                raise InputError(f"{_explain(cls, error)} ({cls.public or cls.__name__})") from error
 
 
 class Spec(BaseModel, metaclass=_InOurWords):
@@ -74,6 +86,8 @@ class Spec(BaseModel, metaclass=_InOurWords):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
     folder: ClassVar[str] = ""
+    public: ClassVar[str] = ""
+    """The name of the spec in Python's front door, `nt`, if it has one of its own there."""
     decided: ClassVar[Mapping[str, str]] = {}
     """Dotted keys of a protocol's parameters that something else sets, and what sets them; setting or sweeping one is
     refused."""
@@ -87,6 +101,9 @@ class Spec(BaseModel, metaclass=_InOurWords):
         if not cls.gone or not isinstance(table, Mapping):
             return table
         return {key: value for key, value in table.items() if key not in cls.gone or value != cls.gone[key]}
+
+    def __repr_name__(self) -> str:
+        return self.public or type(self).__name__
 
     def __repr_args__(self) -> Iterator[tuple[str, Any]]:
         """The keys that differ from their defaults, which a short text of the spec needs.
@@ -111,6 +128,25 @@ class Spec(BaseModel, metaclass=_InOurWords):
         """Of a spec that stands for any one of several, those by their names; else empty."""
         return {}
 
+    def given(self) -> dict[str, Any]:
+        """The keys that it was made with, those in tables dotted.
+
+        >>> class Gain(Spec):
+        ...     gain: float = 1.0
+        ...     unit: str = "mV"
+        >>> Gain(unit="mV").given()
+        {'unit': 'mV'}
+        """
+        keys: dict[str, Any] = {}
+        for name in (name for name in type(self).model_fields if name in self.model_fields_set):
+            value = getattr(self, name)
+            inner = {f"{name}.{key}": each for key, each in value.given().items()} if isinstance(value, Spec) else {}
+            keys |= inner if isinstance(value, Spec) else {name: value}
+        return keys
+
+    def check_given(self) -> None:
+        """Refuse what has no effect, where a spec is an argument; a study may sweep what gives it one."""
+
     def digest(self) -> str:
         """Twelve hexadecimal digits that identify the content, independent of key order and comments.
 
@@ -123,14 +159,57 @@ class Spec(BaseModel, metaclass=_InOurWords):
 
 
 SpecT = TypeVar("SpecT", bound=Spec)
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 def _apart(names: Any) -> Any:
     return tuple(name.strip() for name in names.split(",")) if isinstance(names, str) else names
 
 
-Names = Annotated[tuple[str, ...], BeforeValidator(_apart)]
-"""Names, as a list or as one text with commas between them."""
+if TYPE_CHECKING:
+    Names = Any  # a checker must not refuse one text
+    OneOrMore = Sequence[str]
+else:
+    Names = Annotated[tuple[str, ...], BeforeValidator(_apart)]
+    OneOrMore = Annotated[tuple[str, ...], BeforeValidator(lambda name: (name,) if isinstance(name, str) else name)]
+"""Names, as a list or as one text: of one name, or with commas between several (`Names`)."""
+
+
+def chosen(how: str) -> dict[str, Any]:
+    """Of a field: what a command or a function takes where it is not given, in words, in place of its default."""
+    return {"chosen": how}
+
+
+def specs_of(function: Callable[..., Any]) -> dict[str, type[Spec]]:
+    """The parameters of a function that are specs of their own, such as `window`."""
+    kinds = {name: each.annotation for name, each in signature(function).parameters.items()}
+    return {name: kind for name, kind in kinds.items() if isinstance(kind, type) and issubclass(kind, Spec)}
+
+
+def takes_specs(function: Callable[P, R]) -> Callable[P, R]:
+    """A function that refuses fields of its specs beside them, other objects in their place, and void fields."""
+    names, kinds = [*signature(function).parameters], specs_of(function)
+
+    @wraps(function)
+    def checked(*args: P.args, **keywords: P.kwargs) -> R:
+        given = {**dict(zip(names, args, strict=False)), **keywords}
+        for name, kind in kinds.items():
+            public = kind.public or kind.__name__
+            for key in given.keys() - {*names}:
+                field = key.removeprefix(f"{name}_")
+                if field in kind.model_fields:
+                    raise InputError(
+                        f"{function.__name__}: `{key}` is a field of `{name}`: `{name}=nt.{public}({field}=...)`"
+                    )
+            value = given.get(name, kind)
+            if isinstance(value, kind):
+                value.check_given()
+            elif value is not kind:
+                raise InputError(f"{name}: must be an nt.{public}(...); got {type(value).__name__}")
+        return function(*args, **keywords)
+
+    return checked
 
 
 def digest(value: Any) -> str:

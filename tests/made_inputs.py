@@ -49,7 +49,7 @@ def _recorded_and_trained() -> None:
     nt.save(nt.encode(nt.load("touch.h5"), settings=ENCODER | {"sa1.t_ref_ms": 9}), "other-spikes.h5")
     nt.save(nt.encode(nt.load("slow.h5"), settings=ENCODER | {"conditioning.resample_Hz": 1000.0}), "slow-spikes.h5")
     for name, spikes in (("run", "spikes.h5"), ("slow-run", "slow-spikes.h5")):
-        nt.train(spikes, name, "rsnn", NETWORK, length_ms=50, start_ms=80, per_trial=2)
+        nt.train(spikes, name, "rsnn", NETWORK, window=nt.Window(length_ms=50, start_ms=80, per_trial=2))
 
 
 def _to_import() -> None:

@@ -5,6 +5,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -79,8 +80,8 @@ def test_encoding_warns_of_afferents_that_never_fire(touches):
 
 
 def test_train_does_what_the_command_line_does(saved, tmp_path):
-    given = {"length_ms": 100.0, "start_ms": 100.0, "per_trial": 2}
-    row = nt.train(saved, tmp_path / "mine", "rsnn", QUICK, **given)
+    window = nt.Window(length_ms=100.0, start_ms=100.0, per_trial=2)
+    row = nt.train(saved, tmp_path / "mine", "rsnn", QUICK, window=window)
     words = ["--window-ms", "100", "--start-ms", "100", "--per-trial", "2"]
     changes = [word for key, value in QUICK.items() for word in ("--set", f"{key}={value}")]
     command = ["train", str(saved), "--network", "rsnn", *words, *changes, "-o", str(tmp_path / "theirs")]
@@ -94,7 +95,7 @@ def test_train_does_what_the_command_line_does(saved, tmp_path):
 
 
 def test_the_command_line_prints_as_json_what_train_returns(saved, tmp_path):
-    row = nt.train(saved, tmp_path / "mine", "rsnn", QUICK, length_ms=100.0)
+    row = nt.train(saved, tmp_path / "mine", "rsnn", QUICK, window=nt.Window(length_ms=100.0))
     changes = [word for key, value in QUICK.items() for word in ("--set", f"{key}={value}")]
     command = ["train", str(saved), "--network", "rsnn", "--window-ms", "100", *changes, "--json"]
     done = typed(*command, "-o", tmp_path / "theirs")
@@ -103,7 +104,7 @@ def test_the_command_line_prints_as_json_what_train_returns(saved, tmp_path):
 
 
 def test_a_trained_network_decides_and_is_loaded(saved, spikes, tmp_path):
-    nt.train(saved, tmp_path / "run", "rsnn", QUICK, length_ms=100.0)
+    nt.train(saved, tmp_path / "run", "rsnn", QUICK, window=nt.Window(length_ms=100.0))
     table = nt.infer(tmp_path / "run", spikes, test_only=True)
     assert set(table["side"]) == {"test"}
     pd.testing.assert_frame_equal(nt.infer(tmp_path / "run", saved, test_only=True), table)
@@ -117,10 +118,11 @@ def test_a_trained_network_decides_and_is_loaded(saved, spikes, tmp_path):
 @pytest.mark.thorough
 def test_a_search_goes_on_where_it_was_and_leaves_what_the_command_leaves(saved, tmp_path):
     space = {"hidden": {"_type": "choice", "_value": [4, 5]}}
-    given = {"trials": 2, "length_ms": 100.0, "workers": 1, "settings": {"training.epochs": 1}}
-    found = nt.tune(saved, tmp_path / "mine", space, **given)
+    given: dict[str, Any] = {"workers": 1, "settings": {"training.epochs": 1}}
+    given |= {"window": nt.Window(length_ms=100.0), "search": nt.Search(space=space, trials=2)}
+    found = nt.tune(saved, tmp_path / "mine", **given)
     assert len(found) == 2
-    pd.testing.assert_frame_equal(nt.tune(saved, tmp_path / "mine", space, **given), found)
+    pd.testing.assert_frame_equal(nt.tune(saved, tmp_path / "mine", **given), found)
     (tmp_path / "space.toml").write_text(to_toml(space))
     words = ["--trials", "2", "--window-ms", "100", "--workers", "1", "--set", "training.epochs=1"]
     command = ["tune", str(saved), "--space", str(tmp_path / "space.toml"), *words, "-o", str(tmp_path / "theirs")]
@@ -246,7 +248,14 @@ def test_calibrate_compares_baselines_if_asked(of_two):
 def test_a_condition_is_tested_alike_from_python_and_the_command_line(saved, tmp_path):
     """All trials at one force are tested, no other is, and the network remembers them as its test trials."""
     force = sorted(nt.load(saved).conditions["force_N"].unique())[-1]
-    nt.train(saved, tmp_path / "mine", "rsnn", QUICK, test_where={"force_N": force}, align="onset")
+    nt.train(
+        saved,
+        tmp_path / "mine",
+        "rsnn",
+        QUICK,
+        window=nt.Window(align="onset"),
+        split=nt.Split(test_where={"force_N": force}),
+    )
     changes = [word for key, value in QUICK.items() for word in ("--set", f"{key}={value}")]
     command = ["train", str(saved), "--network", "rsnn", *changes, "-o", str(tmp_path / "theirs")]
     where = ["--test-where", f"force_N={force}", "--align", "onset"]
@@ -271,6 +280,6 @@ def test_gains_know_nothing_of_the_condition_that_is_tested(touches):
     other = nt.Recordings(wild, touches.sampling_rate_Hz, touches.unit, table, touches.channels)
     where = {"force_N": force}
     changes = {"conditioning.baseline": "start"}
-    mine, theirs = (nt.calibrate(each, settings=changes, test_where=where) for each in (touches, other))
+    mine, theirs = (nt.calibrate(each, settings=changes, split=nt.Split(test_where=where)) for each in (touches, other))
     assert mine == theirs
     assert nt.calibrate(other, settings=changes) != nt.calibrate(touches, settings=changes)

@@ -948,10 +948,10 @@ def test_recordings_of_other_trials_are_not_drawn(refused, made, tmp_path):
     [
         (("--window-ms", 1000), ("lasts 0.300 s, less than the 1.000 s", "shorten the window")),
         (("--window-ms", 0.1), ("window.length_ms: 0.1 ms is less than one step", "in milliseconds, not in seconds")),
-        (("--window-ms", -5), ("window.length_ms: must be > 0; got -5",)),
+        (("--window-ms", -5), ("--window-ms: must be > 0; got -5",)),
         (("--window-ms", 150, "--start-ms", 290), ("lasts 0.300 s, less than the 0.440 s of start_ms + length_ms",)),
         (("--start-ms", 300), ("window.start_ms: trial 0 lasts 300 ms, so no window can start at 300 ms",)),
-        (("--per-trial", 0), ("window.per_trial: must be >= 1; got 0",)),
+        (("--per-trial", 0), ("'--per-trial': Input should be greater than or equal to 1",)),
         (("--exit-tolerance", -1), ("exit_tolerance: must be >= 0; got -1",)),
         (("--tolerance", "nan"), ("exit_tolerance: must be a finite number",)),
         (("--set", "readout=count", "--set", "readout_tau_ms=0"), ("readout_tau_ms: must be > 0",)),

@@ -46,7 +46,7 @@ SMALLER = {
     "docs/contact-materials-simulator.md": {"trials=2": "trials=1"},
     "docs/devices.md": {'nt.Stream("run")': "nt.Stream(chain, length_ms=5)"},
     "docs/gratings-simulator.md": {"trials=10": "trials=1, duration_s=0.3"},
-    "docs/splits.md": {'"run", group': '"run", settings={"training.epochs": 1}, group'},
+    "docs/splits.md": {'"run", split': '"run", settings={"training.epochs": 1}, split'},
     "docs/stiffness-simulator.md": {"grasps=5": "grasps=1"},
     "docs/touch-modality-simulator.md": {"people=10": "people=1", "TouchModalitySpec()": "TouchModalitySpec(people=1)"},
 }

@@ -4,6 +4,7 @@ A way is a command on small inputs. For each option the table holds words that c
 that only hold the settings do not count), or words that are refused: exit code 2, and one line that names the option.
 """
 
+import ast
 import inspect
 import re
 import shlex
@@ -23,12 +24,16 @@ from typer.main import get_group
 
 import neurotact as nt
 from neurotact import cli
+from neurotact.api import encoding
 from neurotact.cli import words
+from neurotact.cli.options import fields_of, name_of
 from neurotact.networks.definition.specs import given_keys
-from neurotact.networks.training import train_run
+from neurotact.networks.training import tasks
+from neurotact.spec import specs_of
 from neurotact.studies import loading, study
 
 ROOT = Path(__file__).parents[1]
+PACKAGE = Path(nt.__file__).parent
 SETTINGS = ("train.toml", "search.json", "study.toml", "best.toml")
 TIMES = re.compile(r"\d+(\.\d+)? s\b")
 TWICE = "twice"
@@ -127,8 +132,8 @@ OF_NIR = {
 MOVED = "tests/data/test_encoded_from.py"
 STUDY = "tests/studies/test_interrupted.py"
 SPLITS = "tests/of_studies/comparison/test_own_set.py"
-SHARES = ("validation", "test", "nested")
-"""Keywords of Python alone, of a split."""
+WINDOW, SPLIT = fields_of("window", nt.Window, in_python=True), fields_of("split", nt.Split, in_python=True)
+"""The fields of windows and of splits, by their paths."""
 
 WAYS = {
     "list": [Way("list")],
@@ -862,7 +867,10 @@ FITTED = "tests/networks/test_fitted.py"
 ELSEWHERE = {
     **dict.fromkeys(("encode.progress", "simulate.progress", "infer.test_only", "to_nwb.force"), HERE),
     **dict.fromkeys(("from_neo.leave_out", "from_nir.backend"), HERE),
-    **dict.fromkeys((f"{name}.{key}" for name in ("calibrate", "train", "tune") for key in SHARES), HERE),
+    **dict.fromkeys((f"{name}.{key}" for name in ("train", "tune", "conditions_curve", "run_study", "calibrate")
+        for key in (*WINDOW, *SPLIT)), HERE),
+    "windows.window.onset.bin_ms": "tests/data/test_contact.py",
+    "tune.search.first": "tests/networks/test_tuning.py",
     **dict.fromkeys(("export_c.early_exit", "stream.early_exit", "live.early_exit"), "tests/stream/test_stream_cli.py"),
     "to_snntorch.time_first": FITTED,
     **dict.fromkeys(("save.force", "save_network.force"), API),
@@ -894,11 +902,20 @@ def test_an_option_is_a_keyword_with_its_default():
         for option in COMMANDS[command].params:
             if option.name in OF_COMMANDS or (option.name in SAVED and not any("out" in each for each in keywords)):
                 continue
+            if option.name in {path for name in names for path in fields(name)}:
+                assert option.default is None, f"{command}: {option.name}"  # the spec has the default
+                continue
             defaults = [each[option.name].default for each in keywords if option.name in each]
             assert defaults, f"{command}: {option.name}"
             given = option.default
             is_same = any(given == default or (no_value(given) and no_value(default)) for default in defaults)
             assert is_same or option.required or (command == "export" and given is None), f"{command}: {option.name}"
+
+
+def fields(name: str) -> dict[str, str]:
+    """The fields of the specs that a function takes: the path of each, by the name of its option."""
+    specs = specs_of(getattr(nt, name))
+    return {name_of(path): path for key, kind in specs.items() for path in fields_of(key, kind, in_python=True)}
 
 
 def test_a_public_function_names_all_its_keywords():
@@ -916,27 +933,34 @@ def test_every_keyword_of_every_function_is_in_a_table():
     absent = []
     for name in FUNCTIONS:
         options = options_of(AS_COMMAND[name]) if name in AS_COMMAND else set()
-        for keyword in inspect.signature(getattr(nt, name)).parameters:
+        plain = {
+            key: key
+            for key in inspect.signature(getattr(nt, name)).parameters
+            if key not in ("window", "split", "search")
+        }
+        for keyword, path in {**plain, **fields(name)}.items():
             option = NAMES.get(keyword, "--" + keyword.replace("_", "-"))
-            if option not in options and keyword not in INPUTS and f"{name}.{keyword}" not in ELSEWHERE:
-                absent.append(f"{name}.{keyword}")
+            if option not in options and keyword not in INPUTS and f"{name}.{path}" not in ELSEWHERE:
+                absent.append(f"{name}.{path}")
     assert absent == []
 
 
 def test_the_tests_of_keywords_name_them():
-    assert [name for name, path in ELSEWHERE.items() if name.partition(".")[2] not in (ROOT / path).read_text()] == []
+    assert [name for name, path in ELSEWHERE.items() if name.rpartition(".")[2] not in (ROOT / path).read_text()] == []
 
 
 NO_EFFECT = {
     "train": [
-        {"rest_ms": 20},
-        {"onset_deviations": 3},
-        {"split_seed": 0, "order": "trial"},
-        {"fold": 0},
-        {"nested": False},
-        {"test": 0.2, "folds": 3},
-        {"test": 0.2, "test_where": {"speed": 450}},
-        {"stratify": ["speed"], "test_where": {"day": 0}},
+        {"window": nt.Window(onset=nt.Onset(rest_ms=20))},
+        {"window": nt.Window(onset=nt.Onset(deviations=3))},
+        {"split": nt.Split(seed=0, order="trial")},
+        {"split": nt.Split(fold=0)},
+        {"split": nt.Split(nested=False)},
+        {"split": nt.Split(test=0.2, folds=3)},
+        {"split": nt.Split(test=0.2, test_where={"speed": 450})},
+        {"split": nt.Split(test=0.2, leave_out_each="speed")},
+        {"split": nt.Split(leave_aside=True, test_where={"speed": 450})},
+        {"split": nt.Split(stratify="speed", test_where={"day": 0})},
         {"settings": {"model": "snn", "recurrent_weight_scale": 0.1}},
         {"settings": {"model": "snn", "recurrent_delay_steps": 0}},
         {"settings": {"readout": "integrator", "readout_surrogate_scale": 3.0}},
@@ -946,9 +970,11 @@ NO_EFFECT = {
         {"network": nt.RSNNSpec(model="snn", recurrent_weight_scale=0.3)},
     ],
     "tune": [
-        {"sops_weight": 0.1},
-        {"start_epoch": 10, "assessor": "none"},
-        {"rest_ms": 20},
+        {"search": nt.Search(sops_weight=0.1)},
+        {"search": nt.Search(start_epoch=10, assessor="none")},
+        {"window": nt.Window(onset=nt.Onset(rest_ms=20))},
+        {"split": nt.Split(repeats=2)},
+        {"split": nt.Split(leave_out_each="speed")},
         {"settings": {"training.readout_dropout": 0.1}},
     ],
     "export_c": [
@@ -973,7 +999,7 @@ FIRST = {"train": "spikes.h5", "tune": "spikes.h5", "export_c": "run", "fine_tun
     [pytest.param(name, each, id=f"{name} {each}") for name in NO_EFFECT for each in NO_EFFECT[name]],
 )
 def test_a_keyword_without_effect_is_refused(name, keywords, inputs, tmp_path):
-    usual = {"network": "rsnn", "length_ms": 40, "start_ms": 80} if name in ("train", "tune") else {}
+    usual = {"network": "rsnn", "window": nt.Window(length_ms=40, start_ms=80)} if name in ("train", "tune") else {}
     with pytest.raises(nt.InputError, match="has no effect"):
         getattr(nt, name)(inputs / FIRST[name], tmp_path / "out", **usual | keywords)
     assert not any((tmp_path / "out").rglob("*")) if (tmp_path / "out").is_dir() else True
@@ -1113,7 +1139,7 @@ def test_a_swept_key_is_refused_only_if_no_cell_uses_it(inputs):
 def test_a_key_of_a_file_that_has_no_effect_there_is_refused(inputs, tmp_path):
     (tmp_path / "mine.toml").write_text('model = "snn"\nrecurrent_weight_scale = 0.3\n')
     with pytest.raises(nt.InputError, match="recurrent_weight_scale: has no effect"):
-        nt.train(inputs / "spikes.h5", tmp_path / "run", tmp_path / "mine.toml", length_ms=40)
+        nt.train(inputs / "spikes.h5", tmp_path / "run", tmp_path / "mine.toml", window=nt.Window(length_ms=40))
 
 
 @pytest.mark.parametrize("name", ["rsnn", "snn", "default"])
@@ -1122,18 +1148,109 @@ def test_a_shipped_network_is_not_refused_for_another_model(name):
 
 
 class AskedError(Exception):
-    """Carries the task of a training out of it."""
+    """Carries what is asked for out of a function."""
 
 
-def test_keywords_of_a_split_that_no_option_has(inputs, tmp_path, monkeypatch):
-    def ask(_spikes: Path, _folder: Path, _network: Any, task: Any, **_options: Any) -> None:
-        raise AskedError(task.split)
+def ask(*given: Any, **options: Any) -> None:
+    raise AskedError(given, options)
 
-    monkeypatch.setattr(train_run, "run", ask)
-    for beside in ({"validation": 0.3}, {"test": 0.3}, {"nested": False, "test_where": {"day": 0}}):
-        with pytest.raises(AskedError) as asked:
-            nt.train(inputs / "spikes.h5", tmp_path, length_ms=40, start_ms=80, **beside)
-        assert all(getattr(asked.value.args[0], key) == value for key, value in beside.items())
+
+WHOLE = nt.Window(
+    length_ms=41, start_ms=3, hop_ms=7, per_trial=2, align="onset", onset=nt.Onset(rest_ms=9, bin_ms=4, deviations=2)
+)
+SPLITS_OF = [
+    nt.Split(validation=0.3, test=0.2, seed=4, group="day", stratify="speed"),
+    nt.Split(test_where={"day": 0, "speed": 450}, leave_aside=True, nested=False),
+    nt.Split(order="trial"),
+    nt.Split(folds=3, fold=2),
+]
+TURNS = [
+    (nt.Split(repeats=2, seed=3), {"sweep.split.seed": [3, 4]}),
+    (nt.Split(folds=3), {"sweep.split.fold": [0, 1, 2]}),
+    (nt.Split(folds=3, fold=1), {}),
+]
+"""Divisions that have turns, or might, and the sweep of a study for them."""
+
+
+def test_every_field_of_a_window_and_of_a_split_is_given():
+    every = (*SPLITS_OF, nt.Split(repeats=2), nt.Split(leave_out_each="day"))
+    assert {f"window.{key}" for key in WHOLE.given()} == {*WINDOW}
+    assert {f"split.{key}" for split in every for key in split.given()} == {*SPLIT}
+
+
+@pytest.mark.parametrize("split", SPLITS_OF, ids=repr)
+@pytest.mark.parametrize("name", ["train", "tune", "conditions_curve"])
+def test_every_field_of_a_spec_reaches_the_task(name, split, monkeypatch):
+    monkeypatch.setattr(tasks, "load_spikes", ask)
+    more: dict[str, Any] = {} if name == "conditions_curve" else {"split": split}
+    with pytest.raises(AskedError) as asked:
+        getattr(nt, name)("spikes.h5", "there", window=WHOLE, **more)
+    task = asked.value.args[0][1]
+    assert task.window == WHOLE
+    if more:
+        assert task.split.model_dump() == split.one.model_dump()
+        assert task.stratify == split.stratify
+
+
+@pytest.mark.parametrize(("split", "sweep"), [*((split, {}) for split in SPLITS_OF), *TURNS], ids=repr)
+def test_every_field_of_a_spec_reaches_the_study(split, sweep, monkeypatch):
+    monkeypatch.setattr(loading, "resolve", ask)
+    with pytest.raises(AskedError) as asked:
+        nt.run_study("own-recordings", "there", window=WHOLE, split=split)
+    given = {key: value for key, value in split.given().items() if key not in ("repeats", "stratify")}
+    expected = {f"window.{key}": value for key, value in WHOLE.given().items()}
+    expected |= {f"split.{key}": value for key, value in given.items()} | sweep
+    assert asked.value.args[0][1] == expected | ({"dataset.stratify": ("speed",)} if split.stratify else {})
+
+
+@pytest.mark.parametrize("split", SPLITS_OF, ids=repr)
+def test_every_field_of_a_split_reaches_the_fit_of_an_encoder(split, inputs, monkeypatch):
+    monkeypatch.setattr(encoding, "training_touches", ask)
+    monkeypatch.setattr(encoding, "check_stratify", lambda *given: None)
+    with pytest.raises(AskedError) as asked:
+        nt.calibrate(inputs / "touch.h5", split=split)
+    assert asked.value.args[0][1:] == (split.stratify, split.one)
+
+
+@pytest.mark.parametrize("split", [nt.Split(repeats=2), nt.Split(leave_out_each="speed")], ids=repr)
+def test_a_split_with_turns_is_refused_where_trials_are_divided_once(split, inputs):
+    spikes = nt.load_spikes(inputs / "spikes.h5")
+    for call in (
+        lambda: nt.calibrate(inputs / "touch.h5", split=split),
+        lambda: nt.windows(spikes, nt.Window(length_ms=40)).split(split),
+    ):
+        with pytest.raises(nt.InputError, match="has no effect"):
+            call()
+
+
+@pytest.mark.parametrize(
+    ("keywords", "said"),
+    [
+        ({"length_ms": 40}, "`length_ms` is a field of `window`: `window=nt.Window(length_ms=...)`"),
+        ({"split_seed": 3}, "`split_seed` is a field of `split`: `split=nt.Split(seed=...)`"),
+        ({"window": 40}, "window: must be an nt.Window(...); got int"),
+        ({"split": nt.Window()}, "split: must be an nt.Split(...); got WindowSpec"),
+    ],
+)
+def test_a_field_outside_of_its_spec_is_refused_with_its_place(keywords, said):
+    with pytest.raises(nt.InputError, match=re.escape(said)):
+        nt.train("spikes.h5", "run", **keywords)
+
+
+MOST_PARAMETERS = 16
+LARGER = {"recordings.py", "deploy.py", "deployment.py", "live.py"}
+"""Modules whose functions still take more."""
+
+
+def test_no_function_takes_too_many_parameters():
+    many = []
+    for path in (path for path in sorted(PACKAGE.rglob("*.py")) if path.name not in LARGER):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                names = [each.arg for each in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
+                if len([name for name in names if name not in ("self", "cls")]) > MOST_PARAMETERS:
+                    many.append(f"{path}: {node.name}")
+    assert many == []
 
 
 def test_keywords_that_no_option_has(inputs):

@@ -12,12 +12,14 @@ from typer.main import get_command
 import neurotact as nt
 from neurotact.cli import words
 from neurotact.cli.commands import app
+from neurotact.cli.options import fields_of, name_of
+from neurotact.spec import specs_of
 
 PACKAGE = Path(nt.__file__).parent
 PUBLIC = vars(nt)["__all__"]
 ALONE = {"to"}
 """Parameters of a command alone: the target of `export`."""
-OTHERS = {"published", "honest", "paper", "skipped", "afferents", "accuracy_class_means", "task", "X"}
+OTHERS = {"published", "honest", "paper", "skipped", "afferents", "accuracy_class_means", "task", "T", "X"}
 """Names in backquotes that are no parameters: ways and columns of protocols, and the place of a name."""
 
 
@@ -40,9 +42,10 @@ def parameters() -> Iterator[str]:
                 yield from inspect.signature(getattr(found, method)).parameters
         elif callable(found):
             yield from inspect.signature(found).parameters
+            yield from (path for name, kind in specs_of(found).items() for path in fields_of(name, kind))
 
 
-KEYWORDS = {*parameters()} | ALONE | OTHERS
+KEYWORDS = {*map(name_of, parameters())} | ALONE | OTHERS
 
 
 def messages(path: Path) -> Iterator[str]:
@@ -67,10 +70,11 @@ def test_a_name_in_backquotes_is_a_parameter_of_a_command_and_of_python():
             if call:
                 assert call[1] in PUBLIC, f"{path}: {mark}"
             else:
-                name = re.match(r"\w+", mark)
-                assert name, f"{path}: {mark}"
-                assert name[0] in KEYWORDS, f"{path}: {mark}"
-                assert name[0] in PARAMETERS | OTHERS | {words.LEFT_OUT}, f"{path}: {mark}"
+                call = re.sub(r"(?<==)(X|%g|\{.*\})|\{.*?\}", "0", f"f({mark})")
+                names = words.given_in(call) or [(re.match(r"\w*", mark)[0], True)]  # pyright: ignore
+                for name, _ in names:
+                    assert name in KEYWORDS, f"{path}: {mark}"
+                    assert name in PARAMETERS | OTHERS | {words.LEFT_OUT}, f"{path}: {mark}"
 
 
 @pytest.mark.parametrize(
@@ -82,6 +86,10 @@ def test_a_name_in_backquotes_is_a_parameter_of_a_command_and_of_python():
         ("import nwb", "with `leave_out_units={'name': 'unit 3'}`", "with --units 'name!=unit 3'"),
         ("import folder", "pass `decimal=','` or points", "pass --decimal , or points"),
         ("train", "a longer window (`length_ms`)", "a longer window (--window-ms)"),
+        ("train", "`split.seed`: or `onset.rest_ms`", "--split-seed: or --rest-ms"),
+        ("train", "`window=nt.Window(onset=nt.Onset(deviations=4))`", "--onset-deviations 4"),
+        ("info", "`nt.train(..., window=nt.Window(start_ms=...))`", "neurotact train ... --start-ms ..."),
+        ("tune", "`nt.train(..., split=nt.Split(seed=3, repeats=5))`", "neurotact train ... --split-seed 3 --repeats 5"),  # noqa: E501
         ("train", "`settings={'hidden': 64}`, `force=True`", "--set hidden=64, --force"),
         ("study report", "`settings={'window.length_ms': ...}` changes it", "--set window.length_ms=... changes it"),
         ("export", "again: `nt.train(..., settings={'reset': 'hard'})`", "again: neurotact train ... --set reset=hard"),

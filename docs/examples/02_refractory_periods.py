@@ -30,7 +30,9 @@ operations: list[float] = []
 accuracies: list[float] = []
 for t_ref_ms in periods_ms:
     spikes = nt.encode(touches, "sa1-ra1-lif", {"sa1.t_ref_ms": t_ref_ms, "ra1.t_ref_ms": t_ref_ms})
-    train, validation, test = nt.windows(spikes, length_ms=150, start_ms=150).split(seed=0, test=0.3)
+    train, validation, test = nt.windows(spikes, nt.Window(length_ms=150, start_ms=150)).split(
+        nt.Split(seed=0, test=0.3)
+    )
     network = nt.SpikingClassifier(hidden=20, epochs=10, random_state=0)
     network.fit(train.X, train.y, validation=(validation.X, validation.y))
     sent.append(float(test.X.sum(axis=(1, 2)).mean()))

@@ -43,7 +43,10 @@ figure = nt.plot_raster(spikes, trial=0, recordings=touches)
 
 nt.save(spikes, folder / "spikes.h5")
 found = nt.train(
-    folder / "spikes.h5", folder / "run", settings={"training.epochs": 10}, length_ms=400, start_ms=100
+    folder / "spikes.h5",
+    folder / "run",
+    settings={"training.epochs": 10},
+    window=nt.Window(length_ms=400, start_ms=100),
 )
 print(f"accuracy {found['accuracy_test']:.0%} (95 %: {found['low']:.0%} to {found['high']:.0%})")
 print(f"best of eight others, {found['baseline']}: {found['baseline_accuracy']:.0%}")

@@ -37,7 +37,9 @@ figure = nt.plot_raster(spikes, trial=0)
 # %%
 # From here on nothing differs from encoded signals: windows, a network, its decisions and their cost.
 
-train, validation, test = nt.windows(spikes, length_ms=300, start_ms=50).split(seed=0, test=0.3)
+train, validation, test = nt.windows(spikes, nt.Window(length_ms=300, start_ms=50)).split(
+    nt.Split(seed=0, test=0.3)
+)
 network = nt.SpikingClassifier(hidden=20, epochs=15, random_state=0)
 network.fit(train.X, train.y, validation=(validation.X, validation.y))
 print(f"accuracy {network.score(test.X, test.y):.0%}")

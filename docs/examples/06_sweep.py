@@ -26,8 +26,8 @@ spikes = nt.encode(touches)
 
 rows: list[dict[str, float]] = []
 for length_ms in (50, 100, 200):
-    data = nt.windows(spikes, length_ms=length_ms, start_ms=200, per_trial=1)
-    train, validation, test = data.split(seed=1, test=0.3)
+    data = nt.windows(spikes, nt.Window(length_ms=length_ms, start_ms=200, per_trial=1))
+    train, validation, test = data.split(nt.Split(seed=1, test=0.3))
     for hidden in (5, 15, 45):
         network = nt.SpikingClassifier(hidden=hidden, epochs=10, random_state=0)
         network.fit(train.X, train.y, validation=(validation.X, validation.y))

@@ -32,10 +32,14 @@ space = {
     "tau_mem_ms": {"_type": "loguniform", "_value": [3, 60]},
     "model": {"_type": "choice", "_value": ["snn", "rsnn"]},
 }
+search, window = (
+    nt.Search(space=space, trials=12, max_sops=3000),
+    nt.Window(length_ms=150, start_ms=100),
+)
+settings = {"training.epochs": 8}
 trials = nt.tune(
-    folder / "spikes.h5", folder / "search", space, settings={"training.epochs": 8}, trials=12, max_sops=3000,
-    length_ms=150, start_ms=100, workers=1,
-)  # fmt: skip
+    folder / "spikes.h5", folder / "search", settings=settings, search=search, window=window, workers=1
+)
 trials.head()
 
 # %%

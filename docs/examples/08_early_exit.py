@@ -19,8 +19,8 @@ touches = nt.simulate(
     speeds_mm_per_s=[8.6],
     duration_s=0.6,
 )
-data = nt.windows(nt.encode(touches), length_ms=300, start_ms=150)
-train, validation, test = data.split(seed=0, validation=0.4, test=0.3)
+data = nt.windows(nt.encode(touches), nt.Window(length_ms=300, start_ms=150))
+train, validation, test = data.split(nt.Split(seed=0, validation=0.4, test=0.3))
 
 # %%
 # `exit_tolerance` is the accuracy that may be lost. `bound` is the most that validation windows leave possible.

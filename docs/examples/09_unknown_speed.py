@@ -18,7 +18,7 @@ touches = nt.simulate(
     speeds_mm_per_s=[4.3, 8.6, 12.9],
     duration_s=0.6,
 )
-data = nt.windows(nt.encode(touches), length_ms=300, start_ms=200, per_trial=1)
+data = nt.windows(nt.encode(touches), nt.Window(length_ms=300, start_ms=200, per_trial=1))
 touches.conditions.head(3)
 
 
@@ -29,7 +29,11 @@ touches.conditions.head(3)
 def accuracy(speed_mm_per_s: float | None) -> float:
     """Test accuracy on a random share of the trials, or on one speed that was left out of training."""
     left_out = None if speed_mm_per_s is None else {"speed_mm_per_s": speed_mm_per_s}
-    sides = data.split(seed=0, test=0.3) if left_out is None else data.split(test_where=left_out)
+    sides = (
+        data.split(nt.Split(seed=0, test=0.3))
+        if left_out is None
+        else data.split(nt.Split(test_where=left_out))
+    )
     network = nt.SpikingClassifier(hidden=30, epochs=25, random_state=0)
     network.fit(sides.train.X, sides.train.y, validation=(sides.validation.X, sides.validation.y))
     return float(network.score(sides.test.X, sides.test.y))

@@ -15,7 +15,7 @@ import neurotact as nt
 touches = nt.simulate(
     "gratings", trials=10, pitches_mm=[4.0, 1.0], forces_N=[12.0], speeds_mm_per_s=[8.6], duration_s=0.4
 )
-data = nt.windows(nt.encode(touches), length_ms=150, start_ms=100, per_trial=1)
+data = nt.windows(nt.encode(touches), nt.Window(length_ms=150, start_ms=100, per_trial=1))
 network = nt.SpikingClassifier(hidden=20, epochs=10, random_state=0).fit(data.X, data.y)
 
 # %%

@@ -25,7 +25,9 @@ touches = nt.simulate(
 ledgers = {}
 for t_ref_ms in (1.0, 5.0, 20.0):
     spikes = nt.encode(touches, settings={"sa1.t_ref_ms": t_ref_ms, "ra1.t_ref_ms": t_ref_ms})
-    train, validation, test = nt.windows(spikes, length_ms=200, start_ms=150).split(seed=0, test=0.3)
+    train, validation, test = nt.windows(spikes, nt.Window(length_ms=200, start_ms=150)).split(
+        nt.Split(seed=0, test=0.3)
+    )
     network = nt.SpikingClassifier(hidden=20, epochs=10, exit_tolerance=0.05, random_state=0)
     network.fit(train.X, train.y, validation=(validation.X, validation.y))
     ledgers[f"{t_ref_ms:g} ms"] = network.costs(test.X)

@@ -45,13 +45,14 @@ SUBJECTS = {
         "Windows and splits",
         "Windows of spikes as an array `(window, time, afferent)` of 0 and 1, with classes `(window,)` and trials "
         "`(window,)`, divided so that no trial is on two sides. Lengths are in ms.",
-        "windows WindowedSpikes SpikeArray",
+        "windows Window Onset Split WindowedSpikes SpikeArray",
     ),
     "networks": Subject(
         "Networks",
         "Spiking networks, trained on windows `(window, time, afferent)`: as a scikit-learn estimator, from files into "
         "a run folder, or as a `torch.nn.Module`. Time constants are in ms.",
-        "SpikingClassifier train conditions_curve tune result RSNN RSNNSpec TrainingSpec save_network load_network",
+        "SpikingClassifier train conditions_curve tune Search result RSNN RSNNSpec TrainingSpec save_network "
+        "load_network",
     ),
     "decisions": Subject(
         "Decisions and their cost",

@@ -14,17 +14,6 @@ Conditions = Mapping[str, Any]
 """Conditions of trials with one or several values each, such as `{"speed": 300, "force_N": [3, 6]}`."""
 LeftOut = str | Sequence[str] | Mapping[str, Any] | None
 """Trials to leave out: by conditions, such as `{"material": "wood"}`, or by class, such as "rest,moving"."""
-Columns = str | Sequence[str]
-"""The name of one condition, or the names of several."""
-
-
-def columns_of(names: Columns | None) -> list[str]:
-    """The names of conditions; none for None.
-
-    >>> columns_of("speed"), columns_of(("speed", "force_N")), columns_of(None)
-    (['speed'], ['speed', 'force_N'], [])
-    """
-    return [names] if isinstance(names, str) else [*(names or ())]
 
 
 def check_text(name: str, value: object) -> str:

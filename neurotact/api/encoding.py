@@ -2,7 +2,7 @@
 
 import logging
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from time import perf_counter
@@ -19,7 +19,7 @@ from neurotact.data.digests import recorded_trials
 from neurotact.data.nwb_output import to_nwb
 from neurotact.data.recordings import Recordings, Trials
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import SplitSpec, check_stratify, split_table, training_touches
+from neurotact.data.splits import Splits, check_stratify, training_touches
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.encoders import alternatives, calibration, firing, specs, survival
 from neurotact.encoders.encoding import Encoded, encode_recordings
@@ -35,6 +35,7 @@ from neurotact.figures.style import save as save_figure
 from neurotact.figures.survival import draw_survival
 from neurotact.progress import Advance, track
 from neurotact.progress import silent as silently
+from neurotact.spec import takes_specs
 
 log = logging.getLogger("neurotact")
 
@@ -135,23 +136,15 @@ def _augmentation(kind: str | None, copies: int | None) -> AugmentationSpec | No
     return spec.build(AugmentationSpec, table, source="`augmentation`")
 
 
+@takes_specs
 def calibrate(
     recordings: Recordings | str | Path,
     encoder: str | Path | EncoderSpec = "sa1-ra1-lif",
     settings: Settings | None = None,
     *,
-    split_seed: int | None = None,
-    stratify: Sequence[str] = (),
+    split: Splits = Splits(),
     where: Conditions | None = None,
     leave_out: LeftOut = None,
-    test_where: Conditions | None = None,
-    group: str | Sequence[str] = (),
-    order: str | None = None,
-    folds: int | None = None,
-    fold: int | None = None,
-    validation: float | None = None,
-    test: float | None = None,
-    nested: bool | None = None,
     compare: bool = False,
     rest_ms: float = firing.REST_MS,
     out: str | Path | None = None,
@@ -166,8 +159,7 @@ def calibrate(
     settings: changes of the encoder, dotted keys. A baseline that knows the whole trial gives way to one that knows the
         past alone, and a moving average is chosen, unless `settings` name `conditioning.baseline` and
         `conditioning.ema_cutoff_Hz`.
-    split_seed, stratify, test_where, group, order, folds, fold, validation, test, nested: how trials are divided, as
-        for `train`; the gains know nothing of its validation and test trials.
+    split: how trials are divided, as for `train`; the gains know nothing of its validation and test trials.
     where, leave_out: the trials that are divided, as of `read`.
     compare: try every baseline and polarity, and use the best that knows the past alone.
     rest_ms: length of the rest at the start of each trial; afferents that fire in it are named in a line.
@@ -182,19 +174,18 @@ def calibrate(
     """
     began = perf_counter()
     _check_outputs([Path(file) for file in (out, figure, survives) if file], force, _paths(recordings, encoder))
-    split_keys = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
+    split.check_single("calibrate")
     start = specs.resolve(encoder, settings)
     rule = CalibrationRule()
-    fit, times = calibration.calibration_for(start, settings or {}, apart=tuple(test_where or {}))
+    fit, times = calibration.calibration_for(start, settings or {}, apart=tuple(split.test_where))
     if compare:
         spec.refuse(settings or {}, alternatives.COMPARED)
     n_steps = alternatives.n_steps(rule) if compare else times * rule.candidates
     with _opened(recordings) as (stored, is_file), _tracked("calibrate", n_steps if is_file else 0) as advance:
         source = stored.source or "recordings"
         data = chosen_trials(stored, TrialChoice.of(where, leave_out), source)
-        split = spec.build(SplitSpec, split_keys, source="calibrate")
-        check_stratify(data.conditions, stratify, split)
-        training = data.select(training_touches(data, stratify, split))
+        check_stratify(data.conditions, split.stratify, split.one)
+        training = data.select(training_touches(data, split.stratify, split.one))
         compared = alternatives.compare(training, start, advance, rule) if compare else None
         calibrated = fit(training, start, advance, rule) if compared is None else compared.best
         at_rest = firing.resting_table(training, calibrated.encoder, rest_ms)

@@ -1,6 +1,5 @@
 """Networks: train one, search one, decide with one, count what it costs."""
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,13 +7,11 @@ import pandas as pd
 
 from neurotact import effects, files, spec
 from neurotact.api.arguments import (
-    Columns,
     Conditions,
     LeftOut,
     Settings,
     Tell,
     check_instance,
-    columns_of,
     path_of,
     silent,
 )  # fmt: skip
@@ -23,10 +20,10 @@ from neurotact.data.augmentation import NONE
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import check_each, check_one_way, split_table
+from neurotact.data.splits import Splits, check_each
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.window_choice import ARGUMENTS
-from neurotact.data.windows import Align, window_table
+from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
 from neurotact.figures.conditions_curve import draw_conditions_curve
 from neurotact.figures.search import save_found
@@ -37,7 +34,9 @@ from neurotact.networks.definition import recipe
 from neurotact.networks.definition.kernels import device_of
 from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.specs import RSNNSpec, given_keys
-from neurotact.networks.search import journal, search, search_tables
+from neurotact.networks.search import journal, search_tables
+from neurotact.networks.search import search as searching
+from neurotact.networks.search.tuning import SearchSpec
 from neurotact.networks.training import cautions, checkpoint, repeated, tasks, train_run, trained
 from neurotact.networks.training import conditions_curve as curves
 from neurotact.networks.training.balancing import Balance
@@ -48,6 +47,7 @@ from neurotact.networks.training.train_run import Interrupted as Interrupted
 from neurotact.networks.use import fitted, inference, ledger
 from neurotact.networks.use.fitted import Fitted
 from neurotact.progress import track
+from neurotact.spec import takes_specs
 from neurotact.tables import write_table
 
 REPEATED = ["folder", "accuracy_validation", "accuracy_test", "baseline", "sops_total", "exit_steps"]
@@ -55,33 +55,17 @@ COSTS = ["name", "macs", "acs", "parameters", "signal_ms", "energy_estimate_nJ",
 """The columns of tables that are told; the files hold all of them."""
 
 
+@takes_specs
 def train(
     spikes: str | Path,
     folder: str | Path,
     network: str | Path | RSNNSpec = "default",
     settings: Settings | None = None,
     *,
-    length_ms: float | None = None,
-    start_ms: float | None = None,
-    hop_ms: float | None = None,
-    per_trial: int | None = None,
-    align: Align = "trial",
-    rest_ms: float | None = None,
-    onset_deviations: float | None = None,
+    window: WindowSpec = WindowSpec(),
     where: Conditions | None = None,
     leave_out: LeftOut = None,
-    test_where: Conditions | None = None,
-    group: str | Sequence[str] = (),
-    order: str | None = None,
-    folds: int | None = None,
-    fold: int | None = None,
-    leave_out_each: Columns | None = None,
-    repeats: int = 1,
-    stratify: Sequence[str] = (),
-    split_seed: int | None = None,
-    validation: float | None = None,
-    test: float | None = None,
-    nested: bool | None = None,
+    split: Splits = Splits(),
     augmentation: str | None = None,
     balance: Balance = "none",
     exit_tolerance: float = 0.01,
@@ -96,21 +80,15 @@ def train(
     Returns what it came to: `accuracy_test` with its 95 % interval (`low`, `high`, over `trials` test trials);
     `chance`, `commonest` and `baseline_accuracy` (of `baseline`, the best of eight classifiers on the same spikes) to
     compare it with; SOPs and steps, also with early exit (`exit_...`); and `cautions`, the list of what may be wrong.
-    With all folds or with repeats, one network is trained per split, in a folder of its own: then the means
+    Where the split has turns, one network is trained for each, in a folder of its own: then the means
     `accuracy_test` (`low`, `high`; NaN for fewer than three splits), `baseline_accuracy` and `sops_total`, `cautions`,
     and `splits`, a table with a row per split.
 
     network: a spec, or the name or path of one. settings: changes of it, dotted keys.
-    length_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations: as for `windows`.
+    window: how trials are cut, as for `windows`. split: how they are divided, such as
+        `nt.Split(test_where={"speed": 450})`, also several times in turn: into folds, with each value of a condition
+        left out, with several seeds.
     where, leave_out: the trials that are used at all, as of `read`.
-    test_where, group, order, validation, test, nested: how trials are divided, as for the method `split` of `windows`,
-        such as `test_where={"speed": 450}`. stratify: conditions that are balanced. split_seed: of the division, 0 if
-        None.
-    folds: divide the trials into this many folds and test on each in turn, or on `fold` alone. leave_out_each: a
-        condition, such as "speed": test on each of its values in turn, which no training trial has; or several, such
-        as `["speed", "force_N"]`: test on each pair of their values, of which no training trial has one. Beside it,
-        test_where says which of these values are tested.
-        repeats: number of random splits, with seeds from `split_seed` upwards.
     augmentation: which varied copies of training trials are trained on, too, of those in the file (see `encode`); None
         takes them if there is one kind, "none" leaves them out.
     balance: "classes" weights training windows so that each class counts the same in the loss; "conditions" so
@@ -123,33 +101,24 @@ def train(
     Raises InputError for a folder that is not free, for spikes that cannot be used and for unknown keys; `Interrupted`,
     a KeyboardInterrupt with the number of saved `epochs`, on Ctrl-C.
 
-    >>> found = nt.train("spikes.h5", "felt-or-silk", "rsnn", {"hidden": 4, "training.epochs": 2}, length_ms=50)
+    >>> settings = {"hidden": 4, "training.epochs": 2}
+    >>> found = nt.train("spikes.h5", "felt-or-silk", "rsnn", settings, window=nt.Window(length_ms=50))
     >>> 0 <= found["low"] <= found["accuracy_test"] <= found["high"] <= 1
     True
     """
-    window = window_table(length_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
-    columns = columns_of(leave_out_each)
-    check_one_way(columns, order=order, folds=folds, test=test)
-    split = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
-    trains, task = _task("train", spikes, window, split, stratify, exit_tolerance, where, leave_out)
+    trains, task = _task("train", spikes, window, split, exit_tolerance, where, leave_out)
     kind = _kind_of_copies(trains, augmentation, tell)
     task = spec.build(Task, {**task.model_dump(), "augmentation": kind, "balance": balance}, source="train")
     path, spikes = Path(folder), Path(spikes)
     what, given = spec.resolve(RSNNSpec, network, settings), given_keys(network, settings)
     device_of(device)
     options = {"given": given, "seed": seed, "device": device, "force": force, "resume": resume, "tell": tell}
-    every_fold = folds is not None and fold is None
-    if every_fold or columns or repeats > 1:
-        splits = (
-            repeated.tasks_without(task, columns, trains.conditions, repeats=repeats)
-            if columns
-            else repeated.tasks_of(task, every_fold=every_fold, repeats=repeats)
-        )
+    if split.is_in_turn:
+        splits = repeated.tasks_of(task, split, trains.conditions)
         tests = [one.split.test_where for one in splits.values() if one.split.seed == task.split.seed]
         for line in check_each(trains.conditions, tests, task.split, copies_of(trains).first):
             tell(line)
-        each = f"leave_out_each={columns}" if columns else f"folds={folds}" if every_fold else f"repeats={repeats}"
-        return _of_repeated(repeated.run(spikes, path, what, splits, **options), path, trains, each, tell)
+        return _of_repeated(repeated.run(spikes, path, what, splits, **options), path, trains, split, tell)
     done = train_run.run(spikes, path, what, task, **options)
     if done is None:
         tell(f"{path}: this training is done already; its result is in {path / train_run.RESULT}")
@@ -178,20 +147,23 @@ def _kind_of_copies(trains: SpikeTrains, given: str | None, tell: Tell) -> str:
 
 
 def _task(
-    source: str, spikes: str | Path, window: Settings, split: Settings, stratify: Sequence[str], exit_tolerance: float,
-    where: Conditions | None, leave_out: LeftOut,
+    source: str, spikes: str | Path, window: WindowSpec, split: Splits, exit_tolerance: float = 0.01,
+    where: Conditions | None = None, leave_out: LeftOut = None,
 ) -> tuple[SpikeTrains, Task]:  # fmt: skip
     """The spike trains of a file and what a network does with them, with windows that suit them."""
     path = path_of(spikes)
-    task = tasks.task_of(source, window, split, stratify, exit_tolerance, where=where, leave_out=leave_out)
+    task = tasks.task_of(source, window, split, exit_tolerance, where, leave_out)
     trains = tasks.load_spikes(path, task, tell=True)
     return trains, tasks.with_suited_window(task, trains, ARGUMENTS)
 
 
 def _of_repeated(
-    repeats: repeated.Repeated, folder: Path, trains: SpikeTrains, each: str, tell: Tell
+    repeats: repeated.Repeated, folder: Path, trains: SpikeTrains, split: Splits, tell: Tell
 ) -> dict[str, Any]:
-    """What several trainings came to. each: what has a turn, as an argument."""
+    """What several trainings came to."""
+    turns = {"leave_out_each": [*split.leave_out_each], "folds": split.every_fold and split.folds}
+    key, value = next(((key, value) for key, value in turns.items() if value), ("repeats", split.repeats))
+    each = f"split=nt.Split({key}={value})"
     tell(repeats.table[REPEATED])
     tell(f"{folder / repeated.TABLE}: {repeated.line(repeats)}")
     return {
@@ -214,14 +186,14 @@ def result(run: str | Path) -> dict[str, Any]:
     return summary_of(files.read_json(Path(run) / train_run.RESULT))
 
 
+@takes_specs
 def conditions_curve(
     spikes: str | Path,
     column: str,
     network: str | Path | RSNNSpec = "default",
     settings: Settings | None = None,
     *,
-    length_ms: float | None = None,
-    align: Align = "trial",
+    window: WindowSpec = WindowSpec(),
     where: Conditions | None = None,
     leave_out: LeftOut = None,
     augmentation: str | None = None,
@@ -236,23 +208,23 @@ def conditions_curve(
     A network is trained on one, two, ... of the other values and tested on all trials of one; up to four values are
     tested. Each training has as many trials, so that a further value does not count as more data.
 
-    column: the condition, such as "speed", with three values or more. network, settings, length_ms, align, where,
-        leave_out, augmentation: as of `train`. seed: of the weights, and of the trials that are drawn.
+    column: the condition, such as "speed", with three values or more. network, settings, window, where, leave_out,
+        augmentation: as of `train`. seed: of the weights, and of the trials that are drawn.
     out: also write the table (.csv, .json, .md). figure: also draw the curve (.png, .svg, .pdf). force: replace them.
     tell: called with what `neurotact conditions-curve` prints: the means, and the advice.
     Returns a row for each training: `tested`, `trained` (how many values), `accuracy_seen` (on other trials of trained
     values), `accuracy_test`, `sops_total` and `n_train`.
     Raises InputError for an unknown condition, and for one with fewer than three values.
 
-    >>> table = nt.conditions_curve("spikes.h5", "day", "rsnn", {"hidden": 4, "training.epochs": 1}, length_ms=50)
+    >>> settings, window = {"hidden": 4, "training.epochs": 1}, nt.Window(length_ms=50)
+    >>> table = nt.conditions_curve("spikes.h5", "day", "rsnn", settings, window=window)
     >>> table["trained"].unique().tolist()
     [1, 2, 3, 4]
     """
     outputs = [Path(file) for file in (out, figure) if file is not None]
     for file in outputs:
         files.check_new(file, force=force, inputs=[spikes])
-    window = window_table(length_ms, None, None, None, align, None, None)
-    trains, task = _task("conditions_curve", spikes, window, {}, (), 0.01, where, leave_out)
+    trains, task = _task("conditions_curve", spikes, window, Splits(), where=where, leave_out=leave_out)
     task = task.model_copy(update={"augmentation": _kind_of_copies(trains, augmentation, tell)})
     what, n = spec.resolve(RSNNSpec, network, settings), len(curves.plan(trains.conditions, column))
     rows = []
@@ -272,41 +244,18 @@ def conditions_curve(
     return table
 
 
+@takes_specs
 def tune(
     spikes: str | Path,
     folder: str | Path,
-    space: str | Path | Mapping[str, Any] | None = None,
     network: str | Path | RSNNSpec = "default",
     settings: Settings | None = None,
     *,
-    trials: int = 100,
-    seed: int = 0,
-    objective: str = "accuracy",
-    sops_weight: float | None = None,
-    max_sops: float | None = None,
-    tuner: str = "tpe",
-    batch: int = 8,
-    assessor: str = "median-stop",
-    start_epoch: int | None = None,
-    length_ms: float | None = None,
-    start_ms: float | None = None,
-    hop_ms: float | None = None,
-    per_trial: int | None = None,
-    align: Align = "trial",
-    rest_ms: float | None = None,
-    onset_deviations: float | None = None,
+    search: SearchSpec = SearchSpec(),
+    window: WindowSpec = WindowSpec(),
     where: Conditions | None = None,
     leave_out: LeftOut = None,
-    test_where: Conditions | None = None,
-    group: str | Sequence[str] = (),
-    order: str | None = None,
-    folds: int | None = None,
-    fold: int | None = None,
-    stratify: Sequence[str] = (),
-    split_seed: int | None = None,
-    validation: float | None = None,
-    test: float | None = None,
-    nested: bool | None = None,
+    split: Splits = Splits(),
     exit_tolerance: float = 0.01,
     workers: int | None = None,
     resume: bool = False,
@@ -314,45 +263,36 @@ def tune(
 ) -> pd.DataFrame:
     """Search a network's hyperparameters on validation windows, as `neurotact tune` does: one row per trial.
 
-    space: name or path of a search space in NNI's terms, or the space itself; when None, around the choices of the
-    network's recipe. trials: networks to train; the first is the network as given. The best has the highest value and,
-    of equal ones, the fewest SOPs.
-    objective: "accuracy", or "accuracy-sops", which is accuracy - `sops_weight` (0.1) log10(SOPs). max_sops: budget of
-    the best network, in mean SOPs per window.
-    tuner: "tpe", "random" or "grid". assessor: "median-stop" stops trials below the median early, from `start_epoch`
-    (10) on; "none" trains all to the end.
-    batch: trials that are proposed together. workers: processes that train them (2; 1 trains in this one, also in a
-    script without `if __name__ == "__main__"`).
-    Windows, split, where, leave_out, exit_tolerance: as for `train`; of `folds`, the `fold` (0) is tested.
+    search: how many networks are trained, what is searched for and how; the first one is the network as given. The best
+        has the highest value and, of equal ones, the fewest SOPs.
+    window, split, where, leave_out, exit_tolerance: as for `train`; of folds one is tested.
+    workers: processes that train them (2; 1 trains in this one, also in a script without
+        `if __name__ == "__main__"`).
     The journal, tables, figure, `best.toml` and the best network, `best`, are saved in `folder`; given the same folder
     again, the search continues there. resume: with more `trials` than before, too, as if all had been asked for at
     once. tell: called with what the command prints.
     Raises InputError for an unknown space, for a folder with another search, and as `train` does.
 
     >>> space = {"hidden": {"_type": "choice", "_value": [2, 3, 4]}}
-    >>> found = nt.tune("spikes.h5", "search", space, "rsnn", {"training.epochs": 1}, trials=2, length_ms=50, workers=1)
+    >>> search, window = nt.Search(space=space, trials=2), nt.Window(length_ms=50)
+    >>> settings = {"training.epochs": 1}
+    >>> found = nt.tune("spikes.h5", "search", "rsnn", settings, search=search, window=window, workers=1)
     >>> len(found)
     2
     """
-    window = window_table(length_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
-    split = split_table(split_seed, test_where, group, order, folds, fold, validation, test, nested)
-    trains, task = _task("tune", spikes, window, split, stratify, exit_tolerance, where, leave_out)
+    split.check_single("tune")
+    trains, task = _task("tune", spikes, window, split, exit_tolerance, where, leave_out)
     path, spikes = Path(folder), Path(spikes)
-    table = {
-        "trials": trials, "seed": seed, "objective": objective, "sops_weight": sops_weight, "max_sops": max_sops,
-        "tuner": tuner, "assessor": assessor, "start_epoch": start_epoch, "batch": batch,
-    }  # fmt: skip
     what, given = spec.resolve(RSNNSpec, network, settings), given_keys(network, settings)
-    source = f"`nt.tune(space={str(space)!r})`" if isinstance(space, (str, Path)) else "tune"
-    search_spec = search.asked(source, space, what, table, trains, task, given)
-    problem = search.problem_of(trains, search_spec, what, task)
+    asked = searching.asked(search, what, trains, task, given)
+    problem = searching.problem_of(trains, asked, what, task)
     for line in recipe.joined_cost(what):
         tell(f"of each trial: {line}")
     with files.locked(path):
-        with search.runner(problem, spikes, workers or 2) as run, track("tune", trials) as advance:
-            tried, timing = search.search(problem, path, run, advance, resume=resume)
+        with searching.runner(problem, spikes, workers or 2) as run, track("tune", search.trials) as advance:
+            tried, timing = searching.search(problem, path, run, advance, resume=resume)
         save_found(problem, tried, path)
-        outcome = search.save_best(problem, spikes, path, tried)
+        outcome = searching.save_best(problem, spikes, path, tried)
     best = journal.best_of(tried)
     tell(f"trial {best.id} of {len(tried)} is the best; {timing.seconds:.1f} s, proposals {timing.proposals:.1f} s")
     if problem.search.first is not None:

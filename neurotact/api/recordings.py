@@ -419,7 +419,8 @@ def _describe(
     tell(description.lengths_line(lengths, data.sampling_rate_Hz))
     if onset_s:
         tell(
-            f"the touch begins about {1e3 * onset_s:.0f} ms after the start of a trial (`nt.train(..., start_ms=...)`)"
+            f"the touch begins about {1e3 * onset_s:.0f} ms after the start of a trial "
+            "(`nt.train(..., window=nt.Window(start_ms=...))`)"
         )
     tell(description.conditions_table(data.conditions))
 

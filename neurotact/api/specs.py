@@ -4,7 +4,13 @@ from importlib import import_module
 from typing import Any, Literal
 
 from neurotact import spec
+from neurotact.data.contact import OnsetSpec
+from neurotact.data.splits import Splits
+from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError, nearest
+from neurotact.networks.search.tuning import SearchSpec
+
+Onset, Search, Split, Window = OnsetSpec, SearchSpec, Splits, WindowSpec
 
 
 def spec_names(kind: Literal["encoders", "networks", "networks/spaces", "studies", "prices"]) -> list[str]:

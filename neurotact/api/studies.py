@@ -1,27 +1,28 @@
 """Studies: run, go on with, report."""
 
 import logging
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from neurotact import files, spec, tables
-from neurotact.api.arguments import Columns, Conditions, LeftOut, Settings, columns_of
+from neurotact.api.arguments import Conditions, LeftOut, Settings
 from neurotact.data import hdf5
-from neurotact.data.splits import check_one_way, each_left_out
+from neurotact.data.splits import Splits, SplitSpec, each_left_out
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
-from neurotact.data.windows import check_not_seconds
+from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
 from neurotact.report import report
 from neurotact.report.page import ANSWER, PAGE
+from neurotact.spec import takes_specs
 from neurotact.studies import loading, runner, store
 from neurotact.studies.sweeps import JOIN
 
 log = logging.getLogger("neurotact")
 
 
+@takes_specs
 def run_study(
     name: str | Path,
     folder: str | Path,
@@ -29,15 +30,10 @@ def run_study(
     *,
     quick: bool = False,
     data: str | Path | None = None,
-    length_ms: float | None = None,
+    window: WindowSpec = WindowSpec(),
     where: Conditions | None = None,
     leave_out: LeftOut = None,
-    test_where: Conditions | None = None,
-    group: str | Sequence[str] = (),
-    order: str | None = None,
-    folds: int | None = None,
-    leave_out_each: Columns | None = None,
-    repeats: int | None = None,
+    split: Splits = Splits(),
     workers: int | None = None,
     scheduler: str | None = None,
 ) -> pd.DataFrame:
@@ -47,11 +43,9 @@ def run_study(
     quick: a smaller sweep of the same kind.
     data: a file of recordings of your own, for a study that takes one: `run_study("own-recordings", "mine",
         data="touches.h5")`, or "ways-to-save".
-    length_ms: of the windows. where, leave_out: the trials that are used, as of `read`. test_where, group, order: how
-        they are divided, as for `train`. folds, leave_out_each, repeats: every network is trained for each fold, for
-        each value of a condition of `data`, such as "speed", or each pair of values of two, such as `["speed",
-        "force_N"]`, which is tested and never trained on, or for this many random splits; results are means over them.
-        Beside leave_out_each, test_where says which of these values are tested.
+    window, split: as for `train`; what is not given is as in the study. Where the split has turns, such as folds, every
+        network is trained for each, and results are means over them. Values of `leave_out_each` are those of `data`.
+    where, leave_out: the trials that are used, as of `read`.
     workers: processes on this machine, 2 if None. scheduler: address of a Dask scheduler, in their place.
     The folder holds all tables, the figures and `report.html`; what was done before is not done again.
     Raises InputError for an unknown study or key, and for a folder with another study.
@@ -60,15 +54,10 @@ def run_study(
     >>> nt.study_answer("mine")["answers"][0]["headline"]  # doctest: +SKIP
     'A refractory period of 5 ms saves 31 % of the operations; accuracy stays within the interval.'
     """
-    check_not_seconds(length_ms)
-    changes = {**spec.checked_settings(settings), **({} if length_ms is None else {"window.length_ms": length_ms})}
-    columns = columns_of(leave_out_each)
-    changes |= _split_changes(None if columns else test_where, group, order, folds, repeats)
-    check_one_way(columns, order=order, folds=folds)
     choice = TrialChoice.of(where, leave_out)
-    changes |= loading.choice_changes(**choice._asdict())
-    if columns:
-        changes |= _left_out_changes(columns, test_where, data, choice)
+    windows = {f"window.{key}": value for key, value in window.given().items()}
+    changes = {**spec.checked_settings(settings), **windows, **loading.choice_changes(**choice._asdict())}
+    changes |= _split_changes(split) | (_left_out_changes(split, data, choice) if split.leave_out_each else {})
     study = loading.resolve(name, changes, quick=quick, data=data)
     for note in getattr(study, "notes", ()):
         log.warning("%s", note)
@@ -125,32 +114,29 @@ def _reported(folder: Path) -> pd.DataFrame:
     return tables.read_table(folder / "results.csv")
 
 
-def _left_out_changes(
-    columns: Sequence[str], test_where: Conditions | None, data: str | Path | None, choice: TrialChoice
-) -> dict[str, Any]:
+def _left_out_changes(split: Splits, data: str | Path | None, choice: TrialChoice) -> dict[str, Any]:
     """Changes of a study that test each value of a condition of its file in turn, or of several each combination."""
     if data is None:
         raise InputError("`leave_out_each`: needs `data`, a file of recordings with this condition; give it")
     touches = chosen_trials(hdf5.load(data), choice, str(data), tell=False)
-    tests = each_left_out(touches.conditions, columns, test_where)
+    columns = split.leave_out_each
+    tests = each_left_out(touches.conditions, columns, split.test_where)
     axis = f"sweep.{JOIN.join(f'split.test_where.{column}' for column in columns)}"
     if len(columns) == 1:
         return {axis: [test[columns[0]] for test in tests]}
     return {axis: [[*test.values()] for test in tests], "split.leave_aside": True}
 
 
-def _split_changes(
-    test_where: Conditions | None,
-    group: str | Sequence[str],
-    order: str | None,
-    folds: int | None,
-    repeats: int | None,
-) -> dict[str, Any]:
-    """Changes of a study for its split; what is not given keeps the study's value.
+def _split_changes(split: Splits) -> dict[str, Any]:
+    """Changes of a study for its split and its turns; what is not given keeps the study's value.
 
-    >>> _split_changes({"speed": 450}, ["subject"], None, 3, None)["sweep.split.fold"]
-    [0, 1, 2]
+    >>> _split_changes(Splits(group="subject", stratify="force_N", repeats=2))
+    {'split.group': ('subject',), 'dataset.stratify': ('force_N',), 'sweep.split.seed': [0, 1]}
     """
-    given = {"split.test_where": test_where, "split.group": group, "split.order": order, "split.folds": folds}
-    given |= {"sweep.split.fold": folds and [*range(folds)], "sweep.split.seed": repeats and [*range(repeats)]}
-    return {key: value for key, value in given.items() if value}
+    there = SplitSpec.model_fields.keys() - ({"test_where"} if split.leave_out_each else set())
+    changes: dict[str, Any] = {f"split.{key}": value for key, value in split.given().items() if key in there}
+    changes |= {"dataset.stratify": split.stratify} if split.stratify else {}
+    changes |= {"sweep.split.fold": [*range(split.folds)]} if split.folds and split.every_fold else {}
+    if split.repeats > 1:
+        changes["sweep.split.seed"] = [*range(split.seed, split.seed + split.repeats)]
+    return changes

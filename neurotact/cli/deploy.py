@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from neurotact.api import deployment as api
-from neurotact.cli.options import Json, calling, option
+from neurotact.cli.options import HopMs, Json, calling, option
 from neurotact.cli.words import say
 from neurotact.errors import INTERRUPTED
 from neurotact.progress import printable
@@ -75,7 +75,7 @@ StallS = Annotated[
 
 OF_SAMPLES = {
     "format": Format, "baud": Baud, "sampling_rate_Hz": RateHz, "unit": Unit, "time_column": TimeColumn, "lsb": Lsb,
-    "zero": Zero, "length_ms": WindowMs, "start_ms": StartMs, "contact": Contact, "quiet_ms": QuietMs,
+    "zero": Zero, "length_ms": WindowMs, "start_ms": StartMs, "hop_ms": HopMs, "contact": Contact, "quiet_ms": QuietMs,
     "hold_ms": HoldMs, "stall_s": StallS,
 }  # fmt: skip
 """The options of commands that take samples as they come: how they are read, and how windows are laid over them."""

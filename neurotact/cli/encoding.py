@@ -4,16 +4,13 @@ from pathlib import Path
 from typing import Any
 
 from neurotact.api import encoding as api
-from neurotact.cli.options import MOST_SPLITS, calling, flag, option
+from neurotact.cli.options import calling, flag, option
 from neurotact.cli.output import show
 
 
 @calling(
     api.calibrate,
-    split_seed=option(
-        int | None, "Random seed of the split; only its training trials are used.",
-        min=0, max=MOST_SPLITS, show_default="0",
-    ),
+    split="split_seed stratify test_where group order folds fold",
     compare=flag("--compare", "Compare baselines and polarities first and use the best causal one."),
     rest_ms=option(
         float, "Length of the rest at the start of each trial, in which afferents should be silent.", min=1

@@ -39,11 +39,6 @@ SIDES = {
         Literal["none", "classes", "conditions"],
         "Training windows count the same for each class, or for each condition of the split within a class, too.",
     ),
-    folds=option(
-        int | None, "Divide the trials into this many folds and test on each in turn, or on --fold alone.", min=2
-    ),
-    fold=option(int | None, "Test on this fold alone, from 0.", min=0, show_default="each in turn"),
-    repeats=option(int, "Number of random splits, one network each; seeds from --split-seed upwards.", min=1, max=1000),
     resume=flag("--resume", "Continue an interrupted training; start a new one if there is none."),
     force=REPLACED,
 )
@@ -88,9 +83,7 @@ def _how_to_go_on(folder: Path, epochs: int) -> str:
     api.conditions_curve,
     column=Annotated[str, typer.Argument(help="The condition, such as speed, with three values or more.")],
     network=option(str, "Name or path of a network spec."),
-    align=option(
-        Literal["trial", "onset"], "Where windows start: where the touch begins, or each at its own onset of contact."
-    ),
+    window="window_ms align",
     augmentation=COPIES,
     out=option(Path | None, "Also write one row per training (.csv, .json, .md).", "-o", "--out"),
     figure=option(Path | None, "Also draw the curve (.png, .svg, .pdf)."),
@@ -106,24 +99,8 @@ def conditions_curve(given: dict[str, Any]) -> None:
 
 @calling(
     api.tune,
-    space=option(
-        str | None, "Name or path of a search space, in NNI's terms; if absent, around the network's choices."
-    ),
     network=option(str, "Name or path of the network spec that the space changes."),
-    trials=option(int, "Number of networks to train.", min=1),
-    seed=option(int, "Random seed of the search.", min=0, max=2**32 - 1),
-    objective=option(str, "accuracy, or accuracy-sops with the Pareto front of both."),
-    sops_weight=option(
-        float | None, "w in accuracy - w log10(SOPs), which --objective accuracy-sops maximises.",
-        min=0, show_default="0.1",
-    ),
-    max_sops=option(float | None, "Budget of the best network: mean SOPs per window."),
-    tuner=option(str, "How trials are proposed: tpe, random or grid."),
-    batch=option(int, "Trials proposed together; another number gives other proposals.", min=1),
-    assessor=option(str, "median-stop stops trials below the median early; none trains all to the end."),
-    start_epoch=option(
-        int | None, "First epoch after which a trial may be stopped.", min=1, show_default="10"
-    ),
+    split="split_seed stratify test_where group order folds fold",
     resume=flag("--resume", "Continue a search of fewer trials, up to --trials; start one if there is none."),
 )  # fmt: skip
 def tune(given: dict[str, Any], as_json: Json = False) -> None:

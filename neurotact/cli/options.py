@@ -1,20 +1,21 @@
 """Options of commands: those of a function of `neurotact.api`, with its names and its defaults."""
 
 import inspect
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, get_origin
 
 import typer
+from pydantic.fields import FieldInfo
 
-from neurotact.spec import parse_assignments, parse_choice, parse_where
+from neurotact.errors import InputError
+from neurotact.spec import Spec, as_text, build, override, parse_assignments, parse_choice, parse_where, specs_of
 
 LABEL = "label"
 """The condition of a value alone: the class."""
 MOST_SEEDS = 2**63 - 2
 """Largest seed of a training, which draws its order from the next seed."""
-MOST_SPLITS = 2**32 - 2
-"""Largest seed of a split, which also uses the next one; scikit-learn takes 32 bits."""
 MOST_WORKERS = 1024
 
 Texts = list[str] | None
@@ -61,29 +62,6 @@ OPTIONS: dict[str, Any] = {
         str | None, "Run on the workers of this Dask scheduler, such as tcp://host:8786.", metavar="ADDRESS"
     ),
     "seed": option(int, "Random seed of the weights and of the order of windows.", min=0, max=MOST_SEEDS),
-    "length_ms": option(
-        float | None, "Length of a window, the unit that is classified.", "--window-ms",
-        show_default="the shortest trial from the touch on, at most 2000",
-    ),
-    "start_ms": option(
-        float | None, "Start of the first window in each trial.",
-        show_default="where the touch begins; 0 with --window-ms",
-    ),
-    "hop_ms": HopMs,
-    "per_trial": option(
-        int | None, "Maximum number of windows per trial.",
-        show_default="up to 4 s of windows; all that fit with --window-ms",
-    ),
-    "align": option(
-        Literal["trial", "onset"], "What --start-ms counts from: the trial's beginning, or the onset of contact."
-    ),
-    "rest_ms": option(
-        float | None, "With --align onset: length of the rest at the start of each trial.", show_default="50"
-    ),
-    "onset_deviations": option(
-        float | None, "With --align onset: contact begins this many standard deviations above the rest.",
-        show_default="3",
-    ),
     "where": option(
         Texts, "Use these trials alone, as in speed=300 or speed=300,450 or material!=wood; may be repeated.",
         metavar="CONDITION=VALUE",
@@ -91,28 +69,6 @@ OPTIONS: dict[str, Any] = {
     "leave_out": option(
         Texts, "Leave these trials out, as in material=wood; a value alone is a class, as in rest; may be repeated.",
         metavar="CONDITION=VALUE",
-    ),
-    "test_where": option(
-        Texts, "Test on these trials and train on the others, as in speed=450 or speed=300,450; may be repeated.",
-        metavar="CONDITION=VALUE",
-    ),
-    "group": option(Texts, "Trials with the same value are never split; may be repeated.", metavar="CONDITION"),
-    "order": option(
-        str | None,
-        "Test on the last trials of each class, in the order of this condition; trial: the order of the file.",
-        metavar="CONDITION",
-    ),
-    "folds": option(int | None, "Divide the trials into this many folds and test on one.", min=2),
-    "fold": option(int | None, "The fold that is tested, from 0.", min=0, show_default="0"),
-    "leave_out_each": option(
-        Texts, "Test on each value of this condition in turn, as in speed; no training trial has that value. Twice, as "
-        "for speed and force: on each pair of values, of which no training trial has one.",
-        metavar="CONDITION",
-    ),
-    "stratify": option(Texts, "A condition to balance in the split; may be repeated."),
-    "split_seed": option(
-        int | None, "Random seed of the split into training, validation and test.",
-        min=0, max=MOST_SPLITS, show_default="0",
     ),
     "exit_tolerance": option(
         float, "Validation accuracy that early exit may lose, as a share of 1.", "--exit-tolerance", "--tolerance"
@@ -122,16 +78,95 @@ OPTIONS: dict[str, Any] = {
 """The option of each parameter of functions of `neurotact.api` that several commands have."""
 
 
+NAMES = {"split.seed": "split_seed", "onset.deviations": "onset_deviations", "length_ms": "window_ms"}
+"""Options that are not called as the field of their spec: the end of its path, and the name."""
+IN_PYTHON = {"onset.bin_ms", "validation", "test", "nested", "leave_aside", "first"}
+"""Fields of specs that no option has."""
+
+
+def name_of(path: str) -> str:
+    """What the option of a field is called, by the path of the field, such as "split.seed"; that of a parameter, too.
+
+    >>> name_of("window.onset.deviations"), name_of("split.seed"), name_of("search.seed"), name_of("force")
+    ('onset_deviations', 'split_seed', 'seed', 'force')
+    """
+    parts = path.split(".")
+    ends = [".".join(parts[place:]) for place in range(len(parts))]
+    return next((NAMES[end] for end in ends if end in NAMES), parts[-1])
+
+
+def fields_of(parameter: str, kind: type[Spec], some: str = "", *, in_python: bool = False) -> dict[str, FieldInfo]:
+    """The fields of a spec that options have, by their paths.
+
+    some: the names of the options of some fields, in place of all. in_python: with the fields that no option has.
+    """
+    found: dict[str, FieldInfo] = {}
+
+    def add(path: str, kind: type[Spec]) -> None:
+        for key, field in kind.model_fields.items():
+            if isinstance(field.annotation, type) and issubclass(field.annotation, Spec):
+                add(f"{path}.{key}", field.annotation)
+            else:
+                found[f"{path}.{key}"] = field
+
+    add(parameter, kind)
+    wanted = some.split()
+    kept = [path for path in found if in_python or not any(path.endswith(f".{end}") for end in IN_PYTHON)]
+    return {path: found[path] for path in kept if not wanted or name_of(path) in wanted}
+
+
+def _is_where(field: FieldInfo) -> bool:
+    """Whether a field holds conditions of trials with their values: a table that is not called otherwise."""
+    return get_origin(field.annotation) is dict and not field.json_schema_extra
+
+
+def of_field(path: str, field: FieldInfo) -> Any:
+    """The annotation of the option of a field: its type, bounds and default, and the first sentence of its help."""
+    more: dict[str, Any] = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
+    kind: Any = list[str] if _is_where(field) or get_origin(field.annotation) is tuple else field.annotation
+    kind = str if get_origin(kind) is dict else kind
+    bounds = {key: getattr(each, key) for each in field.metadata for key in ("ge", "le") if hasattr(each, key)}
+    default = more.get("chosen", field.default if field.default not in (None, (), {}) else False)
+    text = (field.description or "").replace("\n", " ").partition(". ")[0].rstrip(".")
+    return option(
+        kind | None,
+        _as_options(text) + ("; may be repeated." if kind == list[str] else "."),
+        "--" + name_of(path).replace("_", "-"),
+        metavar="CONDITION=VALUE" if _is_where(field) else more.get("metavar"),
+        show_default=default if default is False else _as_options(as_text(default)),
+        min=bounds.get("ge"),
+        max=bounds.get("le"),
+    )
+
+
+def _as_options(text: str) -> str:
+    """A text with its fields, in backquotes, as options.
+
+    >>> _as_options('With `align="onset"`: later than `start_ms`, as `split.seed` says')
+    'With --align onset: later than --start-ms, as --split-seed says'
+    """
+    marked = re.compile(r'`([\w.]+)(?:="(\S+)")?`')
+    return marked.sub(lambda m: f"--{name_of(m[1]).replace('_', '-')}" + (f" {m[2]}" if m[2] else ""), text)
+
+
 def calling(function: Callable[..., Any], **described: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Make a command of a function that calls one of `neurotact.api`, whose arguments it receives as `given`.
 
-    The parameters that `OPTIONS` or `described` has are options of the command, with their defaults. Other parameters
-    of the decorated function are options of the command alone.
+    The parameters that `OPTIONS` or `described` has are options of the command, with their defaults, and so are the
+    fields of those that are specs: all, or those whose options `described` names. Other parameters of the decorated
+    function are options of the command alone.
     """
 
     def decorated(run: Callable[..., None]) -> Callable[..., None]:
-        options = OPTIONS | described
-        theirs = [_option(param, options[name]) for name, param in _parameters(function).items() if options.get(name)]
+        options, specs = OPTIONS | described, specs_of(function)
+        theirs: list[inspect.Parameter] = []
+        for name, param in _parameters(function).items():
+            if name in specs:
+                for path, field in fields_of(name, specs[name], described.get(name, "")).items():
+                    own = described.get(name_of(path)) or of_field(path, field)
+                    theirs.append(inspect.Parameter(name_of(path), param.KEYWORD_ONLY, default=None, annotation=own))
+            elif options.get(name):
+                theirs.append(_option(param, options[name]))
         own = [param.replace(kind=param.KEYWORD_ONLY) for name, param in _parameters(run).items() if name != "given"]
 
         def command(**values: Any) -> None:
@@ -155,11 +190,26 @@ def arguments(function: Callable[..., Any], values: Mapping[str, Any]) -> dict[s
     parsed = {**values}
     if "where" in values:
         parsed["where"], parsed["leave_out"] = parse_choice(values["where"] or [], values.get("leave_out") or [], LABEL)
-    if values.get("test_where"):
-        parsed["test_where"] = parse_where(values["test_where"], "`test_where`")
     if "settings" in values:
         parsed["settings"] = parse_assignments(values["settings"] or [])
+    parsed |= {name: _spec(name, kind, values, function.__name__) for name, kind in specs_of(function).items()}
     return {name: parsed[name] for name in _parameters(function) if parsed.get(name) is not None}
+
+
+def _spec(parameter: str, kind: type[Spec], values: Mapping[str, Any], source: str) -> Spec | None:
+    """The spec that options describe; None where none of them is given."""
+    fields, table = fields_of(parameter, kind), {}
+    for path, field in fields.items():
+        value = values.get(name_of(path))
+        if value is not None and value != []:
+            key = path.removeprefix(f"{parameter}.")
+            table[key] = parse_where(value, f"`{name_of(path)}`") if _is_where(field) else value
+    try:
+        return build(kind, override({}, table), source) if table else None
+    except InputError as error:
+        key, _, rest = str(error).partition(":")
+        named = f"`{name_of(key)}`" if f"{parameter}.{key}" in fields else parameter if key == "spec" else key
+        raise InputError(f"{named}:{rest}") from error
 
 
 def _parameters(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:

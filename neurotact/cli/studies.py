@@ -29,11 +29,8 @@ app = new_app("Run, resume and report studies.")
     name=Annotated[str, typer.Argument(help="Name or path of a study spec.")],
     quick=flag("--quick", "A smaller sweep of the same kind."),
     data=option(Path | None, "A file of recordings of your own, for own-recordings and ways-to-save."),
-    length_ms=option(
-        float | None, "Length of the windows, as --set window.length_ms=300 gives it.", "--window-ms", min=0
-    ),
-    folds=option(int | None, "Divide the trials into this many folds and test on each in turn.", min=2),
-    repeats=option(int | None, "Number of random splits; results are means over them.", min=2, max=1000),
+    window="window_ms",
+    split="test_where group order folds leave_out_each repeats",
 )
 def study_run(given: dict[str, Any], as_json: Json = False) -> None:
     """Run a study and write its report.

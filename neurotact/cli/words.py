@@ -8,13 +8,14 @@ import ast
 import re
 import shlex
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from typer.main import get_command
 
 from neurotact import progress
 from neurotact.cli.commands import app
+from neurotact.cli.options import name_of
 from neurotact.spec import as_text, assignments_of
 
 MARKED = re.compile(r"`([^`]+)`")
@@ -55,9 +56,9 @@ def in_options(message: str, options: Mapping[str, str]) -> str:
 
     options: the option of each parameter. What is neither a parameter nor a call stays as it is, with its backquotes.
 
-    >>> options = {"rest_ms": "--rest-ms", "align": "--align", "length_ms": "--window-ms", "settings": "--set"}
-    >>> in_options("`rest_ms`: has no effect without `align='onset', length_ms=300`; see `reset`", options)
-    '--rest-ms: has no effect without --align onset --window-ms 300; see `reset`'
+    >>> options = {"rest_ms": "--rest-ms", "align": "--align", "window_ms": "--window-ms", "settings": "--set"}
+    >>> in_options("`onset.rest_ms`: has no effect without `window=nt.Window(align='onset', length_ms=9)`", options)
+    '--rest-ms: has no effect without --align onset --window-ms 9'
     >>> in_options("train with `settings={'hidden': 64}`; try `nt.calibrate(..., compare=True)` or `nt.tune`", options)
     'train with --set hidden=64; try neurotact calibrate ... --compare or neurotact tune'
     """
@@ -71,7 +72,7 @@ def options_of(words: Iterable[str]) -> dict[str, str]:
         if word in getattr(command, "commands", {}):
             command = command.commands[word]
     options = {
-        param.name.strip("_"): param.opts[0] if param.opts[0].startswith("-") else param.name.strip("_").upper()
+        name_of(param.name): param.opts[0] if param.opts[0].startswith("-") else param.name.upper()
         for param in command.params
     }
     return {"settings": SET} | options | ({LEFT_OUT: options["units"]} if "units" in options else {})
@@ -80,12 +81,8 @@ def options_of(words: Iterable[str]) -> dict[str, str]:
 def _typed(marked: str, options: Mapping[str, str]) -> str | None:
     """Parameters or a call, as they are typed; None if they are not of the command line."""
     function, bracket, inner = marked.partition("(") if marked.startswith("nt.") else ("", "(", f"{marked})")
-    try:
-        call = ast.parse(f"f({inner}" if bracket else "f()", mode="eval").body
-        assert isinstance(call, ast.Call)
-        given = [(ast.unparse(arg), True) for arg in call.args]
-        given += [(keyword.arg or "", ast.literal_eval(keyword.value)) for keyword in call.keywords]
-    except (AssertionError, SyntaxError, ValueError, RecursionError, MemoryError):
+    given = given_in(f"f({inner}" if bracket else "f()")
+    if given is None:
         return None
     words: list[str] = []
     if function:
@@ -95,6 +92,28 @@ def _typed(marked: str, options: Mapping[str, str]) -> str | None:
         return None
     words += [_option(options[name], value, "!=" if name == LEFT_OUT else "=") for name, value in given]
     return " ".join(words)
+
+
+def given_in(call: str) -> list[tuple[str, Any]] | None:
+    """What a call gives, by the names of options, with fields in place of specs; None if the text is none.
+
+    >>> given_in("f(window=nt.Window(length_ms=300, onset=nt.Onset(deviations=4)), force=True)")
+    [('window_ms', 300), ('onset_deviations', 4), ('force', True)]
+    """
+    try:
+        return [*_fields_in(ast.parse(call, mode="eval").body)]
+    except (AssertionError, SyntaxError, ValueError, RecursionError, MemoryError):
+        return None
+
+
+def _fields_in(call: ast.expr, before: str = "") -> Iterator[tuple[str, Any]]:
+    assert isinstance(call, ast.Call)
+    yield from ((arg if (arg := ast.unparse(each)) == "..." else name_of(arg), True) for each in call.args)
+    for keyword in call.keywords:
+        if isinstance(keyword.value, ast.Call):
+            yield from _fields_in(keyword.value, f"{before}{keyword.arg}.")
+        else:
+            yield name_of(f"{before}{keyword.arg}"), ast.literal_eval(keyword.value)
 
 
 def _command(function: str) -> str:

@@ -1,26 +1,45 @@
 """The onset of contact in a trial of spikes: the first time that the spike count rises above rest."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from pydantic import Field, model_validator
 
 from neurotact.errors import InputError
 from neurotact.spec import Spec
 
+REST_MS = 50.0
+"""Length of the rest at the beginning of a trial, where none is given."""
+
 
 class OnsetSpec(Spec):
-    """The rule for the onset of contact; it is causal.
+    """The rule for the onset of contact, `nt.Onset`; it is causal.
 
     c(t) is the number of spikes of all afferents in the last `bin_ms`. A trial begins at rest: m and s are the mean and
     the deviation of c over its first `rest_ms`. The onset is the first step after them at which c > m + deviations s;
     s is at least sqrt(m), the deviation of a Poisson count, and at least one spike, so that a silent rest works too.
     """
 
-    rest_ms: float = Field(default=50.0, gt=0)
-    """Length of the rest at the beginning of a trial."""
+    public = "Onset"
+    rest_ms: float = Field(default=REST_MS, gt=0)
+    """With `align="onset"`: length of the rest at the start of each trial."""
     bin_ms: float = Field(default=10.0, gt=0)
-    """Length of the bin in which spikes are counted."""
+    """Length of the bin in which spikes are counted; a shorter rest is one bin."""
     deviations: float = Field(default=3.0, gt=0)
-    """The count must exceed its mean at rest by this many standard deviations."""
+    """With `align="onset"`: contact begins this many standard deviations above the mean count at rest."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _has_a_bin_in_a_short_rest(cls, table: Any) -> Any:
+        """The bin of a rest that is shorter than the usual bin.
+
+        >>> OnsetSpec(rest_ms=5).bin_ms
+        5.0
+        """
+        rest_ms = table.get("rest_ms") if isinstance(table, Mapping) else None
+        is_short = isinstance(rest_ms, int | float) and rest_ms < cls.model_fields["bin_ms"].default
+        return {"bin_ms": rest_ms, **table} if is_short else table
 
     @model_validator(mode="after")
     def _rests_for_a_bin(self) -> "OnsetSpec":

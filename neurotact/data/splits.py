@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 from sklearn.model_selection import StratifiedGroupKFold, StratifiedKFold, train_test_split
 
 from neurotact import effects
@@ -23,12 +23,16 @@ from neurotact.data.recordings import LABEL, Trials, select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.trial_choice import Where, trials_with, values_in_words
 from neurotact.errors import InputError, nearest, some
-from neurotact.spec import Spec
+from neurotact.spec import OneOrMore, Spec
 
 log = logging.getLogger("neurotact")
 
 MANY_TESTS = 12
 """Tests of combinations beyond which a line says how to have fewer."""
+MOST_SEED = 2**32 - 2
+"""Largest seed of a split, which also uses the next one; scikit-learn takes 32 bits."""
+CONDITION: dict[str, Any] = {"metavar": "CONDITION"}
+"""Of a field: the value names a condition of the trials."""
 AS_RECORDED = "trial"
 """The value of `order` that means the order in the file, if no condition has this name."""
 
@@ -40,31 +44,28 @@ class SplitSpec(Spec):
     """Share of all trials; with `test_where` or `folds`, which select the test trials, share of the other trials."""
     test: float = Field(default=0.15, gt=0, lt=1)
     """Share of all trials; unused with `test_where` and `folds`."""
-    seed: int = Field(default=0, ge=0)
-    """Random seed of the division."""
-    group: tuple[str, ...] = ()
-    """Conditions that name a group, such as `subject`: trials with equal values are on one side."""
+    seed: int = Field(default=0, ge=0, le=MOST_SEED)
+    """Random seed of the split into training, validation and test."""
+    group: OneOrMore = Field(default=(), json_schema_extra=CONDITION)
+    """Trials with the same value of this condition, such as subject, are never split. Of several, with the same
+    values of all."""
     test_where: Where = {}
-    """Test on the trials with these conditions and train on the others: `{ speed = 450, force_N = [3, 6] }`. A trial is
-    tested if each condition has the value, or one of the values."""
+    """Test on these trials and train on the others, as in speed=450 or speed=300,450. In a file and in Python
+    `{ speed = 450, force_N = [3, 6] }`: a trial is tested if each condition has the value, or one of the values."""
     leave_aside: bool = False
     """With several conditions in `test_where`, use no trial that has some of them and not all: no training or
     validation trial shares a value with the test trials."""
     nested: bool = True
     """With `test_where`, validate on one of the other values of its conditions, which no training trial has; the random
     seed chooses which. Otherwise, and where there are too few of them, on random trials."""
-    order: str | None = None
-    """Test on the last trials of each class and validate on those before them, in the order of this condition;
-    `trial`: the order in the file."""
+    order: str | None = Field(default=None, json_schema_extra=CONDITION)
+    """Test on the last trials of each class, in the order of this condition; trial: the order of the file. Validation
+    is on those before them."""
     folds: int | None = Field(default=None, ge=2)
-    """Divide the trials into this many folds, and test on one of them."""
+    """Divide the trials into this many folds and test on one; where networks are trained for several splits, on each in
+    turn, or on `fold` alone."""
     fold: int = Field(default=0, ge=0)
     """The fold that is tested, from 0."""
-
-    @field_validator("group", mode="before")
-    @classmethod
-    def _one_name_is_a_group(cls, group: Any) -> Any:
-        return (group,) if isinstance(group, str) else group
 
     @model_validator(mode="after")
     def _leaves_training_trials(self) -> "SplitSpec":
@@ -90,28 +91,59 @@ class SplitSpec(Spec):
         return bool(self.test_where) and self.nested and not self.group
 
 
-def split_table(
-    split_seed: int | None = None,
-    test_where: Mapping[str, Any] | None = None,
-    group: str | Sequence[str] = (),
-    order: str | None = None,
-    folds: int | None = None,
-    fold: int | None = None,
-    validation: float | None = None,
-    test: float | None = None,
-    nested: bool | None = None,
-) -> dict[str, Any]:
-    """Keys of `SplitSpec` from the arguments of a call; None means not given.
+class Splits(SplitSpec):
+    """How trials are divided once, or several times in turn; `nt.Split`.
 
-    >>> split_table(folds=5, group=["subject"])
-    {'seed': 0, 'test_where': {}, 'group': ['subject'], 'order': None, 'folds': 5, 'fold': 0}
+    >>> Splits(folds=5, group="subject").is_in_turn, Splits(folds=5, fold=0).is_in_turn
+    (True, False)
     """
-    effects.check(split_seed=split_seed, order=order, fold=fold, folds=folds)
-    others = {"validation": validation, "test": test, "nested": nested}
-    given = {key: value for key, value in others.items() if value is not None}
-    effects.check_keys(given, [effects.voids(order=order, folds=folds, test_where=test_where)], "split")
-    table = {"seed": split_seed or 0, "test_where": test_where or {}, "group": group}
-    return {**table, "order": order, "folds": folds, "fold": fold or 0, **given}
+
+    public = "Split"
+    stratify: OneOrMore = Field(default=(), json_schema_extra=CONDITION)
+    """A condition to balance in the split, besides the class."""
+    leave_out_each: OneOrMore = Field(default=(), json_schema_extra=CONDITION)
+    """Test on each value of this condition in turn, as in speed; no training trial has that value. Of several, such as
+    speed and force, each pair of values is tested, of which no training trial has one. `test_where` chooses among
+    these values."""
+    repeats: int = Field(default=1, ge=1, le=1000)
+    """Number of random splits, one network each; their seeds count upwards from `split.seed`."""
+
+    @model_validator(mode="after")
+    def _has_one_turn(self) -> "Splits":
+        for other in ("order", "folds"):
+            if self.leave_out_each and getattr(self, other):
+                raise ValueError(f"`leave_out_each` and `{other}` both select the test trials; give one of them")
+        if self.repeats > 1 and self.order:
+            raise ValueError("`repeats`: the test trials of `order` are the same for every seed; drop it")
+        return self
+
+    @property
+    def every_fold(self) -> bool:
+        """Whether each fold is tested in turn: where none is named."""
+        return self.folds is not None and "fold" not in self.model_fields_set
+
+    @property
+    def is_in_turn(self) -> bool:
+        """Whether several divisions are made in turn, where a network can be trained for each."""
+        return self.every_fold or bool(self.leave_out_each) or self.repeats > 1
+
+    @property
+    def one(self) -> SplitSpec:
+        """The division without its turns: of folds the first, where none is named."""
+        return SplitSpec.model_validate({key: getattr(self, key) for key in SplitSpec.model_fields})
+
+    def check_given(self) -> None:
+        given = {f"split.{key}" if key == "seed" else key for key in self.given()}
+        beside = {key: getattr(self, key) for key in ("order", "folds", "test_where", "leave_out_each")}
+        if self.leave_out_each:
+            given -= {"nested"}
+        effects.check_given(sorted(given), **beside)
+
+    def check_single(self, function: str) -> None:
+        """Refuse turns where a function, such as "tune", divides trials once."""
+        for key in ("leave_out_each", "repeats"):
+            if key in self.given():
+                raise InputError(f"`{key}`: has no effect in {function}, which divides trials once; leave it out")
 
 
 def values_to_leave_out(conditions: pd.DataFrame, column: str) -> list[Any]:
@@ -201,12 +233,6 @@ def check_each(
     if len(tests) <= MANY_TESTS:
         return [line]
     return [f"{line}. `test_where={{{columns[0]!r}: {tests[0][columns[0]]!r}}}` tests fewer"]
-
-
-def check_one_way(leave_out_each: Sequence[str], **ways: Any) -> None:
-    """InputError for `leave_out_each` beside another parameter that selects the test trials."""
-    for other in (name for name, value in ways.items() if value and leave_out_each):
-        raise InputError(f"`leave_out_each` and `{other}` both select the test trials; give one of them")
 
 
 class Split(NamedTuple):

@@ -59,7 +59,10 @@ class Words(NamedTuple):
     each: str
 
 
-ARGUMENTS = Words("`length_ms`", "`start_ms={}`", "`align='onset'`", "`align='onset', per_trial=1, rest_ms={:g}`")
+ARGUMENTS = Words(
+    "`length_ms`", "`start_ms={}`", "`align='onset'`",
+    "`window=nt.Window(align='onset', per_trial=1, onset=nt.Onset(rest_ms={:g}))`",
+)  # fmt: skip
 """The parameters of functions that cut windows."""
 
 

@@ -8,15 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from neurotact import effects
 from neurotact.data.recordings import chosen, order_by_name
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import SplitSpec, split_touches
+from neurotact.data.splits import Splits, split_touches
 from neurotact.data.window_choice import ARGUMENTS, suited_window
-from neurotact.data.windows import Align, WindowSpec, window_table
+from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
 from neurotact.notebook import html_of
-from neurotact.spec import build
+from neurotact.spec import takes_specs
 
 
 class Origin(NamedTuple):
@@ -180,7 +179,7 @@ class WindowedSpikes:
     trains: the spike trains that the windows were cut from.
 
     >>> import neurotact as nt
-    >>> found = windows(nt.encode(nt.simulate("gratings", trials=1, duration_s=0.3)), length_ms=100)
+    >>> found = windows(nt.encode(nt.simulate("gratings", trials=1, duration_s=0.3)), nt.Window(length_ms=100))
     >>> found.X.shape, found.y.shape, found.length_ms
     ((144, 200, 16), (144,), 100.0)
     """
@@ -205,42 +204,14 @@ class WindowedSpikes:
         X = SpikeArray.of(self.X[index], self.trains.sampling_rate_Hz, self.X.origin)
         return WindowedSpikes(X, self.y[index], self.groups[index], self.start_steps[index], self.trains)
 
-    def split(
-        self,
-        seed: int = 0,
-        *,
-        validation: float = 0.15,
-        test: float = 0.15,
-        stratify: Sequence[str] = (),
-        group: str | Sequence[str] = (),
-        test_where: Mapping[str, Any] | None = None,
-        leave_aside: bool = False,
-        nested: bool = True,
-        order: str | None = None,
-        folds: int | None = None,
-        fold: int = 0,
-    ) -> "WindowedSplit":
+    @takes_specs
+    def split(self, split: Splits = Splits()) -> "WindowedSplit":
         """Training, validation and test windows. Trials are split, so no trial and no copy of it is on two sides.
 
-        seed: random seed of the split. validation, test: shares of the trials.
-        stratify: conditions that are balanced over the sides, besides the class.
-        group: conditions that name a group, such as "subject"; its trials are on one side.
-        test_where: test on the trials with these conditions, `{"speed": 450}`, and train on the others.
-        leave_aside: with several conditions in test_where, use no trial that has some of them and not all, so that no
-            training or validation trial shares a value with the test trials.
-        nested: with test_where, validate on another value of these conditions, which the seed chooses.
-        order: test on the last trials of each class by this condition; "trial": the order in the file.
-        folds, fold: divide the trials into this many folds, and test on one of them, from 0; repeat with other seeds.
         Raises InputError when a class has too few trials, or when training trials would lack one.
         """
-        table = {
-            "seed": seed, "validation": validation, "test": test, "test_where": dict(test_where or {}), "order": order,
-            "group": group if isinstance(group, str) else list(group), "folds": folds, "fold": fold, "nested": nested,
-            "leave_aside": leave_aside,
-        }  # fmt: skip
-        effects.check(leave_aside=leave_aside, test_where=test_where)
-        spec = build(SplitSpec, table, source="split")
-        sides = split_touches(self.trains, stratify, spec)
+        split.check_single("split")
+        sides = split_touches(self.trains, split.stratify, split.one)
         return WindowedSplit(*(self.select(np.isin(self.groups, side)) for side in sides))
 
     def __repr__(self) -> str:
@@ -263,44 +234,28 @@ class WindowedSplit(NamedTuple):
     test: WindowedSpikes
 
 
-def windows(
-    spikes: SpikeTrains,
-    length_ms: float | None = None,
-    start_ms: float | None = None,
-    *,
-    hop_ms: float | None = None,
-    per_trial: int | None = None,
-    align: Align = "trial",
-    rest_ms: float | None = None,
-    onset_deviations: float | None = None,
-) -> WindowedSpikes:
+@takes_specs
+def windows(spikes: SpikeTrains, window: WindowSpec = WindowSpec()) -> WindowedSpikes:
     """Cut the trials of spike trains into windows.
 
-    length_ms: length of a window. If None, windows are chosen, without labels, and the choice is logged: from the begin
-        of the touch to the end of the shortest trial, at most 2 s each, and up to 4 s of each trial.
-    start_ms: skipped at the beginning of each trial; if None, where the touch begins, or 0 with a given length.
-    hop_ms: time between the starts of windows; the window's length when None.
-    per_trial: at most this many windows per trial; all that fit when it is None and the length is given.
-    align: "onset" makes `start_ms` count from the onset of contact, which `data.contact.OnsetSpec` defines.
-    rest_ms, onset_deviations: with align="onset", the rest at the start of each trial (50), and how many of its
-        standard deviations contact exceeds it by (3). Warns of trials without an onset.
+    window: how long they are and where they start; without a length they are chosen from the trials, which is logged.
+    Warns of trials without an onset of contact, if windows are aligned to it.
     Raises InputError when a trial holds no window, or for values out of range.
 
     >>> import pandas as pd
     >>> from neurotact.data.spikes import from_rasters
     >>> felt = from_rasters(np.zeros((2, 700, 16)), 2000.0, ("SA-I taxel1",) * 16, pd.DataFrame({"label": ["a", "b"]}))
-    >>> windows(felt, length_ms=150)
+    >>> windows(felt, WindowSpec(length_ms=150))
     WindowedSpikes(4 windows of 300 steps (150 ms) x 16 afferents, 2 classes, 2 trials)
     >>> windows(felt).length_ms
     350.0
     """
     if not isinstance(spikes, SpikeTrains):
         raise InputError(f"spikes: must be spike trains, as nt.encode returns them; got {type(spikes).__name__}")
-    table = window_table(length_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
-    spec = suited_window(spikes, build(WindowSpec, table, source="windows"), ARGUMENTS)
+    spec = suited_window(spikes, window, ARGUMENTS)
     complaint = spikes.onset_complaint(spec)
     if complaint:
-        warnings.warn(complaint, stacklevel=2)
+        warnings.warn(complaint, stacklevel=3)
     cut = spikes.cut(spec)
     origin = Origin(spikes.encoder or None, spikes.afferents, spec, spikes.recorded_Hz)
     X = SpikeArray.of(spikes.raster(cut), spikes.sampling_rate_Hz, origin)

@@ -2,7 +2,7 @@
 
 import logging
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -11,7 +11,7 @@ from neurotact import effects
 from neurotact.data.contact import OnsetSpec
 from neurotact.errors import InputError
 from neurotact.files import check_size
-from neurotact.spec import Spec
+from neurotact.spec import Spec, chosen
 
 log = logging.getLogger("neurotact")
 
@@ -24,51 +24,47 @@ SHORTEST_STEP_MS, SHORTEST_TOUCH_MS = 1.0, 5.0
 
 
 class WindowSpec(Spec):
-    """The stretches of each trial that a network receives."""
+    """The stretches of each trial that a network receives; `nt.Window`.
 
-    length_ms: float = Field(default=150.0, gt=0)
-    """Length of a window."""
-    start_ms: float = Field(default=0.0, ge=0)
-    """Skipped at the beginning of each trial, so that filters and membranes have settled."""
+    Where no length is given to a command or a function, windows are chosen from the trials, without labels, and the
+    choice is logged: from the begin of the touch to the end of the shortest trial, at most 2 s each, and up to 4 s of
+    each trial.
+
+    >>> WindowSpec(length_ms=100, align="onset")
+    Window(length_ms=100.0, align='onset')
+    """
+
+    public = "Window"
+    length_ms: float = Field(
+        default=150.0, gt=0, json_schema_extra=chosen("the shortest trial from the touch on, at most 2000")
+    )
+    """Length of a window, the unit that is classified."""
+    start_ms: float = Field(default=0.0, ge=0, json_schema_extra=chosen("where the touch begins; 0 with `length_ms`"))
+    """Start of the first window in each trial. What is before it is skipped, so that filters and membranes have
+    settled."""
     hop_ms: float | None = Field(default=None, gt=0)
     """Time between the starts of windows; the window's length when absent."""
-    per_trial: int | None = Field(default=None, ge=1)
-    """Maximum number of windows per trial, the first ones; all that fit when absent."""
+    per_trial: int | None = Field(
+        default=None, ge=1, json_schema_extra=chosen("up to 4 s of windows; all that fit with `length_ms`")
+    )
+    """Maximum number of windows per trial, the first ones. All that fit when absent."""
     align: Align = "trial"
-    """`start_ms` counts from the trial's beginning, or from the onset of contact."""
+    """What `start_ms` counts from: the trial's beginning, or the onset of contact."""
     onset: OnsetSpec = OnsetSpec()
 
+    def check_given(self) -> None:
+        """Refuse a rule for onsets without any; log a window that is likely meant in seconds.
 
-def window_table(
-    length_ms: float | None = None,
-    start_ms: float | None = None,
-    hop_ms: float | None = None,
-    per_trial: int | None = None,
-    align: str = "trial",
-    rest_ms: float | None = None,
-    onset_deviations: float | None = None,
-) -> dict[str, Any]:
-    """Keys of `WindowSpec` from the arguments of a call; None means not given.
-
-    >>> window_table(length_ms=150, align="onset", rest_ms=5)
-    {'length_ms': 150, 'align': 'onset', 'onset': {'rest_ms': 5, 'bin_ms': 5}}
-    """
-    effects.check(align=align, rest_ms=rest_ms, onset_deviations=onset_deviations)
-    check_not_seconds(length_ms)
-    given = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
-    bin_ms = rest_ms if isinstance(rest_ms, (int, float)) and rest_ms < OnsetSpec().bin_ms else None
-    onset = {"rest_ms": rest_ms, "bin_ms": bin_ms, "deviations": onset_deviations}
-    table = {key: value for key, value in given.items() if value is not None}
-    onset = {key: value for key, value in onset.items() if value is not None}
-    return table | ({"onset": onset} if onset else {})
-
-
-def check_not_seconds(length_ms: float | None) -> None:
-    """Log a window of a few milliseconds, which is likely meant in seconds; `steps_of` refuses a shorter one."""
-    if isinstance(length_ms, (int, float)) and SHORTEST_STEP_MS <= length_ms < SHORTEST_TOUCH_MS:
-        log.warning(
-            "`length_ms=%g`: a window of %g ms is shorter than a touch; is it meant in seconds?", length_ms, length_ms
-        )
+        `steps_of` refuses one of less than a step.
+        """
+        given = self.given()
+        effects.check_given(given, align=self.align)
+        if "length_ms" in given and SHORTEST_STEP_MS <= self.length_ms < SHORTEST_TOUCH_MS:
+            log.warning(
+                "`length_ms=%g`: a window of %g ms is shorter than a touch; is it meant in seconds?",
+                self.length_ms,
+                self.length_ms,
+            )
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ from neurotact import effects, files
 from neurotact import spec as specs
 from neurotact.baselines.opponent import Opponents
 from neurotact.data.augmentation import AUTO, NONE, AugmentationSpec
-from neurotact.data.contact import OnsetSpec
 from neurotact.data.dataset import DatasetSpec
 from neurotact.data.sources import expand, simulator
 from neurotact.data.splits import SplitSpec
@@ -474,12 +473,12 @@ def reach_ms(cell: Cell) -> float | None:
 def _void_keys(cell: Cell) -> dict[str, str]:
     """The keys of a study that have no effect in a cell, and why."""
     split = effects.voids(folds=cell.split.folds, test_where=cell.split.test_where, order=cell.split.order)
-    onset = effects.voids(align=cell.window.align)["rest_ms"] if cell.window.align == "trial" else None
+    onset = effects.voids(align=cell.window.align)
     without = "has no effect without a network, as in `settings={'network': 'rsnn'}`; leave it out"
     network = {} if cell.network is None or cell.search is not None else recipe.void_keys(cell.network)
     return {
-        **({f"window.onset.{key}": onset for key in OnsetSpec.model_fields} if onset else {}),
-        **{f"split.{key.removeprefix('split_')}": why for key, why in split.items()},
+        **{f"window.{key}": why for key, why in onset.items()},
+        **{f"split.{key.removeprefix('split.')}": why for key, why in split.items()},
         **_void_in_copies(cell.augmentation),
         **({"balance": without} if cell.network is None else {}),
         **{f"network.{key}": why for key, why in network.items()},

@@ -289,7 +289,7 @@ def _cautions_of(rows: pd.DataFrame) -> Iterator[str]:
     if seeds < LEAST_SPLITS:
         yield (
             f"{in_seeds(seeds)}, so there is no interval: another split may reverse the answer; give "
-            f"`repeats={LEAST_SPLITS}` or more"
+            f"`split=nt.Split(repeats={LEAST_SPLITS})` or more"
         )
     if "least_test_trials" in base and base["least_test_trials"].min() < FEW_PER_CLASS:
         least, trials = int(base["least_test_trials"].min()), int(base["test_trials"].min())

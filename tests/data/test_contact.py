@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import neurotact as nt
 from neurotact.data.contact import OnsetSpec, onset_of
 from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
 from neurotact.data.windowed import windows
@@ -50,8 +51,13 @@ def test_windows_start_at_the_onset_and_say_where_they_cannot():
         r"trial's beginning; 1 end too soon after it for a window \(the first is trial 2\)"
     )
     with pytest.warns(UserWarning, match=complaint):
-        windows(trains, length_ms=20, start_ms=5, per_trial=1, align="onset")
-    assert windows(trains_of([100, 101, 102, 103], [60, 61, 62, 63]), 20, align="onset").start_steps[0] == 103
+        windows(trains, nt.Window(length_ms=20, start_ms=5, per_trial=1, align="onset"))
+    assert (
+        windows(trains_of([100, 101, 102, 103], [60, 61, 62, 63]), nt.Window(length_ms=20, align="onset")).start_steps[
+            0
+        ]
+        == 103
+    )
 
 
 def test_a_restless_afferent_is_no_contact():

@@ -41,7 +41,7 @@ def made(tmp_path_factory) -> Path:
             (work / name).mkdir()
         nt.save(touches(0), "data/touch.h5")
         encode("data/touch.h5", "out/spikes.h5")
-        nt.train("out/spikes.h5", "run", "rsnn", QUICK, length_ms=50)
+        nt.train("out/spikes.h5", "run", "rsnn", QUICK, window=nt.Window(length_ms=50))
     return work
 
 

@@ -193,12 +193,12 @@ def in_this_process(_):
 def test_a_search_uses_the_chosen_trials_in_its_workers_too(place, tmp_path, caplog, monkeypatch):
     monkeypatch.setattr(workers, "pool", in_this_process)
     space = {"hidden": {"_type": "choice", "_value": [3, 4]}}
-    asked = {"trials": 2, "workers": 1, "settings": {"training.epochs": 1}}
-    mine = nt.tune(place / "spikes.h5", tmp_path / "mine", space, "rsnn", **asked, **CHOICE)
+    asked = {"search": nt.Search(space=space, trials=2), "workers": 1, "settings": {"training.epochs": 1}}
+    mine = nt.tune(place / "spikes.h5", tmp_path / "mine", "rsnn", **asked, **CHOICE)
     assert [line for line in caplog.messages if "trials are kept" in line] == [
         f"{place / 'spikes.h5'}: 20 of 60 trials are kept: speed = 450 without label = rest"
     ]
-    alone = nt.tune(place / "some-spikes.h5", tmp_path / "alone", space, "rsnn", **asked)
+    alone = nt.tune(place / "some-spikes.h5", tmp_path / "alone", "rsnn", **asked)
     assert mine["hidden"].tolist() == alone["hidden"].tolist()
     assert trained.restore(tmp_path / "mine" / "best").classes == ("felt", "silk")
 

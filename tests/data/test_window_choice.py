@@ -172,7 +172,7 @@ def test_python_cuts_the_same_windows_without_a_length():
     window = suited_window(trains, WindowSpec())
     assert (made.length_ms, len(made)) == (window.length_ms, len(trains))
     assert set(made.start_steps.tolist()) == {int(window.start_ms)}
-    assert len(nt.windows(trains, length_ms=150)) == len(trains) * 20
+    assert len(nt.windows(trains, nt.Window(length_ms=150))) == len(trains) * 20
 
 
 def pressed(rng: np.random.Generator, onsets: np.ndarray, n_silent: int) -> nt.SpikeTrains:
@@ -195,7 +195,7 @@ def test_touches_that_begin_at_different_times_are_named_with_the_remedy(latest,
         suited_window(trains, WindowSpec())
     said = [line for line in caplog.messages if line.startswith("Touches begin at different times")]
     assert len(said) == is_named
-    assert all("try `align='onset', per_trial=1, rest_ms=" in line for line in said)
+    assert all("try `window=nt.Window(align='onset', per_trial=1, onset=nt.Onset(rest_ms=" in line for line in said)
 
 
 def test_a_given_start_needs_no_note_on_onsets(caplog):

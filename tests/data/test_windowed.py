@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.model_selection import train_test_split
 
+import neurotact as nt
 from neurotact.data.spikes import from_rasters
 from neurotact.data.windowed import SpikeArray, windows
 from neurotact.errors import InputError
@@ -28,7 +29,7 @@ def trains(n_trials: int = 40, n_steps: int = 50):
 
 def test_windows_hold_the_spikes_the_class_and_the_trial_of_each():
     spikes, rasters = trains()
-    data = windows(spikes, length_ms=20, start_ms=5, hop_ms=10)
+    data = windows(spikes, nt.Window(length_ms=20, start_ms=5, hop_ms=10))
     assert data.X.shape == (40 * 3, 20, 4)
     assert data.X.sampling_rate_Hz == 1000.0
     for at in (0, 1, 119):
@@ -40,17 +41,17 @@ def test_windows_hold_the_spikes_the_class_and_the_trial_of_each():
 
 @given(st.integers(0, 2**32 - 2))
 def test_a_split_puts_each_trial_on_one_side_and_loses_no_window(seed):
-    data = windows(trains()[0], length_ms=20)
-    sides = data.split(seed)
+    data = windows(trains()[0], nt.Window(length_ms=20))
+    sides = data.split(nt.Split(seed=seed))
     groups = [set(side.groups.tolist()) for side in sides]
     assert sum(map(len, groups)) == len(set.union(*groups))
     assert sum(map(len, sides)) == len(data)
     assert all(set(side.y) == {"felt", "silk"} for side in sides)
-    assert data.split(seed).test.groups.tolist() == sides.test.groups.tolist()
+    assert data.split(nt.Split(seed=seed)).test.groups.tolist() == sides.test.groups.tolist()
 
 
 def test_a_split_balances_the_conditions_that_are_named():
-    sides = windows(trains(80)[0], length_ms=20).split(0, stratify=["force_N"])
+    sides = windows(trains(80)[0], nt.Window(length_ms=20)).split(nt.Split(seed=0, stratify=["force_N"]))
     forces = sides.test.trains.conditions["force_N"].to_numpy()[sides.test.groups]
     assert np.bincount(forces).min() >= 0.4 * len(forces)
 
@@ -58,23 +59,23 @@ def test_a_split_balances_the_conditions_that_are_named():
 def test_a_split_leaves_trials_of_a_tested_value_aside_where_asked():
     spikes, _ = trains(80)
     table = spikes.conditions.assign(speed=np.arange(80) % 8 // 4)
-    data = windows(replace(spikes, conditions=table), length_ms=20)
-    sides = data.split(0, test_where={"force_N": 1, "speed": 1}, leave_aside=True)
+    data = windows(replace(spikes, conditions=table), nt.Window(length_ms=20))
+    sides = data.split(nt.Split(seed=0, test_where={"force_N": 1, "speed": 1}, leave_aside=True))
     seen = table.loc[np.unique(sides.train.groups), ["force_N", "speed"]]
     assert len(seen)
     assert (seen == 0).all(axis=None)
     with pytest.raises(InputError, match="leave_aside"):
-        data.split(0, test_where={"speed": 1}, leave_aside=True)
+        data.split(nt.Split(seed=0, test_where={"speed": 1}, leave_aside=True))
 
 
 def test_trials_without_an_onset_are_warned_of():
     spikes, _ = trains(40, 300)
     with pytest.warns(UserWarning, match="38 of 40 trials have no onset of contact"):
-        windows(spikes, length_ms=20, align="onset")
+        windows(spikes, nt.Window(length_ms=20, align="onset"))
 
 
 def test_windows_are_chosen_by_mask_or_index_and_shown_in_a_notebook():
-    data = windows(trains(4)[0], length_ms=20)
+    data = windows(trains(4)[0], nt.Window(length_ms=20))
     chosen = data.select([7, 0])
     assert (data.X[[7, 0]] == chosen.X).all()
     assert chosen.y.tolist() == [data.y[7], data.y[0]]
@@ -102,9 +103,9 @@ def test_another_type_is_refused_with_the_fix(wrong):
 
 def test_a_window_that_fits_no_trial_is_refused():
     with pytest.raises(InputError, match="shorten the window"):
-        windows(trains()[0], length_ms=60)
+        windows(trains()[0], nt.Window(length_ms=60))
     with pytest.raises(InputError, match="length_ms"):
-        windows(trains()[0], length_ms=-1)
+        windows(trains()[0], nt.Window(length_ms=-1))
 
 
 NAMES = ("SA-I a", "SA-I b", "RA-I a", "RA-I b")
@@ -112,7 +113,7 @@ NAMES = ("SA-I a", "SA-I b", "RA-I a", "RA-I b")
 
 @given(st.integers(0, 30), st.integers(1, 40), st.integers(-4, 4).filter(bool))
 def test_a_slice_of_the_time_has_the_clock_and_the_window_of_its_steps(first, length, step):
-    X = windows(trains(4)[0], length_ms=40, start_ms=5, hop_ms=3).X
+    X = windows(trains(4)[0], nt.Window(length_ms=40, start_ms=5, hop_ms=3)).X
     part = X[:, first : first + length : step] if step > 0 else X[:, first + length : first : step]
     assert part.sampling_rate_Hz == 1000.0 / abs(step)
     assert part.origin.afferents == NAMES
@@ -149,13 +150,13 @@ def test_a_slice_of_the_time_has_the_clock_and_the_window_of_its_steps(first, le
     ],
 )
 def test_other_steps_or_afferents_have_no_clock(other):
-    part = other(windows(trains(4)[0], length_ms=20).X)
+    part = other(windows(trains(4)[0], nt.Window(length_ms=20)).X)
     assert getattr(part, "sampling_rate_Hz", None) is getattr(part, "origin", None) is None
 
 
 @pytest.mark.parametrize("key", [[3, 1], slice(None, None, -1), np.array([True, False, True, True])])
 def test_chosen_afferents_keep_their_names_and_not_the_encoder(key):
-    X = windows(trains(4)[0], length_ms=20).X
+    X = windows(trains(4)[0], nt.Window(length_ms=20)).X
     part = X[..., key]
     assert part.origin.afferents == tuple(np.array(NAMES)[key])
     assert (part.sampling_rate_Hz, part.origin.encoder) == (1000.0, None)

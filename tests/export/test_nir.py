@@ -481,7 +481,13 @@ def test_the_command_exports_proves_and_says_what_differs(tmp_path):
     recordings = nt.simulate("gratings", trials=1, duration_s=0.15)
     nt.save(recordings, tmp_path / "gratings.h5")
     nt.save(nt.encode(recordings, encoder), tmp_path / "spikes.h5")
-    nt.train(tmp_path / "spikes.h5", tmp_path / "run", "rsnn", {"hidden": 6, "training.epochs": 1}, length_ms=100)
+    nt.train(
+        tmp_path / "spikes.h5",
+        tmp_path / "run",
+        "rsnn",
+        {"hidden": 6, "training.epochs": 1},
+        window=nt.Window(length_ms=100),
+    )
     arguments = ["export", str(tmp_path / "run"), "--to", "nir"]
 
     def said(*more: str) -> str:

@@ -80,7 +80,7 @@ def test_a_remedy_names_only_what_its_command_has():
     assert line.endswith("try `network='default'` or more trials (`trials`)")
     split = SplitSpec()
     (line,) = cautions.few_test_trials({"felt": 1}, split, "tune")
-    assert line.endswith("with `nt.train(..., folds=5)`")
+    assert line.endswith("with `nt.train(..., split=nt.Split(folds=5))`")
     diverged = log([2.0, 0.5, 2.1])
     again = [
         *cautions.not_learned(0.3, 0.1, 0.4, "fine-tune"),
@@ -90,7 +90,7 @@ def test_a_remedy_names_only_what_its_command_has():
     assert len(again) == 3
     assert all("; train the run again with " in line for line in again)
     (line,) = cautions.few_test_trials({"felt": 1}, split, "fine-tune")
-    assert line.endswith("with `nt.train(..., folds=5)`")
+    assert line.endswith("with `nt.train(..., split=nt.Split(folds=5))`")
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,7 @@ def test_a_class_with_few_test_trials_is_named(per_class, expected):
 )  # fmt: skip
 def test_folds_are_named_where_test_trials_are_drawn_at_random(split, helps):
     (found,) = cautions.few_test_trials({"felt": 4, "silk": 20}, SplitSpec.model_validate(split))
-    assert found.endswith("`folds=5`") == helps
+    assert found.endswith("`split=nt.Split(folds=5)`") == helps
 
 
 def test_an_exit_whose_loss_few_trials_bound_is_named():

@@ -15,7 +15,7 @@ from neurotact.errors import InputError
 from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.training import conditions_curve, fitting
 
-QUICK = {"settings": {"hidden": 4, "training.epochs": 1}, "length_ms": 100}
+QUICK = {"settings": {"hidden": 4, "training.epochs": 1}, "window": nt.Window(length_ms=100)}
 
 
 @given(n=st.integers(3, 9))

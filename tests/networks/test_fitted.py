@@ -47,9 +47,14 @@ def test_the_rate_of_the_samples_is_that_of_the_recordings(tmp_path):
     nt.save(spikes, tmp_path / "spikes.h5")
     again = nt.load_spikes(tmp_path / "spikes.h5")
     assert again.recorded_Hz == again.select([0, 1]).recorded_Hz == 200.0
-    windows = nt.windows(again, length_ms=100)
+    windows = nt.windows(again, nt.Window(length_ms=100))
     assert nt.Stream(classifier.fit(windows.X, windows.y)).chain.sampling_rate_Hz == 200.0
-    nt.train(tmp_path / "spikes.h5", tmp_path / "run", settings={"hidden": 4, "training.epochs": 1}, length_ms=100)
+    nt.train(
+        tmp_path / "spikes.h5",
+        tmp_path / "run",
+        settings={"hidden": 4, "training.epochs": 1},
+        window=nt.Window(length_ms=100),
+    )
     assert nt.Stream(tmp_path / "run").chain.sampling_rate_Hz == 200.0
 
 
@@ -83,7 +88,7 @@ def test_infer_decides_as_predict(pipe, recordings, tmp_path):
 
 
 def test_windows_of_spikes_are_cut_again_as_they_were(recordings):
-    windows = nt.windows(nt.encode(recordings, ENCODER), length_ms=40, start_ms=30, hop_ms=20)
+    windows = nt.windows(nt.encode(recordings, ENCODER), nt.Window(length_ms=40, start_ms=30, hop_ms=20))
     classifier = nt.SpikingClassifier(hidden=4, epochs=1, random_state=0).fit(windows.X, windows.y)
     assert nt.infer(classifier, windows.trains)["predicted"].tolist() == classifier.predict(windows.X).tolist()
     plan = nt.Stream(classifier).chain.windows

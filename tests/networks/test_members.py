@@ -347,7 +347,7 @@ def test_what_an_effort_costs_is_told():
 
 def test_a_classifier_takes_an_effort():
     found, keys = trains(), {"effort": "best", "training.epochs": 2}
-    windows = nt.windows(found, length_ms=40)
+    windows = nt.windows(found, nt.Window(length_ms=40))
     classifier = nt.SpikingClassifier(hidden=4, settings=keys, random_state=0).fit(windows.X, windows.y)
     assert classifier.network_.spec.hidden == 12
     assert classifier.training_.n_members == 3

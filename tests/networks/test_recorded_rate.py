@@ -48,7 +48,7 @@ def trains(recordings) -> nt.SpikeTrains:
 
 @pytest.fixture(scope="module")
 def classifier(trains) -> nt.SpikingClassifier:
-    windows = nt.windows(trains, length_ms=LENGTH_ms)
+    windows = nt.windows(trains, nt.Window(length_ms=LENGTH_ms))
     return nt.SpikingClassifier(hidden=4, epochs=1, batch=8, random_state=0).fit(windows.X, windows.y)
 
 
@@ -65,7 +65,7 @@ def unknown(trains: nt.SpikeTrains) -> nt.SpikeTrains:
 
 def costs_of_a_run(trains: nt.SpikeTrains, folder) -> pd.DataFrame:
     nt.save(trains, folder / "spikes.h5")
-    nt.train(folder / "spikes.h5", folder / "run", settings=TRAINING, length_ms=LENGTH_ms, seed=3)
+    nt.train(folder / "spikes.h5", folder / "run", settings=TRAINING, seed=3, window=nt.Window(length_ms=LENGTH_ms))
     told = []
     nt.sops(folder / "run", folder / "sops.csv", tell=told.append)
     (costs,) = (each for each in told if isinstance(each, pd.DataFrame))
@@ -93,9 +93,9 @@ def test_events_that_nobody_encoded_have_no_cost_of_encoding(trains, tmp_path):
 
 
 def test_the_rate_reaches_the_ledger_of_a_classifier(trains, classifier):
-    of_encoder = classifier.costs(nt.windows(trains, length_ms=LENGTH_ms).X).set_index("name").loc["encoder"]
+    of_encoder = classifier.costs(nt.windows(trains, nt.Window(length_ms=LENGTH_ms)).X).set_index("name").loc["encoder"]
     assert of_encoder["multiplications"] == encoding(trains).multiplications
-    windows = nt.windows(unknown(trains), length_ms=LENGTH_ms)
+    windows = nt.windows(unknown(trains), nt.Window(length_ms=LENGTH_ms))
     other = nt.SpikingClassifier(hidden=4, epochs=1, batch=8, random_state=0).fit(windows.X, windows.y)
     with pytest.warns(UserWarning, match="the ledger has the network alone: conditioning and encoding are not counted"):
         assert other.costs(windows.X)["name"].tolist() == ["network"]

@@ -241,7 +241,7 @@ def test_a_classifier_decides_on_the_windows_that_it_holds_out(kept):
 @pytest.mark.parametrize(("models", "first"), [(["auto", "snn"], "auto"), (["rsnn", "snn"], "rsnn")])
 def test_a_search_begins_with_a_model_of_its_space(models, first):
     space = {"model": {"_type": "choice", "_value": models}}
-    asked = search.asked("tune", space, spec_of(), {"trials": 2}, trains(), TASK)
+    asked = search.asked(SearchSpec(space=space, trials=2), spec_of(), trains(), TASK)
     assert asked.first == {"model": first}
 
 

@@ -3,6 +3,7 @@
 import sys
 import warnings
 from dataclasses import replace
+from typing import Any
 
 import in_process
 import numpy as np
@@ -14,7 +15,7 @@ from neurotact import cli
 from neurotact.cli import app, output
 from neurotact.data import hdf5
 from neurotact.data.spikes import from_rasters
-from neurotact.data.splits import SplitSpec
+from neurotact.data.splits import Splits
 from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
 from neurotact.files import read_json, write_json
@@ -37,13 +38,14 @@ def spikes(tmp_path):
     return tmp_path / "spikes.h5"
 
 
-def task_of(**split) -> Task:
-    return Task(window=WindowSpec(length_ms=60), split=SplitSpec(**split))
+def tasks_of(conditions: pd.DataFrame | None = None, **splits: Any) -> dict[str, Task]:
+    task = Task(window=WindowSpec(length_ms=60))
+    return repeated.tasks_of(task, Splits(**splits), pd.DataFrame() if conditions is None else conditions)
 
 
 @pytest.mark.thorough
 def test_every_trial_is_tested_once_in_each_repetition(spikes, tmp_path):
-    tasks = repeated.tasks_of(task_of(folds=3, seed=4), every_fold=True, repeats=2)
+    tasks = tasks_of(folds=3, seed=4, repeats=2)
     found = repeated.run(spikes, tmp_path / "run", SMALL, tasks)
     trains = hdf5.load_spikes(spikes)
     tested = [trained.test_trials(trained.restore(tmp_path / "run" / name), trains) for name in tasks]
@@ -57,7 +59,7 @@ def test_every_trial_is_tested_once_in_each_repetition(spikes, tmp_path):
 
 
 def test_what_is_done_is_not_done_again(spikes, tmp_path):
-    tasks = repeated.tasks_of(task_of(), every_fold=False, repeats=2)
+    tasks = tasks_of(repeats=2)
     first = repeated.run(spikes, tmp_path / "run", SMALL, tasks)
     before = (tmp_path / "run/seed-0/weights.safetensors").stat().st_mtime_ns
     with pytest.raises(InputError, match=r"splits\.csv: already exists"):
@@ -69,7 +71,7 @@ def test_what_is_done_is_not_done_again(spikes, tmp_path):
 
 def test_one_interrupted_after_a_split_is_told_to_resume(spikes, tmp_path):
     """Not to start again, which would train the first split anew."""
-    one, both = (repeated.tasks_of(task_of(), every_fold=False, repeats=n) for n in (1, 2))
+    one, both = (tasks_of(repeats=n) for n in (1, 2))
     repeated.run(spikes, tmp_path / "run", SMALL, one)
     (tmp_path / "run/splits.csv").unlink()
     with pytest.raises(InputError, match="were interrupted; pass `resume=True` to continue"):
@@ -78,10 +80,10 @@ def test_one_interrupted_after_a_split_is_told_to_resume(spikes, tmp_path):
 
 
 def test_other_splits_are_not_mixed_into_the_folder_of_an_earlier_run(spikes, tmp_path):
-    few, more = (repeated.tasks_of(task_of(), every_fold=False, repeats=n) for n in (2, 3))
+    few, more = (tasks_of(repeats=n) for n in (2, 3))
     repeated.run(spikes, tmp_path / "run", SMALL, few)
     table = (tmp_path / "run/splits.csv").read_bytes()
-    folds = repeated.tasks_of(task_of(folds=2), every_fold=True, repeats=1)
+    folds = tasks_of(folds=2)
     with pytest.raises(InputError, match=r"holds trainings of other splits \(seed-0, seed-1\)"):
         repeated.run(spikes, tmp_path / "run", SMALL, folds, resume=True)
     assert (tmp_path / "run/splits.csv").read_bytes() == table
@@ -89,7 +91,7 @@ def test_other_splits_are_not_mixed_into_the_folder_of_an_earlier_run(spikes, tm
 
 
 def test_an_interruption_of_a_later_training_tells_how_to_go_on(spikes, tmp_path, monkeypatch, capsys):
-    begun, folder = repeated.tasks_of(task_of(), every_fold=False, repeats=1), tmp_path / "run"
+    begun, folder = tasks_of(), tmp_path / "run"
     words = ["train", str(spikes), "-o", str(folder), *COMMAND.split(), "--repeats", "2"]
     repeated.run(spikes, folder, SMALL, begun)
 
@@ -114,10 +116,10 @@ def test_one_fold_is_one_training(spikes, tmp_path):
 
 def test_seeds_that_would_test_the_same_trials_are_refused():
     with pytest.raises(InputError, match=r"`repeats`: the test trials of `order` are the same"):
-        repeated.tasks_of(task_of(order="trial"), every_fold=False, repeats=2)
-    assert [*repeated.tasks_of(task_of(order="trial"), every_fold=False, repeats=1)] == ["seed-0"]
+        tasks_of(order="trial", repeats=2)
+    assert [*tasks_of(order="trial")] == ["seed-0"]
     # Each seed validates on another condition that training leaves out.
-    seeds = repeated.tasks_of(task_of(test_where={"speed": 450}), every_fold=False, repeats=2)
+    seeds = tasks_of(test_where={"speed": 450}, repeats=2)
     assert [task.split.seed for task in seeds.values()] == [0, 1]
 
 
@@ -211,9 +213,7 @@ def trained_with(accuracies):
 
 def test_splits_that_are_all_right_have_the_interval_of_their_test_trials(spikes, tmp_path, monkeypatch):
     monkeypatch.setattr(train_run, "run", trained_with([1.0] * 3))
-    found = repeated.run(
-        spikes, tmp_path / "run", SMALL, repeated.tasks_of(task_of(folds=3), every_fold=True, repeats=1)
-    )
+    found = repeated.run(spikes, tmp_path / "run", SMALL, tasks_of(folds=3))
     # Each fold tests 6 of 18 trials: 6 / (1/3 + 6/12) are 7.
     assert [*found.accuracy] == pytest.approx([1.0, *wilson_interval(1.0, 7)])
     assert "accuracy 100.0 % (95 % interval 64.6 to 100.0 %) over 3 splits" in repeated.line(found)
@@ -224,7 +224,7 @@ def test_further_seeds_of_two_tested_values_give_no_interval(at_speeds, tmp_path
     said = in_process.typed("train", at_speeds, "-o", tmp_path / "run", *COMMAND.split(), *given).out
     assert "over 2 values of speed, 2 splits each (too few for an interval: test 3 values or more)" in said
     # Of three, it is that of the means at each of them: their seeds test the same trials.
-    tasks = repeated.tasks_without(task_of(), ["speed"], hdf5.load_spikes(at_speeds).conditions, repeats=2)
+    tasks = tasks_of(hdf5.load_spikes(at_speeds).conditions, leave_out_each="speed", repeats=2)
     monkeypatch.setattr(train_run, "run", trained_with([0.3, 0.5, 0.7, 0.5, 0.5, 0.5]))
     found = repeated.run(at_speeds, tmp_path / "three", SMALL, tasks)
     assert [*found.accuracy] == pytest.approx([*resampled_interval([0.4, 0.5, 0.6], 667, 333)])

@@ -94,19 +94,22 @@ def test_a_file_of_spikes_carries_its_copies_to_training(tmp_path):
     conditions = {"label": ["felt", "silk"] * 9, "speed": np.repeat([1, 2, 3], 6)}
     hdf5.save_recordings(Recordings(signals, 1000.0, "mV", pd.DataFrame(conditions)), tmp_path / "touches.h5")
     path, said = tmp_path / "spikes.h5", []
-    how = {"settings": {"hidden": 5, "training.epochs": 1}, "length_ms": 100, "per_trial": 1, "tell": said.append}
+    window = nt.Window(length_ms=100, per_trial=1)
+    how = {"settings": {"hidden": 5, "training.epochs": 1}, "window": window, "tell": said.append}
     nt.encode_file(tmp_path / "touches.h5", path, augmentation="time+gain", copies=2, tell=said.append)
     assert (
         said[1]
         == "beside 2 copies of each trial for training, played up to 2 times faster or slower, and scaled up to 2 times"
     )
     assert len(nt.load_spikes(path)) == 18
-    nt.train(path, tmp_path / "with", "rsnn", test_where={"speed": 3}, **how)
+    nt.train(path, tmp_path / "with", "rsnn", split=nt.Split(test_where={"speed": 3}), **how)
     assert "training: also on the varied copies in the file (time+gain)" in said
-    nt.train(path, tmp_path / "without", "rsnn", test_where={"speed": 3}, augmentation="none", **how)
+    nt.train(path, tmp_path / "without", "rsnn", augmentation="none", split=nt.Split(test_where={"speed": 3}), **how)
     logs = [(tmp_path / name / "training.csv").read_text() for name in ("with", "without")]
     assert logs[0] != logs[1]
-    found = nt.train(path, tmp_path / "each", "rsnn", leave_out_each="speed", augmentation="time+gain", **how)
+    found = nt.train(
+        path, tmp_path / "each", "rsnn", augmentation="time+gain", split=nt.Split(leave_out_each="speed"), **how
+    )
     assert len(found["splits"]) == 3
     with pytest.raises(InputError, match=r"holds no varied copies 'gain'; it has time\+gain"):
         nt.train(path, tmp_path / "other", "rsnn", augmentation="gain", **how)

@@ -452,11 +452,11 @@ def test_the_first_trial_is_the_network_as_given_and_the_best_is_never_below_it(
 def test_without_a_space_the_choices_of_the_recipe_are_searched(trains):
     task = problem(trains).task
     network = spec.load(RSNNSpec, "default", {"hidden": 10, "tau_syn_ms": 3.0})
-    asked = search.asked("tune", None, network, {"trials": 2}, trains, task)
+    asked = search.asked(SearchSpec(trials=2), network, trains, task)
     assert asked.space == recipe.space(network, tasks.seen(trains, task))
     assert asked.first == tuning.values_of(recipe.first_of(network, tasks.seen(trains, task)), asked.space)
-    assert search.asked("tune", None, NETWORK, {}, trains, task).space == load_space("texture")
-    assert search.asked("tune", SPACE, NETWORK, {"tuner": "grid"}, trains, task).first is None
+    assert search.asked(SearchSpec(), NETWORK, trains, task).space == load_space("texture")
+    assert search.asked(SearchSpec(space=SPACE, tuner="grid"), NETWORK, trains, task).first is None
 
 
 @pytest.mark.thorough
@@ -469,8 +469,8 @@ def test_two_processes_write_the_bytes_of_one(spikes, tuned, tmp_path):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        (("--objective", "speed"), "objective: must be 'accuracy' or 'accuracy-sops'"),
-        (("--tuner", "gp"), "tuner: must be 'tpe', 'random' or 'grid'"),
+        (("--objective", "speed"), "'--objective': Value error, 'speed' is not one of 'accuracy', 'accuracy-sops'"),
+        (("--tuner", "gp"), "'--tuner': Value error, 'gp' is not one of 'tpe', 'random', 'grid'"),
         (("--network", "rsnm"), "did you mean 'rsnn'?"),
         (("--space", "texure"), "did you mean 'texture'?"),
     ],

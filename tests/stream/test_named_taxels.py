@@ -89,7 +89,9 @@ def test_integers_are_exported_from_recordings_in_another_order(tmp_path):
         nt.save(recordings, tmp_path / f"{name}.h5")
         nt.encode_file(tmp_path / f"{name}.h5", tmp_path / f"{name}-spikes.h5", encoder)
         settings = {"hidden": 4, "training.epochs": 1}
-        nt.train(tmp_path / f"{name}-spikes.h5", tmp_path / f"{name}-run", "rsnn", settings, length_ms=40)
+        nt.train(
+            tmp_path / f"{name}-spikes.h5", tmp_path / f"{name}-run", "rsnn", settings, window=nt.Window(length_ms=40)
+        )
         nt.export_c(tmp_path / f"{name}-run", tmp_path / name)
     written = [{path.name: path.read_bytes() for path in (tmp_path / name).iterdir()} for name in ("same", "swapped")]
     assert written[0].keys() == written[1].keys()

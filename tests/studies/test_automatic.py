@@ -170,7 +170,7 @@ def at_speeds(path):
 def test_each_value_of_a_condition_is_tested_and_never_trained(tmp_path, monkeypatch):
     path, asked = at_speeds(tmp_path / "touches.h5"), []
     monkeypatch.setattr(studies, "_run", lambda what, *_: asked.append(what) or pd.DataFrame())
-    nt.run_study("own-recordings", tmp_path / "run", data=path, leave_out_each="speed")
+    nt.run_study("own-recordings", tmp_path / "run", data=path, split=nt.Split(leave_out_each="speed"))
     conditions = hdf5.load_recordings(path).conditions
     tested = []
     for split in {str(cell.split): cell.split for cell in study.cells(asked[0])}.values():
@@ -193,8 +193,8 @@ def at_pairs(path, speeds=3, forces=3):
 def test_each_pair_of_values_is_tested_and_neither_value_trained(tmp_path, monkeypatch, where, tested):
     path, asked = at_pairs(tmp_path / "touches.h5"), []
     monkeypatch.setattr(studies, "_run", lambda what, *_: asked.append(what) or pd.DataFrame())
-    pairs = {"leave_out_each": ["speed", "force"], "test_where": where}
-    nt.run_study("own-recordings", tmp_path / "run", data=path, **pairs)
+    split = nt.Split(leave_out_each=["speed", "force"], test_where=where or {})
+    nt.run_study("own-recordings", tmp_path / "run", data=path, split=split)
     conditions, pairs = hdf5.load_recordings(path).conditions, set()
     for split in {str(cell.split): cell.split for cell in study.cells(asked[0])}.values():
         sides = split_conditions(conditions, (), split)
@@ -219,27 +219,39 @@ def test_a_pair_that_leaves_too_few_trials_is_refused_before_anything_runs(tmp_p
     silk = (touches.conditions["label"] == "silk") & (touches.conditions["speed"] == 0)
     hdf5.save_recordings(touches.select(~silk.to_numpy()), tmp_path / "fewer.h5")
     with pytest.raises(InputError, match=r"cannot test speed = 1, force = 0, .* left aside"):
-        nt.run_study("own-recordings", tmp_path / "run", data=tmp_path / "fewer.h5", leave_out_each=["speed", "force"])
+        nt.run_study(
+            "own-recordings",
+            tmp_path / "run",
+            data=tmp_path / "fewer.h5",
+            split=nt.Split(leave_out_each=["speed", "force"]),
+        )
 
 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"leave_out_each": "speed", "test_where": {"label": "felt"}, "data": "touches.h5"}, "drop 'label'"),
+        ({"split": {"leave_out_each": "speed", "test_where": {"label": "felt"}}, "data": "touches.h5"}, "drop 'label'"),
         (
             {"settings": {"split.leave_aside": True, "split.test_where": {"speed": 150}}, "data": "touches.h5"},
             "split.leave_aside: has no effect without several conditions",
         ),
-        ({"leave_out_each": "speed"}, "needs `data`, a file of recordings"),
-        ({"leave_out_each": "sped", "data": "touches.h5"}, "no condition is called 'sped'; did you mean 'speed'"),
-        ({"leave_out_each": "speed", "folds": 3, "data": "touches.h5"}, "both select the test trials"),
+        ({"split": {"leave_out_each": "speed"}}, "needs `data`, a file of recordings"),
+        (
+            {"split": {"leave_out_each": "sped"}, "data": "touches.h5"},
+            "no condition is called 'sped'; did you mean 'speed'",
+        ),
+        ({"split": {"leave_out_each": "speed", "folds": 3}, "data": "touches.h5"}, "both select the test trials"),
     ],
 )
 def test_a_condition_that_cannot_be_left_out_is_refused(tmp_path, monkeypatch, given, message):
     monkeypatch.chdir(tmp_path)
     at_speeds(tmp_path / "touches.h5")
+
+    def run(split=None, **options) -> None:
+        nt.run_study("own-recordings", "run", split=nt.Split(**(split or {})), **options)
+
     with pytest.raises(InputError, match=message):
-        nt.run_study("own-recordings", "run", **given)
+        run(**given)
 
 
 def test_a_sweep_of_tables_is_refused_with_the_key_to_sweep(tmp_path):

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from processes import workers_of
 
+import neurotact as nt
 from neurotact import files
 from neurotact.api import networks as api
 from neurotact.data import hdf5
@@ -137,8 +138,8 @@ def test_a_folder_at_work_is_refused_to_every_writer_and_free_after_a_kill(held,
         lambda: runner.run(what, folder),
         lambda: runner.run(runner.load(folder), folder),
         lambda: runner.write_tables(folder),
-        lambda: api.train(spikes, folder, length_ms=50),
-        lambda: api.tune(spikes, folder, length_ms=50, per_trial=1),
+        lambda: api.train(spikes, folder, window=nt.Window(length_ms=50)),
+        lambda: api.tune(spikes, folder, window=nt.Window(length_ms=50, per_trial=1)),
         lambda: repeated.run(spikes, folder, RSNNSpec(), {}),
     ):
         with pytest.raises(InputError, match=said):

@@ -57,10 +57,10 @@ def test_a_study_and_train_give_the_same_network(tmp_path, changes):
     spikes = tmp_path / cell.given
     files = run_cell(cell, hdf5.load_spikes(spikes))
     of_split = ("folds", "fold") if cell.split.folds else ("validation", "test")
-    split = {key: getattr(cell.split, key) for key in of_split} | {"split_seed": cell.split.seed}
-    window = {key: getattr(cell.window, key) for key in ("length_ms", "start_ms", "per_trial")}
-    options = {**split, **window, "stratify": cell.source["stratify"], "seed": cell.seed}
-    found = nt.train(spikes, tmp_path / "run", cell.network, **options)
+    split: dict[str, Any] = {key: getattr(cell.split, key) for key in ("seed", *of_split)}
+    window: dict[str, Any] = {key: getattr(cell.window, key) for key in ("length_ms", "start_ms", "per_trial")}
+    specs = {"split": nt.Split(**split, stratify=cell.source["stratify"]), "window": nt.Window(**window)}
+    found = nt.train(spikes, tmp_path / "run", cell.network, **specs, seed=cell.seed)
     assert (tmp_path / "run" / checkpoint.WEIGHTS).read_bytes() == files[checkpoint.WEIGHTS]
     assert found["accuracy_test"] == json.loads(files["result.json"])["row"]["accuracy_test"]
 

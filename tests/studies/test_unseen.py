@@ -62,7 +62,7 @@ def run(tmp_path_factory):
     path = presses(place / "touches.h5", each=20)
     with studies_here() as patch:
         without_pictures(patch)
-        nt.run_study("own-recordings", place / "run", FEW, data=path, leave_out_each="speed")
+        nt.run_study("own-recordings", place / "run", FEW, data=path, split=nt.Split(leave_out_each="speed"))
     return place / "run"
 
 
@@ -110,7 +110,7 @@ def test_where_each_value_is_tested_no_folds_are_advised(tmp_path):
     given = {**FEW, "augmentation.kind": "none", "baselines": "none"}
     with studies_here() as patch:
         without_pictures(patch)
-        nt.run_study("own-recordings", tmp_path / "run", given, data=path, leave_out_each="speed")
+        nt.run_study("own-recordings", tmp_path / "run", given, data=path, split=nt.Split(leave_out_each="speed"))
     (few,) = [line for line in nt.study_answer(tmp_path / "run")["cautions"] if "test trials" in line]
     assert few.startswith("2 of 2 classes have fewer than 5 test trials")
     assert few.endswith("; record more")

@@ -308,7 +308,11 @@ def _with_constants(conditions: pd.DataFrame, read: Sequence[Read], folder: Path
             log.warning("%s: holds no number, so no taxel: %s (%r)%s", folder, name, example, which)
             continue
         conditions[name] = [*values.values()]
-        apart = f"; to test on others than in training, train with `group={name!r}`" if n_values < len(read) else ""
+        apart = (
+            f"; to test on others than in training, train with `split=nt.Split(group={name!r})`"
+            if n_values < len(read)
+            else ""
+        )
         log.warning("%s: '%s' is one text in each file, so a condition (%d values)%s", folder, name, n_values, apart)
     return conditions
 

@@ -92,33 +92,21 @@ class Timing(NamedTuple):
 
 
 def asked(
-    source: str,
-    space: str | Path | tuning.Space | None,
-    network: RSNNSpec,
-    settings: Mapping[str, Any],
-    trains: SpikeTrains,
-    task: Task,
-    given: Collection[str] = (),
+    search: SearchSpec, network: RSNNSpec, trains: SpikeTrains, task: Task, given: Collection[str] = ()
 ) -> SearchSpec:
-    """The search that the arguments of a command or a call describe; its first trial is the network as given.
+    """The search that a command or a call describes; its first trial is the network as given, unless it names another.
 
-    space: name or path of a space, or the space itself; None: around the choices of the network's recipe, or the space
-    of the texture paper for a network without one. settings: the other keys of `SearchSpec`; None: not given.
-    given: keys of the network that the user has set; one that has no effect in any trial is refused.
-    InputError names `source` and the wrong value.
+    Without a space it is around the choices of the network's recipe, or the space of the texture paper for a network
+    without one. given: keys of the network that the user has set; one that has no effect in any trial is refused.
     """
-    effects.check(**settings)
     check_stratify(trains.conditions, task.stratify, task.split)
-    settings = {key: value for key, value in settings.items() if value is not None}
     seen = tasks.seen(trains, task)
-    if space is None:
-        space = recipe.space(network, seen) if network.recipe else "texture"
-    table = tuning.flatten(space) if isinstance(space, Mapping) else tuning.load_space(space)
-    built = build(SearchSpec, {**settings, "space": table}, source=source)
+    usual = {} if search.space else recipe.space(network, seen) if network.recipe else tuning.load_space("texture")
+    built = SearchSpec(**{**search.model_dump(exclude_unset=True), "space": search.space or usual})
     if not DECIDING & {*built.space}:
         effects.check_keys(given, [void_keys(recipe.resolve(network, seen))], "network")
     tuning.check(built.space, network, source="search.space")
-    if built.tuner == "grid":
+    if built.tuner == "grid" or built.first is not None:
         return built
     keeps_auto = "auto" in built.space.get("model", {}).get("_value", ())
     first = recipe.resolve(network, seen) if keeps_auto else recipe.first_of(network, seen)

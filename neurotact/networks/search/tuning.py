@@ -19,6 +19,7 @@ from typing import Any, Literal, NamedTuple
 
 from pydantic import Field, field_validator, model_validator
 
+from neurotact import effects
 from neurotact import spec as specs
 from neurotact.errors import InputError, nearest
 from neurotact.networks.definition.specs import RSNNSpec
@@ -43,28 +44,33 @@ LARGEST_LOGARITHM = math.log(specs.LARGEST)
 
 
 class SearchSpec(Spec):
-    """How hyperparameters are searched: `[search]` of a study, the options of `neurotact tune`."""
+    """How hyperparameters are searched: `[search]` of a study, the options of `neurotact tune`, `nt.Search`."""
 
-    space: dict[str, dict[str, Any]]
-    """What is searched: a table of `_type` and `_value` for each key of the network."""
+    public = "Search"
+    space: dict[str, dict[str, Any]] = Field(default={}, json_schema_extra={"metavar": "NAME"})
+    """What is searched: the name or path of a space in NNI's terms; if absent, around the network's choices. Or the
+    space itself, a table of `_type` and `_value` for each key of the network; a study must name one."""
     tuner: Literal["tpe", "random", "grid"] = "tpe"
-    """How the next trial is chosen: NNI's tree-structured Parzen estimator, at random, or every point of a grid."""
+    """How trials are proposed: by NNI's tree-structured Parzen estimator, at random, or every point of a grid."""
     trials: int = Field(default=100, ge=1)
-    """Networks to train."""
+    """Number of networks to train."""
     batch: int = Field(default=8, ge=1)
-    """Trials that are proposed together, each without the others' results; proposals depend on it."""
-    seed: int = Field(default=0, ge=0, lt=2**32)
-    """Random seed of the proposals."""
+    """Trials proposed together, each without the others' results; another number gives other proposals."""
+    seed: int = Field(default=0, ge=0, le=2**32 - 1)
+    """Random seed of the search."""
     objective: Literal["accuracy", "accuracy-sops"] = "accuracy"
-    """Validation accuracy, or this minus `sops_weight` times the decimal logarithm of the SOPs per window."""
+    """Validation accuracy, or this minus `sops_weight` times log10(SOPs) with the Pareto front of both."""
     sops_weight: float = Field(default=0.1, ge=0)
-    """With 0.1, half the SOPs are worth three points of accuracy."""
+    """w in accuracy - w log10(SOPs), which `objective="accuracy-sops"` maximises. With 0.1, half the SOPs are worth
+    three points of accuracy."""
     max_sops: float | None = Field(default=None, gt=0)
-    """Budget: mean SOPs per window. Any network within the budget has a higher value than any beyond it."""
+    """Budget of the best network: mean SOPs per window. Any network within the budget has a higher value than any
+    beyond it."""
     assessor: Literal["median-stop", "none"] = "median-stop"
-    """median-stop ends a trial whose best epoch is below the median of the finished trials' mean so far."""
+    """median-stop stops trials below the median early; none trains all to the end. Those below: whose best epoch is
+    below the median of the finished trials' mean so far."""
     start_epoch: int = Field(default=10, ge=1)
-    """The first epoch after which a trial may be stopped."""
+    """First epoch after which a trial may be stopped."""
     first: dict[str, Any] | None = None
     """Values of the keys of the space for the first trial, such as those of the network as given; the tuner proposes
     the others. If absent, it proposes all."""
@@ -72,6 +78,7 @@ class SearchSpec(Spec):
     @field_validator("space", mode="before")
     @classmethod
     def _is_a_space(cls, value: Any) -> Any:
+        value = load_space(value) if isinstance(value, (str, Path)) else value
         return flatten(value) if isinstance(value, Mapping) else value
 
     @field_validator("space")
@@ -91,6 +98,9 @@ class SearchSpec(Spec):
         if other:
             raise ValueError(f"first: '{other[0]}' is not in the space; remove it, or search it")
         return self
+
+    def check_given(self) -> None:
+        effects.check_given(self.given(), objective=self.objective, assessor=self.assessor)
 
     def value(self, accuracy: float, sops: float) -> float:
         """What the tuner maximises.
@@ -141,6 +151,8 @@ def check(space: Space, network: RSNNSpec, source: str) -> None:
 
     Every choice is tried; for a range, both ends and a point between.
     """
+    if not space:
+        raise InputError(f"{source}: is missing; name at least one key, as in hidden = {{ _type = ..., _value = ... }}")
     for key, dimension in space.items():
         for value in _samples(dimension):
             try:

@@ -81,12 +81,12 @@ def copies(n_copies: int, n_trials: int) -> Iterator[str]:
 def calibrated(encoder: Mapping[str, Any], each: str) -> Iterator[str]:
     """Whether spikes that are tested in several turns come from one encoder that was calibrated.
 
-    encoder: its table, as spikes have it. each: what has a turn, as an argument, such as "folds=5".
+    encoder: its table, as spikes have it. each: what has a turn, as an argument, such as "split=nt.Split(folds=5)".
 
-    >>> list(calibrated({"conditioning": {"baseline": "start"}}, "folds=5"))
+    >>> list(calibrated({"conditioning": {"baseline": "start"}}, "split=nt.Split(folds=5)"))
     []
-    >>> print(*calibrated({"conditioning": {"scale": [2.0]}}, "folds=5"))
-    the encoder was calibrated once for all tests: if on trials of this file, it knows trials that are tested; `nt.run_study(..., folds=5)` of own-recordings calibrates for each test without its trials
+    >>> print(*calibrated({"conditioning": {"scale": [2.0]}}, "split=nt.Split(folds=5)"))
+    the encoder was calibrated once for all tests: if on trials of this file, it knows trials that are tested; `nt.run_study(..., split=nt.Split(folds=5))` of own-recordings calibrates for each test without its trials
     """  # noqa: E501
     if (encoder.get("conditioning") or {}).get("scale") is not None:
         yield (
@@ -109,7 +109,7 @@ def few_test_trials(per_class: Mapping[str, int], split: SplitSpec, command: Com
     >>> print(*few_test_trials({"felt": 1, "silk": 9}, by_day))
     class 'felt' has 1 test trial: its accuracy is 0 or 100 %, and one trial is 10.0 points of all 10; record more
     >>> [words.rpartition("; ")[2] for words in few_test_trials({"felt": 1}, SplitSpec())]
-    ['record more, or test every trial once with `folds=5`']
+    ['record more, or test every trial once with `split=nt.Split(folds=5)`']
     """
     few = {name: n for name, n in per_class.items() if n < FEW_PER_CLASS}
     total = sum(per_class.values())
@@ -125,7 +125,8 @@ def few_test_trials(per_class: Mapping[str, int], split: SplitSpec, command: Com
         f"{len(few)} of {len(per_class)} classes have fewer than {FEW_PER_CLASS} test trials; " if len(few) > 1 else ""
     )
     is_random = not (split.test_where or split.order or split.folds)
-    every_fold = "`folds=5`" if command == "train" else "`nt.train(..., folds=5)`"
+    folds = "split=nt.Split(folds=5)"
+    every_fold = f"`{folds}`" if command == "train" else f"`nt.train(..., {folds})`"
     remedy = f"record more, or test every trial once with {every_fold}" if is_random else "record more"
     yield f"{others}class '{fewest}' has {trials}: {all_of}; {remedy}"
 

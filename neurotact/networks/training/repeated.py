@@ -10,7 +10,7 @@ import pandas as pd
 
 from neurotact import files
 from neurotact.data.nested import combination
-from neurotact.data.splits import SplitSpec, each_left_out
+from neurotact.data.splits import Splits, SplitSpec, each_left_out
 from neurotact.errors import InputError, some
 from neurotact.metrics.resampled import LEAST_SPLITS, Interval, resampled_interval
 from neurotact.networks.definition.specs import RSNNSpec
@@ -37,43 +37,32 @@ class Repeated(NamedTuple):
     tested: tuple[str, ...] = ()
 
 
-def tasks_of(task: Task, *, every_fold: bool, repeats: int) -> dict[str, Task]:
-    """The task with each split, by the name of its folder: every fold, each with `repeats` random seeds.
+def tasks_of(task: Task, splits: Splits, conditions: pd.DataFrame) -> dict[str, Task]:
+    """The task with each split that has a turn, by the name of its folder: every fold, or each value that is left out.
 
-    >>> from neurotact.data.splits import SplitSpec
-    >>> list(tasks_of(Task(split=SplitSpec(folds=2)), every_fold=True, repeats=2))
-    ['seed-0-fold-0', 'seed-0-fold-1', 'seed-1-fold-0', 'seed-1-fold-1']
-    """
-    n_folds = task.split.folds if every_fold else None
-    if repeats > 1 and task.split.order:
-        raise InputError("`repeats`: the test trials of `order` are the same for every seed; drop it")
-    tasks = {}
-    for seed in range(task.split.seed, task.split.seed + repeats):
-        for fold in range(n_folds) if n_folds else [task.split.fold]:
-            name = f"seed-{seed}-fold-{fold}" if n_folds else f"seed-{seed}"
-            split = task.split.model_copy(update={"seed": seed, "fold": fold})
-            tasks[name] = task.model_copy(update={"split": split})
-    return tasks
-
-
-def tasks_without(task: Task, columns: Sequence[str], conditions: pd.DataFrame, *, repeats: int) -> dict[str, Task]:
-    """The task with each value of a condition tested in turn and never trained on, by the name of its folder.
-
-    Of several conditions, each combination of values is tested; the values of `test_where` of the task alone, if it has
-    some. repeats: random seeds of each, which choose what validation leaves out. Raises InputError as `each_left_out`.
+    Each with `splits.repeats` random seeds. A value of the conditions `leave_out_each` is tested and never trained on;
+    of several conditions each combination of values is, those of `test_where` alone, if it has some. Raises InputError
+    as `each_left_out`.
 
     >>> table = pd.DataFrame({"label": ["felt", "silk"] * 3, "speed": [150, 150, 300, 300, 450, 450]})
-    >>> [task.split.test_where for task in tasks_without(Task(), ["speed"], table, repeats=1).values()]
+    >>> list(tasks_of(Task(), Splits(folds=2, repeats=2), table))
+    ['seed-0-fold-0', 'seed-0-fold-1', 'seed-1-fold-0', 'seed-1-fold-1']
+    >>> [each.split.test_where for each in tasks_of(Task(), Splits(leave_out_each="speed"), table).values()]
     [{'speed': 150}, {'speed': 300}, {'speed': 450}]
     """
-    tests, tasks = each_left_out(conditions, columns, task.split.test_where), {}
-    for seed in range(task.split.seed, task.split.seed + repeats):
+    columns, one, tasks = splits.leave_out_each, splits.one, {}
+    tests = each_left_out(conditions, columns, one.test_where) if columns else []
+    for seed in range(one.seed, one.seed + splits.repeats):
         for index, test in enumerate(tests):
             values = "-".join(f"{column}-{value}" for column, value in test.items())
             name = f"{index}-{re.sub('[^A-Za-z0-9.+-]+', '_', values)[:60]}"
-            split = task.split.model_copy(update={"seed": seed, "test_where": test, "leave_aside": len(columns) > 1})
-            tasks[f"seed-{seed}-{name}" if repeats > 1 else name] = task.model_copy(update={"split": split})
-    return tasks
+            changes = {"test_where": test, "leave_aside": len(columns) > 1}
+            tasks[f"seed-{seed}-{name}" if splits.repeats > 1 else name] = {"seed": seed, **changes}
+        for fold in [] if columns else range(splits.folds) if splits.folds and splits.every_fold else [one.fold]:
+            name = f"seed-{seed}-fold-{fold}" if splits.every_fold else f"seed-{seed}"
+            tasks[name] = {"seed": seed, "fold": fold}
+    split = {name: one.model_copy(update=changes) for name, changes in tasks.items()}
+    return {name: task.model_copy(update={"split": each}) for name, each in split.items()}
 
 
 def run(
@@ -159,7 +148,7 @@ def line(repeats: Repeated) -> str:
 
     >>> table = pd.DataFrame({"sops_total": [100.0, 200.0], "baseline": [0.5, 0.5]})
     >>> line(Repeated(table, Interval(0.9, math.nan, math.nan)))
-    'accuracy 90.0 % over 2 splits (too few for an interval: `repeats=3` or more), 150 synaptic operations per window; the best baseline on the same spikes 50.0 %'
+    'accuracy 90.0 % over 2 splits (too few for an interval: `split=nt.Split(repeats=3)` or more), 150 synaptic operations per window; the best baseline on the same spikes 50.0 %'
     """  # noqa: E501
     table = repeats.table
     by_value = ""
@@ -181,7 +170,7 @@ def _over(repeats: Repeated) -> str:
     '(95 % interval 80.0 to 100.0 %) over 3 values of speed, 2 splits each'
     """
     (_, low, high), n = repeats.accuracy, len(repeats.table)
-    over, more = "over 1 split" if n == 1 else f"over {n} splits", f"`repeats={LEAST_SPLITS}` or more"
+    over, more = "over 1 split" if n == 1 else f"over {n} splits", f"`split=nt.Split(repeats={LEAST_SPLITS})` or more"
     if _are_values(repeats.table):
         n_values, tested = repeats.table[LEFT_OUT].nunique(), repeats.tested
         noun = "value" if len(tested) == 1 else combination(tested)

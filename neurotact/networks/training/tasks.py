@@ -1,7 +1,7 @@
 """What a network is trained and tested on: the windows of the trials on each side of a split."""
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -14,7 +14,7 @@ from neurotact.data.augmentation import NONE
 from neurotact.data.copies import copies_of
 from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import Split, SplitSpec, hold_out, split_touches, turns_of
+from neurotact.data.splits import Split, Splits, SplitSpec, hold_out, split_touches, turns_of
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_trials, values_in_words
 from neurotact.data.window_choice import Words, suited_window
 from neurotact.data.windows import Windows, WindowSpec
@@ -76,21 +76,18 @@ class Task(Spec):
 
 def task_of(
     source: str,
-    window: Mapping[str, Any],
-    split: Mapping[str, Any],
-    stratify: Sequence[str] | None,
+    window: WindowSpec,
+    split: Splits,
     exit_tolerance: float = 0.01,
     where: Any = None,
     leave_out: Any = None,
 ) -> Task:
     """The task that the arguments of a command or a call describe; InputError names `source` and the wrong value.
 
-    window, split: keys of `WindowSpec` and of `SplitSpec`; in a window, None means not given. where, leave_out: as of
-    `TrialChoice.of`.
+    where, leave_out: as of `TrialChoice.of`.
     """
     choice = TrialChoice.of(where, leave_out)._asdict()
-    window = {key: value for key, value in window.items() if value is not None}
-    table = {"window": window, "split": split, "stratify": [*(stratify or ())], "exit_tolerance": exit_tolerance}
+    table = {"window": window, "split": split.one, "stratify": split.stratify, "exit_tolerance": exit_tolerance}
     return build(Task, {**table, **choice, "exit_choice": "steady"}, source=source)
 
 
