@@ -17,7 +17,8 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.spikes import populations_of
-from neurotact.encoders.specs import EncoderSpec, afferent_names, encode, load
+from neurotact.encoders.model import EncoderSpec
+from neurotact.encoders.specs import afferent_names, encode, load
 
 RATE_Hz = 5000.0
 LEAD_s, HELD_s = 0.02, 0.8

@@ -17,8 +17,9 @@ import numpy as np
 import torch
 from side_by_side import Row, missing, parse, publish
 
-from neurotact.encoders import afferents, exact
-from neurotact.encoders.specs import MODELS, EncoderSpec, default_of, encode, load
+from neurotact.encoders import afferents, closed_form
+from neurotact.encoders.model import EncoderSpec, usable
+from neurotact.encoders.specs import default_of, encode, load
 
 RATE_HZ = 1000.0
 CASES = {"small": (24, 500, 8), "large": (600, 2000, 16)}
@@ -87,7 +88,7 @@ PEERS = {"loop": loop, "spike-encoding": spike_encoding}
 
 def definition_of_exact(signal: np.ndarray, rate_Hz: float) -> Timed:
     """All trials at once, sample by sample."""
-    return Timed(lambda: exact.encode(signal, rate_Hz, EXACT, backend="reference"))
+    return Timed(lambda: closed_form.encode(signal, rate_Hz, EXACT, backend="reference"))
 
 
 def clock(signal: np.ndarray, rate_Hz: float) -> Timed:
@@ -98,11 +99,11 @@ def clock(signal: np.ndarray, rate_Hz: float) -> Timed:
 def rows_of_exact(case: str, rounds: int) -> list[Row]:
     """Of a sensor that is slower than the clock."""
     signal, rate_Hz = np.ascontiguousarray(signals(*CASES[case])[:, ::SLOWER]), RATE_HZ / SLOWER
-    share = 1e3 * float(exact.encode(signal, rate_Hz, EXACT)[0].mean())
+    share = 1e3 * float(closed_form.encode(signal, rate_Hz, EXACT)[0].mean())
     rows = []
     for peer, of in (("definition", definition_of_exact), ("clock", clock)):
         theirs = of(signal, rate_Hz)
-        mine_ms, peer_ms = medians_ms(lambda: exact.encode(signal, rate_Hz, EXACT), theirs, rounds)
+        mine_ms, peer_ms = medians_ms(lambda: closed_form.encode(signal, rate_Hz, EXACT), theirs, rounds)
         note = f"{mine_ms / signal.size * 1e6:.0f} ms for a million samples; {share:.0f} spikes in 1000 steps"
         rows.append(Row(f"{case} lif, exact", peer, mine_ms, peer_ms, peer_ms / mine_ms, note))
     return rows
@@ -124,7 +125,7 @@ def medians_ms(ours: Callable[[], object], theirs: Timed, rounds: int) -> tuple[
 def rows_of(case: str, peers: list[str], rounds: int) -> list[Row]:
     signal, rows = signals(*CASES[case]), []
     n_samples = signal.size / 1e6
-    for model in MODELS:
+    for model in usable():
         spec = load(default_of(model), SETTINGS.get(model, {}))
 
         def ours(spec: EncoderSpec = spec) -> object:

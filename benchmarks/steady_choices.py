@@ -33,7 +33,7 @@ from neurotact.encoders.specs import pays_exact
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training.tasks import examples_of
-from neurotact.studies.suited import membrane_ms
+from neurotact.studies.automatic import membrane_ms
 
 DATA = Path(os.environ.get("NEUROTACT_DATA", "../shared/data"))
 SHARE, CLOCK_HZ = 1e-3, 1000.0

@@ -22,7 +22,7 @@ import pandas as pd
 
 from neurotact.report.tables import with_pair
 from neurotact.studies.claims import Claim
-from neurotact.studies.encoded import read_encoding
+from neurotact.studies.encoding_tables import read_encoding
 from neurotact.studies.study import resolve
 from neurotact.studies.verdicts import BASELINES, State, Verdict, judge
 from neurotact.tables import read_table

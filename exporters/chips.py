@@ -12,7 +12,7 @@ import pandas as pd
 from neurotact.deploy.chain import encoder_of
 from neurotact.errors import InputError, nearest
 from neurotact.networks.definition.executors import FEATURES, Subject, lacking
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
@@ -229,7 +229,7 @@ def check_chip(run: Fitted, check: str, *, tell: Tell = untold) -> pd.DataFrame:
     ['what', 'here', 'limit', 'fits', 'cost']
     """
     restored = fitted.restore(run)
-    findings = compare(restored.network, restored.encoder, restored.exits(), check)
+    findings = compare(rsnn_of("chip", restored.network), restored.encoder, restored.exits(), check)
     tell(title(check))
     for row in findings.itertuples(index=False):
         parts = filter(None, (f"{'fits' if row.fits else 'NOT'}  {row.what}: {row.here}", row.limit, row.cost))

@@ -3,11 +3,12 @@
 import errno
 import hashlib
 import json
+import math
 import os
 import secrets
 import shutil
 import socket
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime
 from functools import cache
@@ -228,6 +229,19 @@ def write_text(path: str | Path, text: str) -> None:
 def write_json(path: str | Path, value: Any) -> None:
     """Write `value` as readable JSON; NaN and infinity are refused, since JSON has none."""
     write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
+def without_nan(value: Any) -> Any:
+    """A value for JSON, in which what is not counted is null.
+
+    >>> without_nan({"sops": float("nan"), "accuracies": [0.5, 1.0]})
+    {'sops': None, 'accuracies': [0.5, 1.0]}
+    """
+    if isinstance(value, Mapping):
+        return {key: without_nan(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [without_nan(one) for one in value]
+    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 def append(path: str | Path, text: str) -> None:

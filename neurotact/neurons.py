@@ -5,7 +5,6 @@ numpy arrays; the neurons of networks are current-based LIF neurons stepped on t
 5 and 6; Izhikevich 2003, Eqs. 1 to 3; Saal et al. 2017; Izhikevich 2001, Eqs. 1 and 2.
 """
 
-import cmath
 import math
 import warnings
 from collections.abc import Callable, Sequence
@@ -200,87 +199,6 @@ def exact_lif_interval(
     return SpikeTimes(np.repeat(which, n_spikes), times), ExactLIFState(after, wait)
 
 
-# --- afferent Izhikevich ----------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Izhikevich:
-    """An Izhikevich neuron on a clock (Izhikevich 2003, doi 10.1109/TNN.2003.820440, Eqs. 1 to 3).
-
-    `v' = 0.04 v^2 + 5 v + 140 - u + I`, `u' = a (b v - u)`; `v >= v_peak` spikes: v <- c, u <- u + d.
-    v in mV, t in ms; so u and the current I are in mV/ms. The default constants are those of regular spiking.
-    Each step of the clock is `euler_steps` forward Euler steps; it holds one spike at most.
-    """
-
-    euler_step_ms: float
-    euler_steps: int
-    a_per_ms: float = 0.02
-    b_per_ms: float = 0.2
-    c_mV: float = -65.0
-    d_mV_per_ms: float = 8.0
-    v_peak_mV: float = 30.0
-
-
-class IzhikevichState(NamedTuple):
-    """Membrane potential v in mV and recovery u in mV/ms, both of one shape."""
-
-    membrane_mV: np.ndarray
-    recovery_mV_per_ms: np.ndarray
-
-
-def izhikevich_rest_mV(neuron: Izhikevich) -> float:  # noqa: N802
-    """The stable membrane potential without a current; NaN where there is none.
-
-    >>> izhikevich_rest_mV(Izhikevich(euler_step_ms=0.1, euler_steps=5))
-    -70.0
-    """
-    slope = 5 - neuron.b_per_ms
-    inside = slope**2 - 4 * 0.04 * 140
-    return round((-slope - math.sqrt(inside)) / 0.08, 9) if inside >= 0 else math.nan
-
-
-def izhikevich_least_current(neuron: Izhikevich) -> float:
-    """The current in mV/ms below which forward Euler overshoots the resting branch and fires where no neuron would.
-
-    The branch is stable while `|1 + h (0.08 v + 5)| < 1`; this is the current that holds v at that limit, b v = u.
-    """
-    limit_mV = (-2 / neuron.euler_step_ms - 5) / 0.08
-    return -((0.04 * limit_mV + 5) * limit_mV + 140 - neuron.b_per_ms * limit_mV)
-
-
-def izhikevich_start(neuron: Izhikevich, shape: tuple[int, ...], dtype: np.dtype) -> IzhikevichState:
-    """The resting state of a group of neurons."""
-    rest_mV = izhikevich_rest_mV(neuron)
-    return IzhikevichState(np.full(shape, rest_mV, dtype), np.full(shape, neuron.b_per_ms * rest_mV, dtype))
-
-
-def izhikevich_step(
-    neuron: Izhikevich, current_mV_per_ms: np.ndarray, state: IzhikevichState
-) -> tuple[np.ndarray, IzhikevichState]:
-    """One step of the clock: `(spikes, next state)`; spikes are boolean, of the current's shape and float type.
-
-    >>> neuron = Izhikevich(euler_step_ms=0.1, euler_steps=10)  # a clock of 1 ms
-    >>> state, spikes = izhikevich_start(neuron, (1,), np.dtype(float)), []
-    >>> for _ in range(100):
-    ...     fired, state = izhikevich_step(neuron, np.array([10.0]), state)
-    ...     spikes.append(fired[0])
-    >>> np.flatnonzero(spikes).tolist()
-    [3, 21, 66]
-    """
-    h, v, u = neuron.euler_step_ms, state.membrane_mV, state.recovery_mV_per_ms
-    fired = np.zeros(v.shape, bool)
-    for _ in range(neuron.euler_steps):
-        slope = (0.04 * v + 5) * v + 140 - u + current_mV_per_ms
-        u = u + h * neuron.a_per_ms * (neuron.b_per_ms * v - u)
-        v = v + h * slope
-        peak = v >= neuron.v_peak_mV
-        if peak.any():
-            v = np.where(peak, v.dtype.type(neuron.c_mV), v)
-            u = u + peak * v.dtype.type(neuron.d_mV_per_ms)
-            fired |= peak
-    return fired, IzhikevichState(v, u)
-
-
 # --- fitted mechanoreceptors ------------------------------------------------------------------------
 
 FITTED_Hz = 5000.0
@@ -363,66 +281,6 @@ def mechanoreceptor_step(
     fired = (membrane > 1.0) & (since >= neuron.least_steps)
     membrane[fired], since[fired] = 0.0, 0
     return fired, MechanoreceptorState(membrane, since)
-
-
-# --- afferent resonator -----------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Resonator:
-    """A resonate-and-fire neuron on a clock (Izhikevich 2001, doi 10.1016/S0893-6080(01)00078-8, Eqs. 1 and 2).
-
-    `z' = (b + i w) z + I` with `b = -1 / tau`, `w = 2 pi f` and `I = gain x`; Re z is like a current, Im z like a
-    potential. `Im z >= 1` spikes: z <- i. A step is the exact solution for an I that is constant over it:
-    `z <- z e + I (e - 1) / (b + i w)` with `e = exp((b + i w) dt)`. For `refractory_steps` after a spike z goes on and
-    no spike is sent.
-    """
-
-    step_ms: float
-    tau_ms: float
-    frequency_Hz: float
-    gain_per_ms: float
-    refractory_steps: int = 0
-
-    @property
-    def factors(self) -> tuple[complex, complex]:
-        """The factors of z and of x in a step."""
-        rate = complex(-1 / self.tau_ms, 2e-3 * math.pi * self.frequency_Hz)
-        turn = cmath.exp(rate * self.step_ms)
-        return turn, self.gain_per_ms * (turn - 1) / rate
-
-
-class ResonatorState(NamedTuple):
-    """Re z and Im z, and the silent steps still to come, all of one shape."""
-
-    current: np.ndarray
-    potential: np.ndarray
-    silent_steps: np.ndarray
-
-
-def resonator_start(shape: tuple[int, ...], dtype: np.dtype) -> ResonatorState:
-    """The resting state of a group of resonators."""
-    return ResonatorState(np.zeros(shape, dtype), np.zeros(shape, dtype), np.zeros(shape, np.int32))
-
-
-def resonator_step(neuron: Resonator, x: np.ndarray, state: ResonatorState) -> tuple[np.ndarray, ResonatorState]:
-    """One step: `(spikes, next state)`; spikes are boolean, of the signal's shape and float type.
-
-    >>> neuron = Resonator(step_ms=1.0, tau_ms=50.0, frequency_Hz=100.0, gain_per_ms=1.6)
-    >>> state, spikes = resonator_start((1,), np.dtype(float)), []
-    >>> for x in (1.0, 0.0, 0.0, 0.0):  # a pulse; the oscillation is at its height a quarter of 10 ms later
-    ...     fired, state = resonator_step(neuron, np.array([x]), state)
-    ...     spikes.append(int(fired[0]))
-    >>> spikes
-    [0, 1, 0, 0]
-    """
-    kind, (turn, driven) = x.dtype.type, neuron.factors
-    current = kind(turn.real) * state.current - kind(turn.imag) * state.potential + kind(driven.real) * x
-    potential = kind(turn.imag) * state.current + kind(turn.real) * state.potential + kind(driven.imag) * x
-    fired = (potential >= 1) & (state.silent_steps == 0)
-    silent = silenced(state.silent_steps, fired, neuron.refractory_steps)
-    current, potential = np.where(fired, kind(0), current), np.where(fired, kind(1), potential)
-    return fired, ResonatorState(current, potential, silent)
 
 
 # --- current-based LIF ------------------------------------------------------------------------------

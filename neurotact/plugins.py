@@ -12,7 +12,19 @@ from typing import Any, Literal
 
 from neurotact.errors import InputError, first_line, nearest
 
-Group = Literal["simulators", "readers", "ways", "surrogates", "losses", "opponents", "prices", "exporters", "tools"]
+Group = Literal[
+    "simulators",
+    "readers",
+    "encoders",
+    "networks",
+    "surrogates",
+    "losses",
+    "opponents",
+    "ways",
+    "prices",
+    "exporters",
+    "tools",
+]
 OURS = __name__.partition(".")[0]
 
 
@@ -23,6 +35,16 @@ def names(group: Group) -> list[str]:
     True
     """
     return sorted(_found(group))
+
+
+def in_order(group: Group) -> list[str]:
+    """The names of a group, ours first, as our `pyproject.toml` has them, then those of other packages."""
+    return sorted(_found(group), key=lambda name: not is_ours(group, name))
+
+
+def is_ours(group: Group, name: str) -> bool:
+    """Whether neurotact itself has a part of that name."""
+    return OURS in map(_package, _found(group).get(name, ()))
 
 
 def load(group: Group, name: str, kind: type | None = None) -> Any:

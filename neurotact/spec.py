@@ -32,7 +32,6 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
-    Tag,
     ValidationError,
     model_validator,
 )
@@ -123,6 +122,11 @@ class Spec(BaseModel, metaclass=_InOurWords):
     def _repr_html_(self) -> str:
         """All keys with their values, in a notebook."""
         return html_of(self, {key: str(value) for key, value in leaves(self.model_dump(mode="json")).items()})
+
+    @classmethod
+    def any_of(cls) -> "Mapping[str, type[Spec]]":
+        """Of a spec that stands for any one of several, those by their names; else empty."""
+        return {}
 
     def given(self) -> dict[str, Any]:
         """The keys that it was made with, those in tables dotted.
@@ -559,6 +563,9 @@ def _explain(model: type[BaseModel], error: ValidationError) -> str:
         return f"{key}: is missing; add it"
     if first["type"] in ("model_type", "dict_type"):
         return f"{key}: must be a table; got {first['input']!r}"
+    own = first.get("ctx", {}).get("error")
+    if isinstance(own, InputError) and isinstance(first["input"], Mapping):
+        return ".".join([*path, str(own)])  # of the keys of a part, which says where
     message = first["msg"].replace("Input should be ", "must be ").replace("Value error, ", "")
     message = re.sub(
         r"^Tuple should have at least (\d+) item(s?) after validation, not", r"needs at least \1 value\2, not", message
@@ -656,12 +663,13 @@ def _place(model: Any, location: tuple[int | str, ...]) -> tuple[list[str], list
 
 
 def _tagged(annotation: Any) -> dict[str, Any]:
-    """The models of a tagged union, by their tags."""
-    marks = [(part, mark) for part in get_args(annotation) for mark in getattr(part, "__metadata__", ())]
-    return {mark.tag: part.__origin__ for part, mark in marks if isinstance(mark, Tag)}
+    """The models of which a key holds any one, by their names."""
+    if hasattr(annotation, "any_of"):
+        return dict(annotation.any_of())
+    return {name: kind for part in get_args(annotation) for name, kind in _tagged(part).items()}
 
 
 def _models_in(annotation: Any) -> list[Any]:
     if hasattr(annotation, "model_fields"):
-        return [annotation]
+        return [*_tagged(annotation).values()] or [annotation]
     return [model for part in get_args(annotation) for model in _models_in(part)]

@@ -90,6 +90,15 @@ def natural(text: str) -> list[tuple[int, int, str]]:
     return [(1, int(part), "") if part.isdecimal() and part.isascii() else (0, 0, part.casefold()) for part in parts]
 
 
+def sized(hidden: float) -> str:
+    """The size of a network in a few words; 0 hidden neurons: it does not count them.
+
+    >>> sized(30), sized(0)
+    ('N = 30', 'N not counted')
+    """
+    return f"N = {hidden:.15g}" if hidden else "N not counted"
+
+
 def means_over(table: pd.DataFrame, by: Sequence[str], measures: Iterable[str], counted: str) -> pd.DataFrame:
     """Means and standard deviations of the groups by `by`, in the order of the table.
 

@@ -72,7 +72,7 @@ def make_run(folder: Path, n_trials: int = 12, channels: tuple[str, ...] | None 
     labels = pd.DataFrame({"label": [("felt", "silk")[k % 2] for k in range(n_trials)]})
     named = {} if channels is None else {"channels": channels}
     hdf5.save_recordings(Recordings(signals, 1000.0, "mV", labels, **named), folder / "skin.h5")
-    trains = encode_recordings(hdf5.load_recordings(folder / "skin.h5"), make_encoder(baseline="first"))
+    trains = encode_recordings(hdf5.load_recordings(folder / "skin.h5"), make_encoder(baseline="start"))
     hdf5.save_spikes(trains, folder / "spikes.h5")
     spec = RSNNSpec.model_validate({"hidden": 5, "forward_weight_scale": 3.0, "training": {"epochs": 1}})
     task = Task.model_validate({"window": {"length_ms": 40}})

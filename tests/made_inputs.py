@@ -11,7 +11,7 @@ import neurotact as nt
 from neurotact.data.recordings import Recordings
 
 N_TRIALS, N_SAMPLES, RATE_Hz = 30, 200, 1000.0
-ENCODER = {"sa1.gain": 8.0, "ra1.gain": 120.0, "conditioning.baseline": "first", "conditioning.ema_cutoff_Hz": 200.0}
+ENCODER = {"sa1.gain": 8.0, "ra1.gain": 120.0, "conditioning.baseline": "start", "conditioning.ema_cutoff_Hz": 200.0}
 NETWORK = {"hidden": 4, "training.epochs": 2, "training.batch": 8, "forward_weight_scale": 3.0}
 
 

@@ -25,7 +25,7 @@ from neurotact import cli, plugins
 from neurotact.cli import COMMANDS
 from neurotact.data import spikes as spike_trains
 from neurotact.data.sources import simulator
-from neurotact.encoders.specs import MODELS
+from neurotact.encoders.model import usable
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.search.tuning import SearchSpec
 from neurotact.studies.claims import Claim
@@ -51,7 +51,7 @@ SMALLER = {
     "docs/touch-modality-simulator.md": {"people=10": "people=1", "TouchModalitySpec()": "TouchModalitySpec(people=1)"},
 }
 """What of the code of a page is changed so that it takes a moment."""
-SPECS = [model.spec for model in MODELS.values()] + [RSNNSpec, SearchSpec, StudySpec, WayStudy, Claim]
+SPECS = [model.spec for model in usable().values()] + [RSNNSpec, SearchSpec, StudySpec, WayStudy, Claim]
 SPECS += [simulator(name).model for name in plugins.names("simulators")]
 
 
@@ -258,7 +258,7 @@ def prepared(tmp_path, monkeypatch):
     rasters = (rng.random((60, 300, 4)) < 0.1).astype(np.uint8)
     spikes = spike_trains.from_rasters(rasters, 1000.0, ("SA-I a", "SA-I b", "RA-I a", "RA-I b"), conditions)
     nt.save(spikes, "spikes.h5")
-    encoder = specs.load("sa1-ra1-lif", {"conditioning.baseline": "first"})
+    encoder = specs.load("sa1-ra1-lif", {"conditioning.baseline": "start"})
     network = nt.RSNN(16, 2, hidden=4, sampling_rate_Hz=2000.0)
     press = 5 * np.exp(-((np.linspace(0, 3, 6000) - 1) ** 2) / 0.01)
     signal = np.repeat(press[:, None], 4, axis=1).astype(np.float32)
@@ -318,7 +318,7 @@ def test_a_row_of_a_spec_has_default_unit_and_range(site):
     assert rows["cut_short_ms"] == ("", "list of numbers, ms, > 0")
     assert rows["encoder"] == ("required", ["table: [encoders](#encoders)", "[encoders](#encoders)"][0])
     assert rows["window.align"] == ('`"trial"`', '`"trial"`, `"onset"`')
-    assert rows["selection"] == ("", "table")
+    assert rows["augmentation"] == ("", "table")
 
 
 def test_a_table_within_a_spec_has_the_defaults_that_it_has_there(site):

@@ -12,7 +12,7 @@ from neurotact import cli
 from neurotact.cli.commands import app
 from neurotact.cli.help import EXAMPLES, GROUPS
 from neurotact.encoders import specs
-from neurotact.studies import suited
+from neurotact.studies import automatic
 
 
 def commands(group=None, before=""):
@@ -58,11 +58,11 @@ def test_the_help_of_calibrate_says_which_membranes_own_recordings_has(capsys, m
     own_ms, given_ms = (
         specs.resolve("sa1-ra1-lif", settings).model_dump()["tau_mem_ms"] for settings in ({}, {"tau_mem_ms": 50})
     )
-    least_ms, most_ms = (suited.membrane_ms(length_ms, own_ms) for length_ms in (1.0, 1e6))
+    least_ms, most_ms = (automatic.membrane_ms(length_ms, own_ms) for length_ms in (1.0, 1e6))
     assert f"Membranes keep the spec's time constant, {own_ms:g} ms by default; own-recordings takes" in said
     assert f"takes a twentieth of the window, {least_ms:g} to {most_ms:g} ms: give it as --set tau_mem_ms=50." in said
     assert given_ms == most_ms
-    assert suited.membrane_ms(600.0, own_ms) == 600.0 / 20
+    assert automatic.membrane_ms(600.0, own_ms) == 600.0 / 20
 
 
 @pytest.mark.parametrize(

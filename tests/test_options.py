@@ -305,7 +305,7 @@ WAYS = {
     "info": [Way("info in/wide.h5", {"--all": "--all"}), Way("info in/spikes.h5", refused={"--all": "--all"})],
     "calibrate": [
         Way(
-            "calibrate in/touch.h5 -o a.toml --set conditioning.baseline=first",
+            "calibrate in/touch.h5 -o a.toml --set conditioning.baseline=start",
             {
                 "-o": "-o b.toml",
                 "--force": TWICE,
@@ -335,7 +335,7 @@ WAYS = {
     ],
     "encode": [
         Way(
-            "encode in/touch.h5 -o a.h5 --set conditioning.baseline=first",
+            "encode in/touch.h5 -o a.h5 --set conditioning.baseline=start",
             WRITTEN
             | CHOICE
             | {
@@ -346,7 +346,7 @@ WAYS = {
             {"--copies": "--copies 2"},
         ),
         Way(
-            "encode in/touch.h5 -o a.h5 --set conditioning.baseline=first --augmentation gain",
+            "encode in/touch.h5 -o a.h5 --set conditioning.baseline=start --augmentation gain",
             {"--copies": "--copies 2", "--augmentation": "--augmentation time"},
         ),
     ],
@@ -602,7 +602,7 @@ WAYS = {
                 "--group": SPLITS,
                 "--order": SPLITS,
                 "--folds": SPLITS,
-                "--leave-out-each": "tests/studies/test_suited.py",
+                "--leave-out-each": "tests/studies/test_automatic.py",
                 "--repeats": SPLITS,
                 "--set": "tests/studies/test_study.py",
                 "--workers": "tests/studies/test_scheduler.py",
@@ -1065,7 +1065,7 @@ def computed(name: str, capsys: Any, **keywords: Any) -> list[Any]:
     """What an object with these keywords computes and prints."""
     X, y = touches()
     if name == "SpikeEncoder":
-        given = {"sampling_rate_Hz": 1000.0, "settings": {"conditioning.baseline": "first"}} | keywords
+        given = {"sampling_rate_Hz": 1000.0, "settings": {"conditioning.baseline": "start"}} | keywords
         if "encoder" in keywords:
             given.pop("settings")
         encoder = nt.SpikeEncoder(**given).fit(X, y)
@@ -1083,7 +1083,7 @@ def computed(name: str, capsys: Any, **keywords: Any) -> list[Any]:
     if name == "RSNN":
         network = nt.RSNN(2, 2, **given | keywords)
         return [network(torch.from_numpy(spikes)).hidden.tolist(), network.w_in.dtype]
-    conditioning = {"baseline": "first"}
+    conditioning = {"baseline": "start"}
     encoder = nt.AfferentSpec.model_validate({"sa1": {"gain": 8}, "ra1": {"gain": 9}, "conditioning": conditioning})
     network = nt.RSNN(4, 2, hidden=5, forward_weight_scale=3.0, **given)
     usual = {"length_ms": 20.0} | ({} if "contact" in keywords else {"hop_ms": 20.0})

@@ -16,6 +16,9 @@ from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import Split
 from neurotact.data.windows import WindowSpec, cut
+from neurotact.encoders import model
+from neurotact.encoders.cost import encoding_cost
+from neurotact.encoders.specs import encode, load
 from neurotact.errors import InputError
 from neurotact.metrics.prices import price_list
 from neurotact.networks.definition import rsnn
@@ -48,7 +51,7 @@ def package(tmp_path, monkeypatch):
 
 
 def forget() -> None:
-    for kept in (plugins._found, plugins._loaded, rsnn._say_once):
+    for kept in (plugins._found, plugins._loaded, rsnn._say_once, model.of_name, model._usable):
         kept.cache_clear()
 
 
@@ -340,6 +343,117 @@ def test_a_network_with_a_surrogate_of_another_package_is_saved_and_needs_it(pac
     assert checkpoint.load(tmp_path / "net")[0].spike == net.spike != nt.RSNN(2, 2, sampling_rate_Hz=1000.0).spike
     with pytest.raises(InputError, match="another surrogate: the native kernels does not run it"):
         nt.RSNN(2, 2, sampling_rate_Hz=1000.0, surrogate="triangle", backend="native")(torch.zeros(1, 5, 2))
+
+
+ENCODER = """
+from typing import Literal, NamedTuple
+import numpy as np
+from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, both, over_time
+class LevelSpec(EncoderSpec):
+    model: Literal["level"] = "level"
+    threshold: float = 1.0
+class State(NamedTuple):
+    above: np.ndarray
+def encode(signal, sampling_rate_Hz, spec, state=None):
+    def step(x, state):
+        above = x > spec.threshold
+        return both(above & ~state.above, ~above & state.above), State(above)
+    state = State(np.zeros((len(signal), signal.shape[2]), bool)) if state is None else state
+    return over_time(signal, state, step, 2 * signal.shape[2])
+MODEL = Model("level crossings", LevelSpec, encode, State, ON_OFF)
+"""
+LEVEL = {"encoders": "level = my_skin:MODEL"}
+
+
+@pytest.fixture
+def touches(tmp_path):
+    """A file of vibrations of two frequencies, twelve trials each."""
+    rng, time_s = np.random.default_rng(0), np.arange(300)[:, None] / 1000
+    labels = np.repeat(["slow", "fast"], 12)
+    signals = [
+        5 * np.sin(2 * np.pi * {"slow": 12, "fast": 45}[label] * time_s + rng.uniform(0, 6, 2)) for label in labels
+    ]
+    path = tmp_path / "touches.h5"
+    nt.save(Recordings(signals, 1000.0, "mV", pd.DataFrame({"label": labels})), path)
+    return path
+
+
+@pytest.mark.filterwarnings("default:encoding is not counted")
+def test_an_encoder_of_another_package_is_encoded_calibrated_and_trained_on(
+    package, monkeypatch, capsys, tmp_path, touches
+):
+    package(LEVEL, ENCODER)
+    assert load("level", {"threshold": 2}).threshold == 2
+    assert (model.names()[0], model.names()[-1]) == ("lif", "level")
+    trains = nt.encode(nt.load(touches), "level", {"threshold": 2})
+    assert trains.afferents == ("ON taxel1", "ON taxel2", "OFF taxel1", "OFF taxel2")
+    fitted = nt.calibrate(nt.load(touches), "level")
+    assert fitted.threshold != 1.0
+    spikes, run = str(tmp_path / "spikes.h5"), str(tmp_path / "run")
+    assert said_by(monkeypatch, capsys, "encode", str(touches), "--encoder", "level", "-o", spikes)[0] == 0
+    words = ("train", spikes, "--network", "snn", "--set", "training.epochs=2", "-o", run)
+    assert said_by(monkeypatch, capsys, *words)[0] == 0
+    code, said = said_by(monkeypatch, capsys, "sops", run, "-o", str(tmp_path / "sops.csv"))
+    assert code == 0
+    assert "encoding is not counted, because the model 'level' declares no cost" in said
+    rows = [line.split() for line in said.splitlines() if line.strip().startswith(("encoder", "both"))]
+    assert [row[1] for row in rows] == ["not", "not"]  # counted, which is folded
+    with pytest.raises(InputError, match="afferents of another package: a stream does not run it: only models of"):
+        nt.Stream(run, sampling_rate_Hz=1000.0)
+    with pytest.raises(InputError, match="afferents of another package: a stream"):
+        nt.export_c(run, tmp_path / "c", variant="float")
+    with pytest.raises(InputError, match="afferents of another package: NIR does not run it: it has no nodes"):
+        nt.export_nir(run, tmp_path / "chain.nir")
+
+
+def test_an_encoder_of_another_package_costs_what_is_not_counted(package):
+    package(LEVEL, ENCODER)
+    table = load("level", {"conditioning.baseline": "start"}).model_dump(mode="json")
+    spent = encoding_cost(2, 100, 100.0, table)
+    assert np.isnan([spent.flops, spent.energy_estimate_nJ, (spent + spent).macs]).all()
+    assert spent.signal_ms == 100
+
+
+def test_a_study_takes_an_encoder_of_another_package_and_does_not_count_its_cost(package, tmp_path, touches):
+    package(LEVEL, ENCODER)
+    settings = {"sweep.encoder & t_ref_ms": [["sa1-ra1-lif", "own"], ["level", "own"]], "network.training.epochs": 1}
+    results = nt.run_study("which-encoder", tmp_path / "study", settings, data=touches, quick=True, workers=1)
+    assert {*results["encoder"]} == {"lif", "level"}
+    table = pd.read_csv(tmp_path / "study" / "encoders.csv").set_index("encoder")
+    assert table["energy_estimate_nJ"].isna().to_dict() == {"sa1-ra1-lif": False, "level": True}
+    page = (tmp_path / "study" / "report.html").read_text()
+    assert "not counted" in page
+
+
+UNFIT = {
+    "MODEL = 3": "is of the type int where a Model is expected",
+    ENCODER.replace("class LevelSpec(EncoderSpec)", "from neurotact.spec import Spec\nclass LevelSpec(Spec)"): (
+        "has a spec that is not an EncoderSpec"
+    ),
+    ENCODER.replace('"level"', '"other"'): 'has a spec whose `model` is not "level"',
+    ENCODER.replace("LevelSpec, encode", "LevelSpec, 3"): "has no function as its encode",
+    ENCODER.replace("ON_OFF)\n", "ON_OFF, 3)\n"): "has no function as its cost",
+    ENCODER.replace("State, ON_OFF", "State, ()"): "has no populations",
+    ENCODER.replace("State, ON_OFF", "State"): "has a population SA-I and no table 'sa1' in its spec",
+    ENCODER.replace("threshold", "level"): "has no key of ON that begins with gain or threshold",
+    ENCODER.replace("2 * signal", "signal").replace("both(", "np.logical_or("): r"returns spikes .* \(1, 50, 4\)",
+}
+
+
+@pytest.mark.parametrize("module", UNFIT)
+def test_an_encoder_that_cannot_be_used_is_named_with_its_package_and_harms_no_other(package, caplog, module):
+    package(LEVEL, module)
+    with pytest.raises(InputError, match=f"^encoders: 'level' of the package my-skin .* {UNFIT[module]}"):
+        encode(np.zeros((1, 50, 2)), 1000.0, load("level"))
+    assert ("level" in model.usable()) == ("returns" in UNFIT[module])
+    assert len(caplog.messages) == ("returns" not in UNFIT[module])
+
+
+def test_a_model_without_a_state_encodes_no_pieces(package):
+    package(LEVEL, ENCODER.replace("encode, State, ON_OFF", "encode, populations=ON_OFF"))
+    _, state = encode(np.zeros((1, 5, 2)), 1000.0, load("level"))
+    with pytest.raises(InputError, match="the model 'level' names no state"):
+        encode(np.zeros((1, 5, 2)), 1000.0, load("level"), state)
 
 
 PRICES = """

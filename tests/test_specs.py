@@ -15,7 +15,7 @@ from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.specs import afferent_names
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition import module
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.search import tuning
 from neurotact.studies import loading, study
@@ -50,8 +50,8 @@ def test_an_encoder_encodes_without_a_warning(name):
 
 @pytest.mark.parametrize("name", of_kind["networks"])
 def test_a_network_builds_and_runs(name):
-    network = RSNN(16, 8, spec.load(RSNNSpec, name), 2000.0, backend="reference")
-    assert network(torch.zeros(2, 10, 16)).readout.shape == (2, 8)
+    network = module.new(16, 8, spec.load(RSNNSpec, name), 2000.0, backend="reference")
+    assert network.counts(torch.zeros(2, 10, 16)).readout.shape == (2, 8)
 
 
 @pytest.mark.parametrize("name", of_kind["networks/spaces"])

@@ -47,7 +47,7 @@ import fabricslide fabrics -o fabrics.h5
 import pvdf-hardness presses -o presses.h5
 import touch-modality modality -o modality.h5
 info touch.h5
-calibrate touch.h5 --set conditioning.baseline=first -o calibrated.toml
+calibrate touch.h5 --set conditioning.baseline=start -o calibrated.toml
 encode touch.h5 --encoder calibrated.toml -o encoded.h5
 raster spikes.h5 -o raster.png
 train spikes.h5 --network rsnn --set hidden=4 --set training.epochs=1 --window-ms 50 -o trained

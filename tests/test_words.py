@@ -19,7 +19,8 @@ PACKAGE = Path(nt.__file__).parent
 PUBLIC = vars(nt)["__all__"]
 ALONE = {"to"}
 """Parameters of a command alone: the target of `export`."""
-OTHERS = {"published", "honest", "paper", "skipped", "afferents", "accuracy_class_means", "task", "protocol", "way", "X"}
+OTHERS = {"published", "honest", "paper", "skipped", "afferents", "accuracy_class_means", "task", "protocol", "way"}
+OTHERS |= {"X", "model"}
 """Names in backquotes that are no parameters: ways and columns of protocols, and the place of a name."""
 
 

@@ -24,6 +24,7 @@ from neurotact.data import hdf5, sources
 from neurotact.data.recordings import Recordings
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.model import name_in, of_name
 from neurotact.errors import InputError
 from neurotact.metrics.prices import PriceList
 from neurotact.networks.definition import recipe
@@ -89,7 +90,7 @@ def known(model: Any, before: str = "") -> Iterator[str]:
 def models(kind: str, table: Mapping[str, Any]) -> list[Any]:
     """The models of a spec: of a study also that of its protocol, or of its parts."""
     if kind == "encoders":
-        return [encoders.MODELS[table.get("model", "lif")].spec]
+        return [of_name(name_in(table)).spec]
     if kind == "networks":
         return [RSNNSpec]
     if kind != "studies":

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from numpy.typing import ArrayLike
 
 import neurotact
-from neurotact.encoders.specs import EncoderSpec
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -96,12 +95,11 @@ def _name_unions(
     signature: str | None,
     returns: str | None,
 ) -> tuple[str | None, str | None]:
-    """Unions by their names: the tagged one of encoder specs, and what NumPy takes as an array."""
+    """What NumPy takes as an array, by the name of that union."""
     from sphinx.util.typing import stringify_annotation
 
-    for name, union in (("EncoderSpec", EncoderSpec), ("ArrayLike", ArrayLike)):
-        for mode in ("smart", "fully-qualified-except-typing"):
-            signature = signature and signature.replace(stringify_annotation(union, mode), name)
+    for mode in ("smart", "fully-qualified-except-typing"):
+        signature = signature and signature.replace(stringify_annotation(ArrayLike, mode), "ArrayLike")
     return signature, returns
 
 

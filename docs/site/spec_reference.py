@@ -11,7 +11,7 @@ from pydantic_core import PydanticUndefined
 from neurotact import plugins
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.data.sources import simulator
-from neurotact.encoders import specs as encoders
+from neurotact.encoders.model import usable
 from neurotact.figures import columns
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.search.tuning import SearchSpec
@@ -60,7 +60,7 @@ def page() -> str:
 
 def _encoders() -> Iterator[str]:
     yield "## Encoders\n\n`encoders/*.toml`, `neurotact encode --set`, `encoder.…` of a study."
-    for name, model in encoders.MODELS.items():
+    for name, model in usable().items():
         yield from _section(f'### `model = "{name}"`', model.spec)
     yield from _section("### Conditioning", ConditioningSpec, "conditioning")
 
@@ -138,7 +138,7 @@ def _link(model: Model) -> str:
 
 def _models(annotation: Any) -> list[Model]:
     if inspect.isclass(annotation) and issubclass(annotation, Spec):
-        return [annotation]
+        return [*annotation.any_of().values()] or [annotation]
     return [model for part in get_args(annotation) for model in _models(part)]
 
 

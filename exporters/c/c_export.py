@@ -149,7 +149,6 @@ def _in_float(chain: Chain) -> dict[str, Any]:
     return {
         "value": "float", "sum": "double", "state": "float", "wide": "float",
         "largest": f"{LARGEST:g}", "largest_bits": f"0x{int(np.float32(LARGEST).view(np.uint32)):08x}",
-        "heard": "double" if conditioning.baseline == "running" else "uint32_t",
         "count": "double" if network.bias is not None else _count(chain),
         "readout_leak": float(integration.decay).hex() if integration is not None and integration.leaks else None,
         "peak": integration is not None and integration.peak,
@@ -220,7 +219,7 @@ def _in_integers(chain: Chain, formats: Formats) -> dict[str, Any]:
     layers += [] if isinstance(readout, Integrator) else [_integer_layer(chain, 1, readout)]
     stride = front.stride or (0, 0)
     return {
-        "value": "int32_t", "sum": "int64_t", "wide": "int32_t", "heard": "uint32_t",
+        "value": "int32_t", "sum": "int64_t", "wide": "int32_t",
         "state": "int16_t" if formats.state_bits <= 16 else "int32_t",
         "count": "int32_t" if isinstance(readout, Integrator) else _count(chain),
         "readout_leak": None, "peak": False,

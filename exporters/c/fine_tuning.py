@@ -21,7 +21,7 @@ from neurotact import effects, files
 from neurotact.data.windows import steps_of
 from neurotact.errors import InputError
 from neurotact.networks.definition.rounding import Grid, seen_rounded
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.training import checkpoint, fitting, tasks, train_run, trained
 from neurotact.networks.training.outcome import outcome_of, summary_of
 from neurotact.networks.training.ranges import record_states
@@ -167,7 +167,7 @@ def fine_tune(
 
 def layers_of(restored: Restored, sides: Sides, **options: Any) -> Layers:
     """The network in integers, as an export chooses them; options as for `formats.layers_of`."""
-    network = restored.network
+    network = rsnn_of("c-integer", restored.network)
     n_steps, _, _ = steps_of(restored.task.window, network.sampling_rate_Hz)
     seen = record_states(network, sides.train.spikes)
     return formats.layers_of(network, seen, n_steps=n_steps, **options)
@@ -176,7 +176,7 @@ def layers_of(restored: Restored, sides: Sides, **options: Any) -> Layers:
 def _trained_on(
     restored: Restored, sides: Sides, layers: Layers, weight_bits: int, epochs: int, seed: int
 ) -> fitting.Trained:
-    network, steps = restored.network, layers.steps
+    network, steps = rsnn_of("c-integer", restored.network), layers.steps
     with track("fine-tune", epochs) as advance:
         training = train_rounded(
             network, sides.train, sides.validation, grids_of(network, steps, weight_bits),

@@ -16,16 +16,6 @@ from neurotact.networks.definition.clock import binned
 from neurotact.networks.exit.early_exit import ExitRule, Leader
 from neurotact.neurons import CubaLIF
 
-MOST_HEARD = 2**32
-"""Of as many steps of the baseline `running`, half go on to count, so that neither number nor sum overflows."""
-
-
-class Averaged(NamedTuple):
-    """The sum of the steps in a baseline, `(trial, taxel)` int64, and their number."""
-
-    total: np.ndarray
-    count: int
-
 
 class Decided(NamedTuple):
     """Decisions of the integer network, `(window,)` int64 each, as `networks.rsnn.Inference`.
@@ -56,15 +46,12 @@ def follow(state: np.ndarray, target: np.ndarray, weight: Weight) -> np.ndarray:
     return state + over((target - state) * weight.mantissa, weight.bits)
 
 
-def encode(
-    raw: np.ndarray, front: FrontEnd, lengths: np.ndarray | None = None, averaged: Averaged | None = None
-) -> np.ndarray:
+def encode(raw: np.ndarray, front: FrontEnd, lengths: np.ndarray | None = None) -> np.ndarray:
     """Spikes of raw samples, `(trial, time, taxel)` int16 to `(trial, step, afferent)` uint8.
 
     Afferents: those of each of `FrontEnd.kinds`, of every taxel.
     lengths: samples of each trial, `(trial,)`, where shorter trials are padded; all when None. After its last sample a
     trial holds it, as resampling does until the trial ends; steps after that end are to be cut (`n_steps`).
-    averaged: of earlier steps, in the baselines `start` and `running`.
     """
     raw = np.asarray(raw, np.int64)
     n_trials, n_samples, n_taxels = raw.shape
@@ -72,7 +59,7 @@ def encode(
     rest = np.zeros((n_trials, n_taxels), np.int64)
     states = [[rest, rest]] * len(front.kinds)
     rows, before = [], None
-    for signal in _conditioned(raw, front, lengths, averaged):
+    for signal in _conditioned(raw, front, lengths):
         change = np.abs(signal - (signal if before is None else before))
         before = signal
         drives = {"signal": signal, "falling": -signal, "change": change}
@@ -97,20 +84,14 @@ def _afferent(
     return fired, [np.where(fired, kind.reset, membrane), np.where(fired, kind.silent, np.maximum(remaining - 1, 0))]
 
 
-def _conditioned(
-    raw: np.ndarray, front: FrontEnd, lengths: np.ndarray, averaged: Averaged | None
-) -> Iterator[np.ndarray]:
+def _conditioned(raw: np.ndarray, front: FrontEnd, lengths: np.ndarray) -> Iterator[np.ndarray]:
     """The conditioned signal, a step `(trial, taxel)` at a time."""
     level: np.ndarray | None = None
-    total, count = averaged or Averaged(np.zeros_like(raw.sum(axis=1)), 0)
+    total, count = np.zeros_like(raw.sum(axis=1)), 0
     for signal in _on_the_clock(_smoothed(raw, front, lengths), front, raw.shape[1]):
-        if front.baseline == "first":
-            level = signal if level is None else level
-        elif front.baseline_weight is not None:
+        if front.baseline_weight is not None:
             level = follow(signal if level is None else level, signal, front.baseline_weight)
-        elif front.baseline == "running" or (front.baseline == "start" and count < front.baseline_steps):
-            if count + 1 == MOST_HEARD:
-                total, count = over(total, 1), MOST_HEARD // 2 - 1
+        elif front.baseline == "start" and count < front.baseline_steps:
             total, count = total + signal, count + 1
             level = np.sign(total) * (np.abs(total) // count)
         signal = (signal - (0 if level is None else level) - front.offset) * front.sign

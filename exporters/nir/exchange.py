@@ -18,11 +18,11 @@ from neurotact.deploy.chain import build_encoder
 from neurotact.deploy.exporters import Exporter
 from neurotact.encoders import afferents
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.specs import EncoderSpec
+from neurotact.encoders.model import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import Subject, require
 from neurotact.networks.definition.kernels import Backend
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.exit.early_exit import FULL_WINDOW
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
@@ -64,7 +64,8 @@ def to_nir(
         encoder, network = source
     else:
         restored = fitted.restore(source)
-        network, rule, classes = restored.network, restored.exits(), restored.classes
+        network = rsnn_of("nir-plain" if plain else "nir", restored.network)
+        rule, classes = restored.exits(), restored.classes
         encoder = build_encoder(restored, fitted.name_of(source)) if restored.encoder is not None else None
     encoder = None if network_only else encoder
     require("nir-plain" if plain else "nir", Subject(encoder, network))
@@ -166,7 +167,8 @@ def proved(
     """
     restored = fitted.restore(run, spikes=spikes)
     encoder = build_encoder(restored, fitted.name_of(run))
-    require("nir-plain", Subject(encoder, restored.network))
+    network = rsnn_of("nir-plain", restored.network)
+    require("nir-plain", Subject(encoder, network))
     assert isinstance(encoder, AfferentSpec)  # `require` refuses the others
     written = note.of(made, "graph")
     has_afferents = written is not None and written.encoder is not None
@@ -179,7 +181,7 @@ def proved(
             raster = afferents.encode(conditioned, restored.network.sampling_rate_Hz, encoder)[0]
             more = {"conditioned": conditioned, "encoder": encoder} if has_afferents else {}
             try:
-                table = compare.report(restored.network, made, raster, (simulator,), **more)
+                table = compare.report(network, made, raster, (simulator,), **more)
             except InputError as error:
                 say(f"{simulator} is skipped: {error}")
                 break

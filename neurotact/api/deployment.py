@@ -18,7 +18,7 @@ from neurotact.deploy.stream import Decision as Decision
 from neurotact.deploy.stream import Stream
 from neurotact.errors import InputError
 from neurotact.networks.definition import snntorch_exchange
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
 
@@ -144,4 +144,4 @@ def to_snntorch(source: Fitted | RSNN, *, time_first: bool = False) -> snntorch_
     (torch.Size([10, 2, 20]), torch.Size([10, 2, 8]))
     """
     network = source if isinstance(source, RSNN) else fitted.restore(source).network
-    return snntorch_exchange.to_snntorch(network, time_first=time_first)
+    return snntorch_exchange.to_snntorch(rsnn_of("snntorch", network), time_first=time_first)

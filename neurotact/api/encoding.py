@@ -21,12 +21,12 @@ from neurotact.data.recordings import Recordings, Trials
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Splits, check_stratify, training_touches
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
-from neurotact.encoders import alternatives, calibration, firing, resting, specs, survival
+from neurotact.encoders import alternatives, calibration, firing, specs, survival
 from neurotact.encoders.encoding import Encoded, encode_recordings
 from neurotact.encoders.encoding import encode_file as write_encoded
 from neurotact.encoders.gain_search import CalibrationRule
-from neurotact.encoders.knobs import knobs_of, value_of
-from neurotact.encoders.specs import EncoderSpec
+from neurotact.encoders.model import EncoderSpec
+from neurotact.encoders.sensitivity import sensitivities_of, value_of
 from neurotact.encoders.survival import Survival
 from neurotact.errors import InputError
 from neurotact.figures import raster
@@ -101,7 +101,7 @@ def encode_file(
     Returns the numbers of trials, of spikes of each afferent `(afferent,)` and of steps, and the clock in Hz.
     Raises InputError for a file that exists, and as `encode` does; logs of what it warns.
 
-    >>> done = nt.encode_file("touch.h5", "encoded.h5", settings={"conditioning.baseline": "first"})
+    >>> done = nt.encode_file("touch.h5", "encoded.h5", settings={"conditioning.baseline": "start"})
     >>> done.trials, done.clock_Hz
     (30, 1000.0)
     """
@@ -146,7 +146,7 @@ def calibrate(
     where: Conditions | None = None,
     leave_out: LeftOut = None,
     compare: bool = False,
-    rest_ms: float = resting.REST_MS,
+    rest_ms: float = firing.REST_MS,
     out: str | Path | None = None,
     figure: str | Path | None = None,
     survives: str | Path | None = None,
@@ -168,7 +168,7 @@ def calibrate(
         the fitted encoder (`what_survives`), which is also told in a line. tell: called with what the command prints.
     Raises InputError for less than two classes, for constant signals, and as `train` does for the split.
 
-    >>> encoder = nt.calibrate("touch.h5", settings={"conditioning.baseline": "first"})
+    >>> encoder = nt.calibrate("touch.h5", settings={"conditioning.baseline": "start"})
     >>> encoder.sa1.gain > 0, len(encoder.conditioning.scale)
     (True, 2)
     """
@@ -188,7 +188,7 @@ def calibrate(
         training = data.select(training_touches(data, split.stratify, split.one))
         compared = alternatives.compare(training, start, advance, rule) if compare else None
         calibrated = fit(training, start, advance, rule) if compared is None else compared.best
-        at_rest = resting.resting_table(training, calibrated.encoder, rest_ms)
+        at_rest = firing.resting_table(training, calibrated.encoder, rest_ms)
         left = survival.what_survives(training, calibrated.encoder) if survives else None
     trials = f"{len(training)} training trials"
     if out:
@@ -197,16 +197,21 @@ def calibrate(
         saved = spec.to_toml(calibrated.encoder.model_dump(mode="json", exclude_none=True))
         files.write_text(out, f"# Calibrated from {origin} on the {about}.\n{saved}")
     if figure:
-        thresholds = [knob.name for knob in knobs_of(calibrated.encoder) if knob.is_threshold]
+        thresholds = [
+            sensitivity.name for sensitivity in sensitivities_of(calibrated.encoder) if sensitivity.is_threshold
+        ]
         save_figure(draw_calibration(calibrated.table, calibrated.isi, _units(calibrated.encoder), thresholds), figure)
     if compared is not None:
         tell(compared.table[COMPARED])
-    gains = ", ".join(f"{knob.key} = {value_of(calibrated.encoder, knob):g}" for knob in knobs_of(calibrated.encoder))
+    gains = ", ".join(
+        f"{sensitivity.key} = {value_of(calibrated.encoder, sensitivity):g}"
+        for sensitivity in sensitivities_of(calibrated.encoder)
+    )
     tell(f"{out or 'encoder'}: {gains}, from {trials} in {perf_counter() - began:.1f} s")
     if survives and left is not None:
         save_figure(draw_survival(left), survives)
         tell(f"{survives}: {left}")
-    if complaint := resting.complaint(at_rest, rest_ms, calibrated.encoder.conditioning.baseline):
+    if complaint := firing.complaint_at_rest(at_rest, rest_ms, calibrated.encoder.conditioning.baseline):
         log.warning("%s: %s", source, complaint)
     return calibrated.encoder
 
@@ -319,7 +324,9 @@ def save_raster(
 def _units(encoder: EncoderSpec) -> dict[str, str]:
     """What is searched of each population and its unit, for a drawing."""
     known = encoder.gain_units if isinstance(encoder, specs.CALIBRATED) else {}
-    return {knob.name: known.get(knob.name, knob.unit) for knob in knobs_of(encoder)}
+    return {
+        sensitivity.name: known.get(sensitivity.name, sensitivity.unit) for sensitivity in sensitivities_of(encoder)
+    }
 
 
 @contextmanager

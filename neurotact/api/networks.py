@@ -32,7 +32,7 @@ from neurotact.metrics import synops
 from neurotact.metrics.prices import DEFAULT, PriceList, price_list
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.kernels import device_of
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.specs import RSNNSpec, given_keys
 from neurotact.networks.search import journal, search_tables
 from neurotact.networks.search import search as searching
@@ -399,7 +399,8 @@ def sops(
     sizes = len(trains.afferents), network.n_classes
     made_by = {"encoder": trains.encoder or None, "recorded_Hz": trains.recorded_Hz}
     costs = ledger.decision_ledger(network.spec, *sizes, trains.sampling_rate_Hz, means, **made_by, prices=priced)
-    tell(costs[COSTS])
+    shown = costs[COSTS].astype(object)
+    tell(shown.where(shown.notna(), "not counted"))
     return table
 
 
@@ -415,19 +416,19 @@ def summarise(decisions: pd.DataFrame) -> pd.DataFrame:
     return synops.summary(decisions)
 
 
-def save_network(network: RSNN, folder: str | Path, *, force: bool = False) -> None:
+def save_network(network: Network, folder: str | Path, *, force: bool = False) -> None:
     """Save a network as safetensors and JSON in `folder`; an existing network is refused unless `force`.
 
     >>> nt.save_network(nt.RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0), "network")
     >>> sorted(path.name for path in Path("network").iterdir())
     ['network.json', 'weights.safetensors']
     """
-    check_instance("network", network, RSNN, "a SpikingClassifier has one in network_")
+    check_instance("network", network, Network, "a SpikingClassifier has one in network_")
     files.check_new(Path(folder) / checkpoint.NETWORK, force=force)
     checkpoint.save(network, folder)
 
 
-def load_network(folder: str | Path) -> RSNN:
+def load_network(folder: str | Path) -> Network:
     """The network in a folder that `save_network`, `train` or the command line wrote.
 
     >>> nt.load_network("run").n_inputs

@@ -14,7 +14,7 @@ from neurotact.data.description import MOST_TAXELS as MOST_TAXELS
 from neurotact.data.onset import common_onset_s
 from neurotact.data.readers import arrays, folder
 from neurotact.data.readers import one_table as sample_table
-from neurotact.data.readers.clock.stamps import Unit as Unit
+from neurotact.data.readers.clock.units import Unit as Unit
 from neurotact.data.readers.columns import LayoutSpec
 from neurotact.data.readers.events import files as event_files
 from neurotact.data.readers.events import raster
@@ -29,8 +29,8 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.window_choice import timing_of
 from neurotact.errors import InputError, some
-from neurotact.gathered import in_few_lines
 from neurotact.progress import track
+from neurotact.repeated_warnings import in_few_lines
 from neurotact.spec import takes_specs
 
 ARRAY_NAMES = [arrays.SIGNALS, *arrays.ALIASES]

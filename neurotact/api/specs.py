@@ -19,7 +19,7 @@ def spec_names(kind: Literal["encoders", "networks", "networks/spaces", "studies
     """The names of the specs of a kind that ship, as `neurotact list` prints them; InputError for another kind.
 
     >>> spec_names("networks")
-    ['default', 'rsnn', 'snn']
+    ['default', 'layered', 'rsnn', 'snn']
     """
     if kind not in spec.KINDS:
         raise InputError(f"kind: {kind!r} is unknown; {nearest(str(kind), spec.KINDS)}")
@@ -40,7 +40,7 @@ def keys_of(kind: str, name: str = "") -> list[str]:
         model: Any = simulator(name).model
         return [*dict.fromkeys([*spec.keys_of(model), *spec.leaves(model().model_dump())])]
     room, of_kind = {
-        "encoders": ("neurotact.encoders.specs", "EncoderSpec"),
+        "encoders": ("neurotact.encoders.model", "EncoderSpec"),
         "networks": ("neurotact.networks.definition.specs", "RSNNSpec"),
         "studies": ("neurotact.studies.study", "StudySpec"),
     }[kind]

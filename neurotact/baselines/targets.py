@@ -62,21 +62,6 @@ def decide(scores: np.ndarray) -> np.ndarray:
     return (scores[..., 0] > 0).astype(np.intp) if scores.shape[-1] == 1 else scores.argmax(axis=-1)
 
 
-class ProbabilitiesMixin:
-    """What estimators share that give probabilities; a subclass has `classes_` and `predict_proba`."""
-
-    classes_: np.ndarray
-
-    def predict(self, X: ArrayLike) -> np.ndarray:
-        """Labels `(example,)`: the most probable class, the first of equals."""
-        winners = self.predict_proba(X).argmax(axis=1)
-        return self.classes_[winners]
-
-    def predict_proba(self, X: ArrayLike) -> np.ndarray:
-        """Softmax of the outputs, `(example, class)`."""
-        raise NotImplementedError
-
-
 class MachinesMixin:
     """What estimators of one machine per class share; a subclass has `classes_`, `_outputs` and `decision_path`."""
 

@@ -150,6 +150,11 @@ def sops(given: dict[str, Any], as_json: Json = False) -> None:
     _print_sides(api.sops(**given, tell=told.append), told, as_json=as_json)
 
 
+def _in_words(column: pd.Series) -> pd.Series:
+    """A column of a summary, which says what is not counted."""
+    return column.astype(object).where(column.notna(), "not counted") if column.isna().any() else column
+
+
 def _print_sides(table: pd.DataFrame, told: list[Any], *, as_json: bool) -> None:
     """The means of decisions, one table per side, and what else was told; as JSON, one table."""
     means = api.summarise(table)
@@ -157,6 +162,6 @@ def _print_sides(table: pd.DataFrame, told: list[Any], *, as_json: bool) -> None
         print_json(means)
         return
     for side, rows in means.groupby("side", sort=False):
-        print_table(rows[SHOWN], title=SIDES[str(side)])
+        print_table(rows[SHOWN].apply(_in_words), title=SIDES[str(side)])
     for line in told:
         show(line)

@@ -4,7 +4,7 @@ The order is fixed: smoothing (EMA), resampling to the encoder's clock, baseline
 A trial is conditioned whole, piece by piece if it is long, or block by block as it is recorded; the result is the same.
 """
 
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -17,9 +17,7 @@ from neurotact.errors import InputError
 from neurotact.files import check_size
 from neurotact.spec import Spec
 
-Baseline = Literal["none", "mean", "median", "first", "start", "running", "high-pass"]
-Pieces = Callable[[], Iterator[np.ndarray]]
-"""Each call starts at the beginning of a trial; all pieces but the last have equally many samples."""
+Baseline = Literal["none", "mean", "start", "high-pass"]
 PIECE_VALUES = 1_000_000
 """Samples times taxels: a longer trial is conditioned in pieces of this size."""
 HALF = 0.5 + 1e-6
@@ -42,9 +40,9 @@ class ConditioningSpec(Spec):
     resample_Hz: float | None = Field(default=None, gt=0)
     """The encoder's clock; the recording's own rate when absent."""
     baseline: Baseline = "none"
-    """The level subtracted from each taxel of each trial. `mean` and `median` use the whole trial, so each window
-    contains information from later samples (`ACAUSAL`). The others use only the past: the `first` sample, the mean so
-    far (`running`), that mean up to `start_ms` (`start`), or an EMA at `high_pass_Hz` (`high-pass`)."""
+    """The level subtracted from each taxel of each trial. `mean` is that of the whole trial, so each window contains
+    information from later samples (`ACAUSAL`). The others use only the past: the mean so far up to `start_ms`, then
+    constant (`start`), or an EMA at `high_pass_Hz` (`high-pass`)."""
     start_ms: float = Field(default=100.0, gt=0)
     """The baseline `start` is the mean up to this time, and constant afterwards."""
     high_pass_Hz: float = Field(default=0.5, gt=0)
@@ -92,7 +90,7 @@ def condition(recordings: Recordings, how: ConditioningSpec) -> Recordings:
 
     >>> import pandas as pd
     >>> skin = Recordings([np.ones((3, 2))], 35.6, "count", pd.DataFrame({"label": ["felt"]}))
-    >>> condition(skin, ConditioningSpec(resample_Hz=1000.0, baseline="first")).signals[0].shape
+    >>> condition(skin, ConditioningSpec(resample_Hz=1000.0, baseline="start")).signals[0].shape
     (84, 2)
     """
     conditioner = Conditioner(recordings.sampling_rate_Hz, how)
@@ -127,11 +125,11 @@ def condition_pieces(
     """The conditioned signal of one trial, piece by piece; the concatenation equals `condition`.
 
     unit: the signal is converted to it; unchanged when absent.
-    A baseline that uses the whole trial (`mean`, `median`) is computed in a first pass.
+    The baseline `mean`, which uses the whole trial, is computed in a first pass.
 
     >>> import pandas as pd
     >>> skin = Recordings([np.ones((3, 2))], 35.6, "count", pd.DataFrame({"label": ["felt"]}))
-    >>> how = ConditioningSpec(resample_Hz=1000.0, baseline="first")
+    >>> how = ConditioningSpec(resample_Hz=1000.0, baseline="start")
     >>> [piece.shape for piece in condition_pieces(skin, 0, how)]
     [(84, 2)]
     """
@@ -145,9 +143,9 @@ def condition_pieces(
         signal = conditioner.sampled(pieces(recordings, trial, n_samples))
         return signal if conditioner.clock_Hz == conditioner.rate_Hz else _regrouped(signal, n_rows)
 
-    state = Conditioned(level=LEVELS[how.baseline](sampled) if how.baseline in ACAUSAL else None)
+    state, level = Conditioned(), _mean(sampled()) if how.baseline in ACAUSAL else None
     for piece in sampled():
-        signal, state = conditioner.without_baseline(piece, state)
+        signal, state = conditioner.without_baseline(piece, state, level)
         yield signal
 
 
@@ -212,13 +210,13 @@ def _regrouped(signal: Iterator[np.ndarray], n_rows: int) -> Iterator[np.ndarray
         yield np.concatenate(waiting)
 
 
-ACAUSAL = ("mean", "median")
+ACAUSAL = ("mean",)
 """Baselines that use the whole trial, so each window contains information from later samples."""
 ACAUSAL_NOTE = (
     "acausal: the baseline is the {baseline} of each whole trial, so windows contain information from later samples; "
-    "conditioning.baseline = none, first, start, running or high-pass is causal"
+    "conditioning.baseline = none, start or high-pass is causal"
 )
-CAUSAL = ("start", "running", "high-pass")
+CAUSAL = ("start", "high-pass")
 """Baselines that change during the trial and use only its past, the current sample included."""
 BYTES_WHILE_RESAMPLED = 32
 """Bytes for each value of the result: its position, its neighbours and itself."""
@@ -243,7 +241,8 @@ class Conditioned(NamedTuple):
 
     n_samples, n_steps: samples received and steps of the encoder's clock returned so far.
     smoothed: the moving average after the last sample, `(taxel,)`; held: the last smoothed samples, which resampling
-    still needs, `(sample, taxel)`; level: a constant baseline, `(1, taxel)`; carried: the state of a moving one.
+    still needs, `(sample, taxel)`;
+    carried: the state of a baseline of the past.
     None where there is none yet.
     """
 
@@ -251,7 +250,6 @@ class Conditioned(NamedTuple):
     n_steps: int = 0
     smoothed: np.ndarray | None = None
     held: np.ndarray | None = None
-    level: np.ndarray | None = None
     carried: Carried | None = None
 
 
@@ -261,7 +259,7 @@ class Conditioner:
     The concatenated blocks equal the whole trial to the last bit, for any size of a block, one sample included.
     factor: multiplies the samples first (see `unit_factor`).
 
-    >>> how = ConditioningSpec(ema_cutoff_Hz=30.0, baseline="first")
+    >>> how = ConditioningSpec(ema_cutoff_Hz=30.0, baseline="start")
     >>> conditioner, state = Conditioner(2000.0, how), Conditioned()
     >>> first, state = conditioner.push(np.array([[2.0], [3.0]], np.float32), state)
     >>> second, state = conditioner.push(np.array([[3.0]], np.float32), state)
@@ -296,9 +294,8 @@ class Conditioner:
     def whole(self, samples: np.ndarray) -> np.ndarray:
         """The steps `(step, taxel)` of a whole trial of samples."""
         signal, state = self._on_the_clock(samples, Conditioned(), at_end=True)
-        if self.how.baseline in ACAUSAL:
-            state = state._replace(level=LEVELS[self.how.baseline](lambda: iter([signal])))
-        return self.without_baseline(signal, state)[0]
+        level = _mean([signal]) if self.how.baseline in ACAUSAL else None
+        return self.without_baseline(signal, state, level)[0]
 
     def sampled(self, blocks: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
         """The smoothed and resampled signal of a whole trial, block by block."""
@@ -309,24 +306,28 @@ class Conditioner:
         if state.held is not None:
             yield self._on_the_clock(state.held[:0], state, at_end=True)[0]
 
-    def without_baseline(self, signal: np.ndarray, state: Conditioned) -> tuple[np.ndarray, Conditioned]:
-        """The conditioned steps of a smoothed and resampled signal, and the state after them."""
+    def without_baseline(
+        self, signal: np.ndarray, state: Conditioned, level: np.ndarray | None = None
+    ) -> tuple[np.ndarray, Conditioned]:
+        """The conditioned steps of a smoothed and resampled signal, and the state after them.
+
+        level: the mean of the whole trial, `(1, taxel)`, which the baseline `mean` needs.
+        """
         if not len(signal):
             return signal, state
-        if self.how.baseline in LEVELS:
-            if state.level is None and self.how.baseline in ACAUSAL:
+        if self.how.baseline in ACAUSAL:
+            if level is None:
                 raise InputError(
                     f"conditioning.baseline: '{self.how.baseline}' uses the whole trial, which a stream has not "
-                    "received yet; encode and train with conditioning.baseline start, first, running, high-pass or none"
+                    "received yet; encode and train with conditioning.baseline start, high-pass or none"
                 )
-            level = signal[:1].copy() if state.level is None else state.level
-            signal, state = signal - level, state._replace(level=level)
+            signal = signal - level
         elif self.following is not None:
             before, n_before = state.carried or (None, 0)
             followed = ema(signal, self.following, before)
             state = state._replace(carried=(followed[-1].copy(), n_before + len(signal)))
             signal = signal - followed
-        elif self.how.baseline in CAUSAL:
+        elif self.how.baseline == "start":
             signal, state = self._without_mean(signal, state)
         return standardised(signal, self.how.offset, self.how.scale, self.how.rectify), state
 
@@ -358,8 +359,7 @@ class Conditioner:
         """Without the mean so far: in float64, sample by sample, so that blocks give the same sum as the whole."""
         total, n_before = state.carried or (np.zeros(signal.shape[1]), 0)
         n_steps = len(signal)
-        last = self.n_start if self.how.baseline == "start" else n_before + n_steps
-        n_new = min(max(last - n_before, 0), n_steps)
+        n_new = min(max(self.n_start - n_before, 0), n_steps)
         sums = np.cumsum(np.concatenate([total[None], signal[:n_new]]), axis=0)
         after = n_before + n_new
         levels = sums[1:] / np.arange(n_before + 1, after + 1)[:, None]
@@ -368,10 +368,10 @@ class Conditioner:
         return signal - levels, state._replace(carried=(sums[-1], after))
 
 
-def _mean(signal: Pieces) -> np.ndarray:
+def _mean(signal: Iterable[np.ndarray]) -> np.ndarray:
     """A long trial is added in float64: in float32, samples would be lost in their own sum."""
     total, n_steps, piece = np.zeros(1), 0, np.empty(0)
-    for piece in signal():
+    for piece in signal:
         n_steps += len(piece)
         n_rows = max(1, PIECE_VALUES // piece.shape[1])
         for start in range(0, len(piece), n_rows):
@@ -379,57 +379,6 @@ def _mean(signal: Pieces) -> np.ndarray:
     if len(piece) == n_steps and not is_long(*piece.shape):
         return piece.mean(axis=0, keepdims=True)
     return (total / n_steps).astype(piece.dtype)
-
-
-def _median(signal: Pieces) -> np.ndarray:
-    """The exact median of float32 pieces: a radix search, eleven bits at a time, from the highest bits down."""
-    lengths = [len(piece) for piece in signal()]
-    if len(lengths) == 1:
-        return np.median(next(signal()), axis=0, keepdims=True)
-    n_steps = sum(lengths)
-    middle = sorted({(n_steps - 1) // 2, n_steps // 2})
-    ranks = np.array([_ranked(signal, rank) for rank in middle], np.float32)
-    return ranks.mean(axis=0, keepdims=True)
-
-
-def _ranked(signal: Pieces, rank: int) -> np.ndarray:
-    """The value of each taxel, `(taxel,)`, with index `rank` in ascending order."""
-    prefix, left = None, None
-    for shift, bits in ((21, 11), (10, 11), (0, 10)):
-        counts: np.ndarray | None = None
-        for piece in signal():
-            keys = _sortable(piece)
-            n_channels = keys.shape[1]
-            counts = np.zeros((n_channels, 1 << bits), np.int64) if counts is None else counts
-            for channel in range(n_channels):
-                mine = keys[:, channel]
-                if prefix is not None:
-                    mine = mine[(mine >> np.uint32(shift + bits)) == prefix[channel]]
-                digit = (mine >> np.uint32(shift)) & np.uint32((1 << bits) - 1)
-                counts[channel] += np.bincount(digit, minlength=1 << bits)
-        assert counts is not None
-        left = np.full(len(counts), rank) if left is None else left
-        reached = np.cumsum(counts, axis=1)
-        digit = (reached > left[:, None]).argmax(axis=1)
-        left = left - np.where(digit > 0, np.take_along_axis(reached, np.maximum(digit - 1, 0)[:, None], 1)[:, 0], 0)
-        prefix = digit.astype(np.uint32) if prefix is None else (prefix << np.uint32(bits)) | digit.astype(np.uint32)
-    assert prefix is not None
-    negative = prefix < 0x80000000
-    return np.where(negative, ~prefix, prefix & np.uint32(0x7FFFFFFF)).view(np.float32)
-
-
-def _sortable(signal: np.ndarray) -> np.ndarray:
-    """Unsigned integers in the order of float32 values: all bits inverted if negative, else the sign bit set."""
-    bits = (signal + np.float32(0.0)).view(np.uint32)  # so that -0 is 0
-    return np.where(bits >> np.uint32(31) == 1, ~bits, bits | np.uint32(0x80000000))
-
-
-LEVELS: dict[str, Callable[[Pieces], np.ndarray]] = {
-    "mean": _mean,
-    "median": _median,
-    "first": lambda signal: next(signal())[:1],
-}
-"""Constant baselines, `(1, taxel)` each."""
 
 
 def ema_coefficient(cutoff_Hz: float, rate_Hz: float, key: str = "ema_cutoff_Hz") -> float:

@@ -123,12 +123,12 @@ def load_touches(spec: DatasetSpec) -> Recordings | SpikeTrains:
 
     Raises InputError if their content is not that of the spec.
     """
-    return _chosen(_every(spec, hdf5.load), spec)
+    return _chosen(_every(spec), spec)
 
 
 def load_recordings(spec: DatasetSpec) -> Recordings:
     """As `load_touches`; InputError for spikes, which need no encoder. Lines tell what is doubtful in a read set."""
-    touches = _every(spec, hdf5.load_recordings)
+    touches = _every(spec) if spec.file is None else hdf5.load_recordings(expand(spec.file))
     if not isinstance(touches, Recordings):
         what = f"{expand(spec.path or '')}: '{spec.read}' reads spikes, not recordings"
         raise InputError(f"{what}; train on them with neurotact train")
@@ -146,14 +146,28 @@ def _chosen(touches: Touches, spec: DatasetSpec) -> Touches:
     return chosen
 
 
-def _every(spec: DatasetSpec, load_file: Callable[[Path], Touches]) -> Recordings | SpikeTrains | Touches:
-    if spec.simulate is not None:
-        experiment = simulator(spec.simulate)
-        return experiment.simulate(build(experiment.model, spec.parameters, source="dataset.parameters"), None)
-    place = expand(spec.source)
-    if spec.arrays is not None:
-        return arrays.read(place, spec.arrays.sampling_rate_Hz, spec.arrays.unit)
-    return load_file(place) if spec.read is None else reader(spec.read).read(place)
+def _every(spec: DatasetSpec) -> Recordings | SpikeTrains:
+    name = next(name for name in SOURCES if getattr(spec, name) is not None)
+    return _FROM[name](spec, expand(spec.source))
+
+
+def _simulated(spec: DatasetSpec, _: Path) -> Recordings:
+    experiment = simulator(spec.simulate or "")
+    return experiment.simulate(build(experiment.model, spec.parameters, source="dataset.parameters"), None)
+
+
+def _of_arrays(spec: DatasetSpec, path: Path) -> Recordings:
+    assert spec.arrays is not None
+    return arrays.read(path, spec.arrays.sampling_rate_Hz, spec.arrays.unit)
+
+
+_FROM: Mapping[str, Callable[[DatasetSpec, Path], Recordings | SpikeTrains]] = {
+    "simulate": _simulated,
+    "read": lambda spec, path: reader(spec.read or "").read(path),
+    "file": lambda spec, path: hdf5.load(path),
+    "arrays": _of_arrays,
+}
+"""What gives the trials of each of `SOURCES`."""
 
 
 def joined(parts: Sequence[Recordings]) -> Recordings:
@@ -195,7 +209,8 @@ def as_arrays(touches: Recordings | SpikeTrains) -> dict[str, np.ndarray]:
         }
     return {
         **shared,
-        "values": np.concatenate([np.asarray(signal, np.float32) for signal in touches.signals]),
+        # In the order of memory that every file has: sums over time in another order differ in their last bits.
+        "values": np.ascontiguousarray(np.concatenate([np.asarray(one, np.float32) for one in touches.signals])),
         "lengths": touches.lengths,
         "unit": np.array(touches.unit),
         "channels": np.array(touches.channels),

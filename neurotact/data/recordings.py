@@ -387,6 +387,8 @@ def check_conditions(conditions: pd.DataFrame, where: str) -> None:
     if LABEL not in conditions:
         raise InputError(f"{where}: the table of conditions has no column 'label'; add one class name per trial")
     labels = conditions[LABEL]
+    for name in dict.fromkeys(map(str, labels.tolist())):
+        check_text(name, f"{where}: the label")
     names = labels.astype(str)
     nameless = np.flatnonzero(labels.isna().to_numpy() | (names.str.strip() == "").to_numpy())
     if len(nameless):
@@ -394,8 +396,6 @@ def check_conditions(conditions: pd.DataFrame, where: str) -> None:
     measurement = measurement_in(labels.tolist())
     if measurement is not None:
         raise InputError(f"{where}: the label {NO_CLASSES.format(measurement)}")
-    for name in names.unique():
-        check_text(name, f"{where}: the label")
 
 
 def check_named_classes(labels: Sequence[str], where: str) -> None:

@@ -425,12 +425,7 @@ def aside_of(conditions: pd.DataFrame, spec: SplitSpec) -> np.ndarray:
 
 
 def validation_note(
-    conditions: pd.DataFrame,
-    spec: SplitSpec,
-    *,
-    varied: bool = False,
-    at_most: int | None = None,
-    again: bool = True,
+    conditions: pd.DataFrame, spec: SplitSpec, *, varied: bool = False, at_most: int | None = None, again: bool = True
 ) -> str:
     """How validation chooses for a test on other conditions, in one sentence.
 

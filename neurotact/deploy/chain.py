@@ -10,10 +10,11 @@ from neurotact.data.conditioning import conditioned_length
 from neurotact.data.recordings import check_sampling_rate
 from neurotact.deploy.windows import WindowPlan
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.specs import MODELS, EncoderSpec, conditioning_of, n_per_taxel, populations, taxel_names
+from neurotact.encoders.model import EncoderSpec, name_in, names, of_name
+from neurotact.encoders.specs import conditioning_of, n_per_taxel, populations, taxel_names
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import LIF_INSTEAD, Subject, require
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.training.trained import Restored
 from neurotact.networks.use import fitted
@@ -96,10 +97,11 @@ def chain_of(
     recorded_Hz: float | None = None
     taxels: tuple[str, ...] | None = None
     if isinstance(source, tuple):
-        encoder, network = source
+        encoder, network = source[0], rsnn_of("stream", source[1])
     else:
         restored = fitted.restore(source)
-        encoder, network, classes = build_encoder(restored, fitted.name_of(source)), restored.network, restored.classes
+        encoder, classes = build_encoder(restored, fitted.name_of(source)), restored.classes
+        network = rsnn_of("stream", restored.network)
         rule = restored.exits(early_exit)
         recorded_Hz = restored.recorded_Hz
         if restored.afferents is not None:
@@ -131,10 +133,10 @@ def build_encoder(restored: Restored, source: object) -> EncoderSpec:
 
 def encoder_of(table: Mapping[str, Any], source: object) -> EncoderSpec:
     """The encoder of a saved table; InputError for an unknown model."""
-    model = str(table.get("model", "lif"))
-    if model not in MODELS:
+    model = name_in(table)
+    if model not in names():
         raise InputError(f"{source}: its encoder model '{model}' is unknown; train the network again")
-    return build(MODELS[model].spec, dict(table), source=f"{source}, encoder")
+    return build(of_name(model).spec, dict(table), source=f"{source}, encoder")
 
 
 def _check_taxels(encoder: EncoderSpec, network: RSNN) -> None:

@@ -16,7 +16,8 @@ from neurotact.networks.definition import native as networks
 from neurotact.networks.exit.early_exit import Leader
 from neurotact.neurons import CubaLIFState, LIFState, lif_start
 
-BASELINES = ("none", "first", "start", "running", "high-pass")
+BASELINES = {"none": 0, "start": 2, "high-pass": 4}
+"""By the numbers of the compiled stream."""
 Decided = tuple[int, int, int, int, int, int, int, bool]
 """A decided window: its number, start, steps, label, input spikes, hidden spikes, held, heard."""
 NUMBERS = ("window", "start", "steps", "input_spikes", "hidden_spikes", "held")
@@ -92,7 +93,7 @@ class CompiledStream:
             smooth=smoothing is not None, smooth_new=smoothing or 0.0, smooth_kept=1.0 - (smoothing or 0.0),
             resampled=conditioner.clock_Hz != conditioner.rate_Hz,
             samples_per_step=conditioner.rate_Hz / conditioner.clock_Hz,
-            baseline=BASELINES.index(spec.baseline), start_steps=conditioner.n_start,
+            baseline=BASELINES[spec.baseline], start_steps=conditioner.n_start,
             base_new=level, base_kept=1.0 - level,
             offset=offset.ctypes.data if is_standard else 0, scale=scale.ctypes.data if is_standard else 0,
             rectify=spec.rectify, sa_gains=[*gains[0]], ra_gains=[*gains[1]],
@@ -152,7 +153,7 @@ class CompiledStream:
         encoder = state.encoder
         for name, values in (
             ("smoothed", done.smoothed if done.held is None else done.held[-1]),
-            ("level", carried if is_ema else None if done.level is None else done.level[0]),
+            ("level", carried if is_ema else None),
             ("total", None if is_ema else carried),
             ("last", None if encoder is None or encoder.last is None else encoder.last[0]),
         ):
@@ -198,7 +199,7 @@ class CompiledStream:
             samples, steps,
             smoothed=None if self.conditioner.smoothing is None else smoothed,
             held=smoothed[None] if resampled else None,
-            level=level[None] if spec.baseline == "first" else None, carried=carried,
+            carried=carried,
         )  # fmt: skip
 
     def _encoder(self, found: np.void) -> EncoderState | None:

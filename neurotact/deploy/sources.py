@@ -19,7 +19,7 @@ import numpy as np
 
 from neurotact import effects
 from neurotact.data import hdf5
-from neurotact.data.readers.clock.stamps import UNIT_S
+from neurotact.data.readers.clock.units import UNIT_S
 from neurotact.data.readers.formats.contents import content_of_bytes
 from neurotact.data.readers.table.cells import COMMENT, FLOAT32_MAX, NOT_FINITE, NUMBER
 from neurotact.data.readers.table.headings import SEPARATOR_LINE, is_unit

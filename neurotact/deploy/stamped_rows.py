@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from neurotact.data.readers.clock.stamps import DAY_S
+from neurotact.data.readers.clock.units import DAY_S
 from neurotact.errors import InputError
 from neurotact.progress import say
 

@@ -23,7 +23,8 @@ from neurotact.deploy.chain import LARGEST, Chain, chain_of
 from neurotact.deploy.native import CompiledStream, Decided, Remembered
 from neurotact.deploy.stream_state import Decision, StreamState, Tally, Trace, copied
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.specs import EncoderSpec, conditioning_of, encode, finish, is_exact
+from neurotact.encoders.model import EncoderSpec
+from neurotact.encoders.specs import conditioning_of, encode, finish, is_exact
 from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.networks.definition.rsnn import RSNN
@@ -52,7 +53,7 @@ class Stream:
     InputError for an encoder with a baseline of the whole trial, and for samples with another number of taxels.
 
     >>> from neurotact.encoders import specs
-    >>> encoder = specs.load("sa1-ra1-lif", {"conditioning.baseline": "first"})
+    >>> encoder = specs.load("sa1-ra1-lif", {"conditioning.baseline": "start"})
     >>> stream = Stream((encoder, RSNN(16, 2, hidden=4, sampling_rate_Hz=2000.0)), length_ms=5)
     >>> [decision.steps for decision in stream.push(np.zeros((25, 8)))]
     [10, 10]

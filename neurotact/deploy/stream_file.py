@@ -96,7 +96,7 @@ def _parts(chain: Chain, state: StreamState) -> tuple[dict[str, Any], Arrays]:
     arrays: Arrays = {}
     if state.good is not None:
         arrays["good"] = state.good
-    for name in ("smoothed", "held", "level"):
+    for name in ("smoothed", "held"):
         if (values := getattr(done, name)) is not None:
             arrays[f"conditioned.{name}"] = values
     if done.carried is not None:
@@ -167,7 +167,7 @@ def _state(chain: Chain, table: dict[str, Any], arrays: Arrays) -> StreamState:
     carried = maybe("conditioned.carried", (n,), f32 if baseline == "high-pass" else np.float64)
     conditioned = Conditioned(
         int(table["n_samples"]), int(table["n_steps"]), maybe("conditioned.smoothed", (n,)),
-        maybe("conditioned.held", (1, n)), maybe("conditioned.level", (1, n)),
+        maybe("conditioned.held", (1, n)),
         None if carried is None else (carried, int(table["n_carried"])),
     )  # fmt: skip
     encoder = None

@@ -1,14 +1,13 @@
 """The decisions and the state of a stream."""
 
 from dataclasses import dataclass, field, fields, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from neurotact.data.conditioning import Conditioned
 from neurotact.deploy.running import Running
 from neurotact.deploy.windows import Opening
-from neurotact.encoders.specs import AnyState
 
 
 class Decision(NamedTuple):
@@ -85,7 +84,7 @@ class StreamState:
 
     opening: Opening
     conditioned: Conditioned = field(default_factory=Conditioned)
-    encoder: AnyState | None = None
+    encoder: Any = None
     windows: tuple[Running, ...] = ()
     n_windows: int = 0
     good: np.ndarray | None = None

@@ -9,16 +9,15 @@ vibration with one spike a cycle; and SA-I driven by the signal's rise, too, whi
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from neurotact.backend import Backend, use_native
-from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders import native
-from neurotact.encoders.refractory import RefractoryMs
-from neurotact.errors import InputError
+from neurotact.encoders.model import EncoderSpec, Model, RefractoryMs, checked
+from neurotact.metrics.flops import Cost, with_weights
 from neurotact.neurons import LIF, LIFState, decay_per_step, lif_start, lif_step, refractory_steps
 from neurotact.spec import Spec
 
@@ -34,7 +33,7 @@ Gains = tuple[Sequence[float], Sequence[float]]
 
 
 Integration = Literal["clock", "exact"]
-"""When membranes are computed: at each step of the clock, or once per sample (`encoders.exact`)."""
+"""When membranes are computed: at each step of the clock, or once per sample (`encoders.closed_form`)."""
 Change = Literal["rectified", "on", "off", "both"]
 """What drives RA-I: rise and fall equally, the rise, the fall, or one afferent each."""
 
@@ -74,7 +73,7 @@ class AfferentType(Spec):
         return rising + (falling if self.opposite or self.change == "both" else ())
 
 
-class AfferentSpec(Spec):
+class AfferentSpec(EncoderSpec):
     """An SA-I and an RA-I population over every taxel (`encoders/*.toml`).
 
     >>> spec = AfferentSpec.model_validate({"sa1": {"gain": 3.0, "t_ref_ms": 5}, "ra1": {"gain": 9.0}})
@@ -82,12 +81,8 @@ class AfferentSpec(Spec):
     (5.0, 'mV')
     """
 
-    folder: ClassVar[str] = "encoders"
-
     model: Literal["lif"] = "lif"
     """Leaky integrate-and-fire neurons."""
-    unit: str = "mV"
-    """The unit of the recordings."""
     v_rest_mV: float = -65.0
     """Membrane potential at rest; it decays to this value without drive."""
     v_reset_mV: float = -65.0
@@ -102,7 +97,6 @@ class AfferentSpec(Spec):
     alone, and a sensor that is slower is not resampled to it (`docs/clock.md`)."""
     recorded_Hz: float | None = Field(default=None, gt=0)
     """With `exact`: the rate of the recording that was encoded, for the cost ledger. Encoding sets it."""
-    conditioning: ConditioningSpec = ConditioningSpec()
     sa1: AfferentType
     """Driven by the signal."""
     ra1: AfferentType
@@ -382,14 +376,6 @@ def drives(
     return np.concatenate([*sa1, *ra1], axis=2), signal[:, -1] if signal.shape[1] else last
 
 
-def checked(signal: np.ndarray) -> np.ndarray:
-    """The signal, if it is a float array `(trial, time, taxel)`; else InputError."""
-    signal = np.asarray(signal)
-    if signal.ndim != 3 or signal.dtype.kind != "f":
-        raise InputError(f"signal: must be a float array (trial, time, taxel); got {signal.dtype} {signal.shape}")
-    return signal
-
-
 def _start(signal: np.ndarray, gains: Gains, neurons: tuple[LIF, LIF]) -> EncoderState:
     n_trials, _, n_taxels = signal.shape
     sa1, ra1 = (
@@ -397,3 +383,19 @@ def _start(signal: np.ndarray, gains: Gains, neurons: tuple[LIF, LIF]) -> Encode
         for neuron, its in zip(neurons, gains, strict=True)
     )
     return EncoderState(sa1, ra1, None)
+
+
+def cost(spec: Mapping[str, Any], taxels: int, steps: int, _step_ms: float) -> Cost:
+    """The cost of LIF afferents, given as a table, over that many steps.
+
+    Per afferent and step: gain times drive and the membrane's decay (two MACs) and the comparison with the threshold;
+    RA-I takes a difference and its absolute value beside, once a taxel. Refractory steps are counted as the others.
+    Where the signal's rise drives SA-I, too: the larger of the change and zero, and a MAC to add it, once a taxel.
+    """
+    n = sum(len(marks(spec.get(part) or {})) for part in POPULATIONS)
+    onset = bool((spec.get("sa1") or {}).get("rate_ms"))
+    state = (2 * n + 1) * taxels  # membranes, refractory counters, the sample before
+    return with_weights(n, state) + Cost(macs=2 * n + onset, acs=1, comparisons=n + 1 + onset).times(taxels * steps)
+
+
+MODEL = Model("LIF afferents", AfferentSpec, encode, EncoderState, cost=cost)

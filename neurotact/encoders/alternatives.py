@@ -10,10 +10,11 @@ from neurotact.data.conditioning import ACAUSAL, Baseline
 from neurotact.data.recordings import Trials
 from neurotact.encoders.calibration import Calibration, calibrate
 from neurotact.encoders.gain_search import CalibrationRule, Progress
-from neurotact.encoders.specs import CALIBRATED, EncoderSpec
+from neurotact.encoders.model import EncoderSpec
+from neurotact.encoders.specs import CALIBRATED
 from neurotact.errors import InputError
 
-BASELINES: tuple[Baseline, ...] = ("none", "start", "first", "running", "mean")
+BASELINES: tuple[Baseline, ...] = ("none", "start", "high-pass", "mean")
 Polarity = Literal["rising", "falling", "both"]
 POLARITIES: tuple[Polarity, ...] = ("rising", "falling", "both")
 """The drive of SA-I: the signal's rise above the baseline, its fall below, or both (rectified)."""

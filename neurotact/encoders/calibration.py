@@ -21,7 +21,7 @@ from neurotact.data.onset import common_onset_s
 from neurotact.data.recordings import Trials, default_channels
 from neurotact.data.spool import Spool
 from neurotact.data.window_choice import RESTS
-from neurotact.encoders import firing, grading
+from neurotact.encoders import firing
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.excerpts import Excerpts, cut, draw, liveliest, standardise
 from neurotact.encoders.gain_search import (
@@ -34,11 +34,11 @@ from neurotact.encoders.gain_search import (
     search,
     suited_rule,
 )
-from neurotact.encoders.knobs import Knob, knobs_of, turned
-from neurotact.encoders.resting import resting_table
+from neurotact.encoders.model import EncoderSpec
 from neurotact.encoders.scaling import REST_SD, Scaling
 from neurotact.encoders.scaling import fit as fit_scaling
-from neurotact.encoders.specs import CALIBRATED, SA_RA, EncoderSpec, conditioning_of, is_exact, populations
+from neurotact.encoders.sensitivity import Sensitivity, adjusted, sensitivities_of
+from neurotact.encoders.specs import CALIBRATED, SA_RA, conditioning_of, is_exact, populations
 from neurotact.errors import InputError, some
 from neurotact.metrics.decision import Decision, otherwise
 from neurotact.metrics.linear import cross_validated_accuracy
@@ -60,6 +60,9 @@ ONE_GRADE, GRADES = (1.0,), (0.5, 1.0)
 """The grades of an encoder with one SA-I under each taxel, and those to begin with where several are tried."""
 MORE_RESTLESS = 0.1
 """Share of the afferents that may fire at rest, beyond those that do so without the falling signal."""
+
+_MOST_VALUES = 1_000_000
+"""Steps of a trial that are sampled; in a longer trial every second step, or every third, and so on."""
 
 FITTED = ("unit", "sa1.gain", "ra1.gain", "pc.gain", "conditioning.offset", "conditioning.scale")
 """Keys of an encoder that calibration always sets."""
@@ -187,20 +190,20 @@ def calibrate(
 
     searched = part_of(conditioned, rule)
     table, isi, tried = search(searched, fitted, rule, rng, progress)
-    best = _chosen(table, knobs_of(fitted), rule, _source(recordings))
+    best = _chosen(table, sensitivities_of(fitted), rule, _source(recordings))
     table.loc[[*best.values()], "chosen"] = True
-    turned_to, gains = fitted, {knob: float(table.gain[row]) for knob, row in best.items()}
-    rates = {knob.name: tried[knob.name, gain] for knob, gain in gains.items()}
+    turned_to, gains = fitted, {sensitivity: float(table.gain[row]) for sensitivity, row in best.items()}
+    rates = {sensitivity.name: tried[sensitivity.name, gain] for sensitivity, gain in gains.items()}
     if searched is not conditioned:
         notes.append(_on_part(searched, conditioned))
         rates = rates_of(conditioned, fitted, gains)
-    for knob, row in best.items():
+    for sensitivity, row in best.items():
         if not table.admissible[row] and rule.spikes_per_s is None:
-            notes.append(_on_silence(conditioned, rates[knob.name], knob.name, rule))
-        turned_to, n_lost = _turned(conditioned, turned_to, knob, gains[knob])
+            notes.append(_on_silence(conditioned, rates[sensitivity.name], sensitivity.name, rule))
+        turned_to, n_lost = _turned(conditioned, turned_to, sensitivity, gains[sensitivity])
         if n_lost:
-            notes.append(f"{knob.name}: {n_lost} of the grades would equal others, and are dropped")
-        notes += _on_ends(table[table.afferent == knob.name], row, knob, rule)
+            notes.append(f"{sensitivity.name}: {n_lost} of the grades would equal others, and are dropped")
+        notes += _on_ends(table[table.afferent == sensitivity.name], row, sensitivity, rule)
     notes += _on_scaling(scaling)
     if tell:
         _log(notes, recordings)
@@ -403,7 +406,9 @@ def _wakes(recordings: Trials, without: EncoderSpec, signed: EncoderSpec) -> boo
     rest_ms = 1e3 * RESTS * common_onset_s(recordings)
     if not rest_ms:
         return False
-    before, after = (float(resting_table(recordings, part, rest_ms)["restless"].mean()) for part in (without, signed))
+    before, after = (
+        float(firing.resting_table(recordings, part, rest_ms)["restless"].mean()) for part in (without, signed)
+    )
     return after > before + MORE_RESTLESS
 
 
@@ -476,7 +481,9 @@ def calibration_for(
     >>> [calibration_for(paper, keys)[1] for keys in given]
     [8, 6, 1]
     """
-    refuse(given, dict.fromkeys((*FITTED, *(knob.key for knob in knobs_of(spec))), BY_CALIBRATION))
+    refuse(
+        given, dict.fromkeys((*FITTED, *(sensitivity.key for sensitivity in sensitivities_of(spec))), BY_CALIBRATION)
+    )
     if spec.conditioning.baseline not in ACAUSAL or "conditioning.baseline" in given:
         return partial(calibrate, apart=apart), 1
     choose_ema = choose_ema and "conditioning.ema_cutoff_Hz" not in given
@@ -493,10 +500,15 @@ def _log(notes: Iterable[str], recordings: Trials) -> None:
         log.warning("%s: %s", _source(recordings), note)
 
 
-def _chosen(table: pd.DataFrame, knobs: Iterable[Knob], rule: CalibrationRule, source: str) -> dict[Knob, int]:
-    """The chosen row of each knob."""
+def _chosen(
+    table: pd.DataFrame, sensitivities: Iterable[Sensitivity], rule: CalibrationRule, source: str
+) -> dict[Sensitivity, int]:
+    """The chosen row of each sensitivity."""
     return {
-        knob: choose(table[table.afferent == knob.name], rule, f"{source}: {knob.name}", knob.kind) for knob in knobs
+        sensitivity: choose(
+            table[table.afferent == sensitivity.name], rule, f"{source}: {sensitivity.name}", sensitivity.kind
+        )
+        for sensitivity in sensitivities
     }
 
 
@@ -534,20 +546,20 @@ def _on_silence(conditioned: Excerpts, rates: np.ndarray, afferent: str, rule: C
     )
 
 
-def _on_ends(table: pd.DataFrame, best: int, knob: Knob, rule: CalibrationRule) -> list[str]:
+def _on_ends(table: pd.DataFrame, best: int, sensitivity: Sensitivity, rule: CalibrationRule) -> list[str]:
     """The note on a value at the end of what was tried, or on a rate that is far from the requested one."""
-    what, rate = knob.kind, float(table.spikes_per_s[best])
+    what, rate = sensitivity.kind, float(table.spikes_per_s[best])
     if rule.spikes_per_s is None:
-        most = "smallest" if knob.is_threshold else "largest"
-        more = f"{knob.name}: the chosen {what} is the {most} tried; more candidates may find a better one"
+        most = "smallest" if sensitivity.is_threshold else "largest"
+        more = f"{sensitivity.name}: the chosen {what} is the {most} tried; more candidates may find a better one"
         return [more] if best == table.index[-1] else []
     if abs(rate / rule.spikes_per_s - 1) <= NEAR:
         return []
     nearest = f"{rate:.3g} spikes per second, the nearest to {rule.spikes_per_s:g}"
     return [
-        f"{knob.name}: no {what} that was tried gives an afferent more than {nearest}"
+        f"{sensitivity.name}: no {what} that was tried gives an afferent more than {nearest}"
         if rate < rule.spikes_per_s
-        else f"{knob.name}: no {what} that was tried gives an afferent fewer than {nearest}"
+        else f"{sensitivity.name}: no {what} that was tried gives an afferent fewer than {nearest}"
     ]
 
 
@@ -556,15 +568,15 @@ def _is_signed(spec: EncoderSpec) -> bool:
     return spec.is_signed if isinstance(spec, CALIBRATED) else populations(spec)[0] not in SA_RA
 
 
-def _turned(conditioned: Excerpts, spec: Encoder, knob: Knob, value: float) -> tuple[Encoder, int]:
-    """The encoder with a knob at its chosen value, new grades (`grading`), and how many of the grades are lost."""
-    if not isinstance(spec, AfferentSpec) or len(getattr(spec, knob.part).grades) == 1:
-        return turned(spec, knob, value), 0
-    kind = getattr(spec, knob.part)
-    values = grading.sample(*drives(conditioned, spec)[knob.part])
-    grades = grading.fit(values, spec, value, len(kind.grades))
+def _turned(conditioned: Excerpts, spec: Encoder, sensitivity: Sensitivity, value: float) -> tuple[Encoder, int]:
+    """The encoder with a sensitivity at its chosen value, new grades, and how many of the grades are lost."""
+    if not isinstance(spec, AfferentSpec) or len(getattr(spec, sensitivity.part).grades) == 1:
+        return adjusted(spec, sensitivity, value), 0
+    kind = getattr(spec, sensitivity.part)
+    values = _sample(*drives(conditioned, spec)[sensitivity.part])
+    grades = _fit_grades(values, spec, value, len(kind.grades))
     kind = kind.model_copy(update={"gain": value, "grades": grades})
-    return spec.model_copy(update={knob.part: kind}), len(getattr(spec, knob.part).grades) - len(grades)
+    return spec.model_copy(update={sensitivity.part: kind}), len(getattr(spec, sensitivity.part).grades) - len(grades)
 
 
 def _suited(
@@ -593,3 +605,32 @@ def _suited(
 
 def _source(recordings: Trials) -> str:
     return recordings.source or "recordings"
+
+
+def _sample(drive: Iterable[np.ndarray], n_values: int) -> np.ndarray:
+    """The positive values of trials `(time, taxel)` with `n_values` values in all, at most `_MOST_VALUES`.
+
+    >>> _sample([np.array([[1.0, -1.0], [2.0, 3.0]])], 4).tolist()
+    [1.0, 2.0, 3.0]
+    """
+    every = -(-n_values // _MOST_VALUES)
+    parts = [signal[::every] for signal in drive]
+    return np.concatenate([part[part > 0] for part in parts])
+
+
+def _fit_grades(drive: np.ndarray, spec: AfferentSpec, gain: float, n_grades: int) -> tuple[float, ...]:
+    """Grades of a gain whose thresholds are at even quantiles of the positive drive.
+
+    The i-th of k thresholds lies at the quantile (i - 1/2)/k: a constant signal of that size, times gain and grade,
+    just reaches the threshold of the membrane. Rounded to three digits; equal grades are merged.
+    drive: positive values, in the unit of the gain.
+
+    >>> spec = AfferentSpec.model_validate({"sa1": {"gain": 1}, "ra1": {"gain": 1}})
+    >>> _fit_grades(np.linspace(0, 8, 1001), spec, gain=5.0, n_grades=4)
+    (0.286, 0.4, 0.667, 2.0)
+    """
+    if not len(drive):
+        return (1.0,)
+    places = (np.arange(n_grades) + 0.5) / n_grades
+    levels = np.quantile(drive, places) * gain / (spec.v_threshold_mV - spec.v_rest_mV)
+    return tuple(sorted({float(f"{1 / level:.3g}") for level in levels}))

@@ -6,9 +6,10 @@ from typing import Any
 
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders.afferents import marks
-from neurotact.encoders.specs import MODELS, SA_RA
+from neurotact.encoders.closed_form import cost_of_spikes
+from neurotact.encoders.model import SA_RA, name_in, of_name
 from neurotact.errors import InputError
-from neurotact.metrics.flops import Cost, ExactSpikes, Layer, MovingAverage, cost
+from neurotact.metrics.flops import Cost, Layer, MovingAverage, NotCounted, cost
 from neurotact.metrics.signal_flops import (
     BaselineRemoval,
     Interpolation,
@@ -21,6 +22,18 @@ NOT_COUNTED = (
     "conditioning and encoding are not counted, because a part of them runs at the rate of the recording, which is not "
     "known; encode the recordings again, or give recorded_Hz, their samples per second"
 )
+
+
+def no_cost(encoder: Mapping[str, Any]) -> str | None:
+    """That an encoder declares no cost, in words; None if it does.
+
+    >>> no_cost({}) is None
+    True
+    """
+    model = name_in(encoder)
+    if of_name(model).cost is not None:
+        return None
+    return f"encoding is not counted, because the model '{model}' declares no cost"
 
 
 def is_countable(encoder: Mapping[str, Any], recorded_Hz: float | None) -> bool:
@@ -59,7 +72,8 @@ def encoding_cost(
     place of a step. A recording at the rate of the clock is not resampled. A baseline `start` counts as in a window
     that begins with its trial.
 
-    Raises InputError where the signal is resampled and the rate of the recording is not known.
+    NaN, a `NotCounted`, for a model that declares no cost. Raises InputError where the signal is resampled and the rate
+    of the recording is not known.
 
     Parameters are the values that a sensor's calibration fits: one gain per population (one per grade and polarity), an
     offset and a scale per taxel. Constants that all afferents share (decay, threshold, t_ref, the average's weight) do
@@ -80,15 +94,16 @@ def encoding_cost(
     """
     if not is_countable(encoder, recorded_Hz):
         raise InputError(f"encoder: {NOT_COUNTED}")
-    timed, rate_Hz = [], _recorded_Hz(encoder, recorded_Hz)
+    timed, rate_Hz = Cost(), _recorded_Hz(encoder, recorded_Hz)
     samples = steps if rate_Hz is None else 1e-3 * signal_ms * rate_Hz
     if encoder.get("integration") == "exact":
         steps = min(steps, samples)
-        timed = [ExactSpikes(_most_spikes(n_taxels, signal_ms, encoder) if spikes is None else spikes)]
+        timed = cost_of_spikes(_most_spikes(n_taxels, signal_ms, encoder) if spikes is None else spikes)
     step_ms = signal_ms / steps if steps else 0.0
     layers = _conditioning(_conditioning_of(encoder), n_taxels, samples, steps, step_ms)
-    afferents = _afferents(encoder, n_taxels, _whole(steps), step_ms)
-    return cost(*layers, afferents, *timed, signal_ms=signal_ms)
+    own = of_name(name_in(encoder)).cost
+    afferents = NotCounted() if own is None else own(encoder, n_taxels, _whole(steps), step_ms)
+    return cost(*layers, signal_ms=signal_ms) + afferents + timed
 
 
 def _conditioning_of(encoder: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -127,7 +142,3 @@ def _conditioning(
         yield ScaledSteps(*size)
     if spec.get("rectify"):
         yield Rectification(*size)
-
-
-def _afferents(encoder: Mapping[str, Any], n_taxels: int, steps: int, step_ms: float) -> Layer:
-    return MODELS[encoder.get("model", "lif")].layer(encoder, n_taxels, steps, step_ms)

@@ -5,19 +5,14 @@ filter of Ben's spiker (Schrauwen and Van Campenhout 2003, doi 10.1109/IJCNN.200
 sigma-delta pulses. Any encoder's spikes can be decoded by the optimal linear filter (`metrics.reconstruction`).
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from neurotact.encoders import bens_spiker
-from neurotact.encoders.bens_spiker import BensSpikerSpec
-from neurotact.encoders.sigma_delta import SigmaDeltaSpec
-from neurotact.encoders.specs import EncoderSpec
+from neurotact.encoders.model import EncoderSpec, of_name, usable
 from neurotact.errors import InputError, some
 
-SMOOTHED_ms = 40.0
-"""Length of the Hann window that smooths sigma-delta pulses: half of the amplitude is left at 25 Hz."""
+MOST_TAPS = 2000
 
 
 def decode(spikes: np.ndarray, sampling_rate_Hz: float, encoder: EncoderSpec) -> np.ndarray:
@@ -33,45 +28,39 @@ def decode(spikes: np.ndarray, sampling_rate_Hz: float, encoder: EncoderSpec) ->
     >>> bool(abs(decode(spikes, 1000.0, encoder) - ramp).max() <= 0.55)  # a threshold, and a sample's change
     True
     """
-    if encoder.model not in DECODERS:
-        known = some([*DECODERS], len(DECODERS))
+    own = of_name(encoder.model).decode
+    if own is None:
+        known = [name for name, model in usable().items() if model.decode is not None]
         raise InputError(
-            f"encoder: spikes of '{encoder.model}' have no meaning of their own, as those of {known} have; a linear "
-            "filter decodes any (nt.what_survives)"
+            f"encoder: spikes of '{encoder.model}' have no meaning of their own, as those of {some(known, len(known))} "
+            "have; a linear filter decodes any (nt.what_survives)"
         )
     n_taxels = spikes.shape[2] // 2
     signed = spikes[..., :n_taxels].astype(float) - spikes[..., n_taxels:]
-    return DECODERS[encoder.model](signed, 1e3 / sampling_rate_Hz, encoder)
+    return own(signed, 1e3 / sampling_rate_Hz, encoder)
 
 
-def _steps(signed: np.ndarray, step_ms: float, encoder: Any) -> np.ndarray:
-    del step_ms
+def sum_of_steps(signed: np.ndarray, _step_ms: float, encoder: Any) -> np.ndarray:
+    """The sum so far of ON minus OFF, `(trial, time, taxel)`, each a `threshold`."""
     return encoder.threshold * np.cumsum(signed, axis=1)
 
 
-def _low_pass(signed: np.ndarray, step_ms: float, encoder: SigmaDeltaSpec) -> np.ndarray:
-    taps = bens_spiker.response(SMOOTHED_ms, step_ms)
-    return encoder.threshold_unit_ms / step_ms * _filtered(signed, taps, (len(taps) - 1) // 2)
-
-
-def _response(signed: np.ndarray, step_ms: float, encoder: BensSpikerSpec) -> np.ndarray:
-    taps = bens_spiker.response(encoder.filter_ms, step_ms)
-    return _filtered(signed, taps, len(taps) - 1) / encoder.gain
-
-
-def _filtered(signed: np.ndarray, taps: np.ndarray, ahead: int) -> np.ndarray:
-    """The convolution with the taps, `ahead` steps earlier, as long as the spikes."""
+def filtered(signed: np.ndarray, taps: np.ndarray, ahead: int) -> np.ndarray:
+    """The convolution of `(trial, time, taxel)` with the taps, `ahead` steps earlier, as long as the spikes."""
     n_steps, n_taps = signed.shape[1], len(taps)
     padded = np.pad(signed, ((0, 0), (n_taps - 1, ahead), (0, 0)))
     windows = np.lib.stride_tricks.sliding_window_view(padded, n_taps, axis=1)
     return (windows @ taps[::-1])[:, ahead : ahead + n_steps]
 
 
-DECODERS: dict[str, Callable[[np.ndarray, float, Any], np.ndarray]] = {
-    "send-on-delta": _steps,
-    "step-forward": _steps,
-    "moving-window": _steps,
-    "sigma-delta": _low_pass,
-    "bens-spiker": _response,
-}
-"""The decoders of models whose spikes say by themselves what they stand for."""
+def hann(filter_ms: float, step_ms: float) -> np.ndarray:
+    """The taps of a filter, `(tap,)`, positive and of sum 1: a Hann window of that length.
+
+    >>> hann(3.0, 1.0).round(9).tolist()
+    [0.25, 0.5, 0.25]
+    """
+    n_taps = max(1, round(filter_ms / step_ms))
+    if n_taps > MOST_TAPS:
+        raise InputError(f"filter_ms: {filter_ms:g} ms is {n_taps} steps, more than {MOST_TAPS}; shorten it")
+    window = np.sin(np.pi * np.arange(1, n_taps + 1) / (n_taps + 1)) ** 2
+    return window / window.sum()

@@ -1,6 +1,6 @@
 """From recordings to spike trains: unit, conditioning and afferents of one encoder spec."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -18,8 +18,8 @@ from neurotact.data.onset import common_onset_s
 from neurotact.data.recordings import Recordings, Trials
 from neurotact.data.spikes import SpikeTrains, TrialSpikes, Variations, from_trials, spikes_of
 from neurotact.encoders import firing
+from neurotact.encoders.model import EncoderSpec
 from neurotact.encoders.specs import (
-    EncoderSpec,
     afferent_names,
     conditioning_of,
     encode,
@@ -28,7 +28,6 @@ from neurotact.encoders.specs import (
     is_exact,
     recorded_at,
 )
-from neurotact.encoders.stepping import side_by_side
 
 Progress = Callable[[int], None]
 EXACT_BLOCK = 4
@@ -151,6 +150,24 @@ def _encode_together(recordings: Trials, block: np.ndarray, spec: EncoderSpec) -
             encoded[trial] = spikes_of(raster if is_exact(spec) else raster[:n])
     for trial in range(len(block)):
         yield encoded[trial]._replace(digest=recorded_digest(recorded, trial))
+
+
+def side_by_side(signals: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Signals `(time, taxel)` as one array `(trial, time, taxel)`, zeros after the shorter ones, and their lengths.
+
+    No encoder looks ahead, so that what comes after a signal's end does not change its spikes.
+
+    >>> together, n_steps = side_by_side([np.ones((2, 1)), np.ones((3, 1))])
+    >>> together[:, :, 0].tolist(), n_steps.tolist()
+    ([[1.0, 1.0, 0.0], [1.0, 1.0, 1.0]], [2, 3])
+    """
+    n_steps = np.array([*map(len, signals)])
+    if (n_steps == n_steps[0]).all():
+        return np.stack(signals), n_steps
+    together = np.zeros((len(signals), n_steps.max(), signals[0].shape[1]), signals[0].dtype)
+    for row, signal in zip(together, signals, strict=True):
+        row[: len(signal)] = signal
+    return together, n_steps
 
 
 def _of_like_length(lengths: np.ndarray, most: float) -> Iterator[np.ndarray]:

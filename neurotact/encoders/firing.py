@@ -1,19 +1,44 @@
-"""Checks of an encoder on its data: afferents are not silent, not saturated and not refractory for a whole trial."""
+"""Checks of an encoder on its data: silent, saturated and restless afferents, and too long refractory periods.
+
+Spikes at rest, before contact, cost operations and carry no information.
+"""
 
 import math
 from collections.abc import Iterator
 
 import numpy as np
+import pandas as pd
 
+from neurotact.data.conditioning import Baseline, condition_pieces
+from neurotact.data.recordings import Trials
 from neurotact.data.spikes import populations_of
-from neurotact.encoders.knobs import field_of
 from neurotact.encoders.mechanoreceptor import LEAST_PC_Hz
-from neurotact.encoders.specs import EncoderSpec, afferent_names, described, dotted, is_exact, populations, taxels_of
-from neurotact.errors import InputError
+from neurotact.encoders.model import EncoderSpec, sensitivity_key
+from neurotact.encoders.specs import (
+    afferent_names,
+    conditioning_of,
+    described,
+    dotted,
+    encode,
+    is_exact,
+    populations,
+    t_ref_ms_of,
+    taxels_of,
+)
+from neurotact.errors import InputError, some
 from neurotact.spec import Spec
 
 SATURATED = 0.9
 """Share of the highest rate that a refractory period allows; above it, the rate no longer follows the drive."""
+
+
+REST_MS, SEEN_MS = 100.0, 2000.0
+"""Length of a trial's beginning that counts as rest, and of the part of the trial that is used."""
+MOST_TRIALS = 128
+RESTLESS = 0.5
+"""An afferent with at least this share of its later rate at rest counts as restless."""
+LEAST_Hz = 1.0
+SMOOTH = "smooth the signal (conditioning.ema_cutoff_Hz)"
 
 
 class FiringWarning(UserWarning):
@@ -34,7 +59,7 @@ def check_periods(encoder: EncoderSpec, trial_s: float) -> None:
     neurotact.errors.InputError: sa1.t_ref_ms: 20 ms is not shorter than the shortest trial, which lasts 10 ms; shorten it
     """  # noqa: E501
     for population in populations(encoder):
-        t_ref_ms = described(encoder, population).t_ref_ms
+        t_ref_ms = t_ref_ms_of(encoder, population)
         if t_ref_ms >= 1e3 * trial_s:
             key = dotted(population.part, "t_ref_ms")
             raise InputError(
@@ -70,7 +95,7 @@ def complaints(counts: np.ndarray, n_steps: int, clock_Hz: float, encoder: Encod
     for population in populations(encoder):
         name, part, fired = population.name, population.part, counts[of_each[population.name]]
         kind = described(encoder, population)
-        silent_steps = max(0, math.ceil(kind.t_ref_ms * 1e-3 * clock_Hz - 1e-9))
+        silent_steps = max(0, math.ceil(t_ref_ms_of(encoder, population) * 1e-3 * clock_Hz - 1e-9))
         highest_Hz = clock_Hz / max(1, silent_steps + (not is_exact(encoder)))
         rates_Hz = fired[fired > 0] * clock_Hz / n_steps
         if not len(rates_Hz):
@@ -83,10 +108,72 @@ def complaints(counts: np.ndarray, n_steps: int, clock_Hz: float, encoder: Encod
 
 
 def _remedy(verb: str, part: str, kind: Spec) -> str:
-    """The remedy for a population that fires too little or too much; not every model has a gain or a threshold."""
-    key = field_of(kind)
-    if key is None:
-        return f"change the keys of {part}" if part else "change the keys of the encoder"
+    """The remedy for a population that fires too little or too much."""
+    key = sensitivity_key(type(kind))
+    assert key is not None  # else the model is unfit
     if key.startswith("threshold"):
         verb = {"raise": "lower", "lower": "raise"}[verb]
     return f"{verb} {dotted(part, key)}, or find gains for this sensor with neurotact calibrate"
+
+
+def resting_table(recordings: Trials, spec: EncoderSpec, rest_ms: float = REST_MS) -> pd.DataFrame:
+    """The spikes of each afferent in the first `rest_ms` of trials and afterwards, until `SEEN_MS`.
+
+    Columns: afferent, rest_Hz, later_Hz, rest_share (of its spikes, on the resting part), share (of all spikes of all
+    afferents), restless. At most `MOST_TRIALS` trials are encoded, evenly spaced.
+    """
+    chosen = np.unique(np.linspace(0, len(recordings) - 1, min(len(recordings), MOST_TRIALS)).round().astype(int))
+    names = afferent_names(recordings.channels, spec.model_dump())
+    counts, steps = np.zeros((2, len(names))), np.zeros(2)
+    for raster, n_rest in _begun(recordings.select(chosen), spec, rest_ms):
+        for i, part in enumerate((raster[:n_rest], raster[n_rest:])):
+            counts[i] += part.sum(axis=0)
+            steps[i] += len(part)
+    clock_Hz = spec.conditioning.clock_Hz(recordings.sampling_rate_Hz)
+    rest_Hz, later_Hz = (counts[i] / max(1.0, steps[i]) * clock_Hz for i in (0, 1))
+    total = counts.sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rest_share, share = np.nan_to_num(counts[0] / total), total / max(1.0, total.sum())
+    return pd.DataFrame(
+        {
+            "afferent": names, "rest_Hz": rest_Hz, "later_Hz": later_Hz,
+            "rest_share": rest_share, "share": share,
+            "restless": (rest_Hz >= LEAST_Hz) & (rest_Hz >= RESTLESS * later_Hz),
+        }
+    )  # fmt: skip
+
+
+def complaint_at_rest(table: pd.DataFrame, rest_ms: float = REST_MS, baseline: Baseline = "none") -> str | None:
+    """A note on afferents that fire at rest, with the remedy; None if there are none.
+
+    baseline: of their encoder; if there is one already, it is not suggested.
+    """
+    restless = table[table["restless"]].sort_values("share", ascending=False)
+    if restless.empty:
+        return None
+    shown = [
+        f"{name} ({rest_Hz:.0f} Hz at rest, {later_Hz:.0f} Hz later, {100 * share:.1f} % of all spikes)"
+        for name, rest_Hz, later_Hz, _, share, _ in restless.itertuples(index=False)
+    ]
+    if len(restless) > 0.5 * len(table):
+        off = "subtract a baseline (conditioning.baseline=start)"
+        remedy = f"if trials begin in contact this is touch; else {off if baseline == 'none' else SMOOTH}"
+    else:
+        remedy = f"leave these taxels out (`columns` of an import), {SMOOTH} or lower the gain"
+    return f"fire in the first {rest_ms:g} ms of trials nearly as much as afterwards: {some(shown, 4)}; {remedy}"
+
+
+def _begun(recordings: Trials, spec: EncoderSpec, rest_ms: float) -> Iterator[tuple[np.ndarray, int]]:
+    """The raster `(time, afferent)` of the beginning of each trial, and the number of its steps at rest."""
+    how = conditioning_of(spec, recordings.sampling_rate_Hz)
+    rate_Hz, clock_Hz = (part.clock_Hz(recordings.sampling_rate_Hz) for part in (how, spec.conditioning))
+    n_rest, n_seen = max(1, round(rest_ms * 1e-3 * clock_Hz)), max(1, round(SEEN_MS * 1e-3 * rate_Hz))
+    for trial in range(len(recordings)):
+        parts, n = [], 0
+        for piece in condition_pieces(recordings, trial, how, spec.unit):
+            parts.append(piece[: n_seen - n].copy())
+            n += len(piece)
+            if n >= n_seen:
+                break
+        raster, _ = encode(np.concatenate(parts)[None], rate_Hz, spec)
+        yield raster[0], n_rest

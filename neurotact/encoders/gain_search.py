@@ -16,10 +16,11 @@ from neurotact.data.conditioning import is_long
 from neurotact.data.spikes import populations_of
 from neurotact.data.spool import Spool
 from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.encoding import side_by_side
 from neurotact.encoders.excerpts import Excerpts, draw, liveliest
-from neurotact.encoders.knobs import Knob, knobs_of, turned, value_of
-from neurotact.encoders.specs import CALIBRATED, MODELS, Calibrated, EncoderSpec, afferent_names, encode
-from neurotact.encoders.stepping import side_by_side
+from neurotact.encoders.model import EncoderSpec, of_name
+from neurotact.encoders.sensitivity import Sensitivity, adjusted, sensitivities_of, value_of
+from neurotact.encoders.specs import CALIBRATED, Calibrated, afferent_names, encode
 from neurotact.errors import InputError
 from neurotact.metrics.decision import is_within
 from neurotact.metrics.isi_distributions import bin_edges, separation, shares_of
@@ -30,7 +31,7 @@ STRONGEST, STEPS_BELOW = 99.9, 3
 """The search begins `STEPS_BELOW` steps below the gain at which this percentile of the drive just reaches threshold."""
 
 LEAST_FACTOR = 4.0**-12
-"""Of a knob's own value: where a search for silence ends."""
+"""Of a sensitivity's own value: where a search for silence ends."""
 NEAREST = 0.01
 """A rate within this share of the one asked for is found."""
 SLOW_TRIALS, SLOW_TAXELS, SLOW_s = 128, 16, 1.0
@@ -84,7 +85,7 @@ def suited_rule(spec: EncoderSpec, rule: CalibrationRule, n_classes: int) -> Cal
     """
     if isinstance(spec, AfferentSpec):
         return rule
-    if MODELS[spec.model].repeats:
+    if of_name(spec.model).repeats:
         rule = rule.model_copy(update={"max_floor_share": 1.0})
     less = {
         "trials_per_class": min(rule.trials_per_class, max(2, SLOW_TRIALS // n_classes)),
@@ -113,15 +114,18 @@ def part_of(excerpts: Excerpts, rule: CalibrationRule) -> Excerpts:
 
 
 def rates_of(
-    excerpts: Excerpts, spec: EncoderSpec, values: Mapping[Knob, float] | None = None
+    excerpts: Excerpts, spec: EncoderSpec, values: Mapping[Sensitivity, float] | None = None
 ) -> dict[str, np.ndarray]:
-    """Spikes per second of each trial and afferent, `(trial, afferent)`, by the name of each knob.
+    """Spikes per second of each trial and afferent, `(trial, afferent)`, by the name of each sensitivity.
 
-    values: of the knobs, with one grade; if absent, the encoder is as it is, with all its grades.
+    values: of the sensitivities, with one grade; if absent, the encoder is as it is, with all its grades.
     """
-    knobs = knobs_of(spec)
-    fired = _fire(excerpts, spec if values is None else _with(spec, values), knobs)
-    return {knob.name: _per_second(excerpts, spikes) for knob, spikes in zip(knobs, fired, strict=True)}
+    sensitivities = sensitivities_of(spec)
+    fired = _fire(excerpts, spec if values is None else _with(spec, values), sensitivities)
+    return {
+        sensitivity.name: _per_second(excerpts, spikes)
+        for sensitivity, spikes in zip(sensitivities, fired, strict=True)
+    }
 
 
 def _per_second(excerpts: Excerpts, fired: "Fired") -> np.ndarray:
@@ -152,16 +156,18 @@ def search(
     n_seconds = np.array(excerpts.signals.lengths) / excerpts.sampling_rate_Hz
     labels = excerpts.labels
     labellings = [labels, *(rng.permutation(labels) for _ in range(rule.shuffles))]
-    knobs = knobs_of(spec)
-    edges = [_edges(excerpts, spec, knob) for knob in knobs]
+    sensitivities = sensitivities_of(spec)
+    edges = [_edges(excerpts, spec, sensitivity) for sensitivity in sensitivities]
     rows, isi, rates = [], [], {}
 
     def tried(values: Sequence[float]) -> list[float]:
-        """Spikes per second of an afferent of each knob at these values, which are added to the tables."""
-        encoder = _with(spec, dict(zip(knobs, values, strict=True)))
-        for knob, value, steps, fired in zip(knobs, values, edges, _fire(excerpts, encoder, knobs), strict=True):
+        """Spikes per second of an afferent of each sensitivity at these values, which are added to the tables."""
+        encoder = _with(spec, dict(zip(sensitivities, values, strict=True)))
+        for sensitivity, value, steps, fired in zip(
+            sensitivities, values, edges, _fire(excerpts, encoder, sensitivities), strict=True
+        ):
             row = {
-                "afferent": knob.name,
+                "afferent": sensitivity.name,
                 "gain": value,
                 "silent_share": float(1 - fired.n_firing / len(labels)),
                 "floor_share": fired.n_at_floor / fired.n_intervals if fired.n_intervals else 0.0,
@@ -169,13 +175,18 @@ def search(
                 "spikes_per_s": float(fired.counts.sum() / (n_seconds.sum() * fired.counts.shape[1])),
             }
             rows.append(row)
-            rates[knob.name, value] = _per_second(excerpts, fired)
+            rates[sensitivity.name, value] = _per_second(excerpts, fired)
             of_trials = fired.shares.mean(axis=1)
             of_classes = [of_trials[labels == label].mean(axis=0) for label in range(len(excerpts.classes))]
-            isi.append((knob.name, value, steps / _clock(excerpts, spec) * 1e3, of_classes))
+            isi.append((sensitivity.name, value, steps / _clock(excerpts, spec) * 1e3, of_classes))
         if progress:
-            progress(1, ", ".join(f"{knob.name} {value:g}" for knob, value in zip(knobs, values, strict=True)))
-        return [row["spikes_per_s"] for row in rows[-len(knobs) :]]
+            progress(
+                1,
+                ", ".join(
+                    f"{sensitivity.name} {value:g}" for sensitivity, value in zip(sensitivities, values, strict=True)
+                ),
+            )
+        return [row["spikes_per_s"] for row in rows[-len(sensitivities) :]]
 
     if rule.spikes_per_s is not None:
         _to_rate(spec, rule, tried)
@@ -185,7 +196,10 @@ def search(
     else:
         for values in zip(*_from_silence(excerpts, spec, rule), strict=True):
             tried(values)
-    places = {knob.name: (order, -1 if knob.is_threshold else 1) for order, knob in enumerate(knobs)}
+    places = {
+        sensitivity.name: (order, -1 if sensitivity.is_threshold else 1)
+        for order, sensitivity in enumerate(sensitivities)
+    }
     table = pd.DataFrame(rows).drop_duplicates(["afferent", "gain"])
     column, sign = (table.afferent.map({name: pair[i] for name, pair in places.items()}) for i in (0, 1))
     table = table.iloc[np.lexsort([sign * table.gain, column])].reset_index(drop=True)  # from few spikes to many
@@ -194,29 +208,34 @@ def search(
     return Searched(table.assign(admissible=within, chosen=False), shares, rates)
 
 
-def _with(spec: EncoderSpec, values: Mapping[Knob, float]) -> EncoderSpec:
-    """The encoder whose spikes are counted, with its knobs at these values."""
+def _with(spec: EncoderSpec, values: Mapping[Sensitivity, float]) -> EncoderSpec:
+    """The encoder whose spikes are counted, with its sensitivities at these values."""
     if isinstance(spec, CALIBRATED):
         tried: Calibrated = spec.for_search
-        for knob, value in values.items():
-            tried = tried.at_gain(knob.part, value)
+        for sensitivity, value in values.items():
+            tried = tried.at_gain(sensitivity.part, value)
         return tried
-    for knob, value in values.items():
-        spec = turned(spec, knob, value)
+    for sensitivity, value in values.items():
+        spec = adjusted(spec, sensitivity, value)
     return spec
 
 
 def _to_rate(spec: EncoderSpec, rule: CalibrationRule, tried: Callable[[Sequence[float]], list[float]]) -> None:
     """Try values that come nearer and nearer to the rate: steps of 8 until it is passed, then halves in logarithms.
 
-    It ends where a value of each knob is within `NEAREST` of the rate, and after `rule.candidates` steps.
+    It ends where a value of each sensitivity is within `NEAREST` of the rate, and after `rule.candidates` steps.
     """
-    knobs, wanted = knobs_of(spec), rule.spikes_per_s or 0.0
-    are_near = [False] * len(knobs)
-    logs = [math.log(value_of(spec, knob)) * (-1 if knob.is_threshold else 1) for knob in knobs]
-    below, above = [-math.inf] * len(knobs), [math.inf] * len(knobs)
+    sensitivities, wanted = sensitivities_of(spec), rule.spikes_per_s or 0.0
+    are_near = [False] * len(sensitivities)
+    logs = [
+        math.log(value_of(spec, sensitivity)) * (-1 if sensitivity.is_threshold else 1) for sensitivity in sensitivities
+    ]
+    below, above = [-math.inf] * len(sensitivities), [math.inf] * len(sensitivities)
     for _ in range(rule.candidates):
-        values = [float(f"{math.exp(-x if knob.is_threshold else x):.4g}") for knob, x in zip(knobs, logs, strict=True)]
+        values = [
+            float(f"{math.exp(-x if sensitivity.is_threshold else x):.4g}")
+            for sensitivity, x in zip(sensitivities, logs, strict=True)
+        ]
         for i, rate in enumerate(tried(values)):
             below[i], above[i] = (logs[i], above[i]) if rate < wanted else (below[i], logs[i])
             is_between = math.isfinite(below[i]) and math.isfinite(above[i])
@@ -228,27 +247,29 @@ def _to_rate(spec: EncoderSpec, rule: CalibrationRule, tried: Callable[[Sequence
 
 
 def _from_silence(excerpts: Excerpts, spec: EncoderSpec, rule: CalibrationRule) -> list[list[float]]:
-    """Candidate values of each knob, from the largest power of 4 times its own at which no afferent fires."""
-    knobs, gains = knobs_of(spec), []
+    """Candidate values of each sensitivity, from the largest power of 4 times its own at which no afferent fires."""
+    sensitivities, gains = sensitivities_of(spec), []
 
-    def fires(knob: Knob, factor: float) -> bool:
-        value = value_of(spec, knob) * (1 / factor if knob.is_threshold else factor)
-        every = _fire(excerpts, turned(spec, knob, value), knobs)
-        return next(fired for other, fired in zip(knobs, every, strict=True) if other == knob).n_firing > 0
+    def fires(sensitivity: Sensitivity, factor: float) -> bool:
+        value = value_of(spec, sensitivity) * (1 / factor if sensitivity.is_threshold else factor)
+        every = _fire(excerpts, adjusted(spec, sensitivity, value), sensitivities)
+        return (
+            next(fired for other, fired in zip(sensitivities, every, strict=True) if other == sensitivity).n_firing > 0
+        )
 
-    for knob in knobs:
+    for sensitivity in sensitivities:
         factor = 1.0
-        while fires(knob, factor) and factor > LEAST_FACTOR:
+        while fires(sensitivity, factor) and factor > LEAST_FACTOR:
             factor /= 4
-        while not fires(knob, 4 * factor):
+        while not fires(sensitivity, 4 * factor):
             factor *= 4
             if factor > 1 / LEAST_FACTOR:
                 raise InputError(
-                    f"{excerpts.source}: the conditioned training trials never drive {knob.name} afferents; check the "
-                    "encoder's baseline and the columns that were read"
+                    f"{excerpts.source}: the conditioned training trials never drive {sensitivity.name} afferents; "
+                    "check the encoder's baseline and the columns that were read"
                 )
-        first, step = value_of(spec, knob), rule.step
-        first, step = (first / factor, 1 / step) if knob.is_threshold else (first * factor, step)
+        first, step = value_of(spec, sensitivity), rule.step
+        first, step = (first / factor, 1 / step) if sensitivity.is_threshold else (first * factor, step)
         gains.append([float(f"{first * step**k:.3g}") for k in range(rule.candidates)])
     return gains
 
@@ -267,14 +288,17 @@ class Fired(NamedTuple):
     n_intervals: int
 
 
-def _fire(excerpts: Excerpts, spec: EncoderSpec, knobs: Sequence[Knob]) -> Iterator[Fired]:
-    """The afferents of each knob, in the order of the encoder's output; trials are encoded in groups."""
-    parts: dict[Knob, list[Fired]] = {knob: [] for knob in knobs}
-    edges = {knob: _edges(excerpts, spec, knob) for knob in knobs}
+def _fire(excerpts: Excerpts, spec: EncoderSpec, sensitivities: Sequence[Sensitivity]) -> Iterator[Fired]:
+    """The afferents of each sensitivity, in the order of the encoder's output; trials are encoded in groups."""
+    parts: dict[Sensitivity, list[Fired]] = {sensitivity: [] for sensitivity in sensitivities}
+    edges = {sensitivity: _edges(excerpts, spec, sensitivity) for sensitivity in sensitivities}
     clock_Hz = _clock(excerpts, spec)
-    floors = {knob: _floor_steps(spec, knob, clock_Hz) for knob in knobs}
+    floors = {sensitivity: _floor_steps(spec, sensitivity, clock_Hz) for sensitivity in sensitivities}
     of_each = populations_of(afferent_names([""] * excerpts.n_channels, spec.model_dump()))
-    ends = {knob: (of_each[knob.populations[0]][0], of_each[knob.populations[-1]][-1] + 1) for knob in knobs}
+    ends = {
+        sensitivity: (of_each[sensitivity.populations[0]][0], of_each[sensitivity.populations[-1]][-1] + 1)
+        for sensitivity in sensitivities
+    }
     per_sample = clock_Hz / excerpts.sampling_rate_Hz
     for signal, n_samples in _in_groups(excerpts.signals, per_sample):
         spikes, _ = encode(signal, excerpts.sampling_rate_Hz, spec)
@@ -282,16 +306,16 @@ def _fire(excerpts: Excerpts, spec: EncoderSpec, knobs: Sequence[Knob]) -> Itera
             raster[end:] = 0
         events = events_of_raster(spikes)
         counts, isi = spike_counts(events), isis_ms(events, 1e3)  # at 1 kHz an ISI in ms is its number of steps
-        for knob, (first, last) in ends.items():
+        for sensitivity, (first, last) in ends.items():
             mine = (isi.afferent >= first) & (isi.afferent < last)
             isi_steps = Intervals(isi.trial[mine], isi.afferent[mine] - first, isi.isi_ms[mine])
             of_part = counts[:, first:last]
-            parts[knob].append(
+            parts[sensitivity].append(
                 Fired(
-                    shares=shares_of(isi_steps, of_part.shape, edges[knob]),
+                    shares=shares_of(isi_steps, of_part.shape, edges[sensitivity]),
                     counts=of_part,
                     n_firing=int(of_part.any(axis=1).sum()),
-                    n_at_floor=int((isi_steps.isi_ms <= floors[knob]).sum()),
+                    n_at_floor=int((isi_steps.isi_ms <= floors[sensitivity]).sum()),
                     n_intervals=len(isi_steps.isi_ms),
                 )
             )
@@ -315,11 +339,11 @@ def _in_groups(signals: Spool, per_sample: float) -> Iterator[tuple[np.ndarray, 
     yield side_by_side(waiting)
 
 
-def _edges(excerpts: Excerpts, spec: EncoderSpec, knob: Knob) -> np.ndarray:
-    """The bins of the ISIs of a knob's afferents, in steps."""
+def _edges(excerpts: Excerpts, spec: EncoderSpec, sensitivity: Sensitivity) -> np.ndarray:
+    """The bins of the ISIs of a sensitivity's afferents, in steps."""
     clock_Hz = _clock(excerpts, spec)
     longest = round(max(excerpts.signals.lengths) * clock_Hz / excerpts.sampling_rate_Hz)
-    return bin_edges(_least_isi_steps(spec, knob, clock_Hz), longest)
+    return bin_edges(_least_isi_steps(spec, sensitivity, clock_Hz), longest)
 
 
 def _clock(excerpts: Excerpts, spec: EncoderSpec) -> float:
@@ -327,24 +351,24 @@ def _clock(excerpts: Excerpts, spec: EncoderSpec) -> float:
     return spec.conditioning.clock_Hz(excerpts.sampling_rate_Hz)
 
 
-def _least_isi_steps(spec: EncoderSpec, knob: Knob, sampling_rate_Hz: float) -> int:
-    """The shortest inter-spike interval of a knob's afferents."""
+def _least_isi_steps(spec: EncoderSpec, sensitivity: Sensitivity, sampling_rate_Hz: float) -> int:
+    """The shortest inter-spike interval of a sensitivity's afferents."""
     if isinstance(spec, CALIBRATED):
-        return spec.least_isi_steps(knob.part, sampling_rate_Hz)
-    period_ms = getattr(getattr(spec, knob.part) if knob.part else spec, "t_ref_ms")  # noqa: B009 (of any model)
+        return spec.least_isi_steps(sensitivity.part, sampling_rate_Hz)
+    period_ms = getattr(getattr(spec, sensitivity.part) if sensitivity.part else spec, "t_ref_ms", 0.0)
     return math.ceil(period_ms * 1e-3 * sampling_rate_Hz - 1e-9) + 1
 
 
-def _floor_steps(spec: EncoderSpec, knob: Knob, sampling_rate_Hz: float) -> int:
+def _floor_steps(spec: EncoderSpec, sensitivity: Sensitivity, sampling_rate_Hz: float) -> int:
     """The longest interval that counts as at the refractory floor; the shortest possible, if a model has no other."""
     if isinstance(spec, CALIBRATED):
-        return spec.floor_steps(knob.part, sampling_rate_Hz)
-    return _least_isi_steps(spec, knob, sampling_rate_Hz)
+        return spec.floor_steps(sensitivity.part, sampling_rate_Hz)
+    return _least_isi_steps(spec, sensitivity, sampling_rate_Hz)
 
 
 def _candidates(excerpts: Excerpts, spec: Calibrated, rule: CalibrationRule) -> dict[str, list[float]]:
     """Candidate gains of each population, from slightly below the gain whose strongest drive reaches threshold."""
-    grids, names = {}, {knob.part: knob.name for knob in knobs_of(spec)}
+    grids, names = {}, {sensitivity.part: sensitivity.name for sensitivity in sensitivities_of(spec)}
     for part, (drive, n_values) in drives(excerpts, spec).items():
         strongest = _strongest((x.ravel() for x in drive), n_values)
         if strongest <= 0:
@@ -367,7 +391,7 @@ def drives(excerpts: Excerpts, spec: Calibrated) -> dict[str, tuple[Iterator[np.
         n_steps = sum(excerpts.signals.lengths) - n_lost * len(excerpts.signals)
         return (spec.felt(part, x, rate_Hz) for x in excerpts.signals), excerpts.n_channels * n_steps
 
-    return {knob.part: of(knob.part) for knob in knobs_of(spec)}
+    return {sensitivity.part: of(sensitivity.part) for sensitivity in sensitivities_of(spec)}
 
 
 def _strongest(drive: Iterable[np.ndarray], n_values: int) -> float:
@@ -392,8 +416,8 @@ def _strongest(drive: Iterable[np.ndarray], n_values: int) -> float:
     return float(strongest if strongest > 0 else top[-1])
 
 
-def choose(table: pd.DataFrame, rule: CalibrationRule, where: str, knob: str = "gain") -> int:
-    """Index of the chosen row of one population; knob: what is chosen, a gain or a threshold.
+def choose(table: pd.DataFrame, rule: CalibrationRule, where: str, sensitivity: str = "gain") -> int:
+    """Index of the chosen row of one population; sensitivity: what is chosen, a gain or a threshold.
 
     If no gain satisfies both limits, the limit on silent trials is dropped: of the gains that satisfy the other, those
     with the fewest silent trials are kept. A class may be rest, and silence then identifies it.
@@ -406,15 +430,15 @@ def choose(table: pd.DataFrame, rule: CalibrationRule, where: str, knob: str = "
         firing = table[table.silent_share < 1]
         if firing.empty:
             raise InputError(
-                f"{where}: no {knob} tried gives a spike; check the columns that were read and the encoder's time "
-                "constants"
+                f"{where}: no {sensitivity} tried gives a spike; check the columns that were read and the encoder's "
+                "time constants"
             )
         good = firing[firing.floor_share <= rule.max_floor_share]
         if good.empty:
             raise InputError(
-                f"{where}: every {knob} that gives spikes puts {firing.floor_share.min():.1%} or more of the ISIs at "
-                f"the refractory floor, above max_floor_share = {rule.max_floor_share:.1%}; check the columns that "
-                "were read, or give the encoder longer time constants"
+                f"{where}: every {sensitivity} that gives spikes puts {firing.floor_share.min():.1%} or more of the "
+                f"ISIs at the refractory floor, above max_floor_share = {rule.max_floor_share:.1%}; check the columns "
+                "that were read, or give the encoder longer time constants"
             )
         good = good[good.silent_share == good.silent_share.min()]
     best = good.separation.max()
@@ -424,7 +448,7 @@ def choose(table: pd.DataFrame, rule: CalibrationRule, where: str, knob: str = "
 def _isi_table(
     tried: Iterable[tuple[str, float, np.ndarray, list[np.ndarray]]], classes: Sequence[str]
 ) -> pd.DataFrame:
-    """`Calibration.isi`: a row for each bin, class and value of a knob.
+    """`Calibration.isi`: a row for each bin, class and value of a sensitivity.
 
     tried: the afferent, its gain, the edges of the bins in ms, and the share of each bin in each class.
     """

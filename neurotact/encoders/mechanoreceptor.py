@@ -12,19 +12,17 @@ from collections.abc import Mapping
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, model_validator
 from scipy.signal import butter, lfilter
 from scipy.special import ndtri
 
-from neurotact.data.conditioning import ConditioningSpec
-from neurotact.encoders.afferents import checked
+from neurotact.encoders.model import SA_RA, EncoderSpec, Model, Population, RefractoryMs, checked
 from neurotact.encoders.random_numbers import between, check_continued, digests, random_integers
-from neurotact.encoders.refractory import RefractoryMs
 from neurotact.errors import InputError
-from neurotact.metrics.flops import MechanoreceptorAfferents
+from neurotact.metrics.flops import Cost, with_weights
 from neurotact.neurons import (
     FITTED_Hz,
     Mechanoreceptor,
@@ -67,22 +65,17 @@ class MechanoreceptorType(Spec):
     """Numbers of fitted afferents, one of each under each taxel: SA-I has 1 to 4, RA-I 1 to 9, PC 1 to 4."""
 
 
-class MechanoreceptorSpec(Spec):
+class MechanoreceptorSpec(EncoderSpec):
     """Populations of fitted SA-I, RA-I and perhaps PC afferents over every taxel (`encoders/mechanoreceptor.toml`)."""
-
-    folder: ClassVar[str] = "encoders"
 
     model: Literal["mechanoreceptor"] = "mechanoreceptor"
     """Mechanoreceptors fitted to recorded spikes."""
-    unit: str = "mV"
-    """The unit of the recordings."""
     noise: bool = True
     """Add the noise of the fits to the currents."""
     seed: int = Field(default=0, ge=0, lt=2**63)
     """Random seed of the noise: a trial has the same spikes whenever its samples and the spec are the same."""
     conduction: bool = True
     """Delay spikes by the conduction times of the fits, 1.0 to 11.0 ms; otherwise by the 0.4 ms of the derivatives."""
-    conditioning: ConditioningSpec = ConditioningSpec()
     sa1: MechanoreceptorType
     """Driven by depth, and by its rate of change."""
     ra1: MechanoreceptorType
@@ -425,14 +418,31 @@ def _start(
     )  # fmt: skip
 
 
-def layer(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> MechanoreceptorAfferents:
-    """The layer of the cost ledger for an encoder given as a table, over `steps` steps of `step_ms`."""
+def cost(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> Cost:
+    """The cost of an encoder, given as a table, over `steps` steps of `step_ms`.
+
+    A step of the clock is some steps of 0.2 ms. Per taxel and such a step: the signal between two samples (a MAC) and
+    its change (an AC). Per afferent and step: the change times its constant, a low pass of order 3 (7 MACs), the change
+    of that (an AC), two gains, one for each sign (2 comparisons, 2 MACs), the leak (a MAC), the current and the
+    post-spike current (2 ACs), the comparisons with the threshold and with the least distance of spikes, and the count
+    of steps since the last spike (an AC). Where pressure drives it too: 8 MACs, a comparison and a product more. Where
+    it saturates: a comparison, an AC, a product and a division. Noise is counted as that of Poisson afferents: a MAC
+    for the number, and a MAC to add it.
+    """
     fits = [fitted()[part, fit] for part in KINDS if spec.get(part) for fit in spec[part]["fits"]]
-    return MechanoreceptorAfferents(
-        taxels,
-        steps=round(steps * step_ms * 1e-3 * FITTED_Hz),
-        afferents=len(fits),
-        pressed=sum(bool(fit.static_up or fit.static_down) for fit in fits),
-        saturating=sum(fit.saturation > 0 for fit in fits),
-        noisy=bool(spec.get("noise", True)),
-    )
+    n, noisy = len(fits), bool(spec.get("noise", True))
+    n_pressed = sum(bool(fit.static_up or fit.static_down) for fit in fits)
+    n_saturating = sum(fit.saturation > 0 for fit in fits)
+    every = Cost(macs=7 + 2 + 1 + 2 * noisy, acs=1 + 2 + 1, multiplications=1, comparisons=2 + 2)
+    pressed = Cost(macs=8, multiplications=1, comparisons=1)
+    saturating = Cost(acs=1, multiplications=1, comparisons=1, divisions=1)
+    step = Cost(macs=1, acs=1) + every.times(n) + pressed.times(n_pressed) + saturating.times(n_saturating)
+    # Two samples before; of each afferent a filter, its last value, V, the steps since a spike, a random number.
+    state = taxels * (2 + n * (3 + 1 + 2 + noisy) + 3 * n_pressed)
+    return with_weights(n, state) + step.times(taxels * round(steps * step_ms * 1e-3 * FITTED_Hz))
+
+
+MODEL = Model(
+    "fitted mechanoreceptors", MechanoreceptorSpec, encode, MechanoreceptorEncoderState,
+    (*SA_RA, Population("PC", "pc")), cost, is_compared=False,
+)  # fmt: skip

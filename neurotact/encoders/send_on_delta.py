@@ -5,33 +5,27 @@ doi 10.1109/JSSC.2007.914337), and so do the published Braille letters (Müller-
 doi 10.3389/fnins.2022.951164).
 """
 
-from typing import ClassVar, Literal, NamedTuple
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from neurotact.data.conditioning import ConditioningSpec
-from neurotact.encoders.afferents import checked
-from neurotact.encoders.refractory import RefractoryMs
-from neurotact.encoders.stepping import both, over_time
+from neurotact.encoders.decoding import sum_of_steps
+from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, RefractoryMs, both, checked, over_time
+from neurotact.metrics.flops import Cost, with_weights
 from neurotact.neurons import refractory_steps, silenced
-from neurotact.spec import Spec
 
 
-class SendOnDeltaSpec(Spec):
+class SendOnDeltaSpec(EncoderSpec):
     """ON and OFF events of every taxel (`encoders/send-on-delta.toml`)."""
-
-    folder: ClassVar[str] = "encoders"
 
     model: Literal["send-on-delta"] = "send-on-delta"
     """An event when the signal has changed by a threshold since the last one."""
-    unit: str = "mV"
-    """The unit of the recordings."""
     threshold: float = Field(gt=0)
     """Change of the conditioned signal that gives an event, in its unit."""
     t_ref_ms: RefractoryMs = 0.0
     """Dead time of a taxel after an event, ON or OFF."""
-    conditioning: ConditioningSpec = ConditioningSpec()
 
 
 class SendOnDeltaState(NamedTuple):
@@ -74,3 +68,16 @@ def encode(
     n_trials, _, n_taxels = signal.shape
     begin = SendOnDeltaState(None, np.zeros((n_trials, n_taxels), np.int32))
     return over_time(signal, begin if state is None else state, step, 2 * n_taxels)
+
+
+def cost(_spec: Mapping[str, Any], taxels: int, steps: int, _step_ms: float) -> Cost:
+    """The cost of ON and OFF events of a change against a reference, or of an integral, over that many steps.
+
+    Per taxel and step: a difference from the reference (or a sample added to the integral) and the comparisons with the
+    threshold above and below. What an event does to the reference is rare and not counted.
+    """
+    updates = taxels * steps
+    return with_weights(1, 2 * taxels, acs=updates, comparisons=2 * updates)  # a reference and a refractory counter
+
+
+MODEL = Model("send-on-delta events", SendOnDeltaSpec, encode, SendOnDeltaState, ON_OFF, cost, decode=sum_of_steps)

@@ -4,36 +4,31 @@ Inose and Yasuda 1963, doi 10.1109/PROC.1963.2622; that integrate-and-fire neuro
 doi 10.1109/TNNLS.2016.2526029.
 """
 
-from typing import ClassVar, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from neurotact.data.conditioning import ConditioningSpec
-from neurotact.encoders.afferents import checked
-from neurotact.encoders.refractory import RefractoryMs
-from neurotact.encoders.stepping import both, over_time
+from neurotact.encoders.decoding import filtered, hann
+from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, RefractoryMs, both, checked, over_time
+from neurotact.encoders.send_on_delta import cost
 from neurotact.neurons import refractory_steps, silenced
-from neurotact.spec import Spec
 
+SMOOTHED_ms = 40.0
+"""Length of the Hann window that smooths sigma-delta pulses: half of the amplitude is left at 25 Hz."""
 OVERLOAD = 4.0
 """The integral is limited to this many thresholds: what a too strong signal leaves does not fire on for long."""
 
 
-class SigmaDeltaSpec(Spec):
+class SigmaDeltaSpec(EncoderSpec):
     """ON and OFF pulses of every taxel (`encoders/sigma-delta.toml`)."""
-
-    folder: ClassVar[str] = "encoders"
 
     model: Literal["sigma-delta"] = "sigma-delta"
     """A pulse when the integral of the error reaches a threshold."""
-    unit: str = "mV"
-    """The unit of the recordings."""
     threshold_unit_ms: float = Field(gt=0)
     """Integral of the conditioned signal over time that one pulse stands for, in its unit times ms."""
     t_ref_ms: RefractoryMs = 0.0
     """Dead time of a taxel after a pulse; the integral goes on."""
-    conditioning: ConditioningSpec = ConditioningSpec()
 
 
 class SigmaDeltaState(NamedTuple):
@@ -72,3 +67,11 @@ def encode(
     shape = n_trials, n_taxels
     begin = SigmaDeltaState(np.zeros(shape, signal.dtype), np.zeros(shape, np.int32))
     return over_time(signal, begin if state is None else state, step, 2 * n_taxels)
+
+
+def _decode(signed: np.ndarray, step_ms: float, spec: SigmaDeltaSpec) -> np.ndarray:
+    taps = hann(SMOOTHED_ms, step_ms)
+    return spec.threshold_unit_ms / step_ms * filtered(signed, taps, (len(taps) - 1) // 2)
+
+
+MODEL = Model("sigma-delta pulses", SigmaDeltaSpec, encode, SigmaDeltaState, ON_OFF, cost, decode=_decode)

@@ -8,7 +8,7 @@ import pandas as pd
 
 from neurotact.data.conditioning import condition
 from neurotact.data.recordings import LABEL, Recordings
-from neurotact.encoders.specs import EncoderSpec
+from neurotact.encoders.model import EncoderSpec
 
 LEAST_Hz = 1.0
 """Below this frequency, a spectrum of about a second shows drift, not texture."""

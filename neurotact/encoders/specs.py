@@ -3,206 +3,49 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, NamedTuple, TypeGuard
+from typing import Any, TypeGuard
 
 import numpy as np
-from pydantic import Discriminator, Tag
 
+from neurotact import plugins
 from neurotact import spec as specs
 from neurotact.data.conditioning import ConditioningSpec, check_used
-from neurotact.encoders import (
-    afferents,
-    bens_spiker,
-    burst,
-    exact,
-    izhikevich,
-    latency,
-    mechanoreceptor,
-    moving_window,
-    poisson,
-    resonate_and_fire,
-    send_on_delta,
-    sigma_delta,
-    step_forward,
-)
-from neurotact.encoders.afferents import LEAST_EXACT_MS, AfferentSpec, EncoderState, marks
-from neurotact.encoders.bens_spiker import BensSpikerSpec, BensSpikerState
-from neurotact.encoders.burst import BurstSpec, BurstState
-from neurotact.encoders.exact import ExactState
-from neurotact.encoders.izhikevich import IzhikevichEncoderState, IzhikevichSpec
-from neurotact.encoders.latency import LatencySpec, LatencyState
-from neurotact.encoders.mechanoreceptor import MechanoreceptorEncoderState, MechanoreceptorSpec
-from neurotact.encoders.moving_window import MovingWindowSpec, MovingWindowState
-from neurotact.encoders.poisson import PoissonSpec, PoissonState
-from neurotact.encoders.resonate_and_fire import ResonateAndFireSpec, ResonateAndFireState
-from neurotact.encoders.send_on_delta import SendOnDeltaSpec, SendOnDeltaState
-from neurotact.encoders.sigma_delta import SigmaDeltaSpec, SigmaDeltaState
-from neurotact.encoders.step_forward import StepForwardSpec, StepForwardState
+from neurotact.encoders import closed_form
+from neurotact.encoders.afferents import LEAST_EXACT_MS, AfferentSpec, marks
+from neurotact.encoders.closed_form import ExactState
+from neurotact.encoders.mechanoreceptor import MechanoreceptorSpec
+from neurotact.encoders.model import SA_RA, EncoderSpec, Model, Population, checked, name_in, names, of_name, part_of
 from neurotact.errors import InputError, nearest
-from neurotact.metrics.flops import (
-    Afferents,
-    DeltaEvents,
-    LatencyAfferents,
-    Layer,
-    PoissonAfferents,
-    ResonatorAfferents,
-)
-from neurotact.spec import Spec
 
-
-class Population(NamedTuple):
-    """A population of an encoder.
-
-    name: the first word of its afferents' names. part: the key of the spec that describes it; empty if the keys of the
-    whole spec do.
-    """
-
-    name: str
-    part: str = ""
-
-
-SA_RA = Population("SA-I", "sa1"), Population("RA-I", "ra1")
-ON_OFF = Population("ON"), Population("OFF")
-
-
-class Model(NamedTuple):
-    """An encoder model: its spec, its state, and `encode(signal, sampling_rate_Hz, spec, state)`.
-
-    title: its afferents, as the table of executors names them.
-    layer: its layer in the cost ledger, `layer(spec as a table, taxels, steps, step_ms)`.
-    populations: in the order of its output. One whose part of the spec is optional has no afferents without it.
-    repeats: whether an afferent fires at every step at which a condition holds, so that most of its intervals are the
-        shortest possible.
-    is_compared: whether the study `which-encoder` has it, as every model whose calibration takes seconds.
-    """
-
-    title: str
-    spec: Any
-    state: type
-    encode: Callable[..., tuple[np.ndarray, Any]]
-    layer: Callable[[Mapping[str, Any], int, int, float], Layer]
-    populations: tuple[Population, ...] = SA_RA
-    repeats: bool = False
-    is_compared: bool = True
-
-
-def _of_size(layer: Callable[[int, int], Layer]) -> Callable[[Mapping[str, Any], int, int, float], Layer]:
-    """The layer of a model whose cost depends only on the numbers of taxels and steps."""
-    return lambda _spec, taxels, steps, _step_ms: layer(taxels, steps)
-
-
-def _lif_layer(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> Layer:
-    del step_ms
-    n_sa1, n_ra1 = (len(marks(spec.get(population.part) or {})) for population in SA_RA)
-    onset = bool((spec.get("sa1") or {}).get("rate_ms"))
-    return Afferents(taxels, steps, n_sa1, n_ra1, onset=onset)
-
-
-MODELS = {
-    "lif": Model("LIF afferents", AfferentSpec, EncoderState, afferents.encode, _lif_layer),
-    "izhikevich": Model(
-        "Izhikevich afferents", IzhikevichSpec, IzhikevichEncoderState, izhikevich.encode, izhikevich.layer
-    ),
-    "poisson": Model(
-        "Poisson afferents", PoissonSpec, PoissonState, poisson.encode, _of_size(PoissonAfferents)
-    ),
-    "mechanoreceptor": Model(
-        "fitted mechanoreceptors",
-        MechanoreceptorSpec,
-        MechanoreceptorEncoderState,
-        mechanoreceptor.encode,
-        mechanoreceptor.layer,
-        populations=(*SA_RA, Population("PC", "pc")),
-        is_compared=False,
-    ),
-    "send-on-delta": Model(
-        "send-on-delta events", SendOnDeltaSpec, SendOnDeltaState, send_on_delta.encode, _of_size(DeltaEvents),
-        populations=ON_OFF,
-    ),
-    "sigma-delta": Model(
-        "sigma-delta pulses", SigmaDeltaSpec, SigmaDeltaState, sigma_delta.encode, _of_size(DeltaEvents),
-        populations=ON_OFF,
-    ),
-    "step-forward": Model(
-        "step-forward events", StepForwardSpec, StepForwardState, step_forward.encode, _of_size(DeltaEvents),
-        populations=ON_OFF,
-    ),
-    "moving-window": Model(
-        "moving-window events", MovingWindowSpec, MovingWindowState, moving_window.encode, moving_window.layer,
-        populations=ON_OFF, repeats=True,
-    ),
-    "bens-spiker": Model(
-        "Ben's spiker", BensSpikerSpec, BensSpikerState, bens_spiker.encode, bens_spiker.layer, populations=ON_OFF
-    ),
-    "latency": Model("latency afferents", LatencySpec, LatencyState, latency.encode, _of_size(LatencyAfferents)),
-    "burst": Model("burst afferents", BurstSpec, BurstState, burst.encode, burst.layer),
-    "resonate-and-fire": Model(
-        "resonate-and-fire afferents", ResonateAndFireSpec, ResonateAndFireState, resonate_and_fire.encode,
-        _of_size(ResonatorAfferents), populations=(Population("LOW", "low"), Population("HIGH", "high")),
-    ),
-}  # fmt: skip
-
-
-def _model_of(value: Any) -> str:
-    """The model that a table or a spec names; LIF if it names none."""
-    return str(value.get("model", "lif") if isinstance(value, Mapping) else getattr(value, "model", "lif"))
-
-
-EncoderSpec = Annotated[
-    Annotated[AfferentSpec, Tag("lif")]
-    | Annotated[IzhikevichSpec, Tag("izhikevich")]
-    | Annotated[PoissonSpec, Tag("poisson")]
-    | Annotated[MechanoreceptorSpec, Tag("mechanoreceptor")]
-    | Annotated[SendOnDeltaSpec, Tag("send-on-delta")]
-    | Annotated[SigmaDeltaSpec, Tag("sigma-delta")]
-    | Annotated[StepForwardSpec, Tag("step-forward")]
-    | Annotated[MovingWindowSpec, Tag("moving-window")]
-    | Annotated[BensSpikerSpec, Tag("bens-spiker")]
-    | Annotated[LatencySpec, Tag("latency")]
-    | Annotated[BurstSpec, Tag("burst")]
-    | Annotated[ResonateAndFireSpec, Tag("resonate-and-fire")],
-    Discriminator(_model_of),
-]
 Calibrated = AfferentSpec | MechanoreceptorSpec
 """Encoders that know their drives, and where in them a search for gains begins."""
 CALIBRATED = (AfferentSpec, MechanoreceptorSpec)
-AnyState = (
-    EncoderState
-    | ExactState
-    | IzhikevichEncoderState
-    | PoissonState
-    | MechanoreceptorEncoderState
-    | SendOnDeltaState
-    | SigmaDeltaState
-    | StepForwardState
-    | MovingWindowState
-    | BensSpikerState
-    | LatencyState
-    | BurstState
-    | ResonateAndFireState
-)
 
 
-def populations(encoder: Mapping[str, Any] | Spec) -> tuple[Population, ...]:
+def populations(encoder: Mapping[str, Any] | EncoderSpec) -> tuple[Population, ...]:
     """The populations of an encoder, a spec or a table of one, in the order of its output.
 
-    Spikes of a model that is not among `MODELS` are taken for SA-I and RA-I.
+    Spikes of a model that no installed package has are taken for SA-I and RA-I.
 
     >>> [population.name for population in populations(load("poisson"))]
     ['SA-I', 'RA-I']
     """
-    model = MODELS.get(_model_of(encoder))
-    if model is None:
+    name = encoder.model if isinstance(encoder, EncoderSpec) else name_in(encoder)
+    if name not in names():
         return SA_RA
-    table = encoder if isinstance(encoder, Mapping) else dict(encoder)
+    model, table = of_name(name), encoder if isinstance(encoder, Mapping) else dict(encoder)
+    return tuple(
+        population
+        for population in model.populations
+        if not _is_optional(model, population.part) or table.get(population.part) is not None
+    )
 
-    def is_there(part: str) -> bool:
-        return not part or model.spec.model_fields[part].is_required() or table.get(part) is not None
 
-    return tuple(population for population in model.populations if is_there(population.part))
+def _is_optional(model: Model, part: str) -> bool:
+    return bool(part) and model.spec.model_fields[part].get_default(call_default_factory=True) is None
 
 
-def described(encoder: Spec, population: Population) -> Any:
+def described(encoder: EncoderSpec, population: Population) -> Any:
     """The keys of a population: its part of the spec, or the whole spec.
 
     >>> encoder = load("poisson")
@@ -212,7 +55,16 @@ def described(encoder: Spec, population: Population) -> Any:
     return getattr(encoder, population.part) if population.part else encoder
 
 
-def t_ref_pair_ms(encoder: Spec) -> tuple[float, float]:
+def t_ref_ms_of(encoder: EncoderSpec, population: Population) -> float:
+    """The refractory period of a population; 0 if its model has none.
+
+    >>> t_ref_ms_of(load("sa1-ra1-lif"), SA_RA[0]), t_ref_ms_of(load("burst"), SA_RA[0])
+    (1.0, 0.0)
+    """
+    return getattr(described(encoder, population), "t_ref_ms", 0.0)
+
+
+def t_ref_pair_ms(encoder: EncoderSpec) -> tuple[float, float]:
     """The refractory periods of the first two populations, which results name t_ref_sa_ms and t_ref_ra_ms.
 
     Both are the same where a refractory period holds for a whole channel.
@@ -220,7 +72,7 @@ def t_ref_pair_ms(encoder: Spec) -> tuple[float, float]:
     >>> t_ref_pair_ms(load("sa1-ra1-lif", {"ra1.t_ref_ms": 5}))
     (1.0, 5.0)
     """
-    periods: list[float] = [described(encoder, population).t_ref_ms for population in populations(encoder)]
+    periods: list[float] = [t_ref_ms_of(encoder, population) for population in populations(encoder)]
     return periods[0], periods[min(1, len(periods) - 1)]
 
 
@@ -261,22 +113,22 @@ def period_keys(model: str) -> tuple[str, ...]:
     >>> period_keys("lif"), period_keys("send-on-delta"), period_keys("burst")
     (('sa1.t_ref_ms', 'ra1.t_ref_ms'), ('t_ref_ms',), ())
     """
-    fields = MODELS[model].spec.model_fields
-    parts = dict.fromkeys(population.part for population in MODELS[model].populations)
-    kinds = {part: fields[part].annotation if part else MODELS[model].spec for part in parts}
+    row = of_name(model)
+    parts = dict.fromkeys(population.part for population in row.populations)
+    kinds = {part: part_of(row.spec, part) for part in parts if not _is_optional(row, part)}
     return tuple(
-        dotted(part, "t_ref_ms") for part, kind in kinds.items() if "t_ref_ms" in getattr(kind, "model_fields", {})
+        dotted(part, "t_ref_ms") for part, kind in kinds.items() if kind is not None and "t_ref_ms" in kind.model_fields
     )
 
 
-def with_t_refs(encoder: Any, other: Spec) -> Any:
+def with_t_refs(encoder: Any, other: EncoderSpec) -> Any:
     """An encoder with the refractory periods of another one of its model.
 
     >>> with_t_refs(load("sa1-ra1-lif"), load("sa1-ra1-lif", {"ra1.t_ref_ms": 5})).ra1.t_ref_ms
     5.0
     """
     for population in populations(encoder):
-        kind, period = described(encoder, population), {"t_ref_ms": described(other, population).t_ref_ms}
+        kind, period = described(encoder, population), {"t_ref_ms": t_ref_ms_of(other, population)}
         if "t_ref_ms" in type(kind).model_fields:
             kind = kind.model_copy(update=period)
             encoder = encoder.model_copy(update={population.part: kind}) if population.part else kind
@@ -309,7 +161,7 @@ def taxel_names(afferents: Sequence[str], encoder: Mapping[str, Any]) -> tuple[s
     return taxels if afferent_names(taxels, encoder) == tuple(afferents) else None
 
 
-def n_per_taxel(encoder: Spec) -> int:
+def n_per_taxel(encoder: EncoderSpec) -> int:
     """The number of an encoder's afferents under a taxel.
 
     >>> n_per_taxel(load("sa1-ra1-lif")), n_per_taxel(load("sa1-ra1-lif-graded"))
@@ -330,15 +182,21 @@ def taxels_of(n_afferents: int, encoder: Mapping[str, Any]) -> int:
 def load(name: str | Path, overrides: Mapping[str, Any] | None = None) -> EncoderSpec:
     """Load the encoder spec called `name` (or at that path), after `overrides` of dotted keys.
 
+    A model of another package has no file here: its name alone gives the defaults of its keys.
+
     >>> load("izhikevich").model, load("sa1-ra1-lif", {"sa1.t_ref_ms": 5}).sa1.t_ref_ms
     ('izhikevich', 5.0)
     """
-    path = specs.find("encoders", name)
-    table = specs.override(specs.read(path), overrides or {})
-    model = _model_of(table)
-    if model not in MODELS:
-        raise InputError(f"model: '{model}' is unknown; {nearest(model, [*MODELS])} ({path})")
-    built = specs.build(MODELS[model].spec, table, source=str(path))
+    if str(name) in names() and str(name) not in {path.stem for path in specs.shipped("encoders")}:
+        source, table = f"the model {name}", {"model": str(name)}
+    else:
+        source = str(path := specs.find("encoders", name))
+        table = specs.read(path)
+    table = specs.override(table, overrides or {})
+    model = name_in(table)
+    if model not in names():
+        raise InputError(f"model: '{model}' is unknown; {nearest(model, names())} ({source})")
+    built = specs.build(of_name(model).spec, table, source=source)
     check_used(overrides or {}, built.conditioning.baseline)
     return built
 
@@ -351,19 +209,14 @@ def resolve(what: str | Path | EncoderSpec, overrides: Mapping[str, Any] | None 
     """
     if isinstance(what, (str, Path)):
         return load(what, overrides)
-    if not isinstance(what, tuple(model.spec for model in MODELS.values())):
+    if not isinstance(what, EncoderSpec):
         raise InputError(f"encoder: must be a name, a path or an encoder spec; got {type(what).__name__}")
     changed = specs.resolve(type(what), what, overrides)
     check_used(overrides or {}, changed.conditioning.baseline)
     return changed
 
 
-def encode(
-    signal: np.ndarray,
-    sampling_rate_Hz: float,
-    spec: EncoderSpec,
-    state: AnyState | None = None,
-) -> tuple[np.ndarray, AnyState]:
+def encode(signal: np.ndarray, sampling_rate_Hz: float, spec: EncoderSpec, state: Any = None) -> tuple[np.ndarray, Any]:
     """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, afferent)` uint8, as `afferent_names`.
 
     The state is an argument and a result, so that a recording encoded in pieces gives the spikes of the whole.
@@ -373,12 +226,30 @@ def encode(
     >>> spikes.sum(axis=1).tolist()
     [[20, 0]]
     """
-    model = MODELS[spec.model]
-    own: Callable[..., tuple[np.ndarray, Any]] = exact.encode if is_exact(spec) else model.encode
+    model = of_name(spec.model)
+    own: Callable[..., tuple[np.ndarray, Any]] = closed_form.encode if is_exact(spec) else model.encode
     kind = ExactState if is_exact(spec) else model.state
-    if state is not None and not isinstance(state, kind):
+    if state is not None and kind is None:
+        raise InputError(
+            f"encoder: the model '{spec.model}' names no state, so that it cannot encode a signal in pieces"
+        )
+    if state is not None and kind is not None and not isinstance(state, kind):
         raise InputError(f"state: is a {type(state).__name__}, of another encoder; pass the one that encode returned")
-    return own(signal, sampling_rate_Hz, spec, state)
+    encoded = own(signal, sampling_rate_Hz, spec, state)
+    if state is None and not plugins.is_ours("encoders", spec.model):
+        _check_encoded(encoded, checked(signal).shape, spec)
+    return encoded
+
+
+def _check_encoded(encoded: Any, shape: tuple[int, ...], spec: EncoderSpec) -> None:
+    """InputError if what the model of another package gives is no raster of its afferents and a state."""
+    wanted = *shape[:2], n_per_taxel(spec) * shape[2]
+    if not (isinstance(encoded, tuple) and len(encoded) == 2):
+        raise plugins.unfit("encoders", spec.model, "does not return spikes and a state")
+    spikes = np.asarray(encoded[0])
+    if spikes.dtype != np.uint8 or spikes.shape != wanted:
+        got = f"{spikes.dtype} {spikes.shape} where uint8 {wanted} is expected"
+        raise plugins.unfit("encoders", spec.model, f"returns spikes of the type {got}")
 
 
 def encode_whole(signal: np.ndarray, sampling_rate_Hz: float, spec: EncoderSpec) -> np.ndarray:
@@ -388,17 +259,17 @@ def encode_whole(signal: np.ndarray, sampling_rate_Hz: float, spec: EncoderSpec)
     (1, 200, 2)
     """
     if is_exact(spec):
-        return exact.encode_whole(signal, sampling_rate_Hz, spec)
+        return closed_form.encode_whole(signal, sampling_rate_Hz, spec)
     return encode(signal, sampling_rate_Hz, spec)[0]
 
 
-def finish(sampling_rate_Hz: float, spec: EncoderSpec, state: AnyState) -> np.ndarray | None:
+def finish(sampling_rate_Hz: float, spec: EncoderSpec, state: Any) -> np.ndarray | None:
     """The steps that the end of a trial adds to those of `encode`; None for encoders that step as their signal does.
 
     >>> finish(2000.0, load("sa1-ra1-lif"), encode(np.zeros((1, 200, 1)), 2000.0, load("sa1-ra1-lif"))[1])
     """
     if is_exact(spec) and isinstance(state, ExactState):
-        return exact.finish(sampling_rate_Hz, spec, state)
+        return closed_form.finish(sampling_rate_Hz, spec, state)
     return None
 
 

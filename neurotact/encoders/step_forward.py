@@ -4,33 +4,26 @@ Kasabov et al. 2016, doi 10.1016/j.neunet.2015.09.011 (NeuCube); compared with o
 Kiss 2020, doi 10.1109/TNNLS.2019.2906158.
 """
 
-from typing import ClassVar, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from neurotact.data.conditioning import ConditioningSpec
-from neurotact.encoders.afferents import checked
-from neurotact.encoders.refractory import RefractoryMs
-from neurotact.encoders.stepping import both, over_time
+from neurotact.encoders.decoding import sum_of_steps
+from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, RefractoryMs, both, checked, over_time
+from neurotact.encoders.send_on_delta import cost
 from neurotact.neurons import refractory_steps, silenced
-from neurotact.spec import Spec
 
 
-class StepForwardSpec(Spec):
+class StepForwardSpec(EncoderSpec):
     """ON and OFF events of every taxel (`encoders/step-forward.toml`)."""
-
-    folder: ClassVar[str] = "encoders"
 
     model: Literal["step-forward"] = "step-forward"
     """A staircase that follows the signal, one step an event."""
-    unit: str = "mV"
-    """The unit of the recordings."""
     threshold: float = Field(gt=0)
     """Height of a step, in the unit of the conditioned signal."""
     t_ref_ms: RefractoryMs = 0.0
     """Dead time of a taxel after an event, ON or OFF."""
-    conditioning: ConditioningSpec = ConditioningSpec()
 
 
 class StepForwardState(NamedTuple):
@@ -70,3 +63,6 @@ def encode(
     n_trials, _, n_taxels = signal.shape
     begin = StepForwardState(None, np.zeros((n_trials, n_taxels), np.int32))
     return over_time(signal, begin if state is None else state, step, 2 * n_taxels)
+
+
+MODEL = Model("step-forward events", StepForwardSpec, encode, StepForwardState, ON_OFF, cost, decode=sum_of_steps)

@@ -14,10 +14,10 @@ from neurotact.data.conditioning import condition
 from neurotact.data.recordings import Trials
 from neurotact.data.spikes import populations_of
 from neurotact.encoders.cost import encoding_cost
-from neurotact.encoders.decoding import DECODERS, decode
+from neurotact.encoders.decoding import decode
 from neurotact.encoders.excerpts import draw, liveliest
+from neurotact.encoders.model import EncoderSpec, of_name
 from neurotact.encoders.specs import (
-    EncoderSpec,
     afferent_names,
     conditioning_of,
     encode,
@@ -159,7 +159,7 @@ def _felt(drawn: Trials, encoder: EncoderSpec) -> _Felt:
 
 def _own(encoder: EncoderSpec, felt: _Felt) -> np.ndarray | None:
     """The segments that the encoder's own decoder gives, in standard deviations; None without one."""
-    if encoder.model not in DECODERS:
+    if of_name(encoder.model).decode is None:
         return None
     decoded = [(decode(raster[None], felt.rate_Hz, encoder)[0] - felt.mean) / felt.scale for raster in felt.spikes]
     return reconstruction.segments(decoded, felt.rate_Hz)[0]

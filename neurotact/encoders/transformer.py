@@ -1,6 +1,6 @@
 """An encoder as a scikit-learn transformer: taxel signals in, spikes out."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from neurotact.data.windowed import Origin, SpikeArray
 from neurotact.encoders import calibration, specs
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.encoders.specs import MODELS, EncoderSpec
+from neurotact.encoders.model import EncoderSpec, usable
 from neurotact.errors import InputError
 from neurotact.spec import checked_settings, leaves
 
@@ -52,7 +52,10 @@ class SpikeEncoder(TransformerMixin, NestedSettings):
     {'sa1.t_ref_ms': 5}
     """
 
-    spec_keys = tuple({key: None for model in MODELS.values() for key in model.spec.model_fields})
+    @property
+    def spec_keys(self) -> Collection[str]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The keys at the top of the specs of all models."""
+        return {key for model in usable().values() for key in model.spec.model_fields}
 
     def __init__(
         self,

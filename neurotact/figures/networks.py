@@ -31,7 +31,7 @@ from neurotact.figures.style import (
 )
 from neurotact.metrics.fronts import pareto_front
 from neurotact.metrics.shares import wilson_interval
-from neurotact.tables import NETWORK, over_seeds
+from neurotact.tables import NETWORK, over_seeds, sized
 
 TITLE_WIDTH = 44
 """Characters of a title over half of a figure."""
@@ -114,7 +114,7 @@ def draw_trade_off(
     keep_within(grid)
     add_legend(figure, grid, ncols=4, handlelength=2.2, title=pair)
     for axes, front in zip(grid, fronts, strict=True):
-        names = [f"N = {hidden}" for hidden in front["hidden"]]
+        names = [f"{sized(hidden)}" for hidden in front["hidden"]]
         label_points(axes, front["x"], front["y"], names, fontsize=6.5, fontweight="bold", gid="front label")
     return figure
 
@@ -183,7 +183,7 @@ def _paint_networks(
         whole = 100.0 if measure.startswith("accuracy") else None
         style = series_style(index) | {"color": shade, "ms": 4, "ls": "", "elinewidth": 1.0}
         spread = bars(y, sd, whole)
-        axes.errorbar(np.arange(len(pairs)) + shift, y, spread, label=f"N = {size}", gid="mean", **style)
+        axes.errorbar(np.arange(len(pairs)) + shift, y, spread, label=f"{sized(size)}", gid="mean", **style)
 
 
 def _paint_published(

@@ -11,6 +11,7 @@ What is counted, by kind (`FLOPS` has the FLOPs of each, a `prices.PriceList` th
 - a division or square root; an exponential or logarithm.
 """
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
@@ -71,7 +72,8 @@ class Cost:
 
     def __add__(self, other: "Cost") -> "Cost":
         summed = {f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(self)}
-        return Cost(**{**summed, "signal_ms": max(self.signal_ms, other.signal_ms)})
+        kind = NotCounted if isinstance(self, NotCounted) or isinstance(other, NotCounted) else Cost
+        return kind(**{**summed, "signal_ms": max(self.signal_ms, other.signal_ms)})
 
     def times(self, n: float) -> "Cost":
         """Its operations `n` times, with what it stores and the signal that it waits for once.
@@ -115,6 +117,27 @@ class Cost:
         """
         priced = {"energy_estimate_nJ": self.energy_nJ(prices)}
         return {name: priced[name] if name in priced else getattr(self, name) for name in names or LEDGER_COLUMNS}
+
+
+@dataclass(frozen=True)
+class NotCounted(Cost):
+    """The cost of a part that declares none, or a sum with it: NaN, never zero; `signal_ms` stays.
+
+    >>> (Cost(macs=10, signal_ms=75) + NotCounted()).columns("macs", "energy_estimate_nJ", "signal_ms")
+    {'macs': nan, 'energy_estimate_nJ': nan, 'signal_ms': 75}
+    """
+
+    macs: float = math.nan
+    acs: float = math.nan
+    multiplications: float = math.nan
+    comparisons: float = math.nan
+    divisions: float = math.nan
+    exponentials: float = math.nan
+    parameters: float = math.nan
+    bytes: float = math.nan
+
+    def __post_init__(self) -> None:
+        """NaN is no mistake here."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +190,8 @@ def ledger_table(
     return pd.DataFrame(rows, columns=["name", *LEDGER_COLUMNS, "prices"])
 
 
-def _with_weights(parameters: int, state: int = 0, *, bytes_a_parameter: int = BYTES, **operations: float) -> Cost:
+def with_weights(parameters: int, state: int = 0, *, bytes_a_parameter: int = BYTES, **operations: float) -> Cost:
+    """The cost of operations, with the memory for parameters and for a state."""
     stored = bytes_a_parameter * parameters + BYTES * state
     return Cost(parameters=parameters, bytes=stored, **operations)
 
@@ -203,7 +227,7 @@ class Dense(Layer):
 
     def cost(self) -> Cost:
         parameters = self.units * (self.inputs + self.bias)
-        return _with_weights(parameters, macs=self.inputs * self.units) + _activations(self.activation, self.units)
+        return with_weights(parameters, macs=self.inputs * self.units) + _activations(self.activation, self.units)
 
 
 @dataclass(frozen=True)
@@ -225,7 +249,7 @@ class RBFExpansion(Layer):
         weighted = self.units * self.outputs
         parameters = differences + weighted + self.outputs * self.bias + 1
         kernels = Cost(multiplications=1, exponentials=1).times(self.units)  # gamma times the distance, and exp of it
-        return _with_weights(parameters, macs=differences + weighted, acs=differences) + kernels
+        return with_weights(parameters, macs=differences + weighted, acs=differences) + kernels
 
 
 @dataclass(frozen=True)
@@ -249,7 +273,7 @@ class SupportVectorMachines(Layer):
             raise InputError(f"SupportVectorMachines.classes: must be at least 2; got {self.classes}")
         expansion = RBFExpansion(self.vectors, self.features, outputs=self.classes - 1).cost()
         biases = self.classes * (self.classes - 1) // 2
-        return expansion + _with_weights(biases)
+        return expansion + with_weights(biases)
 
 
 @dataclass(frozen=True)
@@ -265,7 +289,7 @@ class NearestPoints(Layer):
 
     def cost(self) -> Cost:
         numbers = self.points * self.features
-        return _with_weights(numbers, macs=numbers, acs=numbers, comparisons=self.points * self.neighbours)
+        return with_weights(numbers, macs=numbers, acs=numbers, comparisons=self.points * self.neighbours)
 
 
 @dataclass(frozen=True)
@@ -314,241 +338,7 @@ class Standardise(Layer):
     features: int
 
     def cost(self) -> Cost:
-        return _with_weights(2 * self.features, macs=self.features)
-
-
-@dataclass(frozen=True)
-class Afferents(Layer):
-    """LIF encoders of SA-I and RA-I for `taxels` taxels, over `steps` steps.
-
-    Per afferent and step: gain times drive and the membrane's decay (two MACs) and the comparison with the threshold;
-    RA-I takes a difference and its absolute value beside, once a taxel. Refractory steps are counted as the others.
-
-    sa1, ra1: afferents of each type under a taxel. onset: whether the signal's rise drives SA-I, too: the larger of the
-    change and zero, and a MAC to add it, once a taxel.
-    """
-
-    taxels: int
-    steps: int
-    sa1: int = 1
-    ra1: int = 1
-    onset: bool = False
-
-    def cost(self) -> Cost:
-        updates, n = self.taxels * self.steps, self.sa1 + self.ra1
-        state = (2 * n + 1) * self.taxels  # membranes, refractory counters, the sample before
-        step = Cost(macs=2 * n + self.onset, acs=1, comparisons=n + 1 + self.onset)
-        return _with_weights(n, state) + step.times(updates)
-
-
-@dataclass(frozen=True)
-class ExactSpikes(Layer):
-    """What the spikes of LIF afferents in closed form cost, beside `Afferents` with samples in the place of steps.
-
-    Per spike: its time takes two differences, a division, a logarithm and a MAC; the end of its refractory period an
-    addition and a comparison with the end of the sample; the membrane from there to that end a difference, a product,
-    an exponential, a difference and a MAC, and a comparison with the threshold; its bin a product that is rounded up.
-
-    spikes: of all afferents in one decision, a mean or a number.
-
-    >>> ExactSpikes(10).cost().flops
-    340
-    """
-
-    spikes: float
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.spikes >= 0:
-            raise InputError(f"ExactSpikes.spikes: must be >= 0; got {self.spikes}")
-
-    def cost(self) -> Cost:
-        timed, ended = Cost(macs=1, acs=2, divisions=1, exponentials=1), Cost(acs=1, comparisons=1)
-        carried = Cost(macs=1, acs=2, multiplications=1, exponentials=1, comparisons=1)
-        binned = Cost(multiplications=1, comparisons=1)
-        return (timed + ended + carried + binned).times(self.spikes)
-
-
-@dataclass(frozen=True)
-class IzhikevichAfferents(Layer):
-    """Izhikevich encoders of SA-I and RA-I for `taxels` taxels each, over `steps` steps of `euler_steps` Euler steps.
-
-    Per afferent and Euler step: v' takes two MACs, `(0.04 v + 5) v + 140`, a subtraction and an addition; u' a product
-    and a subtraction, `b v - u`; the steps of both a MAC each; then a comparison with the peak. Per step of the clock
-    the gain is a product, and RA-I takes a difference and its absolute value beside. Resets are rare and not counted.
-    """
-
-    taxels: int
-    steps: int
-    euler_steps: int = 1
-
-    def cost(self) -> Cost:
-        afferents, updates = 2 * self.taxels, self.taxels * self.steps
-        euler = Cost(macs=4, acs=3, multiplications=1, comparisons=1).times(afferents * self.steps * self.euler_steps)
-        state = 2 * afferents + self.taxels  # v and u of both, the sample before
-        return _with_weights(2, state) + euler + Cost(acs=1, multiplications=2, comparisons=1).times(updates)
-
-
-@dataclass(frozen=True)
-class PoissonAfferents(Layer):
-    """Poisson encoders of SA-I and RA-I for `taxels` taxels each, over `steps` steps.
-
-    Per afferent and step: gain times drive, a random number and the comparison of both. The number is counted as a
-    linear congruential one, a MAC, the cheapest that serves; the chance of a step as the drive itself. RA-I takes a
-    difference and its absolute value beside.
-    """
-
-    taxels: int
-    steps: int
-
-    def cost(self) -> Cost:
-        afferents, updates = 2 * self.taxels, self.taxels * self.steps
-        state = afferents + self.taxels  # a random number each, the sample before
-        step = Cost(macs=2, acs=1, multiplications=2, comparisons=2 + 1)
-        return _with_weights(2, state) + step.times(updates)
-
-
-@dataclass(frozen=True)
-class MechanoreceptorAfferents(Layer):
-    """Fitted mechanoreceptors for `taxels` taxels, over `steps` steps of 0.2 ms.
-
-    Per taxel and step: the signal between two samples (a MAC) and its change (an AC). Per afferent and step: the change
-    times its constant, a low pass of order 3 (7 MACs), the change of that (an AC), two gains, one for each sign (2
-    comparisons, 2 MACs), the leak (a MAC), the current and the post-spike current (2 ACs), the comparisons with the
-    threshold and with the least distance of spikes, and the count of steps since the last spike (an AC). Where pressure
-    drives it too: 8 MACs, a comparison and a product more. Where it saturates: a comparison, an AC, a product and a
-    division. Noise is counted as in `PoissonAfferents`: a MAC for the number, and a MAC to add it.
-
-    afferents: under a taxel. pressed: those of them with a static drive. saturating: those that saturate.
-    """
-
-    taxels: int
-    steps: int
-    afferents: int
-    pressed: int
-    saturating: int
-    noisy: bool = True
-
-    def cost(self) -> Cost:
-        n, updates = self.afferents, self.taxels * self.steps
-        every = Cost(macs=7 + 2 + 1 + 2 * self.noisy, acs=1 + 2 + 1, multiplications=1, comparisons=2 + 2)
-        pressed, saturating = (
-            Cost(macs=8, multiplications=1, comparisons=1),
-            Cost(acs=1, multiplications=1, comparisons=1, divisions=1),
-        )
-        step = Cost(macs=1, acs=1) + every.times(n) + pressed.times(self.pressed) + saturating.times(self.saturating)
-        # Two samples before; of each afferent a filter, its last value, V, the steps since a spike, a random number.
-        state = self.taxels * (2 + n * (3 + 1 + 2 + self.noisy) + 3 * self.pressed)
-        return _with_weights(n, state) + step.times(updates)
-
-
-@dataclass(frozen=True)
-class DeltaEvents(Layer):
-    """ON and OFF events of a change against a reference, or of an integral, for `taxels` taxels over `steps` steps.
-
-    Per taxel and step: a difference from the reference (or a sample added to the integral) and the comparisons with the
-    threshold above and below. What an event does to the reference is rare and not counted.
-    """
-
-    taxels: int
-    steps: int
-
-    def cost(self) -> Cost:
-        updates = self.taxels * self.steps
-        state = 2 * self.taxels  # reference, refractory counter
-        return _with_weights(1, state, acs=updates, comparisons=2 * updates)
-
-
-@dataclass(frozen=True)
-class MovingWindowEvents(Layer):
-    """ON and OFF events of the difference from the mean of the last `window` samples, over `steps` steps.
-
-    Per taxel and step: the new sample is added to the sum and the oldest taken off, their mean is a product, the signal
-    minus it a difference, and then the comparisons with the threshold above and below.
-    """
-
-    taxels: int
-    steps: int
-    window: int
-
-    def cost(self) -> Cost:
-        updates = self.taxels * self.steps
-        state = (self.window + 2) * self.taxels  # the samples, their sum, the refractory counter
-        return _with_weights(1, state, acs=3 * updates, multiplications=updates, comparisons=2 * updates)
-
-
-@dataclass(frozen=True)
-class BensSpiker(Layer):
-    """Ben's spiker with `taps` taps for the positive and the negative part of `taxels` taxels, over `steps` steps.
-
-    Per part and step: the gain is a product and the part a comparison; the error with the filter takes a difference, a
-    magnitude and a sum for each tap, that without it a magnitude and a sum; both are subtracted and compared with the
-    threshold. Taking the filter off at a spike is rare and not counted.
-    """
-
-    taxels: int
-    steps: int
-    taps: int
-
-    def cost(self) -> Cost:
-        parts = 2 * self.taxels
-        step = Cost(acs=3 * self.taps + 1, multiplications=1, comparisons=2 * self.taps + 2)
-        return _with_weights(2 + self.taps, parts * self.taps) + step.times(parts * self.steps)
-
-
-@dataclass(frozen=True)
-class LatencyAfferents(Layer):
-    """One spike a cycle of SA-I and RA-I for `taxels` taxels each, over `steps` steps.
-
-    Per afferent and step: gain times drive and the comparison with the falling threshold; RA-I takes a difference and
-    its absolute value beside. The threshold falls by one product a step, for all.
-    """
-
-    taxels: int
-    steps: int
-
-    def cost(self) -> Cost:
-        afferents, updates = 2 * self.taxels, self.taxels * self.steps
-        state = afferents + self.taxels + 2  # fired or not, the sample before, the threshold and the cycle's step
-        falls = Cost(multiplications=self.steps)
-        return _with_weights(2, state) + Cost(acs=1, multiplications=2, comparisons=2 + 1).times(updates) + falls
-
-
-@dataclass(frozen=True)
-class BurstAfferents(Layer):
-    """Bursts of SA-I and RA-I for `taxels` taxels each, over `steps` steps, one burst in `cycle` steps.
-
-    Per afferent and step: the drive is added up and the time to the next spike compared; RA-I takes a difference and
-    its absolute value beside. Per afferent and cycle: gain, limits from 0 to 1 (two comparisons), number of spikes (a
-    product, rounded) and interval (a MAC, rounded).
-    """
-
-    taxels: int
-    steps: int
-    cycle: int
-
-    def cost(self) -> Cost:
-        afferents, updates = 2 * self.taxels, self.taxels * self.steps
-        bursts = Cost(macs=1, multiplications=2, comparisons=2 + 2).times(afferents * (self.steps / self.cycle))
-        state = 4 * afferents + self.taxels + 1  # sum, spikes left, interval, time to the next; sample before; step
-        return _with_weights(2, state, acs=3 * updates, comparisons=3 * updates) + bursts
-
-
-@dataclass(frozen=True)
-class ResonatorAfferents(Layer):
-    """Two resonators under each of `taxels` taxels, over `steps` steps.
-
-    Per resonator and step: Re z and Im z take three MACs each, two for the turn and one for the signal, whose gain is
-    in its factor; then the comparison with the threshold. Resets are rare and not counted.
-    """
-
-    taxels: int
-    steps: int
-
-    def cost(self) -> Cost:
-        afferents = 2 * self.taxels
-        updates = afferents * self.steps
-        return _with_weights(2, 3 * afferents, macs=6 * updates, comparisons=updates)
+        return with_weights(2 * self.features, macs=self.features)
 
 
 @dataclass(frozen=True)
@@ -576,7 +366,7 @@ class Integrator(Layer):
 
     def cost(self) -> Cost:
         updates, states = self.neurons * self.leaky_steps, self.neurons * (2 if self.peak else 1)
-        return _with_weights(
+        return with_weights(
             self.neurons * (self.stretches * self.inputs + 1), states, macs=updates, acs=self.sops,
             comparisons=updates if self.peak else 0, sops=self.sops,
         )  # fmt: skip
@@ -609,7 +399,7 @@ class SpikingLayer(Layer):
         n_among = self.neurons * self.recurrent if isinstance(self.recurrent, bool) else self.recurrent
         weights = self.neurons * (self.inputs + n_among)
         updates, adapting = self.neurons * self.steps, int(self.adapts)
-        return _with_weights(
+        return with_weights(
             weights, (2 + adapting) * self.neurons, macs=(2 + 2 * adapting) * updates, acs=self.sops,
             comparisons=updates, sops=self.sops,
         )  # fmt: skip

@@ -1,6 +1,5 @@
 """The cost of conditioning and reduction of a signal, for the ledger of `neurotact.metrics.flops`."""
 
-import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -79,10 +78,9 @@ class Interpolation(Layer):
 class BaselineRemoval(Layer):
     """Each sample of each channel minus the channel's level, which is stored.
 
-    The level is the first sample (`first`, free), the mean (an addition per sample and a product) or the
-    median (a sort: a comparison per sample and doubling; only it stores the samples). It is computed over the same
-    samples that it is subtracted from. The mean so far costs an addition and a division per sample: of all (`running`)
-    or of the first `start` (None: all), after which it is constant (`start`); an EMA (`high-pass`) a MAC and a product.
+    The level is the first sample (`first`, free) or the mean (an addition per sample and a product), over the same
+    samples that it is subtracted from. The mean so far of the first `start` samples (None: all), after which it is
+    constant (`start`), costs an addition and a division each; an EMA (`high-pass`) a MAC and a product per sample.
 
     >>> BaselineRemoval(samples=300, channels=8, level="mean").cost().flops
     4808
@@ -92,28 +90,25 @@ class BaselineRemoval(Layer):
 
     samples: int
     channels: int = 1
-    level: Literal["first", "mean", "median", "start", "running", "high-pass"] = "mean"
+    level: Literal["first", "mean", "start", "high-pass"] = "mean"
     start: int | None = None
 
     def cost(self) -> Cost:
         if self.level not in BASELINES:
             raise InputError(f"BaselineRemoval.level: '{self.level}' is unknown; {nearest(self.level, BASELINES)}")
         n = self.samples * self.channels
-        kept = self.channels * (1 + (self.samples if self.level == "median" else 0))
-        heard = self.samples if self.start is None or self.level == "running" else min(self.start, self.samples)
+        heard = self.samples if self.start is None else min(self.start, self.samples)
         so_far = Cost(acs=1, divisions=1).times(heard * self.channels)
         level = {
             "first": Cost(),
             "mean": Cost(acs=n, multiplications=self.channels),
-            "median": Cost(comparisons=n * math.ceil(math.log2(self.samples))),
             "start": so_far,
-            "running": so_far,
             "high-pass": Cost(macs=n, multiplications=n),
         }[self.level]
-        return level + Cost(acs=n, bytes=BYTES * kept)
+        return level + Cost(acs=n, bytes=BYTES * self.channels)
 
 
-BASELINES = ("first", "mean", "median", "start", "running", "high-pass")
+BASELINES = ("first", "mean", "start", "high-pass")
 
 
 @dataclass(frozen=True)

@@ -49,6 +49,8 @@ class Synops(NamedTuple):
     total_feedforward: np.ndarray
 
     def __repr__(self) -> str:
+        if np.isnan(self.total).any():
+            return f"Synops({len(self.total)} windows; not counted)"
         means = ", ".join(f"{name} {np.mean(part):,.0f}" for name, part in self._asdict().items() if len(self.total))
         return f"Synops({len(self.total)} windows; means: {means or 'none'})"
 
@@ -83,6 +85,20 @@ class _Network(Protocol):
     def spec(self) -> _NetworkSpec: ...
     @property
     def n_classes(self) -> int: ...
+
+
+def in_words(sops: float | None) -> str:
+    """Synaptic operations in words.
+
+    >>> in_words(1234.5), in_words(float("nan"))
+    ('1,234 SOPs', 'SOPs not counted')
+    """
+    return "SOPs not counted" if sops is None or np.isnan(sops) else f"{sops:,.0f} SOPs"
+
+
+def not_counted(n_windows: int) -> Synops:
+    """SOPs of windows on a network that does not count them: NaN each."""
+    return Synops(*np.full((len(Synops._fields), n_windows), np.nan))
 
 
 def of_network(network: _Network, input_spikes: np.ndarray, hidden_spikes: np.ndarray) -> Synops:
@@ -166,13 +182,27 @@ def to_table(
     [['a', 'b', 300, 120, 32]]
     """
     operations = synops(input_spikes, hidden_spikes, n_hidden, n_readout, recurrent=recurrent)
+    return table_of(operations, labels, predicted, steps, input_spikes, hidden_spikes, trials)
+
+
+def table_of(
+    operations: Synops,
+    labels: Sequence | np.ndarray,
+    predicted: Sequence | np.ndarray,
+    steps: np.ndarray,
+    input_spikes: np.ndarray,
+    hidden_spikes: np.ndarray,
+    trials: np.ndarray | None = None,
+) -> pd.DataFrame:
+    """As `to_table`, from operations that are counted, or NaN as `hidden_spikes` then are."""
     n_windows = len(operations.total)
     named = np.arange(n_windows) if trials is None else np.asarray(trials)
     given = (named, np.asarray(labels), np.asarray(predicted), _counts(steps, "steps of"))
     for what, values in zip(COLUMNS, given, strict=False):
         if values.shape != (n_windows,):
             raise InputError(f"synops: '{what}' has shape {values.shape} where ({n_windows},) is expected")
-    spikes = (_counts(input_spikes, "input"), _counts(hidden_spikes, "hidden"))
+    hidden = np.asarray(hidden_spikes)
+    spikes = (_counts(input_spikes, "input"), hidden if np.isnan(hidden).any() else _counts(hidden, "hidden"))
     return pd.DataFrame(dict(zip(COLUMNS, (*given, *spikes, *operations), strict=True)))
 
 

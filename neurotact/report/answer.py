@@ -66,7 +66,7 @@ class Network(NamedTuple):
 
     @property
     def name(self) -> str:
-        size = f"{self.hidden} neurons"
+        size = f"{self.hidden} neurons" if self.hidden else "the network"
         return size if self.pair == periods.NONE else f"{self.pair} ms with {size}"
 
     @property
@@ -85,6 +85,7 @@ class Network(NamedTuple):
         """What the referee knows of it; the cost, of whole windows or of `decision`, is energy or else SOPs."""
         spent = decision or self.whole
         cost = spent.sops if spent.nJ is None else spent.nJ
+        cost = math.inf if math.isnan(cost) else cost  # it is not counted
         return Way(self.validation, standard_error(self.validation, trials.validation), cost)
 
 
@@ -461,7 +462,9 @@ def details(outcome: Answer) -> Iterator[str]:
     best, cheapest = outcome.best, outcome.cheapest
     if not outcome.is_above_chance:
         return
-    if cheapest == best:
+    if math.isinf(best.way(outcome.trials).cost):
+        yield f"What a decision of {best.name} costs is not counted, so none is said to be the cheapest."
+    elif cheapest == best:
         yield f"The most accurate network on validation trials, {best.name}, is also the cheapest within its error."
     else:
         on = " on whole windows" if best.exits or cheapest.exits else ""
@@ -612,6 +615,8 @@ def _is_cheapest(before: Decision, after: Decision) -> str:
 
 def _saved(before: Decision, after: Decision) -> str:
     """The change of SOPs and of energy, what is saved first."""
+    if math.isnan(before.sops) or math.isnan(after.sops):
+        return "SOPs are not counted"
     change = 1 - after.sops / before.sops if before.sops > 0 else 0.0
     how = f"{100 * change:.0f} % fewer SOPs" if change >= 0 else f"{-100 * change:.0f} % more SOPs"
     said = f"{how} ({count(after.sops)} against {count(before.sops)})"
@@ -663,7 +668,7 @@ def count(value: float) -> str:
     >>> count(41234.0), count(7.26)
     ('41,200', '7.26')
     """
-    return f"{float(f'{value:.3g}'):,.6g}"
+    return "not counted" if math.isnan(value) else f"{float(f'{value:.3g}'):,.6g}"
 
 
 def milliseconds(value: float) -> str:

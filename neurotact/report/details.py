@@ -34,7 +34,7 @@ from neurotact.report.tables import (
 )
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import SPLIT, Cell
-from neurotact.tables import records, write_table
+from neurotact.tables import records, sized, write_table
 
 MOST_EVENTS = 1_000_000
 """Spikes drawn in one page, distributed evenly over its cells: about four bytes each."""
@@ -105,7 +105,7 @@ def cell_name(row: pd.Series) -> str:
     """
     keys = [str(key) for key in row.index if str(key).startswith(SPLIT)]
     split = "".join(f", {in_words_of_split(key)} {in_unit(key, row[key])}" for key in keys)
-    return f"{row['setting']}, {named(row['pair'])}, N = {row['hidden']}, seed {row['seed']}{split}"
+    return f"{row['setting']}, {named(row['pair'])}, {sized(row['hidden'])}, seed {row['seed']}{split}"
 
 
 def page_data(
@@ -174,7 +174,7 @@ def _raster(
         for spikes in network.simulate(torch.from_numpy(window))
     )
     whole = network.infer(torch.from_numpy(window))
-    readout = readout if network.bias is None else np.zeros_like(readout)  # an integrator does not spike
+    readout = readout if network.integration is None else np.zeros_like(readout)  # an integrator does not spike
     early = network.infer(torch.from_numpy(window), restored.rule)
     order = [restored.classes.index(label) for label in classes.order]
     layers = (window[0], hidden, readout[:, order])

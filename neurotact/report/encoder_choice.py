@@ -38,10 +38,13 @@ class Choice(NamedTuple):
     snr_dB: float | None
     guess: float = 0.0
 
-    @property
-    def way(self) -> Way:
-        """What the referee knows of it: the cost is that of the decision as it is used, which sentences name."""
-        return self.network.way(self.trials, self.network.used)
+    def way(self, *, in_sops: bool = False) -> Way:
+        """What the referee knows of it: the cost is that of the decision as it is used, which sentences name.
+
+        in_sops: whether synaptic operations are its cost, since the energy of one that is compared is unknown.
+        """
+        used = self.network.used
+        return self.network.way(self.trials, used._replace(nJ=None) if in_sops else used)
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -142,7 +145,8 @@ def _unclear(among: Sequence[Choice], found: Savings) -> str:
 
 def _savings(among: Sequence[Choice]) -> Savings:
     """What the referee says: validation chooses, and test trials may show that a choice is worse than another."""
-    ways, tested = [one.way for one in among], [one.network.used.accuracy for one in among]
+    in_sops = any(one.network.used.nJ is None for one in among)
+    ways, tested = [one.way(in_sops=in_sops) for one in among], [one.network.used.accuracy for one in among]
 
     def compared(one: int, other: int) -> Paired:
         return compare_shares(tested[one], tested[other], among[one].trials.test)

@@ -16,7 +16,7 @@ from neurotact.figures.style import Drawn
 from neurotact.report import periods
 from neurotact.report.periods import named
 from neurotact.report.tables import in_the_paper
-from neurotact.studies.encoded import TOUCH
+from neurotact.studies.encoding_tables import TOUCH
 from neurotact.studies.study import StudySpec
 from neurotact.tables import natural
 

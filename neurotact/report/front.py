@@ -15,6 +15,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, turns_of, validation_note
 from neurotact.data.trial_choice import values_in_words
 from neurotact.data.window_choice import on_late_onsets, timing_of
+from neurotact.encoders.cost import no_cost
 from neurotact.errors import InputError
 from neurotact.metrics import paired, starts
 from neurotact.metrics.paired import Paired
@@ -28,11 +29,11 @@ from neurotact.report import answer as answers
 from neurotact.report import first_screen, periods, robustness
 from neurotact.report.answer import Answer, Baseline, Decision, Network, Trials
 from neurotact.report.page import Figure, Table
-from neurotact.studies import suited
+from neurotact.studies import automatic
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import LENGTH, Cell, StudySpec, by_split, encoder_columns, split_columns, value_at
-from neurotact.tables import NETWORK, means_over
+from neurotact.tables import NETWORK, means_over, sized
 
 COSTS = ("sops", "ms", "spikes", "nJ")
 KINDS = {"whole": "", "early": "exit_"}
@@ -117,16 +118,20 @@ def _costs(
     costs: dict[str, float | None] = {
         "sops": row[f"{before}sops_total"],
         "ms": None,
-        "spikes": row[f"{before}sops_input"] / row["hidden"],
+        "spikes": ledger.input_spikes(row, before),
         "nJ": None,
     }
     if afferents is not None and study.network is not None:
         counts = study.encoding_in == "processor"
         how = {"n_classes": n_classes, "early": bool(before), "encoding": counts}
         costs["ms"] = 1e3 * steps / afferents.rate_Hz
-        if not counts or afferents.is_countable:
-            costs["nJ"] = ledger.row_cost(study.network, row, afferents, **how).energy_nJ(study.prices)
+        if (not counts or afferents.is_countable) and ledger.is_row_counted(study.network, row):
+            costs["nJ"] = _known(ledger.row_cost(study.network, row, afferents, **how).energy_nJ(study.prices))
     return costs
+
+
+def _known(energy_nJ: float) -> float | None:
+    return None if pd.isna(energy_nJ) else float(energy_nJ)
 
 
 def with_exit_bound(network: Network, folder: Path, cells: Sequence[Cell], tolerance: float) -> Network:
@@ -195,7 +200,7 @@ def as_json(front: Front) -> dict[str, Any]:
     drawn = []
     for network, cell in zip(front.networks, front.cells, strict=True):
         low, high = answers.interval_of(network, network.used, front.answer.trials)
-        name = f"{periods.in_ms(network.pair)}, N = {network.hidden}"
+        name = f"{periods.in_ms(network.pair)}, {sized(network.hidden)}"
         more = {"low": low, "high": high, "used": USED[network.exits], "cell": cell, "name": name}
         entry = {key: value for key, value in network._asdict().items() if not key.startswith("apart")} | more
         drawn.append(entry | {kind: _as_json(getattr(network, kind)) for kind in KINDS})
@@ -252,8 +257,7 @@ def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], result: M
             name = f"{row['classifier']} on {pair}{source} ({words})"
             shares = row["accuracy_validation"], row["accuracy_test"]
             right = validated(tables["baselines_trials"], rows) if "baselines_trials" in tables else None
-            spent_nJ = None if pd.isna(row["energy_estimate_nJ"]) else float(row["energy_estimate_nJ"])
-            baselines.append(Baseline(name, *shares, spent_nJ, rows, right))
+            baselines.append(Baseline(name, *shares, _known(row["energy_estimate_nJ"]), rows, right))
     return baselines
 
 
@@ -399,6 +403,7 @@ def _of_encoding(answer: Answer, afferents: Sequence[Afferents], study: StudySpe
     afferents: of each training of that network; the energy is a mean over them.
     """
     decision = answer.cheapest.used
+    yield from dict.fromkeys(f"{why[:1].upper()}{why[1:]}." for one in afferents if (why := no_cost(one.encoder)))
     if not afferents or decision.nJ is None or not answer.is_above_chance:
         return
     if not all(one.is_countable for one in afferents):
@@ -489,7 +494,7 @@ def beware(
     if trains is not None:
         lines += cautions.copies(len(copies_of(trains).trials), len(trains))
         note = acausal_note(trains.encoder)
-        lines += [*([note] if note else []), *on_late_onsets(trains, timing_of(trains), study.window, suited.WORDS)]
+        lines += [*([note] if note else []), *on_late_onsets(trains, timing_of(trains), study.window, automatic.WORDS)]
     return [*lines, *cautions.together([list(_of_training(folder, cell)) for cell in done])]
 
 

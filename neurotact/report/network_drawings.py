@@ -23,7 +23,7 @@ from neurotact.report.tables import (
 )
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import Cell, StudySpec
-from neurotact.tables import NETWORK, over_seeds
+from neurotact.tables import NETWORK, over_seeds, sized
 
 MOST_LISTED = 4
 
@@ -61,7 +61,7 @@ def rises(networks: pd.DataFrame, measure: str) -> tuple[list[str], int]:
             steps += 1
             if high > low:
                 share = f" (+{100 * (high / low - 1):.1f} %)" if low > 0 else ""
-                listed.append(f"{setting}, N = {hidden}, {before} to {after}{share}")
+                listed.append(f"{setting}, {sized(hidden)}, {before} to {after}{share}")
     return listed, steps
 
 
@@ -96,7 +96,7 @@ def _accuracy_and_sops(study: StudySpec, results: pd.DataFrame, n_classes: int) 
     )
     alt = (
         f"Accuracy and SOPs of {len(networks)} networks; the best mean accuracy is {100 * best['accuracy_test']:.1f} % "
-        f"({best['setting']}, {best['pair']}, N = {best['hidden']})."
+        f"({best['setting']}, {best['pair']}, {sized(best['hidden'])})."
     )
     return Drawn("accuracy-and-sops", "Accuracy and its cost", figure, caption, alt)
 
@@ -143,7 +143,7 @@ def _front(results: pd.DataFrame) -> list[str]:
     networks = over_seeds(results, ["accuracy_test", "sops_total"]).sort_values("sops_total", kind="stable")
     front = networks[pareto_front(networks["sops_total"].to_numpy(), networks["accuracy_test"].to_numpy())]
     return [
-        f"{row['pair']} N = {row['hidden']} ({100 * row['accuracy_test']:.1f} %, {row['sops_total'] / 1e3:,.1f} k)"
+        f"{row['pair']} {sized(row['hidden'])} ({100 * row['accuracy_test']:.1f} %, {row['sops_total'] / 1e3:,.1f} k)"
         for _, row in front.iterrows()
     ]
 
@@ -174,7 +174,9 @@ def _best_network(folder: Path, done: list[Cell], results: pd.DataFrame, classes
     best = best_of(results)
     result = result_of(folder, done[best])
     row = result["row"]
-    what = f"{row['dataset']}, {row['t_ref_ra_ms']:g}&{row['t_ref_sa_ms']:g}, N = {row['hidden']}, seed {row['seed']}"
+    what = (
+        f"{row['dataset']}, {row['t_ref_ra_ms']:g}&{row['t_ref_sa_ms']:g}, {sized(row['hidden'])}, seed {row['seed']}"
+    )
     matrix = confusion(result, classes)
     if matrix is not None:
         right = 100 * np.trace(matrix) / max(matrix.sum(), 1)

@@ -1,9 +1,9 @@
 """The report of trained networks: accuracy, spikes, synaptic operations, and the trade-off."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 
@@ -18,7 +18,7 @@ from neurotact.metrics import referee
 from neurotact.networks.use import ledger
 from neurotact.networks.use.ledger import Afferents
 from neurotact.progress import say
-from neurotact.report import details, encoder_choice, front, page, periods, robustness, search, selection_steps
+from neurotact.report import details, encoder_choice, front, page, periods, robustness, search
 from neurotact.report.encoding_drawings import encoding_drawings, name_classes, names_of
 from neurotact.report.extra_drawings import extra_drawings
 from neurotact.report.front import Front
@@ -34,10 +34,8 @@ from neurotact.report.tables import (
     with_setting,
 )
 from neurotact.spec import to_toml
-from neurotact.studies import selection
 from neurotact.studies import study as studies
-from neurotact.studies.encoded import read_encoding
-from neurotact.studies.selection import Selection
+from neurotact.studies.encoding_tables import read_encoding
 from neurotact.studies.store import is_done
 from neurotact.studies.study import SPLIT, Cell, StudySpec, cells, setting_columns, split_columns, swept_columns
 from neurotact.studies.way import HEADS
@@ -87,9 +85,28 @@ NETWORK_COLUMNS = {
 }
 
 
-def write(study: StudySpec, folder: Path) -> Path:
+class Steps(NamedTuple):
+    """What a way whose cells are run in steps adds to the page, as far as it is known.
+
+    n_cells: of all steps so far. shown: each step, with title, rule, outcome and table. tables: further ones, by name.
+    best_row: the row that the page shows first. drawings: figures before the others. chosen: the rows of results and
+    the cells that figures of networks are of.
+    """
+
+    n_cells: int
+    shown: Sequence[Any] = ()
+    tables: Mapping[str, pd.DataFrame] = {}
+    best_row: int | None = None
+    drawings: Sequence[Drawn] = ()
+    chosen: tuple[pd.DataFrame, list[Cell]] | None = None
+
+
+def write(
+    study: StudySpec, folder: Path, steps: Callable[[pd.DataFrame, list[Cell], list[Cell]], Steps] | None = None
+) -> Path:
     """Write `report.html`, its figures, `results.json` and the SOP report from the files of a run; the page's path.
 
+    steps: of the results with the columns `pair` and `setting`, all cells, and those that are done.
     Raises InputError when `results.csv` or `encoding.csv` is missing or a claim names a missing column.
     """
     swept = swept_columns(study)
@@ -99,8 +116,7 @@ def write(study: StudySpec, folder: Path) -> Path:
     done = [cell for cell in every if is_done(folder, cell)]
     trains = first_spikes(folder, done)
     classes = name_classes(encoding, trains.conditions if trains else None)
-    course = selection.follow(study.selection, every, selection.in_folder(folder)) if study.selection else None
-    chosen = course.found if course else None
+    course = steps(results, every, done) if steps else Steps(len(every))
     extra = extra_tables(study, folder)
     trials = search.trials_table(folder, done, results)
     beside = tables_beside(study, folder)
@@ -115,21 +131,24 @@ def write(study: StudySpec, folder: Path) -> Path:
     shared = {"among": among, "tables": [of_encoders._asdict()]} if of_encoders else {}
     write_json(folder / ANSWER, answers_as_json(fronts, cautions) | shared)
     shown = fronts[first_shown(fronts)]
-    best = selection_steps.best_row(chosen, results) if chosen else shown.cells[shown.networks.index(shown.answer.best)]
+    of_best = shown.cells[shown.networks.index(shown.answer.best)]
+    best = of_best if course.best_row is None else course.best_row
     costs = _ledger(study, results, baselines, afferents, n_classes)
-    left = {"selection": selection.as_table(chosen)} if chosen else {}
+    left = {**course.tables}
     left |= {"encoders": encoder_choice.as_table(every_encoder)} if every_encoder else {}
     _write_tables(folder, study.title, results, swept, trials, costs, left)
     test_trials = {one.setting: one.answer.trials.test for one in fronts}
-    drawn = drawings(study, folder, done, results, encoding, trains, classes, chosen, front.levels(fronts), test_trials)
+    rows, of_rows = course.chosen or (results, done)
+    drawn = drawings(study, folder, of_rows, rows, encoding, trains, classes, front.levels(fronts), test_trials)
     return page.write(
         "networks.html.jinja",
         study,
         folder,
         n_done=len(results),
-        n_cells=len(course.digests if course else every),
+        n_cells=course.n_cells,
         tables={"results": results, "encoding": encoding, **extra, **left, **beside},
         figures=chain(
+            course.drawings,
             drawn,
             search.drawings(trials, study.search) if study.search else (),
             extra_drawings(study, results, extra, classes),
@@ -146,7 +165,7 @@ def write(study: StudySpec, folder: Path) -> Path:
         chosen=front.chosen(trains, done),
         seeds=study.sweep.get("seed", [0]),
         data=page.if_there(folder / "data.json"),
-        selection=selection_steps.shown(course, study.selection) if course and study.selection else [],
+        selection=course.shown,
         networks=networks_table(results.join(spent), study),
         network_heads=[*network_columns(study).values()],
         means=means_table(results.join(spent), study),
@@ -259,18 +278,13 @@ def drawings(
     encoding: pd.DataFrame,
     trains: SpikeTrains | None,
     classes: Classes,
-    chosen: Selection | None = None,
     levels: Mapping[str, Mapping[str, float]] = {},
     trials: Mapping[str, int] = {},
 ) -> Iterator[Drawn]:
     """The figures that these tables and this run folder allow, in the order of the report.
 
     levels, trials: as for `figures.networks.draw_trade_off`.
-    chosen: the selection; figures of networks then show those at its window length.
     """
-    if chosen is not None and study.selection is not None:
-        yield from selection_steps.drawings(chosen, results, study.selection)
-        results, done = selection_steps.at_choice(chosen, results, done)
     yield from encoding_drawings(study, trains, encoding, classes)
     yield from network_drawings(study, folder, done, results, classes, levels, trials)
 
@@ -381,14 +395,14 @@ def _ledger(
 def _ledger_table(costs: pd.DataFrame | None) -> Table | None:
     if costs is None:
         return None
-    costs = costs.drop(columns="prices")
+    shown: pd.DataFrame = costs.drop(columns="prices")
     rows = [
         [row[0], *("not counted" if pd.isna(value) else f"{value:,.6g}" for value in row[1:])]
-        for row in costs.itertuples(index=False, name=None)
+        for row in shown.itertuples(index=False, name=None)
     ]
     return Table(
         "Operations and energy of each decision",
-        ["decision by", *(HEADS[column] for column in costs.columns[1:])],
+        ["decision by", *(HEADS[column] for column in shown.columns[1:])],
         rows,
         n_heads=1,
     )

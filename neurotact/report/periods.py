@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from neurotact.encoders.specs import MODELS, period_keys
+from neurotact.encoders.model import of_name
+from neurotact.encoders.specs import period_keys
 from neurotact.figures.style import SYMBOLS
 from neurotact.studies import sweeps
 from neurotact.studies.study import StudySpec
@@ -39,10 +40,9 @@ def head(study: StudySpec) -> str:
     >>> head(resolve("refractory-period"))
     't_ref RA-I & SA-I'
     """
-    model = MODELS[study.encoder.model]
     if sweeps.values(study.sweep, "encoder") or len(period_keys(study.encoder.model)) < 2:
         return "t_ref"
-    first, second = (population.name for population in model.populations[:2])
+    first, second = (population.name for population in of_name(study.encoder.model).populations[:2])
     return f"t_ref {second} & {first}"
 
 

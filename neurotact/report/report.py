@@ -3,8 +3,9 @@
 from pathlib import Path
 
 from neurotact import files
-from neurotact.report import afferents, networks, ways
+from neurotact.report import networks, ways
 from neurotact.studies import runner
+from neurotact.studies.loading import engine_of
 from neurotact.studies.way_study import WayStudy
 
 
@@ -14,7 +15,10 @@ def write(folder: Path) -> Path:
     Raises InputError when the folder holds no study or no tables, and when another process works in it.
     """
     study = runner.load(folder)
+    own = engine_of(study).report
     with files.locked(folder):
+        if own is not None:
+            return own(study, folder)
         if isinstance(study, WayStudy):
             return ways.write(study, folder)
-        return networks.write(study, folder) if study.network is not None else afferents.write(study, folder)
+        return networks.write(study, folder)

@@ -13,10 +13,10 @@ from neurotact.data.trial_choice import values_in_words
 from neurotact.metrics.shares import wilson_interval
 from neurotact.report.answer import Network, percent
 from neurotact.report.page import Table
+from neurotact.studies.automatic import TESTED
 from neurotact.studies.cell import RIGHT_SEEN
 from neurotact.studies.store import result_of
 from neurotact.studies.study import Cell, StudySpec
-from neurotact.studies.suited import TESTED
 
 REMEDIES = "remedies"
 TRAINED = "at trained conditions"
@@ -184,7 +184,7 @@ def tables(study: StudySpec, table: pd.DataFrame | None, networks: Sequence[Netw
         kinds = [
             [
                 str(kind), *(_share(part[f"accuracy_{side}"].mean()) for side in ("validation", "seen", "test")),
-                f"{part['sops_total'].mean():,.0f}", f"{part['n_train'].mean():,.0f}", f"{part['chosen'].sum()}",
+                _sops(part["sops_total"].mean()), f"{part['n_train'].mean():,.0f}", f"{part['chosen'].sum()}",
             ]
             for kind, part in counted
         ]  # fmt: skip
@@ -199,6 +199,10 @@ def tables(study: StudySpec, table: pd.DataFrame | None, networks: Sequence[Netw
             )
         )
     return shown
+
+
+def _sops(value: float) -> str:
+    return "not counted" if pd.isna(value) else f"{value:,.0f}"
 
 
 def _share(value: float) -> str:

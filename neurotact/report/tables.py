@@ -9,7 +9,7 @@ import pandas as pd
 
 from neurotact.data.hdf5 import encoded_by, load_spikes
 from neurotact.data.spikes import SpikeTrains
-from neurotact.encoders.specs import EncoderSpec
+from neurotact.encoders.model import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.figures.columns import in_unit, quantity
 from neurotact.figures.encoding import Classes
@@ -22,9 +22,9 @@ from neurotact.networks.training.training import Epoch, best_of
 from neurotact.networks.use.ledger import Afferents
 from neurotact.report import periods
 from neurotact.studies import tables_beside as made
+from neurotact.studies.automatic import TESTED
 from neurotact.studies.store import cell_folder
 from neurotact.studies.study import SPLIT, Cell, StudySpec
-from neurotact.studies.suited import TESTED
 from neurotact.tables import read_table
 
 EXTRA_TABLES = {

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
-from neurotact.files import DRAFT, scratch, whole, write_json
+from neurotact.files import DRAFT, scratch, whole, without_nan, write_json
 from neurotact.metrics import paired
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.specs import RSNNSpec
@@ -21,7 +21,7 @@ from neurotact.networks.training.training import Epoch
 from neurotact.networks.use import measuring
 from neurotact.networks.use.conditions import by_condition
 from neurotact.progress import say
-from neurotact.studies import encoded
+from neurotact.studies import encoding_tables
 from neurotact.studies.engine import Files
 from neurotact.studies.store import RESULT, TIMING, cell_folder
 from neurotact.studies.study import Cell
@@ -35,7 +35,7 @@ SEARCH = "search"
 
 
 def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None, tells: bool = False) -> Files:
-    """Train and measure a cell, or measure its spike trains where it has no network.
+    """Train and measure a cell.
 
     It may run on any machine: it reads and writes only what is passed.
 
@@ -43,8 +43,7 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None, tells: b
     without a search, no journal is read or saved. tells: say how long the training of a network takes, if it takes
     minutes.
     """
-    if cell.network is None:
-        return encoded.run(cell, trains)
+    assert cell.network is not None
     began = perf_counter()
     task = task_of(cell)
     if cell.search is None:
@@ -70,14 +69,21 @@ def trains_once(cell: Cell) -> bool:
 def _robust(cell: Cell, trains: SpikeTrains, spec: RSNNSpec, progress: Any) -> Files:
     """The files of a cell whose varied copies are chosen on validation trials, and which is trained again."""
     began = perf_counter()
-    kinds = robust.candidates(cell.augmentation, trains.conditions, cell.split)
-    tried = [*robust.trainings(trains, spec, task_of(cell), cell.seeds, kinds, progress)]
-    best = robust.best_of(tried)
-    last = robust.again(trains, best, cell.seeds, progress)
+    tried, best, last = robustly(cell, trains, spec, task_of(cell), progress)
     every = tried if last is best else [*tried, last]
     rows = [one.row() | {"chosen": one is best, "last": one is last} for one in every]
     remedies = rows if cell.augmentation is not None else ()
     return files_of(cell, trains, last.fitted, last.sides, perf_counter() - began, last=last, remedies=remedies)
+
+
+def robustly(
+    cell: Cell, trains: SpikeTrains, spec: RSNNSpec, task: Task, progress: Any = None
+) -> tuple[list[Tried], Tried, Tried]:
+    """The training with each kind of varied copies, the best on validation trials, and the last, on what these had."""
+    kinds = robust.candidates(cell.augmentation, trains.conditions, cell.split)
+    tried = [*robust.trainings(trains, spec, task, cell.seeds, kinds, progress)]
+    best = robust.best_of(tried)
+    return tried, best, robust.again(trains, best, cell.seeds, progress)
 
 
 class LongTraining:
@@ -138,8 +144,8 @@ def files_of(
         result[decided] = paired.by_trial(trial, result[decided])
     result["row"] = {
         "dataset": cell.dataset,
-        **encoded.periods(cell),
-        "hidden": fitted.network.spec.hidden,
+        **encoding_tables.periods(cell),
+        "hidden": fitted.network.spec.n_hidden,
         "seed": cell.seed,
         **result["row"],
         "sops_validation": measuring.mean_sops(fitted.network, sides.validation),
@@ -154,7 +160,7 @@ def files_of(
         for name, content in (searched.files if searched else {}).items():
             with whole(target / name) as draft:
                 draft.write_bytes(content)
-        write_json(target / RESULT, result)
+        write_json(target / RESULT, without_nan(result))
         return {path.relative_to(target).as_posix(): path.read_bytes() for path in target.rglob("*") if path.is_file()}
 
 

@@ -25,6 +25,23 @@ class AnyCell(Protocol):
         ...
 
 
+class Step(NamedTuple):
+    """A part of the sweep: its purpose, and its cells."""
+
+    name: str
+    cells: list[Any]
+
+
+def all_at_once(study: Any, cells: list[Any], folder: Path) -> Iterator[Step]:
+    """A single step with every cell."""
+    yield Step("cells", cells)
+
+
+def every_cell(study: Any, cells: list[Any], folder: Path) -> list[Any]:
+    """All cells."""
+    return cells
+
+
 class Engine(NamedTuple):
     """How the studies of a way run, as functions of modules, which other processes and machines can call.
 
@@ -35,6 +52,9 @@ class Engine(NamedTuple):
     run: the files of a cell, from the cell, its input, the folder from which an interrupted search resumes, and whether
         it tells how long a training takes.
     tables: the tables of finished cells, by file name; the first is `results.csv`.
+    steps: the cells in steps, each of which is done before the next is asked for; by default all are one step.
+    wanted: the cells of all steps as far as results are known.
+    report: writes the page of a run folder and gives its path; None for the page of such studies.
     """
 
     cells: Callable[[Any], Iterator[Any]]
@@ -43,6 +63,9 @@ class Engine(NamedTuple):
     load: Callable[[Path], Any]
     run: Callable[[Any, Any, Path | None, bool], Files]
     tables: Callable[[Path, Any, Results], Mapping[str, pd.DataFrame]]
+    steps: Callable[[Any, list[Any], Path], Iterator[Step]] = all_at_once
+    wanted: Callable[[Any, list[Any], Path], list[Any]] = every_cell
+    report: Callable[[Any, Path], Path] | None = None
 
 
 MapCells = Callable[[Engine, list[AnyCell], Path], Iterator[tuple[AnyCell, Files]]]

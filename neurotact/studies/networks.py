@@ -1,4 +1,4 @@
-"""The way of spiking networks, or of afferents alone: cells share recordings and the spikes of every swept encoder."""
+"""The way of spiking networks: cells share recordings and the spikes of every swept encoder."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,11 +8,10 @@ import pandas as pd
 
 from neurotact.data.hdf5 import load_spikes
 from neurotact.studies import cell as cells
-from neurotact.studies import encoded, preparation, study
-from neurotact.studies.calibrated import ENCODER
-from neurotact.studies.encoded import read_encoding
+from neurotact.studies import preparation, study
+from neurotact.studies.calibration_keys import ENCODER
+from neurotact.studies.encoding_tables import read_encoding
 from neurotact.studies.engine import Engine, Results
-from neurotact.studies.store import cell_folder
 from neurotact.studies.study import OF_SPIKES, SOURCE, Cell, StudySpec, swept_columns, value_at
 
 
@@ -20,19 +19,18 @@ def tables(folder: Path, what: StudySpec, results: Results) -> Mapping[str, pd.D
     """The tables by file name; each is in the order of the sweep.
 
     results.csv: of `results_table`. encoding.csv: firing under each condition, once for each encoder; swept keys of the
-    encoder and the simulation come last. With networks, the further tables that the study requests: their lines begin
-    with the swept values of their cell. Without networks, the intervals between spikes.
+    encoder and the simulation come last. Then the further tables that the study requests, whose
+    lines begin with the swept values of their cell.
     """
     swept, rows = swept_columns(what), results_table(what, results)
     written = {"results.csv": rows, "encoding.csv": _encoding_table(folder, results, swept)}
-    if what.network is None:
-        places = [cell_folder(folder, cell) for cell, _ in results]
-        return written | {encoded.ISI: encoded.isi_table(places, rows, swept)}
     further: dict[str, list[dict[str, Any]]] = {}
     for cell, result in results:
+        if "tables" not in result:
+            continue
         keys = {name: result["row"][name] for name in ("dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed")}
         keys |= {key: value_at(cell, key) for key in swept}
-        for name, lines in result.get("tables", {}).items():
+        for name, lines in result["tables"].items():
             further.setdefault(f"{name}.csv", []).extend({**keys, **line} for line in lines)
     return written | {name: pd.DataFrame(lines) for name, lines in further.items()}
 
@@ -40,7 +38,9 @@ def tables(folder: Path, what: StudySpec, results: Results) -> Mapping[str, pd.D
 def results_table(what: StudySpec, results: Results) -> pd.DataFrame:
     """One row per cell; swept keys without their own column come last."""
     swept = swept_columns(what)
-    return pd.DataFrame([{**result["row"], **{key: value_at(cell, key) for key in swept}} for cell, result in results])
+    table = pd.DataFrame([{**result["row"], **{key: value_at(cell, key) for key in swept}} for cell, result in results])
+    uncounted = [column for column in table if "sops" in str(column) and table[column].isna().all()]
+    return table.astype(dict.fromkeys(uncounted, float))  # and not objects
 
 
 def _encoding_table(folder: Path, results: Results, swept: list[str]) -> pd.DataFrame:

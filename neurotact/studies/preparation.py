@@ -21,11 +21,12 @@ from neurotact.data.windows import check_fit
 from neurotact.encoders.calibration import CLOCK_HZ, calibration_for
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.gain_search import CalibrationRule
-from neurotact.encoders.specs import EncoderSpec, with_t_refs
+from neurotact.encoders.model import EncoderSpec
+from neurotact.encoders.specs import with_t_refs
 from neurotact.errors import InputError
 from neurotact.files import write_json
 from neurotact.spec import digest
-from neurotact.studies import encoded, store, tables_beside
+from neurotact.studies import encoding_tables, store, tables_beside
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import DATA
 from neurotact.studies.study import (
@@ -112,7 +113,7 @@ def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recor
             encoder = encoder_of(cell, recordings, calibrated)
         with store.timed(folder, "encode"):
             trains = spikes_of(cell, recordings, encoder)
-            table = encoded.encoding_table(trains, cell, study.dataset.stratify)
+            table = encoding_tables.encoding_table(trains, cell, study.dataset.stratify)
             write_table(table, target / f"{cell.spikes_name}.csv")
             if not study.reconstruction:  # which compares longer stretches
                 trains = _used(trains, [one for one in cells if one.given == cell.given])

@@ -16,12 +16,12 @@ from neurotact.errors import InputError, some
 from neurotact.interrupt import stop_if_asked
 from neurotact.networks.definition import recipe
 from neurotact.progress import say, track
-from neurotact.studies import selection, store
+from neurotact.studies import store
 from neurotact.studies.engine import AnyCell, Engine, MapCells
 from neurotact.studies.executors import executor
 from neurotact.studies.loading import Study, engine_of, read_back
 from neurotact.studies.store import cell_folder, is_done
-from neurotact.studies.study import Cell, StudySpec, to_toml
+from neurotact.studies.study import Cell, to_toml
 from neurotact.tables import read_table, write_table
 from neurotact.versions import versions
 from neurotact.workers import in_a_process
@@ -77,8 +77,7 @@ def _compute(engine: Engine, study: Study, cells: list[Any], folder: Path, map_c
     )
     for line in dict.fromkeys(line for network in unfinished for line in recipe.joined_cost(network)):
         say(line)
-    rule = study.selection if isinstance(study, StudySpec) else None
-    for name, step_cells in [("cells", cells)] if rule is None else selection.steps(rule, cells, folder):
+    for name, step_cells in engine.steps(study, cells, folder):
         todo: list[AnyCell] = [cell for cell in step_cells if not is_done(folder, cell)]
         before = len(step_cells) - len(todo)
         if before and todo:
@@ -133,9 +132,7 @@ def load(folder: Path) -> Study:
 
 def _write_tables(engine: Engine, study: Study, cells: list[Any], folder: Path) -> None:
     """Write the tables of the finished cells."""
-    rule = study.selection if isinstance(study, StudySpec) else None
-    wanted = None if rule is None else selection.follow(rule, cells, selection.in_folder(folder)).digests
-    every = [cell for cell in cells if wanted is None or cell.digest() in wanted]
+    every = engine.wanted(study, cells, folder)
     done = [cell for cell in every if is_done(folder, cell)]
     if not done:
         raise InputError(f"{folder}: no cell is done yet; run neurotact study resume {folder}")

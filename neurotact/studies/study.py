@@ -22,8 +22,9 @@ from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.model import AnyEncoder, names, usable
 from neurotact.encoders.same_drive import SameDriveSpec
-from neurotact.encoders.specs import EncoderSpec, is_exact, pays_exact
+from neurotact.encoders.specs import is_exact, pays_exact
 from neurotact.errors import InputError, nearest
 from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList, price_list
 from neurotact.networks.definition import recipe
@@ -34,13 +35,15 @@ from neurotact.networks.search.tuning import SearchSpec
 from neurotact.networks.training import balancing
 from neurotact.networks.training.balancing import Balance
 from neurotact.spec import Spec
-from neurotact.studies import calibrated, suited, sweeps
+from neurotact.studies import automatic, calibration_keys, sweeps
 from neurotact.studies.claims import Claim
 
 Milliseconds = Annotated[float, Field(gt=0)]
 Steps = Annotated[int, Field(ge=1)]
 SOURCE = "dataset.parameters."
 """Prefix of swept keys of the simulation; a cell stores them in its `source`."""
+NETWORKS = "networks"
+"""The way of a study that names none."""
 SPLIT = "split."
 """Prefix of swept keys of the split, such as `split.fold`."""
 MEASURES = ("cut_short_ms", "exit_patiences", "test_every_condition")
@@ -58,7 +61,7 @@ EVERY, LONGER_MS = "every", 10.0
 OF_SPIKES = ("encoder", "spikes_per_s")
 """Keys of a sweep that decide spikes, besides those that begin with `encoder.`."""
 CHOICES = {
-    "choose_ema": f"{calibrated.CONDITIONING}.ema_cutoff_Hz",
+    "choose_ema": f"{calibration_keys.CONDITIONING}.ema_cutoff_Hz",
     "choose_opposite": "encoder.sa1.opposite",
     "choose_grades": "encoder.sa1.grades",
 }
@@ -77,29 +80,16 @@ class EarlyExitSpec(Spec):
     gone = {"by": "stability"}
 
 
-class SelectionSpec(Spec):
-    """How the best trade-off is selected, in the loop of the texture paper's Fig. 7 (`studies/selection.py`).
-
-    All criteria use validation trials and means over seeds, and over swept keys of the simulation.
-    """
-
-    length_tolerance: float = Field(default=0.08, ge=0, lt=1)
-    """T_min is the shortest window with an accuracy within this of the accuracy of the best length."""
-    accuracy_tolerance: float = Field(default=0.08, ge=0, lt=1)
-    """A network is accurate enough if it is within this of the best; of these, the fewest SOPs decide."""
-    networks: int = Field(default=2, ge=1)
-    """Networks to select, each with another pair of refractory periods."""
-
-
 class StudySpec(Spec):
     """A study with its complete encoder and network (`studies/*.toml` after `resolve`)."""
 
     folder: ClassVar[str] = "studies"
     words: ClassVar[set[str]] = {"title", "about", "claims", "notes", "as_shipped", "prices"}
     """Keys that change none of the numbers of cells: a report can be written again with other words and prices."""
-    way: ClassVar[str] = "networks"
-    """The entry point of the group `neurotact.ways` that runs such a study."""
-
+    way: str = NETWORKS
+    """The entry point of the group `neurotact.ways` that runs the study."""
+    parameters: dict[str, Any] = {}
+    """Of a way other than `networks`."""
     title: str
     """Heading of the report."""
     about: str = ""
@@ -147,14 +137,12 @@ class StudySpec(Spec):
     """Also measure the amplitude and the principal frequency of each class and condition: the table signals.csv."""
     same_drive: SameDriveSpec | None = None
     """Also give one afferent the same drive at several refractory periods: the table same_drive.csv."""
-    encoder: EncoderSpec
+    encoder: AnyEncoder
     """An encoder spec: its name, its path, or the whole table."""
     network: RSNNSpec | None = None
-    """Without one, cells only encode and train nothing."""
+    """Of every way that trains one."""
     search: SearchSpec | None = None
     """Each cell searches its network's hyperparameters on its own validation trials; swept ones are not searched."""
-    selection: SelectionSpec | None = None
-    """Select a network step by step; only the cells of the sweep that a step requests are run."""
     augmentation: AugmentationSpec | None = None
     """Varied copies of the training trials, for tests at conditions that no training trial has."""
     balance: Balance = "none"
@@ -188,6 +176,12 @@ class StudySpec(Spec):
         return self
 
     @model_validator(mode="after")
+    def _has_parameters_of_its_way(self) -> "StudySpec":
+        if self.parameters and self.way == NETWORKS:
+            raise ValueError(f"parameters: the way '{NETWORKS}' takes none; its keys stand beside the dataset's")
+        return self
+
+    @model_validator(mode="after")
     def _describes_one_set_of_recordings(self) -> "StudySpec":
         swept = [key for key in sweeps.keys(self.sweep) if key.startswith(SOURCE)]
         if swept and self.dataset.simulate is None:
@@ -210,15 +204,9 @@ class StudySpec(Spec):
         ]
         if self.network is None and of_network:
             raise ValueError(f"{of_network[0]} needs a network; name one, as in network = 'rsnn'")
-        return self
-
-    @model_validator(mode="after")
-    def _selects_among_what_it_sweeps(self) -> "StudySpec":
-        selected = {axis for axis in self.sweep if axis != "seed" and not axis.startswith(SOURCE)}
-        if self.selection is not None and selected != {LENGTH, PAIR, "network.hidden"}:
+        if self.network is None and self.way == NETWORKS:
             raise ValueError(
-                f"selection needs a sweep of '{LENGTH}', '{PAIR}' and 'network.hidden'; beside them only seed and keys "
-                f"of {SOURCE.rstrip('.')}, over which it averages"
+                "network: is missing; name one, as in network = 'rsnn', or encode alone: way = 'afferents'"
             )
         return self
 
@@ -239,10 +227,10 @@ class Cell(Spec):
     window: WindowSpec
     split: SplitSpec
     early_exit: EarlyExitSpec
-    encoder: EncoderSpec
-    calibrate: EncoderSpec | None = None
+    encoder: AnyEncoder
+    calibrate: AnyEncoder | None = None
     """The encoder whose gains are fitted on the training trials; t_ref varies around it."""
-    conditioned_by: EncoderSpec | None = None
+    conditioned_by: AnyEncoder | None = None
     """The encoder for which baseline and moving average are chosen there, if not `calibrate` itself."""
     choose_ema: bool = False
     """Whether the cut-off of its moving average is chosen there, too."""
@@ -291,7 +279,7 @@ def resolve(
     quick: bool = False,
     data: str | Path | None = None,
 ) -> StudySpec:
-    """Load a study file with its complete parts; its open values are chosen for its recordings (`suited`).
+    """Load a study file with its complete parts; its open values are chosen for its recordings (`automatic`).
 
     overrides: dotted keys that begin with the part, such as `network.hidden`; a swept key is no longer swept. The part
         alone, `encoder` or `network`, names another spec.
@@ -300,13 +288,13 @@ def resolve(
     """
     path, overridden = specs.find(StudySpec.folder, name), overrides or {}
     is_shipped = not (overrides or quick) and path in specs.shipped(StudySpec.folder)
-    table = suited.table_of(path)
-    table |= {key: suited.placed(table[key], path) for key in ("dataset",) if key in table}
+    table = automatic.table_of(path)
+    table |= {key: automatic.placed(table[key], path) for key in ("dataset",) if key in table}
     quick_overrides = specs.pop_table(table, "quick", path)
     overrides = {**(quick_overrides if quick else {}), **(overrides or {})}
     # A study's own table `set` contains the changes of its parts.
     overrides = {**specs.pop_table(table, "set", path), **overrides}
-    is_open = {key for key in suited.OPEN if overrides.get(key) == suited.AUTO}
+    is_open = {key for key in automatic.OPEN if overrides.get(key) == automatic.AUTO}
     overrides = {key: value for key, value in overrides.items() if key not in is_open}
     named = {part: overrides.pop(part) for part in PARTS if isinstance(overrides.get(part), str)}
     for part, load in PARTS.items():
@@ -314,15 +302,15 @@ def resolve(
             table[part] = _whole(load(named[part]))
         elif isinstance(table.get(part), str):
             table[part] = _whole(load(_relative_to(path, table[part])))
-    table, left = suited.closed(table)
+    table, left = automatic.closed(table)
     left |= is_open
     axes = {key: value for key, value in overrides.items() if key.startswith(sweeps.SWEEP)}
     sweeps.unswept(table.setdefault("sweep", {}), axes, path)
-    _suit_periods(table)
+    _with_own_periods(table)
     _with_every_encoder(table["sweep"])
     values = {key: value for key, value in overrides.items() if key not in axes}
     table = specs.override(table, sweeps.unswept(table["sweep"], values, path))
-    table = suited.with_file(table, data, path)
+    table = automatic.with_file(table, data, path)
     search = table.get("search", {})
     if isinstance(search, dict) and isinstance(search.get("space"), str):
         search["space"] = tuning.load_space(str(_relative_to(path, search["space"])))
@@ -331,8 +319,8 @@ def resolve(
     table |= {"as_shipped": True} if is_shipped else {}
     study = specs.build(StudySpec, table, source=str(path))
     if left:
-        study = specs.build(StudySpec, _suited(table, study, left, overrides, path), source=str(path))
-    note = suited.note_of(study.dataset.choice)
+        study = specs.build(StudySpec, _with_auto_values(table, study, left, overrides, path), source=str(path))
+    note = automatic.note_of(study.dataset.choice)
     study = study if note in (None, *study.notes) else study.model_copy(update={"notes": (note, *study.notes)})
     decided = {*specs.leaves(overrides), *sweeps.keys(study.sweep)}
     study = study.model_copy(update={choice: False for choice, key in CHOICES.items() if key in decided})
@@ -346,18 +334,18 @@ def resolve(
     given = [*specs.leaves(overridden), *sweeps.keys(study.sweep)]
     effects.check_keys(given, map(_void_keys, every), str(path))
     starts = [cell.calibrate for cell in every]
-    calibrated.check(overrides, study.sweep, [start for start in starts if start is not None])
+    calibration_keys.check(overrides, study.sweep, [start for start in starts if start is not None])
     return study
 
 
-def _suit_periods(table: dict[str, Any]) -> None:
+def _with_own_periods(table: dict[str, Any]) -> None:
     """Sweep the refractory periods that the encoder has in place of the pairs of SA-I and RA-I, in `table`."""
     sweep, encoder = table["sweep"], table.get("encoder")
     pairs = sweep.get(PAIR) if isinstance(sweep, dict) else None
     model = encoder.get("model", "lif") if isinstance(encoder, dict) else "lif"
-    if not isinstance(pairs, list) or model not in encoders.MODELS:
+    if not isinstance(pairs, list) or model not in names():
         return
-    keys = [f"{calibrated.ENCODER}{key}" for key in encoders.period_keys(model)]
+    keys = [f"{calibration_keys.ENCODER}{key}" for key in encoders.period_keys(model)]
     if set(PAIR.split(sweeps.JOIN)) <= set(keys):
         return
     axes = {key: values for key, values in sweep.items() if key != PAIR}
@@ -376,43 +364,44 @@ def _with_every_encoder(sweep: Any) -> None:
     if isinstance(sweep, dict) and sweep.get(axis) == EVERY:
         sweep[axis] = [
             [encoders.default_of(model), period]
-            for model, row in encoders.MODELS.items()
+            for model, row in usable().items()
             if row.is_compared
             for period in ([OWN, LONGER_MS] if encoders.period_keys(model) else [OWN])
         ]
 
 
-def _suited(
+def _with_auto_values(
     table: dict[str, Any], study: StudySpec, left: Set[str], given: Mapping[str, Any], path: Path
 ) -> dict[str, Any]:
     """The table of a study with its open values, which are `left`, chosen for its recordings, and notes of the rules.
 
-    study: built from the table, with a default in place of each open value. given: as of `suited.suit`.
+    study: built from the table, with a default in place of each open value. given: as of `automatic.suit`.
     """
     if study.dataset.file is None:
         raise InputError(
-            f"{path}: '{suited.AUTO}' is chosen from a file of recordings; name one with `data` or dataset.file"
+            f"{path}: '{automatic.AUTO}' is chosen from a file of recordings; name one with `data` or dataset.file"
         )
     clock_Hz = study.encoder.conditioning.resample_Hz
-    uses_onsets = "window" in left and bool(suited.untrained_conditions(table))
+    uses_onsets = "window" in left and bool(automatic.untrained_conditions(table))
     choice, at_most = study.dataset.choice, study.dataset.at_most
-    recorded = suited.look(expand(study.dataset.file), clock_Hz, choice, at_most=at_most, onsets=uses_onsets)
-    table, notes = suited.suit(table, recorded, left, given, split=study.split)
-    notes = [*suited.of_fewer(recorded), *notes]
+    recorded = automatic.look(expand(study.dataset.file), clock_Hz, choice, at_most=at_most, onsets=uses_onsets)
+    table, notes = automatic.suit(table, recorded, left, given, split=study.split)
+    notes = [*automatic.of_fewer(recorded), *notes]
     exact = is_exact(study.encoder)
-    swept = [value for key in calibrated.PERIODS for value in sweeps.values(study.sweep, key)]
-    if suited.INTEGRATION in left and pays_exact(study.encoder, recorded.sampling_rate_Hz, swept):
+    periods = filter(calibration_keys.is_period, sweeps.keys(study.sweep))
+    swept = [value for key in periods for value in sweeps.values(study.sweep, key)]
+    if automatic.INTEGRATION in left and pays_exact(study.encoder, recorded.sampling_rate_Hz, swept):
         exact, table = True, {**table, "encoder": {**table["encoder"], "integration": "exact"}}
-    notes += suited.clock(recorded, clock_Hz, exact=exact, chosen=suited.INTEGRATION in left)
-    is_swept = not {"encoder", suited.MEMBRANE}.isdisjoint(sweeps.keys(study.sweep))
-    is_open = suited.MEMBRANE in left and not is_swept and not suited.untrained_conditions(table)
+    notes += automatic.clock(recorded, clock_Hz, exact=exact, chosen=automatic.INTEGRATION in left)
+    is_swept = not {"encoder", automatic.MEMBRANE}.isdisjoint(sweeps.keys(study.sweep))
+    is_open = automatic.MEMBRANE in left and not is_swept and not automatic.untrained_conditions(table)
     if is_open and isinstance(study.encoder, AfferentSpec):
         own_ms, length_ms = study.encoder.tau_mem_ms, study.window.length_ms
         swept_ms = sweeps.values(study.sweep, LENGTH)
         length_ms = min(swept_ms) if swept_ms else table["window"].get("length_ms", length_ms)
-        tau_ms = suited.membrane_ms(length_ms, own_ms)
+        tau_ms = automatic.membrane_ms(length_ms, own_ms)
         table = {**table, "encoder": {**table["encoder"], "tau_mem_ms": tau_ms}}
-        notes += suited.of_membrane(tau_ms, own_ms, "shortest window" if swept_ms else "window")
+        notes += automatic.of_membrane(tau_ms, own_ms, "shortest window" if swept_ms else "window")
     return {**table, "notes": [*study.notes, *notes]}
 
 
@@ -448,7 +437,7 @@ def cells(study: StudySpec) -> Iterator[Cell]:
         chosen.pop(T_REF, None)
         chosen = {_in_cell(key): value for key, value in chosen.items()}
         if study.calibrate:
-            chosen |= calibrated.start(point)
+            chosen |= calibration_keys.start(point)
         cell = specs.build(Cell, specs.override(base, chosen), source=f"sweep of {study.title}")
         cell = _augmented(cell)
         balancing.columns_of(cell.balance, cell.split, cell.source["stratify"], balancing.SETTINGS)
@@ -545,13 +534,13 @@ def setting_columns(study: StudySpec) -> list[str]:
 
     The referee chooses among refractory periods, as among sizes.
     """
-    periods = {f"{calibrated.ENCODER}{key}" for key in encoders.period_keys(study.encoder.model)}
+    periods = {f"{calibration_keys.ENCODER}{key}" for key in encoders.period_keys(study.encoder.model)}
     return [key for key in swept_columns(study) if key not in periods]
 
 
 def encoder_columns(study: StudySpec) -> list[str]:
     """Of `setting_columns`, those that decide the spikes, such as `encoder.tau_mem_ms`."""
-    return [key for key in setting_columns(study) if key in OF_SPIKES or key.startswith(calibrated.ENCODER)]
+    return [key for key in setting_columns(study) if key in OF_SPIKES or key.startswith(calibration_keys.ENCODER)]
 
 
 def by_split(cells: Iterable[Cell]) -> list[list[Cell]]:

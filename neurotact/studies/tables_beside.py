@@ -21,15 +21,15 @@ from neurotact.data.recordings import Recordings, class_indices
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.data.windows import Windows
-from neurotact.encoders import regained
 from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.reconstruction import reconstructed
 from neurotact.encoders.same_drive import same_drive_table
 from neurotact.encoders.signals import signal_table
 from neurotact.encoders.specs import t_ref_pair_ms
 from neurotact.metrics import paired
 from neurotact.networks.training import robust, tasks
 from neurotact.progress import track
-from neurotact.studies import encoded, store
+from neurotact.studies import encoding_tables, store
 from neurotact.studies.cell import task_of
 from neurotact.studies.study import Cell, StudySpec, by_split, encoder_columns, reach_ms, split_columns, value_at
 from neurotact.tables import write_table
@@ -57,7 +57,7 @@ def write(
 ) -> None:
     """Write those of the study's tables that are missing."""
     for one in _EVERY:
-        if one.is_asked(study) and any(name in missing for name in one.files):
+        if any(name in missing for name in one.files):
             with store.timed(folder, one.timed):
                 for name, table in zip(one.files, one.make(folder, study, cells, recordings), strict=True):
                     write_table(table, folder / name)
@@ -145,9 +145,9 @@ def _reconstruction(
         for cell in distinct.values():
             trains = hdf5.load_spikes(folder / cell.given)
             sides = tasks.trials_of(trains, task_of(cell).model_copy(update={"subset": {}}))
-            measured = regained.regained(recordings, trains, sides, start_s=cell.window.start_ms * 1e-3)
+            measured = reconstructed(recordings, trains, sides, start_s=cell.window.start_ms * 1e-3)
             own = {key: value_at(cell, key) for key in keys}
-            rows.append({**encoded.periods(cell), **own, **measured._asdict()})
+            rows.append({**encoding_tables.periods(cell), **own, **measured._asdict()})
             advance(1, "")
     return (pd.DataFrame(rows),)
 

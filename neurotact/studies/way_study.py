@@ -13,7 +13,7 @@ from pydantic import model_validator
 from neurotact import spec as specs
 from neurotact.errors import InputError
 from neurotact.spec import Spec
-from neurotact.studies import suited, sweeps
+from neurotact.studies import automatic, sweeps
 from neurotact.studies.claims import Claim
 from neurotact.studies.way import Own, module_of, optional
 
@@ -107,7 +107,7 @@ def resolve(
         way does not accept one.
     """
     quick_overrides, with_data = (specs.pop_table(table, key, path) for key in ("quick", "with_data"))
-    table["parameters"] = suited.placed(table.get("parameters", {}), path)
+    table["parameters"] = automatic.placed(table.get("parameters", {}), path)
     changes = dict(overrides or {})
     if data is None:
         changes = {**(quick_overrides if quick else {}), **changes}
@@ -116,7 +116,7 @@ def resolve(
         own_quick = specs.pop_table(with_data, "quick", path)
         changes = {**with_data, **(own_quick if quick else {}), **changes}
     changes = {key.removeprefix("parameters."): value for key, value in changes.items()}
-    if data is None and {*suited.CHOICE} & {*changes}:
+    if data is None and {*automatic.CHOICE} & {*changes}:
         raise InputError(f"`where`, `leave_out`: {path.name} makes or reads its own recordings; leave them out")
     if data is not None:
         changes, table["notes"] = _own(table, path, data, changes)
@@ -143,7 +143,7 @@ def _own(table: Mapping[str, Any], path: Path, data: str | Path, given: Mapping[
     make = optional(module_of(str(table["way"])), "own")
     if make is None:
         raise InputError(f"`data`: {path.name} makes or reads its own recordings; leave `data` out")
-    return make(suited.file_of(data), given)
+    return make(automatic.file_of(data), given)
 
 
 def cells(study: WayStudy) -> Iterator[WayCell]:

@@ -24,8 +24,8 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.calibration import CLOCK_HZ, PAST
 from neurotact.errors import InputError
 from neurotact.spec import build, load, override
-from neurotact.studies import suited
-from neurotact.studies.suited import AUTO, INTEGRATION, MEMBRANE, OPEN, Recorded
+from neurotact.studies import automatic
+from neurotact.studies.automatic import AUTO, INTEGRATION, MEMBRANE, OPEN, Recorded
 from neurotact.studies.way import Own
 
 ENCODER = "sa1-ra1-lif"
@@ -57,16 +57,16 @@ class Touches(NamedTuple):
 def own(path: Path, given: Mapping[str, Any]) -> Own:
     """The study of a file in place of its sets; see `studies.way.Way`.
 
-    Keys that begin with `window.` and `conditioning.`, those of `suited.OPEN`, `split.group`, the choice of trials
+    Keys that begin with `window.` and `conditioning.`, those of `automatic.OPEN`, `split.group`, the choice of trials
     (`where`, `leave_out`) and the seeds of splits (`repeats`) apply to the file's set. Raises InputError for a file
     without trials of two classes, for windows that do not fit into a trial, for trials that some seed cannot split, and
     for another choice of test trials.
     """
     of_set = {key: value for key, value in given.items() if key.startswith(OF_SET)}
     group = build(SplitSpec, {"group": given[GROUP]} if GROUP in given else {}, source=GROUP).group
-    elsewhere = {*of_set, GROUP, *OPEN, *suited.CHOICE}
+    elsewhere = {*of_set, GROUP, *OPEN, *automatic.CHOICE}
     others = _with_swept_seeds({key: value for key, value in given.items() if key not in elsewhere})
-    choice = suited.choice_of(given)
+    choice = automatic.choice_of(given)
     conditioning = _conditioning(of_set)
     clock_Hz = float(conditioning["resample_Hz"])
     touches = _look(path, clock_Hz, choice)
@@ -75,8 +75,8 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     of_afferents = [key for key in OPEN if key in given]
     if touches.unit is None and of_afferents:
         raise InputError(f"{of_afferents[0]}: {path} holds events, which no afferents encode; leave it out")
-    window, notes = suited.window(touches.recorded.timing, of_set)
-    notes = [*([] if (note := suited.note_of(choice)) is None else [note]), *notes]
+    window, notes = automatic.window(touches.recorded.timing, of_set)
+    notes = [*([] if (note := automatic.note_of(choice)) is None else [note]), *notes]
     dataset = {"file": str(path), "content": touches.content, **choice._asdict()}
     chosen: dict[str, Any] = {"dataset": dataset, "window": window, "group": [*group]}
     if touches.unit is not None:
@@ -86,14 +86,14 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
         chosen |= {"unit": touches.unit, "conditioning": conditioning, **computed, **is_open}
     table = override(chosen, of_set)
     if others.get(SEED) == AUTO:
-        others[SEED], note = suited.seeds(len(touches.conditions))
+        others[SEED], note = automatic.seeds(len(touches.conditions))
         notes.append(note)
     notes += doubtful.of_copies(touches.conditions, touches.copies)
     built = build(SetSpec, table, source=str(path))
     if touches.unit is not None:
         is_exact = integration_of(built, touches.recorded.sampling_rate_Hz) == "exact"
-        notes += suited.clock(touches.recorded, clock_Hz, exact=is_exact, chosen=INTEGRATION not in given)
-        notes += [] if MEMBRANE in given else suited.of_membrane(built.membrane_ms, OWN_MS)
+        notes += automatic.clock(touches.recorded, clock_Hz, exact=is_exact, chosen=INTEGRATION not in given)
+        notes += [] if MEMBRANE in given else automatic.of_membrane(built.membrane_ms, OWN_MS)
     by = {"data.split": "groups"} if group else {}
     _check(touches, built, others.get(SEED), **{key.removeprefix("data."): value for key, value in by.items()})
     changes = {"sweep.data.set": [touches.name], "data.sets": {touches.name: table}, **by, **others}
@@ -104,7 +104,7 @@ def _with_swept_seeds(given: Mapping[str, Any]) -> dict[str, Any]:
     """The keys with all given seeds as `sweep.seed`: each seed has its own split."""
     wrong = [key for key in given if key.removeprefix("sweep.").startswith("split") and key != SPLITS]
     if wrong:
-        asked = "`leave_out_each`" if wrong[0].startswith(f"sweep.{suited.TESTED}") else wrong[0]
+        asked = "`leave_out_each`" if wrong[0].startswith(f"sweep.{automatic.TESTED}") else wrong[0]
         raise InputError(
             f"{asked}: this study draws its test trials at random, 15 % for each seed, and `order`, `folds`, "
             "`test_where` and `leave_out_each` do not apply; give `group` or `repeats`, or leave it out"
@@ -136,7 +136,7 @@ def _look(path: Path, clock_Hz: float, choice: TrialChoice) -> Touches:
     InputError for the spikes of an encoder, which already have a refractory period.
     """
     if hdf5.kind_of(path) == "recordings":
-        recorded = suited.look(path, clock_Hz, choice)
+        recorded = automatic.look(path, clock_Hz, choice)
         with hdf5.open_recordings(path) as every:
             stored = chosen_trials(every, choice, str(path))
             unit, conditions, content = stored.unit, stored.conditions, content_digest(stored)

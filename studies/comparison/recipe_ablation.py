@@ -72,7 +72,7 @@ def variants(whole: RSNNSpec, parameters: Parameters) -> dict[str, RSNNSpec]:
     whole: the network that the recipe chose.
 
     >>> asked = Parameters(
-    ...     data={"set": "a", "sets": {"a": {"simulate": "gratings"}}}, without={"readout": ("readout",)},
+    ...     data={"set": "a", "sets": {"a": {"dataset": {"simulate": "gratings"}}}}, without={"readout": ("readout",)},
     ...     instead={"feed-forward": {"model": "snn"}, "recurrent": {"model": "rsnn"}},
     ... )
     >>> found = variants(RSNNSpec(readout="integrator"), asked)

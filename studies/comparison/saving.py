@@ -23,7 +23,7 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.metrics.flops import Cost
 from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList
 from neurotact.networks.definition import clock, recipe
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.training import fitting, tasks
@@ -220,7 +220,7 @@ def cut(bench: Bench, setting: Setting) -> Cut:
 def fit(own: Cut, spec: RSNNSpec, seeds: tuple[int, int]) -> Fitted:
     """A network trained on some windows; seeds: of its weights and of their order."""
     network, _ = fitting.new_trained(own.trains, spec, seeds, own.sides.train, own.sides.validation)
-    return Fitted(network, *own, torch.Generator().manual_seed(seeds[1]))
+    return Fitted(rsnn_of("c-integer", network), *own, torch.Generator().manual_seed(seeds[1]))
 
 
 def changed(spec: RSNNSpec, setting: Setting, seen: recipe.Seen, whole_steps: int) -> RSNNSpec:

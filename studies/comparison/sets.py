@@ -22,7 +22,7 @@ from neurotact.errors import InputError, nearest
 from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.spec import Spec
-from neurotact.studies import suited
+from neurotact.studies import automatic
 from neurotact.studies.way import Arrays
 
 CALIBRATED_AT_MS = 1.0
@@ -59,7 +59,7 @@ class SetSpec(Spec):
         >>> SetSpec(dataset={"simulate": "gratings"}, window=WindowSpec(length_ms=600.0)).membrane_ms
         30.0
         """
-        return suited.membrane_ms(self.window.length_ms, OWN_MS) if self.tau_mem_ms == "auto" else self.tau_mem_ms
+        return automatic.membrane_ms(self.window.length_ms, OWN_MS) if self.tau_mem_ms == "auto" else self.tau_mem_ms
 
     @model_validator(mode="after")
     def _is_as_recorded(self) -> "SetSpec":

@@ -13,7 +13,7 @@ from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.calibration import calibrate
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.metrics.flops import Cost
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
@@ -79,11 +79,11 @@ def decide(task: TaskData, split: Split, seed: int) -> list[Decided]:
     ]
 
 
-def _validated(network: RSNN, sides: Sides, rule: ExitRule = FULL_WINDOW) -> float:
+def _validated(network: Network, sides: Sides, rule: ExitRule = FULL_WINDOW) -> float:
     return measuring.accuracy_of(network.infer(sides.validation.spikes, rule), sides.validation)
 
 
-def _measure(network: RSNN, trains: SpikeTrains, sides: Sides, rule: ExitRule) -> tuple[float, Cost, Cost]:
+def _measure(network: Network, trains: SpikeTrains, sides: Sides, rule: ExitRule) -> tuple[float, Cost, Cost]:
     """Test accuracy, and the mean cost of encoding and of the network."""
     inferred = network.infer(sides.test.spikes, rule)
     measured = measuring.means(inferred, network, sides.test, {})

@@ -40,10 +40,10 @@ from neurotact.networks.training import robust, tasks
 from neurotact.networks.training.tasks import Task
 from neurotact.networks.use import ledger, measuring
 from neurotact.spec import Spec
-from neurotact.studies import loading, preparation, study, suited, tables_beside
-from neurotact.studies.cell import task_of
+from neurotact.studies import automatic, loading, preparation, study, tables_beside
+from neurotact.studies.automatic import AUTO
+from neurotact.studies.cell import robustly, task_of
 from neurotact.studies.study import Cell
-from neurotact.studies.suited import AUTO
 from neurotact.studies.sweeps import JOIN
 from neurotact.studies.way import Arrays, Own, View, heads
 
@@ -53,7 +53,7 @@ HALF = "half"
 """A column of conditions that divides the trials of the tested condition into two halves, for `Remedy.trained`."""
 PERIODS = f"sweep.{study.PAIR}"
 TASKS = "sweep.data.set & condition & value"
-TESTED, SPLITS = f"sweep.{suited.TESTED}", "sweep.split.seed"
+TESTED, SPLITS = f"sweep.{automatic.TESTED}", "sweep.split.seed"
 """Keys that `leave_out_each` (without the condition) and `repeats` set."""
 
 
@@ -211,7 +211,7 @@ def _cell(parameters: Parameters, remedy: Remedy, path: Path, tested: Mapping[st
     """The only cell of `own-recordings` on these recordings, with one size and one pair of refractory periods."""
     given = spec.leaves({**parameters.keys, **parameters.data.chosen.keys})
     if not remedy.from_contact:  # where it would start without a test on other conditions
-        fixed, _ = suited.window(suited.look(path, CLOCK_HZ).timing, given)
+        fixed, _ = automatic.window(automatic.look(path, CLOCK_HZ).timing, given)
         given = {"window.start_ms": fixed.get("start_ms", 0.0), **given}
     split: dict[str, Any] = {"seed": parameters.seed}
     if tested:
@@ -236,7 +236,6 @@ class Prepared(NamedTuple):
     recordings: Recordings
     trains: SpikeTrains
     task: Task
-    seeds: tuple[int, int]
 
 
 def _prepared(recordings: Recordings, cell: Cell, parameters: Parameters) -> Prepared:
@@ -244,16 +243,14 @@ def _prepared(recordings: Recordings, cell: Cell, parameters: Parameters) -> Pre
     encoder = preparation.encoder_of(cell, recordings, {}, between=parameters.chosen.between, tell=False)
     trains = preparation.spikes_of(cell, recordings, encoder)
     task = task_of(cell).model_copy(update={"seen": robust.SEEN if parameters.condition else 0.0})
-    return Prepared(cell, recordings, trains, task, cell.seeds)
+    return Prepared(cell, recordings, trains, task)
 
 
 def _of_network(prepared: Prepared) -> dict[str, Any]:
     """The row of the network, trained with the kind of varied copies that is best on validation trials."""
     cell, trains = prepared.cell, prepared.trains
     assert cell.network is not None
-    kinds = robust.candidates(cell.augmentation, trains.conditions, cell.split)
-    chosen = robust.best_of([*robust.trainings(trains, cell.network, prepared.task, prepared.seeds, kinds)])
-    best = robust.again(trains, chosen, prepared.seeds)
+    _, _, best = robustly(cell, trains, cell.network, prepared.task)
     measured = measuring.measure(best.fitted, best.sides, trains.populations)["row"]
     row = {**measured, **best.validated, "hidden": best.fitted.network.spec.hidden}
     how = {"afferents": ledger.Afferents.of(trains), "n_classes": len(trains.classes)}
@@ -344,7 +341,7 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     for another choice of test trials, and where `own-recordings` cannot use the file.
     """
     conditions = {key.removeprefix(TESTED): values for key, values in given.items() if key.startswith(TESTED)}
-    choice = suited.choice_of(given)
+    choice = automatic.choice_of(given)
     touches = chosen_trials(hdf5.load_recordings(path), choice, str(path), tell=False)
     if len(conditions) != 1 or JOIN in next(iter(conditions)):
         names = [str(name) for name in touches.conditions if name != LABEL]
@@ -353,25 +350,25 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
             f"{some(names) or 'none'}"
         )
     ((condition, values),) = conditions.items()
-    of_set = {key: value for key, value in given.items() if key.startswith(suited.WINDOW)}
+    of_set = {key: value for key, value in given.items() if key.startswith(automatic.WINDOW)}
     others = {
-        key: value for key, value in given.items() if key not in {*of_set, *suited.CHOICE, f"{TESTED}{condition}"}
+        key: value for key, value in given.items() if key not in {*of_set, *automatic.CHOICE, f"{TESTED}{condition}"}
     }
     wrong = [key for key in others if key.removeprefix("sweep.").startswith("split") and key != SPLITS]
     if wrong:
         raise InputError(f"{wrong[0]}: this study tests one value of a condition after the other; leave it out")
-    seeds = others.pop(SPLITS, None) or ([others.pop("seed")] if "seed" in others else others.pop(suited.SEED, AUTO))
-    notes = [] if (note := suited.note_of(choice)) is None else [note]
+    seeds = others.pop(SPLITS, None) or ([others.pop("seed")] if "seed" in others else others.pop(automatic.SEED, AUTO))
+    notes = [] if (note := automatic.note_of(choice)) is None else [note]
     if seeds == AUTO:
-        seeds, note = suited.seeds(len(touches))
+        seeds, note = automatic.seeds(len(touches))
         notes.append(note)
     for value in values:
         split_conditions(touches.conditions, (), SplitSpec(test_where={condition: value}), copies_of(touches).first)
     keys = {**of_set, **loading.choice_changes(**choice._asdict()), "split.test_where": {condition: values[0]}}
     resolved = study.resolve("own-recordings", keys, data=path)
-    steps = np.round(suited.look(path, CLOCK_HZ, choice).timing.durations_s * CLOCK_HZ).astype(np.int64)
+    steps = np.round(automatic.look(path, CLOCK_HZ, choice).timing.durations_s * CLOCK_HZ).astype(np.int64)
     check_fit(steps, CLOCK_HZ, resolved.window)
     file = {"file": str(path), "content": content_digest(touches), **choice._asdict()}
     table = {"parts": {"file": file}, "keys": spec.override({}, of_set)}
-    changes = {TASKS: [["recordings", condition, value] for value in values], suited.SEED: seeds}
+    changes = {TASKS: [["recordings", condition, value] for value in values], automatic.SEED: seeds}
     return Own({**changes, "data.sets": {"recordings": table}, **others}, tuple(notes))

@@ -19,6 +19,7 @@ from sklearn.preprocessing import MinMaxScaler
 from sklearn.svm import SVC
 
 from neurotact.baselines.elm import ELMClassifier
+from neurotact.baselines.targets import decide, signed
 from neurotact.data.recordings import LABEL, select_conditions
 from neurotact.data.splits import SplitSpec, split_trials
 from neurotact.figures.style import Drawn
@@ -130,7 +131,7 @@ def evaluate(parameters: Parameters, features: np.ndarray, indices: np.ndarray) 
         for part in (split.train, split.validation, split.test)
     )
     family, grid = FAMILIES[parameters.classifier], GRIDS[parameters.classifier, parameters.classes]
-    targets = one_against_all(indices[split.train])
+    targets = signed(indices[split.train], indices[split.train].max() + 1)
     best = least_error(family(train, targets, validation, grid, parameters.seed), indices[split.validation])
     tested = next(family(train, targets, test, best.settings, parameters.seed))
     error_test = error(tested.scores, indices[split.test])
@@ -147,21 +148,9 @@ def evaluate(parameters: Parameters, features: np.ndarray, indices: np.ndarray) 
     }
 
 
-def one_against_all(indices: np.ndarray) -> np.ndarray:
-    """Targets of ±1, `(example, machine)`: one machine for two classes, else one for each class.
-
-    >>> one_against_all(np.array([0, 1])).tolist(), one_against_all(np.array([0, 2, 1])).tolist()[1]
-    ([[-1.0], [1.0]], [-1.0, -1.0, 1.0])
-    """
-    classes = np.arange(indices.max() + 1)
-    targets = np.where(indices[:, None] == classes, 1.0, -1.0)
-    return targets[:, 1:] if len(classes) == 2 else targets
-
-
 def error(scores: np.ndarray, indices: np.ndarray) -> float:
     """Share of patterns classified wrongly by the largest score (for two classes: by the sign)."""
-    decided = (scores[:, 0] > 0).astype(int) if scores.shape[1] == 1 else scores.argmax(axis=1)
-    return float((decided != indices).mean())
+    return float((decide(scores) != indices).mean())
 
 
 def least_error(tried: Iterable[Machines], indices: np.ndarray) -> Machines:

@@ -31,7 +31,7 @@ from neurotact.data.windows import Windows, WindowSpec
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.encoders.specs import EncoderSpec
+from neurotact.encoders.model import AnyEncoder
 from neurotact.errors import InputError, nearest
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import Cost, Dense, Layer, NearestPoints, Standardise, SupportVectorMachines, cost
@@ -69,7 +69,7 @@ def _named(load: Callable[[str], Spec]) -> BeforeValidator:
     return BeforeValidator(lambda value: load(value) if isinstance(value, str) else value)
 
 
-NamedEncoder = Annotated[EncoderSpec, _named(encoders.load)]
+NamedEncoder = Annotated[AnyEncoder, _named(encoders.load)]
 NamedNetwork = Annotated[RSNNSpec, _named(partial(specs.load, RSNNSpec))]
 
 

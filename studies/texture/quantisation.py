@@ -41,7 +41,7 @@ from neurotact.figures.style import (
 )
 from neurotact.metrics import synops
 from neurotact.networks.definition.rounding import Grid
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW
 from neurotact.networks.training import fitting
@@ -184,7 +184,7 @@ def _whole_rows(parameters: Parameters, given: Given) -> Iterator[dict[str, Any]
 
 def _trained_on(parameters: Parameters, given: Given, grids: dict[str, Grid]) -> Trained:
     """The network fine-tuned on these grids, with its own exit rule; without grids, trained as long in float."""
-    network = copy.deepcopy(given.done.network)
+    network = copy.deepcopy(rsnn_of("c-integer", given.done.network))
     order = torch.Generator().manual_seed(parameters.seed)
     training = fine_tuning.train_rounded(
         network, given.sides.train, given.sides.validation, grids, generator=order, epochs=parameters.fine_tune_epochs

@@ -7,6 +7,7 @@ from typing import ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 import torch
+from neurotact_parts.studies.probabilities import ProbabilitiesMixin
 from neurotact_parts.studies.touch_modality.recurrent_layers import GRULayers, Layers, LSTMLayers, Shape
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClassifierMixin, clone
@@ -17,7 +18,7 @@ from torch.nn import functional, init
 
 from neurotact.baselines.opponent import Opponent
 from neurotact.baselines.pooled_gru import GRU
-from neurotact.baselines.targets import ProbabilitiesMixin, encode
+from neurotact.baselines.targets import encode
 from neurotact.checks import at_least, sequences, trial_labels
 from neurotact.errors import InputError
 from neurotact.metrics.flops import BYTES, SIGMOID, TANH, Cost, Dense, Layer

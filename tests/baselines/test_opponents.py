@@ -203,6 +203,9 @@ def test_short_windows_have_no_minirocket_and_it_is_said(capsys):
     made = cuts(np.full(40, 8), WindowSpec(length_ms=8))
     assert "samples" not in [one.words for one in opponents.signal_inputs(recordings, made, "all")]
     assert "no MiniRocket: windows have 8 samples; it needs 9" in capsys.readouterr().err
+    just = Recordings([np.ones((9, 1))] * 40, 1000.0, "mV", CONDITIONS)
+    made = cuts(np.full(40, 9), WindowSpec(length_ms=9))
+    assert "samples" in [one.words for one in opponents.signal_inputs(just, made, "all")]
 
 
 def test_each_classifier_trains_on_the_copies_that_validation_prefers():
@@ -222,12 +225,13 @@ def test_each_classifier_trains_on_the_copies_that_validation_prefers():
         return families.LOGISTIC_REGRESSION.grid
 
     linear = families.LOGISTIC_REGRESSION
-    of = {"logistic regression": linear, "slow": replace(linear, grid=grid, joins="all")}
+    slow = replace(linear, grid=grid, joins="all")
+    of = {"logistic regression": linear, "slow": slow, "quick": replace(slow, joins="quick")}
     one = Input("signals", "made up", None, told, Cost(signal_ms=20.0), of)
     rows = list(opponents.rows([one], labels, made))
-    assert [row["settings"].rpartition("; ")[2] for row in rows] == ["varied copies: time"] * 2
-    assert [row["accuracy_test"] for row in rows] == [1.0, 1.0]
-    assert asked == [12]  # the slow one is trained once, on the kind that was best before it
+    assert [row["settings"].rpartition("; ")[2] for row in rows] == ["varied copies: time"] * 3
+    assert [row["accuracy_test"] for row in rows] == [1.0] * 3
+    assert asked == [12, 12, 14, 12]  # the slow one is trained once, on the kind that was best before it
 
 
 def test_a_choice_is_fitted_again_with_the_condition_of_validation():

@@ -165,7 +165,7 @@ def test_a_share_of_the_taxels_rests_and_the_others_are_those_of_the_kind_withou
 
 
 def test_afferents_of_a_taxel_at_rest_are_silent():
-    encoder = specs.resolve("sa1-ra1-lif", {**CLOCK, "conditioning.baseline": "first", "sa1.gain": 60, "ra1.gain": 600})
+    encoder = specs.resolve("sa1-ra1-lif", {**CLOCK, "conditioning.baseline": "start", "sa1.gain": 60, "ra1.gain": 600})
     recordings, spec = skin(4), AugmentationSpec(kind="taxels", copies=3, taxel_share=0.5)
     varied = encode_recordings(recordings, encoder, augmentation=spec).variations
     assert varied is not None

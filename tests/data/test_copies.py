@@ -209,7 +209,7 @@ def test_equal_spikes_of_other_recordings_are_copies_unless_the_afferents_are_sa
 
 def test_a_copy_at_another_rate_is_one_once_it_is_encoded():
     """Files of 2 kHz and of 1 kHz that are never in one: their spikes on one clock are equal."""
-    how = conditioning.ConditioningSpec(resample_Hz=1000.0, baseline="first")
+    how = conditioning.ConditioningSpec(resample_Hz=1000.0, baseline="start")
     fast, encoder = walk(0, 800, scale=9.0), load("sa1-ra1-lif").model_copy(update={"conditioning": how})
     at_2_kHz, at_1_kHz = recordings_of([fast, walk(1, 800, scale=9.0)]), recordings_of([fast[::2]])
     fast_trains = encode_recordings(replace(at_2_kHz, sampling_rate_Hz=2000.0), encoder)

@@ -27,7 +27,7 @@ def touches(seed: int) -> Recordings:
 
 
 def encode(recordings: str, spikes: str) -> None:
-    settings = {"sa1.gain": 30.0, "ra1.gain": 30.0, "conditioning.baseline": "first"}
+    settings = {"sa1.gain": 30.0, "ra1.gain": 30.0, "conditioning.baseline": "start"}
     nt.save(nt.encode(nt.load(recordings), settings=settings), spikes)
 
 

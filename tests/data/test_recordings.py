@@ -196,7 +196,8 @@ def test_channels_of_one_name_are_refused():
 
 
 def test_names_that_no_file_can_hold_are_refused():
-    refused(r"the label 'caf\udce9' is not UTF-8; rename it", labels=("felt", "caf\udce9", "silk"))
+    labels = pd.Series(("felt", "caf\udce9", "silk"), dtype=object)  # where pyarrow is installed no other type holds it
+    refused(r"the label 'caf\udce9' is not UTF-8; rename it", conditions=pd.DataFrame({"label": labels}))
     refused(r"the channel 'caf\udce9' is not UTF-8; rename it", channels=("caf\udce9", "right"))
 
 

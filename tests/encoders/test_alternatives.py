@@ -11,8 +11,8 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.alternatives import BASELINES, POLARITIES, compare, n_steps
 from neurotact.encoders.calibration import calibrate
 from neurotact.encoders.encoding import encode_recordings
+from neurotact.encoders.firing import complaint_at_rest, resting_table
 from neurotact.encoders.gain_search import CalibrationRule
-from neurotact.encoders.resting import complaint, resting_table
 from neurotact.errors import InputError
 from neurotact.spec import build
 
@@ -44,7 +44,7 @@ def test_the_polarity_of_the_sensor_is_found(sign, loses):
     chosen = found.table[found.table.chosen].iloc[0]
     assert chosen.polarity != loses
     assert not chosen.acausal
-    assert len(found.table) == 15
+    assert len(found.table) == len(BASELINES) * len(POLARITIES)
     spikes = encode_recordings(presses(sign), found.best.encoder)
     assert all(len(steps) for steps in spikes.steps)
 
@@ -71,10 +71,10 @@ def test_a_taxel_of_noise_is_named_with_the_remedy():
     assert table[table.restless].afferent.str.contains("taxel2").all()
     assert table.restless.any()
     assert table.share.sum() == pytest.approx(1.0)
-    said = complaint(table)
+    said = complaint_at_rest(table)
     assert "SA-I taxel2" in said
     assert "`columns` of an import" in said
-    assert complaint(table.assign(restless=False)) is None
+    assert complaint_at_rest(table.assign(restless=False)) is None
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_a_taxel_of_noise_is_named_with_the_remedy():
 def test_a_baseline_is_a_remedy_only_where_none_is_taken_off(baseline, remedy):
     noisy = presses(1.0, noisy=True)
     spec = build(AfferentSpec, {"unit": "count", "sa1": {"gain": 30}, "ra1": {"gain": 30}}, "an example")
-    said = complaint(resting_table(noisy, spec).assign(restless=True), baseline=baseline)
+    said = complaint_at_rest(resting_table(noisy, spec).assign(restless=True), baseline=baseline)
     assert said.endswith(f"else {'subtract a baseline' if baseline == 'none' else 'smooth the signal'} ({remedy})")
 
 

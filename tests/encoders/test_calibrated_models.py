@@ -1,4 +1,4 @@
-"""Calibration turns the knob of every model: rates asked for, a note where none is near, whose zero is the mean."""
+"""Calibration turns the sensitivity of every model: rates asked for, a note where none is near."""
 
 import numpy as np
 import pandas as pd
@@ -8,11 +8,12 @@ from neurotact.data.recordings import Recordings
 from neurotact.encoders.calibration import calibrate, calibration_for
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.gain_search import CalibrationRule
-from neurotact.encoders.knobs import knobs_of, value_of
-from neurotact.encoders.specs import MODELS, load
+from neurotact.encoders.model import usable
+from neurotact.encoders.sensitivity import sensitivities_of, value_of
+from neurotact.encoders.specs import load
 from neurotact.errors import InputError
 
-SEARCHED = [model for model in MODELS if model not in ("lif", "mechanoreceptor")]
+SEARCHED = [model for model in usable() if model not in ("lif", "mechanoreceptor")]
 QUICK = {"candidates": 12, "step": 1.6, "shuffles": 2}
 
 
@@ -51,12 +52,12 @@ def test_a_rate_that_is_asked_for_is_found(model):
 @pytest.mark.parametrize("model", ["send-on-delta", "poisson", "latency", "moving-window"])
 def test_values_are_searched_from_silence_on(model):
     found = calibrate(waves(), start_of(model), rule=CalibrationRule(**QUICK), tell=False)
-    for knob in knobs_of(found.encoder):
-        mine = found.table[found.table.afferent == knob.name]
+    for sensitivity in sensitivities_of(found.encoder):
+        mine = found.table[found.table.afferent == sensitivity.name]
         assert mine.spikes_per_s.iloc[0] == 0
         assert mine.spikes_per_s.is_monotonic_increasing or model == "poisson"
-        assert mine.gain.is_monotonic_increasing is not knob.is_threshold
-        assert mine.gain[mine.chosen].tolist() == [value_of(found.encoder, knob)]
+        assert mine.gain.is_monotonic_increasing is not sensitivity.is_threshold
+        assert mine.gain[mine.chosen].tolist() == [value_of(found.encoder, sensitivity)]
 
 
 def test_a_rate_beyond_what_a_model_gives_is_noted():

@@ -8,9 +8,10 @@ from levels import thinned
 import neurotact as nt
 from neurotact.data.recordings import Recordings
 from neurotact.encoders import survival
-from neurotact.encoders.decoding import DECODERS, decode
+from neurotact.encoders.decoding import decode
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.encoders.specs import MODELS, default_of, encode, load
+from neurotact.encoders.model import usable
+from neurotact.encoders.specs import default_of, encode, load
 from neurotact.errors import InputError
 
 FINE = {
@@ -27,7 +28,7 @@ def wave(n_steps=2000):
     return 10 * np.sin(2 * np.pi * 3 * np.arange(n_steps) / 1000).reshape(1, -1, 1)
 
 
-@pytest.mark.parametrize("model", DECODERS)
+@pytest.mark.parametrize("model", FINE)
 def test_a_fine_encoder_is_decoded_to_its_signal(model):
     encoder, signal = load(model, FINE[model]), wave()
     decoded = decode(encode(signal, 1000.0, encoder)[0], 1000.0, encoder)
@@ -46,6 +47,10 @@ def test_what_survives_is_of_the_spikes_that_encoding_gives(changes):
         np.testing.assert_array_equal(np.argwhere(raster), np.c_[steps, units])
 
 
+def test_the_models_whose_spikes_have_a_meaning_are_those():
+    assert {name for name, model in usable().items() if model.decode} == set(FINE)
+
+
 def test_a_model_without_a_decoder_is_refused_with_the_filter_that_decodes_any():
     with pytest.raises(InputError, match=r"spikes of 'burst' have no meaning.*nt\.what_survives"):
         decode(np.zeros((1, 10, 4), np.uint8), 1000.0, load("burst"))
@@ -60,7 +65,7 @@ def touches(n_trials=24):
     return Recordings(signals, 1000.0, "mV", pd.DataFrame({"label": ["slow", "fast"] * (n_trials // 2)}))
 
 
-@thinned("model", [model for model in MODELS if model != "mechanoreceptor"], every=3)
+@thinned("model", [model for model in usable() if model != "mechanoreceptor"], every=3)
 def test_what_survives_is_measured_for_every_model(model):
     encoder = load(default_of(model))
     found = survival.what_survives(touches(), encoder)
@@ -70,7 +75,7 @@ def test_what_survives_is_measured_for_every_model(model):
     assert len(found.table) == 3
     assert whole.spikes_per_s == pytest.approx(found.table.spikes_per_s[:2].mean())
     assert whole.snr_dB > -1  # on other trials, of which there are few
-    assert np.isnan(whole.own_snr_dB) == (model not in DECODERS)
+    assert np.isnan(whole.own_snr_dB) == (model not in FINE)
     assert whole.energy_nJ_per_s > 0
     assert found.shown.signal.std() > 0.5
     assert "dB of the signal" in str(found)

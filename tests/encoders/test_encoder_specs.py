@@ -3,6 +3,8 @@
 import numpy as np
 import pandas as pd
 import pytest
+from neurotact_parts.encoders.izhikevich import IzhikevichSpec
+from neurotact_parts.encoders.poisson import PoissonSpec
 from neurotact_parts.studies.texture.simulator import GratingsSpec, simulate
 
 from neurotact import spec
@@ -12,18 +14,17 @@ from neurotact.data.recordings import Recordings
 from neurotact.encoders import specs
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.encoders.izhikevich import IzhikevichSpec
-from neurotact.encoders.poisson import PoissonSpec
+from neurotact.encoders.model import AnyEncoder, usable
 from neurotact.errors import InputError
 from neurotact.spec import Spec
 
-NAMES = ("sa1-ra1-lif", *(name for name in specs.MODELS if name != "lif"))
+NAMES = ("sa1-ra1-lif", *(name for name in usable() if name != "lif"))
 
 
 class Part(Spec):
     """A spec that holds an encoder, as studies do."""
 
-    encoder: specs.EncoderSpec
+    encoder: AnyEncoder
 
 
 def refusal(call) -> str:

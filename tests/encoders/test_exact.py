@@ -13,17 +13,17 @@ from made_chains import make_chain, offline, told
 from neurotact.data import conditioning
 from neurotact.data.recordings import Recordings
 from neurotact.deploy.stream import Stream
-from neurotact.encoders import encoding
+from neurotact.encoders import afferents, encoding
 from neurotact.encoders.afferents import drives
 from neurotact.encoders.calibration import calibrate
+from neurotact.encoders.closed_form import ExactState, cost_of_spikes
 from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.encoders.exact import ExactState
 from neurotact.encoders.gain_search import CalibrationRule
 from neurotact.encoders.specs import conditioning_of, encode, encode_whole, finish, is_exact, load
 from neurotact.encoders.survival import what_survives
 from neurotact.errors import InputError
-from neurotact.metrics.flops import Afferents, ExactSpikes, MovingAverage, cost
+from neurotact.metrics.flops import MovingAverage, cost
 from neurotact.metrics.signal_flops import BaselineRemoval
 from neurotact.networks.training.provenance import first_difference
 from neurotact.neurons import LIF, ExactLIF, decay_per_step, exact_lif_interval, exact_lif_start, lif_start, lif_step
@@ -226,17 +226,30 @@ def test_gains_are_found_on_the_samples_of_the_sensor():
     assert what_survives(recorded(), fitted.encoder).table.snr_dB.iloc[-1] > 0
 
 
+def test_spikes_in_closed_form_by_hand():
+    # Time: U_inf - U, U_inf - threshold, their quotient 4, its logarithm 8, t + tau ln. End: + t_ref, < sample's end.
+    # Membrane: end - t, times -1 / tau, exp 8, reset - U_inf, U_inf + that times exp, >= threshold. Bin: times R, up.
+    counted = cost_of_spikes(2.5)
+    assert counted.macs == 2.5 * (1 + 1)
+    assert counted.acs == 2.5 * (2 + 1 + 1 + 1)
+    assert counted.other_flops == 2.5 * (4 + 8 + 1 + 1 + 8 + 1 + 1 + 1)
+    assert (counted.parameters, counted.bytes) == (0, 0)
+    with pytest.raises(InputError, match=r"spikes: must be >= 0"):
+        cost_of_spikes(-1.0)
+
+
 def test_its_cost_is_that_of_samples_and_spikes():
     spec = spec_of(**{"conditioning.ema_cutoff_Hz": 30.0}).model_copy(update={"recorded_Hz": 100.0})
     table = spec.model_dump(mode="json", exclude_none=True)
-    of_samples = cost(MovingAverage(50, 3), BaselineRemoval(50, 3, level="mean"), Afferents(3, 50), signal_ms=500)
+    conditioned = cost(MovingAverage(50, 3), BaselineRemoval(50, 3, level="mean"), signal_ms=500)
+    of_samples = conditioned + afferents.cost({}, 3, 50, 10.0)
     assert encoding_cost(3, 500, 500.0, table, spikes=0) == of_samples
-    assert encoding_cost(3, 500, 500.0, table, spikes=70) == of_samples + cost(ExactSpikes(70))
+    assert encoding_cost(3, 500, 500.0, table, spikes=70) == of_samples + cost_of_spikes(70)
     quick = {**table, "recorded_Hz": 2000.0}  # is resampled to 1 kHz
     of_steps = encoding_cost(3, 500, 500.0, {**table, "integration": "clock"}, recorded_Hz=2000.0)
-    assert encoding_cost(3, 500, 500.0, quick, spikes=70) == of_steps + cost(ExactSpikes(70))
+    assert encoding_cost(3, 500, 500.0, quick, spikes=70) == of_steps + cost_of_spikes(70)
     fastest = encoding_cost(3, 500, 500.0, {**table, "sa1": {"t_ref_ms": 5.0}})  # 3 at 200 Hz and 3 at 1 kHz
-    assert fastest == of_samples + cost(ExactSpikes(3 * 100 + 3 * 500))
+    assert fastest == of_samples + cost_of_spikes(3 * 100 + 3 * 500)
     on_a_clock = {**table, "integration": "clock"}
     assert encoding_cost(3, 500, 500.0, on_a_clock, spikes=70) == encoding_cost(3, 500, 500.0, on_a_clock)
 

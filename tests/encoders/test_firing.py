@@ -1,26 +1,9 @@
 """What is said of afferents that do not suit what they encode."""
 
-from typing import Literal
-
 import numpy as np
-import pytest
 
 from neurotact.encoders.firing import complaints
 from neurotact.encoders.specs import load
-from neurotact.spec import Spec
-
-
-class Crossing(Spec):
-    """A population without a gain or a threshold, as of a model of somebody's own."""
-
-    level: float = 1.0
-    t_ref_ms: float = 0.0
-
-
-class Crossings(Spec):
-    model: Literal["crossings"] = "crossings"
-    sa1: Crossing = Crossing()
-    ra1: Crossing = Crossing()
 
 
 def said(counts, encoder, n_steps=100, clock_Hz=1000.0):
@@ -34,9 +17,3 @@ def test_silence_and_saturation_are_said_of_each_population():
     (line,) = said([10, 50], lif)  # a spike every second step is all that one silent step allows
     assert line.startswith("every RA-I afferent that fires does so at over 90% of the 500 Hz")
     assert "lower ra1.gain" in line
-
-
-@pytest.mark.parametrize("counts", [[0, 10], [100, 10]])
-def test_a_population_without_a_gain_has_its_keys_named(counts):
-    (line,) = said(counts, Crossings())
-    assert line.endswith("; change the keys of sa1")

@@ -16,7 +16,7 @@ from neurotact import spec as specs
 from neurotact.backend import native
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import populations_of
-from neurotact.encoders import firing, grading, resting
+from neurotact.encoders import calibration, firing
 from neurotact.encoders.afferents import AfferentSpec, encode
 from neurotact.encoders.alternatives import compare
 from neurotact.encoders.calibration import calibrate
@@ -167,17 +167,17 @@ def test_calibration_of_both_polarities_puts_zero_at_the_mean():
 def test_grades_that_would_be_equal_are_left_out():
     start = load("sa1-ra1-lif")
     felt = np.array([1.0] * 90 + [2.0] * 10)
-    assert grading.fit(felt, start, gain=5.0, n_grades=4) == (2.0,)
-    assert grading.fit(np.array([]), start, gain=5.0, n_grades=4) == (1.0,)
-    assert len(grading.sample([np.ones((1000, 7))] * 1001, 7_007_000)) <= 1.01 * grading.MOST_VALUES
+    assert calibration._fit_grades(felt, start, gain=5.0, n_grades=4) == (2.0,)
+    assert calibration._fit_grades(np.array([]), start, gain=5.0, n_grades=4) == (1.0,)
+    assert len(calibration._sample([np.ones((1000, 7))] * 1001, 7_007_000)) <= 1.01 * calibration._MOST_VALUES
 
 
 @given(st.lists(st.integers(-2, 2), min_size=1, max_size=30), st.integers(1, 40))
 @examples(20)
 def test_grades_are_of_the_positive_values_alone(values, most):
     drive, every = np.array(values, float)[:, None], -(-len(values) // most)
-    with patch.object(grading, "MOST_VALUES", most):
-        found = grading.sample([drive, drive[1:]], len(values))
+    with patch.object(calibration, "_MOST_VALUES", most):
+        found = calibration._sample([drive, drive[1:]], len(values))
     wanted = [x for part in (values, values[1:]) for x in part[::every] if x > 0]
     assert found.tolist() == wanted
 
@@ -192,7 +192,7 @@ def test_compared_polarities_need_an_encoder_of_one():
 
 def test_afferents_at_rest_bear_their_names():
     encoder = spec((0.5, 1.0), opposite=True, **{"conditioning.baseline": "none"})
-    table = resting.resting_table(slides(), encoder)
+    table = firing.resting_table(slides(), encoder)
     assert table["afferent"].tolist() == list(afferent_names(slides().channels, encoder.model_dump()))
 
 

@@ -23,7 +23,6 @@ from neurotact.encoders.mechanoreceptor import (
     fitted,
 )
 from neurotact.errors import InputError
-from neurotact.metrics.flops import MechanoreceptorAfferents
 from neurotact.neurons import (
     FITTED_Hz,
     Mechanoreceptor,
@@ -230,20 +229,21 @@ def test_a_slow_clock_a_slow_recording_for_pc_and_an_unknown_fit_are_refused():
 
 
 def test_operations_counted_by_hand():
-    """One taxel and one fit with pressure and saturation, 5 steps of 0.2 ms, no noise."""
-    counted = specs.load("mechanoreceptor", {"noise": False})
-    alone = MechanoreceptorAfferents(1, 5, afferents=1, pressed=1, saturating=1, noisy=False).cost()
-    # The signal between samples, two low passes of 7, two gains of rate and one of pressure, the leak; and the
-    # constant of the pressure.
-    assert alone.macs == 5 * (1 + 2 * 7 + 2 + 1 + 1)
-    # The signal's change; that of the rate; current and post-spike current; the steps since a spike; |I| + S.
-    assert alone.acs == 5 * (1 + 1 + 2 + 1 + 1)
-    # The constants of both drives, three signs, threshold, least distance; |I|, S I, and a division of 4.
-    assert alone.other_flops == 5 * (2 + 3 + 2 + 2 + 4)
-    layer = mechanoreceptor.layer(counted.model_dump(), 2, 100, 0.5)
-    assert layer == MechanoreceptorAfferents(2, 250, afferents=2, pressed=1, saturating=1, noisy=False)
-    noisy = MechanoreceptorAfferents(1, 5, afferents=1, pressed=1, saturating=1).cost()
-    assert noisy.macs - alone.macs == 10
+    """One taxel with an SA-I that pressure drives and an RA-I that saturates, 5 steps of 0.2 ms, no noise."""
+    table = specs.load("mechanoreceptor", {"noise": False}).model_dump()
+    counted = mechanoreceptor.cost(table, 1, 2, 0.5)
+    # The signal between samples; low passes of 7, of both rates and the pressure; two gains of each rate and one of
+    # pressure, two leaks; and the constant of the pressure.
+    assert counted.macs == 5 * (1 + 3 * 7 + 2 * 2 + 1 + 2)
+    # The signal's change; those of the rates; currents and post-spike currents; the steps since a spike; |I| + S.
+    assert counted.acs == 5 * (1 + 2 + 2 * 2 + 2 + 1)
+    # The constants of three drives and S I; five signs, two thresholds and least distances, |I|; and a division.
+    assert (counted.multiplications, counted.comparisons) == (5 * (3 + 1), 5 * (5 + 2 * 2 + 1))
+    assert (counted.divisions, counted.exponentials) == (5, 0)
+    many = mechanoreceptor.cost(table, 2, 100, 0.5)
+    assert many.flops == 2 * 50 * counted.flops
+    noisy = mechanoreceptor.cost({**table, "noise": True}, 1, 2, 0.5)
+    assert noisy.macs - counted.macs == 2 * 10
 
 
 def noisy_counts(row: pd.Series, drive: np.ndarray, basis: np.ndarray, n_seeds: int) -> np.ndarray:

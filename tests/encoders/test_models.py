@@ -8,15 +8,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.encoders.bens_spiker import BensSpikerState
 
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.data.recordings import Recordings
-from neurotact.encoders.bens_spiker import BensSpikerState, response
 from neurotact.encoders.cost import encoding_cost
+from neurotact.encoders.decoding import hann
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.encoders.specs import MODELS, afferent_names, default_of, encode, load
+from neurotact.encoders.model import usable
+from neurotact.encoders.specs import afferent_names, default_of, encode, load
 from neurotact.errors import InputError
 
+MODELS = usable()
 RATE_Hz = 1000.0
 LIVELY = {
     "send-on-delta": {"threshold": 1.0, "t_ref_ms": 3.0},
@@ -118,6 +121,31 @@ def test_a_model_costs_what_its_taxels_and_steps_cost(model):
     assert two.flops - shared == 2 * (one.flops - shared) > 0
 
 
+LONE = {
+    "izhikevich": (2 * 10 + 2) * 8 * 300,  # b v in each Euler step; two gains
+    "poisson": 2 * 8 * 300,
+    "moving-window": 8 * 300,
+    "bens-spiker": 2 * 8 * 300,
+    "latency": 2 * 8 * 300 + 300,
+    "burst": 2 * 2 * 8 * 6,
+    "mechanoreceptor": (2 + 1 + 1) * 8 * 1500,
+}
+"""The multiplications of 300 ms of 8 taxels whose product is not added; other models have none."""
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_multiplications_whose_product_is_not_added_have_their_own_price(model):
+    counted = MODELS[model].cost(load(default_of(model)).model_dump(mode="json"), 8, 300, 1.0)
+    assert counted.multiplications == LONE.get(model, 0)
+    assert counted.flops > 0
+
+
+def test_operations_of_lif_afferents_counted_by_hand():
+    # 2 taxels, 3 steps, an SA-I and an RA-I each: 12 updates of 2 MACs; 6 differences and absolute values; 12 tests.
+    counted = MODELS["lif"].cost({}, 2, 3, 1.0)
+    assert (counted.macs, counted.acs, counted.other_flops) == (24, 6, 18)
+
+
 # --- spikes counted by hand -------------------------------------------------------------------------
 
 
@@ -192,7 +220,7 @@ def test_a_burst_of_a_drive_beyond_the_strongest_is_the_strongest():
 
 def test_bens_spiker_gives_a_spike_where_the_filter_fits_and_sends_it_late():
     """The signal is two responses: two spikes, each a filter's length later; what they leave is nothing."""
-    h, signal = response(5.0, 1.0), np.zeros(40)
+    h, signal = hann(5.0, 1.0), np.zeros(40)
     signal[10:15] += h
     signal[20:25] += h
     spikes, state = encode(signal[None, :, None], RATE_Hz, load("bens-spiker", {"gain": 1.0, "filter_ms": 5.0}))

@@ -13,7 +13,7 @@ from levels import examples
 from neurotact_parts.studies.texture import reader as fabricslide
 
 from neurotact.backend import native
-from neurotact.encoders.exact import encode
+from neurotact.encoders.closed_form import encode
 from neurotact.encoders.specs import load
 from neurotact.networks.definition.native import isas, set_isa
 from neurotact.neurons import ExactLIFState

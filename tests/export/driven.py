@@ -45,8 +45,7 @@ class Driven:
         c_export.write(chain, folder, formats, name="skin", parts=c_export.HARNESS)
         context = c_export.context_of(chain, formats, "skin")
         self.has_position = context["resampled"] and formats is None
-        self.averages = context["baseline"] in ("start", "running")
-        self.heard = context["heard"]
+        self.averages = context["baseline"] == "start"
         defines = [f"#define {key} {context[value]}" for key, value in TYPES.items()]
         defines += ["#define HEARD"] * self.averages + ["#define POSITION"] * self.has_position
         defines += ["#define RESAMPLED"] * context["resampled"]
@@ -86,7 +85,7 @@ class Driven:
         if self.averages:
             assert done.carried is not None
             total, n = done.carried
-            parts.append(struct.pack("<d" if self.heard == "double" else "<I", n))
+            parts.append(struct.pack("<I", n))
             parts.append(np.asarray(total, np.int64 if self.formats else np.float64).tobytes())
         if self.has_position:
             parts.append(struct.pack("<2d", done.n_samples, done.n_steps))

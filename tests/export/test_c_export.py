@@ -26,12 +26,12 @@ FALLING = {"afferents": {"sa1.opposite": True, "ra1.gain": 90.0}}
 """A second SA-I under each taxel, of the falling signal."""
 KINDS = {
     "paper": ({"ema_cutoff_Hz": 30.0, "baseline": "start", "scale": (2.0, 0.5)}, {"patience": 5}),
-    "delayed": ({"baseline": "running"}, {"membrane": "delayed", "reset": "subtract", "recurrent_delay_steps": 1}),
+    "delayed": ({"baseline": "start"}, {"membrane": "delayed", "reset": "subtract", "recurrent_delay_steps": 1}),
     "immediate": (
         {"baseline": "high-pass", "high_pass_Hz": 2.0, "rectify": True},
         {"membrane": "immediate", "reset": "hard", "patience": 3},
     ),
-    "feed-forward": ({"baseline": "first", "offset": (0.1, -0.2)}, {"model": "snn", "membrane": "immediate"}),
+    "feed-forward": ({"baseline": "start", "offset": (0.1, -0.2)}, {"model": "snn", "membrane": "immediate"}),
     "integrator": (
         {"offset": (1.0, 1.2), "scale": (0.5, 0.7)},
         {"readout": "integrator", "patience": 4, "windows": {"length_ms": 30, "hop_ms": 9}},
@@ -50,8 +50,8 @@ KINDS = {
     "faster": ({"resample_Hz": 1000.0, "ema_cutoff_Hz": 30.0}, {"rate_Hz": 370.0, "reset": "hard"}),
     "slower": ({"resample_Hz": 1000.0}, {"rate_Hz": 1700.0, "membrane": "delayed", "recurrent_delay_steps": 1}),
     "many": ({}, {"hidden": 300, "forward_weight_scale": 2.0, "n_taxels": 130}),
-    "inverted": ({"baseline": "first", "offset": (0.1, -0.2), "scale": (-2.0, 0.5)}, {"patience": 5}),
-    "falling": ({"baseline": "running", "scale": (2.0, 0.5)}, {**FALLING, "patience": 5}),
+    "inverted": ({"baseline": "start", "offset": (0.1, -0.2), "scale": (-2.0, 0.5)}, {"patience": 5}),
+    "falling": ({"baseline": "start", "scale": (2.0, 0.5)}, {**FALLING, "patience": 5}),
     "falling, resampled": (
         {"resample_Hz": 1000.0, "baseline": "high-pass", "high_pass_Hz": 2.0, "offset": (0.1, -0.2)},
         {**FALLING, "rate_Hz": 370.0, "readout": "integrator", "membrane": "delayed", "step_ms": 3.0},
@@ -67,7 +67,7 @@ KINDS = {
             }
         },
     ),
-    "falling, many": ({"baseline": "first"}, {**FALLING, "n_taxels": 90, "forward_weight_scale": 1.0}),
+    "falling, many": ({"baseline": "start"}, {**FALLING, "n_taxels": 90, "forward_weight_scale": 1.0}),
 }
 
 
@@ -315,6 +315,12 @@ def test_a_run_without_ranges_names_the_fix_and_a_damaged_one_its_file(tmp_path)
 def test_recordings_that_are_gone_in_training_leave_no_ranges(tmp_path):
     made_chains.make_run(tmp_path)
     (tmp_path / "skin.h5").unlink()
-    nt.train(tmp_path / "spikes.h5", tmp_path / "again", "rsnn", {"hidden": 4, "training.epochs": 1}, length_ms=40)
+    nt.train(
+        tmp_path / "spikes.h5",
+        tmp_path / "again",
+        "rsnn",
+        {"hidden": 4, "training.epochs": 1},
+        window=nt.Window(length_ms=40),
+    )
     assert trained.restore(tmp_path / "again").ranges is None
     assert trained.restore(tmp_path / "run").ranges is not None

@@ -26,9 +26,12 @@ ABSENT = proof.missing("arm-none-eabi-gcc", "qemu-system-arm")
 OVERLAPPING = {"length_ms": 30, "hop_ms": 9}
 KINDS = {
     "none": ({}, {"patience": 5}),
-    "first": ({"baseline": "first", "offset": (0.1, -0.2)}, {"model": "snn", "membrane": "immediate"}),
+    "feed-forward": (
+        {"baseline": "start", "start_ms": 1.0, "offset": (0.1, -0.2)},
+        {"model": "snn", "membrane": "immediate"},
+    ),
     "start": ({"ema_cutoff_Hz": 30.0, "baseline": "start", "start_ms": 20.0}, {"patience": 5, "windows": OVERLAPPING}),
-    "running": ({"baseline": "running"}, {"membrane": "delayed", "reset": "subtract", "recurrent_delay_steps": 1}),
+    "delayed": ({"baseline": "start"}, {"membrane": "delayed", "reset": "subtract", "recurrent_delay_steps": 1}),
     "high-pass": (
         {"baseline": "high-pass", "high_pass_Hz": 2.0, "rectify": True, "ema_cutoff_Hz": 60.0},
         {"membrane": "immediate", "reset": "hard", "readout": "integrator", "windows": OVERLAPPING, "patience": 4},
@@ -37,10 +40,10 @@ KINDS = {
         {"baseline": "high-pass", "high_pass_Hz": 8.0},
         {"windows": {"length_ms": 15, "contact": True, "quiet_ms": 3}, "patience": 2},
     ),
-    "faster": ({"resample_Hz": 1000.0, "ema_cutoff_Hz": 30.0, "baseline": "running"}, {"rate_Hz": 400.0}),
-    "slower": ({"resample_Hz": 1000.0, "baseline": "first"}, {"rate_Hz": 1700.0, "windows": OVERLAPPING}),
-    "adapting": ({"baseline": "running"}, {**ADAPTING, "readout": "leaky", "patience": 5}),
-    "falling": ({"baseline": "first"}, {"afferents": {"sa1.opposite": True}, "windows": OVERLAPPING, "patience": 5}),
+    "faster": ({"resample_Hz": 1000.0, "ema_cutoff_Hz": 30.0, "baseline": "start"}, {"rate_Hz": 400.0}),
+    "slower": ({"resample_Hz": 1000.0, "baseline": "start"}, {"rate_Hz": 1700.0, "windows": OVERLAPPING}),
+    "adapting": ({"baseline": "start"}, {**ADAPTING, "readout": "leaky", "patience": 5}),
+    "falling": ({"baseline": "start"}, {"afferents": {"sa1.opposite": True}, "windows": OVERLAPPING, "patience": 5}),
 }
 IN_INTEGERS = [kind for kind in KINDS if kind != "adapting"]
 NOT_VALID = (np.nan, np.inf, -np.inf, 3.4e38, -3.4e38, np.nextafter(np.float32(LARGEST), np.float32(np.inf)))
@@ -207,7 +210,7 @@ def samples_of_steps(n_samples: int, formats: Formats) -> list[int]:
 
 @pytest.mark.parametrize("backend", ["reference", *(["native"] if native else [])])
 def test_a_value_that_no_chain_can_compute_with_is_missing(backend):
-    chain, signal = make_chain({"baseline": "running"}), make_signal(120)
+    chain, signal = make_chain({"baseline": "start"}), make_signal(120)
     largest = np.float32(LARGEST)
     for value in NOT_VALID:
         spoilt, marked = signal.copy(), signal.copy()
@@ -235,17 +238,12 @@ BEYOND = 2**32
 
 
 def aged(chain: Chain, state: StreamState) -> StreamState:
-    """The state of a stream that has run on until shortly before step 2^32, with the same mean in its baseline."""
+    """The state of a stream that has run on until shortly before step 2^32."""
     done, ratio = state.conditioned, chain.sampling_rate_Hz / chain.clock_Hz
     unit = lcm(chain.windows.hop or 1, 10)  # whole hops, and whole samples
     more = (BEYOND - 100 - done.n_steps) // unit * unit
     opening = replace(state.opening, step=state.opening.step + more, free_at=state.opening.free_at + more)
-    carried = done.carried
-    if chain.encoder.conditioning.baseline == "running":
-        assert carried is not None
-        total, n = carried
-        carried = (total / n * (n + more), n + more)
-    done = done._replace(n_samples=done.n_samples + round(more * ratio), n_steps=done.n_steps + more, carried=carried)
+    done = done._replace(n_samples=done.n_samples + round(more * ratio), n_steps=done.n_steps + more)
     return replace(state, opening=opening, conditioned=done, n_windows=BEYOND - 3)
 
 
@@ -269,7 +267,7 @@ def test_no_step_is_the_last_of_a_chain_in_float(kind, driven):
     starts = [row[1] for row in expected.decisions]
     assert max(starts) > BEYOND - 300
     assert min(starts[starts.index(max(starts)) :]) < 300
-    if native and kind in ("running", "slower"):
+    if native and kind in ("delayed", "slower"):
         assert expected == streamed(chain, records, "reference")
 
 
@@ -279,51 +277,22 @@ def test_no_step_is_the_last_of_a_chain_in_integers(kind, driven):
     exported = driven(kind, "integer")
     chain, formats = exported.chain, exported.formats
     raw = formats.raw.samples(make_signal(700, seed=3))
-    baseline, count = chain.encoder.conditioning.baseline, BEYOND - 150
+    count = BEYOND - 150
     state = Stream(chain, backend="reference").state()
-    opening, done, averaged = (
-        replace(state.opening, step=count),
-        state.conditioned._replace(carried=(np.zeros(2), 0)),
-        None,
-    )
-    if baseline == "running":  # of many steps whose mean is 1000 and -1000
-        averaged = integer.Averaged(np.array([[1000, -1000]], np.int64) * count, count)
-        done = done._replace(carried=(averaged.total[0], count))
+    opening, done = replace(state.opening, step=count), state.conditioned._replace(carried=(np.zeros(2), 0))
     state = replace(state, opening=opening, conditioned=done, n_windows=BEYOND - 3)
     records: list[Do] = [("age", state), *(("push", row) for row in raw)]
     said = exported.run(records)
-    raster = integer.encode(raw[None], formats.front, averaged=averaged)[0][: n_done(len(raw), formats)]
+    raster = integer.encode(raw[None], formats.front)[0][: n_done(len(raw), formats)]
     assert said.steps == [checksum(np.flatnonzero(row)) for row in raster]
     plain = expected_in_integers(chain, formats, [raw])[0]
-    if averaged is None:
-        decided = [(window + BEYOND - 3, start + count, *rest) for window, start, *rest in plain.decisions]
-        mine = {(*row[:5], *row[6:]) for row in said.decisions}
-        assert mine >= {(window % BEYOND, start % BEYOND, *rest) for window, start, *rest in decided}
-    else:
-        assert said.steps != [checksum(step) for step in plain.afferents]
+    decided = [(window + BEYOND - 3, start + count, *rest) for window, start, *rest in plain.decisions]
+    mine = {(*row[:5], *row[6:]) for row in said.decisions}
+    assert mine >= {(window % BEYOND, start % BEYOND, *rest) for window, start, *rest in decided}
     assert {BEYOND - 3, BEYOND - 1, 0} <= {row[0] for row in said.decisions}
     starts = [row[1] for row in said.decisions]
     assert max(starts) > BEYOND - 300
     assert min(starts) < 300
-
-
-def test_the_mean_of_many_steps_goes_on_where_half_of_them_count(monkeypatch):
-    """Against the definition in whole numbers: at step 2^32 sum and number are halved."""
-    chain = made("running")
-    formats = chosen(chain, [make_signal(150)], state_bits=16)
-    monkeypatch.setattr(integer, "MOST_HEARD", 64)
-    raw = formats.raw.samples(make_signal(200))
-    total, n, levels = [0, 0], 0, []
-    for row in raw.tolist():
-        if n + 1 == 64:
-            total, n = [int(each / 2) for each in total], 31
-        total, n = [t + 4096 * x for t, x in zip(total, row, strict=True)], n + 1
-        levels.append([4096 * x - int(t / n) for t, x in zip(total, row, strict=True)])
-    conditioned = [
-        signal[0].tolist()
-        for signal in integer._conditioned(raw[None].astype(np.int64), formats.front, np.array([len(raw)]), None)
-    ]
-    assert conditioned == (np.array(levels) - formats.front.offset).tolist()
 
 
 @needs_compiler
@@ -353,7 +322,7 @@ def test_windows_whose_spikes_no_counter_holds_are_refused(tmp_path):
 
 
 @pytest.mark.skipif(ABSENT is not None, reason=str(ABSENT))
-@thinned(("kind", "variant"), [("running", "float"), ("slower", "float"), ("running", "integer")], every=2)
+@thinned(("kind", "variant"), [("delayed", "float"), ("slower", "float"), ("delayed", "integer")], every=2)
 def test_an_emulated_processor_does_the_same(kind, variant, driven, tmp_path):
     here = driven(kind, variant)
     chain, formats = here.chain, here.formats

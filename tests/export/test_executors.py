@@ -1,6 +1,8 @@
 """The table of executors holds: what it calls equal spikes as the reference does, and what it refuses is refused."""
 
 from dataclasses import replace
+from importlib.metadata import EntryPoint
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -13,20 +15,33 @@ from neurotact_parts.exporters.c import c_export, proof
 from neurotact_parts.exporters.nir import compare
 
 import neurotact as nt
+from neurotact import plugins
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.data.recordings import Recordings
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.deploy.stream import Stream
-from neurotact.encoders import afferents, exact
+from neurotact.encoders import afferents, closed_form
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.encoders.specs import MODELS, EncoderSpec, is_exact, load, n_per_taxel
+from neurotact.encoders.model import EncoderSpec, usable
+from neurotact.encoders.send_on_delta import SendOnDeltaSpec
+from neurotact.encoders.specs import is_exact, load, n_per_taxel
 from neurotact.errors import InputError
-from neurotact.networks.definition.executors import EXECUTORS, FEATURES, SETTINGS, Subject, require
+from neurotact.networks.definition import module
+from neurotact.networks.definition.executors import (
+    EXECUTORS,
+    FEATURES,
+    OF_ANOTHER_PACKAGE,
+    OTHER,
+    SETTINGS,
+    Subject,
+    require,
+)
 from neurotact.networks.definition.snntorch_exchange import to_snntorch
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 
+MODELS = usable()
 TAXELS, CLASSES, RATE_Hz = 2, 3, 1000.0
 CONDITIONED = {
     "moving average": {"ema_cutoff_Hz": 30.0},
@@ -35,7 +50,7 @@ CONDITIONED = {
     "baseline of the whole trial": {"baseline": "mean"},
     "standardisation": {"offset": [0.5] * TAXELS, "scale": [0.9] * TAXELS},
     "rectification": {"rectify": True},
-    "membranes in closed form": {"resample_Hz": RATE_Hz, "baseline": "first"},
+    "membranes in closed form": {"resample_Hz": RATE_Hz, "baseline": "start"},
 }
 ENCODED = {
     "several grades a taxel": {"sa1.grades": [0.5, 1.0]},
@@ -59,6 +74,7 @@ NETWORKS = {
     "adaptive thresholds": {"threshold_adaptation": 0.3, "tau_adaptation_ms": 12.0},
     "learned constants": {"learn": ["alpha", "beta", "threshold"]},
     "another surrogate": {"surrogate": "arctan"},
+    OTHER: {},
     "double precision": {},
     "readout count": READOUTS["count"],
     "readout integrator": READOUTS["integrator"],
@@ -71,21 +87,39 @@ RULES = {
 }
 
 
+class MineSpec(SendOnDeltaSpec):
+    model: Literal["mine"] = "mine"  # pyright: ignore[reportIncompatibleVariableOverride]
+
+
+MINE = MODELS["send-on-delta"]._replace(spec=MineSpec)
+
+
+@pytest.fixture(autouse=True)
+def _a_model_of_another_package(monkeypatch):
+    point = EntryPoint("mine", f"{__name__}:MINE", "neurotact.encoders")
+    monkeypatch.setitem(plugins._found("encoders"), "mine", [point])
+
+
 def parts_with(feature: str) -> tuple[EncoderSpec, nt.RSNN, ExitRule]:
     """A small chain that has the feature, and spikes enough to decide."""
-    encoder = make_encoder(ENCODED.get(feature), **CONDITIONED.get(feature, {"baseline": "first"}))
+    encoder = make_encoder(ENCODED.get(feature), **CONDITIONED.get(feature, {"baseline": "start"}))
     models = {row.title: model for model, row in MODELS.items() if model != "lif"}
     if feature in models:
-        encoder = load(models[feature], {"conditioning.baseline": "first"})
+        encoder = load(models[feature], {"conditioning.baseline": "start"})
         own = encoder.conditioning.model_copy(update={"resample_Hz": None})
         encoder = encoder.model_copy(update={"conditioning": own})
+    if feature == OF_ANOTHER_PACKAGE:
+        encoder = MineSpec(threshold=1.0)
     per_taxel = n_per_taxel(encoder)
     settings = {"hidden": 6, "forward_weight_scale": 3.0, "recurrent_weight_scale": 0.4, **NETWORKS.get(feature, {})}
     network = nt.RSNN(
         per_taxel * TAXELS, CLASSES, sampling_rate_Hz=RATE_Hz, generator=torch.Generator().manual_seed(0),
         dtype=torch.float64 if feature == "double precision" else torch.float32, **settings,
     )  # fmt: skip
-    unequal_stretches(network)
+    if feature == OTHER:
+        network = module.new(per_taxel * TAXELS, CLASSES, RSNNSpec(hidden=[6, 4]), RATE_Hz)
+    else:
+        unequal_stretches(network)
     return encoder, network, RULES.get(feature, FULL_WINDOW)
 
 
@@ -103,7 +137,7 @@ def in_native(feature: str) -> None:
     encoder, network, rule = parts_with(feature)
     if isinstance(encoder, AfferentSpec):
         signal = np.stack([make_signal(80, TAXELS)])
-        encode = exact.encode if is_exact(encoder) else afferents.encode
+        encode = closed_form.encode if is_exact(encoder) else afferents.encode
         rasters = [encode(signal, RATE_Hz, encoder, backend=backend)[0] for backend in ("native", "reference")]
         np.testing.assert_array_equal(rasters[0], rasters[1])
         assert rasters[0].any()
@@ -213,7 +247,7 @@ def test_what_the_table_calls_equal_spikes_as_the_reference(executor, feature, t
 def test_what_the_table_refuses_is_refused_with_its_reason(executor, feature, tmp_path):
     encoder, network, rule = parts_with(feature)
     if executor == "native" and FEATURES[feature].part == "encoder":  # nothing chooses a backend for these models
-        assert "backend" not in MODELS[encoder.model].encode.__annotations__
+        assert feature == OF_ANOTHER_PACKAGE or "backend" not in MODELS[encoder.model].encode.__annotations__
         return
     reason = EXECUTORS[executor].lacks[feature]
     with pytest.raises(InputError) as refused:

@@ -40,7 +40,7 @@ def make_run(folder: Path, kind: str = "spiking", shown: int | None = None) -> P
     labels = pd.DataFrame({"label": [("felt", "silk")[k % 2] for k in range(N)]})
     folder.mkdir(parents=True, exist_ok=True)
     hdf5.save_recordings(Recordings(signals, 1000.0, "mV", labels), folder / "skin.h5")
-    trains = encode_recordings(hdf5.load_recordings(folder / "skin.h5"), make_encoder(baseline="first"))
+    trains = encode_recordings(hdf5.load_recordings(folder / "skin.h5"), make_encoder(baseline="start"))
     hdf5.save_spikes(trains, folder / "spikes.h5")
     task = Task.model_validate({"window": {"length_ms": 40}})
     done, _ = fitting.fit(trains, RSNNSpec.model_validate(KINDS[kind]), task, (0, 1))

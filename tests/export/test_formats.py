@@ -93,14 +93,14 @@ def test_a_slow_readout_gets_wide_states_too():
 
 
 def test_a_sample_off_zero_is_centred():
-    raw = formats.choose(make_chain({"baseline": "first"}), Ranges(1.6, 2.0, 5.0, 5.0)).raw
+    raw = formats.choose(make_chain({"baseline": "start"}), Ranges(1.6, 2.0, 5.0, 5.0)).raw
     assert raw.zero == pytest.approx(1.8)
     assert raw.samples(np.array([1.6, 1.8, 2.0])).tolist() == pytest.approx([-26214, 0, 26214], abs=1)
     assert Raw(0.5, 0.0).samples(np.array([1e9, -1e9])).tolist() == [32767, -32768]
 
 
 def test_whole_numbers_that_fit_are_samples_as_they_are():
-    chain = make_chain({"baseline": "first"})
+    chain = make_chain({"baseline": "start"})
     counts = Ranges(0.0, 4095.0, 5.0, 5.0, is_whole=True)
     assert formats.choose(chain, counts).raw == Raw(1.0, 0.0)
     assert formats.choose(chain, counts._replace(low=900.0)).raw == Raw(1.0, 0.0)
@@ -130,7 +130,7 @@ def test_dynamics_without_an_integer_form_are_refused(change, message):
 def test_a_signal_under_a_negative_scale_spikes_as_its_negative_under_the_positive_one(seed, falling):
     raw, rasters = Raw(10 / 32767, 0.0).samples(make_signal(60, seed=seed)), []
     for sign in (1, -1):
-        conditioning = {"ema_cutoff_Hz": 30.0, "baseline": "running", "scale": (0.7 * sign, 0.4)}
+        conditioning = {"ema_cutoff_Hz": 30.0, "baseline": "start", "scale": (0.7 * sign, 0.4)}
         chain = make_chain(conditioning, afferents={"sa1.opposite": falling})
         front = formats.choose(chain, Ranges(-10.0, 10.0, 5.0, 5.0)).front
         rasters.append(integer.encode((raw * [sign, 1])[None], front))

@@ -89,7 +89,7 @@ def test_spinnaker_holds_what_fits_a_processor():
 
 
 def test_spinnaker_runs_the_afferents_that_c_has():
-    causal = {"conditioning.baseline": "first"}
+    causal = {"conditioning.baseline": "start"}
     for name in ("sa1-ra1-lif", "sa1-ra1-lif-polarities", "sa1-ra1-lif-graded"):
         assert broken("spinnaker2", encoder=load(name, causal).model_dump()) == {}
     refused = {"izhikevich": causal, "sa1-ra1-lif": {"conditioning.baseline": "mean"}}

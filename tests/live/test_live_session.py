@@ -223,7 +223,7 @@ def test_the_energy_of_a_decision_is_that_of_the_cost_ledger():
 
 
 def test_a_saved_encoder_is_the_one_that_runs(tmp_path):
-    chain = make_chain({"baseline": "first"})
+    chain = make_chain({"baseline": "start"})
     session = session_of(chain, save_to=tmp_path)
     session.do(messages.Change(kind="change", values={"sa1.t_ref_ms": 5, "ra1.gain": 17.25, "patience": 9}))
     session.do(messages.Save(kind="save", name="by-hand"))
@@ -363,7 +363,7 @@ def test_spikes_are_those_of_encode(tmp_path):
 
     from neurotact.data.recordings import Recordings
 
-    chain, signal = make_chain({"baseline": "first"}), make_signal(300)
+    chain, signal = make_chain({"baseline": "start"}), make_signal(300)
     session = session_of(chain, Given([signal]))
     session.take(Arrived(signal))
     trains = encode_recordings(Recordings([signal], 1000.0, "mV", pd.DataFrame({"label": ["a"]})), chain.encoder)

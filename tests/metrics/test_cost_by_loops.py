@@ -106,13 +106,11 @@ def resampled(channel: list[Counted], stride: float, *, is_first: bool) -> list[
 def levels(channel: list[Counted], how: ConditioningSpec, clock_Hz: float) -> list[Counted | float]:
     """The baseline at each step of one channel."""
     n = len(channel)
-    if how.baseline == "first":
-        return [float(channel[0])] * n
     if how.baseline == "mean":
         return [sum(channel[1:], channel[0] + 0.0) * (1 / n)] * n
     if how.baseline == "high-pass":
         return [*averaged(channel, ema_coefficient(how.high_pass_Hz, clock_Hz))]
-    last = n if how.baseline == "running" else max(1, round(1e-3 * how.start_ms * clock_Hz))
+    last = max(1, round(1e-3 * how.start_ms * clock_Hz))
     total, result = Counted(0.0), []
     for index, step in enumerate(channel[:last]):
         total = total + step
@@ -139,7 +137,7 @@ def conditioned(channel: list[Counted], rate_Hz: float, how: ConditioningSpec, n
 
 RATES_HZ = (200.0, 500.0, 1000.0, 2000.0)
 ways_to_condition = st.fixed_dictionaries(
-    {"baseline": st.sampled_from(["none", "first", "mean", "running", "start", "high-pass"]), "rectify": st.booleans()},
+    {"baseline": st.sampled_from(["none", "mean", "start", "high-pass"]), "rectify": st.booleans()},
     optional={
         "ema_cutoff_Hz": st.just(30.0), "resample_Hz": st.sampled_from(RATES_HZ), "offset": st.just([0.5, -1.0]),
         "scale": st.just([2.0, 0.5]),

@@ -18,25 +18,14 @@ from neurotact.errors import InputError
 from neurotact.metrics import flops
 from neurotact.metrics.flops import (
     LEDGER_COLUMNS,
-    Afferents,
-    BensSpiker,
-    BurstAfferents,
     Cost,
-    DeltaEvents,
     Dense,
-    ExactSpikes,
     Integrator,
-    IzhikevichAfferents,
-    LatencyAfferents,
     Layer,
-    MechanoreceptorAfferents,
     Moments,
     MovingAverage,
-    MovingWindowEvents,
     NearestPoints,
-    PoissonAfferents,
     RBFExpansion,
-    ResonatorAfferents,
     SpikingLayer,
     Standardise,
     SupportVectorMachines,
@@ -59,17 +48,6 @@ EVERY_LAYER = [
     Moments(150, 4),
     Standardise(16),
     Projection(16, 3),
-    Afferents(8, 300),
-    ExactSpikes(20.0),
-    IzhikevichAfferents(8, 300, 5),
-    PoissonAfferents(8, 300),
-    DeltaEvents(8, 300),
-    MovingWindowEvents(8, 300, 50),
-    BensSpiker(8, 300, 40),
-    LatencyAfferents(8, 300),
-    BurstAfferents(8, 300, 50),
-    ResonatorAfferents(8, 300),
-    MechanoreceptorAfferents(8, 300, afferents=2, pressed=1, saturating=1),
     SpikingLayer(16, 30, 300, 1000.0, recurrent=True),
     Integrator(30, 8, 1000.0),
     Trees(200, 5.5, 900, 8),
@@ -114,24 +92,6 @@ def test_support_vector_machines_store_what_scikit_learn_stores(classes):
 def test_projection_and_scaling_by_hand():
     assert cost(Projection(4, 2)) == Cost(macs=8, acs=4, parameters=12, bytes=48)
     assert cost(Standardise(4)) == Cost(macs=4, parameters=8, bytes=32)
-
-
-def test_encoder_by_hand():
-    # 2 taxels, 3 steps, an SA-I and an RA-I each: 12 updates of 2 MACs; 6 differences and absolute values; 12 tests.
-    counted = cost(Afferents(2, 3))
-    assert (counted.macs, counted.acs, counted.other_flops) == (24, 6, 18)
-
-
-def test_spikes_in_closed_form_by_hand():
-    # Time: U_inf - U, U_inf - threshold, their quotient 4, its logarithm 8, t + tau ln. End: + t_ref, < sample's end.
-    # Membrane: end - t, times -1 / tau, exp 8, reset - U_inf, U_inf + that times exp, >= threshold. Bin: times R, up.
-    counted = cost(ExactSpikes(2.5))
-    assert counted.macs == 2.5 * (1 + 1)
-    assert counted.acs == 2.5 * (2 + 1 + 1 + 1)
-    assert counted.other_flops == 2.5 * (4 + 8 + 1 + 1 + 8 + 1 + 1 + 1)
-    assert (counted.parameters, counted.bytes) == (0, 0)
-    with pytest.raises(InputError, match=r"ExactSpikes\.spikes: must be >= 0"):
-        ExactSpikes(-1.0)
 
 
 def test_an_integrator_by_hand():
@@ -201,14 +161,6 @@ LONE = {
     "ConvLSTM": 2 * 2 * 16,
     "MovingAverage": 150 * 4,
     "Moments": 4 * (1 + 1 + 3 + 1),
-    "ExactSpikes": 2 * 20,
-    "IzhikevichAfferents": (2 * 5 + 2) * 8 * 300,  # b v in each Euler step; two gains
-    "PoissonAfferents": 2 * 8 * 300,
-    "MovingWindowEvents": 8 * 300,
-    "BensSpiker": 2 * 8 * 300,
-    "LatencyAfferents": 2 * 8 * 300 + 300,
-    "BurstAfferents": 2 * 2 * 8 * 6,
-    "MechanoreceptorAfferents": (2 + 1 + 1) * 8 * 300,
 }
 """The multiplications of `EVERY_LAYER` whose product is not added; other layers have none."""
 
@@ -226,8 +178,6 @@ def test_divisions_and_exponentials_are_told_from_comparisons():
     kinds = ("comparisons", "divisions", "exponentials")
     assert [getattr(cost(Dense(1, 1, "sigmoid")), kind) for kind in kinds] == [2, 1, 1]
     assert [getattr(cost(Dense(1, 1, "softmax")), kind) for kind in kinds] == [1, 1, 1]
-    assert [getattr(cost(ExactSpikes(1)), kind) for kind in kinds] == [3, 1, 2]
-    assert [getattr(cost(MechanoreceptorAfferents(1, 1, 1, 1, 1)), kind) for kind in kinds] == [4 + 1 + 1, 1, 0]
 
 
 @pytest.mark.parametrize("layer", EVERY_LAYER, ids=lambda layer: type(layer).__name__)

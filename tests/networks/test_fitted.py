@@ -23,7 +23,7 @@ def touches(n: int = 16) -> tuple[np.ndarray, np.ndarray]:
 
 
 ENCODER = nt.AfferentSpec.model_validate(
-    {"sa1": {"gain": 3.0}, "ra1": {"gain": 9.0}, "conditioning": {"baseline": "first"}}
+    {"sa1": {"gain": 3.0}, "ra1": {"gain": 9.0}, "conditioning": {"baseline": "start"}}
 )
 
 

@@ -27,7 +27,7 @@ from neurotact.report.answer import Decision
 RECORDED_Hz, CLOCK_Hz, LENGTH_ms = 2000.0, 200.0, 100.0
 ENCODER = nt.AfferentSpec.model_validate({
     "sa1": {"gain": 3.0, "t_ref_ms": 5.0}, "ra1": {"gain": 90.0, "t_ref_ms": 5.0},
-    "conditioning": {"ema_cutoff_Hz": 30.0, "resample_Hz": CLOCK_Hz, "baseline": "first"},
+    "conditioning": {"ema_cutoff_Hz": 30.0, "resample_Hz": CLOCK_Hz, "baseline": "start"},
 })  # fmt: skip
 TRAINING = {"hidden": 4, "training.epochs": 1}
 

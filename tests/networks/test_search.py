@@ -218,7 +218,7 @@ def test_a_folder_of_another_search_is_refused(trains, whole, changed):
 
 def test_a_search_of_an_earlier_form_is_refused(trains, whole, tmp_path):
     table = json.loads((whole / "search.json").read_text())
-    assert table.pop("schema") == 1
+    assert table.pop("schema") == spec.SCHEMA
     (tmp_path / "search.json").write_text(json.dumps(table))
     (tmp_path / JOURNAL).write_bytes((whole / JOURNAL).read_bytes())
     with pytest.raises(

@@ -15,8 +15,8 @@ from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.networks.training import fitting, tasks, trained
 from neurotact.networks.training.training import Epoch, Training
-from neurotact.studies import network_tables, runner, store, study
-from neurotact.studies.encoded import encoding_table
+from neurotact.studies import networks, runner, store, study
+from neurotact.studies.encoding_tables import encoding_table
 from neurotact.studies.store import TIMING, cell_folder
 from neurotact.studies.study import Cell, StudySpec
 
@@ -135,7 +135,7 @@ def make_run(
         names = [one.name for one in place.iterdir() if one.name != TIMING]
         store.seal(place, names, store._sources(folder, cell))
     results = [(cell, store.result_of(folder, cell)) for cell in done]
-    network_tables.results_table(what, results).to_csv(folder / "results.csv", index=False)
+    networks.results_table(what, results).to_csv(folder / "results.csv", index=False)
     pd.concat(encoding.values()).to_csv(folder / "encoding.csv", index=False)
     timings = [{"cell": cell.digest(), "seconds": 3.5, "epochs": 20} for cell in done]
     pd.DataFrame(timings).to_csv(folder / "timings.csv", index=False)

@@ -39,6 +39,12 @@ def test_the_best_may_be_the_cheapest_of_its_equals():
     )
 
 
+def test_where_the_energy_of_one_is_not_counted_all_are_compared_by_synaptic_operations():
+    mine = choice("mine", 0.89, None)
+    mine = mine._replace(network=mine.network._replace(whole=mine.network.whole._replace(sops=60.0)))
+    assert "the cheapest within the error of the best is mine" in sentence([choice("lif", 0.9, 50.0), mine])
+
+
 def test_an_encoder_that_validation_tells_from_all_others_is_the_answer():
     words = sentence([choice("lif", 0.95, 50.0), choice("burst", 0.6, 1.0)])
     assert words.startswith("lif with t_ref 1&1 ms is the most accurate of 2 encoders and refractory periods on")

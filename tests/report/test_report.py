@@ -348,6 +348,8 @@ def test_a_baseline_is_the_mean_of_those_of_each_split():
     table = pd.DataFrame([{**made, "split.fold": n, **two, "energy_estimate_nJ": 2.0} for n, two in enumerate(shares)])
     (found,) = front.baselines_of(make_study(), {"baselines": table}, {"dataset": "all"})
     assert found == front.Baseline("SVM on signals (counts)", 0.6, pytest.approx(0.7), 2.0, rows=(0, 1))
+    uncounted = table.assign(energy_estimate_nJ=float("nan"))
+    assert front.baselines_of(make_study(), {"baselines": uncounted}, {"dataset": "all"})[0].nJ is None
 
 
 def test_a_folder_without_results_is_refused(tmp_path):

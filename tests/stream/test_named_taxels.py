@@ -84,7 +84,7 @@ def test_an_encoder_takes_recordings_by_name(run, tmp_path):
 def test_integers_are_exported_from_recordings_in_another_order(tmp_path):
     make_run(tmp_path, channels=NAMES)
     touches = nt.load(tmp_path / "skin.h5")
-    encoder = make_encoder(baseline="first", offset=(0.0, 0.5), scale=(1.0, 2.0), taxels=NAMES)
+    encoder = make_encoder(baseline="start", offset=(0.0, 0.5), scale=(1.0, 2.0), taxels=NAMES)
     for name, recordings in (("same", touches), ("swapped", swapped(touches))):
         nt.save(recordings, tmp_path / f"{name}.h5")
         nt.encode_file(tmp_path / f"{name}.h5", tmp_path / f"{name}-spikes.h5", encoder)

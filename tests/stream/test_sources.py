@@ -149,7 +149,7 @@ def test_a_pipe_that_stalls_is_a_gap(tmp_path):
 
 
 def test_recordings_are_streamed_trial_by_trial(tmp_path):
-    chain = make_chain({"baseline": "running"})
+    chain = make_chain({"baseline": "start"})
     signals = [make_signal(90, seed=1), make_signal(130, seed=2)]
     skin = Recordings(signals, 1000.0, "mV", pd.DataFrame({"label": ["a", "b"]}))
     hdf5.save_recordings(skin, tmp_path / "skin.h5")

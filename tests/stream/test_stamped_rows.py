@@ -64,7 +64,7 @@ def decided(chain, signal: np.ndarray, stamps: list[float], cuts: list[int] = []
 
 @given(
     at=st.integers(1, 140), stamps=st.lists(FAR, min_size=1, max_size=AHEAD - 1), seed=st.integers(0, 9),
-    cuts=st.lists(st.integers(0, 9999), max_size=3), baseline=st.sampled_from(["none", "running"]),
+    cuts=st.lists(st.integers(0, 9999), max_size=3), baseline=st.sampled_from(["none", "start"]),
 )  # fmt: skip
 @examples(40)
 def test_stamps_that_fit_no_other_change_no_decision(at, stamps, seed, cuts, baseline):
@@ -84,7 +84,7 @@ def test_stamps_that_fit_no_other_change_no_decision(at, stamps, seed, cuts, bas
 )  # fmt: skip
 @examples(30)
 def test_a_clock_that_starts_again_is_a_gap_and_costs_no_row(n, begin, again, seed, cuts):
-    chain, signal = make_chain({"baseline": "running"}), make_signal(260, seed=seed)
+    chain, signal = make_chain({"baseline": "start"}), make_signal(260, seed=seed)
     found, stream, faults = decided(chain, signal, ramp(n, begin) + ramp(260 - n, again + begin * (again > 0)), cuts)
     clean = Stream(chain)
     expected = clean.push(signal[:n])

@@ -20,9 +20,9 @@ from neurotact.networks.exit.early_exit import ExitRule
 CONDITIONINGS = (
     {},
     {"ema_cutoff_Hz": 30.0, "baseline": "start", "start_ms": 15.0},
-    {"baseline": "running", "scale": (2.0, 0.5)},
+    {"baseline": "start", "scale": (2.0, 0.5)},
     {"ema_cutoff_Hz": 60.0, "baseline": "high-pass", "high_pass_Hz": 2.0, "rectify": True},
-    {"baseline": "first", "offset": (0.1, -0.2), "scale": (1.0, 2.0)},
+    {"baseline": "start", "offset": (0.1, -0.2), "scale": (1.0, 2.0)},
 )
 WINDOWS = (
     {"length_ms": 40},
@@ -223,7 +223,7 @@ def test_the_made_chains_spike_and_decide_differently():
 @given(cut=st.integers(0, 90), rate_Hz=st.sampled_from([1000.0, 1700.0]))
 @examples(6)
 def test_a_state_goes_on_where_it_was_taken(cut, rate_Hz):
-    conditioning = {"ema_cutoff_Hz": 30.0, "baseline": "running", "resample_Hz": 1000.0}
+    conditioning = {"ema_cutoff_Hz": 30.0, "baseline": "start", "resample_Hz": 1000.0}
     chain = make_chain(conditioning, rate_Hz=rate_Hz, windows={"length_ms": 30, "hop_ms": 9})
     signal = make_signal(90)
     one, other = Stream(chain), Stream(chain)
@@ -308,7 +308,7 @@ def test_a_nan_is_the_last_good_value_and_is_counted():
 
 @pytest.mark.parametrize("way", ["nan", "missing"])
 def test_a_gap_begins_anew_and_drops_what_it_cut(way):
-    chain = make_chain({"baseline": "running"})
+    chain = make_chain({"baseline": "start"})
     signal = make_signal(300)
     stream, alone = Stream(chain, hold_ms=5), Stream(chain, hold_ms=5)
     found = stream.push(signal[:70])
@@ -417,7 +417,7 @@ def test_finish_counts_what_it_cuts_off():
     sizes=st.lists(st.integers(1, 40), min_size=1, max_size=4),
     cuts=st.lists(st.integers(0, 250), max_size=3),
     n_taxels=st.sampled_from([1, 3, 8, 9]),
-    conditioning=st.sampled_from([{}, {"baseline": "start", "start_ms": 15.0}, {"baseline": "first"}]),
+    conditioning=st.sampled_from([{}, {"baseline": "start", "start_ms": 15.0}]),
     adapting=st.sampled_from([{}, ADAPTING]),
 )
 @examples(30)

@@ -68,7 +68,7 @@ def test_a_trace_holds_the_spikes_that_were_decided_on(
 def test_the_compiled_step_shows_what_the_reference_shows(seed, size, n_taxels, hidden, step_ms, spoilt):
     """With values that are held, gaps, and more neurons than a word has bits."""
     chain = make_chain(
-        {"baseline": "running"},
+        {"baseline": "start"},
         n_taxels=n_taxels,
         hidden=hidden,
         step_ms=step_ms,
@@ -112,4 +112,4 @@ def test_a_stream_that_changes_leaves_the_other_as_it_was(backend):
 def test_another_conditioning_is_no_change_that_a_running_stream_takes():
     stream = Stream(make_chain({}))
     with pytest.raises(InputError, match="another conditioning, unit or model"):
-        stream.changed(encoder=make_encoder(baseline="first"))
+        stream.changed(encoder=make_encoder(baseline="start"))

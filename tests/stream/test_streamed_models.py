@@ -7,12 +7,13 @@ from made_chains import make_signal, offline, told
 
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.deploy.stream import Stream
-from neurotact.encoders.specs import MODELS, default_of, load, n_per_taxel
+from neurotact.encoders.model import usable
+from neurotact.encoders.specs import default_of, load, n_per_taxel
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import EXECUTORS
 from neurotact.networks.definition.rsnn import RSNN
 
-STREAMED = [model for model, row in MODELS.items() if row.title not in EXECUTORS["stream"].lacks]
+STREAMED = [model for model, row in usable().items() if row.title not in EXECUTORS["stream"].lacks]
 LIVELY = {
     "send-on-delta": {"threshold": 0.5},
     "sigma-delta": {"threshold_unit_ms": 10.0},
@@ -28,7 +29,7 @@ LIVELY = {
 
 
 def chain_of_model(model: str) -> Chain:
-    changes = {"conditioning.baseline": "first", "conditioning.resample_Hz": 1000.0, **LIVELY.get(model, {})}
+    changes = {"conditioning.baseline": "start", "conditioning.resample_Hz": 1000.0, **LIVELY.get(model, {})}
     encoder = load(default_of(model), changes)
     network = RSNN(
         2 * n_per_taxel(encoder), 3, sampling_rate_Hz=1000.0, generator=torch.Generator().manual_seed(0), hidden=6,
@@ -54,7 +55,7 @@ def test_a_stream_decides_as_whole_trials_do_and_a_saved_state_goes_on(model, tm
 def test_a_running_stream_changes_only_the_keys_of_its_model():
     stream = Stream(chain_of_model("send-on-delta"))
     stream.push(make_signal(40))
-    other = load("step-forward", {"conditioning.baseline": "first", "conditioning.resample_Hz": 1000.0})
+    other = load("step-forward", {"conditioning.baseline": "start", "conditioning.resample_Hz": 1000.0})
     with pytest.raises(InputError, match="unit or model"):
         stream.changed(encoder=other)
     wider = stream.changed(encoder=stream.chain.encoder.model_copy(update={"threshold": 1e6}))

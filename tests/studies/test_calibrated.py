@@ -60,7 +60,7 @@ def encoded(touches, monkeypatch, **changes):
 def test_swept_keys_are_those_of_the_encoder_of_each_cell(touches, monkeypatch):
     one = {"tau_mem_ms": 5.0, "v_threshold_mV": -58.0, "conditioning.ema_cutoff_Hz": 10.0, "sa1.opposite": False}
     other = {"tau_mem_ms": 20.0, "v_threshold_mV": -50.0, "conditioning.ema_cutoff_Hz": 40.0, "sa1.opposite": True}
-    one, other = {**one, "conditioning.baseline": "none"}, {**other, "conditioning.baseline": "running"}
+    one, other = {**one, "conditioning.baseline": "none"}, {**other, "conditioning.baseline": "start"}
     axis = " & ".join(f"encoder.{key}" for key in one)
     sweep = {f"sweep.{axis}": [[*one.values()], [*other.values()]]}
     _, _, found = encoded(touches, monkeypatch, baselines="none", **sweep)
@@ -101,11 +101,11 @@ def test_baselines_stand_beside_the_networks_of_their_encoder(touches, monkeypat
         ({"encoder.conditioning": {"offset": [1.0, 2.0]}}, f"encoder.conditioning.offset: {FOUND}"),
         ({"sweep.encoder.conditioning.scale": [[1.0, 2.0]]}, f"encoder.conditioning.scale: {FOUND}"),
         ({"encoder.conditioning.baseline": "mean"}, "'mean' uses the whole trial"),
-        ({"sweep.encoder.conditioning.baseline": ["none", "median"]}, "'median' uses the whole trial"),
+        ({"sweep.encoder.conditioning.baseline": ["none", "mean"]}, "'mean' uses the whole trial"),
         ({"encoder.conditioning.high_pass_Hz": 1.0}, "the baseline 'mean' ignores it"),
         (
-            {"sweep.encoder.conditioning.start_ms": [50.0], "encoder.conditioning.baseline": "first"},
-            "the baseline 'first' ignores it",
+            {"sweep.encoder.conditioning.start_ms": [50.0], "encoder.conditioning.baseline": "high-pass"},
+            "the baseline 'high-pass' ignores it",
         ),
         ({"sweep.encoder.sa1.grades": [[0.5, 1.0], [0.2, 1.0]]}, "lists of the same length give the same encoder"),
         ({"encoder": "send-on-delta", "encoder.threshold": 2.0}, "encoder.threshold: calibration sets it"),

@@ -20,7 +20,7 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost
 from neurotact.studies import preparation, study
-from neurotact.studies.encoded import encoding_table
+from neurotact.studies.encoding_tables import encoding_table
 
 CELL = next(study.cells(study.resolve("refractory-period", {"window.start_ms": 50, "window.length_ms": 100})))
 

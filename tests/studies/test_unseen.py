@@ -25,11 +25,12 @@ from neurotact.report import robustness
 from neurotact.report.answer import Decision, Network
 from neurotact.report.robustness import TRAINED, hardest, sentence
 from neurotact.report.tables import LAST_TRAINING, afferents_of
-from neurotact.studies import loading, runner, study, suited
+from neurotact.studies import automatic, loading, runner, study
 
 FEW = {
     "calibrate": False,
-    "encoder.conditioning.baseline": "first",
+    "encoder.conditioning.baseline": "start",
+    "encoder.conditioning.start_ms": 1.0,  # the first sample
     "network": "rsnn",
     "network.hidden": 4,
     "network.training.epochs": 1,
@@ -214,7 +215,7 @@ def test_of_many_trials_each_has_one_copy_and_it_is_said(tmp_path, monkeypatch):
     path, asked = presses(tmp_path / "touches.h5"), {**FEW, "split.test_where": {"speed": 3}}
     asked.pop("augmentation.copies", None)
     assert loading.resolve("own-recordings", asked, data=path).augmentation.copies == 3
-    monkeypatch.setattr(suited, "MANY", 10)
+    monkeypatch.setattr(automatic, "MANY", 10)
     what = loading.resolve("own-recordings", asked, data=path)
     assert what.augmentation.copies == 1
     assert any("one of each trial since there are many" in note for note in what.notes)
@@ -227,7 +228,7 @@ def test_fewer_networks_are_trained_since_each_takes_several_trainings(tmp_path)
     path = presses(tmp_path / "touches.h5")
     asked = {"split.test_where": {"speed": 3}}
     sweep = loading.resolve("own-recordings", asked, data=path).sweep
-    assert {key: sweep[key] for key in suited.FEWER} == suited.FEWER
+    assert {key: sweep[key] for key in automatic.FEWER} == automatic.FEWER
     each = loading.resolve("own-recordings", {"sweep.split.test_where.speed": [1, 2, 3]}, data=path)
     assert each.sweep["seed"] == [0]
     own = loading.resolve("own-recordings", {**asked, "sweep.network.hidden": [5, 9, 20]}, data=path).sweep

@@ -11,7 +11,8 @@ from neurotact.data.conditioning import ConditioningSpec
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import from_rasters
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.encoders.specs import MODELS, load
+from neurotact.encoders.model import usable
+from neurotact.encoders.specs import load
 from neurotact.errors import InputError
 from neurotact.spec import read, to_toml
 from neurotact.studies import loading, preparation, study
@@ -43,7 +44,7 @@ def test_encoders_are_swept_by_name_with_their_periods(tmp_path):
 def test_every_stands_for_all_models_that_are_compared(tmp_path):
     axis = "encoder & t_ref_ms"
     found = resolved(tmp_path, sweep={axis: "every", "seed": [0]}).sweep[axis]
-    assert {load(name).model for name, _ in found} == set(MODELS) - {"mechanoreceptor"}
+    assert {load(name).model for name, _ in found} == set(usable()) - {"mechanoreceptor"}
     periods = {name: [period for other, period in found if other == name] for name, _ in found}
     assert periods["sa1-ra1-lif"] == ["own", 10.0]
     assert periods["burst"] == ["own"]
@@ -58,7 +59,7 @@ def test_spikes_of_windows_are_the_same_if_trials_are_encoded_no_further(tmp_pat
     assert part[0].spikes_name != whole[0].spikes_name
     felt = waves()
     for cell in part:
-        encoder = cell.encoder.model_copy(update={"conditioning": ConditioningSpec(baseline="first"), "unit": "count"})
+        encoder = cell.encoder.model_copy(update={"conditioning": ConditioningSpec(baseline="start"), "unit": "count"})
         early, late = (encode_recordings(preparation.encoded_part(felt, one), encoder) for one in (cell, whole[0]))
         assert early.raster(early.cut(cell.window)).any()
         np.testing.assert_array_equal(early.raster(early.cut(cell.window)), late.raster(late.cut(cell.window)))

@@ -10,8 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from neurotact.data.readers.clock.split import apart, joined, pair_in
-from neurotact.data.readers.clock.stamps import Unit, is_time_of_day, seconds_of, unit_in
+from neurotact.data.readers.clock.units import Unit, apart, is_time_of_day, joined, pair_in, seconds_of, unit_in
 from neurotact.data.readers.doubts import check_first_row
 from neurotact.data.readers.table.cells import (
     NOT_FINITE,

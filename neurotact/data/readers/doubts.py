@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from neurotact.checks import swapped
-from neurotact.data.readers.clock.stamps import FASTEST_HZ, GAP, OF_GIVEN_RATE, OF_STAMPS, of_rate
+from neurotact.data.readers.clock.stamps import GAP, OF_GIVEN_RATE, OF_STAMPS, of_rate
+from neurotact.data.readers.clock.units import FASTEST_HZ
 from neurotact.data.readers.table.cells import LOOKED_AT, NEAR_IN_FLOAT32, has_decimals
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError, some

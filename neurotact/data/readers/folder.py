@@ -12,9 +12,8 @@ import pandas as pd
 from pydantic import BeforeValidator, Field, model_validator
 
 from neurotact.data.readers.arrays import TENSORS, ArrayFile, opened_arrays, said_rates, sampling_rate_of
-from neurotact.data.readers.clock.split import apart, joined, pair_in
-from neurotact.data.readers.clock.stamps import Unit, unit_in
 from neurotact.data.readers.clock.trials import OF_COLUMNS, Read, mended, recordings_of
+from neurotact.data.readers.clock.units import Unit, apart, joined, pair_in, unit_in
 from neurotact.data.readers.columns import LayoutSpec, Samples, called, is_text, read_table, samples_of
 from neurotact.data.readers.doubts import Fixes
 from neurotact.data.readers.formats import TABLES, tables_in

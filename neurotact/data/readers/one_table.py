@@ -12,8 +12,9 @@ import numpy as np
 import pandas as pd
 from pydantic import model_validator
 
-from neurotact.data.readers.clock.stamps import UNIT_S, Unit, is_time_of_day, row_times, seconds_of, without_unit
+from neurotact.data.readers.clock.stamps import row_times
 from neurotact.data.readers.clock.trials import Read, mended, recordings_of
+from neurotact.data.readers.clock.units import UNIT_S, Unit, is_time_of_day, seconds_of, without_unit
 from neurotact.data.readers.columns import (
     CHOICE,
     Clock,

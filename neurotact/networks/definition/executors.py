@@ -10,11 +10,13 @@ from typing import NamedTuple
 
 import torch
 
+from neurotact import plugins
 from neurotact.data.conditioning import ACAUSAL, ConditioningSpec
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.specs import MODELS, EncoderSpec, is_exact
+from neurotact.encoders.model import EncoderSpec, names, of_name
+from neurotact.encoders.specs import is_exact
 from neurotact.errors import InputError
-from neurotact.networks.definition.native import Network
+from neurotact.networks.definition import native
 from neurotact.networks.definition.surrogate import FAST_SIGMOID
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 
@@ -23,7 +25,7 @@ class Subject(NamedTuple):
     """What is to be executed: an encoder, unless spikes are the input, a network, and an exit rule."""
 
     encoder: EncoderSpec | None
-    network: Network
+    network: native.Network
     rule: ExitRule = FULL_WINDOW
 
     @property
@@ -68,6 +70,10 @@ def _of_model(model: str) -> Callable[[Subject], bool]:
     return lambda subject: subject.encoder is not None and subject.encoder.model == model
 
 
+def _is_of_another_package(subject: Subject) -> bool:
+    return subject.encoder is not None and not plugins.is_ours("encoders", subject.encoder.model)
+
+
 def _of_spec(key: str, *values: object) -> Callable[[Subject], bool]:
     """Whether a key of the network's spec has one of these values."""
     return lambda subject: getattr(subject.network.spec, key) in values
@@ -79,14 +85,16 @@ def _has_grades(subject: Subject) -> bool:
 
 
 CHAIN = ("conditioning", "encoder", "network", "readout", "exit")
-CAUSAL_INSTEAD = "encode and train with conditioning.baseline start, first, running, high-pass or none"
+OTHER = "network of another model"
+CAUSAL_INSTEAD = "encode and train with conditioning.baseline start, high-pass or none"
 LIF_INSTEAD = "encode and train with sa1-ra1-lif"
+OUR_MODELS = {name: of_name(name) for name in names() if plugins.is_ours("encoders", name) and name != "lif"}
+OF_ANOTHER_PACKAGE = "afferents of another package"
 OTHER_MODELS = {
-    row.title: Feature("encoder", ("model",), _of_model(model), LIF_INSTEAD)
-    for model, row in MODELS.items()
-    if model != "lif"
+    **{model.title: Feature("encoder", ("model",), _of_model(name), LIF_INSTEAD) for name, model in OUR_MODELS.items()},
+    OF_ANOTHER_PACKAGE: Feature("encoder", ("model",), _is_of_another_package, LIF_INSTEAD),
 }
-"""Every encoder model but LIF; one that is added to `MODELS` is among them."""
+"""Every encoder model but LIF."""
 FEATURES: dict[str, Feature] = {
     "moving average": Feature(
         "conditioning", ("ema_cutoff_Hz",), lambda s: s.conditioning.ema_cutoff_Hz is not None, "leave it out"
@@ -142,6 +150,9 @@ FEATURES: dict[str, Feature] = {
         "stream it, or train with integration = 'clock'",
     ),
     **OTHER_MODELS,
+    OTHER: Feature(
+        "network", ("model",), lambda s: s.network.spec.own is not None, "train with model = 'rsnn' or 'snn'"
+    ),
     "clock of the network": Feature(
         "network", ("step_ms",), lambda s: s.network.steps_per_bin > 1, "train with step_ms = 'encoder'"
     ),
@@ -221,8 +232,11 @@ SETTINGS = frozenset({
 })  # fmt: skip
 """Keys of specs of networks, LIF afferents and conditioning that are sizes, constants or how a network is trained."""
 
+_ONE_LAYER = {OTHER: "it has one hidden layer of CUBA-LIF neurons"}
 _STREAMED = {
-    "Izhikevich afferents": "a sample far below rest would make their integration unstable",
+    **_ONE_LAYER,
+    **{model.title: model.not_streamed for model in OUR_MODELS.values() if model.not_streamed},
+    OF_ANOTHER_PACKAGE: "only models of neurotact are tested to spike in pieces as in the whole",
     "baseline of the whole trial": "a stream has not received the whole trial yet",
     "double precision": "a chain is deployed in float32",
 }
@@ -238,6 +252,7 @@ _IN_C = {
     "membranes in closed form": "C has no logarithm without a library",
 }
 _NOT_IN_NIR = {
+    **_ONE_LAYER,
     "clock slower than its encoder's": "it has no node that puts spikes into bins",
     "half-wave rate of change": "its graph rectifies the rate of change",
     "rise in SA-I": "its graph drives SA-I by the signal alone",
@@ -251,7 +266,10 @@ EXECUTORS: dict[str, Executor] = {
     "native": Executor(
         "the native kernels",
         ("encoder", "network", "readout", "exit"),
-        {**dict.fromkeys(OTHER_MODELS, "NumPy computes them"), "another surrogate": "they have the fast sigmoid alone"},
+        {
+            **dict.fromkeys(OTHER_MODELS, "NumPy computes them"),
+            "another surrogate": "they have the fast sigmoid alone",
+        },
     ),
     "stream": Executor("a stream", CHAIN, _STREAMED),
     "c-float": Executor("C in float32", CHAIN, {**_STREAMED, **_IN_C}),
@@ -266,6 +284,7 @@ EXECUTORS: dict[str, Executor] = {
         "snnTorch",
         ("network", "readout"),
         {
+            **_ONE_LAYER,
             "reset hard": "its neurons have only 'zero' and 'subtract'",
             "adaptive thresholds": "its Synaptic has fixed thresholds",
             "double precision": "its spikes are float32",
@@ -286,8 +305,13 @@ def require(executor: str, subject: Subject) -> None:
     """
     name = lacking(executor, subject)
     if name is not None:
-        entry = EXECUTORS[executor]
-        raise InputError(f"{name}: {entry.what} does not run it: {entry.lacks[name]}; {FEATURES[name].instead}")
+        raise refusal(executor, name)
+
+
+def refusal(executor: str, name: str) -> InputError:
+    """The error for a feature that an executor lacks."""
+    entry = EXECUTORS[executor]
+    return InputError(f"{name}: {entry.what} does not run it: {entry.lacks[name]}; {FEATURES[name].instead}")
 
 
 def lacking(executor: str, subject: Subject) -> str | None:

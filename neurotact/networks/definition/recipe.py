@@ -15,11 +15,20 @@ from torch import Tensor
 
 from neurotact import spec as specs
 from neurotact.networks.definition import clock
+from neurotact.networks.definition.module import ModuleNetwork
+from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.definition.specs import BEST_MEMBERS, MOST_HIDDEN, MOST_STRETCHES, RSNNSpec, TrainingSpec
+from neurotact.networks.definition.specs import (
+    BEST_MEMBERS,
+    COMMON,
+    MOST_HIDDEN,
+    MOST_STRETCHES,
+    RSNNSpec,
+    TrainingSpec,
+)
 from neurotact.networks.definition.specs import void_keys as of_network
 from neurotact.networks.definition.surrogate import FastSigmoid
-from neurotact.neurons import CubaLIF, cuba_lif_start, cuba_lif_step
+from neurotact.neurons import CubaLIF, Decay, cuba_lif_start, cuba_lif_step
 
 BATCH, EPOCHS, LEAST_STEPS, MOST_STEPS = 32, 40, 3000, 10_000
 LEARNED = 0.01
@@ -269,12 +278,18 @@ def space(spec: RSNNSpec, seen: Seen) -> dict[str, dict[str, Any]]:
     """
     chosen, given = resolve(spec, seen), spec.model_dump(mode="json")
     step_ms, most = 1e3 / seen.sampling_rate_Hz, MOST_HIDDEN // chosen.n_members
+    own = chosen if chosen.own is None else chosen.own
+
+    def around(key: str, factors: Sequence[float], least: float = 0.0) -> list[float]:
+        value = getattr(own, key, None)
+        return _around(value, factors, least) if isinstance(value, float) else []
+
     values: dict[str, list[Any]] = {
         "hidden": sorted({min(most, max(1, round(share * chosen.hidden))) for share in (0.4, 0.6, 1.0, 1.6)}),
-        "tau_mem_ms": _around(chosen.tau_mem_ms, (0.25, 0.5, 1.0, 2.0, 4.0), step_ms),
-        "tau_syn_ms": _around(chosen.tau_syn_ms, (0.25, 0.5, 1.0, 2.0, 4.0), step_ms),
+        "tau_mem_ms": around("tau_mem_ms", (0.25, 0.5, 1.0, 2.0, 4.0), step_ms),
+        "tau_syn_ms": around("tau_syn_ms", (0.25, 0.5, 1.0, 2.0, 4.0), step_ms),
         "input_deviation": [0.5, 1.0, 2.0],
-        "surrogate_scale": _around(chosen.surrogate_scale, (0.5, 1.0, 2.0)),
+        "surrogate_scale": around("surrogate_scale", (0.5, 1.0, 2.0)),
         "training.relative_learning_rate": [0.02, 0.05, 0.1],
         "training.input_dropout": [0.0, 0.1, 0.2],
         "training.readout_dropout": [0.0, 0.2, 0.4],
@@ -282,6 +297,8 @@ def space(spec: RSNNSpec, seen: Seen) -> dict[str, dict[str, Any]]:
     if chosen.recurrent:  # or may be: the search decides, by which trials differ
         values |= {"model": ["rsnn", "snn"], "training.rate_penalty": [0.0, 0.001, 0.01]}
     known = {*given, *(f"training.{key}" for key in given.get("training", {}))} - {"hidden"}
+    if chosen.own is not None:  # of its sizes only their owner knows others
+        known |= {"hidden", *(key for key in values if not has_key(chosen, key))}
     return {key: {"_type": "choice", "_value": value} for key, value in values.items() if key not in known}
 
 
@@ -299,11 +316,22 @@ def resolve(spec: RSNNSpec, seen: Seen) -> RSNNSpec:
         return spec
     given = spec.model_dump(mode="json", exclude={"recipe"})
     without_effort = {key: value for key, value in given.items() if key != "effort"}
-    chosen = {choice.key: choice.value for choice in choices(seen, given)}
+    chosen = {choice.key: choice.value for choice in choices(seen, given) if has_key(spec, choice.key)}
     training = without_effort.pop("training", {})
     table = specs.override(without_effort, {key: value for key, value in chosen.items() if key not in given})
     table["training"] = {**table.get("training", {}), **training}
     return specs.build(RSNNSpec, table, source=f"recipe = '{spec.recipe}'")
+
+
+def has_key(spec: RSNNSpec, key: str) -> bool:
+    """Whether a network has a key that the recipe chooses; one with keys of its own has those and a few of all.
+
+    >>> has_key(RSNNSpec(), "readout_stretches"), has_key(RSNNSpec(hidden=[4, 2]), "readout_stretches")
+    (True, False)
+    """
+    if spec.own is None:
+        return True
+    return key not in of_network(spec) and key.partition(".")[0] in (*COMMON, *type(spec.own).model_fields)
 
 
 def first_of(spec: RSNNSpec, seen: Seen) -> RSNNSpec:
@@ -358,7 +386,7 @@ def described(spec: RSNNSpec, seen: Seen) -> Iterator[str]:
         given = spec.model_dump(mode="json")
         known = specs.leaves(given)
         for choice in choices(seen, given):
-            if choice.key not in known:
+            if choice.key not in known and has_key(spec, choice.key):
                 yield f"{choice.key} = {choice.value} ({choice.why})"
     per_bin = clock.steps_per_bin(resolve(spec, seen).step_ms, seen.sampling_rate_Hz)
     n_merged = seen.merging[per_bin - 1] if per_bin <= len(seen.merging) else 0
@@ -395,7 +423,7 @@ def _short(value: float) -> float:
     return float(f"{value:.4g}")
 
 
-def free_deviation(spikes: Tensor, weights: Tensor, neuron: CubaLIF, alpha: float, beta: float) -> Tensor:
+def free_deviation(spikes: Tensor, weights: Tensor, neuron: CubaLIF, alpha: Decay, beta: Decay) -> Tensor:
     """Standard deviation of each neuron's free membrane, over trials and time, `(neuron,)` in float64.
 
     A free membrane neither fires nor resets. spikes: `(trial, time, afferent)`. weights: `(afferent, neuron)`.
@@ -417,15 +445,21 @@ def free_deviation(spikes: Tensor, weights: Tensor, neuron: CubaLIF, alpha: floa
     return (squares / n_values - (total / n_values).square()).clamp(min=0).sqrt()
 
 
-def start(network: RSNN, spikes: Tensor, generator: torch.Generator) -> None:
+def start(network: Network, spikes: Tensor, generator: torch.Generator) -> None:
     """Scale the initial weights of a network with an `input_deviation`, and correct a start that would not learn.
 
     spikes: of training windows. generator: redraws the weights of silent hidden neurons.
     Warns of corrections.
     """
-    if network.spec.input_deviation is None:
+
+    def sample_of() -> Tensor:
+        return network.binned(spikes[:: max(1, math.ceil(len(spikes) / LOOKED_AT))].to(network.device))
+
+    if isinstance(network, ModuleNetwork):
+        network.begin(sample_of(), generator)
+    if not isinstance(network, RSNN) or network.spec.input_deviation is None:
         return
-    sample = network.binned(spikes[:: max(1, math.ceil(len(spikes) / LOOKED_AT))].to(network.w_in.device))
+    sample = sample_of()
     scale_weights(network, sample)
     if sample.any():
         _redraw_silent(network, sample, generator)

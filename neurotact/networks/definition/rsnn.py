@@ -9,7 +9,7 @@ depends neither on the order of the spikes nor on the size of a batch.
 
 import math
 from functools import cache
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import torch
 from torch import Tensor, nn
@@ -20,55 +20,18 @@ from neurotact.data.recordings import check_sampling_rate
 from neurotact.errors import InputError
 from neurotact.networks.definition import clock, executors, kernels, native, reference
 from neurotact.networks.definition.kernels import Backend
+from neurotact.networks.definition.network import RASTER_VALUES, Counts, Inference, Network, Rasters, Simulated, decided
+from neurotact.networks.definition.parts import NetworkPart, Sizes
 from neurotact.networks.definition.readouts import Integration, Stretches
-from neurotact.networks.definition.specs import RSNNSpec, void_keys
+from neurotact.networks.definition.specs import Model, RSNNSpec, void_keys
 from neurotact.networks.definition.surrogate import FastSigmoid, spike_function
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule, Leader
+from neurotact.networks.exit.early_exit import ExitRule, Leader
 from neurotact.neurons import Adaptation, CubaLIF, SpikeFunction, cuba_lif_start, decay_per_step
 from neurotact.progress import say
 from neurotact.spec import build, leaves, override
 
 Returns = Literal["counts", "scores", "spikes"]
 """What a call of a network gives."""
-RASTER_VALUES = 2**25
-"""Spikes and sums that the reference holds in memory for an integrator's early exit."""
-
-
-class Counts(NamedTuple):
-    """Spikes per window, differentiable: `readout` `(trial, class)` and `hidden` `(trial, hidden)`.
-
-    `readout` of an integrator is its value at the end of the window.
-    """
-
-    readout: Tensor
-    hidden: Tensor
-
-
-class Rasters(NamedTuple):
-    """Spikes per step of the network: `hidden` `(trial, bin, hidden)` and `readout` `(trial, bin, class)`.
-
-    `readout` of an integrator is its input at each step, in float64; `RSNN.integration` adds it up.
-    """
-
-    hidden: Tensor
-    readout: Tensor
-
-
-class Inference(NamedTuple):
-    """The decisions of a network and their cost, one row per trial.
-
-    labels: index of the largest readout count or value, ties to the lowest, `(trial,)` int64.
-    steps: simulated steps of the input's clock, `(trial,)` int64.
-    input_spikes, hidden_spikes: spikes in those steps, summed over neurons, `(trial,)` int64; input spikes that a bin
-        merges are one.
-    readout: spikes of each readout neuron in those steps, `(trial, class)` int64; values of an integrator, float64.
-    """
-
-    labels: Tensor
-    steps: Tensor
-    input_spikes: Tensor
-    hidden_spikes: Tensor
-    readout: Tensor
 
 
 def stretches_of(spec: RSNNSpec, clock_Hz: float) -> Stretches | None:
@@ -87,7 +50,7 @@ def stretches_of(spec: RSNNSpec, clock_Hz: float) -> Stretches | None:
     )
 
 
-class RSNN(nn.Module):
+class RSNN(Network):
     """`n_inputs` afferents, `spec.hidden` hidden neurons, `n_classes` readout neurons.
 
     Weights are `(presynaptic, postsynaptic)`: `w_in`, `w_rec`, `w_out`; a feed-forward network's `w_rec` is None.
@@ -138,8 +101,9 @@ class RSNN(nn.Module):
             at_least(name, number, 1, whole=True)
         table = {} if spec is None else spec.model_dump(mode="json")
         self.spec = spec = build(RSNNSpec, override(table, keys), source="RSNN") if keys or spec is None else spec
-        if spec.model == "auto":
-            raise InputError("model: 'auto' is decided in training; give 'rsnn' or 'snn', or train with `nt.train`")
+        if spec.model not in get_args(Model):
+            what = "'auto' is decided in training" if spec.model == "auto" else f"RSNN is no '{spec.model}'"
+            raise InputError(f"model: {what}; give 'rsnn' or 'snn', or train with `nt.train`")
         effects.check_keys(leaves(keys), [void_keys(spec)], "RSNN")
         one_of("returns", returns, get_args(Returns))
         if returns == "spikes" and spec.integrates:
@@ -279,11 +243,6 @@ class RSNN(nn.Module):
         counts = self.counts(self.binned(spikes), factors)
         return counts.readout if self.returns == "scores" else counts
 
-    def binned(self, spikes: Tensor) -> Tensor:
-        """Input spikes on the network's clock, `(trial, bin, afferent)`."""
-        self._check(spikes)
-        return clock.binned(spikes, self.steps_per_bin)
-
     def on_own_clock(self) -> "RSNN":
         """The same network for spikes that are `binned`: its sampling rate is that of its own clock; a copy.
 
@@ -363,18 +322,7 @@ class RSNN(nn.Module):
         weights = self.readout_weights
         return hidden.double() @ (weights if self.stretches is None else weights[self.stretches.of_step(step)]).double()
 
-    @torch.no_grad()
-    def infer(self, spikes: Tensor, rule: ExitRule = FULL_WINDOW) -> Inference:
-        """Decide each trial; `rule` stops its simulation.
-
-        For an integrator, the reference simulates full windows and ignores the steps after the exit.
-        """
-        n_steps, spikes = spikes.shape[1], self.binned(spikes)
-        inference = self._infer(spikes, rule.in_bins(self.steps_per_bin))
-        return inference._replace(steps=(inference.steps * self.steps_per_bin).clamp(max=n_steps))
-
     def _infer(self, spikes: Tensor, rule: ExitRule) -> Inference:
-        """`infer` for spikes that are `binned`; its steps are the network's."""
         if self._native():
             return Inference(*native.rsnn_infer(spikes, self, rule))
         if (integration := self.integration) is not None:
@@ -393,17 +341,7 @@ class RSNN(nn.Module):
             sums = self.added(hidden) + integration.level
             n_input, n_hidden = (part.sum(dim=1).to(torch.int64) for part in (spikes.flatten(1), hidden))
             return Inference(sums.argmax(dim=1), steps, n_input, n_hidden, sums)
-        hidden, gained = self._simulate(spikes)
-        leader = Leader.start(n_trials, self.n_classes, spikes.device, integration)
-        labels, sums, running = leader.counts.argmax(dim=1), leader.counts.clone(), steps > 0
-        for t in range(n_steps):
-            leader = leader.after(gained[:, t], integration)
-            stops = running & (leader.exits(rule) | (t + 1 == n_steps))
-            labels[stops], sums[stops], steps[stops] = leader.index[stops], leader.counts[stops], t + 1
-            running = running & ~stops
-        ran = torch.arange(n_steps, device=spikes.device) < steps[:, None]
-        n_input, n_hidden = ((part.sum(dim=2) * ran).sum(dim=1).to(torch.int64) for part in (spikes, hidden))
-        return Inference(labels, steps, n_input, n_hidden, sums)
+        return decided(spikes, Simulated(self._simulate(spikes)), rule, integration)
 
     def _infer_by_steps(self, spikes: Tensor, rule: ExitRule) -> Inference:
         n_trials, n_steps, _ = spikes.shape
@@ -433,6 +371,14 @@ class RSNN(nn.Module):
                 break
         return result
 
+    @torch.no_grad()
+    def bound(self) -> None:
+        """Keep learned decays in [0, 1], where the dynamics are stable, and a learned threshold positive."""
+        if self.spec.learn:
+            self.alpha.clamp_(0.0, 1.0)
+            self.beta.clamp_(0.0, 1.0)
+            self.threshold.clamp_(min=1e-3)
+
     def _layer(self, x: Tensor, w: Tensor, v: Tensor | None, layer: int, ordered: bool, state=None):
         return reference.cuba_lif_layer(x, w, v, **self.layer(layer)._asdict(), state=state, ordered=ordered)
 
@@ -455,14 +401,26 @@ class RSNN(nn.Module):
             _say_once(f"{lacking}: the kernels do not run it: {reason}; the reference in torch runs, which is slower")
         return lacking is None
 
-    def _check(self, spikes: Tensor) -> None:
-        if spikes.ndim != 3 or spikes.shape[2] != self.n_inputs:
-            raise InputError(
-                f"spikes: have shape {tuple(spikes.shape)} where (trial, time, {self.n_inputs}) is expected; "
-                "train and run a network on the same afferents"
-            )
-
 
 @cache
 def _say_once(what: str) -> None:
     say(what)
+
+
+def rsnn_of(executor: str, network: Network) -> RSNN:
+    """A network that an executor, or a `chip`, takes at all; InputError for one that is no RSNN."""
+    if isinstance(network, RSNN):
+        return network
+    if executor == "chip":
+        instead = executors.FEATURES[executors.OTHER].instead
+        raise InputError(f"{executors.OTHER}: limits of chips are known for one hidden layer; {instead}")
+    raise executors.refusal(executor, executors.OTHER)
+
+
+def _of_part(spec: RSNNSpec, sizes: Sizes) -> RSNN:
+    n_inputs, n_classes, rate_Hz, _, backend, generator, dtype = sizes
+    return RSNN(n_inputs, n_classes, spec, rate_Hz, backend=backend, generator=generator, dtype=dtype)
+
+
+RECURRENT = NetworkPart("A hidden layer of CUBA-LIF neurons that are connected to one another.", RSNNSpec, _of_part)
+FEED_FORWARD = NetworkPart("A hidden layer of CUBA-LIF neurons without recurrence.", RSNNSpec, _of_part)

@@ -1,21 +1,38 @@
 """The keys of a network spec (`networks/*.toml`)."""
 
-from collections.abc import Mapping
+import json
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import (
+    AfterValidator,
+    Field,
+    ModelWrapValidatorHandler,
+    PrivateAttr,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from neurotact import effects, plugins
 from neurotact import spec as specs
+from neurotact.errors import InputError
 from neurotact.networks.definition import optimisers
+from neurotact.networks.definition.parts import NetworkPart
 from neurotact.networks.definition.surrogate import FAST_SIGMOID, spike_function
 from neurotact.neurons import Membrane, Reset, SpikeFunction
 from neurotact.spec import Spec
 
 Keep = Literal["loss", "accuracy", "both"]
 Model = Literal["rsnn", "snn"]
+BUILT_IN = ("rsnn", "snn", "auto")
+"""Models whose keys are those of `RSNNSpec`; another model is a part with keys of its own."""
+COMMON = ("model", "step_ms", "recipe", "effort", "training")
+"""Keys of every network."""
+LAYERED = "layered"
+"""The model of a network whose `hidden` is a list."""
 Effort = Literal["quick", "default", "best"]
 MOST_HIDDEN = 1024
 """Neurons of the largest hidden layer."""
@@ -98,6 +115,32 @@ class TrainingSpec(Spec):
         return f"training.{key}={getattr(self, key) / 2:g}"
 
 
+def _known_model(name: str) -> str:
+    return name if name in BUILT_IN else plugins.known("networks", name)
+
+
+def _of_layers(table: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys of a network whose `hidden` is a list, as those of the part `layered`."""
+    model = table.get("model")
+    if model == "auto":
+        raise InputError("model: 'auto' tries recurrence with one hidden layer; set model = 'layered', or one number")
+    recurrent = {} if model is None else {"recurrent": model == "rsnn"}
+    own, known = RSNNSpec.model_fields, part_of(LAYERED).keys.model_fields
+    unused = {k for k, v in table.items() if k in own and k not in (*COMMON, *known) and v == own[k].default}
+    return {**recurrent, **{key: value for key, value in table.items() if key not in unused}, "model": LAYERED}
+
+
+def part_of(model: str) -> NetworkPart:
+    """The part that a model names; InputError if it cannot be used."""
+    part = plugins.load("networks", model, NetworkPart)
+    if not (isinstance(part.keys, type) and issubclass(part.keys, Spec) and callable(part.module)):
+        raise plugins.unfit("networks", model, "has keys that are not a Spec, or no module to call")
+    taken = [key for key in part.keys.model_fields if key in COMMON] if part.keys is not RSNNSpec else []
+    if taken:
+        raise plugins.unfit("networks", model, f"has a key '{taken[0]}', which every network has")
+    return part
+
+
 class RSNNSpec(Spec):
     """A spiking network: recurrent (texture paper, Fig. 1c and Eqs. 4 to 7) or feed-forward.
 
@@ -110,12 +153,13 @@ class RSNNSpec(Spec):
 
     folder: ClassVar[str] = "networks"
 
-    model: Literal["rsnn", "snn", "auto"] = "rsnn"
+    model: Annotated[str, AfterValidator(_known_model)] = "rsnn"
     """rsnn: the hidden layer is recurrent; snn: it is not, and the `recurrent_...` keys are ignored. auto: both are
     trained, and recurrence stays if it classifies more validation windows correctly, by more than the standard error;
-    a trained network is one of the two."""
+    a trained network is one of the two. Another name: a network of several layers (`layered`), or of another package
+    (`docs/plugins.md`), with keys of its own beside step_ms, recipe and training."""
     hidden: int = Field(default=30, ge=1, le=MOST_HIDDEN)
-    """Neurons in the hidden layer."""
+    """Neurons in the hidden layer. A list, such as [20, 10]: of several layers (`model = "layered"`)."""
     step_ms: Annotated[float, Field(gt=0)] | Literal["encoder"] | None = None
     """Step of the network's clock, a whole number of steps of the encoder's clock. Input spikes are put into bins of
     this length; several of one afferent in a bin are one. `encoder`, or absent without a recipe: the encoder's step."""
@@ -173,6 +217,49 @@ class RSNNSpec(Spec):
     (`training.members`)."""
     training: TrainingSpec = TrainingSpec()
 
+    _own: Spec | None = PrivateAttr(default=None)
+
+    @property
+    def own(self) -> Spec | None:
+        """The keys of a network that is a part with keys of its own; None of an RSNN."""
+        return self._own
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _with_own_keys(cls, table: Any, handler: ModelWrapValidatorHandler["RSNNSpec"]) -> "RSNNSpec":
+        """Build the keys of a part from those that are not keys of every network."""
+        if not isinstance(table, Mapping):
+            return handler(table)
+        if isinstance(table.get("hidden"), (list, tuple)) and table.get("model", "rsnn") in BUILT_IN:
+            table = _of_layers(table)
+        model = table.get("model", "rsnn")
+        if model in BUILT_IN or not isinstance(model, str) or model not in plugins.names("networks"):
+            return handler(table)
+        keys = {key: value for key, value in table.items() if key not in COMMON}
+        spec = handler({key: value for key, value in table.items() if key in COMMON})
+        if spec.n_members > 1:
+            raise ValueError(f"{spec.n_members} networks (training.members) join only if they are an rsnn or an snn")
+        part = part_of(model)
+        if part.keys is not RSNNSpec:
+            spec._own = specs.build(part.keys, keys, source=f"model = '{model}'")
+        return spec
+
+    @property
+    def own_keys(self) -> str:
+        """The model and the keys of its own that differ from its defaults, as JSON."""
+        own = {} if self.own is None else self.own.model_dump(mode="json", exclude_defaults=True)
+        return json.dumps({"model": self.model, **own})
+
+    def __repr_args__(self) -> Iterator[tuple[str, Any]]:
+        yield from super().__repr_args__()
+        if self.own is not None:
+            yield from self.own.__repr_args__()
+
+    @property
+    def n_hidden(self) -> int:
+        """Hidden neurons; 0 of a part that does not say it."""
+        return self.hidden if self.own is None else int(getattr(self.own, "n_hidden", 0))
+
     @property
     def spike(self) -> SpikeFunction:
         """What a hidden neuron sends, with its surrogate gradient."""
@@ -186,7 +273,7 @@ class RSNNSpec(Spec):
     @property
     def recurrent(self) -> bool:
         """Whether hidden neurons are connected to one another, or may be after training."""
-        return self.model != "snn"
+        return self.model != "snn" and self.own is None
 
     @property
     def fan_among(self) -> int:
@@ -280,7 +367,7 @@ class RSNNSpec(Spec):
 
     @model_validator(mode="after")
     def _members_can_be_joined(self) -> "RSNNSpec":
-        if self.n_members == 1:
+        if self.n_members == 1 or self.model not in BUILT_IN:
             return self
         chooses = self.recipe is not None and "readout" not in self.model_fields_set
         if self.learn or not (chooses or self.readout == "integrator"):
@@ -307,12 +394,22 @@ class RSNNSpec(Spec):
     @model_serializer(mode="wrap")
     def _without_unused(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         table = dump(self)
+        own = {} if self.own is None else self.own.model_dump(mode="json", exclude_unset=self.recipe is not None)
+        if self.own is not None:
+            table = {**{key: value for key, value in table.items() if key in COMMON}, **own}
         if self.recipe is None:
             unused = {"effort"} | (set() if self.threshold_adaptation else {"tau_adaptation_ms"})
             return {key: value for key, value in table.items() if key not in unused}  # which no spec may name then
-        given = {key: value for key, value in table.items() if key in self.model_fields_set and key != "training"}
+        names = {*self.model_fields_set, *own} - {"training"}
+        given = {key: value for key, value in table.items() if key in names}
         training = {key: getattr(self.training, key) for key in sorted(self.training.model_fields_set)}
         return {**given, "training": training} if training else given
+
+
+def _counts_nothing(model: str) -> bool:
+    """Whether the class of a part's module cannot count spikes."""
+    module = part_of(model).module
+    return isinstance(module, type) and not hasattr(module, "counted")
 
 
 def void_keys(spec: RSNNSpec) -> dict[str, str]:
@@ -323,6 +420,16 @@ def void_keys(spec: RSNNSpec) -> dict[str, str]:
     """
     scales_all = spec.input_deviation is not None and spec.integrates and not spec.recurrent
     is_relative = spec.training.relative_learning_rate is not None
+    if spec.own is not None:
+        optimiser = spec.training.optimiser
+        of_rsnn = "has no effect with a network of another model; leave it out"
+        penalties = [key for key in ("rate_penalty", "population_penalty") if getattr(spec.training, key)]
+        unheard = penalties if _counts_nothing(spec.model) else []
+        return {
+            **{f"training.{key}": of_rsnn for key in ("readout_dropout", "stretch_rate")},
+            **{f"training.{key}": "has no effect where no hidden spikes are counted; leave it out" for key in unheard},
+            **effects.voids(**{f"has_{key}": optimisers.takes(optimiser, key) for key in ("betas", "weight_decay")}),
+        }
     return effects.voids(
         model=spec.model,
         readout=spec.readout,

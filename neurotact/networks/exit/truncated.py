@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from neurotact.metrics import synops
+from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.readouts import Integration
-from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.exit.exit_choice import exits, oracle_exit
 from neurotact.networks.training.training import Examples
 
@@ -25,7 +24,8 @@ class SimulatedWindows(NamedTuple):
 
     readout: spikes, or the input of an integrator, `(window, time, class)`, on the network's clock; integration: of an
     integrator, None if spikes are counted; input, hidden: spikes of all neurons up to and including each step
-    `(window, time)` int64; labels: the true classes `(window,)`.
+    `(window, time)` int64; labels: the true classes `(window,)`; sops: operations up to and including each step,
+    `(window, time, projection)`, where the network counts them itself.
     """
 
     readout: Tensor
@@ -33,22 +33,29 @@ class SimulatedWindows(NamedTuple):
     hidden: Tensor
     labels: Tensor
     integration: Integration | None = None
+    sops: Tensor | None = None
 
 
 @torch.no_grad()
-def simulate_windows(network: RSNN, examples: Examples) -> SimulatedWindows:
+def simulate_windows(network: Network, examples: Examples) -> SimulatedWindows:
     """Simulate full windows and return the spikes of each layer."""
-    readout, inputs, hidden = [], [], []
+    readout, inputs, hidden, sops = [], [], [], []
     for spikes in examples.spikes.split(AT_ONCE):
-        rasters = network.simulate(spikes.to(network.w_in.device))
-        readout.append(rasters.readout.cpu() if network.bias is not None else rasters.readout.cpu().to(torch.uint8))
+        rasters, own = network.simulated(spikes.to(network.device))
+        readout.append(
+            rasters.readout.cpu() if network.integration is not None else rasters.readout.cpu().to(torch.uint8)
+        )
         inputs.append(_until(network.binned(spikes)))
         hidden.append(_until(rasters.hidden.cpu()))
+        sops += [] if own is None else [own.cpu().cumsum(dim=1)]
     integration = None if network.integration is None else network.integration.detach().cpu()
-    return SimulatedWindows(torch.cat(readout), torch.cat(inputs), torch.cat(hidden), examples.labels, integration)
+    return SimulatedWindows(
+        torch.cat(readout), torch.cat(inputs), torch.cat(hidden), examples.labels, integration,
+        torch.cat(sops) if sops else None,
+    )  # fmt: skip
 
 
-def cut_short(network: RSNN, windows: SimulatedWindows, cuts_ms: Sequence[float]) -> list[dict[str, Any]]:
+def cut_short(network: Network, windows: SimulatedWindows, cuts_ms: Sequence[float]) -> list[dict[str, Any]]:
     """Accuracy and mean SOPs at each cut within the window; the counts at its last step decide.
 
     Columns: cut_ms, accuracy_test, and sops_* as in results.csv.
@@ -65,7 +72,7 @@ def cut_short(network: RSNN, windows: SimulatedWindows, cuts_ms: Sequence[float]
 
 
 def exit_curve(
-    network: RSNN, test: SimulatedWindows, validation: SimulatedWindows, patiences: Sequence[int]
+    network: Network, test: SimulatedWindows, validation: SimulatedWindows, patiences: Sequence[int]
 ) -> list[dict[str, Any]]:
     """Accuracy, steps and mean SOPs on test windows over patience, in each mode of early exit.
 
@@ -119,12 +126,13 @@ def _printed(windows: SimulatedWindows, patiences: Sequence[int]) -> list[tuple[
     return [oracle_exit(windows.readout, labels, p, integration, as_printed=True)[:2] for p in patiences]
 
 
-def judged(network: RSNN, windows: SimulatedWindows, steps: Tensor, chosen: Tensor) -> dict[str, float]:
+def judged(network: Network, windows: SimulatedWindows, steps: Tensor, chosen: Tensor) -> dict[str, float]:
     """Accuracy and mean SOPs of windows that stop after so many steps with these labels."""
     inputs, hidden = (until.gather(1, steps[:, None] - 1)[:, 0].numpy() for until in (windows.input, windows.hidden))
-    cost = synops.of_network(network, inputs, hidden)
-    sops = {f"sops_{name}": float(values.mean()) for name, values in cost._asdict().items()}
-    return {"accuracy_test": _share(chosen == windows.labels), **sops}
+    sops = None if windows.sops is None else windows.sops[torch.arange(len(steps)), steps - 1].numpy()
+    cost = network.operations(inputs, hidden, sops)
+    means = {f"sops_{name}": float(values.mean()) for name, values in cost._asdict().items()}
+    return {"accuracy_test": _share(chosen == windows.labels), **means}
 
 
 def _until(spikes: Tensor) -> Tensor:

@@ -11,6 +11,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from neurotact import files
 from neurotact.errors import InputError
+from neurotact.metrics import synops
 
 JOURNAL = "journal.jsonl"
 FINISHED, STOPPED, FAILED = "finished", "stopped", "failed"
@@ -22,7 +23,8 @@ class Trial:
 
     epochs: validation accuracy after each epoch.
     outcome: finished, stopped (by the assessor) or failed.
-    accuracy, sops: of the trained network on validation windows; if stopped, of the network after the last epoch.
+    accuracy, sops: of the trained network on validation windows; if stopped, of the network after the last epoch. sops
+    is None where they are not counted.
     value: what the tuner received.
     """
 
@@ -73,8 +75,8 @@ def _parse(line: bytes, number: int) -> Trial:
         raise ValueError(f"it is of trial {trial.id}")
     if trial.outcome not in (FINISHED, STOPPED, FAILED):
         raise ValueError("its outcome is unknown")
-    if trial.outcome != FAILED and None in (trial.accuracy, trial.sops, trial.value):
-        raise ValueError("its accuracy, its SOPs or its value is missing")
+    if trial.outcome != FAILED and None in (trial.accuracy, trial.value):
+        raise ValueError("its accuracy or its value is missing")
     if not all(0 <= accuracy <= 1 for accuracy in trial.epochs):
         raise ValueError("an accuracy is not between 0 and 1")
     ended = trial.epochs[-1:] if trial.outcome == STOPPED else trial.epochs
@@ -117,10 +119,11 @@ def beside_given(trials: Sequence[Trial]) -> str:
     best, given = best_of(trials), trials[0]
     if best is given:
         return f"no trial of {len(trials)} is better than the network as given (trial 0)"
-    shown = f"validation accuracy {_percent(best)}, {best.sops:,.0f} SOPs per window; the network as given (trial 0)"
+    sops = synops.in_words(best.sops) + ("" if best.sops is None else " per window")
+    shown = f"validation accuracy {_percent(best)}, {sops}; the network as given (trial 0)"
     if given.outcome == FAILED:
         return f"{shown} cannot be trained"
-    return f"{shown} has {_percent(given)}, {given.sops:,.0f} SOPs"
+    return f"{shown} has {_percent(given)}, {synops.in_words(given.sops)}"
 
 
 def _percent(trial: Trial) -> str:

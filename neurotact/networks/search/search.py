@@ -25,7 +25,7 @@ from neurotact.data.splits import check_stratify
 from neurotact.errors import InputError
 from neurotact.networks.definition import recipe, seeds
 from neurotact.networks.definition.joining import joined
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.specs import RSNNSpec, void_keys
 from neurotact.networks.search import tuning
 from neurotact.networks.search.journal import (
@@ -201,14 +201,16 @@ def try_network(job: Job, trains: SpikeTrains, sides: Sides) -> Trial:
         return Trial(number, parameters, epochs, FAILED, error=str(error))
 
 
-def trial_of(job: Job, network: RSNN, accuracy: float, outcome: str, sides: Sides, epochs: list[float]) -> Trial:
+def trial_of(job: Job, network: Network, accuracy: float, outcome: str, sides: Sides, epochs: list[float]) -> Trial:
     """The journal's line of a trained network, with the SOPs of its decisions on validation windows."""
     number, parameters = job.proposal
     sops = measuring.mean_sops(network, sides.validation)
+    if math.isnan(sops) and job.problem.search.weighs_sops:
+        return Trial(number, parameters, epochs, FAILED, error="its SOPs are not counted, and the search weighs them")
     value = job.problem.search.value(accuracy, sops)
     if not math.isfinite(value):
         return Trial(number, parameters, epochs, FAILED, error=f"its value is {value}")
-    return Trial(number, parameters, epochs, outcome, accuracy, sops, value)
+    return Trial(number, parameters, epochs, outcome, accuracy, None if math.isnan(sops) else sops, value)
 
 
 def _warn_beyond(max_sops: float | None, trials: Sequence[Trial]) -> None:
@@ -257,14 +259,14 @@ class _StopTrialError(Exception):
     """Carries a stopped trial out of training."""
 
 
-def _train(job: Job, trains: SpikeTrains, sides: Sides, epochs: list[float]) -> tuple[RSNN, float, str]:
+def _train(job: Job, trains: SpikeTrains, sides: Sides, epochs: list[float]) -> tuple[Network, float, str]:
     """The trained network, its validation accuracy, the outcome; appends each epoch's accuracy to `epochs`."""
     proposal = job.proposal
     asked_for = job.problem.network_of(proposal.parameters)
     spec = recipe.chosen_for(asked_for, sides.train.spikes, trains.sampling_rate_Hz)
-    member: RSNN | None = None
+    member: Network | None = None
 
-    def new(spec: RSNNSpec, seeds: tuple[int, int]) -> tuple[RSNN, torch.Generator]:
+    def new(spec: RSNNSpec, seeds: tuple[int, int]) -> tuple[Network, torch.Generator]:
         nonlocal member
         member, order = fitting.new_network(trains, spec, seeds, sides.train.spikes)
         return member, order
@@ -301,9 +303,9 @@ def _take(known: list[Trial], batch: Sequence[Proposal], problem: Problem, folde
 def _is_consistent(trial: Trial, search: SearchSpec) -> bool:
     """Whether a trial's value matches its accuracy and its SOPs."""
     accuracy, sops = trial.accuracy, trial.sops
-    if not isinstance(accuracy, (int, float)) or not isinstance(sops, (int, float)):
+    if not isinstance(accuracy, (int, float)) or (sops is None and search.weighs_sops):
         return False
-    return trial.value == search.value(accuracy, sops)
+    return trial.value == search.value(accuracy, math.nan if sops is None else sops)
 
 
 def _report(tuner: Tuner, trial: Trial) -> None:

@@ -46,13 +46,14 @@ def worse_than_baseline(
     searched: keys of the network that a search has chosen. members: how many networks were joined into it.
     """
     if comparison.verdict == "worse":
-        is_larger_possible = spec.hidden <= MOST_HIDDEN // 2 and "hidden" not in searched
+        is_rsnn = spec.own is None
+        is_larger_possible = is_rsnn and spec.hidden <= MOST_HIDDEN // 2 and "hidden" not in searched
         larger = 2 * spec.hidden // members
         can_join = spec.readout == "integrator" and not spec.learn and BEST_MEMBERS * spec.hidden <= MOST_HIDDEN
         joins = command == "train" and members == 1 and spec.input_deviation is not None and can_join
         last = {"train": "`nt.tune`", "tune": "more trials (`trials`)", "fine-tune": "`nt.tune`"}[command]
         remedies = [
-            *(["`network='default'`"] if spec.input_deviation is None else []),
+            *(["`network='default'`"] if is_rsnn and spec.input_deviation is None else []),
             *([f"more hidden neurons (`settings={{'hidden': {larger}}}`)"] if is_larger_possible else []),
             *([f"{BEST_MEMBERS} networks joined (`settings={{'effort': 'best'}}`)"] if joins else []),
             last,
@@ -82,7 +83,7 @@ def calibrated(encoder: Mapping[str, Any], each: str) -> Iterator[str]:
 
     encoder: its table, as spikes have it. each: what has a turn, as an argument, such as "split=nt.Split(folds=5)".
 
-    >>> list(calibrated({"conditioning": {"baseline": "first"}}, "split=nt.Split(folds=5)"))
+    >>> list(calibrated({"conditioning": {"baseline": "start"}}, "split=nt.Split(folds=5)"))
     []
     >>> print(*calibrated({"conditioning": {"scale": [2.0]}}, "split=nt.Split(folds=5)"))
     the encoder was calibrated once for all tests: if on trials of this file, it knows trials that are tested; `nt.run_study(..., split=nt.Split(folds=5))` of own-recordings calibrates for each test without its trials

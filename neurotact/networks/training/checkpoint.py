@@ -19,7 +19,9 @@ from torch import Tensor
 from neurotact import __version__
 from neurotact.errors import InputError, nearest
 from neurotact.files import existing, read_bytes, read_json, whole, write_json
+from neurotact.networks.definition import module
 from neurotact.networks.definition.kernels import Backend
+from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.spec import build
@@ -30,7 +32,11 @@ DTYPES = {"float32": torch.float32, "float64": torch.float64}
 KEYS = ("spec", "n_inputs", "n_classes", "sampling_rate_Hz", "dtype", "neurotact", "weights_sha256", "extra")
 
 
-def save(network: RSNN, folder: str | Path, extra: Mapping[str, Any] | None = None) -> None:
+Expected = Mapping[str, tuple[tuple[int, ...], torch.dtype]]
+"""Shape and type of each tensor that a file must contain."""
+
+
+def save(network: Network, folder: str | Path, extra: Mapping[str, Any] | None = None) -> None:
     """Write a network into `folder`; each file is written in full and then renamed.
 
     extra: further JSON values of the network: class names, training history, encoder spec.
@@ -45,10 +51,10 @@ def save(network: RSNN, folder: str | Path, extra: Mapping[str, Any] | None = No
     >>> torch.equal(again.w_rec, net.w_rec), metadata["extra"]
     (True, {'best_epoch': 12})
     """
-    dtype = next((name for name, known in DTYPES.items() if known == network.w_in.dtype), None)
+    dtype = next((name for name, known in DTYPES.items() if known == network.dtype), None)
     if dtype is None:
-        raise InputError(f"network: weights are {network.w_in.dtype}; convert it to one of {', '.join(DTYPES)}")
-    if network.spike != network.spec.spike:
+        raise InputError(f"network: weights are {network.dtype}; convert it to one of {', '.join(DTYPES)}")
+    if isinstance(network, RSNN) and network.spike != network.spec.spike:
         raise InputError(
             "network: its surrogate is not the one that its spec describes, and a checkpoint would lose it; "
             "set network.spike = network.spec.spike before saving"
@@ -74,7 +80,7 @@ def save(network: RSNN, folder: str | Path, extra: Mapping[str, Any] | None = No
     write_json(folder / NETWORK, dict(zip(KEYS, values, strict=True)))
 
 
-def load(folder: str | Path, *, backend: Backend = "auto") -> tuple[RSNN, dict[str, Any]]:
+def load(folder: str | Path, *, backend: Backend = "auto") -> tuple[Network, dict[str, Any]]:
     """The network in `folder`, and the content of `network.json`; its `extra` is that of `save`.
 
     Raises InputError, which names the file, if a file is missing, truncated or altered, or if the two do not match.
@@ -82,16 +88,10 @@ def load(folder: str | Path, *, backend: Backend = "auto") -> tuple[RSNN, dict[s
     folder = existing(folder, "folder")
     metadata = _metadata(folder / NETWORK)
     spec = build(RSNNSpec, metadata["spec"], source=str(folder / NETWORK))
-    weights = _weights(folder / WEIGHTS, metadata, spec)
-    network = RSNN(
-        metadata["n_inputs"],
-        metadata["n_classes"],
-        spec,
-        metadata["sampling_rate_Hz"],
-        backend=backend,
-        generator=torch.Generator(),  # the weights are replaced: do not advance the global generator
-        dtype=DTYPES[metadata["dtype"]],
-    )
+    sizes = metadata["n_inputs"], metadata["n_classes"], spec, metadata["sampling_rate_Hz"]
+    dtype = DTYPES[metadata["dtype"]]
+    weights = _weights(folder / WEIGHTS, metadata, expected_of(*sizes, dtype))
+    network = untrained(*sizes, dtype, backend=backend)
     network.load_state_dict(weights)
     return network, metadata
 
@@ -117,7 +117,7 @@ def _metadata(path: Path) -> dict[str, Any]:
     return table
 
 
-def _weights(path: Path, metadata: dict[str, Any], spec: RSNNSpec) -> dict[str, Tensor]:
+def _weights(path: Path, metadata: dict[str, Any], expected: Expected) -> dict[str, Tensor]:
     """The tensors; their shapes are checked against the metadata before a network is built."""
     content = read_bytes(path)
     if hashlib.sha256(content).hexdigest() != metadata["weights_sha256"]:
@@ -126,9 +126,7 @@ def _weights(path: Path, metadata: dict[str, Any], spec: RSNNSpec) -> dict[str, 
         tensors = safetensors.torch.load(content)
     except SafetensorError as error:
         raise InputError(f"{path}: is not a safetensors file ({error}); save the network again") from error
-    shapes = shapes_of(spec, metadata["n_inputs"], metadata["n_classes"])
-    dtype = DTYPES[metadata["dtype"]]
-    check(tensors, {name: (shape, dtype) for name, shape in shapes.items()}, path, "save the network again")
+    check(tensors, expected, path, "save the network again")
     return tensors
 
 
@@ -146,8 +144,20 @@ def shapes_of(spec: RSNNSpec, n_inputs: int, n_classes: int) -> dict[str, tuple[
     return {"w_in": (n_inputs, spec.hidden), **recurrent, **readout, **dynamics}
 
 
-Expected = Mapping[str, tuple[tuple[int, ...], torch.dtype]]
-"""Shape and type of each tensor that a file must contain."""
+def untrained(
+    n_inputs: int, n_classes: int, spec: RSNNSpec, rate_Hz: float, dtype: torch.dtype, *, backend: Backend = "auto"
+) -> Network:
+    """A network whose weights will be replaced: torch's global generator is not advanced."""
+    generator = torch.Generator()
+    return module.new(n_inputs, n_classes, spec, rate_Hz, backend=backend, generator=generator, dtype=dtype)
+
+
+def expected_of(n_inputs: int, n_classes: int, spec: RSNNSpec, rate_Hz: float, dtype: torch.dtype) -> Expected:
+    """Shape and type of each tensor of a network's state; those of an RSNN are known before it is built."""
+    if spec.own is None:
+        return {name: (shape, dtype) for name, shape in shapes_of(spec, n_inputs, n_classes).items()}
+    state = untrained(n_inputs, n_classes, spec, rate_Hz, dtype).state_dict()
+    return {name: (tuple(tensor.shape), tensor.dtype) for name, tensor in state.items()}
 
 
 def check(tensors: Mapping[str, Tensor], expected: Expected, path: Path, fix: str) -> None:

@@ -169,10 +169,14 @@ def costs(row: Mapping[str, Any], step_ms: float) -> str:
     a decision costs 1,200 SOPs, 42 input spikes and 1,000 ms; with early exit 600 SOPs and 420 ms, at 90.0 %
     """
     spikes = sum(value for key, value in row.items() if key.startswith("spikes_"))  # a column for each population
+    whole, early = row["sops_total"], row["exit_sops_total"]
+    counted = ["", "", "; SOPs are not counted"]
+    if whole is not None and not np.isnan(whole):
+        counted = [f"{whole:,.0f} SOPs, ", f"{early:,.0f} SOPs and ", ""]
     return (
-        f"a decision costs {row['sops_total']:,.0f} SOPs, {spikes:,.0f} input spikes and "
-        f"{row['window_steps'] * step_ms:,.4g} ms; with early exit {row['exit_sops_total']:,.0f} SOPs and "
-        f"{row['exit_steps'] * step_ms:,.4g} ms, at {100 * row['exit_accuracy']:.1f} %"
+        f"a decision costs {counted[0]}{spikes:,.0f} input spikes and "
+        f"{row['window_steps'] * step_ms:,.4g} ms; with early exit {counted[1]}"
+        f"{row['exit_steps'] * step_ms:,.4g} ms, at {100 * row['exit_accuracy']:.1f} %{counted[2]}"
     )
 
 

@@ -9,9 +9,9 @@ from torch import Tensor
 
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
-from neurotact.networks.definition import clock, recipe
+from neurotact.networks.definition import clock, module, recipe
 from neurotact.networks.definition.kernels import Backend
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit import exit_choice, held_out
 from neurotact.networks.exit.early_exit import ExitRule
@@ -31,7 +31,7 @@ class Trained(NamedTuple):
     losses on trials that did not choose it, which decide whether it is used; None if it is given.
     """
 
-    network: RSNN
+    network: Network
     training: Training
     rule: ExitRule
     has_own_rule: bool = True
@@ -78,13 +78,13 @@ def new_trained(
     device: str | torch.device = "cpu",
     backend: Backend = "auto",
     **options: Any,
-) -> tuple[RSNN, Training]:
+) -> tuple[Network, Training]:
     """Train a network for the afferents and classes of some spike trains, with the choices of its recipe; and its log.
 
     options: of `members.train`.
     """
 
-    def new(spec: RSNNSpec, seeds: tuple[int, int]) -> tuple[RSNN, torch.Generator]:
+    def new(spec: RSNNSpec, seeds: tuple[int, int]) -> tuple[Network, torch.Generator]:
         network, order = new_network(trains, spec, seeds, training.spikes, backend=backend)
         return network.to(device), order
 
@@ -102,7 +102,7 @@ def warn_of_silence(training: Examples) -> None:
         )
 
 
-def finished(network: RSNN, training: Training, sides: Sides, task: Task) -> Trained:
+def finished(network: Network, training: Training, sides: Sides, task: Task) -> Trained:
     """A trained network, with the exit rule chosen on its validation windows."""
     training_side = sides.train if task.exit_choice == "steady" else None
     held = exit_of(network, sides.validation, task.exit_tolerance, training_side)
@@ -111,7 +111,7 @@ def finished(network: RSNN, training: Training, sides: Sides, task: Task) -> Tra
 
 def new_network(
     trains: SpikeTrains, spec: RSNNSpec, seeds: tuple[int, int], training: Tensor, *, backend: Backend = "auto"
-) -> tuple[RSNN, torch.Generator]:
+) -> tuple[Network, torch.Generator]:
     """An untrained network for the afferents and classes of some spike trains, and the generator of the trials' order.
 
     training: spikes of the training windows; a recipe chooses from them, and weights are scaled on them.
@@ -128,16 +128,16 @@ def begin(
     generator: torch.Generator,
     *,
     backend: Backend = "auto",
-) -> RSNN:
+) -> Network:
     """An untrained network for training windows `(window, time, afferent)`, with the choices of its recipe for them."""
     chosen = recipe.chosen_for(spec, training, sampling_rate_Hz)
-    network = RSNN(training.shape[2], n_classes, chosen, sampling_rate_Hz, backend=backend, generator=generator)
+    network = module.new(training.shape[2], n_classes, chosen, sampling_rate_Hz, backend=backend, generator=generator)
     _warn_of_merged(network, training)
     recipe.start(network, training, generator)
     return network
 
 
-def _warn_of_merged(network: RSNN, training: Tensor) -> None:
+def _warn_of_merged(network: Network, training: Tensor) -> None:
     """Warn of input spikes that the network's clock is too slow for, if they are more than the recipe merges."""
     n_merged, n_spikes = clock.merged(training, network.steps_per_bin), int(training.count_nonzero())
     if n_merged > recipe.MERGED * n_spikes:
@@ -148,7 +148,7 @@ def _warn_of_merged(network: RSNN, training: Tensor) -> None:
 
 
 def exit_rule(
-    network: RSNN,
+    network: Network,
     validation: Examples,
     tolerance: float,
     training: Examples | None = None,
@@ -162,7 +162,7 @@ def exit_rule(
 
 @torch.no_grad()
 def exit_of(
-    network: RSNN,
+    network: Network,
     validation: Examples,
     tolerance: float,
     training: Examples | None = None,
@@ -181,15 +181,15 @@ def exit_of(
     return ExitChoice(rule, held_out.losses(judged, tolerance, seen), tolerance)
 
 
-def _right(network: RSNN, examples: Examples) -> Iterator[Tensor]:
+def _right(network: Network, examples: Examples) -> Iterator[Tensor]:
     """Whether each window is decided correctly with each patience, `(window, patience)`, some at a time."""
     for readout, labels in _readouts(network, examples):
         decisions = exit_choice.exits(readout, integration=network.integration)
         yield exit_choice.is_right(decisions, labels).cpu()
 
 
-def _readouts(network: RSNN, examples: Examples) -> Iterator[tuple[Tensor, Tensor]]:
+def _readouts(network: Network, examples: Examples) -> Iterator[tuple[Tensor, Tensor]]:
     """Readout rasters and labels, a part of the windows at a time."""
-    device = network.w_in.device
+    device = network.device
     for spikes, labels in zip(examples.spikes.split(AT_ONCE), examples.labels.split(AT_ONCE), strict=True):
         yield network.simulate(spikes.to(device)).readout, labels.to(device)

@@ -17,12 +17,13 @@ from neurotact.errors import InputError
 from neurotact.metrics.decision import is_within
 from neurotact.networks.definition import seeds
 from neurotact.networks.definition.joining import joined
+from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import training as one
 from neurotact.networks.training.training import Checkpoint, Epoch, Examples, Training
 
-New = Callable[[RSNNSpec, tuple[int, int]], tuple[RSNN, torch.Generator]]
+New = Callable[[RSNNSpec, tuple[int, int]], tuple[Network, torch.Generator]]
 """Makes an untrained network, and the generator of the order of its windows, from a spec and two seeds."""
 
 
@@ -36,7 +37,7 @@ def train(
     progress: Callable[[Epoch], None] | None = None,
     start: Checkpoint | None = None,
     keep: Callable[[Checkpoint], None] | None = None,
-) -> tuple[RSNN, Training]:
+) -> tuple[Network, Training]:
     """Train the networks of a spec, and keep one or join them; the network, and the log of all of them.
 
     new: is called for each network. spec: with the choices of its recipe. first: the seeds of the first network.
@@ -55,7 +56,7 @@ def train(
     for number in range(2, n + 1):
         another, _ = series.train(*new(member.spec, seeds.of_member(first, number)))
         members.append(another)
-    whole = joined(members)
+    whole = joined([one for one in members if isinstance(one, RSNN)])  # no other has several members
     fitted = one.judge(whole, training.binned(whole))
     judged = one.judge(whole, validation.binned(whole))
     best = Epoch(series.log[-1].epoch, *fitted, *judged, one.JOINED)
@@ -64,7 +65,7 @@ def train(
 
 def _with_recurrence_if_it_gains(
     series: "_Series", new: New, spec: RSNNSpec, first: tuple[int, int]
-) -> tuple[RSNN, Training, float | None]:
+) -> tuple[Network, Training, float | None]:
     """The better network of the two, its training, and the validation accuracy that recurrence gains.
 
     Where all windows are learned without recurrence, it can gain nothing and is not tried (None). If weights with
@@ -102,7 +103,7 @@ def pays(without: Tensor, with_it: Tensor) -> bool:
     return not is_within(0.0, gained - lost, (gained + lost) ** 0.5)
 
 
-def spec_of(network: RSNN, n_members: int) -> RSNNSpec:
+def spec_of(network: Network, n_members: int) -> RSNNSpec:
     """The spec with which the members of a network are trained anew, its recipe resolved.
 
     >>> spec_of(RSNN(3, 2, hidden=8, readout="integrator", sampling_rate_Hz=1000.0), 2).hidden
@@ -131,9 +132,9 @@ class _Series:
         keep: Callable[[Checkpoint], None] | None,
     ) -> None:
         self.training, self.validation, self.log, self.dropped = training, validation, list[Epoch](), 0
-        self._progress, self._start, self._keep, self._networks = progress, start, keep, list[RSNN]()
+        self._progress, self._start, self._keep, self._networks = progress, start, keep, list[Network]()
 
-    def train(self, network: RSNN, order: torch.Generator) -> tuple[RSNN, Training]:
+    def train(self, network: Network, order: torch.Generator) -> tuple[Network, Training]:
         """Train the next network."""
         number = len(self._networks) + 1
         own, finished = self._saved(number, network)
@@ -155,7 +156,7 @@ class _Series:
         self._networks.append(network)
         return network, done
 
-    def _saved(self, number: int, network: RSNN) -> tuple[Checkpoint | None, Mapping[str, Tensor] | None]:
+    def _saved(self, number: int, network: Network) -> tuple[Checkpoint | None, Mapping[str, Tensor] | None]:
         """The part of the checkpoint with the epochs of a network, and its weights if it is finished.
 
         Neither of a network that has other weights: where one with recurrence failed, the next one has its number.

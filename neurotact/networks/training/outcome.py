@@ -3,6 +3,7 @@
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any, NamedTuple
 
+from neurotact import files
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
@@ -35,7 +36,7 @@ class Outcome(NamedTuple):
     def as_json(self) -> dict[str, Any]:
         """The content of `result.json`."""
         return {
-            "row": self.row,
+            "row": files.without_nan(self.row),
             "confusion": self.confusion,
             "compared": self.compared._asdict(),
             "cautions": self.cautions,

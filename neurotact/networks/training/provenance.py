@@ -15,7 +15,7 @@ from neurotact.data.copies import are_telling
 from neurotact.data.digests import spike_digests
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
-from neurotact.encoders.specs import MODELS
+from neurotact.encoders.model import name_in, names, of_name
 from neurotact.metrics.synops import UNSEEN
 from neurotact.spec import Spec
 
@@ -131,9 +131,9 @@ def first_difference(
 
 def _with_defaults(encoder: Mapping[str, Any]) -> Mapping[str, Any]:
     """An encoder's table with its defaults; unchanged if this version does not know the model."""
-    model = MODELS.get(str(encoder.get("model", "lif")))
+    name = name_in(encoder)
     try:
-        table = encoder if model is None else model.spec.model_validate(encoder).model_dump(mode="json")
+        table = of_name(name).spec.model_validate(encoder).model_dump(mode="json") if name in names() else encoder
         return {key: value for key, value in table.items() if key != RATE}
     except ValidationError:
         return encoder

@@ -14,6 +14,7 @@ from neurotact.data import encoded_from
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 from neurotact.networks.definition import reference
+from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.neurons import cuba_lif_start
 
@@ -81,12 +82,16 @@ def evenly(trials: np.ndarray) -> np.ndarray:
 
 
 def recorded(
-    network: RSNN, windows: Tensor, trains: SpikeTrains, trials: np.ndarray, spikes: str | Path
+    network: Network, windows: Tensor, trains: SpikeTrains, trials: np.ndarray, spikes: str | Path
 ) -> Ranges | None:
     """Ranges over training windows, and over the recordings of training trials; None where these are not found.
 
+    None, too, for a network that is no RSNN, which nothing writes in integers.
+
     spikes: the file of the spike trains, which names the recordings.
     """
+    if not isinstance(network, RSNN):
+        return None
     try:
         path, rows = encoded_from.find(spikes, trains, evenly(trials))
         with encoded_from.opened(path, trains) as stored:

@@ -13,7 +13,7 @@ from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, turns_of
 from neurotact.metrics import paired
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import fitting, tasks
 from neurotact.networks.training.choice import Choice, last
@@ -126,7 +126,7 @@ def again(trains: SpikeTrains, chosen: Tried, seeds: tuple[int, int], progress: 
     return Tried(task, fitted, sides, _accuracy_seen(fitted, trains, task), choice)
 
 
-def right_seen(network: RSNN, trains: SpikeTrains, task: Task) -> dict[int, float]:
+def right_seen(network: Network, trains: SpikeTrains, task: Task) -> dict[int, float]:
     """The share of correct windows of each trial that is kept for a test at the conditions of training.
 
     Copies of a trial are one trial, the first of them. Empty if the task keeps none.

@@ -312,7 +312,7 @@ def _load(folder: Path, request: Asked, trains: SpikeTrains, name: str) -> Check
     """The checkpoint of a training; None if it has not begun."""
     if not _holds(folder, name):
         return None
-    net = training_checkpoint.Net(request.network, len(trains.afferents), len(trains.classes))
+    net = training_checkpoint.Net(request.network, len(trains.afferents), len(trains.classes), trains.sampling_rate_Hz)
     return training_checkpoint.load(folder / name, net, _training(request, name))
 
 

@@ -13,7 +13,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.errors import InputError
 from neurotact.networks.definition.kernels import Backend
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.network import Network
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.exit.held_out import ExitChoice
 from neurotact.networks.training import checkpoint
@@ -43,7 +43,7 @@ def save(
     on training trials, where their recordings are found.
     split: as given to `fit`. more: further JSON values for `restore`.
     """
-    folder, n_members, n_hidden = Path(folder), trained.training.n_members, trained.network.spec.hidden
+    folder, n_members, n_hidden = Path(folder), trained.training.n_members, trained.network.spec.n_hidden
     sides = trials_of(trains, task, split)
     windows = sides_of(trains, task, split).train.spikes
     found = recorded(trained.network, windows, trains, sides.train, spikes_path)
@@ -68,7 +68,7 @@ def save(
 class Restored(NamedTuple):
     """A network read back from its folder."""
 
-    network: RSNN
+    network: Network
     task: Task
     rule: ExitRule
     classes: tuple[str, ...]

@@ -12,7 +12,9 @@ from torch import Tensor
 
 from neurotact.errors import InputError
 from neurotact.networks.definition import optimisers
-from neurotact.networks.definition.rsnn import RSNN, Counts
+from neurotact.networks.definition.module import ModuleNetwork
+from neurotact.networks.definition.network import Counts, Network
+from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import Keep, TrainingSpec
 from neurotact.networks.training import losses
 from neurotact.notebook import html_of
@@ -30,7 +32,7 @@ class Examples(NamedTuple):
     weights: Tensor | None = None
     of: Tensor | None = None
 
-    def binned(self, network: RSNN) -> "Examples":
+    def binned(self, network: Network) -> "Examples":
         """The same on the clock of a network."""
         return self._replace(spikes=network.binned(self.spikes))
 
@@ -121,6 +123,8 @@ def loss(counts: Counts, labels: Tensor, spec: TrainingSpec, weights: Tensor | N
     """
     scores = counts.readout if spec.temperature == 1 else counts.readout * spec.temperature
     total = losses.of_scores(spec.loss, scores, labels, weights)
+    if not counts.hidden.shape[1]:  # they are not counted
+        return total
     if spec.rate_penalty:
         total = total + spec.rate_penalty * counts.hidden.mean()
     if spec.population_penalty:
@@ -129,7 +133,7 @@ def loss(counts: Counts, labels: Tensor, spec: TrainingSpec, weights: Tensor | N
 
 
 def train(
-    network: RSNN,
+    network: Network,
     training: Examples,
     validation: Examples,
     *,
@@ -235,13 +239,13 @@ def not_finite(epoch: int, spec: TrainingSpec) -> InputError:
     )
 
 
-def _optimiser(network: RSNN) -> torch.optim.Optimizer:
+def _optimiser(network: Network) -> torch.optim.Optimizer:
     spec = network.spec.training
     options = {"lr": spec.learning_rate, "betas": spec.betas, "weight_decay": spec.weight_decay}
     return optimisers.make(spec.optimiser, _groups(network), **options)
 
 
-def rates_of(network: RSNN) -> dict[str, float]:
+def rates_of(network: Network) -> dict[str, float]:
     """The learning rate of each trained parameter before any schedule, in the network's order.
 
     >>> from neurotact.networks.definition.specs import RSNNSpec
@@ -270,12 +274,13 @@ def rate_left(spec: TrainingSpec, epochs: float) -> float:
     return 0.5 * (1 + math.cos(math.pi * epochs / spec.epochs)) if spec.schedule == "cosine" else 1.0
 
 
-def _groups(network: RSNN) -> list[dict[str, Any]]:
+def _groups(network: Network) -> list[dict[str, Any]]:
     """The trained parameters: one group or, where rates or decays differ, one group each, in the network's order."""
-    spec, trained = network.spec.training, [p for p in network.parameters() if p.requires_grad]
-    if spec.relative_learning_rate is None and network.w_stretch is None and not spec.weight_decay:
+    spec, rates = network.spec.training, rates_of(network)
+    trained = [p for p in network.parameters() if p.requires_grad]
+    if spec.relative_learning_rate is None and "w_stretch" not in rates and not spec.weight_decay:
         return [{"params": trained}]
-    groups = [{"params": [p], "lr": rate} for p, rate in zip(trained, rates_of(network).values(), strict=True)]
+    groups = [{"params": [p], "lr": rate} for p, rate in zip(trained, rates.values(), strict=True)]
     return [group if group["params"][0].ndim > 1 else {**group, "weight_decay": 0.0} for group in groups]
 
 
@@ -323,7 +328,7 @@ EXPLODED = 1e6
 
 
 @torch.no_grad()
-def _relative_norm(network: RSNN) -> Tensor:
+def _relative_norm(network: Network) -> Tensor:
     """Norm of the gradient in units of the weights: the effect on the loss of a change by their own size.
 
     It does not grow with the window, in which small weights receive many spikes.
@@ -343,22 +348,22 @@ def _warn_of_explosion(norms: Sequence[Tensor], epoch: int) -> None:
         )
 
 
-def _jitter_steps(network: RSNN) -> int:
+def _jitter_steps(network: Network) -> int:
     return round(network.spec.training.input_jitter_ms * 1e-3 * network.sampling_rate_Hz)
 
 
-def _disturbs(network: RSNN) -> bool:
+def _disturbs(network: Network) -> bool:
     """Whether training drops or moves input spikes, anew in each step."""
     return bool(network.spec.training.input_dropout or _jitter_steps(network))
 
 
-def _on_its_clock(network: RSNN, training: Examples) -> Examples:
+def _on_its_clock(network: Network, training: Examples) -> Examples:
     """Training windows in bins, once for all; where spikes are dropped or moved, each batch is put into bins later."""
     return training if _disturbs(network) else training.binned(network)
 
 
 def _pass(
-    network: RSNN,
+    network: Network,
     training: Examples,
     order: Tensor,
     optimiser: torch.optim.Optimizer,
@@ -366,7 +371,7 @@ def _pass(
     generator: torch.Generator,
 ) -> tuple[float, float]:
     """Train on every trial once, in this order; `(loss, accuracy)`, of each batch before its step."""
-    spec, device = network.spec.training, network.w_in.device
+    spec, device = network.spec.training, network.device
     batches, norms, losses, right = order.split(spec.batch), [], [], []
     for number, batch in enumerate(batches):
         rates.set(optimiser, number / len(batches))
@@ -382,16 +387,16 @@ def _pass(
         _stay_apart(network)
         norms.append(_relative_norm(network))
         optimiser.step()
-        _bound(network)
+        network.bound()
         losses.append(batch_loss.detach())
         right.append((counts.readout.argmax(dim=1) == labels).sum())
     _warn_of_explosion(norms, rates.epochs_before + 1)
     return _mean(losses, right, batches)
 
 
-def _stay_apart(network: RSNN) -> None:
+def _stay_apart(network: Network) -> None:
     """Remove the gradients of recurrent synapses between blocks, whose weights then stay 0."""
-    if network.w_rec is None or network.spec.recurrent_blocks == 1:
+    if not isinstance(network, RSNN) or network.w_rec is None or network.spec.recurrent_blocks == 1:
         return
     within = network.within_blocks()
     for name, parameter in network.named_parameters():
@@ -411,8 +416,11 @@ def _mean(losses: Sequence[Tensor], right: Sequence[Tensor], batches: Sequence[T
     return total / sum(sizes), int(torch.stack([*right]).sum()) / sum(sizes)
 
 
-def _counts_with_dropout(network: RSNN, spikes: Tensor, generator: torch.Generator) -> Counts:
+def _counts_with_dropout(network: Network, spikes: Tensor, generator: torch.Generator) -> Counts:
     """The counts of a batch; an integrator receives a part of them if it has drop-out."""
+    if isinstance(network, ModuleNetwork):
+        return network.counts_in_training(spikes, generator)
+    assert isinstance(network, RSNN)
     dropout = network.spec.training.readout_dropout
     if not dropout or network.bias is None:
         return network.counts(spikes)
@@ -426,7 +434,7 @@ def _counts_with_dropout(network: RSNN, spikes: Tensor, generator: torch.Generat
     return counts._replace(readout=network.sums(partly_heard(counts.hidden, dropout, generator)))
 
 
-def _restore(start: Checkpoint, network: RSNN, optimiser: torch.optim.Optimizer, generator: torch.Generator) -> None:
+def _restore(start: Checkpoint, network: Network, optimiser: torch.optim.Optimizer, generator: torch.Generator) -> None:
     """Set network, optimiser and generator to the state of a checkpoint."""
     network.load_state_dict(start.weights)
     trained = [name for name, p in network.named_parameters() if p.requires_grad]
@@ -436,7 +444,7 @@ def _restore(start: Checkpoint, network: RSNN, optimiser: torch.optim.Optimizer,
     generator.set_state(start.generator)
 
 
-def _state(network: RSNN, optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:
+def _state(network: Network, optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:
     parameters = ((name, p) for name, p in network.named_parameters() if p.requires_grad)
     states = ((name, optimisers.state_of(optimiser, p)) for name, p in parameters)
     return copied({f"{name}.{key}": value for name, state in states for key, value in state.items()})
@@ -456,15 +464,15 @@ def copied(tensors: Mapping[Any, Tensor]) -> dict[Any, Tensor]:
     return {name: tensor.detach().to("cpu", copy=True) for name, tensor in tensors.items()}
 
 
-def evaluate(network: RSNN, examples: Examples) -> tuple[float, float]:
+def evaluate(network: Network, examples: Examples) -> tuple[float, float]:
     """`(loss, accuracy)` over the full window."""
     return judge(network, examples.binned(network))
 
 
 @torch.no_grad()
-def judge(network: RSNN, examples: Examples) -> tuple[float, float]:
+def judge(network: Network, examples: Examples) -> tuple[float, float]:
     """`evaluate` of examples that are on the network's clock."""
-    spec, device = network.spec.training, network.w_in.device
+    spec, device = network.spec.training, network.device
     batches, losses, right = torch.arange(len(examples.labels)).split(spec.batch), [], []
     for spikes, batch in zip(examples.spikes.split(spec.batch), batches, strict=True):
         counts, labels = network.counts(spikes.to(device)), examples.labels[batch]
@@ -474,19 +482,10 @@ def judge(network: RSNN, examples: Examples) -> tuple[float, float]:
 
 
 @torch.no_grad()
-def right_of(network: RSNN, examples: Examples) -> Tensor:
+def right_of(network: Network, examples: Examples) -> Tensor:
     """Whether each window is classified correctly, `(window,)`; the examples are on the network's clock."""
     right, size = [], network.spec.training.batch
     for spikes, labels in zip(examples.spikes.split(size), examples.labels.split(size), strict=True):
-        counts = network.counts(spikes.to(network.w_in.device))
+        counts = network.counts(spikes.to(network.device))
         right.append(counts.readout.argmax(dim=1).cpu() == labels)
     return torch.cat(right)
-
-
-@torch.no_grad()
-def _bound(network: RSNN) -> None:
-    """Keep learned decays in [0, 1], where the dynamics are stable, and a learned threshold positive."""
-    if network.spec.learn:
-        network.alpha.clamp_(0.0, 1.0)
-        network.beta.clamp_(0.0, 1.0)
-        network.threshold.clamp_(min=1e-3)

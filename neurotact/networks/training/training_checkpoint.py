@@ -19,7 +19,7 @@ from neurotact.errors import InputError
 from neurotact.files import read_bytes, whole
 from neurotact.networks.definition import optimisers
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.training.checkpoint import check, shapes_of
+from neurotact.networks.training.checkpoint import Expected, check, expected_of, untrained
 from neurotact.networks.training.training import Checkpoint, Epoch, tensors_of
 
 SHA256 = "sha256"
@@ -34,6 +34,19 @@ class Net(NamedTuple):
     spec: RSNNSpec
     n_inputs: int
     n_classes: int
+    sampling_rate_Hz: float = 1000.0
+
+    def state(self) -> Expected:
+        """Its tensors."""
+        return expected_of(self.n_inputs, self.n_classes, self.spec, self.sampling_rate_Hz, torch.float32)
+
+    def fixed(self) -> set[str]:
+        """Those that are not trained."""
+        if self.spec.own is None:
+            return {"alpha", "beta", "threshold"} - set(self.spec.learn)
+        network = untrained(self.n_inputs, self.n_classes, self.spec, self.sampling_rate_Hz, torch.float32)
+        trained = {name for name, parameter in network.named_parameters() if parameter.requires_grad}
+        return set(network.state_dict()) - trained
 
 
 def save(checkpoint: Checkpoint, path: str | Path, training: str) -> None:
@@ -94,31 +107,28 @@ def _read(path: Path) -> dict[str, Tensor]:
         raise _damaged(path, f"it is not a safetensors file: {error}") from error
 
 
-def _expected(
-    net: Net, n_epochs: int, n_finished: int, found: Mapping[str, Tensor]
-) -> dict[str, tuple[tuple[int, ...], torch.dtype]]:
+def _expected(net: Net, n_epochs: int, n_finished: int, found: Mapping[str, Tensor]) -> Expected:
     """found: the tensors of the file; with `model = "auto"`, they tell which networks are recurrent."""
 
-    def shapes(part: str) -> dict[str, tuple[int, ...]]:
+    def state(part: str) -> Expected:
         if net.spec.model != "auto":
-            return shapes_of(*net)
-        spec = net.spec.of_model("rsnn" if f"{part}.w_rec" in found else "snn")
-        return shapes_of(*net._replace(spec=spec))
+            return net.state()
+        return net._replace(spec=net.spec.of_model("rsnn" if f"{part}.w_rec" in found else "snn")).state()
 
-    fixed = {"alpha", "beta", "threshold"} - set(net.spec.learn)
+    fixed = net.fixed()
     adam = {
-        f"adam.{name}.{key}": kept
-        for name, shape in shapes("weights").items()
+        f"adam.{name}.{key}": (kept, torch.float32)
+        for name, (shape, _) in state("weights").items()
         if name not in fixed
         for key, kept in optimisers.state_shapes(net.spec.training.optimiser, shape).items()
     }
     parts = ["weights", "best", *(f"member{number}" for number in range(1, n_finished + 1))]
-    states = {f"{part}.{name}": shape for part in parts for name, shape in shapes(part).items()}
     return {
         "log": ((n_epochs, len(Epoch._fields)), torch.float64),
         "generator": (tuple(torch.Generator().get_state().shape), torch.uint8),
         SHA256: ((hashlib.sha256().digest_size,), torch.uint8),
-        **{name: (shape, torch.float32) for name, shape in (states | adam).items()},
+        **{f"{part}.{name}": tensor for part in parts for name, tensor in state(part).items()},
+        **adam,
     }
 
 

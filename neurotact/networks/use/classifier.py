@@ -31,7 +31,7 @@ from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.metrics.prices import DEFAULT, PriceList, price_list
 from neurotact.networks.definition import recipe
-from neurotact.networks.definition.rsnn import RSNN, Inference
+from neurotact.networks.definition.network import Inference, Network
 from neurotact.networks.definition.specs import RSNNSpec, given_keys, void_keys
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.exit.held_out import ExitChoice
@@ -74,11 +74,11 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
 
     Attributes
     ----------
-    classes_ `(class,)`; network_, an `RSNN`, which is a `torch.nn.Module`; training_, with `epochs` (the log) and
-    `best`; exit_rule_, chosen on validation windows, and exit_choice_, with the upper `bound` of the accuracy that it
-    loses on validation trials that did not choose it: where that exceeds `exit_tolerance`, whole windows are `used`;
-    n_features_in_, the number of afferents; sampling_rate_Hz_; window_, the windows of X; origin_, the encoder and the
-    afferents that X carries, or None.
+    classes_ `(class,)`; network_, a `torch.nn.Module`, an `RSNN` unless `model` is another; training_, with `epochs`
+    (the log) and `best`; exit_rule_, chosen on validation windows, and exit_choice_, with the upper `bound` of the
+    accuracy that it loses on validation trials that did not choose it: where that exceeds `exit_tolerance`, whole
+    windows are `used`; n_features_in_, the number of afferents; sampling_rate_Hz_; window_, the windows of X; origin_,
+    the encoder and the afferents that X carries, or None.
 
     Once fitted it can be given to `nt.export_c`, `nt.Stream`, `nt.infer`, `nt.live`, `nt.to_nir` and `nt.to_snntorch`,
     itself or in a pipeline behind a `SpikeEncoder`.
@@ -185,14 +185,14 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
         spec = recipe.chosen_for(self.spec(), train_side.spikes, rate_Hz)
         effects.check_keys(given_keys(self.network, self.settings), [void_keys(spec)], "SpikingClassifier")
 
-        def new(spec: RSNNSpec, seeds: tuple[int, int]) -> tuple[RSNN, torch.Generator]:
+        def new(spec: RSNNSpec, seeds: tuple[int, int]) -> tuple[Network, torch.Generator]:
             weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
             return begin(train_side.spikes, len(classes), spec, rate_Hz, weights).to(self.device), order
 
         progress, first = _print_epoch if self.verbose else None, (weights_seed, order_seed)
         network, training = members.train(new, spec, first, train_side, validation_side, progress=progress)
         self.training_: Training = training
-        self.network_: RSNN = network
+        self.network_: Network = network
         self.exit_choice_: ExitChoice = exit_of(network, validation_side, self.exit_tolerance, train_side)
         self.exit_rule_: ExitRule = self.exit_choice_.rule
         self.classes_ = classes

@@ -8,13 +8,13 @@ import pandas as pd
 from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import split_touches
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.network import Network
 from neurotact.networks.training.tasks import Task, examples_of
 from neurotact.networks.use.measuring import means
 from neurotact.tables import records
 
 
-def by_condition(network: RSNN, trains: SpikeTrains, task: Task) -> list[dict[str, Any]]:
+def by_condition(network: Network, trains: SpikeTrains, task: Task) -> list[dict[str, Any]]:
     """Accuracy and mean SOPs on the test trials of each combination of the conditions in `task.stratify`.
 
     Columns: those conditions, known (whether the network was trained on such trials), n_test (windows),
@@ -29,7 +29,7 @@ def by_condition(network: RSNN, trains: SpikeTrains, task: Task) -> list[dict[st
         trials = np.sort(group.index.to_numpy())
         for is_known in sorted(set(known[trials].tolist())):
             examples, _ = examples_of(trains, trials[known[trials] == is_known], task.window)
-            inference = network.infer(examples.spikes.to(network.w_in.device))
+            inference = network.infer(examples.spikes.to(network.device))
             rows.append(
                 {
                     **dict(zip(task.stratify, values, strict=True)),

@@ -11,6 +11,7 @@ from neurotact.metrics import synops
 from neurotact.networks.training.provenance import Provenance, first_difference
 from neurotact.networks.training.tasks import examples_of, warn_of_onsets
 from neurotact.networks.training.trained import Restored
+from neurotact.networks.use.measuring import synops_of
 from neurotact.progress import say
 
 
@@ -48,17 +49,15 @@ def infer(
     network, held = restored.network, restored.held
     if early_exit and held is not None and held.is_refused:
         say(f"early exit is not used, whole windows decide: {held.in_words}")
-    result = network.infer(examples.spikes.to(network.w_in.device), restored.exits(early_exit))
+    result = network.infer(examples.spikes.to(network.device), restored.exits(early_exit))
     labels, steps, input_spikes, hidden_spikes = (part.cpu().numpy() for part in result[:4])
-    table = synops.to_table(
+    table = synops.table_of(
+        synops_of(result, network),
         labels=np.array(trains.classes)[trains.labels[windows.trial]],
         predicted=np.array(restored.classes)[labels],
         steps=steps,
         input_spikes=input_spikes,
         hidden_spikes=hidden_spikes,
-        n_hidden=network.spec.hidden,
-        n_readout=network.n_classes,
-        recurrent=network.spec.fan_among,
         trials=windows.trial,
     )
     table.insert(1, synops.SIDE, sides[windows.trial])

@@ -3,6 +3,7 @@
 The layers are those of `neurotact.metrics.flops`; SOPs and steps are the measured means over test windows.
 """
 
+import json
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -11,22 +12,27 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from neurotact.data.spikes import SpikeTrains
-from neurotact.encoders.cost import NOT_COUNTED, encoding_cost, is_countable
+from neurotact.encoders.cost import NOT_COUNTED, encoding_cost, is_countable, no_cost
 from neurotact.encoders.specs import taxels_of
+from neurotact.errors import InputError
 from neurotact.metrics.flops import (
     Cost,
     Integrator,
+    NotCounted,
     SpikingLayer,
     cost,
     ledger_table,
 )
 from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList
-from neurotact.networks.definition import recipe
+from neurotact.networks.definition import module, recipe
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.spec import digest
-from neurotact.tables import NETWORK, means_over
+from neurotact.networks.use.measuring import OWN_KEYS
+from neurotact.spec import build, digest
+from neurotact.tables import NETWORK, means_over, sized
 
 SOPS = ("sops_input", "sops_recurrent", "sops_readout")
+MEASURED = (*SOPS, "sops_total", "sops_total_feedforward")
+GIVES_COST = "its module gives it with a method named cost (docs/plugins.md)"
 MODEL = "network.model"
 STEPS_PER_BIN = "steps_per_bin"
 """Column of results: steps of the encoder's clock in one of the network's."""
@@ -94,6 +100,11 @@ def network_cost(
     (22800, 1280, 1620)
     """
     steps = steps if spec.own_step_ms is None else signal_ms / spec.own_step_ms
+    if spec.own is not None:
+        found = module.cost_of(spec, n_afferents, n_classes, measured, steps, signal_ms)
+        if found is None:
+            raise InputError(f"network: the cost of '{spec.model}' is not counted; {GIVES_COST}")
+        return found
     into_hidden, into_readout = measured["sops_input"] + measured["sops_recurrent"], measured["sops_readout"]
     leaky_steps = 0.0 if spec.readout_leak_ms is None else steps
     readout = (
@@ -118,6 +129,35 @@ def network_cost(
     )  # fmt: skip
 
 
+def is_counted(spec: RSNNSpec) -> bool:
+    """Whether the cost of a network is known; that of another package's is where its module gives it.
+
+    >>> is_counted(RSNNSpec()), is_counted(RSNNSpec(hidden=[20, 10]))
+    (True, True)
+    """
+    return spec.own is None or module.cost_of(spec, 1, 2, dict.fromkeys(MEASURED, 0.0), 1.0, 1.0) is not None
+
+
+def spec_of_row(spec: RSNNSpec, row: Mapping[str, Any]) -> RSNNSpec:
+    """The spec of the network of a row of results; spec: of its study, of whose keys some may be swept."""
+    keys = row.get(OWN_KEYS)
+    if not isinstance(keys, str):
+        return spec if spec.own is None else RSNNSpec(recipe=spec.recipe, training=spec.training)
+    common = {key: getattr(spec, key) for key in ("step_ms", "training")}
+    return build(RSNNSpec, {**json.loads(keys), **common}, source=OWN_KEYS)
+
+
+def is_row_counted(spec: RSNNSpec, row: Mapping[str, Any]) -> bool:
+    """Whether the cost of the network of a row of results is known; spec: of its study."""
+    return is_counted(spec_of_row(spec, row))
+
+
+def input_spikes(row: Mapping[str, Any], before: str = "") -> float:
+    """Mean spikes into a network, from a row of results; before: `exit_` with early exit."""
+    own = row.get(f"{before}input_spikes")
+    return row[f"{before}sops_input"] / row["hidden"] if own is None or pd.isna(own) else own
+
+
 def decision_ledger(
     spec: RSNNSpec,
     n_afferents: int,
@@ -132,19 +172,28 @@ def decision_ledger(
     """The ledger of one trained network: encoder, network and both, from the `all` row of a SOP summary.
 
     summary: of `metrics.synops.summary`. spec: as for `network_cost`; encoder, recorded_Hz: as for `encoding_cost`;
-    where the encoder is None, the network alone counts; so it does, with a warning, where a rate is missing.
+    where the encoder is None, the network alone counts; so it does, with a warning, where a rate is missing. NaN, with
+    a warning, where the encoder declares no cost.
     """
     measured = summary.iloc[-1]
     steps = float(measured["steps"])
     signal_ms = 1e3 * steps / rate_Hz
-    network = network_cost(spec, n_afferents, n_classes, measured, steps=steps, signal_ms=signal_ms)
+    spent = []
+    if is_counted(spec):
+        spent.append(network_cost(spec, n_afferents, n_classes, measured, steps=steps, signal_ms=signal_ms))
+    else:
+        warnings.warn(f"the cost of the network '{spec.model}' is not counted; {GIVES_COST}", stacklevel=3)
     made_by = None if encoder is None else Afferents(n_afferents, encoder, rate_Hz, recorded_Hz)
     if made_by is None or not made_by.is_countable:
         if made_by is not None:
             warnings.warn(f"the ledger has the network alone: {NOT_COUNTED}", stacklevel=3)
-        return ledger_table([("network", network)], prices)
-    encoding = made_by.cost(steps, measured["sops_input"] / spec.hidden)
-    return ledger_table([("encoder", encoding), ("network", network), ("both", encoding + network)], prices)
+        return ledger_table([("network", one) for one in spent], prices)
+    if why := no_cost(made_by.encoder):
+        warnings.warn(why, stacklevel=3)
+    n_spikes = measured["sops_input"] / spec.hidden if spec.own is None else measured["input_spikes"]
+    encoding = made_by.cost(steps, n_spikes)
+    whole = [("network", one) for one in spent] + [("both", encoding + one) for one in spent]
+    return ledger_table([("encoder", encoding), *whole], prices)
 
 
 def study_ledger(
@@ -171,26 +220,30 @@ def study_ledger(
         spent = [field.name for field in fields(Cost) if field.name in baselines]
         means = baselines.groupby(["classifier", "input"], sort=False)[spent].mean()
         for (classifier, source), row in means.iterrows():  # pyright: ignore[reportGeneralTypeIssues]
-            counted = None
-            if row.notna().all():
-                whole = {name: round(row[name]) for name in ("parameters", "bytes") if name in row}
-                counted = Cost(**{**row.to_dict(), **whole})
+            counted = _cost_of(row.to_dict()) if row.notna().all() else None
             rows.append((f"{classifier} on {source}", counted))
     for steps in sorted(results["window_steps"].unique()):
         mine = results[results["window_steps"] == steps]
-        spikes = (mine["sops_input"] / mine["hidden"]).groupby(mine[KIND], sort=False).agg(["mean", "size"])
+        sent = mine["sops_input"] / mine["hidden"] if "input_spikes" not in mine else mine.apply(input_spikes, axis=1)
+        spikes = sent.groupby(mine[KIND], sort=False).agg(["mean", "size"])
         alone = [(of_kind[str(kind)].cost(steps, own["mean"]), own["size"]) for kind, own in spikes.iterrows()]
         encoding = _mean(alone)
         rows.append((f"conditioning and encoding alone, {encoding.signal_ms:g} ms", encoding))
     by = [*NETWORK, *([MODEL] if MODEL in results else [])]
+    counted = [is_row_counted(spec, row) for row in results.to_dict("records")]
+    if not all(counted):
+        warnings.warn(f"the cost of {counted.count(False)} networks is not counted; {GIVES_COST}", stacklevel=2)
+        results = results[counted]
     results = results.assign(**{AMONG: results["sops_recurrent"] > 0})
-    alike = [KIND, AMONG, *(name for name in (STEPS_PER_BIN, STRETCHES, BLOCKS) if name in results)]
-    means = means_over(results, [*by, *alike], [*SOPS, "window_steps"], "seeds")
+    alike = [KIND, AMONG, *(name for name in (STEPS_PER_BIN, STRETCHES, BLOCKS, OWN_KEYS) if name in results)]
+    measures = [*(MEASURED if OWN_KEYS in results else SOPS), "window_steps"]
+    measures += [name for name in ("input_spikes",) if name in results]
+    means = means_over(results, [*by, *alike], measures, "seeds")
     for _, parts in means.groupby(by, sort=False, dropna=False):
         first, spent = parts.iloc[0], []
         for row in parts.to_dict("records"):
             spent.append((row_cost(spec, row, of_kind[row[KIND]], n_classes=n_classes), row["seeds"]))
-        name = f"spiking: {first['setting']}, t_ref {first['pair']} ms, N = {first['hidden']}"
+        name = f"spiking: {first['setting']}, t_ref {first['pair']} ms, {sized(first['hidden'])}"
         rows.append((name, _mean(spent)))
     return ledger_table(rows, prices)
 
@@ -200,10 +253,15 @@ def _mean(costs: Sequence[tuple[Cost, float]]) -> Cost:
     if len(costs) == 1:
         return costs[0][0]
     total = sum(weight for _, weight in costs)
-    means: dict[str, Any] = {
-        field.name: sum(getattr(cost, field.name) * weight for cost, weight in costs) / total for field in fields(Cost)
-    }
-    return Cost(**means | {name: round(means[name]) for name in ("parameters", "bytes")})
+    names = [field.name for field in fields(Cost)]
+    return _cost_of({name: sum(getattr(cost, name) * weight for cost, weight in costs) / total for name in names})
+
+
+def _cost_of(means: Mapping[str, Any]) -> Cost:
+    """The cost with these means, some of which are of whole numbers."""
+    if any(map(pd.isna, means.values())):
+        return NotCounted(**means)
+    return Cost(**{**means, **{name: round(means[name]) for name in ("parameters", "bytes") if name in means}})
 
 
 def row_cost(
@@ -218,9 +276,9 @@ def row_cost(
     """The cost of a decision for one row of `results.csv`, encoding and network together; a row of means works too.
 
     afferents: of this row. early: with early exit. encoding: whether conditioning and encoding count. The other
-    arguments are as for `study_ledger`.
+    arguments are as for `study_ledger`. InputError where `is_row_counted` is False.
     """
-    window_steps, rate_Hz = float(row["window_steps"]), afferents.rate_Hz
+    window_steps, rate_Hz, spec = float(row["window_steps"]), afferents.rate_Hz, spec_of_row(spec, row)
     steps = float(row["exit_steps"]) if early else window_steps
     signal_ms = 1e3 * steps / rate_Hz
     chosen = recipe.resolve(spec, recipe.Seen(1, round(window_steps), rate_Hz, 1.0))
@@ -229,17 +287,18 @@ def row_cost(
     model = row.get(MODEL, spec.model if is_given else "auto")
     if model == "auto":  # decided in training: hidden neurons that are connected have operations among them
         model = "rsnn" if row["sops_recurrent"] > 0 else "snn"
-    own = chosen.model_copy(
-        update={
-            "hidden": int(row["hidden"]), "model": model, "step_ms": step_ms,
-            STRETCHES: round(row.get(STRETCHES, 1)), BLOCKS: _blocks_of(row),
-        }
-    )  # fmt: skip
-    measured = {name: row[f"exit_{name}" if early else name] for name in SOPS}
+    of_rsnn = {
+        "hidden": int(row["hidden"]),
+        "model": model,
+        STRETCHES: round(row.get(STRETCHES, 1)),
+        BLOCKS: _blocks_of(row),
+    }
+    own = chosen.model_copy(update={"step_ms": step_ms, **(of_rsnn if spec.own is None else {})})
+    measured = {name: row[f"exit_{name}" if early else name] for name in (SOPS if spec.own is None else MEASURED)}
     network = network_cost(own, afferents.n, n_classes, measured, steps=steps, signal_ms=signal_ms)
     if not encoding:
         return network
-    return network + afferents.cost(steps, measured["sops_input"] / own.hidden)
+    return network + afferents.cost(steps, input_spikes(row, "exit_" if early else ""))
 
 
 def _blocks_of(row: Mapping[str, Any]) -> int:

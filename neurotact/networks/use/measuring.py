@@ -8,13 +8,15 @@ import numpy as np
 from sklearn.metrics import confusion_matrix
 
 from neurotact.metrics import synops
-from neurotact.networks.definition.rsnn import RSNN, Inference
+from neurotact.networks.definition.network import CountedInference, Inference, Network
 from neurotact.networks.exit import truncated
 from neurotact.networks.exit.exit_choice import oracle_exit
 from neurotact.networks.training.fitting import Trained
 from neurotact.networks.training.tasks import Sides
 from neurotact.networks.training.training import Examples
 
+OWN_KEYS = "network_keys"
+"""Column of results: the keys of a network that is no RSNN, which have no column of their own."""
 ORACLE_PATIENCE = 120
 """The patience that the texture paper's Algorithm 1 starts from (Table V), in steps."""
 
@@ -27,7 +29,7 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
     validation trial (`held_out.ExitChoice`).
     """
     network, test = trained.network, sides.test
-    spikes = test.spikes.to(network.w_in.device)
+    spikes = test.spikes.to(network.device)
     full, early = network.infer(spikes), network.infer(spikes, trained.rule)
     exit_cost, steps = synops_of(early, network), early.steps.double()
     row = {
@@ -42,6 +44,7 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
         **{f"exit_sops_{n}": float(v.mean()) for n, v in exit_cost._asdict().items() if n != "total"},
         "exit_patience": trained.rule.patience,
         **_oracle(network, test),
+        **({} if network.spec.own is None else _of_own(network.spec.own_keys, full, early)),
         "window_steps": test.spikes.shape[1],
         "steps_per_bin": network.steps_per_bin,
         "readout_stretches": network.spec.readout_stretches,
@@ -56,14 +59,20 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
     return found if held is None else {**found, "exit_losses": {**held.losses}}
 
 
+def _of_own(keys: str, full: Inference, early: Inference) -> dict[str, Any]:
+    """Of a network with keys of its own: these, and the mean spikes into it, since its layers are its own matter."""
+    pairs = (("input_spikes", full), ("exit_input_spikes", early))
+    return {OWN_KEYS: keys, **{name: float(one.input_spikes.double().mean()) for name, one in pairs}}
+
+
 def exit_accuracy(trained: Trained, validation: Examples) -> float:
     """The accuracy of early exit on validation windows, by which networks with early exit are chosen."""
-    spikes = validation.spikes.to(trained.network.w_in.device)
+    spikes = validation.spikes.to(trained.network.device)
     return accuracy_of(trained.network.infer(spikes, trained.rule), validation)
 
 
 def means(
-    inference: Inference, network: RSNN, examples: Examples, populations: Mapping[str, np.ndarray]
+    inference: Inference, network: Network, examples: Examples, populations: Mapping[str, np.ndarray]
 ) -> dict[str, float]:
     """Accuracy, SOPs and spikes of each population, means over windows that were decided."""
     cost, spikes = synops_of(inference, network), examples.spikes.sum(dim=(0, 1)).numpy() / len(examples.labels)
@@ -83,12 +92,12 @@ def spikes_column(population: str) -> str:
     return f"spikes_{re.sub('[^a-z0-9]+', '_', population.removesuffix('-I').lower()).strip('_') or 'afferents'}"
 
 
-def mean_sops(network: RSNN, examples: Examples) -> float:
+def mean_sops(network: Network, examples: Examples) -> float:
     """Synaptic operations per window, the mean over all windows."""
-    return float(synops_of(network.infer(examples.spikes.to(network.w_in.device)), network).total.mean())
+    return float(synops_of(network.infer(examples.spikes.to(network.device)), network).total.mean())
 
 
-def _oracle(network: RSNN, test: Examples) -> dict[str, float]:
+def _oracle(network: Network, test: Examples) -> dict[str, float]:
     """Steps, accuracy and SOPs of the paper's early exit, which knows the true labels (Algorithm 1)."""
     windows, n = truncated.simulate_windows(network, test), network.steps_per_bin
     patience = min(max(1, ORACLE_PATIENCE // n), windows.readout.shape[1])
@@ -101,9 +110,10 @@ def _oracle(network: RSNN, test: Examples) -> dict[str, float]:
     }
 
 
-def synops_of(inference: Inference, network: RSNN) -> synops.Synops:
+def synops_of(inference: Inference, network: Network) -> synops.Synops:
     """The synaptic operations of each window that was decided."""
-    return synops.of_network(network, inference.input_spikes.cpu().numpy(), inference.hidden_spikes.cpu().numpy())
+    sops = inference.sops.cpu().numpy() if isinstance(inference, CountedInference) else None
+    return network.operations(inference.input_spikes.cpu().numpy(), inference.hidden_spikes.cpu().numpy(), sops)
 
 
 def accuracy_of(inference: Inference, examples: Examples) -> float:

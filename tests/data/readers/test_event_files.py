@@ -19,7 +19,7 @@ import neurotact as nt
 from neurotact.cli import app
 from neurotact.cli import recordings as recordings_commands
 from neurotact.data import hdf5
-from neurotact.data.readers.clock.stamps import UNIT_S
+from neurotact.data.readers.clock.units import UNIT_S
 from neurotact.data.readers.events.files import ALIASES
 from neurotact.data.readers.events.spikes import EventSpec
 from neurotact.data.readers.events.times import in_order

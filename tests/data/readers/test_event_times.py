@@ -8,7 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from levels import examples
 
-from neurotact.data.readers.clock.stamps import UNIT_S
+from neurotact.data.readers.clock.units import UNIT_S
 from neurotact.data.readers.events.times import (
     Rounding,
     event_times,

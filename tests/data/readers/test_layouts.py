@@ -17,6 +17,7 @@ from levels import examples
 import neurotact as nt
 from neurotact.data.readers import folder
 from neurotact.data.readers.clock import stamps as clock
+from neurotact.data.readers.clock import units
 from neurotact.data.readers.folder import NamingSpec, conditions_of
 from neurotact.errors import InputError
 from neurotact.spec import build
@@ -301,7 +302,7 @@ def test_seconds_since_the_first_day_are_those_of_the_calendar(steps_us, is_date
     since = np.cumsum(steps_us) if is_dated else np.sort(steps_us)
     times = [datetime(2024, 2, 28) + timedelta(microseconds=int(us)) for us in since]
     cells = [f"{time:%Y-%m-%d %H:%M:%S.%f}" if is_dated else f"{time:%H:%M:%S.%f}" for time in times]
-    found = clock.seconds_of(cells, "a.csv", "time", 2, None)
+    found = units.seconds_of(cells, "a.csv", "time", 2, None)
     np.testing.assert_allclose(np.diff(found), np.diff(since) / 1e6, atol=1e-8)
 
 
@@ -326,16 +327,16 @@ def test_a_column_that_is_only_named_like_time_stamps_is_named(tmp_path, text, m
     assert nt.read_folder(tmp_path, 10, "mV", layout=nt.Layout(columns="p")).channels == ("p",)
 
 
-@given(st.sampled_from(list(clock.UNIT_S)), st.floats(10.1, 9.9e4), st.integers(20, 4000), st.floats(0, 1e6))
+@given(st.sampled_from(list(units.UNIT_S)), st.floats(10.1, 9.9e4), st.integers(20, 4000), st.floats(0, 1e6))
 def test_the_unit_of_stamps_of_touch_is_found_or_asked_for(unit, rate_Hz, n_samples, first):
     """Whatever the unit, it is among those that can be touch; given the rate, it is the only one."""
     trial_s = (n_samples - 1) / rate_Hz
     assume(0.0201 < trial_s < 599)
-    time = first + np.arange(n_samples) / rate_Hz / clock.UNIT_S[unit]
-    found = {each.unit: each for each in clock.timings([time, time + 7])}
+    time = first + np.arange(n_samples) / rate_Hz / units.UNIT_S[unit]
+    found = {each.unit: each for each in units.timings([time, time + 7])}
     assert found[unit].rate_Hz == pytest.approx(rate_Hz, 1e-3)
     assert found[unit].trial_s == pytest.approx(trial_s, 1e-3)
-    assert [each.unit for each in clock.timings([time], rate_Hz * 1.5)] == [unit]
+    assert [each.unit for each in units.timings([time], rate_Hz * 1.5)] == [unit]
 
 
 @pytest.mark.parametrize(
@@ -532,7 +533,7 @@ def test_a_time_of_day_is_read_in_each_of_its_forms(tmp_path_factory, begin_s, t
 @pytest.mark.parametrize("cells", [("12:00:00 AM", "13:00:01 PM"), ("02:03.5", "00:02:04.5"), ("12:00:00", "00:00 PM")])
 def test_a_time_in_another_form_than_the_first_is_refused(cells):
     with pytest.raises(InputError, match=r"line 3, column time is .*, not a time as in"):
-        clock.seconds_of(cells, "a.csv", "time", 2, None)
+        units.seconds_of(cells, "a.csv", "time", 2, None)
 
 
 @pytest.mark.parametrize("cell", ["02:03", "13:02:03 PM", "00:00:01 AM", "1:2:03:04"])

@@ -13,6 +13,7 @@ from scipy.io import wavfile
 import neurotact as nt
 from neurotact.data.readers.formats import TABLES
 from neurotact.errors import InputError
+from neurotact.files import MAX_MB
 
 SIGNAL = np.random.default_rng(3).integers(-900, 900, size=(40, 2)).astype(np.int16)
 BAG_TYPES = ("std_msgs/msg/Float32MultiArray", "std_msgs/msg/MultiArrayLayout")
@@ -78,6 +79,8 @@ def test_a_file_is_a_trial_at_the_rate_that_it_says(tmp_path, write, suffix, cha
     for signal in found.signals:
         np.testing.assert_array_equal(signal, SIGNAL.astype(np.float32))
     assert nt.read_folder(tmp_path, unit="count", layout=nt.Layout(columns=channels[1])).channels == channels[1:]
+    if write is not bag:
+        assert found.conditions["file"].tolist() == [f"felt/a{suffix}", f"silk/a{suffix}"]
 
 
 @pytest.mark.parametrize("held", [{"a": SIGNAL, "b": -SIGNAL}, [SIGNAL, -SIGNAL], SIGNAL])
@@ -139,9 +142,52 @@ def test_annotations_cut_a_sound(tmp_path):
         )
 
 
+def test_the_header_of_a_message_says_its_time(tmp_path):
+    rosbag1, stores = pytest.importorskip("rosbags.rosbag1"), pytest.importorskip("rosbags.typesys")
+    types = stores.get_typestore(stores.Stores.ROS1_NOETIC)
+    names = ("geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/Wrench", "geometry_msgs/msg/Vector3")
+    stamped, wrench, vector = (types.types[name] for name in names)
+    header, time = types.types["std_msgs/msg/Header"], types.types["builtin_interfaces/msg/Time"]
+    (tmp_path / "felt").mkdir()
+    with rosbag1.Writer(tmp_path / "felt" / "a.bag") as writer:
+        to = writer.add_connection("/force", stamped.__msgtype__, typestore=types)
+        for row, (x, y) in enumerate(SIGNAL.astype(float).tolist()):
+            at = time(7 + row // 20, 50_000_000 * (row % 20))
+            made = stamped(header(row, at, "tip"), wrench(vector(x, y, float(row)), vector(0.0, 0.0, float(row % 3))))
+            writer.write(to, 10**18 + 10**9 * row, types.serialize_ros1(made, names[0]))
+    found = nt.read_folder(tmp_path, unit="N", layout=nt.Layout(columns="wrench.force.x,wrench.force.y"))
+    assert (found.sampling_rate_Hz, found.conditions["file"].tolist()) == (20.0, ["felt/a.bag:force"])
+    np.testing.assert_array_equal(found.signals[0], SIGNAL.astype(np.float32))
+    assert nt.read_folder(tmp_path, unit="N").channels[-1] == "wrench.torque.z"
+
+
+@pytest.mark.parametrize(
+    ("write", "suffix", "n_rows"), [(parquet, ".parquet", 70_000), (flac, ".flac", 300_000), (bag, ".bag", 5_000)]
+)
+def test_what_would_take_more_than_the_limit_is_refused(tmp_path, monkeypatch, write, suffix, n_rows):
+    monkeypatch.setitem(globals(), "SIGNAL", np.zeros((n_rows, 2), np.int16))
+    (tmp_path / "felt").mkdir()
+    write(tmp_path / "felt" / f"a{suffix}")
+    assert (tmp_path / "felt" / f"a{suffix}").stat().st_size < 1e6
+    monkeypatch.setenv(MAX_MB, "1")
+    with pytest.raises(InputError, match=rf"a{suffix}: .*more than the limit of 1 MB"):
+        nt.read_folder(tmp_path, unit="count")
+
+
+def test_an_index_is_a_column_and_a_class_that_is_missing_is_empty(tmp_path):
+    pytest.importorskip("pyarrow")
+    rows = pd.DataFrame({"t_ms": 5 * np.arange(40), "trial": np.repeat([0, 1], 20), "left": SIGNAL[:, 0]})
+    rows["label"] = [None] * 20 + ["silk"] * 20
+    rows.set_index("t_ms").to_parquet(tmp_path / "all.parquet")
+    with pytest.raises(InputError, match="trial 0 has an empty label"):
+        nt.read_table(tmp_path / "all.parquet", unit="count")
+    found = nt.read_table(tmp_path / "all.parquet", unit="count", segments=True, trial="label")
+    assert (found.sampling_rate_Hz, found.classes) == (200.0, ("silk",))
+
+
 def test_a_topic_of_other_numbers_in_each_message_is_no_trial(tmp_path):
     (tmp_path / "felt").mkdir()
-    bag(tmp_path / "felt" / "a.bag", n_numbers=lambda row: row % 3)
+    bag(tmp_path / "felt" / "a.bag", n_numbers=lambda row: 1 + row % 2)
     with pytest.raises(InputError, match="holds no topic whose messages all have the same numbers"):
         nt.read_folder(tmp_path, unit="count")
 
@@ -185,10 +231,33 @@ def test_a_damaged_file_is_read_or_refused_by_name(tmp_path_factory, write, suff
 
 def test_one_of_several_tables_is_no_table_of_all_trials(tmp_path):
     nptdms = pytest.importorskip("nptdms")
+    (tmp_path / "felt").mkdir()
     with nptdms.TdmsWriter(tmp_path / "a.tdms") as writer:
         writer.write_segment([nptdms.ChannelObject(group, "left", SIGNAL[:, 0]) for group in ("one", "two")])
     with pytest.raises(InputError, match=r"holds 2 tables \(one, two\); neurotact import folder reads each"):
         nt.read_table(tmp_path / "a.tdms", unit="V")
+    (tmp_path / "a.tdms").rename(tmp_path / "felt" / "a.tdms")
+    assert nt.read_folder(tmp_path, 100, "V", layout=nt.Layout(array="two")).conditions["file"].tolist() == [
+        "felt/a.tdms:two"
+    ]
+
+
+def test_options_and_faults_of_samples_are_those_of_text(tmp_path, caplog):
+    pytest.importorskip("pyarrow")
+    (tmp_path / "felt").mkdir()
+    rows = pd.DataFrame({"left": SIGNAL[:, 0].astype(float), "right": SIGNAL[:, 1], "t_ms": 5 * np.arange(40)})
+    rows["left"] = rows["left"].where(rows.index != 7)
+    rows.to_parquet(tmp_path / "felt" / "a.parquet")
+    with pytest.raises(InputError, match="sample 7, channel 0 is nan; repair the gap"):
+        nt.read_folder(tmp_path, unit="count")
+    found = nt.read_folder(tmp_path, unit="count", layout=nt.Layout(missing="interpolate"))
+    assert "left out" not in caplog.text
+    assert found.signals[0][7, 0] == np.float32((rows["left"][6] + rows["left"][8]) / 2)
+    with pytest.raises(InputError, match=r"a\.parquet: `header_lines` is for text files; leave it out"):
+        nt.read_folder(tmp_path, 200, "count", layout=nt.Layout(header_lines=1))
+    rows[["right", "t_ms"]].to_parquet(tmp_path / "felt" / "b.parquet")
+    with pytest.raises(InputError, match=r"felt/b\.parquet: has 1 channels where felt/a\.parquet has 2"):
+        nt.read_folder(tmp_path, 200, "count", layout=nt.Layout(missing="interpolate"))
 
 
 def test_each_format_has_its_module():

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 import neurotact as nt
 from neurotact.data.readers.clock import shared as shared_stamps
 from neurotact.data.readers.clock import stamps as clock
+from neurotact.data.readers.clock import units
 from neurotact.data.readers.clock.shared import Uneven
 from neurotact.errors import InputError
 
@@ -289,7 +290,7 @@ def test_a_clock_that_was_set_is_named(jump_s, message):
     ],
 )  # fmt: skip
 def test_times_of_day_go_on_over_midnight_and_changes_of_the_zone(cells):
-    assert np.diff(clock.seconds_of(cells, "a.csv", "time", 2, None)).tolist() == [0.5] * 3
+    assert np.diff(units.seconds_of(cells, "a.csv", "time", 2, None)).tolist() == [0.5] * 3
 
 
 def test_files_in_different_units_are_refused(tmp_path):

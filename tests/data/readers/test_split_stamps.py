@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import neurotact as nt
-from neurotact.data.readers.clock import split as split_stamps
+from neurotact.data.readers.clock import units as split_stamps
 from neurotact.data.readers.columns import LayoutSpec, samples_of
 from neurotact.data.readers.table.cells import table_of
 from neurotact.errors import InputError

@@ -27,7 +27,7 @@ from neurotact.data.spikes import from_rasters
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.studies import loading, runner, suited, way_study
+from neurotact.studies import automatic, loading, runner, way_study
 
 WAYS = {
     "refractory period": [{"t_ref_ms": [20, 20]}],
@@ -379,7 +379,7 @@ def test_files_that_cannot_be_used_are_refused(tmp_path):
 
 
 def test_many_trials_have_one_seed(tmp_path, monkeypatch):
-    monkeypatch.setattr(suited, "SMALL", 10)
+    monkeypatch.setattr(automatic, "SMALL", 10)
     what = loading.resolve("ways-to-save", data=saved(tmp_path))
     assert what.sweep["seed"] == [0]
     assert any("more than 10 trials" in note for note in what.notes)

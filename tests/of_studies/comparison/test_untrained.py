@@ -148,9 +148,11 @@ def test_recordings_are_the_same_after_they_were_arrays(lengths, n_taxels, seed)
     noise = np.random.default_rng(seed)
     signals = [noise.normal(size=(n, n_taxels)).astype(np.float32) for n in lengths]
     conditions = pd.DataFrame({"label": ["None"] * len(lengths), "speed": noise.random(len(lengths)), "who": "s1"})
+    signals = [np.asfortranarray(signal) if seed % 2 else signal for signal in signals]
     given_ = replace(touches(n_trials=2), signals=signals, conditions=conditions, channels=())
     found = from_arrays(as_arrays(given_), given_.source)
     assert all(np.array_equal(*pair) for pair in zip(found.signals, given_.signals, strict=True))
+    assert all(signal.flags.c_contiguous for signal in found.signals)
     pd.testing.assert_frame_equal(found.conditions.astype(object), given_.conditions.astype(object))
     assert (found.unit, found.sampling_rate_Hz, found.channels) == (
         given_.unit,

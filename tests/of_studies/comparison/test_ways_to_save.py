@@ -14,9 +14,9 @@ from neurotact_parts.studies.comparison.ways_to_save import Parameters, named
 from neurotact.data.spikes import from_rasters
 from neurotact.data.splits import Split, SplitSpec
 from neurotact.data.windows import WindowSpec
+from neurotact.encoders.closed_form import cost_of_spikes
 from neurotact.encoders.cost import encoding_cost
 from neurotact.errors import InputError
-from neurotact.metrics.flops import ExactSpikes, cost
 from neurotact.networks.definition.recipe import Seen
 from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import RSNNSpec
@@ -209,7 +209,7 @@ def test_in_closed_form_samples_and_all_spikes_that_are_sent_cost():
         alone = network_cost(network.spec, network.n_inputs, network.n_classes, row, steps=400, signal_ms=100.0)
         encoder = {**trains.encoder, "integration": "clock", "conditioning": {**trains.encoder["conditioning"]}}
         del encoder["conditioning"]["resample_Hz"]
-        encoding = encoding_cost(N_TAXELS, 200, 100.0, encoder) + cost(ExactSpikes(sent))  # samples at 2 kHz
+        encoding = encoding_cost(N_TAXELS, 200, 100.0, encoder) + cost_of_spikes(sent)  # samples at 2 kHz
         assert row["energy_estimate_nJ"] == pytest.approx((alone + encoding).energy_estimate_nJ)
 
 

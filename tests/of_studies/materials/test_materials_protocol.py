@@ -9,6 +9,7 @@ from neurotact_parts.studies.materials.protocol import GRIDS, SETUPS, SHARES, Gr
 from neurotact_parts.studies.materials.simulator import ContactMaterialsSpec
 from sklearn.svm import SVC
 
+from neurotact.baselines.targets import signed
 from neurotact.data.splits import SplitSpec, split_trials
 from neurotact.metrics.flops import RBFExpansion
 
@@ -85,7 +86,7 @@ def test_units_sum_over_the_machines():
 def test_support_vectors_are_those_of_every_machine():
     features, _ = two_classes(1, 80)
     indices = np.arange(80) % 3
-    targets = materials.one_against_all(indices)
+    targets = signed(indices, indices.max() + 1)
     machines = next(materials.svm(features, targets, features, Grid((0.5,), (2.0,)), 0))
     by_hand = [SVC(C=2.0, gamma=1 / 8).fit(features, indices == c).support_.size for c in range(3)]
     assert list(machines.units) == by_hand
@@ -94,7 +95,7 @@ def test_support_vectors_are_those_of_every_machine():
 def test_rls_is_one_against_all_of_its_equations():
     features, _ = two_classes(2, 60)
     indices = np.arange(60) % 3
-    targets, seen = materials.one_against_all(indices), features[:7] + 0.1
+    targets, seen = signed(indices, indices.max() + 1), features[:7] + 0.1
     found = next(materials.rls(features, targets, seen, Grid((0.25,), (1.5,)), 0)).scores
 
     def kernel(a, b):
@@ -115,7 +116,7 @@ def test_of_equal_errors_the_fewest_units_win_then_the_first():
 def test_a_tested_machine_is_the_validated_one():
     """The chosen machine, fitted again to be tested, gives on validation patterns what it was chosen for."""
     features, indices = two_classes(3)
-    targets = materials.one_against_all(indices)
+    targets = signed(indices, indices.max() + 1)
     for classifier, family in materials.FAMILIES.items():
         for machines in family(features, targets, features, FEW[classifier], 5):
             alone = next(family(features, targets, features, machines.settings, 5))

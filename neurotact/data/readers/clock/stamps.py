@@ -1,26 +1,14 @@
-"""Time stamps: their unit, the sampling rate of their samples, and resampling to a regular clock."""
+"""The stamps of samples: rows that share one, gaps, the sampling rate, and resampling to a regular clock."""
 
-import re
-from array import array
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Literal, NamedTuple, cast
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from neurotact.data.readers.clock.shared import Uneven, on_line, spread
+from neurotact.data.readers.clock.units import FASTEST_HZ, HOUR_S, LONGEST_S, SHORTEST_S, SLOWEST_HZ, UNIT_S, Unit
 from neurotact.errors import InputError
 
-Unit = Literal["s", "ms", "us", "ns"]
-UNIT_S: dict[Unit, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-IN_NAME = re.compile(r"(?:_|\s*\[|\s*\()(s|ms|us|ns)[])]?$", re.IGNORECASE)
-"""The unit at the end of a column's name: `t_ms`, `Time [us]`, `time (s)`."""
-TIME_OF_DAY = re.compile(
-    r"(?:(\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{1,2}[- ][a-z]{3,9}[- ]\d{2,4})[ T]+)?"
-    r"(?:(\d{1,2}):)?(\d{1,3}):(\d{2}(?:[.,]\d+)?)(?: ?([ap])\.?m\.?)?(?:Z| ?([+-]\d{2}):?(\d{2}))?",
-    re.ASCII | re.IGNORECASE,
-)
-"""A time stamp with minutes and seconds, with or without hours and a date: `2024-01-31 12:00:00.25`,
-`31-Jan-2024 01:00:00 PM`, `59:59.5`."""
 GAP = 5.0
 """An interval longer than this many median ones is a gap, unless the user gives a length."""
 REGULAR = 0.01
@@ -34,15 +22,6 @@ SPAN = 1.1
 SLOWER = 1.1
 """Factor from which on the interval of a file is longer than that of the clock, and not only by jitter."""
 MOST_DECIMALS = 9
-DAY_S, HOUR_S = 86_400.0, 3600.0
-
-SLOWEST_HZ, FASTEST_HZ = 10.0, 100_000.0
-"""Sampling rates of touch."""
-SHORTEST_S, LONGEST_S = 0.02, 600.0
-"""Lengths of a trial of touch."""
-NEAR_RATE = 10.0
-"""Stamps in the right unit give a sampling rate within this factor of the user's."""
-
 OF_GIVEN_RATE = "check `sampling_rate_Hz`, which is in samples per second"
 OF_STAMPS = "if the unit of the time stamps is another, give it with `time_unit`"
 """What to do about a rate that is given, and about one that time stamps tell."""
@@ -77,89 +56,6 @@ class Stamps(NamedTuple):
         return len(self.keep) - len(self.time_s)
 
 
-def unit_in(name: str) -> Unit | None:
-    """The unit that the name of a column of times ends with; None without one.
-
-    >>> unit_in("event_t_ms"), unit_in("Time [us]"), unit_in("TIME (S)"), unit_in("times")
-    ('ms', 'us', 's', None)
-    """
-    match = IN_NAME.search(name)
-    return cast(Unit, match[1].lower()) if match else None
-
-
-def without_unit(name: str) -> str:
-    """The name of a column of times without its unit.
-
-    >>> without_unit("time_us"), without_unit("Time [s]"), without_unit("times")
-    ('time', 'Time', 'times')
-    """
-    return IN_NAME.sub("", name)
-
-
-def is_time_of_day(cell: str) -> bool:
-    """Whether a cell of text is a time stamp with hours, minutes and seconds, or with minutes and parts of seconds.
-
-    `12:00` is not: it may be of hours and minutes.
-
-    >>> [is_time_of_day(cell) for cell in ("2024-01-31T23:59:59.5Z", "31.1.2024 12:00:00,25", "12:00:00", "12:00")]
-    [True, True, True, False]
-    >>> [is_time_of_day(cell) for cell in ("31-Jan-2024 13:02:03.5", "01:02:03.5 PM", "02:03.5", "13:02:03 PM")]
-    [True, True, True, False]
-    """
-    match = TIME_OF_DAY.fullmatch(cell)
-    return match is not None and _of_day(match) is not None and (match[2] is not None or not match[4].isdigit())
-
-
-def _of_day(match: re.Match[str]) -> float | None:
-    """Seconds since midnight, or since the full hour, of a time stamp; None for an hour that a clock does not have."""
-    _, hours, minutes, of_minute, half, *_ = match.groups()
-    if (hours is not None and len(minutes) != 2) or (half and not 1 <= int(hours or 0) <= 12):
-        return None
-    hour = int(hours or 0) % 12 + 12 * (half in ("p", "P")) if half else int(hours or 0)
-    return HOUR_S * hour + 60 * int(minutes) + float(of_minute.replace(",", "."))
-
-
-def seconds_of(cells: Iterable[str], where: str, column: str, first_line: int, unit: Unit | None) -> np.ndarray:
-    """Seconds since midnight of the first day for time stamps with hours, minutes and seconds, AM and PM or none.
-
-    A stamp whose date is another than that of the stamp before is of the next day; without dates, one that is half a
-    day earlier. Minutes and seconds alone begin again with each hour. A time zone at the end is taken off, so that a
-    change to daylight-saving time is none. unit: the one that is asked for.
-    Raises InputError, which begins with `where`, for a cell that is no such stamp, and for another unit than seconds.
-
-    >>> seconds_of(["2024-01-31 23:59:59.5", "2024-02-01 00:00:00.5"], "felt.csv", "time", 2, None).tolist()
-    [86399.5, 86400.5]
-    >>> seconds_of(["02:59:59+02:00", "02:00:00+01:00"], "felt.csv", "time", 2, None).tolist()
-    [3599.0, 3600.0]
-    >>> seconds_of(["11:59:59.5 AM", "12:00:00.5 PM"], "felt.csv", "time", 2, None).tolist()
-    [43199.5, 43200.5]
-    >>> seconds_of(["59:59.5", "00:00.5"], "felt.csv", "time", 2, None).tolist()
-    [3599.5, 3600.5]
-    """
-    if unit not in (None, "s"):
-        raise InputError(f"{where}: column {column} holds times of day, which are in seconds; leave `time_unit` out")
-    seconds = array("d")
-    turns_s, last, before, has_hours = 0.0, None, None, None
-    for line, cell in enumerate(cells, first_line):
-        match = TIME_OF_DAY.fullmatch(cell)
-        of_day = None if match is None else _of_day(match)
-        is_alike = match is not None and has_hours in (None, match[2] is not None)
-        if match is None or of_day is None or not is_alike:
-            example = "59:59.25" if has_hours is False else "12:00:00.25"
-            raise InputError(
-                f"{where}: line {line}, column {column} is {cell[:30]!r}, not a time as in {example}; repair it or "
-                "drop the file"
-            )
-        date, has_hours = match[1], match[2] is not None
-        turn_s = DAY_S if has_hours else HOUR_S
-        if before is not None and (date != last or (date is None and of_day < before - turn_s / 2)):
-            turns_s += turn_s
-        last, before = date, of_day
-        zone = HOUR_S * int(match[6] or 0) + 60 * int(f"{(match[6] or '+')[0]}{match[7] or 0}")
-        seconds.append(turns_s + of_day - zone)
-    return np.array(seconds)
-
-
 def of_rate(lengths: np.ndarray, rate_Hz: float, fix: str) -> Iterator[str]:
     """The doubt of a rate of samples or steps that is none of touch, else of the length of the median trial.
 
@@ -178,41 +74,6 @@ def of_length(trial_s: float, fix: str, at: str = "") -> Iterator[str]:
         long = "short" if trial_s < SHORTEST_S else "long"
         lasts = f"{trial_s:.3g}" if trial_s < 1000 else f"{trial_s:,.0f}"
         yield f"the median trial lasts {lasts} s{at}, which is {long} for touch; {fix}"
-
-
-class _Timing(NamedTuple):
-    """What time stamps in one unit give: samples per second, and the length of the median trial in seconds."""
-
-    unit: Unit
-    rate_Hz: float
-    trial_s: float
-
-
-def timings(times: Sequence[np.ndarray], given_Hz: float | None = None) -> list[_Timing]:
-    """The units in which the stamps of these trials can be those of touch, the longest unit first.
-
-    The rate is within a factor of ten of the given one; without one it is 10 Hz to 100 kHz, and the median trial lasts
-    20 ms to 10 min. times: stamps of each trial, in the unknown unit.
-
-    >>> [each.unit for each in timings([np.arange(0, 5000, 28)])], [each.unit for each in timings([np.arange(9) * 1e3])]
-    (['ms'], [])
-    >>> [each.unit for each in timings([np.arange(2000) * 100.0])]
-    ['ms', 'us']
-    """
-    steps = [np.diff(time) for time in times]
-    shared = [len(trial) / max(1, np.count_nonzero(trial)) for trial in steps]  # rows per stamp
-    usual = float(np.median([
-        np.median(trial[trial != 0]) / n for trial, n in zip(steps, shared, strict=True) if trial.any()
-    ] or [0.0]))  # fmt: skip
-    if usual <= 0:
-        return []
-    length = float(np.median([time[-1] - time[0] for time in times]))
-    units = [_Timing(unit, 1 / (usual * unit_s), length * unit_s) for unit, unit_s in UNIT_S.items()]
-    if given_Hz is not None:
-        return [unit for unit in units if 1 / NEAR_RATE < unit.rate_Hz / given_Hz < NEAR_RATE]
-    return [
-        unit for unit in units if SLOWEST_HZ <= unit.rate_Hz <= FASTEST_HZ and SHORTEST_S <= unit.trial_s <= LONGEST_S
-    ]
 
 
 def stamps_of(
@@ -291,7 +152,9 @@ def _shared(
     even = spread(time_s, resolution_s, common_s)
     if isinstance(even, np.ndarray):
         return _stamps(even, every, 0.0, n_repeats)
-    if given_s is not None and 1 / SPAN < n_rows * given_s / _span(time_s[keep]) < SPAN:
+    distinct_s = time_s[keep]  # the rows of the last one last as long as usual
+    lasts_s = float(distinct_s[-1] + np.median(np.diff(distinct_s))) if len(distinct_s) > 1 else np.inf
+    if given_s is not None and 1 / SPAN < n_rows * given_s / lasts_s < SPAN:
         return _stamps(np.arange(n_rows) * given_s, every, 0.0, n_repeats)
     return dropped if dropped and is_few else even
 
@@ -338,11 +201,6 @@ def _are_copies(signal: np.ndarray | None, keep: np.ndarray) -> bool:
         return False
     unchanged = is_same[1:][keep[1:]].mean()
     return bool(unchanged ** int((~keep).sum()) <= BY_CHANCE)
-
-
-def _span(time_s: np.ndarray) -> float:
-    """How long the rows of distinct stamps last, in s: those of the last one as long as usual."""
-    return float(time_s[-1] + np.median(np.diff(time_s))) if len(time_s) > 1 else np.inf
 
 
 def _not_spread(uneven: Uneven | None, keep: np.ndarray, rows: _Rows, given_Hz: float | None) -> str:

@@ -8,17 +8,8 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.readers.clock.shared import own_interval
-from neurotact.data.readers.clock.stamps import (
-    MOST_DROPPED,
-    UNIT_S,
-    Stamps,
-    Unit,
-    middle_of,
-    on_clock,
-    rate_of,
-    stamps_of,
-    timings,
-)
+from neurotact.data.readers.clock.stamps import MOST_DROPPED, Stamps, middle_of, on_clock, rate_of, stamps_of
+from neurotact.data.readers.clock.units import UNIT_S, Unit, timings
 from neurotact.data.readers.columns import Missing, Samples
 from neurotact.data.readers.doubts import Fixes, are_thousandths, check_first_row, rate_in, say_doubts
 from neurotact.data.recordings import LABEL, Recordings, check_named_classes

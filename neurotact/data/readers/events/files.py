@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from neurotact.data.readers.clock.stamps import UNIT_S, Unit, unit_in, without_unit
+from neurotact.data.readers.clock.units import UNIT_S, Unit, unit_in, without_unit
 from neurotact.data.readers.columns import GUESSES, LayoutSpec, read_table
 from neurotact.data.readers.events import heidelberg
 from neurotact.data.readers.events.spikes import ROW, Events, EventSpec, joined, to_trains
@@ -19,14 +19,7 @@ from neurotact.data.readers.events.times import event_times, in_order
 from neurotact.data.readers.folder import NamingSpec, conditions_of
 from neurotact.data.readers.formats.contents import HDF5, LVM, MATLAB, NPY, NPZ, TDMS, ZIP, check_content
 from neurotact.data.readers.formats.numpy_files import read_array, read_arrays
-from neurotact.data.readers.table.cells import (
-    DECIMAL_COMMA,
-    NUMBER,
-    THOUSANDS,
-    columns_of,
-    grouping_of,
-    values_of,
-)
+from neurotact.data.readers.table.cells import DECIMAL_COMMA, NUMBER, THOUSANDS, columns_of, grouping_of, values_of
 from neurotact.data.readers.table.headings import named_table
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.hdf5_input import EVENTS, Declared, opened
-from neurotact.data.readers.clock.stamps import UNIT_S
+from neurotact.data.readers.clock.units import UNIT_S
 from neurotact.data.readers.events.spikes import EventSpec, TrialEvents, channel_names, trains_of
 from neurotact.data.readers.events.times import event_times, in_order
 from neurotact.data.recordings import LABEL

@@ -55,23 +55,16 @@ def read(
         table = {} if conditions is None else {"table": str(conditions)}
         frames = folder.read(path, sampling_rate_Hz, UNIT, naming=naming | table, layout=layout, is_raster=True)
         named = () if frames.channels[0] == "taxel1" else frames.channels
-        return trains_of(
-            frames.signals, frames.sampling_rate_Hz, named, frames.conditions, str(path), merge_events=merge_events
-        )
-    if naming or layout:
+        held = frames.signals, frames.sampling_rate_Hz, named, frames.conditions
+    elif naming or layout:
         raise InputError(f"{path}: `{next(iter(naming | layout))}` is for a folder with a file per trial; leave it out")
-    loaded = arrays.load(path, sampling_rate_Hz, names, axes, conditions)
-    return trains_of(
-        loaded.signals,
-        loaded.sampling_rate_Hz,
-        loaded.channels,
-        loaded.conditions,
-        str(path),
-        merge_events=merge_events,
-    )
+    else:
+        loaded = arrays.load(path, sampling_rate_Hz, names, axes, conditions)
+        held = loaded.signals, loaded.sampling_rate_Hz, loaded.channels, loaded.conditions
+    return _trains_of(*held, str(path), merge_events=merge_events)
 
 
-def trains_of(
+def _trains_of(
     rasters: Sequence[np.ndarray] | np.ndarray,
     sampling_rate_Hz: float,
     afferents: Sequence[str],

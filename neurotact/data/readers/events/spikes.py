@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, field_validator
 
-from neurotact.data.readers.clock.stamps import Unit, of_length
+from neurotact.data.readers.clock.stamps import of_length
+from neurotact.data.readers.clock.units import Unit
 from neurotact.data.readers.events.times import (
     FLOAT_ERROR,
     MOST_COMPARED,

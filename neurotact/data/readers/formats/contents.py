@@ -3,7 +3,8 @@
 import json
 import re
 import zipfile
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -44,110 +45,117 @@ class Content(NamedTuple):
         return InputError(f"{where}: is not {wanted}, but {self.what}; {fix}")
 
 
+_KNOWN: list[tuple[re.Pattern[bytes], Content]] = []
+"""What files of a kind begin with, in the order in which it is tried."""
+
+
+def _begins(pattern: bytes, what: str, fix: str, *, hides: bool = False) -> Content:
+    """A kind of file that begins with a pattern, in which a point is any byte if it is counted."""
+    kind = Content(what, fix, hides)
+    _KNOWN.append((re.compile(pattern, re.DOTALL if b".{" in pattern else 0), kind))
+    return kind
+
+
 def _table_of(reader: str) -> str:
     return f"save it as CSV, in Python with pandas.{reader}(...).to_csv(..., index=False)"
+
+
+def _import(commands: str, suffix: str) -> str:
+    return f"neurotact {commands}, with the suffix {suffix}"
 
 
 SHEET = "save the sheet as CSV"
 SAMPLES = "give the samples as numbers, a row per sample and a column per taxel"
 EVENTS = "convert its events to CSV or NPZ with x, y, t and p, which neurotact import events reads"
-PICKLED = "which is never loaded, because loading it can run any code"
+PICKLED = "a Python pickle, which is never loaded, because loading it can run any code"
+IN_ROWS = "write them as rows: rostopic echo -p TOPIC > touch.csv, or ros2 topic echo --csv TOPIC > touch.csv"
 
-LFS_POINTER = Content("a Git LFS pointer, not the file itself", "fetch the file with git lfs pull", hides=True)
-ANNEX_POINTER = Content("a git-annex pointer, not the file itself", "fetch the file with git annex get", hides=True)
-HTML = Content(
-    "a web page (HTML), not the file itself", "download the file by its own link; it may need a login", hides=True
+LFS_POINTER = _begins(
+    rb"version https?://(git-lfs|hawser)\.github\.com/spec/",
+    "a Git LFS pointer, not the file itself", "fetch the file with git lfs pull", hides=True,
+)  # fmt: skip
+ANNEX_POINTER = _begins(
+    rb"/annex/objects/", "a git-annex pointer, not the file itself", "fetch the file with git annex get", hides=True
 )
-XML = Content("an XML document", "export the samples as CSV")
-RTF = Content("a formatted document (RTF)", "save it as plain text")
-PDF = Content("a PDF document", SAMPLES)
-NPY = Content("a NumPy array", "neurotact import folder reads it as a trial, with the suffix .npy")
-NPZ = Content("an archive of NumPy arrays", "neurotact import folder, arrays and events read it, with the suffix .npz")
-MATLAB = Content("a MATLAB file", "neurotact import folder and import arrays read it, with the suffix .mat")
+HTML = _begins(
+    rb"(?i)\s*(<!--.{,1000}?-->\s*)?<(!doctype html|html)\b",
+    "a web page (HTML), not the file itself", "download the file by its own link; it may need a login", hides=True,
+)  # fmt: skip
+XML = _begins(rb"\s*<\?xml\b", "an XML document", "export the samples as CSV")
+RTF = _begins(rb"\{\\rtf", "a formatted document (RTF)", "save it as plain text")
+PDF = _begins(rb"%PDF-", "a PDF document", SAMPLES)
+NPY = _begins(rb"\x93NUMPY", "a NumPy array", _import("import folder reads it as a trial", ".npy"))
+MATLAB = _begins(
+    rb"MATLAB (5\.0|7\.3) MAT-file", "a MATLAB file", _import("import folder and import arrays read it", ".mat")
+)
+TDMS = _begins(rb"TDSm", "a LabVIEW TDMS file", _import("import folder reads it", ".tdms"))
+TDMS_INDEX = _begins(rb"TDSh", "the index of a LabVIEW TDMS file", "give the .tdms file itself")
+LVM = _begins(
+    rb"\s*LabVIEW Measurement\b",
+    "a LabVIEW measurement", _import("import folder and import table read it", ".lvm or .txt"),
+)  # fmt: skip
+PARQUET = _begins(rb"PAR1", "a Parquet table", _import("import folder and import table read it", ".parquet"))
+FEATHER = _begins(rb"ARROW1\0|FEA1", "an Arrow table (Feather)", _table_of("read_feather"))
+ORC = _begins(rb"ORC[\x08\x0a\x12]", "an ORC table", _table_of("read_orc"))
+OLE = _begins(
+    rb"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1",
+    "an old Excel workbook (.xls) or another document of Microsoft Office", SHEET,
+)  # fmt: skip
+PICKLE = _begins(
+    rb"\x80[\x02\x03][\](}\[cKXGN)]|\x80[\x04\x05]\x95|"
+    rb"\([ld]p\d+\n|c(__builtin__|builtins|copy_?reg|collections|numpy|pandas|torch)[\w.]*\n\w+\n",
+    PICKLED, "save arrays with numpy.savez, or a table with to_csv",
+)  # fmt: skip
+GZIP = _begins(rb"\x1f\x8b", "compressed by gzip", "unpack it with gunzip", hides=True)
+BZIP2 = _begins(rb"BZh\d1AY&SY", "compressed by bzip2", "unpack it with bunzip2", hides=True)
+XZ = _begins(rb"\xfd7zXZ\0", "compressed by xz", "unpack it with unxz", hides=True)
+ZSTD = _begins(rb"\x28\xb5\x2f\xfd", "compressed by Zstandard", "unpack it with unzstd", hides=True)
+TAR = _begins(rb".{257}ustar", "a tar archive", "unpack it with tar -xf and give the folder", hides=True)
+SEVEN_ZIP = _begins(rb"7z\xbc\xaf\x27\x1c", "a 7-Zip archive", "unpack it and give the folder", hides=True)
+RAR = _begins(rb"Rar!\x1a\x07", "a RAR archive", "unpack it and give the folder", hides=True)
+AEDAT4 = _begins(rb"#!AER-DAT4", "a file of events (AEDAT 4)", EVENTS)
+AEDAT = _begins(rb"#!AER-DAT", "a file of events in an old AEDAT format", EVENTS)
+PROPHESEE = _begins(
+    rb"(% [^\n]{,200}\r?\n){,20}% (evt \d|camera_integrator_name|Data file containing (CD|TD) events)",
+    "a file of events of a Prophesee camera", EVENTS,
+)  # fmt: skip
+ROS_BAG = _begins(rb"#ROSBAG V", "a ROS bag", _import("import folder reads it", ".bag"))
+MCAP = _begins(rb"\x89MCAP0\r\n", "a bag of ROS 2 (MCAP)", _import("import folder reads it", ".mcap"))
+SQLITE = _begins(
+    rb"SQLite format 3\0", "an SQLite database",
+    f"if it is a bag of ROS 2, {_import('import folder reads it', '.db3')}; else export a CSV",
+)  # fmt: skip
+ROS_YAML = _begins(rb"([a-z_]\w*:.*\n([ -].*\n)*)+---\n", "the messages of a ROS topic as YAML", IN_ROWS)
+IMAGE = _begins(rb"\x89PNG\r\n|\xff\xd8\xff|GIF8[79]a|BM.{4}\0{4}|II\*\0|MM\0\*|RIFF.{4}WEBP", "an image", SAMPLES)
+SOUND = _begins(rb"RIFF.{4}WAVE", "a sound file (WAV)", _import("import folder reads it", ".wav"))
+FLAC = _begins(rb"fLaC", "a sound file (FLAC)", _import("import folder reads it", ".flac"))
+VIDEO = _begins(rb"RIFF.{4}AVI |.{4}ftyp|\x1a\x45\xdf\xa3", "a video", SAMPLES)
 HDF5 = Content(
     "an HDF5 file",
     "neurotact import arrays reads one with the signals of all trials (suffix .h5), neurotact import nwb one of NWB",
 )
-TDMS = Content("a LabVIEW TDMS file", "neurotact import folder reads it, with the suffix .tdms")
-TDMS_INDEX = Content("the index of a LabVIEW TDMS file", "give the .tdms file itself")
-LVM = Content("a LabVIEW measurement", "neurotact import folder and import table read it, with the suffix .lvm or .txt")
 JSON = Content("a JSON document", _table_of("read_json"))
 JSON_LINES = Content("a file of JSON lines", "save it as CSV, in Python with pandas.read_json(..., lines=True).to_csv")
+NPZ = Content("an archive of NumPy arrays", _import("import folder, arrays and events read it", ".npz"))
+TORCH = Content("a PyTorch file", _import("import folder and import arrays read its tensors", ".pt"))
 XLSX = Content("an Excel workbook", SHEET)
-OLE = Content("an old Excel workbook (.xls) or another document of Microsoft Office", SHEET)
 ODS = Content("a spreadsheet of LibreOffice", SHEET)
 OFFICE = Content("a document of an office program", "save the table in it as CSV")
-PARQUET = Content("a Parquet table", "neurotact import folder and import table read it, with the suffix .parquet")
-FEATHER = Content("an Arrow table (Feather)", _table_of("read_feather"))
-ORC = Content("an ORC table", _table_of("read_orc"))
-PICKLE = Content(f"a Python pickle, {PICKLED}", "save arrays with numpy.savez, or a table with to_csv")
-TORCH = Content("a PyTorch file", "neurotact import folder and import arrays read its tensors, with the suffix .pt")
 ZIP = Content("a zip archive", "unpack it and give the folder", hides=True)
-GZIP = Content("compressed by gzip", "unpack it with gunzip", hides=True)
-BZIP2 = Content("compressed by bzip2", "unpack it with bunzip2", hides=True)
-XZ = Content("compressed by xz", "unpack it with unxz", hides=True)
-ZSTD = Content("compressed by Zstandard", "unpack it with unzstd", hides=True)
-TAR = Content("a tar archive", "unpack it with tar -xf and give the folder", hides=True)
-SEVEN_ZIP = Content("a 7-Zip archive", "unpack it and give the folder", hides=True)
-RAR = Content("a RAR archive", "unpack it and give the folder", hides=True)
-AEDAT = Content("a file of events in an old AEDAT format", EVENTS)
-AEDAT4 = Content("a file of events (AEDAT 4)", EVENTS)
-PROPHESEE = Content("a file of events of a Prophesee camera", EVENTS)
-ROS_BAG = Content("a ROS bag", "neurotact import folder reads it, with the suffix .bag")
-ROS_YAML = Content(
-    "the messages of a ROS topic as YAML",
-    "write them as rows: rostopic echo -p TOPIC > touch.csv, or ros2 topic echo --csv TOPIC > touch.csv",
-)
-MCAP = Content("a bag of ROS 2 (MCAP)", "neurotact import folder reads it, with the suffix .mcap")
-SQLITE = Content(
-    "an SQLite database",
-    "if it is a bag of ROS 2, neurotact import folder reads it, with the suffix .db3; else export a CSV",
-)
-IMAGE = Content("an image", SAMPLES)
-SOUND = Content("a sound file (WAV)", "neurotact import folder reads it, with the suffix .wav")
-FLAC = Content("a sound file (FLAC)", "neurotact import folder reads it, with the suffix .flac")
-VIDEO = Content("a video", SAMPLES)
 
-FIRST_BYTES: tuple[tuple[bytes, Content], ...] = (
-    (rb"version https?://(git-lfs|hawser)\.github\.com/spec/", LFS_POINTER),
-    (rb"/annex/objects/", ANNEX_POINTER),
-    (rb"(?i)\s*(<!--.{,1000}?-->\s*)?<(!doctype html|html)\b", HTML),
-    (rb"\s*<\?xml\b", XML),
-    (rb"\{\\rtf", RTF),
-    (rb"%PDF-", PDF),
-    (rb"\x93NUMPY", NPY),
-    (rb"MATLAB (5\.0|7\.3) MAT-file", MATLAB),
-    (rb"TDSm", TDMS),
-    (rb"TDSh", TDMS_INDEX),
-    (rb"\s*LabVIEW Measurement\b", LVM),
-    (rb"PAR1", PARQUET),
-    (rb"ARROW1\0|FEA1", FEATHER),
-    (rb"ORC[\x08\x0a\x12]", ORC),
-    (rb"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", OLE),
-    (rb"\x80[\x02\x03][\](}\[cKXGN)]|\x80[\x04\x05]\x95", PICKLE),
-    (rb"\([ld]p\d+\n|c(__builtin__|builtins|copy_?reg|collections|numpy|pandas|torch)[\w.]*\n\w+\n", PICKLE),
-    (rb"\x1f\x8b", GZIP),
-    (rb"BZh\d1AY&SY", BZIP2),
-    (rb"\xfd7zXZ\0", XZ),
-    (rb"\x28\xb5\x2f\xfd", ZSTD),
-    (rb".{257}ustar", TAR),
-    (rb"7z\xbc\xaf\x27\x1c", SEVEN_ZIP),
-    (rb"Rar!\x1a\x07", RAR),
-    (rb"#!AER-DAT4", AEDAT4),
-    (rb"#!AER-DAT", AEDAT),
-    (rb"(% [^\n]{,200}\r?\n){,20}% (evt \d|camera_integrator_name|Data file containing (CD|TD) events)", PROPHESEE),
-    (rb"#ROSBAG V", ROS_BAG),
-    (rb"\x89MCAP0\r\n", MCAP),
-    (rb"SQLite format 3\0", SQLITE),
-    (rb"([a-z_]\w*:.*\n([ -].*\n)*)+---\n", ROS_YAML),
-    (rb"\x89PNG\r\n|\xff\xd8\xff|GIF8[79]a|BM.{4}\0{4}|II\*\0|MM\0\*|RIFF.{4}WEBP", IMAGE),
-    (rb"RIFF.{4}WAVE", SOUND),
-    (rb"fLaC", FLAC),
-    (rb"RIFF.{4}AVI |.{4}ftyp|\x1a\x45\xdf\xa3", VIDEO),
-)
-"""What files of a kind begin with, as regular expressions."""
-_FIRST_BYTES = tuple((re.compile(pattern, re.DOTALL if b".{" in pattern else 0), kind) for pattern, kind in FIRST_BYTES)
 JSON_BEGIN = re.compile(rb"\s*(\{\s*[\"}]|(\[\s*)+(\{\s*[\"}]|\"|-?\d[\d.eE+-]*\s*[,\]]|\]))")
+
+
+@contextmanager
+def damaged_as(path: str | Path, what: str, fix: str) -> Iterator[None]:
+    """An InputError in place of whatever a library raises for damaged bytes, which may be nearly anything."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        why = (str(error).strip().splitlines() or [""])[0][:80] or type(error).__name__
+        raise InputError(f"{path}: {what} ({why}); {fix}") from error
 
 
 def content_of(path: str | Path) -> Content | None:
@@ -181,7 +189,7 @@ def content_of_bytes(head: bytes) -> Content | None:
     if head.startswith((b"PK\x03\x04", b"PK\x05\x06")):
         return ZIP
     head = head.removeprefix(MARK)
-    known = next((kind for pattern, kind in _FIRST_BYTES if pattern.match(head)), None)
+    known = next((kind for pattern, kind in _KNOWN if pattern.match(head)), None)
     return known or _of_json(head)
 
 

@@ -2,13 +2,15 @@
 
 import math
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
 import numpy as np
 from numpy.lib import format as npy
 
-from neurotact.data.readers.formats.contents import NPY, NPZ, ZIP, check_content
+from neurotact.data.readers.formats.contents import NPY, NPZ, ZIP, check_content, damaged_as
 from neurotact.errors import InputError
 from neurotact.files import check_size, existing
 
@@ -30,19 +32,11 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
     check_content(path, NPZ, ZIP, wanted="an .npz archive", fix=f"save it with numpy.savez {NEVER}")
     if not zipfile.is_zipfile(path):
         raise InputError(f"{path}: is not an .npz archive, or was cut off; save it with numpy.savez {NEVER}")
-    try:
-        # opened here, because np.load leaves a damaged file open
-        with open(path, "rb") as stream:
-            check_size(path, _declared_bytes(stream))
-            with np.load(stream, allow_pickle=False) as archive:
-                arrays = {key: archive[key] for key in archive.files}
-    except InputError:
-        raise
-    except Exception as error:  # damaged bytes make zipfile, zlib and numpy raise nearly anything
-        if "Object arrays" in str(error):
-            raise InputError(f"{path}: {PICKLED}") from error
-        why = str(error).split("\n")[0][:80] or type(error).__name__
-        raise InputError(f"{path}: is a damaged .npz archive ({why}); save or copy it again") from error
+    # opened here, because np.load leaves a damaged file open
+    with _opened(path, "is a damaged .npz archive", "save or copy it again") as stream:
+        check_size(path, _declared_bytes(stream))
+        with np.load(stream, allow_pickle=False) as archive:
+            arrays = {key: archive[key] for key in archive.files}
     foreign = [key for key, array in arrays.items() if not isinstance(array, np.ndarray)]
     if foreign:
         raise InputError(f"{path}: member {foreign[0]!r} is not a NumPy array; save arrays only, with numpy.savez")
@@ -62,18 +56,22 @@ def read_array(path: str | Path) -> np.ndarray:
     """
     check_size(path, existing(path).stat().st_size)
     check_content(path, NPY, wanted="an .npy file", fix=f"save it with numpy.save {NEVER}")
-    try:
-        with open(path, "rb") as stream:
-            check_size(path, _array_bytes(stream))
-            stream.seek(0)
-            return np.load(stream, allow_pickle=False)
-    except InputError:
-        raise
-    except Exception as error:  # damaged bytes make numpy raise nearly anything
-        if "Object arrays" in str(error):
-            raise InputError(f"{path}: {PICKLED}") from error
-        why = str(error).split("\n")[0][:80] or type(error).__name__
-        raise InputError(f"{path}: cannot be read as an array ({why}); save it with numpy.save") from error
+    with _opened(path, "cannot be read as an array", "save it with numpy.save") as stream:
+        check_size(path, _array_bytes(stream))
+        stream.seek(0)
+        return np.load(stream, allow_pickle=False)
+
+
+@contextmanager
+def _opened(path: str | Path, what: str, fix: str) -> Iterator[IO[bytes]]:
+    """The file, open for reading; what its reading raises is said as by `damaged_as`, and pickles are named."""
+    with damaged_as(path, what, fix), open(path, "rb") as stream:
+        try:
+            yield stream
+        except ValueError as error:
+            if "Object arrays" in str(error):
+                raise InputError(f"{path}: {PICKLED}") from error
+            raise
 
 
 def _declared_bytes(stream: IO[bytes]) -> int:

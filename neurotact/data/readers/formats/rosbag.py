@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from neurotact.data.readers.formats.contents import MCAP, ROS_BAG, SQLITE, check_content
+from neurotact.data.readers.formats.contents import MCAP, ROS_BAG, SQLITE, check_content, damaged_as
 from neurotact.data.readers.table.cells import MAX_CHANNELS, Table, table_of
-from neurotact.errors import InputError, first_line, optional
+from neurotact.errors import InputError, optional
 from neurotact.files import check_size
 
+NUMBER_BYTES = 100
+"""Memory of a number with its name, while messages are read."""
 TIME = "time_ns"
 """The column of times: the stamp of a message's header, else when the message was recorded."""
 
@@ -24,23 +26,17 @@ def read(path: Path) -> dict[str, Table]:
     needed = f"{path}: rosbags is needed to read bags of ROS; pip install 'neurotact[ros]'"
     highlevel = optional("rosbags.highlevel", needed)
     stores = optional("rosbags.typesys", needed)
-    is_in_folder = path.suffix.lower() != ".bag" and (path.parent / "metadata.yaml").is_file()
     rows: dict[str, list[dict[str, Any]]] = {}
     n_bytes = 0
-    try:
+    with damaged_as(path, "cannot be read as a bag of ROS", "record it again"):
         usual = stores.get_typestore(stores.Stores.LATEST)
-        with highlevel.AnyReader([path.parent if is_in_folder else path], default_typestore=usual) as bag:
+        with highlevel.AnyReader([path], default_typestore=usual) as bag:
             for connection, recorded_ns, raw in bag.messages():
                 row = dict(_numbers(bag.deserialize(raw, connection.msgtype), ""))
                 stamp = row.pop("header.stamp.sec", 0) * 10**9 + row.pop("header.stamp.nanosec", 0)
                 rows.setdefault(connection.topic, []).append({TIME: stamp or recorded_ns, **row})
-                n_bytes += 100 * len(row)
+                n_bytes += NUMBER_BYTES * (1 + len(row))
                 check_size(path, n_bytes)
-    except InputError:
-        raise
-    except Exception as error:  # damaged bytes make rosbags raise nearly anything
-        why = first_line(error)[:80]
-        raise InputError(f"{path}: cannot be read as a bag of ROS ({why}); record it again") from error
     alike = {
         topic: its for topic, its in rows.items() if len(its[0]) > 1 and all(row.keys() == its[0].keys() for row in its)
     }  # fmt: skip
@@ -66,5 +62,5 @@ def _numbers(value: Any, name: str) -> Iterator[tuple[str, Any]]:
             yield from _numbers(each, f"{name}.{place}")
     elif hasattr(value, "__dataclass_fields__"):
         for field in value.__dataclass_fields__:
-            if not field.startswith("__") and field not in ("layout", "seq"):
+            if not field.startswith("__") and field != "layout":
                 yield from _numbers(getattr(value, field), f"{name}.{field}" if name else field)

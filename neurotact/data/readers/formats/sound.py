@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from neurotact.data.readers.formats.contents import FLAC, SOUND, check_content
+from neurotact.data.readers.formats.contents import FLAC, SOUND, check_content, damaged_as
 from neurotact.data.readers.table.cells import Table, table_of
-from neurotact.errors import InputError, first_line, optional
+from neurotact.errors import InputError, optional
 from neurotact.files import check_size
 
 
@@ -24,12 +24,8 @@ def read(path: Path) -> dict[str, Table]:
     """
     is_flac = path.suffix.lower() == ".flac"
     check_content(path, FLAC if is_flac else SOUND, wanted="a sound file", fix="save it as WAV")
-    try:
+    with damaged_as(path, "is a damaged sound file", "save it again"):
         rate_Hz, samples = _flac(path) if is_flac else _wav(path)
-    except InputError:
-        raise
-    except Exception as error:  # damaged bytes make the readers raise nearly anything
-        raise InputError(f"{path}: is a damaged sound file ({first_line(error)[:80]}); save it again") from error
     samples = samples.reshape(len(samples), -1)
     if not rate_Hz > 0 or not samples.size:
         raise InputError(f"{path}: holds no sample, or names no sampling rate; record it again")

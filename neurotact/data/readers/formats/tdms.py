@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from neurotact.data.readers.formats.contents import TDMS, check_content
+from neurotact.data.readers.formats.contents import TDMS, check_content, damaged_as
 from neurotact.data.readers.table.cells import Table, table_of
 from neurotact.errors import InputError, optional, some
 from neurotact.files import check_size
@@ -27,18 +27,15 @@ def read(path: Path) -> dict[str, Table]:
     check_content(path, TDMS, wanted="a TDMS file", fix="export it from LabVIEW again")
     needed = "npTDMS is needed to read TDMS files; pip install 'neurotact[tdms]'"
     file_class = optional("nptdms", f"{path}: {needed}").TdmsFile
-    with _heard() as warnings:
-        try:
-            # opened here, because npTDMS leaves a damaged file open
-            with path.open("rb") as stream, file_class.open(stream) as file:
-                channels = {group.name: group.channels() for group in file.groups()}
-                check_size(path, VALUE_BYTES * sum(len(channel) for group in channels.values() for channel in group))
-                held = {name: [(each, np.asarray(each[:])) for each in group] for name, group in channels.items()}
-        except InputError:
-            raise
-        except Exception as error:  # damaged bytes make npTDMS and numpy raise nearly anything
-            why = (str(error).splitlines() or [type(error).__name__])[0][:80]
-            raise InputError(f"{path}: is a damaged TDMS file ({why}); save or copy it again") from error
+    with (
+        _heard() as warnings,
+        damaged_as(path, "is a damaged TDMS file", "save or copy it again"),
+        path.open("rb") as stream,  # because npTDMS leaves a damaged file open
+        file_class.open(stream) as file,
+    ):
+        channels = {group.name: group.channels() for group in file.groups()}
+        check_size(path, VALUE_BYTES * sum(len(channel) for group in channels.values() for channel in group))
+        held = {name: [(each, np.asarray(each[:])) for each in group] for name, group in channels.items()}
     said = [f"npTDMS says: {warning.getMessage()[:80]}" for warning in warnings[:1]]
     tables = {}
     for name, group in held.items():

@@ -44,6 +44,6 @@ def read_tensors(path: str | Path) -> dict[str, np.ndarray]:
     if wrong or not tensors:
         raise InputError(f"{path}: {wrong[0][:40] if wrong else 'it'} holds no dense tensor; {FIX}")
     return {
-        str(key): (value.float() if value.dtype in (torch.bfloat16, torch.float16) else value).detach().numpy()
+        str(key): (value.float() if value.dtype == torch.bfloat16 else value).detach().numpy()
         for key, value in tensors.items()
     }

@@ -192,10 +192,7 @@ class Table(NamedTuple):
 
 
 def table_of(
-    path: str | Path,
-    columns: Mapping[str, Any],
-    intervals_s: Sequence[float | None] = (),
-    notes: Sequence[str] = (),
+    path: str | Path, columns: Mapping[str, Any], intervals_s: Sequence[float | None] = (), notes: Sequence[str] = ()
 ) -> Table:
     """The table of a format that holds columns by their names: dates become texts, truth values numbers.
 
@@ -245,12 +242,7 @@ def is_value(cell: str) -> bool:
 
 
 def numbers(
-    text: str,
-    path: str | Path,
-    *,
-    separator: str = ",",
-    first_line: int = 1,
-    names: Sequence[str] = (),
+    text: str, path: str | Path, *, separator: str = ",", first_line: int = 1, names: Sequence[str] = ()
 ) -> np.ndarray:
     """The `(row, column)` float64 table in `text`, each value finite and within the range of float32.
 

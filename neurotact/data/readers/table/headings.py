@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
-from neurotact.data.readers.clock.stamps import is_time_of_day
+from neurotact.data.readers.clock.units import is_time_of_day
 from neurotact.data.readers.formats.lvm import is_measurement, measurement
 from neurotact.data.readers.table.cells import (
     BLANKS,
@@ -40,9 +40,18 @@ UNITS = {
     "a.u.", "au",
 }  # fmt: skip
 """Units of what sensors of touch record."""
+DIGIT, WORD = re.compile(r"\d"), re.compile(r"[^\W\d_]|[%°\[(]")
+"""A digit in a cell without any of the others is of a number in a form that is not read, and of no unit."""
 IN_BRACKETS = re.compile(r"[\[(].*[\])]")
 WIDE = re.compile(r"\t|[ ]{2,}")
 """Between names that contain blanks."""
+
+
+LETTER = re.compile(r"[^\W\d_]")
+BRACKETS = re.compile(r"[ \t]*[\[(]+[ \t]*[+-]?\.?\d")
+"""The beginning of a row in brackets, as Python prints arrays, lists and tuples."""
+SEPARATOR_LINE = re.compile(r'"?sep=(.)"? *', re.IGNORECASE)
+"""The first line of a file that tells Excel the separator."""
 
 
 class _UsualRow(NamedTuple):
@@ -78,7 +87,7 @@ class _UsualRow(NamedTuple):
         ways = (*map(_without_end, apart), [cell.strip() for cell in WIDE.split(line.strip())])
         fitting = (names for names in ways if len(names) in (self.n_columns, len(self.cells)))
         names = tuple(next(fitting, ()))
-        are_names = any(names) and (_numbers_columns(names) or not any(is_sample(n) or _is_grouped(n) for n in names))
+        are_names = any(names) and (_numbers_columns(names) or not any(map(_is_number, names)))
         return names if are_names else ()
 
     def units_in(self, line: str) -> tuple[str, ...]:
@@ -86,32 +95,15 @@ class _UsualRow(NamedTuple):
 
         Words between blanks are units only if they are known ones or in brackets, as prose has blanks too.
         """
-        row = tuple(self._cut(cells(line, self.separator)))
+        row = tuple(cells(line, self.separator))
+        row = row if any(row[self.n_columns :]) else row[: self.n_columns]
         is_sure = self.separator != BLANKS and self.n_columns > 1
         are_units = is_sure or all(not cell or is_unit(cell) for cell in row)
-        are_numbers = any(is_sample(cell) or _is_digits(cell) for cell in row)
+        are_numbers = any(is_sample(cell) or (DIGIT.search(cell) and not WORD.search(cell)) for cell in row)
         return row if self._fits(row) and are_units and not are_numbers else ()
-
-    def _cut(self, row: Sequence[str]) -> Sequence[str]:
-        """As many cells as there are columns, if no other one is filled."""
-        return row if any(row[self.n_columns :]) else row[: self.n_columns]
 
     def _fits(self, row: Sequence[str]) -> bool:
         return any(row) and len(row) in (self.n_columns, len(self.cells))
-
-
-def _is_digits(cell: str) -> bool:
-    """Whether a cell is a number in a form that is not read, as with separators of thousands, and surely no unit.
-
-    >>> [cell for cell in ("1'005", "1,005.5", "mV", "m/s2", "[1]", "-", "") if _is_digits(cell)]
-    ["1'005", '1,005.5']
-    """
-    return bool(re.search(r"\d", cell)) and not re.search(r"[^\W\d_]|[%°\[(]", cell)
-
-
-def _is_grouped(cell: str) -> bool:
-    """Whether a cell is a number with separators of thousands, and surely no name, as the place 001_002 may be."""
-    return bool(THOUSANDS.fullmatch(cell)) and "_" not in cell
 
 
 def _usual_row(text: str, separator: str | None = None) -> _UsualRow | None:
@@ -155,6 +147,11 @@ def is_sample(cell: str) -> bool:
     return is_value(cell) or bool(DECIMAL_COMMA.fullmatch(cell)) or is_time_of_day(cell)
 
 
+def _is_number(cell: str) -> bool:
+    """Whether a cell is surely no name: a number, with separators of thousands too; a place may be named 001_002."""
+    return is_sample(cell) or (bool(THOUSANDS.fullmatch(cell)) and "_" not in cell)
+
+
 def is_unit(cell: str) -> bool:
     """Whether a cell is a known unit, or anything in brackets.
 
@@ -180,7 +177,8 @@ def _numbers_columns(row: Sequence[str]) -> bool:
 def _probes(text: str) -> Iterator[str]:
     """Some lines that are not empty and no comments, in their order; all lines of a short text."""
     end = len(text.rstrip("\n"))
-    starts = {text.find("\n", max(0, position - 1)) + 1 if position else 0 for position in _spread(end)}
+    spread = [end * index // PROBES for index in range(PROBES)]
+    starts = {text.find("\n", max(0, position - 1)) + 1 if position else 0 for position in spread}
     last = end
     for _ in range(LAST_PROBES):
         last = text.rfind("\n", 0, max(0, last))
@@ -190,17 +188,6 @@ def _probes(text: str) -> Iterator[str]:
         line = text[start : stop if stop >= 0 else start + LONGEST_PROBE]
         if line.strip() and not COMMENT.match(line):
             yield line
-
-
-def _spread(end: int) -> list[int]:
-    return [end * index // PROBES for index in range(PROBES)]
-
-
-LETTER = re.compile(r"[^\W\d_]")
-BRACKETS = re.compile(r"[ \t]*[\[(]+[ \t]*[+-]?\.?\d")
-"""The beginning of a row in brackets, as Python prints arrays, lists and tuples."""
-SEPARATOR_LINE = re.compile(r'"?sep=(.)"? *', re.IGNORECASE)
-"""The first line of a file that tells Excel the separator."""
 
 
 class _Line(NamedTuple):
@@ -263,12 +250,12 @@ def open_table(
     if is_measurement(text):
         table = measurement(text, path, decimal)
         return table._replace(notes=(note, *table.notes) if note else table.notes, choice=choice)
-    given = _given_separator(text)
+    match = SEPARATOR_LINE.fullmatch(text.partition("\n")[0])
+    given = match[1] if match else None
     begin = 0 if header_lines is None else _after(text, header_lines)
     usual = _usual_row(text[begin:] if begin else text, given)
-    above = [*_above(text, usual, begin if header_lines is not None else None, has_separator_line=given is not None)]
+    above = _above(text, usual, begin if header_lines is not None else None, path, has_separator_line=given is not None)
     samples = above.pop()
-    _check_brackets([*above, samples], path)
     if usual is None:
         usual = _texts(text, samples, above, given)
     if decimal == "," and usual.separator == ",":
@@ -293,12 +280,6 @@ def open_table(
     )  # fmt: skip
 
 
-def _given_separator(text: str) -> str | None:
-    """The separator that the first line tells Excel."""
-    match = SEPARATOR_LINE.fullmatch(text.partition("\n")[0])
-    return match[1] if match else None
-
-
 def _after(text: str, n_lines: int) -> int:
     """The place after the first lines; the end of a text that has no more."""
     position = 0
@@ -320,7 +301,9 @@ def _lines(text: str) -> Iterator[_Line]:
     yield _Line(len(text), number + 1, "")
 
 
-def _above(text: str, usual: _UsualRow | None, begin: int | None, *, has_separator_line: bool) -> list[_Line]:
+def _above(
+    text: str, usual: _UsualRow | None, begin: int | None, path: Path, *, has_separator_line: bool
+) -> list[_Line]:
     """The lines above the samples, but empty ones; the last one is the first of the samples.
 
     begin: where they begin, if that is known. Without a usual row they begin below the first line that is no comment.
@@ -334,6 +317,12 @@ def _above(text: str, usual: _UsualRow | None, begin: int | None, *, has_separat
             break
     while begin is None and usual is not None and len(headings) > 1 and usual.is_near(headings[-2].text):
         headings.pop()
+    for line in headings:
+        if BRACKETS.match(line.text):
+            raise InputError(
+                f"{path}: line {line.number} begins with a bracket, {line.text.strip()[:20]!r}; write rows without "
+                "brackets, in Python with numpy.savetxt"
+            )
     return headings
 
 
@@ -343,15 +332,6 @@ def _is_first(line: _Line, above: Sequence[_Line], usual: _UsualRow | None) -> b
     if usual is None:
         return not LETTER.search(line.text) or any(not COMMENT.match(heading.text) for heading in above)
     return usual.is_like(line.text)
-
-
-def _check_brackets(lines: Sequence[_Line], path: Path) -> None:
-    for line in lines:
-        if BRACKETS.match(line.text):
-            raise InputError(
-                f"{path}: line {line.number} begins with a bracket, {line.text.strip()[:20]!r}; write rows without "
-                "brackets, in Python with numpy.savetxt"
-            )
 
 
 def _texts(text: str, samples: _Line, above: Sequence[_Line], separator: str | None) -> _UsualRow:

@@ -5,15 +5,16 @@ doi 10.1038/nn1177). A threshold that falls exponentially makes the latency a lo
 (Park et al. 2020, doi 10.1109/DAC18072.2020.9218689).
 """
 
-from typing import ClassVar, Literal, NamedTuple
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from neurotact.data.conditioning import ConditioningSpec
-from neurotact.encoders.afferents import checked, drives
-from neurotact.encoders.stepping import over_time
+from neurotact.encoders.afferents import drives
+from neurotact.encoders.model import EncoderSpec, Model, checked, over_time
 from neurotact.errors import InputError
+from neurotact.metrics.flops import Cost, with_weights
 from neurotact.spec import Spec
 
 
@@ -22,19 +23,13 @@ class LatencyType(Spec):
 
     gain: float = Field(gt=0)
     """Drive per unit of the conditioned signal (SA-I) or per unit per ms (RA-I); a drive of 1 fires at once."""
-    t_ref_ms: ClassVar[float] = 0.0
-    """There is none: an afferent fires once in a cycle."""
 
 
-class LatencySpec(Spec):
+class LatencySpec(EncoderSpec):
     """An SA-I and an RA-I population of one spike a cycle over every taxel (`encoders/latency.toml`)."""
-
-    folder: ClassVar[str] = "encoders"
 
     model: Literal["latency"] = "latency"
     """One spike a cycle, the sooner the stronger the drive."""
-    unit: str = "mV"
-    """The unit of the recordings."""
     cycle_ms: float = Field(default=50.0, gt=0)
     """Length of a cycle."""
     tau_ms: float = Field(default=15.0, gt=0)
@@ -45,7 +40,6 @@ class LatencySpec(Spec):
     """With `begins = "contact"`: the SA-I drive of a taxel from which on there is contact."""
     quiet_ms: float = Field(default=50.0, ge=0)
     """With `begins = "contact"`: for how long no drive may have reached `contact` before."""
-    conditioning: ConditioningSpec = ConditioningSpec()
     sa1: LatencyType
     """Driven by the signal."""
     ra1: LatencyType
@@ -120,3 +114,17 @@ def encode(
 
     spikes, after = over_time(drive, state, step, 2 * n_taxels)
     return spikes, after._replace(last=last)
+
+
+def cost(_spec: Mapping[str, Any], taxels: int, steps: int, _step_ms: float) -> Cost:
+    """The cost of an encoder over that many steps.
+
+    Per afferent and step: gain times drive and the comparison with the falling threshold; RA-I takes a difference and
+    its absolute value beside. The threshold falls by one product a step, for all.
+    """
+    state = 3 * taxels + 2  # fired or not, the sample before; the threshold and the cycle's step
+    falls = Cost(multiplications=steps)
+    return with_weights(2, state) + Cost(acs=1, multiplications=2, comparisons=2 + 1).times(taxels * steps) + falls
+
+
+MODEL = Model("latency afferents", LatencySpec, encode, LatencyState, cost=cost)

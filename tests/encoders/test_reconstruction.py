@@ -10,7 +10,7 @@ from neurotact.data.conditioning import ConditioningSpec
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import Split
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.encoders.regained import regained
+from neurotact.encoders.reconstruction import reconstructed
 from neurotact.encoders.specs import load
 
 SPLIT = Split(train=np.arange(12), validation=np.arange(12, 16), test=np.arange(16, 28))
@@ -31,7 +31,7 @@ def trains_of(recordings, model="step-forward", **changes):
 
 def test_more_spikes_give_more_of_the_signal_back():
     recordings = felt()
-    found = [regained(recordings, trains_of(recordings, threshold=x), SPLIT) for x in (5.0, 40.0, 80.0)]
+    found = [reconstructed(recordings, trains_of(recordings, threshold=x), SPLIT) for x in (5.0, 40.0, 80.0)]
     assert found[0].snr_dB > found[1].snr_dB > found[2].snr_dB > 0
     assert all(one.bits_per_s > 0 for one in found)
 
@@ -41,7 +41,7 @@ def test_spikes_of_other_trials_give_nothing_back():
     trains = trains_of(recordings, threshold=5.0)
     turned = np.roll(np.arange(28), 1)
     other = replace(trains, steps=[trains.steps[t] for t in turned], units=[trains.units[t] for t in turned])
-    assert regained(recordings, other, SPLIT).snr_dB < 0.5
+    assert reconstructed(recordings, other, SPLIT).snr_dB < 0.5
 
 
 def test_the_filter_knows_training_trials_alone():
@@ -49,11 +49,11 @@ def test_the_filter_knows_training_trials_alone():
     recordings = felt()
     trains = trains_of(recordings, threshold=5.0)
     units = [(u + 2) % 4 if t in SPLIT.train else u for t, u in enumerate(trains.units)]  # ON for OFF
-    assert regained(recordings, replace(trains, units=units), SPLIT).snr_dB == pytest.approx(-6, abs=1)
+    assert reconstructed(recordings, replace(trains, units=units), SPLIT).snr_dB == pytest.approx(-6, abs=1)
 
 
 def test_silence_gives_nothing_back():
     recordings = felt()
-    found = regained(recordings, trains_of(recordings, threshold=1e6), SPLIT)
+    found = reconstructed(recordings, trains_of(recordings, threshold=1e6), SPLIT)
     assert found.snr_dB == pytest.approx(0, abs=1e-6)
     assert np.isnan(found.bits_per_spike)

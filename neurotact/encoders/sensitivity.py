@@ -2,11 +2,11 @@
 
 from typing import Any, NamedTuple
 
-from neurotact.encoders.specs import EncoderSpec, described, dotted, populations
-from neurotact.spec import Spec
+from neurotact.encoders.model import EncoderSpec, sensitivity_key
+from neurotact.encoders.specs import described, dotted, populations
 
 
-class Knob(NamedTuple):
+class Sensitivity(NamedTuple):
     """A number of an encoder that sets how much it fires.
 
     key: of the spec, dotted. name: of the populations that it sets, in words. populations: their names.
@@ -35,43 +35,33 @@ class Knob(NamedTuple):
         return unit.replace("_per_", "/").replace("_", " ") or ("sd" if self.is_threshold else "per sd")
 
 
-def field_of(kind: Spec) -> str | None:
-    """The key of a part of a spec that sets how much it fires: its first gain or threshold; None if it has neither.
+def sensitivities_of(encoder: EncoderSpec) -> tuple[Sensitivity, ...]:
+    """The sensitivities of an encoder, in the order of its output: the first gain or threshold of each part.
 
     >>> from neurotact.encoders.specs import load
-    >>> field_of(load("poisson").sa1), field_of(load("send-on-delta"))
-    ('gain_Hz', 'threshold')
-    """
-    return next((key for key in type(kind).model_fields if key.startswith(("gain", "threshold"))), None)
-
-
-def knobs_of(encoder: EncoderSpec) -> tuple[Knob, ...]:
-    """The knobs of an encoder, in the order of its output: the first gain or threshold of each part of its spec.
-
-    >>> from neurotact.encoders.specs import load
-    >>> [knob[:2] for name in ("poisson", "send-on-delta") for knob in knobs_of(load(name))]
+    >>> [sensitivity[:2] for name in ("poisson", "send-on-delta") for sensitivity in sensitivities_of(load(name))]
     [('sa1.gain_Hz', 'SA-I'), ('ra1.gain_Hz', 'RA-I'), ('threshold', 'ON and OFF')]
     """
-    knobs = []
+    sensitivities = []
     for part in dict.fromkeys(population.part for population in populations(encoder)):
         its = [population for population in populations(encoder) if population.part == part]
-        key = field_of(described(encoder, its[0]))
-        assert key is not None  # every model has one
+        key = sensitivity_key(type(described(encoder, its[0])))
+        assert key is not None  # else the model is unfit
         names = tuple(population.name for population in its)
-        knobs.append(Knob(dotted(part, key), " and ".join(names), names, key.startswith("threshold")))
-    return tuple(knobs)
+        sensitivities.append(Sensitivity(dotted(part, key), " and ".join(names), names, key.startswith("threshold")))
+    return tuple(sensitivities)
 
 
-def value_of(encoder: EncoderSpec, knob: Knob) -> float:
-    """Where a knob stands.
+def value_of(encoder: EncoderSpec, sensitivity: Sensitivity) -> float:
+    """Where a sensitivity stands.
 
     >>> from neurotact.encoders.specs import load
     >>> encoder = load("send-on-delta", {"threshold": 2.5})
-    >>> value_of(encoder, knobs_of(encoder)[0])
+    >>> value_of(encoder, sensitivities_of(encoder)[0])
     2.5
     """
     value: Any = encoder
-    for key in knob.key.split("."):
+    for key in sensitivity.key.split("."):
         value = getattr(value, key)
     return float(value)
 
@@ -83,19 +73,19 @@ def pair_of(encoder: EncoderSpec) -> tuple[float, float]:
     >>> pair_of(load("sa1-ra1-lif"))
     (3.2, 16.0)
     """
-    values = [value_of(encoder, knob) for knob in knobs_of(encoder)]
+    values = [value_of(encoder, sensitivity) for sensitivity in sensitivities_of(encoder)]
     return values[0], values[min(1, len(values) - 1)]
 
 
-def turned(encoder: Any, knob: Knob, value: float) -> Any:
-    """The encoder with a knob at another value.
+def adjusted(encoder: Any, sensitivity: Sensitivity, value: float) -> Any:
+    """The encoder with a sensitivity at another value.
 
     >>> from neurotact.encoders.specs import load
     >>> encoder = load("burst")
-    >>> turned(encoder, knobs_of(encoder)[1], 3.0).ra1.gain
+    >>> adjusted(encoder, sensitivities_of(encoder)[1], 3.0).ra1.gain
     3.0
     """
-    part, _, key = knob.key.rpartition(".")
+    part, _, key = sensitivity.key.rpartition(".")
     if not part:
         return encoder.model_copy(update={key: value})
     return encoder.model_copy(update={part: getattr(encoder, part).model_copy(update={key: value})})

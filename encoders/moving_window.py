@@ -5,36 +5,28 @@ doi 10.1109/TNNLS.2019.2906158.
 """
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from neurotact.data.conditioning import ConditioningSpec
-from neurotact.encoders.afferents import checked
-from neurotact.encoders.refractory import RefractoryMs
-from neurotact.encoders.stepping import both, over_time
-from neurotact.metrics.flops import MovingWindowEvents
+from neurotact.encoders.decoding import sum_of_steps
+from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, RefractoryMs, both, checked, over_time
+from neurotact.metrics.flops import Cost, with_weights
 from neurotact.neurons import refractory_steps, silenced
-from neurotact.spec import Spec
 
 
-class MovingWindowSpec(Spec):
+class MovingWindowSpec(EncoderSpec):
     """ON and OFF events of every taxel (`encoders/moving-window.toml`)."""
-
-    folder: ClassVar[str] = "encoders"
 
     model: Literal["moving-window"] = "moving-window"
     """An event where the signal differs from the mean of its last samples."""
-    unit: str = "mV"
-    """The unit of the recordings."""
     threshold: float = Field(gt=0)
     """Difference from the mean that gives an event, in the unit of the conditioned signal."""
     window_ms: float = Field(default=50.0, gt=0, le=1e4)
     """Length of the mean, at least one step of the clock."""
     t_ref_ms: RefractoryMs = 0.0
     """Dead time of a taxel after an event, ON or OFF."""
-    conditioning: ConditioningSpec = ConditioningSpec()
 
 
 class MovingWindowState(NamedTuple):
@@ -67,7 +59,7 @@ def encode(
     threshold = signal.dtype.type(spec.threshold)
     n_silent = refractory_steps(spec.t_ref_ms, sampling_rate_Hz)
     n_trials, _, n_taxels = signal.shape
-    n_window = window_steps(spec.window_ms, 1e3 / sampling_rate_Hz)
+    n_window = _window_steps(spec.window_ms, 1e3 / sampling_rate_Hz)
 
     def step(x: np.ndarray, state: MovingWindowState) -> tuple[np.ndarray, MovingWindowState]:
         n_held = min(state.n_steps, n_window)
@@ -86,11 +78,23 @@ def encode(
     return over_time(signal, state._replace(past=state.past.copy()), step, 2 * n_taxels)
 
 
-def window_steps(window_ms: float, step_ms: float) -> int:
+def _window_steps(window_ms: float, step_ms: float) -> int:
     """Steps of the clock in the window, at least one."""
     return max(1, round(window_ms / step_ms))
 
 
-def layer(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> MovingWindowEvents:
-    """The layer of the cost ledger for an encoder given as a table, over `steps` steps of `step_ms`."""
-    return MovingWindowEvents(taxels, steps, window_steps(spec["window_ms"], step_ms) if step_ms else 1)
+def cost(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> Cost:
+    """The cost of an encoder, given as a table, over `steps` steps of `step_ms`.
+
+    Per taxel and step: the new sample is added to the sum and the oldest taken off, their mean is a product, the signal
+    minus it a difference, and then the comparisons with the threshold above and below.
+    """
+    updates, n_window = taxels * steps, _window_steps(spec["window_ms"], step_ms) if step_ms else 1
+    state = (n_window + 2) * taxels  # the samples, their sum, the refractory counter
+    return with_weights(1, state, acs=3 * updates, multiplications=updates, comparisons=2 * updates)
+
+
+MODEL = Model(
+    "moving-window events", MovingWindowSpec, encode, MovingWindowState, ON_OFF, cost,
+    decode=sum_of_steps, repeats=True,
+)  # fmt: skip

@@ -11,12 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.studies.texture import selection
+from neurotact_parts.studies.texture.selection import LENGTH, Network, Rule, by_length, by_network, follow, rule_of
 
 from neurotact.errors import InputError
-from neurotact.studies import runner, selection, study
-from neurotact.studies.selection import LENGTH, Network, by_length, by_network, follow
+from neurotact.studies import loading, runner, study
 from neurotact.studies.store import cell_folder
-from neurotact.studies.study import Cell, SelectionSpec, StudySpec
+from neurotact.studies.study import Cell, StudySpec
 
 LENGTHS_MS = [50.0, 100.0, 200.0]
 PAIRS = [[1, 1], [5, 5], [1, 10]]
@@ -25,10 +26,12 @@ SWEEP = {LENGTH: LENGTHS_MS, study.PAIR: PAIRS, "network.hidden": [4, 6], "seed"
 
 def make_study(**changes) -> StudySpec:
     table = {
-        "selection": {"length_tolerance": 0.05, "accuracy_tolerance": 0.1, "networks": 2},
+        "parameters": {"length_tolerance": 0.05, "accuracy_tolerance": 0.1, "networks": 2},
         **{f"sweep.{axis}": values for axis, values in SWEEP.items()},
     }
-    return study.resolve("network-selection", table | changes)
+    resolved = loading.resolve("network-selection", table | changes)
+    assert isinstance(resolved, StudySpec)
+    return resolved
 
 
 WHAT = make_study()
@@ -54,7 +57,7 @@ def as_published(cell: Cell) -> dict:
 
 
 def found(what: StudySpec, row_of) -> selection.Selection:
-    course = follow(what.selection, list(study.cells(what)), row_of)
+    course = follow(rule_of(what), list(study.cells(what)), row_of)
     assert not course.due
     assert course.found is not None
     return course.found
@@ -74,7 +77,7 @@ def _look_up(done: dict[str, dict], cell: Cell) -> dict | None:
 def test_each_step_waits_for_its_cells_and_asks_for_no_other():
     done: dict[str, dict] = {}
     asked = []
-    while (course := follow(WHAT.selection, CELLS, partial(_look_up, done))).due:
+    while (course := follow(rule_of(WHAT), CELLS, partial(_look_up, done))).due:
         asked.append(course.steps[-1].name)
         done |= {cell.digest(): as_published(cell) for cell in course.due}
     assert asked == ["window lengths at 1&1", "trade-off at 100 ms", "persistence from 100 ms"]
@@ -128,7 +131,7 @@ tolerances = st.floats(0, 0.5)
 def test_a_larger_tolerance_never_gives_a_longer_window(values, one, other):
     rows = pd.DataFrame({LENGTH: np.arange(1.0, len(values) + 1), "accuracy_validation": values})
     chosen = [
-        by_length(rows, SelectionSpec(length_tolerance=tolerance)).query("chosen")[LENGTH].tolist()
+        by_length(rows, Rule(length_tolerance=tolerance)).query("chosen")[LENGTH].tolist()
         for tolerance in sorted((one, other))
     ]
     assert [len(lengths) for lengths in chosen] == [1, 1]
@@ -151,7 +154,7 @@ def networks(draw) -> pd.DataFrame:
 @given(networks(), tolerances, st.integers(1, 3))
 @examples(60)
 def test_the_chosen_are_the_cheapest_of_the_accurate_ones_each_with_a_pair_of_its_own(rows, tolerance, n):
-    table = by_network(rows, SelectionSpec(accuracy_tolerance=tolerance, networks=n))
+    table = by_network(rows, Rule(accuracy_tolerance=tolerance, networks=n))
     chosen = table[table["chosen"]].sort_values("rank")
     within = table[table["within"]]
     assert len(chosen) == min(n, within["pair"].nunique())
@@ -185,9 +188,10 @@ def told(cell: Cell) -> dict:
 
 # --- the command ------------------------------------------------------------------------------------
 
-TINY = Path(__file__).parent / "tiny.toml"
+TINY = Path(__file__).parents[2] / "studies" / "tiny.toml"
 WORDS = (
-    "study", "run", TINY, "--set", "selection.networks=1", "--set", "sweep.window.length_ms=[20.0, 50.0, 100.0]",
+    "study", "run", TINY, "--set", "way=selection", "--set", "parameters.networks=1",
+    "--set", "sweep.window.length_ms=[20.0, 50.0, 100.0]",
 )  # fmt: skip
 
 
@@ -248,7 +252,7 @@ def test_a_selection_needs_something_to_select_from(axis, tmp_path):
     lines = study.to_toml(WHAT).splitlines()
     (tmp_path / "lacking.toml").write_text("\n".join(line for line in lines if not line.startswith(f'"{axis}"')))
     with pytest.raises(InputError, match="selection needs a sweep of"):
-        study.resolve(tmp_path / "lacking.toml")
+        loading.resolve(tmp_path / "lacking.toml")
 
 
 def test_a_selection_averages_over_no_key_of_the_network():

@@ -5,11 +5,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.encoders.izhikevich import (
+    Izhikevich,
+    IzhikevichSpec,
+    IzhikevichType,
+    encode,
+    izhikevich_start,
+    izhikevich_step,
+)
 
 from neurotact.encoders import specs
-from neurotact.encoders.izhikevich import IzhikevichSpec, IzhikevichType, encode
 from neurotact.errors import InputError
-from neurotact.neurons import Izhikevich, izhikevich_start, izhikevich_step
 
 RATE_HZ = 2000.0
 

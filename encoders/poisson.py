@@ -1,14 +1,15 @@
 """SA-I and RA-I afferents as Poisson processes whose rate is the drive (texture paper, Table I, its reference 18)."""
 
-from typing import ClassVar, Literal, NamedTuple
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from neurotact.data.conditioning import ConditioningSpec
-from neurotact.encoders.afferents import checked, drives
+from neurotact.encoders.afferents import drives
+from neurotact.encoders.model import EncoderSpec, Model, RefractoryMs, checked
 from neurotact.encoders.random_numbers import check_continued, digests, random_integers
-from neurotact.encoders.refractory import RefractoryMs
+from neurotact.metrics.flops import Cost, with_weights
 from neurotact.neurons import refractory_steps, silenced
 from neurotact.spec import Spec
 
@@ -24,24 +25,14 @@ class PoissonType(Spec):
     t_ref_ms: RefractoryMs = 0.0
     """Dead time after a spike; none in a Poisson process proper."""
 
-    @property
-    def gain(self) -> float:
-        """The gain under its common name, in its own unit."""
-        return self.gain_Hz
 
-
-class PoissonSpec(Spec):
+class PoissonSpec(EncoderSpec):
     """An SA-I and an RA-I population of Poisson afferents over every taxel (`encoders/poisson.toml`)."""
-
-    folder: ClassVar[str] = "encoders"
 
     model: Literal["poisson"] = "poisson"
     """Poisson processes."""
-    unit: str = "mV"
-    """The unit of the recordings."""
     seed: int = Field(default=0, ge=0, lt=2**63)
     """Random seed: a trial has the same spikes whenever its samples and the spec are the same."""
-    conditioning: ConditioningSpec = ConditioningSpec()
     sa1: PoissonType
     """Driven by the signal."""
     ra1: PoissonType
@@ -108,3 +99,18 @@ def _silence(spikes: np.ndarray, dead_steps: np.ndarray, silent_steps: np.ndarra
         spikes[:, t] = fired
         silent_steps = silenced(silent_steps, fired, dead_steps)
     return silent_steps
+
+
+def cost(_spec: Mapping[str, Any], taxels: int, steps: int, _step_ms: float) -> Cost:
+    """The cost of an encoder over that many steps.
+
+    Per afferent and step: gain times drive, a random number and the comparison of both. The number is counted as a
+    linear congruential one, a MAC, the cheapest that serves; the chance of a step as the drive itself. RA-I takes a
+    difference and its absolute value beside.
+    """
+    state = 3 * taxels  # a random number of each afferent, the sample before
+    step = Cost(macs=2, acs=1, multiplications=2, comparisons=2 + 1)
+    return with_weights(2, state) + step.times(taxels * steps)
+
+
+MODEL = Model("Poisson afferents", PoissonSpec, encode, PoissonState, cost=cost)

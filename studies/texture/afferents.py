@@ -1,23 +1,36 @@
-"""The report of a study without a network: the spikes of its afferents, over gains and refractory periods."""
+"""The way `afferents`: a study without networks, whose cells measure the spikes of their afferents.
 
-from collections.abc import Iterator
+The texture paper (Sec. III-A) compares scaling coefficients of the afferents' currents: by rates, intervals, overlap of
+the intervals of different gratings, silent share, and latency of the first spike.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from time import perf_counter
+from typing import Any
 
+import numpy as np
 import pandas as pd
+from neurotact_parts.studies.texture import gain_figures
 
-from neurotact.encoders.knobs import pair_of
-from neurotact.figures import gains as gain_figures
+from neurotact.data.recordings import select_conditions
+from neurotact.data.spikes import SpikeTrains
+from neurotact.encoders.sensitivity import pair_of
+from neurotact.encoders.specs import populations, t_ref_pair_ms
+from neurotact.errors import InputError
 from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
-from neurotact.files import existing
+from neurotact.files import existing, scratch, write_json
+from neurotact.metrics import firing, isi_distributions
 from neurotact.report import page, ways
 from neurotact.report.encoding_drawings import name_classes
 from neurotact.report.tables import first_spikes, with_pair
 from neurotact.spec import to_toml
-from neurotact.studies import encoded
-from neurotact.studies.encoded import POPULATIONS, read_encoding
-from neurotact.studies.store import is_done
-from neurotact.studies.study import StudySpec, cells
+from neurotact.studies import networks
+from neurotact.studies.encoding_tables import periods, read_encoding
+from neurotact.studies.engine import Files, Results
+from neurotact.studies.store import cell_folder, is_done
+from neurotact.studies.study import Cell, StudySpec, cells, swept_columns
 from neurotact.studies.way import View
 from neurotact.tables import read_table, write_table
 
@@ -31,6 +44,9 @@ DOWNLOADS = {
     "versions.json": "versions of the software",
     "data.json": "the recordings' hash",
 }
+ISI = "isi.csv"
+POPULATIONS = (("SA-I", "sa", "sa1"), ("RA-I", "ra", "ra1"))
+"""Each population: its name, its name in columns, and its name in the encoder's spec."""
 VIEW = View(
     by=("population", "dataset", "gain", "t_ref_ms"),
     measures={
@@ -48,6 +64,72 @@ VIEW = View(
 )
 
 
+def cells_of(study: StudySpec) -> Iterator[Cell]:
+    """The cells of a study; InputError if it names a network, which this way does not train."""
+    if study.network is not None:
+        raise InputError("network: the way 'afferents' trains none; give way = 'networks' with it, or leave it out")
+    return cells(study)
+
+
+def run(cell: Cell, trains: SpikeTrains, kept: Path | None = None, tells: bool = False) -> Files:
+    """The files of a cell without a network: `result.json` with its row, `isi.csv`, `timing.json`."""
+    began = perf_counter()
+    chosen = trains.select(select_conditions(trains.conditions, cell.subset))
+    touches = firing.touch_spikes(chosen, cell.window.start_ms)
+    row: dict[str, Any] = {
+        "dataset": cell.dataset,
+        **periods(cell),
+        "seed": cell.seed,
+    }
+    parts = []
+    names = [population.name for population in populations(cell.encoder)]
+    pairs = zip((names[0], " and ".join(names[1:])), pair_of(cell.encoder), t_ref_pair_ms(cell.encoder), strict=True)
+    for (_, kind, _), (name, gain, t_ref_ms) in zip(POPULATIONS, pairs, strict=True):
+        is_kind = chosen.is_sa if kind == "sa" else ~chosen.is_sa
+        row |= {
+            f"{what}_{kind}{unit}": value for (what, unit), value in firing.measures(touches, is_kind, chosen).items()
+        }
+        counts, edges_ms = firing.isi_histograms(touches, is_kind, chosen)
+        common = isi_distributions.overlap(counts)
+        row[f"isi_overlap_{kind}"] = None if np.isnan(common) else common
+        table = firing.as_table(counts, edges_ms, chosen.classes)
+        table.insert(0, "population", name)
+        table.insert(1, "gain", gain)
+        table.insert(2, "t_ref_ms", t_ref_ms)
+        parts.append(table)
+    with scratch() as target:
+        write_table(pd.concat(parts, ignore_index=True), target / ISI)
+        write_json(target / "result.json", {"row": row})
+        write_json(target / "timing.json", {"seconds": perf_counter() - began})
+        return {path.name: path.read_bytes() for path in target.iterdir()}
+
+
+def _isi_table(folders: Sequence[Path], rows: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
+    """The distributions of all cells; before their columns, the data set and the swept keys of `results.csv`.
+
+    folders: those of the cells, one for each row. Their tables already contain gains and refractory periods.
+    """
+    own = [key for key in keys if not key.endswith((".gain", ".t_ref_ms"))]
+    parts = []
+    for cell_path, (_, row) in zip(folders, rows.iterrows(), strict=True):
+        table = _read_isi(cell_path / ISI)
+        for key in reversed(["dataset", *own]):
+            table.insert(0, key, row[key])
+        parts.append(table)
+    return pd.concat(parts, ignore_index=True).drop_duplicates(ignore_index=True)
+
+
+def _read_isi(path: Path) -> pd.DataFrame:
+    """An `isi.csv`; a class may be called "None"."""
+    return read_table(path, dtype={"label": str}, keep_default_na=False)
+
+
+def tables(folder: Path, study: StudySpec, results: Results) -> Mapping[str, pd.DataFrame]:
+    """Those of networks, and the intervals between spikes."""
+    written, places = networks.tables(folder, study, results), [cell_folder(folder, cell) for cell, _ in results]
+    return {**written, ISI: _isi_table(places, written["results.csv"], swept_columns(study))}
+
+
 def write(study: StudySpec, folder: Path) -> Path:
     """Write `report.html`, its figures and `results.json` from the files of a run; returns the page's path.
 
@@ -60,7 +142,7 @@ def write(study: StudySpec, folder: Path) -> Path:
         gain_sa=[pair_of(cell.encoder)[0] for cell in done], gain_ra=[pair_of(cell.encoder)[1] for cell in done]
     )
     encoding = with_pair(read_encoding(folder / "encoding.csv"), study)
-    isi = encoded.read_isi(existing(folder / encoded.ISI))
+    isi = _read_isi(existing(folder / ISI))
     trains = first_spikes(folder, done)
     classes = name_classes(encoding, trains.conditions if trains else None)
     write_table(results.drop(columns=["pair", "gain_sa", "gain_ra"]), folder / "results.json")
@@ -71,21 +153,21 @@ def write(study: StudySpec, folder: Path) -> Path:
         n_done=len(done),
         n_cells=len(every),
         tables={"results": results, "encoding": encoding},
-        figures=drawings(results, isi, classes),
+        figures=_drawings(results, isi, classes),
         downloads=DOWNLOADS,
         specs={"Encoder": to_toml(study.encoder.model_dump(mode="json", exclude_none=True))},
         seeds=study.sweep.get("seed", [0]),
         data={"recordings": page.if_there(folder / "data.json")},
-        **ways.seen(ways.over_rows(by_population(results), VIEW), VIEW),
+        **ways.seen(ways.over_rows(_by_population(results), VIEW), VIEW),
     )
 
 
-def by_population(results: pd.DataFrame) -> pd.DataFrame:
+def _by_population(results: pd.DataFrame) -> pd.DataFrame:
     """One row per population of each encoding, its measures without the population in their names.
 
     >>> wide = pd.DataFrame({"dataset": ["all"], **{f"gain_{k}": [3.0] for k in ("sa", "ra")},
     ...     **{f"t_ref_{k}_ms": [1.0] for k in ("sa", "ra")}, "isi_sa_ms": [31.0], "isi_ra_ms": [57.0]})
-    >>> by_population(wide)[["population", "isi_ms"]].values.tolist()
+    >>> _by_population(wide)[["population", "isi_ms"]].values.tolist()
     [['SA-I', 31.0], ['RA-I', 57.0]]
     """
     parts = []
@@ -96,7 +178,7 @@ def by_population(results: pd.DataFrame) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
-def drawings(results: pd.DataFrame, isi: pd.DataFrame, classes: Classes) -> Iterator[Drawn]:
+def _drawings(results: pd.DataFrame, isi: pd.DataFrame, classes: Classes) -> Iterator[Drawn]:
     """For each data set: ISI distributions over gains, rates and intervals over gain and t_ref, the trade-off."""
     for number, (dataset, rows) in enumerate(results.groupby("dataset", sort=False)):
         suffix = f"-{number + 1}" if number else ""
@@ -136,3 +218,7 @@ def _ends(rows: pd.DataFrame) -> str:
             f"{overlap.index[-1]:g}"
         )
     return "; ".join(words) + "."
+
+
+ENGINE = networks.ENGINE._replace(cells=cells_of, run=run, tables=tables, report=write)
+"""The entry point `afferents` of the group `neurotact.ways`."""

@@ -1,4 +1,4 @@
-"""Selecting the network of the best trade-off, step by step: the loop of the texture paper's Fig. 7.
+"""The way `selection`: the network of the best trade-off, step by step, in the loop of the texture paper's Fig. 7.
 
 1. The first pair of refractory periods, over all window lengths and sizes, gives T_min, the shortest window that is
    accurate enough.
@@ -7,7 +7,7 @@
    accurate enough at T_min. If one is not, the next longer window is tried from step 2 on.
 
 Each step is a part of the study's sweep, which depends on the results of earlier steps. Only results on validation
-trials decide (`SelectionSpec`). Early exit, the loop's last step, is measured in every cell.
+trials decide (`Rule`). Early exit, the loop's last step, is measured in every cell.
 """
 
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -15,11 +15,16 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pandas as pd
+from pydantic import Field
 
 from neurotact.encoders.specs import t_ref_pair_ms
+from neurotact.errors import InputError
 from neurotact.metrics.decision import is_within
+from neurotact.spec import Spec, build
+from neurotact.studies import study
+from neurotact.studies.engine import Step
 from neurotact.studies.store import is_done, result_of
-from neurotact.studies.study import LENGTH, Cell, SelectionSpec
+from neurotact.studies.study import LENGTH, PAIR, SOURCE, Cell, StudySpec
 
 JUDGED = ("accuracy_validation", "sops_validation")
 """Columns that decide the selection."""
@@ -31,18 +36,25 @@ SHOWN = (
 Row = dict[str, Any]
 
 
+class Rule(Spec):
+    """How the best trade-off is selected: the `parameters` of such a study.
+
+    All criteria use validation trials and means over seeds, and over swept keys of the simulation.
+    """
+
+    length_tolerance: float = Field(default=0.08, ge=0, lt=1)
+    """T_min is the shortest window with an accuracy within this of the accuracy of the best length."""
+    accuracy_tolerance: float = Field(default=0.08, ge=0, lt=1)
+    """A network is accurate enough if it is within this of the best; of these, the fewest SOPs decide."""
+    networks: int = Field(default=2, ge=1)
+    """Networks to select, each with another pair of refractory periods."""
+
+
 class Network(NamedTuple):
     """A pair of refractory periods in ms, RA-I first as in the paper, and a size."""
 
     pair: str
     hidden: int
-
-
-class Step(NamedTuple):
-    """A part of the sweep: its purpose, and its cells."""
-
-    name: str
-    cells: list[Cell]
 
 
 class Attempt(NamedTuple):
@@ -87,7 +99,24 @@ class Course(NamedTuple):
         return {cell.digest() for step in self.steps for cell in step.cells}
 
 
-def follow(rule: SelectionSpec, every: Sequence[Cell], row_of: Callable[[Cell], Row | None]) -> Course:
+def rule_of(what: StudySpec) -> Rule:
+    """The rule of a study; InputError for a wrong key, and for a sweep of something else."""
+    swept = {axis for axis in what.sweep if axis != "seed" and not axis.startswith(SOURCE)}
+    if swept != {LENGTH, PAIR, "network.hidden"}:
+        raise InputError(
+            f"selection needs a sweep of '{LENGTH}', '{PAIR}' and 'network.hidden'; beside them only seed and keys "
+            f"of {SOURCE.rstrip('.')}, over which it averages"
+        )
+    return build(Rule, what.parameters, source=f"parameters of {what.title}")
+
+
+def cells(what: StudySpec) -> Iterator[Cell]:
+    """All cells of the sweep, of which each step requests some."""
+    rule_of(what)
+    return study.cells(what)
+
+
+def follow(rule: Rule, every: Sequence[Cell], row_of: Callable[[Cell], Row | None]) -> Course:
     """The loop as far as results are known.
 
     every: all cells of the sweep, in its order.
@@ -115,19 +144,26 @@ def in_folder(folder: Path) -> Callable[[Cell], Row | None]:
     return row_of
 
 
-def steps(rule: SelectionSpec, every: Sequence[Cell], folder: Path) -> Iterator[Step]:
+def steps(what: StudySpec, every: list[Cell], folder: Path) -> Iterator[Step]:
     """Each step in turn; its cells must be done in `folder` before the next step is requested."""
+    rule = rule_of(what)
     while (course := follow(rule, every, in_folder(folder))).due:
         yield course.steps[-1]
 
 
-def by_length(rows: pd.DataFrame, rule: SelectionSpec) -> pd.DataFrame:
+def wanted(what: StudySpec, every: list[Cell], folder: Path) -> list[Cell]:
+    """The cells of all steps so far."""
+    digests = follow(rule_of(what), every, in_folder(folder)).digests
+    return [cell for cell in every if cell.digest() in digests]
+
+
+def by_length(rows: pd.DataFrame, rule: Rule) -> pd.DataFrame:
     """Step 1: means for each window length over sizes and seeds, from the shortest.
 
     Columns: window.length_ms, networks, those of JUDGED and SHOWN, within (the tolerance of the best), chosen.
 
     >>> rows = pd.DataFrame({LENGTH: [100.0, 150.0, 200.0], "accuracy_validation": [0.7, 0.9, 0.95]})
-    >>> by_length(rows, SelectionSpec(length_tolerance=0.06))["chosen"].tolist()
+    >>> by_length(rows, Rule(length_tolerance=0.06))["chosen"].tolist()
     [False, True, False]
     """
     table = _means(rows, [LENGTH]).sort_values(LENGTH, ignore_index=True)
@@ -136,7 +172,7 @@ def by_length(rows: pd.DataFrame, rule: SelectionSpec) -> pd.DataFrame:
     return table.assign(within=within, chosen=within & ~within.shift(fill_value=False).cummax())
 
 
-def by_network(rows: pd.DataFrame, rule: SelectionSpec) -> pd.DataFrame:
+def by_network(rows: pd.DataFrame, rule: Rule) -> pd.DataFrame:
     """Step 2: means for each pair and size over seeds, in the order of the sweep.
 
     Columns: pair, hidden, networks, those of JUDGED and SHOWN, within (the tolerance of the best), best, chosen, and
@@ -144,7 +180,7 @@ def by_network(rows: pd.DataFrame, rule: SelectionSpec) -> pd.DataFrame:
 
     >>> rows = pd.DataFrame({"pair": ["1&1", "5&5", "5&5"], "hidden": [30, 30, 40], "sops_validation": [9e3, 6e3, 7e3],
     ...                      "accuracy_validation": [0.9, 0.85, 0.84]})
-    >>> by_network(rows, SelectionSpec())["rank"].tolist()
+    >>> by_network(rows, Rule())["rank"].tolist()
     [2, 1, 0]
     """
     table = _means(rows, ["pair", "hidden"])
@@ -157,7 +193,7 @@ def by_network(rows: pd.DataFrame, rule: SelectionSpec) -> pd.DataFrame:
     return table.assign(within=within, best=best, chosen=rank > 0, rank=rank)
 
 
-def over_lengths(rows: pd.DataFrame, rule: SelectionSpec) -> pd.DataFrame:
+def over_lengths(rows: pd.DataFrame, rule: Rule) -> pd.DataFrame:
     """Step 3: for each network, its means over seeds at each window length, judged as in step 1.
 
     Columns: pair, hidden, then those of `by_length`.
@@ -196,7 +232,7 @@ def as_table(selection: Selection) -> pd.DataFrame:
     return table.assign(**flags)[[*first, *(column for column in table if column not in first)]]
 
 
-def _course(rule: SelectionSpec, every: Sequence[Cell]) -> Generator[Step, pd.DataFrame, Selection]:
+def _course(rule: Rule, every: Sequence[Cell]) -> Generator[Step, pd.DataFrame, Selection]:
     """Yield each step and receive the rows of its cells; return the result at the end."""
     start = _network(every[0]).pair
     rows = yield Step(f"window lengths at {start}", [cell for cell in every if _network(cell).pair == start])

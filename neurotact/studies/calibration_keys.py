@@ -9,21 +9,26 @@ from typing import Any
 
 from neurotact.data.conditioning import ACAUSAL, check_used
 from neurotact.encoders.calibration import BY_CALIBRATION, FITTED, PAST
-from neurotact.encoders.knobs import knobs_of
-from neurotact.encoders.specs import MODELS, EncoderSpec, dotted
+from neurotact.encoders.model import EncoderSpec
+from neurotact.encoders.sensitivity import sensitivities_of
 from neurotact.errors import InputError
 from neurotact.spec import leaves, refuse
 from neurotact.studies import sweeps
 
 ENCODER = "encoder."
 CONDITIONING = f"{ENCODER}conditioning"
-PERIODS = tuple(
-    {f"{ENCODER}{dotted(kind.part, 't_ref_ms')}": None for model in MODELS.values() for kind in model.populations}
-)
-"""Keys that can be swept without a new fit of the gains."""
 _DECIDED = f"{BY_CALIBRATION}, or set calibrate=false"
 DECIDED = {f"{ENCODER}{key}": _DECIDED for key in FITTED}
 GRADES = ("encoder.sa1.grades", "encoder.ra1.grades")
+
+
+def is_period(key: str) -> bool:
+    """Whether a key of a study is a refractory period, which can be swept without a new fit of the gains.
+
+    >>> is_period("encoder.sa1.t_ref_ms"), is_period("encoder.t_ref_ms"), is_period("encoder.sa1.gain")
+    (True, True, False)
+    """
+    return key.startswith(ENCODER) and key.endswith(".t_ref_ms")
 
 
 def start(point: Mapping[str, Any]) -> dict[str, Any]:
@@ -32,7 +37,7 @@ def start(point: Mapping[str, Any]) -> dict[str, Any]:
     >>> start({"encoder.tau_mem_ms": 5.0, "encoder.sa1.t_ref_ms": 5, "seed": 0})
     {'calibrate.tau_mem_ms': 5.0}
     """
-    changed = {key: value for key, value in point.items() if key.startswith(ENCODER) and key not in PERIODS}
+    changed = {key: value for key, value in point.items() if key.startswith(ENCODER) and not is_period(key)}
     return {f"calibrate.{key.removeprefix(ENCODER)}": value for key, value in changed.items()}
 
 
@@ -46,7 +51,11 @@ def check(given: Mapping[str, Any], sweep: Mapping[str, list[Any]], starts: Sequ
     swept = {key: sweeps.values(sweep, key) for key in sweeps.keys(sweep)}
     pairs = [*given.items(), *((key, value) for key, values in swept.items() for value in values)]
     for named in (leaves({key: value}) for key, value in pairs if key != "encoder"):
-        refuse(named, DECIDED | {f"{ENCODER}{knob.key}": _DECIDED for first in starts for knob in knobs_of(first)})
+        refuse(
+            named,
+            DECIDED
+            | {f"{ENCODER}{sensitivity.key}": _DECIDED for first in starts for sensitivity in sensitivities_of(first)},
+        )
         _check_baseline(named.get("encoder.conditioning.baseline"))
     for key in GRADES:
         lengths = [len(grades) for grades in swept.get(key, []) if isinstance(grades, list)]

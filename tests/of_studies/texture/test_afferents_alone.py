@@ -1,4 +1,4 @@
-"""A study without a network encodes, and what it tells of intervals is what the spikes say."""
+"""A study of afferents encodes alone, and what it tells of intervals is what the spikes say."""
 
 import json
 from io import BytesIO
@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from in_process import typed
+from neurotact_parts.studies.texture import afferents
 
 from neurotact.data.dataset import load_recordings
 from neurotact.data.spikes import SpikeTrains
@@ -15,11 +16,10 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.metrics import firing
 from neurotact.metrics.spike_trains import isis_ms
-from neurotact.studies import cell as cells
-from neurotact.studies import study
+from neurotact.studies import loading, study
 from neurotact.studies.study import Cell
 
-TINY = Path(__file__).parent / "tiny-encoder.toml"
+TINY = Path(__file__).parents[2] / "studies" / "tiny-encoder.toml"
 WHAT = study.resolve(TINY)
 CELLS = list(study.cells(WHAT))
 
@@ -31,7 +31,7 @@ def encoded() -> list[tuple[Cell, SpikeTrains, dict, pd.DataFrame]]:
     found = []
     for cell in CELLS:
         trains = encode_recordings(recordings, cell.encoder)
-        left = cells.run_cell(cell, trains)
+        left = afferents.run(cell, trains)
         table = pd.read_csv(BytesIO(left["isi.csv"]), dtype={"label": str})
         found.append((cell, trains, json.loads(left["result.json"])["row"], table))
     return found
@@ -84,6 +84,14 @@ def test_a_higher_gain_speaks_more_and_sooner(encoded):
 def test_what_needs_a_network_is_refused_without_one(overrides, message):
     with pytest.raises(InputError, match=message):
         study.resolve(TINY, overrides)
+
+
+@pytest.mark.parametrize("overrides", [{"network": "rsnn"}, {"way": "networks"}])
+def test_the_way_says_whether_there_is_a_network(overrides):
+    with pytest.raises(InputError, match=r"network: (the way 'afferents' trains none|is missing)"):
+        loading.resolve(TINY, overrides)
+    both = loading.resolve(TINY, {"network": "rsnn", "way": "networks"})
+    assert both.network is not None
 
 
 @pytest.mark.thorough

@@ -5,16 +5,15 @@ doi 10.3389/fnins.2021.638474.
 """
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from neurotact.data.conditioning import ConditioningSpec
-from neurotact.encoders.afferents import checked, drives
-from neurotact.encoders.stepping import over_time
+from neurotact.encoders.afferents import drives
+from neurotact.encoders.model import EncoderSpec, Model, checked, over_time
 from neurotact.errors import InputError
-from neurotact.metrics.flops import BurstAfferents
+from neurotact.metrics.flops import Cost, with_weights
 from neurotact.neurons import silenced
 from neurotact.spec import Spec
 
@@ -24,19 +23,13 @@ class BurstType(Spec):
 
     gain: float = Field(gt=0)
     """Intensity per unit of the conditioned signal (SA-I) or per unit per ms (RA-I), in a cycle's mean; at most 1."""
-    t_ref_ms: ClassVar[float] = 0.0
-    """There is none: `shortest_isi_ms` is the shortest interval."""
 
 
-class BurstSpec(Spec):
+class BurstSpec(EncoderSpec):
     """An SA-I and an RA-I population of bursts over every taxel (`encoders/burst.toml`)."""
-
-    folder: ClassVar[str] = "encoders"
 
     model: Literal["burst"] = "burst"
     """A burst after each cycle, of more and closer spikes the stronger it was."""
-    unit: str = "mV"
-    """The unit of the recordings."""
     cycle_ms: float = Field(default=50.0, gt=0)
     """Time between the beginnings of two bursts."""
     most_spikes: int = Field(default=5, ge=1, le=100)
@@ -45,7 +38,6 @@ class BurstSpec(Spec):
     """Interval of a burst's spikes at an intensity of 1 (T_min)."""
     longest_isi_ms: float = Field(default=10.0, gt=0)
     """Interval towards an intensity of 0 (T_max)."""
-    conditioning: ConditioningSpec = ConditioningSpec()
     sa1: BurstType
     """Driven by the signal."""
     ra1: BurstType
@@ -125,6 +117,18 @@ def encode(
     return spikes, after._replace(last=last)
 
 
-def layer(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> BurstAfferents:
-    """The layer of the cost ledger for an encoder given as a table, over `steps` steps of `step_ms`."""
-    return BurstAfferents(taxels, steps, max(1, round(spec["cycle_ms"] / step_ms)) if step_ms else 1)
+def cost(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> Cost:
+    """The cost of an encoder, given as a table, over `steps` steps of `step_ms`.
+
+    Per afferent and step: the drive is added up and the time to the next spike compared; RA-I takes a difference and
+    its absolute value beside. Per afferent and cycle: gain, limits from 0 to 1 (two comparisons), number of spikes (a
+    product, rounded) and interval (a MAC, rounded).
+    """
+    afferents, updates = 2 * taxels, taxels * steps
+    cycle = max(1, round(spec["cycle_ms"] / step_ms)) if step_ms else 1
+    bursts = Cost(macs=1, multiplications=2, comparisons=2 + 2).times(afferents * (steps / cycle))
+    state = 4 * afferents + taxels + 1  # sum, spikes left, interval, time to the next; sample before; step
+    return with_weights(2, state, acs=3 * updates, comparisons=3 * updates) + bursts
+
+
+MODEL = Model("burst afferents", BurstSpec, encode, BurstState, cost=cost)

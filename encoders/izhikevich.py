@@ -2,27 +2,98 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal, NamedTuple
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from neurotact.data.conditioning import ConditioningSpec
-from neurotact.encoders.afferents import checked, drives
+from neurotact.encoders.afferents import drives
+from neurotact.encoders.model import EncoderSpec, Model, checked
 from neurotact.errors import InputError
-from neurotact.metrics.flops import IzhikevichAfferents
-from neurotact.neurons import (
-    Izhikevich,
-    IzhikevichState,
-    izhikevich_least_current,
-    izhikevich_rest_mV,
-    izhikevich_start,
-    izhikevich_step,
-)
+from neurotact.metrics.flops import Cost, with_weights
 from neurotact.spec import Spec
 
 LONGEST_STEP_ms = 1.0
 """Longest step of the clock: in a longer one, two spikes would fall into one step."""
+
+
+@dataclass(frozen=True)
+class Izhikevich:
+    """An Izhikevich neuron on a clock (Izhikevich 2003, doi 10.1109/TNN.2003.820440, Eqs. 1 to 3).
+
+    `v' = 0.04 v^2 + 5 v + 140 - u + I`, `u' = a (b v - u)`; `v >= v_peak` spikes: v <- c, u <- u + d.
+    v in mV, t in ms; so u and the current I are in mV/ms. The default constants are those of regular spiking.
+    Each step of the clock is `euler_steps` forward Euler steps; it holds one spike at most.
+    """
+
+    euler_step_ms: float
+    euler_steps: int
+    a_per_ms: float = 0.02
+    b_per_ms: float = 0.2
+    c_mV: float = -65.0
+    d_mV_per_ms: float = 8.0
+    v_peak_mV: float = 30.0
+
+
+class IzhikevichState(NamedTuple):
+    """Membrane potential v in mV and recovery u in mV/ms, both of one shape."""
+
+    membrane_mV: np.ndarray
+    recovery_mV_per_ms: np.ndarray
+
+
+def izhikevich_rest_mV(neuron: Izhikevich) -> float:  # noqa: N802
+    """The stable membrane potential without a current; NaN where there is none.
+
+    >>> izhikevich_rest_mV(Izhikevich(euler_step_ms=0.1, euler_steps=5))
+    -70.0
+    """
+    slope = 5 - neuron.b_per_ms
+    inside = slope**2 - 4 * 0.04 * 140
+    return round((-slope - math.sqrt(inside)) / 0.08, 9) if inside >= 0 else math.nan
+
+
+def izhikevich_least_current(neuron: Izhikevich) -> float:
+    """The current in mV/ms below which forward Euler overshoots the resting branch and fires where no neuron would.
+
+    The branch is stable while `|1 + h (0.08 v + 5)| < 1`; this is the current that holds v at that limit, b v = u.
+    """
+    limit_mV = (-2 / neuron.euler_step_ms - 5) / 0.08
+    return -((0.04 * limit_mV + 5) * limit_mV + 140 - neuron.b_per_ms * limit_mV)
+
+
+def izhikevich_start(neuron: Izhikevich, shape: tuple[int, ...], dtype: np.dtype) -> IzhikevichState:
+    """The resting state of a group of neurons."""
+    rest_mV = izhikevich_rest_mV(neuron)
+    return IzhikevichState(np.full(shape, rest_mV, dtype), np.full(shape, neuron.b_per_ms * rest_mV, dtype))
+
+
+def izhikevich_step(
+    neuron: Izhikevich, current_mV_per_ms: np.ndarray, state: IzhikevichState
+) -> tuple[np.ndarray, IzhikevichState]:
+    """One step of the clock: `(spikes, next state)`; spikes are boolean, of the current's shape and float type.
+
+    >>> neuron = Izhikevich(euler_step_ms=0.1, euler_steps=10)  # a clock of 1 ms
+    >>> state, spikes = izhikevich_start(neuron, (1,), np.dtype(float)), []
+    >>> for _ in range(100):
+    ...     fired, state = izhikevich_step(neuron, np.array([10.0]), state)
+    ...     spikes.append(fired[0])
+    >>> np.flatnonzero(spikes).tolist()
+    [3, 21, 66]
+    """
+    h, v, u = neuron.euler_step_ms, state.membrane_mV, state.recovery_mV_per_ms
+    fired = np.zeros(v.shape, bool)
+    for _ in range(neuron.euler_steps):
+        slope = (0.04 * v + 5) * v + 140 - u + current_mV_per_ms
+        u = u + h * neuron.a_per_ms * (neuron.b_per_ms * v - u)
+        v = v + h * slope
+        peak = v >= neuron.v_peak_mV
+        if peak.any():
+            v = np.where(peak, v.dtype.type(neuron.c_mV), v)
+            u = u + peak * v.dtype.type(neuron.d_mV_per_ms)
+            fired |= peak
+    return fired, IzhikevichState(v, u)
 
 
 class IzhikevichType(Spec):
@@ -31,24 +102,12 @@ class IzhikevichType(Spec):
     gain_mV_per_ms: float = Field(gt=0)
     """Current I per unit of the conditioned signal (SA-I) or per unit per ms (RA-I)."""
 
-    t_ref_ms: ClassVar[float] = 0.0
-    """There is none: the recovery u keeps the neuron silent after a spike."""
 
-    @property
-    def gain(self) -> float:
-        """The gain under its common name, in its own unit."""
-        return self.gain_mV_per_ms
-
-
-class IzhikevichSpec(Spec):
+class IzhikevichSpec(EncoderSpec):
     """An SA-I and an RA-I population of Izhikevich neurons over every taxel (`encoders/izhikevich.toml`)."""
-
-    folder: ClassVar[str] = "encoders"
 
     model: Literal["izhikevich"] = "izhikevich"
     """Izhikevich neurons."""
-    unit: str = "mV"
-    """The unit of the recordings."""
     a_per_ms: float = Field(default=0.02, gt=0)
     """Rate of the recovery u."""
     b_per_ms: float = 0.2
@@ -61,7 +120,6 @@ class IzhikevichSpec(Spec):
     """Peak of v, at which a spike is cut off."""
     euler_step_ms: float = Field(default=0.1, ge=1e-3, le=0.5)
     """The longest step of the integration; a step of the clock is divided evenly."""
-    conditioning: ConditioningSpec = ConditioningSpec()
     sa1: IzhikevichType
     """Driven by the signal."""
     ra1: IzhikevichType
@@ -137,11 +195,25 @@ def encode(
     return spikes, IzhikevichEncoderState(neurons, last)
 
 
-def layer(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> IzhikevichAfferents:
-    """The layer of the cost ledger for an encoder given as a table, over `steps` steps of `step_ms`."""
-    return IzhikevichAfferents(taxels, steps, _euler_steps(step_ms, spec["euler_step_ms"]))
-
-
 def _euler_steps(step_ms: float, longest_ms: float) -> int:
     """Steps of the integration in a step of the clock."""
     return max(1, math.ceil(step_ms / longest_ms - 1e-9))
+
+
+def cost(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> Cost:
+    """The cost of an encoder, given as a table, over `steps` steps of `step_ms`.
+
+    Per afferent and Euler step: v' takes two MACs, `(0.04 v + 5) v + 140`, a subtraction and an addition; u' a product
+    and a subtraction, `b v - u`; the steps of both a MAC each; then a comparison with the peak. Per step of the clock
+    the gain is a product, and RA-I takes a difference and its absolute value beside. Resets are rare and not counted.
+    """
+    afferents, euler_steps = 2 * taxels, _euler_steps(step_ms, spec["euler_step_ms"])
+    euler = Cost(macs=4, acs=3, multiplications=1, comparisons=1).times(afferents * steps * euler_steps)
+    state = 2 * afferents + taxels  # v and u of both, the sample before
+    return with_weights(2, state) + euler + Cost(acs=1, multiplications=2, comparisons=1).times(taxels * steps)
+
+
+MODEL = Model(
+    "Izhikevich afferents", IzhikevichSpec, encode, IzhikevichEncoderState, cost=cost,
+    not_streamed="a sample far below rest would make their integration unstable",
+)  # fmt: skip

@@ -14,8 +14,8 @@ from neurotact.data.splits import split_conditions
 from neurotact.data.window_choice import Timing
 from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
-from neurotact.studies import loading, preparation, study, suited
-from neurotact.studies.suited import Recorded
+from neurotact.studies import automatic, loading, preparation, study
+from neurotact.studies.automatic import Recorded
 from neurotact.tables import read_table
 
 ONES = Timing(np.ones(2), 1000.0)
@@ -31,13 +31,13 @@ def save(path, lengths, rate_Hz=500.0):
 def test_keys_of_a_window_are_dotted_and_their_times_numbers():
     timing = Timing(np.full(20, 2.5), 1000.0, touch_s=0.44)
     given = {"window.length_ms": 300.0, "sweep.seed": [1]}
-    table, notes = suited.window(timing, given)
+    table, notes = automatic.window(timing, given)
     assert table == {"length_ms": 300.0, "per_trial": 4, "start_ms": 440.0}
     assert notes[1].endswith("change it with `settings={'window.start_ms': 0}`.")
     for key in ("length_ms", "start_ms", "hop_ms"):
         for wrong in ("long", True, -1.0, float("nan")):
             with pytest.raises(InputError, match=rf"^window\.{key}: must be .*; got .* \(`settings`\)"):
-                suited.window(timing, {f"window.{key}": wrong})
+                automatic.window(timing, {f"window.{key}": wrong})
 
 
 def test_a_file_of_spikes_is_refused_with_what_takes_it(tmp_path):
@@ -50,11 +50,11 @@ def test_a_file_of_spikes_is_refused_with_what_takes_it(tmp_path):
 
 
 def test_a_slow_recording_is_told_what_its_clock_means():
-    (note,) = suited.clock(Recorded(ONES, 93.0), 1000.0)
+    (note,) = automatic.clock(Recorded(ONES, 93.0), 1000.0)
     assert "recorded at 93 Hz, where a sample lasts 10.8 ms" in note
-    (note,) = suited.clock(Recorded(ONES, 5000.0), 1000.0)
+    (note,) = automatic.clock(Recorded(ONES, 5000.0), 1000.0)
     assert "smoothed and resampled" in note
-    assert suited.clock(Recorded(np.ones(2), 1000.0), 1000.0) == suited.clock(Recorded(ONES, 93.0), None) == []
+    assert automatic.clock(Recorded(np.ones(2), 1000.0), 1000.0) == automatic.clock(Recorded(ONES, 93.0), None) == []
 
 
 def test_the_rest_before_the_touch_is_left_out(tmp_path):
@@ -297,10 +297,10 @@ def test_an_encoder_without_membranes_has_no_integration(tmp_path):
 
 @given(length_ms=st.floats(1, 10_000), own_ms=st.floats(1, 200))
 def test_membranes_follow_the_window_and_are_never_shorter_than_their_own(length_ms, own_ms):
-    chosen_ms = suited.membrane_ms(length_ms, own_ms)
+    chosen_ms = automatic.membrane_ms(length_ms, own_ms)
     assert chosen_ms >= own_ms
-    assert chosen_ms in (own_ms, suited.LONGEST_MS) or abs(chosen_ms - length_ms / 20) <= 0.05
-    assert suited.membrane_ms(2 * length_ms, own_ms) >= chosen_ms
+    assert chosen_ms in (own_ms, automatic.LONGEST_MS) or abs(chosen_ms - length_ms / 20) <= 0.05
+    assert automatic.membrane_ms(2 * length_ms, own_ms) >= chosen_ms
 
 
 @pytest.mark.parametrize(

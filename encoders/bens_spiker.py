@@ -5,39 +5,27 @@ it, are the signal.
 """
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from neurotact.data.conditioning import ConditioningSpec
-from neurotact.encoders.afferents import checked
-from neurotact.encoders.stepping import both, over_time
-from neurotact.errors import InputError
-from neurotact.metrics.flops import BensSpiker
-from neurotact.spec import Spec
-
-MOST_TAPS = 2000
+from neurotact.encoders.decoding import filtered, hann
+from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, both, checked, over_time
+from neurotact.metrics.flops import Cost, with_weights
 
 
-class BensSpikerSpec(Spec):
+class BensSpikerSpec(EncoderSpec):
     """Spikes of the positive (ON) and of the negative part (OFF) of every taxel (`encoders/bens-spiker.toml`)."""
-
-    folder: ClassVar[str] = "encoders"
 
     model: Literal["bens-spiker"] = "bens-spiker"
     """Ben's spiker algorithm (BSA)."""
-    unit: str = "mV"
-    """The unit of the recordings."""
     gain: float = Field(gt=0)
     """Factor on the conditioned signal: 1 / gain is the signal that a spike in every step stands for."""
     threshold: float = Field(default=0.955, gt=0, lt=1)
     """By how much a spike must lessen the sum of the magnitudes, as a share of the most that it can."""
     filter_ms: float = Field(default=40.0, gt=0)
     """Length of the filter, a Hann window; the spikes come this much later."""
-    t_ref_ms: ClassVar[float] = 0.0
-    """There is none: two spikes may follow each other at once."""
-    conditioning: ConditioningSpec = ConditioningSpec()
 
 
 class BensSpikerState(NamedTuple):
@@ -65,7 +53,7 @@ def encode(
     """
     signal = checked(signal)
     kind, (n_trials, _, n_taxels) = signal.dtype.type, signal.shape
-    taps = response(spec.filter_ms, 1e3 / sampling_rate_Hz).astype(kind)[:, None]
+    taps = hann(spec.filter_ms, 1e3 / sampling_rate_Hz).astype(kind)[:, None]
     gain, threshold = kind(spec.gain), kind(spec.threshold)
 
     def step(x: np.ndarray, state: BensSpikerState) -> tuple[np.ndarray, BensSpikerState]:
@@ -80,23 +68,21 @@ def encode(
     return over_time(signal, state, step, 2 * n_taxels)
 
 
-def response(filter_ms: float, step_ms: float) -> np.ndarray:
-    """The filter's taps, `(tap,)`, positive and of sum 1: a Hann window of that length.
+def cost(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> Cost:
+    """The cost of an encoder, given as a table, over `steps` steps of `step_ms`.
 
-    >>> response(3.0, 1.0).round(9).tolist()
-    [0.25, 0.5, 0.25]
+    Of the positive and the negative part of a taxel, per step: the gain is a product and the part a comparison; the
+    error with the filter takes a difference, a magnitude and a sum for each tap, that without it a magnitude and a sum;
+    both are subtracted and compared with the threshold. Taking the filter off at a spike is rare and not counted.
     """
-    n_taps = _taps(filter_ms, step_ms)
-    if n_taps > MOST_TAPS:
-        raise InputError(f"filter_ms: {filter_ms:g} ms is {n_taps} steps, more than {MOST_TAPS}; shorten it")
-    window = np.sin(np.pi * np.arange(1, n_taps + 1) / (n_taps + 1)) ** 2
-    return window / window.sum()
+    parts, taps = 2 * taxels, max(1, round(spec["filter_ms"] / step_ms)) if step_ms else 1
+    step = Cost(acs=3 * taps + 1, multiplications=1, comparisons=2 * taps + 2)
+    return with_weights(2 + taps, parts * taps) + step.times(parts * steps)
 
 
-def layer(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> BensSpiker:
-    """The layer of the cost ledger for an encoder given as a table, over `steps` steps of `step_ms`."""
-    return BensSpiker(taxels, steps, _taps(spec["filter_ms"], step_ms) if step_ms else 1)
+def _decode(signed: np.ndarray, step_ms: float, spec: BensSpikerSpec) -> np.ndarray:
+    taps = hann(spec.filter_ms, step_ms)
+    return filtered(signed, taps, len(taps) - 1) / spec.gain
 
 
-def _taps(filter_ms: float, step_ms: float) -> int:
-    return max(1, round(filter_ms / step_ms))
+MODEL = Model("Ben's spiker", BensSpikerSpec, encode, BensSpikerState, ON_OFF, cost, decode=_decode)

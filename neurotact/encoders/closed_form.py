@@ -14,7 +14,10 @@ import numpy as np
 from neurotact.backend import Backend, use_native
 from neurotact.data.conditioning import conditioned_length
 from neurotact.encoders import native
-from neurotact.encoders.afferents import AfferentSpec, checked, drives
+from neurotact.encoders.afferents import AfferentSpec, drives
+from neurotact.encoders.model import checked
+from neurotact.errors import InputError
+from neurotact.metrics.flops import Cost
 from neurotact.neurons import ExactLIF, ExactLIFState, exact_lif_interval, exact_lif_start
 
 AT_ONCE = 1e-9
@@ -155,3 +158,21 @@ def _neuron(spec: AfferentSpec, n_taxels: int, step_ms: float) -> ExactLIF:
     periods = [np.full(n_taxels * len(kind.gains), kind.t_ref_ms) for kind in kinds.values()]
     levels = {"v_rest_mV": spec.v_rest_mV, "v_reset_mV": spec.v_reset_mV, "v_threshold_mV": spec.v_threshold_mV}
     return ExactLIF(spec.tau_mem_ms, np.concatenate(periods), **levels)
+
+
+def cost_of_spikes(spikes: float) -> Cost:
+    """What so many spikes cost in one decision, a mean or a number, beside the afferents once per sample.
+
+    Per spike: its time takes two differences, a division, a logarithm and a MAC; the end of its refractory period an
+    addition and a comparison with the end of the sample; the membrane from there to that end a difference, a product,
+    an exponential, a difference and a MAC, and a comparison with the threshold; its bin a product that is rounded up.
+
+    >>> cost_of_spikes(10).flops
+    340
+    """
+    if not spikes >= 0:
+        raise InputError(f"spikes: must be >= 0; got {spikes}")
+    timed, ended = Cost(macs=1, acs=2, divisions=1, exponentials=1), Cost(acs=1, comparisons=1)
+    carried = Cost(macs=1, acs=2, multiplications=1, exponentials=1, comparisons=1)
+    binned = Cost(multiplications=1, comparisons=1)
+    return (timed + ended + carried + binned).times(spikes)

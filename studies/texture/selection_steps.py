@@ -1,16 +1,20 @@
-"""A selection in a report: each step's rule, table and outcome, and its figures."""
+"""The way `selection` in a report: each step's rule, table and outcome, and its figures."""
 
+import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import NamedTuple
 
 import pandas as pd
+from neurotact_parts.studies.texture import selection, selection_figures
+from neurotact_parts.studies.texture.selection import Attempt, Course, Network, Rule, Selection
 
-from neurotact.figures import selection as selection_figures
 from neurotact.figures.style import Drawn
+from neurotact.report import networks as report
 from neurotact.report.page import Table
-from neurotact.studies.selection import Attempt, Course, Network, Selection
-from neurotact.studies.study import LENGTH, Cell, SelectionSpec
-from neurotact.tables import over_seeds
+from neurotact.studies import networks
+from neurotact.studies.study import LENGTH, Cell, StudySpec
+from neurotact.tables import over_seeds, sized
 
 
 class Shown(NamedTuple):
@@ -44,7 +48,26 @@ HEADS = {
 JUDGED = ("accuracy_validation", "sops_validation", "verdict", "accuracy_test", "sops_total")
 
 
-def shown(course: Course, rule: SelectionSpec) -> list[Shown]:
+def write(study: StudySpec, folder: Path) -> Path:
+    """The page of a selection, as that of networks with its steps."""
+    rule = selection.rule_of(study)
+
+    def steps(results: pd.DataFrame, every: list[Cell], done: list[Cell]) -> report.Steps:
+        course = selection.follow(rule, every, selection.in_folder(folder))
+        known = report.Steps(len(course.digests), shown(course, rule))
+        if (found := course.found) is None:
+            return known
+        return known._replace(
+            tables={"selection": selection.as_table(found)},
+            best_row=best_row(found, results),
+            drawings=[*drawings(found, results, rule)],
+            chosen=at_choice(found, results, done),
+        )
+
+    return report.write(study, folder, steps)
+
+
+def shown(course: Course, rule: Rule) -> list[Shown]:
     """The steps of a selection; for an incomplete one, also the cells that it waits for."""
     if course.found is None:
         waiting = f"This step needs {len(course.due)} cells; not all are done."
@@ -72,7 +95,7 @@ def best_row(course: Selection, results: pd.DataFrame) -> int:
     return int(results["accuracy_validation"].where(own, -1.0).to_numpy().argmax())
 
 
-def drawings(course: Selection, results: pd.DataFrame, rule: SelectionSpec) -> Iterator[Drawn]:
+def drawings(course: Selection, results: pd.DataFrame, rule: Rule) -> Iterator[Drawn]:
     """Window lengths, the networks at T_min, and the selected networks over window lengths.
 
     results: a run's `results.csv` with the columns `pair` and `setting`.
@@ -109,7 +132,7 @@ def drawings(course: Selection, results: pd.DataFrame, rule: SelectionSpec) -> I
     yield Drawn("selection-persistence", "Whether it persists", figure, caption, _persists_words(attempt))
 
 
-def _lengths(course: Selection, rule: SelectionSpec) -> Shown:
+def _lengths(course: Selection, rule: Rule) -> Shown:
     says = (
         f"T_min is the shortest window whose validation accuracy, the mean over sizes and seeds at t_ref "
         f"{course.first_pair} ms, is within {100 * rule.length_tolerance:g} points of the best length's."
@@ -118,7 +141,7 @@ def _lengths(course: Selection, rule: SelectionSpec) -> Shown:
     return Shown("Window length", says, _least_words(course), table)
 
 
-def _networks(attempt: Attempt, rule: SelectionSpec) -> Shown:
+def _networks(attempt: Attempt, rule: Rule) -> Shown:
     rest = f"; {rule.networks} in all, each with another t_ref pair" if rule.networks > 1 else ""
     says = (
         f"Among the networks whose mean validation accuracy over seeds is within {100 * rule.accuracy_tolerance:g} "
@@ -148,7 +171,7 @@ def _exits(course: Selection) -> Shown:
         "the paper's own exit (its Algorithm 1), which uses the true label, is shown for comparison."
     )
     words = [
-        f"{row['pair']}, N = {row['hidden']} stops after "
+        f"{row['pair']}, {sized(row['hidden'])} stops after "
         f"{course.last.length_ms * row['exit_steps'] / row['window_steps']:.0f} of {course.last.length_ms:g} ms "
         f"({row['exit_steps']:.0f} of {row['window_steps']:.0f} steps) and saves {100 * row['exit_saved']:.1f} % of "
         "the SOPs"
@@ -177,12 +200,13 @@ def _chosen_words(attempt: Attempt) -> str:
     best = networks[networks["best"]].iloc[0]
     chosen = networks[networks["chosen"]].sort_values("rank")
     words = [
-        f"{row['pair']}, N = {row['hidden']} ({100 * (row['accuracy_validation'] - best['accuracy_validation']):+.1f} "
-        f"points, {100 * (row['sops_validation'] / best['sops_validation'] - 1):+.0f} % SOPs)"
+        f"{row['pair']}, {sized(row['hidden'])} "
+        f"({100 * (row['accuracy_validation'] - best['accuracy_validation']):+.1f} points, "
+        f"{100 * (row['sops_validation'] / best['sops_validation'] - 1):+.0f} % SOPs)"
         for _, row in chosen.iterrows()
     ]
     return (
-        f"Selected: {'; '.join(words)}, compared with the most accurate, {best['pair']}, N = {best['hidden']} "
+        f"Selected: {'; '.join(words)}, compared with the most accurate, {best['pair']}, {sized(best['hidden'])} "
         f"({100 * best['accuracy_validation']:.1f} %). {int(networks['within'].sum())} of {len(networks)} networks are "
         "within the tolerance."
     )
@@ -215,14 +239,20 @@ def _text(column: str, value: object) -> str:
     if isinstance(value, str):
         return value
     number = float(value)  # pyright: ignore[reportArgumentType]
+    if math.isnan(number) and ("sops" in column or column.endswith("_saved")):
+        return "not counted"
     if "accuracy" in column or column.endswith("_saved"):
         return f"{100 * number:.1f}"
     return f"{number:,.0f}" if "sops" in column or "steps" in column else f"{number:g}"
 
 
 def _name(network: Network) -> str:
-    return f"{network.pair}, N = {network.hidden}"
+    return f"{network.pair}, {sized(network.hidden)}"
 
 
 def _names(table: pd.DataFrame) -> list[str]:
     return [_name(Network(pair, hidden)) for pair, hidden in zip(table["pair"], table["hidden"], strict=True)]
+
+
+ENGINE = networks.ENGINE._replace(cells=selection.cells, steps=selection.steps, wanted=selection.wanted, report=write)
+"""The entry point `selection` of the group `neurotact.ways`."""
