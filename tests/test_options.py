@@ -920,6 +920,19 @@ def fields(name: str) -> dict[str, str]:
     return {name_of(path): path for key, kind in specs.items() for path in fields_of(key, kind, in_python=True)}
 
 
+def test_what_counts_decisions_takes_whole_windows_unless_early_exit_is_asked_for():
+    """In files and in memory; what runs a chain on a device exits early unless whole windows are asked for."""
+    of_classifier = (nt.SpikingClassifier.decide, nt.SpikingClassifier.sops, nt.SpikingClassifier.costs)
+    for counts in (nt.infer, nt.sops, *of_classifier):
+        assert inspect.signature(counts).parameters["early_exit"].default is False
+    for runs in (nt.stream, nt.Stream):
+        assert inspect.signature(runs).parameters["early_exit"].default is True
+
+
+def test_a_rest_is_as_long_everywhere():
+    assert inspect.signature(nt.calibrate).parameters["rest_ms"].default == nt.Onset().rest_ms
+
+
 def test_a_public_function_names_all_its_keywords():
     """Besides `simulate`, whose further keywords are the keys of its spec, and `export`: those of its exporter."""
     swallowing = [

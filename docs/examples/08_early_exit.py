@@ -33,8 +33,8 @@ print("used:", network.exit_choice_.used)
 # %%
 # Each window: what it was taken for, after how long, and at which cost.
 
-full = network.decide(test.X, early_exit=False)
-early = network.decide(test.X)
+full = network.decide(test.X)
+early = network.decide(test.X, early_exit=True)
 for name, table in {"whole window": full, "early exit": early}.items():
     means = table.assign(right=table["predicted"] == test.y)[["ms", "sops_total", "right"]].mean()
     print(

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.conditioning import Baseline, condition_pieces
+from neurotact.data.contact import REST_MS as REST_MS
 from neurotact.data.recordings import Trials
 from neurotact.data.spikes import populations_of
 from neurotact.encoders.mechanoreceptor import LEAST_PC_Hz
@@ -32,8 +33,8 @@ SATURATED = 0.9
 """Share of the highest rate that a refractory period allows; above it, the rate no longer follows the drive."""
 
 
-REST_MS, SEEN_MS = 100.0, 2000.0
-"""Length of a trial's beginning that counts as rest, and of the part of the trial that is used."""
+SEEN_MS = 2000.0
+"""Length of the part of a trial that is used."""
 MOST_TRIALS = 128
 RESTLESS = 0.5
 """An afferent with at least this share of its later rate at rest counts as restless."""

@@ -70,7 +70,7 @@ def test_equal_seeds_give_equal_networks_and_others_do_not():
 def test_a_decision_is_counted_from_its_own_spikes():
     X, y = touches()
     clf = small(recurrent=True).fit(X, y)
-    found = clf.decide(X, early_exit=False)
+    found = clf.decide(X)
     assert (found["steps"] == 60).all()
     assert found["ms"].tolist() == [60.0] * 40
     assert found["input_spikes"].tolist() == np.asarray(X).sum(axis=(1, 2)).tolist()
@@ -88,7 +88,7 @@ def test_it_exits_early_and_reads_out_with_a_leak(readout):
     X, y = touches()
     clf = small(settings=readout, exit_tolerance=0.8).fit(X, y)
     assert clf.network_.leaks
-    early, full = clf.decide(X), clf.decide(X, early_exit=False)
+    early, full = clf.decide(X, early_exit=True), clf.decide(X)
     assert early["steps"].sum() < full["steps"].sum()
     assert early["sops_total"].sum() < full["sops_total"].sum()
     decided = clf.network_.infer(torch.from_numpy(np.asarray(X)), clf.exit_rule_)
@@ -102,11 +102,11 @@ def test_early_exit_is_used_where_enough_validation_windows_bound_its_loss():
     assert all(clf.exit_choice_.rule == clf.exit_rule_ for clf in (few, many))
     assert len(few.exit_choice_.losses) == 40
     assert few.exit_choice_.is_refused
-    assert (few.decide(X)["steps"] == 60).all()
+    assert (few.decide(X, early_exit=True)["steps"] == 60).all()
     assert (infer_rule(few).never, infer_rule(many)) == (True, many.exit_rule_)
     assert many.exit_choice_.used == many.exit_rule_
     steps = many.network_.infer(torch.from_numpy(np.asarray(X)), many.exit_rule_).steps
-    assert many.decide(X)["steps"].tolist() == steps.tolist()
+    assert many.decide(X, early_exit=True)["steps"].tolist() == steps.tolist()
     assert steps.min() < 60
 
 

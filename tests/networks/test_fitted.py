@@ -71,7 +71,7 @@ def test_a_stream_decides_as_predict(pipe):
         said += [decision.label for decision in nt.Stream(pipe, early_exit=False).push(trial)]
     assert said == pipe.predict(X).astype(str).tolist()
     early = [nt.Stream(pipe[-1]).push(trial)[0] for trial in X]
-    decided = pipe[-1].decide(pipe[:-1].transform(X))
+    decided = pipe[-1].decide(pipe[:-1].transform(X), early_exit=True)
     assert [each.steps for each in early] == decided["steps"].tolist()
     assert [each.sops for each in early] == decided["sops_total"].tolist()
 

@@ -253,7 +253,7 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
         means = decided.to_frame().T
         return ledger.decision_ledger(self.network_.spec, *sizes, self.sampling_rate_Hz_, means, **made_by)
 
-    def decide(self, X: ArrayLike, *, early_exit: bool = True) -> pd.DataFrame:
+    def decide(self, X: ArrayLike, *, early_exit: bool = False) -> pd.DataFrame:
         """The decision for each window, its time and its cost: one row per window.
 
         early_exit: stop each window by `exit_choice_.used`, that is where early exit is used.
