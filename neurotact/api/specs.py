@@ -4,15 +4,7 @@ from importlib import import_module
 from typing import Any, Literal
 
 from neurotact import spec
-from neurotact.data.contact import OnsetSpec
-from neurotact.data.readers.columns import LayoutSpec
-from neurotact.data.readers.folder import NamingSpec
-from neurotact.data.splits import Splits
-from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError, nearest
-from neurotact.networks.search.tuning import SearchSpec
-
-Layout, Naming, Onset, Search, Split, Window = LayoutSpec, NamingSpec, OnsetSpec, SearchSpec, Splits, WindowSpec
 
 
 def spec_names(kind: Literal["encoders", "networks", "networks/spaces", "studies", "prices"]) -> list[str]:

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from neurotact import files
 from neurotact.api import recordings as api
 from neurotact.api.recordings import Reader, Recordings, SpikeTrains, Unit, reader
-from neurotact.api.specs import Layout
+from neurotact.api.settings import Layout
 from neurotact.cli.help import Command
 from neurotact.cli.lazy import add_plugins, new_app
 from neurotact.cli.options import Force, OutFile, Texts, calling, flag, of_field, option

@@ -1,0 +1,10 @@
+"""Specs under the names by which Python takes them, as in `window=nt.Window(length_ms=150)`."""
+
+from neurotact.data.contact import OnsetSpec
+from neurotact.data.readers.columns import LayoutSpec
+from neurotact.data.readers.folder import NamingSpec
+from neurotact.data.splits import Splits
+from neurotact.data.windows import WindowSpec
+from neurotact.networks.search.tuning import SearchSpec
+
+Layout, Naming, Onset, Search, Split, Window = LayoutSpec, NamingSpec, OnsetSpec, SearchSpec, Splits, WindowSpec
