@@ -325,7 +325,7 @@ def test_few_trials_and_few_seeds_are_told_with_the_remedy():
     for seeds, words in ((1, "one seed, so there is no interval"), (2, "2 seeds, so there is no interval")):
         (caution,) = cautions(enough[enough["seed"] < seeds])
         assert caution.startswith(words)
-        assert "`repeats=3`" in caution
+        assert "`split=nt.Split(repeats=3)`" in caution
 
 
 @st.composite
