@@ -1,13 +1,8 @@
 from .api.deployment import Flow as Flow
-from .api.deployment import check_chip as check_chip
 from .api.deployment import export as export
 from .api.deployment import export_c as export_c
 from .api.deployment import export_nir as export_nir
-from .api.deployment import fine_tune as fine_tune
-from .api.deployment import from_nir as from_nir
-from .api.deployment import live as live
 from .api.deployment import stream as stream
-from .api.deployment import to_nir as to_nir
 from .api.deployment import to_snntorch as to_snntorch
 from .api.encoding import calibrate as calibrate
 from .api.encoding import encode as encode
@@ -48,6 +43,11 @@ from .api.studies import report_study as report_study
 from .api.studies import resume_study as resume_study
 from .api.studies import run_study as run_study
 from .api.studies import study_answer as study_answer
+from .api.tools import check_chip as check_chip
+from .api.tools import fine_tune as fine_tune
+from .api.tools import from_nir as from_nir
+from .api.tools import live as live
+from .api.tools import to_nir as to_nir
 from .data.neo_blocks import from_neo as from_neo
 from .data.neo_blocks import to_neo as to_neo
 from .data.nwb_output import to_nwb as to_nwb

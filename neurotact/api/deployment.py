@@ -1,4 +1,4 @@
-"""A trained chain in use: streamed, exported, and what the tools of other packages do with it."""
+"""A trained chain in use: streamed and exported."""
 
 import logging
 import time
@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from neurotact import effects, plugins
+from neurotact import effects
 from neurotact.data import hdf5
 from neurotact.deploy import sources
 from neurotact.deploy.chain import chain_of
@@ -24,8 +24,6 @@ from neurotact.networks.use.fitted import Fitted
 
 EXPORTED = {"export_c": "c", "export_nir": "nir"}
 """Functions that are those of exporters, by their names in Python."""
-TOOLS = ("check_chip", "fine_tune", "from_nir", "live", "to_nir")
-"""Functions of packages beside this one, found in the group `neurotact.tools`."""
 
 log = logging.getLogger("neurotact")
 
@@ -33,8 +31,6 @@ log = logging.getLogger("neurotact")
 def __getattr__(name: str) -> Any:
     if name in EXPORTED:
         return exporter(EXPORTED[name]).export
-    if name in TOOLS:
-        return plugins.load_function("tools", name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
