@@ -29,7 +29,6 @@ from .api.recordings import read as read
 from .api.recordings import read_arrays as read_arrays
 from .api.recordings import read_events as read_events
 from .api.recordings import read_folder as read_folder
-from .api.recordings import read_nwb as read_nwb
 from .api.recordings import read_raster as read_raster
 from .api.recordings import read_table as read_table
 from .api.recordings import save as save
@@ -45,12 +44,13 @@ from .api.studies import run_study as run_study
 from .api.studies import study_answer as study_answer
 from .api.tools import check_chip as check_chip
 from .api.tools import fine_tune as fine_tune
+from .api.tools import from_neo as from_neo
 from .api.tools import from_nir as from_nir
 from .api.tools import live as live
+from .api.tools import read_nwb as read_nwb
+from .api.tools import to_neo as to_neo
 from .api.tools import to_nir as to_nir
-from .data.neo_blocks import from_neo as from_neo
-from .data.neo_blocks import to_neo as to_neo
-from .data.nwb_output import to_nwb as to_nwb
+from .api.tools import to_nwb as to_nwb
 from .data.recordings import Recordings as Recordings
 from .data.sources import Reader as Reader
 from .data.sources import Simulator as Simulator

@@ -4,7 +4,7 @@ from typing import Any
 
 from neurotact import plugins
 
-TOOLS = ("check_chip", "fine_tune", "from_nir", "live", "to_nir")
+TOOLS = ("check_chip", "fine_tune", "from_neo", "from_nir", "live", "read_nwb", "to_neo", "to_nir", "to_nwb")
 
 
 def __getattr__(name: str) -> Any:
