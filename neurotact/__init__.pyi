@@ -3,7 +3,6 @@ from .api.deployment import export as export
 from .api.deployment import export_c as export_c
 from .api.deployment import export_nir as export_nir
 from .api.deployment import stream as stream
-from .api.deployment import to_snntorch as to_snntorch
 from .api.encoding import calibrate as calibrate
 from .api.encoding import encode as encode
 from .api.encoding import encode_file as encode_file
@@ -46,11 +45,13 @@ from .api.tools import check_chip as check_chip
 from .api.tools import fine_tune as fine_tune
 from .api.tools import from_neo as from_neo
 from .api.tools import from_nir as from_nir
+from .api.tools import from_snntorch as from_snntorch
 from .api.tools import live as live
 from .api.tools import read_nwb as read_nwb
 from .api.tools import to_neo as to_neo
 from .api.tools import to_nir as to_nir
 from .api.tools import to_nwb as to_nwb
+from .api.tools import to_snntorch as to_snntorch
 from .data.recordings import Recordings as Recordings
 from .data.sources import Reader as Reader
 from .data.sources import Simulator as Simulator
@@ -66,7 +67,6 @@ from .encoders.firing import FiringWarning as FiringWarning
 from .encoders.transformer import SpikeEncoder as SpikeEncoder
 from .errors import InputError as InputError
 from .networks.definition.rsnn import RSNN as RSNN
-from .networks.definition.snntorch_exchange import from_snntorch as from_snntorch
 from .networks.definition.specs import RSNNSpec as RSNNSpec
 from .networks.definition.specs import TrainingSpec as TrainingSpec
 from .networks.use.classifier import SpikingClassifier as SpikingClassifier

@@ -17,9 +17,6 @@ from neurotact.deploy.exporters import usable as usable
 from neurotact.deploy.stream import Decision as Decision
 from neurotact.deploy.stream import Stream
 from neurotact.errors import InputError
-from neurotact.networks.definition import snntorch_exchange
-from neurotact.networks.definition.rsnn import RSNN, rsnn_of
-from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
 
 EXPORTED = {"export_c": "c", "export_nir": "nir"}
@@ -121,23 +118,3 @@ def stream(
         return f"{tally.samples} samples, {tally.decisions} decisions, {took}"
 
     return Flow(sources.decide(flow, samples), summary)
-
-
-def to_snntorch(source: Fitted | RSNN, *, time_first: bool = False) -> snntorch_exchange.SnnTorchNetwork:
-    """The same network in snnTorch's neurons, as a `torch.nn.Module` with its own copy of the weights.
-
-    source: a network, a run folder that `train` wrote, or a fitted `SpikingClassifier` or a pipeline that ends in one.
-    The module takes spikes `(trial, time, afferent)` and returns the spikes of the hidden layer `(trial, time, hidden)`
-    and of the readout `(trial, time, class)`, from a state of zero; of an integrator, its value after each step.
-    time_first: take and return `(time, trial, ...)`, as most of snnTorch's examples do.
-    Raises InputError unless the network is float32, its reset is `zero` or `subtract`, its decays lie in [0, 1], and
-    its thresholds do not adapt.
-
-    >>> import torch
-    >>> net = RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0)
-    >>> hidden, readout = to_snntorch(net, time_first=True)(torch.ones(10, 2, 16))
-    >>> hidden.shape, readout.shape
-    (torch.Size([10, 2, 20]), torch.Size([10, 2, 8]))
-    """
-    network = source if isinstance(source, RSNN) else fitted.restore(source).network
-    return snntorch_exchange.to_snntorch(rsnn_of("snntorch", network), time_first=time_first)

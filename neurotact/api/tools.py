@@ -4,7 +4,10 @@ from typing import Any
 
 from neurotact import plugins
 
-TOOLS = ("check_chip", "fine_tune", "from_neo", "from_nir", "live", "read_nwb", "to_neo", "to_nir", "to_nwb")
+TOOLS = (
+    "check_chip", "fine_tune", "from_neo", "from_nir", "from_snntorch", "live", "read_nwb", "to_neo", "to_nir",
+    "to_nwb", "to_snntorch",
+)  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
