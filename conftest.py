@@ -7,15 +7,12 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import pytest
 from packaging.requirements import Requirement
 
-NEEDS = {"pynwb": "neurotact/data/nwb_output.py"}
-collect_ignore = [path for package, path in NEEDS.items() if not find_spec(package)]
 EXTRAS = tomllib.loads((Path(__file__).parent / "pyproject.toml").read_text())["project"]["optional-dependencies"]
 
 

@@ -1,1 +1,1 @@
-"""What becomes of a trained run beside a stream: C, NIR, chips, a page; found by name, as those of other packages."""
+"""What becomes of a trained run beside a stream: C, NIR, snnTorch, chips, a page; found by name, as those of others."""

@@ -45,6 +45,16 @@ def test_the_import_loads_nothing_heavy():
     assert done.stdout.strip() == "[]"
 
 
+def test_the_front_door_loads_tools_when_they_are_used():
+    ask = (
+        "import pkgutil, sys; from importlib import import_module; from neurotact import api\n"
+        "for room in pkgutil.iter_modules(api.__path__): import_module(f'neurotact.api.{room.name}')\n"
+        "print([name for name in sys.modules if name.startswith(('neurotact_parts.readers', 'neurotact_parts.exp'))])"
+    )
+    done = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
 def test_every_name_is_there_and_says_what_it_is():
     for name in nt.__all__:
         found = getattr(nt, name)

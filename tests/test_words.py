@@ -62,7 +62,8 @@ def messages(path: Path) -> Iterator[str]:
 
 
 def test_a_name_in_backquotes_is_a_parameter_of_a_command_and_of_python():
-    for path in sorted(PACKAGE.rglob("*.py")):
+    beside = (PACKAGE.parent / room for room in ("exporters", "readers"))
+    for path in sorted(path for folder in (PACKAGE, *beside) for path in folder.rglob("*.py")):
         if path.is_relative_to(PACKAGE / "cli") or path.name in ("details.py", "columns.py"):  # texts of a page
             continue
         marked = [mark for message in messages(path) for mark in words.MARKED.findall(message)]

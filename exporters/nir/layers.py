@@ -2,7 +2,7 @@
 
 NIR's CubaLIF computes membrane `immediate` with reset `hard`, step by step. Others are lowered:
 
-- `delayed` and `eq4` are the same neuron with its input two steps later (see `snntorch_exchange`), `eq4` with its
+- `delayed` and `eq4` are the same neuron with its input two steps later (see `exporters.snntorch`), `eq4` with its
   current times beta: a `Delay` before every layer and in the recurrence.
 - reset `subtract`: a leaky integrator and a `Threshold`, whose spike returns one step later, times -threshold.
 - reset `zero`: a spike returns one step later with a force that makes the membrane fire again, for any input. This

@@ -13,12 +13,12 @@ from neurotact_parts.exporters.nir import note
 from neurotact_parts.exporters.nir.execute import flat
 from neurotact_parts.exporters.nir.nodes import Clock
 from neurotact_parts.exporters.nir.note import Note
+from neurotact_parts.exporters.snntorch import tau_ms
 
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
 from neurotact.networks.definition.kernels import Backend
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.definition.snntorch_exchange import tau_ms
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.networks.training.checkpoint import shapes_of

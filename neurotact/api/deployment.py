@@ -1,4 +1,4 @@
-"""A trained chain in use: streamed, exported, and what the tools of other packages do with it."""
+"""A trained chain in use: streamed and exported."""
 
 import logging
 import time
@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from neurotact import effects, plugins
+from neurotact import effects
 from neurotact.data import hdf5
 from neurotact.deploy import sources
 from neurotact.deploy.chain import chain_of
@@ -17,15 +17,10 @@ from neurotact.deploy.exporters import usable as usable
 from neurotact.deploy.stream import Decision as Decision
 from neurotact.deploy.stream import Stream
 from neurotact.errors import InputError
-from neurotact.networks.definition import snntorch_exchange
-from neurotact.networks.definition.rsnn import RSNN, rsnn_of
-from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
 
 EXPORTED = {"export_c": "c", "export_nir": "nir"}
 """Functions that are those of exporters, by their names in Python."""
-TOOLS = ("check_chip", "fine_tune", "from_nir", "live", "to_nir")
-"""Functions of packages beside this one, found in the group `neurotact.tools`."""
 
 log = logging.getLogger("neurotact")
 
@@ -33,8 +28,6 @@ log = logging.getLogger("neurotact")
 def __getattr__(name: str) -> Any:
     if name in EXPORTED:
         return exporter(EXPORTED[name]).export
-    if name in TOOLS:
-        return plugins.load_function("tools", name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
@@ -125,23 +118,3 @@ def stream(
         return f"{tally.samples} samples, {tally.decisions} decisions, {took}"
 
     return Flow(sources.decide(flow, samples), summary)
-
-
-def to_snntorch(source: Fitted | RSNN, *, time_first: bool = False) -> snntorch_exchange.SnnTorchNetwork:
-    """The same network in snnTorch's neurons, as a `torch.nn.Module` with its own copy of the weights.
-
-    source: a network, a run folder that `train` wrote, or a fitted `SpikingClassifier` or a pipeline that ends in one.
-    The module takes spikes `(trial, time, afferent)` and returns the spikes of the hidden layer `(trial, time, hidden)`
-    and of the readout `(trial, time, class)`, from a state of zero; of an integrator, its value after each step.
-    time_first: take and return `(time, trial, ...)`, as most of snnTorch's examples do.
-    Raises InputError unless the network is float32, its reset is `zero` or `subtract`, its decays lie in [0, 1], and
-    its thresholds do not adapt.
-
-    >>> import torch
-    >>> net = RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0)
-    >>> hidden, readout = to_snntorch(net, time_first=True)(torch.ones(10, 2, 16))
-    >>> hidden.shape, readout.shape
-    (torch.Size([10, 2, 20]), torch.Size([10, 2, 8]))
-    """
-    network = source if isinstance(source, RSNN) else fitted.restore(source).network
-    return snntorch_exchange.to_snntorch(rsnn_of("snntorch", network), time_first=time_first)

@@ -11,12 +11,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from neurotact import effects, files, spec
+from neurotact.api import tools
 from neurotact.api.arguments import Conditions, LeftOut, Settings, Tell, check_instance, silent
 from neurotact.data import encoded_from, hdf5
 from neurotact.data.augmentation import AUTO, NONE, AugmentationSpec, in_words
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.digests import recorded_trials
-from neurotact.data.nwb_output import to_nwb
 from neurotact.data.recordings import Recordings, Trials
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Splits, check_stratify, training_touches
@@ -315,7 +315,7 @@ def save_raster(
     if out.suffix == ".csv":
         raster.write_events(trains, out)
     elif out.suffix == ".nwb":
-        to_nwb(trains, out, force=force)
+        tools.to_nwb(trains, out, force=force)
     else:
         signal = _signal_of(trains, trial, recordings, spikes)
         raster.write_raster(trains, trial, out, signal=signal, start_s=start_s or 0.0, stop_s=stop_s)

@@ -10,6 +10,7 @@ import pandas as pd
 import typer
 
 from neurotact.api import deployment as api
+from neurotact.api import tools
 from neurotact.cli.deploy import Contact, FullWindow, QuietMs, RateHz, StartMs, WindowMs
 from neurotact.cli.options import MOST_SEEDS, REPLACED, Force, HopMs, MovedSpikes, RunFolder, calling, flag, option
 from neurotact.cli.options import Json as Json
@@ -21,7 +22,7 @@ from neurotact.plugins import names
 
 
 @calling(
-    api.fine_tune,
+    tools.fine_tune,
     weight_bits=option(int, "Bits of a weight in the integer variant of C: 2 to 8."),
     state_bits=option(int | None, "Bits of a state in the integer variant: 8 to 16, or 24; chosen when absent."),
     epochs=option(int, "Epochs of training; 0 only rounds.", min=0),
@@ -35,7 +36,7 @@ def fine_tune(given: dict[str, Any], as_json: Json = False) -> None:
     The rounded network is saved as a new run; neurotact export --to c writes it with these bits. The best epoch on
     validation windows is saved, or the network that is only rounded, if that is better.
     """
-    row = api.fine_tune(**given, tell=unless(as_json))
+    row = tools.fine_tune(**given, tell=unless(as_json))
     if as_json:
         print_json(pd.DataFrame([row]))
     else:
@@ -77,7 +78,7 @@ def _export(
         for name, value in {**given, "out": out, "to": to, "force": force}.items():
             if is_given(value):
                 raise NoEffectError(f"`{name}`: has no effect with `check`, which writes nothing; leave it out")
-        api.check_chip(run, check, tell=show)
+        tools.check_chip(run, check, tell=show)
         return
     if to is None or out is None:
         raise InputError(f"export: needs --to NAME ({', '.join(names('exporters'))}) and -o, or --check TARGET")

@@ -4,19 +4,16 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from neurotact.api import tools
 from neurotact.cli.deploy import OF_SAMPLES, FullWindow
 from neurotact.cli.options import calling, flag, option
 from neurotact.cli.words import say
-from neurotact.plugins import load_function
 
 MOST_PORTS = 65_535
 
 
-LIVE = load_function("tools", "live")
-
-
 @calling(
-    LIVE,
+    tools.live,
     source=option(
         str, "FILE.h5, - (standard input), a device file, serial:/dev/ttyUSB0, FILE.csv, or gratings.", "--from"
     ),
@@ -37,7 +34,7 @@ def live(given: dict[str, Any], full_window: FullWindow = False) -> None:
     at their own rate; a device is read as its samples arrive; gratings is a simulated finger that the page moves (--set
     changes its spec). The page's sliders change refractory periods, gains and patience of the running stream.
     """
-    say(LIVE(**given, early_exit=not full_window, tell=_print_at_once))
+    say(tools.live(**given, early_exit=not full_window, tell=_print_at_once))
     sys.exit(0)
 
 

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from neurotact import files
 from neurotact.api import recordings as api
+from neurotact.api import tools
 from neurotact.api.recordings import Reader, Recordings, SpikeTrains, Unit, reader
 from neurotact.api.settings import Layout
 from neurotact.cli.help import Command
@@ -159,7 +160,7 @@ def import_events(given: dict[str, Any], out: OutFile, force: Force = False) -> 
 
 @app.command("nwb", cls=Command)
 @calling(
-    api.read_nwb,
+    tools.read_nwb,
     trials=option(str, "The table of intervals whose rows are trials."),
     label=option(str, "The column of that table with the class of each trial."),
     step_ms=option(float | None, "Time step of the spikes.", show_default="the file's resolution, else 1"),
@@ -186,7 +187,7 @@ def import_nwb(given: dict[str, Any], out: OutFile, force: Force = False) -> Non
     """Neurodata Without Borders: spike times of units, or a time series, cut into the trials of an NWB 2 file."""
     named = [name if "=" in name else f"name={name}" for name in given.pop("units", [])]
     given["units"], given["leave_out_units"] = parse_choice(named, [], "name", ("`units`", "`units`"))
-    _import(api.read_nwb, given, out, force)
+    _import(tools.read_nwb, given, out, force)
 
 
 def _names(assignments: list[str], known: list[str]) -> dict[str, str]:

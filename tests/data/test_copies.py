@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.readers import nwb
+from neurotact_parts.readers.neo_blocks import from_neo, to_neo
+from neurotact_parts.readers.nwb_output import to_nwb
 
 from neurotact.data import conditioning, doubtful, hdf5
 from neurotact.data.copies import Copies, copies_of, equal_examples, joined
 from neurotact.data.digests import recorded_digest
-from neurotact.data.neo_blocks import from_neo, to_neo
-from neurotact.data.nwb_output import to_nwb
-from neurotact.data.readers.formats import nwb
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains, from_rasters
 from neurotact.data.splits import SplitSpec, hold_out, split_touches, training_touches

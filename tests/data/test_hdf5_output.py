@@ -116,7 +116,7 @@ given = {"h5": (save_recordings, touch), "spikes": (save_spikes, trains)}
 if "nir" in sys.argv:
     given["nir"] = nt.to_nir, nt.RSNN(40, 8, hidden=30, sampling_rate_Hz=1000.0)
 if "pynwb" in sys.argv:
-    from neurotact.data.nwb_output import to_nwb
+    from neurotact_parts.readers.nwb_output import to_nwb
     given["nwb"] = to_nwb, trains
 for kind, (save, what) in given.items():
     whole = folder / "whole.h5"

@@ -13,6 +13,7 @@ from compiled import compare as compare_in_c
 from made_chains import READOUTS, make_encoder, make_signal, offline, told, unequal_stretches
 from neurotact_parts.exporters.c import c_export, proof
 from neurotact_parts.exporters.nir import compare
+from neurotact_parts.exporters.snntorch import to_snntorch
 
 import neurotact as nt
 from neurotact import plugins
@@ -37,7 +38,6 @@ from neurotact.networks.definition.executors import (
     Subject,
     require,
 )
-from neurotact.networks.definition.snntorch_exchange import to_snntorch
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 

@@ -8,6 +8,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples, thinned
+from neurotact_parts.exporters.snntorch import to_snntorch
 from test_native import (
     LEARNED,
     compare,
@@ -31,7 +32,6 @@ from neurotact.metrics.flops import SpikingLayer, cost
 from neurotact.networks.definition import native, reference
 from neurotact.networks.definition.recipe import Seen, resolve
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.definition.snntorch_exchange import to_snntorch
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.definition.surrogate import FastSigmoid
 from neurotact.networks.exit import truncated

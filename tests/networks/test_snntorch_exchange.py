@@ -4,12 +4,12 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.exporters.snntorch import from_snntorch, to_snntorch
 from snntorch import surrogate
 from torch import nn
 
 from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.definition.snntorch_exchange import from_snntorch, to_snntorch
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.definition.surrogate import FastSigmoid
 

@@ -9,9 +9,11 @@ import pytest
 
 import neurotact as nt
 
-PACKAGES = ("neurotact_parts.encoders", "neurotact_parts.exporters", "neurotact_parts.studies")
-AS_TYPED = "neurotact_parts.exporters"
+PACKAGES = tuple(f"neurotact_parts.{room}" for room in ("encoders", "exporters", "readers", "studies"))
+AS_TYPED = ("neurotact_parts.exporters", "neurotact_parts.readers")
 """Where examples name files as a user does."""
+NEEDS = {"neo_blocks": "neo", "nwb": "pynwb", "nwb_output": "pynwb"}
+"""Optional packages that the examples of a module need."""
 MODULES = [
     module.name
     for package in PACKAGES
@@ -22,7 +24,10 @@ MODULES = [
 
 @pytest.mark.parametrize("name", MODULES)
 def test_the_examples_of_a_module_run(name, request, tmp_path, monkeypatch):
-    if AS_TYPED in name:
+    needed = NEEDS.get(name.rpartition(".")[2])
+    if needed is not None:
+        pytest.importorskip(needed)
+    if name.startswith(AS_TYPED):
         shutil.copytree(request.getfixturevalue("_files_of_examples"), tmp_path / "examples")
         monkeypatch.chdir(tmp_path / "examples")
     assert doctest.testmod(import_module(name), extraglobs={"nt": nt}, raise_on_error=False).failed == 0

@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.readers import nwb
+from neurotact_parts.readers.nwb_output import EPOCH
 from typer.testing import CliRunner
 
 import neurotact as nt
 from neurotact.cli import app
-from neurotact.data.nwb_output import EPOCH
-from neurotact.data.readers.formats import nwb
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError

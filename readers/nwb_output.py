@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from neurotact_parts.readers.nwb import AFFERENT, KEPT, OURS
 
 from neurotact import files
 from neurotact.data.digests import DIGEST, TOUCH, spike_digests
 from neurotact.data.hdf5_output import create
-from neurotact.data.readers.formats.nwb import AFFERENT, KEPT, OURS
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError, optional
@@ -32,14 +32,13 @@ def to_nwb(
     Raises InputError where pynwb is not installed, for no trials, and for conditions with names that NWB reserves.
 
     >>> import pandas as pd, tempfile
-    >>> from neurotact.data.readers.formats import nwb
     >>> from neurotact.data.spikes import from_rasters
     >>> raster = np.zeros((1, 4, 2), np.uint8)
     >>> raster[0, 1, 0] = raster[0, 3, 1] = 1
     >>> trains = from_rasters(raster, 2000.0, ("SA-I taxel1", "RA-I taxel1"), pd.DataFrame({"label": ["felt"]}))
     >>> path = Path(tempfile.mkdtemp()) / "felt.nwb"
     >>> to_nwb(trains, path)
-    >>> back = nwb.read(path)
+    >>> back = nt.read_nwb(path)
     >>> back.afferents, back.steps[0].tolist()
     (('SA-I taxel1', 'RA-I taxel1'), [1, 3])
     """

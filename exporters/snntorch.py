@@ -24,10 +24,13 @@ from neurotact.errors import InputError
 from neurotact.networks.definition import clock
 from neurotact.networks.definition.executors import Subject, require
 from neurotact.networks.definition.kernels import Backend
+from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.readouts import Integration, Stretches
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.definition.surrogate import FastSigmoid
+from neurotact.networks.use import fitted
+from neurotact.networks.use.fitted import Fitted
 from neurotact.neurons import Reset
 from neurotact.spec import build
 
@@ -126,20 +129,25 @@ class SnnTorchNetwork(nn.Module):
         return hidden_spikes[:n_steps]
 
 
-def to_snntorch(network: RSNN, *, time_first: bool = False) -> SnnTorchNetwork:
-    """The same network, in snnTorch's neurons, with its own copy of the weights; `time_first` as of `SnnTorchNetwork`.
+def to_snntorch(source: Fitted | Network, *, time_first: bool = False) -> SnnTorchNetwork:
+    """The same network in snnTorch's neurons, as a `torch.nn.Module` with its own copy of the weights.
 
-    Raises InputError unless the network is float32, reset is `zero` or `subtract`, alpha and beta are in [0, 1], and
-    thresholds do not adapt.
+    source: a network, a run folder that `train` wrote, or a fitted `SpikingClassifier` or a pipeline that ends in one.
+    The module takes spikes `(trial, time, afferent)` and returns the spikes of the hidden layer `(trial, time, hidden)`
+    and of the readout `(trial, time, class)`, from a state of zero; of an integrator, its value after each step.
+    time_first: take and return `(time, trial, ...)`, as most of snnTorch's examples do.
+    Raises InputError unless the network is float32, its reset is `zero` or `subtract`, its decays lie in [0, 1], and
+    its thresholds do not adapt.
     `snntorch.export_nir.export_to_nir(net, torch.ones(1, 9, afferents), ignore_dims=[0, 1])` writes its layers if
     `spec.learn` is empty, without the delays of the wrapper; `nt.to_nir` writes all.
     In snnTorch a learned threshold also gets a gradient through a `subtract` reset; here no reset has a gradient.
 
-    >>> net = RSNN(16, 8, RSNNSpec(hidden=20), sampling_rate_Hz=2000.0)
-    >>> hidden, readout = to_snntorch(net)(torch.ones(2, 10, 16))
-    >>> readout.shape
-    torch.Size([2, 10, 8])
+    >>> net = RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0)
+    >>> hidden, readout = to_snntorch(net, time_first=True)(torch.ones(10, 2, 16))
+    >>> hidden.shape, readout.shape
+    (torch.Size([10, 2, 20]), torch.Size([10, 2, 8]))
     """
+    network = rsnn_of("snntorch", source if isinstance(source, Network) else fitted.restore(source).network)
     require("snntorch", Subject(None, network))
     _check_decays(network.alpha, network.beta)
     factors = network.beta.detach() if network.spec.membrane == "eq4" else torch.ones_like(network.beta)

@@ -41,6 +41,7 @@ from neurotact.data.trial_choice import EVERY, TrialChoice, Where, Words
 from neurotact.data.windows import LONGEST_STEPS
 from neurotact.errors import InputError
 from neurotact.files import check_size
+from neurotact.repeated_warnings import in_few_lines
 from neurotact.spec import Spec, build
 
 log = logging.getLogger("neurotact")
@@ -308,6 +309,54 @@ def read(
         declared = Declared(file, path)
         trials = _trials(declared, options, choice)
         return _spikes(declared, trials, options) if options.series is None else _recordings(declared, trials, options)
+
+
+@in_few_lines
+def read_nwb(
+    path: str | Path,
+    *,
+    trials: str = "trials",
+    label: str = LABEL,
+    step_ms: float | None = None,
+    name: str = AFFERENT,
+    series: str | None = None,
+    unit: str | None = None,
+    sampling_rate_Hz: float | None = None,
+    max_gap_ms: float | None = None,
+    drop_repeats: bool = False,
+    units: Mapping[str, Any] | None = None,
+    leave_out_units: Mapping[str, Any] | None = None,
+    unobserved: Unobserved | None = None,
+    merge_events: bool = False,
+    where: Mapping[str, Any] | None = None,
+    leave_out: str | Sequence[str] | Mapping[str, Any] | None = None,
+) -> Recordings | SpikeTrains:
+    """Read the spike trains of the units of an NWB file, or a time series, cut into trials: `neurotact import nwb`.
+
+    trials: the table of intervals whose rows are trials. label: its column with the class of each.
+    step_ms: of the clock of spikes; the file's resolution when None, else 1. name: the column of units with their
+        names; their ids if there is none.
+    series: a time series, whose columns are taxels, that is read in place of the units; unit: its unit, when None as
+        the file says. sampling_rate_Hz, max_gap_ms, drop_repeats: of a series with time stamps, as of `read_folder`.
+    units, leave_out_units: the units to read and to leave out, by columns of theirs or of their electrodes, such as
+        `{"quality": "good"}`.
+    unobserved: of trials that touch invalid times, or that a unit does not observe whole, leave all out or read them as
+        silent; at most 10 % of the trials are left out when None.
+    merge_events: whether more than 1 % of the spikes may become one with another.
+    where, leave_out: the trials to keep and to leave out, by the columns of the table of trials, as of `read`.
+    Raises InputError, which names the file and the fix.
+
+    >>> _ = nt.to_nwb(nt.load_spikes("spikes.h5"), "spikes.nwb")
+    >>> len(nt.read_nwb("spikes.nwb"))
+    30
+    """
+    options = {
+        "trials": trials, "label": label, "step_ms": step_ms, "name": name, "series": series, "unit": unit,
+        "sampling_rate_Hz": sampling_rate_Hz, "max_gap_ms": max_gap_ms, "drop_repeats": drop_repeats,
+        "units": units or {}, "leave_out_units": leave_out_units or {}, "unobserved": unobserved,
+        "merge_events": merge_events,
+    }  # fmt: skip
+    return read(path, options, TrialChoice.of(where, leave_out))
 
 
 READER = Reader("Neurodata Without Borders: spike times of units in trials, an NWB 2 file.", read)

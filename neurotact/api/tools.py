@@ -1,0 +1,16 @@
+"""Functions of packages beside this one, each found by its name in the group `neurotact.tools` and loaded when used."""
+
+from typing import Any
+
+from neurotact import plugins
+
+TOOLS = (
+    "check_chip", "fine_tune", "from_neo", "from_nir", "from_snntorch", "live", "read_nwb", "to_neo", "to_nir",
+    "to_nwb", "to_snntorch",
+)  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    if name in TOOLS:
+        return plugins.load_function("tools", name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
