@@ -26,7 +26,7 @@ import neurotact as nt
 from neurotact import cli
 from neurotact.api import encoding
 from neurotact.cli import words
-from neurotact.cli.options import fields_of, name_of
+from neurotact.cli.options import arguments, fields_of, name_of
 from neurotact.networks.definition.specs import given_keys
 from neurotact.networks.training import tasks
 from neurotact.spec import specs_of
@@ -927,6 +927,15 @@ def test_what_counts_decisions_takes_whole_windows_unless_early_exit_is_asked_fo
         assert inspect.signature(counts).parameters["early_exit"].default is False
     for runs in (nt.stream, nt.Stream):
         assert inspect.signature(runs).parameters["early_exit"].default is True
+
+
+def test_what_is_not_typed_is_not_given():
+    """Else a default would be refused where it has no effect; an option of two owners belongs to the function."""
+    absent = {"drop_repeats": False, "columns": None, "levels": None, "label": None}
+    assert arguments(nt.read_folder, {**absent, "path": Path("a")}) == {"path": Path("a")}
+    assert arguments(nt.train, {"spikes": Path("a"), "group": [], "fold": None}) == {"spikes": Path("a")}
+    typed = arguments(nt.read_raster, {"conditions": Path("a.csv"), "pattern": "{label}.npz"})
+    assert typed == {"conditions": Path("a.csv"), "naming": nt.Naming(pattern="{label}.npz")}
 
 
 def test_a_rest_is_as_long_everywhere():

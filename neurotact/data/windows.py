@@ -57,9 +57,8 @@ class WindowSpec(Spec):
 
         `steps_of` refuses one of less than a step.
         """
-        given = self.given()
-        effects.check_given(given, align=self.align)
-        if "length_ms" in given and SHORTEST_STEP_MS <= self.length_ms < SHORTEST_TOUCH_MS:
+        effects.check_given(self.given(), align=self.align)
+        if SHORTEST_STEP_MS <= self.length_ms < SHORTEST_TOUCH_MS:
             log.warning(
                 "`length_ms=%g`: a window of %g ms is shorter than a touch; is it meant in seconds?",
                 self.length_ms,

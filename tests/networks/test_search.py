@@ -457,6 +457,10 @@ def test_without_a_space_the_choices_of_the_recipe_are_searched(trains):
     assert asked.first == tuning.values_of(recipe.first_of(network, tasks.seen(trains, task)), asked.space)
     assert search.asked(SearchSpec(), NETWORK, trains, task).space == load_space("texture")
     assert search.asked(SearchSpec(space=SPACE, tuner="grid"), NETWORK, trains, task).first is None
+    first = {next(iter(SPACE)): 7}
+    assert search.asked(SearchSpec(space=SPACE, first=first), NETWORK, trains, task).first == first
+    with pytest.raises(InputError, match="space: is missing"):
+        search.problem_of(trains, SearchSpec(), NETWORK, task)
 
 
 @pytest.mark.thorough
