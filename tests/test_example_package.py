@@ -93,6 +93,13 @@ def test_the_page_of_parts_leads_to_every_file_of_the_package():
     assert not {path for path in wanted if f"]({path})" not in page}
 
 
+def test_the_list_of_specs_has_those_of_the_package():
+    said = _done("list").splitlines()
+    for kind, name in (("encoders", "crossings"), ("networks", "two-layers"), ("prices", "my-chip")):
+        assert nt.spec_names(kind)[-1] == name
+        assert [line.split() for line in said if name in line.split()] == [[name, "Of", "the", "package", "my-skin."]]
+
+
 def test_the_commands_of_the_readme_work(touches, recorded, spikes, tmp_path):
     assert nt.load(recorded).conditions["label"].tolist().count("felt") == 8
     run = tmp_path / "run"
