@@ -42,6 +42,16 @@ def in_order(group: Group) -> list[str]:
     return sorted(_found(group), key=lambda name: not is_ours(group, name))
 
 
+def of_others(group: Group) -> dict[str, str]:
+    """The names of the parts of other packages, sorted, with the package that brings each; nothing is imported.
+
+    >>> of_others("encoders")
+    {}
+    """
+    others = [name for name in names(group) if not is_ours(group, name)]
+    return {name: " and ".join(sorted(map(_package, _found(group)[name]))) for name in others}
+
+
 def is_ours(group: Group, name: str) -> bool:
     """Whether neurotact itself has a part of that name."""
     return OURS in map(_package, _found(group).get(name, ()))

@@ -10,7 +10,7 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import date, time
 from functools import wraps
 from inspect import signature
@@ -128,6 +128,11 @@ class Spec(BaseModel, metaclass=_InOurWords):
         """Of a spec that stands for any one of several, those by their names; else empty."""
         return {}
 
+    @classmethod
+    def of_parts(cls) -> Mapping[str, Mapping[str, Any]]:
+        """The tables that the names of parts stand for, unless a file has that name: another package brings none."""
+        return {}
+
     def given(self) -> dict[str, Any]:
         """The keys that it was made with, those in tables dotted.
 
@@ -236,14 +241,23 @@ def shipped(kind: str) -> list[Path]:
     return sorted(found, key=lambda path: path.stem)
 
 
-def find(kind: str, name: str | Path) -> Path:
-    """The file of a spec given by name or by path; InputError when there is none."""
+def find(kind: str, name: str | Path, others: Iterable[str] = ()) -> Path:
+    """The file of a spec given by name or by path; InputError, with the nearest of `others` too, if there is none."""
     if str(name).endswith(".toml") or "/" in str(name):
         return existing(name)
     known = {path.stem: path for path in shipped(kind)}
     if str(name) not in known:
-        raise InputError(f"{name}: there is no such spec in {kind}; {nearest(str(name), [*known])}")
+        raise InputError(f"{name}: there is no such spec in {kind}; {nearest(str(name), [*known, *others])}")
     return known[str(name)]
+
+
+def table_of(model: type[Spec], name: str | Path) -> tuple[dict[str, Any], str]:
+    """The table of a spec given by name or by path, and where it is from; a file comes before a part of that name."""
+    parts = model.of_parts()
+    if str(name) in parts and str(name) not in {path.stem for path in shipped(model.folder)}:
+        return dict(parts[str(name)]), f"the model {name}"
+    path = find(model.folder, name, parts)
+    return read(path), str(path)
 
 
 def text(path: Path) -> str:
@@ -298,8 +312,8 @@ def _is_within_64_bits(value: Any) -> bool:
 
 def load(model: type[SpecT], name: str | Path, overrides: Mapping[str, Any] | None = None) -> SpecT:
     """Load the spec called `name` (or at that path) into `model`, after `overrides` of dotted keys."""
-    path = find(model.folder, name)
-    return build(model, override(read(path), overrides or {}), source=str(path))
+    table, source = table_of(model, name)
+    return build(model, override(table, overrides or {}), source=source)
 
 
 def resolve(model: type[SpecT], what: str | Path | SpecT, overrides: Mapping[str, Any] | None = None) -> SpecT:

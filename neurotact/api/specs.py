@@ -1,21 +1,32 @@
 """The specs that ship."""
 
 from importlib import import_module
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
-from neurotact import spec
+from neurotact import plugins, spec
 from neurotact.errors import InputError, nearest
 
 
 def spec_names(kind: Literal["encoders", "networks", "networks/spaces", "studies", "prices"]) -> list[str]:
-    """The names of the specs of a kind that ship, as `neurotact list` prints them; InputError for another kind.
+    """The names of the specs of a kind, as `neurotact list` prints them: those that ship, then those of other packages.
+
+    Raises InputError for another kind.
 
     >>> spec_names("networks")
     ['default', 'layered', 'rsnn', 'snn']
     """
     if kind not in spec.KINDS:
         raise InputError(f"kind: {kind!r} is unknown; {nearest(str(kind), spec.KINDS)}")
-    return [path.stem for path in spec.shipped(kind)]
+    return [*(path.stem for path in spec.shipped(kind)), *of_other_packages(kind)]
+
+
+def of_other_packages(kind: str) -> dict[str, str]:
+    """The names that parts of other packages have among the specs of a kind, with their packages; none of a study.
+
+    >>> of_other_packages("studies")
+    {}
+    """
+    return plugins.of_others(kind) if kind in get_args(plugins.Group) else {}  # pyright: ignore[reportArgumentType]
 
 
 def keys_of(kind: str, name: str = "") -> list[str]:

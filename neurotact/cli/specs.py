@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from neurotact import files, spec
+from neurotact.api import specs
 from neurotact.cli.options import Force
 from neurotact.errors import InputError, nearest
 
@@ -15,11 +16,13 @@ console = Console(soft_wrap=True, highlight=False)
 
 
 def list_specs() -> None:
-    """List the specs that ship: encoders, networks, search spaces, studies, price lists."""
+    """List the specs that ship, and those of other packages: encoders, networks, search spaces, studies, price lists."""
     for kind in spec.KINDS:
         table = Table("name", "about", title=kind, title_justify="left", box=None)
         for path in spec.shipped(kind):
             table.add_row(path.stem, path.read_text(encoding="utf-8").splitlines()[0].lstrip("# "))
+        for name, package in specs.of_other_packages(kind).items():
+            table.add_row(name, f"Of the package {package}.")
         console.print(table)
 
 

@@ -43,6 +43,11 @@ class EncoderSpec(Spec):
         """The specs of all models that can be used, by the name of the model."""
         return {name: model.spec for name, model in usable().items()} if cls is EncoderSpec else {}
 
+    @classmethod
+    def of_parts(cls) -> Mapping[str, Mapping[str, Any]]:
+        """The name of a model gives the defaults of its keys."""
+        return {name: {"model": name} for name in names()}
+
 
 class Population(NamedTuple):
     """A population of an encoder.

@@ -187,11 +187,7 @@ def load(name: str | Path, overrides: Mapping[str, Any] | None = None) -> Encode
     >>> load("izhikevich").model, load("sa1-ra1-lif", {"sa1.t_ref_ms": 5}).sa1.t_ref_ms
     ('izhikevich', 5.0)
     """
-    if str(name) in names() and str(name) not in {path.stem for path in specs.shipped("encoders")}:
-        source, table = f"the model {name}", {"model": str(name)}
-    else:
-        source = str(path := specs.find("encoders", name))
-        table = specs.read(path)
+    table, source = specs.table_of(EncoderSpec, name)
     table = specs.override(table, overrides or {})
     model = name_in(table)
     if model not in names():

@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from neurotact import effects, files
+from neurotact import effects, files, plugins
 from neurotact import spec as specs
 from neurotact.baselines.opponent import Opponents
 from neurotact.data.augmentation import AUTO, NONE, AugmentationSpec
@@ -29,7 +29,7 @@ from neurotact.errors import InputError, nearest
 from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList, price_list
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.seeds import of_start
-from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.definition.specs import BUILT_IN, RSNNSpec, part_of
 from neurotact.networks.search import tuning
 from neurotact.networks.search.tuning import SearchSpec
 from neurotact.networks.training import balancing
@@ -53,6 +53,7 @@ PARTS: dict[str, Callable[[str | Path], Spec]] = {
     "encoder": encoders.load, "network": partial(specs.load, RSNNSpec), "prices": price_list,
 }  # fmt: skip
 LENGTH = "window.length_ms"
+HIDDEN = "network.hidden"
 T_REF = "t_ref_ms"
 """Swept with `encoder`, the names of encoders: the refractory period of all its afferents, or "own"."""
 OWN = "own"
@@ -307,6 +308,7 @@ def resolve(
     axes = {key: value for key, value in overrides.items() if key.startswith(sweeps.SWEEP)}
     sweeps.unswept(table.setdefault("sweep", {}), axes, path)
     _with_own_periods(table)
+    overrides = _with_own_width(table, overrides, overridden)
     _with_every_encoder(table["sweep"])
     values = {key: value for key, value in overrides.items() if key not in axes}
     table = specs.override(table, sweeps.unswept(table["sweep"], values, path))
@@ -356,6 +358,24 @@ def _with_own_periods(table: dict[str, Any]) -> None:
     else:
         table["sweep"] = axes
         log.warning("sweep: %s afferents have no refractory period; the sweep of pairs is left out", model)
+
+
+def _with_own_width(table: dict[str, Any], overrides: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Leave out the hidden neurons that the study sets or sweeps, in `table`, where its network has no such key.
+
+    Returns the overrides that remain. Where the user has given hidden neurons, nothing is left out.
+    """
+    network, own = table.get("network"), {HIDDEN, f"{sweeps.SWEEP}{HIDDEN}"}
+    named = network.get("model", "rsnn") if isinstance(network, dict) else "rsnn"
+    model = overrides.get("network.model", named)
+    is_part = isinstance(model, str) and model not in BUILT_IN and model in plugins.names("networks")
+    if not is_part or "hidden" in part_of(model).keys.model_fields or own & {*specs.leaves(given)}:
+        return dict(overrides)
+    if model != named:  # the study's network has them
+        network.pop("hidden", None)
+    table["sweep"].pop(HIDDEN, None)
+    log.warning("network: '%s' has no key hidden; the study's numbers of hidden neurons are left out", model)
+    return {key: value for key, value in overrides.items() if key not in own}
 
 
 def _with_every_encoder(sweep: Any) -> None:

@@ -244,6 +244,11 @@ class RSNNSpec(Spec):
             spec._own = specs.build(part.keys, keys, source=f"model = '{model}'")
         return spec
 
+    @classmethod
+    def of_parts(cls) -> Mapping[str, Mapping[str, Any]]:
+        """The name of a network gives the defaults of its keys, and the training that the recipe chooses."""
+        return {name: {"model": name, "recipe": "default"} for name in plugins.names("networks")}
+
     @property
     def own_keys(self) -> str:
         """The model and the keys of its own that differ from its defaults, as JSON."""
@@ -449,7 +454,7 @@ def given_keys(network: str | Path | RSNNSpec, settings: Mapping[str, Any] | Non
     if isinstance(network, RSNNSpec):
         before, table = network, network.model_dump(mode="json")
     else:
-        before, table = specs.load(RSNNSpec, network), specs.read(specs.find(RSNNSpec.folder, network))
+        before, (table, _) = specs.load(RSNNSpec, network), specs.table_of(RSNNSpec, network)
     table = specs.leaves(table)
     if before.recipe is None:
         usual = specs.leaves(RSNNSpec().model_dump(mode="json"))

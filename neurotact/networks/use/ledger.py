@@ -232,7 +232,8 @@ def study_ledger(
     by = [*NETWORK, *([MODEL] if MODEL in results else [])]
     counted = [is_row_counted(spec, row) for row in results.to_dict("records")]
     if not all(counted):
-        warnings.warn(f"the cost of {counted.count(False)} networks is not counted; {GIVES_COST}", stacklevel=2)
+        n = counted.count(False)
+        warnings.warn(f"the cost of {n} network{'s' * (n > 1)} is not counted; {GIVES_COST}", stacklevel=2)
         results = results[counted]
     results = results.assign(**{AMONG: results["sops_recurrent"] > 0})
     alike = [KIND, AMONG, *(name for name in (STEPS_PER_BIN, STRETCHES, BLOCKS, OWN_KEYS) if name in results)]
