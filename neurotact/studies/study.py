@@ -371,7 +371,7 @@ def _with_own_width(table: dict[str, Any], overrides: Mapping[str, Any], given: 
     is_part = isinstance(model, str) and model not in BUILT_IN and model in plugins.names("networks")
     if not is_part or "hidden" in part_of(model).keys.model_fields or own & {*specs.leaves(given)}:
         return dict(overrides)
-    if model != named:  # the study's network has them
+    if isinstance(network, dict) and model != named:  # the study's network has them
         network.pop("hidden", None)
     table["sweep"].pop(HIDDEN, None)
     log.warning("network: '%s' has no key hidden; the study's numbers of hidden neurons are left out", model)
