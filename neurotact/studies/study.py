@@ -373,8 +373,8 @@ def _with_own_width(table: dict[str, Any], overrides: Mapping[str, Any], given: 
         return dict(overrides)
     if isinstance(network, dict) and model != named:  # the study's network has them
         network.pop("hidden", None)
-    table["sweep"].pop(HIDDEN, None)
-    log.warning("network: '%s' has no key hidden; the study's numbers of hidden neurons are left out", model)
+    if table["sweep"].pop(HIDDEN, None) is not None or own & {*overrides}:
+        log.warning("network: '%s' has no key hidden; the study's numbers of hidden neurons are left out", model)
     return {key: value for key, value in overrides.items() if key not in own}
 
 
