@@ -16,7 +16,7 @@ console = Console(soft_wrap=True, highlight=False)
 
 
 def list_specs() -> None:
-    """List the specs that ship, and those of other packages: encoders, networks, search spaces, studies, price lists."""
+    """List the specs that ship, and other packages' parts: encoders, networks, search spaces, studies, price lists."""
     for kind in spec.KINDS:
         table = Table("name", "about", title=kind, title_justify="left", box=None)
         for path in spec.shipped(kind):

@@ -371,10 +371,10 @@ def _with_own_width(table: dict[str, Any], overrides: Mapping[str, Any], given: 
     is_part = isinstance(model, str) and model not in BUILT_IN and model in plugins.names("networks")
     if not is_part or "hidden" in part_of(model).keys.model_fields or own & {*specs.leaves(given)}:
         return dict(overrides)
-    if model != named:  # the study's network has them
+    if isinstance(network, dict) and model != named:  # the study's network has them
         network.pop("hidden", None)
-    table["sweep"].pop(HIDDEN, None)
-    log.warning("network: '%s' has no key hidden; the study's numbers of hidden neurons are left out", model)
+    if table["sweep"].pop(HIDDEN, None) is not None or own & {*overrides}:
+        log.warning("network: '%s' has no key hidden; the study's numbers of hidden neurons are left out", model)
     return {key: value for key, value in overrides.items() if key not in own}
 
 
