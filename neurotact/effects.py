@@ -23,27 +23,27 @@ def is_given(value: Any) -> bool:
     return not (value is None or value is False or (hasattr(value, "__len__") and not len(value)))
 
 
-def is_absent(value: Any) -> bool:
+def _is_absent(value: Any) -> bool:
     """Whether a parameter has no value."""
     return not is_given(value)
 
 
-def is_in(*values: Any) -> Callable[[Any], bool]:
+def _is_in(*values: Any) -> Callable[[Any], bool]:
     """Whether a parameter has one of these values."""
     return lambda value: value in values
 
 
-def more_than_one(value: Any) -> bool:
+def _more_than_one(value: Any) -> bool:
     """Whether a number is above 1."""
     return value > 1
 
 
-def more_than_one_of(value: Any) -> bool:
+def _more_than_one_of(value: Any) -> bool:
     """Whether a list or a table has more than one entry."""
     return value is not None and len(value) > 1
 
 
-class Need(NamedTuple):
+class _Need(NamedTuple):
     """names: of parameters. beside: another parameter. suits: the values of it with which they have an effect.
 
     why: after "has no effect", in words. fix: what to do.
@@ -57,63 +57,69 @@ class Need(NamedTuple):
 
 
 OR_GIVE = "give that, or leave it out"
-SAMPLES = is_in("pipe", "serial port", "file")
+SAMPLES = _is_in("pipe", "serial port", "file")
 """Kinds of sources of which samples are read as text or bytes; the others are recordings and a simulation."""
 
 NEEDS = (
     # windows and split
-    Need("onset.rest_ms onset.bin_ms onset.deviations", "align", is_in("onset"), "without `align='onset'`", OR_GIVE),
-    Need("fold", "folds", is_given, "without `folds`, the number of folds", OR_GIVE),
-    Need("split.seed", "order", is_absent, "with `order`, which draws nothing at random"),
-    Need("nested", "test_where", is_given, "without `test_where`", OR_GIVE),
-    Need("leave_aside", "test_where", more_than_one_of, "without several conditions in `test_where`", OR_GIVE),
-    Need("stratify", "drawn", bool, "with `test_where`, where validation leaves out one of the other values"),
-    Need("test", "test_where", is_absent, "with `test_where`, which selects the test trials"),
-    Need("test", "folds", is_absent, "with `folds`, of which one is tested"),
-    Need("test", "leave_out_each", is_absent, "with `leave_out_each`, which selects the test trials"),
-    Need("copies", "augmentation", is_given, "without `augmentation`, which says what varies", OR_GIVE),
+    _Need("onset.rest_ms onset.bin_ms onset.deviations", "align", _is_in("onset"), "without `align='onset'`", OR_GIVE),
+    _Need("fold", "folds", is_given, "without `folds`, the number of folds", OR_GIVE),
+    _Need("split.seed", "order", _is_absent, "with `order`, which draws nothing at random"),
+    _Need("nested", "test_where", is_given, "without `test_where`", OR_GIVE),
+    _Need("leave_aside", "test_where", _more_than_one_of, "without several conditions in `test_where`", OR_GIVE),
+    _Need("stratify", "drawn", bool, "with `test_where`, where validation leaves out one of the other values"),
+    _Need("test", "test_where", _is_absent, "with `test_where`, which selects the test trials"),
+    _Need("test", "folds", _is_absent, "with `folds`, of which one is tested"),
+    _Need("test", "leave_out_each", _is_absent, "with `leave_out_each`, which selects the test trials"),
+    _Need("copies", "augmentation", is_given, "without `augmentation`, which says what varies", OR_GIVE),
     # train, tune, infer
-    Need("sops_weight", "objective", is_in("accuracy-sops"), "without `objective='accuracy-sops'`", OR_GIVE),
-    Need("start_epoch", "assessor", is_in("median-stop"), "with `assessor='none'`, which stops no trial"),
-    Need("workers", "scheduler", is_absent, "with `scheduler`, whose cluster has the workers that have joined it"),
-    Need("step_ms", "clock_ms", is_given, "with this reader, whose files have no events"),
-    Need("force", "out", is_given, "without `out`, since nothing is written", OR_GIVE),
+    _Need("sops_weight", "objective", _is_in("accuracy-sops"), "without `objective='accuracy-sops'`", OR_GIVE),
+    _Need("start_epoch", "assessor", _is_in("median-stop"), "with `assessor='none'`, which stops no trial"),
+    _Need("workers", "scheduler", _is_absent, "with `scheduler`, whose cluster has the workers that have joined it"),
+    _Need("step_ms", "clock_ms", is_given, "with this reader, whose files have no events"),
+    _Need("force", "out", is_given, "without `out`, since nothing is written", OR_GIVE),
     # fine_tune, export
-    Need("seed", "epochs", lambda epochs: epochs != 0, "with `epochs=0`, which only rounds"),
-    Need("weight_bits state_bits lsb", "variant", is_in(None, "integer"), "with `variant='float'`"),
-    Need("quiet_ms", "contact", bool, "without `contact=True`: windows then start one after the other", OR_GIVE),
-    Need("hop_ms", "contact", is_absent, "with `contact=True`: each window then starts at a contact"),
-    Need("recordings spikes", "ranges", bool, "where no recordings are read: only integers and `prove` need them"),
+    _Need("seed", "epochs", lambda epochs: epochs != 0, "with `epochs=0`, which only rounds"),
+    _Need("weight_bits state_bits lsb", "variant", _is_in(None, "integer"), "with `variant='float'`"),
+    _Need("quiet_ms", "contact", bool, "without `contact=True`: windows then start one after the other", OR_GIVE),
+    _Need("hop_ms", "contact", _is_absent, "with `contact=True`: each window then starts at a contact"),
+    _Need("recordings spikes", "ranges", bool, "where no recordings are read: only integers and `prove` need them"),
     # stream, live
-    Need("format lsb zero time_column", "source", SAMPLES, "with this `source`, which has a format of its own"),
-    Need("sampling_rate_Hz", "source", SAMPLES, "with this `source`, which has a sampling rate of its own"),
-    Need("baud", "source", is_in("serial port"), "without a serial port, as in `source='serial:/dev/ttyUSB0'`"),
-    Need("stall_s", "source", is_in("pipe", "serial port"), "with this `source`, which is never late"),
-    Need("speed", "source", is_in("recordings", "simulation"), "with a device, whose samples come at their own rate"),
-    Need("settings", "source", is_in("simulation"), "without a simulated finger, as in `source='gratings'`"),
-    Need("loop shuffle", "source", is_in("recordings"), "without recordings, as in `source='FILE.h5'`"),
-    Need("time_column", "format", is_in(None, "csv"), "without `format='csv'`: other frames have no time", OR_GIVE),
-    Need("lsb zero", "format", is_in("int16"), "without `format='int16'`", OR_GIVE),
+    _Need("format lsb zero time_column", "source", SAMPLES, "with this `source`, which has a format of its own"),
+    _Need("sampling_rate_Hz", "source", SAMPLES, "with this `source`, which has a sampling rate of its own"),
+    _Need("baud", "source", _is_in("serial port"), "without a serial port, as in `source='serial:/dev/ttyUSB0'`"),
+    _Need("stall_s", "source", _is_in("pipe", "serial port"), "with this `source`, which is never late"),
+    _Need("speed", "source", _is_in("recordings", "simulation"), "with a device, whose samples come at their own rate"),
+    _Need("settings", "source", _is_in("simulation"), "without a simulated finger, as in `source='gratings'`"),
+    _Need("loop shuffle", "source", _is_in("recordings"), "without recordings, as in `source='FILE.h5'`"),
+    _Need("time_column", "format", _is_in(None, "csv"), "without `format='csv'`: other frames have no time", OR_GIVE),
+    _Need("lsb zero", "format", _is_in("int16"), "without `format='int16'`", OR_GIVE),
     # keys of a network
-    Need(
+    _Need(
         "recurrent_weight_scale recurrent_delay_steps recurrent_blocks",
         "model",
-        is_in("rsnn", "auto"),
+        _is_in("rsnn", "auto"),
         "with model = 'snn'",
     ),
-    Need("readout_surrogate_scale", "readout", is_in("count"), "with a readout that does not spike"),
-    Need("training.readout_dropout", "readout", is_in("integrator", "max"), "with readout = 'count'"),
-    Need("readout_stretch_ms training.stretch_rate", "readout_stretches", more_than_one, "with readout_stretches = 1"),
-    Need("forward_weight_scale", "keeps_scale", bool, "with input_deviation, to which all weights are scaled"),
-    Need("training.betas", "has_betas", bool, "with a training.optimiser that has none"),
-    Need("training.weight_decay", "has_weight_decay", bool, "with a training.optimiser that has none"),
-    Need("training.learning_rate", "has_others", bool, "with training.relative_learning_rate, the rate of all weights"),
+    _Need("readout_surrogate_scale", "readout", _is_in("count"), "with a readout that does not spike"),
+    _Need("training.readout_dropout", "readout", _is_in("integrator", "max"), "with readout = 'count'"),
+    _Need(
+        "readout_stretch_ms training.stretch_rate", "readout_stretches", _more_than_one, "with readout_stretches = 1"
+    ),
+    _Need("forward_weight_scale", "keeps_scale", bool, "with input_deviation, to which all weights are scaled"),
+    _Need("training.betas", "has_betas", bool, "with a training.optimiser that has none"),
+    _Need("training.weight_decay", "has_weight_decay", bool, "with a training.optimiser that has none"),
+    _Need(
+        "training.learning_rate", "has_others", bool, "with training.relative_learning_rate, the rate of all weights"
+    ),
     # SpikingClassifier
-    Need("validation_fraction groups", "held_out", bool, "where validation windows are given, since none are held out"),
+    _Need(
+        "validation_fraction groups", "held_out", bool, "where validation windows are given, since none are held out"
+    ),
     # others
-    Need("out", "name", is_given, "without the name of a set, since the sets are then only listed", OR_GIVE),
-    Need("trial start_s stop_s recordings", "file", is_in("picture"), "in a file of events, which holds all of them"),
-    Need("all", "content", is_in("recordings"), "with spikes, whose afferents are always shown by population"),
+    _Need("out", "name", is_given, "without the name of a set, since the sets are then only listed", OR_GIVE),
+    _Need("trial start_s stop_s recordings", "file", _is_in("picture"), "in a file of events, which holds all of them"),
+    _Need("all", "content", _is_in("recordings"), "with spikes, whose afferents are always shown by population"),
 )  # fmt: skip
 
 

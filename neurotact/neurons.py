@@ -148,7 +148,7 @@ class ExactLIFState(NamedTuple):
     refractory_ms: np.ndarray
 
 
-class SpikeTimes(NamedTuple):
+class _SpikeTimes(NamedTuple):
     """Spikes of a group of neurons within an interval, one row a spike.
 
     which: its neuron, as an index of the flattened `(trial, neuron)`. time_ms: since the interval's begin.
@@ -166,7 +166,7 @@ def exact_lif_start(neuron: ExactLIF, n_trials: int) -> ExactLIFState:
 
 def exact_lif_interval(
     neuron: ExactLIF, drive_mV: np.ndarray, state: ExactLIFState, duration_ms: float
-) -> tuple[SpikeTimes, ExactLIFState]:
+) -> tuple[_SpikeTimes, ExactLIFState]:
     """An interval of constant drive, `(trial, neuron)`: `(spikes, next state)`. A spike at its end belongs to it.
 
     >>> neuron = ExactLIF(tau_mem_ms=10.0, t_ref_ms=np.array([5.0]))
@@ -196,7 +196,7 @@ def exact_lif_interval(
     wait.reshape(-1)[which] = np.maximum(t_ref_ms - since, 0.0)
     nth = np.arange(n_spikes.sum()) - np.repeat(np.cumsum(n_spikes) - n_spikes, n_spikes)
     times = np.repeat(first, n_spikes) + nth * np.repeat(isi, n_spikes)
-    return SpikeTimes(np.repeat(which, n_spikes), times), ExactLIFState(after, wait)
+    return _SpikeTimes(np.repeat(which, n_spikes), times), ExactLIFState(after, wait)
 
 
 # --- fitted mechanoreceptors ------------------------------------------------------------------------

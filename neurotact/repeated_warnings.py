@@ -13,12 +13,12 @@ log = logging.getLogger("neurotact")
 
 
 @contextmanager
-def said_once() -> Iterator[None]:
+def _said_once() -> Iterator[None]:
     """Hold the warnings of a block back, and say those of one kind, with other names and numbers, in one line.
 
     >>> import sys
     >>> log.addHandler(shown := logging.StreamHandler(sys.stdout))
-    >>> with said_once():
+    >>> with _said_once():
     ...     for name in ("a.csv", "b.csv", "c.csv"):
     ...         log.warning("%s: two rows are dropped", name)
     a.csv: two rows are dropped (and 2 more such lines)
@@ -42,11 +42,11 @@ def said_once() -> Iterator[None]:
 
 
 def in_few_lines(function: Callable[P, T]) -> Callable[P, T]:
-    """A function whose warnings are `said_once`."""
+    """A function whose warnings are `_said_once`."""
 
     @wraps(function)
     def quiet(*args: P.args, **kwargs: P.kwargs) -> T:
-        with said_once():
+        with _said_once():
             return function(*args, **kwargs)
 
     return quiet

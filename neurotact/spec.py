@@ -224,7 +224,7 @@ def digest(value: Any) -> str:
     return hashlib.sha256(canonical.encode()).hexdigest()[:12]
 
 
-def specs_folder(kind: str) -> Path:
+def _specs_folder(kind: str) -> Path:
     """The folder of the shipped specs of a kind (one of `KINDS`), beside the package.
 
     Installed they are packages of their own, such as `neurotact_parts.studies`; in a checkout the folder `studies`.
@@ -236,7 +236,7 @@ def specs_folder(kind: str) -> Path:
 
 def shipped(kind: str) -> list[Path]:
     """The shipped specs of a kind (one of `KINDS`), by name; those of studies may be in folders of it."""
-    folder = specs_folder(kind)
+    folder = _specs_folder(kind)
     found = [*folder.glob("*.toml"), *(folder.glob("*/*.toml") if kind == "studies" else ())]
     return sorted(found, key=lambda path: path.stem)
 

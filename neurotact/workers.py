@@ -256,10 +256,10 @@ def _begin(environment: dict[str, str]) -> None:
     """In a new process: take over the environment of the parent, which may be newer than the server's, and settle."""
     os.environ.clear()
     os.environ.update(environment)
-    settle()
+    _settle()
 
 
-def settle() -> None:
+def _settle() -> None:
     """In a new process: use one thread, leave Ctrl-C to the parent process, and end when the parent ends.
 
     Warnings are printed in one line, as in the parent.
@@ -274,7 +274,7 @@ def settle() -> None:
 
 @contextmanager
 def _ignoring_interrupts() -> Iterator[None]:
-    """Processes that start within it ignore Ctrl-C until they `settle`: they load modules for seconds.
+    """Processes that start within it ignore Ctrl-C until they `_settle`: they load modules for seconds.
 
     Signals to this process wait until the block is left.
     """

@@ -2,4 +2,15 @@
 
 Each joins rooms that know nothing of one another; estimators, specs and arrays come from their own rooms. The command
 line calls these functions alone, so that both do the same with the same defaults.
+
+Other rooms take:
+
+    deployment: Flow, stream
+    encoding: calibrate, encode, encode_file, plot_raster, plot_survival, save_raster, what_survives
+    networks: conditions_curve, infer, load_network, result, save_network, sops, summarise, train, tune
+    recordings: ARRAY_NAMES, EVENT_NAMES, describe, fetch, load, load_recordings, load_spikes, read, read_arrays,
+        read_events, read_folder, read_raster, read_table, save, simulate
+    settings: Layout, Naming, Onset, Search, Split, Window
+    specs: keys_of, of_other_packages, spec_names
+    studies: is_begun, report_study, resume_study, run_study, study_answer
 """

@@ -1,4 +1,9 @@
-"""The command line: it parses, calls and prints."""
+"""The command line: it parses, calls and prints.
+
+Other rooms take:
+
+    __init__: main
+"""
 
 import logging
 import os

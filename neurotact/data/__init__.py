@@ -1,4 +1,58 @@
-"""Recordings, conditioning, windows and splits."""
+"""Recordings, conditioning, windows and splits.
+
+Other rooms take:
+
+    augmentation: AUTO, AugmentationSpec, NONE, UNRANKED, check_taxels, in_words, order_of, varied_copies
+    conditioning: ACAUSAL, Baseline, CAUSAL, Conditioned, Conditioner, ConditioningSpec, HALF, PIECE_VALUES,
+        acausal_note, check_used, condition, condition_pieces, conditioned_length, ema, ema_coefficient,
+        fit_standardisation, is_long, pieces, resample, sampled_length, standardised
+    contact: OnsetSpec, REST_MS
+    copies: Copies, are_telling, copies_of, equal_examples, joined, with_touches
+    dataset: DatasetSpec, SOURCES, as_arrays, from_arrays, joined, load_recordings, load_touches, until
+    description: MOST_TAXELS, afferents_table, conditions_table, constant_taxels, lengths_line, taxels_summary,
+        taxels_table
+    digests: DIGEST, TOUCH, content_digest, recorded_digest, recorded_trials, spike_digests
+    doubtful: check, lines, of_copies, warn
+    encoded_from: AbsentError, find, opened
+    fetch: SETS, fetch, missing, public_set, registry_of
+    hdf5: StoredRecordings, encoded_by, kind_of, load, load_recordings, load_spikes, open_recordings,
+        save_recordings, save_spikes, spike_writer
+    hdf5_input: Declared, attribute, reading
+    hdf5_output: Output, create
+    nested: combination
+    onset: common_onset_s, onsets_s
+    readers.arrays: ALIASES, SIGNALS, read
+    readers.clock.stamps: row_times
+    readers.clock.trials: Read, recordings_of
+    readers.clock.units: DAY_S, UNIT_S, Unit
+    readers.columns: LayoutSpec, Samples
+    readers.doubts: Fixes
+    readers.events.files: ALIASES, POLARITY, read
+    readers.events.observed: Unobserved, observed_trials, touching, within
+    readers.events.raster: read
+    readers.events.spikes: BYTES_PER_EVENT, MOST_AFFERENTS, on_clock, say_length, say_merged
+    readers.events.times: EventTimes, SLACK, event_times, joined_times, lengths_of, rounding_of, steps_of
+    readers.folder: NamingSpec, read
+    readers.formats.contents: content_of_bytes
+    readers.formats.numpy_files: read_arrays
+    readers.one_table: read
+    readers.table.cells: COMMENT, FLOAT32_MAX, NOT_FINITE, NUMBER, as_signal, cells, check_digits, is_value, numbers
+    readers.table.headings: SEPARATOR_LINE, is_unit
+    readers.table.texts: read_text, split_header
+    recordings: LABEL, Recordings, Trials, check_sampling_rate, class_indices, class_names, default_channels,
+        order_by_name, select_conditions, unit_factor
+    sources: Control, Finger, Progress, Reader, Simulator, expand, reader, simulator
+    spikes: SpikeTrains, TrialSpikes, Variations, from_trials, populations_of, spikes_of
+    splits: Split, SplitSpec, Splits, check_each, check_stratify, each_left_out, hold_out, hold_out_groups,
+        split_conditions, split_touches, split_trials, training_touches, turns_of, validation_note,
+        values_to_leave_out
+    spool: Spool
+    trial_choice: EVERY, LeaveOut, TrialChoice, Where, Words, chosen_trials, fewer_trials, values_in_words
+    window_choice: ARGUMENTS, FOUND, LATE, RESTS, Timing, Words, choose, left_after, on_late_onsets, suited_window,
+        timing_of
+    windowed: Origin, SpikeArray, WindowedSpikes, in_order, windows
+    windows: LONGEST_STEPS, WindowSpec, Windows, check_fit, cut, steps_of, whole_steps
+"""
 
 import lazy_loader
 

@@ -128,7 +128,7 @@ BLOCK_VALUES = 16_000_000
 """Values of the copies that are in memory at once."""
 
 
-class VariedCopies(NamedTuple):
+class _VariedCopies(NamedTuple):
     """Varied copies of one kind, of some trials; of: the trial that each is a copy of, `(copy,)` int64."""
 
     kind: str
@@ -136,7 +136,7 @@ class VariedCopies(NamedTuple):
     of: np.ndarray
 
 
-def varied_copies(recordings: Recordings, spec: AugmentationSpec) -> Iterator[VariedCopies]:
+def varied_copies(recordings: Recordings, spec: AugmentationSpec) -> Iterator[_VariedCopies]:
     """The copies of each kind that a spec needs, a block of trials at a time, in their order.
 
     The same trials and spec give the same copies. What is drawn for a copy depends on its trial's samples, its number
@@ -171,7 +171,7 @@ def order_of(n_trials: int, spec: AugmentationSpec) -> tuple[np.ndarray, np.ndar
 
 def _block(
     recordings: Recordings, trials: np.ndarray, kind: str, spec: AugmentationSpec, rest: "_Rest"
-) -> VariedCopies:
+) -> _VariedCopies:
     """The copies of some trials."""
     rate_Hz, signals = recordings.sampling_rate_Hz, []
     for trial in trials.tolist():
@@ -182,7 +182,7 @@ def _block(
     of = np.repeat(trials, spec.copies)
     conditions = recordings.conditions.iloc[of].reset_index(drop=True)
     about = recordings.unit, conditions, recordings.channels, recordings.source
-    return VariedCopies(kind, Recordings(signals, rate_Hz, *about), of)
+    return _VariedCopies(kind, Recordings(signals, rate_Hz, *about), of)
 
 
 def _copy(

@@ -346,12 +346,12 @@ class Conditioner:
         first = state.n_samples - len(held)
         steps = np.arange(state.n_steps, conditioned_length(state.n_samples, self.rate_Hz, self.clock_Hz))
         check_size(f"a trial resampled to {self.clock_Hz:g} Hz", len(steps) * held[:1].size * BYTES_WHILE_RESAMPLED)
-        places = position(steps, self.rate_Hz, self.clock_Hz)
+        places = _position(steps, self.rate_Hz, self.clock_Hz)
         if not at_end:
             whole = places.astype(np.int64)
             places = places[(whole + 1 < state.n_samples) | (places == whole)]
         n_steps = state.n_steps + len(places)
-        needed = int(position(np.array([n_steps]), self.rate_Hz, self.clock_Hz)[0]) - first
+        needed = int(_position(np.array([n_steps]), self.rate_Hz, self.clock_Hz)[0]) - first
         signal = interpolated(held, places, first, state.n_samples)
         return signal, state._replace(held=held[min(needed, len(held) - 1) :].copy(), n_steps=n_steps)
 
@@ -422,16 +422,16 @@ def resample(signal: np.ndarray, rate_Hz: float, to_Hz: float) -> np.ndarray:
     return Conditioner(rate_Hz, ConditioningSpec(resample_Hz=to_Hz)).whole(signal)
 
 
-def position(steps: np.ndarray, rate_Hz: float, to_Hz: float) -> np.ndarray:
+def _position(steps: np.ndarray, rate_Hz: float, to_Hz: float) -> np.ndarray:
     """The positions of steps of one clock between the samples of another."""
     return steps * (rate_Hz / to_Hz)
 
 
 def interpolated(signal: np.ndarray, position: np.ndarray, first: int, n_samples: int) -> np.ndarray:
     """Interpolates a signal of `n_samples`, of which those from `first` on are given; the last one holds."""
-    before = np.minimum(position.astype(np.int64), n_samples - 1)
+    before = np.minimum(_position.astype(np.int64), n_samples - 1)
     after = np.minimum(before + 1, n_samples - 1)
-    weight = (position - before).astype(signal.dtype)[:, None]
+    weight = (_position - before).astype(signal.dtype)[:, None]
     left = np.take(signal, before - first, axis=-2)
     return left + weight * (np.take(signal, after - first, axis=-2) - left)
 

@@ -27,7 +27,7 @@ CONDITION = "condition "
 """Prefix of the stored arrays of conditions, `(trial,)`."""
 
 
-class ArraysSpec(Spec):
+class _ArraysSpec(Spec):
     """A file of arrays, as `neurotact.data.readers.arrays` reads it."""
 
     path: str
@@ -49,7 +49,7 @@ class DatasetSpec(Spec):
     """A published format, such as `fabricslide`."""
     file: str | None = None
     """An HDF5 file of recordings."""
-    arrays: ArraysSpec | None = None
+    arrays: _ArraysSpec | None = None
     """A file of arrays."""
     path: str | None = None
     """The folder to read; `$NEUROTACT_DATA` is replaced by its value, by default ../shared/data."""

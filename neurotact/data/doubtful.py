@@ -32,7 +32,7 @@ def check(touches: Recordings | SpikeTrains, source: str) -> None:
     alike = list(_of_equal_classes(touches.conditions, repeats))
     if not alike and (refused := next(_of_other_class(touches.conditions, repeats), None)):
         raise InputError(f"{source}: {refused}")
-    others = (of_copies(touches.conditions, repeats), of_stretches(touches, repeats))
+    others = (of_copies(touches.conditions, repeats), _of_stretches(touches, repeats))
     for line in (*alike, *chain(*others), *of_classes(class_names(touches.conditions))):
         log.warning("%s: %s", source, line)
 
@@ -68,7 +68,7 @@ def of_copies(conditions: pd.DataFrame, repeats: Copies, fate: str = TOGETHER) -
             yield f"{len(copies)} of {len(conditions)} trials {one if len(copies) == 1 else many}: {names}; {fate}"
 
 
-def of_stretches(touches: Recordings | SpikeTrains, repeats: Copies) -> Iterator[str]:
+def _of_stretches(touches: Recordings | SpikeTrains, repeats: Copies) -> Iterator[str]:
     """The number of trials that share a stretch of samples or spikes with another one, with some names."""
     shared = shared_stretches(touches, repeats.first)
     if not shared:

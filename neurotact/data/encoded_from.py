@@ -16,7 +16,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 
 
-class EncodedFrom(NamedTuple):
+class _EncodedFrom(NamedTuple):
     """Recordings in a file, and the trial there of each spike train that was asked for, `(trial,)`."""
 
     path: Path
@@ -27,7 +27,7 @@ class AbsentError(InputError):
     """The recordings that a file of spikes names are in no place where they may be."""
 
 
-def find(spikes: str | Path, trains: SpikeTrains, trials: np.ndarray, given: str | Path | None = None) -> EncodedFrom:
+def find(spikes: str | Path, trains: SpikeTrains, trials: np.ndarray, given: str | Path | None = None) -> _EncodedFrom:
     """The recordings of some of the spike trains in a file, whose content these trials have.
 
     The file of spikes names them: they may be beside it, or in the current folder. given: a file in place of these.
@@ -43,7 +43,7 @@ def find(spikes: str | Path, trains: SpikeTrains, trials: np.ndarray, given: str
         raise AbsentError(f"{what} is neither beside it nor in the current folder; name it with `recordings`")
     for file, rows in _fitting(places, trains, trials, must_open=given is not None):
         if rows is not None:
-            return EncodedFrom(file, rows)
+            return _EncodedFrom(file, rows)
     shown = " and ".join(map(str, places))
     other = "the one that does" if given is not None else "the file that was encoded"
     raise InputError(

@@ -15,7 +15,7 @@ from neurotact.errors import InputError, nearest, optional
 REGISTRY = Path(__file__).parent / "registry"
 
 
-class PublicSet(NamedTuple):
+class _PublicSet(NamedTuple):
     """A public data set.
 
     about, licence, size, citation, page: printed. reader: the `neurotact import` command that reads it; empty
@@ -36,7 +36,7 @@ class PublicSet(NamedTuple):
 
 
 SETS = {
-    "fabricslide": PublicSet(
+    "fabricslide": _PublicSet(
         about="7 fabrics under a 16-taxel finger, sliding at several pressures and speeds",
         licence="MIT",
         size="644 CSV files (repetitions 0 and 1)",
@@ -49,7 +49,7 @@ SETS = {
         base_url="https://raw.githubusercontent.com/wngfra/FabricSlide/HEAD/data/fabric/",
         folder="fabric",
     ),
-    "pvdf-hardness": PublicSet(
+    "pvdf-hardness": _PublicSet(
         about="a patch of 8 P(VDF-TrFE) taxels pressed on five cubes of different hardness",
         licence="none is stated: ask the authors before you share it",
         size="unknown",
@@ -58,7 +58,7 @@ SETS = {
         reader="pvdf-hardness",
         by_hand="download the repository and copy its folder dataset (Cube<c>/Seq<s>.../Hardness_*.lvm)",
     ),
-    "braille-letters": PublicSet(
+    "braille-letters": _PublicSet(
         about="27 Braille letters under an event-based fingertip of 12 taxels",
         licence="see the Zenodo record",
         size="unknown",
@@ -70,7 +70,7 @@ SETS = {
         by_hand="download the record and copy data_braille_letters_th10",
         opens="data_braille_letters_th10",
     ),
-    "st-mnist": PublicSet(
+    "st-mnist": _PublicSet(
         about="handwritten digits on a 10 x 10 neuromorphic tactile array",
         licence="see the form on the page",
         size="unknown",
@@ -81,7 +81,7 @@ SETS = {
         by_hand="fill in the form for the archive, save its MATLAB files as x, y, t, p arrays (.npy, one per sample, a "
         "folder per digit), which neurotact import events reads, and copy these",
     ),
-    "touch-modality": PublicSet(
+    "touch-modality": _PublicSet(
         about="70 people who slide, brush and roll over a 4 x 4 piezoelectric array",
         licence="see the Mendeley record",
         size="unknown",
@@ -94,7 +94,7 @@ SETS = {
 """Data sets by the names that `neurotact fetch` takes."""
 
 
-def public_set(name: str) -> PublicSet:
+def public_set(name: str) -> _PublicSet:
     """The set of that name; if there is none, InputError names the nearest."""
     if name not in SETS:
         raise InputError(f"fetch: there is no set '{name}'; {nearest(name, list(SETS))}")
@@ -127,7 +127,7 @@ def fetch(
     about = public_set(name)
     url, wanted = base_url or about.base_url, missing(name, folder)
     if url is None:
-        raise InputError(f"{name}: {by_hand(name, folder)}")
+        raise InputError(f"{name}: {_by_hand(name, folder)}")
     target = folder / about.folder
     for file in wanted:
         _download(name, url + file, file, target, folder)
@@ -136,7 +136,7 @@ def fetch(
     return len(wanted)
 
 
-def by_hand(name: str, folder: Path) -> str:
+def _by_hand(name: str, folder: Path) -> str:
     """The manual steps for a set that is not downloaded."""
     about = public_set(name)
     then = f"; then run neurotact import {about.reader} {folder / about.opens} -o {name}.h5" if about.reader else ""
@@ -151,11 +151,11 @@ def _download(name: str, url: str, file: str, target: Path, folder: Path) -> Non
         pooch.retrieve(url, registry_of(name)[file], fname=file, path=target)
     except ValueError as error:
         raise InputError(
-            f"{name}: {url} is not the published file (its hash differs); {by_hand(name, folder)}"
+            f"{name}: {url} is not the published file (its hash differs); {_by_hand(name, folder)}"
         ) from error
     except OSError as error:  # raised by requests and by the disk
         why = (str(error).splitlines() or [type(error).__name__])[0][:120]
-        raise InputError(f"{name}: {url} cannot be downloaded ({why}); {by_hand(name, folder)}") from error
+        raise InputError(f"{name}: {url} cannot be downloaded ({why}); {_by_hand(name, folder)}") from error
 
 
 def _is_whole(path: Path, known: str) -> bool:

@@ -202,7 +202,7 @@ def _stored(declared: Declared, path: str) -> StoredRecordings:
     )
 
 
-class SpikeWriter:
+class _SpikeWriter:
     """Writes a spikes file one trial after the other (`spike_writer`).
 
     `n_spikes` and `n_steps` count what is written, over all trials.
@@ -253,7 +253,7 @@ def spike_writer(
     touch_s: float | None = None,
     variations: tuple[np.ndarray, np.ndarray] | None = None,
     recorded_Hz: float | None = None,
-) -> Iterator[SpikeWriter]:
+) -> Iterator[_SpikeWriter]:
     """Write a spikes file to `path`, whole or not at all: the block appends one trial for each row of `conditions`.
 
     variations: of the last rows, which are varied copies: the trial of each, and what varies. recorded_Hz: of the
@@ -277,7 +277,7 @@ def spike_writer(
             file.attrs["touch_s"] = touch_s
         if recorded_Hz is not None:
             file.attrs["recorded_Hz"] = recorded_Hz
-        writer = SpikeWriter(file, output, sampling_rate_Hz, len(conditions))
+        writer = _SpikeWriter(file, output, sampling_rate_Hz, len(conditions))
         yield writer
         writer.flush()
         if len(writer.trial_steps) != len(conditions):

@@ -122,7 +122,7 @@ class Recordings(Trials):
     def __post_init__(self) -> None:
         where = self.source or "recordings"
         check_sampling_rate(self.sampling_rate_Hz, where)
-        check_unit(self.unit, where)
+        _check_unit(self.unit, where)
         object.__setattr__(self, "channels", tuple(self.channels))
         object.__setattr__(self, "conditions", conditions_table(self.conditions, where))
         given, named = _by_name(self.signals, self.channels, where)
@@ -368,7 +368,7 @@ def check_sampling_rate(rate_Hz: float, where: str) -> None:
         raise InputError(f"{where}: sampling_rate_Hz must be a positive number; got {rate_Hz!r}")
 
 
-def check_unit(unit: object, where: str) -> None:
+def _check_unit(unit: object, where: str) -> None:
     """Refuse a unit that is not text."""
     if not isinstance(unit, str):
         raise InputError(f"{where}: unit must be text, such as 'mV'; got {unit!r}")

@@ -355,12 +355,12 @@ def from_trials(
         source=source,
         trial_digests=tuple(trial.digest for trial in listed) if all(trial.digest for trial in listed) else (),
         touch_s=touch_s,
-        trial_touches=touch_names(listed),
+        trial_touches=_touch_names(listed),
         recorded_Hz=recorded_Hz,
     )
 
 
-def touch_names(trials: Sequence[TrialSpikes]) -> tuple[str, ...]:
+def _touch_names(trials: Sequence[TrialSpikes]) -> tuple[str, ...]:
     """`SpikeTrains.trial_touches` of some trials."""
     is_told = all(trial.digest for trial in trials) and any(trial.touch not in ("", trial.digest) for trial in trials)
     return tuple(trial.touch or trial.digest for trial in trials) if is_told else ()

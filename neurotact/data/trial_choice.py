@@ -24,7 +24,7 @@ LEAST_OF_SIDES = 3
 Touches = TypeVar("Touches", bound=Trials | SpikeTrains)
 
 
-def plain_where(where: Any) -> Any:
+def _plain_where(where: Any) -> Any:
     """Values of conditions with arrays and NumPy's numbers as Python's own, for writing to files.
 
     Raises ValueError for a value that is neither a number nor text, and for none at all.
@@ -39,10 +39,10 @@ def plain_where(where: Any) -> Any:
     return plain
 
 
-def plain_leave_out(leave_out: Any) -> Any:
-    """As `plain_where`; a text such as "rest,moving", or a list of texts, names classes.
+def _plain_leave_out(leave_out: Any) -> Any:
+    """As `_plain_where`; a text such as "rest,moving", or a list of texts, names classes.
 
-    >>> plain_leave_out("rest,moving"), plain_leave_out([]), plain_leave_out({"speed": 300})
+    >>> _plain_leave_out("rest,moving"), _plain_leave_out([]), _plain_leave_out({"speed": 300})
     ({'label': ['rest', 'moving']}, {}, {'speed': 300})
     """
     if leave_out is None:
@@ -51,12 +51,12 @@ def plain_leave_out(leave_out: Any) -> Any:
         leave_out = [name.strip() for name in leave_out.split(",")]
     if isinstance(leave_out, (list, tuple)):
         leave_out = {LABEL: list(leave_out)} if leave_out else {}
-    return plain_where(leave_out)
+    return _plain_where(leave_out)
 
 
-Where = Annotated[dict[str, Any], BeforeValidator(plain_where)]
+Where = Annotated[dict[str, Any], BeforeValidator(_plain_where)]
 """Conditions with the values to choose, one or several each: `{"speed": 300, "force_N": [3, 6]}`."""
-LeaveOut = Annotated[dict[str, Any], BeforeValidator(plain_leave_out)]
+LeaveOut = Annotated[dict[str, Any], BeforeValidator(_plain_leave_out)]
 """Conditions with the values to leave out, or the names of classes."""
 
 
@@ -78,7 +78,7 @@ class TrialChoice(NamedTuple):
         TrialChoice(where={'speed': 300}, leave_out={'label': ['rest']})
         """
         try:
-            choice = cls(plain_where({} if where is None else where), plain_leave_out(leave_out))
+            choice = cls(_plain_where({} if where is None else where), _plain_leave_out(leave_out))
         except ValueError as error:
             raise InputError(f"where, leave_out: {error}") from error
         for name, given in zip(cls._fields, choice, strict=True):

@@ -6,4 +6,13 @@ folder and refuses what cannot run sample by sample. `windows` defines where win
 `stream` runs it in float32, with the same spikes as `encode` and `infer` on whole trials: in C++ (`native`), or in
 Python with the functions that define conditioning, encoder and network, with their state as an argument and a result.
 `exporters` finds forms by name: C, NIR, and those of other packages.
+
+Other rooms take:
+
+    chain: Chain, LARGEST, build_encoder, chain_of, encoder_of
+    exporters: Exporter, export, exporter, usable
+    sources: Arrived, DEFAULT_BAUD, Layout, STALL_S, at_its_rate, decide, kind_of, live, recorded, trouble_of,
+        waiting
+    stream: Stream
+    stream_state: Decision, Trace
 """

@@ -224,10 +224,10 @@ class Frames:
             raise InputError(f"{self.where}: has no sample; give frames of {self.n_taxels} {self.kind.name} values")
 
 
-def is_recorded(path: str) -> bool:
+def _is_recorded(path: str) -> bool:
     """Whether a source is a file of recordings, by its name.
 
-    >>> is_recorded("touches.h5"), is_recorded("-")
+    >>> _is_recorded("touches.h5"), _is_recorded("-")
     (True, False)
     """
     return path.endswith((".h5", ".hdf5"))
@@ -239,7 +239,7 @@ def kind_of(path: str) -> str:
     >>> kind_of("touches.h5"), kind_of("-"), kind_of("serial:/dev/ttyUSB0")
     ('recordings', 'pipe', 'serial port')
     """
-    if is_recorded(path):
+    if _is_recorded(path):
         return "recordings"
     if path.startswith(SERIAL):
         return "serial port"

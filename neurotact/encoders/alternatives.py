@@ -27,7 +27,7 @@ COARSE = {"candidates": 12, "step": 1.25**2, "trials_per_class": 24, "shuffles":
 """Changes of the rule for the comparison: the range of the full search in half as many steps, on fewer trials."""
 
 
-class Compared(NamedTuple):
+class _Compared(NamedTuple):
     """Each alternative, the best first, and the calibration of the one that was chosen.
 
     table: baseline, polarity, accuracy (`Calibration.accuracy`), separation_sa and separation_ra (bit, at the chosen
@@ -49,7 +49,7 @@ def compare(
     spec: EncoderSpec,
     progress: Progress | None = None,
     rule: CalibrationRule = CalibrationRule(),
-) -> Compared:
+) -> _Compared:
     """Calibrate with each baseline and polarity, and in full with the best causal one.
 
     The best is the one with the highest accuracy of logistic regression on the SA-I rates of training trials (ties: the
@@ -86,7 +86,7 @@ def compare(
     best = causal.index[0]
     table["chosen"] = table.index == best
     first = table.loc[best]
-    return Compared(table, _with(recordings, spec, first["baseline"], first["polarity"], progress, rule))
+    return _Compared(table, _with(recordings, spec, first["baseline"], first["polarity"], progress, rule))
 
 
 def _with(

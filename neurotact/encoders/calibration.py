@@ -271,7 +271,7 @@ def calibrate_causally(
         notes = *on_ema, *notes
     if choose_ema and progress:
         progress((MOST_CUTOFFS - len(cutoffs_Hz)) * rule.candidates, "")
-    if choose_grades and apart and (graded := with_grades(_refit(spec, best.encoder))) is not None:
+    if choose_grades and apart and (graded := _with_grades(_refit(spec, best.encoder))) is not None:
         with contextlib.suppress(InputError):
             best, notes = _of_grades((best, fit(graded)), notes)
     notes = *best.notes, *notes
@@ -376,12 +376,12 @@ def with_opposite(spec: Encoder) -> Encoder | None:
     return spec.model_copy(update={"sa1": spec.sa1.model_copy(update={"opposite": True})})
 
 
-def with_grades(spec: Encoder) -> Encoder | None:
+def _with_grades(spec: Encoder) -> Encoder | None:
     """The encoder with several SA-I of different thresholds under each taxel; None if it has or cannot have them.
 
     >>> from neurotact.spec import load
-    >>> graded = with_grades(load(AfferentSpec, "sa1-ra1-lif"))
-    >>> graded.sa1.grades, with_grades(graded)
+    >>> graded = _with_grades(load(AfferentSpec, "sa1-ra1-lif"))
+    >>> graded.sa1.grades, _with_grades(graded)
     ((0.5, 1.0), None)
     """
     if not isinstance(spec, AfferentSpec) or not spec.has_one_grade:
@@ -488,7 +488,7 @@ def calibration_for(
         return partial(calibrate, apart=apart), 1
     choose_ema = choose_ema and "conditioning.ema_cutoff_Hz" not in given
     choose_opposite = choose_opposite and "sa1.opposite" not in given and with_opposite(spec) is not None
-    is_graded = {"sa1.grades", "ra1.grades"} & {*given} or with_grades(spec) is None
+    is_graded = {"sa1.grades", "ra1.grades"} & {*given} or _with_grades(spec) is None
     choose_grades = choose_grades and bool(apart) and not is_graded
     n_times = len(PAST) * (2 if choose_opposite else 1) + (MOST_CUTOFFS - 1 if choose_ema else 0) + choose_grades
     how = {"choose_ema": choose_ema, "choose_opposite": choose_opposite, "choose_grades": choose_grades, "apart": apart}

@@ -69,7 +69,7 @@ def encode_recordings(
     """
     recordings = recordings.in_order(spec.conditioning.taxels)
     check_taxels(augmentation, recordings.n_channels)
-    trains = from_trials(encode_trials(recordings, spec, progress), **_about(recordings, spec))
+    trains = from_trials(_encode_trials(recordings, spec, progress), **_about(recordings, spec))
     if augmentation is None or not augmentation.kinds:
         return trains
     of, kind = order_of(len(recordings), augmentation)
@@ -106,7 +106,7 @@ def encode_file(
         about["conditions"] = every
     fired = np.zeros(len(about["afferents"]), np.int64)
     with hdf5.spike_writer(path, **about, variations=varied) as writer:
-        for trial in encode_trials(recordings, spec, progress):
+        for trial in _encode_trials(recordings, spec, progress):
             writer.append(trial)
             fired += np.bincount(trial.units, minlength=len(fired))
         n_steps = writer.n_steps
@@ -115,7 +115,7 @@ def encode_file(
     return Encoded(len(recordings), fired, n_steps, about["sampling_rate_Hz"])
 
 
-def encode_trials(recordings: Trials, spec: EncoderSpec, progress: Progress | None = None) -> Iterator[TrialSpikes]:
+def _encode_trials(recordings: Trials, spec: EncoderSpec, progress: Progress | None = None) -> Iterator[TrialSpikes]:
     """The spikes of one trial after the other, with no more of the signals in memory than a block of trials.
 
     Short trials are encoded side by side; a long one in pieces, since conditioning and afferents carry their state

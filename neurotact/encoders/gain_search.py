@@ -133,7 +133,7 @@ def _per_second(excerpts: Excerpts, fired: "Fired") -> np.ndarray:
     return (fired.counts / n_seconds[:, None]).astype(np.float32)
 
 
-class Searched(NamedTuple):
+class _Searched(NamedTuple):
     """Each population at each candidate gain.
 
     table: `Calibration.table`, before the choice. isi: `Calibration.isi`.
@@ -151,7 +151,7 @@ def search(
     rule: CalibrationRule,
     rng: np.random.Generator,
     progress: Progress | None,
-) -> Searched:
+) -> _Searched:
     """The spikes of each population at each candidate gain."""
     n_seconds = np.array(excerpts.signals.lengths) / excerpts.sampling_rate_Hz
     labels = excerpts.labels
@@ -205,7 +205,7 @@ def search(
     table = table.iloc[np.lexsort([sign * table.gain, column])].reset_index(drop=True)  # from few spikes to many
     within = (table.silent_share <= rule.max_silent_share) & (table.floor_share <= rule.max_floor_share)
     shares = _isi_table(isi, excerpts.classes).drop_duplicates(["afferent", "gain", "label", "isi_ms"])
-    return Searched(table.assign(admissible=within, chosen=False), shares, rates)
+    return _Searched(table.assign(admissible=within, chosen=False), shares, rates)
 
 
 def _with(spec: EncoderSpec, values: Mapping[Sensitivity, float]) -> EncoderSpec:

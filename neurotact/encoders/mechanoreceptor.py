@@ -54,7 +54,7 @@ MOST_VALUES = 1_000_000
 """Currents in memory at once; a longer signal is encoded in pieces, which stay in a cache."""
 
 
-class MechanoreceptorType(Spec):
+class _MechanoreceptorType(Spec):
     """The afferents of one type under each taxel: one for each fit."""
 
     gain: float = Field(gt=0)
@@ -76,11 +76,11 @@ class MechanoreceptorSpec(EncoderSpec):
     """Random seed of the noise: a trial has the same spikes whenever its samples and the spec are the same."""
     conduction: bool = True
     """Delay spikes by the conduction times of the fits, 1.0 to 11.0 ms; otherwise by the 0.4 ms of the derivatives."""
-    sa1: MechanoreceptorType
+    sa1: _MechanoreceptorType
     """Driven by depth, and by its rate of change."""
-    ra1: MechanoreceptorType
+    ra1: _MechanoreceptorType
     """Driven by the depth's rate of change and by the change of that."""
-    pc: MechanoreceptorType | None = None
+    pc: _MechanoreceptorType | None = None
     """As RA-I, and most sensitive at 200 to 300 Hz; needs recordings of 500 Hz or more."""
 
     @model_validator(mode="after")
@@ -138,13 +138,13 @@ class MechanoreceptorSpec(EncoderSpec):
         return self.model_copy(update={part: getattr(self, part).model_copy(update={"gain": gain})})
 
     @property
-    def populations(self) -> dict[str, MechanoreceptorType]:
+    def populations(self) -> dict[str, _MechanoreceptorType]:
         """The afferents of each type that there is, by its key."""
         kinds = {"sa1": self.sa1, "ra1": self.ra1, "pc": self.pc}
         return {part: kind for part, kind in kinds.items() if kind is not None}
 
 
-class Fit(NamedTuple):
+class _Fit(NamedTuple):
     """The constants of a fitted afferent, on the clock of the fits (`fitted_afferents.csv`).
 
     Gains are those of drives at or above zero (up) and below (down). saturation: 0 for none.
@@ -166,7 +166,7 @@ class Fit(NamedTuple):
 
 
 @cache
-def fitted() -> Mapping[tuple[str, int], Fit]:
+def fitted() -> Mapping[tuple[str, int], _Fit]:
     """Every fitted afferent, by its population's key and its number.
 
     >>> len(fitted()), fitted()["pc", 2].lowpass_Hz
@@ -175,7 +175,7 @@ def fitted() -> Mapping[tuple[str, int], Fit]:
     with FITS.open(encoding="utf-8") as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
     return {
-        (row["population"], int(row["fit"])): Fit(**{name: float(row[name]) for name in Fit._fields}) for row in rows
+        (row["population"], int(row["fit"])): _Fit(**{name: float(row[name]) for name in _Fit._fields}) for row in rows
     }
 
 
@@ -198,7 +198,7 @@ class FilterState(NamedTuple):
         return cls(memory, memory, last, last)
 
 
-class MechanoreceptorEncoderState(NamedTuple):
+class _MechanoreceptorEncoderState(NamedTuple):
     """The state of the encoder between pieces.
 
     digest: of the samples so far, from which the noise is drawn, `(trial, taxel)` uint64.
@@ -221,7 +221,7 @@ class _Copy(NamedTuple):
     """One fit under every taxel: its type, its constants and its gain in mm per unit of the signal."""
 
     part: str
-    fit: Fit
+    fit: _Fit
     gain: float
     t_ref_ms: float
 
@@ -230,8 +230,8 @@ def encode(
     signal: np.ndarray,
     sampling_rate_Hz: float,
     spec: MechanoreceptorSpec,
-    state: MechanoreceptorEncoderState | None = None,
-) -> tuple[np.ndarray, MechanoreceptorEncoderState]:
+    state: _MechanoreceptorEncoderState | None = None,
+) -> tuple[np.ndarray, _MechanoreceptorEncoderState]:
     """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, afferent)` uint8, as `afferent_names`.
 
     The fits hold at 5 kHz. So the neurons run on that clock whatever the signal's: between its samples the signal is a
@@ -285,9 +285,9 @@ def _encode_piece(
     copies: list[_Copy],
     delays: list[int],
     neuron: Mechanoreceptor,
-    state: MechanoreceptorEncoderState,
+    state: _MechanoreceptorEncoderState,
     out: np.ndarray,
-) -> MechanoreceptorEncoderState:
+) -> _MechanoreceptorEncoderState:
     """Write the spikes of a piece to `out`, `(trial, time, afferent)`; returns the state after it."""
     n_taxels = signal.shape[2]
     fine, step_of, first_fine = _at_fitted_clock(signal, rate_Hz, state)
@@ -315,14 +315,14 @@ def _encode_piece(
         arrived = on_the_way[:, longest - delay : longest - delay + len(step_of), block]
         trial, k, taxel = np.nonzero(arrived)
         out[trial, step_of[k], block.start + taxel] = 1
-    return MechanoreceptorEncoderState(
+    return _MechanoreceptorEncoderState(
         after, state.step + signal.shape[1], signal[:, -1], depth[:, len(step_of) :], tuple(filters), neurons,
         on_the_way[:, len(step_of) :],
     )  # fmt: skip
 
 
 def _at_fitted_clock(
-    signal: np.ndarray, rate_Hz: float, state: MechanoreceptorEncoderState
+    signal: np.ndarray, rate_Hz: float, state: _MechanoreceptorEncoderState
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """A piece on the clock of the fits, straight between samples; the piece's step of each value; their first number.
 
@@ -343,7 +343,7 @@ def _at_fitted_clock(
     return low + share[:, None] * (high - low), step, before
 
 
-def currents(fit: Fit, static: np.ndarray, dynamic: np.ndarray, state: FilterState) -> tuple[np.ndarray, FilterState]:
+def currents(fit: _Fit, static: np.ndarray, dynamic: np.ndarray, state: FilterState) -> tuple[np.ndarray, FilterState]:
     """The current of a fit from its two drives on the clock of the fits, each `(trial, time, taxel)`.
 
     It comes a step late: the value at k is the current of step k - 1, since the acceleration of a step is the change of
@@ -403,16 +403,16 @@ def _neurons(copies: list[_Copy], n_taxels: int, rate_Hz: float) -> Mechanorecep
     )
 
 
-def _delay_steps(fit: Fit, *, conduction: bool) -> int:
+def _delay_steps(fit: _Fit, *, conduction: bool) -> int:
     """Steps from the sample that the current of a spike knows last to its arrival; the fits count from a step's end."""
     return round(fit.delay_ms * 1e-3 * FITTED_Hz) + 1 - DERIVED_LATE if conduction else 0
 
 
 def _start(
     n_trials: int, n_taxels: int, n_copies: int, neuron: Mechanoreceptor, longest: int
-) -> MechanoreceptorEncoderState:
+) -> _MechanoreceptorEncoderState:
     filters = (FilterState.at_rest(n_trials, n_taxels),) * n_copies
-    return MechanoreceptorEncoderState(
+    return _MechanoreceptorEncoderState(
         np.zeros((n_trials, n_taxels), np.uint64), 0, None, np.zeros((n_trials, DERIVED_LATE, n_taxels)), filters,
         mechanoreceptor_start(neuron, n_trials), np.zeros((n_trials, longest, n_copies * n_taxels), bool),
     )  # fmt: skip
@@ -443,6 +443,6 @@ def cost(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> Co
 
 
 MODEL = Model(
-    "fitted mechanoreceptors", MechanoreceptorSpec, encode, MechanoreceptorEncoderState,
+    "fitted mechanoreceptors", MechanoreceptorSpec, encode, _MechanoreceptorEncoderState,
     (*SA_RA, Population("PC", "pc")), cost, is_compared=False,
 )  # fmt: skip

@@ -16,10 +16,10 @@ BITS = 32
 """Of a sample, which is hashed as float32, the type of recordings; the number of its step is put above them."""
 
 
-def mixed(numbers: np.ndarray) -> np.ndarray:
+def _mixed(numbers: np.ndarray) -> np.ndarray:
     """A hash of each uint64, of which every bit depends on every bit: the output function of SplitMix64; in place.
 
-    >>> mixed(np.array([1234567], np.uint64) + GOLDEN).tolist()
+    >>> _mixed(np.array([1234567], np.uint64) + GOLDEN).tolist()
     [6457827717110365317]
     """
     for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
@@ -48,7 +48,7 @@ def digests(signal: np.ndarray, first_step: int, before: np.ndarray) -> tuple[np
     samples += np.float32(0.0)  # so that -0 is 0
     keys = samples.view(np.uint32).astype(np.uint64)
     keys |= np.arange(first_step, first_step + signal.shape[-2], dtype=np.uint64)[:, None] << np.uint64(BITS)
-    keys = mixed(keys)
+    keys = _mixed(keys)
     keys[..., :1, :] += before[..., None, :]
     np.cumsum(keys, axis=-2, out=keys)
     return keys, keys[..., -1, :].copy() if signal.shape[-2] else before
@@ -83,4 +83,4 @@ def random_integers(seed: int, digest: np.ndarray, copy: int) -> np.ndarray:
     20
     """
     afferents = (np.uint64(copy) << np.uint64(BITS)) + np.arange(digest.shape[-1], dtype=np.uint64)
-    return mixed(digest + mixed(mixed(np.array([seed], np.uint64) + GOLDEN) + afferents))
+    return _mixed(digest + _mixed(_mixed(np.array([seed], np.uint64) + GOLDEN) + afferents))

@@ -18,7 +18,7 @@ PER_CLASS, TAXELS, LONGEST_s = 8, 16, 2.0
 """Trials of each class on each side, taxels and seconds of a trial that are used, at most."""
 
 
-class Reconstructed(NamedTuple):
+class _Reconstructed(NamedTuple):
     """What the optimal linear filter gives back of a taxel's signal on test trials.
 
     snr_dB, bits_per_s: as of `metrics.reconstruction`. bits_per_spike: of a taxel's spikes; NaN without any.
@@ -31,7 +31,7 @@ class Reconstructed(NamedTuple):
 
 def reconstructed(
     recordings: Recordings, trains: SpikeTrains, split: Split, *, start_s: float = 0.0, seed: int = 0
-) -> Reconstructed:
+) -> _Reconstructed:
     """Fit the filter to training trials, and decode the spikes of test trials with it.
 
     trains: of all trials of `recordings`, with the encoder that made them. At most `PER_CLASS` trials of a class on
@@ -65,7 +65,7 @@ def reconstructed(
     s, _ = reconstruction.segments([*fired], rate_Hz)
     spectra = reconstruction.transferred((x[known[of]], s[known[of]]), (x[~known[of]], s[~known[of]]), rate_Hz)
     per_s = fired[~known].sum(axis=3).mean() * rate_Hz
-    return Reconstructed(spectra.snr_dB, spectra.bits_per_s, float(spectra.bits_per_s / per_s) if per_s else math.nan)
+    return _Reconstructed(spectra.snr_dB, spectra.bits_per_s, float(spectra.bits_per_s / per_s) if per_s else math.nan)
 
 
 def _conditioned(recordings: Recordings, trials: np.ndarray, trains: SpikeTrains, start_s: float) -> list[np.ndarray]:

@@ -28,7 +28,7 @@ class SendOnDeltaSpec(EncoderSpec):
     """Dead time of a taxel after an event, ON or OFF."""
 
 
-class SendOnDeltaState(NamedTuple):
+class _SendOnDeltaState(NamedTuple):
     """The reference of each taxel and its silent steps still to come, `(trial, taxel)`.
 
     `reference` is None before the first sample, which is the first reference.
@@ -38,9 +38,9 @@ class SendOnDeltaState(NamedTuple):
     silent_steps: np.ndarray
 
 
-def encode(
-    signal: np.ndarray, sampling_rate_Hz: float, spec: SendOnDeltaSpec, state: SendOnDeltaState | None = None
-) -> tuple[np.ndarray, SendOnDeltaState]:
+def _encode(
+    signal: np.ndarray, sampling_rate_Hz: float, spec: SendOnDeltaSpec, state: _SendOnDeltaState | None = None
+) -> tuple[np.ndarray, _SendOnDeltaState]:
     """Events of conditioned signals, `(trial, time, taxel)` to `(trial, time, 2 taxel)` uint8, ON first.
 
     ON where `x - reference >= threshold`, OFF where `x - reference <= -threshold`; then the reference is x. So an event
@@ -49,7 +49,7 @@ def encode(
     reference stays, so that the change is sent after it, as one event.
 
     >>> ramp = np.arange(12.0).reshape(1, 12, 1)
-    >>> spikes, _ = encode(ramp, 1000.0, SendOnDeltaSpec(threshold=3.0))
+    >>> spikes, _ = _encode(ramp, 1000.0, SendOnDeltaSpec(threshold=3.0))
     >>> spikes[0, :, 0].tolist(), int(spikes[0, :, 1].sum())
     ([0, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0], 0)
     """
@@ -57,16 +57,16 @@ def encode(
     threshold = signal.dtype.type(spec.threshold)
     n_silent = refractory_steps(spec.t_ref_ms, sampling_rate_Hz)
 
-    def step(x: np.ndarray, state: SendOnDeltaState) -> tuple[np.ndarray, SendOnDeltaState]:
+    def step(x: np.ndarray, state: _SendOnDeltaState) -> tuple[np.ndarray, _SendOnDeltaState]:
         reference = x if state.reference is None else state.reference
         change, awake = x - reference, state.silent_steps == 0
         up, down = awake & (change >= threshold), awake & (change <= -threshold)
         fired = up | down
-        after = SendOnDeltaState(np.where(fired, x, reference), silenced(state.silent_steps, fired, n_silent))
+        after = _SendOnDeltaState(np.where(fired, x, reference), silenced(state.silent_steps, fired, n_silent))
         return both(up, down), after
 
     n_trials, _, n_taxels = signal.shape
-    begin = SendOnDeltaState(None, np.zeros((n_trials, n_taxels), np.int32))
+    begin = _SendOnDeltaState(None, np.zeros((n_trials, n_taxels), np.int32))
     return over_time(signal, begin if state is None else state, step, 2 * n_taxels)
 
 
@@ -80,4 +80,4 @@ def cost(_spec: Mapping[str, Any], taxels: int, steps: int, _step_ms: float) -> 
     return with_weights(1, 2 * taxels, acs=updates, comparisons=2 * updates)  # a reference and a refractory counter
 
 
-MODEL = Model("send-on-delta events", SendOnDeltaSpec, encode, SendOnDeltaState, ON_OFF, cost, decode=sum_of_steps)
+MODEL = Model("send-on-delta events", SendOnDeltaSpec, _encode, _SendOnDeltaState, ON_OFF, cost, decode=sum_of_steps)

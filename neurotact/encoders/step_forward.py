@@ -15,7 +15,7 @@ from neurotact.encoders.send_on_delta import cost
 from neurotact.neurons import refractory_steps, silenced
 
 
-class StepForwardSpec(EncoderSpec):
+class _StepForwardSpec(EncoderSpec):
     """ON and OFF events of every taxel (`encoders/step-forward.toml`)."""
 
     model: Literal["step-forward"] = "step-forward"
@@ -26,7 +26,7 @@ class StepForwardSpec(EncoderSpec):
     """Dead time of a taxel after an event, ON or OFF."""
 
 
-class StepForwardState(NamedTuple):
+class _StepForwardState(NamedTuple):
     """The staircase of each taxel and its silent steps still to come, `(trial, taxel)`.
 
     `base` is None before the first sample, at which the staircase begins.
@@ -36,9 +36,9 @@ class StepForwardState(NamedTuple):
     silent_steps: np.ndarray
 
 
-def encode(
-    signal: np.ndarray, sampling_rate_Hz: float, spec: StepForwardSpec, state: StepForwardState | None = None
-) -> tuple[np.ndarray, StepForwardState]:
+def _encode(
+    signal: np.ndarray, sampling_rate_Hz: float, spec: _StepForwardSpec, state: _StepForwardState | None = None
+) -> tuple[np.ndarray, _StepForwardState]:
     """Events of conditioned signals, `(trial, time, taxel)` to `(trial, time, 2 taxel)` uint8, ON first.
 
     ON where `x > base + threshold`, and the base rises by the threshold; OFF where `x < base - threshold`, and it falls
@@ -46,7 +46,7 @@ def encode(
     within a threshold, unless it changes faster than one threshold in a step of the clock (or in t_ref).
 
     >>> jump = np.array([0.0, 7.0, 7.0, 7.0, 7.0]).reshape(1, 5, 1)
-    >>> spikes, state = encode(jump, 1000.0, StepForwardSpec(threshold=3.0))
+    >>> spikes, state = _encode(jump, 1000.0, _StepForwardSpec(threshold=3.0))
     >>> spikes[0, :, 0].tolist(), state.base.tolist()
     ([0, 1, 1, 0, 0], [[6.0]])
     """
@@ -54,15 +54,15 @@ def encode(
     threshold = signal.dtype.type(spec.threshold)
     n_silent = refractory_steps(spec.t_ref_ms, sampling_rate_Hz)
 
-    def step(x: np.ndarray, state: StepForwardState) -> tuple[np.ndarray, StepForwardState]:
+    def step(x: np.ndarray, state: _StepForwardState) -> tuple[np.ndarray, _StepForwardState]:
         base, awake = x if state.base is None else state.base, state.silent_steps == 0
         up, down = awake & (x > base + threshold), awake & (x < base - threshold)
         base = np.where(up, base + threshold, np.where(down, base - threshold, base))
-        return both(up, down), StepForwardState(base, silenced(state.silent_steps, up | down, n_silent))
+        return both(up, down), _StepForwardState(base, silenced(state.silent_steps, up | down, n_silent))
 
     n_trials, _, n_taxels = signal.shape
-    begin = StepForwardState(None, np.zeros((n_trials, n_taxels), np.int32))
+    begin = _StepForwardState(None, np.zeros((n_trials, n_taxels), np.int32))
     return over_time(signal, begin if state is None else state, step, 2 * n_taxels)
 
 
-MODEL = Model("step-forward events", StepForwardSpec, encode, StepForwardState, ON_OFF, cost, decode=sum_of_steps)
+MODEL = Model("step-forward events", _StepForwardSpec, _encode, _StepForwardState, ON_OFF, cost, decode=sum_of_steps)

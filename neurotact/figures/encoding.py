@@ -129,7 +129,7 @@ def draw_spike_counts(
 @printed
 def draw_rates(table: pd.DataFrame, by: Sequence[str], classes: Classes, names: Sequence[str] = NAMES) -> Figure:
     """Firing rates of each class under each condition, as a share of the population's highest (Fig. 10a)."""
-    table = table.assign(condition=condition_names(table, by))
+    table = table.assign(condition=_condition_names(table, by))
     conditions = list(dict.fromkeys(table["condition"]))
     figure = new_figure(0.26 * len(classes.order) + 1.3, min(7.2, 3.8 + 0.8 * len(conditions)))
     panels = figure.subplots(1, 2, sharey=True)
@@ -174,10 +174,10 @@ def draw_isis(table: pd.DataFrame, vary: str | None, classes: Classes, names: Se
     return figure
 
 
-def condition_names(table: pd.DataFrame, by: Sequence[str]) -> list[str]:
+def _condition_names(table: pd.DataFrame, by: Sequence[str]) -> list[str]:
     """Each row's conditions on separate lines, with their units.
 
-    >>> condition_names(pd.DataFrame({"force_N": [3.0], "speed_mm_per_s": [8.6]}), ["force_N", "speed_mm_per_s"])
+    >>> _condition_names(pd.DataFrame({"force_N": [3.0], "speed_mm_per_s": [8.6]}), ["force_N", "speed_mm_per_s"])
     ['3 N\\n8.6 mm/s']
     """
     return ["\n".join(in_unit(column, row[column]) for column in by) or "all trials" for _, row in table.iterrows()]

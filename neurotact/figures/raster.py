@@ -51,9 +51,9 @@ def draw_raster(
     else:
         figure = new_figure(raster_in + 2.4)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, raster_in])
-        paint_signal(above, *signal, start_s, stop_s)
+        _paint_signal(above, *signal, start_s, stop_s)
     paint_events(below, trains, trial, start_s, stop_s)
-    name_afferents(below, trains)
+    _name_afferents(below, trains)
     below.set(xlabel="time (s)", ylabel="afferent of taxel", xlim=(start_s, stop_s))
     handles = [line for line in below.lines if line.get_gid()]
     figure.align_ylabels()
@@ -122,7 +122,7 @@ def paint_events(axes: Axes, trains: SpikeTrains, trial: int, start_s: float, st
     axes.set(xlim=(start_s, stop_s), ylim=(len(trains.afferents) - 0.4, -0.6))
 
 
-def name_afferents(axes: Axes, trains: SpikeTrains) -> None:
+def _name_afferents(axes: Axes, trains: SpikeTrains) -> None:
     """Taxels' names as ticks in their population's colour; only the populations if there are too many."""
     if len(trains.afferents) > MOST_NAMED:
         name_populations(axes, trains)
@@ -144,7 +144,7 @@ def name_populations(axes: Axes, trains: SpikeTrains) -> None:
     axes.tick_params(axis="y", length=0)
 
 
-def paint_signal(axes: Axes, signal: np.ndarray, rate_Hz: float, unit: str, start_s: float, stop_s: float) -> None:
+def _paint_signal(axes: Axes, signal: np.ndarray, rate_Hz: float, unit: str, start_s: float, stop_s: float) -> None:
     """Every taxel's signal `(time, taxel)` between two times."""
     signal = np.asarray(signal)
     if signal.ndim != 2 or not len(signal):

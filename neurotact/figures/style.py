@@ -108,7 +108,7 @@ def printed(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     return styled
 
 
-class NotebookFigure(Figure):
+class _NotebookFigure(Figure):
     """A figure that a notebook shows as the last value of a cell, with or without pyplot.
 
     The inline backend shows only figures made by pyplot; this one provides its picture through IPython's `_repr_png_`.
@@ -128,7 +128,7 @@ class NotebookFigure(Figure):
 
 def new_figure(height_in: float, width_in: float = WIDTH_in) -> Figure:
     """An empty figure with automatic layout."""
-    return NotebookFigure(figsize=(width_in, height_in), layout="constrained")
+    return _NotebookFigure(figsize=(width_in, height_in), layout="constrained")
 
 
 def new_panels(
@@ -168,23 +168,23 @@ def _show_names_as_they_are(figure: Figure) -> None:
     """
     for text in figure.findobj(Text):
         words = text.get_text()
-        text.set_text(as_shown(words, LONGEST_WORDS))
+        text.set_text(_as_shown(words, LONGEST_WORDS))
         text.set_parse_math(words.count("$") == 2 * sum(map(words.count, SYMBOLS)))
     for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
         formatter = axis.get_major_formatter()
         is_named = isinstance(formatter, (FuncFormatter, FixedFormatter))
         names = [label.get_text() for label in axis.get_majorticklabels()]
-        shown = [as_shown(name, LONGEST_TICK) for name in names]
+        shown = [_as_shown(name, LONGEST_TICK) for name in names]
         if is_named and names != shown:
             axis.set_major_formatter(FixedFormatter(shown))
         for label in (*axis.get_majorticklabels(), *axis.get_minorticklabels()):
             label.set_parse_math(not is_named)
 
 
-def as_shown(words: str, longest: int) -> str:
+def _as_shown(words: str, longest: int) -> str:
     """A text for a figure: control characters replaced, cut if too long.
 
-    >>> as_shown("felt", 4), as_shown("polyester", 5)
+    >>> _as_shown("felt", 4), _as_shown("polyester", 5)
     ('felt', 'poly…')
     """
     plain = "".join(letter if letter.isprintable() or letter in "\n\xa0" else "\ufffd" for letter in words)

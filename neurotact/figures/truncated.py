@@ -43,13 +43,13 @@ EXIT_MEASURES = (
 """Losses and savings of early exit: column, words and scale of one panel each of `draw_exit_curves`."""
 
 
-def mean_and_deviation(table: pd.DataFrame, by: Sequence[str], measure: str) -> pd.DataFrame:
+def _mean_and_deviation(table: pd.DataFrame, by: Sequence[str], measure: str) -> pd.DataFrame:
     """Means over sizes and seeds for each combination of `by`, and the deviation over seeds of the means over sizes.
 
     Columns: `by`, mean, sd (0 with one seed).
 
     >>> rows = {"cut_ms": [50.0] * 4, "hidden": [20, 20, 30, 30], "seed": [0, 1, 0, 1], "x": [1.0, 2.0, 3.0, 4.0]}
-    >>> mean_and_deviation(pd.DataFrame(rows), ["cut_ms"], "x").round(3).to_dict("records")
+    >>> _mean_and_deviation(pd.DataFrame(rows), ["cut_ms"], "x").round(3).to_dict("records")
     [{'cut_ms': 50.0, 'mean': 2.5, 'sd': 0.707}]
     """
     over_sizes = table.groupby([*by, "seed"], sort=False)[measure].mean().reset_index()
@@ -72,7 +72,7 @@ def draw_cut_short(table: pd.DataFrame) -> Figure:
     for line, title in zip(grid, titles, strict=True):
         rows = table[table["panel"] == title]
         for axes, (measure, words, scale) in zip(line, PANELS, strict=True):
-            means = mean_and_deviation(rows, ["trained_ms", "cut_ms"], measure)
+            means = _mean_and_deviation(rows, ["trained_ms", "cut_ms"], measure)
             for length, shade in shades.items():
                 of = means[means["trained_ms"] == length]
                 style: Any = {"color": shade, "marker": ".", "ms": 4, "lw": 0.9, "ls": "--"}
@@ -108,7 +108,7 @@ def draw_costs(results: pd.DataFrame) -> Figure:
     figure = new_figure(3.2)
     panels = figure.subplots(1, len(COSTS), sharey=True)
     by = ["pair", "window.length_ms"]
-    accuracy = mean_and_deviation(results, by, "accuracy_test")
+    accuracy = _mean_and_deviation(results, by, "accuracy_test")
     to_label = []
     for axes, (cost, words) in zip(panels, COSTS, strict=True):
         paid = results.groupby(by, sort=False)[cost].mean() if cost not in by else None

@@ -1,1 +1,30 @@
-"""Measures of spike trains and networks: rates, intervals, synaptic operations, costs."""
+"""Measures of spike trains and networks: rates, intervals, synaptic operations, costs.
+
+Other rooms take:
+
+    decision: Decision, is_within, otherwise
+    firing: as_table, firing_of, isi_histograms, measures, touch_spikes, windowed_spikes
+    flops: ACTIVATIONS, BYTES, Cost, Dense, FLOPS, Integrator, LEDGER_COLUMNS, Layer, Moments, MovingAverage,
+        NearestPoints, NotCounted, RBFExpansion, SIGMOID, SpikingLayer, Standardise, SupportVectorMachines, TANH,
+        cost, ledger_table, with_weights
+    fronts: pareto_front
+    information: binned, class_information, information_of_bins
+    isi_distributions: bin_edges, overlap, separation, shares_of
+    linear: cross_validated_accuracy, linear
+    paired: Paired, by_trial, compare, compare_by_trial, compare_shares
+    power: can_beat_guessing, in_words, is_too_weak
+    prices: ARITHMETIC_45NM, DEFAULT, PriceList, Priced, price_list
+    reconstruction: Reconstruction, direct, linear, segments, transferred
+    referee: GAP, Kind, Verdict, Way, best_of, cheapest_of, holm, is_gap, judge, least_difference, level_with_best,
+        within_error
+    resampled: DIFFERENCES, Interval, LEAST_SPLITS, SHARES, compare_over_splits, least_difference_over_splits,
+        resampled_error, resampled_interval, resampled_p, sizes_of
+    savings: Savings, savings, worse_than_another
+    shares: standard_error, wilson_interval
+    signal_flops: Averaging, BaselineRemoval, Interpolation, Rectification, ScaledSteps, StandardisedSteps
+    spike_trains: Events, Intervals, Spikes, check_rate, events_of_raster, isi_cv, isi_mean_ms, isis_ms, rates_Hz,
+        spike_counts
+    starts: ONE, Spread, interval, spread
+    synops: SIDE, SIDES, Synops, TEST, TRAINING, UNKNOWN, UNSEEN, VALIDATION, in_words, not_counted, of_fans,
+        of_network, summary, summary_markdown, table_of
+"""

@@ -1,1 +1,12 @@
-"""The report page of a run folder: it reads tables and computes nothing."""
+"""The report page of a run folder: it reads tables and computes nothing.
+
+Other rooms take:
+
+    encoding_drawings: name_classes
+    networks: Steps, write
+    page: ANSWER, PAGE, Table, if_there, write
+    report: write
+    tables: first_spikes, with_pair
+    way_answer: Configuration, WayAnswer, answers
+    ways: over_rows, seen
+"""

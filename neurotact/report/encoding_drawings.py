@@ -25,7 +25,7 @@ MOST_CLASSES = 5
 SHOWN_s = 1.0
 
 
-class View(NamedTuple):
+class _View(NamedTuple):
     """The layout of the conditions of trials: one of them varies, the others have their first value."""
 
     by: tuple[str, ...]
@@ -46,7 +46,7 @@ def encoding_drawings(
 
     encoding: a run's `encoding.csv` with the column `pair`.
     """
-    view = view_of(encoding, study.dataset.stratify)
+    view = _view_of(encoding, study.dataset.stratify)
     if trains is not None:
         yield _rasters(study, trains, view, classes)
     yield _spike_counts(study, encoding, view, classes)
@@ -54,18 +54,18 @@ def encoding_drawings(
     yield _isis(study, encoding, view, classes)
 
 
-def view_of(encoding: pd.DataFrame, stratify: Sequence[str]) -> View:
+def _view_of(encoding: pd.DataFrame, stratify: Sequence[str]) -> _View:
     """Force varies if there is one, else the first condition that the study balances.
 
     >>> table = pd.DataFrame({"label": ["a", "a"], "speed_mm_per_s": [8.6, 13.7], "force_N": [12.0, 3.0]})
-    >>> view_of(table, ["speed_mm_per_s", "force_N"]).at
+    >>> _view_of(table, ["speed_mm_per_s", "force_N"]).at
     {'speed_mm_per_s': 8.6, 'force_N': 12.0}
     """
     by = tuple(column for column in stratify if column in encoding)
     vary = "force_N" if "force_N" in by else (by[0] if by else None)
     fixed = {column: encoding[column].tolist()[0] for column in by if column != vary}
     values = tuple(sorted(set(encoding[vary]))) if vary else ()
-    return View(by, vary, fixed, values)
+    return _View(by, vary, fixed, values)
 
 
 def name_classes(encoding: pd.DataFrame, conditions: pd.DataFrame | None) -> Classes:
@@ -82,10 +82,10 @@ def name_classes(encoding: pd.DataFrame, conditions: pd.DataFrame | None) -> Cla
     return Classes("grating", order, short, long, are_ordered=True)
 
 
-def few(items: Sequence[Any], most: int = MOST_ROWS) -> list[Any]:
+def _few(items: Sequence[Any], most: int = MOST_ROWS) -> list[Any]:
     """The first, the middle and the last of them, or all of up to `most`.
 
-    >>> few([1, 2, 3, 4, 5, 6, 7, 8]), few([1, 2, 3, 4], most=4)
+    >>> _few([1, 2, 3, 4, 5, 6, 7, 8]), _few([1, 2, 3, 4], most=4)
     ([1, 5, 8], [1, 2, 3, 4])
     """
     if len(items) <= most:
@@ -100,20 +100,20 @@ def _of_all(shown: Sequence[str], classes: Classes) -> str:
     return f" Shown are {len(shown)} of the {len(classes.order)} classes: the first, the middle and the last."
 
 
-def in_words(where: dict[str, Any]) -> str:
+def _in_words(where: dict[str, Any]) -> str:
     """Conditions in words.
 
-    >>> in_words({"force_N": 12.0, "speed_mm_per_s": 8.6})
+    >>> _in_words({"force_N": 12.0, "speed_mm_per_s": 8.6})
     '12 N, 8.6 mm/s'
     """
     return ", ".join(in_unit(column, value) for column, value in where.items())
 
 
-def _rasters(study: StudySpec, trains: SpikeTrains, view: View, classes: Classes) -> Drawn:
+def _rasters(study: StudySpec, trains: SpikeTrains, view: _View, classes: Classes) -> Drawn:
     start_s = study.window.start_ms * 1e-3
     window_s = study.window.length_ms * 1e-3
-    shown = few(classes.order, MOST_CLASSES)
-    values = few(view.values) or [None]
+    shown = _few(classes.order, MOST_CLASSES)
+    values = _few(view.values) or [None]
     rows = [in_unit(view.vary, value) if view.vary else "" for value in values]
     wheres = [{**view.fixed, **({view.vary: value} if view.vary else {})} for value in values]
     trials = [[_first_trial(trains, label, where) for label in shown] for where in wheres]
@@ -127,7 +127,7 @@ def _rasters(study: StudySpec, trains: SpikeTrains, view: View, classes: Classes
     each_ms = [float(part.get("t_ref_ms", 0.0)) for part in parts]
     pair = periods.in_words(study.encoder.model, each_ms[0], each_ms[-1])
     order = f" ({second} & {first})" if "&" in pair else ""
-    fixed = f" at {in_words(view.fixed)}" if view.fixed else ""
+    fixed = f" at {_in_words(view.fixed)}" if view.fixed else ""
     down = f"; from top to bottom {', '.join(rows)}" if len(rows) > 1 else ""
     caption = (
         f"Spikes of the {first} (blue) and {second} (orange) afferents in one trial each{fixed}{down}. "
@@ -147,15 +147,15 @@ def _first_trial(trains: SpikeTrains, label: str, where: dict[str, Any]) -> int 
     return int(numbers[0]) if len(numbers) else None
 
 
-def _spike_counts(study: StudySpec, encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn:
+def _spike_counts(study: StudySpec, encoding: pd.DataFrame, view: _View, classes: Classes) -> Drawn:
     rows = _select(encoding, view.at)
-    shown = few([label for label in classes.order if label in set(rows[LABEL].astype(str))], MOST_CLASSES)
+    shown = _few([label for label in classes.order if label in set(rows[LABEL].astype(str))], MOST_CLASSES)
     figure = encoding_figures.draw_spike_counts(rows, shown, classes, names_of(study), periods.axis(study))
     totals = rows[rows[LABEL].astype(str).isin(shown)].groupby("pair", sort=False)["spikes_total_per_s"].mean()
     falling = totals.sort_values(ascending=False, kind="stable")
     order = ", ".join(f"{pair} ({value:.0f})" for pair, value in falling.items())
     pairs = "pairs of " if any("&" in str(pair) for pair in totals.index) else ""
-    fixed = f" at {in_words(view.at)}" if view.at else ""
+    fixed = f" at {_in_words(view.at)}" if view.at else ""
     caption = (
         f"Spikes per second of all {' and all '.join(names_of(study))} afferents, and of both, over the {pairs}"
         f"refractory periods{fixed}{_stretch(rows)}. "
@@ -166,7 +166,7 @@ def _spike_counts(study: StudySpec, encoding: pd.DataFrame, view: View, classes:
     return Drawn("spike-counts", "Spike counts over the refractory periods", figure, caption, alt)
 
 
-def _rates(study: StudySpec, encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn:
+def _rates(study: StudySpec, encoding: pd.DataFrame, view: _View, classes: Classes) -> Drawn:
     pair, rows = _first_pair(encoding)
     figure = encoding_figures.draw_rates(rows, view.by, classes, names_of(study))
     caption = (
@@ -178,7 +178,7 @@ def _rates(study: StudySpec, encoding: pd.DataFrame, view: View, classes: Classe
     return Drawn("rates", "Firing rates", figure, caption, alt)
 
 
-def _isis(study: StudySpec, encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn:
+def _isis(study: StudySpec, encoding: pd.DataFrame, view: _View, classes: Classes) -> Drawn:
     pair, rows = _first_pair(encoding)
     rows = _select(rows, view.fixed)
     within = _stretch(rows)
@@ -186,7 +186,7 @@ def _isis(study: StudySpec, encoding: pd.DataFrame, view: View, classes: Classes
     if of_touch:  # a window is too short for the longer ones
         rows, within = rows.assign(**of_touch), "; over the whole touch, from a window's start on"
     figure = encoding_figures.draw_isis(rows, view.vary, classes, names_of(study))
-    fixed = f" at {in_words(view.fixed)}" if view.fixed else ""
+    fixed = f" at {_in_words(view.fixed)}" if view.fixed else ""
     caption = (
         f"Mean inter-spike interval of each {classes.word}{fixed}, {named(pair)}{within}; a gap if the population is "
         f"silent.{in_the_paper(study, 'Fig. 10(b)')}"
@@ -201,7 +201,7 @@ def names_of(study: StudySpec) -> tuple[str, str]:
     return first, " and ".join(others) or "no other"
 
 
-def _trends(rows: pd.DataFrame, view: View, stem: str, unit: str, names: tuple[str, str]) -> str:
+def _trends(rows: pd.DataFrame, view: _View, stem: str, unit: str, names: tuple[str, str]) -> str:
     """Means of both populations over the varying condition, in words."""
     words = []
     for kind, name in zip(("sa", "ra"), names, strict=True):

@@ -129,8 +129,8 @@ def write(
     every_encoder = encoder_choice.choices(study, fronts, results.join(spent), beside)
     among, of_encoders = encoder_choice.sentence(every_encoder), encoder_choice.table(every_encoder)
     shared = {"among": among, "tables": [of_encoders._asdict()]} if of_encoders else {}
-    write_json(folder / ANSWER, answers_as_json(fronts, cautions) | shared)
-    shown = fronts[first_shown(fronts)]
+    write_json(folder / ANSWER, _answers_as_json(fronts, cautions) | shared)
+    shown = fronts[_first_shown(fronts)]
     of_best = shown.cells[shown.networks.index(shown.answer.best)]
     best = of_best if course.best_row is None else course.best_row
     costs = _ledger(study, results, baselines, afferents, n_classes)
@@ -139,7 +139,7 @@ def write(
     _write_tables(folder, study.title, results, swept, trials, costs, left)
     test_trials = {one.setting: one.answer.trials.test for one in fronts}
     rows, of_rows = course.chosen or (results, done)
-    drawn = drawings(study, folder, of_rows, rows, encoding, trains, classes, front.levels(fronts), test_trials)
+    drawn = _drawings(study, folder, of_rows, rows, encoding, trains, classes, front.levels(fronts), test_trials)
     return page.write(
         "networks.html.jinja",
         study,
@@ -155,10 +155,10 @@ def write(
         ),
         downloads=DOWNLOADS,
         specs=_specs(study, trains),
-        counted=counted(results),
+        counted=_counted(results),
         compared=opponents.in_words(study.baselines),
         fronts=fronts,
-        first=first_shown(fronts),
+        first=_first_shown(fronts),
         cautions=cautions,
         among=among,
         of_encoders=of_encoders,
@@ -186,10 +186,10 @@ def write(
     )
 
 
-def counted(results: pd.DataFrame) -> str:
+def _counted(results: pd.DataFrame) -> str:
     """What a run has trained, in words.
 
-    >>> counted(pd.DataFrame({"pair": ["1&1", "5&5"], "hidden": [30, 30], "dataset": ["all"] * 2, "seed": [0, 0]}))
+    >>> _counted(pd.DataFrame({"pair": ["1&1", "5&5"], "hidden": [30, 30], "dataset": ["all"] * 2, "seed": [0, 0]}))
     '2 networks: 2 pairs of refractory periods, 1 size, 1 data set, 1 seed'
     """
     are_pairs = results["pair"].str.contains("&", regex=False).any()
@@ -204,7 +204,7 @@ def _number_of(n: int, word: str) -> str:
     return f"{n} {first}{'' if n == 1 else 's'}{' of ' + rest if rest else ''}"
 
 
-def first_shown(fronts: Sequence[Front]) -> int:
+def _first_shown(fronts: Sequence[Front]) -> int:
     """The data set that the page shows first: that of the network with the highest accuracy on validation trials."""
     return referee.best_of([front.answer.best.way(front.answer.trials) for front in fronts])
 
@@ -248,7 +248,7 @@ def _page_data(
     return {**details.page_data(results, spent, all_details, classes), "fronts": drawn, "stepMs": step_ms}
 
 
-def answers_as_json(fronts: Sequence[Front], cautions: Sequence[str]) -> dict[str, Any]:
+def _answers_as_json(fronts: Sequence[Front], cautions: Sequence[str]) -> dict[str, Any]:
     """The first screen for programs: for each data set the answer in words and numbers, and the warnings."""
     return {
         "answers": [
@@ -270,7 +270,7 @@ def answers_as_json(fronts: Sequence[Front], cautions: Sequence[str]) -> dict[st
     }
 
 
-def drawings(
+def _drawings(
     study: StudySpec,
     folder: Path,
     done: list[Cell],

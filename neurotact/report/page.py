@@ -61,7 +61,7 @@ class Entry(NamedTuple):
     value: str | float
 
 
-class Parts(NamedTuple):
+class _Parts(NamedTuple):
     """The parts that the template inserts unchanged.
 
     plotly: the library, gzipped and in base64: 2 MB in place of 4.8, unpacked by the browser.
@@ -106,9 +106,9 @@ def write(
         tally=tally(judged),
         alpha=ALPHA,
         explained=explained,
-        reasons=shared_reasons(verdicts) if explained else {},
+        reasons=_shared_reasons(verdicts) if explained else {},
         figures=[_keep(drawn, folder) for drawn in figures],
-        timing=timing_sentence(folder),
+        timing=_timing_sentence(folder),
         downloads=_listed(folder, downloads),
         specs={"Whole study": to_toml(study), **specs},
         versions=if_there(folder / "versions.json"),
@@ -118,7 +118,7 @@ def write(
     return folder / PAGE
 
 
-def parts(data: dict[str, Any], scripts: Sequence[str]) -> Parts:
+def parts(data: dict[str, Any], scripts: Sequence[str]) -> _Parts:
     """The parts of a page that shows `data` by the named scripts."""
     script = "\n".join(["(() => {", '"use strict";', *map(_read, scripts), "})();"])
     plotly, library_hash = _plotly()
@@ -127,13 +127,13 @@ def parts(data: dict[str, Any], scripts: Sequence[str]) -> Parts:
         f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data: blob:; "
         "base-uri 'none'; form-action 'none'"
     )
-    return Parts(Markup(_read("style.css")), Markup(script), Markup(plotly), Markup(script_json(data)), policy)
+    return _Parts(Markup(_read("style.css")), Markup(script), Markup(plotly), Markup(_script_json(data)), policy)
 
 
-def script_json(value: Any) -> str:
+def _script_json(value: Any) -> str:
     """JSON that cannot end the script element that holds it.
 
-    >>> script_json({"name": "</script>&"})
+    >>> _script_json({"name": "</script>&"})
     '{"name":"\\\\u003c/script\\\\u003e\\\\u0026"}'
     """
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
@@ -158,14 +158,14 @@ def tally(verdicts: list[Verdict]) -> str:
     return "; ".join(parts)
 
 
-def shared_reasons(verdicts: Iterable[Verdict]) -> dict[str, int]:
+def _shared_reasons(verdicts: Iterable[Verdict]) -> dict[str, int]:
     """The reasons shared by several claims that are not reproduced, numbered in the order of the claims."""
     given = Counter(verdict.why for verdict in verdicts if verdict.why)
     shared = (why for why, times in given.items() if times > 1)
     return {why: number for number, why in enumerate(shared, start=1)}
 
 
-def timing_sentence(folder: Path) -> str:
+def _timing_sentence(folder: Path) -> str:
     """The run time of the cells, in words; empty without timings.csv."""
     path = folder / "timings.csv"
     if not path.is_file():

@@ -60,7 +60,7 @@ def with_setting(results: pd.DataFrame, swept: list[str]) -> pd.DataFrame:
     """
     swept = [key for key in swept if key in results and not key.startswith(SPLIT)]  # splits are averaged
     words = [
-        ", ".join([str(row["dataset"]), *(f"{in_words(key)} {in_unit(key, row[key])}" for key in swept)])
+        ", ".join([str(row["dataset"]), *(f"{_in_words(key)} {in_unit(key, row[key])}" for key in swept)])
         for _, row in results.iterrows()
     ]
     return results.assign(setting=words)
@@ -78,7 +78,7 @@ def in_words_of_split(key: str) -> str:
     return "split seed" if name == "seed" else quantity(name)[0]
 
 
-def in_words(key: str) -> str:
+def _in_words(key: str) -> str:
     """A swept key in words, without the tables that all such keys share."""
     for table in ("network.training.", "network.", "encoder.", "dataset.parameters."):
         key = key.removeprefix(table)

@@ -33,7 +33,7 @@ DOWNLOADS = {
 }
 
 
-class Front(NamedTuple):
+class _Front(NamedTuple):
     """What the first screen shows of one answer."""
 
     setting: str
@@ -61,7 +61,7 @@ def write(study: WayStudy, folder: Path) -> Path:
     Raises InputError when `results.csv` is not there or a claim names a column that is not there.
     """
     module = module_of(study.way)
-    results = read_results(folder / "results.csv", module.VIEW)
+    results = _read_results(folder / "results.csv", module.VIEW)
     means = over_rows(results, module.VIEW)
     write_table(results, folder / "results.json")
     for suffix in (".csv", ".md"):
@@ -91,14 +91,14 @@ def write(study: WayStudy, folder: Path) -> Path:
     )
 
 
-class Told(NamedTuple):
+class _Told(NamedTuple):
     """What a way says of a run in words: sentences, what makes them worth little, and tables by their setting."""
 
     answers: list[str]
     cautions: list[str]
     tables: dict[str, list[Table]]
 
-    def as_json(self, fronts: Sequence[Front]) -> dict[str, Any]:
+    def as_json(self, fronts: Sequence[_Front]) -> dict[str, Any]:
         """The first screen for programs: the sentences of the way where it has its own, else those of the fronts."""
         tables = self.tables if self.answers else {front.setting: front.tables for front in fronts}
         return {
@@ -109,25 +109,25 @@ class Told(NamedTuple):
         }
 
 
-def _told(study: WayStudy, results: pd.DataFrame) -> Told:
+def _told(study: WayStudy, results: pd.DataFrame) -> _Told:
     module = module_of(study.way)
     answers, cautions, tables = (optional(module, name) for name in ("answers", "cautions", "tables"))
     first_look = [FIRST_LOOK] if study.first_look else []
-    return Told(
+    return _Told(
         answers(results) if answers else [],
         first_look + (cautions(results) if cautions else []),
-        {name: [listed(one, module.VIEW) for one in several] for name, several in tables(results).items()}
+        {name: [_listed(one, module.VIEW) for one in several] for name, several in tables(results).items()}
         if tables
         else {},
     )
 
 
-def listed(what: Listed, view: View) -> Table:
+def _listed(what: Listed, view: View) -> Table:
     """A table of a way as text.
 
     >>> view = View((), {"accuracy": "accuracy (%)", "sops": "SOPs"}, "sops", "accuracy")
     >>> rows = pd.DataFrame({"way": ["pruning"], "accuracy": [0.9], "low": [0.8], "high": [1.02], "sops": [41234.0]})
-    >>> listed(Listed("the front", rows), view).rows
+    >>> _listed(Listed("the front", rows), view).rows
     [['pruning', '90.0 (80 to 100)', '41,200']]
     """
     columns = [column for column in what.rows if column not in ("low", "high")]
@@ -159,7 +159,7 @@ def seen(
     """
     return {
         "fronts": [
-            Front(
+            _Front(
                 one.setting,
                 way_answer.headline(one, view),
                 way_answer.verdict(one),
@@ -179,7 +179,7 @@ def seen(
     }
 
 
-def read_results(path: Path, view: View) -> pd.DataFrame:
+def _read_results(path: Path, view: View) -> pd.DataFrame:
     """A run's results.csv, with a dash where what names a configuration is missing."""
     table = read_table(path)
     texts = [column for column in view.by if column in table and table[column].isna().any()]

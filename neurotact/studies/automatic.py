@@ -147,7 +147,7 @@ def suit(
     if "window" in left - given.keys():
         chosen, notes = window(recorded.timing, given)
         is_placed = any(f"{WINDOW}{key}" in given for key in ("align", "start_ms"))
-        aligned = None if is_placed else from_onset(recorded, chosen, given)
+        aligned = None if is_placed else _from_onset(recorded, chosen, given)
         chosen, notes = aligned or (chosen, notes)
         table = {**table, "window": override(chosen, _of_window(given))}
     if "augmentation" in table and "search" not in table and (columns := untrained_conditions(table)):
@@ -178,7 +178,7 @@ def untrained_conditions(table: Mapping[str, Any]) -> list[str]:
     return [*(fixed or {}), *swept]
 
 
-def from_onset(
+def _from_onset(
     recorded: Recorded, chosen: Mapping[str, Any], given: Mapping[str, Any]
 ) -> tuple[dict[str, Any], list[str]] | None:
     """Windows from the onset of contact, where touches begin at different times; None where they do not.

@@ -50,17 +50,17 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None, tells: b
         spec = cell.network
         long = LongTraining(lambda: recipe.resolve(spec, tasks.seen(trains, task)))
         progress = long if tells else None
-        if not trains_once(cell):
+        if not _trains_once(cell):
             return _robust(cell, trains, spec, progress)
         fitted, sides = fitting.fit(trains, spec, task, cell.seeds, progress=progress)
-        return files_of(cell, trains, fitted, sides, perf_counter() - began)
+        return _files_of(cell, trains, fitted, sides, perf_counter() - began)
     with scratch() as empty:
         searched = _search(cell, cell.network, trains, task, kept or empty)
     last = robust.again(trains, Tried(task, searched.fitted, searched.sides), cell.seeds)
-    return files_of(cell, trains, last.fitted, last.sides, perf_counter() - began, searched, last)
+    return _files_of(cell, trains, last.fitted, last.sides, perf_counter() - began, searched, last)
 
 
-def trains_once(cell: Cell) -> bool:
+def _trains_once(cell: Cell) -> bool:
     """Whether a cell has one training: it neither searches nor chooses, and trains on each condition but the tested."""
     chooses = cell.search is not None or cell.augmentation is not None or cell.split.validates_elsewhere
     return cell.network is not None and not chooses
@@ -73,7 +73,7 @@ def _robust(cell: Cell, trains: SpikeTrains, spec: RSNNSpec, progress: Any) -> F
     every = tried if last is best else [*tried, last]
     rows = [one.row() | {"chosen": one is best, "last": one is last} for one in every]
     remedies = rows if cell.augmentation is not None else ()
-    return files_of(cell, trains, last.fitted, last.sides, perf_counter() - began, last=last, remedies=remedies)
+    return _files_of(cell, trains, last.fitted, last.sides, perf_counter() - began, last=last, remedies=remedies)
 
 
 def robustly(
@@ -119,13 +119,13 @@ class LongTraining:
             )
 
 
-def files_of(
+def _files_of(
     cell: Cell,
     trains: SpikeTrains,
     fitted: fitting.Trained,
     sides: tasks.Sides,
     seconds: float,
-    searched: "Searched | None" = None,
+    searched: "_Searched | None" = None,
     last: Tried | None = None,
     remedies: Sequence[dict[str, Any]] = (),
 ) -> Files:
@@ -193,7 +193,7 @@ def _tables(cell: Cell, fitted: fitting.Trained, sides: tasks.Sides, trains: Spi
     return {"tables": tables} if tables else {}
 
 
-class Searched(NamedTuple):
+class _Searched(NamedTuple):
     """The best network of a cell's search, its columns of results.csv, and the files of the search."""
 
     fitted: fitting.Trained
@@ -202,7 +202,7 @@ class Searched(NamedTuple):
     files: Files
 
 
-def _search(cell: Cell, network: RSNNSpec, trains: SpikeTrains, task: Task, kept: Path) -> Searched:
+def _search(cell: Cell, network: RSNNSpec, trains: SpikeTrains, task: Task, kept: Path) -> _Searched:
     """Search the hyperparameters of the cell's network on its validation trials, then train the best network again.
 
     The random seed of the search depends on the cell's content: cells that differ only in their seed search separately.
@@ -218,4 +218,4 @@ def _search(cell: Cell, network: RSNNSpec, trains: SpikeTrains, task: Task, kept
     row = {"trial": best.id, **{f"network.{key}": as_cell(value) for key, value in best.parameters.items()}}
     written = (path for path in sorted(target.iterdir()) if not path.name.startswith(DRAFT))
     left = {f"{SEARCH}/{path.name}": path.read_bytes() for path in written}
-    return Searched(fitted, sides, row, left)
+    return _Searched(fitted, sides, row, left)

@@ -32,12 +32,12 @@ class Step(NamedTuple):
     cells: list[Any]
 
 
-def all_at_once(study: Any, cells: list[Any], folder: Path) -> Iterator[Step]:
+def _all_at_once(study: Any, cells: list[Any], folder: Path) -> Iterator[Step]:
     """A single step with every cell."""
     yield Step("cells", cells)
 
 
-def every_cell(study: Any, cells: list[Any], folder: Path) -> list[Any]:
+def _every_cell(study: Any, cells: list[Any], folder: Path) -> list[Any]:
     """All cells."""
     return cells
 
@@ -63,8 +63,8 @@ class Engine(NamedTuple):
     load: Callable[[Path], Any]
     run: Callable[[Any, Any, Path | None, bool], Files]
     tables: Callable[[Path, Any, Results], Mapping[str, pd.DataFrame]]
-    steps: Callable[[Any, list[Any], Path], Iterator[Step]] = all_at_once
-    wanted: Callable[[Any, list[Any], Path], list[Any]] = every_cell
+    steps: Callable[[Any, list[Any], Path], Iterator[Step]] = _all_at_once
+    wanted: Callable[[Any, list[Any], Path], list[Any]] = _every_cell
     report: Callable[[Any, Path], Path] | None = None
 
 

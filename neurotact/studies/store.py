@@ -31,7 +31,7 @@ Flaws = dict[str, str | None]
 MISSING = "is missing"
 
 
-class Manifest(NamedTuple):
+class _Manifest(NamedTuple):
     """The content of a `files.json`: the SHA-256 of each file by its name in the folder, and of their sources."""
 
     made_from: dict[str, str]
@@ -55,7 +55,7 @@ def seal(folder: Path, names: Iterable[str], made_from: Mapping[str, str] | None
     >>> flaws(folder, ["result.csv"])
     {'result.csv': 'was changed'}
     """
-    known = read(folder) or Manifest({}, {})
+    known = read(folder) or _Manifest({}, {})
     sources = known.made_from if made_from is None else dict(made_from)
     before = known.files if known.made_from == sources else {}
     listed = before | {name: files.sha256(folder / name) for name in names}
@@ -63,15 +63,15 @@ def seal(folder: Path, names: Iterable[str], made_from: Mapping[str, str] | None
     files.write_json(folder / FILES, table)
 
 
-def read(folder: Path) -> Manifest | None:
+def read(folder: Path) -> _Manifest | None:
     """The manifest of a folder; None if it is missing or damaged."""
     try:
         table = files.read_json(folder / FILES)
     except InputError:
         return None
-    parts: list[Any] = [table.get(name) for name in Manifest._fields] if isinstance(table, dict) else []
+    parts: list[Any] = [table.get(name) for name in _Manifest._fields] if isinstance(table, dict) else []
     are_texts = [isinstance(part, dict) and all(isinstance(text, str) for text in part.values()) for part in parts]
-    return Manifest(*parts) if parts and all(are_texts) else None
+    return _Manifest(*parts) if parts and all(are_texts) else None
 
 
 def flaws(folder: Path, names: Iterable[str], made_from: Mapping[str, str] | None = None) -> Flaws:
@@ -84,7 +84,7 @@ def flaws(folder: Path, names: Iterable[str], made_from: Mapping[str, str] | Non
     return {name: flaw for name, flaw in by_name.items() if flaw != ""}
 
 
-def _flaw(folder: Path, name: str, known: Manifest | None, made_from: Mapping[str, str] | None) -> str | None:
+def _flaw(folder: Path, name: str, known: _Manifest | None, made_from: Mapping[str, str] | None) -> str | None:
     """As `flaws`, for one file; an empty text if it is not damaged."""
     path = folder / name
     if known is None and (folder / FILES).is_file():

@@ -71,7 +71,7 @@ log = logging.getLogger("neurotact")
 PAIR = f"encoder.ra1.t_ref_ms{sweeps.JOIN}encoder.sa1.t_ref_ms"
 
 
-class EarlyExitSpec(Spec):
+class _EarlyExitSpec(Spec):
     """The choice of a network's patience on validation trials."""
 
     tolerance: float = Field(default=0.01, ge=0, lt=1)
@@ -113,7 +113,7 @@ class StudySpec(Spec):
     """Fit gains and thresholds there to this rate of an afferent, so that encoders spend equally many spikes."""
     window: WindowSpec = WindowSpec()
     split: SplitSpec = SplitSpec()
-    early_exit: EarlyExitSpec = EarlyExitSpec()
+    early_exit: _EarlyExitSpec = _EarlyExitSpec()
     baselines: Opponents = "none"
     """The opponents to fit on the same windows, in baselines.csv: `linear`, logistic regression on mean and deviation
     of the signals; `readout`, also on the spike counts of each encoder; `quick`, on more features, SVM, ELM and trees,
@@ -227,7 +227,7 @@ class Cell(Spec):
     seed: int
     window: WindowSpec
     split: SplitSpec
-    early_exit: EarlyExitSpec
+    early_exit: _EarlyExitSpec
     encoder: AnyEncoder
     calibrate: AnyEncoder | None = None
     """The encoder whose gains are fitted on the training trials; t_ref varies around it."""

@@ -1,7 +1,7 @@
 """The interface of a paper's own system, which is then swept, run, resumed and reported as every study is.
 
 Each way is a module that an entry point of the group `neurotact.ways` names. It contains `Parameters` and the
-functions of `Way`, which connect estimators, signals, costs and drawings of other modules.
+functions of `_Way`, which connect estimators, signals, costs and drawings of other modules.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -117,7 +117,7 @@ class TaskData(NamedTuple):
     groups: np.ndarray
 
 
-class Way(Protocol):
+class _Way(Protocol):
     """The contents of the module of a way.
 
     Parameters: everything that decides a cell's numbers; its field `data` decides the arrays that cells share.
@@ -147,12 +147,12 @@ class Way(Protocol):
         ...
 
 
-def optional(module: Way, name: Literal["answers", "cautions", "tables", "own"]) -> Callable[..., Any] | None:
+def optional(module: _Way, name: Literal["answers", "cautions", "tables", "own"]) -> Callable[..., Any] | None:
     """An optional function of a way; None if it lacks it."""
     return getattr(module, name, None)
 
 
-def module_of(name: str) -> Way:
+def module_of(name: str) -> _Way:
     """The module of a way; InputError for an unknown name, with the nearest, and for a module without a part."""
     module = plugins.load("ways", name)
     lacking = [part for part in ("Parameters", "VIEW", "load", "run", "draw") if not hasattr(module, part)]
@@ -160,4 +160,4 @@ def module_of(name: str) -> Way:
         raise plugins.unfit("ways", name, f"has no {lacking[0]}")
     if not (isinstance(module.Parameters, type) and issubclass(module.Parameters, Spec)):
         raise plugins.unfit("ways", name, "has Parameters that are not a Spec")
-    return cast(Way, module)
+    return cast(_Way, module)

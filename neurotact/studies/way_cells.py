@@ -48,7 +48,7 @@ def prepare(folder: Path, study: WayStudy, cells: Iterable[WayCell]) -> None:
         store.seal(target, [f"{name}.npz"])
 
 
-def check(folder: Path, _: WayStudy, cells: Iterable[WayCell]) -> None:
+def _check(folder: Path, _: WayStudy, cells: Iterable[WayCell]) -> None:
     """Raise InputError if the arrays of the cells of a run folder were changed."""
     store.check(folder, [DATA, *dict.fromkeys(cell.given for cell in cells)])
 
@@ -88,7 +88,7 @@ def run_cell(cell: WayCell, arrays: Arrays, *_: Any) -> Files:
     return {RESULT: result.encode(), TIMING: timing.encode()}
 
 
-def tables(_: Path, study: WayStudy, results: Results) -> dict[str, pd.DataFrame]:
+def _tables(_: Path, study: WayStudy, results: Results) -> dict[str, pd.DataFrame]:
     """The rows of all cells, in the order of the sweep; the swept values are the first columns."""
     rows = [{**swept_values(study, cell), **row} for cell, result in results for row in result["rows"]]
     return {"results.csv": pd.DataFrame(rows)}
@@ -108,4 +108,4 @@ def _hash(arrays: Arrays) -> str:
     return content.hexdigest()
 
 
-ENGINE = Engine(way_study.cells, prepare, check, load_arrays, run_cell, tables)
+ENGINE = Engine(way_study.cells, prepare, _check, load_arrays, run_cell, _tables)

@@ -52,7 +52,7 @@ class WayStudy(Spec):
 
     def digest(self) -> str:
         """As of `StudySpec`."""
-        return specs.digest(placeless(self.model_dump(mode="json", exclude=self.words)))
+        return specs.digest(_placeless(self.model_dump(mode="json", exclude=self.words)))
 
 
 class WayCell(Spec):
@@ -63,7 +63,7 @@ class WayCell(Spec):
 
     def digest(self) -> str:
         """As for every spec, but without the path of a file that has a `content`."""
-        return specs.digest(placeless(self.model_dump(mode="json")))
+        return specs.digest(_placeless(self.model_dump(mode="json")))
 
     @property
     def given(self) -> str:
@@ -73,21 +73,21 @@ class WayCell(Spec):
     @property
     def data_name(self) -> str:
         """The digest of the parameters that decide the arrays that the cell shares with others."""
-        return specs.digest([self.way, placeless(self.parameters["data"])])
+        return specs.digest([self.way, _placeless(self.parameters["data"])])
 
     def built(self) -> Any:
         """The parameters as the way's own spec."""
         return specs.build(module_of(self.way).Parameters, self.parameters, source=f"way {self.way}")
 
 
-def placeless(table: Mapping[str, Any]) -> dict[str, Any]:
+def _placeless(table: Mapping[str, Any]) -> dict[str, Any]:
     """A table without each `path` or `file` that has a `content` next to it: the content alone decides the numbers.
 
-    >>> placeless({"mine": {"file": "touches.h5", "content": "ab12"}, "theirs": {"path": "fabrics"}})
+    >>> _placeless({"mine": {"file": "touches.h5", "content": "ab12"}, "theirs": {"path": "fabrics"}})
     {'mine': {'content': 'ab12'}, 'theirs': {'path': 'fabrics'}}
     """
     ignored = {"path", "file"} if table.get("content") is not None else set()
-    inner = {key: placeless(value) if isinstance(value, Mapping) else value for key, value in table.items()}
+    inner = {key: _placeless(value) if isinstance(value, Mapping) else value for key, value in table.items()}
     return {key: value for key, value in inner.items() if key not in ignored}
 
 

@@ -44,7 +44,7 @@ SAME = 1e-9
 """Share by which intervals of channels may differ."""
 
 
-class Guess(NamedTuple):
+class _Guess(NamedTuple):
     """What the name of a column, or of an array, says it is.
 
     names: in small letters, the likeliest first; or the pattern of a whole name. reading: what such a column becomes.
@@ -61,53 +61,53 @@ class Guess(NamedTuple):
         return () if isinstance(self.names, re.Pattern) else self.names
 
 
-GUESSES: dict[str, Guess] = {
-    "time": Guess(
+GUESSES: dict[str, _Guess] = {
+    "time": _Guess(
         re.compile(r"(times?|timestamps?|ts?|elapsed|seconds|millis|micros|x_value)(?![a-z0-9]).*", re.I | re.S),
         "time stamps of samples", "its values fall, as of a temperature `T`, or another one is the time: refused",
     ),
-    "row number": Guess(
+    "row number": _Guess(
         re.compile(r"(Unnamed: 0(\.\d+)?)?"), "row numbers that pandas writes, or wrote and read again: left out",
         "it does not count: a taxel",
     ),
-    "ROS header": Guess(
+    "ROS header": _Guess(
         re.compile(r"(.*[./_])?header[./_](seq|stamp|frame_id)\b.*", re.ASCII),
         "the header of a message (`rostopic echo -p`, bagpy): left out", "it is named as the time: time stamps",
     ),
-    "label": Guess(
+    "label": _Guess(
         (LABEL, "labels", "class", "classes", "y", "target", "targets"), "the class of a trial",
         "it changes within a trial: refused",
     ),
-    "trial": Guess(
+    "trial": _Guess(
         (
             "trial", "trials", "trial_id", "recording", "recordings", "recording_id", "touch", "touch_id",
             "sequence_id",
         ),
         "a trial begins where it changes", "a value comes back later: refused",
     ),
-    "channels": Guess(
+    "channels": _Guess(
         ("channels", "channel_names", "taxels", "electrodes"), "the names of the taxels",
         "it has another length: not used",
     ),
-    "begin": Guess(re.compile(r"(begin|start|onset|from)([ _]?time)?", re.I), "where an annotation begins", ""),
-    "end": Guess(
+    "begin": _Guess(re.compile(r"(begin|start|onset|from)([ _]?time)?", re.I), "where an annotation begins", ""),
+    "end": _Guess(
         re.compile(r"(end|stop|offset|to)([ _]?time)?", re.I), "where it ends", "it is before its begin: refused"
     ),
-    "duration": Guess(re.compile(r"duration|length", re.I), "how long it lasts, without an end", ""),
-    "annotation": Guess(
+    "duration": _Guess(re.compile(r"duration|length", re.I), "how long it lasts, without an end", ""),
+    "annotation": _Guess(
         (LABEL, "labels", "class", "classes", "y", "target", "targets", "trial_type", "annotation"),
         "its class; `onset`, `duration` and `trial_type` are those of BIDS", "",
     ),
-    "event time": Guess(("time", "times", "t", "timestamp", "timestamps", "ts"), "the times of events", ""),
-    "event channel": Guess(
+    "event time": _Guess(("time", "times", "t", "timestamp", "timestamps", "ts"), "the times of events", ""),
+    "event channel": _Guess(
         ("channel", "channels", "unit", "units", "taxel", "taxels", "neuron", "address", "addr", "id"),
         "the channels of events", "it is not whole: refused",
     ),
-    "event population": Guess(("population", "polarity", "p", "pol", "type", "kind"), "ON or OFF, or a word", ""),
-    "event trial": Guess(
+    "event population": _Guess(("population", "polarity", "p", "pol", "type", "kind"), "ON or OFF, or a word", ""),
+    "event trial": _Guess(
         ("trial", "trials", "recording", "recordings", "sample", "samples", "touch"), "the trials of events", ""
     ),
-    "event label": Guess((LABEL, "labels", "class", "classes"), "their class", "it changes within a trial: refused"),
+    "event label": _Guess((LABEL, "labels", "class", "classes"), "their class", "it changes within a trial: refused"),
 }  # fmt: skip
 """Each guess by the name of a column, of all formats. A user's option decides in its place."""
 

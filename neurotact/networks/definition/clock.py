@@ -81,7 +81,7 @@ def merged(spikes: Tensor, n: int) -> int:
     return 0 if n == 1 else int(spikes.count_nonzero()) - int(binned(spikes, n).count_nonzero())
 
 
-class Close(NamedTuple):
+class _Close(NamedTuple):
     """Spikes that are close to another of their afferent, for 1, 2, 3, ... steps.
 
     following: how many are fewer steps than that after another one. merged: how many bins of so many steps merge, which
@@ -92,7 +92,7 @@ class Close(NamedTuple):
     merged: tuple[int, ...]
 
 
-def close(spikes: Tensor, most: int) -> Close:
+def close(spikes: Tensor, most: int) -> _Close:
     """The close spikes of windows `(trial, time, afferent)`, for up to `most` steps.
 
     >>> close(torch.tensor([[[1], [1], [0], [1]]]), 4)
@@ -106,7 +106,7 @@ def close(spikes: Tensor, most: int) -> Close:
         steps = range(1, most + 1)
         following += torch.tensor([int((other - one < n).sum()) for n in steps])
         merged += torch.tensor([int((one // n == other // n).sum()) for n in steps])
-    return Close(tuple(following.tolist()), tuple(merged.tolist()))
+    return _Close(tuple(following.tolist()), tuple(merged.tolist()))
 
 
 def in_words(n_merged: int, n_spikes: int) -> str:

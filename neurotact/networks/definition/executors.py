@@ -34,7 +34,7 @@ class Subject(NamedTuple):
         return ConditioningSpec() if self.encoder is None else self.encoder.conditioning
 
 
-class Feature(NamedTuple):
+class _Feature(NamedTuple):
     """A feature of a chain.
 
     part: `conditioning`, `encoder`, `network`, `readout` or `exit`. keys: the keys of a spec that set it, as a user
@@ -47,7 +47,7 @@ class Feature(NamedTuple):
     instead: str
 
 
-class Executor(NamedTuple):
+class _Executor(NamedTuple):
     """A program that executes chains.
 
     what: its name in sentences. parts: the parts of a chain that it executes; the others come before or after it.
@@ -91,137 +91,139 @@ LIF_INSTEAD = "encode and train with sa1-ra1-lif"
 OUR_MODELS = {name: of_name(name) for name in names() if plugins.is_ours("encoders", name) and name != "lif"}
 OF_ANOTHER_PACKAGE = "afferents of another package"
 OTHER_MODELS = {
-    **{model.title: Feature("encoder", ("model",), _of_model(name), LIF_INSTEAD) for name, model in OUR_MODELS.items()},
-    OF_ANOTHER_PACKAGE: Feature("encoder", ("model",), _is_of_another_package, LIF_INSTEAD),
+    **{
+        model.title: _Feature("encoder", ("model",), _of_model(name), LIF_INSTEAD) for name, model in OUR_MODELS.items()
+    },
+    OF_ANOTHER_PACKAGE: _Feature("encoder", ("model",), _is_of_another_package, LIF_INSTEAD),
 }
 """Every encoder model but LIF."""
-FEATURES: dict[str, Feature] = {
-    "moving average": Feature(
+FEATURES: dict[str, _Feature] = {
+    "moving average": _Feature(
         "conditioning", ("ema_cutoff_Hz",), lambda s: s.conditioning.ema_cutoff_Hz is not None, "leave it out"
     ),
-    "resampling": Feature(
+    "resampling": _Feature(
         "conditioning", ("resample_Hz",), lambda s: s.conditioning.resample_Hz is not None, "record at the clock"
     ),
-    "baseline of the past": Feature(
+    "baseline of the past": _Feature(
         "conditioning",
         ("baseline", "start_ms", "high_pass_Hz"),
         lambda s: s.conditioning.baseline not in (*ACAUSAL, "none"),
         "leave it out",
     ),
-    "baseline of the whole trial": Feature(
+    "baseline of the whole trial": _Feature(
         "conditioning", ("baseline",), lambda s: s.conditioning.baseline in ACAUSAL, CAUSAL_INSTEAD
     ),
-    "standardisation": Feature(
+    "standardisation": _Feature(
         "conditioning",
         ("offset", "scale"),
         lambda s: s.conditioning.offset is not None or s.conditioning.scale is not None,
         "leave it out",
     ),
-    "rectification": Feature("conditioning", ("rectify",), lambda s: s.conditioning.rectify, "leave it out"),
-    "LIF afferents": Feature(
+    "rectification": _Feature("conditioning", ("rectify",), lambda s: s.conditioning.rectify, "leave it out"),
+    "LIF afferents": _Feature(
         "encoder",
         ("model", "v_rest_mV", "v_reset_mV", "v_threshold_mV", "tau_mem_ms", "gain", "t_ref_ms"),
         lambda s: _lif(s) is not None,
         LIF_INSTEAD,
     ),
-    "several grades a taxel": Feature("encoder", ("grades",), _has_grades, "train without sa1.grades and ra1.grades"),
-    "SA-I of the falling signal": Feature(
+    "several grades a taxel": _Feature("encoder", ("grades",), _has_grades, "train without sa1.grades and ra1.grades"),
+    "SA-I of the falling signal": _Feature(
         "encoder",
         ("opposite",),
         lambda s: (lif := _lif(s)) is not None and lif.sa1.opposite,
         "train without sa1.opposite",
     ),
-    "half-wave rate of change": Feature(
+    "half-wave rate of change": _Feature(
         "encoder",
         ("change",),
         lambda s: (lif := _lif(s)) is not None and lif.ra1.change != "rectified",
         "stream it, or train without ra1.change",
     ),
-    "rise in SA-I": Feature(
+    "rise in SA-I": _Feature(
         "encoder",
         ("rate_ms",),
         lambda s: (lif := _lif(s)) is not None and lif.sa1.rate_ms > 0,
         "stream it, or train without sa1.rate_ms",
     ),
-    "membranes in closed form": Feature(
+    "membranes in closed form": _Feature(
         "encoder",
         ("integration", "recorded_Hz"),
         lambda s: s.encoder is not None and is_exact(s.encoder),
         "stream it, or train with integration = 'clock'",
     ),
     **OTHER_MODELS,
-    OTHER: Feature(
+    OTHER: _Feature(
         "network", ("model",), lambda s: s.network.spec.own is not None, "train with model = 'rsnn' or 'snn'"
     ),
-    "clock of the network": Feature(
+    "clock of the network": _Feature(
         "network", ("step_ms",), lambda s: s.network.steps_per_bin > 1, "train with step_ms = 'encoder'"
     ),
-    "clock slower than its encoder's": Feature(
+    "clock slower than its encoder's": _Feature(
         "encoder",
         ("step_ms",),
         lambda s: s.encoder is not None and s.network.steps_per_bin > 1,
         "export the network alone, on whose own clock spikes then arrive, or train with step_ms = 'encoder'",
     ),
-    "recurrence": Feature(
+    "recurrence": _Feature(
         "network", ("model", "recurrent_weight_scale"), _of_spec("model", "rsnn"), "train with model = 'snn'"
     ),
-    "recurrence in blocks": Feature(
+    "recurrence in blocks": _Feature(
         "network",
         ("recurrent_blocks",),
         lambda s: s.network.spec.recurrent and s.network.spec.recurrent_blocks > 1,
         "train with recurrent_blocks = 1 and training.members = 1",
     ),
-    "recurrent delay": Feature(
+    "recurrent delay": _Feature(
         "network",
         ("recurrent_delay_steps",),
         lambda s: s.network.spec.recurrent and s.network.spec.recurrent_delay_steps > 0,
         "train with recurrent_delay_steps = 0",
     ),
-    "membrane eq4": Feature("network", ("membrane",), _of_spec("membrane", "eq4"), "train with another membrane"),
-    "membrane delayed": Feature(
+    "membrane eq4": _Feature("network", ("membrane",), _of_spec("membrane", "eq4"), "train with another membrane"),
+    "membrane delayed": _Feature(
         "network", ("membrane",), _of_spec("membrane", "delayed"), "train with another membrane"
     ),
-    "membrane immediate": Feature(
+    "membrane immediate": _Feature(
         "network", ("membrane",), _of_spec("membrane", "immediate"), "train with another membrane"
     ),
-    "reset zero": Feature("network", ("reset",), _of_spec("reset", "zero"), "train with another reset"),
-    "reset subtract": Feature("network", ("reset",), _of_spec("reset", "subtract"), "train with another reset"),
-    "reset hard": Feature("network", ("reset",), _of_spec("reset", "hard"), "train with reset = 'zero' or 'subtract'"),
-    "adaptive thresholds": Feature(
+    "reset zero": _Feature("network", ("reset",), _of_spec("reset", "zero"), "train with another reset"),
+    "reset subtract": _Feature("network", ("reset",), _of_spec("reset", "subtract"), "train with another reset"),
+    "reset hard": _Feature("network", ("reset",), _of_spec("reset", "hard"), "train with reset = 'zero' or 'subtract'"),
+    "adaptive thresholds": _Feature(
         "network",
         ("threshold_adaptation", "tau_adaptation_ms"),
         lambda s: s.network.spec.threshold_adaptation > 0,
         "train with threshold_adaptation = 0",
     ),
-    "learned constants": Feature("network", ("learn",), lambda s: bool(s.network.spec.learn), "train with learn = []"),
-    "another surrogate": Feature(
+    "learned constants": _Feature("network", ("learn",), lambda s: bool(s.network.spec.learn), "train with learn = []"),
+    "another surrogate": _Feature(
         "network",
         ("surrogate",),
         lambda s: s.network.spec.surrogate != FAST_SIGMOID,
         "train with surrogate = 'fast-sigmoid'",
     ),
-    "double precision": Feature("network", (), lambda s: s.network.w_in.dtype == torch.float64, "train it in float32"),
-    "readout count": Feature("readout", ("readout",), _of_spec("readout", "count"), "train with another readout"),
-    "readout integrator": Feature(
+    "double precision": _Feature("network", (), lambda s: s.network.w_in.dtype == torch.float64, "train it in float32"),
+    "readout count": _Feature("readout", ("readout",), _of_spec("readout", "count"), "train with another readout"),
+    "readout integrator": _Feature(
         "readout",
         ("readout",),
         lambda s: s.network.spec.readout == "integrator" and s.network.spec.readout_leak_ms is None,
         "train with another readout",
     ),
-    "readout that leaks": Feature(
+    "readout that leaks": _Feature(
         "readout",
         ("readout", "readout_tau_ms"),
         lambda s: s.network.spec.readout == "integrator" and s.network.spec.readout_leak_ms is not None,
         "train with another readout",
     ),
-    "readout max": Feature("readout", ("readout",), _of_spec("readout", "max"), "train with readout = 'integrator'"),
-    "readout of stretches": Feature(
+    "readout max": _Feature("readout", ("readout",), _of_spec("readout", "max"), "train with readout = 'integrator'"),
+    "readout of stretches": _Feature(
         "readout",
         ("readout_stretches", "readout_stretch_ms"),
         lambda s: s.network.stretches is not None,
         "train with readout_stretches = 1",
     ),
-    "exit by patience": Feature("exit", (), lambda s: s.rule.patience is not None, "decide at the end of a window"),
+    "exit by patience": _Feature("exit", (), lambda s: s.rule.patience is not None, "decide at the end of a window"),
 }
 """Every feature of a chain, in the order of its parts."""
 
@@ -261,9 +263,9 @@ _NOT_IN_NIR = {
     "adaptive thresholds": "it has no neuron whose threshold adapts",
     "readout of stretches": "it has no weights that change with time",
 }
-EXECUTORS: dict[str, Executor] = {
-    "reference": Executor("the reference", CHAIN, {}),
-    "native": Executor(
+EXECUTORS: dict[str, _Executor] = {
+    "reference": _Executor("the reference", CHAIN, {}),
+    "native": _Executor(
         "the native kernels",
         ("encoder", "network", "readout", "exit"),
         {
@@ -271,16 +273,16 @@ EXECUTORS: dict[str, Executor] = {
             "another surrogate": "they have the fast sigmoid alone",
         },
     ),
-    "stream": Executor("a stream", CHAIN, _STREAMED),
-    "c-float": Executor("C in float32", CHAIN, {**_STREAMED, **_IN_C}),
-    "c-integer": Executor("C in integers", CHAIN, {**_STREAMED, **_IN_C, **_IN_INTEGERS}),
-    "nir": Executor(
+    "stream": _Executor("a stream", CHAIN, _STREAMED),
+    "c-float": _Executor("C in float32", CHAIN, {**_STREAMED, **_IN_C}),
+    "c-integer": _Executor("C in integers", CHAIN, {**_STREAMED, **_IN_C, **_IN_INTEGERS}),
+    "nir": _Executor(
         "NIR",
         ("encoder", "network", "readout"),
         {**_NOT_IN_NIR, "readout max": "it has no node for a maximum over time, except in the plain form"},
     ),
-    "nir-plain": Executor("plain NIR", ("encoder", "network", "readout"), _NOT_IN_NIR, is_equal=False),
-    "snntorch": Executor(
+    "nir-plain": _Executor("plain NIR", ("encoder", "network", "readout"), _NOT_IN_NIR, is_equal=False),
+    "snntorch": _Executor(
         "snnTorch",
         ("network", "readout"),
         {
@@ -331,7 +333,7 @@ def table() -> list[tuple[str, ...]]:
     ]
 
 
-def _cell(executor: Executor, name: str, feature: Feature) -> str:
+def _cell(executor: _Executor, name: str, feature: _Feature) -> str:
     if name in executor.lacks:
         return f"no: {executor.lacks[name]}"
     if feature.part not in executor.parts:

@@ -81,7 +81,7 @@ class Seen(NamedTuple):
         n_windows, n_steps, n_afferents = training.shape
         spikes = float(training.sum()) / max(1, n_windows * n_afferents)
         n_spikes = int(training.count_nonzero())
-        close = clock.close(training, math.ceil(longest_step_ms(n_steps, sampling_rate_Hz) * 1e-3 * sampling_rate_Hz))
+        close = clock.close(training, math.ceil(_longest_step_ms(n_steps, sampling_rate_Hz) * 1e-3 * sampling_rate_Hz))
         apart = sum(n <= MERGED * n_spikes for n in close.following)
         return cls(n_windows, n_steps, sampling_rate_Hz, spikes, apart, n_spikes, close.merged)
 
@@ -100,7 +100,7 @@ class Seen(NamedTuple):
     def limit_ms(self) -> float:
         """The longest step of the network's clock, where the spikes are far enough apart for it."""
         least_ms, _ = LONGEST_STEPS_MS
-        longest_ms = longest_step_ms(self.steps, self.sampling_rate_Hz)
+        longest_ms = _longest_step_ms(self.steps, self.sampling_rate_Hz)
         return longest_ms - self.few * (longest_ms - least_ms) if self.must_remember else longest_ms
 
     @property
@@ -122,17 +122,17 @@ class Seen(NamedTuple):
         return self.few > 0 and self.steps <= RECURRENT_MS * 1e-3 * self.sampling_rate_Hz
 
 
-def longest_step_ms(steps: int, sampling_rate_Hz: float) -> float:
+def _longest_step_ms(steps: int, sampling_rate_Hz: float) -> float:
     """The longest step of the network's clock in windows of so many steps of the encoder: a hundredth, 5 to 20 ms.
 
-    >>> [longest_step_ms(steps, 1000.0) for steps in (300, 1000, 4000)]
+    >>> [_longest_step_ms(steps, 1000.0) for steps in (300, 1000, 4000)]
     [5.0, 10.0, 20.0]
     """
     least, most = LONGEST_STEPS_MS
     return max(least, min(most, 1e3 * steps / sampling_rate_Hz / STEPS))
 
 
-class Choice(NamedTuple):
+class _Choice(NamedTuple):
     """A key of a network's spec, its value, and the rule in a few words."""
 
     key: str
@@ -144,15 +144,15 @@ class _Chosen:
     """The choices, in which each rule reads what was taken before: a given key in place of the one that is chosen."""
 
     def __init__(self, given: Mapping[str, Any]) -> None:
-        self.given, self.made = specs.leaves(given), list[Choice]()
+        self.given, self.made = specs.leaves(given), list[_Choice]()
 
     def take(self, key: str, value: Any, why: str) -> Any:
         """Add a choice. The value of its key, which is the given one if there is one."""
-        self.made.append(Choice(key, value, why))
+        self.made.append(_Choice(key, value, why))
         return self.given.get(key, value)
 
 
-def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[Choice]:
+def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[_Choice]:
     """The choices of the default recipe for training windows.
 
     given: keys of the network that are given: the rules of others read them.

@@ -34,13 +34,13 @@ Returns = Literal["counts", "scores", "spikes"]
 """What a call of a network gives."""
 
 
-def stretches_of(spec: RSNNSpec, clock_Hz: float) -> Stretches | None:
+def _stretches_of(spec: RSNNSpec, clock_Hz: float) -> Stretches | None:
     """The stretches of a window with readout weights of their own, on the network's clock; None if there is one.
 
     Raises InputError unless a stretch is a whole number of steps.
 
     >>> keys = {"readout": "integrator", "readout_stretches": 4, "readout_stretch_ms": 50.0}
-    >>> stretches_of(RSNNSpec.model_validate(keys), 200.0)
+    >>> _stretches_of(RSNNSpec.model_validate(keys), 200.0)
     Stretches(number=4, steps=10)
     """
     if spec.readout_stretches == 1:
@@ -131,7 +131,7 @@ class RSNN(Network):
             if spec.recurrent_blocks > 1:
                 self.w_rec.data.mul_(self.within_blocks())
         self.w_out = normal(spec.hidden, n_classes, forward / math.sqrt(spec.hidden))
-        self.stretches = stretches_of(spec, self.clock_Hz)
+        self.stretches = _stretches_of(spec, self.clock_Hz)
         self.w_stretch: nn.Parameter | None = None
         if self.stretches is not None:
             shape = (self.stretches.number, spec.hidden, n_classes)

@@ -30,7 +30,7 @@ def spike_function(surrogate: str, scale: float) -> SpikeFunction:
     """
     if surrogate == FAST_SIGMOID:
         return FastSigmoid(scale)
-    return Sloped(plugins.load_function("surrogates", surrogate), scale)
+    return _Sloped(plugins.load_function("surrogates", surrogate), scale)
 
 
 def fast_sigmoid(x: Tensor, scale: Decay) -> Tensor:
@@ -44,7 +44,7 @@ def arctan(x: Tensor, scale: Decay) -> Tensor:
 
 
 @dataclass(frozen=True)
-class Sloped:
+class _Sloped:
     """A step whose gradient is the `slope` of U - threshold and of a scale."""
 
     slope: Callable[[Tensor, Decay], Tensor]

@@ -19,7 +19,7 @@ from neurotact.networks.definition.readouts import Integration
 from neurotact.networks.exit.early_exit import ExitRule, Leader
 
 
-class Exits(NamedTuple):
+class _Exits(NamedTuple):
     """Exit step and label of each trial for each patience, `(trial, patience)` int64 each.
 
     steps: simulated steps, the window's length T without an exit; labels: the class that leads then.
@@ -30,7 +30,7 @@ class Exits(NamedTuple):
     labels: Tensor
 
 
-class OracleExit(NamedTuple):
+class _OracleExit(NamedTuple):
     """Algorithm 1's results, `(trial,)` int64: Time_new, index_op and the patience that it ended with."""
 
     steps: Tensor
@@ -38,7 +38,9 @@ class OracleExit(NamedTuple):
     patience: Tensor
 
 
-def exits(rasters: Tensor | np.ndarray, from_first_spike: bool = True, integration: Integration | None = None) -> Exits:
+def exits(
+    rasters: Tensor | np.ndarray, from_first_spike: bool = True, integration: Integration | None = None
+) -> _Exits:
     """Exit step and label of every trial for every patience.
 
     rasters: readout spikes of full windows, `(trial, time, class)`, zeros and ones (not cumulated), as
@@ -60,7 +62,7 @@ def exits(rasters: Tensor | np.ndarray, from_first_spike: bool = True, integrati
         first.scatter_reduce_(1, standing[:, None], torch.full_like(standing[:, None], t + 1), "amin")
     # Patience p exits at standing p + 1. No class leads for T + 1 steps: patience T is the full window.
     steps = torch.cat([first[:, 2:], first.new_full((n_trials, 1), n_steps)], dim=1)
-    return Exits(steps, leading.gather(1, steps - 1))
+    return _Exits(steps, leading.gather(1, steps - 1))
 
 
 def _leaders(spikes: Tensor, integration: Integration | None) -> Iterator[Leader]:
@@ -72,7 +74,7 @@ def _leaders(spikes: Tensor, integration: Integration | None) -> Iterator[Leader
         yield leader
 
 
-def is_right(decisions: Exits, labels: Tensor | np.ndarray) -> Tensor:
+def is_right(decisions: _Exits, labels: Tensor | np.ndarray) -> Tensor:
     """Whether each rule decides each trial correctly, `(trial, rule)`."""
     return decisions.labels == _labels(labels, decisions)[:, None]
 
@@ -121,7 +123,7 @@ def _within(accuracy: Tensor, tolerance: float) -> Tensor:
     return is_within(accuracy, accuracy[-1], tolerance)
 
 
-def printed_exits(rasters: Tensor | np.ndarray, integration: Integration | None = None) -> Exits:
+def printed_exits(rasters: Tensor | np.ndarray, integration: Integration | None = None) -> _Exits:
     """Exit step and label of every trial for every patience, by the texture paper's Algorithm 1 as it is printed.
 
     Its line 17 resets `counter`, a variable that is used nowhere else, and never `count`: the steps at which the
@@ -136,7 +138,7 @@ def printed_exits(rasters: Tensor | np.ndarray, integration: Integration | None 
     unchanged = torch.nn.functional.pad((leading[:, 1:] == leading[:, :-1]).long(), (1, 0)).cumsum(dim=1)
     patiences = torch.arange(1, n_steps + 1, device=spikes.device).expand(len(leading), -1).contiguous()
     steps = (torch.searchsorted(unchanged.contiguous(), patiences) + 1).clamp(max=n_steps)
-    return Exits(steps, leading.gather(1, steps - 1))
+    return _Exits(steps, leading.gather(1, steps - 1))
 
 
 def oracle_exit(
@@ -146,7 +148,7 @@ def oracle_exit(
     integration: Integration | None = None,
     *,
     as_printed: bool = False,
-) -> OracleExit:
+) -> _OracleExit:
     """The texture paper's Algorithm 1, line 17 read as count = 0; it knows the true label, so it is no prediction.
 
     as_printed: read line 17 as it stands, see `printed_exits`.
@@ -165,7 +167,7 @@ def oracle_exit(
     right = is_right(decisions, labels)[:, start:]
     # argmax finds the first true; without one, the last column is used.
     steps = torch.where(right.any(dim=1), start + right.to(torch.uint8).argmax(dim=1), n_steps - 1)[:, None]
-    return OracleExit(decisions.steps.gather(1, steps)[:, 0], decisions.labels.gather(1, steps)[:, 0], steps[:, 0] + 1)
+    return _OracleExit(decisions.steps.gather(1, steps)[:, 0], decisions.labels.gather(1, steps)[:, 0], steps[:, 0] + 1)
 
 
 def _checked(rasters: Tensor | np.ndarray, integration: Integration | None) -> Tensor:
@@ -179,7 +181,7 @@ def _checked(rasters: Tensor | np.ndarray, integration: Integration | None) -> T
     return spikes.detach().to(torch.int64)
 
 
-def _labels(labels: Tensor | np.ndarray, decisions: Exits) -> Tensor:
+def _labels(labels: Tensor | np.ndarray, decisions: _Exits) -> Tensor:
     true = torch.as_tensor(labels, device=decisions.labels.device)
     if true.shape != decisions.labels.shape[:1]:
         raise InputError(f"labels: have shape {tuple(true.shape)} where ({len(decisions.labels)},) is expected")

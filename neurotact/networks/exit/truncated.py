@@ -19,7 +19,7 @@ AT_ONCE = 256
 """Windows simulated together: rasters of all test windows of a second would take gigabytes."""
 
 
-class SimulatedWindows(NamedTuple):
+class _SimulatedWindows(NamedTuple):
     """Simulated windows of a network.
 
     readout: spikes, or the input of an integrator, `(window, time, class)`, on the network's clock; integration: of an
@@ -37,7 +37,7 @@ class SimulatedWindows(NamedTuple):
 
 
 @torch.no_grad()
-def simulate_windows(network: Network, examples: Examples) -> SimulatedWindows:
+def simulate_windows(network: Network, examples: Examples) -> _SimulatedWindows:
     """Simulate full windows and return the spikes of each layer."""
     readout, inputs, hidden, sops = [], [], [], []
     for spikes in examples.spikes.split(AT_ONCE):
@@ -49,13 +49,13 @@ def simulate_windows(network: Network, examples: Examples) -> SimulatedWindows:
         hidden.append(_until(rasters.hidden.cpu()))
         sops += [] if own is None else [own.cpu().cumsum(dim=1)]
     integration = None if network.integration is None else network.integration.detach().cpu()
-    return SimulatedWindows(
+    return _SimulatedWindows(
         torch.cat(readout), torch.cat(inputs), torch.cat(hidden), examples.labels, integration,
         torch.cat(sops) if sops else None,
     )  # fmt: skip
 
 
-def cut_short(network: Network, windows: SimulatedWindows, cuts_ms: Sequence[float]) -> list[dict[str, Any]]:
+def cut_short(network: Network, windows: _SimulatedWindows, cuts_ms: Sequence[float]) -> list[dict[str, Any]]:
     """Accuracy and mean SOPs at each cut within the window; the counts at its last step decide.
 
     Columns: cut_ms, accuracy_test, and sops_* as in results.csv.
@@ -72,7 +72,7 @@ def cut_short(network: Network, windows: SimulatedWindows, cuts_ms: Sequence[flo
 
 
 def exit_curve(
-    network: Network, test: SimulatedWindows, validation: SimulatedWindows, patiences: Sequence[int]
+    network: Network, test: _SimulatedWindows, validation: _SimulatedWindows, patiences: Sequence[int]
 ) -> list[dict[str, Any]]:
     """Accuracy, steps and mean SOPs on test windows over patience, in each mode of early exit.
 
@@ -109,24 +109,24 @@ def exit_curve(
     return rows
 
 
-def _validated(windows: SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
+def _validated(windows: _SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
     """Steps and labels `(window,)` at each patience, counted from the first readout spike."""
     decisions = exits(windows.readout, integration=windows.integration)
     return [(decisions.steps[:, patience - 1], decisions.labels[:, patience - 1]) for patience in patiences]
 
 
-def _oracle(windows: SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
+def _oracle(windows: _SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
     """The same by the texture paper's Algorithm 1, which starts at each patience and knows the true labels."""
     return [oracle_exit(windows.readout, windows.labels, patience, windows.integration)[:2] for patience in patiences]
 
 
-def _printed(windows: SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
+def _printed(windows: _SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
     """The same by Algorithm 1 to the letter, whose count is never reset."""
     labels, integration = windows.labels, windows.integration
     return [oracle_exit(windows.readout, labels, p, integration, as_printed=True)[:2] for p in patiences]
 
 
-def judged(network: Network, windows: SimulatedWindows, steps: Tensor, chosen: Tensor) -> dict[str, float]:
+def judged(network: Network, windows: _SimulatedWindows, steps: Tensor, chosen: Tensor) -> dict[str, float]:
     """Accuracy and mean SOPs of windows that stop after so many steps with these labels."""
     inputs, hidden = (until.gather(1, steps[:, None] - 1)[:, 0].numpy() for until in (windows.input, windows.hidden))
     sops = None if windows.sops is None else windows.sops[torch.arange(len(steps)), steps - 1].numpy()

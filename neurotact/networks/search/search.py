@@ -84,7 +84,7 @@ Run = Callable[[Sequence[Job]], Iterator[Trial]]
 """Trains the trials of a batch; yields them in the order of their numbers."""
 
 
-class Timing(NamedTuple):
+class _Timing(NamedTuple):
     """Seconds of a search in this process, and the part of them that proposals took."""
 
     seconds: float
@@ -133,7 +133,7 @@ def runner(problem: Problem, spikes: Path, n_workers: int) -> Iterator[Run]:
     if n_workers == 1:
         yield here(tasks.load_spikes(spikes, problem.task), problem.task)
     else:
-        with processes(spikes, n_workers) as run:
+        with _processes(spikes, n_workers) as run:
             yield run
 
 
@@ -144,7 +144,7 @@ def here(trains: SpikeTrains, task: Task) -> Run:
 
 
 @contextmanager
-def processes(spikes: Path, n_workers: int) -> Iterator[Run]:
+def _processes(spikes: Path, n_workers: int) -> Iterator[Run]:
     """Trials trained in worker processes, which read the spike trains from their file."""
     with workers.pool(n_workers) as run:
         yield lambda jobs: run(_try_from_disk, [(job, spikes) for job in jobs])
@@ -152,10 +152,10 @@ def processes(spikes: Path, n_workers: int) -> Iterator[Run]:
 
 def search(
     problem: Problem, folder: Path, run: Run, advance: Advance = silent, *, resume: bool = False
-) -> tuple[list[Trial], Timing]:
+) -> tuple[list[Trial], _Timing]:
     """Every trial of a search; trials in the journal of `folder` are not trained again.
 
-    run: `here` or `processes`; the journal is the same for both and for any number of processes.
+    run: `here` or `_processes`; the journal is the same for both and for any number of processes.
     resume: go on with a search of fewer trials, to the journal that one search of all trials has.
     Raises InputError if the folder holds another search.
     """
@@ -187,7 +187,7 @@ def search(
     if known:
         raise InputError(f"{folder / JOURNAL}: holds trials that this search does not propose; remove the folder")
     _warn_beyond(problem.search.max_sops, done)
-    return done, Timing(perf_counter() - started_at, proposals)
+    return done, _Timing(perf_counter() - started_at, proposals)
 
 
 def try_network(job: Job, trains: SpikeTrains, sides: Sides) -> Trial:
@@ -196,12 +196,12 @@ def try_network(job: Job, trains: SpikeTrains, sides: Sides) -> Trial:
     epochs: list[float] = []
     try:
         network, accuracy, outcome = _train(job, trains, sides, epochs)
-        return trial_of(job, network, accuracy, outcome, sides, epochs)
+        return _trial_of(job, network, accuracy, outcome, sides, epochs)
     except InputError as error:
         return Trial(number, parameters, epochs, FAILED, error=str(error))
 
 
-def trial_of(job: Job, network: Network, accuracy: float, outcome: str, sides: Sides, epochs: list[float]) -> Trial:
+def _trial_of(job: Job, network: Network, accuracy: float, outcome: str, sides: Sides, epochs: list[float]) -> Trial:
     """The journal's line of a trained network, with the SOPs of its decisions on validation windows."""
     number, parameters = job.proposal
     sops = measuring.mean_sops(network, sides.validation)

@@ -79,7 +79,7 @@ class SearchSpec(Spec):
     @classmethod
     def _is_a_space(cls, value: Any) -> Any:
         value = load_space(value) if isinstance(value, (str, Path)) else value
-        return flatten(value) if isinstance(value, Mapping) else value
+        return _flatten(value) if isinstance(value, Mapping) else value
 
     @field_validator("space")
     @classmethod
@@ -130,19 +130,19 @@ def load_space(name: str | Path) -> dict[str, dict[str, Any]]:
     >>> load_space("texture")["training.batch"]
     {'_type': 'choice', '_value': [64, 128]}
     """
-    return flatten(specs.read(specs.find(SPACES, name)))
+    return _flatten(specs.read(specs.find(SPACES, name)))
 
 
-def flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def _flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Nested tables of a space as dotted keys: `[training.batch]` means `"training.batch"`.
 
-    >>> flatten({"training": {"batch": {"_type": "choice", "_value": [64]}}})
+    >>> _flatten({"training": {"batch": {"_type": "choice", "_value": [64]}}})
     {'training.batch': {'_type': 'choice', '_value': [64]}}
     """
     flat: dict[str, Any] = {}
     for key, value in table.items():
         is_table = isinstance(value, Mapping) and value and not any(inner.startswith("_") for inner in value)
-        flat |= flatten(value, f"{prefix}{key}.") if is_table else {prefix + key: value}
+        flat |= _flatten(value, f"{prefix}{key}.") if is_table else {prefix + key: value}
     return flat
 
 

@@ -20,20 +20,20 @@ WITHIN = 1e-9
 """Relative difference of equal weights, by rounding."""
 
 
-class Words(NamedTuple):
+class _Words(NamedTuple):
     """How the user writes the balance, with a place for it, and the conditions to stratify."""
 
     balance: str
     stratify: str
 
 
-ARGUMENTS = Words("`balance='{}'`", "`stratify`")
+ARGUMENTS = _Words("`balance='{}'`", "`stratify`")
 """The parameters of functions that train a network."""
-SETTINGS = Words("`settings={{'balance': '{}'}}`", "`settings={'dataset.stratify': ...}`")
+SETTINGS = _Words("`settings={{'balance': '{}'}}`", "`settings={'dataset.stratify': ...}`")
 """The keys of a study."""
 
 
-def columns_of(balance: Balance, split: SplitSpec, stratify: Sequence[str], words: Words = ARGUMENTS) -> list[str]:
+def columns_of(balance: Balance, split: SplitSpec, stratify: Sequence[str], words: _Words = ARGUMENTS) -> list[str]:
     """The conditions that `conditions` balances: those that the split names; none for another balance.
 
     stratify: conditions that are balanced over the sides of the split. Raises InputError if the split names none.
@@ -74,7 +74,7 @@ def weights(conditions: pd.DataFrame, balance: Balance, columns: Sequence[str]) 
     return None if np.ptp(found) <= WITHIN else found
 
 
-def note(conditions: pd.DataFrame, balance: Balance, columns: Sequence[str], words: Words = ARGUMENTS) -> str:
+def note(conditions: pd.DataFrame, balance: Balance, columns: Sequence[str], words: _Words = ARGUMENTS) -> str:
     """What a balance does to training windows, in one line; arguments as of `weights`.
 
     >>> table = pd.DataFrame({"label": ["felt", "felt", "felt", "silk"]})

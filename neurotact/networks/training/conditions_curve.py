@@ -23,10 +23,10 @@ ENOUGH = 0.01
 """Accuracy that one more trained value must gain to be worth recording."""
 
 
-def evenly(values: Sequence[Any], n: int) -> list[Any]:
+def _evenly(values: Sequence[Any], n: int) -> list[Any]:
     """Of some values in their order, n that are evenly spaced, with both ends; the middle one alone.
 
-    >>> evenly([10, 20, 30, 40, 50], 3), evenly([10, 20, 30], 1)
+    >>> _evenly([10, 20, 30, 40, 50], 3), _evenly([10, 20, 30], 1)
     ([10, 30, 50], [20])
     """
     places = [(len(values) - 1) / 2] if n == 1 else np.linspace(0, len(values) - 1, n)
@@ -46,9 +46,9 @@ def plan(conditions: pd.DataFrame, column: str) -> list[tuple[Any, list[Any]]]:
     if len(values) < 3:
         listed = ", ".join(map(str, values))
         raise InputError(f"`column`: a curve needs three values of {column}, and trials have {listed}; record another")
-    tested = evenly(values, min(MOST_TESTED, len(values)))
+    tested = _evenly(values, min(MOST_TESTED, len(values)))
     others = {value: [one for one in values if one != value] for value in tested}
-    return [(value, evenly(others[value], n)) for value in tested for n in range(1, len(values))]
+    return [(value, _evenly(others[value], n)) for value in tested for n in range(1, len(values))]
 
 
 def curve(trains: SpikeTrains, spec: RSNNSpec, task: Task, column: str, seed: int = 0) -> Iterator[dict[str, Any]]:

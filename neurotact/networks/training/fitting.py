@@ -62,7 +62,7 @@ def fit(
     Warns if no training window holds a spike: the network then learns nothing.
     """
     sides = sides_of(trains, task, split)
-    warn_of_silence(sides.train)
+    _warn_of_silence(sides.train)
     how = {"device": device, "backend": backend, "progress": progress, "start": start, "keep": keep}
     network, training = new_trained(trains, spec, seeds, sides.train, sides.validation, **how)
     return finished(network.cpu(), training, sides, task), sides
@@ -92,7 +92,7 @@ def new_trained(
     return members.train(new, chosen, seeds, training, validation, **options)
 
 
-def warn_of_silence(training: Examples) -> None:
+def _warn_of_silence(training: Examples) -> None:
     """Warn of training windows without a spike."""
     if not training.spikes.any():
         warnings.warn(

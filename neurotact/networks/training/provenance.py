@@ -20,7 +20,7 @@ from neurotact.metrics.synops import UNSEEN
 from neurotact.spec import Spec
 
 
-class Trials(Spec):
+class _Trials(Spec):
     """The trials of one side, by their digests (`data.digests`)."""
 
     recorded: tuple[str, ...] = ()
@@ -29,15 +29,15 @@ class Trials(Spec):
     """Digests of the spikes, for files without digests of the recordings."""
 
 
-class SplitTrials(Spec):
+class _SplitTrials(Spec):
     """The trials of every side."""
 
-    training: Trials
-    validation: Trials
-    test: Trials
+    training: _Trials
+    validation: _Trials
+    test: _Trials
 
 
-SIDES = tuple(SplitTrials.model_fields)
+SIDES = tuple(_SplitTrials.model_fields)
 RATE = "recorded_Hz"
 """Key of an encoder's table that describes the recording."""
 """From the most seen side to the least seen."""
@@ -48,7 +48,7 @@ class Provenance(Spec):
 
     encoder: dict[str, Any]
     afferents: tuple[str, ...]
-    trials: SplitTrials
+    trials: _SplitTrials
 
     def sides(self, trains: SpikeTrains) -> np.ndarray:
         """The side that each trial was on, `(trial,)` text: one of `SIDES`, or `UNSEEN`.
@@ -87,15 +87,15 @@ def provenance_of(trains: SpikeTrains, split: Split) -> Provenance:
     """The provenance of a network that is trained on these sides of these spike trains."""
     of_spikes, recorded = np.array(spike_digests(trains)), np.array(trains.trial_digests)
     sides = {
-        side: Trials(
+        side: _Trials(
             recorded=tuple(recorded[trials].tolist()) if len(recorded) else (), spikes=tuple(of_spikes[trials].tolist())
         )
         for side, trials in zip(SIDES, split, strict=True)
     }
-    return Provenance(encoder=dict(trains.encoder), afferents=trains.afferents, trials=SplitTrials(**sides))
+    return Provenance(encoder=dict(trains.encoder), afferents=trains.afferents, trials=_SplitTrials(**sides))
 
 
-class Difference(NamedTuple):
+class _Difference(NamedTuple):
     """A key with different values in two encodings; a value is None if it is absent."""
 
     key: str
@@ -109,7 +109,7 @@ class Difference(NamedTuple):
 
 def first_difference(
     encoder: Mapping[str, Any], afferents: Iterable[str], trained_encoder: Mapping[str, Any], trained_on: Iterable[str]
-) -> Difference | None:
+) -> _Difference | None:
     """The first key of an encoder (with its conditioning), or the first afferent, that differs from training.
 
     Defaults are filled in: a spec that gains a key stays the same encoder. The rate of the recording may differ.
@@ -125,7 +125,7 @@ def first_difference(
     )
     for key in {**ours, **theirs}:
         if theirs.get(key) != ours.get(key):
-            return Difference(key, theirs.get(key), ours.get(key))
+            return _Difference(key, theirs.get(key), ours.get(key))
     return None
 
 

@@ -45,7 +45,7 @@ NUMBERS = ("neurotact", "torch", "backend", "machine", "instructions")
 """Versions that the numbers of a training depend on."""
 
 
-class Asked(Spec):
+class _Asked(Spec):
     """The settings of a training, with its recipe resolved (`train.toml`)."""
 
     spikes: str
@@ -102,7 +102,7 @@ def run(
         tasks.warn_of_onsets(trains, task.window)
         chosen = recipe.resolve(network, seen)
         effects.check_keys(given, [void_keys(chosen)], "network")
-        request = Asked(
+        request = _Asked(
             spikes=os.path.relpath(spikes, folder),
             spikes_sha256=files.sha256(spikes),
             seed=seed,
@@ -134,7 +134,7 @@ def run(
 class _Run:
     """The trainings of a folder, each of which is resumed from a checkpoint."""
 
-    def __init__(self, trains: SpikeTrains, request: Asked, spikes: Path, folder: Path) -> None:
+    def __init__(self, trains: SpikeTrains, request: _Asked, spikes: Path, folder: Path) -> None:
         self.trains, self.asked, self.spikes, self.folder = trains, request, spikes, folder
 
     def only(self, start: Checkpoint | None) -> Outcome:
@@ -203,7 +203,7 @@ class _Run:
 class _CheckpointWriter:
     """Writes the latest checkpoint of a training, at most every `SECONDS_BETWEEN` seconds while it runs."""
 
-    def __init__(self, folder: Path, request: Asked, name: str, *, is_ours: bool) -> None:
+    def __init__(self, folder: Path, request: _Asked, name: str, *, is_ours: bool) -> None:
         self.folder, self.asked, self.name, self.is_ours = folder, request, name, is_ours
         self.epochs = 0
         self.latest: Checkpoint | None = None
@@ -227,7 +227,7 @@ class _CheckpointWriter:
         self.written_at = time.monotonic()
 
 
-def _begin(folder: Path, request: Asked) -> None:
+def _begin(folder: Path, request: _Asked) -> None:
     """Remove the files of an earlier training, and write the settings of this one."""
     clear(folder, [name for name in LEFT if name != ASKED])
     comment = "# Settings of neurotact train; a training resumes only with these settings.\n"
@@ -264,7 +264,7 @@ def check_place(folder: Path, *, force: bool, resume: bool = False) -> None:
     )
 
 
-def _check_same(folder: Path, request: Asked) -> None:
+def _check_same(folder: Path, request: _Asked) -> None:
     """Refuse settings that differ from the training in the folder; warn of other versions."""
     path = folder / ASKED
     try:
@@ -273,7 +273,7 @@ def _check_same(folder: Path, request: Asked) -> None:
         raise InputError(f"{path}: is damaged ({error}); start again with `force=True`") from error
     table = unsaved(table, f"{folder}: holds a training", "start again with `force=True`")
     try:
-        before = build(Asked, table, source=str(path))
+        before = build(_Asked, table, source=str(path))
     except InputError as error:
         raise InputError(f"{path}: is damaged ({error}); start again with `force=True`") from error
     if before.spikes_sha256 != request.spikes_sha256:
@@ -308,7 +308,7 @@ def _differences(before: Any, now: Any, key: str = "") -> Iterator[tuple[str, An
         yield from _differences(before.get(name), now.get(name), f"{key}.{name}" if key else str(name))
 
 
-def _load(folder: Path, request: Asked, trains: SpikeTrains, name: str) -> Checkpoint | None:
+def _load(folder: Path, request: _Asked, trains: SpikeTrains, name: str) -> Checkpoint | None:
     """The checkpoint of a training; None if it has not begun."""
     if not _holds(folder, name):
         return None
@@ -322,7 +322,7 @@ def _choice(folder: Path) -> Choice | None:
     return build(Choice, files.read_json(path), source=str(path)) if _holds(folder, CHOICE) else None
 
 
-def _training(request: Asked, name: str) -> str:
+def _training(request: _Asked, name: str) -> str:
     """The name of a training in its checkpoint, whose file is called `name`."""
     return digest(request.settings()) + ("" if name == CHECKPOINT else f" {name}")
 

@@ -265,10 +265,10 @@ def rates_of(network: Network) -> dict[str, float]:
     return {name: spec.relative_learning_rate * size or spec.learning_rate for name, size in deviation.items()}
 
 
-def rate_left(spec: TrainingSpec, epochs: float) -> float:
+def _rate_left(spec: TrainingSpec, epochs: float) -> float:
     """The factor of the schedule on the learning rates after so many epochs.
 
-    >>> rate_left(TrainingSpec(epochs=10), 5.0), round(rate_left(TrainingSpec(epochs=10, schedule="cosine"), 5.0), 9)
+    >>> _rate_left(TrainingSpec(epochs=10), 5.0), round(_rate_left(TrainingSpec(epochs=10, schedule="cosine"), 5.0), 9)
     (1.0, 0.5)
     """
     return 0.5 * (1 + math.cos(math.pi * epochs / spec.epochs)) if spec.schedule == "cosine" else 1.0
@@ -318,7 +318,7 @@ class _Rates(NamedTuple):
 
     def set(self, optimiser: torch.optim.Optimizer, share: float) -> None:
         """Set the rates of the groups after this share of the epoch."""
-        left = rate_left(self.spec, self.epochs_before + share)
+        left = _rate_left(self.spec, self.epochs_before + share)
         for group, rate in zip(optimiser.param_groups, self.first, strict=True):
             group["lr"] = rate * left
 

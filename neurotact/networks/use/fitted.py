@@ -26,7 +26,7 @@ def is_in_memory(source: object) -> bool:
     return isinstance(source, (SpikingClassifier, Pipeline)) or hasattr(source, "best_estimator_")
 
 
-def classifier_of(source: Any) -> SpikingClassifier:
+def _classifier_of(source: Any) -> SpikingClassifier:
     """The fitted classifier of an estimator: itself, the last step of a pipeline, or the best of a search.
 
     Raises InputError where the last step is another estimator, and scikit-learn's NotFittedError before `fit`.
@@ -74,7 +74,7 @@ def restore(source: Fitted, *, device: str = "cpu", spikes: str | Path | None = 
             f"run: must be the folder of a training, a fitted SpikingClassifier, or a pipeline that ends in one; got "
             f"{type(source).__name__}"
         )
-    classifier = classifier_of(source)
+    classifier = _classifier_of(source)
     origin, network = classifier.origin_, copy.deepcopy(classifier.network_).to(device)
     return Restored(
         network, Task(window=classifier.window_), classifier.exit_rule_, tuple(map(str, classifier.classes_)), (),

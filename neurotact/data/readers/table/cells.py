@@ -95,7 +95,7 @@ def has_decimals(size: np.ndarray, decimals: int, near: float = 1e-6) -> np.ndar
     return np.abs(scaled - np.rint(scaled)) < near
 
 
-def telling(values: np.ndarray, n_each: int = 500) -> np.ndarray:
+def _telling(values: np.ndarray, n_each: int = 500) -> np.ndarray:
     """The places of some values whose cells tell whether they are grouped: without decimals, with few, and others."""
     size = np.abs(values)
     is_whole, is_short = has_decimals(size, 0), has_decimals(size, 2)
@@ -311,7 +311,7 @@ def _check_ungrouped(table: Table, place: int, values: np.ndarray) -> None:
     """Refuse a column of numbers in which the decimal sign separates thousands."""
     if not _may_be_grouped(values) or ((values == np.floor(values)).all() and f"{table.decimal}000" not in table.body):
         return
-    texts = _texts_at(table, place, telling(values))
+    texts = _texts_at(table, place, _telling(values))
     if grouping_of([text for _, text in texts], table.decimal) == "yes":
         line, text = next(pair for pair in texts if table.decimal in pair[1])
         plain = next((text for _, text in texts if table.decimal not in text), texts[0][1])
