@@ -77,7 +77,8 @@ def offered(room: str) -> set[tuple[str, str]]:
     """What the list of a room offers."""
     found = OFFERS.search(ast.get_docstring(tree(PACKAGE / room / "__init__.py")) or "")
     rows = re.findall(r"^ *([\w.]+): (.*)$", re.sub(r",\n +", ", ", found[1]), re.MULTILINE) if found else []
-    return {(f"neurotact.{room}.{module}".removesuffix(".__init__"), name) for module, names in rows for name in names.split(", ")}
+    modules = [(f"neurotact.{room}.{module}".removesuffix(".__init__"), names) for module, names in rows]
+    return {(module, name) for module, names in modules for name in names.split(", ")}
 
 
 def test_a_room_lists_what_others_take_of_it_and_nothing_else():

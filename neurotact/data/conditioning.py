@@ -429,9 +429,9 @@ def _position(steps: np.ndarray, rate_Hz: float, to_Hz: float) -> np.ndarray:
 
 def interpolated(signal: np.ndarray, position: np.ndarray, first: int, n_samples: int) -> np.ndarray:
     """Interpolates a signal of `n_samples`, of which those from `first` on are given; the last one holds."""
-    before = np.minimum(_position.astype(np.int64), n_samples - 1)
+    before = np.minimum(position.astype(np.int64), n_samples - 1)
     after = np.minimum(before + 1, n_samples - 1)
-    weight = (_position - before).astype(signal.dtype)[:, None]
+    weight = (position - before).astype(signal.dtype)[:, None]
     left = np.take(signal, before - first, axis=-2)
     return left + weight * (np.take(signal, after - first, axis=-2) - left)
 
