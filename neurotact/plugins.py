@@ -7,7 +7,7 @@ package that provides it (`docs/plugins.md`).
 from collections.abc import Callable
 from functools import lru_cache
 from importlib import invalidate_caches
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import Distribution, EntryPoint, entry_points
 from typing import Any, Literal
 
 from neurotact.errors import InputError, first_line, nearest
@@ -141,4 +141,10 @@ def _found(group: Group) -> dict[str, list[EntryPoint]]:
 
 
 def _package(point: EntryPoint) -> str:
-    return point.dist.name if point.dist else "an unknown package"
+    return _name_of(point.dist) if point.dist else "an unknown package"
+
+
+@lru_cache
+def _name_of(package: Distribution) -> str:
+    """The name in the metadata, whose text is long: it is parsed once."""
+    return package.name
