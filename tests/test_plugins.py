@@ -1,6 +1,7 @@
 """Parts of other packages: one that cannot be used ends in a sentence that names its package, and harms no other."""
 
 import sys
+from multiprocessing import forkserver
 
 import made_chains
 import numpy as np
@@ -51,6 +52,8 @@ def package(tmp_path, monkeypatch):
 
 
 def forget() -> None:
+    """What this process and the server of its workers know of installed packages."""
+    forkserver._forkserver._stop()  # pyright: ignore[reportAttributeAccessIssue]
     for kept in (plugins._found, plugins._loaded, rsnn._say_once, model.of_name, model._usable):
         kept.cache_clear()
 

@@ -33,7 +33,6 @@ from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.search import tuning
 from neurotact.studies import loading, runner, study
-from neurotact.studies.way import module_of
 
 WRONG = [
     0, -1, 3, 2**63 - 1, 10**30, -1e-9, 1e15, math.nan, -math.inf, True, "text", "", "auto", "a & b", [], [1], ["x"],
@@ -95,7 +94,7 @@ def models(kind: str, table: Mapping[str, Any]) -> list[Any]:
         return [RSNNSpec]
     if kind != "studies":
         return []
-    return [module_of(table["way"]).Parameters] if "way" in table else [study.StudySpec]
+    return [getattr(plugins.load("ways", table.get("way", "networks")), "Parameters", study.StudySpec)]
 
 
 def changes_of(kind: str, path: Path, seen: set) -> Iterator[Change]:

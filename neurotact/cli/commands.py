@@ -22,7 +22,9 @@ class Place(NamedTuple):
 
 COMMANDS = {
     "list": Place(
-        "specs", "list_specs", "List the specs that ship: encoders, networks, search spaces, studies, price lists."
+        "specs",
+        "list_specs",
+        "List the specs that ship, and other packages' parts: encoders, networks, search spaces, studies, price lists.",
     ),
     "show": Place("specs", "show", "Print a spec, with the comments that give its sources."),
     "copy": Place("specs", "copy", "Copy a spec to this folder, to edit it and pass its path."),

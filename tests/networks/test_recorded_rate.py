@@ -156,7 +156,7 @@ def test_a_report_without_the_rate_has_no_ledger_and_says_why(trains, monkeypatc
 def test_energies_at_two_price_lists_are_not_compared(tmp_path, monkeypatch):
     """Baselines of an earlier version have no kinds of operations, and the others the price of an addition."""
     pd.DataFrame([{"macs": 1.0, "other_flops": 2.0}]).to_csv(tmp_path / "baselines.csv", index=False)
-    monkeypatch.setattr(tables.preparation, "tables_of", lambda _study: ["baselines.csv"])
+    monkeypatch.setattr(tables.made, "names", lambda _study: ["baselines.csv"])
     with pytest.raises(InputError, match=r"baselines\.csv: an earlier version wrote it.*run the study in a new folder"):
         tables.tables_beside(SimpleNamespace(), tmp_path)
 

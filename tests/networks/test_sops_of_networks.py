@@ -27,6 +27,7 @@ from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit import truncated
 from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.networks.training import fitting, tasks
+from neurotact.networks.training.tasks import Sides
 from neurotact.networks.training.training import Examples
 from neurotact.networks.use import conditions, measuring
 
@@ -137,7 +138,8 @@ def test_the_spiking_family_pays_for_the_weights_that_its_network_has(model):
     network = wired(model)
     trains = from_rasters(window().spikes.numpy().repeat(2, axis=2), RATE_Hz, ("SA-I a", "RA-I a"), labels_of(4))
     both = RSNN(2, CLASSES, network.spec, RATE_Hz)
-    _, _, cost = spiking_family._measure(both, trains, Examples(torch.zeros((4, STEPS, 2)), window().labels), exit_())
+    test = Examples(torch.zeros((4, STEPS, 2)), window().labels)
+    _, _, cost = spiking_family._measure(both, trains, Sides(test, test, test), exit_())
     assert cost.parameters == 2 * HIDDEN + HIDDEN * CLASSES + (HIDDEN * HIDDEN if model == "rsnn" else 0)
 
 

@@ -96,7 +96,7 @@ def close(spikes: Tensor, most: int) -> _Close:
     """The close spikes of windows `(trial, time, afferent)`, for up to `most` steps.
 
     >>> close(torch.tensor([[[1], [1], [0], [1]]]), 4)
-    Close(following=(0, 1, 2, 2), merged=(0, 1, 1, 2))
+    _Close(following=(0, 1, 2, 2), merged=(0, 1, 1, 2))
     """
     following, merged = torch.zeros(2, most, dtype=torch.int64)
     for part in spikes.split(AT_ONCE):
