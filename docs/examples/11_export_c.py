@@ -46,7 +46,7 @@ print(
 # What rounding did to the input weights: 8 bits, in steps of a common power of two.
 
 assert made.formats is not None
-weights = network.network_.w_in.detach().numpy()
+weights = network.network_.get_parameter("w_in").detach().numpy()
 figure, axes = plt.subplots(figsize=(5, 3), layout="constrained")
 axes.plot(weights.ravel(), np.asarray(made.formats.hidden.w).ravel(), ".", markersize=3)
 axes.set(xlabel="weight as trained", ylabel="weight in C (digits)")
