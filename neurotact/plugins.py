@@ -81,16 +81,30 @@ def load(group: Group, name: str, kind: type | None = None) -> Any:
     return part
 
 
+def has(group: Group, name: object) -> bool:
+    """Whether an installed package has a part of that name, which is not imported.
+
+    A name that is not found is looked for again: its package may have been installed since, as in a notebook, or the
+    list may be that of the process from which a worker was forked.
+
+    >>> has("encoders", "burst"), has("encoders", "brust")
+    (True, False)
+    """
+    if not isinstance(name, str):
+        return False
+    if name not in _found(group):
+        _found.cache_clear()
+        invalidate_caches()
+    return name in _found(group)
+
+
 def known(group: Group, name: str) -> str:
     """The name, if a part of a group has it, which is not imported; else InputError with the nearest one.
 
     >>> known("losses", "cross-entropy")
     'cross-entropy'
     """
-    if name not in _found(group):  # it may have been installed since, as in a notebook
-        _found.cache_clear()
-        invalidate_caches()
-    if name not in _found(group):
+    if not has(group, name):
         raise InputError(f"{group}: there is none called '{name}'; {nearest(name, names(group))}")
     return name
 

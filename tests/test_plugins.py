@@ -1,7 +1,6 @@
 """Parts of other packages: one that cannot be used ends in a sentence that names its package, and harms no other."""
 
 import sys
-from multiprocessing import forkserver
 
 import made_chains
 import numpy as np
@@ -19,7 +18,7 @@ from neurotact.data.splits import Split
 from neurotact.data.windows import WindowSpec, cut
 from neurotact.encoders import model
 from neurotact.encoders.cost import encoding_cost
-from neurotact.encoders.specs import encode, load
+from neurotact.encoders.specs import encode, load, populations
 from neurotact.errors import InputError
 from neurotact.metrics.prices import price_list
 from neurotact.networks.definition import rsnn
@@ -52,8 +51,6 @@ def package(tmp_path, monkeypatch):
 
 
 def forget() -> None:
-    """What this process and the server of its workers know of installed packages."""
-    forkserver._forkserver._stop()  # pyright: ignore[reportAttributeAccessIssue]
     for kept in (plugins._found, plugins._loaded, rsnn._say_once, model.of_name, model._usable):
         kept.cache_clear()
 
@@ -407,6 +404,13 @@ def test_an_encoder_of_another_package_is_encoded_calibrated_and_trained_on(
         nt.export_c(run, tmp_path / "c", variant="float")
     with pytest.raises(InputError, match="afferents of another package: NIR does not run it: it has no nodes"):
         nt.export_nir(run, tmp_path / "chain.nir")
+
+
+def test_an_encoder_is_found_where_the_list_of_parts_was_read_before_its_package_came(package):
+    """As in a worker that is forked from a process of before."""
+    package(LEVEL, ENCODER)
+    plugins._found("encoders").pop("level")
+    assert [population.name for population in populations({"model": "level"})] == ["ON", "OFF"]
 
 
 def test_an_encoder_of_another_package_costs_what_is_not_counted(package):

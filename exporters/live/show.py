@@ -73,7 +73,7 @@ def live(
     """
     server = _server_module()
     source, feed = str(source), None
-    kind = "simulation" if source in plugins.names("simulators") else kind_of(source)
+    kind = "simulation" if plugins.has("simulators", source) else kind_of(source)
     effects.check(
         source=kind, speed=speed, loop=loop, shuffle=shuffle, settings=settings, format=format, baud=baud,
         sampling_rate_Hz=sampling_rate_Hz, time_column=time_column, lsb=lsb, zero=zero, stall_s=stall_s,

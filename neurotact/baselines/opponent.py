@@ -195,6 +195,6 @@ def named(name: str) -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:
-        if name in FIRST or name not in plugins.names("opponents"):
+        if name in FIRST or not plugins.has("opponents", name):
             raise
         raise plugins.unfit("opponents", name, f"cannot be fitted ({first_line(error)})") from error

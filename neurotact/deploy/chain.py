@@ -5,12 +5,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from neurotact import effects
+from neurotact import effects, plugins
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.recordings import check_sampling_rate
 from neurotact.deploy.windows import WindowPlan
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.model import EncoderSpec, name_in, names, of_name
+from neurotact.encoders.model import EncoderSpec, name_in, of_name
 from neurotact.encoders.specs import conditioning_of, n_per_taxel, populations, taxel_names
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import LIF_INSTEAD, Subject, require
@@ -134,7 +134,7 @@ def build_encoder(restored: Restored, source: object) -> EncoderSpec:
 def encoder_of(table: Mapping[str, Any], source: object) -> EncoderSpec:
     """The encoder of a saved table; InputError for an unknown model."""
     model = name_in(table)
-    if model not in names():
+    if not plugins.has("encoders", model):
         raise InputError(f"{source}: its encoder model '{model}' is unknown; train the network again")
     return build(of_name(model).spec, dict(table), source=f"{source}, encoder")
 

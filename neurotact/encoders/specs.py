@@ -31,7 +31,7 @@ def populations(encoder: Mapping[str, Any] | EncoderSpec) -> tuple[Population, .
     ['SA-I', 'RA-I']
     """
     name = encoder.model if isinstance(encoder, EncoderSpec) else name_in(encoder)
-    if name not in names():
+    if not plugins.has("encoders", name):
         return SA_RA
     model, table = of_name(name), encoder if isinstance(encoder, Mapping) else dict(encoder)
     return tuple(
@@ -190,7 +190,7 @@ def load(name: str | Path, overrides: Mapping[str, Any] | None = None) -> Encode
     table, source = specs.table_of(EncoderSpec, name)
     table = specs.override(table, overrides or {})
     model = name_in(table)
-    if model not in names():
+    if not plugins.has("encoders", model):
         raise InputError(f"model: '{model}' is unknown; {nearest(model, names())} ({source})")
     built = specs.build(of_name(model).spec, table, source=source)
     check_used(overrides or {}, built.conditioning.baseline)

@@ -22,7 +22,7 @@ from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.model import AnyEncoder, names, usable
+from neurotact.encoders.model import AnyEncoder, usable
 from neurotact.encoders.same_drive import SameDriveSpec
 from neurotact.encoders.specs import is_exact, pays_exact
 from neurotact.errors import InputError, nearest
@@ -345,7 +345,7 @@ def _with_own_periods(table: dict[str, Any]) -> None:
     sweep, encoder = table["sweep"], table.get("encoder")
     pairs = sweep.get(PAIR) if isinstance(sweep, dict) else None
     model = encoder.get("model", "lif") if isinstance(encoder, dict) else "lif"
-    if not isinstance(pairs, list) or model not in names():
+    if not isinstance(pairs, list) or not plugins.has("encoders", model):
         return
     keys = [f"{calibration_keys.ENCODER}{key}" for key in encoders.period_keys(model)]
     if set(PAIR.split(sweeps.JOIN)) <= set(keys):
@@ -368,7 +368,7 @@ def _with_own_width(table: dict[str, Any], overrides: Mapping[str, Any], given: 
     network, own = table.get("network"), {HIDDEN, f"{sweeps.SWEEP}{HIDDEN}"}
     named = network.get("model", "rsnn") if isinstance(network, dict) else "rsnn"
     model = overrides.get("network.model", named)
-    is_part = isinstance(model, str) and model not in BUILT_IN and model in plugins.names("networks")
+    is_part = isinstance(model, str) and model not in BUILT_IN and plugins.has("networks", model)
     if not is_part or "hidden" in part_of(model).keys.model_fields or own & {*specs.leaves(given)}:
         return dict(overrides)
     if isinstance(network, dict) and model != named:  # the study's network has them

@@ -233,7 +233,7 @@ class RSNNSpec(Spec):
         if isinstance(table.get("hidden"), (list, tuple)) and table.get("model", "rsnn") in BUILT_IN:
             table = _of_layers(table)
         model = table.get("model", "rsnn")
-        if model in BUILT_IN or not isinstance(model, str) or model not in plugins.names("networks"):
+        if model in BUILT_IN or not isinstance(model, str) or not plugins.has("networks", model):
             return handler(table)
         keys = {key: value for key, value in table.items() if key not in COMMON}
         spec = handler({key: value for key, value in table.items() if key in COMMON})

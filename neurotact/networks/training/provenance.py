@@ -11,11 +11,12 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
+from neurotact import plugins
 from neurotact.data.copies import are_telling
 from neurotact.data.digests import spike_digests
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
-from neurotact.encoders.model import name_in, names, of_name
+from neurotact.encoders.model import name_in, of_name
 from neurotact.metrics.synops import UNSEEN
 from neurotact.spec import Spec
 
@@ -133,7 +134,9 @@ def _with_defaults(encoder: Mapping[str, Any]) -> Mapping[str, Any]:
     """An encoder's table with its defaults; unchanged if this version does not know the model."""
     name = name_in(encoder)
     try:
-        table = of_name(name).spec.model_validate(encoder).model_dump(mode="json") if name in names() else encoder
+        table = encoder
+        if plugins.has("encoders", name):
+            table = of_name(name).spec.model_validate(encoder).model_dump(mode="json")
         return {key: value for key, value in table.items() if key != RATE}
     except ValidationError:
         return encoder
