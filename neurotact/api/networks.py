@@ -371,8 +371,8 @@ def sops(
 ) -> pd.DataFrame:
     """Write the synaptic operations of each test window of a run to `out` (.csv, .json, .md); returns the rows.
 
-    spikes: that the run was trained on, where they moved since. early_exit: count with early exit. prices: the
-        price list of the estimate of energy that is told, by name or path. force: replace a file.
+    spikes: that the run was trained on, where they moved since. early_exit: count with early exit. prices: name or
+        path of the price list by which energy is estimated. force: replace a file.
     tell: called with what `neurotact sops` prints beside the means. Columns as of `infer`.
     Raises InputError for a file that exists, and for spikes of another encoder, unless `allow_other_encoder`.
 

@@ -1,7 +1,7 @@
 """A choice among candidates: the first whose merit is within an error of the best one's, and a note that says so.
 
-Candidates are in the order of preference, what is there already or costs least first. So another one must be better by
-more than the error.
+Candidates stand in the order of preference: first what is there already, or what costs least. Another candidate must be
+better by more than the error.
 """
 
 import math

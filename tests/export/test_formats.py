@@ -128,7 +128,7 @@ def test_dynamics_without_an_integer_form_are_refused(change, message):
 @examples(15)
 @given(seed=st.integers(0, 99), falling=st.booleans())
 def test_a_signal_under_a_negative_scale_spikes_as_its_negative_under_the_positive_one(seed, falling):
-    raw, rasters = Raw(10 / 32767, 0.0).samples(make_signal(60, seed=seed)), []
+    raw, rasters = Raw(10 / 32767, 0.0).samples(make_signal(120, seed=seed)), []
     for sign in (1, -1):
         conditioning = {"ema_cutoff_Hz": 30.0, "baseline": "start", "scale": (0.7 * sign, 0.4)}
         chain = make_chain(conditioning, afferents={"sa1.opposite": falling})

@@ -80,7 +80,8 @@ def test_options_of_the_curve(spikes, tmp_path):
     )
     assert sorted(set(pd.read_csv(tmp_path / "a.csv")["tested"])) == [2, 3, 4]
     others = [
-        {"augmentation": "gain"}, {"seed": 3}, {"align": "onset"}, {"length_ms": 150}, {"leave_out": {"day": 1}},
+        {"augmentation": "gain"}, {"seed": 3}, {"window": nt.Window(length_ms=100, align="onset")},
+        {"window": nt.Window(length_ms=150)}, {"leave_out": {"day": 1}},
         {"settings": {"hidden": 7, "training.epochs": 1}},
     ]  # fmt: skip
     for other in others:

@@ -1,4 +1,4 @@
-"""What a file holds, by its first bytes and not by its name: a refusal then names what is there and what to do."""
+"""What a file holds. Its first bytes decide, not its name, so that a refusal says what is there and what to do."""
 
 import json
 import re

@@ -107,7 +107,7 @@ class _UsualRow(NamedTuple):
 
 
 def _usual_row(text: str, separator: str | None = None) -> _UsualRow | None:
-    """The row of numbers like which most lines are; None if no line that is looked at holds a number.
+    """The row of numbers that most lines resemble; None if no line that is looked at holds a number.
 
     separator: of the file, if it says it.
 
