@@ -9,11 +9,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from neurotact_parts.readers.events.observed import Unobserved, observed_trials
+from neurotact_parts.readers.events.spikes import BYTES_PER_EVENT, MOST_AFFERENTS, on_clock, say_length, say_merged
+from neurotact_parts.readers.events.times import (
+    EventTimes,
+    event_times,
+    joined_times,
+    lengths_of,
+    rounding_of,
+    steps_of,
+)
 
 from neurotact.data.digests import DIGEST, TOUCH
-from neurotact.data.readers.events.observed import Unobserved, observed_trials
-from neurotact.data.readers.events.spikes import BYTES_PER_EVENT, MOST_AFFERENTS, on_clock, say_length, say_merged
-from neurotact.data.readers.events.times import EventTimes, event_times, joined_times, lengths_of, rounding_of, steps_of
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains, from_trials
 from neurotact.data.trial_choice import TrialChoice

@@ -14,17 +14,9 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 import pandas as pd
-from pydantic import Field
-
-from neurotact.data.digests import DIGEST, TOUCH
-from neurotact.data.hdf5_input import Declared, attribute, reading
-from neurotact.data.readers.clock.stamps import row_times
-from neurotact.data.readers.clock.trials import Read, recordings_of
-from neurotact.data.readers.columns import Samples
-from neurotact.data.readers.doubts import Fixes
-from neurotact.data.readers.events.observed import Unobserved, observed_trials, touching, within
-from neurotact.data.readers.events.spikes import BYTES_PER_EVENT, MOST_AFFERENTS, on_clock, say_length, say_merged
-from neurotact.data.readers.events.times import (
+from neurotact_parts.readers.events.observed import Unobserved, observed_trials, touching, within
+from neurotact_parts.readers.events.spikes import BYTES_PER_EVENT, MOST_AFFERENTS, on_clock, say_length, say_merged
+from neurotact_parts.readers.events.times import (
     SLACK,
     EventTimes,
     event_times,
@@ -33,6 +25,14 @@ from neurotact.data.readers.events.times import (
     rounding_of,
     steps_of,
 )
+from pydantic import Field
+
+from neurotact.data.digests import DIGEST, TOUCH
+from neurotact.data.hdf5_input import Declared, attribute, reading
+from neurotact.data.readers.clock.stamps import row_times
+from neurotact.data.readers.clock.trials import Read, recordings_of
+from neurotact.data.readers.columns import Samples
+from neurotact.data.readers.doubts import Fixes
 from neurotact.data.readers.table.cells import check_digits
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.sources import Reader

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from neurotact import effects, files, spec
+from neurotact import effects, files, plugins, spec
 from neurotact.api.arguments import Conditions, LeftOut, Settings, Tell, check_text
 from neurotact.data import description, doubtful, hdf5, sources
 from neurotact.data import fetch as public
@@ -15,9 +15,7 @@ from neurotact.data.onset import common_onset_s
 from neurotact.data.readers import arrays, folder
 from neurotact.data.readers import one_table as sample_table
 from neurotact.data.readers.clock.units import Unit as Unit
-from neurotact.data.readers.columns import LayoutSpec
-from neurotact.data.readers.events import files as event_files
-from neurotact.data.readers.events import raster
+from neurotact.data.readers.columns import OF_EVENTS, LayoutSpec
 from neurotact.data.readers.folder import NamingSpec
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import Reader as Reader
@@ -33,7 +31,7 @@ from neurotact.repeated_warnings import in_few_lines
 from neurotact.spec import takes_specs
 
 ARRAY_NAMES = [arrays.SIGNALS, *arrays.ALIASES]
-EVENT_NAMES = [*event_files.ALIASES, event_files.POLARITY]
+EVENT_NAMES = [*OF_EVENTS, "polarity"]
 """What `names` of a file of arrays, and of one of events, may call by another name."""
 
 
@@ -201,7 +199,7 @@ def read_raster(
     [0, 1, 2, 3, 4, 5]
     """
     choice = TrialChoice.of(where, leave_out)
-    trains = raster.read(
+    trains = plugins.load_function("tools", "import_raster")(
         path, sampling_rate_Hz, names=names, axes=axes, conditions=conditions,
         naming=naming.given(), layout=layout.given(),
         merge_events=merge_events,
@@ -255,7 +253,8 @@ def read_events(
         "polarities": polarities, "channels": channels, "n_channels": n_channels, "sensor": sensor,
         "merge_events": merge_events,
     }  # fmt: skip
-    return chosen_trials(event_files.read(path, options, names=names, naming=naming.given()), choice, str(path))
+    trains = plugins.load_function("tools", "import_events")(path, options, names=names, naming=naming.given())
+    return chosen_trials(trains, choice, str(path))
 
 
 def fetch(name: str | None = None, out: str | Path | None = None, *, tell: Tell = print) -> None:

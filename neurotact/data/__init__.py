@@ -17,30 +17,27 @@ Other rooms take:
     fetch: SETS, fetch, missing, public_set, registry_of
     hdf5: StoredRecordings, encoded_by, kind_of, load, load_recordings, load_spikes, open_recordings,
         save_recordings, save_spikes, spike_writer
-    hdf5_input: Declared, attribute, reading
+    hdf5_input: Declared, EVENTS, attribute, opened, reading
     hdf5_output: Output, create
     nested: combination
     onset: common_onset_s, onsets_s
-    readers.arrays: ALIASES, SIGNALS, read
-    readers.clock.stamps: row_times
+    readers.arrays: ALIASES, SIGNALS, load, read
+    readers.clock.stamps: OF_GIVEN_RATE, of_length, of_rate, row_times
     readers.clock.trials: Read, recordings_of
-    readers.clock.units: DAY_S, UNIT_S, Unit
-    readers.columns: LayoutSpec, Samples
+    readers.clock.units: DAY_S, UNIT_S, Unit, unit_in, without_unit
+    readers.columns: GUESSES, LayoutSpec, OF_EVENTS, Samples, read_table
     readers.doubts: Fixes
-    readers.events.files: ALIASES, POLARITY, read
-    readers.events.observed: Unobserved, observed_trials, touching, within
-    readers.events.raster: read
-    readers.events.spikes: BYTES_PER_EVENT, MOST_AFFERENTS, on_clock, say_length, say_merged
-    readers.events.times: EventTimes, SLACK, event_times, joined_times, lengths_of, rounding_of, steps_of
-    readers.folder: NamingSpec, read
-    readers.formats.contents: content_of_bytes
-    readers.formats.numpy_files: read_arrays
+    readers.folder: NamingSpec, conditions_of, read
+    readers.formats.contents: HDF5, LVM, MATLAB, NPY, NPZ, TDMS, ZIP, check_content, content_of_bytes
+    readers.formats.numpy_files: read_array, read_arrays
     readers.one_table: read
-    readers.table.cells: COMMENT, FLOAT32_MAX, NOT_FINITE, NUMBER, as_signal, cells, check_digits, is_value, numbers
-    readers.table.headings: SEPARATOR_LINE, is_unit
+    readers.table.cells: COMMENT, DECIMAL_COMMA, FLOAT32_MAX, NOT_FINITE, NUMBER, THOUSANDS, as_signal, cells,
+        check_digits, columns_of, grouping_of, is_value, numbers, values_of
+    readers.table.headings: SEPARATOR_LINE, is_unit, named_table
     readers.table.texts: read_text, split_header
-    recordings: LABEL, Recordings, Trials, check_sampling_rate, class_indices, class_names, default_channels,
-        order_by_name, select_conditions, unit_factor
+    recordings: LABEL, Recordings, Trials, check_channels, check_conditions, check_import, check_named_classes,
+        check_sampling_rate, class_indices, class_names, default_channels, order_by_name, select_conditions,
+        unit_factor
     sources: Control, Finger, Progress, Reader, Simulator, expand, reader, simulator
     spikes: SpikeTrains, TrialSpikes, Variations, from_trials, populations_of, spikes_of
     splits: Split, SplitSpec, Splits, check_each, check_stratify, each_left_out, hold_out, hold_out_groups,

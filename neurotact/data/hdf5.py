@@ -20,10 +20,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from neurotact import plugins
 from neurotact.data.hdf5_input import EVENTS, Declared, attribute, names, opened, table
 from neurotact.data.hdf5_output import Output, create
-from neurotact.data.readers.events import heidelberg
-from neurotact.data.readers.events.spikes import EventSpec
 from neurotact.data.recordings import (
     Recordings,
     Trials,
@@ -360,7 +359,7 @@ def encoded_by(path: str | Path) -> tuple[tuple[str, ...], dict[str, Any], float
 
 def _events(declared: Declared) -> SpikeTrains:
     log.warning("%s: its events are put on a clock of 1 ms; neurotact import events chooses another", declared.path)
-    return heidelberg.read(declared, EventSpec(merge_events=True))
+    return plugins.load_function("tools", "heidelberg_spikes")(declared, {"merge_events": True})
 
 
 def _recorded_Hz(file: h5py.File, path: str | Path) -> float | None:  # noqa: N802

@@ -110,6 +110,8 @@ GUESSES: dict[str, _Guess] = {
     "event label": _Guess((LABEL, "labels", "class", "classes"), "their class", "it changes within a trial: refused"),
 }  # fmt: skip
 """Each guess by the name of a column, of all formats. A user's option decides in its place."""
+OF_EVENTS = [what.removeprefix("event ") for what in GUESSES if what.startswith("event ")]
+"""What the columns of events may be."""
 
 
 def called(names: Sequence[str], what: str) -> str | None:

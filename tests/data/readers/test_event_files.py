@@ -12,6 +12,9 @@ from as_specs import of_events, of_folder
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.readers.events.files import ALIASES
+from neurotact_parts.readers.events.spikes import EventSpec
+from neurotact_parts.readers.events.times import in_order
 from neurotact_parts.studies.braille import reader as braille_letters
 from typer.testing import CliRunner
 
@@ -20,9 +23,6 @@ from neurotact.cli import app
 from neurotact.cli import recordings as recordings_commands
 from neurotact.data import hdf5
 from neurotact.data.readers.clock.units import UNIT_S
-from neurotact.data.readers.events.files import ALIASES
-from neurotact.data.readers.events.spikes import EventSpec
-from neurotact.data.readers.events.times import in_order
 from neurotact.data.readers.folder import NamingSpec
 from neurotact.errors import InputError
 

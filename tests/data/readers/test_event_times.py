@@ -7,9 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from levels import examples
-
-from neurotact.data.readers.clock.units import UNIT_S
-from neurotact.data.readers.events.times import (
+from neurotact_parts.readers.events.times import (
     Rounding,
     event_times,
     in_order,
@@ -18,6 +16,8 @@ from neurotact.data.readers.events.times import (
     rounding_of,
     steps_of,
 )
+
+from neurotact.data.readers.clock.units import UNIT_S
 
 RATES_HZ = [35.6, 100.0, 900.0, 1000.0, 3000.0, 12_345.6, 25_600.0, 30_000.0, 44_100.0]
 EPOCH_S = {"zero": [0], "first": [0, 1_036_800, 1_700_000_000]}

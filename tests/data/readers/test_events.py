@@ -11,10 +11,10 @@ from as_specs import of_events
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.readers.events.spikes import Events, EventSpec, to_trains
 
 import neurotact as nt
 from neurotact.cli import recordings as recordings_commands
-from neurotact.data.readers.events.spikes import Events, EventSpec, to_trains
 from neurotact.errors import InputError
 from neurotact.figures.raster import painted_populations
 from neurotact.networks.use.measuring import spikes_column

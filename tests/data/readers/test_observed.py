@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.readers.events.observed import observed_trials, touching, within
 from typer.testing import CliRunner
 
 import neurotact as nt
 from neurotact.cli import app
-from neurotact.data.readers.events.observed import observed_trials, touching, within
 from neurotact.errors import InputError
 
 N_TRIALS = 20

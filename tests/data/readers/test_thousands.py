@@ -8,9 +8,9 @@ import pytest
 from as_specs import of_folder, of_table
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from neurotact_parts.readers.events import files as event_files
 
 import neurotact as nt
-from neurotact.data.readers.events import files as event_files
 from neurotact.data.readers.table import cells as tables
 from neurotact.data.readers.table.cells import THOUSANDS, grouping_of
 from neurotact.errors import InputError

@@ -5,17 +5,19 @@ into `extra/keys` if the file has it. Other datasets of one value per trial in `
 (doi 10.1109/TNNLS.2020.3044364).
 """
 
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pandas as pd
+from neurotact_parts.readers.events.spikes import EventSpec, TrialEvents, channel_names, trains_of
+from neurotact_parts.readers.events.times import event_times, in_order
 
 from neurotact.data.hdf5_input import EVENTS, Declared, opened
 from neurotact.data.readers.clock.units import UNIT_S
-from neurotact.data.readers.events.spikes import EventSpec, TrialEvents, channel_names, trains_of
-from neurotact.data.readers.events.times import event_times, in_order
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
@@ -24,10 +26,15 @@ from neurotact.errors import InputError
 def load(path: str | Path, spec: EventSpec) -> SpikeTrains:
     """Spikes of a file on a clock of `spec.step_ms`; InputError if it is damaged, too large or not in the layout."""
     with opened(path, EVENTS) as (file, _):
-        return read(Declared(file, path), spec)
+        return _read(Declared(file, path), spec)
 
 
-def read(declared: Declared, spec: EventSpec) -> SpikeTrains:
+def spikes_in(declared: Declared, spec: Mapping[str, Any]) -> SpikeTrains:
+    """The spikes of an open file; spec: keys of `EventSpec`."""
+    return _read(declared, EventSpec(**spec))
+
+
+def _read(declared: Declared, spec: EventSpec) -> SpikeTrains:
     """The spikes of an open file on a clock of `spec.step_ms`.
 
     Rows are read as they are stored and binned trial by trial, since such files hold many millions of spikes.

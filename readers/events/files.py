@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from neurotact_parts.readers.events import heidelberg
+from neurotact_parts.readers.events.spikes import ROW, Events, EventSpec, joined, to_trains
+from neurotact_parts.readers.events.times import event_times, in_order
 
 from neurotact.data.readers.clock.units import UNIT_S, Unit, unit_in, without_unit
-from neurotact.data.readers.columns import GUESSES, LayoutSpec, read_table
-from neurotact.data.readers.events import heidelberg
-from neurotact.data.readers.events.spikes import ROW, Events, EventSpec, joined, to_trains
-from neurotact.data.readers.events.times import event_times, in_order
+from neurotact.data.readers.columns import GUESSES, OF_EVENTS, LayoutSpec, read_table
 from neurotact.data.readers.folder import NamingSpec, conditions_of
 from neurotact.data.readers.formats.contents import HDF5, LVM, MATLAB, NPY, NPZ, TDMS, ZIP, check_content
 from neurotact.data.readers.formats.numpy_files import read_array, read_arrays
@@ -29,7 +29,7 @@ from neurotact.spec import build
 
 log = logging.getLogger("neurotact")
 
-ALIASES = {what: GUESSES[f"event {what}"].aliases for what in ("time", "channel", "population", "trial", LABEL)}
+ALIASES = {what: GUESSES[f"event {what}"].aliases for what in OF_EVENTS}
 """Names of columns and arrays of events, without the prefix `event_` and a unit of time as suffix."""
 POPULATION, POLARITY = "population", "polarity"
 """The population, and its other name, of which a sensor with polarities has two."""

@@ -7,11 +7,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
-from pydantic import Field, field_validator
-
-from neurotact.data.readers.clock.stamps import of_length
-from neurotact.data.readers.clock.units import Unit
-from neurotact.data.readers.events.times import (
+from neurotact_parts.readers.events.times import (
     FLOAT_ERROR,
     MOST_COMPARED,
     EventTimes,
@@ -21,6 +17,10 @@ from neurotact.data.readers.events.times import (
     rounding_of,
     steps_of,
 )
+from pydantic import Field, field_validator
+
+from neurotact.data.readers.clock.stamps import of_length
+from neurotact.data.readers.clock.units import Unit
 from neurotact.data.recordings import LABEL, check_named_classes
 from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
 from neurotact.data.windows import LONGEST_STEPS
