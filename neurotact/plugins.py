@@ -15,6 +15,7 @@ from neurotact.errors import InputError, first_line, nearest
 Group = Literal[
     "simulators",
     "readers",
+    "formats",
     "encoders",
     "networks",
     "surrogates",

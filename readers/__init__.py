@@ -1,1 +1,1 @@
-"""Spike times as other laboratories exchange them: NWB and Neo, read and written; found by name, as those of others."""
+"""Files of other programs: formats of samples, events and rasters, NWB and Neo; found by name, as those of others."""

@@ -582,3 +582,56 @@ def test_an_exporter_that_cannot_be_used_is_named_with_its_package(package, tmp_
     package({"exporters": f"mine = my_skin:{entry}"}, EXPORTS)
     with pytest.raises(InputError, match=rf"^exporters: 'mine' of the package my-skin \(my_skin:{entry}\) {why}"):
         nt.export(run, tmp_path / "out", "mine")
+
+
+FORMATS = """
+import numpy as np
+from neurotact.data.readers.formats import Arrays, Format
+from neurotact.data.readers.table.cells import table_of
+
+ABOUT = "a touch of my skin", "record it again"
+
+def columns(path):
+    return {"": table_of(path, dict(zip(("left", "right"), np.loadtxt(path).T)), [0.005, 0.005])}
+
+def arrays(path):
+    return Arrays({"signals": np.loadtxt(path)[None], "label": np.array(["felt"]), "fs": np.array(200)})
+
+TABLES = Format(*ABOUT, columns)
+ARRAYS = Format(*ABOUT, arrays, "arrays")
+OTHER = Format(*ABOUT, arrays)
+NEITHER = Format(*ABOUT, columns, "lines")
+"""
+
+
+def test_a_format_of_another_package_is_read_by_its_suffix(package, tmp_path):
+    package({"formats": "skin = my_skin:TABLES\nskins = my_skin:ARRAYS"}, FORMATS)
+    signal = np.arange(20.0).reshape(10, 2) ** 2
+    for path in (tmp_path / "set" / "felt" / "a.skin", tmp_path / "set" / "silk" / "b.skin", tmp_path / "all.SKINS"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savetxt(path, signal)
+    read = nt.read_folder(tmp_path / "set", unit="mV", naming=nt.Naming(pattern="{name}.skin"))
+    assert (read.channels, read.sampling_rate_Hz, read.classes) == (("left", "right"), 200.0, ("felt", "silk"))
+    for signals in (read.signals, nt.read_arrays(tmp_path / "all.SKINS", unit="mV").signals):
+        np.testing.assert_array_equal(signals[0], signal.astype(np.float32))
+    (tmp_path / "set" / "felt" / "a.skin").write_text("1 2\n3 x\n")
+    said = r"a\.skin: cannot be read as a touch of my skin \(could not convert .*\); record it again$"
+    with pytest.raises(InputError, match=said):
+        nt.read_folder(tmp_path / "set", unit="mV")
+    with pytest.raises(InputError, match=r"give one that ends with \.npz, \.npy, \.mat, \.pt, \.pth, \.skins, \.h5 or"):
+        nt.read_arrays(tmp_path / "set" / "silk" / "b.skin", unit="mV")
+
+
+@pytest.mark.parametrize(
+    ("part", "why"),
+    [
+        ("READER", "is of the type Reader where a Format is expected"),
+        ("OTHER", "gives a Arrays where tables are expected"),
+        ("NEITHER", "has nothing to call, or holds neither tables nor arrays"),
+    ],
+)
+def test_a_format_of_another_kind_is_refused(package, tmp_path, part, why):
+    package({"formats": f"skin = my_skin:{part}"}, READER + FORMATS)
+    (tmp_path / "a.skin").write_text("1 2\n3 4\n")
+    with pytest.raises(InputError, match=rf"^formats: 'skin' of the package my-skin \(my_skin:{part}\) {why}"):
+        nt.read_table(tmp_path / "a.skin", unit="mV")

@@ -28,13 +28,16 @@ Other rooms take:
     readers.columns: GUESSES, LayoutSpec, OF_EVENTS, Samples, read_table
     readers.doubts: Fixes
     readers.folder: NamingSpec, conditions_of, read
-    readers.formats.contents: HDF5, LVM, MATLAB, NPY, NPZ, TDMS, ZIP, check_content, content_of_bytes
+    readers.formats: Arrays, Cells, Format
+    readers.formats.contents: FLAC, HDF5, LVM, MATLAB, MCAP, NPY, NPZ, PARQUET, ROS_BAG, SOUND, SQLITE, TDMS, TORCH,
+        ZIP, check_content, content_of, content_of_bytes, damaged_as
     readers.formats.numpy_files: read_array, read_arrays
     readers.one_table: read
-    readers.table.cells: COMMENT, DECIMAL_COMMA, FLOAT32_MAX, NOT_FINITE, NUMBER, THOUSANDS, as_signal, cells,
-        check_digits, columns_of, grouping_of, is_value, numbers, values_of
+    readers.table.cells: COMMENT, DECIMAL_COMMA, Decimal, FLOAT32_MAX, MAX_CHANNELS, NOT_FINITE, NUMBER, THOUSANDS,
+        Table, as_signal, cells, check_digits, columns_of, grouping_of, is_value, lines_of, numbers, table_of,
+        values_of
     readers.table.headings: SEPARATOR_LINE, is_unit, named_table
-    readers.table.texts: read_text, split_header
+    readers.table.texts: read_any_text, read_text, split_header
     recordings: LABEL, Recordings, Trials, check_channels, check_conditions, check_import, check_named_classes,
         check_sampling_rate, class_indices, class_names, default_channels, order_by_name, select_conditions,
         unit_factor

@@ -14,9 +14,8 @@ import pandas as pd
 from neurotact.data.hdf5_input import Declared, reading
 from neurotact.data.readers.columns import GUESSES, called
 from neurotact.data.readers.doubts import Fixes, check_first_row, say_doubts
-from neurotact.data.readers.formats.matlab import MAT_SUFFIX, Cells, read_variables
+from neurotact.data.readers.formats import Arrays, Cells, arrays_in, holding, suffixes
 from neurotact.data.readers.formats.numpy_files import read_array, read_arrays
-from neurotact.data.readers.formats.tensors import read_tensors
 from neurotact.data.readers.table.cells import check_digits, check_width, columns_of, values_of
 from neurotact.data.readers.table.headings import named_table
 from neurotact.data.recordings import LABEL, Recordings, check_import, check_sampling_rate
@@ -25,7 +24,6 @@ from neurotact.files import existing
 
 log = logging.getLogger("neurotact")
 
-TENSORS = (".pt", ".pth")
 DEEPEST = 4
 """Depth of nested groups of an HDF5 file to search."""
 RATES = (
@@ -106,21 +104,17 @@ def opened_arrays(path: str | Path) -> Iterator[ArrayFile]:
             declared = Declared(file, path)
             yield ArrayFile(path, {name: _flat(shape) for name, shape in _datasets(file, "")}, declared.value)
         return
-    cells: Mapping[str, Cells] = {}
-    others: Sequence[str] = ()
-    if suffix == MAT_SUFFIX:
-        arrays, cells, others = read_variables(path)
-    elif suffix == ".npz":
-        arrays = read_arrays(path)
+    if suffix == ".npz":
+        held = Arrays(read_arrays(path))
     elif suffix == ".npy":
-        arrays = {path.stem: read_array(path)}
-    elif suffix in TENSORS:
-        arrays = read_tensors(path)
+        held = Arrays({path.stem: read_array(path)})
+    elif holding(path) == "arrays":
+        held = arrays_in(path)
     else:
-        known = ".npz, .npy, .mat, .pt, .h5 or .hdf5"
+        known = f".npz, .npy, {', '.join(suffixes('arrays'))}, .h5 or .hdf5"
         raise InputError(f"{path}: is not a file of arrays by its suffix; give one that ends with {known}")
-    shapes = {name: _flat(array.shape) for name, array in arrays.items()}
-    yield ArrayFile(path, shapes, arrays.__getitem__, cells, others)
+    shapes = {name: _flat(array.shape) for name, array in held.arrays.items()}
+    yield ArrayFile(path, shapes, held.arrays.__getitem__, held.cells, held.others)
 
 
 def _flat(shape: tuple[int, ...]) -> tuple[int, ...]:

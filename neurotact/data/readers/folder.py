@@ -11,14 +11,13 @@ import numpy as np
 import pandas as pd
 from pydantic import BeforeValidator, Field, model_validator
 
-from neurotact.data.readers.arrays import TENSORS, ArrayFile, opened_arrays, said_rates, sampling_rate_of
+from neurotact.data.readers.arrays import ArrayFile, opened_arrays, said_rates, sampling_rate_of
 from neurotact.data.readers.clock.trials import OF_COLUMNS, Read, mended, recordings_of
 from neurotact.data.readers.clock.units import Unit, apart, joined, pair_in, unit_in
 from neurotact.data.readers.columns import LayoutSpec, Samples, called, is_text, read_table, samples_of
 from neurotact.data.readers.doubts import Fixes
-from neurotact.data.readers.formats import TABLES, tables_in
+from neurotact.data.readers.formats import holding, suffixes, tables_in
 from neurotact.data.readers.formats.contents import content_of
-from neurotact.data.readers.formats.matlab import MAT_SUFFIX
 from neurotact.data.readers.table.cells import NUMBER, as_signal, columns_of
 from neurotact.data.readers.table.headings import named_table
 from neurotact.data.recordings import LABEL, Recordings, check_import
@@ -31,9 +30,9 @@ log = logging.getLogger("neurotact")
 FILE = "file"
 FIELD = re.compile(r"\{([^{}]*)\}")
 TEXTS = (".csv", ".tsv", ".txt", ".lvm")
-ARRAYS = (".npz", ".npy", MAT_SUFFIX, *TENSORS)
-SUFFIXES = (*TEXTS, *ARRAYS, *TABLES)
-KINDS = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
+OF_NUMPY = (".npz", ".npy")
+MATLAB = ".mat"
+"""In MATLAB a vector is a matrix of one row or column, and texts and single numbers often stand beside the samples."""
 
 
 class NamingSpec(Spec):
@@ -154,7 +153,7 @@ def _of_path(file: str, levels: Sequence[str], pattern: str | None, folder: Path
         found |= match.groupdict()
     if pattern is None:
         return found, {}
-    if not pattern.lower().endswith(SUFFIXES):
+    if not pattern.lower().endswith(every_suffix()):
         parts = PurePosixPath(file).with_suffix("").parts
     match = _compiled(pattern).fullmatch("/".join(parts[-1 - pattern.count("/") :]))
     if match is None:
@@ -190,9 +189,8 @@ def _read_table(path: str, files: Sequence[str]) -> dict[str, dict[str, str]]:
     return rows
 
 
-USUAL = (".csv", *ARRAYS, *TABLES)
-"""Files that are read; those of `LATER` only if a folder holds none of these, as other text files may be notes."""
-LATER = ((".lvm",), SUFFIXES)
+LATER = ((".lvm",), TEXTS)
+"""Files that are read only if a folder holds none of the others, as text files may be notes."""
 
 MOST_FAULTS = 20
 """Files with faults after which no more are read."""
@@ -327,7 +325,7 @@ def _read(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> tupl
             raise InputError(f"{path}: `array` and `transpose` are for NPZ and MATLAB files; leave them out")
         return [Read(str(path), file, read_table(path, layout, find_time=find_time))], {}
     layout.check_no_text(path)
-    if path.suffix.lower() in TABLES:
+    if holding(path) == "tables":
         if layout.transpose:
             raise InputError(f"{path}: `transpose` is for NPZ and MATLAB files; leave it out")
         tables = tables_in(path, layout.array).items()
@@ -425,7 +423,7 @@ def _matrices(file: ArrayFile, chosen: str | None) -> dict[str, np.ndarray]:
             f"{file.path}: '{file.others[0][:40]}' is neither numbers nor text; name the matrix of samples with `array`"
         )
     held = {name: np.asarray(file.read(name)) for name in file.shapes}
-    is_matlab = file.path.suffix.lower() == MAT_SUFFIX
+    is_matlab = file.path.suffix.lower() == MATLAB
     matrices = {
         name: values for name, values in held.items()
         if (values.size != 1 or values.ndim > 1) and (values.dtype.kind in "iufb" or not is_matlab)
@@ -458,7 +456,8 @@ def _data_files(folder: Path, naming: NamingSpec) -> list[Path]:
     table = None if naming.table is None else os.path.realpath(naming.table)
     paths = [path.relative_to(folder) for path in below(folder) if table is None or os.path.realpath(path) != table]
     shown = [path for path in paths if not is_hidden(path.name)]
-    ways = ([path for path in shown if path.suffix.lower() in suffixes] for suffixes in (USUAL, *LATER))
+    usual = (".csv", *(suffix for suffix in every_suffix() if suffix not in TEXTS))
+    ways = ([path for path in shown if path.suffix.lower() in its] for its in (usual, *LATER))
     data_files = next(filter(None, ways), [])
     read = set(data_files)
     ignored = [path for path in paths if path not in read]
@@ -477,14 +476,21 @@ def _data_files(folder: Path, naming: NamingSpec) -> list[Path]:
     return [folder / inside for inside in data_files]
 
 
+def every_suffix() -> tuple[str, ...]:
+    """The suffixes of all files that are read."""
+    return tuple(dict.fromkeys((*TEXTS, *OF_NUMPY, *suffixes())))
+
+
 def _no_recordings(folder: Path, others: Sequence[Path]) -> InputError:
     """The refusal of a folder without a file that is read, which names what there is instead."""
     other = next((path for path in others if path.is_file() and not is_hidden(path.name)), None)
+    *most, last = every_suffix()
+    kinds = f"{', '.join(most)} or {last}"
     if other is None:
-        return InputError(f"{folder}: holds no {KINDS} file; add one or remove the sub-folder")
+        return InputError(f"{folder}: holds no {kinds} file; add one or remove the sub-folder")
     kind = content_of(other)
     what = f", which is {kind.what}; {kind.fix}" if kind else "; if it is a table of samples as text, name it .csv"
-    return InputError(f"{folder}: holds no {KINDS} file, but {other.relative_to(folder)}{what}")
+    return InputError(f"{folder}: holds no {kinds} file, but {other.relative_to(folder)}{what}")
 
 
 def _check_label_folders(folder: Path, files: Sequence[Path], ignored: Sequence[Path], pattern: str | None) -> None:

@@ -28,7 +28,7 @@ from neurotact.data.readers.columns import (
     is_index,
     unit_of,
 )
-from neurotact.data.readers.formats import TABLES, tables_in
+from neurotact.data.readers.formats import holding, tables_in
 from neurotact.data.readers.table.cells import (
     Table,
     check_digits,
@@ -179,7 +179,7 @@ def read(
 
 def _opened(path: Path, layout: _TableSpec) -> Table:
     """The table in a text file, or the only one of another format."""
-    if path.suffix.lower() not in TABLES:
+    if path.suffix.lower() == ".lvm" or holding(path) != "tables":  # a text, which may be any other
         return named_table(path, layout.decimal, layout.header_lines, option="header_lines", choice=CHOICE)
     layout.check_no_text(path)
     name, *others = tables = tables_in(path)

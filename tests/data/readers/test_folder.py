@@ -17,6 +17,8 @@ from neurotact.data.readers import arrays, folder
 from neurotact.errors import InputError
 from neurotact.files import MAX_MB
 
+KINDS = f"{', '.join(folder.every_suffix()[:-1])} or {folder.every_suffix()[-1]}"
+
 SHORT = examples(80)
 SIGNAL = np.round(np.random.default_rng(5).normal(size=(15, 3)), 3)
 
@@ -205,7 +207,7 @@ def test_text_files_of_labview_come_before_other_text(tmp_path, caplog):
 POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n"
 
 
-@pytest.mark.parametrize("suffix", folder.SUFFIXES)
+@pytest.mark.parametrize("suffix", folder.every_suffix())
 def test_a_pointer_is_named_whatever_its_suffix(tmp_path, suffix):
     (tmp_path / "felt").mkdir()
     (tmp_path / "felt" / f"a{suffix}").write_bytes(POINTER)
@@ -235,7 +237,7 @@ def test_a_folder_says_what_it_holds_instead(tmp_path, name, content, message):
     write(tmp_path / "felt", "a.csv")
     (tmp_path / "silk").mkdir()
     (tmp_path / "silk" / name).write_bytes(content)
-    refused(tmp_path, f"{tmp_path / 'silk'}: holds no {folder.KINDS} file, {message}")
+    refused(tmp_path, f"{tmp_path / 'silk'}: holds no {KINDS} file, {message}")
     (tmp_path / "felt" / "a.csv").unlink()
     with pytest.raises(InputError, match=r"\.db3 file, but silk/a\."):
         folder.read(tmp_path, 100, "mV", naming={"levels": "label"})
@@ -244,7 +246,7 @@ def test_a_folder_says_what_it_holds_instead(tmp_path, name, content, message):
 @pytest.mark.parametrize("kind", ["pipe", "socket", "device", "nothing"])
 def test_what_is_no_regular_file_is_never_opened(tmp_path, monkeypatch, kind):
     (tmp_path / "felt").mkdir()
-    for suffix in folder.SUFFIXES:
+    for suffix in folder.every_suffix():
         path = tmp_path / "felt" / f"a{suffix}"
         if kind == "pipe":
             os.mkfifo(path)
@@ -384,7 +386,7 @@ def test_folders_rates_and_units_that_say_nothing_are_refused(tmp_path):
         refused(tmp_path, "sampling_rate_Hz must be a positive number", rate=rate)
     refused(tmp_path, "the unit of the signals is empty", unit=" ")
     (tmp_path / "silk").mkdir()
-    refused(tmp_path, f"silk: holds no {folder.KINDS} file; add one or remove")
+    refused(tmp_path, f"silk: holds no {KINDS} file; add one or remove")
 
 
 @given(cut=st.integers(0, 10**6), flip=st.none() | st.integers(0, 255))

@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as arrays
 from scipy.io import savemat
 
 import neurotact as nt
-from neurotact.data.readers.formats.matlab import read_variables
+from neurotact.data.readers.formats import arrays_in as read_variables
 from neurotact.errors import InputError
 from neurotact.files import MAX_MB
 
@@ -118,7 +118,7 @@ def test_a_compressed_variable_that_was_cut_off_is_refused(tmp_path):
     content = bytearray(path.read_bytes()[:-4])
     content[132:136] = struct.pack("<I", len(content) - 136)
     path.write_bytes(content)
-    refused("is a damaged MATLAB file (it was cut off)", read_variables, path)
+    refused("cannot be read as a MATLAB file of version 5 or later (it was cut off)", read_variables, path)
 
 
 def test_version_4_says_how_to_save(tmp_path):

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from scipy.io import wavfile
 
 import neurotact as nt
-from neurotact.data.readers.formats import TABLES
 from neurotact.errors import InputError
 from neurotact.files import MAX_MB
 
@@ -258,7 +257,3 @@ def test_options_and_faults_of_samples_are_those_of_text(tmp_path, caplog):
     rows[["right", "t_ms"]].to_parquet(tmp_path / "felt" / "b.parquet")
     with pytest.raises(InputError, match=r"felt/b\.parquet: has 1 channels where felt/a\.parquet has 2"):
         nt.read_folder(tmp_path, 200, "count", layout=nt.Layout(missing="interpolate"))
-
-
-def test_each_format_has_its_module():
-    assert {".parquet", ".wav", ".flac", ".bag", ".mcap", ".db3", ".tdms"} == set(TABLES)

@@ -16,6 +16,7 @@ HEAD_BYTES = 1 << 16
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 HDF5_OFFSETS = (0, 512, 1024, 2048, 4096, 8192, 16384, 32768)
 """Where the signature of an HDF5 file may lie within its first bytes: other programs write before it."""
+BEGIN_OF_LVM = "LabVIEW Measurement"
 MARK = b"\xef\xbb\xbf"
 """The byte-order mark that some programs write before UTF-8 text."""
 
@@ -91,7 +92,7 @@ MATLAB = _begins(
 TDMS = _begins(rb"TDSm", "a LabVIEW TDMS file", _import("import folder reads it", ".tdms"))
 TDMS_INDEX = _begins(rb"TDSh", "the index of a LabVIEW TDMS file", "give the .tdms file itself")
 LVM = _begins(
-    rb"\s*LabVIEW Measurement\b",
+    rb"\s*" + BEGIN_OF_LVM.encode() + rb"\b",
     "a LabVIEW measurement", _import("import folder and import table read it", ".lvm or .txt"),
 )  # fmt: skip
 PARQUET = _begins(rb"PAR1", "a Parquet table", _import("import folder and import table read it", ".parquet"))

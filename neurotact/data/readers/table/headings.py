@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from neurotact.data.readers.clock.units import is_time_of_day
-from neurotact.data.readers.formats.lvm import is_measurement, measurement
+from neurotact.data.readers.formats import tables_in
+from neurotact.data.readers.formats.contents import BEGIN_OF_LVM
 from neurotact.data.readers.table.cells import (
     BLANKS,
     COMMENT,
@@ -247,9 +248,11 @@ def open_table(
     (('t_s', 'left'), ('s', 'mV'), ' ', 4)
     """
     text, note = read_any_text(path)
-    if is_measurement(text):
-        table = measurement(text, path, decimal)
-        return table._replace(notes=(note, *table.notes) if note else table.notes, choice=choice)
+    if text.lstrip().startswith(BEGIN_OF_LVM):
+        (table,) = tables_in(path, name="lvm").values()
+        if decimal == "," != table.decimal:
+            raise InputError(f"{path}: names {table.decimal!r} as its decimal separator; leave `decimal` out")
+        return table._replace(choice=choice)
     match = SEPARATOR_LINE.fullmatch(text.partition("\n")[0])
     given = match[1] if match else None
     begin = 0 if header_lines is None else _after(text, header_lines)

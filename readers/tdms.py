@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from neurotact.data.readers.formats.contents import TDMS, check_content, damaged_as
+from neurotact.data.readers.formats import Format
+from neurotact.data.readers.formats.contents import TDMS
 from neurotact.data.readers.table.cells import Table, table_of
 from neurotact.errors import InputError, optional, some
 from neurotact.files import check_size
@@ -19,17 +20,12 @@ INTERVAL_S = "wf_increment"
 VALUE_BYTES = 8
 
 
-def read(path: Path) -> dict[str, Table]:
-    """The groups of a TDMS file by their names, of their channels those of numbers and of times.
-
-    InputError without npTDMS, and for a damaged file.
-    """
-    check_content(path, TDMS, wanted="a TDMS file", fix="export it from LabVIEW again")
+def _read(path: Path) -> dict[str, Table]:
+    """The groups of a file by their names, of their channels those of numbers and of times."""
     needed = "npTDMS is needed to read TDMS files; pip install 'neurotact[tdms]'"
     file_class = optional("nptdms", f"{path}: {needed}").TdmsFile
     with (
         _heard() as warnings,
-        damaged_as(path, "is a damaged TDMS file", "save or copy it again"),
         path.open("rb") as stream,  # because npTDMS leaves a damaged file open
         file_class.open(stream) as file,
     ):
@@ -65,3 +61,6 @@ def _heard() -> Iterator[list[logging.LogRecord]]:
     finally:
         for logger, handlers, propagates in before:
             logger.handlers, logger.propagate = handlers, propagates
+
+
+FORMAT = Format("a TDMS file", "copy it, or export it from LabVIEW again", _read, contents=(TDMS,))

@@ -14,11 +14,11 @@ import h5py
 import numpy as np
 
 from neurotact.data.hdf5_input import Declared, attribute, reading
-from neurotact.data.readers.formats.contents import HDF5, MATLAB, check_content
+from neurotact.data.readers.formats import Arrays, Cells, Format
+from neurotact.data.readers.formats.contents import HDF5, MATLAB
 from neurotact.errors import InputError
-from neurotact.files import check_size, existing
+from neurotact.files import check_size
 
-MAT_SUFFIX = ".mat"
 FORM, FIX = "a MATLAB file of version 5 or later", "save it in MATLAB with -v7"
 HEADER_BYTES = 128
 ORDERS = {b"IM": "<", b"MI": ">"}
@@ -38,46 +38,19 @@ PIECE_BYTES = 2**20
 CHARACTER_BYTES = 100
 """Memory of a character while it is read."""
 
-
-Cells = list[np.ndarray]
-"""The matrices of a cell array, in MATLAB's order."""
 Value = np.ndarray | Cells | dict[str, "Value"] | None
 """A variable, a structure by its fields; None if it is of a class that is not read."""
 DEEPEST = 4
 """Depth of structures and cells within one another."""
 
 
-class _Variables(NamedTuple):
-    """What a file holds. arrays: numbers and texts by name; vectors have one axis, whether they were rows or columns.
+def _read(path: Path) -> Arrays:
+    """The variables of a file: `save` writes version 7, or with `-v7.3` HDF5.
 
-    cells: cell arrays of matrices of numbers, of any sizes, or of vectors alone. others: the names of what was not
-    read, such as tables. A field of a structure is named `rig/speed`; that of an array of structures is a cell array.
+    Vectors have one axis, whether they were rows or columns. A cell array of texts is an array of texts, as is a matrix
+    of characters, row by row; one of single numbers is an array of numbers. A field of a structure is named
+    `rig/speed`; that of an array of structures is a cell array. Others, such as tables, are not read.
     """
-
-    arrays: dict[str, np.ndarray]
-    cells: dict[str, Cells]
-    others: list[str]
-
-
-def read_variables(path: str | Path) -> _Variables:
-    """The variables of a MATLAB file: `save` writes version 7, or with `-v7.3` HDF5.
-
-    A cell array of texts is an array of texts, as is a matrix of characters, row by row; one of single numbers is an
-    array of numbers.
-
-    Raises InputError for a file that is damaged, too large, or holds neither numbers nor texts.
-
-    >>> import tempfile
-    >>> from scipy.io import savemat
-    >>> path = Path(tempfile.mkdtemp()) / "touch.mat"
-    >>> savemat(path, {"pressure": np.ones((50, 3)), "material": "felt", "rig": {"speed": 5}})
-    >>> found = read_variables(path)
-    >>> found.arrays["pressure"].shape, found.arrays["material"].tolist(), found.arrays["rig/speed"].tolist()
-    ((50, 3), ['felt'], [5])
-    """
-    path = existing(path)
-    check_size(path, path.stat().st_size)
-    check_content(path, MATLAB, HDF5, wanted=FORM, fix=FIX)
     read = _from_hdf5(path) if h5py.is_hdf5(path) else _from_binary(path)
     variables = {name: value for own, held in read.items() for name, value in _fields(own, held)}
     filled = {name: values for name, values in variables.items() if isinstance(values, np.ndarray) and values.size}
@@ -89,7 +62,7 @@ def read_variables(path: str | Path) -> _Variables:
         raise InputError(
             f"{path}: holds neither matrices of numbers nor texts{held}; save matrices, as in save('touch.mat', 'data')"
         )
-    return _Variables(arrays, cells, others)
+    return Arrays(arrays, cells, others)
 
 
 def _fields(name: str, value: Value) -> Iterator[tuple[str, Value]]:
@@ -137,14 +110,7 @@ def _from_binary(path: Path) -> dict[str, Value]:
     order = ORDERS.get(bytes(content[126:HEADER_BYTES]))
     if order is None:
         raise InputError(f"{path}: is not {FORM}; {FIX}")
-    file = _Binary(path, order)
-    try:
-        return file.variables(content[HEADER_BYTES:])
-    except InputError:
-        raise
-    except (ValueError, TypeError, LookupError, ArithmeticError, RecursionError, struct.error, zlib.error) as error:
-        why = str(error).split("\n")[0][:80]
-        raise InputError(f"{path}: is a damaged MATLAB file ({why}); save or copy it again") from error
+    return _Binary(path, order).variables(content[HEADER_BYTES:])
 
 
 class _Binary(NamedTuple):
@@ -273,3 +239,6 @@ def _of_dataset(declared: Declared, dataset: Any, depth: int) -> Value:
         return None
     values = np.asarray(declared.value(dataset.name.lstrip("/"))).T
     return _rows_of([*map(chr, values.ravel(order="F"))], values.shape) if kind == "char" else values
+
+
+FORMAT = Format(FORM, FIX, _read, "arrays", (MATLAB, HDF5))

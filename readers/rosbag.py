@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from neurotact.data.readers.formats.contents import MCAP, ROS_BAG, SQLITE, check_content, damaged_as
+from neurotact.data.readers.formats import Format
+from neurotact.data.readers.formats.contents import MCAP, ROS_BAG, SQLITE
 from neurotact.data.readers.table.cells import MAX_CHANNELS, Table, table_of
 from neurotact.errors import InputError, optional
 from neurotact.files import check_size
@@ -17,26 +18,21 @@ TIME = "time_ns"
 """The column of times: the stamp of a message's header, else when the message was recorded."""
 
 
-def read(path: Path) -> dict[str, Table]:
-    """The topics of a bag by their names, of messages that all have the same numbers; others are left out, in a note.
-
-    InputError without rosbags, and for a damaged bag.
-    """
-    check_content(path, ROS_BAG, MCAP, SQLITE, wanted="a bag of ROS", fix="record it again with rosbag or ros2 bag")
+def _read(path: Path) -> dict[str, Table]:
+    """The topics of a bag by their names, of messages that all have the same numbers; a note names the others."""
     needed = f"{path}: rosbags is needed to read bags of ROS; pip install 'neurotact[ros]'"
     highlevel = optional("rosbags.highlevel", needed)
     stores = optional("rosbags.typesys", needed)
     rows: dict[str, list[dict[str, Any]]] = {}
     n_bytes = 0
-    with damaged_as(path, "cannot be read as a bag of ROS", "record it again"):
-        usual = stores.get_typestore(stores.Stores.LATEST)
-        with highlevel.AnyReader([path], default_typestore=usual) as bag:
-            for connection, recorded_ns, raw in bag.messages():
-                row = dict(_numbers(bag.deserialize(raw, connection.msgtype), ""))
-                stamp = row.pop("header.stamp.sec", 0) * 10**9 + row.pop("header.stamp.nanosec", 0)
-                rows.setdefault(connection.topic, []).append({TIME: stamp or recorded_ns, **row})
-                n_bytes += NUMBER_BYTES * (1 + len(row))
-                check_size(path, n_bytes)
+    usual = stores.get_typestore(stores.Stores.LATEST)
+    with highlevel.AnyReader([path], default_typestore=usual) as bag:
+        for connection, recorded_ns, raw in bag.messages():
+            row = dict(_numbers(bag.deserialize(raw, connection.msgtype), ""))
+            stamp = row.pop("header.stamp.sec", 0) * 10**9 + row.pop("header.stamp.nanosec", 0)
+            rows.setdefault(connection.topic, []).append({TIME: stamp or recorded_ns, **row})
+            n_bytes += NUMBER_BYTES * (1 + len(row))
+            check_size(path, n_bytes)
     alike = {
         topic: its for topic, its in rows.items() if len(its[0]) > 1 and all(row.keys() == its[0].keys() for row in its)
     }  # fmt: skip
@@ -64,3 +60,6 @@ def _numbers(value: Any, name: str) -> Iterator[tuple[str, Any]]:
         for field in value.__dataclass_fields__:
             if not field.startswith("__") and field != "layout":
                 yield from _numbers(getattr(value, field), f"{name}.{field}" if name else field)
+
+
+FORMAT = Format("a bag of ROS", "record it again with rosbag or ros2 bag", _read, contents=(ROS_BAG, MCAP, SQLITE))

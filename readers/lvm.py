@@ -4,10 +4,13 @@ import re
 from pathlib import Path
 from typing import NamedTuple, cast
 
+from neurotact.data.readers.formats import Format
+from neurotact.data.readers.formats.contents import LVM
 from neurotact.data.readers.table.cells import Decimal, Table, lines_of
+from neurotact.data.readers.table.texts import read_any_text
 from neurotact.errors import InputError
 
-BEGIN, END = "LabVIEW Measurement", "***End_of_Header***"
+END = "***End_of_Header***"
 X_VALUE, COMMENT = "X_Value", "Comment"
 """Names of the first column, the times, and of the last one."""
 SEPARATORS = {"Tab": "\t", "Comma": ",", "Semicolon": ";"}
@@ -34,25 +37,15 @@ class _Head(NamedTuple):
             raise InputError(f"{path}: {key} is {value[:20]!r}, not a number; save it again") from error
 
 
-def is_measurement(text: str) -> bool:
-    """Whether a text is a LabVIEW measurement."""
-    return text.lstrip().startswith(BEGIN)
-
-
-def measurement(text: str, path: Path, decimal: Decimal) -> Table:
+def _read(path: Path) -> dict[str, Table]:
     """The table in a LabVIEW measurement: the times in the column X_Value, if the file has them or their interval.
 
-    decimal: as asked for; that of the file is used. InputError for a file of several segments, for X values that are no
-    times, and for times of each channel.
-
-    >>> head = "LabVIEW Measurement\\nDecimal_Separator\\t,\\nDelta_X\\t0,5\\n***End_of_Header***\\n"
-    >>> table = measurement(head + "X_Value\\tForce\\tComment\\n\\t1,5\\n\\t2,5\\n", Path("felt.lvm"), ".")
-    >>> table.names, table.body, table.first_line
-    (('X_Value', 'Force'), '0,0\\t1,5\\n0,5\\t2,5', 6)
+    InputError for a file of several segments, for X values that are no times, and for times of each channel.
     """
+    text, note = read_any_text(path)
     head = _head(text, path)
     mark = head.first("Decimal_Separator", ".")
-    if mark not in (".", ",") or (decimal == "," and mark == "."):
+    if mark not in (".", ","):
         raise InputError(f"{path}: names {mark!r} as its decimal separator; leave `decimal` out")
     if head.first("X_Dimension", "Time") != "Time":
         raise InputError(f"{path}: its X values are of {head.first('X_Dimension', '')[:20]!r}, no times; save samples")
@@ -68,11 +61,11 @@ def measurement(text: str, path: Path, decimal: Decimal) -> Table:
         else:
             times = (repr(start + interval * number).replace(".", mark) for number in range(len(rows)))
             rows = [[time, *row[1:]] for time, row in zip(times, rows, strict=True)]
-    return Table(
+    said = f"comments of LabVIEW are not read ({n_comments} lines)" if n_comments else ""
+    return {"": Table(
         path, tuple(names), head.separator, "\n".join(map(head.separator.join, rows)), len(names), head.n_lines + 1,
-        cast(Decimal, mark), tuple(units) if len(units) == len(names) else (),
-        notes=(f"comments of LabVIEW are not read ({n_comments} lines)",) if n_comments else (),
-    )  # fmt: skip
+        cast(Decimal, mark), tuple(units) if len(units) == len(names) else (), notes=tuple(filter(None, (note, said))),
+    )}  # fmt: skip
 
 
 def _head(text: str, path: Path) -> _Head:
@@ -104,3 +97,6 @@ def _rows(text: str, head: _Head, n_columns: int, path: Path) -> tuple[list[list
         n_comments += any(row[n_columns:])
         rows.append(row[:n_columns])
     return rows, n_comments
+
+
+FORMAT = Format("a LabVIEW measurement", "save it again", _read, contents=(LVM,))
