@@ -972,7 +972,7 @@ def test_a_class_with_too_few_trials_is_named(neurotact, refused, tmp_path):
     save_recordings(touch(n_trials=5), tmp_path / "few.h5")
     assert neurotact("encode", tmp_path / "few.h5", "-o", tmp_path / "spikes.h5")[0] == 0
     words = ("train", tmp_path / "spikes.h5", "-o", tmp_path / "run")
-    refused(words, "split: class 'fine' has 2 trials, too few", "at least 3 trials per class")
+    refused(words, "split: class 'fine' has 2 trials, too few", "give at least 3 trials per class for")
 
 
 def test_an_output_folder_that_is_not_free_is_left_alone(refused, made, tmp_path):

@@ -7,7 +7,7 @@ No trial is on two sides and, if groups are named, no group is. Windows follow t
 import logging
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from itertools import product
+from itertools import count, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -257,28 +257,32 @@ def split_trials(labels: np.ndarray, spec: SplitSpec, first: np.ndarray | None =
     labels = np.asarray(labels)
     if first is not None:
         return _with_copies(first, labels, lambda distinct: split_trials(labels[distinct], spec))
+    split = _drawn(labels, spec)
+    if split is not None:
+        return split
     values, counts = np.unique(labels, return_counts=True)
-    rarest = counts.argmin()
-    too_few = InputError(
-        f"split: class '{values[rarest]}' has {_trials(counts[rarest])}, too few to train, validate and test on; give "
-        f"at least 3 trials per class (about {np.ceil(1 / min(spec.validation, spec.test)):.0f} for these shares)"
+    few = counts.argmin()
+    enough = (np.append(labels, np.repeat(values, (n - counts).clip(0))) for n in count(counts[few] + 1))
+    least = counts[few] + next(more for more, its in enumerate(enough, 1) if _drawn(its, spec) is not None)
+    raise InputError(
+        f"split: class '{values[few]}' has {_trials(counts[few])}, too few to train, validate and test on; give at least "
+        f"{least} trials per class for these shares"
     )
-    if counts[rarest] < 3:
-        raise too_few
-    n_trials = len(labels)
-    n_test, n_validation = (max(len(values), round(n_trials * share)) for share in (spec.test, spec.validation))
-    if n_test + n_validation + len(values) > n_trials:
-        raise InputError(f"split: {n_trials} trials of {len(values)} classes are too few for these shares; add trials")
+
+
+def _drawn(labels: np.ndarray, spec: SplitSpec) -> Split | None:
+    """Trials drawn at random within each class; None if a class would not be on every side."""
+    n_classes, n_trials = len(np.unique(labels)), len(labels)
+    n_test, n_validation = (max(n_classes, round(n_trials * share)) for share in (spec.test, spec.validation))
     try:
         rest, test = train_test_split(np.arange(n_trials), test_size=n_test, stratify=labels, random_state=spec.seed)
         train, validation = train_test_split(
             rest, test_size=n_validation, stratify=labels[rest], random_state=spec.seed + 1
         )
-    except ValueError as error:  # the first split left only one trial of a class for the second
-        raise too_few from error
-    if any(len(np.unique(labels[side])) < len(values) for side in (train, validation, test)):
-        raise too_few
-    return Split(*(np.sort(part) for part in (train, validation, test)))
+    except ValueError:  # a class has a single trial for two sides, or there are fewer trials than classes
+        return None
+    split = Split(*map(np.sort, (train, validation, test)))
+    return split if all(len(np.unique(labels[side])) == n_classes for side in split) else None
 
 
 def split_touches(touches: Trials | SpikeTrains, stratify: Iterable[str], spec: SplitSpec) -> Split:
@@ -358,8 +362,8 @@ def _with_copies(first: np.ndarray, labels: np.ndarray, divided: Callable[[np.nd
     try:
         split = divided(distinct)
     except InputError as error:
-        count = "1 is a copy and does" if n_copies == 1 else f"{n_copies} are copies and do"
-        raise InputError(f"{error} (of the {len(first)} trials {count} not count)") from error
+        copies = "1 is a copy and does" if n_copies == 1 else f"{n_copies} are copies and do"
+        raise InputError(f"{error} (of the {len(first)} trials {copies} not count)") from error
     sides = Split(*(np.flatnonzero(np.isin(first, distinct[side])) for side in split))
     absent = np.setdiff1d(labels, labels[sides.train])
     if len(absent):

@@ -48,7 +48,12 @@ def test_a_split_has_every_class_on_every_side_or_names_the_class_that_is_too_sm
     split, refusal = attempt(labels, spec)
     if split is None:
         assert "\n" not in refusal
-        assert "too few" in refusal
+        least = int(re.search(r"too few .* at least (\d+) trials per class", refusal)[1])
+        values, counts = np.unique(labels, return_counts=True)
+        assert counts.min() < least
+        for each in range(counts.min(), least + 1):
+            enough = np.append(labels, np.repeat(values, (each - counts).clip(0)))
+            assert (attempt(enough, spec)[0] is not None) == (each == least)
         return
     for side in split:
         assert set(labels[side]) == set(labels)
@@ -99,7 +104,7 @@ def test_three_trials_a_class_are_enough():
 
 
 def test_more_shares_than_trials_are_refused():
-    with pytest.raises(InputError, match="too few for these shares"):
+    with pytest.raises(InputError, match=r"has 3 trials, too few .* at least \d+ trials per class for these shares$"):
         split_trials(np.repeat([0, 1], 3), SplitSpec(validation=0.49, test=0.49))
 
 
