@@ -265,8 +265,8 @@ def split_trials(labels: np.ndarray, spec: SplitSpec, first: np.ndarray | None =
     enough = (np.append(labels, np.repeat(values, (n - counts).clip(0))) for n in count(counts[few] + 1))
     least = counts[few] + next(more for more, its in enumerate(enough, 1) if _drawn(its, spec) is not None)
     raise InputError(
-        f"split: class '{values[few]}' has {_trials(counts[few])}, too few to train, validate and test on; give at least "
-        f"{least} trials per class for these shares"
+        f"split: class '{values[few]}' has {_trials(counts[few])}, too few to train, validate and test on; give at "
+        f"least {least} trials per class for these shares"
     )
 
 

@@ -5,6 +5,7 @@ trials show is doubted, too: a pause, a glitch or one good trial does not make a
 """
 
 import logging
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -110,6 +111,8 @@ EVEN = 0.1
 """Share of its rise by which a time stamp or a counter may deviate from a straight line; a touch deviates more."""
 FEW, RARE = 0.01, 0.001
 """Shares of steps or samples, and of the samples of a taxel that is mostly at rest, that are exceptions to a doubt."""
+NUMBERS, AXIS = re.compile(r"\d+"), re.compile(r"[xyz](?![a-z])")
+"""In which the names of taxels differ, in small letters."""
 LEAST_TRIALS = 10
 """Trials from which on a class of its own for each of them is a doubt."""
 
@@ -182,6 +185,33 @@ def doubts(recordings: Recordings, fixes: Fixes, *, rate_is_given: bool = True) 
     fix = OF_GIVEN_RATE if rate_is_given else OF_STAMPS
     yield from of_rate(recordings.lengths, recordings.sampling_rate_Hz, fix)
     yield from _of_classes(recordings)
+
+
+def kinds_of_names(names: Sequence[str]) -> str:
+    """What is to be said of columns that are all taken as taxels, though numbered ones have others beside them.
+
+    Empty if there is nothing to say. Names are of one kind if they differ in numbers or in an axis, x, y or z, alone.
+
+    >>> kinds_of_names(["p1", "p2", "p3", "heat1", "heat2"])
+    "names of 2 kinds are all taken as taxels: p1 to p3, heat1 to heat2; if some are none, name the taxels with \
+`columns`, as in `columns='p1-p3'`"
+    >>> kinds_of_names(["x1", "y1", "x2", "y2"]), kinds_of_names(["left", "right"])
+    ('', '')
+    """
+    kinds: dict[str, list[str]] = {}
+    for name in names:
+        kinds.setdefault(AXIS.sub("x", NUMBERS.sub("1", name.lower())), []).append(name)
+    numbered = [its for kind, its in kinds.items() if "1" in kind and len(its) > 1]
+    if len(kinds) == 1 or not numbered:
+        return ""
+    most = max(numbered, key=len)
+    shown = some([its[0] if len(its) == 1 else f"{its[0]} to {its[-1]}" for its in kinds.values()])
+    is_range = [*names][names.index(most[0]) : names.index(most[-1]) + 1] == most
+    given = f", as in `columns='{most[0]}-{most[-1]}'`" if is_range else ""
+    return (
+        f"names of {len(kinds)} kinds are all taken as taxels: {shown}; if some are none, name the taxels with "
+        f"`columns`{given}"
+    )
 
 
 def are_thousandths(signals: Sequence[np.ndarray] | np.ndarray) -> bool:

@@ -15,7 +15,7 @@ from neurotact.data.readers.arrays import ArrayFile, opened_arrays, said_rates, 
 from neurotact.data.readers.clock.trials import OF_COLUMNS, Read, mended, recordings_of
 from neurotact.data.readers.clock.units import Unit, apart, joined, pair_in, unit_in
 from neurotact.data.readers.columns import LayoutSpec, Samples, called, is_text, read_table, samples_of
-from neurotact.data.readers.doubts import Fixes
+from neurotact.data.readers.doubts import Fixes, kinds_of_names
 from neurotact.data.readers.formats import holding, suffixes, tables_in
 from neurotact.data.readers.formats.contents import content_of
 from neurotact.data.readers.table.cells import NUMBER, as_signal, columns_of
@@ -270,10 +270,7 @@ def read(
         sampling_rate_Hz = sampling_rate_of(said_hz, sampling_rate_Hz, str(folder))
     if table.time_unit is not None and all(trial.table.time is None for trial in read):
         raise InputError(f"{folder}: `time_unit`: the samples have no time stamps; leave it out")
-    _warn_of_axes(read, table, folder)
-    for note in dict.fromkeys(note for trial in read for note in trial.table.notes):
-        noted = [trial.file for trial in read if note in trial.table.notes]
-        log.warning("%s: %s%s", folder, note, "" if len(noted) == len(read) else f" ({some(noted)})")
+    _say_layout(read, table, folder, is_raster=is_raster)
     conditions = of_files.iloc[row_of].reset_index(drop=True)
     conditions["file"] = [trial.file for trial in read]
     conditions = _with_constants(conditions, read, folder)
@@ -440,8 +437,8 @@ def _names_of_cells(file: ArrayFile, name: str | None) -> list[str]:
     return [f"{name}{{{number}}}" for number in range(1, 1 + len(file.cells.get(name or "", ())))]
 
 
-def _warn_of_axes(read: Sequence[Read], layout: LayoutSpec, folder: Path) -> None:
-    """Warn of arrays that all have more taxels than samples."""
+def _say_layout(read: Sequence[Read], layout: LayoutSpec, folder: Path, *, is_raster: bool) -> None:
+    """Say what the files note, and warn of arrays that all have more taxels than samples, and of kinds of names."""
     shapes = [trial.table.signal.shape for trial in read if trial.table.first_line == 0]  # arrays have no lines
     if shapes and all(taxels > samples for samples, taxels in shapes):
         samples, taxels = shapes[0]
@@ -449,6 +446,12 @@ def _warn_of_axes(read: Sequence[Read], layout: LayoutSpec, folder: Path) -> Non
         log.warning(
             "%s: arrays of %d taxels, %d samples each; if it is the other way round, %s", folder, taxels, samples, fix
         )
+    doubt = "" if is_raster or layout.columns else kinds_of_names(read[0].table.names)
+    if doubt:
+        log.warning("%s: %s", folder, doubt)
+    for note in dict.fromkeys(note for trial in read for note in trial.table.notes):
+        noted = [trial.file for trial in read if note in trial.table.notes]
+        log.warning("%s: %s%s", folder, note, "" if len(noted) == len(read) else f" ({some(noted)})")
 
 
 def _data_files(folder: Path, naming: NamingSpec) -> list[Path]:

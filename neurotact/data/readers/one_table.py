@@ -28,6 +28,7 @@ from neurotact.data.readers.columns import (
     is_index,
     unit_of,
 )
+from neurotact.data.readers.doubts import kinds_of_names
 from neurotact.data.readers.formats import holding, tables_in
 from neurotact.data.readers.table.cells import (
     Table,
@@ -262,6 +263,8 @@ def _parted(
         )  # fmt: skip
     if ignored:
         log.warning("%s: not used: %s", table.path, some(ignored))
+    if not roles.taxels and (doubt := kinds_of_names(taxels)):
+        log.warning("%s: %s", table.path, doubt)
     return taxels, trials.conditions.assign(**{name: values_of(columns[name][trials.begin]) for name in constant})
 
 

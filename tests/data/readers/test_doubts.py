@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import neurotact as nt
-from neurotact.data.readers.doubts import Fixes, doubts
+from neurotact.data.readers.doubts import Fixes, doubts, kinds_of_names
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
 
@@ -246,3 +246,52 @@ def test_a_recording_with_a_class_per_sample_is_not_doubted(tmp_path, caplog):
     table.assign(time_s=np.arange(120) / 100).iloc[:60].to_csv(tmp_path / "b.csv", index=False)
     nt.read_table(tmp_path / "b.csv", unit="V", segments=True, leave_out="rest")
     assert not [line for line in caplog.messages if FEATURES in line]
+
+
+CHANNELS = tuple(f"channel{number}" for number in range(1, 6))
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (
+            (*CHANNELS, "proximity1", "proximity2"),
+            ("channel1 to channel5, proximity1 to proximity2;", "channel1-channel5"),
+        ),
+        (
+            ("proximity", *CHANNELS),
+            ("2 kinds are all taken as taxels: proximity, channel1 to channel5;", "channel1-channel5"),
+        ),
+        (("p1", "heat1", "p2", "heat2", "p3"), ("p1 to p3, heat1 to heat2;", None)),
+        (("acc_x", "acc_y", "acc_z", "P1", "p2"), ("acc_x to acc_z, P1 to p2;", "P1-p2")),
+    ],
+)
+def test_columns_of_two_kinds_are_doubted_once_and_one_can_be_left_out(tmp_path, caplog, names, expected):
+    shown, choice = expected
+    rows = np.round(RNG.normal(size=(40, len(names))), 3)
+    table = pd.DataFrame(rows, columns=names)
+    for path in (tmp_path / "set" / "felt" / "a.csv", tmp_path / "set" / "silk" / "b.csv"):
+        path.parent.mkdir(parents=True)
+        table.to_csv(path, index=False)
+    trials = np.repeat([1, 2], 20)
+    table.assign(trial=trials, label=trials).to_csv(tmp_path / "all.csv", index=False)
+    for read, path in ((nt.read_folder, tmp_path / "set"), (nt.read_table, tmp_path / "all.csv")):
+        caplog.clear()
+        found = read(path, 100.0, "mV")
+        (line,) = [line for line in caplog.messages if "kinds are all" in line]
+        assert found.channels == names
+        assert shown in line
+        assert line.endswith("the taxels with `columns`" + (f", as in `columns='{choice}'`" if choice else ""))
+        if choice:
+            caplog.clear()
+            first, _, last = choice.partition("-")
+            kept = read(path, 100.0, "mV", layout=nt.Layout(columns=choice))
+            assert kept.channels == names[names.index(first) : names.index(last) + 1]
+            assert "kinds are all" not in caplog.text
+
+
+@pytest.mark.parametrize(
+    "names", [CHANNELS, ("left", "right", "thumb"), ("x1", "y1", "z1", "x2", "y2", "z2"), ("r0c0", "r1c2")]
+)
+def test_columns_of_one_kind_are_not_doubted(names):
+    assert not kinds_of_names(names)
