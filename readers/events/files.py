@@ -45,15 +45,13 @@ def read(
     names: Mapping[str, str] | None = None,
     naming: Mapping[str, Any] | None = None,
 ) -> SpikeTrains:
-    """Events as spike trains, from one file, or from a folder of one file per trial.
+    """Events as spike trains, from one file, or from a folder of one file per trial, as of `api.read_events`.
 
-    spec: keys of `events.EventSpec`. names: the names of time, channel, population (or polarity), trial and label in
-    the file, if not among `ALIASES`. naming: keys of `naming.NamingSpec`, for the files of a folder.
+    spec: keys of `EventSpec`. names: of columns that are not among `ALIASES`. naming: keys of `NamingSpec`.
 
     CSV: a row per event, with a header; columns that are constant within each trial are its conditions. NPZ: an array
     per column (`time_s`, `channel`, `polarity`, `trial`), and per trial (`label`, conditions); or one structured array
     (x, y, t, p) per trial. HDF5: `spikes/times`, `spikes/units` and `labels`, as the Heidelberg Digits have them.
-    Pickles are not loaded. Raises InputError, which names the file and the place.
     """
     options = build(EventSpec, spec or {}, "import events")
     names = dict(names or {})

@@ -32,20 +32,10 @@ def read(
     layout: Mapping[str, Any] | None = None,
     merge_events: bool = False,
 ) -> SpikeTrains:
-    """The spikes of rasters `(trial, time, afferent)` in a .npz, .npy, .mat, .h5 or .hdf5 file, or in a folder.
+    """The spikes of rasters in one file or in a folder, as of `api.read_raster`.
 
-    sampling_rate_Hz: steps per second; that which the file says when None. names, axes, conditions: as of
-    `arrays.read`, whose taxels are the afferents here; named `channel0`, `channel1`, ... if the file has no names.
-    naming, layout: of a folder with a raster `(time, afferent)` per trial, as of `folder.read`.
-    merge_events: whether more than 1 % of the spikes may be lost where a step has several.
-    Raises InputError for what is no raster, and as `arrays.read` and `folder.read`.
-
-    >>> import tempfile
-    >>> path = Path(tempfile.mkdtemp()) / "taps.npz"
-    >>> np.savez(path, raster=np.eye(4, dtype=bool)[None], label=["tap"], fs=1000)
-    >>> taps = read(path)
-    >>> taps.steps[0].tolist(), taps.units[0].tolist(), taps.afferents[3]
-    ([0, 1, 2, 3], [0, 1, 2, 3], 'channel3')
+    Afferents are named `channel0`, `channel1`, ... if the file has no names. Raises InputError for what is no raster,
+    and as `arrays.read` and `folder.read`.
     """
     check_import(sampling_rate_Hz, UNIT, str(path))
     naming, layout = ({key: value for key, value in (given or {}).items() if value} for given in (naming, layout))

@@ -264,27 +264,10 @@ def read(
     axes: str | None = None,
     conditions: str | Path | None = None,
 ) -> Recordings:
-    """The recordings in one .npz, .npy, .mat, .pt, .h5 or .hdf5 file.
-
-    sampling_rate_Hz: that which the file says (`fs`, `sampling_rate`) when None.
-    names: the names of signals, label and channels in the file, such as `{"signals": "data", "label": "gesture"}`; by
-    default the signals are the only array with three or four axes, and the label is one of `ALIASES`.
-    axes: the axes of the signals, in order; "trial,time,taxel" when None, or for a grid "trial,time,row,column" or
-    "trial,row,column,time", whichever has the time as its longest axis. Signals of one taxel: "trial,time".
-    conditions: a CSV file with a row per trial and a column per condition, or an .npy file with the class of each; the
-    name of label may be that of a column.
+    """The recordings in one file of arrays, as of `api.read_arrays`.
 
     Every other array of one value per trial is a condition. A cell array of matrices has trials of any lengths. A grid
-    is read row by row, with names such as `r0c1`. Pickles are not loaded. Raises InputError, which names the file, the
-    array and the fix.
-
-    >>> import tempfile
-    >>> path = Path(tempfile.mkdtemp()) / "touches.npz"
-    >>> rest = np.random.default_rng(0).normal(size=(2, 50, 3))
-    >>> np.savez(path, data=rest, gesture=["tap", "rub"], session=[1, 1])
-    >>> touches = read(path, 100, "count", names={"label": "gesture"})
-    >>> touches, touches.conditions["session"].tolist()
-    (Recordings(2 trials x 3 taxels, 50 samples at 100 Hz (0.5 s), count, 2 classes), [1, 1])
+    is read row by row, with names such as `r0c1`.
     """
     check_import(sampling_rate_Hz, unit, str(path))
     parts = load(path, sampling_rate_Hz, names, axes, conditions)

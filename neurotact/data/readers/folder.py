@@ -206,33 +206,15 @@ def read(
     layout: Mapping[str, Any] | None = None,
     is_raster: bool = False,
 ) -> Recordings:
-    """The recordings in a folder of text files, arrays or LabVIEW files, at any depth, in the order of their paths.
+    """The recordings in a folder of files at any depth, in the order of their paths, as of `api.read_folder`.
 
-    naming: keys of `naming.NamingSpec`: the source of the class and the conditions of each file; the first
-    sub-folder is the label when absent.
-    layout: keys of `layout.LayoutSpec`: which columns are taxels, which is the time, the number format; all
-    columns but the time are taxels when absent. Of files of arrays: which array is the trial, its axes, and the array
-    of time stamps. is_raster: whether the samples are spikes, of which nothing is doubted.
+    naming, layout: keys of `NamingSpec` and of `LayoutSpec`. is_raster: whether the samples are spikes, of which
+    nothing is doubted.
 
-    CSV: one row per sample, one column per taxel; commas, `;`, tabs or blanks between them; a first row without a
-    single number names the columns (`headings.open_table`). NPZ, NPY and MATLAB: each array is one trial, (time,
-    channel), but for the time stamps and for the single numbers and texts of a MATLAB file. TDMS: each group is one
-    trial, a channel is a taxel. With time stamps the sampling rate is theirs, unless it is given, and
-    irregular samples are interpolated onto a regular clock, with a warning. All trials have the same taxels.
-    Conditions: label, those of `naming`, file (its path in the folder; of an array `file.npz:key`).
-
-    If there is none of these, .lvm files are read, else .txt and .tsv files as CSV. Hidden files and other kinds of
-    file are ignored, with a warning that names them.
-
-    Raises InputError, which names the file, the line and column, and the fix.
-
-    >>> import tempfile
-    >>> folder = Path(tempfile.mkdtemp())
-    >>> (folder / "felt").mkdir()
-    >>> _ = (folder / "felt" / "slow.csv").write_text("left,right\\n0.1,0.2\\n0.3,0.4\\n")
-    >>> touch = read(folder, sampling_rate_Hz=100, unit="mV")
-    >>> touch.signals[0].shape, touch.channels, touch.classes
-    ((2, 2), ('left', 'right'), ('felt',))
+    Text: one row per sample, one column per taxel. Arrays: each is one trial, (time, channel), but for the time stamps
+    and for the single numbers and texts of a MATLAB file. Tables of other formats: each is one trial. With time stamps
+    the sampling rate is theirs, unless it is given. Conditions: label, those of `naming`, file (its path in the folder;
+    of an array `file.npz:key`).
     """
     if Path(folder).is_file():
         raise InputError(f"{folder}: is one file, not a folder; neurotact import table reads one with all trials")

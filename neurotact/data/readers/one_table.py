@@ -133,20 +133,9 @@ class _Trials(NamedTuple):
 def read(
     path: str | Path, sampling_rate_Hz: float | None = None, unit: str = "", spec: Mapping[str, Any] | None = None
 ) -> Recordings:
-    """The recordings in one CSV, TSV or TXT file with a header: a row per sample, the rows of a trial together.
+    """The recordings in one table with a header, as of `api.read_table`. spec: keys of `_TableSpec`.
 
-    spec: keys of `_TableSpec`. Columns of numbers that change within trials are taxels; those that are constant within
-    each trial are its conditions. With time stamps the sampling rate is theirs, unless it is given. Trials
-    of a continuous recording are found by `segments` or `annotations`, and the condition `segment` numbers them.
-
-    Raises InputError, which names the file, the line or the column, and the fix.
-
-    >>> import tempfile
-    >>> path = Path(tempfile.mkdtemp()) / "touches.csv"
-    >>> _ = path.write_text("trial,gesture,speed,left,right\\n1,tap,5,0.1,0.2\\n1,tap,5,0.3,0.4\\n2,rub,5,0.5,0.4\\n")
-    >>> touches = read(path, 100, "mV", {"label": "gesture"})
-    >>> touches.channels, touches.lengths.tolist(), touches.conditions.values.tolist()
-    (('left', 'right'), [2, 1], [['tap', 1, 5], ['rub', 2, 5]])
+    Trials of a continuous recording are found by `segments` or `annotations`; the condition `segment` numbers them.
     """
     path = existing(path)
     layout = build(_TableSpec, spec or {}, "import table")
