@@ -10,19 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 from neurotact_parts.readers.events.observed import Unobserved, observed_trials
-from neurotact_parts.readers.events.spikes import BYTES_PER_EVENT, MOST_AFFERENTS, on_clock, say_length, say_merged
-from neurotact_parts.readers.events.times import (
-    EventTimes,
-    event_times,
-    joined_times,
-    lengths_of,
-    rounding_of,
-    steps_of,
-)
+from neurotact_parts.readers.events.spikes import BYTES_PER_EVENT, MOST_AFFERENTS, trains_with_ends
+from neurotact_parts.readers.events.times import EventTimes, event_times, joined_times
 
 from neurotact.data.digests import DIGEST, TOUCH
 from neurotact.data.recordings import LABEL
-from neurotact.data.spikes import SpikeTrains, from_trials
+from neurotact.data.spikes import SpikeTrains
 from neurotact.data.trial_choice import TrialChoice
 from neurotact.data.windows import LONGEST_STEPS
 from neurotact.errors import InputError, optional
@@ -126,23 +119,12 @@ def from_neo(
     check_size(f"block: {n_spikes} spikes", BYTES_PER_EVENT * n_spikes)
     places = {name: column for column, name in enumerate(afferents)}
     trials = [_trial(segment, trial, rate_Hz, places) for trial, segment in enumerate(segments)]
-    rounding = rounding_of(joined_times([trial.times for trial in trials]), 1 / rate_Hz)
-    lengths = lengths_of(joined_times([trial.end for trial in trials]), 1 / rate_Hz, rounding).tolist()
-    # A spike at the end of its train falls in the last step.
-    binned = on_clock(
-        (
-            (steps_of(trial.times, 1 / rate_Hz, rounding).clip(0, n_steps - 1), trial.units, n_steps)
-            for trial, n_steps in zip(trials, lengths, strict=True)
-        ),
-        len(places),
-    )
-    say_merged(binned, 1 / rate_Hz, "block", accept=merge_events, step="`step_ms`")
-    say_length(lengths, rate_Hz, "check t_start and t_stop of its spike trains", "block")
-    told = [[str(segment.annotations.get(key, "")) for segment in segments] for key in (DIGEST, TOUCH)]
-    return from_trials(
-        (row._replace(digest=digest, touch=touch) for row, digest, touch in zip(binned.trials, *told, strict=True)),
-        rate_Hz, afferents, conditions,
-        _encoder(block) if is_own else None, source=str(block.annotations.get("source", "")),
+    return trains_with_ends(
+        [(trial.times, trial.units) for trial in trials], joined_times([trial.end for trial in trials]), rate_Hz,
+        afferents, conditions, "block",
+        merge_events=merge_events, fix="check t_start and t_stop of its spike trains",
+        told=[[str(segment.annotations.get(key, "")) for segment in segments] for key in (DIGEST, TOUCH)],
+        encoder=_encoder(block) if is_own else None, source=str(block.annotations.get("source", "")),
         recorded_Hz=float(recorded_Hz) if isinstance(recorded_Hz, (int, float)) else None,
     )  # fmt: skip
 

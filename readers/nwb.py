@@ -15,16 +15,8 @@ import h5py
 import numpy as np
 import pandas as pd
 from neurotact_parts.readers.events.observed import Unobserved, observed_trials, touching, within
-from neurotact_parts.readers.events.spikes import BYTES_PER_EVENT, MOST_AFFERENTS, on_clock, say_length, say_merged
-from neurotact_parts.readers.events.times import (
-    SLACK,
-    EventTimes,
-    event_times,
-    joined_times,
-    lengths_of,
-    rounding_of,
-    steps_of,
-)
+from neurotact_parts.readers.events.spikes import BYTES_PER_EVENT, MOST_AFFERENTS, trains_with_ends
+from neurotact_parts.readers.events.times import SLACK, EventTimes, event_times
 from pydantic import Field
 
 from neurotact.data.digests import DIGEST, TOUCH
@@ -36,7 +28,7 @@ from neurotact.data.readers.doubts import Fixes
 from neurotact.data.readers.table.cells import check_digits
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.sources import Reader
-from neurotact.data.spikes import SpikeTrains, from_trials
+from neurotact.data.spikes import SpikeTrains
 from neurotact.data.trial_choice import EVERY, TrialChoice, Where, Words
 from neurotact.data.windows import LONGEST_STEPS
 from neurotact.errors import InputError
@@ -437,27 +429,14 @@ def _spikes(declared: Declared, trials: _Trials, spec: _NWBSpec) -> SpikeTrains:
     if n_outside:
         log.warning("%s: %d of %d spikes are in no trial and left out", path, n_outside, len(stamps))
     since = [times.at(cut).since(start_s) for cut, start_s in zip(cuts, trials.start_s.tolist(), strict=True)]
-    rounding = rounding_of(joined_times(since), 1 / rate_Hz)
-    lengths = lengths_of(event_times(trials.stop_s, 1.0).since(trials.start_s), 1 / rate_Hz, rounding).tolist()
-    binned = on_clock(
-        (
-            (np.minimum(steps_of(trial_since, 1 / rate_Hz, rounding), n - 1), unit[order[cut]], n)
-            for trial_since, cut, n in zip(since, cuts, lengths, strict=True)
-        ),
-        len(afferents),
-    )
-    say_merged(binned, 1 / rate_Hz, str(path), accept=spec.merge_events)
-    say_length(lengths, rate_Hz, OF_TRIALS, str(path))
-    told = (names or [""] * len(binned.trials) for names in (trials.digests, trials.touches))
-    return from_trials(
-        (row._replace(digest=digest, touch=touch) for row, digest, touch in zip(binned.trials, *told, strict=True)),
-        rate_Hz,
-        afferents,
-        trials.conditions,
-        notes.get("encoder") if rate_Hz == own_Hz and kept.all() else None,
+    return trains_with_ends(
+        [(its, unit[order[cut]]) for its, cut in zip(since, cuts, strict=True)],
+        event_times(trials.stop_s, 1.0).since(trials.start_s), rate_Hz, afferents, trials.conditions, str(path),
+        merge_events=spec.merge_events, fix=OF_TRIALS, told=(trials.digests, trials.touches),
+        encoder=notes.get("encoder") if rate_Hz == own_Hz and kept.all() else None,
         source=str(notes.get("source") or path),
         recorded_Hz=float(notes["recorded_Hz"]) if "recorded_Hz" in notes else None,
-    )
+    )  # fmt: skip
 
 
 def _of_trials(times: EventTimes, trials: _Trials, rate_Hz: float) -> list[np.ndarray]:

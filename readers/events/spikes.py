@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -14,6 +14,7 @@ from neurotact_parts.readers.events.times import (
     InOrder,
     Origin,
     joined_times,
+    lengths_of,
     rounding_of,
     steps_of,
 )
@@ -195,7 +196,7 @@ def trains_of(
     say_merged(binned, step_s, source, accept=spec.merge_events)
     if not has_unit:
         log.warning("%s: the times are whole numbers without a unit, taken as seconds; %s", source, OF_UNIT)
-    say_length([n_steps], 1e3 / spec.step_ms, OF_EVENTS, source)
+    _say_length([n_steps], 1e3 / spec.step_ms, OF_EVENTS, source)
     if n_coarse:
         log.warning(
             "%s: %d of %d times have a resolution of %.3g us by their type or their digits, of a step of %g ms: save "
@@ -320,7 +321,7 @@ def _check_range(first_s: float, last_s: float, spec: EventSpec, source: str) ->
         )
 
 
-def say_length(n_steps: Sequence[int] | np.ndarray, rate_Hz: float, fix: str, source: str) -> None:
+def _say_length(n_steps: Sequence[int] | np.ndarray, rate_Hz: float, fix: str, source: str) -> None:
     """Warn of a median trial that is too short or too long for touch. n_steps: of each trial; fix: ends the line."""
     for doubt in of_length(float(np.median(n_steps)) / rate_Hz, fix):
         log.warning("%s: %s", source, doubt)
@@ -356,6 +357,40 @@ def on_clock(trials: Iterable[tuple[np.ndarray, np.ndarray, int]], n_afferents: 
         spikes = np.unique((steps * n_afferents + units.astype(np.int64))[~is_late])
         rows.append(TrialSpikes(spikes // n_afferents, (spikes % n_afferents).astype(np.uint16), n_steps))
     return OnClock(rows, n_events, n_late)
+
+
+def trains_with_ends(
+    events: Sequence[tuple[EventTimes, np.ndarray]],
+    ends: EventTimes,
+    rate_Hz: float,
+    afferents: Sequence[str],
+    conditions: pd.DataFrame,
+    where: str,
+    *,
+    merge_events: bool,
+    fix: str,
+    told: Sequence[Sequence[str]],
+    **about: Any,
+) -> SpikeTrains:
+    """The spikes of trials of lengths of their own; a spike at the end of its trial falls in the last step.
+
+    events: of each trial, the times from its beginning and the afferents. ends: of the trials, from their beginnings.
+    fix: about a length that is none of touch. told: the digests and the touches of trials, if any. about: as of
+    `from_trials`.
+    """
+    rounding = rounding_of(joined_times([times for times, _ in events]), 1 / rate_Hz)
+    lengths = lengths_of(ends, 1 / rate_Hz, rounding).tolist()
+    steps = (
+        (steps_of(times, 1 / rate_Hz, rounding).clip(0, n_steps - 1), units, n_steps)
+        for (times, units), n_steps in zip(events, lengths, strict=True)
+    )
+    binned = on_clock(steps, len(afferents))
+    say_merged(binned, 1 / rate_Hz, where, accept=merge_events)
+    _say_length(lengths, rate_Hz, fix, where)
+    digests, touches = (names or [""] * len(binned.trials) for names in told)
+    named = zip(binned.trials, digests, touches, strict=True)
+    trials = (row._replace(digest=digest, touch=touch) for row, digest, touch in named)
+    return from_trials(trials, rate_Hz, tuple(afferents), conditions, **about)
 
 
 def say_merged(binned: OnClock, step_s: float, source: str, *, accept: bool, step: str = "`step_ms`") -> None:
