@@ -14,6 +14,7 @@ from neurotact_parts.readers.events import heidelberg
 from neurotact_parts.readers.events.spikes import ROW, Events, EventSpec, joined, to_trains
 from neurotact_parts.readers.events.times import event_times, in_order
 
+from neurotact.data.hdf5_input import EVENTS, Declared, opened
 from neurotact.data.readers.clock.units import UNIT_S, Unit, unit_in, without_unit
 from neurotact.data.readers.columns import GUESSES, OF_EVENTS, LayoutSpec, read_table
 from neurotact.data.readers.folder import NamingSpec, conditions_of
@@ -75,7 +76,8 @@ def read(
                 f"{path}: the Heidelberg layout has names of its own; drop `names={{{next(iter(names))!r}: ...}}`"
             )
         check_content(path, HDF5)
-        return heidelberg.load(path, options)
+        with opened(path, EVENTS) as (file, _):
+            return heidelberg.spikes_in(Declared(file, path), options)
     events = _of_file(path, options, names)
     if LABEL not in events.conditions:
         raise InputError(

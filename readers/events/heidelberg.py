@@ -16,29 +16,20 @@ import pandas as pd
 from neurotact_parts.readers.events.spikes import EventSpec, TrialEvents, channel_names, trains_of
 from neurotact_parts.readers.events.times import event_times, in_order
 
-from neurotact.data.hdf5_input import EVENTS, Declared, opened
+from neurotact.data.hdf5_input import Declared
 from neurotact.data.readers.clock.units import UNIT_S
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 
 
-def load(path: str | Path, spec: EventSpec) -> SpikeTrains:
-    """Spikes of a file on a clock of `spec.step_ms`; InputError if it is damaged, too large or not in the layout."""
-    with opened(path, EVENTS) as (file, _):
-        return _read(Declared(file, path), spec)
-
-
-def spikes_in(declared: Declared, spec: Mapping[str, Any]) -> SpikeTrains:
-    """The spikes of an open file; spec: keys of `EventSpec`."""
-    return _read(declared, EventSpec(**spec))
-
-
-def _read(declared: Declared, spec: EventSpec) -> SpikeTrains:
-    """The spikes of an open file on a clock of `spec.step_ms`.
+def spikes_in(declared: Declared, spec: EventSpec | Mapping[str, Any]) -> SpikeTrains:
+    """The spikes of an open file on a clock of `step_ms`; spec may be keys of `EventSpec`.
 
     Rows are read as they are stored and binned trial by trial, since such files hold many millions of spikes.
+    Raises InputError for a file that is damaged, too large or not in the layout.
     """
+    spec = spec if isinstance(spec, EventSpec) else EventSpec(**spec)
     path = declared.path
     given = {"polarity": spec.polarity != "separate", "polarities": spec.polarities, "sensor": spec.sensor}
     wrong = next((name for name, value in given.items() if value), None)

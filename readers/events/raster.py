@@ -1,12 +1,11 @@
 """Rasters to spikes: dense arrays of 0 and 1, or of counts, of the trials of one file, or of a file per trial."""
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from neurotact_parts.readers.events.spikes import MOST_AFFERENTS, OnClock, say_merged
 
 from neurotact.data.readers import arrays, folder
@@ -45,29 +44,20 @@ def read(
         table = {} if conditions is None else {"table": str(conditions)}
         frames = folder.read(path, sampling_rate_Hz, UNIT, naming=naming | table, layout=layout, is_raster=True)
         named = () if frames.channels[0] == "taxel1" else frames.channels
-        held = frames.signals, frames.sampling_rate_Hz, named, frames.conditions
+        held = arrays.Loaded(frames.signals, frames.conditions, named, frames.sampling_rate_Hz)
     elif naming or layout:
         raise InputError(f"{path}: `{next(iter(naming | layout))}` is for a folder with a file per trial; leave it out")
     else:
-        loaded = arrays.load(path, sampling_rate_Hz, names, axes, conditions)
-        held = loaded.signals, loaded.sampling_rate_Hz, loaded.channels, loaded.conditions
-    return _trains_of(*held, str(path), merge_events=merge_events)
+        held = arrays.load(path, sampling_rate_Hz, names, axes, conditions)
+    return _trains_of(held, str(path), merge_events=merge_events)
 
 
-def _trains_of(
-    rasters: Sequence[np.ndarray] | np.ndarray,
-    sampling_rate_Hz: float,
-    afferents: Sequence[str],
-    conditions: pd.DataFrame,
-    where: str,
-    *,
-    merge_events: bool,
-) -> SpikeTrains:
+def _trains_of(held: arrays.Loaded, where: str, *, merge_events: bool) -> SpikeTrains:
     """The spikes of one `(time, afferent)` raster per trial; a count of several in a step is one spike, and is said.
 
-    where: begins messages. Raises InputError for values that are no counts, and if more than 1 % of the spikes would be
-    lost, unless `merge_events`.
+    Raises InputError for values that are no counts, and if more than 1 % would be lost, unless `merge_events`.
     """
+    rasters, conditions, afferents, rate_Hz = held
     n_afferents = rasters[0].shape[1]
     if n_afferents > MOST_AFFERENTS:
         raise InputError(f"{where}: has {n_afferents} afferents, more than {MOST_AFFERENTS}; use fewer")
@@ -78,10 +68,10 @@ def _trains_of(
     binned = OnClock([spikes_of(raster) for raster in rasters], n_events, 0)
     if n_events == 0:
         raise InputError(f"{where}: holds no spike; give at least one")
-    say_merged(binned, 1 / sampling_rate_Hz, where, accept=merge_events, step="step")
-    for doubt in of_rate(np.array([len(raster) for raster in rasters]), sampling_rate_Hz, OF_GIVEN_RATE):
+    say_merged(binned, 1 / rate_Hz, where, accept=merge_events, step="step")
+    for doubt in of_rate(np.array([len(raster) for raster in rasters]), rate_Hz, OF_GIVEN_RATE):
         log.warning("%s: %s", where, doubt)
-    return from_trials(binned.trials, sampling_rate_Hz, afferents, conditions, source=where)
+    return from_trials(binned.trials, rate_Hz, afferents, conditions, source=where)
 
 
 def _n_spikes(raster: np.ndarray, trial: int, where: str) -> int:

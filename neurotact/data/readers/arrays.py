@@ -243,7 +243,7 @@ def _stacked_cells(
 # --- trials -----------------------------------------------------------------------------------------
 
 
-class _Loaded(NamedTuple):
+class Loaded(NamedTuple):
     """What a file of arrays holds: one `(time, taxel)` array per trial, or one `(trial, time, taxel)` array.
 
     channels: the taxels' names; none if the file has none.
@@ -287,7 +287,7 @@ def load(
     names: Mapping[str, str] | None = None,
     axes: str | None = None,
     conditions: str | Path | None = None,
-) -> _Loaded:
+) -> Loaded:
     """What a file of arrays holds, with numbers as they are stored; the arguments are those of `read`."""
     names = names or {}
     unknown = [name for name in names if name not in (SIGNALS, *ALIASES)]
@@ -318,7 +318,7 @@ def load(
         unused = [other for other in (*others, *file.cells) if other not in of_trials and other != name]
         if unused:
             log.warning("%s: not used: %s", file.path, some([file.shown(other) for other in unused]))
-        return _Loaded(signals, table, channels, sampling_rate_of(said_rates(file), sampling_rate_Hz, str(file.path)))
+        return Loaded(signals, table, channels, sampling_rate_of(said_rates(file), sampling_rate_Hz, str(file.path)))
 
 
 def _signals_at(file: ArrayFile, named: str | None, axes: str | None) -> str:
