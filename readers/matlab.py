@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
-from neurotact.data.hdf5_input import Declared, attribute, reading
+from neurotact.data.hdf5_input import Declared, attribute, own_members, reading
 from neurotact.data.readers.formats import Arrays, Cells, Format
 from neurotact.data.readers.formats.contents import HDF5, MATLAB
 from neurotact.errors import InputError
@@ -217,9 +217,8 @@ def _from_hdf5(path: Path) -> dict[str, Value]:
 
 
 def _members(declared: Declared, group: h5py.Group, depth: int) -> dict[str, Value]:
-    """The variables of a file, or the fields of a structure; links to other files are not followed."""
-    own = [name for name in group if isinstance(group.get(name, getlink=True), h5py.HardLink)]
-    return {name: _of_dataset(declared, group[name], depth) for name in own if name.isidentifier()}
+    """The variables of a file, or the fields of a structure."""
+    return {name: _of_dataset(declared, its, depth) for name, its in own_members(group) if name.isidentifier()}
 
 
 def _of_dataset(declared: Declared, dataset: Any, depth: int) -> Value:

@@ -20,7 +20,7 @@ from neurotact_parts.readers.events.times import SLACK, EventTimes, event_times
 from pydantic import Field
 
 from neurotact.data.digests import DIGEST, TOUCH
-from neurotact.data.hdf5_input import Declared, attribute, reading
+from neurotact.data.hdf5_input import Declared, attribute, own_members, reading
 from neurotact.data.readers.clock.stamps import row_times
 from neurotact.data.readers.clock.trials import Read, recordings_of
 from neurotact.data.readers.columns import Samples
@@ -606,11 +606,8 @@ def _places(declared: Declared) -> Iterator[str]:
 
 
 def _below(group: h5py.Group, group_path: str, depth: int) -> Iterator[str]:
-    for name in group:
+    for name, member in own_members(group):
         own = f"{group_path}/{name}"
-        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-            continue
-        member = group[name]
         if isinstance(member, h5py.Group):
             if "data" in member and ("starting_time" in member or "timestamps" in member):
                 yield own

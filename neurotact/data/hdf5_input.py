@@ -160,6 +160,11 @@ def reading(path: str | Path, what: str, command: str) -> Iterator[h5py.File]:
         ) from error
 
 
+def own_members(group: h5py.Group) -> Iterator[tuple[str, Any]]:
+    """The members of a group by their names, without links, which could lead to any other file."""
+    return ((name, group[name]) for name in group if isinstance(group.get(name, getlink=True), h5py.HardLink))
+
+
 def attribute(holder: h5py.Group, name: str, path: str | Path) -> Any:
     """One attribute of a file or a group; InputError for a text that is not UTF-8, KeyError if it is absent."""
     attr = h5py.h5a.open(holder.id, name.encode())

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pandas as pd
 
-from neurotact.data.hdf5_input import Declared, reading
+from neurotact.data.hdf5_input import Declared, own_members, reading
 from neurotact.data.readers.columns import GUESSES, called
 from neurotact.data.readers.doubts import Fixes, check_first_row, say_doubts
 from neurotact.data.readers.formats import Arrays, Cells, arrays_in, holding, suffixes
@@ -124,10 +124,7 @@ def _flat(shape: tuple[int, ...]) -> tuple[int, ...]:
 
 def _datasets(group: h5py.Group, prefix: str, depth: int = 0) -> Iterator[tuple[str, tuple[int, ...]]]:
     """The shapes of the datasets of an HDF5 file by their paths; links are not followed."""
-    for name in group:
-        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-            continue
-        member = group[name]
+    for name, member in own_members(group):
         if isinstance(member, h5py.Dataset) and member.shape is not None:
             yield prefix + name, member.shape
         elif isinstance(member, h5py.Group) and depth < DEEPEST:
