@@ -17,15 +17,15 @@ Other rooms take:
     fetch: SETS, fetch, missing, public_set, registry_of
     hdf5: StoredRecordings, encoded_by, kind_of, load, load_recordings, load_spikes, open_recordings,
         save_recordings, save_spikes, spike_writer
-    hdf5_input: Declared, EVENTS, attribute, opened, reading
+    hdf5_input: Declared, EVENTS, attribute, opened, own_members, reading
     hdf5_output: Output, create
     nested: combination
     onset: common_onset_s, onsets_s
-    readers.arrays: ALIASES, SIGNALS, load, read
+    readers.arrays: ALIASES, Loaded, SIGNALS, load, read
     readers.clock.stamps: OF_GIVEN_RATE, of_length, of_rate, row_times
     readers.clock.trials: Read, recordings_of
     readers.clock.units: DAY_S, UNIT_S, Unit, unit_in, without_unit
-    readers.columns: GUESSES, LayoutSpec, OF_EVENTS, Samples, read_table
+    readers.columns: LayoutSpec, OF_EVENTS, Samples, called, read_table
     readers.doubts: Fixes
     readers.folder: NamingSpec, conditions_of, read
     readers.formats: Arrays, Cells, Format

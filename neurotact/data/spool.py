@@ -2,7 +2,7 @@
 
 import tempfile
 import weakref
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import overload
 
 import numpy as np
@@ -57,6 +57,3 @@ class Spool(Sequence[np.ndarray]):
         shape = self._shapes[index]
         self._file.seek(self._starts[index])
         return np.frombuffer(self._file.read(4 * shape[0] * shape[1]), np.float32).reshape(shape)
-
-    def __iter__(self) -> Iterator[np.ndarray]:
-        return map(self.__getitem__, range(len(self)))

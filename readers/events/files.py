@@ -16,7 +16,7 @@ from neurotact_parts.readers.events.times import event_times, in_order
 
 from neurotact.data.hdf5_input import EVENTS, Declared, opened
 from neurotact.data.readers.clock.units import UNIT_S, Unit, unit_in, without_unit
-from neurotact.data.readers.columns import GUESSES, OF_EVENTS, LayoutSpec, read_table
+from neurotact.data.readers.columns import OF_EVENTS, LayoutSpec, called, read_table
 from neurotact.data.readers.folder import NamingSpec, conditions_of
 from neurotact.data.readers.formats.contents import HDF5, LVM, MATLAB, NPY, NPZ, TDMS, ZIP, check_content
 from neurotact.data.readers.formats.numpy_files import read_array, read_arrays
@@ -30,8 +30,6 @@ from neurotact.spec import build
 
 log = logging.getLogger("neurotact")
 
-ALIASES = {what: GUESSES[f"event {what}"].aliases for what in OF_EVENTS}
-"""Names of columns and arrays of events, without the prefix `event_` and a unit of time as suffix."""
 POPULATION, POLARITY = "population", "polarity"
 """The population, and its other name, of which a sensor with polarities has two."""
 WRITTEN = ("trial", "afferent", "type", "time_s")
@@ -48,7 +46,7 @@ def read(
 ) -> SpikeTrains:
     """Events as spike trains, from one file, or from a folder of one file per trial, as of `api.read_events`.
 
-    spec: keys of `EventSpec`. names: of columns that are not among `ALIASES`. naming: keys of `NamingSpec`.
+    spec: keys of `EventSpec`. names: of columns that `columns.GUESSES` does not have. naming: keys of `NamingSpec`.
 
     CSV: a row per event, with a header; columns that are constant within each trial are its conditions. NPZ: an array
     per column (`time_s`, `channel`, `polarity`, `trial`), and per trial (`label`, conditions); or one structured array
@@ -202,7 +200,7 @@ def _of_columns(
 
     usual: the unit of times that neither the spec nor a name gives; of places x and y they are microseconds.
     """
-    roles = {what: _place(what, columns, names, path) for what in ALIASES}
+    roles = {what: _place(what, columns, names, path) for what in OF_EVENTS}
     is_grid = roles["channel"] is None and "x" in map(str.lower, columns)
     if is_grid:
         roles |= {axis: next((n for n in columns if n.lower() == axis), None) for axis in ("x", "y")}
@@ -256,8 +254,8 @@ def _place(what: str, columns: Mapping[str, np.ndarray], names: Mapping[str, str
             )
         return name or None
     free = [name for name in columns if name not in names.values()]
-    plain = {name: without_unit(name.lower().removeprefix("events_").removeprefix("event_")) for name in free}
-    return next((name for alias in ALIASES[what] for name, shown in plain.items() if shown == alias), None)
+    plain = {without_unit(re.sub("^events?_", "", name.lower())): name for name in reversed(free)}
+    return plain.get(called([*plain], f"event {what}") or "")
 
 
 def _trials(

@@ -12,7 +12,6 @@ from as_specs import of_events, of_folder
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from levels import examples
-from neurotact_parts.readers.events.files import ALIASES
 from neurotact_parts.readers.events.spikes import EventSpec
 from neurotact_parts.readers.events.times import in_order
 from neurotact_parts.studies.braille import reader as braille_letters
@@ -23,6 +22,7 @@ from neurotact.cli import app
 from neurotact.cli import recordings as recordings_commands
 from neurotact.data import hdf5
 from neurotact.data.readers.clock.units import UNIT_S
+from neurotact.data.readers.columns import OF_EVENTS
 from neurotact.data.readers.folder import NamingSpec
 from neurotact.errors import InputError
 
@@ -258,7 +258,7 @@ def test_the_table_of_options_is_whole():
     assert tried == given
     keys = {*EventSpec.model_fields, *NamingSpec.model_fields} - {"table"}
     assert keys | {"names", "conditions", "where", "leave_out"} == tried
-    assert {name for option in OPTIONS for name in option[2]} == {*ALIASES, "polarity"}
+    assert {name for option in OPTIONS for name in option[2]} == {*OF_EVENTS, "polarity"}
 
 
 @pytest.mark.parametrize("layout", ["csv", "npz", "h5"])
