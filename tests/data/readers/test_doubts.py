@@ -1,5 +1,6 @@
 """Doubts about recordings: nonsense is named with its fix, and what a sensor of touch records is not."""
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
@@ -287,6 +288,7 @@ def test_columns_of_two_kinds_are_doubted_once_and_one_can_be_left_out(tmp_path,
             first, _, last = choice.partition("-")
             kept = read(path, 100.0, "mV", layout=nt.Layout(columns=choice))
             assert kept.channels == names[names.index(first) : names.index(last) + 1]
+            assert read(path, 100.0, "mV", layout=nt.Layout(columns=names)).channels == names
             assert "kinds are all" not in caplog.text
 
 
@@ -295,3 +297,23 @@ def test_columns_of_two_kinds_are_doubted_once_and_one_can_be_left_out(tmp_path,
 )
 def test_columns_of_one_kind_are_not_doubted(names):
     assert not kinds_of_names(names)
+
+
+def test_afferents_of_two_kinds_are_not_doubted(tmp_path, caplog):
+    (tmp_path / "felt").mkdir()
+    raster = pd.DataFrame((RNG.random((40, 7)) < 0.2).astype(int), columns=(*CHANNELS, "heat1", "heat2"))
+    raster.to_csv(tmp_path / "felt" / "a.csv", index=False)
+    assert nt.read_raster(tmp_path, 1000.0).afferents == tuple(raster)
+    assert "kinds are all" not in caplog.text
+
+
+def test_a_text_of_any_program_may_be_named_as_those_of_labview(tmp_path):
+    (tmp_path / "all.lvm").write_text("trial;label;left\n" + "".join(f"{n // 20};felt;{n % 7},5\n" for n in range(40)))
+    assert nt.read_table(tmp_path / "all.lvm", 100.0, "mV", layout=nt.Layout(decimal=",")).channels == ("left",)
+
+
+def test_links_of_a_file_are_not_followed(tmp_path):
+    with h5py.File(tmp_path / "all.h5", "w") as file:
+        file["data"], file["label"] = RNG.normal(size=(4, 50, 2)), [0, 0, 1, 1]
+        file["again"] = h5py.SoftLink("/data")
+    assert len(nt.read_arrays(tmp_path / "all.h5", 100.0, "mV")) == 4
