@@ -25,7 +25,7 @@ from neurotact.encoders import alternatives, calibration, firing, specs, surviva
 from neurotact.encoders.encoding import Encoded, encode_recordings
 from neurotact.encoders.encoding import encode_file as write_encoded
 from neurotact.encoders.gain_search import CalibrationRule
-from neurotact.encoders.model import EncoderSpec
+from neurotact.encoders.model import DrivenSpec, EncoderSpec
 from neurotact.encoders.sensitivity import sensitivities_of, value_of
 from neurotact.encoders.survival import Survival
 from neurotact.errors import InputError
@@ -323,7 +323,7 @@ def save_raster(
 
 def _units(encoder: EncoderSpec) -> dict[str, str]:
     """What is searched of each population and its unit, for a drawing."""
-    known = encoder.gain_units if isinstance(encoder, specs.CALIBRATED) else {}
+    known = encoder.gain_units if isinstance(encoder, DrivenSpec) else {}
     return {
         sensitivity.name: known.get(sensitivity.name, sensitivity.unit) for sensitivity in sensitivities_of(encoder)
     }

@@ -9,27 +9,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
-from scipy.signal import butter, lfilter
-
-from neurotact.data.recordings import Recordings
-from neurotact.encoders import mechanoreceptor, specs
-from neurotact.encoders.encoding import encode_recordings
-from neurotact.encoders.mechanoreceptor import (
+from neurotact_parts.encoders import mechanoreceptor
+from neurotact_parts.encoders.mechanoreceptor import (
     DERIVED_LATE,
     FilterState,
+    FITTED_Hz,
+    Mechanoreceptor,
     MechanoreceptorSpec,
     currents,
     encode,
     fitted,
-)
-from neurotact.errors import InputError
-from neurotact.neurons import (
-    FITTED_Hz,
-    Mechanoreceptor,
     mechanoreceptor_start,
     mechanoreceptor_step,
     post_spike_currents,
 )
+from scipy.signal import butter, lfilter
+
+from neurotact.data.recordings import Recordings
+from neurotact.encoders import specs
+from neurotact.encoders.encoding import encode_recordings
+from neurotact.errors import InputError
 
 REFERENCE = Path(os.environ.get("NEUROTACT_DATA", "../shared/data")) / "afferents" / "touchsim.npz"
 KEYS = {"sa1": "SA1", "ra1": "RA", "pc": "PC"}
@@ -175,7 +174,7 @@ def test_no_two_spikes_are_closer_than_t_ref(touch, t_ref_ms):
 def test_a_long_signal_is_encoded_in_pieces_unseen(monkeypatch):
     signal = 0.5 * np.abs(np.sin(np.arange(200) / 8))[None, :, None]
     whole, _ = encode(signal, 1000.0, spec(FEW, noise=True))
-    monkeypatch.setattr("neurotact.encoders.mechanoreceptor.MOST_VALUES", 300)
+    monkeypatch.setattr("neurotact_parts.encoders.mechanoreceptor.MOST_VALUES", 300)
     assert np.array_equal(encode(signal, 1000.0, spec(FEW, noise=True))[0], whole)
 
 
