@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from neurotact_parts.encoders.filters import filtered, hann
+from neurotact_parts.encoders.decoding import filtered, hann
 from pydantic import Field
 
 from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, both, checked, over_time

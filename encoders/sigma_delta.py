@@ -7,7 +7,7 @@ doi 10.1109/TNNLS.2016.2526029.
 from typing import Literal, NamedTuple
 
 import numpy as np
-from neurotact_parts.encoders.filters import filtered, hann
+from neurotact_parts.encoders.decoding import filtered, hann
 from pydantic import Field
 
 from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, RefractoryMs, both, checked, over_time

@@ -17,7 +17,6 @@ Other rooms take:
     signals: signal_table
     specs: afferent_names, conditioning_of, default_of, encode, finish, is_exact, load, n_per_taxel, pays_exact,
         period_keys, populations, resolve, t_ref_pair_ms, taxel_names, taxels_of, with_t_ref, with_t_refs
-    survival: Survival, what_survives
     transformer: SpikeEncoder
 """
 

@@ -4,11 +4,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from levels import thinned
+from neurotact_parts.encoders import survival
+from neurotact_parts.encoders.decoding import decode
 
 import neurotact as nt
 from neurotact.data.recordings import Recordings
-from neurotact.encoders import survival
-from neurotact.encoders.decoding import decode
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.model import usable
 from neurotact.encoders.specs import default_of, encode, load

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from neurotact_parts.encoders.bens_spiker import BensSpikerState
-from neurotact_parts.encoders.filters import hann
+from neurotact_parts.encoders.decoding import hann
 
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.data.recordings import Recordings

@@ -1,15 +1,15 @@
 """From spikes back to the signal, for the encoders whose spikes say by themselves what they stand for.
 
-Sums of steps (Petro et al. 2020, doi 10.1109/TNNLS.2019.2906158) stand here, others beside their encoders. Any
-encoder's spikes can be decoded by the optimal linear filter (`metrics.reconstruction`).
+Each names its decoder in its `Model`; here are the filters of those that have one. Any encoder's spikes can be decoded
+by the optimal linear filter (`neurotact.metrics.reconstruction`).
 """
-
-from typing import Any
 
 import numpy as np
 
 from neurotact.encoders.model import EncoderSpec, of_name, usable
 from neurotact.errors import InputError, some
+
+MOST_TAPS = 2000
 
 
 def decode(spikes: np.ndarray, sampling_rate_Hz: float, encoder: EncoderSpec) -> np.ndarray:
@@ -37,6 +37,22 @@ def decode(spikes: np.ndarray, sampling_rate_Hz: float, encoder: EncoderSpec) ->
     return own(signed, 1e3 / sampling_rate_Hz, encoder)
 
 
-def sum_of_steps(signed: np.ndarray, _step_ms: float, encoder: Any) -> np.ndarray:
-    """The sum so far of ON minus OFF, `(trial, time, taxel)`, each a `threshold`."""
-    return encoder.threshold * np.cumsum(signed, axis=1)
+def filtered(signed: np.ndarray, taps: np.ndarray, ahead: int) -> np.ndarray:
+    """The convolution of `(trial, time, taxel)` with the taps, `ahead` steps earlier, as long as the spikes."""
+    n_steps, n_taps = signed.shape[1], len(taps)
+    padded = np.pad(signed, ((0, 0), (n_taps - 1, ahead), (0, 0)))
+    windows = np.lib.stride_tricks.sliding_window_view(padded, n_taps, axis=1)
+    return (windows @ taps[::-1])[:, ahead : ahead + n_steps]
+
+
+def hann(filter_ms: float, step_ms: float) -> np.ndarray:
+    """The taps of a filter, `(tap,)`, positive and of sum 1: a Hann window of that length.
+
+    >>> hann(3.0, 1.0).round(9).tolist()
+    [0.25, 0.5, 0.25]
+    """
+    n_taps = max(1, round(filter_ms / step_ms))
+    if n_taps > MOST_TAPS:
+        raise InputError(f"filter_ms: {filter_ms:g} ms is {n_taps} steps, more than {MOST_TAPS}; shorten it")
+    window = np.sin(np.pi * np.arange(1, n_taps + 1) / (n_taps + 1)) ** 2
+    return window / window.sum()
