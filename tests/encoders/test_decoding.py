@@ -110,3 +110,5 @@ def test_keywords_choose_the_encoder_the_trials_and_the_draw(monkeypatch):
         found = nt.what_survives(skin, encoder="step-forward", **change)
         assert not found.table.equals(usual.table), change
     assert nt.plot_survival(found=usual).axes
+    with pytest.raises(InputError, match=r"found: must be Survival; got DataFrame; nt\.what_survives returns it"):
+        nt.plot_survival(usual.table)

@@ -26,7 +26,7 @@ from neurotact_parts.encoders.mechanoreceptor import (
 from scipy.signal import butter, lfilter
 
 from neurotact.data.recordings import Recordings
-from neurotact.encoders import specs
+from neurotact.encoders import firing, specs
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 
@@ -223,8 +223,16 @@ def test_a_slow_clock_a_slow_recording_for_pc_and_an_unknown_fit_are_refused():
     with pytest.raises(InputError, match="PC afferents need recordings of 500 Hz or more; these have 200 Hz"):
         encode_recordings(slow, spec(conditioning={"resample_Hz": 1000.0}))
     assert len(encode_recordings(slow, spec({"sa1": [1], "ra1": [1]}, conditioning={"resample_Hz": 1000.0})).afferents)
+    firing.check_rate(spec(), mechanoreceptor.LEAST_PC_Hz)
     with pytest.raises(InputError, match=r"pc\.fits: there is no fit 5; known: 1, 2, 3, 4"):
         specs.load("mechanoreceptor", {"pc": {"gain": 1.0, "fits": [5]}})
+
+
+@pytest.mark.parametrize(("t_ref_ms", "steps"), [(1.2, 6), (2.4, 12), (2.6, 13), (4.2, 21)])
+def test_a_period_of_whole_steps_is_the_shortest_interval_and_the_floor(t_ref_ms, steps):
+    """Its product with the rate is a little more or less than that number."""
+    made = specs.load("mechanoreceptor", {"sa1.t_ref_ms": t_ref_ms})
+    assert made.least_isi_steps("sa1", 5000.0) == made.floor_steps("sa1", 5000.0) == steps
 
 
 def test_operations_counted_by_hand():
