@@ -19,6 +19,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from neurotact_parts.opponents.elm import ELM_HIDDEN
+from neurotact_parts.opponents.minirocket import TRIPLES, Convolution, MiniRocket, MiniRocketClassifier
+from neurotact_parts.opponents.pooled_gru import PooledGRUClassifier
 from sklearn.base import BaseEstimator
 from sklearn.datasets import load_digits
 from sklearn.ensemble import ExtraTreesClassifier
@@ -29,10 +32,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
-from neurotact.baselines.families import ELM_HIDDEN
-from neurotact.baselines.minirocket import TRIPLES, Convolution, MiniRocket, MiniRocketClassifier
 from neurotact.baselines.opponent import Sides, accuracy, best_of, load
-from neurotact.baselines.pooled_gru import PooledGRUClassifier
 
 PROBLEMS = ("GunPoint", "ItalyPowerDemand", "ArrowHead", "OSULeaf", "BasicMotions")
 PUBLISHED = {"GunPoint": 99.2, "ItalyPowerDemand": 96.0, "ArrowHead": 88.1, "OSULeaf": 95.8}

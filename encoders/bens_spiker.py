@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from neurotact_parts.encoders.decoding import filtered, hann
 from pydantic import Field
 
-from neurotact.encoders.decoding import filtered, hann
 from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, both, checked, over_time
 from neurotact.metrics.flops import Cost, with_weights
 

@@ -10,8 +10,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from neurotact.encoders.decoding import sum_of_steps
 from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, RefractoryMs, both, checked, over_time
+from neurotact.encoders.send_on_delta import sum_of_steps
 from neurotact.metrics.flops import Cost, with_weights
 from neurotact.neurons import refractory_steps, silenced
 

@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from neurotact_parts.encoders.random_numbers import check_continued, digests, random_integers
 from pydantic import Field
 
 from neurotact.encoders.afferents import drives
 from neurotact.encoders.model import EncoderSpec, Model, RefractoryMs, checked
-from neurotact.encoders.random_numbers import check_continued, digests, random_integers
 from neurotact.metrics.flops import Cost, with_weights
 from neurotact.neurons import refractory_steps, silenced
 from neurotact.spec import Spec

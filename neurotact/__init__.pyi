@@ -7,7 +7,6 @@ from .api.encoding import calibrate as calibrate
 from .api.encoding import encode as encode
 from .api.encoding import encode_file as encode_file
 from .api.encoding import plot_raster as plot_raster
-from .api.encoding import plot_survival as plot_survival
 from .api.encoding import save_raster as save_raster
 from .api.encoding import what_survives as what_survives
 from .api.networks import conditions_curve as conditions_curve
@@ -49,6 +48,7 @@ from .api.tools import from_neo as from_neo
 from .api.tools import from_nir as from_nir
 from .api.tools import from_snntorch as from_snntorch
 from .api.tools import live as live
+from .api.tools import plot_survival as plot_survival
 from .api.tools import read_nwb as read_nwb
 from .api.tools import to_neo as to_neo
 from .api.tools import to_nir as to_nir

@@ -1,15 +1,13 @@
 """The neurons: each differential equation stands here once, as a pure step from state to state.
 
-Afferents are leaky integrate-and-fire neurons, Izhikevich neurons, fitted mechanoreceptors or resonators stepped on
-numpy arrays; the neurons of networks are current-based LIF neurons stepped on torch tensors. Texture paper, Eqs. 1, 4,
-5 and 6; Izhikevich 2003, Eqs. 1 to 3; Saal et al. 2017; Izhikevich 2001, Eqs. 1 and 2.
+Afferents are leaky integrate-and-fire neurons stepped on numpy arrays; the neurons of networks are current-based LIF
+neurons stepped on torch tensors. Texture paper, Eqs. 1, 4, 5 and 6. Those of special encoders stand beside these.
 """
 
 import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -197,90 +195,6 @@ def exact_lif_interval(
     nth = np.arange(n_spikes.sum()) - np.repeat(np.cumsum(n_spikes) - n_spikes, n_spikes)
     times = np.repeat(first, n_spikes) + nth * np.repeat(isi, n_spikes)
     return _SpikeTimes(np.repeat(which, n_spikes), times), ExactLIFState(after, wait)
-
-
-# --- fitted mechanoreceptors ------------------------------------------------------------------------
-
-FITTED_Hz = 5000.0
-"""The clock on which the mechanoreceptors were fitted; their constants hold there and nowhere else."""
-POST_SPIKE_STEPS = 190
-"""Steps after a spike in which its post-spike current flows."""
-
-
-@dataclass(frozen=True)
-class Mechanoreceptor:
-    """Integrate-and-fire neurons with a post-spike current, on a clock of 5 kHz (Saal et al. 2017, PNAS, TouchSim).
-
-    `V <- V - V / tau + I + H`, with H the post-spike current of the last spike alone. `V > 1` spikes if the last
-    spike is `least_steps` or more steps ago; then V <- 0. Below that distance V goes on, above 1 or not.
-    """
-
-    tau_steps: np.ndarray
-    """Time constants in steps, `(afferent,)`."""
-    post_spike: np.ndarray
-    """H in the steps after a spike, `(fit, POST_SPIKE_STEPS + 1)`; the last is 0 (`post_spike_currents`)."""
-    fit: np.ndarray
-    """The row of `post_spike` of each afferent, `(afferent,)`."""
-    least_steps: np.ndarray
-    """Least distance of two spikes in steps, `(afferent,)`."""
-
-    @cached_property
-    def longest(self) -> int:
-        """The steps since a spike that are counted: later, neither H nor the least distance depends on them."""
-        return max(POST_SPIKE_STEPS, int(self.least_steps.max(initial=0)))
-
-
-class MechanoreceptorState(NamedTuple):
-    """Membrane V and the steps since the last spike (at most those that matter), both `(trial, afferent)`."""
-
-    membrane: np.ndarray
-    steps_since: np.ndarray
-
-
-def post_spike_currents(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """H for each fit's two weights, `(fit, POST_SPIKE_STEPS + 1)`.
-
-    The weights are those of two raised cosines of the logarithm of the time t since the spike, with peaks at 0 and
-    8 ms: `(1 + cos(clip(a - 3 pi j / 2, -pi, pi))) / 2` for j = 0, 1 with `a = 3 pi / 2 ln(1 + t / 1 ms) / ln 9`.
-
-    >>> post_spike_currents(np.array([1.0, 0.0]), np.array([0.0, 1.0]))[:, [0, 1, 10, 40, 190]].round(3).tolist()
-    [[1.0, 0.962, 0.146, 0.0, 0.0], [0.0, 0.0, 0.146, 1.0, 0.0]]
-    """
-    t_ms = np.arange(POST_SPIKE_STEPS + 1) * 1e3 / FITTED_Hz
-    angle = 1.5 * np.pi * np.log1p(t_ms) / np.log(9.0)
-    bumps = [(1 + np.cos(np.clip(angle - 1.5 * np.pi * j, -np.pi, np.pi))) / 2 for j in (0, 1)]
-    currents = np.outer(first, bumps[0]) + np.outer(second, bumps[1])
-    currents[:, POST_SPIKE_STEPS] = 0.0
-    return currents
-
-
-def mechanoreceptor_start(neuron: Mechanoreceptor, n_trials: int) -> MechanoreceptorState:
-    """The resting state, without an earlier spike."""
-    shape = (n_trials, len(neuron.tau_steps))
-    return MechanoreceptorState(np.zeros(shape), np.full(shape, neuron.longest, np.int64))
-
-
-def mechanoreceptor_step(
-    neuron: Mechanoreceptor, current: np.ndarray, state: MechanoreceptorState
-) -> tuple[np.ndarray, MechanoreceptorState]:
-    """One step of 0.2 ms: `(spikes, next state)`; current: I, `(trial, afferent)`; spikes are boolean.
-
-    >>> post_spike = post_spike_currents(np.array([-1.0]), np.array([0.0]))
-    >>> neuron = Mechanoreceptor(np.array([50.0]), post_spike, fit=np.array([0]), least_steps=np.array([6]))
-    >>> state, spikes = mechanoreceptor_start(neuron, n_trials=1), []
-    >>> for _ in range(60):
-    ...     fired, state = mechanoreceptor_step(neuron, np.array([[0.2]]), state)
-    ...     spikes.append(fired[0, 0])
-    >>> np.flatnonzero(spikes).tolist()
-    [5, 37]
-    """
-    since_spike = np.minimum(state.steps_since, POST_SPIKE_STEPS)
-    after_spike = neuron.post_spike.take(since_spike + (POST_SPIKE_STEPS + 1) * neuron.fit)
-    membrane = state.membrane - state.membrane / neuron.tau_steps + current + after_spike
-    since = np.minimum(state.steps_since + 1, neuron.longest)
-    fired = (membrane > 1.0) & (since >= neuron.least_steps)
-    membrane[fired], since[fired] = 0.0, 0
-    return fired, MechanoreceptorState(membrane, since)
 
 
 # --- current-based LIF ------------------------------------------------------------------------------

@@ -44,11 +44,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture(scope="module", autouse=True)
 def _small_opponents() -> Iterator[None]:
     """Trainings and searches end in forests and in MiniRocket, which take longer here than they do."""
-    from neurotact.baselines import families, minirocket
+    from neurotact_parts.opponents import minirocket, scikit_learn
+
     from neurotact.networks.search import importance
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(families, "TREES", 10)
+        patch.setattr(scikit_learn, "TREES", 10)
         patch.setattr(minirocket, "FEATURES", 1008)
         patch.setattr(importance, "TREES", 40)
         yield

@@ -13,7 +13,7 @@ import neurotact
 
 PACKAGE = Path(neurotact.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
-ROOMS = ("encoders", "exporters", "networks", "readers", "studies")
+ROOMS = ("encoders", "exporters", "networks", "opponents", "readers", "studies")
 BESIDE = sorted(path for room in ROOMS for path in (PACKAGE.parent / room).rglob("*.py"))
 """Modules of the packages beside the framework."""
 FLOORS = (

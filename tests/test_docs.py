@@ -335,8 +335,9 @@ def test_every_name_of_the_front_door_is_in_the_python_reference_once(site):
     page = "\n".join(reference.page(name) for name in reference.SUBJECTS)
     for name in {*nt.__all__} - {"__version__"}:
         assert page.count(f":: neurotact.{name}\n") == 1, name
-    for name in nt.baselines.__all__:
-        assert page.count(f":: neurotact.baselines.{name}\n") == 1, name
+    for room in PUBLIC_ROOMS[1:]:
+        for name in import_module(room).__all__:
+            assert page.count(f":: {room}.{name}\n") == 1, name
     assert ":: neurotact.data.Recordings" not in page
 
 
@@ -385,7 +386,7 @@ def test_a_page_that_asks_another_host_is_found(page, asks, site, tmp_path):
 
 
 EXAMPLES = sorted((ROOT / "docs" / "examples").glob("*.py"))
-PUBLIC_ROOMS = ("neurotact", "neurotact.baselines")
+PUBLIC_ROOMS = ("neurotact", "neurotact.baselines", "neurotact_parts.opponents")
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=[path.stem for path in EXAMPLES])

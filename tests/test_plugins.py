@@ -11,7 +11,7 @@ from neurotact_parts.studies.comparison import protocol
 
 import neurotact as nt
 from neurotact import cli, plugins
-from neurotact.baselines import opponents
+from neurotact.baselines import opponent, opponents
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import Split
@@ -159,6 +159,11 @@ def test_an_opponent_that_cannot_be_used_is_named_with_its_package(package, modu
     package({"opponents": "nearest = my_skin:OPPONENT"}, module)
     with pytest.raises(InputError, match=rf"^opponents: 'nearest' of the package my-skin \(my_skin:OPPONENT\) {why}"):
         rows_of_opponents()
+
+
+def test_what_goes_wrong_in_an_opponent_that_ships_is_not_laid_on_its_package():
+    with pytest.raises(ZeroDivisionError), opponent.named("kNN"):
+        1 / 0  # noqa: B018
 
 
 @pytest.mark.thorough

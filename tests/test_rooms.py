@@ -10,7 +10,7 @@ import neurotact
 
 PACKAGE = Path(neurotact.__file__).parent
 ROOT = PACKAGE.parent
-BESIDE = ("encoders", "exporters", "networks", "prices", "readers", "studies")
+BESIDE = ("encoders", "exporters", "networks", "opponents", "prices", "readers", "studies")
 MODULES = sorted(PACKAGE.rglob("*.py"))
 OTHERS = [path for room in BESIDE for path in sorted((ROOT / room).rglob("*.py"))]
 OFFERS = re.compile(r"Other rooms take:\n\n(.*)", re.DOTALL)

@@ -23,7 +23,7 @@ from venvs import CONSTRAINTS, PIP, ROOT, clean, copy_of_checkout, pip_install, 
 
 from neurotact import cli
 
-ROOMS = ("encoders", "exporters", "networks", "prices", "readers", "studies")
+ROOMS = ("encoders", "exporters", "networks", "opponents", "prices", "readers", "studies")
 SPECS = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.toml")) if path.parent.name != "spaces"]
 HAS_COMPILER = any(map(shutil.which, ("c++", "g++", "clang++")))
 EXTRAS = "live,nir,neuro"
@@ -166,7 +166,7 @@ def test_the_wheel_holds_every_module_every_stub_and_every_spec(wheel):
     files = {path for kind in ("*.py", "*.pyi", "*.html", "py.typed") for path in (ROOT / "neurotact").rglob(kind)}
     beside = [path for room in ROOMS for path in (ROOT / room).rglob("*")]
     theirs = {f"neurotact_parts/{path.relative_to(ROOT).as_posix()}" for path in beside
-              if path.suffix in (".py", ".toml", ".csv", ".html", ".jinja", ".c", ".ld")}  # fmt: skip
+              if path.suffix in (".py", ".pyi", ".toml", ".csv", ".html", ".jinja", ".c", ".ld")}  # fmt: skip
     assert {path.relative_to(ROOT).as_posix() for path in files} | theirs <= names
     assert not {name for name in names if name.startswith(("tests/", "native/", *(f"{room}/" for room in ROOMS)))}
 

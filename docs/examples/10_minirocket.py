@@ -10,11 +10,11 @@ from time import perf_counter
 
 import matplotlib.pyplot as plt
 import numpy as np
+from neurotact_parts.opponents import MiniRocketClassifier
 from sklearn.model_selection import train_test_split
 from sklearn.pipeline import make_pipeline
 
 import neurotact as nt
-from neurotact.baselines import MiniRocketClassifier
 
 touches = nt.simulate(
     "gratings",

@@ -75,22 +75,24 @@ SUBJECTS = {
     "baselines": Subject(
         "Opponents",
         "Classical and modern classifiers with scikit-learn's interface. X is `(trial, time, channel)` or "
-        "`(example, feature)`, as each says; import them from `neurotact.baselines`.",
-        room="neurotact.baselines",
+        "`(example, feature)`, as each says; import them from `neurotact_parts.opponents`.",
+        room="neurotact_parts.opponents",
     ),
     "extending": Subject(
         "Plug-ins and errors",
         "What packages of your own register, and the one error that says that an input cannot be used.",
         "Reader Simulator Exporter InputError",
+        room="neurotact.baselines",
     ),
 }
 """The pages, in the order of a chain."""
 
 
 def rooms() -> list[ModuleType]:
-    """The package, then each room that exports names."""
+    """The package, then each room that exports names, and the opponents."""
     found = (import_module(f"neurotact.{room.name}") for room in pkgutil.iter_modules(neurotact.__path__) if room.ispkg)
-    return [neurotact, *(room for room in found if getattr(room, "__all__", ()))]
+    beside = import_module("neurotact_parts.opponents")
+    return [neurotact, *(room for room in found if getattr(room, "__all__", ())), beside]
 
 
 def exported() -> dict[str, object]:

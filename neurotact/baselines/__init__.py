@@ -1,16 +1,11 @@
-"""Classical classifiers for comparison with spiking networks, in scikit-learn's API.
+"""The door of the classifiers that networks are compared with: inputs, choice by validation, costs, sentences.
 
 Other rooms take:
 
-    elm: Activation, ELMClassifier
-    families: ELM, EXTRA_TREES, KNN, LOGISTIC_REGRESSION, MINIROCKET, POOLED_GRU, SVM, standardised
     features: averaged, counted
-    minirocket: MiniRocket, MiniRocketClassifier
-    opponent: Opponent, Opponents, Settings, Sides, accuracy, best_of, joined, load, named
+    opponent: Opponent, Opponents, Settings, Sides, accuracy, best_of, joined, load, named, standardised
     opponents: Cuts, Input, LINEAR, MOST_SAMPLES, RIGHT, SPIKES, cuts_of, gru_steps, in_words, pieces_of, rows,
         signal_inputs, spike_inputs, without_slow
-    pooled_gru: GRU, PooledGRUClassifier
-    targets: MachinesMixin, decide, encode, indices_of, signed
 """
 
 import lazy_loader

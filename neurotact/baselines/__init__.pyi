@@ -1,5 +1,1 @@
-from .elm import ELMClassifier as ELMClassifier
-from .minirocket import MiniRocket as MiniRocket
-from .minirocket import MiniRocketClassifier as MiniRocketClassifier
 from .opponent import Opponent as Opponent
-from .pooled_gru import PooledGRUClassifier as PooledGRUClassifier

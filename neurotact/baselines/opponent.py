@@ -1,6 +1,6 @@
 """What a network is compared with: an estimator, the grid that validation searches, its input and its cost.
 
-An opponent is a part of the group `opponents` (`docs/plugins.md`); those that ship are in `families`.
+An opponent is a part of the group `opponents` (`docs/plugins.md`), as those that ship are (`opponents/`).
 """
 
 import inspect
@@ -25,8 +25,6 @@ Opponents = Literal["none", "linear", "readout", "quick", "all"]
 Takes = Literal["features", "sequences", "signals"]
 Joins = Literal["linear", "quick", "all", "named"]
 LEVELS = {"linear": 0, "readout": 0, "quick": 1, "all": 2, "named": 3}
-FIRST = ("logistic regression", "SVM", "ELM", "extra trees", "MiniRocket", "GRU")
-"""The order of those that ship, which is that of tables and of ties; others follow by name."""
 
 
 class Sides(NamedTuple):
@@ -38,6 +36,17 @@ class Sides(NamedTuple):
     y_train: np.ndarray
     y_validation: np.ndarray
     y_test: np.ndarray
+
+
+def standardised(sequences: np.ndarray, labels: np.ndarray, sides: Sequence[np.ndarray]) -> Sides:
+    """Sequences `(example, time, channel)` of each side, each channel standardised on the training side.
+
+    sides: indices or booleans that select the examples of training, validation and test.
+    """
+    training = sequences[sides[0]]
+    offset, scale = training.mean(axis=(0, 1)), training.std(axis=(0, 1))
+    standard = (sequences - offset) / np.where(scale > 0, scale, 1.0)
+    return Sides(*(standard[side] for side in sides), *(labels[side] for side in sides))
 
 
 class Candidate(NamedTuple):
@@ -151,13 +160,14 @@ def load(name: str) -> Opponent:
 
 
 def joined(takes: Takes, level: Opponents) -> dict[str, Opponent]:
-    """The opponents of an input that a study of a level fits, by name: those that ship, then others.
+    """The opponents of an input that a study of a level fits, by name, in the order of tables and of ties.
+
+    Those that ship come first, as `pyproject.toml` has them.
 
     >>> list(joined("features", "linear"))
     ['logistic regression']
     """
-    known = plugins.names("opponents")
-    found = {name: load(name) for name in (*(one for one in FIRST if one in known), *known)}
+    found = {name: load(name) for name in plugins.in_order("opponents")}
     return {name: one for name, one in found.items() if one.takes == takes and LEVELS[one.joins] <= LEVELS[level]}
 
 
@@ -195,6 +205,6 @@ def named(name: str) -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:
-        if name in FIRST or not plugins.has("opponents", name):
+        if plugins.is_ours("opponents", name) or not plugins.has("opponents", name):
             raise
         raise plugins.unfit("opponents", name, f"cannot be fitted ({first_line(error)})") from error

@@ -13,7 +13,6 @@ import numpy as np
 import pandas as pd
 from sklearn.preprocessing import StandardScaler
 
-from neurotact.baselines.families import standardised
 from neurotact.baselines.features import BandPowers, averaged, band_powers, bin_edges
 from neurotact.baselines.opponent import (
     Candidate,
@@ -26,6 +25,7 @@ from neurotact.baselines.opponent import (
     first_best,
     joined,
     named,
+    standardised,
 )
 from neurotact.data.augmentation import NONE
 from neurotact.data.recordings import Recordings, select_conditions

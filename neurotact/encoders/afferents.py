@@ -7,16 +7,15 @@ vibration with one spike a cycle; and SA-I driven by the signal's rise, too, whi
 (`docs/afferent-validation.md`).
 """
 
-import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from neurotact.backend import Backend, use_native
 from neurotact.encoders import native
-from neurotact.encoders.model import EncoderSpec, Model, RefractoryMs, checked
+from neurotact.encoders.model import DrivenSpec, Model, RefractoryMs, checked
 from neurotact.metrics.flops import Cost, with_weights
 from neurotact.neurons import LIF, LIFState, decay_per_step, lif_start, lif_step, refractory_steps
 from neurotact.spec import Spec
@@ -73,7 +72,7 @@ class AfferentType(Spec):
         return rising + (falling if self.opposite or self.change == "both" else ())
 
 
-class AfferentSpec(EncoderSpec):
+class AfferentSpec(DrivenSpec):
     """An SA-I and an RA-I population over every taxel (`encoders/*.toml`).
 
     >>> spec = AfferentSpec.model_validate({"sa1": {"gain": 3.0, "t_ref_ms": 5}, "ra1": {"gain": 9.0}})
@@ -143,7 +142,6 @@ class AfferentSpec(EncoderSpec):
 
     @property
     def is_signed(self) -> bool:
-        """Whether the signal below zero drives afferents, too."""
         return self.sa1.opposite
 
     def gains_at(self, sampling_rate_Hz: float) -> Gains:
@@ -158,19 +156,9 @@ class AfferentSpec(EncoderSpec):
 
     @property
     def gain_units(self) -> dict[str, str]:
-        """The unit of each type's gain on standardised signals, by the type's name."""
         return {"SA-I": "mV per sd", "RA-I": "mV per sd/ms"}
 
-    @property
-    def for_search(self) -> "AfferentSpec":
-        """The encoder whose spikes are counted in the search for gains."""
-        return self
-
     def felt(self, part: str, signal: np.ndarray, sampling_rate_Hz: float) -> np.ndarray:
-        """The drive of a type at a gain of 1, of a signal `(time, taxel)`; of a change, there is one value less.
-
-        For SA-I of both polarities, and RA-I of both signs of change, the magnitude: it drives one of the two.
-        """
         per_ms = sampling_rate_Hz * 1e-3
         if part == "ra1":
             change = np.diff(signal, axis=0) * per_ms
@@ -184,14 +172,12 @@ class AfferentSpec(EncoderSpec):
         return level + signal.dtype.type(self.sa1.rate_ms * per_ms) * rise
 
     def least_drive(self, part: str) -> float:
-        """The constant drive of a type at which it just fires."""
         del part
         return self.v_threshold_mV - self.v_rest_mV
 
     def least_isi_steps(self, part: str, sampling_rate_Hz: float) -> int:
-        """The shortest inter-spike interval of a type on a clock."""
         if self.integration == "exact":
-            return max(1, math.floor(getattr(self, part).t_ref_ms * 1e-3 * sampling_rate_Hz + 1e-9))
+            return super().least_isi_steps(part, sampling_rate_Hz)
         return self.neuron(getattr(self, part), sampling_rate_Hz).refractory_steps + 1
 
     def floor_steps(self, part: str, sampling_rate_Hz: float) -> int:
@@ -208,7 +194,7 @@ class AfferentSpec(EncoderSpec):
             charging = np.maximum(1.0, np.round(-FLOOR_OF_TAU / np.log(neuron.decay)))
         return int(min(neuron.refractory_steps + charging, np.iinfo(np.int64).max))
 
-    def at_gain(self, part: str, gain: float) -> "AfferentSpec":
+    def at_gain(self, part: str, gain: float) -> Self:
         """With one afferent of a type under each taxel, of that gain."""
         kind = getattr(self, part).model_copy(update={"gain": gain, "grades": (1.0,)})
         return self.model_copy(update={part: kind})

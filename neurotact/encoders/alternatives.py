@@ -10,8 +10,7 @@ from neurotact.data.conditioning import ACAUSAL, Baseline
 from neurotact.data.recordings import Trials
 from neurotact.encoders.calibration import Calibration, calibrate
 from neurotact.encoders.gain_search import CalibrationRule, Progress
-from neurotact.encoders.model import EncoderSpec
-from neurotact.encoders.specs import CALIBRATED
+from neurotact.encoders.model import DrivenSpec, EncoderSpec
 from neurotact.errors import InputError
 
 BASELINES: tuple[Baseline, ...] = ("none", "start", "high-pass", "mean")
@@ -56,7 +55,7 @@ def compare(
     better separation by ISIs). RA-I responds to changes of either sign, so polarity does not affect it.
     Raises InputError if no alternative can be calibrated, and for an encoder with both polarities.
     """
-    if not isinstance(spec, CALIBRATED):
+    if not isinstance(spec, DrivenSpec):
         raise InputError(f"compare: chooses a polarity of SA-I, and '{spec.model}' has its own drives; leave it out")
     if spec.is_signed:
         raise InputError("compare: chooses a polarity, and this encoder has both (sa1.opposite); leave one of them out")

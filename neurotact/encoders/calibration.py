@@ -34,11 +34,11 @@ from neurotact.encoders.gain_search import (
     search,
     suited_rule,
 )
-from neurotact.encoders.model import EncoderSpec
+from neurotact.encoders.model import DrivenSpec, EncoderSpec
 from neurotact.encoders.scaling import REST_SD, Scaling
 from neurotact.encoders.scaling import fit as fit_scaling
 from neurotact.encoders.sensitivity import Sensitivity, adjusted, sensitivities_of
-from neurotact.encoders.specs import CALIBRATED, SA_RA, conditioning_of, is_exact, populations
+from neurotact.encoders.specs import SA_RA, conditioning_of, is_exact, populations
 from neurotact.errors import InputError, some
 from neurotact.metrics.decision import Decision, otherwise
 from neurotact.metrics.linear import cross_validated_accuracy
@@ -565,7 +565,7 @@ def _on_ends(table: pd.DataFrame, best: int, sensitivity: Sensitivity, rule: Cal
 
 def _is_signed(spec: EncoderSpec) -> bool:
     """Whether the signal below zero drives afferents as the signal above does."""
-    return spec.is_signed if isinstance(spec, CALIBRATED) else populations(spec)[0] not in SA_RA
+    return spec.is_signed if isinstance(spec, DrivenSpec) else populations(spec)[0] not in SA_RA
 
 
 def _turned(conditioned: Excerpts, spec: Encoder, sensitivity: Sensitivity, value: float) -> tuple[Encoder, int]:

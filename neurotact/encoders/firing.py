@@ -13,7 +13,6 @@ from neurotact.data.conditioning import Baseline, condition_pieces
 from neurotact.data.contact import REST_MS as REST_MS
 from neurotact.data.recordings import Trials
 from neurotact.data.spikes import populations_of
-from neurotact.encoders.mechanoreceptor import LEAST_PC_Hz
 from neurotact.encoders.model import EncoderSpec, sensitivity_key
 from neurotact.encoders.specs import (
     afferent_names,
@@ -70,15 +69,16 @@ def check_periods(encoder: EncoderSpec, trial_s: float) -> None:
 
 
 def check_rate(encoder: EncoderSpec, sampling_rate_Hz: float) -> None:
-    """InputError if an encoder has PC afferents and its recordings are too slow to contain what these feel.
+    """InputError if an encoder has afferents for which its recordings are too slow, such as PC.
 
     Resampling to a faster clock adds nothing to them.
     """
-    if getattr(encoder, "pc", None) is not None and sampling_rate_Hz < LEAST_PC_Hz:
-        raise InputError(
-            f"pc: PC afferents need recordings of {LEAST_PC_Hz:g} Hz or more; these have {sampling_rate_Hz:g} Hz; "
-            "leave pc out"
-        )
+    for name, part, least_Hz in populations(encoder):
+        if sampling_rate_Hz < least_Hz:
+            raise InputError(
+                f"{part}: {name} afferents need recordings of {least_Hz:g} Hz or more; these have "
+                f"{sampling_rate_Hz:g} Hz; leave {part} out"
+            )
 
 
 def complaints(counts: np.ndarray, n_steps: int, clock_Hz: float, encoder: EncoderSpec) -> Iterator[str]:

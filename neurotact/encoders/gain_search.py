@@ -18,9 +18,9 @@ from neurotact.data.spool import Spool
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import side_by_side
 from neurotact.encoders.excerpts import Excerpts, draw, liveliest
-from neurotact.encoders.model import EncoderSpec, of_name
+from neurotact.encoders.model import DrivenSpec, EncoderSpec, of_name
 from neurotact.encoders.sensitivity import Sensitivity, adjusted, sensitivities_of, value_of
-from neurotact.encoders.specs import CALIBRATED, Calibrated, afferent_names, encode
+from neurotact.encoders.specs import afferent_names, encode
 from neurotact.errors import InputError
 from neurotact.metrics.decision import is_within
 from neurotact.metrics.isi_distributions import bin_edges, separation, shares_of
@@ -190,7 +190,7 @@ def search(
 
     if rule.spikes_per_s is not None:
         _to_rate(spec, rule, tried)
-    elif isinstance(spec, CALIBRATED):
+    elif isinstance(spec, DrivenSpec):
         for values in zip(*_candidates(excerpts, spec, rule).values(), strict=True):
             tried(values)
     else:
@@ -210,8 +210,8 @@ def search(
 
 def _with(spec: EncoderSpec, values: Mapping[Sensitivity, float]) -> EncoderSpec:
     """The encoder whose spikes are counted, with its sensitivities at these values."""
-    if isinstance(spec, CALIBRATED):
-        tried: Calibrated = spec.for_search
+    if isinstance(spec, DrivenSpec):
+        tried = spec.for_search
         for sensitivity, value in values.items():
             tried = tried.at_gain(sensitivity.part, value)
         return tried
@@ -353,7 +353,7 @@ def _clock(excerpts: Excerpts, spec: EncoderSpec) -> float:
 
 def _least_isi_steps(spec: EncoderSpec, sensitivity: Sensitivity, sampling_rate_Hz: float) -> int:
     """The shortest inter-spike interval of a sensitivity's afferents."""
-    if isinstance(spec, CALIBRATED):
+    if isinstance(spec, DrivenSpec):
         return spec.least_isi_steps(sensitivity.part, sampling_rate_Hz)
     period_ms = getattr(getattr(spec, sensitivity.part) if sensitivity.part else spec, "t_ref_ms", 0.0)
     return math.ceil(period_ms * 1e-3 * sampling_rate_Hz - 1e-9) + 1
@@ -361,12 +361,12 @@ def _least_isi_steps(spec: EncoderSpec, sensitivity: Sensitivity, sampling_rate_
 
 def _floor_steps(spec: EncoderSpec, sensitivity: Sensitivity, sampling_rate_Hz: float) -> int:
     """The longest interval that counts as at the refractory floor; the shortest possible, if a model has no other."""
-    if isinstance(spec, CALIBRATED):
+    if isinstance(spec, DrivenSpec):
         return spec.floor_steps(sensitivity.part, sampling_rate_Hz)
     return _least_isi_steps(spec, sensitivity, sampling_rate_Hz)
 
 
-def _candidates(excerpts: Excerpts, spec: Calibrated, rule: CalibrationRule) -> dict[str, list[float]]:
+def _candidates(excerpts: Excerpts, spec: DrivenSpec, rule: CalibrationRule) -> dict[str, list[float]]:
     """Candidate gains of each population, from slightly below the gain whose strongest drive reaches threshold."""
     grids, names = {}, {sensitivity.part: sensitivity.name for sensitivity in sensitivities_of(spec)}
     for part, (drive, n_values) in drives(excerpts, spec).items():
@@ -381,7 +381,7 @@ def _candidates(excerpts: Excerpts, spec: Calibrated, rule: CalibrationRule) -> 
     return grids
 
 
-def drives(excerpts: Excerpts, spec: Calibrated) -> dict[str, tuple[Iterator[np.ndarray], int]]:
+def drives(excerpts: Excerpts, spec: DrivenSpec) -> dict[str, tuple[Iterator[np.ndarray], int]]:
     """The drive of each type with a gain of 1, trial by trial `(time, taxel)`, and the number of values."""
     rate_Hz = excerpts.sampling_rate_Hz
 

@@ -4,9 +4,10 @@ A model is an entry point of the group `neurotact.encoders`, ours or another pac
 """
 
 import logging
+import math
 from collections.abc import Callable, Mapping
 from functools import lru_cache
-from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar, get_args
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, SerializeAsAny, ValidationError
@@ -49,15 +50,61 @@ class EncoderSpec(Spec):
         return {name: {"model": name} for name in names()}
 
 
+class DrivenSpec(EncoderSpec):
+    """The spec of SA-I and RA-I with a `gain` and a `t_ref_ms` each that knows their drives.
+
+    The search for gains begins where the strongest drive just reaches `least_drive`.
+    """
+
+    @property
+    def is_signed(self) -> bool:
+        """Whether the signal below zero drives afferents as the signal above does."""
+        return False
+
+    @property
+    def gain_units(self) -> dict[str, str]:
+        """The unit of each type's gain on standardised signals, by the type's name."""
+        raise NotImplementedError
+
+    @property
+    def for_search(self) -> Self:
+        """The encoder whose spikes are counted in the search for gains."""
+        return self
+
+    def felt(self, part: str, signal: np.ndarray, sampling_rate_Hz: float) -> np.ndarray:
+        """The drive of a type at a gain of 1, of a signal `(time, taxel)`; of a change, there is one value less.
+
+        Where both signs drive it, or one of two that share the gain, the magnitude.
+        """
+        raise NotImplementedError
+
+    def least_drive(self, part: str) -> float:
+        """The drive of a type at which it just fires."""
+        raise NotImplementedError
+
+    def least_isi_steps(self, part: str, sampling_rate_Hz: float) -> int:
+        """The shortest inter-spike interval of a type on a clock."""
+        return max(1, math.floor(getattr(self, part).t_ref_ms * 1e-3 * sampling_rate_Hz + 1e-9))
+
+    def floor_steps(self, part: str, sampling_rate_Hz: float) -> int:
+        """The longest interval that counts as at the refractory floor."""
+        return math.ceil(getattr(self, part).t_ref_ms * 1e-3 * sampling_rate_Hz - 1e-9)
+
+    def at_gain(self, part: str, gain: float) -> Self:
+        """With that gain of a type."""
+        return self.model_copy(update={part: getattr(self, part).model_copy(update={"gain": gain})})
+
+
 class Population(NamedTuple):
     """A population of an encoder.
 
     name: the first word of its afferents' names. part: the key of the spec that describes it; empty if the keys of the
-    whole spec do.
+    whole spec do. least_Hz: the rate of recordings that contain what it feels; slower ones are refused.
     """
 
     name: str
     part: str = ""
+    least_Hz: float = 0.0
 
 
 SA_RA = Population("SA-I", "sa1"), Population("RA-I", "ra1")

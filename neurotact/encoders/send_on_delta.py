@@ -11,7 +11,6 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from neurotact.encoders.decoding import sum_of_steps
 from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, RefractoryMs, both, checked, over_time
 from neurotact.metrics.flops import Cost, with_weights
 from neurotact.neurons import refractory_steps, silenced
@@ -78,6 +77,11 @@ def cost(_spec: Mapping[str, Any], taxels: int, steps: int, _step_ms: float) -> 
     """
     updates = taxels * steps
     return with_weights(1, 2 * taxels, acs=updates, comparisons=2 * updates)  # a reference and a refractory counter
+
+
+def sum_of_steps(signed: np.ndarray, _step_ms: float, encoder: Any) -> np.ndarray:
+    """The sum so far of ON minus OFF, `(trial, time, taxel)`, each a `threshold`."""
+    return encoder.threshold * np.cumsum(signed, axis=1)
 
 
 MODEL = Model("send-on-delta events", SendOnDeltaSpec, _encode, _SendOnDeltaState, ON_OFF, cost, decode=sum_of_steps)

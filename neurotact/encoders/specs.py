@@ -13,13 +13,8 @@ from neurotact.data.conditioning import ConditioningSpec, check_used
 from neurotact.encoders import closed_form
 from neurotact.encoders.afferents import LEAST_EXACT_MS, AfferentSpec, marks
 from neurotact.encoders.closed_form import ExactState
-from neurotact.encoders.mechanoreceptor import MechanoreceptorSpec
 from neurotact.encoders.model import SA_RA, EncoderSpec, Model, Population, checked, name_in, names, of_name, part_of
 from neurotact.errors import InputError, nearest
-
-Calibrated = AfferentSpec | MechanoreceptorSpec
-"""Encoders that know their drives, and where in them a search for gains begins."""
-CALIBRATED = (AfferentSpec, MechanoreceptorSpec)
 
 
 def populations(encoder: Mapping[str, Any] | EncoderSpec) -> tuple[Population, ...]:

@@ -9,11 +9,10 @@ Other rooms take:
     encoding: Classes, POPULATIONS, draw_isis, draw_rasters, draw_rates, draw_spike_counts
     labels: label_points
     networks: Published, draw_accuracy_and_sops, draw_confusion, draw_trade_off, draw_training
-    raster: draw_raster, existing_trial, write_events, write_raster
+    raster: PALETTE, draw_raster, existing_trial, write_events, write_raster
     search: save_found
     searches: draw_best_so_far, draw_winners, gains, winners
-    style: Drawn, INK, MUTED, PAIR_AXIS, PALE, SERIES, SYMBOLS, TOTAL, add_legend, bars, class_colours, keep_within,
-        name_ticks, new_figure, new_panels, printed, save, sequence, series_style, write_out_log_ticks
-    survival: draw_survival
+    style: Drawn, INK, MUTED, PAIR_AXIS, PALE, RA, SA, SERIES, SYMBOLS, TOTAL, add_legend, bars, class_colours,
+        keep_within, name_ticks, new_figure, new_panels, printed, save, sequence, series_style, write_out_log_ticks
     truncated: draw_costs, draw_cut_short, draw_exit_curves
 """

@@ -8,7 +8,6 @@ Other rooms take:
         NearestPoints, NotCounted, RBFExpansion, SIGMOID, SpikingLayer, Standardise, SupportVectorMachines, TANH,
         cost, ledger_table, with_weights
     fronts: pareto_front
-    information: binned, class_information, information_of_bins
     isi_distributions: bin_edges, overlap, separation, shares_of
     linear: cross_validated_accuracy, linear
     paired: Paired, by_trial, compare, compare_by_trial, compare_shares

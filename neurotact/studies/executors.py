@@ -10,7 +10,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from neurotact.studies.cluster import cluster
+from neurotact import plugins
 from neurotact.studies.engine import AnyCell, Engine, Files, MapCells
 from neurotact.studies.store import cell_folder
 from neurotact.workers import pool_as_done
@@ -18,7 +18,7 @@ from neurotact.workers import pool_as_done
 
 def executor(n_workers: int, scheduler: str | None = None) -> AbstractContextManager[MapCells]:
     """`n_workers` processes of this machine, or the cluster of the Dask scheduler at this address."""
-    return processes(n_workers) if scheduler is None else cluster(scheduler)
+    return processes(n_workers) if scheduler is None else plugins.load_function("tools", "cluster")(scheduler)
 
 
 @contextmanager

@@ -7,9 +7,8 @@ import numpy as np
 from sklearn.preprocessing import StandardScaler
 
 from neurotact.baselines import opponent
-from neurotact.baselines.families import standardised
 from neurotact.baselines.features import averaged
-from neurotact.baselines.opponent import Opponent, Sides
+from neurotact.baselines.opponent import Opponent, Sides, standardised
 from neurotact.baselines.opponents import MOST_SAMPLES, gru_steps
 from neurotact.data.splits import Split
 from neurotact.metrics.flops import Layer

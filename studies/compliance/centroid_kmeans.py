@@ -4,6 +4,7 @@ import warnings
 from typing import Literal
 
 import numpy as np
+from neurotact_parts.opponents.targets import encode, indices_of
 from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
 from sklearn.base import BaseEstimator, ClassifierMixin
@@ -13,7 +14,6 @@ from sklearn.metrics import pairwise_distances_argmin
 from sklearn.utils import check_random_state
 
 from neurotact.baselines.opponent import Opponent
-from neurotact.baselines.targets import encode, indices_of
 from neurotact.checks import at_least, further_examples, one_of, training_examples
 from neurotact.metrics.flops import NearestPoints
 

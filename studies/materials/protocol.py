@@ -11,6 +11,8 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
+from neurotact_parts.opponents.elm import ELMClassifier
+from neurotact_parts.opponents.targets import decide, signed
 from neurotact_parts.studies.materials import figures
 from neurotact_parts.studies.materials.rls import RLSClassifier
 from neurotact_parts.studies.materials.simulator import PATTERN, ContactMaterialsSpec, patterns, simulate
@@ -18,8 +20,6 @@ from pydantic import Field
 from sklearn.preprocessing import MinMaxScaler
 from sklearn.svm import SVC
 
-from neurotact.baselines.elm import ELMClassifier
-from neurotact.baselines.targets import decide, signed
 from neurotact.data.recordings import LABEL, select_conditions
 from neurotact.data.splits import SplitSpec, split_trials
 from neurotact.figures.style import Drawn

@@ -3,13 +3,13 @@
 from collections.abc import Iterator
 
 import numpy as np
+from neurotact_parts.opponents.targets import MachinesMixin, encode, signed
 from numpy.typing import ArrayLike
 from scipy import linalg
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.metrics.pairwise import rbf_kernel
 
 from neurotact.baselines.opponent import Opponent, Settings, Sides
-from neurotact.baselines.targets import MachinesMixin, encode, signed
 from neurotact.checks import at_least, further_examples, training_examples
 from neurotact.metrics.flops import Layer, RBFExpansion
 

@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
+from neurotact_parts.opponents.targets import encode, indices_of
 from neurotact_parts.studies.probabilities import ProbabilitiesMixin
 from numpy.typing import ArrayLike
 from scipy.special import expit, softmax
@@ -16,7 +17,6 @@ from torch import Tensor
 from torch.nn import functional
 
 from neurotact.baselines.opponent import Opponent
-from neurotact.baselines.targets import encode, indices_of
 from neurotact.checks import at_least, fraction, further_examples, one_of, training_examples
 from neurotact.data.copies import equal_examples
 from neurotact.data.splits import hold_out

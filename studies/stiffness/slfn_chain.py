@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
+from neurotact_parts.opponents import elm
 from neurotact_parts.studies.published_flops import SLFN
 from neurotact_parts.studies.stiffness import slfn
 from pydantic import Field, model_validator
 from sklearn.preprocessing import StandardScaler
 
-from neurotact.baselines import elm
 from neurotact.data.splits import Split
 from neurotact.metrics.flops import (
     ACTIVATIONS,

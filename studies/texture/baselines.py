@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
+from neurotact_parts.opponents.elm import ELMClassifier
 from neurotact_parts.studies.texture import baselines_figures as figures
 from neurotact_parts.studies.texture import spike_feature_flops as spent
 from neurotact_parts.studies.texture import spike_features
@@ -23,7 +24,6 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
 from neurotact import spec as specs
-from neurotact.baselines.elm import ELMClassifier
 from neurotact.data.recordings import LABEL, class_indices
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split, SplitSpec, split_conditions

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from neurotact_parts.opponents.targets import encode
 from neurotact_parts.studies.probabilities import ProbabilitiesMixin
 from neurotact_parts.studies.touch_modality.recurrent import LSTM_UNIT
 from numpy.typing import ArrayLike
@@ -14,7 +15,6 @@ from sklearn.utils.validation import check_is_fitted
 from torch import Tensor, nn
 from torch.nn import functional, init
 
-from neurotact.baselines.targets import encode
 from neurotact.checks import at_least, sequences, trial_labels
 from neurotact.errors import InputError
 from neurotact.metrics.flops import BYTES, Cost, Layer

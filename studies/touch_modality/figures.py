@@ -11,10 +11,10 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import StrMethodFormatter
+from neurotact_parts.opponents.pooled_gru import GRU
 from neurotact_parts.studies.published_flops import touch_modality_flops
 from neurotact_parts.studies.touch_modality.recurrent import LSTM
 
-from neurotact.baselines.pooled_gru import GRU
 from neurotact.figures.style import INK, MUTED, PALE, SERIES, add_legend, keep_within, new_figure, printed, sequence
 from neurotact.metrics.flops import Dense, cost
 

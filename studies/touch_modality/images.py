@@ -11,6 +11,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import pandas as pd
 import torch
+from neurotact_parts.opponents.pooled_gru import GRU
 from neurotact_parts.studies.touch_modality import figures
 from neurotact_parts.studies.touch_modality.cnn_features import CNNFeatures, Conv2d
 from neurotact_parts.studies.touch_modality.conv_lstm import ConvLSTM, ConvLSTMClassifier
@@ -28,7 +29,6 @@ from pydantic import Field
 from sklearn.pipeline import Pipeline
 from torch import nn
 
-from neurotact.baselines.pooled_gru import GRU
 from neurotact.data.conditioning import fit_standardisation
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import Dense, Layer, Moments, cost

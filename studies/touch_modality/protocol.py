@@ -11,6 +11,7 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
+from neurotact_parts.opponents.pooled_gru import GRU
 from neurotact_parts.studies.published_flops import TOUCH_MODALITY_FLOPS
 from neurotact_parts.studies.touch_modality import figures
 from neurotact_parts.studies.touch_modality.datasets import STEP_COUNTS, TOUCH_SAMPLES, dataset_c, window_bounds
@@ -19,7 +20,6 @@ from neurotact_parts.studies.touch_modality.recurrent import LSTM, GRUClassifier
 from neurotact_parts.studies.touch_modality.touches import TouchData, folds_of, seed_of, touches_of, typical
 from pydantic import Field
 
-from neurotact.baselines.pooled_gru import GRU
 from neurotact.data.conditioning import ema, ema_coefficient, fit_standardisation, resample
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import Cost, Dense, Moments, cost

@@ -7,6 +7,8 @@ from typing import ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 import torch
+from neurotact_parts.opponents.pooled_gru import GRU
+from neurotact_parts.opponents.targets import encode
 from neurotact_parts.studies.probabilities import ProbabilitiesMixin
 from neurotact_parts.studies.touch_modality.recurrent_layers import GRULayers, Layers, LSTMLayers, Shape
 from numpy.typing import ArrayLike
@@ -17,8 +19,6 @@ from torch import Tensor
 from torch.nn import functional, init
 
 from neurotact.baselines.opponent import Opponent
-from neurotact.baselines.pooled_gru import GRU
-from neurotact.baselines.targets import encode
 from neurotact.checks import at_least, sequences, trial_labels
 from neurotact.errors import InputError
 from neurotact.metrics.flops import BYTES, SIGMOID, TANH, Cost, Dense, Layer

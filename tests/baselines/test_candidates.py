@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.opponents import minirocket as rocket
+from neurotact_parts.opponents import pooled_gru
+from neurotact_parts.opponents.minirocket import FixedConvolutions
+from neurotact_parts.opponents.pooled_gru import GRU, PooledStates
+from neurotact_parts.opponents.scikit_learn import Trees, mean_depth
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import Pipeline
 
-from neurotact.baselines import families
-from neurotact.baselines import minirocket as rocket
-from neurotact.baselines.families import Trees, mean_depth
 from neurotact.baselines.features import BandPowers
-from neurotact.baselines.minirocket import FixedConvolutions
 from neurotact.baselines.opponent import Opponent, Sides, best_of, first_best, joined, load
-from neurotact.baselines.pooled_gru import GRU, PooledStates
 from neurotact.errors import InputError
 from neurotact.metrics import flops
 from neurotact.metrics.flops import Cost, cost
@@ -50,7 +50,7 @@ def sides_of(seed, n_train=24, shape=(3,)):
 )  # fmt: skip
 def test_a_choice_is_fitted_again_with_its_settings(monkeypatch, family, shape):
     monkeypatch.setattr(rocket, "FEATURES", 84)
-    monkeypatch.setattr(families, "GRU_HIDDEN", (4, 6))
+    monkeypatch.setattr(pooled_gru, "GRU_HIDDEN", (4, 6))
     sides, others = sides_of(0, shape=shape), sides_of(1, n_train=36, shape=shape)
     opponent = load(family)
     for candidate, own in islice(zip(*(opponent.candidates(of, 0) for of in (sides, others)), strict=True), 3):
@@ -65,7 +65,7 @@ def test_a_choice_is_fitted_again_with_its_settings(monkeypatch, family, shape):
 
 def test_minirocket_has_one_candidate_of_the_default_size(monkeypatch):
     monkeypatch.setattr(rocket, "FEATURES", 168)
-    (candidate,) = families.MINIROCKET.candidates(sides_of(0, shape=(40, 2)), 0)
+    (candidate,) = rocket.MINIROCKET.candidates(sides_of(0, shape=(40, 2)), 0)
     assert candidate.settings == "168 features"
     assert len(candidate.fitted.transform_.convolutions_) == 84 * 2
     assert sum(len(one.biases) for one in candidate.fitted.transform_.convolutions_) == 168

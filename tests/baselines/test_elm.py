@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.opponents.elm import LEAST_POWER, ELMClassifier, powers_of_two
 from scipy.special import expit
 from sklearn.linear_model import Ridge
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from neurotact.baselines.elm import LEAST_POWER, ELMClassifier, powers_of_two
 from neurotact.errors import InputError
 
 ACTIVATIONS = ("sigmoid", "relu", "hard_limit")

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.opponents.minirocket import TRIPLES, Convolution, MiniRocket, MiniRocketClassifier, dilations
 from sklearn.linear_model import RidgeClassifierCV
 
-from neurotact.baselines.minirocket import TRIPLES, Convolution, MiniRocket, MiniRocketClassifier, dilations
 from neurotact.errors import InputError
 
 

@@ -7,8 +7,9 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.opponents import pooled_gru, scikit_learn
 
-from neurotact.baselines import families, opponents
+from neurotact.baselines import opponents
 from neurotact.baselines.features import band_powers
 from neurotact.baselines.opponent import Opponent, joined
 from neurotact.baselines.opponents import Cuts, Input
@@ -129,10 +130,10 @@ def test_every_classifier_receives_its_input_on_the_scale_of_the_training_window
 def test_many_windows_are_too_many_for_machines(capsys):
     features = np.arange(40.0)[:, None] % 2
     shipped = joined("features", "quick")
-    left = rows_of(features, shipped | {"SVM": replace(families.SVM, most_examples=23)})
+    left = rows_of(features, shipped | {"SVM": replace(scikit_learn.SVM, most_examples=23)})
     assert [row["classifier"] for row in left] == ["logistic regression", "ELM", "extra trees"]
     assert "no SVM on signals: made up: 24 training windows, at most 23" in capsys.readouterr().err
-    assert len(rows_of(features, shipped | {"SVM": replace(families.SVM, most_examples=24)})) == 4
+    assert len(rows_of(features, shipped | {"SVM": replace(scikit_learn.SVM, most_examples=24)})) == 4
 
 
 def sequences_of(n_steps=60):
@@ -162,7 +163,7 @@ def test_all_opponents_see_the_signals_as_sequences_too():
 
 
 def test_what_only_time_tells_is_found_by_spectra_and_sequences(monkeypatch):
-    monkeypatch.setattr(families, "GRU_HIDDEN", (16,))
+    monkeypatch.setattr(pooled_gru, "GRU_HIDDEN", (16,))
     made = cuts(np.full(40, 60), WindowSpec(length_ms=60))
     recordings = Recordings(list(sequences_of()), 1000.0, "mV", CONDITIONS)
     labels = np.arange(40) % 2
@@ -222,9 +223,9 @@ def test_each_classifier_trains_on_the_copies_that_validation_prefers():
 
     def grid(sides, seed):
         asked.append(len(sides.y_train))
-        return families.LOGISTIC_REGRESSION.grid
+        return scikit_learn.LOGISTIC_REGRESSION.grid
 
-    linear = families.LOGISTIC_REGRESSION
+    linear = scikit_learn.LOGISTIC_REGRESSION
     slow = replace(linear, grid=grid, joins="all")
     of = {"logistic regression": linear, "slow": slow, "quick": replace(slow, joins="quick")}
     one = Input("signals", "made up", None, told, Cost(signal_ms=20.0), of)
@@ -243,7 +244,7 @@ def test_a_choice_is_fitted_again_with_the_condition_of_validation():
     sides = (place < 12, (place >= 12) & (place < 28), place >= 32)
     made = cuts(np.full(40, 20))._replace(sides=sides)
     last = made._replace(sides=((place >= 8) & (place < 28), (place >= 28) & (place < 32), place >= 32))
-    family = {"logistic regression": families.LOGISTIC_REGRESSION}
+    family = {"logistic regression": scikit_learn.LOGISTIC_REGRESSION}
     one = Input("signals", "made up", None, features, Cost(signal_ms=20.0), family)
     (before,), (after,) = (list(opponents.rows([one], labels, each)) for each in (made, made._replace(last=last)))
     assert (before["accuracy_validation"], before["accuracy_test"]) == (0.0, 0.0)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import torch
+from neurotact_parts.opponents.pooled_gru import PooledGRUClassifier
 from sklearn.base import clone
 
-from neurotact.baselines.pooled_gru import PooledGRUClassifier
 from neurotact.errors import InputError
 
 

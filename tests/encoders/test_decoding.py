@@ -4,11 +4,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from levels import thinned
+from neurotact_parts.encoders import survival
+from neurotact_parts.encoders.decoding import decode
 
 import neurotact as nt
 from neurotact.data.recordings import Recordings
-from neurotact.encoders import survival
-from neurotact.encoders.decoding import decode
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.model import usable
 from neurotact.encoders.specs import default_of, encode, load
@@ -110,3 +110,5 @@ def test_keywords_choose_the_encoder_the_trials_and_the_draw(monkeypatch):
         found = nt.what_survives(skin, encoder="step-forward", **change)
         assert not found.table.equals(usual.table), change
     assert nt.plot_survival(found=usual).axes
+    with pytest.raises(InputError, match=r"found: must be Survival; got DataFrame; nt\.what_survives returns it"):
+        nt.plot_survival(usual.table)

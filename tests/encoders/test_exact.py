@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from made_chains import make_chain, offline, told
+from neurotact_parts.encoders.survival import what_survives
 
 from neurotact.data import conditioning
 from neurotact.data.recordings import Recordings
@@ -21,7 +22,6 @@ from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.gain_search import CalibrationRule
 from neurotact.encoders.specs import conditioning_of, encode, encode_whole, finish, is_exact, load
-from neurotact.encoders.survival import what_survives
 from neurotact.errors import InputError
 from neurotact.metrics.flops import MovingAverage, cost
 from neurotact.metrics.signal_flops import BaselineRemoval

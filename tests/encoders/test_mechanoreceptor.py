@@ -9,27 +9,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
-from scipy.signal import butter, lfilter
-
-from neurotact.data.recordings import Recordings
-from neurotact.encoders import mechanoreceptor, specs
-from neurotact.encoders.encoding import encode_recordings
-from neurotact.encoders.mechanoreceptor import (
+from neurotact_parts.encoders import mechanoreceptor
+from neurotact_parts.encoders.mechanoreceptor import (
     DERIVED_LATE,
     FilterState,
+    FITTED_Hz,
+    Mechanoreceptor,
     MechanoreceptorSpec,
     currents,
     encode,
     fitted,
-)
-from neurotact.errors import InputError
-from neurotact.neurons import (
-    FITTED_Hz,
-    Mechanoreceptor,
     mechanoreceptor_start,
     mechanoreceptor_step,
     post_spike_currents,
 )
+from scipy.signal import butter, lfilter
+
+from neurotact.data.recordings import Recordings
+from neurotact.encoders import firing, specs
+from neurotact.encoders.encoding import encode_recordings
+from neurotact.errors import InputError
 
 REFERENCE = Path(os.environ.get("NEUROTACT_DATA", "../shared/data")) / "afferents" / "touchsim.npz"
 KEYS = {"sa1": "SA1", "ra1": "RA", "pc": "PC"}
@@ -175,7 +174,7 @@ def test_no_two_spikes_are_closer_than_t_ref(touch, t_ref_ms):
 def test_a_long_signal_is_encoded_in_pieces_unseen(monkeypatch):
     signal = 0.5 * np.abs(np.sin(np.arange(200) / 8))[None, :, None]
     whole, _ = encode(signal, 1000.0, spec(FEW, noise=True))
-    monkeypatch.setattr("neurotact.encoders.mechanoreceptor.MOST_VALUES", 300)
+    monkeypatch.setattr("neurotact_parts.encoders.mechanoreceptor.MOST_VALUES", 300)
     assert np.array_equal(encode(signal, 1000.0, spec(FEW, noise=True))[0], whole)
 
 
@@ -224,8 +223,16 @@ def test_a_slow_clock_a_slow_recording_for_pc_and_an_unknown_fit_are_refused():
     with pytest.raises(InputError, match="PC afferents need recordings of 500 Hz or more; these have 200 Hz"):
         encode_recordings(slow, spec(conditioning={"resample_Hz": 1000.0}))
     assert len(encode_recordings(slow, spec({"sa1": [1], "ra1": [1]}, conditioning={"resample_Hz": 1000.0})).afferents)
+    firing.check_rate(spec(), mechanoreceptor.LEAST_PC_Hz)
     with pytest.raises(InputError, match=r"pc\.fits: there is no fit 5; known: 1, 2, 3, 4"):
         specs.load("mechanoreceptor", {"pc": {"gain": 1.0, "fits": [5]}})
+
+
+@pytest.mark.parametrize(("t_ref_ms", "steps"), [(1.2, 6), (2.4, 12), (2.6, 13), (4.2, 21)])
+def test_a_period_of_whole_steps_is_the_shortest_interval_and_the_floor(t_ref_ms, steps):
+    """Its product with the rate is a little more or less than that number."""
+    made = specs.load("mechanoreceptor", {"sa1.t_ref_ms": t_ref_ms})
+    assert made.least_isi_steps("sa1", 5000.0) == made.floor_steps("sa1", 5000.0) == steps
 
 
 def test_operations_counted_by_hand():

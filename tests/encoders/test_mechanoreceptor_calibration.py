@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from neurotact_parts.encoders.mechanoreceptor import MechanoreceptorSpec
 from test_calibration import RULE, slides
 
 from neurotact import spec as specs
 from neurotact.encoders.calibration import calibrate, calibration_for
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.gain_search import suited_rule
-from neurotact.encoders.mechanoreceptor import MechanoreceptorSpec
 from neurotact.errors import InputError
 from neurotact.figures.calibration import draw_calibration
 

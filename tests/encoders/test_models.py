@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from neurotact_parts.encoders.bens_spiker import BensSpikerState
+from neurotact_parts.encoders.decoding import hann
 
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.data.recordings import Recordings
 from neurotact.encoders.cost import encoding_cost
-from neurotact.encoders.decoding import hann
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.model import usable
 from neurotact.encoders.specs import afferent_names, default_of, encode, load

@@ -9,12 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from neurotact_parts.encoders import poisson
+from neurotact_parts.encoders.random_numbers import between, digests, random_integers
 
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.encoders import encoding
 from neurotact.encoders.encoding import encode_file, encode_recordings
-from neurotact.encoders.random_numbers import between, digests, random_integers
 from neurotact.encoders.specs import encode, load
 from neurotact.encoders.transformer import SpikeEncoder
 from neurotact.errors import InputError

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.opponents.pooled_gru import GRU
+from neurotact_parts.opponents.scikit_learn import Trees
 from neurotact_parts.studies import published_flops
 from neurotact_parts.studies.compliance.flops import Projection
 from neurotact_parts.studies.stiffness.slfn_chain import BinaryInputDense, PowerOfTwoDense
@@ -12,8 +14,6 @@ from neurotact_parts.studies.touch_modality.conv_lstm import ConvLSTM
 from neurotact_parts.studies.touch_modality.recurrent import LSTM
 from sklearn.svm import SVC
 
-from neurotact.baselines.families import Trees
-from neurotact.baselines.pooled_gru import GRU
 from neurotact.errors import InputError
 from neurotact.metrics import flops
 from neurotact.metrics.flops import (

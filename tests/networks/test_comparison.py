@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from neurotact_parts.opponents import scikit_learn
 
-from neurotact.baselines import families, opponent
+from neurotact.baselines import opponent
 from neurotact.metrics import referee
 from neurotact.metrics.shares import wilson_interval
 from neurotact.networks.training.comparison import Trials, compare, costs, lines, opponents_of
@@ -112,7 +113,7 @@ def test_what_few_test_trials_cannot_show_is_said_in_place_of_no_difference():
 
 
 def test_many_windows_are_too_many_for_machines(monkeypatch, capsys):
-    monkeypatch.setattr(families, "SVM", replace(families.SVM, most_examples=59))
+    monkeypatch.setattr(scikit_learn, "SVM", replace(scikit_learn.SVM, most_examples=59))
     sides = sides_of([0, 1, 2] * 20, True)
     assert not any("SVM" in one.name for one in opponents_of(sides, one_each(sides)))
     assert "no SVM: 60 training windows, at most 59" in capsys.readouterr().err

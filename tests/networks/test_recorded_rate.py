@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from neurotact_parts.encoders.survival import what_survives
 from neurotact_parts.exporters.live.scores import cost_nJ
 
 import neurotact as nt
@@ -15,7 +16,6 @@ from neurotact.data.windows import WindowSpec, cut
 from neurotact.deploy.chain import chain_of
 from neurotact.deploy.stream import Stream
 from neurotact.encoders.cost import NOT_COUNTED, encoding_cost
-from neurotact.encoders.survival import what_survives
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost
 from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList

@@ -9,7 +9,7 @@ import pytest
 
 import neurotact as nt
 
-PACKAGES = tuple(f"neurotact_parts.{room}" for room in ("encoders", "exporters", "readers", "studies"))
+PACKAGES = tuple(f"neurotact_parts.{room}" for room in ("encoders", "exporters", "opponents", "readers", "studies"))
 AS_TYPED = ("neurotact_parts.exporters", "neurotact_parts.readers")
 """Where examples name files as a user does."""
 NEEDS = {"neo_blocks": "neo", "nwb": "pynwb", "nwb_output": "pynwb"}

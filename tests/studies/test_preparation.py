@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.opponents import scikit_learn
 
-from neurotact.baselines import families, opponents
+from neurotact.baselines import opponents
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.data.hdf5 import load_spikes
 from neurotact.data.recordings import Recordings
@@ -237,7 +238,7 @@ def told():
     sides = Split(trials[:12], trials[12:16], trials[16:])
     is_turned = (table["force_N"] == 6).to_numpy() ^ (trials >= 16)
     features = np.where(recordings.labels.astype(bool) ^ is_turned, 1.0, -1.0)[:, None]
-    told = opponents.Input("signals", "told", None, features, Cost(), {"linear": families.LOGISTIC_REGRESSION})
+    told = opponents.Input("signals", "told", None, features, Cost(), {"linear": scikit_learn.LOGISTIC_REGRESSION})
     windows = Windows(trials, np.zeros(24, np.int64), 10)
 
     def rows(where):

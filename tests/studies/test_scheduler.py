@@ -14,11 +14,12 @@ from unittest.mock import Mock
 
 import pytest
 from levels import thinned
+from neurotact_parts.studies import cluster
 
 from neurotact import workers
 from neurotact.errors import InputError
 from neurotact.files import read_json
-from neurotact.studies import cluster, runner, study
+from neurotact.studies import runner, study
 
 ROOT = Path(__file__).parents[2]
 TINY = Path(__file__).parent / "tiny.toml"

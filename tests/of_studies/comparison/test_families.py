@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from levels import thinned
+from neurotact_parts.opponents import scikit_learn
 from neurotact_parts.studies.comparison import families
 from neurotact_parts.studies.comparison import spiking as spiking_family
 from neurotact_parts.studies.comparison.tasks import level_spread_rate, split_groups
@@ -10,7 +11,7 @@ from neurotact_parts.studies.materials import rls
 from neurotact_parts.studies.texture import baselines as texture_baselines
 from neurotact_parts.studies.touch_modality import recurrent
 
-from neurotact.baselines import families as generic
+from neurotact.baselines import opponent
 from neurotact.baselines.opponent import Sides, accuracy, best_of
 from neurotact.data.splits import Split
 from neurotact.metrics import flops
@@ -90,7 +91,7 @@ def test_settings_do_not_depend_on_test_examples(task, split, name):
 
 def test_of_equals_the_first_is_taken(task, split):
     sides = families.feature_sides(task, split)
-    assert best_of(generic.KNN, sides, 0).settings == "k 1"
+    assert best_of(opponent.load("kNN"), sides, 0).settings == "k 1"
 
 
 def test_random_labels_are_at_chance(task):
@@ -148,8 +149,8 @@ def test_afferents_are_calibrated_on_training_examples_alone(task, split):
 
 
 def test_one_machine_costs_the_same_in_every_study(monkeypatch):
-    monkeypatch.setattr(generic, "SVM_CS", (10.0,))
-    monkeypatch.setattr(generic, "SVM_GAMMAS", (1.0,))
+    monkeypatch.setattr(scikit_learn, "SVM_CS", (10.0,))
+    monkeypatch.setattr(scikit_learn, "SVM_GAMMAS", (1.0,))
     monkeypatch.setattr(texture_baselines, "SVM_C", (10.0,))
     monkeypatch.setattr(texture_baselines, "SVM_GAMMA", (1.0,))
     rng = np.random.default_rng(0)
@@ -157,6 +158,6 @@ def test_one_machine_costs_the_same_in_every_study(monkeypatch):
     features = rng.normal(size=(120, 3)) + labels[:, None]
     split = Split(np.arange(80), np.arange(80, 100), np.arange(100, 120))
     sides = Sides(*(features[side] for side in split), *(labels[side] for side in split))
-    (candidate,) = generic.SVM.candidates(sides, 0)
+    (candidate,) = opponent.load("SVM").candidates(sides, 0)
     *_, layers = texture_baselines.svm(features, labels, split, 0)
     assert flops.cost(*candidate.layers) == flops.cost(*layers)

@@ -3,13 +3,13 @@
 import numpy as np
 import pandas as pd
 import pytest
+from neurotact_parts.opponents.targets import signed
 from neurotact_parts.studies.materials import figures as materials_figures
 from neurotact_parts.studies.materials import protocol as materials
 from neurotact_parts.studies.materials.protocol import GRIDS, SETUPS, SHARES, Grid, Machines, Parameters
 from neurotact_parts.studies.materials.simulator import ContactMaterialsSpec
 from sklearn.svm import SVC
 
-from neurotact.baselines.targets import signed
 from neurotact.data.splits import SplitSpec, split_trials
 from neurotact.metrics.flops import RBFExpansion
 

@@ -4,12 +4,12 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.opponents.pooled_gru import GRU
 from neurotact_parts.studies import published_flops
 from neurotact_parts.studies.touch_modality.recurrent import AT_ONCE, LSTM, GRUClassifier, LSTMClassifier, fit_snapshots
 from sklearn.base import clone
 from sklearn.model_selection import cross_val_score
 
-from neurotact.baselines.pooled_gru import GRU
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost, Dense, cost
 

@@ -9,12 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from neurotact_parts.encoders.decoding import decode
+from neurotact_parts.encoders.information import binned, class_information, information_of_bins
 
 from neurotact.data.conditioning import condition
 from neurotact.data.recordings import Trials
 from neurotact.data.spikes import populations_of
 from neurotact.encoders.cost import encoding_cost
-from neurotact.encoders.decoding import decode
 from neurotact.encoders.excerpts import draw, liveliest
 from neurotact.encoders.model import EncoderSpec, of_name
 from neurotact.encoders.specs import (
@@ -27,7 +28,6 @@ from neurotact.encoders.specs import (
 )
 from neurotact.errors import InputError
 from neurotact.metrics import reconstruction
-from neurotact.metrics.information import binned, class_information, information_of_bins
 from neurotact.metrics.reconstruction import Reconstruction
 
 ALL = "all"

@@ -9,32 +9,29 @@ drive to the rate of change, with the constants of the skin where the afferent e
 import csv
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
+from neurotact_parts.encoders.random_numbers import between, check_continued, digests, random_integers
 from pydantic import Field, model_validator
 from scipy.signal import butter, lfilter
 from scipy.special import ndtri
 
-from neurotact.encoders.model import SA_RA, EncoderSpec, Model, Population, RefractoryMs, checked
-from neurotact.encoders.random_numbers import between, check_continued, digests, random_integers
+from neurotact.encoders.model import SA_RA, DrivenSpec, Model, Population, RefractoryMs, checked
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost, with_weights
-from neurotact.neurons import (
-    FITTED_Hz,
-    Mechanoreceptor,
-    MechanoreceptorState,
-    mechanoreceptor_start,
-    mechanoreceptor_step,
-    post_spike_currents,
-    refractory_steps,
-)
+from neurotact.neurons import refractory_steps
 from neurotact.spec import Spec
 
 KINDS = ("sa1", "ra1", "pc")
+FITTED_Hz = 5000.0
+"""The clock on which the mechanoreceptors were fitted; their constants hold there and nowhere else."""
+POST_SPIKE_STEPS = 190
+"""Steps after a spike in which its post-spike current flows."""
 FITS = Path(__file__).parent / "fitted_afferents.csv"
 LEAST_CLOCK_Hz = 1000.0
 """In a longer step of the clock, two spikes would fall into one step."""
@@ -54,6 +51,82 @@ MOST_VALUES = 1_000_000
 """Currents in memory at once; a longer signal is encoded in pieces, which stay in a cache."""
 
 
+@dataclass(frozen=True)
+class Mechanoreceptor:
+    """Integrate-and-fire neurons with a post-spike current, on a clock of 5 kHz (Saal et al. 2017, PNAS, TouchSim).
+
+    `V <- V - V / tau + I + H`, with H the post-spike current of the last spike alone. `V > 1` spikes if the last
+    spike is `least_steps` or more steps ago; then V <- 0. Below that distance V goes on, above 1 or not.
+    """
+
+    tau_steps: np.ndarray
+    """Time constants in steps, `(afferent,)`."""
+    post_spike: np.ndarray
+    """H in the steps after a spike, `(fit, POST_SPIKE_STEPS + 1)`; the last is 0 (`post_spike_currents`)."""
+    fit: np.ndarray
+    """The row of `post_spike` of each afferent, `(afferent,)`."""
+    least_steps: np.ndarray
+    """Least distance of two spikes in steps, `(afferent,)`."""
+
+    @cached_property
+    def longest(self) -> int:
+        """The steps since a spike that are counted: later, neither H nor the least distance depends on them."""
+        return max(POST_SPIKE_STEPS, int(self.least_steps.max(initial=0)))
+
+
+class MechanoreceptorState(NamedTuple):
+    """Membrane V and the steps since the last spike (at most those that matter), both `(trial, afferent)`."""
+
+    membrane: np.ndarray
+    steps_since: np.ndarray
+
+
+def post_spike_currents(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """H for each fit's two weights, `(fit, POST_SPIKE_STEPS + 1)`.
+
+    The weights are those of two raised cosines of the logarithm of the time t since the spike, with peaks at 0 and
+    8 ms: `(1 + cos(clip(a - 3 pi j / 2, -pi, pi))) / 2` for j = 0, 1 with `a = 3 pi / 2 ln(1 + t / 1 ms) / ln 9`.
+
+    >>> post_spike_currents(np.array([1.0, 0.0]), np.array([0.0, 1.0]))[:, [0, 1, 10, 40, 190]].round(3).tolist()
+    [[1.0, 0.962, 0.146, 0.0, 0.0], [0.0, 0.0, 0.146, 1.0, 0.0]]
+    """
+    t_ms = np.arange(POST_SPIKE_STEPS + 1) * 1e3 / FITTED_Hz
+    angle = 1.5 * np.pi * np.log1p(t_ms) / np.log(9.0)
+    bumps = [(1 + np.cos(np.clip(angle - 1.5 * np.pi * j, -np.pi, np.pi))) / 2 for j in (0, 1)]
+    currents = np.outer(first, bumps[0]) + np.outer(second, bumps[1])
+    currents[:, POST_SPIKE_STEPS] = 0.0
+    return currents
+
+
+def mechanoreceptor_start(neuron: Mechanoreceptor, n_trials: int) -> MechanoreceptorState:
+    """The resting state, without an earlier spike."""
+    shape = (n_trials, len(neuron.tau_steps))
+    return MechanoreceptorState(np.zeros(shape), np.full(shape, neuron.longest, np.int64))
+
+
+def mechanoreceptor_step(
+    neuron: Mechanoreceptor, current: np.ndarray, state: MechanoreceptorState
+) -> tuple[np.ndarray, MechanoreceptorState]:
+    """One step of 0.2 ms: `(spikes, next state)`; current: I, `(trial, afferent)`; spikes are boolean.
+
+    >>> post_spike = post_spike_currents(np.array([-1.0]), np.array([0.0]))
+    >>> neuron = Mechanoreceptor(np.array([50.0]), post_spike, fit=np.array([0]), least_steps=np.array([6]))
+    >>> state, spikes = mechanoreceptor_start(neuron, n_trials=1), []
+    >>> for _ in range(60):
+    ...     fired, state = mechanoreceptor_step(neuron, np.array([[0.2]]), state)
+    ...     spikes.append(fired[0, 0])
+    >>> np.flatnonzero(spikes).tolist()
+    [5, 37]
+    """
+    since_spike = np.minimum(state.steps_since, POST_SPIKE_STEPS)
+    after_spike = neuron.post_spike.take(since_spike + (POST_SPIKE_STEPS + 1) * neuron.fit)
+    membrane = state.membrane - state.membrane / neuron.tau_steps + current + after_spike
+    since = np.minimum(state.steps_since + 1, neuron.longest)
+    fired = (membrane > 1.0) & (since >= neuron.least_steps)
+    membrane[fired], since[fired] = 0.0, 0
+    return fired, MechanoreceptorState(membrane, since)
+
+
 class _MechanoreceptorType(Spec):
     """The afferents of one type under each taxel: one for each fit."""
 
@@ -65,7 +138,7 @@ class _MechanoreceptorType(Spec):
     """Numbers of fitted afferents, one of each under each taxel: SA-I has 1 to 4, RA-I 1 to 9, PC 1 to 4."""
 
 
-class MechanoreceptorSpec(EncoderSpec):
+class MechanoreceptorSpec(DrivenSpec):
     """Populations of fitted SA-I, RA-I and perhaps PC afferents over every taxel (`encoders/mechanoreceptor.toml`)."""
 
     model: Literal["mechanoreceptor"] = "mechanoreceptor"
@@ -95,17 +168,11 @@ class MechanoreceptorSpec(EncoderSpec):
         return self
 
     @property
-    def is_signed(self) -> bool:
-        """Whether the signal below zero drives afferents as the signal above does: less, in most fits."""
-        return False
-
-    @property
     def gain_units(self) -> dict[str, str]:
-        """The unit of each type's gain on standardised signals, by the type's name."""
         return dict.fromkeys(("SA-I", "RA-I", "PC"), "mm per sd")
 
     @property
-    def for_search(self) -> "MechanoreceptorSpec":
+    def for_search(self) -> Self:
         """The encoder whose spikes are counted in the search for gains: without noise, and of the first fit."""
         first = {part: kind.model_copy(update={"fits": kind.fits[:1]}) for part, kind in self.populations.items()}
         return self.model_copy(update={"noise": False, **first})
@@ -124,18 +191,6 @@ class MechanoreceptorSpec(EncoderSpec):
     def least_drive(self, part: str) -> float:
         """About the depth in mm, or the rate of change in mm/s, at which a type just fires (`LEAST`)."""
         return LEAST[part]
-
-    def least_isi_steps(self, part: str, sampling_rate_Hz: float) -> int:
-        """The shortest inter-spike interval of a type."""
-        return max(1, math.floor(getattr(self, part).t_ref_ms * 1e-3 * sampling_rate_Hz + 1e-9))
-
-    def floor_steps(self, part: str, sampling_rate_Hz: float) -> int:
-        """The longest interval that counts as at the refractory floor."""
-        return math.ceil(getattr(self, part).t_ref_ms * 1e-3 * sampling_rate_Hz - 1e-9)
-
-    def at_gain(self, part: str, gain: float) -> "MechanoreceptorSpec":
-        """With that gain of a type."""
-        return self.model_copy(update={part: getattr(self, part).model_copy(update={"gain": gain})})
 
     @property
     def populations(self) -> dict[str, _MechanoreceptorType]:
@@ -444,5 +499,5 @@ def cost(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> Co
 
 MODEL = Model(
     "fitted mechanoreceptors", MechanoreceptorSpec, encode, _MechanoreceptorEncoderState,
-    (*SA_RA, Population("PC", "pc")), cost, is_compared=False,
+    (*SA_RA, Population("PC", "pc", LEAST_PC_Hz)), cost, is_compared=False,
 )  # fmt: skip

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from neurotact_parts.encoders.information import class_information
 
 from neurotact.errors import InputError
-from neurotact.metrics.information import class_information
 from neurotact.metrics.reconstruction import direct, linear, segments
 
 

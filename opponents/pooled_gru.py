@@ -6,17 +6,19 @@ from typing import Any
 
 import numpy as np
 import torch
+from neurotact_parts.opponents.targets import encode, indices_of
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 from torch import Tensor, nn
 
-from neurotact.baselines.targets import encode, indices_of
+from neurotact.baselines.opponent import Opponent
 from neurotact.checks import at_least, fraction, sequences, trial_labels
 from neurotact.errors import InputError
-from neurotact.metrics.flops import BYTES, SIGMOID, TANH, Cost, Layer
+from neurotact.metrics.flops import BYTES, SIGMOID, TANH, Cost, Dense, Layer
 
+GRU_HIDDEN = (64, 128)
 BATCHES, MOST_BATCH, LEAST_BATCH = 16, 64, 8
 """Batches of an epoch that are aimed at, and the limits of a batch."""
 LEAST_STEPS, LEAST_EPOCHS, MOST_EPOCHS = 800, 40, 200
@@ -194,3 +196,20 @@ class PooledStates(Layer):
     def cost(self) -> Cost:
         n = self.units * self.steps
         return Cost(acs=n, multiplications=self.units, comparisons=n, bytes=2 * BYTES * self.units)
+
+
+def _gru_layers(fitted: PooledGRUClassifier, x: np.ndarray) -> tuple[Layer, ...]:
+    (_, n_steps, n_channels), hidden = x.shape, fitted.hidden
+    states = GRU(n_channels, hidden, n_steps), PooledStates(hidden, n_steps)
+    return *states, Dense(2 * hidden, len(fitted.classes_), "softmax")
+
+
+POOLED_GRU = Opponent(
+    "GRUs of two sizes by a modern recipe.",
+    PooledGRUClassifier,
+    lambda sides, seed: [{"hidden": hidden} for hidden in GRU_HIDDEN],
+    "sequences",
+    _gru_layers,
+    lambda fitted: f"N {fitted.hidden}, {fitted.epochs_} epochs",
+    joins="all",
+)

@@ -1,10 +1,6 @@
-"""The opponents that ship, sized on validation examples, and the cost of a decision of each.
+"""The opponents whose estimators are scikit-learn's, sized on validation examples, and the cost of each decision."""
 
-MiniRocket has one candidate, of the published size: it costs seconds to fit, and a smaller one loses up to 2 points.
-Features and sequences are standardised on training examples.
-"""
-
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,34 +8,18 @@ from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.svm import SVC
 
-from neurotact.baselines import minirocket as rocket
-from neurotact.baselines.elm import ELMClassifier
 from neurotact.baselines.opponent import Opponent, Settings, Sides
-from neurotact.baselines.pooled_gru import GRU, PooledGRUClassifier, PooledStates
-from neurotact.metrics.flops import BYTES, Cost, Dense, Layer, NearestPoints, Standardise, SupportVectorMachines
+from neurotact.metrics.flops import BYTES, Cost, Dense, Layer, NearestPoints, SupportVectorMachines
 from neurotact.metrics.linear import linear
 
 LINEAR_CS = (1.0, 0.01, 0.1, 10.0, 100.0)
 """Inverse penalties, the usual one first: it stands if none is better."""
 TREES, LEAVES = 200, (3, 1)
 """Trees of a forest, and the least number of examples in a leaf."""
-GRU_HIDDEN = (64, 128)
-ELM_HIDDEN, ELM_ALPHAS = (25, 50, 100, 200), tuple(10.0**k for k in range(2, -7, -1))
 SVM_GAMMAS, SVM_CS = (0.0625, 0.25, 1.0, 4.0), (1.0, 10.0, 100.0)
 """Gamma, before division by the number of features."""
 MOST_MACHINES = 10_000
 """Training examples up to which support vector machines are fitted: their time grows with the square of the number."""
-
-
-def standardised(sequences: np.ndarray, labels: np.ndarray, sides: Sequence[np.ndarray]) -> Sides:
-    """Sequences `(example, time, channel)` of each side, each channel standardised on the training side.
-
-    sides: indices or booleans that select the examples of training, validation and test.
-    """
-    training = sequences[sides[0]]
-    offset, scale = training.mean(axis=(0, 1)), training.std(axis=(0, 1))
-    standard = (sequences - offset) / np.where(scale > 0, scale, 1.0)
-    return Sides(*(standard[side] for side in sides), *(labels[side] for side in sides))
 
 
 LOGISTIC_REGRESSION = Opponent(
@@ -73,27 +53,6 @@ SVM = Opponent(
     words=_svm_words,
     is_ordered=False,
     most_examples=MOST_MACHINES,
-)
-
-
-def _elm_grid(sides: Sides, seed: int) -> Iterator[Settings]:
-    """Of each size the penalty of the best validation accuracy (ties: the strongest), by one decomposition for all."""
-    for hidden in ELM_HIDDEN:
-        network = ELMClassifier(hidden, alpha=ELM_ALPHAS[0], random_state=seed).fit(sides.train, sides.y_train)
-        path = network.accuracy_path(ELM_ALPHAS, sides.validation, sides.y_validation)
-        yield {"hidden": hidden, "alpha": ELM_ALPHAS[int(path.argmax())]}
-
-
-def _elm_layers(fitted: ELMClassifier, x: np.ndarray) -> tuple[Layer, ...]:
-    return Dense(x.shape[1], fitted.hidden, "sigmoid"), Dense(fitted.hidden, len(fitted.classes_), bias=False)
-
-
-ELM = Opponent(
-    "Extreme learning machines with sigmoids.",
-    ELMClassifier,
-    _elm_grid,
-    layers=_elm_layers,
-    words=lambda fitted: f"N {fitted.hidden}, alpha {fitted.alpha:g}",
 )
 
 
@@ -133,47 +92,6 @@ EXTRA_TREES = Opponent(
     lambda sides, seed: [{"n_estimators": TREES, "min_samples_leaf": leaf} for leaf in LEAVES],
     layers=_trees_layers,
     words=lambda fitted: f"{fitted.n_estimators} trees, leaves of {fitted.min_samples_leaf}",
-)
-
-
-def _minirocket_layers(fitted: rocket.MiniRocketClassifier, x: np.ndarray) -> tuple[Layer, ...]:
-    _, n_steps, n_channels = x.shape
-    convolutions = fitted.transform_.convolutions_
-    made = rocket.FixedConvolutions(
-        n_steps,
-        n_channels,
-        dilations=len({one.dilation for one in convolutions}),
-        convolved=sum(len(one.channels) for one in convolutions),
-        biases=sum(len(one.biases) for one in convolutions),
-    )
-    return made, Standardise(fitted.features), Dense(fitted.features, len(fitted.classes_))
-
-
-MINIROCKET = Opponent(
-    "MiniRocket of the published size.",
-    rocket.MiniRocketClassifier,
-    lambda sides, seed: [{"features": rocket.FEATURES}],
-    "signals",
-    _minirocket_layers,
-    lambda fitted: f"{fitted.features} features",
-    least_steps=rocket.KERNEL,
-)
-
-
-def _gru_layers(fitted: PooledGRUClassifier, x: np.ndarray) -> tuple[Layer, ...]:
-    (_, n_steps, n_channels), hidden = x.shape, fitted.hidden
-    states = GRU(n_channels, hidden, n_steps), PooledStates(hidden, n_steps)
-    return *states, Dense(2 * hidden, len(fitted.classes_), "softmax")
-
-
-POOLED_GRU = Opponent(
-    "GRUs of two sizes by a modern recipe.",
-    PooledGRUClassifier,
-    lambda sides, seed: [{"hidden": hidden} for hidden in GRU_HIDDEN],
-    "sequences",
-    _gru_layers,
-    lambda fitted: f"N {fitted.hidden}, {fitted.epochs_} epochs",
-    joins="all",
 )
 
 

@@ -14,9 +14,10 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
+from neurotact.baselines.opponent import Opponent
 from neurotact.checks import at_least, sequences, trial_labels
 from neurotact.errors import InputError
-from neurotact.metrics.flops import BYTES, Cost, Layer
+from neurotact.metrics.flops import BYTES, Cost, Dense, Layer, Standardise
 
 KERNEL = 9
 """Weights of a kernel: three are 2, the others -1."""
@@ -227,3 +228,28 @@ class FixedConvolutions(Layer):
             parameters=self.biases,
             bytes=BYTES * (self.biases + n * self.channels),
         )
+
+
+def _minirocket_layers(fitted: MiniRocketClassifier, x: np.ndarray) -> tuple[Layer, ...]:
+    _, n_steps, n_channels = x.shape
+    convolutions = fitted.transform_.convolutions_
+    made = FixedConvolutions(
+        n_steps,
+        n_channels,
+        dilations=len({one.dilation for one in convolutions}),
+        convolved=sum(len(one.channels) for one in convolutions),
+        biases=sum(len(one.biases) for one in convolutions),
+    )
+    return made, Standardise(fitted.features), Dense(fitted.features, len(fitted.classes_))
+
+
+MINIROCKET = Opponent(
+    "MiniRocket of the published size.",
+    MiniRocketClassifier,
+    lambda sides, seed: [{"features": FEATURES}],
+    "signals",
+    _minirocket_layers,
+    lambda fitted: f"{fitted.features} features",
+    least_steps=KERNEL,
+)
+"""One candidate: it costs seconds to fit, and a smaller one loses up to 2 points."""

@@ -7,9 +7,9 @@ doi 10.1109/TNNLS.2016.2526029.
 from typing import Literal, NamedTuple
 
 import numpy as np
+from neurotact_parts.encoders.decoding import filtered, hann
 from pydantic import Field
 
-from neurotact.encoders.decoding import filtered, hann
 from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, RefractoryMs, both, checked, over_time
 from neurotact.encoders.send_on_delta import cost
 from neurotact.neurons import refractory_steps, silenced

@@ -1,17 +1,19 @@
 """Extreme learning machines: a random hidden layer, and an output layer found by regularised least squares."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Literal
 
 import numpy as np
+from neurotact_parts.opponents.ridge_path import decompose
+from neurotact_parts.opponents.targets import MachinesMixin, encode, signed
 from numpy.typing import ArrayLike
 from scipy.special import expit
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils import check_random_state
 
-from neurotact.baselines.ridge_path import decompose
-from neurotact.baselines.targets import MachinesMixin, encode, signed
+from neurotact.baselines.opponent import Opponent, Settings, Sides
 from neurotact.checks import at_least, further_examples, one_of, training_examples
+from neurotact.metrics.flops import Dense, Layer
 
 Activation = Literal["sigmoid", "relu", "hard_limit"]
 
@@ -21,6 +23,7 @@ ACTIVATIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "hard_limit": lambda drive: (drive >= 0).astype(float),
 }
 
+ELM_HIDDEN, ELM_ALPHAS = (25, 50, 100, 200), tuple(10.0**k for k in range(2, -7, -1))
 LEAST_POWER = -8
 """Exponent of the smallest weight of a hard-limit network: a longer shift makes an 8-bit input zero."""
 
@@ -104,3 +107,24 @@ def powers_of_two(weights: np.ndarray) -> np.ndarray:
     """
     sizes = np.maximum(np.abs(weights), 2.0**LEAST_POWER)
     return np.copysign(np.exp2(np.rint(np.log2(sizes))), weights)
+
+
+def _elm_grid(sides: Sides, seed: int) -> Iterator[Settings]:
+    """Of each size the penalty of the best validation accuracy (ties: the strongest), by one decomposition for all."""
+    for hidden in ELM_HIDDEN:
+        network = ELMClassifier(hidden, alpha=ELM_ALPHAS[0], random_state=seed).fit(sides.train, sides.y_train)
+        path = network.accuracy_path(ELM_ALPHAS, sides.validation, sides.y_validation)
+        yield {"hidden": hidden, "alpha": ELM_ALPHAS[int(path.argmax())]}
+
+
+def _elm_layers(fitted: ELMClassifier, x: np.ndarray) -> tuple[Layer, ...]:
+    return Dense(x.shape[1], fitted.hidden, "sigmoid"), Dense(fitted.hidden, len(fitted.classes_), bias=False)
+
+
+ELM = Opponent(
+    "Extreme learning machines with sigmoids.",
+    ELMClassifier,
+    _elm_grid,
+    layers=_elm_layers,
+    words=lambda fitted: f"N {fitted.hidden}, alpha {fitted.alpha:g}",
+)

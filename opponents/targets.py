@@ -82,7 +82,7 @@ class MachinesMixin:
 
         All use the decomposition of the fit, so a whole grid costs about as much as one alpha.
 
-        >>> from neurotact.baselines.elm import ELMClassifier
+        >>> from neurotact_parts.opponents.elm import ELMClassifier
         >>> X, y = np.random.default_rng(0).normal(size=(40, 2)), np.arange(40) % 2
         >>> elm = ELMClassifier(random_state=0).fit(X, y)
         >>> bool(elm.accuracy_path([1e-3, 1.0], X, y)[0] == elm.score(X, y))

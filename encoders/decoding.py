@@ -1,11 +1,8 @@
 """From spikes back to the signal, for the encoders whose spikes say by themselves what they stand for.
 
-Sums of steps (send-on-delta, step-forward, moving window: Petro et al. 2020, doi 10.1109/TNNLS.2019.2906158), the
-filter of Ben's spiker (Schrauwen and Van Campenhout 2003, doi 10.1109/IJCNN.2003.1224019), and a low pass of
-sigma-delta pulses. Any encoder's spikes can be decoded by the optimal linear filter (`metrics.reconstruction`).
+Each names its decoder in its `Model`; here are the filters of those that have one. Any encoder's spikes can be decoded
+by the optimal linear filter (`neurotact.metrics.reconstruction`).
 """
-
-from typing import Any
 
 import numpy as np
 
@@ -38,11 +35,6 @@ def decode(spikes: np.ndarray, sampling_rate_Hz: float, encoder: EncoderSpec) ->
     n_taxels = spikes.shape[2] // 2
     signed = spikes[..., :n_taxels].astype(float) - spikes[..., n_taxels:]
     return own(signed, 1e3 / sampling_rate_Hz, encoder)
-
-
-def sum_of_steps(signed: np.ndarray, _step_ms: float, encoder: Any) -> np.ndarray:
-    """The sum so far of ON minus OFF, `(trial, time, taxel)`, each a `threshold`."""
-    return encoder.threshold * np.cumsum(signed, axis=1)
 
 
 def filtered(signed: np.ndarray, taps: np.ndarray, ahead: int) -> np.ndarray:

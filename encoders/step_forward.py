@@ -9,9 +9,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from neurotact.encoders.decoding import sum_of_steps
 from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, RefractoryMs, both, checked, over_time
-from neurotact.encoders.send_on_delta import cost
+from neurotact.encoders.send_on_delta import cost, sum_of_steps
 from neurotact.neurons import refractory_steps, silenced
 
 
