@@ -35,8 +35,10 @@ from .api.recordings import simulate as simulate
 from .api.settings import Layout as Layout
 from .api.settings import Naming as Naming
 from .api.settings import Onset as Onset
+from .api.settings import Samples as Samples
 from .api.settings import Search as Search
 from .api.settings import Split as Split
+from .api.settings import Streamed as Streamed
 from .api.settings import Window as Window
 from .api.specs import spec_names as spec_names
 from .api.studies import report_study as report_study

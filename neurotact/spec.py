@@ -187,9 +187,9 @@ def chosen(how: str) -> dict[str, Any]:
     return {"chosen": how}
 
 
-def specs_of(function: Callable[..., Any]) -> dict[str, type[Spec]]:
-    """The parameters of a function that are specs of their own, such as `window`."""
-    kinds = {name: each.annotation for name, each in signature(function).parameters.items()}
+def specs_of(function: Callable[..., Any], *, eval_str: bool = False) -> dict[str, type[Spec]]:
+    """The parameters of a function that are specs of their own, such as `window`; eval_str: as of `signature`."""
+    kinds = {name: each.annotation for name, each in signature(function, eval_str=eval_str).parameters.items()}
     return {name: kind for name, kind in kinds.items() if isinstance(kind, type) and issubclass(kind, Spec)}
 
 
@@ -200,22 +200,28 @@ def takes_specs(function: Callable[P, R]) -> Callable[P, R]:
     @wraps(function)
     def checked(*args: P.args, **keywords: P.kwargs) -> R:
         given = {**dict(zip(names, args, strict=False)), **keywords}
+        refuse_fields(given.keys() - {*names}, kinds, function.__name__)
         for name, kind in kinds.items():
-            public = kind.public or kind.__name__
-            for key in given.keys() - {*names}:
-                field = key.removeprefix(f"{name}_")
-                if field in kind.model_fields:
-                    raise InputError(
-                        f"{function.__name__}: `{key}` is a field of `{name}`: `{name}=nt.{public}({field}=...)`"
-                    )
             value = given.get(name, kind)
             if isinstance(value, kind):
                 value.check_given()
             elif value is not kind:
-                raise InputError(f"{name}: must be an nt.{public}(...); got {type(value).__name__}")
+                raise InputError(
+                    f"{name}: must be an nt.{kind.public or kind.__name__}(...); got {type(value).__name__}"
+                )
         return function(*args, **keywords)
 
     return checked
+
+
+def refuse_fields(keys: Iterable[str], specs: Mapping[str, type[Spec]], source: str) -> None:
+    """InputError, which says where it belongs, for the first key that is a field of one of a function's specs."""
+    for key in keys:
+        for name, kind in specs.items():
+            field = key.removeprefix(f"{name}_")
+            if field in kind.model_fields:
+                public = kind.public or kind.__name__
+                raise InputError(f"{source}: `{key}` is a field of `{name}`: `{name}=nt.{public}({field}=...)`")
 
 
 def digest(value: Any) -> str:

@@ -5,6 +5,8 @@ from neurotact.data.readers.columns import LayoutSpec
 from neurotact.data.readers.folder import NamingSpec
 from neurotact.data.splits import Splits
 from neurotact.data.windows import WindowSpec
+from neurotact.deploy.streamed import SampleSpec, StreamedSpec
 from neurotact.networks.search.tuning import SearchSpec
 
 Layout, Naming, Onset, Search, Split, Window = LayoutSpec, NamingSpec, OnsetSpec, SearchSpec, Splits, WindowSpec
+Samples, Streamed = SampleSpec, StreamedSpec
