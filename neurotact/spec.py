@@ -7,12 +7,13 @@ key and the file.
 
 import hashlib
 import json
+import logging
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import date, time
-from functools import wraps
+from functools import lru_cache, wraps
 from inspect import signature
 from pathlib import Path
 from typing import (
@@ -22,6 +23,7 @@ from typing import (
     ClassVar,
     ParamSpec,
     TypeVar,
+    cast,
     dataclass_transform,
     get_args,
     get_origin,
@@ -37,9 +39,12 @@ from pydantic import (
 )
 
 import neurotact
+from neurotact import plugins
 from neurotact.errors import InputError, closest, nearest, some
 from neurotact.files import existing, read_text
 from neurotact.notebook import html_of
+
+log = logging.getLogger("neurotact")
 
 DEEPEST = 32
 """Nested tables and lists, at most."""
@@ -127,6 +132,11 @@ class Spec(BaseModel, metaclass=_InOurWords):
     def any_of(cls) -> "Mapping[str, type[Spec]]":
         """Of a spec that stands for any one of several, those by their names; else empty."""
         return {}
+
+    @classmethod
+    def keys_with(cls, model: object) -> Collection[str]:
+        """Of a spec whose key `model` names a part with keys of its own: the keys of it with that part; else empty."""
+        return ()
 
     @classmethod
     def of_parts(cls) -> Mapping[str, Mapping[str, Any]]:
@@ -258,10 +268,16 @@ def find(kind: str, name: str | Path, others: Iterable[str] = ()) -> Path:
 
 
 def table_of(model: type[Spec], name: str | Path) -> tuple[dict[str, Any], str]:
-    """The table of a spec given by name or by path, and where it is from; a file comes before a part of that name."""
+    """The table of a spec given by name or by path, and where it is from; a file comes before a part of that name.
+
+    A name that is new is looked for again, as by `plugins.has`.
+    """
     parts = model.of_parts()
-    if str(name) in parts and str(name) not in {path.stem for path in shipped(model.folder)}:
-        return dict(parts[str(name)]), f"the model {name}"
+    if str(name) not in {path.stem for path in shipped(model.folder)}:
+        if parts and plugins.has(cast(plugins.Group, model.folder), str(name)):
+            parts = model.of_parts()
+        if str(name) in parts:
+            return dict(parts[str(name)]), f"the model {name}"
     path = find(model.folder, name, parts)
     return read(path), str(path)
 
@@ -319,7 +335,22 @@ def _is_within_64_bits(value: Any) -> bool:
 def load(model: type[SpecT], name: str | Path, overrides: Mapping[str, Any] | None = None) -> SpecT:
     """Load the spec called `name` (or at that path) into `model`, after `overrides` of dotted keys."""
     table, source = table_of(model, name)
-    return build(model, override(table, overrides or {}), source=source)
+    return build(model, _changed(model, table, overrides or {}), source=source)
+
+
+def _changed(model: type[Spec], table: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """A table after its overrides; of another part than before, the keys that it does not have are left out, told."""
+    name = overrides.get("model")
+    kept = model.keys_with(name) if name != table.get("model") else ()
+    left = tuple(key for key in table if kept and key not in kept)
+    if left:
+        _say_left_out(str(name), left)
+    return override({key: value for key, value in table.items() if key not in left}, overrides)
+
+
+@lru_cache
+def _say_left_out(model: str, keys: tuple[str, ...]) -> None:
+    log.warning("model = '%s' has keys of its own: left out from the spec: %s", model, some(keys, 5))
 
 
 def resolve(model: type[SpecT], what: str | Path | SpecT, overrides: Mapping[str, Any] | None = None) -> SpecT:
@@ -331,7 +362,7 @@ def resolve(model: type[SpecT], what: str | Path | SpecT, overrides: Mapping[str
         raise InputError(f"{kind}: must be a name, a path or an {model.__name__}; got {type(what).__name__}")
     if not overrides:
         return what
-    return build(type(what), override(what.model_dump(mode="json"), overrides), source="settings")
+    return build(type(what), _changed(type(what), what.model_dump(mode="json"), overrides), source="settings")
 
 
 def build(model: type[SpecT], table: Mapping[str, Any], source: str) -> SpecT:

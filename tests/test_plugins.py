@@ -411,6 +411,8 @@ def test_an_encoder_is_found_where_the_list_of_parts_was_read_before_its_package
     package(LEVEL, ENCODER)
     plugins._found("encoders").pop("level")
     assert [population.name for population in populations({"model": "level"})] == ["ON", "OFF"]
+    plugins._found("encoders").pop("level")
+    assert load("level").model == "level"
 
 
 def test_an_encoder_of_another_package_costs_what_is_not_counted(package):
