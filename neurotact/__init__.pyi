@@ -32,6 +32,7 @@ from .api.recordings import read_raster as read_raster
 from .api.recordings import read_table as read_table
 from .api.recordings import save as save
 from .api.recordings import simulate as simulate
+from .api.settings import Events as Events
 from .api.settings import Layout as Layout
 from .api.settings import Naming as Naming
 from .api.settings import Onset as Onset

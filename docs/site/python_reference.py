@@ -34,7 +34,7 @@ SUBJECTS = {
         "Spikes",
         "Spikes of named afferents, one list of steps per trial, on a clock in Hz: read from events, loaded, drawn, "
         "and exchanged with tools of neuroscience.",
-        "SpikeTrains read_events read_raster load_spikes plot_raster save_raster to_neo from_neo to_nwb",
+        "SpikeTrains read_events Events read_raster load_spikes plot_raster save_raster to_neo from_neo to_nwb",
     ),
     "encoding": Subject(
         "Encoding",

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -14,8 +14,8 @@ from neurotact.data.description import MOST_TAXELS as MOST_TAXELS
 from neurotact.data.onset import common_onset_s
 from neurotact.data.readers import arrays, folder
 from neurotact.data.readers import one_table as sample_table
-from neurotact.data.readers.clock.units import Unit as Unit
 from neurotact.data.readers.columns import LayoutSpec
+from neurotact.data.readers.event_spec import EventSpec
 from neurotact.data.readers.events import files as event_files
 from neurotact.data.readers.events import raster
 from neurotact.data.readers.folder import NamingSpec
@@ -214,48 +214,26 @@ def read_raster(
 def read_events(
     path: str | Path,
     *,
-    step_ms: float = 1.0,
-    time_unit: Unit | None = None,
-    origin: Literal["zero", "first"] = "zero",
-    duration_ms: float | None = None,
-    polarity: Literal["separate", "merge", "on", "off"] = "separate",
-    polarities: str | Sequence[str] = (),
-    channels: str | Sequence[str] = (),
-    n_channels: int | None = None,
-    sensor: str | None = None,
+    events: EventSpec = EventSpec(),
     names: Mapping[str, str] | None = None,
     naming: NamingSpec = NamingSpec(),
-    merge_events: bool = False,
     where: Conditions | None = None,
     leave_out: LeftOut = None,
 ) -> SpikeTrains:
     """Read a file of events (CSV, NPZ, NPY, HDF5), or a folder of one file per trial: `neurotact import events`.
 
-    step_ms: of the clock; events of a channel within one step are one spike. time_unit: of the times ("s", "ms", "us",
-        "ns"); when None that of the file (as in `time_us`), else s, or us for arrays of x, y, t, p.
-    origin: the start of a trial: time zero, or its first event. duration_ms: of every trial; up to the last event when
-        None.
-    polarity: a population for each, one for both ("merge"), or the events of one alone. polarities: their names, from
-        the lowest value; OFF and ON when empty.
-    channels: names of the channels, from channel 0. n_channels: how many there are; up to the last event's when None.
-    sensor: columns and rows of the grid of x, y, t, p events, such as "34x34".
+    events: the clock, the populations and the channels, such as `nt.Events(step_ms=0.5, polarity="merge")`.
     names: what the file calls time, channel, polarity (or population), trial and label.
     naming: of a folder, as of `read_folder`.
-    merge_events: whether more than 1 % of the events may become one spike with another.
     where, leave_out: the trials to keep and to leave out, as of `read`.
     Raises InputError, which names the file, the place and the fix.
 
-    >>> spikes = nt.read_events("events.csv", step_ms=1.0)
+    >>> spikes = nt.read_events("events.csv", events=nt.Events(step_ms=1.0))
     >>> len(spikes), spikes.steps[0].tolist(), spikes.units[0].tolist()
     (12, [1, 4, 9], [0, 1, 0])
     """
     choice = TrialChoice.of(where, leave_out)
-    options = {
-        "step_ms": step_ms, "time_unit": time_unit, "origin": origin, "duration_ms": duration_ms, "polarity": polarity,
-        "polarities": polarities, "channels": channels, "n_channels": n_channels, "sensor": sensor,
-        "merge_events": merge_events,
-    }  # fmt: skip
-    return chosen_trials(event_files.read(path, options, names=names, naming=naming.given()), choice, str(path))
+    return chosen_trials(event_files.read(path, events.given(), names=names, naming=naming.given()), choice, str(path))
 
 
 def fetch(name: str | None = None, out: str | Path | None = None, *, tell: Tell = print) -> None:

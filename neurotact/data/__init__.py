@@ -27,10 +27,11 @@ Other rooms take:
     readers.clock.units: DAY_S, UNIT_S, Unit
     readers.columns: LayoutSpec, Samples
     readers.doubts: Fixes
+    readers.event_spec: EventSpec
     readers.events.files: ALIASES, POLARITY, read
     readers.events.observed: Unobserved, observed_trials, touching, within
     readers.events.raster: read
-    readers.events.spikes: BYTES_PER_EVENT, MOST_AFFERENTS, on_clock, say_length, say_merged
+    readers.events.spikes: BYTES_PER_EVENT, on_clock, say_length, say_merged
     readers.events.times: EventTimes, SLACK, event_times, joined_times, lengths_of, rounding_of, steps_of
     readers.folder: NamingSpec, read
     readers.formats.contents: content_of_bytes
