@@ -23,7 +23,6 @@ from typing import (
     ClassVar,
     ParamSpec,
     TypeVar,
-    cast,
     dataclass_transform,
     get_args,
     get_origin,
@@ -39,7 +38,6 @@ from pydantic import (
 )
 
 import neurotact
-from neurotact import plugins
 from neurotact.errors import InputError, closest, nearest, some
 from neurotact.files import existing, read_text
 from neurotact.notebook import html_of
@@ -139,8 +137,11 @@ class Spec(BaseModel, metaclass=_InOurWords):
         return ()
 
     @classmethod
-    def of_parts(cls) -> Mapping[str, Mapping[str, Any]]:
-        """The tables that the names of parts stand for, unless a file has that name: another package brings none."""
+    def of_parts(cls, asked: str | None) -> Mapping[str, Mapping[str, Any]]:
+        """The tables that the names of parts stand for, unless a file has that name: another package brings none.
+
+        asked: a name that is looked for again, where it is new.
+        """
         return {}
 
     def given(self) -> dict[str, Any]:
@@ -268,16 +269,11 @@ def find(kind: str, name: str | Path, others: Iterable[str] = ()) -> Path:
 
 
 def table_of(model: type[Spec], name: str | Path) -> tuple[dict[str, Any], str]:
-    """The table of a spec given by name or by path, and where it is from; a file comes before a part of that name.
-
-    A name that is new is looked for again, as by `plugins.has`.
-    """
-    parts = model.of_parts()
-    if str(name) not in {path.stem for path in shipped(model.folder)}:
-        if parts and plugins.has(cast(plugins.Group, model.folder), str(name)):
-            parts = model.of_parts()
-        if str(name) in parts:
-            return dict(parts[str(name)]), f"the model {name}"
+    """The table of a spec given by name or by path, and where it is from; a file comes before a part of that name."""
+    is_file = str(name) in {path.stem for path in shipped(model.folder)}
+    parts = model.of_parts(None if is_file else str(name))
+    if str(name) in parts and not is_file:
+        return dict(parts[str(name)]), f"the model {name}"
     path = find(model.folder, name, parts)
     return read(path), str(path)
 

@@ -859,7 +859,7 @@ NAMES = {"settings": "--set", "length_ms": "--window-ms", "folder": "-o", "path"
     "leave_out_units": "--units",
     "source": "--from",}  # fmt: skip
 INPUTS = {"spikes", "run", "recordings", "name", "path", "what", "source", "block", "parts", "network", "folder",
-          "column", "file", "decisions", "tell", "check", "kind", "options"}  # fmt: skip
+          "column", "file", "decisions", "tell", "show", "check", "kind", "options"}  # fmt: skip
 """What a function works on, and whom it tells."""
 HERE, NWB, NEO = "tests/test_options.py", "tests/data/readers/test_nwb.py", "tests/data/test_neo_blocks.py"
 DECODING = "tests/encoders/test_decoding.py"

@@ -23,6 +23,7 @@ from neurotact.errors import InputError
 from neurotact.metrics.synops import SIDES, UNKNOWN
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
+from neurotact.progress import Tell
 from neurotact.spec import checked_settings, takes_specs
 
 log = logging.getLogger("neurotact")
@@ -41,7 +42,7 @@ def live(
     port: int = 0,
     samples: SampleSpec = SampleSpec(),
     streamed: StreamedSpec = StreamedSpec(),
-    tell: Callable[[str], object] = print,
+    show: Tell = print,
 ) -> str:
     """Show a running chain on a local page with sliders, as `neurotact live` does, until Ctrl-C.
 
@@ -52,7 +53,7 @@ def live(
     shuffle: replay their trials in a random order; files often hold one class after the other.
     save_to: folder for encoders that the page saves. port: of the page; 0 chooses a free one.
     samples, streamed: as for `stream`.
-    tell: called with the address of the page, which only this machine can open.
+    show: called with the address of the page, which only this machine can open.
     Returns what became of the samples, in words. Raises InputError for a source that cannot be read, for a chain that
     cannot run sample by sample, and without the packages of `neurotact[live]`.
 
@@ -82,7 +83,7 @@ def live(
     served = server.Server(session, port)
     session.on_end = lambda: _ended(session, served.stop)
     with suppress(KeyboardInterrupt):  # Ctrl-C is the normal way to end, once the address is printed
-        tell(f"{served.address}  (press Ctrl-C to stop)")
+        show(f"{served.address}  (press Ctrl-C to stop)")
         served.run()
     if session.failure is not None and not session.stream.tally.samples:
         raise session.failure

@@ -84,7 +84,7 @@ def read(
 def read_folder(
     path: str | Path,
     sampling_rate_Hz: float | None = None,
-    unit: str = "",
+    unit: str | None = None,
     *,
     naming: NamingSpec = NamingSpec(),
     layout: LayoutSpec = LayoutSpec(),
@@ -104,7 +104,7 @@ def read_folder(
     Recordings(12 trials x 2 taxels, 60 samples at 1000 Hz (0.06 s), mV, 2 classes)
     """
     choice = TrialChoice.of(where, leave_out)
-    recordings = folder.read(path, sampling_rate_Hz, unit, naming=naming.given(), layout=layout.given())
+    recordings = folder.read(path, sampling_rate_Hz, unit or "", naming=naming.given(), layout=layout.given())
     return chosen_trials(recordings, choice, str(path))
 
 
@@ -113,7 +113,7 @@ def read_folder(
 def read_table(
     path: str | Path,
     sampling_rate_Hz: float | None = None,
-    unit: str = "",
+    unit: str | None = None,
     *,
     label: str | None = None,
     trial: str | Sequence[str] = (),
@@ -139,14 +139,14 @@ def read_table(
     """
     spec = {"label": label, "trial": trial, "segments": segments, "annotations": annotations and str(annotations)}
     choice = TrialChoice.of(where, leave_out)._asdict()
-    return sample_table.read(path, sampling_rate_Hz, unit, {**layout.given(), **spec, **choice})
+    return sample_table.read(path, sampling_rate_Hz, unit or "", {**layout.given(), **spec, **choice})
 
 
 @in_few_lines
 def read_arrays(
     path: str | Path,
     sampling_rate_Hz: float | None = None,
-    unit: str = "",
+    unit: str | None = None,
     *,
     names: Mapping[str, str] | None = None,
     axes: str | None = None,
@@ -168,7 +168,7 @@ def read_arrays(
     Recordings(12 trials x 2 taxels, 60 samples at 1000 Hz (0.06 s), mV, 2 classes)
     """
     choice = TrialChoice.of(where, leave_out)
-    recordings = arrays.read(path, sampling_rate_Hz, unit, names=names, axes=axes, conditions=conditions)
+    recordings = arrays.read(path, sampling_rate_Hz, unit or "", names=names, axes=axes, conditions=conditions)
     return chosen_trials(recordings, choice, str(path))
 
 
@@ -236,10 +236,11 @@ def read_events(
     return chosen_trials(event_files.read(path, events.given(), names=names, naming=naming.given()), choice, str(path))
 
 
-def fetch(name: str | None = None, out: str | Path | None = None, *, tell: Tell = print) -> None:
+def fetch(name: str | None = None, out: str | Path | None = None, *, show: Tell = print) -> None:
     """Download a public tactile data set to the folder `out`, as `neurotact fetch` does; without a name, list the sets.
 
-    out: its name in $NEUROTACT_DATA if None. Licence, size and citation are told first; files that exist are kept.
+    out: its name in $NEUROTACT_DATA if None. Licence, size and citation are shown first; files that exist are kept.
+    show: called with each line.
     Raises InputError for an unknown set, and where it cannot be downloaded, with the steps by hand.
 
     >>> nt.fetch("fabricslide", "fabricslide/")  # doctest: +SKIP
@@ -247,29 +248,29 @@ def fetch(name: str | None = None, out: str | Path | None = None, *, tell: Tell 
     effects.check(out=out, name=name)
     if name is None:
         for key, about in public.SETS.items():
-            tell(f"{key}: {about.about}")
+            show(f"{key}: {about.about}")
         return
     about = public.public_set(name)
     folder = Path(out) if out else sources.expand(f"$NEUROTACT_DATA/{name}")
-    tell(f"{name}: {about.about}")
+    show(f"{name}: {about.about}")
     facts = {"licence": about.licence, "size": about.size, "cite": about.citation, "page": about.page}
     for what, fact in facts.items():
-        tell(f"{what}: {fact}")
+        show(f"{what}: {fact}")
     with track("fetch", max(1, len(public.missing(name, folder)))) as advance:
         n_files = public.fetch(name, folder, advance)
     n_there = len(public.registry_of(name)) - n_files
-    tell(f"{folder}: {n_files} files downloaded, {n_there} existed; neurotact import {about.reader} reads them")
+    show(f"{folder}: {n_files} files downloaded, {n_there} existed; neurotact import {about.reader} reads them")
 
 
-def describe(file: str | Path, *, all: bool = False, tell: Tell = print) -> None:
+def describe(file: str | Path, *, all: bool = False, show: Tell = print) -> None:
     """Tell what a file of recordings or spikes holds, as `neurotact info` does, in lines and tables.
 
     Classes and conditions, the length and rate of trials, when the touch begins, and the range of each taxel or the
-    rate of each population. all: a row for each taxel, however many there are.
+    rate of each population. all: a row for each taxel, however many there are. show: called with each line and table.
     Raises InputError for a file that is neither.
 
     >>> lines = []
-    >>> nt.describe("touch.h5", tell=lines.append)
+    >>> nt.describe("touch.h5", show=lines.append)
     >>> lines[0]
     'touch.h5: 30 trials of 2 classes, 2 taxels, in mV'
     """
@@ -278,35 +279,35 @@ def describe(file: str | Path, *, all: bool = False, tell: Tell = print) -> None
     if kind == "recordings":
         with hdf5.open_recordings(file) as data:
             size = f"{len(data)} trials of {len(data.classes)} classes, {data.n_channels} taxels, in {data.unit}"
-            _describe(f"{file}: {size}", data, data.lengths, common_onset_s(data), tell)
+            _describe(f"{file}: {size}", data, data.lengths, common_onset_s(data), show)
             taxels = description.taxels_table(data)
             is_short = all or len(taxels) <= MOST_TAXELS
-            tell(taxels if is_short else description.taxels_summary(taxels))
+            show(taxels if is_short else description.taxels_summary(taxels))
             if dead := description.constant_taxels(taxels):
-                tell(f"constant within every trial: {some(dead)}")
+                show(f"constant within every trial: {some(dead)}")
             if not is_short:
-                tell("`all=True` prints a row for each taxel")
+                show("`all=True` prints a row for each taxel")
             lines = doubtful.lines(data)
     else:
         spikes = hdf5.load_spikes(file)
-        _describe(f"{file}: {spikes!r}", spikes, np.asarray(spikes.trial_steps), timing_of(spikes).touch_s, tell)
-        tell(description.afferents_table(spikes))
+        _describe(f"{file}: {spikes!r}", spikes, np.asarray(spikes.trial_steps), timing_of(spikes).touch_s, show)
+        show(description.afferents_table(spikes))
         lines = doubtful.lines(spikes)
     for line in lines:
-        tell(line)
+        show(line)
 
 
 def _describe(
-    title: str, data: hdf5.StoredRecordings | SpikeTrains, lengths: np.ndarray, onset_s: float, tell: Tell
+    title: str, data: hdf5.StoredRecordings | SpikeTrains, lengths: np.ndarray, onset_s: float, show: Tell
 ) -> None:
-    tell(title)
-    tell(description.lengths_line(lengths, data.sampling_rate_Hz))
+    show(title)
+    show(description.lengths_line(lengths, data.sampling_rate_Hz))
     if onset_s:
-        tell(
+        show(
             f"the touch begins about {1e3 * onset_s:.0f} ms after the start of a trial "
             "(`nt.train(..., window=nt.Window(start_ms=...))`)"
         )
-    tell(description.conditions_table(data.conditions))
+    show(description.conditions_table(data.conditions))
 
 
 def load(path: str | Path) -> Recordings | SpikeTrains:

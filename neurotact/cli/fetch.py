@@ -21,4 +21,4 @@ def fetch(given: dict[str, Any]) -> None:
     Its licence, size and citation are shown first. Files that exist are not downloaded again. If a set cannot be
     downloaded, the manual steps are printed.
     """
-    api.fetch(**given, tell=show)
+    api.fetch(**given, show=show)

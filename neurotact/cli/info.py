@@ -22,4 +22,4 @@ def info(given: dict[str, Any]) -> None:
     each taxel or the rate of each population. Use it after an import: it shows a wrong unit, a dead taxel, a clock
     column among the taxels, copies of a trial, or a class with two names.
     """
-    api.describe(**given, tell=show)
+    api.describe(**given, show=show)

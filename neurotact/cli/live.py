@@ -32,7 +32,7 @@ def live(given: dict[str, Any]) -> None:
     at their own rate; a device is read as its samples arrive; gratings is a simulated finger that the page moves (--set
     changes its spec). The page's sliders change refractory periods, gains and patience of the running stream.
     """
-    say(tools.live(**given, tell=_print_at_once))
+    say(tools.live(**given, show=_print_at_once))
     sys.exit(0)
 
 

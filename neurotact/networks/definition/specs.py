@@ -251,8 +251,9 @@ class RSNNSpec(Spec):
         return (*COMMON, *part_of(str(model)).keys.model_fields) if is_part else ()
 
     @classmethod
-    def of_parts(cls) -> Mapping[str, Mapping[str, Any]]:
+    def of_parts(cls, asked: str | None) -> Mapping[str, Mapping[str, Any]]:
         """The name of a network gives the defaults of its keys, and the training that the recipe chooses."""
+        plugins.has("networks", asked)
         return {name: {"model": name, "recipe": "default"} for name in plugins.names("networks")}
 
     @property
