@@ -6,7 +6,7 @@ from pydantic import Field
 
 from neurotact import effects
 from neurotact.data.readers.clock.units import Unit
-from neurotact.spec import Spec, chosen
+from neurotact.spec import Spec
 
 
 class StreamedSpec(Spec):
@@ -27,7 +27,7 @@ class StreamedSpec(Spec):
     """Time between the starts of windows; the window length when absent."""
     contact: bool = False
     """Start a window at the first spike after `quiet_ms` without spikes."""
-    quiet_ms: float | None = Field(default=None, ge=0, json_schema_extra=chosen("50"))
+    quiet_ms: float = Field(default=50.0, ge=0)
     """With `contact`: time without spikes before a window can start."""
     full_window: bool = False
     """Decide at the end of each window, without early exit. Otherwise as soon as the validated rule of the run
@@ -35,7 +35,7 @@ class StreamedSpec(Spec):
 
     def check_given(self) -> None:
         """Refuse what has no effect."""
-        effects.check(contact=self.contact, hop_ms=self.hop_ms, quiet_ms=self.quiet_ms)
+        effects.check(**self.given() | {"contact": self.contact})
 
 
 class SampleSpec(Spec):

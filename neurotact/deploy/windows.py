@@ -8,8 +8,6 @@ from neurotact.data.windows import WindowSpec, steps_of
 from neurotact.deploy.streamed import StreamedSpec
 from neurotact.errors import InputError
 
-QUIET_MS = 50.0
-"""Time without a spike before a contact, if none is given."""
 MOST_AT_ONCE = 64
 """Maximum number of windows that overlap; each is a separate network."""
 LONGEST_QUIET = 2**31
@@ -32,7 +30,7 @@ class WindowPlan:
 
     @staticmethod
     def of(clock_Hz: float, streamed: StreamedSpec, trained: WindowSpec = WindowSpec()) -> "WindowPlan":
-        """A plan from milliseconds; values that are None are those of `trained`, and `QUIET_MS`.
+        """A plan from milliseconds; values that are None are those of `trained`.
 
         >>> WindowPlan.of(2000.0, StreamedSpec(length_ms=150, hop_ms=50))
         WindowPlan(length=300, start=0, hop=100, quiet=0)
@@ -46,10 +44,11 @@ class WindowPlan:
                     f"hop_ms: {-(-length // hop)} windows would overlap, more than {MOST_AT_ONCE}; lengthen the hop"
                 )
             return WindowPlan(length, start, hop)
-        quiet_ms = QUIET_MS if streamed.quiet_ms is None else streamed.quiet_ms
-        quiet = quiet_ms * 1e-3 * clock_Hz
+        quiet = streamed.quiet_ms * 1e-3 * clock_Hz
         if not (quiet < LONGEST_QUIET and round(quiet) >= 1):
-            raise InputError(f"quiet_ms: {quiet_ms:g} ms is less than one step at {clock_Hz:g} Hz, or too long")
+            raise InputError(
+                f"quiet_ms: {streamed.quiet_ms:g} ms is less than one step at {clock_Hz:g} Hz, or too long"
+            )
         return WindowPlan(length, start, 0, round(quiet))
 
     @property
