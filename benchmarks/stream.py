@@ -62,7 +62,7 @@ def made() -> tuple[Chain, np.ndarray]:
     encoder = specs.load("sa1-ra1-lif", {"conditioning.baseline": "start", "sa1.gain": 6.4, "ra1.gain": 32})
     generator = torch.Generator().manual_seed(0)
     network = nt.RSNN(16, 8, hidden=30, forward_weight_scale=1.0, sampling_rate_Hz=2000.0, generator=generator)
-    chain = chain_of((encoder, network), length_ms=150)._replace(rule=ExitRule(180, from_first_spike=True))
+    chain = chain_of((encoder, network), nt.Streamed(length_ms=150))._replace(rule=ExitRule(180, from_first_spike=True))
     return chain, np.concatenate(list(nt.simulate("gratings", trials=1).signals))
 
 

@@ -31,11 +31,14 @@ from .api.recordings import read_raster as read_raster
 from .api.recordings import read_table as read_table
 from .api.recordings import save as save
 from .api.recordings import simulate as simulate
+from .api.settings import Events as Events
 from .api.settings import Layout as Layout
 from .api.settings import Naming as Naming
 from .api.settings import Onset as Onset
+from .api.settings import Samples as Samples
 from .api.settings import Search as Search
 from .api.settings import Split as Split
+from .api.settings import Streamed as Streamed
 from .api.settings import Window as Window
 from .api.specs import spec_names as spec_names
 from .api.studies import report_study as report_study

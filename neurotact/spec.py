@@ -7,12 +7,13 @@ key and the file.
 
 import hashlib
 import json
+import logging
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import date, time
-from functools import wraps
+from functools import lru_cache, wraps
 from inspect import signature
 from pathlib import Path
 from typing import (
@@ -40,6 +41,8 @@ import neurotact
 from neurotact.errors import InputError, closest, nearest, some
 from neurotact.files import existing, read_text
 from neurotact.notebook import html_of
+
+log = logging.getLogger("neurotact")
 
 DEEPEST = 32
 """Nested tables and lists, at most."""
@@ -129,8 +132,16 @@ class Spec(BaseModel, metaclass=_InOurWords):
         return {}
 
     @classmethod
-    def of_parts(cls) -> Mapping[str, Mapping[str, Any]]:
-        """The tables that the names of parts stand for, unless a file has that name: another package brings none."""
+    def keys_with(cls, model: object) -> Collection[str]:
+        """Of a spec whose key `model` names a part with keys of its own: the keys of it with that part; else empty."""
+        return ()
+
+    @classmethod
+    def of_parts(cls, asked: str | None) -> Mapping[str, Mapping[str, Any]]:
+        """The tables that the names of parts stand for, unless a file has that name: another package brings none.
+
+        asked: a name that is looked for again, where it is new.
+        """
         return {}
 
     def given(self) -> dict[str, Any]:
@@ -187,9 +198,9 @@ def chosen(how: str) -> dict[str, Any]:
     return {"chosen": how}
 
 
-def specs_of(function: Callable[..., Any]) -> dict[str, type[Spec]]:
-    """The parameters of a function that are specs of their own, such as `window`."""
-    kinds = {name: each.annotation for name, each in signature(function).parameters.items()}
+def specs_of(function: Callable[..., Any], *, eval_str: bool = False) -> dict[str, type[Spec]]:
+    """The parameters of a function that are specs of their own, such as `window`; eval_str: as of `signature`."""
+    kinds = {name: each.annotation for name, each in signature(function, eval_str=eval_str).parameters.items()}
     return {name: kind for name, kind in kinds.items() if isinstance(kind, type) and issubclass(kind, Spec)}
 
 
@@ -200,22 +211,28 @@ def takes_specs(function: Callable[P, R]) -> Callable[P, R]:
     @wraps(function)
     def checked(*args: P.args, **keywords: P.kwargs) -> R:
         given = {**dict(zip(names, args, strict=False)), **keywords}
+        refuse_fields(given.keys() - {*names}, kinds, function.__name__)
         for name, kind in kinds.items():
-            public = kind.public or kind.__name__
-            for key in given.keys() - {*names}:
-                field = key.removeprefix(f"{name}_")
-                if field in kind.model_fields:
-                    raise InputError(
-                        f"{function.__name__}: `{key}` is a field of `{name}`: `{name}=nt.{public}({field}=...)`"
-                    )
             value = given.get(name, kind)
             if isinstance(value, kind):
                 value.check_given()
             elif value is not kind:
-                raise InputError(f"{name}: must be an nt.{public}(...); got {type(value).__name__}")
+                raise InputError(
+                    f"{name}: must be an nt.{kind.public or kind.__name__}(...); got {type(value).__name__}"
+                )
         return function(*args, **keywords)
 
     return checked
+
+
+def refuse_fields(keys: Iterable[str], specs: Mapping[str, type[Spec]], source: str) -> None:
+    """InputError, which says where it belongs, for the first key that is a field of one of a function's specs."""
+    for key in keys:
+        for name, kind in specs.items():
+            field = key.removeprefix(f"{name}_")
+            if field in kind.model_fields:
+                public = kind.public or kind.__name__
+                raise InputError(f"{source}: `{key}` is a field of `{name}`: `{name}=nt.{public}({field}=...)`")
 
 
 def digest(value: Any) -> str:
@@ -253,8 +270,9 @@ def find(kind: str, name: str | Path, others: Iterable[str] = ()) -> Path:
 
 def table_of(model: type[Spec], name: str | Path) -> tuple[dict[str, Any], str]:
     """The table of a spec given by name or by path, and where it is from; a file comes before a part of that name."""
-    parts = model.of_parts()
-    if str(name) in parts and str(name) not in {path.stem for path in shipped(model.folder)}:
+    is_file = str(name) in {path.stem for path in shipped(model.folder)}
+    parts = model.of_parts(None if is_file else str(name))
+    if str(name) in parts and not is_file:
         return dict(parts[str(name)]), f"the model {name}"
     path = find(model.folder, name, parts)
     return read(path), str(path)
@@ -313,7 +331,22 @@ def _is_within_64_bits(value: Any) -> bool:
 def load(model: type[SpecT], name: str | Path, overrides: Mapping[str, Any] | None = None) -> SpecT:
     """Load the spec called `name` (or at that path) into `model`, after `overrides` of dotted keys."""
     table, source = table_of(model, name)
-    return build(model, override(table, overrides or {}), source=source)
+    return build(model, _changed(model, table, overrides or {}), source=source)
+
+
+def _changed(model: type[Spec], table: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """A table after its overrides; of another part than before, the keys that it does not have are left out, told."""
+    name = overrides.get("model")
+    kept = model.keys_with(name) if name != table.get("model") else ()
+    left = tuple(key for key in table if kept and key not in kept)
+    if left:
+        _say_left_out(str(name), left)
+    return override({key: value for key, value in table.items() if key not in left}, overrides)
+
+
+@lru_cache
+def _say_left_out(model: str, keys: tuple[str, ...]) -> None:
+    log.warning("model = '%s' has keys of its own: left out from the spec: %s", model, some(keys, 5))
 
 
 def resolve(model: type[SpecT], what: str | Path | SpecT, overrides: Mapping[str, Any] | None = None) -> SpecT:
@@ -325,7 +358,7 @@ def resolve(model: type[SpecT], what: str | Path | SpecT, overrides: Mapping[str
         raise InputError(f"{kind}: must be a name, a path or an {model.__name__}; got {type(what).__name__}")
     if not overrides:
         return what
-    return build(type(what), override(what.model_dump(mode="json"), overrides), source="settings")
+    return build(type(what), _changed(type(what), what.model_dump(mode="json"), overrides), source="settings")
 
 
 def build(model: type[SpecT], table: Mapping[str, Any], source: str) -> SpecT:

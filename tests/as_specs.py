@@ -23,7 +23,9 @@ def of_events(options: Mapping[str, Any]) -> dict[str, Any]:
     """The arguments of `nt.read_events`."""
     naming = {NAMING[key]: value for key, value in options.items() if key in NAMING}
     left = {key: value for key, value in options.items() if key not in NAMING}
-    return left | ({"naming": nt.Naming(**naming)} if naming else {})
+    events = {key: left.pop(key) for key in nt.Events.model_fields if key in left}
+    specs = {"naming": nt.Naming(**naming)} if naming else {}
+    return left | specs | ({"events": nt.Events(**events)} if events else {})
 
 
 def of_table(options: Mapping[str, Any]) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import torch
 
+import neurotact as nt
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.deploy.chain import Chain, chain_of
@@ -55,7 +56,8 @@ def make_chain(
     generator = torch.Generator().manual_seed(seed)
     net = RSNN(encoder.n_per_taxel * n_taxels, 3, sampling_rate_Hz=clock_Hz, generator=generator, **settings)
     unequal_stretches(net)
-    chain = chain_of((encoder, net), sampling_rate_Hz=rate_Hz, **(windows or {"length_ms": 40}))
+    streamed = nt.Streamed(sampling_rate_Hz=rate_Hz, **(windows or {"length_ms": 40}))
+    chain = chain_of((encoder, net), streamed)
     return chain._replace(rule=ExitRule(patience, from_first_spike=True))
 
 

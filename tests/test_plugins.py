@@ -404,7 +404,7 @@ def test_an_encoder_of_another_package_is_encoded_calibrated_and_trained_on(
     rows = [line.split() for line in said.splitlines() if line.strip().startswith(("encoder", "both"))]
     assert [row[1] for row in rows] == ["not", "not"]  # counted, which is folded
     with pytest.raises(InputError, match="afferents of another package: a stream does not run it: only models of"):
-        nt.Stream(run, sampling_rate_Hz=1000.0)
+        nt.Stream(run, streamed=nt.Streamed(sampling_rate_Hz=1000.0))
     with pytest.raises(InputError, match="afferents of another package: a stream"):
         nt.export_c(run, tmp_path / "c", variant="float")
     with pytest.raises(InputError, match="afferents of another package: NIR does not run it: it has no nodes"):
@@ -416,6 +416,8 @@ def test_an_encoder_is_found_where_the_list_of_parts_was_read_before_its_package
     package(LEVEL, ENCODER)
     plugins._found("encoders").pop("level")
     assert [population.name for population in populations({"model": "level"})] == ["ON", "OFF"]
+    plugins._found("encoders").pop("level")
+    assert load("level").model == "level"
 
 
 def test_an_encoder_of_another_package_costs_what_is_not_counted(package):
@@ -553,7 +555,10 @@ def test_an_exporter_of_another_package_is_used_with_its_options(package, monkey
             ["--to", "c", "--digits", "4"],
             "--digits: has no effect with --to c; it belongs to --to theirs; leave it out",
         ),
-        (["--to", "theirs", "--full-window"], "--full-window: has no effect with --to theirs; leave it out"),
+        (
+            ["--to", "theirs", "--full-window"],
+            "--full-window: has no effect with --to theirs; it belongs to --to c; leave it out",
+        ),
         (["--to", "their"], "exporters: there is none called 'their'; did you mean 'theirs'?"),
         (["--check", "loihi2", "--upper"], "--upper: has no effect with --check, which writes nothing; leave it out"),
     ],

@@ -28,7 +28,7 @@ for trial in range(30):
             ]
 (folder / "events.csv").write_text("\n".join(lines))
 
-spikes = nt.read_events(folder / "events.csv", duration_ms=400.0)
+spikes = nt.read_events(folder / "events.csv", events=nt.Events(duration_ms=400.0))
 print(spikes)
 
 # %%

@@ -34,7 +34,7 @@ SUBJECTS = {
         "Spikes",
         "Spikes of named afferents, one list of steps per trial, on a clock in Hz: read from events, loaded, drawn, "
         "and exchanged with tools of neuroscience.",
-        "SpikeTrains read_events read_raster load_spikes plot_raster save_raster to_neo from_neo to_nwb",
+        "SpikeTrains read_events Events read_raster load_spikes plot_raster save_raster to_neo from_neo to_nwb",
     ),
     "encoding": Subject(
         "Encoding",
@@ -64,8 +64,8 @@ SUBJECTS = {
         "Streams, devices and exchange",
         "A trained chain in use: sample by sample, `(sample, taxel)`, in the unit of the encoder; as C, in integers, "
         "as NIR, in snnTorch, on a page.",
-        "Stream Decision stream Flow live export export_c fine_tune check_chip to_nir from_nir export_nir to_snntorch "
-        "from_snntorch",
+        "Stream Streamed Samples Decision stream Flow live export export_c fine_tune check_chip to_nir from_nir "
+        "export_nir to_snntorch from_snntorch",
     ),
     "studies": Subject(
         "Studies",

@@ -12,12 +12,14 @@ from neurotact import effects, files
 from neurotact.data.recordings import Recordings
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.deploy.exporters import Exporter
+from neurotact.deploy.streamed import StreamedSpec
 from neurotact.errors import InputError
 from neurotact.networks.training import trained
 from neurotact.networks.training.ranges import record
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
 from neurotact.progress import Tell, untold
+from neurotact.spec import takes_specs
 
 WEIGHT_BITS = 8
 """Default of a network that was not fine-tuned for other bits."""
@@ -32,6 +34,7 @@ class Exported(NamedTuple):
     formats: Formats | None
 
 
+@takes_specs
 def export_c(
     run: Fitted,
     folder: str | Path,
@@ -43,13 +46,7 @@ def export_c(
     recordings: Recordings | str | Path | None = None,
     spikes: str | Path | None = None,
     name: str = "touch",
-    sampling_rate_Hz: float | None = None,
-    early_exit: bool = True,
-    length_ms: float | None = None,
-    start_ms: float | None = None,
-    hop_ms: float | None = None,
-    contact: bool = False,
-    quiet_ms: float | None = None,
+    streamed: StreamedSpec = StreamedSpec(),
     prove: int = 0,
     force: bool = False,
     tell: Tell = untold,
@@ -64,7 +61,7 @@ def export_c(
     state_bits: 8 to 16, or 24; chosen when None. lsb: of a sample of 16 bits; when None, 1 for whole
     numbers that fit, else from the recorded range.
     name: prefix of every name in C.
-    sampling_rate_Hz, early_exit, length_ms, start_ms, hop_ms, contact, quiet_ms: as for `Stream`.
+    streamed: the rate, the windows and their decisions, as for `Stream`.
     prove: compile the export, run it here and in QEMU, and compare this many test trials spike by spike.
     force: replace files. tell: called with what the command prints.
     Returns the chain and its formats. Raises InputError for files that exist, and for a chain that cannot run in C.
@@ -83,8 +80,7 @@ def export_c(
         files.check_new(path, force=force)
     made = prepared(
         run, integer=variant == "integer", recordings=recordings, spikes=spikes, weight_bits=weight_bits,
-        state_bits=state_bits, lsb=lsb, sampling_rate_Hz=sampling_rate_Hz, early_exit=early_exit, length_ms=length_ms,
-        start_ms=start_ms, hop_ms=hop_ms, contact=contact, quiet_ms=quiet_ms,
+        state_bits=state_bits, lsb=lsb, streamed=streamed,
     )  # fmt: skip
     c_export.write(made.chain, Path(folder), made.formats, name=name)
     tell(f"{folder}: {c_export.title_of(made.chain, made.formats)}")
@@ -102,9 +98,9 @@ def prepared(
     weight_bits: int | None = None,
     state_bits: int | None = None,
     lsb: float | None = None,
-    **options: Any,
+    streamed: StreamedSpec = StreamedSpec(),
 ) -> Exported:
-    """The chain of a run folder or a fitted classifier, ready to be written as C; options as for `chain_of`.
+    """The chain of a run folder or a fitted classifier, ready to be written as C; streamed: as for `chain_of`.
 
     integer: computed in integers, whose formats come from the ranges that training saved in the run folder, or from
     `recordings` and `spikes`: those that the run was trained on, or recordings like those of a classifier.
@@ -112,10 +108,10 @@ def prepared(
     steps of its fine-tuning, others 8 bits.
     """
     if not integer:
-        return Exported(chain_of(run, **options), None)
+        return Exported(chain_of(run, streamed), None)
     restored = fitted.restore(run, spikes=spikes)
     if recordings is None and spikes is None and restored.spikes:
-        chain, ranges = chain_of(run, **options), restored.ranges
+        chain, ranges = chain_of(run, streamed), restored.ranges
         if ranges is None:
             raise InputError(
                 f"{run}: does not hold the ranges of its samples, since their recordings were not found in training; "
@@ -123,9 +119,9 @@ def prepared(
             )
     else:
         known = recorded(restored, recordings)
-        if options.get("sampling_rate_Hz") is None and _resamples(restored):
-            options["sampling_rate_Hz"] = known.sampling_rate_Hz
-        chain = chain_of(run, **options)
+        if streamed.sampling_rate_Hz is None and _resamples(restored):
+            streamed = streamed.model_copy(update={"sampling_rate_Hz": known.sampling_rate_Hz})
+        chain = chain_of(run, streamed)
         ranges = record(chain.network, known.windows, known.training)
     return Exported(chain, formats.choose(chain, ranges, lsb=lsb, **_bits_and_steps(restored, weight_bits, state_bits)))
 

@@ -14,7 +14,8 @@ from neurotact.data import hdf5
 from neurotact.data.recordings import LABEL, order_by_name
 from neurotact.data.sources import Control, Simulator
 from neurotact.deploy import sources
-from neurotact.deploy.sources import Arrived, Faults, Layout
+from neurotact.deploy.sources import Arrived, Faults
+from neurotact.deploy.streamed import SampleSpec
 from neurotact.errors import InputError
 
 TICK_S = 0.02
@@ -142,19 +143,16 @@ class Device:
     kind = "device"
 
     def __init__(
-        self, path: str, layout: Layout, taxels: tuple[str, ...], sampling_rate_Hz: float, unit: str,
-        *, stall_s: float = 1.0, baud: int = sources.DEFAULT_BAUD,
-    ) -> None:  # fmt: skip
+        self, path: str, samples: SampleSpec, taxels: tuple[str, ...], sampling_rate_Hz: float, unit: str
+    ) -> None:
         self.name, self.taxels, self.sampling_rate_Hz, self.unit = path, taxels, sampling_rate_Hz, unit
-        self._open: Callable[[Faults], Iterator[Arrived]] = lambda faults: sources.live(
-            path,
-            layout.parser(path, len(taxels), sampling_rate_Hz, faults, taxels),
-            faults,
-            stall_s,
-            tick_s=TICK_S,
-            baud=baud,
-        )
-        layout.parser(path, len(taxels), sampling_rate_Hz, Faults())  # refuse a wrong layout now
+
+        def opened(faults: Faults) -> Iterator[Arrived]:
+            parser = sources.parser_of(samples, path, len(taxels), sampling_rate_Hz, faults, taxels)
+            return sources.live(path, parser, faults, samples.stall_s, tick_s=TICK_S, baud=samples.baud)
+
+        self._open = opened
+        sources.parser_of(samples, path, len(taxels), sampling_rate_Hz, Faults())  # refuse wrong digits now
         self.label: str | None = None
         self.note = ""
 

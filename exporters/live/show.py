@@ -16,17 +16,20 @@ from neurotact.data.digests import recorded_digest
 from neurotact.data.recordings import default_channels
 from neurotact.data.sources import simulator
 from neurotact.deploy.chain import Chain, chain_of
-from neurotact.deploy.sources import DEFAULT_BAUD, STALL_S, Layout, kind_of, trouble_of
+from neurotact.deploy.sources import kind_of, trouble_of
+from neurotact.deploy.streamed import SampleSpec, StreamedSpec
 from neurotact.encoders.specs import afferent_names
 from neurotact.errors import InputError
 from neurotact.metrics.synops import SIDES, UNKNOWN
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
-from neurotact.spec import checked_settings
+from neurotact.progress import Tell
+from neurotact.spec import checked_settings, takes_specs
 
 log = logging.getLogger("neurotact")
 
 
+@takes_specs
 def live(
     run: Fitted,
     source: str | Path,
@@ -37,22 +40,9 @@ def live(
     settings: Mapping[str, Any] | None = None,
     save_to: str | Path | None = None,
     port: int = 0,
-    format: str | None = None,
-    baud: int | None = None,
-    sampling_rate_Hz: float | None = None,
-    unit: str | None = None,
-    time_column: str | None = None,
-    lsb: float | None = None,
-    zero: float | None = None,
-    length_ms: float | None = None,
-    start_ms: float | None = None,
-    hop_ms: float | None = None,
-    contact: bool = False,
-    quiet_ms: float | None = None,
-    early_exit: bool = True,
-    hold_ms: float = 5.0,
-    stall_s: float | None = None,
-    tell: Callable[[str], object] = print,
+    samples: SampleSpec = SampleSpec(),
+    streamed: StreamedSpec = StreamedSpec(),
+    show: Tell = print,
 ) -> str:
     """Show a running chain on a local page with sliders, as `neurotact live` does, until Ctrl-C.
 
@@ -62,9 +52,8 @@ def live(
     speed: of a replay or of the finger, 1 if None. loop: repeat recordings from the start.
     shuffle: replay their trials in a random order; files often hold one class after the other.
     save_to: folder for encoders that the page saves. port: of the page; 0 chooses a free one.
-    format, baud, sampling_rate_Hz, unit, time_column, lsb, zero, length_ms, start_ms, hop_ms, contact, quiet_ms,
-        early_exit, hold_ms, stall_s: as for `stream`.
-    tell: called with the address of the page, which only this machine can open.
+    samples, streamed: as for `stream`.
+    show: called with the address of the page, which only this machine can open.
     Returns what became of the samples, in words. Raises InputError for a source that cannot be read, for a chain that
     cannot run sample by sample, and without the packages of `neurotact[live]`.
 
@@ -74,34 +63,27 @@ def live(
     server = _server_module()
     source, feed = str(source), None
     kind = "simulation" if plugins.has("simulators", source) else kind_of(source)
-    effects.check(
-        source=kind, speed=speed, loop=loop, shuffle=shuffle, settings=settings, format=format, baud=baud,
-        sampling_rate_Hz=sampling_rate_Hz, time_column=time_column, lsb=lsb, zero=zero, stall_s=stall_s,
-    )  # fmt: skip
+    given = {**samples.given(), **streamed.given()}
+    effects.check(source=kind, speed=speed, loop=loop, shuffle=shuffle, settings=settings, **given)
     feed = _feed_at_its_rate(kind, source, 1.0 if speed is None else speed, loop, shuffle, settings)
-    chain = chain_of(
-        run, sampling_rate_Hz=feed.sampling_rate_Hz if feed else sampling_rate_Hz, early_exit=early_exit,
-        length_ms=length_ms, start_ms=start_ms, hop_ms=hop_ms, contact=contact, quiet_ms=quiet_ms,
-    )  # fmt: skip
+    if feed is not None:
+        streamed = streamed.model_copy(update={"sampling_rate_Hz": feed.sampling_rate_Hz})
+    chain = chain_of(run, streamed)
     if feed is None:
-        layout = Layout.of(format, time_column, lsb, zero)
-        feed = Device(
-            source, layout, chain.taxels or default_channels(chain.n_taxels), chain.sampling_rate_Hz,
-            unit or chain.encoder.unit,
-            stall_s=stall_s or STALL_S, baud=baud or DEFAULT_BAUD,
-        )  # fmt: skip
+        taxels = chain.taxels or default_channels(chain.n_taxels)
+        feed = Device(source, samples, taxels, chain.sampling_rate_Hz, chain.encoder.unit)
     if isinstance(feed, Replay):
         feed.give_in_order(chain.taxels)
-    feed.unit = unit or feed.unit
+    feed.unit = samples.unit or feed.unit
     sides = sides_of(run, feed) if isinstance(feed, Replay) else []
     session = Session(
         chain, feed, run=fitted.name_of(run), afferents=_afferents(run, chain, feed), sides=sides,
-        save_to=None if save_to is None else Path(save_to), hold_ms=hold_ms,
+        save_to=None if save_to is None else Path(save_to), hold_ms=samples.hold_ms,
     )  # fmt: skip
     served = server.Server(session, port)
     session.on_end = lambda: _ended(session, served.stop)
     with suppress(KeyboardInterrupt):  # Ctrl-C is the normal way to end, once the address is printed
-        tell(f"{served.address}  (press Ctrl-C to stop)")
+        show(f"{served.address}  (press Ctrl-C to stop)")
         served.run()
     if session.failure is not None and not session.stream.tally.samples:
         raise session.failure

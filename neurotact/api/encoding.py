@@ -244,15 +244,15 @@ def what_survives(
 
 def plot_raster(
     spikes: SpikeTrains,
-    trial: int = 0,
+    trial: int | None = None,
     recordings: Recordings | None = None,
     *,
-    start_s: float = 0.0,
+    start_s: float | None = None,
     stop_s: float | None = None,
 ) -> Figure:
     """The spikes of one trial as a matplotlib figure, under the signals of `recordings` where they are given.
 
-    start_s, stop_s: the part that is drawn; up to the trial's end when None.
+    trial: the first if None. start_s, stop_s: the part that is drawn; the whole trial if None.
     Raises InputError for a trial that does not exist, and for recordings that do not hold it.
 
     >>> figure = nt.plot_raster(nt.load_spikes("spikes.h5"), trial=0, recordings=nt.load_recordings("touch.h5"))
@@ -260,13 +260,13 @@ def plot_raster(
     2
     """
     check_instance("spikes", spikes, SpikeTrains, "nt.encode returns them")
-    signal = None
+    trial, signal = trial or 0, None
     if recordings is not None:
         rows = recorded_trials(recordings, spikes, np.array([raster.existing_trial(spikes, trial)]))
         if rows is None:
             raise InputError(f"recordings: do not hold trial {trial} of the spikes; give those that were encoded")
         signal = (recordings.signals[rows[0]], recordings.sampling_rate_Hz, recordings.unit)
-    return raster.draw_raster(spikes, trial, signal, start_s, stop_s)
+    return raster.draw_raster(spikes, trial, signal, start_s or 0.0, stop_s)
 
 
 def save_raster(

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -14,8 +14,8 @@ from neurotact.data.description import MOST_TAXELS as MOST_TAXELS
 from neurotact.data.onset import common_onset_s
 from neurotact.data.readers import arrays, folder
 from neurotact.data.readers import one_table as sample_table
-from neurotact.data.readers.clock.units import Unit as Unit
 from neurotact.data.readers.columns import OF_EVENTS, LayoutSpec
+from neurotact.data.readers.event_spec import EventSpec
 from neurotact.data.readers.folder import NamingSpec
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import Reader as Reader
@@ -82,7 +82,7 @@ def read(
 def read_folder(
     path: str | Path,
     sampling_rate_Hz: float | None = None,
-    unit: str = "",
+    unit: str | None = None,
     *,
     naming: NamingSpec = NamingSpec(),
     layout: LayoutSpec = LayoutSpec(),
@@ -102,7 +102,7 @@ def read_folder(
     Recordings(12 trials x 2 taxels, 60 samples at 1000 Hz (0.06 s), mV, 2 classes)
     """
     choice = TrialChoice.of(where, leave_out)
-    recordings = folder.read(path, sampling_rate_Hz, unit, naming=naming.given(), layout=layout.given())
+    recordings = folder.read(path, sampling_rate_Hz, unit or "", naming=naming.given(), layout=layout.given())
     return chosen_trials(recordings, choice, str(path))
 
 
@@ -111,7 +111,7 @@ def read_folder(
 def read_table(
     path: str | Path,
     sampling_rate_Hz: float | None = None,
-    unit: str = "",
+    unit: str | None = None,
     *,
     label: str | None = None,
     trial: str | Sequence[str] = (),
@@ -137,14 +137,14 @@ def read_table(
     """
     spec = {"label": label, "trial": trial, "segments": segments, "annotations": annotations and str(annotations)}
     choice = TrialChoice.of(where, leave_out)._asdict()
-    return sample_table.read(path, sampling_rate_Hz, unit, {**layout.given(), **spec, **choice})
+    return sample_table.read(path, sampling_rate_Hz, unit or "", {**layout.given(), **spec, **choice})
 
 
 @in_few_lines
 def read_arrays(
     path: str | Path,
     sampling_rate_Hz: float | None = None,
-    unit: str = "",
+    unit: str | None = None,
     *,
     names: Mapping[str, str] | None = None,
     axes: str | None = None,
@@ -166,7 +166,7 @@ def read_arrays(
     Recordings(12 trials x 2 taxels, 60 samples at 1000 Hz (0.06 s), mV, 2 classes)
     """
     choice = TrialChoice.of(where, leave_out)
-    recordings = arrays.read(path, sampling_rate_Hz, unit, names=names, axes=axes, conditions=conditions)
+    recordings = arrays.read(path, sampling_rate_Hz, unit or "", names=names, axes=axes, conditions=conditions)
     return chosen_trials(recordings, choice, str(path))
 
 
@@ -212,55 +212,34 @@ def read_raster(
 def read_events(
     path: str | Path,
     *,
-    step_ms: float = 1.0,
-    time_unit: Unit | None = None,
-    origin: Literal["zero", "first"] = "zero",
-    duration_ms: float | None = None,
-    polarity: Literal["separate", "merge", "on", "off"] = "separate",
-    polarities: str | Sequence[str] = (),
-    channels: str | Sequence[str] = (),
-    n_channels: int | None = None,
-    sensor: str | None = None,
+    events: EventSpec = EventSpec(),
     names: Mapping[str, str] | None = None,
     naming: NamingSpec = NamingSpec(),
-    merge_events: bool = False,
     where: Conditions | None = None,
     leave_out: LeftOut = None,
 ) -> SpikeTrains:
     """Read a file of events (CSV, NPZ, NPY, HDF5), or a folder of one file per trial: `neurotact import events`.
 
-    step_ms: of the clock; events of a channel within one step are one spike. time_unit: of the times ("s", "ms", "us",
-        "ns"); when None that of the file (as in `time_us`), else s, or us for arrays of x, y, t, p.
-    origin: the start of a trial: time zero, or its first event. duration_ms: of every trial; up to the last event when
-        None.
-    polarity: a population for each, one for both ("merge"), or the events of one alone. polarities: their names, from
-        the lowest value; OFF and ON when empty.
-    channels: names of the channels, from channel 0. n_channels: how many there are; up to the last event's when None.
-    sensor: columns and rows of the grid of x, y, t, p events, such as "34x34".
+    events: the clock, the populations and the channels, such as `nt.Events(step_ms=0.5, polarity="merge")`.
     names: what the file calls time, channel, polarity (or population), trial and label.
     naming: of a folder, as of `read_folder`.
-    merge_events: whether more than 1 % of the events may become one spike with another.
     where, leave_out: the trials to keep and to leave out, as of `read`.
     Raises InputError, which names the file, the place and the fix.
 
-    >>> spikes = nt.read_events("events.csv", step_ms=1.0)
+    >>> spikes = nt.read_events("events.csv", events=nt.Events(step_ms=1.0))
     >>> len(spikes), spikes.steps[0].tolist(), spikes.units[0].tolist()
     (12, [1, 4, 9], [0, 1, 0])
     """
     choice = TrialChoice.of(where, leave_out)
-    options = {
-        "step_ms": step_ms, "time_unit": time_unit, "origin": origin, "duration_ms": duration_ms, "polarity": polarity,
-        "polarities": polarities, "channels": channels, "n_channels": n_channels, "sensor": sensor,
-        "merge_events": merge_events,
-    }  # fmt: skip
-    trains = plugins.load_function("tools", "import_events")(path, options, names=names, naming=naming.given())
-    return chosen_trials(trains, choice, str(path))
+    options, read = events.given(), plugins.load_function("tools", "import_events")
+    return chosen_trials(read(path, options, names=names, naming=naming.given()), choice, str(path))
 
 
-def fetch(name: str | None = None, out: str | Path | None = None, *, tell: Tell = print) -> None:
+def fetch(name: str | None = None, out: str | Path | None = None, *, show: Tell = print) -> None:
     """Download a public tactile data set to the folder `out`, as `neurotact fetch` does; without a name, list the sets.
 
-    out: its name in $NEUROTACT_DATA if None. Licence, size and citation are told first; files that exist are kept.
+    out: its name in $NEUROTACT_DATA if None. Licence, size and citation are shown first; files that exist are kept.
+    show: called with each line.
     Raises InputError for an unknown set, and where it cannot be downloaded, with the steps by hand.
 
     >>> nt.fetch("fabricslide", "fabricslide/")  # doctest: +SKIP
@@ -268,29 +247,29 @@ def fetch(name: str | None = None, out: str | Path | None = None, *, tell: Tell 
     effects.check(out=out, name=name)
     if name is None:
         for key, about in public.SETS.items():
-            tell(f"{key}: {about.about}")
+            show(f"{key}: {about.about}")
         return
     about = public.public_set(name)
     folder = Path(out) if out else sources.expand(f"$NEUROTACT_DATA/{name}")
-    tell(f"{name}: {about.about}")
+    show(f"{name}: {about.about}")
     facts = {"licence": about.licence, "size": about.size, "cite": about.citation, "page": about.page}
     for what, fact in facts.items():
-        tell(f"{what}: {fact}")
+        show(f"{what}: {fact}")
     with track("fetch", max(1, len(public.missing(name, folder)))) as advance:
         n_files = public.fetch(name, folder, advance)
     n_there = len(public.registry_of(name)) - n_files
-    tell(f"{folder}: {n_files} files downloaded, {n_there} existed; neurotact import {about.reader} reads them")
+    show(f"{folder}: {n_files} files downloaded, {n_there} existed; neurotact import {about.reader} reads them")
 
 
-def describe(file: str | Path, *, all: bool = False, tell: Tell = print) -> None:
+def describe(file: str | Path, *, all: bool = False, show: Tell = print) -> None:
     """Tell what a file of recordings or spikes holds, as `neurotact info` does, in lines and tables.
 
     Classes and conditions, the length and rate of trials, when the touch begins, and the range of each taxel or the
-    rate of each population. all: a row for each taxel, however many there are.
+    rate of each population. all: a row for each taxel, however many there are. show: called with each line and table.
     Raises InputError for a file that is neither.
 
     >>> lines = []
-    >>> nt.describe("touch.h5", tell=lines.append)
+    >>> nt.describe("touch.h5", show=lines.append)
     >>> lines[0]
     'touch.h5: 30 trials of 2 classes, 2 taxels, in mV'
     """
@@ -299,35 +278,35 @@ def describe(file: str | Path, *, all: bool = False, tell: Tell = print) -> None
     if kind == "recordings":
         with hdf5.open_recordings(file) as data:
             size = f"{len(data)} trials of {len(data.classes)} classes, {data.n_channels} taxels, in {data.unit}"
-            _describe(f"{file}: {size}", data, data.lengths, common_onset_s(data), tell)
+            _describe(f"{file}: {size}", data, data.lengths, common_onset_s(data), show)
             taxels = description.taxels_table(data)
             is_short = all or len(taxels) <= MOST_TAXELS
-            tell(taxels if is_short else description.taxels_summary(taxels))
+            show(taxels if is_short else description.taxels_summary(taxels))
             if dead := description.constant_taxels(taxels):
-                tell(f"constant within every trial: {some(dead)}")
+                show(f"constant within every trial: {some(dead)}")
             if not is_short:
-                tell("`all=True` prints a row for each taxel")
+                show("`all=True` prints a row for each taxel")
             lines = doubtful.lines(data)
     else:
         spikes = hdf5.load_spikes(file)
-        _describe(f"{file}: {spikes!r}", spikes, np.asarray(spikes.trial_steps), timing_of(spikes).touch_s, tell)
-        tell(description.afferents_table(spikes))
+        _describe(f"{file}: {spikes!r}", spikes, np.asarray(spikes.trial_steps), timing_of(spikes).touch_s, show)
+        show(description.afferents_table(spikes))
         lines = doubtful.lines(spikes)
     for line in lines:
-        tell(line)
+        show(line)
 
 
 def _describe(
-    title: str, data: hdf5.StoredRecordings | SpikeTrains, lengths: np.ndarray, onset_s: float, tell: Tell
+    title: str, data: hdf5.StoredRecordings | SpikeTrains, lengths: np.ndarray, onset_s: float, show: Tell
 ) -> None:
-    tell(title)
-    tell(description.lengths_line(lengths, data.sampling_rate_Hz))
+    show(title)
+    show(description.lengths_line(lengths, data.sampling_rate_Hz))
     if onset_s:
-        tell(
+        show(
             f"the touch begins about {1e3 * onset_s:.0f} ms after the start of a trial "
             "(`nt.train(..., window=nt.Window(start_ms=...))`)"
         )
-    tell(description.conditions_table(data.conditions))
+    show(description.conditions_table(data.conditions))
 
 
 def load(path: str | Path) -> Recordings | SpikeTrains:

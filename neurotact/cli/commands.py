@@ -22,40 +22,41 @@ class Place(NamedTuple):
 
 COMMANDS = {
     "list": Place(
-        "specs",
-        "list_specs",
+        "specs", "list_specs",
         "List the specs that ship, and other packages' parts: encoders, networks, search spaces, studies, price lists.",
     ),
     "show": Place("specs", "show", "Print a spec, with the comments that give its sources."),
     "copy": Place("specs", "copy", "Copy a spec to this folder, to edit it and pass its path."),
     "simulate": Place("simulate", "app", "Simulate an experiment."),
-    "fetch": Place("fetch", "fetch", "Download a public tactile data set."),
+    "fetch": Place("datasets", "fetch", "Download a public tactile data set."),
     "import": Place("recordings", "app", "Convert recordings to one HDF5 file."),
-    "info": Place("info", "info", "Describe the content of a file of recordings or spikes."),
+    "info": Place("datasets", "info", "Describe the content of a file of recordings or spikes."),
     "calibrate": Place("encoding", "calibrate", "Find an encoder's gains for a sensor, from its training trials."),
     "encode": Place("encoding", "encode", "Turn whole trials into the spikes of SA-I and RA-I afferents."),
     "raster": Place(
-        "encoding", "raster", "Draw a trial's spikes (.png, .svg, .pdf), or write those of all trials (.csv, .nwb)."
+        "encoding", "raster",
+        "Draw a trial's spikes (.png, .svg, .pdf), or write those of all trials (.csv, .nwb).",
     ),
     "train": Place("networks", "train_command", "Train a network on windows of spike trains."),
     "conditions-curve": Place(
-        "networks",
-        "conditions_curve",
+        "networks", "conditions_curve",
         "How many values of a condition must be recorded, such as speeds.",
     ),
     "tune": Place("networks", "tune", "Search a network's hyperparameters on validation windows."),
     "infer": Place("networks", "infer", "Classify every window with a trained network, and count its operations."),
     "sops": Place("networks", "sops", "Write the synaptic operations of each test window (.csv, .json, .md)."),
     "fine-tune": Place(
-        "export", "fine_tune", "Continue the training of a network with rounded weights, for an export with few bits."
+        "export", "fine_tune",
+        "Continue the training of a network with rounded weights, for an export with few bits.",
     ),
     "stream": Place("deploy", "stream", "Classify samples as they arrive, from a pipe, a device or a file."),
     "live": Place("live", "live", "Show a running chain on a local page with sliders: touch, spikes, decision."),
     "export": Place(
-        "export", "export_command", "Write a trained run as C, NIR or in another form, or check it against a chip."
+        "export", "export_command",
+        "Write a trained run as C, NIR or in another form, or check it against a chip.",
     ),
     "study": Place("studies", "app", "Run, resume and report studies."),
-}
+}  # fmt: skip
 
 
 def _load(name: str) -> Any:

@@ -11,14 +11,25 @@ import typer
 
 from neurotact.api import deployment as api
 from neurotact.api import tools
-from neurotact.cli.deploy import Contact, FullWindow, QuietMs, RateHz, StartMs, WindowMs
-from neurotact.cli.options import MOST_SEEDS, REPLACED, Force, HopMs, MovedSpikes, RunFolder, calling, flag, option
-from neurotact.cli.options import Json as Json
+from neurotact.cli.options import (
+    MOST_SEEDS,
+    REPLACED,
+    Force,
+    Json,
+    MovedSpikes,
+    RunFolder,
+    calling,
+    flag,
+    of_spec,
+    option,
+    spec_of,
+)
 from neurotact.cli.output import print_json, show, unless
 from neurotact.cli.words import say
 from neurotact.effects import NoEffectError, is_given
 from neurotact.errors import InputError
 from neurotact.plugins import names
+from neurotact.spec import Spec
 
 
 @calling(
@@ -48,13 +59,6 @@ def fine_tune(given: dict[str, Any], as_json: Json = False) -> None:
 OF_CHAINS = {
     "recordings": option(Path | None, "The recordings that the run was trained on, if they were moved."),
     "spikes": MovedSpikes,
-    "sampling_rate_Hz": RateHz,
-    "length_ms": WindowMs,
-    "start_ms": StartMs,
-    "hop_ms": HopMs,
-    "contact": Contact,
-    "quiet_ms": QuietMs,
-    "early_exit": FullWindow,
     "prove": option(
         int | None, "Run the export, and compare this many test trials spike by spike.", min=0, show_default="0"
     ),
@@ -82,8 +86,9 @@ def _export(
         return
     if to is None or out is None:
         raise InputError(f"export: needs --to NAME ({', '.join(names('exporters'))}) and -o, or --check TARGET")
-    if "full_window" in given and "early_exit" in api.exporter(to).parameters:
-        given["early_exit"] = not given.pop("full_window")
+    for name, kind in _specs_of(api.usable()).items():
+        fields = {each.name: given.pop(each.name) for each in of_spec(name, kind) if each.name in given}
+        given |= {name: spec_of(name, kind, fields, "export")} if fields else {}
     api.export(run, out, to, force=force, tell=show, **given)
 
 
@@ -126,8 +131,12 @@ def _options_of(exporters: dict[str, api.Exporter]) -> Iterator[inspect.Paramete
     for to, each in exporters.items():
         for name in each.parameters:
             owners.setdefault(name, []).append(to)
+    specs = _specs_of(exporters)
     for name, having in owners.items():
         first = exporters[having[0]]
+        if name in specs:
+            yield from of_spec(name, specs[name])
+            continue
         if name in OF_CHAINS:
             described = OF_CHAINS[name]
         elif name in first.options:
@@ -135,8 +144,12 @@ def _options_of(exporters: dict[str, api.Exporter]) -> Iterator[inspect.Paramete
         else:
             continue
         absent = False if bool in get_args(described)[:1] else None
-        name = "full_window" if name == "early_exit" else name
         yield inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=absent, annotation=described)
+
+
+def _specs_of(exporters: dict[str, api.Exporter]) -> dict[str, type[Spec]]:
+    """The parameters of exporters that are specs."""
+    return {name: kind for each in exporters.values() for name, kind in each.specs.items()}
 
 
 def _described(parameter: inspect.Parameter, help: str) -> Any:

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from neurotact.api import tools
-from neurotact.cli.deploy import OF_SAMPLES, FullWindow
 from neurotact.cli.options import calling, flag, option
 from neurotact.cli.words import say
 
@@ -25,16 +24,15 @@ MOST_PORTS = 65_535
     shuffle=flag("--shuffle", "Replay the trials of recordings in a random order."),
     save_to=option(Path | None, "Folder for encoders saved from the page.", "--save-to", file_okay=False),
     port=option(int, "Port of the page; 0 chooses a free one.", min=0, max=MOST_PORTS),
-    **OF_SAMPLES,
 )  # fmt: skip
-def live(given: dict[str, Any], full_window: FullWindow = False) -> None:
+def live(given: dict[str, Any]) -> None:
     """Show a running chain on a local page with sliders: touch, spikes, decision.
 
     Prints the address to open in a browser on this machine, and serves the page until Ctrl-C. Recordings are replayed
     at their own rate; a device is read as its samples arrive; gratings is a simulated finger that the page moves (--set
     changes its spec). The page's sliders change refractory periods, gains and patience of the running stream.
     """
-    say(tools.live(**given, early_exit=not full_window, tell=_print_at_once))
+    say(tools.live(**given, show=_print_at_once))
     sys.exit(0)
 
 

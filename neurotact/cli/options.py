@@ -30,7 +30,6 @@ MovedSpikes = Annotated[
     Path | None, typer.Option("--spikes", help="The spikes that the run was trained on, if they were moved.")
 ]
 StudyFolder = Annotated[Path, typer.Argument(help="The folder of a study.")]
-HopMs = Annotated[float | None, typer.Option(help="Time between the starts of windows; the window length when absent.")]
 
 
 def option(kind: Any, help: str, *names: str, **more: Any) -> Any:
@@ -169,10 +168,7 @@ def calling(function: Callable[..., Any], **described: Any) -> Callable[[Callabl
         theirs: list[inspect.Parameter] = []
         for name, param in _parameters(function).items():
             if name in specs:
-                for path, field in fields_of(name, specs[name], described.get(name, "")).items():
-                    own = described.get(name_of(path)) or of_field(path, field)
-                    default = False if field.annotation is bool else None
-                    theirs.append(inspect.Parameter(name_of(path), param.KEYWORD_ONLY, default=default, annotation=own))
+                theirs += of_spec(name, specs[name], described)
             elif options.get(name):
                 theirs.append(_option(param, options[name]))
         own = [param.replace(kind=param.KEYWORD_ONLY) for name, param in _parameters(run).items() if name != "given"]
@@ -188,6 +184,19 @@ def calling(function: Callable[..., Any], **described: Any) -> Callable[[Callabl
     return decorated
 
 
+def of_spec(name: str, kind: type[Spec], described: Mapping[str, Any] = {}) -> list[inspect.Parameter]:
+    """The fields of a parameter that is a spec, as options; described: as of `calling`."""
+    return [
+        inspect.Parameter(
+            name_of(path),
+            inspect.Parameter.KEYWORD_ONLY,
+            default=False if field.annotation is bool else None,
+            annotation=described.get(name_of(path)) or of_field(path, field),
+        )
+        for path, field in fields_of(name, kind, described.get(name, "")).items()
+    ]
+
+
 def arguments(function: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, Any]:
     """The arguments of a function of `neurotact.api` from the values of options, of which None is not given.
 
@@ -201,11 +210,11 @@ def arguments(function: Callable[..., Any], values: Mapping[str, Any]) -> dict[s
     if "settings" in values:
         parsed["settings"] = parse_assignments(values["settings"] or [])
     others = {key: value for key, value in values.items() if key not in _parameters(function)}
-    parsed |= {name: _spec(name, kind, others, function.__name__) for name, kind in specs_of(function).items()}
+    parsed |= {name: spec_of(name, kind, others, function.__name__) for name, kind in specs_of(function).items()}
     return {name: parsed[name] for name in _parameters(function) if parsed.get(name) is not None}
 
 
-def _spec(parameter: str, kind: type[Spec], values: Mapping[str, Any], source: str) -> Spec | None:
+def spec_of(parameter: str, kind: type[Spec], values: Mapping[str, Any], source: str) -> Spec | None:
     """The spec that options describe; None where none of them is given."""
     fields, table = fields_of(parameter, kind), {}
     for path, field in fields.items():

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from neurotact import files
 from neurotact.api import recordings as api
 from neurotact.api import tools
-from neurotact.api.recordings import Reader, Recordings, SpikeTrains, Unit, reader
+from neurotact.api.recordings import Reader, Recordings, SpikeTrains, reader
 from neurotact.api.settings import Layout
 from neurotact.cli.help import Command
 from neurotact.cli.lazy import add_plugins, new_app
@@ -127,18 +127,6 @@ def import_raster(given: dict[str, Any], out: OutFile, force: Force = False) -> 
 @app.command("events", cls=Command)
 @calling(
     api.read_events,
-    step_ms=option(float, "Time step of the spikes."),
-    time_unit=option(Unit | None, "Unit of the times.", show_default="of the file, else s; us for x, y, t, p"),
-    origin=option(Literal["zero", "first"], "Start of a trial: time zero, or its first event."),
-    duration_ms=option(float | None, "Length of every trial.", show_default="up to the last event"),
-    polarity=option(
-        Literal["separate", "merge", "on", "off"],
-        "One population per polarity, one for both (merge), or one polarity only.",
-    ),
-    polarities=option(str | None, "Names of the polarities, from the lowest value.", show_default="OFF,ON"),
-    channels=option(str | None, "Names of the channels, from channel 0."),
-    n_channels=option(int | None, "Number of channels.", show_default="up to the last event's"),
-    sensor=option(str | None, "Size of the grid of x, y, t, p events, as in 34x34."),
     names=option(
         Texts,
         "Names of time, channel, polarity (or population), trial or label in the file, as in "
@@ -146,7 +134,6 @@ def import_raster(given: dict[str, Any], out: OutFile, force: Force = False) -> 
         metavar="WHAT=NAME",
     ),
     conditions=option(Path | None, "For a folder: a CSV file of conditions."),
-    merge_events=MERGE_EVENTS,
     **OF_FOLDERS,
 )
 def import_events(given: dict[str, Any], out: OutFile, force: Force = False) -> None:

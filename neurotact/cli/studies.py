@@ -28,7 +28,10 @@ app = new_app("Run, resume and report studies.")
     api.run_study,
     name=Annotated[str, typer.Argument(help="Name or path of a study spec.")],
     quick=flag("--quick", "A smaller sweep of the same kind."),
-    data=option(Path | None, "A file of recordings of your own, for own-recordings and ways-to-save."),
+    data=option(
+        Path | None,
+        "A file of recordings of your own, for own-recordings, which-encoder, ways-to-save or untrained-conditions.",
+    ),
     window="window_ms",
     split="test_where group order folds leave_out_each repeats",
 )

@@ -27,11 +27,7 @@ Other rooms take:
     readers.clock.units: DAY_S, UNIT_S, Unit, unit_in, without_unit
     readers.columns: LayoutSpec, OF_EVENTS, Samples, called, read_table
     readers.doubts: Fixes
-    readers.folder: NamingSpec, conditions_of, read
-    readers.formats: Arrays, Cells, Format
-    readers.formats.contents: FLAC, HDF5, LVM, MATLAB, MCAP, NPY, NPZ, PARQUET, ROS_BAG, SOUND, SQLITE, TDMS, TORCH,
-        ZIP, check_content, content_of, content_of_bytes, damaged_as
-    readers.formats.numpy_files: read_array, read_arrays
+    readers.event_spec: EventSpec
     readers.one_table: read
     readers.table.cells: COMMENT, DECIMAL_COMMA, Decimal, FLOAT32_MAX, MAX_CHANNELS, NOT_FINITE, NUMBER, THOUSANDS,
         Table, as_signal, cells, check_digits, columns_of, grouping_of, is_value, lines_of, numbers, table_of,

@@ -11,8 +11,8 @@ Other rooms take:
 
     chain: Chain, LARGEST, build_encoder, chain_of, encoder_of
     exporters: Exporter, export, exporter, usable
-    sources: Arrived, DEFAULT_BAUD, Layout, STALL_S, at_its_rate, decide, kind_of, live, recorded, trouble_of,
-        waiting
+    sources: Arrived, at_its_rate, decide, kind_of, live, parser_of, recorded, trouble_of, waiting
     stream: Stream
     stream_state: Decision, Trace
+    streamed: SampleSpec, StreamedSpec
 """

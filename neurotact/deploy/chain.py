@@ -5,9 +5,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from neurotact import effects, plugins
+from neurotact import plugins
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.recordings import check_sampling_rate
+from neurotact.data.windows import WindowSpec
+from neurotact.deploy.streamed import StreamedSpec
 from neurotact.deploy.windows import WindowPlan
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.model import EncoderSpec, name_in, of_name
@@ -19,7 +21,7 @@ from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.training.trained import Restored
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
-from neurotact.spec import build
+from neurotact.spec import build, takes_specs
 
 LARGEST = 1e20
 """A sample beyond it counts as missing, as an infinite one does: what a chain computes from others stays finite."""
@@ -73,28 +75,16 @@ class Chain(NamedTuple):
         return Subject(self.encoder, self.network, self.rule)
 
 
-def chain_of(
-    source: Fitted | tuple[EncoderSpec, RSNN],
-    *,
-    sampling_rate_Hz: float | None = None,
-    early_exit: bool = True,
-    length_ms: float | None = None,
-    start_ms: float | None = None,
-    hop_ms: float | None = None,
-    contact: bool = False,
-    quiet_ms: float | None = None,
-) -> Chain:
+@takes_specs
+def chain_of(source: Fitted | tuple[EncoderSpec, RSNN], streamed: StreamedSpec = StreamedSpec()) -> Chain:
     """The chain of a run folder that `train` wrote, of a fitted classifier or pipeline, or of an encoder and a network.
 
-    sampling_rate_Hz: of the samples. If the encoder resamples, None takes that of the recordings that the network was
-    trained on, where it is known; otherwise it is equal to the clock.
-    early_exit: decide as soon as the run's validated patience allows; otherwise at the end of a window.
-    length_ms, start_ms, hop_ms, contact, quiet_ms: as for `WindowPlan`; None: as in training.
+    streamed: what is not given is as in training. If the encoder resamples, the sampling rate is then that of the
+    recordings that the network was trained on, where it is known; otherwise it is equal to the clock.
     Raises InputError, which names the fix, for what cannot run sample by sample.
     """
-    effects.check(contact=contact, hop_ms=hop_ms, quiet_ms=quiet_ms)
-    rule, classes, settings = FULL_WINDOW, None, {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms}
-    recorded_Hz: float | None = None
+    rule, classes, trained = FULL_WINDOW, None, WindowSpec()
+    sampling_rate_Hz, recorded_Hz = streamed.sampling_rate_Hz, None
     taxels: tuple[str, ...] | None = None
     if isinstance(source, tuple):
         encoder, network = source[0], rsnn_of("stream", source[1])
@@ -102,17 +92,14 @@ def chain_of(
         restored = fitted.restore(source)
         encoder, classes = build_encoder(restored, fitted.name_of(source)), restored.classes
         network = rsnn_of("stream", restored.network)
-        rule = restored.exits(early_exit)
-        recorded_Hz = restored.recorded_Hz
+        rule = restored.exits(not streamed.full_window)
+        recorded_Hz, trained = restored.recorded_Hz, restored.task.window
         if restored.afferents is not None:
             taxels = taxel_names(restored.afferents, restored.encoder or {})
-        trained_window = restored.task.window
-        for key in settings:
-            settings[key] = getattr(trained_window, key) if settings[key] is None else settings[key]
     require("stream", Subject(encoder, network, rule))
     _check_taxels(encoder, network)
     clock_Hz = network.sampling_rate_Hz
-    windows = WindowPlan.of(clock_Hz, contact=contact, quiet_ms=quiet_ms, **settings)
+    windows = WindowPlan.of(clock_Hz, streamed, trained)
     if sampling_rate_Hz is None and encoder.conditioning.resample_Hz is not None:
         sampling_rate_Hz = recorded_Hz
     rate_Hz = _input_rate(encoder, clock_Hz, sampling_rate_Hz)

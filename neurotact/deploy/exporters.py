@@ -10,6 +10,7 @@ from neurotact.effects import NoEffectError
 from neurotact.errors import InputError
 from neurotact.networks.use.fitted import Fitted
 from neurotact.progress import Tell, untold
+from neurotact.spec import Spec, refuse_fields, specs_of
 
 
 class Exporter(NamedTuple):
@@ -35,6 +36,11 @@ class Exporter(NamedTuple):
         """Of `export`, after the run and the path."""
         found = inspect.signature(self.export, eval_str=True).parameters
         return {name: found[name] for name in [*found][2:]}
+
+    @property
+    def specs(self) -> Mapping[str, type[Spec]]:
+        """Those of these parameters that are specs, such as `streamed`."""
+        return specs_of(self.export, eval_str=True)
 
 
 def exporter(name: str) -> Exporter:
@@ -70,9 +76,11 @@ def export(
     """
     chosen = exporter(to)
     has = chosen.parameters
-    for name in options:
-        if name not in has and options[name] is not None:
-            raise NoEffectError(f"`{name}`: has no effect with `to={to!r}`; {_owners(name)}leave it out")
+    for name, value in options.items():
+        if name not in has and value is not None:
+            refuse_fields([name], chosen.specs, "export")
+            first = next(iter(value.given()), name) if isinstance(value, Spec) else name
+            raise NoEffectError(f"`{first}`: has no effect with `to={to!r}`; {_owners(name)}leave it out")
     given = {**options, "force": force, "tell": tell}
     if "force" not in has:
         files.check_new(out, force=force)

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from neurotact import effects
 from neurotact.data import hdf5
 from neurotact.data.readers.clock.units import UNIT_S
 from neurotact.data.readers.formats.contents import content_of_bytes
@@ -27,16 +26,13 @@ from neurotact.data.recordings import order_by_name
 from neurotact.deploy.stamped_rows import Faults, Placed, StampedRows
 from neurotact.deploy.stream import Decision, Stream
 from neurotact.deploy.stream_state import Tally
+from neurotact.deploy.streamed import SampleSpec
 from neurotact.errors import InputError, optional
 
 READ_BYTES = 1 << 16
 LONGEST_ROW = 1 << 20
-FORMATS = ("csv", "float32", "int16")
-STALL_S = 1.0
-"""Time without input that counts as a gap, if none is given."""
 SERIAL = "serial:"
 """Prefix of the device of a serial port."""
-DEFAULT_BAUD = 115_200
 LATE_S = 0.01
 """A block is late if its delay exceeds this and its own duration."""
 HOPELESS_S = 0.5
@@ -251,49 +247,23 @@ def trouble_of(tally: Tally, faults: Faults) -> str:
     return ", ".join(filter(None, (tally.trouble(), faults.trouble())))
 
 
-class Layout(NamedTuple):
-    """The format of samples in text or bytes.
-
-    format: csv, float32 or int16. time_column: s, ms, us or ns, if the first column of a csv is the time.
-    lsb, zero: of int16.
-    """
-
-    format: str = "csv"
-    time_column: str | None = None
-    lsb: float = 1.0
-    zero: float = 0.0
-
-    @classmethod
-    def of(cls, format: str | None, time_column: str | None, lsb: float | None, zero: float | None) -> "Layout":
-        """A layout in which None means not given; InputError for what the format does not use.
-
-        >>> Layout.of("int16", None, 0.5, None)
-        Layout(format='int16', time_column=None, lsb=0.5, zero=0.0)
-        """
-        given = {"format": format, "time_column": time_column, "lsb": lsb, "zero": zero}
-        effects.check(**given)
-        return cls(**{key: value for key, value in given.items() if value is not None})
-
-    def parser(
-        self, where: str, n_taxels: int, rate_Hz: float, faults: Faults, taxels: tuple[str, ...] | None = None
-    ) -> Rows | Frames:
-        """The parser of the format; InputError for an unknown format or unit. taxels: as for `Rows`."""
-        if self.format not in FORMATS:
-            raise InputError(f"`format={self.format!r}`: is unknown; choose one of {', '.join(FORMATS)}")
-        if self.time_column is not None and self.time_column not in UNIT_S:
-            raise InputError(f"`time_column={self.time_column!r}`: is unknown; choose one of {', '.join(UNIT_S)}")
-        self._check_digits()
-        if self.format != "csv":
-            return Frames(where, n_taxels, self.format, faults, self.lsb, self.zero)
-        unit_s = None if self.time_column is None else UNIT_S[self.time_column]
-        return Rows(where, n_taxels, rate_Hz, faults, unit_s, taxels=taxels, joins=where.startswith(SERIAL))
-
-    def _check_digits(self) -> None:
-        """InputError for digits of which a signal is not finite."""
-        if not abs(self.lsb) * 2**15 + abs(self.zero) <= FLOAT32_MAX:
-            raise InputError(
-                f"`lsb={self.lsb:g}`, `zero={self.zero:g}`: zero + lsb * x is beyond float32; give smaller numbers"
-            )
+def parser_of(
+    samples: SampleSpec,
+    where: str,
+    n_taxels: int,
+    rate_Hz: float,
+    faults: Faults,
+    taxels: tuple[str, ...] | None = None,
+) -> Rows | Frames:
+    """The parser of text or bytes; InputError for digits of which a signal is not finite. taxels: as for `Rows`."""
+    if not abs(samples.lsb) * 2**15 + abs(samples.zero) <= FLOAT32_MAX:
+        raise InputError(
+            f"`lsb={samples.lsb:g}`, `zero={samples.zero:g}`: zero + lsb * x is beyond float32; give smaller numbers"
+        )
+    if samples.format != "csv":
+        return Frames(where, n_taxels, samples.format, faults, samples.lsb, samples.zero)
+    unit_s = None if samples.time_column is None else UNIT_S[samples.time_column]
+    return Rows(where, n_taxels, rate_Hz, faults, unit_s, taxels=taxels, joins=where.startswith(SERIAL))
 
 
 def live(
@@ -303,7 +273,7 @@ def live(
     stall_s: float,
     *,
     tick_s: float | None = None,
-    baud: int = DEFAULT_BAUD,
+    baud: int = SampleSpec().baud,
 ) -> Iterator[Arrived]:
     """A pipe, a device file or a file, read as data arrive; `-` is standard input, `serial:/dev/...` a serial port.
 

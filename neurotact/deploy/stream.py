@@ -14,7 +14,6 @@ from typing import Any, cast
 import numpy as np
 import torch
 
-from neurotact import effects
 from neurotact.backend import Backend, use_native
 from neurotact.data.conditioning import Conditioner
 from neurotact.data.recordings import order_by_name, unit_factor
@@ -22,6 +21,7 @@ from neurotact.deploy import running, stream_file
 from neurotact.deploy.chain import LARGEST, Chain, chain_of
 from neurotact.deploy.native import CompiledStream, Decided, Remembered
 from neurotact.deploy.stream_state import Decision, StreamState, Tally, Trace, copied
+from neurotact.deploy.streamed import SampleSpec, StreamedSpec
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.model import EncoderSpec
 from neurotact.encoders.specs import conditioning_of, encode, finish, is_exact
@@ -40,21 +40,20 @@ class Stream:
 
     source: a run folder that `train` wrote, a fitted `SpikingClassifier` or a pipeline that ends in one, a `Chain`, or
         an encoder and a network.
+    streamed: the rate, the windows and their decisions, such as `nt.Streamed(hop_ms=20)`; what is not given is as in
+        training. Not for a `Chain`, which has them.
     unit: of the samples; None: that of the encoder.
     hold_ms: for how long a missing value is replaced by the last valid one; at least one sample.
     backend: the compiled step or the reference, which decide the same.
     watch: called with a `Trace` of the processed steps, block by block; the decisions are the same.
-    sampling_rate_Hz: of the samples; if None, as recorded. early_exit: decide as soon as the run's validated
-        rule allows; otherwise at the end of a window.
-    length_ms, start_ms, hop_ms: of the windows; None: as in training. contact: start a window at the first spike after
-        `quiet_ms` without one (`deploy.windows.QUIET_MS` if None). Not for a `Chain`, which has them.
 
     Decisions equal those of `encode` and `infer` on the whole trial, spike for spike, for any blocks.
     InputError for an encoder with a baseline of the whole trial, and for samples with another number of taxels.
 
     >>> from neurotact.encoders import specs
     >>> encoder = specs.load("sa1-ra1-lif", {"conditioning.baseline": "start"})
-    >>> stream = Stream((encoder, RSNN(16, 2, hidden=4, sampling_rate_Hz=2000.0)), length_ms=5)
+    >>> network = RSNN(16, 2, hidden=4, sampling_rate_Hz=2000.0)
+    >>> stream = Stream((encoder, network), streamed=StreamedSpec(length_ms=5))
     >>> [decision.steps for decision in stream.push(np.zeros((25, 8)))]
     [10, 10]
     """
@@ -63,30 +62,16 @@ class Stream:
         self,
         source: Fitted | Chain | tuple[EncoderSpec, RSNN],
         *,
+        streamed: StreamedSpec = StreamedSpec(),
         unit: str | None = None,
-        hold_ms: float = 5.0,
+        hold_ms: float = SampleSpec().hold_ms,
         backend: Backend = "auto",
         watch: Callable[[Trace], None] | None = None,
-        sampling_rate_Hz: float | None = None,
-        early_exit: bool = True,
-        length_ms: float | None = None,
-        start_ms: float | None = None,
-        hop_ms: float | None = None,
-        contact: bool = False,
-        quiet_ms: float | None = None,
     ) -> None:
-        options: dict[str, Any] = {
-            "sampling_rate_Hz": sampling_rate_Hz, "length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms,
-            "contact": contact, "quiet_ms": quiet_ms,
-        }  # fmt: skip
-        if isinstance(source, Chain):
-            given = [key for key, value in {**options, "early_exit": not early_exit}.items() if effects.is_given(value)]
-            if given:
-                raise InputError(f"{given[0]}: is an option of chain_of; give it there")
+        if isinstance(source, Chain) and streamed.given():
+            raise InputError("streamed: is an argument of chain_of; give it there")
         # An estimator is of an untyped class, of which a type checker thinks that it may be a Chain, too.
-        self.chain = (
-            cast(Chain, source) if isinstance(source, Chain) else chain_of(source, early_exit=early_exit, **options)
-        )
+        self.chain = cast(Chain, source) if isinstance(source, Chain) else chain_of(source, streamed)
         self._options: dict[str, Any] = {"unit": unit, "hold_ms": hold_ms, "backend": backend, "watch": watch}
         encoder, rate_Hz = self.chain.encoder, self.chain.sampling_rate_Hz
         factor = unit_factor(unit or encoder.unit, encoder.unit, "samples")

@@ -5,11 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from neurotact.data.windows import WindowSpec, steps_of
+from neurotact.deploy.streamed import StreamedSpec
 from neurotact.errors import InputError
-from neurotact.spec import build
 
-QUIET_MS = 50.0
-"""Time without a spike before a contact, if none is given."""
 MOST_AT_ONCE = 64
 """Maximum number of windows that overlap; each is a separate network."""
 LONGEST_QUIET = 2**31
@@ -31,33 +29,26 @@ class WindowPlan:
     quiet: int = 0
 
     @staticmethod
-    def of(
-        clock_Hz: float,
-        *,
-        length_ms: float | None = None,
-        start_ms: float | None = None,
-        hop_ms: float | None = None,
-        contact: bool = False,
-        quiet_ms: float | None = None,
-    ) -> "WindowPlan":
-        """A plan from milliseconds; values that are None are those of `WindowSpec`, and `QUIET_MS`.
+    def of(clock_Hz: float, streamed: StreamedSpec, trained: WindowSpec = WindowSpec()) -> "WindowPlan":
+        """A plan from milliseconds; values that are None are those of `trained`.
 
-        >>> WindowPlan.of(2000.0, length_ms=150, hop_ms=50)
+        >>> WindowPlan.of(2000.0, StreamedSpec(length_ms=150, hop_ms=50))
         WindowPlan(length=300, start=0, hop=100, quiet=0)
         """
-        given = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms}
-        spec = build(WindowSpec, {key: value for key, value in given.items() if value is not None}, source="windows")
-        length, start, hop = steps_of(spec, clock_Hz)
-        if not contact:
+        given = {key: getattr(streamed, key) for key in ("length_ms", "start_ms", "hop_ms")}
+        window = {key: getattr(trained, key) if value is None else value for key, value in given.items()}
+        length, start, hop = steps_of(WindowSpec(**window), clock_Hz)
+        if not streamed.contact:
             if -(-length // hop) > MOST_AT_ONCE:
                 raise InputError(
                     f"hop_ms: {-(-length // hop)} windows would overlap, more than {MOST_AT_ONCE}; lengthen the hop"
                 )
             return WindowPlan(length, start, hop)
-        quiet_ms = QUIET_MS if quiet_ms is None else quiet_ms
-        quiet = quiet_ms * 1e-3 * clock_Hz
+        quiet = streamed.quiet_ms * 1e-3 * clock_Hz
         if not (quiet < LONGEST_QUIET and round(quiet) >= 1):
-            raise InputError(f"quiet_ms: {quiet_ms:g} ms is less than one step at {clock_Hz:g} Hz, or too long")
+            raise InputError(
+                f"quiet_ms: {streamed.quiet_ms:g} ms is less than one step at {clock_Hz:g} Hz, or too long"
+            )
         return WindowPlan(length, start, 0, round(quiet))
 
     @property

@@ -45,8 +45,9 @@ class EncoderSpec(Spec):
         return {name: model.spec for name, model in usable().items()} if cls is EncoderSpec else {}
 
     @classmethod
-    def of_parts(cls) -> Mapping[str, Mapping[str, Any]]:
+    def of_parts(cls, asked: str | None) -> Mapping[str, Mapping[str, Any]]:
         """The name of a model gives the defaults of its keys."""
+        plugins.has("encoders", asked)
         return {name: {"model": name} for name in names()}
 
 

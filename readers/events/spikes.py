@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -12,26 +12,23 @@ from neurotact_parts.readers.events.times import (
     MOST_COMPARED,
     EventTimes,
     InOrder,
-    Origin,
     joined_times,
     lengths_of,
     rounding_of,
     steps_of,
 )
-from pydantic import Field, field_validator
 
 from neurotact.data.readers.clock.stamps import of_length
-from neurotact.data.readers.clock.units import Unit
+from neurotact.data.readers.event_spec import MOST_AFFERENTS as MOST_AFFERENTS
+from neurotact.data.readers.event_spec import EventSpec as EventSpec
 from neurotact.data.recordings import LABEL, check_named_classes
 from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
 from neurotact.data.windows import LONGEST_STEPS
 from neurotact.errors import InputError, some
 from neurotact.files import check_size
-from neurotact.spec import Names, Spec
 
 log = logging.getLogger("neurotact")
 
-MOST_AFFERENTS = 65_536
 ROW = 2**31
 """Offset between rows of a grid, before its width is known."""
 BYTES_PER_EVENT = 100
@@ -45,40 +42,6 @@ OF_EVENTS = "if the unit of the times is another, give it with `time_unit`; divi
 """What to do about trials of events that are too short or too long."""
 ON_OFF = ("OFF", "ON")
 """The lower and the higher value of a polarity."""
-
-
-class EventSpec(Spec):
-    """How events become spikes."""
-
-    step_ms: float = Field(default=1.0, gt=0)
-    """The clock; events of an afferent within one step are one spike."""
-    merge_events: bool = False
-    """Whether more than 1 % of the events may become one spike with another of their afferent and step."""
-    time_unit: Unit | None = None
-    """Unit of the times; when absent, from the file (`time_us`), microseconds for x, y, t, p arrays, else seconds."""
-    origin: Origin = "zero"
-    """The start of a trial: time zero, or its first event."""
-    duration_ms: float | None = Field(default=None, gt=0)
-    """Length of every trial, later events are dropped; up to the last event of all when absent."""
-    polarity: Literal["separate", "merge", "on", "off"] = "separate"
-    """One population per polarity; one for both; or only the events of one polarity."""
-    polarities: Names = ()
-    """Names of the polarities, from the lowest value; OFF and ON when absent."""
-    channels: Names = ()
-    """Names of the channels, from channel 0."""
-    n_channels: int | None = Field(default=None, ge=1, le=MOST_AFFERENTS)
-    """Number of channels, including those without events; up to the highest with an event when absent."""
-
-    sensor: str | None = Field(default=None, pattern=r"^[1-9]\d{0,4}x[1-9]\d{0,4}$")
-    """Columns and rows of the grid of x, y, t, p events (`34x34`); up to the last with an event when absent."""
-
-    @field_validator("polarities", "channels")
-    @classmethod
-    def _each_once(cls, names: tuple[str, ...]) -> tuple[str, ...]:
-        twice = [name for name in names if names.count(name) > 1]
-        if twice:
-            raise ValueError(f"{twice[0]!r} is there twice; give each its own name")
-        return names
 
 
 class Events(NamedTuple):

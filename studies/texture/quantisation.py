@@ -25,6 +25,7 @@ from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.splits import SplitSpec, split_touches
 from neurotact.data.windows import WindowSpec
 from neurotact.deploy.chain import Chain, chain_of
+from neurotact.deploy.streamed import StreamedSpec
 from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
 from neurotact.encoders.calibration import BY_CALIBRATION, FITTED, calibrate
 from neurotact.encoders.encoding import encode_recordings
@@ -144,7 +145,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     seeds = (2 * parameters.seed, 2 * parameters.seed + 1)
     done, sides = fitting.fit(trains, parameters.network, task, seeds)
     encoder = build(AfferentSpec, dict(trains.encoder), source="quantisation")
-    chain = chain_of((encoder, done.network), length_ms=task.window.length_ms)._replace(rule=done.rule)
+    chain = chain_of((encoder, done.network), StreamedSpec(length_ms=task.window.length_ms))._replace(rule=done.rule)
     ranges = record(chain.network, sides.train.spikes, list(skin.select(split.train).signals))
     first = round(task.window.start_ms * 1e-3 * chain.clock_Hz)
     given = Given(done, chain, sides, ranges, task, skin.select(split.test), first)

@@ -126,7 +126,7 @@ def parts_with(feature: str) -> tuple[EncoderSpec, nt.RSNN, ExitRule]:
 def chain_with(feature: str) -> Chain:
     encoder, network, rule = parts_with(feature)
     given_Hz = 400.0 if feature in ("resampling", "membranes in closed form") else RATE_Hz
-    return chain_of((encoder, network), sampling_rate_Hz=given_Hz, length_ms=40)._replace(rule=rule)
+    return chain_of((encoder, network), nt.Streamed(sampling_rate_Hz=given_Hz, length_ms=40))._replace(rule=rule)
 
 
 def windows(n_inputs: int) -> torch.Tensor:

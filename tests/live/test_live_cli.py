@@ -47,7 +47,7 @@ def refused(monkeypatch, capsys):
         (["--from", "stiffness"], "has no finger to control"),
         (["--from", "gratings"], "samples come at 2000 Hz but the chain was trained at 1000 Hz"),
         (["--from", "gratings", "--set", "sed=1"], "sed: unknown key; did you mean 'seed'"),
-        (["--from", "-", "--format", "wav"], "--format wav: is unknown"),
+        (["--from", "-", "--format", "wav"], "Invalid value for '--format'"),
         (["--from", "-", "--unit", "count"], "'count' but 'mV'"),
         (["--from", "/no/such.h5"], "/no/such.h5: there is no such file"),
         (["--from", "-", "--speed", "1000"], "--speed"),

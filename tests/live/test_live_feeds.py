@@ -11,10 +11,11 @@ from made_chains import make_chain, make_signal
 from neurotact_parts.exporters.live import feeds, messages
 from neurotact_parts.exporters.live.feeds import ByHand, Device, Replay
 
+import neurotact as nt
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import Control, Finger, Simulator, simulator
-from neurotact.deploy.sources import Faults, Layout
+from neurotact.deploy.sources import Faults
 from neurotact.errors import InputError
 
 
@@ -165,7 +166,7 @@ def test_a_device_is_read_and_the_page_says_what_it_touches(tmp_path):
     path = tmp_path / "pipe"
     os.mkfifo(path)
     descriptor = os.open(path, os.O_RDWR)
-    feed = Device(str(path), Layout(), ("left", "right"), 1000.0, "mV")
+    feed = Device(str(path), nt.Samples(), ("left", "right"), 1000.0, "mV")
     session = session_of(make_chain({}), feed)
     session.do(messages.Label(kind="label", label="2"))
     pieces = feed.pieces(session.faults)
@@ -188,7 +189,8 @@ def test_a_device_whose_clock_starts_again_is_followed(tmp_path):
     rows = (f"{t},{a!r},{b!r}\n" for t, (a, b) in zip(stamps, signal.astype(float).tolist(), strict=True))
     (tmp_path / "rows.csv").write_text("".join(rows))
     session = session_of(
-        make_chain({}), Device(str(tmp_path / "rows.csv"), Layout(time_column="ms"), ("left", "right"), 1000.0, "mV")
+        make_chain({}),
+        Device(str(tmp_path / "rows.csv"), nt.Samples(time_column="ms"), ("left", "right"), 1000.0, "mV"),
     )
     found = [scored for piece in session.feed.pieces(session.faults) for scored in session.take(piece)]
     assert len(found) == 2 * (150 // 40)

@@ -42,7 +42,7 @@ def test_the_rate_of_the_samples_is_that_of_the_recordings(tmp_path):
     classifier = nt.SpikingClassifier(hidden=4, epochs=1, batch=4, random_state=0)
     pipeline = make_pipeline(nt.SpikeEncoder(encoder, sampling_rate_Hz=200.0), classifier).fit(X, y)
     assert nt.Stream(pipeline).chain.sampling_rate_Hz == 200.0
-    assert nt.Stream(pipeline, sampling_rate_Hz=250.0).chain.sampling_rate_Hz == 250.0
+    assert nt.Stream(pipeline, streamed=nt.Streamed(sampling_rate_Hz=250.0)).chain.sampling_rate_Hz == 250.0
     spikes = nt.encode(nt.Recordings(X, 200.0, "mV", {"label": y.astype(str)}), encoder)
     nt.save(spikes, tmp_path / "spikes.h5")
     again = nt.load_spikes(tmp_path / "spikes.h5")
@@ -68,7 +68,7 @@ def test_a_stream_decides_as_predict(pipe):
     X, _ = touches()
     said = []
     for trial in X:
-        said += [decision.label for decision in nt.Stream(pipe, early_exit=False).push(trial)]
+        said += [decision.label for decision in nt.Stream(pipe, streamed=nt.Streamed(full_window=True)).push(trial)]
     assert said == pipe.predict(X).astype(str).tolist()
     early = [nt.Stream(pipe[-1]).push(trial)[0] for trial in X]
     decided = pipe[-1].decide(pipe[:-1].transform(X), early_exit=True)

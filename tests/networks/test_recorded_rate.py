@@ -104,7 +104,7 @@ def test_the_rate_reaches_the_ledger_of_a_classifier(trains, classifier):
 @pytest.mark.parametrize("rate_Hz", [RECORDED_Hz, 1000.0])
 def test_the_rate_of_a_live_stream_is_that_of_its_samples(trains, recordings, classifier, rate_Hz):
     network = classifier.network_
-    chain = chain_of((ENCODER, network), sampling_rate_Hz=rate_Hz, length_ms=LENGTH_ms)
+    chain = chain_of((ENCODER, network), nt.Streamed(sampling_rate_Hz=rate_Hz, length_ms=LENGTH_ms))
     decision = Stream(chain).push(np.asarray(recordings.signals[0]))[0]
     into_hidden, into_readout = 4 * decision.input_spikes, 2 * decision.hidden_spikes
     measured = {"sops_input": into_hidden, "sops_recurrent": decision.sops - into_hidden - into_readout,

@@ -10,6 +10,7 @@ import torch
 from test_plugins import package  # noqa: F401
 
 import neurotact as nt
+from neurotact import spec as spec_room
 from neurotact.data import hdf5
 from neurotact.data.spikes import from_rasters
 from neurotact.errors import InputError
@@ -286,3 +287,17 @@ def test_a_run_says_null_and_a_search_that_weighs_operations_is_refused(tmp_path
             search=nt.Search(trials=2, objective="accuracy-sops"),
         )
     assert not has_key(made().spec, "training.readout_dropout")
+
+
+@pytest.mark.parametrize("what", ["default", "rsnn", "layered", RSNNSpec(hidden=7)])
+def test_another_model_leaves_out_the_keys_that_it_does_not_have_and_says_so(what, caplog):
+    """Those of the spec; one that is given with it is refused."""
+    spec_room._say_left_out.cache_clear()
+    changed = spec_room.resolve(RSNNSpec, what, {"model": "gru", "units": 4, "training.epochs": 2})
+    assert (changed.model, changed.own.units, changed.training.epochs) == ("gru", 4, 2)
+    assert "model = 'gru' has keys of its own: left out from the spec: hidden" in caplog.text.replace("recipe, ", "")
+    again = spec_room.resolve(RSNNSpec, changed, {"model": "gru", "units": 6})
+    assert again.own.units == 6
+    with pytest.raises(InputError, match="hidden: unknown key"):
+        spec_room.resolve(RSNNSpec, what, {"model": "gru", "hidden": 4})
+    assert spec_room.resolve(RSNNSpec, "default", {"model": "snn"}).hidden == 50

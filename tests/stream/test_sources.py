@@ -14,10 +14,11 @@ from hypothesis import strategies as st
 from levels import examples
 from made_chains import make_chain, make_signal, told
 
+import neurotact as nt
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.deploy import sources
-from neurotact.deploy.sources import Arrived, Faults, Frames, Layout, Rows
+from neurotact.deploy.sources import Arrived, Faults, Frames, Rows, parser_of
 from neurotact.deploy.stream import Stream
 from neurotact.errors import InputError
 
@@ -207,24 +208,28 @@ def test_whoever_waits_is_told_that_nothing_came(tmp_path):
 def test_a_source_that_was_under_way_begins_with_a_whole_row():
     rows = Rows("-", 2, 1000.0, Faults(), joins=True)
     assert taken(rows, b"3.5", b",7\n1,", b"2\n3,4\n") == [[1.0, 2.0], [3.0, 4.0]]
-    cut_off = Layout().parser("serial:/dev/x", 2, 1000.0, Faults())
+    cut_off = parser_of(nt.Samples(), "serial:/dev/x", 2, 1000.0, Faults())
     assert taken(cut_off, b"9\n1,2\n") == [[1.0, 2.0]]
 
 
 @pytest.mark.parametrize(
-    ("layout", "message"),
-    [(Layout("wav"), "`format='wav'`: is unknown"), (Layout(time_column="h"), "`time_column='h'`: is unknown")],
+    ("given", "message"),
+    [
+        ({"format": "wav"}, "format: must be 'csv', 'float32' or 'int16'; got 'wav'"),
+        ({"time_column": "h"}, "time_column: must be 's', 'ms', 'us' or 'ns'; got 'h'"),
+        ({"format": "int16", "lsb": 1e38}, "is beyond float32"),
+    ],
 )
-def test_a_layout_that_is_unknown_is_refused(layout, message):
+def test_samples_of_an_unknown_form_are_refused(given, message):
     with pytest.raises(InputError, match=message):
-        layout.parser("-", 2, 1000.0, Faults())
+        parser_of(nt.Samples(**given), "-", 2, 1000.0, Faults())
 
 
 def test_a_serial_port_is_read_as_its_samples_come():
     pytest.importorskip("serial", reason="no pyserial; pip install 'neurotact[serial]'")
     master, slave = os.openpty()
     path, faults = f"serial:{os.ttyname(slave)}", Faults()
-    source = sources.live(path, Layout().parser(path, 2, 1000.0, faults), faults, 5.0, tick_s=0.01)
+    source = sources.live(path, parser_of(nt.Samples(), path, 2, 1000.0, faults), faults, 5.0, tick_s=0.01)
     assert next(source) == Arrived()  # it is open; what came before is dropped
     os.write(master, b"5,6\n1,2\r\n3,4\n")
     rows: list = []

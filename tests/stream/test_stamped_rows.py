@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from levels import examples
 from made_chains import make_chain, make_signal
 
+import neurotact as nt
 from neurotact.deploy import sources, stamped_rows
-from neurotact.deploy.sources import Layout, Rows
+from neurotact.deploy.sources import Rows, parser_of
 from neurotact.deploy.stamped_rows import AHEAD, BEHIND, Faults, StampedRows
 from neurotact.deploy.stream import Stream
 from neurotact.errors import InputError
@@ -53,7 +54,7 @@ FAR = st.one_of(
 def decided(chain, signal: np.ndarray, stamps: list[float], cuts: list[int] = []) -> tuple[list, Stream, Faults]:  # noqa: B006
     """The decisions of a table with time stamps in ms, whose bytes come in pieces."""
     stream, faults = Stream(chain), Faults()
-    parser = Layout(time_column="ms").parser("pipe", chain.n_taxels, chain.sampling_rate_Hz, faults)
+    parser = parser_of(nt.Samples(time_column="ms"), "pipe", chain.n_taxels, chain.sampling_rate_Hz, faults)
     rows = (f"{t!r},{','.join(repr(float(v)) for v in row)}\n" for t, row in zip(stamps, signal, strict=True))
     data = "".join(rows).encode()
     places = sorted({0, *(cut % len(data) for cut in cuts)})
@@ -264,7 +265,7 @@ def test_stamps_of_another_rate_are_refused(unit_s, step, words, n):
 
 def test_a_unit_of_microseconds_is_taken():
     faults = Faults()
-    rows = Layout(time_column="us").parser("-", 1, 1000.0, faults)
+    rows = parser_of(nt.Samples(time_column="us"), "-", 1, 1000.0, faults)
     assert isinstance(rows, Rows)
     found = [*rows.take(b"0,1\n1000,2\n4000,3\n")]
     assert [(each.missing, None if each.samples is None else each.samples.tolist()) for each in found] == [

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from levels import examples
 from made_chains import ADAPTING, READOUTS, make_chain, make_encoder, make_signal, offline, told
 
+import neurotact as nt
 from neurotact.backend import native
 from neurotact.data.sources import simulator
 from neurotact.deploy.chain import chain_of
@@ -282,7 +283,7 @@ def test_a_baseline_of_the_whole_trial_is_refused_with_the_fix():
 )
 def test_a_chain_that_cannot_be_carried_is_refused(encoder, n_inputs, options, message):
     with pytest.raises(InputError, match=message):
-        chain_of((encoder, RSNN(n_inputs, 2, hidden=3, sampling_rate_Hz=1000.0)), **options)
+        chain_of((encoder, RSNN(n_inputs, 2, hidden=3, sampling_rate_Hz=1000.0)), nt.Streamed(**options))
 
 
 @pytest.mark.parametrize("samples", [np.zeros((3, 5)), np.zeros((1, 2, 2)), np.zeros(3), [["a", "b"]]])
@@ -501,7 +502,7 @@ def test_ten_minutes_of_gratings_do_not_drift():
     """1.2 million samples in uneven blocks decide as the whole trial does, to the last window."""
     encoder = specs.load("sa1-ra1-lif", {"conditioning.baseline": "start", "sa1.gain": 6.4, "ra1.gain": 32})
     network = RSNN(16, 8, hidden=30, sampling_rate_Hz=2000.0, generator=torch.Generator().manual_seed(0))
-    chain = chain_of((encoder, network), length_ms=150)._replace(rule=ExitRule(180, from_first_spike=True))
+    chain = chain_of((encoder, network), nt.Streamed(length_ms=150))._replace(rule=ExitRule(180, from_first_spike=True))
     slides = np.concatenate(
         list(simulator("gratings").simulate(simulator("gratings").build({"trials": 1}, "test")).signals)
     )

@@ -5,6 +5,7 @@ import pytest
 import torch
 from made_chains import make_signal, offline, told
 
+import neurotact as nt
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.deploy.stream import Stream
 from neurotact.encoders.model import usable
@@ -35,7 +36,7 @@ def chain_of_model(model: str) -> Chain:
         2 * n_per_taxel(encoder), 3, sampling_rate_Hz=1000.0, generator=torch.Generator().manual_seed(0), hidden=6,
         forward_weight_scale=3.0,
     )  # fmt: skip
-    return chain_of((encoder, network), sampling_rate_Hz=400.0, length_ms=40)
+    return chain_of((encoder, network), nt.Streamed(sampling_rate_Hz=400.0, length_ms=40))
 
 
 @pytest.mark.parametrize("model", STREAMED)

@@ -1,13 +1,18 @@
 """What a study takes from the recordings that it is given: window, seeds, clock, and what it refuses."""
 
+import re
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from typer.main import get_command
 
 import neurotact as nt
-from neurotact.api import studies
+from neurotact.api import specs, studies
+from neurotact.cli.studies import app
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import split_conditions
@@ -344,3 +349,17 @@ def test_other_models_keep_their_membranes(tmp_path):
     path = save(tmp_path / "touches.h5", [300] * 12, 93.0)
     what = loading.resolve("own-recordings", {"encoder": "izhikevich"}, data=path)
     assert not any(note.startswith("Afferents: membranes") for note in what.notes)
+
+
+def test_the_help_of_a_study_names_the_studies_that_take_a_file(tmp_path):
+    path, taking = save(tmp_path / "touches.h5", [600] * 12), set()
+    for name in specs.spec_names("studies"):
+        try:
+            loading.resolve(name, data=path)
+        except InputError as error:
+            if "leave `data` out" in str(error):
+                continue
+        taking.add(name)
+    group: Any = get_command(app)
+    (option,) = (each for each in group.commands["run"].params if each.name == "data")
+    assert {*re.findall(r"\w+-[\w-]+", option.help)} == taking

@@ -1,7 +1,7 @@
 """The keys of a network spec (`networks/*.toml`)."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -245,8 +245,15 @@ class RSNNSpec(Spec):
         return spec
 
     @classmethod
-    def of_parts(cls) -> Mapping[str, Mapping[str, Any]]:
+    def keys_with(cls, model: object) -> Collection[str]:
+        """The keys of every network and those of a part; empty for a built-in model, which has all of this spec."""
+        is_part = model not in BUILT_IN and plugins.has("networks", model)
+        return (*COMMON, *part_of(str(model)).keys.model_fields) if is_part else ()
+
+    @classmethod
+    def of_parts(cls, asked: str | None) -> Mapping[str, Mapping[str, Any]]:
         """The name of a network gives the defaults of its keys, and the training that the recipe chooses."""
+        plugins.has("networks", asked)
         return {name: {"model": name, "recipe": "default"} for name in plugins.names("networks")}
 
     @property

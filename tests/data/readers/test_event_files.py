@@ -38,7 +38,7 @@ def structured(folder: Path, stamps: np.ndarray, unit: str, spec: dict) -> nt.Sp
         array = np.zeros(len(stamps), [("t", stamps.dtype), ("x", "<u2"), ("y", "<u2"), ("p", "?")])
         array["t"] = stamps
         np.save(folder / label / "0.npy", array)
-    return nt.read_events(folder, **of_events(spec), time_unit=unit)
+    return nt.read_events(folder, **of_events({**spec, "time_unit": unit}))
 
 
 def arrays(folder: Path, stamps: np.ndarray, unit: str, spec: dict) -> nt.SpikeTrains:
@@ -61,7 +61,7 @@ def heidelberg(folder: Path, stamps: np.ndarray, unit: str, spec: dict) -> nt.Sp
         for trial in (0, 2):  # the second is silent
             times[trial], units[trial] = stamps, np.zeros(len(stamps), np.uint16)
         file["labels"] = np.array([0, 1, 1], np.uint8)
-    return nt.read_events(folder / "e.h5", **of_events(spec), time_unit=unit)
+    return nt.read_events(folder / "e.h5", **of_events({**spec, "time_unit": unit}))
 
 
 LAYOUTS = {"structured": structured, "arrays": arrays, "table": table, "heidelberg": heidelberg}
@@ -139,7 +139,7 @@ def test_written_spikes_come_back_as_events(tmp_path):
     written = pd.read_csv(tmp_path / "spikes.csv")
     written.assign(label=conditions["label"][written["trial"]].to_numpy()).to_csv(tmp_path / "e.csv", index=False)
     names = {"channel": "afferent", "population": "type"}
-    again = nt.read_events(tmp_path / "e.csv", step_ms=1 / 30, polarity="merge", names=names)
+    again = nt.read_events(tmp_path / "e.csv", names=names, events=nt.Events(step_ms=1 / 30, polarity="merge"))
     assert [each.tolist() for each in again.steps] == [each.tolist() for each in steps]
     assert again.trial_steps.tolist() == [300] * 4
 
@@ -277,7 +277,7 @@ def test_options_of_polarity_are_refused_without_one(tmp_path, layouts, layout):
 def test_named_channels_and_populations_take_no_numbers(tmp_path):
     rows = pd.DataFrame({"time": [0.1, 0.2], "unit": ["left", "right"], "kind": ["PC", "RA"], "label": "a"})
     rows.to_csv(tmp_path / "e.csv", index=False)
-    assert nt.read_events(tmp_path / "e.csv", channels="right,left").afferents[0] == "PC right"
+    assert nt.read_events(tmp_path / "e.csv", events=nt.Events(channels="right,left")).afferents[0] == "PC right"
     for spec, message in (
         ({"n_channels": 2}, "channels have names"),
         ({"polarities": "a,b"}, "its populations have names"),
@@ -290,9 +290,9 @@ def test_named_channels_and_populations_take_no_numbers(tmp_path):
 def test_polarities_of_three_values_can_be_merged(tmp_path):
     rows = pd.DataFrame({"time": [0.1, 0.2, 0.3], "channel": 0, "p": [-1, 0, 1], "label": "a"})
     rows.to_csv(tmp_path / "e.csv", index=False)
-    assert nt.read_events(tmp_path / "e.csv", polarity="merge").afferents == ("channel0",)
+    assert nt.read_events(tmp_path / "e.csv", events=nt.Events(polarity="merge")).afferents == ("channel0",)
     with pytest.raises(InputError, match=r"has 3 populations, not two polarities; drop `polarity`"):
-        nt.read_events(tmp_path / "e.csv", polarity="on")
+        nt.read_events(tmp_path / "e.csv", events=nt.Events(polarity="on"))
 
 
 def test_a_name_is_given_once():
@@ -329,12 +329,12 @@ def test_events_that_become_one_spike_are_counted_and_beyond_one_percent_refused
     with pytest.raises(InputError, match=r"3 of 200 events \(1\.5 %\) .* shorter `step_ms`, .* `merge_events=True`"):
         nt.read_events(many)
     with pytest.raises(InputError, match=r"check the unit of the times"):
-        nt.read_events(many, time_unit="us")
+        nt.read_events(many, events=nt.Events(time_unit="us"))
     caplog.clear()
-    assert len(nt.read_events(many, merge_events=True).steps[0]) == 197
+    assert len(nt.read_events(many, events=nt.Events(merge_events=True)).steps[0]) == 197
     assert len(caplog.messages) == 1
     caplog.clear()
-    assert len(nt.read_events(many, step_ms=0.25).steps[0]) == 200
+    assert len(nt.read_events(many, events=nt.Events(step_ms=0.25)).steps[0]) == 200
     assert not caplog.messages
 
 
@@ -356,7 +356,7 @@ def test_the_command_merges_with_a_flag(tmp_path):
 
 def test_events_after_the_given_length_are_counted(tmp_path, caplog):
     path = of_times(tmp_path, [0, 1, 2, 30, 30.5])
-    assert nt.read_events(path, duration_ms=20).trial_steps.tolist() == [20]
+    assert nt.read_events(path, events=nt.Events(duration_ms=20)).trial_steps.tolist() == [20]
     assert caplog.messages == [f"{path}: 2 of 5 events are after `duration_ms` and left out"]
 
 
@@ -368,7 +368,7 @@ def test_stamps_that_go_back_and_counters_that_begin_again_are_named(tmp_path, c
     events = np.zeros(6, GRID)
     events["t"] = (2**32 - 3000 + 1000 * np.arange(6)) % 2**32
     np.save(tmp_path / "e.npy", events)
-    found = nt.read_events(tmp_path / "e.npy", origin="first")
+    found = nt.read_events(tmp_path / "e.npy", events=nt.Events(origin="first"))
     assert found.steps[0].tolist() == [0, 1, 2, 3, 4, 5]
     assert "a counter begins again 1 times" in caplog.messages[0]
 
@@ -395,7 +395,7 @@ def test_sample_numbers_are_doubted_as_times(tmp_path, caplog, dtype, name, opti
     """Samples at 30 kHz of 2 s each: taken as seconds, trials last hours; the unit is asked for."""
     time = np.sort(np.random.default_rng(0).integers(0, 59_900, (4, 100)), axis=1).astype(dtype)
     time[:, -1] = 59_900
-    nt.read_events(events_of(tmp_path / "e.npz", time, name), **of_events(options), merge_events=True)
+    nt.read_events(events_of(tmp_path / "e.npz", time, name), **of_events({**options, "merge_events": True}))
     lines = [line.partition("e.npz: ")[2] for line in caplog.messages if "share a step" not in line]
     assert len(lines) == len(doubts)
     for line, doubt in zip(lines, doubts, strict=True):
@@ -434,7 +434,7 @@ def test_times_coarser_than_half_a_step_are_doubted(tmp_path, caplog, start_s, s
     for dtype, is_doubted in ((np.float32, is_coarse), (np.float64, False)):
         caplog.clear()
         path = events_of(tmp_path / "e.npz", time.astype(dtype), "time_s")
-        nt.read_events(path, step_ms=step_ms, origin="first", merge_events=True)
+        nt.read_events(path, events=nt.Events(step_ms=step_ms, origin="first", merge_events=True))
         assert ("times have a resolution of" in caplog.text) == is_doubted
 
 

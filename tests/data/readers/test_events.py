@@ -75,7 +75,7 @@ def test_a_polarity_is_chosen_or_both_are_one(tmp_path, polarity, chosen):
     table = made()
     table.to_csv(tmp_path / "e.csv", index=False)
     found = nt.read_events(
-        tmp_path / "e.csv", polarity=polarity, channels="a,b,c,d", duration_ms=500, merge_events=True
+        tmp_path / "e.csv", events=nt.Events(polarity=polarity, channels="a,b,c,d", duration_ms=500, merge_events=True)
     )
     assert found.afferents == (("a", "b", "c", "d"))
     expected = np.zeros((N_TRIALS, 500, N_CHANNELS), bool)
@@ -137,7 +137,7 @@ def test_a_heidelberg_file_loads_as_it_is(tmp_path, caplog):
     for (time, unit), steps, units in zip(trials, found.steps, found.units, strict=True):
         expected = {(int(np.floor(t * 1000.0 + 1e-9)), int(u)) for t, u in zip(time.astype(float), unit, strict=True)}
         assert set(zip(steps.tolist(), units.tolist(), strict=True)) == expected
-    coarse = nt.read_events(tmp_path / "shd.h5", step_ms=100, n_channels=700)
+    coarse = nt.read_events(tmp_path / "shd.h5", events=nt.Events(step_ms=100, n_channels=700))
     assert (coarse.trial_steps[0], len(coarse.afferents)) == (10, 700)
 
 
@@ -162,14 +162,14 @@ def test_structured_arrays_of_a_grid(tmp_path):
     for label, x in (("felt", 2), ("silk", 0)):
         (tmp_path / label).mkdir()
         np.save(tmp_path / label / "0.npy", np.array([(x, 1, 10**9, True), (0, 0, 10**9 + 3500, False)], kind))
-    found = nt.read_events(tmp_path, origin="first", sensor="3x2")
+    found = nt.read_events(tmp_path, events=nt.Events(origin="first", sensor="3x2"))
     assert found.conditions["label"].tolist() == ["felt", "silk"]
     assert [found.afferents[unit] for unit in found.units[0]] == ["ON x2y1", "OFF x0y0"]
     assert [found.afferents[unit] for unit in found.units[1]] == ["ON x0y1", "OFF x0y0"]
     assert found.steps[0].tolist() == [0, 3]
     assert len(found.afferents) == 12
     with pytest.raises(InputError, match=r"a grid of 3x2, but `sensor` is 2x2"):
-        nt.read_events(tmp_path, origin="first", sensor="2x2")
+        nt.read_events(tmp_path, events=nt.Events(origin="first", sensor="2x2"))
 
 
 def test_populations_are_those_of_the_data(tmp_path):
@@ -230,7 +230,9 @@ def test_braille_letters_are_ordinary_events():
     path = DATA / "braille-th10" / "events.npz"
     if not path.is_file():
         pytest.skip(f"{path} is not there")
-    found = nt.read_events(path, step_ms=5, polarities="ON,OFF", n_channels=12, names={"label": "letter"})
+    found = nt.read_events(
+        path, names={"label": "letter"}, events=nt.Events(step_ms=5, polarities="ON,OFF", n_channels=12)
+    )
     published = nt.read("braille-letters", path)
     assert found.conditions["label"].tolist() == published.conditions["label"].tolist()
     for steps, units, theirs, its in zip(found.steps, found.units, published.steps, published.units, strict=True):
