@@ -7,9 +7,7 @@ from .api.encoding import calibrate as calibrate
 from .api.encoding import encode as encode
 from .api.encoding import encode_file as encode_file
 from .api.encoding import plot_raster as plot_raster
-from .api.encoding import plot_survival as plot_survival
 from .api.encoding import save_raster as save_raster
-from .api.encoding import what_survives as what_survives
 from .api.networks import conditions_curve as conditions_curve
 from .api.networks import infer as infer
 from .api.networks import load_network as load_network
@@ -49,11 +47,13 @@ from .api.tools import from_neo as from_neo
 from .api.tools import from_nir as from_nir
 from .api.tools import from_snntorch as from_snntorch
 from .api.tools import live as live
+from .api.tools import plot_survival as plot_survival
 from .api.tools import read_nwb as read_nwb
 from .api.tools import to_neo as to_neo
 from .api.tools import to_nir as to_nir
 from .api.tools import to_nwb as to_nwb
 from .api.tools import to_snntorch as to_snntorch
+from .api.tools import what_survives as what_survives
 from .data.recordings import Recordings as Recordings
 from .data.sources import Reader as Reader
 from .data.sources import Simulator as Simulator

@@ -21,6 +21,7 @@ Group = Literal[
     "losses",
     "opponents",
     "ways",
+    "measures",
     "prices",
     "exporters",
     "tools",

@@ -21,18 +21,16 @@ from neurotact.data.recordings import Recordings, Trials
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Splits, check_stratify, training_touches
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
-from neurotact.encoders import alternatives, calibration, firing, specs, survival
+from neurotact.encoders import alternatives, calibration, firing, specs
 from neurotact.encoders.encoding import Encoded, encode_recordings
 from neurotact.encoders.encoding import encode_file as write_encoded
 from neurotact.encoders.gain_search import CalibrationRule
 from neurotact.encoders.model import EncoderSpec
 from neurotact.encoders.sensitivity import sensitivities_of, value_of
-from neurotact.encoders.survival import Survival
 from neurotact.errors import InputError
 from neurotact.figures import raster
 from neurotact.figures.calibration import draw_calibration
 from neurotact.figures.style import save as save_figure
-from neurotact.figures.survival import draw_survival
 from neurotact.progress import Advance, track
 from neurotact.progress import silent as silently
 from neurotact.spec import takes_specs
@@ -189,7 +187,7 @@ def calibrate(
         compared = alternatives.compare(training, start, advance, rule) if compare else None
         calibrated = fit(training, start, advance, rule) if compared is None else compared.best
         at_rest = firing.resting_table(training, calibrated.encoder, rest_ms)
-        left = survival.what_survives(training, calibrated.encoder) if survives else None
+        left = tools.what_survives(training, calibrated.encoder) if survives else None
     trials = f"{len(training)} training trials"
     if out:
         about = f"{trials} (split seed {split.seed}) of {Path(source).name}"
@@ -209,50 +207,11 @@ def calibrate(
     )
     tell(f"{out or 'encoder'}: {gains}, from {trials} in {perf_counter() - began:.1f} s")
     if survives and left is not None:
-        save_figure(draw_survival(left), survives)
+        save_figure(tools.plot_survival(left), survives)
         tell(f"{survives}: {left}")
     if complaint := firing.complaint_at_rest(at_rest, rest_ms, calibrated.encoder.conditioning.baseline):
         log.warning("%s: %s", source, complaint)
     return calibrated.encoder
-
-
-def what_survives(
-    recordings: Recordings | str | Path,
-    encoder: str | Path | EncoderSpec = "sa1-ra1-lif",
-    settings: Settings | None = None,
-    *,
-    where: Conditions | None = None,
-    leave_out: LeftOut = None,
-    seed: int = 0,
-) -> Survival:
-    """What of the signals survives an encoder: how well spikes are decoded, what they tell, how soon and at what cost.
-
-    recordings: in memory, or the path of a file of them. encoder, settings, where, leave_out: as of `encode`.
-    seed: of the trials that are drawn. The numbers are in `table`; `nt.plot_survival` draws them.
-    Raises InputError for one class, and as `encode` does.
-
-    >>> import neurotact as nt
-    >>> felt = nt.simulate("gratings", trials=1, duration_s=0.6)
-    >>> found = nt.what_survives(felt, "step-forward", {"threshold": 2.0})
-    >>> found.table.population.tolist()
-    ['ON', 'OFF', 'all']
-    """
-    what = specs.resolve(encoder, settings)
-    with _opened(recordings) as (stored, _):
-        data = chosen_trials(stored, TrialChoice.of(where, leave_out), stored.source or "recordings")
-        return survival.what_survives(data, what, seed)
-
-
-def plot_survival(found: Survival) -> Figure:
-    """What `what_survives` found as a matplotlib figure: a signal and its decoding, spectra, and bits over time.
-
-    >>> import neurotact as nt
-    >>> felt = nt.simulate("gratings", trials=1, duration_s=0.6)
-    >>> len(nt.plot_survival(nt.what_survives(felt, "send-on-delta")).axes)
-    3
-    """
-    check_instance("found", found, Survival, "nt.what_survives returns it")
-    return draw_survival(found)
 
 
 def plot_raster(

@@ -11,17 +11,13 @@ Other rooms take:
     gain_search: CalibrationRule
     mechanoreceptor: MODEL
     model: AnyEncoder, EncoderSpec, name_in, names, of_name, usable
-    reconstruction: reconstructed
-    same_drive: SameDriveSpec, same_drive_table
     send_on_delta: MODEL
     sensitivity: pair_of, sensitivities_of, value_of
     sigma_delta: MODEL
-    signals: signal_table
     specs: CALIBRATED, afferent_names, conditioning_of, default_of, encode, finish, is_exact, load, n_per_taxel,
         pays_exact, period_keys, populations, resolve, t_ref_pair_ms, taxel_names, taxels_of, with_t_ref,
         with_t_refs
     step_forward: MODEL
-    survival: Survival, what_survives
     transformer: SpikeEncoder
 """
 

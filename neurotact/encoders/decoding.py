@@ -2,7 +2,7 @@
 
 Sums of steps (send-on-delta, step-forward, moving window: Petro et al. 2020, doi 10.1109/TNNLS.2019.2906158), the
 filter of Ben's spiker (Schrauwen and Van Campenhout 2003, doi 10.1109/IJCNN.2003.1224019), and a low pass of
-sigma-delta pulses. Any encoder's spikes can be decoded by the optimal linear filter (`metrics.reconstruction`).
+sigma-delta pulses. Any encoder's spikes can be decoded by the optimal linear filter (`nt.what_survives`).
 """
 
 from typing import Any

@@ -8,13 +8,11 @@ Other rooms take:
         NearestPoints, NotCounted, RBFExpansion, SIGMOID, SpikingLayer, Standardise, SupportVectorMachines, TANH,
         cost, ledger_table, with_weights
     fronts: pareto_front
-    information: binned, class_information, information_of_bins
     isi_distributions: bin_edges, overlap, separation, shares_of
     linear: cross_validated_accuracy, linear
     paired: Paired, by_trial, compare, compare_by_trial, compare_shares
     power: can_beat_guessing, in_words, is_too_weak
     prices: ARITHMETIC_45NM, DEFAULT, PriceList, Priced, price_list
-    reconstruction: Reconstruction, direct, linear, segments, transferred
     referee: GAP, Kind, Verdict, Way, best_of, cheapest_of, holm, is_gap, judge, least_difference, level_with_best,
         within_error
     resampled: DIFFERENCES, Interval, LEAST_SPLITS, SHARES, compare_over_splits, least_difference_over_splits,

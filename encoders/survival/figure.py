@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from neurotact_parts.encoders.survival.survival import Survival
 
-from neurotact.encoders.survival import Survival
 from neurotact.figures.raster import PALETTE
 from neurotact.figures.style import INK, MUTED, RA, SA, new_figure, printed
 
