@@ -5,7 +5,6 @@ line calls these functions alone, so that both do the same with the same default
 
 Other rooms take:
 
-    arguments: Conditions, LeftOut, Settings, check_instance
     deployment: Flow, stream
     encoding: calibrate, encode, encode_file, plot_raster, save_raster
     networks: conditions_curve, infer, load_network, result, save_network, sops, summarise, train, tune

@@ -14,7 +14,6 @@ Other rooms take:
         swept_columns, to_toml, value_at
     sweeps: JOIN, values
     tables_beside: BASELINES
-    verdicts: ALPHA, State, Verdict, judge
     way: HEADS, Listed, View, module_of, optional
     way_cells: load_arrays
     way_study: WayStudy, cells

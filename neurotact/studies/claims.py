@@ -1,7 +1,7 @@
 """Published claims that are compared with our results: each has a rule in the study file.
 
 A rule reads one column (`measure`) of one table of a run (`results.csv`, `encoding.csv` ...), averaged over the rows
-that `where` selects. `studies.verdicts` judges it.
+that `where` selects. The tool `verdicts_on` judges it.
 """
 
 from typing import Annotated, Any, Literal

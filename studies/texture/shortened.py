@@ -205,8 +205,8 @@ def _shorter_drawn(study: StudySpec, results: pd.DataFrame, table: pd.DataFrame,
 
 
 def _earlier(network: Network, sides: Sides, patiences: Sequence[int]) -> list[dict[str, Any]]:
-    windows = (simulate_windows(network, side) for side in (sides.test, sides.validation))
-    return exit_curve(network, *windows, patiences)
+    test, validation = (simulate_windows(network, side) for side in (sides.test, sides.validation))
+    return exit_curve(network, test, validation, patiences)
 
 
 def _earlier_drawn(study: StudySpec, results: pd.DataFrame, table: pd.DataFrame, classes: Classes) -> Iterator[Drawn]:
