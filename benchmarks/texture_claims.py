@@ -19,12 +19,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pandas as pd
+from neurotact_parts.studies.verdicts import BASELINES, State, Verdict, judge
 
 from neurotact.report.tables import with_pair
 from neurotact.studies.claims import Claim
 from neurotact.studies.encoding_tables import read_encoding
 from neurotact.studies.study import resolve
-from neurotact.studies.verdicts import BASELINES, State, Verdict, judge
 from neurotact.tables import read_table
 
 STUDIES = Path(__file__).parents[1] / "studies"

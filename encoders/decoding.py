@@ -1,7 +1,7 @@
 """From spikes back to the signal, for the encoders whose spikes say by themselves what they stand for.
 
 Each names its decoder in its `Model`; here are the filters of those that have one. Any encoder's spikes can be decoded
-by the optimal linear filter (`neurotact.metrics.reconstruction`).
+by the optimal linear filter (`nt.what_survives`).
 """
 
 import numpy as np

@@ -8,7 +8,6 @@ from .api.encoding import encode as encode
 from .api.encoding import encode_file as encode_file
 from .api.encoding import plot_raster as plot_raster
 from .api.encoding import save_raster as save_raster
-from .api.encoding import what_survives as what_survives
 from .api.networks import conditions_curve as conditions_curve
 from .api.networks import infer as infer
 from .api.networks import load_network as load_network
@@ -57,6 +56,7 @@ from .api.tools import to_neo as to_neo
 from .api.tools import to_nir as to_nir
 from .api.tools import to_nwb as to_nwb
 from .api.tools import to_snntorch as to_snntorch
+from .api.tools import what_survives as what_survives
 from .data.recordings import Recordings as Recordings
 from .data.sources import Reader as Reader
 from .data.sources import Simulator as Simulator

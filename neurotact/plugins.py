@@ -22,6 +22,7 @@ Group = Literal[
     "losses",
     "opponents",
     "ways",
+    "measures",
     "prices",
     "exporters",
     "tools",

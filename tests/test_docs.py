@@ -28,6 +28,7 @@ from neurotact.data.sources import simulator
 from neurotact.encoders.model import usable
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.search.tuning import SearchSpec
+from neurotact.studies import measures
 from neurotact.studies.claims import Claim
 from neurotact.studies.study import StudySpec
 from neurotact.studies.way_study import WayStudy
@@ -52,7 +53,7 @@ SMALLER = {
 }
 """What of the code of a page is changed so that it takes a moment."""
 SPECS = [model.spec for model in usable().values()] + [RSNNSpec, SearchSpec, StudySpec, WayStudy, Claim]
-SPECS += [simulator(name).model for name in plugins.names("simulators")]
+SPECS += [measures.every(), *(simulator(name).model for name in plugins.names("simulators"))]
 
 
 @pytest.fixture(scope="module")
@@ -316,10 +317,11 @@ def test_every_key_of_a_spec_says_what_it_takes_and_means(model, site):
 def test_a_row_of_a_spec_has_default_unit_and_range(site):
     rows = {key: (default, takes) for key, default, takes, _ in site("spec_reference").rows_of(StudySpec)}
     assert rows["window.length_ms"] == ("`150.0`", "number, ms, > 0")
-    assert rows["cut_short_ms"] == ("", "list of numbers, ms, > 0")
     assert rows["encoder"] == ("required", ["table: [encoders](#encoders)", "[encoders](#encoders)"][0])
     assert rows["window.align"] == ('`"trial"`', '`"trial"`, `"onset"`')
     assert rows["augmentation"] == ("", "table")
+    further = {key: (default, takes) for key, default, takes, _ in site("spec_reference").rows_of(measures.every())}
+    assert further["cut_short_ms"] == ("required", "list of numbers, ms, > 0")
 
 
 def test_a_table_within_a_spec_has_the_defaults_that_it_has_there(site):

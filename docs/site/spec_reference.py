@@ -16,6 +16,7 @@ from neurotact.figures import columns
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.search.tuning import SearchSpec
 from neurotact.spec import Spec, to_toml
+from neurotact.studies import measures
 from neurotact.studies.claims import Claim
 from neurotact.studies.study import StudySpec
 from neurotact.studies.way_study import WayStudy
@@ -75,6 +76,8 @@ def _networks() -> Iterator[str]:
 def _studies() -> Iterator[str]:
     yield "## Studies\n\n`studies/*.toml`, `neurotact study run --set`."
     yield from _section("### Of spiking networks", StudySpec)
+    about = "Keys of a study of spiking networks, or of its table `measures`; each asks for a further table."
+    yield from _section("### Measures", measures.every(), about=about)
     yield from _section("### Of another way", WayStudy)
     yield from _section("### Claims", Claim, "claims")
 

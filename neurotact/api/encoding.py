@@ -215,33 +215,6 @@ def calibrate(
     return calibrated.encoder
 
 
-def what_survives(
-    recordings: Recordings | str | Path,
-    encoder: str | Path | EncoderSpec = "sa1-ra1-lif",
-    settings: Settings | None = None,
-    *,
-    where: Conditions | None = None,
-    leave_out: LeftOut = None,
-    seed: int = 0,
-) -> Any:
-    """What of the signals survives an encoder: how well spikes are decoded, what they tell, how soon and at what cost.
-
-    recordings: in memory, or the path of a file of them. encoder, settings, where, leave_out: as of `encode`.
-    seed: of the trials that are drawn. The numbers of the result are in `table`; `nt.plot_survival` draws them.
-    Raises InputError for one class, and as `encode` does.
-
-    >>> import neurotact as nt
-    >>> felt = nt.simulate("gratings", trials=1, duration_s=0.6)
-    >>> found = nt.what_survives(felt, "step-forward", {"threshold": 2.0})
-    >>> found.table.population.tolist()
-    ['ON', 'OFF', 'all']
-    """
-    what = specs.resolve(encoder, settings)
-    with _opened(recordings) as (stored, _):
-        data = chosen_trials(stored, TrialChoice.of(where, leave_out), stored.source or "recordings")
-        return tools.what_survives(data, what, seed)
-
-
 def plot_raster(
     spikes: SpikeTrains,
     trial: int | None = None,

@@ -6,6 +6,7 @@ exist and are undamaged are not downloaded again.
 
 import hashlib
 import logging
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -36,60 +37,8 @@ class _PublicSet(NamedTuple):
 
 
 SETS = {
-    "fabricslide": _PublicSet(
-        about="7 fabrics under a 16-taxel finger, sliding at several pressures and speeds",
-        licence="MIT",
-        size="644 CSV files (repetitions 0 and 1)",
-        citation="S. A. Wang, A. Albini, P. Maiolino, F. Mastrogiovanni, G. Cannata: Fabric Classification Using a "
-        "Finger-Shaped Tactile Sensor via Robotic Sliding. Frontiers in Neurorobotics 16:808222 (2022), "
-        "doi 10.3389/fnbot.2022.808222",
-        page="https://github.com/wngfra/FabricSlide",
-        reader="fabricslide",
-        by_hand="download the repository and copy the CSV files of its folder data/fabric",
-        base_url="https://raw.githubusercontent.com/wngfra/FabricSlide/HEAD/data/fabric/",
-        folder="fabric",
-    ),
-    "pvdf-hardness": _PublicSet(
-        about="a patch of 8 P(VDF-TrFE) taxels pressed on five cubes of different hardness",
-        licence="none is stated: ask the authors before you share it",
-        size="unknown",
-        citation="University of Genoa, COSMIC lab: Tactile_Heatmaps",
-        page="https://github.com/cosmiclabunige/Tactile_Heatmaps",
-        reader="pvdf-hardness",
-        by_hand="download the repository and copy its folder dataset (Cube<c>/Seq<s>.../Hardness_*.lvm)",
-    ),
-    "braille-letters": _PublicSet(
-        about="27 Braille letters under an event-based fingertip of 12 taxels",
-        licence="see the Zenodo record",
-        size="unknown",
-        citation="S. F. Müller-Cleve et al.: Braille letter reading: A benchmark for spatio-temporal pattern "
-        "recognition on neuromorphic hardware. Frontiers in Neuroscience 16:951164 (2022), "
-        "doi 10.3389/fnins.2022.951164",
-        page="https://zenodo.org/record/7050094 (events at threshold 10: https://zenodo.org/record/6556273)",
-        reader="braille-letters",
-        by_hand="download the record and copy data_braille_letters_th10",
-        opens="data_braille_letters_th10",
-    ),
-    "st-mnist": _PublicSet(
-        about="handwritten digits on a 10 x 10 neuromorphic tactile array",
-        licence="see the form on the page",
-        size="unknown",
-        citation="H. H. See et al.: ST-MNIST - The Spiking Tactile MNIST Neuromorphic Dataset (2020), arXiv 2005.04319",
-        page="https://scholarbank.nus.edu.sg/bitstream/10635/168106/2/"
-        "STMNIST%20dataset%20NUS%20Tee%20Research%20Group.zip",
-        reader="",
-        by_hand="fill in the form for the archive, save its MATLAB files as x, y, t, p arrays (.npy, one per sample, a "
-        "folder per digit), which neurotact import events reads, and copy these",
-    ),
-    "touch-modality": _PublicSet(
-        about="70 people who slide, brush and roll over a 4 x 4 piezoelectric array",
-        licence="see the Mendeley record",
-        size="unknown",
-        citation="M. Alameh et al., University of Genoa, COSMIC lab: Mendeley Data dmcdp33ctt, version 2",
-        page="https://data.mendeley.com/datasets/dmcdp33ctt/2",
-        reader="touch-modality",
-        by_hand="download the record and unpack it",
-    ),
+    name: _PublicSet(**fields)
+    for name, fields in tomllib.loads((REGISTRY / "sets.toml").read_text(encoding="utf-8")).items()
 }
 """Data sets by the names that `neurotact fetch` takes."""
 

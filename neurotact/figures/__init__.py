@@ -4,7 +4,7 @@ Other rooms take:
 
     calibration: draw_calibration
     columns: in_unit, name_of, quantity
-    conditions: draw_conditions, draw_same_drive, draw_signals
+    conditions: draw_conditions
     conditions_curve: draw_conditions_curve
     encoding: Classes, POPULATIONS, draw_isis, draw_rasters, draw_rates, draw_spike_counts
     labels: label_points
@@ -12,7 +12,7 @@ Other rooms take:
     raster: PALETTE, draw_raster, existing_trial, write_events, write_raster
     search: save_found
     searches: draw_best_so_far, draw_winners, gains, winners
-    style: Drawn, INK, MUTED, PAIR_AXIS, PALE, RA, SA, SERIES, SYMBOLS, TOTAL, add_legend, bars, class_colours,
-        keep_within, name_ticks, new_figure, new_panels, printed, save, sequence, series_style, write_out_log_ticks
-    truncated: draw_costs, draw_cut_short, draw_exit_curves
+    style: Drawn, INK, MUTED, PAIR_AXIS, PAIR_TITLE, PALE, RA, SA, SERIES, SYMBOLS, TOTAL, add_legend, bars,
+        class_colours, keep_within, name_ticks, new_figure, new_panels, printed, save, sequence, series_style,
+        write_out_log_ticks
 """

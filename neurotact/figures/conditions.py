@@ -1,15 +1,11 @@
-"""Figures of conditions: accuracy of networks and signals under each of them (Figs. 9 and 12)."""
-
-from collections.abc import Sequence
-from typing import Any
+"""The accuracy of networks under each condition."""
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from neurotact.figures.style import INK, MUTED, new_figure, printed, sequence, series_style
+from neurotact.figures.style import INK, new_figure, printed
 
 
 @printed
@@ -39,66 +35,3 @@ def draw_conditions(table: pd.DataFrame) -> Figure:
     axes.tick_params(length=0)
     figure.colorbar(mesh, ax=axes, label="test accuracy (%)")
     return figure
-
-
-@printed
-def draw_signals(table: pd.DataFrame, names: Sequence[str]) -> Figure:
-    """Peak of the strongest taxel over force (left) and principal frequency over gratings (right; Fig. 12, Sec. III-A).
-
-    table: of `signals.csv`; names: of the gratings, in the order of their numbers.
-    """
-    figure = new_figure(2.6)
-    left, right = figure.subplots(1, 2)
-    gratings, speeds = sorted(set(table["grating"])), sorted(set(table["speed_mm_per_s"]))
-    for shade, grating, name in zip(sequence(len(gratings)), gratings, names, strict=True):
-        peaks = table[table["grating"] == grating].groupby("force_N")["peak_mV"].mean()
-        left.plot(peaks.index, peaks, marker="o", ms=3, color=shade, label=name)
-    left.set(xlabel="force (N)", ylabel="peak (mV)", title="strongest taxel, conditioned")
-    left.set_xticks(sorted(set(table["force_N"])))
-    left.set_ylim(bottom=0)
-    left.legend(title="grating", ncols=2)
-    for index, speed in enumerate(speeds):
-        rows = table[table["speed_mm_per_s"] == speed]
-        means = rows.groupby("grating")[["principal_Hz", "expected_Hz"]].mean()
-        style: Any = {**series_style(index), "mfc": "none", "ms": 5, "ls": ""}
-        right.plot(means.index, means["principal_Hz"], label=f"{speed:g} mm/s", **style)
-        right.plot(means.index, means["expected_Hz"], color=MUTED, lw=0.9, label="speed / (pitch + 1 mm)")
-    right.set_xticks(gratings, names)
-    right.set(xlabel="grating", ylabel="principal frequency (Hz)", title="highest line of the spectrum")
-    right.set_ylim(bottom=0)
-    _legend(right)
-    for axes in (left, right):
-        axes.grid(axis="y")
-    return figure
-
-
-@printed
-def draw_same_drive(table: pd.DataFrame, published: Sequence[tuple[float, float]]) -> Figure:
-    """Spikes of one afferent over its refractory period, a line per drive (Fig. 4).
-
-    table: of `same_drive.csv`; published: pairs of t_ref_ms and spikes.
-    """
-    figure = new_figure(2.6, 4.6)
-    axes = figure.subplots()
-    recorded = table[table["drive"] == "recorded"]
-    labels = list(dict.fromkeys(recorded["label"]))
-    for label, shade in zip(labels, sequence(len(labels)), strict=True):
-        rows = recorded[recorded["label"] == label]
-        axes.plot(rows["t_ref_ms"], rows["spikes"], marker=".", color=shade, label=f"recorded, {label}")
-    constant = table[table["drive"] == "constant"]
-    axes.plot(constant["t_ref_ms"], constant["spikes"], ls="--", color=MUTED, marker=".", label="constant")
-    style: Any = {"ls": "", "marker": "D", "ms": 7, "mfc": "none", "mec": "#D55E00", "mew": 1.3, "zorder": 4}
-    for t_ref_ms, spikes in published:
-        axes.plot(t_ref_ms, spikes, label="published", **style)
-    axes.set(xlabel=r"$t_\mathrm{ref}$ (ms)", ylabel="spikes")
-    axes.set_xticks(sorted(set(table["t_ref_ms"])))
-    axes.set_ylim(bottom=0)
-    axes.grid(axis="y")
-    _legend(axes, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return figure
-
-
-def _legend(axes: Axes, **location: Any) -> None:
-    """A legend with each label once."""
-    handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    axes.legend(list(handles.values()), list(handles), **location)

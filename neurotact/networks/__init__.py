@@ -15,8 +15,9 @@ Other rooms take:
     definition.specs: BUILT_IN, RSNNSpec, TrainingSpec, given_keys, part_of
     definition.surrogate: FastSigmoid, arctan, fast_sigmoid
     exit.early_exit: ExitRule, FULL_WINDOW, Leader
+    exit.exit_choice: exits, oracle_exit
     exit.held_out: in_words, is_within, upper_bound
-    exit.truncated: cut_short, exit_curve, simulate_windows
+    exit.truncated: SimulatedWindows, judged, simulate_windows
     search.importance: Importance, importance
     search.journal: FINISHED, STOPPED, Trial, beside_given, best_of
     search.search: Problem, asked, here, problem_of, runner, save_best, search, train_best

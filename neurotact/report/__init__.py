@@ -5,6 +5,7 @@ Other rooms take:
     encoding_drawings: name_classes
     networks: Steps, write
     page: ANSWER, PAGE, Table, if_there, write
+    periods: in_ms
     report: write
     tables: first_spikes, with_pair
     way_answer: Configuration, WayAnswer, answers

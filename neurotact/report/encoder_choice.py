@@ -20,6 +20,8 @@ from neurotact.studies import sweeps
 from neurotact.studies.study import StudySpec
 
 RATE = "spikes_per_s"
+RECONSTRUCTION = "reconstruction"
+"""The table with the column snr_dB, of each encoder, that a measure may bring."""
 
 
 class Choice(NamedTuple):
@@ -76,7 +78,7 @@ def choices(
         for network in _of_each_pair(front):
             pair = "" if network.pair == periods.NONE else f"{network.pair} ms "
             readout = baselines.get(f"{LINEAR} on {pair}spikes (counts)")
-            snr_dB = _snr_dB(tables.get("reconstruction"), study, row, network.pair)
+            snr_dB = _snr_dB(tables.get(RECONSTRUCTION), study, row, network.pair)
             one = front.answer
             every.append(Choice(named[row["encoder"]], rate_per_s, network, one.trials, readout, snr_dB, one.guess))
     return sorted(every, key=lambda one: -one.network.way(one.trials).validation)

@@ -34,6 +34,7 @@ from neurotact.report.tables import (
     with_setting,
 )
 from neurotact.spec import to_toml
+from neurotact.studies import measures
 from neurotact.studies import study as studies
 from neurotact.studies.encoding_tables import read_encoding
 from neurotact.studies.store import is_done
@@ -55,13 +56,8 @@ DOWNLOADS = {
     "baselines.csv": "classical classifiers on the same windows",
     "baselines_trials.csv": "the validation and test trials that each of them classifies correctly",
     "encoders.csv": "each encoder and refractory period: accuracies, signal given back, cost",
-    "reconstruction.csv": "how well a linear filter of each encoder's spikes gives the signal of test trials back",
     "ledger.csv": "the cost of a decision: operations, memory, SOPs, an estimate of energy",
-    "cut_short.csv": "each network on the first part of its windows",
-    "exit_curve.csv": "each network with early exit, over patience",
     "conditions.csv": "each network under each condition",
-    "signals.csv": "amplitude and principal frequency of the signals",
-    "same_drive.csv": "spikes of an afferent under the same drive, over refractory periods",
     "timings.csv": "time that each part of the study and each cell took",
     "study.toml": "the study as run, with all its specs",
     "versions.json": "versions of the software",
@@ -121,7 +117,7 @@ def write(
     trials = search.trials_table(folder, done, results)
     beside = tables_beside(study, folder)
     baselines, remedies = beside.get("baselines"), extra.get(robustness.REMEDIES)
-    beside |= {} if remedies is None else {robustness.REMEDIES: remedies}
+    beside |= {name: extra[name] for name in (robustness.REMEDIES, encoder_choice.RECONSTRUCTION) if name in extra}
     afferents, n_classes = afferents_of(folder, done), len(trains.classes) if trains else 0
     spent = front.costs_of(study, results, afferents, n_classes)
     fronts = list(front.fronts(study, folder, done, results.join(spent), trains, afferents, beside))
@@ -153,7 +149,7 @@ def write(
             search.drawings(trials, study.search) if study.search else (),
             extra_drawings(study, results, extra, classes),
         ),
-        downloads=DOWNLOADS,
+        downloads=DOWNLOADS | {f"{one.table}.csv": one.download for one in measures.requested(study.measures).values()},
         specs=_specs(study, trains),
         counted=_counted(results),
         compared=opponents.in_words(study.baselines),

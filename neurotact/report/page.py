@@ -5,7 +5,6 @@ import json
 import re
 import shlex
 from base64 import b64encode
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from gzip import compress
@@ -19,12 +18,12 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
+from neurotact import plugins
 from neurotact.figures.style import Drawn, save
 from neurotact.files import read_json, write_text
 from neurotact.spec import assignments_of
 from neurotact.studies.loading import Study
 from neurotact.studies.study import to_toml
-from neurotact.studies.verdicts import ALPHA, State, Verdict, judge
 
 ANSWER, PAGE = "answer.json", "report.html"
 """The first screen of a report for programs, where its study has an answer in words."""
@@ -95,23 +94,19 @@ def write(
     specs: parts of the study as TOML, in addition to the whole study.
     Raises InputError when a claim names a missing column.
     """
-    judged = [judge(claim, tables) for claim in study.claims]
-    verdicts = [verdict for verdict in judged if verdict.reproduced is not None]
+    judged = plugins.load_function("tools", "verdicts_on")(study.claims, tables) if study.claims else {}
     explained = study.as_shipped and n_done == n_cells  # the reasons hold for the study as shipped
     page = _template(template).render(
         study=study,
         n_done=n_done,
         n_cells=n_cells,
-        verdicts=verdicts,
-        tally=tally(judged),
-        alpha=ALPHA,
         explained=explained,
-        reasons=_shared_reasons(verdicts) if explained else {},
         figures=[_keep(drawn, folder) for drawn in figures],
         timing=_timing_sentence(folder),
         downloads=_listed(folder, downloads),
         specs={"Whole study": to_toml(study), **specs},
         versions=if_there(folder / "versions.json"),
+        **(judged if explained else judged | {"reasons": {}}),
         **shown,
     )
     write_text(folder / PAGE, page)
@@ -138,31 +133,6 @@ def _script_json(value: Any) -> str:
     """
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-
-
-def tally(verdicts: list[Verdict]) -> str:
-    """The number of reproduced claims, and of those in each other state whose rule holds, in words.
-
-    >>> tally([])
-    ''
-    """
-    if not verdicts:
-        return ""
-    counts = Counter(verdict.state for verdict in verdicts)
-    missing = counts.pop(State.MISSING, 0)
-    parts = [f"{counts[State.REPRODUCED]} of {len(verdicts) - missing} claims reproduced"]
-    for state in (State.CHANCE, State.BASELINE, State.FIT, State.FEW):
-        many = str(state).replace("holds", "hold", counts[state] != 1)
-        parts += [f"{counts[state]} {many}"] if counts[state] else []
-    parts += [f"{missing} need cells that this run does not hold"] if missing else []
-    return "; ".join(parts)
-
-
-def _shared_reasons(verdicts: Iterable[Verdict]) -> dict[str, int]:
-    """The reasons shared by several claims that are not reproduced, numbered in the order of the claims."""
-    given = Counter(verdict.why for verdict in verdicts if verdict.why)
-    shared = (why for why, times in given.items() if times > 1)
-    return {why: number for number, why in enumerate(shared, start=1)}
 
 
 def _timing_sentence(folder: Path) -> str:

@@ -21,21 +21,15 @@ from neurotact.networks.training.trained import LOG
 from neurotact.networks.training.training import Epoch, best_of
 from neurotact.networks.use.ledger import Afferents
 from neurotact.report import periods
+from neurotact.studies import measures
 from neurotact.studies import tables_beside as made
 from neurotact.studies.automatic import TESTED
 from neurotact.studies.store import cell_folder
 from neurotact.studies.study import SPLIT, Cell, StudySpec
 from neurotact.tables import read_table
 
-EXTRA_TABLES = {
-    "cut_short": "cut_short_ms",
-    "exit_curve": "exit_patiences",
-    "conditions": "test_every_condition",
-    "signals": "signals",
-    "same_drive": "same_drive",
-    "remedies": "augmentation",
-}
-"""Tables that only some studies have, and the key of a study that requests each."""
+EXTRA_TABLES = {"conditions": "test_every_condition", "remedies": "augmentation"}
+"""Tables that only some studies have, and the key of a study that requests each; measures bring further ones."""
 LOGGED = [name for name in Epoch._fields if name != MEMBER]
 """Columns that every training log has."""
 
@@ -120,19 +114,20 @@ def first_member(log: pd.DataFrame) -> pd.DataFrame:
 
 
 def extra_tables(study: StudySpec, folder: Path) -> dict[str, pd.DataFrame]:
-    """The tables of `EXTRA_TABLES` that the study requests, by name."""
-    paths = {name: folder / f"{name}.csv" for name, key in EXTRA_TABLES.items() if getattr(study, key)}
+    """The tables of `EXTRA_TABLES` and of measures that the study requests, by name."""
+    names = [measure.table for measure in measures.requested(study.measures).values()]
+    names += [name for name, key in EXTRA_TABLES.items() if getattr(study, key)]
+    paths = {name: folder / f"{name}.csv" for name in names}
     known = {name: read_table(path) for name, path in paths.items() if path.is_file()}
     return {name: with_pair(table, study) if "t_ref_ra_ms" in table else table for name, table in known.items()}
 
 
 def tables_beside(study: StudySpec, folder: Path) -> dict[str, pd.DataFrame]:
-    """The tables of baselines and of reconstruction that the study requests, by name.
+    """The tables of baselines that the study requests, by name.
 
     Raises InputError for baselines of an earlier version, whose other FLOPs are not counted by kind.
     """
-    known = (*made.BASELINES, made.RECONSTRUCTION)
-    paths = [folder / name for name in made.names(study) if name in known]
+    paths = [folder / name for name in made.BASELINES if study.baselines != "none"]
     beside = {path.stem: read_table(path) for path in paths if path.is_file()}
     if "other_flops" in beside.get("baselines", ()):
         raise InputError(

@@ -4,16 +4,16 @@ Other rooms take:
 
     automatic: TESTED, WORDS
     cell: RIGHT_SEEN, SEARCH, task_of
-    encoding_tables: TOUCH, read_encoding
+    encoding_tables: TOUCH, periods, read_encoding
     loading: Study, choice_changes, engine_of, resolve
+    measures: Measure, requested
     networks: ENGINE
     runner: STUDY, add_report_time, load, run, write_tables
     store: cell_folder, is_done, result_of, timed
     study: Cell, LENGTH, PARTS, SPLIT, StudySpec, by_split, cells, encoder_columns, setting_columns, split_columns,
         swept_columns, to_toml, value_at
     sweeps: JOIN, values
-    tables_beside: BASELINES, RECONSTRUCTION, names
-    verdicts: ALPHA, State, Verdict, judge
+    tables_beside: BASELINES
     way: HEADS, Listed, View, module_of, optional
     way_cells: load_arrays
     way_study: WayStudy, cells

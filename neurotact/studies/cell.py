@@ -11,7 +11,6 @@ from neurotact.files import DRAFT, scratch, whole, without_nan, write_json
 from neurotact.metrics import paired
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.exit import truncated
 from neurotact.networks.search import journal, search, search_tables
 from neurotact.networks.search.search_tables import as_cell
 from neurotact.networks.training import fitting, robust, tasks, trained
@@ -21,7 +20,7 @@ from neurotact.networks.training.training import Epoch
 from neurotact.networks.use import measuring
 from neurotact.networks.use.conditions import by_condition
 from neurotact.progress import say
-from neurotact.studies import encoding_tables
+from neurotact.studies import encoding_tables, measures
 from neurotact.studies.engine import Files
 from neurotact.studies.store import RESULT, TIMING, cell_folder
 from neurotact.studies.study import Cell
@@ -181,15 +180,13 @@ def task_of(cell: Cell) -> Task:
 
 def _tables(cell: Cell, fitted: fitting.Trained, sides: tasks.Sides, trains: SpikeTrains, task: Task) -> dict[str, Any]:
     """`tables`: the rows of each table that the study requests besides results.csv; empty if it requests none."""
-    network, tables = fitted.network, {}
-    windows = truncated.simulate_windows(network, sides.test) if cell.cut_short_ms or cell.exit_patiences else None
-    if windows and cell.cut_short_ms:
-        tables["cut_short"] = truncated.cut_short(network, windows, cell.cut_short_ms)
-    if windows and cell.exit_patiences:
-        on_validation = truncated.simulate_windows(network, sides.validation)
-        tables["exit_curve"] = truncated.exit_curve(network, windows, on_validation, cell.exit_patiences)
+    tables = {}
+    for name, measure in measures.requested(cell.measures).items():
+        if measure.of_network is not None:
+            value = measures.value_of(name, cell.measures)
+            tables[measure.table] = measure.of_network(fitted.network, sides, value)
     if cell.test_every_condition:
-        tables["conditions"] = by_condition(network, trains, task)
+        tables["conditions"] = by_condition(fitted.network, trains, task)
     return {"tables": tables} if tables else {}
 
 

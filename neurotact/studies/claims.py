@@ -1,18 +1,28 @@
 """Published claims that are compared with our results: each has a rule in the study file.
 
 A rule reads one column (`measure`) of one table of a run (`results.csv`, `encoding.csv` ...), averaged over the rows
-that `where` selects. `studies.verdicts` judges it.
+that `where` selects. The tool `verdicts_on` judges it.
 """
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import model_validator
+from pydantic import AfterValidator, model_validator
 
+from neurotact.errors import nearest
 from neurotact.figures.columns import in_unit, name_of, quantity
 from neurotact.spec import Spec
+from neurotact.studies import measures
 
 LEVELS = ("value", "at_least", "at_most")
 CONTRASTS = ("change", "equal")
+TABLES = ("results", "encoding", "selection", "conditions")
+"""The tables of studies that no measure brings."""
+
+
+def _known(table: str) -> str:
+    if table not in TABLES and table not in (of_measures := measures.tables()):
+        raise ValueError(f"is no table; {nearest(table, [*TABLES, *sorted(of_measures)])}")
+    return table
 
 
 class Claim(Spec):
@@ -38,10 +48,8 @@ class Claim(Spec):
     """The rule, as above."""
     measure: str
     """The column of the table that the rule reads."""
-    table: Literal[
-        "results", "encoding", "selection", "cut_short", "exit_curve", "conditions", "signals", "same_drive"
-    ] = "results"
-    """The table with this column."""
+    table: Annotated[str, AfterValidator(_known)] = "results"
+    """The table with this column: `results`, `encoding`, `selection`, `conditions`, or that of a measure."""
     where: dict[str, Any] = {}
     """Columns and values that select rows."""
     against: dict[str, Any] = {}

@@ -26,7 +26,7 @@ from neurotact.encoders.specs import with_t_refs
 from neurotact.errors import InputError
 from neurotact.files import write_json
 from neurotact.spec import digest
-from neurotact.studies import encoding_tables, store, tables_beside
+from neurotact.studies import encoding_tables, measures, store, tables_beside
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import DATA
 from neurotact.studies.study import (
@@ -115,7 +115,7 @@ def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recor
             trains = spikes_of(cell, recordings, encoder)
             table = encoding_tables.encoding_table(trains, cell, study.dataset.stratify)
             write_table(table, target / f"{cell.spikes_name}.csv")
-            if not study.reconstruction:  # which compares longer stretches
+            if not any(one.needs_whole_trials for one in measures.requested(study.measures).values()):
                 trains = _used(trains, [one for one in cells if one.given == cell.given])
             hdf5.save_spikes(trains, folder / cell.given)
             store.seal(target, _encoded(cell), made_from)

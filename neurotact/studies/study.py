@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from neurotact import effects, files, plugins
 from neurotact import spec as specs
@@ -23,7 +23,6 @@ from neurotact.data.windows import WindowSpec
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.model import AnyEncoder, usable
-from neurotact.encoders.same_drive import SameDriveSpec
 from neurotact.encoders.specs import is_exact, pays_exact
 from neurotact.errors import InputError, nearest
 from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList, price_list
@@ -35,19 +34,16 @@ from neurotact.networks.search.tuning import SearchSpec
 from neurotact.networks.training import balancing
 from neurotact.networks.training.balancing import Balance
 from neurotact.spec import Spec
-from neurotact.studies import automatic, calibration_keys, sweeps
+from neurotact.studies import automatic, calibration_keys, measures, sweeps
 from neurotact.studies.claims import Claim
 
-Milliseconds = Annotated[float, Field(gt=0)]
-Steps = Annotated[int, Field(ge=1)]
+Measures = Annotated[dict[str, Any], BeforeValidator(measures.checked)]
 SOURCE = "dataset.parameters."
 """Prefix of swept keys of the simulation; a cell stores them in its `source`."""
 NETWORKS = "networks"
 """The way of a study that names none."""
 SPLIT = "split."
 """Prefix of swept keys of the split, such as `split.fold`."""
-MEASURES = ("cut_short_ms", "exit_patiences", "test_every_condition")
-"""Keys of a study that request further measurements; each gives its own table."""
 
 PARTS: dict[str, Callable[[str | Path], Spec]] = {
     "encoder": encoders.load, "network": partial(specs.load, RSNNSpec), "prices": price_list,
@@ -122,22 +118,14 @@ class StudySpec(Spec):
     """Where conditioning and encoding are computed: their energy counts on the processor, and not in the sensor."""
     prices: PriceList = ARITHMETIC_45NM
     """The price list by which energy is estimated: its name, its path, or the whole table."""
-    cut_short_ms: tuple[Milliseconds, ...] = ()
-    """Also test each network on the first part of its own windows, of these lengths: the table cut_short.csv."""
-    exit_patiences: tuple[Steps, ...] = ()
-    """Also test each network with early exit at these patiences, in both modes: the table exit_curve.csv."""
+    measures: Measures = {}
+    """Further tables, by the names of the measures that are installed; each name may stand as a key of the study, too:
+    `signals = true`."""
     test_every_condition: bool = False
     """Also test each network on the test trials of every condition in `dataset.stratify`, whether it was trained on
     that condition or not: the table conditions.csv."""
     past_windows: bool = True
     """Encode trials to their end, so that encoding.csv describes the whole touch; false: as far as windows reach."""
-    reconstruction: bool = False
-    """Also measure how well a linear filter, fitted on training trials, gives the signal of test trials back from the
-    spikes of each encoder: the table reconstruction.csv."""
-    signals: bool = False
-    """Also measure the amplitude and the principal frequency of each class and condition: the table signals.csv."""
-    same_drive: SameDriveSpec | None = None
-    """Also give one afferent the same drive at several refractory periods: the table same_drive.csv."""
     encoder: AnyEncoder
     """An encoder spec: its name, its path, or the whole table."""
     network: RSNNSpec | None = None
@@ -170,10 +158,9 @@ class StudySpec(Spec):
                 raise ValueError(f"sweep.dataset: '{name}' is not a subset; {nearest(str(name), known)}")
         if self.test_every_condition and not self.dataset.stratify:
             raise ValueError("test_every_condition needs dataset.stratify, the conditions to test apart")
-        if self.same_drive is not None and is_exact(self.encoder):
-            raise ValueError("same_drive steps its afferents on a clock; leave integration out")
-        if self.same_drive is not None and not isinstance(self.encoder, AfferentSpec):
-            raise ValueError(f"same_drive needs LIF afferents; this encoder's model is '{self.encoder.model}'")
+        for measure in measures.requested(self.measures).values():
+            if measure.check is not None:
+                measure.check(self)
         return self
 
     @model_validator(mode="after")
@@ -187,13 +174,8 @@ class StudySpec(Spec):
         swept = [key for key in sweeps.keys(self.sweep) if key.startswith(SOURCE)]
         if swept and self.dataset.simulate is None:
             raise ValueError(f"sweep: '{swept[0]}' needs dataset.simulate; recordings that are read have no parameters")
-        is_given = {
-            "baselines": self.baselines != "none",
-            "reconstruction": self.reconstruction,
-            "signals": self.signals,
-            "same_drive": bool(self.same_drive),
-        }
-        described = [name for name, is_asked in is_given.items() if is_asked]
+        described = ["baselines"] if self.baselines != "none" else []
+        described += [name for name, one in measures.requested(self.measures).items() if one.of_study]
         if swept and described:
             raise ValueError(f"{described[0]} describes one set of recordings; remove it, or the sweep of '{swept[0]}'")
         return self
@@ -201,7 +183,8 @@ class StudySpec(Spec):
     @model_validator(mode="after")
     def _has_the_network_that_it_requires(self) -> "StudySpec":
         of_network = [axis for axis in self.sweep if "network." in axis] + [
-            name for name in ("search", *MEASURES) if getattr(self, name)
+            *(name for name in ("search", "test_every_condition") if getattr(self, name)),
+            *(name for name, one in measures.requested(self.measures).items() if one.of_network),
         ]
         if self.network is None and of_network:
             raise ValueError(f"{of_network[0]} needs a network; name one, as in network = 'rsnn'")
@@ -246,8 +229,8 @@ class Cell(Spec):
     network: RSNNSpec | None = None
     search: SearchSpec | None = None
     """The search of the network's hyperparameters; its result replaces the values of the keys in the space."""
-    cut_short_ms: tuple[Milliseconds, ...] = ()
-    exit_patiences: tuple[Steps, ...] = ()
+    measures: Measures = {}
+    """Those of the study's that measure its network."""
     test_every_condition: bool = False
     augmentation: AugmentationSpec | None = None
     balance: Balance = "none"
@@ -287,7 +270,7 @@ def resolve(
     quick: apply the file's `[quick]` table of overrides first.
     data: the file of recordings of a study that names none.
     """
-    path, overridden = specs.find(StudySpec.folder, name), overrides or {}
+    path, overridden, keys = specs.find(StudySpec.folder, name), overrides or {}, StudySpec.model_fields
     is_shipped = not (overrides or quick) and path in specs.shipped(StudySpec.folder)
     table = automatic.table_of(path)
     table |= {key: automatic.placed(table[key], path) for key in ("dataset",) if key in table}
@@ -295,6 +278,7 @@ def resolve(
     overrides = {**(quick_overrides if quick else {}), **(overrides or {})}
     # A study's own table `set` contains the changes of its parts.
     overrides = {**specs.pop_table(table, "set", path), **overrides}
+    overrides, table = measures.placed(overrides, keys), measures.gathered(table, keys)
     is_open = {key for key in automatic.OPEN if overrides.get(key) == automatic.AUTO}
     overrides = {key: value for key, value in overrides.items() if key not in is_open}
     named = {part: overrides.pop(part) for part in PARTS if isinstance(overrides.get(part), str)}
@@ -441,7 +425,10 @@ def cells(study: StudySpec) -> Iterator[Cell]:
         **({"network": _whole(study.network)} if study.network else {}),
         **({"search": search} if search else {}),
         **{choice: study.calibrate and getattr(study, choice) for choice in CHOICES},
-        **{name: getattr(study, name) for name in ("balance", "training_windows", *MEASURES)},
+        **{name: getattr(study, name) for name in ("balance", "training_windows", "test_every_condition")},
+        "measures": {
+            name: study.measures[name] for name, one in measures.requested(study.measures).items() if one.of_network
+        },
         **({} if study.spikes_per_s is None else {"spikes_per_s": study.spikes_per_s}),
         **({} if study.augmentation is None else {"augmentation": _whole(study.augmentation)}),
     }

@@ -21,58 +21,40 @@ from neurotact.data.recordings import Recordings, class_indices
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.data.windows import Windows
-from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.reconstruction import reconstructed
-from neurotact.encoders.same_drive import same_drive_table
-from neurotact.encoders.signals import signal_table
 from neurotact.encoders.specs import t_ref_pair_ms
 from neurotact.metrics import paired
 from neurotact.networks.training import robust, tasks
 from neurotact.progress import track
-from neurotact.studies import encoding_tables, store
+from neurotact.studies import measures, store
 from neurotact.studies.cell import task_of
 from neurotact.studies.study import Cell, StudySpec, by_split, encoder_columns, reach_ms, split_columns, value_at
 from neurotact.tables import write_table
 
 BASELINES = ("baselines.csv", "baselines_trials.csv")
-RECONSTRUCTION = "reconstruction.csv"
 
 
 class _Beside(NamedTuple):
-    """Tables that are made together: their files, whether a study asks for them, and the name of their time."""
+    """Tables that are made together: their files, and the name of their time."""
 
     files: tuple[str, ...]
-    is_asked: Callable[[StudySpec], bool]
     make: Callable[[Path, StudySpec, Sequence[Cell], Recordings], Sequence[pd.DataFrame]]
     timed: str
 
 
 def names(study: StudySpec) -> list[str]:
     """The files of the tables that a study asks for."""
-    return [name for one in _EVERY if one.is_asked(study) for name in one.files]
+    return [name for one in _asked(study) for name in one.files]
 
 
 def write(
     folder: Path, study: StudySpec, cells: Sequence[Cell], recordings: Recordings, missing: Container[str]
 ) -> None:
     """Write those of the study's tables that are missing."""
-    for one in _EVERY:
+    for one in _asked(study):
         if any(name in missing for name in one.files):
             with store.timed(folder, one.timed):
                 for name, table in zip(one.files, one.make(folder, study, cells, recordings), strict=True):
                     write_table(table, folder / name)
-
-
-def _signals(folder: Path, study: StudySpec, cells: Sequence[Cell], recordings: Recordings) -> Sequence[pd.DataFrame]:
-    return [signal_table(recordings, study.encoder, study.dataset.stratify, study.window.start_ms)]
-
-
-def _same_drive(
-    folder: Path, study: StudySpec, cells: Sequence[Cell], recordings: Recordings
-) -> Sequence[pd.DataFrame]:
-    assert study.same_drive is not None
-    assert isinstance(study.encoder, AfferentSpec)
-    return [same_drive_table(recordings, study.encoder, study.same_drive, study.window.start_ms)]
 
 
 def _baselines(
@@ -132,26 +114,6 @@ def _fitted(
             yield {"dataset": name, **split, **row, **encoder, opponents.RIGHT: touches}
 
 
-def _reconstruction(
-    folder: Path, study: StudySpec, cells: Sequence[Cell], recordings: Recordings
-) -> tuple[pd.DataFrame]:
-    """A row for each encoding: what its spikes give back of the signals of test trials.
-
-    Columns: the t_ref pair, swept keys of the split and of the encoder, snr_dB, bits_per_s and bits_per_spike.
-    """
-    distinct, keys = {cell.spikes_name: cell for cell in cells}, [*split_columns(study), *encoder_columns(study)]
-    rows = []
-    with track("reconstruction", len(distinct)) as advance:
-        for cell in distinct.values():
-            trains = hdf5.load_spikes(folder / cell.given)
-            sides = tasks.trials_of(trains, task_of(cell).model_copy(update={"subset": {}}))
-            measured = reconstructed(recordings, trains, sides, start_s=cell.window.start_ms * 1e-3)
-            own = {key: value_at(cell, key) for key in keys}
-            rows.append({**encoding_tables.periods(cell), **own, **measured._asdict()})
-            advance(1, "")
-    return (pd.DataFrame(rows),)
-
-
 def pieces_with_copies(recordings: Recordings, windows: Windows, trains: SpikeTrains, cell: Cell) -> list[np.ndarray]:
     """The samples of each window of the recorded trials, then of those of their varied copies."""
     assert cell.augmentation is not None
@@ -189,9 +151,14 @@ def copied_part(recordings: Recordings, cell: Cell) -> Recordings:
     return recordings if end_ms is None or cell.augmentation is None else until(recordings, end_ms)
 
 
-_EVERY = (
-    _Beside(("signals.csv",), lambda study: study.signals, _signals, "signals"),
-    _Beside(("same_drive.csv",), lambda study: study.same_drive is not None, _same_drive, "same drive"),
-    _Beside(BASELINES, lambda study: study.baselines != "none", _baselines, "baselines"),
-    _Beside((RECONSTRUCTION,), lambda study: study.reconstruction, _reconstruction, "reconstruct"),
-)
+def _asked(study: StudySpec) -> Iterator[_Beside]:
+    """The tables that a study asks for: of opponents, then those of its measures."""
+    if study.baselines != "none":
+        yield _Beside(BASELINES, _baselines, "baselines")
+    for name, measure in measures.requested(study.measures).items():
+        if measure.of_study is not None:
+            yield _Beside((f"{measure.table}.csv",), partial(_measured, measure.of_study), name.replace("_", " "))
+
+
+def _measured(of_study: Callable[..., pd.DataFrame], *given: Any) -> tuple[pd.DataFrame]:
+    return (of_study(*given),)

@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from levels import thinned
-from neurotact_parts.encoders import survival
 from neurotact_parts.encoders.decoding import decode
+from neurotact_parts.encoders.survival import survival
 
 import neurotact as nt
 from neurotact.data.recordings import Recordings
@@ -68,7 +68,7 @@ def touches(n_trials=24):
 @thinned("model", [model for model in usable() if model != "mechanoreceptor"], every=3)
 def test_what_survives_is_measured_for_every_model(model):
     encoder = load(default_of(model))
-    found = survival.what_survives(touches(), encoder)
+    found = survival.survival_of(touches(), encoder)
     assert repr(found) == f"Survival({found})"
     whole = found.table.iloc[-1]
     assert found.table.population.tolist()[-1] == "all"
@@ -83,7 +83,7 @@ def test_what_survives_is_measured_for_every_model(model):
 
 def test_a_finer_threshold_lets_more_survive():
     snr_dB = [
-        survival.what_survives(touches(), load("step-forward", {"threshold": threshold})).table.own_snr_dB.iloc[-1]
+        survival.survival_of(touches(), load("step-forward", {"threshold": threshold})).table.own_snr_dB.iloc[-1]
         for threshold in (12.0, 3.0)
     ]
     assert snr_dB[0] < 8 < snr_dB[1]
@@ -92,7 +92,7 @@ def test_a_finer_threshold_lets_more_survive():
 def test_one_class_is_refused():
     alone = touches(8).select(np.arange(0, 8, 2))
     with pytest.raises(InputError, match="hold one class"):
-        survival.what_survives(alone, load("burst"))
+        survival.survival_of(alone, load("burst"))
 
 
 def test_keywords_choose_the_encoder_the_trials_and_the_draw(monkeypatch):

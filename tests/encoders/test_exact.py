@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from made_chains import make_chain, offline, told
-from neurotact_parts.encoders.survival import what_survives
+from neurotact_parts.encoders.survival.survival import survival_of
 
 from neurotact.data import conditioning
 from neurotact.data.recordings import Recordings
@@ -223,7 +223,7 @@ def test_gains_are_found_on_the_samples_of_the_sensor():
     chosen = fitted.table[fitted.table.chosen].set_index("afferent").spikes_per_s
     of_each = np.bincount(np.concatenate(trains.units), minlength=4).reshape(2, 2).sum(axis=1)
     np.testing.assert_allclose(of_each / 2 / (6 * 60 / RATE_Hz), [chosen["SA-I"], chosen["RA-I"]], rtol=0.02)
-    assert what_survives(recorded(), fitted.encoder).table.snr_dB.iloc[-1] > 0
+    assert survival_of(recorded(), fitted.encoder).table.snr_dB.iloc[-1] > 0
 
 
 def test_spikes_in_closed_form_by_hand():

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from neurotact_parts.encoders.information import class_information
+from neurotact_parts.encoders.survival.information import class_information
+from neurotact_parts.encoders.survival.reconstruction import direct, linear, segments
 
 from neurotact.errors import InputError
-from neurotact.metrics.reconstruction import direct, linear, segments
 
 
 def test_a_binary_channel_with_errors_has_its_capacity():

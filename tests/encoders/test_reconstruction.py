@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from neurotact_parts.encoders.survival.transfer import reconstructed
 
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import Split
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.encoders.reconstruction import reconstructed
 from neurotact.encoders.specs import load
 
 SPLIT = Split(train=np.arange(12), validation=np.arange(12, 16), test=np.arange(16, 28))

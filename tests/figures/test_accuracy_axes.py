@@ -14,10 +14,10 @@ from neurotact_parts.studies.materials import figures as materials_figures
 from neurotact_parts.studies.stiffness import figures as stiffness_figures
 from neurotact_parts.studies.stiffness import pvdf_hardness_figures
 from neurotact_parts.studies.texture import baselines_figures as texture_baselines_figures
+from neurotact_parts.studies.texture import shortened_figures
 from neurotact_parts.studies.touch_modality import figures as touch_figures
 
 from neurotact.figures import networks as network_figures
-from neurotact.figures import truncated as shortened_figures
 from neurotact.figures.style import bars, keep_within, new_figure
 from neurotact.report import ways as pages
 from neurotact.studies.way import View

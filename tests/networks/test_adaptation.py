@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples, thinned
 from neurotact_parts.exporters.snntorch import to_snntorch
+from neurotact_parts.studies.texture import shortened
 from test_native import (
     LEARNED,
     compare,
@@ -183,7 +184,7 @@ def test_a_window_cut_short_is_one_of_that_length(kind):
     windows = Examples(x, torch.arange(20) % 4)
     heard = truncated.simulate_windows(net, windows)
     for steps in (5, 17, 40):
-        (row,) = truncated.cut_short(net, heard, [1e3 * steps / 400.0])
+        (row,) = shortened.cut_short(net, heard, [1e3 * steps / 400.0])
         short = net.infer(x[:, :steps])
         assert row["accuracy_test"] == float((short.labels == windows.labels).double().mean())
         assert row["sops_readout"] == 4 * float(short.hidden_spikes.double().mean())

@@ -6,6 +6,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from neurotact_parts.exporters import chips
+from neurotact_parts.studies.texture import shortened
 
 from neurotact.errors import InputError
 from neurotact.networks.definition import clock, recipe
@@ -143,7 +144,7 @@ def test_what_is_measured_is_that_of_the_network_of_that_clock_with_longer_steps
         assert ours[key] == pytest.approx(5 * value if key in in_steps else value), key
     windows = [truncated.simulate_windows(net, each) for net, each in zip((own, slow), sides, strict=True)]
     curves = [
-        truncated.exit_curve(net, each, each, patiences)
+        shortened.exit_curve(net, each, each, patiences)
         for net, each, patiences in zip((own, slow), windows, ([5, 7, 10, 50, 200], [1, 2, 10, 40]), strict=True)
     ]
     in_steps = {"patience", "exit_steps", "exit_steps_sd", "exit_steps_right"}
@@ -155,7 +156,7 @@ def test_what_is_measured_is_that_of_the_network_of_that_clock_with_longer_steps
                 else pytest.approx(5 * value if key in in_steps else value)
             )
             assert one[key] == expected, key
-    cuts = [truncated.cut_short(net, each, [25.0, 100.0]) for net, each in zip((own, slow), windows, strict=True)]
+    cuts = [shortened.cut_short(net, each, [25.0, 100.0]) for net, each in zip((own, slow), windows, strict=True)]
     assert cuts[0] == cuts[1]
     assert record_states(own, spikes) == record_states(slow, clock.binned(spikes, 5))
 

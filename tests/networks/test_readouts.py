@@ -8,6 +8,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples, thinned
+from neurotact_parts.studies.texture import shortened
 from torch import Tensor
 
 from neurotact.errors import InputError
@@ -300,7 +301,7 @@ def test_a_window_cut_short_is_one_of_that_length(kind):
     net, x = network(kind, 2), spikes(2, 20)
     examples = Examples(x, net.infer(x).labels)
     heard = truncated.simulate_windows(net, examples)
-    (row,) = truncated.cut_short(net, heard, [1e3 * 15 / RATE_Hz])
+    (row,) = shortened.cut_short(net, heard, [1e3 * 15 / RATE_Hz])
     assert row["accuracy_test"] == (net.infer(x[:, :15]).labels == examples.labels).double().mean()
 
 

@@ -18,6 +18,7 @@ import pandas as pd
 import pytest
 import torch
 from neurotact_parts.studies.comparison import spiking as spiking_family
+from neurotact_parts.studies.texture import shortened
 
 from neurotact.data.spikes import from_rasters
 from neurotact.data.splits import SplitSpec
@@ -84,7 +85,7 @@ def test_every_way_of_counting_agrees_with_paper(model):
     """Results, networks cut short, networks by condition: one network, one number."""
     network, test = wired(model), window()
     whole = dict(zip((f"sops_{name}" for name in NAMES), WHOLE[model], strict=True))
-    (cut,) = truncated.cut_short(network, truncated.simulate_windows(network, test), [STEPS])
+    (cut,) = shortened.cut_short(network, truncated.simulate_windows(network, test), [STEPS])
     table = pd.DataFrame({"label": ["a", "b", "c"] * 20, "force_N": [3.0] * 60})
     trains = from_rasters(window(60).spikes.numpy(), RATE_Hz, ("SA-I taxel1",), table)
     task = tasks.Task(window=WindowSpec(length_ms=STEPS), split=SplitSpec(), stratify=("force_N",))
@@ -114,7 +115,7 @@ def test_an_early_exit_counts_the_steps_that_were_simulated_alone(model):
     found = tuple(row[f"exit_sops_{name}"] for name in NAMES)
     assert found == (4, recurrent, 12, 16 + recurrent, 16)
     assert row["sops_total"] == WHOLE[model][3]
-    curve = truncated.exit_curve(network, *[truncated.simulate_windows(network, window())] * 2, patiences=[1])
+    curve = shortened.exit_curve(network, *[truncated.simulate_windows(network, window())] * 2, patiences=[1])
     (validated,) = (line for line in curve if line["mode"] == "validated")
     assert tuple(validated[f"sops_{name}"] for name in NAMES) == found
     assert validated["sops_saved"] == pytest.approx(1 - (16 + recurrent) / WHOLE[model][3])

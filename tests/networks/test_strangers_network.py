@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from neurotact_parts.studies.texture.shortened import cut_short, exit_curve
 from test_plugins import package  # noqa: F401
 
 import neurotact as nt
@@ -20,7 +21,7 @@ from neurotact.networks.definition import module
 from neurotact.networks.definition.recipe import has_key
 from neurotact.networks.definition.specs import RSNNSpec, void_keys
 from neurotact.networks.exit.early_exit import ExitRule
-from neurotact.networks.exit.truncated import cut_short, exit_curve, simulate_windows
+from neurotact.networks.exit.truncated import simulate_windows
 from neurotact.networks.search.journal import Trial, beside_given
 from neurotact.networks.search.search import _is_consistent
 from neurotact.networks.search.tuning import SearchSpec

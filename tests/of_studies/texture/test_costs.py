@@ -3,8 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-
-from neurotact.figures.truncated import draw_costs
+from neurotact_parts.studies.texture.shortened_figures import draw_costs
 
 LENGTHS = (50.0, 150.0, 1000.0)
 

@@ -10,14 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import thinned
+from neurotact_parts.studies import exchange
+from neurotact_parts.studies.exchange import arrangements, blocks_of, n_distinct
+from neurotact_parts.studies.verdicts import ALPHA, State, Verdict, judge, tally
 from scipy.stats import binom
 
 from neurotact import spec
-from neurotact.report.page import tally
-from neurotact.studies import exchange
 from neurotact.studies.claims import CONTRASTS, LEVELS, Claim
-from neurotact.studies.exchange import arrangements, blocks_of, n_distinct
-from neurotact.studies.verdicts import ALPHA, State, Verdict, judge
 
 STUDIES = spec.shipped("studies")
 CLAIMS = {path.stem: [Claim(**one) for one in tomllib.loads(path.read_text()).get("claims", [])] for path in STUDIES}

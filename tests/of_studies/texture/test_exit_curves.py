@@ -5,8 +5,7 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import pytest
-
-from neurotact.figures.truncated import MODES, draw_exit_curves
+from neurotact_parts.studies.texture.shortened_figures import MODES, draw_exit_curves
 
 STEP_ms = 0.5
 WINDOW_steps = 300

@@ -9,8 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+<<<<<<<< HEAD:encoders/survival.py
 from neurotact_parts.encoders.decoding import decode
 from neurotact_parts.encoders.information import binned, class_information, information_of_bins
+========
+from neurotact_parts.encoders.survival import reconstruction
+from neurotact_parts.encoders.survival.information import binned, class_information, information_of_bins
+from neurotact_parts.encoders.survival.reconstruction import Reconstruction
+>>>>>>>> drawings:encoders/survival/survival.py
 
 from neurotact.data.conditioning import condition
 from neurotact.data.recordings import Trials
@@ -27,8 +33,11 @@ from neurotact.encoders.specs import (
     recorded_at,
 )
 from neurotact.errors import InputError
+<<<<<<<< HEAD:encoders/survival.py
 from neurotact.metrics import reconstruction
 from neurotact.metrics.reconstruction import Reconstruction
+========
+>>>>>>>> drawings:encoders/survival/survival.py
 
 ALL = "all"
 PER_CLASS, TAXELS, LONGEST_s = 24, 16, 2.0
@@ -76,7 +85,7 @@ class Survival:
         )
 
 
-def what_survives(recordings: Trials, encoder: EncoderSpec, seed: int = 0) -> Survival:
+def survival_of(recordings: Trials, encoder: EncoderSpec, seed: int = 0) -> Survival:
     """Encode trials and measure what can be had from the spikes.
 
     At most `PER_CLASS` trials of a class, drawn with `seed`, their first `LONGEST_s` (or as much as the shortest has)

@@ -2,10 +2,10 @@
 
 import pandas as pd
 import pytest
+from neurotact_parts.studies.verdicts import State, judge
 
 from neurotact.errors import InputError
 from neurotact.studies.claims import Claim
-from neurotact.studies.verdicts import State, judge
 
 RESULTS = pd.DataFrame(
     {

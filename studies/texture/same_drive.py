@@ -4,18 +4,27 @@ The paper prints the spike counts, but neither the drive nor its duration. So ea
 afferent gives the published count at the first refractory period; the counts at the others are then a prediction.
 """
 
-from collections.abc import Iterator
-from typing import Annotated
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
+from neurotact_parts.studies.texture.signals import legend_once
 from pydantic import Field
 
 from neurotact.data.conditioning import condition
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.specs import is_exact
+from neurotact.figures.encoding import Classes
+from neurotact.figures.style import MUTED, Drawn, new_figure, printed, sequence
 from neurotact.neurons import lif_start, lif_step
 from neurotact.spec import Spec
+from neurotact.studies import measures
+from neurotact.studies.measures import Measure
+from neurotact.studies.study import Cell, StudySpec
 
 SCALES = np.geomspace(1.0, 100.0, 400)
 """Peaks of a drive to try, in threshold gaps, in steps of about one percent."""
@@ -87,3 +96,80 @@ def _counts(shapes: np.ndarray, rate_Hz: float, encoder: AfferentSpec, t_ref_ms:
         fired, state = lif_step(neuron, scales_mV * now, state)
         spikes += fired
     return spikes
+
+
+@printed
+def draw_same_drive(table: pd.DataFrame, published: Sequence[tuple[float, float]]) -> Figure:
+    """Spikes of one afferent over its refractory period, a line per drive (Fig. 4).
+
+    table: of `same_drive.csv`; published: pairs of t_ref_ms and spikes.
+    """
+    figure = new_figure(2.6, 4.6)
+    axes = figure.subplots()
+    recorded = table[table["drive"] == "recorded"]
+    labels = list(dict.fromkeys(recorded["label"]))
+    for label, shade in zip(labels, sequence(len(labels)), strict=True):
+        rows = recorded[recorded["label"] == label]
+        axes.plot(rows["t_ref_ms"], rows["spikes"], marker=".", color=shade, label=f"recorded, {label}")
+    constant = table[table["drive"] == "constant"]
+    axes.plot(constant["t_ref_ms"], constant["spikes"], ls="--", color=MUTED, marker=".", label="constant")
+    style: Any = {"ls": "", "marker": "D", "ms": 7, "mfc": "none", "mec": "#D55E00", "mew": 1.3, "zorder": 4}
+    for t_ref_ms, spikes in published:
+        axes.plot(t_ref_ms, spikes, label="published", **style)
+    axes.set(xlabel=r"$t_\mathrm{ref}$ (ms)", ylabel="spikes")
+    axes.set_xticks(sorted(set(table["t_ref_ms"])))
+    axes.set_ylim(bottom=0)
+    axes.grid(axis="y")
+    legend_once(axes, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure
+
+
+def _spec(study: StudySpec) -> SameDriveSpec:
+    return measures.value_of("same_drive", study.measures)
+
+
+def _table(folder: Path, study: StudySpec, cells: Sequence[Cell], recordings: Recordings) -> pd.DataFrame:
+    assert isinstance(study.encoder, AfferentSpec)
+    return same_drive_table(recordings, study.encoder, _spec(study), study.window.start_ms)
+
+
+def _drawn(study: StudySpec, results: pd.DataFrame, table: pd.DataFrame, classes: Classes) -> Iterator[Drawn]:
+    published = [
+        (float(claim.where["t_ref_ms"]), claim.value)
+        for claim in study.claims
+        if claim.table == "same_drive"
+        and claim.kind == "value"
+        and claim.value is not None
+        and "t_ref_ms" in claim.where
+    ]
+    figure = draw_same_drive(table, sorted(set(published)))
+    seconds = _spec(study).duration_s
+    caption = (
+        f"Spikes of one SA-I afferent in {seconds:g} s over its refractory period. Each drive is scaled until it fires "
+        "as often as published at the first period; the paper shows neither the drive nor its duration. Recorded: the "
+        "strongest taxel in the strongest trials of each class. As the texture paper's Fig. 4."
+    )
+    words = [
+        f"{' '.join(filter(None, (str(drive), str(label))))}: " + ", ".join(f"{value:.1f}" for value in rows["spikes"])
+        for (drive, label), rows in table.fillna("").groupby(["drive", "label"], sort=False)
+    ]
+    yield Drawn("same-drive", "The same drive at other refractory periods", figure, caption, "; ".join(words) + ".")
+
+
+def _check(study: StudySpec) -> None:
+    if is_exact(study.encoder):
+        raise ValueError("same_drive steps its afferents on a clock; leave integration out")
+    if not isinstance(study.encoder, AfferentSpec):
+        raise ValueError(f"same_drive needs LIF afferents; this encoder's model is '{study.encoder.model}'")
+
+
+MEASURE = Measure(
+    SameDriveSpec,
+    "Also give one afferent the same drive at several refractory periods: the table same_drive.csv.",
+    "same_drive",
+    "spikes of an afferent under the same drive, over refractory periods",
+    of_study=_table,
+    draw=_drawn,
+    check=_check,
+)
+"""The entry point `same_drive` of the group `neurotact.measures`."""

@@ -1,24 +1,25 @@
 """Whether published claims are reproduced by a run.
 
 A claim is reproduced only if its rule holds and would rarely hold without the effect: in the same table, with values
-exchanged among the conditions (`studies.exchange`), the rule holds as clearly in at most `ALPHA` of the arrangements.
+exchanged among the conditions (`exchange`), the rule holds as clearly in at most `ALPHA` of the arrangements.
 So where nothing has an effect a claim is reproduced at most that often, whatever its rule (a permutation test: Fisher
 1935, The Design of Experiments, Sec. 21).
 """
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from enum import StrEnum
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from neurotact_parts.studies.exchange import arrangements, blocks_of, n_distinct
 from scipy.stats import t
 
 from neurotact.data.recordings import select_conditions
 from neurotact.errors import InputError, nearest
 from neurotact.studies.claims import CONTRASTS, LEVELS, Claim
-from neurotact.studies.exchange import arrangements, blocks_of, n_distinct
 
 ALPHA = 0.05
 """A claim is reproduced if its rule holds without the effect at most this often."""
@@ -80,6 +81,41 @@ class Verdict(NamedTuple):
     def why(self) -> str:
         """Why it is not reproduced; empty if its rule holds, if this run cannot decide, or if the reason is unknown."""
         return self.claim.why if self.state is State.FAILS else ""
+
+
+def verdicts_on(claims: Iterable[Claim], tables: Mapping[str, pd.DataFrame]) -> dict[str, Any]:
+    """What the page of a run shows of a study's claims: the verdicts that it decides, their tally, and shared reasons.
+
+    tables: of the run, by name. Raises InputError when a claim names a missing column.
+    """
+    judged = [judge(claim, tables) for claim in claims]
+    verdicts = [verdict for verdict in judged if verdict.reproduced is not None]
+    return {"verdicts": verdicts, "tally": tally(judged), "alpha": ALPHA, "reasons": _shared_reasons(verdicts)}
+
+
+def tally(verdicts: list[Verdict]) -> str:
+    """The number of reproduced claims, and of those in each other state whose rule holds, in words.
+
+    >>> tally([])
+    ''
+    """
+    if not verdicts:
+        return ""
+    counts = Counter(verdict.state for verdict in verdicts)
+    missing = counts.pop(State.MISSING, 0)
+    parts = [f"{counts[State.REPRODUCED]} of {len(verdicts) - missing} claims reproduced"]
+    for state in (State.CHANCE, State.BASELINE, State.FIT, State.FEW):
+        many = str(state).replace("holds", "hold", counts[state] != 1)
+        parts += [f"{counts[state]} {many}"] if counts[state] else []
+    parts += [f"{missing} need cells that this run does not hold"] if missing else []
+    return "; ".join(parts)
+
+
+def _shared_reasons(verdicts: Iterable[Verdict]) -> dict[str, int]:
+    """The reasons shared by several claims that are not reproduced, numbered in the order of the claims."""
+    given = Counter(verdict.why for verdict in verdicts if verdict.why)
+    shared = (why for why, times in given.items() if times > 1)
+    return {why: number for number, why in enumerate(shared, start=1)}
 
 
 def judge(claim: Claim, tables: Mapping[str, pd.DataFrame]) -> Verdict:

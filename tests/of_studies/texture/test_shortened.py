@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from neurotact_parts.studies.texture import shortened
 
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
@@ -44,7 +45,7 @@ def test_the_layers_spike_and_labels_differ(network, heard):
 
 def test_a_cut_at_the_full_length_is_the_full_window(network, heard):
     full, test = network.infer(windows(0).spikes), windows(0)
-    *_, whole = truncated.cut_short(network, heard, CUTS_ms)
+    *_, whole = shortened.cut_short(network, heard, CUTS_ms)
     assert whole["accuracy_test"] == float((full.labels == test.labels).double().mean())
     assert whole["sops_input"] == 12 * float(full.input_spikes.double().mean())
     assert whole["sops_recurrent"] == 12 * float(full.hidden_spikes.double().mean())
@@ -52,7 +53,7 @@ def test_a_cut_at_the_full_length_is_the_full_window(network, heard):
 
 @pytest.mark.parametrize("cut_ms", CUTS_ms)
 def test_a_cut_is_what_the_network_does_with_windows_of_that_length(network, heard, cut_ms):
-    (row,) = truncated.cut_short(network, heard, [cut_ms])
+    (row,) = shortened.cut_short(network, heard, [cut_ms])
     short = network.infer(windows(0).spikes[:, : round(cut_ms)])
     assert row["accuracy_test"] == float((short.labels == windows(0).labels).double().mean())
     assert row["sops_total"] == pytest.approx(
@@ -61,7 +62,7 @@ def test_a_cut_is_what_the_network_does_with_windows_of_that_length(network, hea
 
 
 def test_sops_grow_with_the_cut_and_cuts_past_the_end_are_left_out(network, heard):
-    rows = truncated.cut_short(network, heard, [*CUTS_ms, 61.0])
+    rows = shortened.cut_short(network, heard, [*CUTS_ms, 61.0])
     assert [row["cut_ms"] for row in rows] == list(CUTS_ms)
     for name in ("sops_input", "sops_recurrent", "sops_readout", "sops_total"):
         assert np.all(np.diff([row[name] for row in rows]) > 0)
@@ -69,7 +70,7 @@ def test_sops_grow_with_the_cut_and_cuts_past_the_end_are_left_out(network, hear
 
 @pytest.fixture(scope="module")
 def curve(network, heard):
-    return truncated.exit_curve(
+    return shortened.exit_curve(
         network, heard, truncated.simulate_windows(network, windows(1)), [*PATIENCES, STEPS + 1]
     )
 

@@ -1,18 +1,28 @@
 """What the spikes of a study give back of its signals, by a filter that knows the training trials alone."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
+from neurotact_parts.encoders.survival import reconstruction
 
+from neurotact.data import hdf5
 from neurotact.data.conditioning import ACAUSAL, ConditioningSpec, condition
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.encoders.excerpts import draw, liveliest
-from neurotact.metrics import reconstruction
+from neurotact.networks.training import tasks
+from neurotact.progress import track
 from neurotact.spec import build
+from neurotact.studies import encoding_tables
+from neurotact.studies.cell import task_of
+from neurotact.studies.measures import Measure
+from neurotact.studies.study import Cell, StudySpec, encoder_columns, split_columns, value_at
 
 PER_CLASS, TAXELS, LONGEST_s = 8, 16, 2.0
 """Trials of each class on each side, taxels and seconds of a trial that are used, at most."""
@@ -21,7 +31,7 @@ PER_CLASS, TAXELS, LONGEST_s = 8, 16, 2.0
 class _Reconstructed(NamedTuple):
     """What the optimal linear filter gives back of a taxel's signal on test trials.
 
-    snr_dB, bits_per_s: as of `metrics.reconstruction`. bits_per_spike: of a taxel's spikes; NaN without any.
+    snr_dB, bits_per_s: as of `reconstruction`. bits_per_spike: of a taxel's spikes; NaN without any.
     """
 
     snr_dB: float
@@ -89,3 +99,33 @@ def _spikes(trains: SpikeTrains, trials: np.ndarray, first: int, n_steps: int) -
         inside = (steps >= 0) & (steps < n_steps)
         raster[steps[inside], trains.units[trial][inside]] = 1
     return rasters
+
+
+def _table(folder: Path, study: StudySpec, cells: Sequence[Cell], recordings: Recordings) -> pd.DataFrame:
+    """A row for each encoding: what its spikes give back of the signals of test trials.
+
+    Columns: the t_ref pair, swept keys of the split and of the encoder, snr_dB, bits_per_s and bits_per_spike.
+    """
+    distinct, keys = {cell.spikes_name: cell for cell in cells}, [*split_columns(study), *encoder_columns(study)]
+    rows = []
+    with track("reconstruction", len(distinct)) as advance:
+        for cell in distinct.values():
+            trains = hdf5.load_spikes(folder / cell.given)
+            sides = tasks.trials_of(trains, task_of(cell).model_copy(update={"subset": {}}))
+            measured = reconstructed(recordings, trains, sides, start_s=cell.window.start_ms * 1e-3)
+            own = {key: value_at(cell, key) for key in keys}
+            rows.append({**encoding_tables.periods(cell), **own, **measured._asdict()})
+            advance(1, "")
+    return pd.DataFrame(rows)
+
+
+MEASURE = Measure(
+    bool,
+    "Also measure how well a linear filter, fitted on training trials, gives the signal of test trials back from the "
+    "spikes of each encoder: the table reconstruction.csv.",
+    "reconstruction",
+    "how well a linear filter of each encoder's spikes gives the signal of test trials back",
+    of_study=_table,
+    needs_whole_trials=True,
+)
+"""The entry point `reconstruction` of the group `neurotact.measures`."""

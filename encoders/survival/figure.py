@@ -3,9 +3,14 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+<<<<<<<< HEAD:encoders/survival_figure.py
 from neurotact_parts.encoders.survival import Survival
 
 from neurotact.errors import InputError
+========
+from neurotact_parts.encoders.survival.survival import Survival
+
+>>>>>>>> drawings:encoders/survival/figure.py
 from neurotact.figures.raster import PALETTE
 from neurotact.figures.style import INK, MUTED, RA, SA, new_figure, printed
 
