@@ -45,12 +45,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def _small_opponents() -> Iterator[None]:
     """Trainings and searches end in forests and in MiniRocket, which take longer here than they do."""
     from neurotact.baselines import families, minirocket
-    from neurotact.networks.search import importance
+    from neurotact.networks.search import search_tables
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(families, "TREES", 10)
         patch.setattr(minirocket, "FEATURES", 1008)
-        patch.setattr(importance, "TREES", 40)
+        patch.setattr(search_tables, "TREES", 40)
         yield
 
 

@@ -22,8 +22,8 @@ from neurotact.encoders.specs import encode, load, populations
 from neurotact.errors import InputError
 from neurotact.metrics.prices import price_list
 from neurotact.networks.definition import rsnn
-from neurotact.networks.training import checkpoint, comparison
-from neurotact.networks.training.training import Examples
+from neurotact.networks.training import comparison, run_folder
+from neurotact.networks.training.epochs import Examples
 from neurotact.report import report
 from neurotact.studies import loading, runner
 
@@ -339,8 +339,10 @@ def test_a_function_that_cannot_be_used_is_named(package, settings, why):
 def test_a_network_with_a_surrogate_of_another_package_is_saved_and_needs_it(package, tmp_path):
     package(FUNCTIONS, LEARNING)
     net = nt.RSNN(2, 2, sampling_rate_Hz=1000.0, hidden=3, surrogate="triangle")
-    checkpoint.save(net, tmp_path / "net")
-    assert checkpoint.load(tmp_path / "net")[0].spike == net.spike != nt.RSNN(2, 2, sampling_rate_Hz=1000.0).spike
+    run_folder.save_network(net, tmp_path / "net")
+    assert (
+        run_folder.load_network(tmp_path / "net")[0].spike == net.spike != nt.RSNN(2, 2, sampling_rate_Hz=1000.0).spike
+    )
     with pytest.raises(InputError, match="another surrogate: the native kernels does not run it"):
         nt.RSNN(2, 2, sampling_rate_Hz=1000.0, surrogate="triangle", backend="native")(torch.zeros(1, 5, 2))
 

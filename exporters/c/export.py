@@ -13,7 +13,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.deploy.exporters import Exporter
 from neurotact.errors import InputError
-from neurotact.networks.training import trained
+from neurotact.networks.training import run_folder
 from neurotact.networks.training.ranges import record
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
@@ -130,7 +130,7 @@ def prepared(
     return Exported(chain, formats.choose(chain, ranges, lsb=lsb, **_bits_and_steps(restored, weight_bits, state_bits)))
 
 
-def _bits_and_steps(restored: trained.Restored, weight_bits: int | None, state_bits: int | None) -> dict[str, Any]:
+def _bits_and_steps(restored: run_folder.Restored, weight_bits: int | None, state_bits: int | None) -> dict[str, Any]:
     """Bits and steps of the weights and bits of the states, as given or as in the fine-tuning of the run.
 
     With other weight bits, or with fewer state bits, the weights are rounded again.
@@ -143,7 +143,7 @@ def _bits_and_steps(restored: trained.Restored, weight_bits: int | None, state_b
     return {**bits, "steps": Steps(*tuned.steps) if same_grid else None}
 
 
-def _resamples(restored: trained.Restored) -> bool:
+def _resamples(restored: run_folder.Restored) -> bool:
     return ((restored.encoder or {}).get("conditioning") or {}).get("resample_Hz") is not None
 
 

@@ -13,6 +13,7 @@ from neurotact_parts.exporters.nir.parse import FromNIR
 from neurotact_parts.exporters.trials import recorded
 
 from neurotact import effects
+from neurotact.backend import Backend
 from neurotact.data.recordings import Recordings
 from neurotact.deploy.chain import build_encoder
 from neurotact.deploy.exporters import Exporter
@@ -21,9 +22,8 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.model import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import Subject, require
-from neurotact.networks.definition.kernels import Backend
 from neurotact.networks.definition.rsnn import RSNN, rsnn_of
-from neurotact.networks.exit.early_exit import FULL_WINDOW
+from neurotact.networks.exit.rule import FULL_WINDOW
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
 from neurotact.progress import Tell, untold

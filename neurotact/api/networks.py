@@ -31,19 +31,19 @@ from neurotact.figures.style import save as save_figure
 from neurotact.metrics import synops
 from neurotact.metrics.prices import DEFAULT, PriceList, price_list
 from neurotact.networks.definition import recipe
-from neurotact.networks.definition.kernels import device_of
+from neurotact.networks.definition.native import device_of
 from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.specs import RSNNSpec, given_keys
 from neurotact.networks.search import journal, search_tables
 from neurotact.networks.search import search as searching
 from neurotact.networks.search.tuning import SearchSpec
-from neurotact.networks.training import cautions, checkpoint, repeated, tasks, train_run, trained
+from neurotact.networks.training import cautions, cross_validation, resumable, run_folder, tasks
 from neurotact.networks.training import conditions_curve as curves
 from neurotact.networks.training.balancing import Balance
+from neurotact.networks.training.cross_validation import trained_in as trained_in
 from neurotact.networks.training.outcome import summary_of
-from neurotact.networks.training.repeated import trained_in as trained_in
+from neurotact.networks.training.resumable import Interrupted as Interrupted
 from neurotact.networks.training.tasks import Task
-from neurotact.networks.training.train_run import Interrupted as Interrupted
 from neurotact.networks.use import fitted, inference, ledger
 from neurotact.networks.use.fitted import Fitted
 from neurotact.progress import track
@@ -114,16 +114,16 @@ def train(
     device_of(device)
     options = {"given": given, "seed": seed, "device": device, "force": force, "resume": resume, "tell": tell}
     if split.is_in_turn:
-        splits = repeated.tasks_of(task, split, trains.conditions)
+        splits = cross_validation.tasks_of(task, split, trains.conditions)
         tests = [one.split.test_where for one in splits.values() if one.split.seed == task.split.seed]
         for line in check_each(trains.conditions, tests, task.split, copies_of(trains).first):
             tell(line)
-        return _of_repeated(repeated.run(spikes, path, what, splits, **options), path, trains, split, tell)
-    done = train_run.run(spikes, path, what, task, **options)
+        return _of_repeated(cross_validation.run(spikes, path, what, splits, **options), path, trains, split, tell)
+    done = resumable.run(spikes, path, what, task, **options)
     if done is None:
-        tell(f"{path}: this training is done already; its result is in {path / train_run.RESULT}")
+        tell(f"{path}: this training is done already; its result is in {path / resumable.RESULT}")
     else:
-        for line in (*done.lines(), train_run.saved_in(path)):
+        for line in (*done.lines(), resumable.saved_in(path)):
             tell(line)
     return result(path)
 
@@ -158,14 +158,14 @@ def _task(
 
 
 def _of_repeated(
-    repeats: repeated.Repeated, folder: Path, trains: SpikeTrains, split: Splits, tell: Tell
+    repeats: cross_validation.Repeated, folder: Path, trains: SpikeTrains, split: Splits, tell: Tell
 ) -> dict[str, Any]:
     """What several trainings came to."""
     turns = {"leave_out_each": [*split.leave_out_each], "folds": split.every_fold and split.folds}
     key, value = next(((key, value) for key, value in turns.items() if value), ("repeats", split.repeats))
     each = f"split=nt.Split({key}={value})"
     tell(repeats.table[REPEATED])
-    tell(f"{folder / repeated.TABLE}: {repeated.line(repeats)}")
+    tell(f"{folder / cross_validation.TABLE}: {cross_validation.line(repeats)}")
     return {
         "accuracy_test": repeats.accuracy.mean, "low": repeats.accuracy.low, "high": repeats.accuracy.high,
         "baseline_accuracy": repeats.table["baseline"].mean(), "sops_total": repeats.table["sops_total"].mean(),
@@ -183,7 +183,7 @@ def result(run: str | Path) -> dict[str, Any]:
     >>> sorted(nt.result("run"))[:3]
     ['accuracy_test', 'accuracy_validation', 'baseline']
     """
-    return summary_of(files.read_json(Path(run) / train_run.RESULT))
+    return summary_of(files.read_json(Path(run) / resumable.RESULT))
 
 
 @takes_specs
@@ -298,7 +298,7 @@ def tune(
     if problem.search.first is not None:
         tell(journal.beside_given(tried))
     saved = f"its settings: {path / 'best.toml'}; every trial: {path / 'trials.csv'}; figure: {path / 'search.png'}"
-    for line in (*outcome.lines(), saved, train_run.saved_in(path / "best")):
+    for line in (*outcome.lines(), saved, resumable.saved_in(path / "best")):
         tell(line)
     return search_tables.trials_table(tried)
 
@@ -336,7 +336,7 @@ def infer(
     effects.check(force=force, out=out)
     is_file = isinstance(spikes, (str, Path))
     if out:
-        of_run = [] if fitted.is_in_memory(run) else trained.files_of(str(run))
+        of_run = [] if fitted.is_in_memory(run) else run_folder.files_of(str(run))
         files.check_new(out, force=force, inputs=[*of_run, *([spikes] if is_file else [])])
     restored = fitted.restore(run, device=str(device_of(device)))
     if test_only and fitted.is_in_memory(run):
@@ -382,11 +382,11 @@ def sops(
     why = "whose test windows it counts (SpikingClassifier.sops counts those of any windows)"
     fitted.check_folder(run, "sops", why)
     run, out = Path(run), Path(out)
-    files.check_new(out, force=force, inputs=[*trained.files_of(run), spikes])
+    files.check_new(out, force=force, inputs=[*run_folder.files_of(run), spikes])
     priced = price_list(prices)
-    restored = trained.restore(run, spikes=spikes)
+    restored = run_folder.restore(run, spikes=spikes)
     files.check_new(out, force=force, inputs=[restored.spikes_path])
-    trains = trained.load_spikes_of(restored)
+    trains = run_folder.load_spikes_of(restored)
     table = inference.infer(
         restored, trains, early_exit=early_exit, test_only=True, allow_other_encoder=allow_other_encoder
     )
@@ -424,8 +424,8 @@ def save_network(network: Network, folder: str | Path, *, force: bool = False) -
     ['network.json', 'weights.safetensors']
     """
     check_instance("network", network, Network, "a SpikingClassifier has one in network_")
-    files.check_new(Path(folder) / checkpoint.NETWORK, force=force)
-    checkpoint.save(network, folder)
+    files.check_new(Path(folder) / run_folder.NETWORK, force=force)
+    run_folder.save_network(network, folder)
 
 
 def load_network(folder: str | Path) -> Network:
@@ -434,4 +434,4 @@ def load_network(folder: str | Path) -> Network:
     >>> nt.load_network("run").n_inputs
     4
     """
-    return checkpoint.load(folder)[0]
+    return run_folder.load_network(folder)[0]

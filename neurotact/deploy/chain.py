@@ -15,8 +15,8 @@ from neurotact.encoders.specs import conditioning_of, n_per_taxel, populations, 
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import LIF_INSTEAD, Subject, require
 from neurotact.networks.definition.rsnn import RSNN, rsnn_of
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.training.trained import Restored
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.networks.training.run_folder import Restored
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
 from neurotact.spec import build

@@ -24,7 +24,7 @@ from neurotact.errors import InputError
 from neurotact.figures.style import Drawn, add_legend, new_figure, printed, series_style
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.training.training import Examples, train
+from neurotact.networks.training.epochs import Examples, train
 from neurotact.networks.use import measuring
 from neurotact.spec import Spec
 from neurotact.studies.way import Arrays, View, heads

@@ -10,21 +10,22 @@ from hypothesis import strategies as st
 from levels import examples, thinned
 from torch import Tensor
 
+from neurotact import backend as backends
 from neurotact.errors import InputError
-from neurotact.networks.definition import kernels, native
+from neurotact.networks.definition import native
 from neurotact.networks.definition.readouts import Integration
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.exit import truncated
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.exit.exit_choice import exits
-from neurotact.networks.training import checkpoint
-from neurotact.networks.training.fitting import exit_rule
-from neurotact.networks.training.training import Examples, train
+from neurotact.networks.exit.patience import exits
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.networks.training import run_folder
+from neurotact.networks.training.epochs import Examples, train
+from neurotact.networks.training.trainer import exit_rule
 from neurotact.neurons import Membrane
 from neurotact.spec import build
 
-native_only = pytest.mark.skipif(kernels.native is None, reason="no kernels")
+native_only = pytest.mark.skipif(backends.native is None, reason="no kernels")
 BACKENDS = ["reference", pytest.param("native", marks=native_only)]
 each_backend = pytest.mark.parametrize("backend", BACKENDS)
 KINDS = {
@@ -118,8 +119,8 @@ def test_a_leak_without_a_readout_that_adds_is_refused():
 @pytest.mark.parametrize("kind", LEAKING)
 def test_a_checkpoint_gives_it_back(kind, tmp_path):
     net = network(kind)
-    checkpoint.save(net, tmp_path)
-    again, _ = checkpoint.load(tmp_path, backend="reference")
+    run_folder.save_network(net, tmp_path)
+    again, _ = run_folder.load_network(tmp_path, backend="reference")
     assert torch.equal(again(spikes()).readout, net(spikes()).readout)
 
 

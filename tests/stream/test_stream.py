@@ -15,7 +15,7 @@ from neurotact.deploy.stream import Stream
 from neurotact.encoders import specs
 from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.exit.rule import ExitRule
 
 CONDITIONINGS = (
     {},

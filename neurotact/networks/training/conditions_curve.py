@@ -11,7 +11,7 @@ from neurotact.data.splits import Split, SplitSpec, values_to_leave_out
 from neurotact.errors import InputError
 from neurotact.networks.definition import seeds
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.training import fitting, robust, tasks
+from neurotact.networks.training import model_selection, tasks, trainer
 from neurotact.networks.training.tasks import Task
 from neurotact.networks.use import measuring
 
@@ -64,12 +64,12 @@ def curve(trains: SpikeTrains, spec: RSNNSpec, task: Task, column: str, seed: in
     for tested, trained_on in pairs:
         pool = np.flatnonzero(np.isin(values, trained_on))
         pool = np.sort(_some(rng, pool, labels, values, least))
-        kept = tasks.held_out(trains, pool, robust.SEEN, seed)
+        kept = tasks.held_out(trains, pool, model_selection.SEEN, seed)
         rest = np.setdiff1d(pool, kept)
         validation = tasks.held_out(trains, rest, VALIDATION, seed + 1)
         split = Split(np.setdiff1d(rest, validation), validation, np.flatnonzero(values == tested))
         start = seeds.of_start(seed, SplitSpec(test_where={column: tested}))
-        fitted, sides = fitting.fit(trains, spec, task, start, split=split)
+        fitted, sides = trainer.fit(trains, spec, task, start, split=split)
         inferred = fitted.network.infer(sides.test.spikes)
         seen, _ = tasks.examples_of(trains, kept, task.window)
         yield {

@@ -22,8 +22,8 @@ from neurotact.errors import InputError
 from neurotact.networks.definition import recipe
 from neurotact.networks.training import balancing
 from neurotact.networks.training.balancing import Balance
+from neurotact.networks.training.epochs import Examples
 from neurotact.networks.training.provenance import SIDES
-from neurotact.networks.training.training import Examples
 from neurotact.spec import Spec, build
 
 LEAST_KEPT = 10
