@@ -54,9 +54,9 @@ from .api.tools import to_neo as to_neo
 from .api.tools import to_nir as to_nir
 from .api.tools import to_nwb as to_nwb
 from .api.tools import to_snntorch as to_snntorch
+from .data.dataset import Reader as Reader
+from .data.dataset import Simulator as Simulator
 from .data.recordings import Recordings as Recordings
-from .data.sources import Reader as Reader
-from .data.sources import Simulator as Simulator
 from .data.spikes import SpikeTrains as SpikeTrains
 from .data.windowed import SpikeArray as SpikeArray
 from .data.windowed import WindowedSpikes as WindowedSpikes

@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
+from neurotact.data.dataset import Reader
 from neurotact.data.digests import DIGEST, TOUCH
 from neurotact.data.hdf5_input import Declared, attribute, reading
 from neurotact.data.readers.clock.stamps import row_times
@@ -35,7 +36,6 @@ from neurotact.data.readers.events.times import (
 )
 from neurotact.data.readers.table.cells import check_digits
 from neurotact.data.recordings import LABEL, Recordings
-from neurotact.data.sources import Reader
 from neurotact.data.spikes import SpikeTrains, from_trials
 from neurotact.data.trial_choice import EVERY, TrialChoice, Where, Words
 from neurotact.data.windows import LONGEST_STEPS

@@ -25,7 +25,7 @@ from neurotact.api import encoding
 from neurotact.api import studies as api
 from neurotact.cli import commands
 from neurotact.cli.studies import _print_answer
-from neurotact.data import sources
+from neurotact.data import dataset
 from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec
@@ -566,7 +566,7 @@ def test_what_is_not_utf8_is_refused(refused, made, tmp_path, monkeypatch, words
 @pytest.mark.parametrize("name", plugins.names("simulators"))
 def test_each_key_of_a_simulation_that_is_typed_as_an_option_is_shown_as_a_setting(refused, name):
     own = {"out", "set", "force", "help"}
-    for key in spec.leaves(sources.simulator(name).model().model_dump()):
+    for key in spec.leaves(dataset.simulator(name).model().model_dump()):
         assert key not in own
         refused(("simulate", name, "-o", "x.h5", f"--{key}", 2), f"a key of the spec: --set {key}=2; see neurotact")
 

@@ -27,7 +27,7 @@ from neurotact.networks.training.epochs import Examples
 from neurotact.report import report
 from neurotact.studies import loading, runner
 
-READER = "from neurotact.data.sources import Reader\nREADER = Reader('Touches of my skin.', print)\n"
+READER = "from neurotact.data.dataset import Reader\nREADER = Reader('Touches of my skin.', print)\n"
 
 
 @pytest.fixture
@@ -198,7 +198,7 @@ def test_an_opponent_of_another_package_is_a_way_of_one_task(package):
 
 
 SIMULATOR = (
-    "from neurotact.data.sources import Simulator\nfrom neurotact.spec import Spec\n"
+    "from neurotact.data.dataset import Simulator\nfrom neurotact.spec import Spec\n"
     "class Mine(Spec):\n    n_trials: int = 1\nSIMULATOR = Simulator('', Mine, print)\n"
 )
 
@@ -258,7 +258,7 @@ def test_two_other_packages_with_one_name_are_both_named(package, tmp_path):
 
 READS = (
     "import numpy as np, pandas as pd\nfrom neurotact.data.recordings import Recordings\n"
-    "from neurotact.data.sources import Reader, Simulator\nfrom neurotact.spec import Spec\n"
+    "from neurotact.data.dataset import Reader, Simulator\nfrom neurotact.spec import Spec\n"
     "class Mine(Spec):\n    n_trials: int = 4\n"
     "def made(n): return Recordings([np.random.default_rng(i).normal(size=(50, 2)) for i in range(n)], 500.0, 'mV',"
     " pd.DataFrame({'label': ['a', 'b'] * (n // 2)}), source='my skin')\n"

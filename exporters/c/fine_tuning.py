@@ -2,7 +2,7 @@
 
 The forward pass uses the weights of the integer variant of the C export. Their steps are those that `formats` chooses
 for the original network, and are constant. The gradients of the rounded weights reach the full-precision ones
-(`networks.rounding`). The rounded weights are saved with their steps, from which an export gets the same integers.
+(`exporters.c.rounding`). The rounded weights are saved with their steps, from which an export gets the same integers.
 States and decays are not rounded during training. Test windows are not used.
 """
 
@@ -15,12 +15,12 @@ from typing import Any
 import torch
 from neurotact_parts.exporters.c import formats
 from neurotact_parts.exporters.c.formats import Layers, Steps
+from neurotact_parts.exporters.c.rounding import Grid, seen_rounded
 from pydantic import Field, PositiveFloat
 
 from neurotact import effects, files
 from neurotact.data.windows import steps_of
 from neurotact.errors import InputError
-from neurotact.networks.definition.rounding import Grid, seen_rounded
 from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.training import resumable, run_folder, tasks, trainer
 from neurotact.networks.training.epochs import Epoch, Examples, Training, best_of, evaluate, train

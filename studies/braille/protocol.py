@@ -18,7 +18,7 @@ from pydantic import Field
 from sklearn.model_selection import train_test_split
 
 from neurotact.data import doubtful
-from neurotact.data.sources import expand
+from neurotact.data.dataset import expand
 from neurotact.data.windows import Windows
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn, add_legend, new_figure, printed, series_style

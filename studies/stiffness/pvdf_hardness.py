@@ -19,8 +19,8 @@ from pydantic import Field
 
 from neurotact.data.conditioning import ema, ema_coefficient
 from neurotact.data.copies import equal_examples, joined
+from neurotact.data.dataset import expand
 from neurotact.data.recordings import Recordings
-from neurotact.data.sources import expand
 from neurotact.data.splits import Split, SplitSpec, split_trials
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.afferents import AfferentSpec, AfferentType

@@ -18,6 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from neurotact_parts.exporters.c import fine_tuning, formats, integer
 from neurotact_parts.exporters.c.formats import Formats, Steps
+from neurotact_parts.exporters.c.rounding import Grid
 from neurotact_parts.studies.texture.simulator import SIMULATOR
 from pydantic import Field
 
@@ -40,7 +41,6 @@ from neurotact.figures.style import (
     series_style,
 )
 from neurotact.metrics import synops
-from neurotact.networks.definition.rounding import Grid
 from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.rule import FULL_WINDOW

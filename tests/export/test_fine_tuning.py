@@ -12,6 +12,7 @@ import torch
 from levels import thinned
 from made_chains import make_encoder, make_signal
 from neurotact_parts.exporters.c import export, fine_tuning, formats
+from neurotact_parts.exporters.c.rounding import Grid
 
 import neurotact as nt
 from neurotact import cli
@@ -19,7 +20,6 @@ from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
-from neurotact.networks.definition.rounding import Grid
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import epochs, run_folder, tasks, trainer
 from neurotact.networks.training.epochs import Examples

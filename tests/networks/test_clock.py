@@ -117,7 +117,7 @@ def test_a_patience_is_in_steps_of_the_encoder_and_counts_whole_bins():
 def test_the_chosen_exit_saves_whole_steps_of_the_network_and_keeps_its_word():
     own, spikes = network(readout="integrator"), resting(2, 100, 4)
     examples = Examples(spikes, own.infer(spikes).labels)
-    rule = trainer.exit_rule(own, examples, 0.0)
+    rule = trainer.exit_of(own, examples, 0.0).rule
     assert rule.patience is not None
     assert rule.patience % 5 == 0
     assert torch.equal(own.infer(spikes, rule).labels, examples.labels)

@@ -174,12 +174,12 @@ def test_a_network_is_judged_by_trials_and_not_by_windows(with_training):
     side = late(6)
     network, training = relay(2), late(6, every=1) if with_training else None
     choice = trainer.exit_of(network, side, 0.3, training)
-    assert choice.rule == trainer.exit_rule(network, side, 0.3, training)
+    assert choice.rule == trainer.exit_of(network, side, 0.3, training).rule
     assert (choice.tolerance, [*choice.losses]) == (0.3, [*range(6)])
     for trial in range(6):
         kept = side.of != trial
         others = Examples(side.spikes[kept], side.labels[kept], of=side.of[kept])
-        rule, own = trainer.exit_rule(network, others, 0.3, training), side.spikes[~kept]
+        rule, own = trainer.exit_of(network, others, 0.3, training).rule, side.spikes[~kept]
         right = [network.infer(own, one).labels == side.labels[~kept] for one in (FULL_WINDOW, rule)]
         assert choice.losses[trial] == float((right[0] * 1.0 - right[1] * 1.0).mean())
 

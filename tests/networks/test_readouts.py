@@ -21,7 +21,7 @@ from neurotact.networks.exit.patience import exits
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 from neurotact.networks.training import run_folder
 from neurotact.networks.training.epochs import Examples, train
-from neurotact.networks.training.trainer import exit_rule
+from neurotact.networks.training.trainer import exit_of
 from neurotact.neurons import Membrane
 from neurotact.spec import build
 
@@ -286,13 +286,13 @@ def test_all_patiences_at_once_are_each_by_itself(kind, backend, seed, patience)
 def test_a_patience_is_chosen_that_keeps_the_accuracy(kind, with_training):
     net, x = network(kind, 9), spikes(9, 30)
     held = Examples(x, net.infer(x).labels)  # right whenever the whole window is heard
-    rule = exit_rule(net, held, 0.0, held if with_training else None)
+    rule = exit_of(net, held, 0.0, held if with_training else None).rule
     found = net.infer(x, rule)
     assert torch.equal(found.labels, held.labels)
     assert rule.patience is not None
     assert rule.from_first_spike
     assert found.steps.sum() < STEPS * len(x)
-    loose = net.infer(x, exit_rule(net, held, 0.5))
+    loose = net.infer(x, exit_of(net, held, 0.5).rule)
     assert loose.steps.sum() <= found.steps.sum()
 
 

@@ -166,21 +166,21 @@ VALIDATION = ((STEADY, 0), (STEADY, 0), (STEADY, 0), (SWITCHING, 1))
 @pytest.mark.parametrize(("tolerance", "patience"), [(0.0, 10), (0.24, 10), (0.25, 1), (0.99, 1)])
 def test_the_exit_rule_loses_no_more_than_it_may(tolerance, patience):
     """Class 0 leads the switching window for 10 steps, so that a patience below 10 gets it wrong: 3 of 4 windows."""
-    assert trainer.exit_rule(wired(), examples(*VALIDATION), tolerance) == ExitRule(patience, from_first_spike=True)
+    assert trainer.exit_of(wired(), examples(*VALIDATION), tolerance).rule == ExitRule(patience, from_first_spike=True)
 
 
 def test_a_rule_is_chosen_on_all_validation_windows_however_many():
     many = examples(*[(STEADY, 0)] * 1500, (SWITCHING, 1))
-    assert trainer.exit_rule(wired(), many, 0.0).patience == 10
-    assert trainer.exit_rule(wired(), many, 0.001).patience == 1
+    assert trainer.exit_of(wired(), many, 0.0).rule.patience == 10
+    assert trainer.exit_of(wired(), many, 0.001).rule.patience == 1
 
 
 def test_training_windows_judge_a_steady_rule_too():
     """One validation window, which allows a patience of 1, beside training windows that do not."""
     training = examples(*[(STEADY, 0)] * 400, *[(SWITCHING, 1)] * 100)
-    assert trainer.exit_rule(wired(), examples((STEADY, 0)), 0.01).patience == 1
-    assert trainer.exit_rule(wired(), examples((STEADY, 0)), 0.01, training).patience == 10
-    assert trainer.exit_rule(wired(), examples(*VALIDATION), 0.01, examples((STEADY, 0))).patience == 10
+    assert trainer.exit_of(wired(), examples((STEADY, 0)), 0.01).rule.patience == 1
+    assert trainer.exit_of(wired(), examples((STEADY, 0)), 0.01, training).rule.patience == 10
+    assert trainer.exit_of(wired(), examples(*VALIDATION), 0.01, examples((STEADY, 0))).rule.patience == 10
 
 
 @pytest.mark.parametrize(("choice", "patience"), [("least", 1), ("steady", 10)])

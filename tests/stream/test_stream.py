@@ -9,7 +9,7 @@ from levels import examples
 from made_chains import ADAPTING, READOUTS, make_chain, make_encoder, make_signal, offline, told
 
 from neurotact.backend import native
-from neurotact.data.sources import simulator
+from neurotact.data.dataset import simulator
 from neurotact.deploy.chain import chain_of
 from neurotact.deploy.stream import Stream
 from neurotact.encoders import specs

@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from neurotact import files
-from neurotact.data.nested import combination
-from neurotact.data.splits import Splits, SplitSpec, each_left_out
+from neurotact.data.splits import Splits, SplitSpec, combination, each_left_out
 from neurotact.errors import InputError, some
 from neurotact.metrics.resampled import LEAST_SPLITS, Interval, resampled_interval
 from neurotact.networks.definition.specs import RSNNSpec

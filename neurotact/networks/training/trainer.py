@@ -147,19 +147,6 @@ def _warn_of_merged(network: Network, training: Tensor) -> None:
         )
 
 
-def exit_rule(
-    network: Network,
-    validation: Examples,
-    tolerance: float,
-    training: Examples | None = None,
-) -> ExitRule:
-    """The early exit of least patience whose accuracy on validation windows is within `tolerance`.
-
-    training: windows that `steady` evaluates together with the validation windows; without them `least` chooses.
-    """
-    return exit_of(network, validation, tolerance, training).rule
-
-
 @torch.no_grad()
 def exit_of(
     network: Network,
@@ -167,7 +154,10 @@ def exit_of(
     tolerance: float,
     training: Examples | None = None,
 ) -> ExitChoice:
-    """As `exit_rule`, with the losses on trials that did not choose it (`patience.losses`)."""
+    """The early exit of least patience within `tolerance`, with its losses on trials that did not choose it.
+
+    training: windows that `steady` evaluates together with the validation windows; without them `least` chooses.
+    """
     labels = validation.labels.cpu()
     of = torch.arange(len(labels)) if validation.of is None else validation.of
     right = torch.cat([*_right(network, validation)]).numpy()
