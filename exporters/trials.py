@@ -59,7 +59,7 @@ def _given(restored: run_folder.Restored, recordings: Recordings | str | Path | 
             "`recordings`: a classifier keeps none, and integers need the range of samples; give recordings like those "
             "that it was fitted on, or `variant='float'`"
         )
-    encoder = build_encoder(restored, "run")
+    encoder = build_encoder(restored)
     data = recordings if isinstance(recordings, Recordings) else hdf5.load_recordings(recordings)
     unknown = sorted({*data.classes} - {*restored.classes})
     if unknown:

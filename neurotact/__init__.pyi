@@ -10,7 +10,6 @@ from .api.encoding import plot_raster as plot_raster
 from .api.encoding import plot_survival as plot_survival
 from .api.encoding import save_raster as save_raster
 from .api.encoding import what_survives as what_survives
-from .api.networks import conditions_curve as conditions_curve
 from .api.networks import infer as infer
 from .api.networks import load_network as load_network
 from .api.networks import result as result
@@ -44,6 +43,7 @@ from .api.studies import resume_study as resume_study
 from .api.studies import run_study as run_study
 from .api.studies import study_answer as study_answer
 from .api.tools import check_chip as check_chip
+from .api.tools import conditions_curve as conditions_curve
 from .api.tools import fine_tune as fine_tune
 from .api.tools import from_neo as from_neo
 from .api.tools import from_nir as from_nir

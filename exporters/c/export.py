@@ -111,11 +111,11 @@ def prepared(
     weight_bits, state_bits, lsb: as for `formats.choose`. By default, the weights of a fine-tuned run have the bits and
     steps of its fine-tuning, others 8 bits.
     """
-    if not integer:
-        return Exported(chain_of(run, **options), None)
     restored = fitted.restore(run, spikes=spikes)
+    if not integer:
+        return Exported(chain_of(restored, **options), None)
     if recordings is None and spikes is None and restored.spikes:
-        chain, ranges = chain_of(run, **options), restored.ranges
+        chain, ranges = chain_of(restored, **options), restored.ranges
         if ranges is None:
             raise InputError(
                 f"{run}: does not hold the ranges of its samples, since their recordings were not found in training; "
@@ -125,7 +125,7 @@ def prepared(
         known = recorded(restored, recordings)
         if options.get("sampling_rate_Hz") is None and _resamples(restored):
             options["sampling_rate_Hz"] = known.sampling_rate_Hz
-        chain = chain_of(run, **options)
+        chain = chain_of(restored, **options)
         ranges = record(chain.network, known.windows, known.training)
     return Exported(chain, formats.choose(chain, ranges, lsb=lsb, **_bits_and_steps(restored, weight_bits, state_bits)))
 

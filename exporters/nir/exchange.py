@@ -66,7 +66,7 @@ def to_nir(
         restored = fitted.restore(source)
         network = rsnn_of("nir-plain" if plain else "nir", restored.network)
         rule, classes = restored.exits(), restored.classes
-        encoder = build_encoder(restored, fitted.name_of(source)) if restored.encoder is not None else None
+        encoder = build_encoder(restored) if restored.encoder is not None else None
     encoder = None if network_only else encoder
     require("nir-plain" if plain else "nir", Subject(encoder, network))
     assert encoder is None or isinstance(encoder, AfferentSpec)  # `require` refuses the others
@@ -166,7 +166,7 @@ def proved(
     A simulator that cannot run the graph is reported, with the reason.
     """
     restored = fitted.restore(run, spikes=spikes)
-    encoder = build_encoder(restored, fitted.name_of(run))
+    encoder = build_encoder(restored)
     network = rsnn_of("nir-plain", restored.network)
     require("nir-plain", Subject(encoder, network))
     assert isinstance(encoder, AfferentSpec)  # `require` refuses the others

@@ -7,7 +7,7 @@ Other rooms take:
 
     deployment: Flow, stream
     encoding: calibrate, encode, encode_file, plot_raster, plot_survival, save_raster, what_survives
-    networks: conditions_curve, infer, load_network, result, save_network, sops, summarise, train, tune
+    networks: infer, load_network, result, save_network, sops, summarise, train, tune
     recordings: ARRAY_NAMES, EVENT_NAMES, describe, fetch, load, load_recordings, load_spikes, read, read_arrays,
         read_events, read_folder, read_raster, read_table, save, simulate
     settings: Layout, Naming, Onset, Search, Split, Window

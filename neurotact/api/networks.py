@@ -12,11 +12,9 @@ from neurotact.api.arguments import (
     Settings,
     Tell,
     check_instance,
-    path_of,
     silent,
 )  # fmt: skip
 from neurotact.data import hdf5
-from neurotact.data.augmentation import NONE
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
@@ -25,9 +23,7 @@ from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.window_choice import ARGUMENTS
 from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
-from neurotact.figures.conditions_curve import draw_conditions_curve
 from neurotact.figures.search import save_found
-from neurotact.figures.style import save as save_figure
 from neurotact.metrics import synops
 from neurotact.metrics.prices import DEFAULT, PriceList, price_list
 from neurotact.networks.definition import recipe
@@ -38,7 +34,6 @@ from neurotact.networks.search import journal, search_tables
 from neurotact.networks.search import search as searching
 from neurotact.networks.search.tuning import SearchSpec
 from neurotact.networks.training import cautions, cross_validation, resumable, run_folder, tasks
-from neurotact.networks.training import conditions_curve as curves
 from neurotact.networks.training.balancing import Balance
 from neurotact.networks.training.cross_validation import trained_in as trained_in
 from neurotact.networks.training.outcome import summary_of
@@ -107,7 +102,7 @@ def train(
     True
     """
     trains, task = _task("train", spikes, window, split, exit_tolerance, where, leave_out)
-    kind = _kind_of_copies(trains, augmentation, tell)
+    kind = tasks.kind_of_copies(trains, augmentation, tell)
     task = spec.build(Task, {**task.model_dump(), "augmentation": kind, "balance": balance}, source="train")
     path, spikes = Path(folder), Path(spikes)
     what, given = spec.resolve(RSNNSpec, network, settings), given_keys(network, settings)
@@ -128,30 +123,12 @@ def train(
     return result(path)
 
 
-def _kind_of_copies(trains: SpikeTrains, given: str | None, tell: Tell) -> str:
-    """Which varied copies of a file are trained on."""
-    held = [] if trains.variations is None else sorted({*trains.variations.kind.tolist()})
-    if given is None and len(held) > 1:
-        raise InputError(
-            f"`augmentation`: the file holds several kinds of varied copies; name one of {', '.join(held)}"
-        )
-    if given not in (None, NONE, *held):
-        have = (
-            f"it has {', '.join(held)}" if held else f"encode them with `nt.encode_file(..., augmentation={given!r})`"
-        )
-        raise InputError(f"`augmentation`: the file holds no varied copies '{given}'; {have}")
-    kind = given or (held[0] if held else NONE)
-    if kind != NONE and given is None:
-        tell(f"training: also on the varied copies in the file ({kind})")
-    return kind
-
-
 def _task(
     source: str, spikes: str | Path, window: WindowSpec, split: Splits, exit_tolerance: float = 0.01,
     where: Conditions | None = None, leave_out: LeftOut = None,
 ) -> tuple[SpikeTrains, Task]:  # fmt: skip
     """The spike trains of a file and what a network does with them, with windows that suit them."""
-    path = path_of(spikes)
+    path = tasks.path_of(spikes)
     task = tasks.task_of(source, window, split, exit_tolerance, where, leave_out)
     trains = tasks.load_spikes(path, task, tell=True)
     return trains, tasks.with_suited_window(task, trains, ARGUMENTS)
@@ -184,64 +161,6 @@ def result(run: str | Path) -> dict[str, Any]:
     ['accuracy_test', 'accuracy_validation', 'baseline']
     """
     return summary_of(files.read_json(Path(run) / resumable.RESULT))
-
-
-@takes_specs
-def conditions_curve(
-    spikes: str | Path,
-    column: str,
-    network: str | Path | RSNNSpec = "default",
-    settings: Settings | None = None,
-    *,
-    window: WindowSpec = WindowSpec(),
-    where: Conditions | None = None,
-    leave_out: LeftOut = None,
-    augmentation: str | None = None,
-    seed: int = 0,
-    out: str | Path | None = None,
-    figure: str | Path | None = None,
-    force: bool = False,
-    tell: Tell = silent,
-) -> pd.DataFrame:
-    """How many values of a condition must be recorded: accuracy at an untrained one over the number of trained ones.
-
-    A network is trained on one, two, ... of the other values and tested on all trials of one; up to four values are
-    tested. Each training has as many trials, so that a further value does not count as more data.
-
-    column: the condition, such as "speed", with three values or more. network, settings, window, where, leave_out,
-        augmentation: as of `train`. seed: of the weights, and of the trials that are drawn.
-    out: also write the table (.csv, .json, .md). figure: also draw the curve (.png, .svg, .pdf). force: replace them.
-    tell: called with what `neurotact conditions-curve` prints: the means, and the advice.
-    Returns a row for each training: `tested`, `trained` (how many values), `accuracy_seen` (on other trials of trained
-    values), `accuracy_test`, `sops_total` and `n_train`.
-    Raises InputError for an unknown condition, and for one with fewer than three values.
-
-    >>> settings, window = {"hidden": 4, "training.epochs": 1}, nt.Window(length_ms=50)
-    >>> table = nt.conditions_curve("spikes.h5", "day", "rsnn", settings, window=window)
-    >>> table["trained"].unique().tolist()
-    [1, 2, 3, 4]
-    """
-    outputs = [Path(file) for file in (out, figure) if file is not None]
-    for file in outputs:
-        files.check_new(file, force=force, inputs=[spikes])
-    trains, task = _task("conditions_curve", spikes, window, Splits(), where=where, leave_out=leave_out)
-    task = task.model_copy(update={"augmentation": _kind_of_copies(trains, augmentation, tell)})
-    what, n = spec.resolve(RSNNSpec, network, settings), len(curves.plan(trains.conditions, column))
-    rows = []
-    with track("networks", n) as advance:
-        for row in curves.curve(trains, what, task, column, seed):
-            rows.append(row)
-            advance(1, "")
-    table = pd.DataFrame(rows)
-    if out is not None:
-        write_table(table, Path(out))
-    if figure is not None:
-        save_figure(draw_conditions_curve(table, column), Path(figure))
-    tell(curves.means(table))
-    tell(curves.advice(table, column))
-    for file in outputs:
-        tell(f"saved in {file}")
-    return table
 
 
 @takes_specs

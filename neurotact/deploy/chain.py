@@ -74,7 +74,7 @@ class Chain(NamedTuple):
 
 
 def chain_of(
-    source: Fitted | tuple[EncoderSpec, RSNN],
+    source: Fitted | Restored | tuple[EncoderSpec, RSNN],
     *,
     sampling_rate_Hz: float | None = None,
     early_exit: bool = True,
@@ -84,7 +84,7 @@ def chain_of(
     contact: bool = False,
     quiet_ms: float | None = None,
 ) -> Chain:
-    """The chain of a run folder that `train` wrote, of a fitted classifier or pipeline, or of an encoder and a network.
+    """The chain of a run folder that `train` wrote, of a fitted one, of one read back, or of an encoder and a network.
 
     sampling_rate_Hz: of the samples. If the encoder resamples, None takes that of the recordings that the network was
     trained on, where it is known; otherwise it is equal to the clock.
@@ -96,11 +96,9 @@ def chain_of(
     rule, classes, settings = FULL_WINDOW, None, {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms}
     recorded_Hz: float | None = None
     taxels: tuple[str, ...] | None = None
-    if isinstance(source, tuple):
-        encoder, network = source[0], rsnn_of("stream", source[1])
-    else:
-        restored = fitted.restore(source)
-        encoder, classes = build_encoder(restored, fitted.name_of(source)), restored.classes
+    if isinstance(source, Restored) or not isinstance(source, tuple):
+        restored = source if isinstance(source, Restored) else fitted.restore(source)
+        encoder, classes = build_encoder(restored), restored.classes
         network = rsnn_of("stream", restored.network)
         rule = restored.exits(early_exit)
         recorded_Hz = restored.recorded_Hz
@@ -109,6 +107,8 @@ def chain_of(
         trained_window = restored.task.window
         for key in settings:
             settings[key] = getattr(trained_window, key) if settings[key] is None else settings[key]
+    else:
+        encoder, network = source[0], rsnn_of("stream", source[1])
     require("stream", Subject(encoder, network, rule))
     _check_taxels(encoder, network)
     clock_Hz = network.sampling_rate_Hz
@@ -121,14 +121,14 @@ def chain_of(
     return Chain(encoder, network.cpu(), rule, classes, windows, rate_Hz, taxels)
 
 
-def build_encoder(restored: Restored, source: object) -> EncoderSpec:
+def build_encoder(restored: Restored) -> EncoderSpec:
     """The encoder that a network was trained with; InputError where it is not known."""
     if restored.encoder is None:
         raise InputError(
-            f"{source}: was fitted on an array that does not say its encoder; fit it on `nt.windows(...).X` or, in a "
-            "pipeline, behind nt.SpikeEncoder"
+            f"{restored.source}: was fitted on an array that does not say its encoder; fit it on `nt.windows(...).X` "
+            "or, in a pipeline, behind nt.SpikeEncoder"
         )
-    return encoder_of(restored.encoder, source)
+    return encoder_of(restored.encoder, restored.source)
 
 
 def encoder_of(table: Mapping[str, Any], source: object) -> EncoderSpec:

@@ -8,7 +8,6 @@ Other rooms take:
     definition.network: Network
     definition.readouts: Integration, Stretches
     definition.recipe: Seen, chosen_for, described, joined_cost, resolve, training_of, void_keys
-    definition.rounding: Grid, seen_rounded
     definition.rsnn: FEED_FORWARD, RECURRENT, RSNN, rsnn_of
     definition.seeds: of_start
     definition.specs: BUILT_IN, RSNNSpec, TrainingSpec, given_keys, part_of
@@ -23,7 +22,6 @@ Other rooms take:
     search.tuning: SearchSpec, check, load_space
     training.balancing: Balance, SETTINGS, columns_of, note
     training.cautions: FEW_PER_CLASS, MEMBER, calibrated, copies, few_test_trials, not_learned, together, training
-    training.conditions_curve: advice, curve, means, plan
     training.cross_validation: Repeated, TABLE, line, run, tasks_of, trained_in
     training.epochs: Epoch, Examples, Training, best_of, evaluate, train
     training.losses: cross_entropy, hinge
@@ -33,8 +31,8 @@ Other rooms take:
     training.resumable: Interrupted, RESULT, check_place, clear, line_of, run, saved_in
     training.run_folder: LOG, NETWORK, Restored, WEIGHTS, check_trials, files_of, load_network, load_spikes_of,
         restore, save, save_network, shapes_of, test_trials
-    training.tasks: Sides, Task, examples_of, load_spikes, seen, seen_trials, sides_of, task_of, trials_of,
-        with_every_condition, with_suited_window
+    training.tasks: Sides, Task, examples_of, held_out, kind_of_copies, load_spikes, path_of, seen, seen_trials,
+        sides_of, task_of, trials_of, with_every_condition, with_suited_window
     training.trainer: Trained, exit_of, finished, fit, new_trained
     use.classifier: SpikingClassifier
     use.fitted: Fitted, check_folder, is_in_memory, name_of, restore

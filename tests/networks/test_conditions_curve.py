@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.studies import conditions_curve
 
 import neurotact as nt
 from neurotact.data import hdf5
@@ -13,7 +14,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec
 from neurotact.errors import InputError
 from neurotact.networks.definition.seeds import of_start
-from neurotact.networks.training import conditions_curve, trainer
+from neurotact.networks.training import trainer
 
 QUICK = {"settings": {"hidden": 4, "training.epochs": 1}, "window": nt.Window(length_ms=100)}
 

@@ -256,6 +256,8 @@ class Restored(NamedTuple):
     """As of `trainer.Trained`."""
     ranges: Ranges | None = None
     """Of values on its training trials; None where their recordings were not found."""
+    source: str = "run"
+    """Its folder, or what it was in memory, for messages."""
 
     @property
     def spikes_path(self) -> Path | None:
@@ -332,6 +334,7 @@ def restore(
     return Restored(
         network.to(device), known.task, rule, known.classes, tuple(places), known.encoder, provenance,
         extra.get("fine_tuned"), known.recorded_Hz, known.has_own_rule, held=held, ranges=known.ranges,
+        source=str(folder),
     )  # fmt: skip
 
 

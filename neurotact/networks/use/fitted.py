@@ -80,5 +80,5 @@ def restore(source: Fitted, *, device: str = "cpu", spikes: str | Path | None = 
         network, Task(window=classifier.window_), classifier.exit_rule_, tuple(map(str, classifier.classes_)), (),
         None if origin is None else origin.encoder, None, recorded_Hz=None if origin is None else origin.recorded_Hz,
         names=None if origin is None else origin.afferents,
-        held=classifier.exit_choice_,
+        held=classifier.exit_choice_, source=name_of(source),
     )  # fmt: skip
