@@ -1,7 +1,7 @@
 """The deployed chain: an encoder with causal conditioning, a network and its exit rule."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -97,7 +97,7 @@ def chain_of(
     recorded_Hz: float | None = None
     taxels: tuple[str, ...] | None = None
     if isinstance(source, Restored) or not isinstance(source, tuple):
-        restored = source if isinstance(source, Restored) else fitted.restore(source)
+        restored = cast(Restored, source) if isinstance(source, Restored) else fitted.restore(source)
         encoder, classes = build_encoder(restored), restored.classes
         network = rsnn_of("stream", restored.network)
         rule = restored.exits(early_exit)
@@ -108,7 +108,8 @@ def chain_of(
         for key in settings:
             settings[key] = getattr(trained_window, key) if settings[key] is None else settings[key]
     else:
-        encoder, network = source[0], rsnn_of("stream", source[1])
+        encoder, given = source
+        network = rsnn_of("stream", given)
     require("stream", Subject(encoder, network, rule))
     _check_taxels(encoder, network)
     clock_Hz = network.sampling_rate_Hz
