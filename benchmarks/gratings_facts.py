@@ -13,8 +13,8 @@ from neurotact_parts.studies.texture.simulator import GratingsSpec, simulate
 from signal_facts import Fact
 
 from neurotact.data.conditioning import ConditioningSpec, condition
+from neurotact.data.dataset import expand
 from neurotact.data.recordings import LABEL, Recordings, select_conditions
-from neurotact.data.sources import expand
 from neurotact.data.spikes import SpikeTrains
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_recordings

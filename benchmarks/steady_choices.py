@@ -21,9 +21,9 @@ from neurotact_parts.studies.braille.reader import read as read_letters
 
 from neurotact import spec
 from neurotact.data.conditioning import conditioned_length
+from neurotact.data.dataset import reader
 from neurotact.data.onset import common_onset_s
 from neurotact.data.recordings import Recordings
-from neurotact.data.sources import reader
 from neurotact.data.window_choice import Timing, choose
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.afferents import AfferentSpec

@@ -17,8 +17,8 @@ from neurotact_parts.studies.stiffness.figures import channel_colour
 from neurotact_parts.studies.stiffness.simulator import StiffnessSpec
 
 from neurotact.data.conditioning import ema, ema_coefficient
+from neurotact.data.dataset import expand
 from neurotact.data.recordings import Recordings
-from neurotact.data.sources import expand
 from neurotact.figures.style import add_legend, new_figure, printed, save
 
 DATA = "$NEUROTACT_DATA/pvdf-hardness"

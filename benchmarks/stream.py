@@ -24,7 +24,7 @@ import neurotact as nt
 from neurotact.backend import Backend
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.encoders import afferents, specs
-from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.exit.rule import ExitRule
 from neurotact.networks.training.ranges import record
 
 TIMER = """

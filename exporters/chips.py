@@ -13,7 +13,7 @@ from neurotact.deploy.chain import encoder_of
 from neurotact.errors import InputError, nearest
 from neurotact.networks.definition.executors import FEATURES, Subject, lacking
 from neurotact.networks.definition.rsnn import RSNN, rsnn_of
-from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.exit.rule import ExitRule
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
 from neurotact.progress import Tell, untold

@@ -19,11 +19,11 @@ import torch
 from snntorch import surrogate
 from torch import Tensor, nn
 
+from neurotact.backend import Backend
 from neurotact.data.recordings import check_sampling_rate
 from neurotact.errors import InputError
 from neurotact.networks.definition import clock
 from neurotact.networks.definition.executors import Subject, require
-from neurotact.networks.definition.kernels import Backend
 from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.readouts import Integration, Stretches
 from neurotact.networks.definition.rsnn import RSNN, rsnn_of

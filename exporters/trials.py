@@ -11,7 +11,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.deploy.chain import build_encoder
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
-from neurotact.networks.training import tasks, trained
+from neurotact.networks.training import run_folder, tasks
 from neurotact.networks.training.ranges import evenly
 
 
@@ -29,7 +29,7 @@ class Recorded(NamedTuple):
     windows: Tensor
 
 
-def recorded(restored: trained.Restored, recordings: Recordings | str | Path | None = None) -> Recorded:
+def recorded(restored: run_folder.Restored, recordings: Recordings | str | Path | None = None) -> Recorded:
     """The signals of a run's training and test trials, in the encoder's unit.
 
     Raises InputError if the run's spikes were not encoded from these recordings.
@@ -38,8 +38,8 @@ def recorded(restored: trained.Restored, recordings: Recordings | str | Path | N
         return _given(restored, recordings)
     if isinstance(recordings, Recordings):
         raise InputError("recordings: must be the file that the run was trained on; give its path, or leave it out")
-    trains = trained.load_spikes_of(restored)
-    trained.check_trials(restored, trains)
+    trains = run_folder.load_spikes_of(restored)
+    run_folder.check_trials(restored, trains)
     assert restored.spikes_path is not None  # the file of these
     unit = str((restored.encoder or {}).get("unit", "mV"))
     split = tasks.trials_of(trains, restored.task)
@@ -52,14 +52,14 @@ def recorded(restored: trained.Restored, recordings: Recordings | str | Path | N
         return Recorded(parts[0], parts[1], labels, stored.sampling_rate_Hz, windows)
 
 
-def _given(restored: trained.Restored, recordings: Recordings | str | Path | None) -> Recorded:
+def _given(restored: run_folder.Restored, recordings: Recordings | str | Path | None) -> Recorded:
     """All trials of some recordings as those of training and of the test, for a network that was fitted in memory."""
     if recordings is None:
         raise InputError(
             "`recordings`: a classifier keeps none, and integers need the range of samples; give recordings like those "
             "that it was fitted on, or `variant='float'`"
         )
-    encoder = build_encoder(restored, "run")
+    encoder = build_encoder(restored)
     data = recordings if isinstance(recordings, Recordings) else hdf5.load_recordings(recordings)
     unknown = sorted({*data.classes} - {*restored.classes})
     if unknown:

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 
 from neurotact import plugins
 from neurotact.metrics.flops import Cost, Integrator, SpikingLayer, cost
-from neurotact.networks.definition import kernels, native, recipe, reference
+from neurotact.networks.definition import native, recipe, reference
 from neurotact.networks.definition.parts import Counted, NetworkPart, Sizes
 from neurotact.networks.definition.specs import MOST_HIDDEN
 from neurotact.networks.definition.surrogate import FAST_SIGMOID, FastSigmoid, spike_function
@@ -117,7 +117,7 @@ class _Layer(nn.Module):
             x = torch.cat([x, x.new_ones(*x.shape[:-1], 1)], dim=-1)
             w = torch.cat([w, self.bias[None]])
         dynamics = self.alpha, self.beta, self.threshold
-        if isinstance(self.spike, FastSigmoid) and kernels.use_native(self.sizes.backend, w):
+        if isinstance(self.spike, FastSigmoid) and native.use_native(self.sizes.backend, w):
             return native.layer(x, w, self.v, *dynamics, self.neuron, float(self.spike.scale))
         names = dict(zip(("alpha", "beta", "threshold"), dynamics, strict=True))
         return reference.cuba_lif_layer(x, w, self.v, **names, neuron=self.neuron, spike=self.spike)[0]

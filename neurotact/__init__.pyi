@@ -8,7 +8,7 @@ from .api.encoding import encode as encode
 from .api.encoding import encode_file as encode_file
 from .api.encoding import plot_raster as plot_raster
 from .api.encoding import save_raster as save_raster
-from .api.networks import conditions_curve as conditions_curve
+
 from .api.networks import infer as infer
 from .api.networks import load_network as load_network
 from .api.networks import result as result
@@ -45,6 +45,7 @@ from .api.studies import resume_study as resume_study
 from .api.studies import run_study as run_study
 from .api.studies import study_answer as study_answer
 from .api.tools import check_chip as check_chip
+from .api.tools import conditions_curve as conditions_curve
 from .api.tools import fine_tune as fine_tune
 from .api.tools import from_neo as from_neo
 from .api.tools import from_nir as from_nir
@@ -56,10 +57,9 @@ from .api.tools import to_neo as to_neo
 from .api.tools import to_nir as to_nir
 from .api.tools import to_nwb as to_nwb
 from .api.tools import to_snntorch as to_snntorch
-from .api.tools import what_survives as what_survives
+from .data.dataset import Reader as Reader
+from .data.dataset import Simulator as Simulator
 from .data.recordings import Recordings as Recordings
-from .data.sources import Reader as Reader
-from .data.sources import Simulator as Simulator
 from .data.spikes import SpikeTrains as SpikeTrains
 from .data.windowed import SpikeArray as SpikeArray
 from .data.windowed import WindowedSpikes as WindowedSpikes

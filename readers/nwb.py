@@ -19,6 +19,7 @@ from neurotact_parts.readers.events.spikes import BYTES_PER_EVENT, MOST_AFFERENT
 from neurotact_parts.readers.events.times import SLACK, EventTimes, event_times
 from pydantic import Field
 
+from neurotact.data.dataset import Reader
 from neurotact.data.digests import DIGEST, TOUCH
 from neurotact.data.hdf5_input import Declared, attribute, own_members, reading
 from neurotact.data.readers.clock.stamps import row_times
@@ -27,7 +28,6 @@ from neurotact.data.readers.columns import Samples
 from neurotact.data.readers.doubts import Fixes
 from neurotact.data.readers.table.cells import check_digits
 from neurotact.data.recordings import LABEL, Recordings
-from neurotact.data.sources import Reader
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.trial_choice import EVERY, TrialChoice, Where, Words
 from neurotact.data.windows import LONGEST_STEPS

@@ -46,12 +46,12 @@ def _small_opponents() -> Iterator[None]:
     """Trainings and searches end in forests and in MiniRocket, which take longer here than they do."""
     from neurotact_parts.opponents import minirocket, scikit_learn
 
-    from neurotact.networks.search import importance
+    from neurotact.networks.search import search_tables
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(scikit_learn, "TREES", 10)
         patch.setattr(minirocket, "FEATURES", 1008)
-        patch.setattr(importance, "TREES", 40)
+        patch.setattr(search_tables, "TREES", 40)
         yield
 
 

@@ -14,8 +14,8 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.exit.early_exit import ExitRule
-from neurotact.networks.training import fitting, trained
+from neurotact.networks.exit.rule import ExitRule
+from neurotact.networks.training import run_folder, trainer
 from neurotact.networks.training.tasks import Task
 from neurotact.spec import override
 
@@ -78,8 +78,8 @@ def make_run(folder: Path, n_trials: int = 12, channels: tuple[str, ...] | None 
     hdf5.save_spikes(trains, folder / "spikes.h5")
     spec = RSNNSpec.model_validate({"hidden": 5, "forward_weight_scale": 3.0, "training": {"epochs": 1}})
     task = Task.model_validate({"window": {"length_ms": 40}})
-    done, _ = fitting.fit(trains, spec, task, (0, 1))
-    trained.save(done, folder / "run", trains, folder / "spikes.h5", task)
+    done, _ = trainer.fit(trains, spec, task, (0, 1))
+    run_folder.save(done, folder / "run", trains, folder / "spikes.h5", task)
     return folder
 
 

@@ -25,13 +25,13 @@ from neurotact.api import encoding
 from neurotact.api import studies as api
 from neurotact.cli import commands
 from neurotact.cli.studies import _print_answer
-from neurotact.data import sources
+from neurotact.data import dataset
 from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec
 from neurotact.errors import InputError
 from neurotact.networks.definition import seeds
-from neurotact.networks.training import fitting, trained
+from neurotact.networks.training import run_folder, trainer
 from neurotact.studies import runner
 
 ROOT = Path(__file__).parents[1]
@@ -384,7 +384,7 @@ SLOWER = [pytest.param(module, marks=pytest.mark.slow) for module in ("typer", "
 
 
 @pytest.mark.usefixtures("ctrl_c")
-@thinned("module", ["torch._C", "neurotact.cli", "neurotact.networks.training.trained", *SLOWER])
+@thinned("module", ["torch._C", "neurotact.cli", "neurotact.networks.training.run_folder", *SLOWER])
 def test_ctrl_c_while_modules_load_ends_with_one_line(tmp_path, module):
     done = subprocess.run(
         [sys.executable, "-c", INTERRUPTED_BY_IMPORT.format(module=module)],
@@ -566,7 +566,7 @@ def test_what_is_not_utf8_is_refused(refused, made, tmp_path, monkeypatch, words
 @pytest.mark.parametrize("name", plugins.names("simulators"))
 def test_each_key_of_a_simulation_that_is_typed_as_an_option_is_shown_as_a_setting(refused, name):
     own = {"out", "set", "force", "help"}
-    for key in spec.leaves(sources.simulator(name).model().model_dump()):
+    for key in spec.leaves(dataset.simulator(name).model().model_dump()):
         assert key not in own
         refused(("simulate", name, "-o", "x.h5", f"--{key}", 2), f"a key of the spec: --set {key}=2; see neurotact")
 
@@ -902,7 +902,7 @@ def test_thresholds_that_adapt_are_trained_and_refused_where_they_mean_nothing(n
     refused((*train, "--set", "threshold_adaptation=-1"), "threshold_adaptation", "0")
     adapting = ("--set", "threshold_adaptation=0.3", "--set", "tau_adaptation_ms=50")
     assert neurotact(*train, *adapting)[0] == 0
-    assert trained.restore(run).network.adaptation is not None
+    assert run_folder.restore(run).network.adaptation is not None
     words = ("export", run, "--to", "nir", "--network-only", "-o", tmp_path / "a.nir")
     refused(words, "adaptive thresholds: NIR does not run it")
 
@@ -920,9 +920,9 @@ def test_training_without_a_spike_is_said_in_one_line(neurotact, made, tmp_path)
 
 def test_the_seed_of_a_training_gives_one_seed_for_the_weights_and_another_for_the_order(neurotact, made, tmp_path):
     assert neurotact("train", made / "spikes.h5", "-o", tmp_path / "run", *QUICK, "--seed", 5)[0] == 0
-    trains, restored = load_spikes(made / "spikes.h5"), trained.restore(tmp_path / "run")
+    trains, restored = load_spikes(made / "spikes.h5"), run_folder.restore(tmp_path / "run")
     weights, order = seeds.of_start(5, restored.task.split)
-    own, same = (fitting.fit(trains, restored.network.spec, restored.task, (weights, n))[0] for n in (order, weights))
+    own, same = (trainer.fit(trains, restored.network.spec, restored.task, (weights, n))[0] for n in (order, weights))
     assert torch.equal(restored.network.w_in, own.network.w_in)
     assert not torch.equal(restored.network.w_in, same.network.w_in)
 

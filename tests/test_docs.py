@@ -24,7 +24,7 @@ import neurotact as nt
 from neurotact import cli, plugins
 from neurotact.cli import COMMANDS
 from neurotact.data import spikes as spike_trains
-from neurotact.data.sources import simulator
+from neurotact.data.dataset import simulator
 from neurotact.encoders.model import usable
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.search.tuning import SearchSpec

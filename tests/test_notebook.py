@@ -9,7 +9,7 @@ import pytest
 import neurotact as nt
 from neurotact.errors import InputError
 from neurotact.metrics.synops import synops
-from neurotact.networks.training.training import Epoch, Training
+from neurotact.networks.training.epochs import Epoch, Training
 
 CELLS = """
 import contextlib, io

@@ -391,8 +391,8 @@ WAYS = {
             },
             NO_NETWORK,
             {
-                "--device": "tests/networks/test_train_run.py",
-                "--augmentation": "tests/networks/test_robust.py",
+                "--device": "tests/networks/test_resumable.py",
+                "--augmentation": "tests/networks/test_model_selection.py",
                 "--balance": "tests/networks/test_balancing.py",
             },
             is_slow=True,
@@ -443,7 +443,7 @@ WAYS = {
             CHOICE
             | {"-o": "-o a.csv", "--early-exit": "--early-exit", "--json": "--json", "--force": f"{TWICE} | -o a.csv"},
             {"--force": "--force"},
-            {"--device": "tests/networks/test_train_run.py"},
+            {"--device": "tests/networks/test_resumable.py"},
         ),
         Way("infer in/run in/other-spikes.h5", {"--allow-other-encoder": "--allow-other-encoder"}),
     ],

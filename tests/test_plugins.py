@@ -22,12 +22,12 @@ from neurotact.encoders.specs import encode, load, populations
 from neurotact.errors import InputError
 from neurotact.metrics.prices import price_list
 from neurotact.networks.definition import rsnn
-from neurotact.networks.training import checkpoint, comparison
-from neurotact.networks.training.training import Examples
+from neurotact.networks.training import comparison, run_folder
+from neurotact.networks.training.epochs import Examples
 from neurotact.report import report
 from neurotact.studies import loading, runner
 
-READER = "from neurotact.data.sources import Reader\nREADER = Reader('Touches of my skin.', print)\n"
+READER = "from neurotact.data.dataset import Reader\nREADER = Reader('Touches of my skin.', print)\n"
 
 
 @pytest.fixture
@@ -203,7 +203,7 @@ def test_an_opponent_of_another_package_is_a_way_of_one_task(package):
 
 
 SIMULATOR = (
-    "from neurotact.data.sources import Simulator\nfrom neurotact.spec import Spec\n"
+    "from neurotact.data.dataset import Simulator\nfrom neurotact.spec import Spec\n"
     "class Mine(Spec):\n    n_trials: int = 1\nSIMULATOR = Simulator('', Mine, print)\n"
 )
 
@@ -263,7 +263,7 @@ def test_two_other_packages_with_one_name_are_both_named(package, tmp_path):
 
 READS = (
     "import numpy as np, pandas as pd\nfrom neurotact.data.recordings import Recordings\n"
-    "from neurotact.data.sources import Reader, Simulator\nfrom neurotact.spec import Spec\n"
+    "from neurotact.data.dataset import Reader, Simulator\nfrom neurotact.spec import Spec\n"
     "class Mine(Spec):\n    n_trials: int = 4\n"
     "def made(n): return Recordings([np.random.default_rng(i).normal(size=(50, 2)) for i in range(n)], 500.0, 'mV',"
     " pd.DataFrame({'label': ['a', 'b'] * (n // 2)}), source='my skin')\n"
@@ -344,8 +344,10 @@ def test_a_function_that_cannot_be_used_is_named(package, settings, why):
 def test_a_network_with_a_surrogate_of_another_package_is_saved_and_needs_it(package, tmp_path):
     package(FUNCTIONS, LEARNING)
     net = nt.RSNN(2, 2, sampling_rate_Hz=1000.0, hidden=3, surrogate="triangle")
-    checkpoint.save(net, tmp_path / "net")
-    assert checkpoint.load(tmp_path / "net")[0].spike == net.spike != nt.RSNN(2, 2, sampling_rate_Hz=1000.0).spike
+    run_folder.save_network(net, tmp_path / "net")
+    assert (
+        run_folder.load_network(tmp_path / "net")[0].spike == net.spike != nt.RSNN(2, 2, sampling_rate_Hz=1000.0).spike
+    )
     with pytest.raises(InputError, match="another surrogate: the native kernels does not run it"):
         nt.RSNN(2, 2, sampling_rate_Hz=1000.0, surrogate="triangle", backend="native")(torch.zeros(1, 5, 2))
 

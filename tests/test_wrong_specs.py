@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from levels import examples
 
 from neurotact import plugins, spec
-from neurotact.data import hdf5, sources
+from neurotact.data import dataset, hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
@@ -130,7 +130,7 @@ def changes() -> list[Change]:
     for kind, path in sorted(shipped, key=lambda one: one[1].stem != "own-recordings"):
         found += changes_of(kind, path, seen if path.stem != "own-recordings" else set())
     for name in plugins.names("simulators"):
-        for key in known(sources.simulator(name).model):
+        for key in known(dataset.simulator(name).model):
             found += [Change("simulators", Path(name), "set", key, wrong) for wrong in BY_NAME]
     return found
 
@@ -204,7 +204,7 @@ def use_study(name: Path, given: Mapping[str, Any], data: Path) -> None:
 
 def use_simulator(name: Path, given: Mapping[str, Any], _: Path) -> None:
     """As simulate and live."""
-    sources.simulator(str(name)).build(given, f"simulate {name}").n_trials  # noqa: B018
+    dataset.simulator(str(name)).build(given, f"simulate {name}").n_trials  # noqa: B018
 
 
 USES: dict[str, Callable[[Path, Mapping[str, Any], Path], None]] = {

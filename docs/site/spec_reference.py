@@ -10,7 +10,7 @@ from pydantic_core import PydanticUndefined
 
 from neurotact import plugins
 from neurotact.data.conditioning import ConditioningSpec
-from neurotact.data.sources import simulator
+from neurotact.data.dataset import simulator
 from neurotact.encoders.model import usable
 from neurotact.figures import columns
 from neurotact.networks.definition.specs import RSNNSpec

@@ -14,7 +14,7 @@ from neurotact.deploy.chain import Chain, chain_of
 from neurotact.deploy.exporters import Exporter
 from neurotact.deploy.streamed import StreamedSpec
 from neurotact.errors import InputError
-from neurotact.networks.training import trained
+from neurotact.networks.training import run_folder
 from neurotact.networks.training.ranges import record
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
@@ -107,11 +107,11 @@ def prepared(
     weight_bits, state_bits, lsb: as for `formats.choose`. By default, the weights of a fine-tuned run have the bits and
     steps of its fine-tuning, others 8 bits.
     """
-    if not integer:
-        return Exported(chain_of(run, streamed), None)
     restored = fitted.restore(run, spikes=spikes)
+    if not integer:
+        return Exported(chain_of(restored, streamed), None)
     if recordings is None and spikes is None and restored.spikes:
-        chain, ranges = chain_of(run, streamed), restored.ranges
+        chain, ranges = chain_of(restored, streamed), restored.ranges
         if ranges is None:
             raise InputError(
                 f"{run}: does not hold the ranges of its samples, since their recordings were not found in training; "
@@ -121,12 +121,12 @@ def prepared(
         known = recorded(restored, recordings)
         if streamed.sampling_rate_Hz is None and _resamples(restored):
             streamed = streamed.model_copy(update={"sampling_rate_Hz": known.sampling_rate_Hz})
-        chain = chain_of(run, streamed)
+        chain = chain_of(restored, streamed)
         ranges = record(chain.network, known.windows, known.training)
     return Exported(chain, formats.choose(chain, ranges, lsb=lsb, **_bits_and_steps(restored, weight_bits, state_bits)))
 
 
-def _bits_and_steps(restored: trained.Restored, weight_bits: int | None, state_bits: int | None) -> dict[str, Any]:
+def _bits_and_steps(restored: run_folder.Restored, weight_bits: int | None, state_bits: int | None) -> dict[str, Any]:
     """Bits and steps of the weights and bits of the states, as given or as in the fine-tuning of the run.
 
     With other weight bits, or with fewer state bits, the weights are rounded again.
@@ -139,7 +139,7 @@ def _bits_and_steps(restored: trained.Restored, weight_bits: int | None, state_b
     return {**bits, "steps": Steps(*tuned.steps) if same_grid else None}
 
 
-def _resamples(restored: trained.Restored) -> bool:
+def _resamples(restored: run_folder.Restored) -> bool:
     return ((restored.encoder or {}).get("conditioning") or {}).get("resample_Hz") is not None
 
 

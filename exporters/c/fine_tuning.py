@@ -2,7 +2,7 @@
 
 The forward pass uses the weights of the integer variant of the C export. Their steps are those that `formats` chooses
 for the original network, and are constant. The gradients of the rounded weights reach the full-precision ones
-(`networks.rounding`). The rounded weights are saved with their steps, from which an export gets the same integers.
+(`exporters.c.rounding`). The rounded weights are saved with their steps, from which an export gets the same integers.
 States and decays are not rounded during training. Test windows are not used.
 """
 
@@ -15,19 +15,19 @@ from typing import Any
 import torch
 from neurotact_parts.exporters.c import formats
 from neurotact_parts.exporters.c.formats import Layers, Steps
+from neurotact_parts.exporters.c.rounding import Grid, seen_rounded
 from pydantic import Field, PositiveFloat
 
 from neurotact import effects, files
 from neurotact.data.windows import steps_of
 from neurotact.errors import InputError
-from neurotact.networks.definition.rounding import Grid, seen_rounded
 from neurotact.networks.definition.rsnn import RSNN, rsnn_of
-from neurotact.networks.training import checkpoint, fitting, tasks, train_run, trained
+from neurotact.networks.training import resumable, run_folder, tasks, trainer
+from neurotact.networks.training.epochs import Epoch, Examples, Training, best_of, evaluate, train
 from neurotact.networks.training.outcome import outcome_of, summary_of
 from neurotact.networks.training.ranges import record_states
+from neurotact.networks.training.run_folder import Restored
 from neurotact.networks.training.tasks import Sides
-from neurotact.networks.training.trained import Restored
-from neurotact.networks.training.training import Epoch, Examples, Training, best_of, evaluate, train
 from neurotact.networks.use.fitted import check_folder
 from neurotact.progress import Tell, track, untold
 from neurotact.spec import Spec, build
@@ -55,7 +55,7 @@ def tuned_of(restored: Restored) -> FineTuned | None:
     """The fine-tuning that is saved with a network; None if it was not fine-tuned."""
     if restored.fine_tuned is None:
         return None
-    return build(FineTuned, restored.fine_tuned, source=f"{checkpoint.NETWORK}, {KEY}")
+    return build(FineTuned, restored.fine_tuned, source=f"{run_folder.NETWORK}, {KEY}")
 
 
 def grids_of(network: RSNN, steps: Steps, weight_bits: int) -> dict[str, Grid]:
@@ -137,32 +137,32 @@ def fine_tune(
     if os.path.exists(folder) and os.path.exists(source) and folder.samefile(source):
         raise InputError(f"{folder}: is the run that is to be fine-tuned; choose another folder")
     with files.locked(folder):
-        train_run.check_place(folder, force=force)
-        restored = trained.restore(source, spikes=spikes)
-        trains = trained.load_spikes_of(restored)
+        resumable.check_place(folder, force=force)
+        restored = run_folder.restore(source, spikes=spikes)
+        trains = run_folder.load_spikes_of(restored)
         assert restored.spikes_path is not None  # of a folder
-        trained.check_trials(restored, trains)
+        run_folder.check_trials(restored, trains)
         sides = tasks.sides_of(trains, restored.task)
         layers = layers_of(restored, sides, weight_bits=weight_bits, state_bits=state_bits)
-        digest = files.sha256(source / checkpoint.WEIGHTS)
+        digest = files.sha256(source / run_folder.WEIGHTS)
         done = _trained_on(restored, sides, layers, weight_bits, epochs, seed)
         about = FineTuned(
             network=os.path.relpath(source, folder), weights_sha256=digest, weight_bits=weight_bits,
             state_bits=layers.hidden.state_bits, steps=layers.steps, epochs=epochs, seed=seed,
         )  # fmt: skip
         outcome = outcome_of(done, sides, trains, restored.task, "fine-tune")
-        train_run.clear(folder)
+        resumable.clear(folder)
         more = {KEY: about.model_dump(mode="json")}
-        trained.save(done, folder, trains, restored.spikes_path, restored.task, more=more)
-        files.write_json(folder / train_run.RESULT, outcome.as_json())
+        run_folder.save(done, folder, trains, restored.spikes_path, restored.task, more=more)
+        files.write_json(folder / resumable.RESULT, outcome.as_json())
     rounded, best = (100 * epoch.validation_accuracy for epoch in (done.training.epochs[0], done.training.best))
     tuned = (
         f"validation accuracy with {weight_bits}-bit weights: {rounded:.1f} % rounded, {best:.1f} % fine-tuned "
         f"(epoch {done.training.best.epoch} of {epochs})"
     )
-    for line in (*outcome.lines(), tuned, train_run.saved_in(folder)):
+    for line in (*outcome.lines(), tuned, resumable.saved_in(folder)):
         tell(line)
-    return summary_of(files.read_json(folder / train_run.RESULT))
+    return summary_of(files.read_json(folder / resumable.RESULT))
 
 
 def layers_of(restored: Restored, sides: Sides, **options: Any) -> Layers:
@@ -175,15 +175,15 @@ def layers_of(restored: Restored, sides: Sides, **options: Any) -> Layers:
 
 def _trained_on(
     restored: Restored, sides: Sides, layers: Layers, weight_bits: int, epochs: int, seed: int
-) -> fitting.Trained:
+) -> trainer.Trained:
     network, steps = rsnn_of("c-integer", restored.network), layers.steps
     with track("fine-tune", epochs) as advance:
         training = train_rounded(
             network, sides.train, sides.validation, grids_of(network, steps, weight_bits),
             generator=torch.Generator().manual_seed(seed), epochs=epochs,
-            progress=lambda epoch: advance(1, train_run.line_of(epoch)),
+            progress=lambda epoch: advance(1, resumable.line_of(epoch)),
         )  # fmt: skip
     # Refuse what an export refuses, before anything is saved.
     layers_of(restored, sides, weight_bits=weight_bits, state_bits=layers.hidden.state_bits, steps=steps)
-    done = fitting.finished(network, training, sides, restored.task)
+    done = trainer.finished(network, training, sides, restored.task)
     return done if restored.has_own_rule else done.with_rule(restored.rule, restored.held)

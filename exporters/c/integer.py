@@ -13,7 +13,7 @@ import torch
 from neurotact_parts.exporters.c.formats import FRACTION, Afferents, Formats, FrontEnd, Integrator, Layer, Weight
 
 from neurotact.networks.definition.clock import binned
-from neurotact.networks.exit.early_exit import ExitRule, Leader
+from neurotact.networks.exit.rule import ExitRule, Leader
 from neurotact.neurons import CubaLIF
 
 

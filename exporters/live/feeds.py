@@ -11,8 +11,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from neurotact.data import hdf5
+from neurotact.data.dataset import Control, Simulator
 from neurotact.data.recordings import LABEL, order_by_name
-from neurotact.data.sources import Control, Simulator
 from neurotact.deploy import sources
 from neurotact.deploy.sources import Arrived, Faults
 from neurotact.deploy.streamed import SampleSpec

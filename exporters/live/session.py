@@ -30,7 +30,7 @@ from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
 from neurotact.errors import InputError, nearest
 from neurotact.files import write_text
 from neurotact.metrics.synops import UNSEEN
-from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.exit.rule import ExitRule
 from neurotact.spec import build, override, to_toml
 
 FRAME_S = 1 / 60

@@ -12,9 +12,9 @@ from neurotact_parts.exporters.live.session import Session
 
 from neurotact import effects, plugins
 from neurotact.data import hdf5
+from neurotact.data.dataset import simulator
 from neurotact.data.digests import recorded_digest
 from neurotact.data.recordings import default_channels
-from neurotact.data.sources import simulator
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.deploy.sources import kind_of, trouble_of
 from neurotact.deploy.streamed import SampleSpec, StreamedSpec

@@ -13,6 +13,7 @@ from neurotact_parts.exporters.nir.parse import FromNIR
 from neurotact_parts.exporters.trials import recorded
 
 from neurotact import effects
+from neurotact.backend import Backend
 from neurotact.data.recordings import Recordings
 from neurotact.deploy.chain import build_encoder
 from neurotact.deploy.exporters import Exporter
@@ -21,9 +22,8 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.model import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import Subject, require
-from neurotact.networks.definition.kernels import Backend
 from neurotact.networks.definition.rsnn import RSNN, rsnn_of
-from neurotact.networks.exit.early_exit import FULL_WINDOW
+from neurotact.networks.exit.rule import FULL_WINDOW
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
 from neurotact.progress import Tell, untold
@@ -66,7 +66,7 @@ def to_nir(
         restored = fitted.restore(source)
         network = rsnn_of("nir-plain" if plain else "nir", restored.network)
         rule, classes = restored.exits(), restored.classes
-        encoder = build_encoder(restored, fitted.name_of(source)) if restored.encoder is not None else None
+        encoder = build_encoder(restored) if restored.encoder is not None else None
     encoder = None if network_only else encoder
     require("nir-plain" if plain else "nir", Subject(encoder, network))
     assert encoder is None or isinstance(encoder, AfferentSpec)  # `require` refuses the others
@@ -166,7 +166,7 @@ def proved(
     A simulator that cannot run the graph is reported, with the reason.
     """
     restored = fitted.restore(run, spikes=spikes)
-    encoder = build_encoder(restored, fitted.name_of(run))
+    encoder = build_encoder(restored)
     network = rsnn_of("nir-plain", restored.network)
     require("nir-plain", Subject(encoder, network))
     assert isinstance(encoder, AfferentSpec)  # `require` refuses the others

@@ -10,7 +10,7 @@ from neurotact_parts.exporters.nir.note import Note
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 
 
 def of(

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from neurotact import __version__
 from neurotact.errors import InputError
-from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.exit.rule import ExitRule
 from neurotact.spec import Spec, build
 
 KEY = "neurotact"

@@ -15,13 +15,13 @@ from neurotact_parts.exporters.nir.nodes import Clock
 from neurotact_parts.exporters.nir.note import Note
 from neurotact_parts.exporters.snntorch import tau_ms
 
+from neurotact.backend import Backend
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
-from neurotact.networks.definition.kernels import Backend
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.exit.early_exit import ExitRule
-from neurotact.networks.training.checkpoint import shapes_of
+from neurotact.networks.exit.rule import ExitRule
+from neurotact.networks.training.run_folder import shapes_of
 from neurotact.spec import build
 
 CLOSE = 1e-9

@@ -1,7 +1,6 @@
 """What the arguments of several functions are, and the refusal of others."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from neurotact.errors import InputError
@@ -21,15 +20,6 @@ def check_text(name: str, value: object) -> str:
     if not isinstance(value, str):
         raise InputError(f"{name}: must be text; got {type(value).__name__}")
     return value
-
-
-def path_of(spikes: object) -> Path:
-    """The path of a file of spikes; InputError for spikes in memory, which no run folder could find again."""
-    if not isinstance(spikes, (str, Path)):
-        raise InputError(
-            f"spikes: must be the path of a file; got {type(spikes).__name__}; nt.save(spikes, 'spikes.h5') writes one"
-        )
-    return Path(spikes)
 
 
 def check_instance(name: str, value: object, wanted: type, fix: str) -> None:

@@ -12,11 +12,9 @@ from neurotact.api.arguments import (
     Settings,
     Tell,
     check_instance,
-    path_of,
     silent,
 )  # fmt: skip
 from neurotact.data import hdf5
-from neurotact.data.augmentation import NONE
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
@@ -25,25 +23,22 @@ from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.window_choice import ARGUMENTS
 from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
-from neurotact.figures.conditions_curve import draw_conditions_curve
 from neurotact.figures.search import save_found
-from neurotact.figures.style import save as save_figure
 from neurotact.metrics import synops
 from neurotact.metrics.prices import DEFAULT, PriceList, price_list
 from neurotact.networks.definition import recipe
-from neurotact.networks.definition.kernels import device_of
+from neurotact.networks.definition.native import device_of
 from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.specs import RSNNSpec, given_keys
 from neurotact.networks.search import journal, search_tables
 from neurotact.networks.search import search as searching
 from neurotact.networks.search.tuning import SearchSpec
-from neurotact.networks.training import cautions, checkpoint, repeated, tasks, train_run, trained
-from neurotact.networks.training import conditions_curve as curves
+from neurotact.networks.training import cautions, cross_validation, resumable, run_folder, tasks
 from neurotact.networks.training.balancing import Balance
+from neurotact.networks.training.cross_validation import trained_in as trained_in
 from neurotact.networks.training.outcome import summary_of
-from neurotact.networks.training.repeated import trained_in as trained_in
+from neurotact.networks.training.resumable import Interrupted as Interrupted
 from neurotact.networks.training.tasks import Task
-from neurotact.networks.training.train_run import Interrupted as Interrupted
 from neurotact.networks.use import fitted, inference, ledger
 from neurotact.networks.use.fitted import Fitted
 from neurotact.progress import track
@@ -107,43 +102,25 @@ def train(
     True
     """
     trains, task = _task("train", spikes, window, split, exit_tolerance, where, leave_out)
-    kind = _kind_of_copies(trains, augmentation, tell)
+    kind = tasks.kind_of_copies(trains, augmentation, tell)
     task = spec.build(Task, {**task.model_dump(), "augmentation": kind, "balance": balance}, source="train")
     path, spikes = Path(folder), Path(spikes)
     what, given = spec.resolve(RSNNSpec, network, settings), given_keys(network, settings)
     device_of(device)
     options = {"given": given, "seed": seed, "device": device, "force": force, "resume": resume, "tell": tell}
     if split.is_in_turn:
-        splits = repeated.tasks_of(task, split, trains.conditions)
+        splits = cross_validation.tasks_of(task, split, trains.conditions)
         tests = [one.split.test_where for one in splits.values() if one.split.seed == task.split.seed]
         for line in check_each(trains.conditions, tests, task.split, copies_of(trains).first):
             tell(line)
-        return _of_repeated(repeated.run(spikes, path, what, splits, **options), path, trains, split, tell)
-    done = train_run.run(spikes, path, what, task, **options)
+        return _of_repeated(cross_validation.run(spikes, path, what, splits, **options), path, trains, split, tell)
+    done = resumable.run(spikes, path, what, task, **options)
     if done is None:
-        tell(f"{path}: this training is done already; its result is in {path / train_run.RESULT}")
+        tell(f"{path}: this training is done already; its result is in {path / resumable.RESULT}")
     else:
-        for line in (*done.lines(), train_run.saved_in(path)):
+        for line in (*done.lines(), resumable.saved_in(path)):
             tell(line)
     return result(path)
-
-
-def _kind_of_copies(trains: SpikeTrains, given: str | None, tell: Tell) -> str:
-    """Which varied copies of a file are trained on."""
-    held = [] if trains.variations is None else sorted({*trains.variations.kind.tolist()})
-    if given is None and len(held) > 1:
-        raise InputError(
-            f"`augmentation`: the file holds several kinds of varied copies; name one of {', '.join(held)}"
-        )
-    if given not in (None, NONE, *held):
-        have = (
-            f"it has {', '.join(held)}" if held else f"encode them with `nt.encode_file(..., augmentation={given!r})`"
-        )
-        raise InputError(f"`augmentation`: the file holds no varied copies '{given}'; {have}")
-    kind = given or (held[0] if held else NONE)
-    if kind != NONE and given is None:
-        tell(f"training: also on the varied copies in the file ({kind})")
-    return kind
 
 
 def _task(
@@ -151,21 +128,21 @@ def _task(
     where: Conditions | None = None, leave_out: LeftOut = None,
 ) -> tuple[SpikeTrains, Task]:  # fmt: skip
     """The spike trains of a file and what a network does with them, with windows that suit them."""
-    path = path_of(spikes)
+    path = tasks.path_of(spikes)
     task = tasks.task_of(source, window, split, exit_tolerance, where, leave_out)
     trains = tasks.load_spikes(path, task, tell=True)
     return trains, tasks.with_suited_window(task, trains, ARGUMENTS)
 
 
 def _of_repeated(
-    repeats: repeated.Repeated, folder: Path, trains: SpikeTrains, split: Splits, tell: Tell
+    repeats: cross_validation.Repeated, folder: Path, trains: SpikeTrains, split: Splits, tell: Tell
 ) -> dict[str, Any]:
     """What several trainings came to."""
     turns = {"leave_out_each": [*split.leave_out_each], "folds": split.every_fold and split.folds}
     key, value = next(((key, value) for key, value in turns.items() if value), ("repeats", split.repeats))
     each = f"split=nt.Split({key}={value})"
     tell(repeats.table[REPEATED])
-    tell(f"{folder / repeated.TABLE}: {repeated.line(repeats)}")
+    tell(f"{folder / cross_validation.TABLE}: {cross_validation.line(repeats)}")
     return {
         "accuracy_test": repeats.accuracy.mean, "low": repeats.accuracy.low, "high": repeats.accuracy.high,
         "baseline_accuracy": repeats.table["baseline"].mean(), "sops_total": repeats.table["sops_total"].mean(),
@@ -183,65 +160,7 @@ def result(run: str | Path) -> dict[str, Any]:
     >>> sorted(nt.result("run"))[:3]
     ['accuracy_test', 'accuracy_validation', 'baseline']
     """
-    return summary_of(files.read_json(Path(run) / train_run.RESULT))
-
-
-@takes_specs
-def conditions_curve(
-    spikes: str | Path,
-    column: str,
-    network: str | Path | RSNNSpec = "default",
-    settings: Settings | None = None,
-    *,
-    window: WindowSpec = WindowSpec(),
-    where: Conditions | None = None,
-    leave_out: LeftOut = None,
-    augmentation: str | None = None,
-    seed: int = 0,
-    out: str | Path | None = None,
-    figure: str | Path | None = None,
-    force: bool = False,
-    tell: Tell = silent,
-) -> pd.DataFrame:
-    """How many values of a condition must be recorded: accuracy at an untrained one over the number of trained ones.
-
-    A network is trained on one, two, ... of the other values and tested on all trials of one; up to four values are
-    tested. Each training has as many trials, so that a further value does not count as more data.
-
-    column: the condition, such as "speed", with three values or more. network, settings, window, where, leave_out,
-        augmentation: as of `train`. seed: of the weights, and of the trials that are drawn.
-    out: also write the table (.csv, .json, .md). figure: also draw the curve (.png, .svg, .pdf). force: replace them.
-    tell: called with what `neurotact conditions-curve` prints: the means, and the advice.
-    Returns a row for each training: `tested`, `trained` (how many values), `accuracy_seen` (on other trials of trained
-    values), `accuracy_test`, `sops_total` and `n_train`.
-    Raises InputError for an unknown condition, and for one with fewer than three values.
-
-    >>> settings, window = {"hidden": 4, "training.epochs": 1}, nt.Window(length_ms=50)
-    >>> table = nt.conditions_curve("spikes.h5", "day", "rsnn", settings, window=window)
-    >>> table["trained"].unique().tolist()
-    [1, 2, 3, 4]
-    """
-    outputs = [Path(file) for file in (out, figure) if file is not None]
-    for file in outputs:
-        files.check_new(file, force=force, inputs=[spikes])
-    trains, task = _task("conditions_curve", spikes, window, Splits(), where=where, leave_out=leave_out)
-    task = task.model_copy(update={"augmentation": _kind_of_copies(trains, augmentation, tell)})
-    what, n = spec.resolve(RSNNSpec, network, settings), len(curves.plan(trains.conditions, column))
-    rows = []
-    with track("networks", n) as advance:
-        for row in curves.curve(trains, what, task, column, seed):
-            rows.append(row)
-            advance(1, "")
-    table = pd.DataFrame(rows)
-    if out is not None:
-        write_table(table, Path(out))
-    if figure is not None:
-        save_figure(draw_conditions_curve(table, column), Path(figure))
-    tell(curves.means(table))
-    tell(curves.advice(table, column))
-    for file in outputs:
-        tell(f"saved in {file}")
-    return table
+    return summary_of(files.read_json(Path(run) / resumable.RESULT))
 
 
 @takes_specs
@@ -298,7 +217,7 @@ def tune(
     if problem.search.first is not None:
         tell(journal.beside_given(tried))
     saved = f"its settings: {path / 'best.toml'}; every trial: {path / 'trials.csv'}; figure: {path / 'search.png'}"
-    for line in (*outcome.lines(), saved, train_run.saved_in(path / "best")):
+    for line in (*outcome.lines(), saved, resumable.saved_in(path / "best")):
         tell(line)
     return search_tables.trials_table(tried)
 
@@ -336,7 +255,7 @@ def infer(
     effects.check(force=force, out=out)
     is_file = isinstance(spikes, (str, Path))
     if out:
-        of_run = [] if fitted.is_in_memory(run) else trained.files_of(str(run))
+        of_run = [] if fitted.is_in_memory(run) else run_folder.files_of(str(run))
         files.check_new(out, force=force, inputs=[*of_run, *([spikes] if is_file else [])])
     restored = fitted.restore(run, device=str(device_of(device)))
     if test_only and fitted.is_in_memory(run):
@@ -382,11 +301,11 @@ def sops(
     why = "whose test windows it counts (SpikingClassifier.sops counts those of any windows)"
     fitted.check_folder(run, "sops", why)
     run, out = Path(run), Path(out)
-    files.check_new(out, force=force, inputs=[*trained.files_of(run), spikes])
+    files.check_new(out, force=force, inputs=[*run_folder.files_of(run), spikes])
     priced = price_list(prices)
-    restored = trained.restore(run, spikes=spikes)
+    restored = run_folder.restore(run, spikes=spikes)
     files.check_new(out, force=force, inputs=[restored.spikes_path])
-    trains = trained.load_spikes_of(restored)
+    trains = run_folder.load_spikes_of(restored)
     table = inference.infer(
         restored, trains, early_exit=early_exit, test_only=True, allow_other_encoder=allow_other_encoder
     )
@@ -424,8 +343,8 @@ def save_network(network: Network, folder: str | Path, *, force: bool = False) -
     ['network.json', 'weights.safetensors']
     """
     check_instance("network", network, Network, "a SpikingClassifier has one in network_")
-    files.check_new(Path(folder) / checkpoint.NETWORK, force=force)
-    checkpoint.save(network, folder)
+    files.check_new(Path(folder) / run_folder.NETWORK, force=force)
+    run_folder.save_network(network, folder)
 
 
 def load_network(folder: str | Path) -> Network:
@@ -434,4 +353,4 @@ def load_network(folder: str | Path) -> Network:
     >>> nt.load_network("run").n_inputs
     4
     """
-    return checkpoint.load(folder)[0]
+    return run_folder.load_network(folder)[0]

@@ -8,8 +8,12 @@ import numpy as np
 
 from neurotact import effects, files, plugins, spec
 from neurotact.api.arguments import Conditions, LeftOut, Settings, Tell, check_text
-from neurotact.data import description, doubtful, hdf5, sources
+from neurotact.data import dataset, description, doubtful, hdf5
 from neurotact.data import fetch as public
+from neurotact.data.dataset import Reader as Reader
+from neurotact.data.dataset import Simulator as Simulator
+from neurotact.data.dataset import reader as reader
+from neurotact.data.dataset import simulator as simulator
 from neurotact.data.description import MOST_TAXELS as MOST_TAXELS
 from neurotact.data.onset import common_onset_s
 from neurotact.data.readers import arrays, folder
@@ -18,10 +22,6 @@ from neurotact.data.readers.columns import OF_EVENTS, LayoutSpec
 from neurotact.data.readers.event_spec import EventSpec
 from neurotact.data.readers.folder import NamingSpec
 from neurotact.data.recordings import Recordings
-from neurotact.data.sources import Reader as Reader
-from neurotact.data.sources import Simulator as Simulator
-from neurotact.data.sources import reader as reader
-from neurotact.data.sources import simulator as simulator
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.window_choice import timing_of
@@ -36,7 +36,7 @@ EVENT_NAMES = [*OF_EVENTS, "polarity"]
 
 
 def simulate(
-    name: str, settings: Settings | None = None, *, progress: sources.Progress | None = None, **parameters: Any
+    name: str, settings: Settings | None = None, *, progress: dataset.Progress | None = None, **parameters: Any
 ) -> Recordings:
     """Simulate an experiment, such as "gratings"; InputError names the nearest for an unknown name or key.
 
@@ -46,7 +46,7 @@ def simulate(
     >>> simulate("gratings", trials=1, duration_s=0.3)
     Recordings(48 trials x 8 taxels, 600 samples at 2000 Hz (0.3 s), mV, 8 classes)
     """
-    source = sources.simulator(check_text("name", name))
+    source = dataset.simulator(check_text("name", name))
     changes = {**parameters, **spec.checked_settings(settings)}
     return source.simulate(source.build(changes, f"simulate {name}"), progress)
 
@@ -71,7 +71,7 @@ def read(
     Recordings(160 trials x 16 taxels, 73 to 161 samples at 35.61 Hz (2.05 to 4.52 s), count, 8 classes)
     """
     choice = TrialChoice.of(where, leave_out)
-    reader = sources.reader(check_text("name", name))
+    reader = dataset.reader(check_text("name", name))
     effects.check(step_ms=step_ms, clock_ms=reader.step_ms)
     recordings = reader.read(Path(path)) if step_ms is None else reader.read(Path(path), step_ms)
     return chosen_trials(recordings, choice, str(path))
@@ -250,7 +250,7 @@ def fetch(name: str | None = None, out: str | Path | None = None, *, show: Tell 
             show(f"{key}: {about.about}")
         return
     about = public.public_set(name)
-    folder = Path(out) if out else sources.expand(f"$NEUROTACT_DATA/{name}")
+    folder = Path(out) if out else dataset.expand(f"$NEUROTACT_DATA/{name}")
     show(f"{name}: {about.about}")
     facts = {"licence": about.licence, "size": about.size, "cite": about.citation, "page": about.page}
     for what, fact in facts.items():

@@ -38,7 +38,7 @@ def keys_of(kind: str, name: str = "") -> list[str]:
     (True, True)
     """
     if kind == "simulators":
-        from neurotact.data.sources import simulator
+        from neurotact.data.dataset import simulator
 
         model: Any = simulator(name).model
         return [*dict.fromkeys([*spec.keys_of(model), *spec.leaves(model().model_dump())])]

@@ -5,8 +5,8 @@ from typing import Any
 from neurotact import plugins
 
 TOOLS = (
-    "check_chip", "fine_tune", "from_neo", "from_nir", "from_snntorch", "live", "plot_survival", "read_nwb", "to_neo",
-    "to_nir", "to_nwb", "to_snntorch", "what_survives",
+    "check_chip", "conditions_curve", "fine_tune", "from_neo", "from_nir", "from_snntorch", "live", "plot_survival",
+    "read_nwb", "to_neo", "to_nir", "to_nwb", "to_snntorch", "what_survives",
 )  # fmt: skip
 
 

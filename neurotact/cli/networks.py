@@ -9,6 +9,7 @@ import pandas as pd
 import typer
 
 from neurotact.api import networks as api
+from neurotact.api import tools
 from neurotact.cli.options import REPLACED, Json, MovedSpikes, calling, flag, option
 from neurotact.cli.output import print_json, print_table, show, unless
 from neurotact.cli.words import say
@@ -80,7 +81,7 @@ def _how_to_go_on(folder: Path, epochs: int) -> str:
 
 
 @calling(
-    api.conditions_curve,
+    tools.conditions_curve,
     column=Annotated[str, typer.Argument(help="The condition, such as speed, with three values or more.")],
     network=option(str, "Name or path of a network spec."),
     window="window_ms align",
@@ -94,7 +95,7 @@ def conditions_curve(given: dict[str, Any]) -> None:
     Networks are trained on one value, on two and so on, and tested on one that they do not know; the curve and the
     advice are printed. Each training has as many trials.
     """
-    api.conditions_curve(**given, tell=show)
+    tools.conditions_curve(**given, tell=show)
 
 
 @calling(

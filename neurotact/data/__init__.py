@@ -8,7 +8,8 @@ Other rooms take:
         fit_standardisation, is_long, pieces, resample, sampled_length, standardised
     contact: OnsetSpec, REST_MS
     copies: Copies, are_telling, copies_of, equal_examples, joined, with_touches
-    dataset: DatasetSpec, SOURCES, as_arrays, from_arrays, joined, load_recordings, load_touches, until
+    dataset: Control, DatasetSpec, Finger, Progress, Reader, SOURCES, Simulator, as_arrays, expand, from_arrays,
+        joined, load_recordings, load_touches, reader, simulator, until
     description: MOST_TAXELS, afferents_table, conditions_table, constant_taxels, lengths_line, taxels_summary,
         taxels_table
     digests: DIGEST, TOUCH, content_digest, recorded_digest, recorded_trials, spike_digests
@@ -19,7 +20,6 @@ Other rooms take:
         save_recordings, save_spikes, spike_writer
     hdf5_input: Declared, EVENTS, attribute, opened, own_members, reading
     hdf5_output: Output, create
-    nested: combination
     onset: common_onset_s, onsets_s
     readers.arrays: ALIASES, Loaded, SIGNALS, load, read
     readers.clock.stamps: OF_GIVEN_RATE, of_length, of_rate, row_times
@@ -29,18 +29,14 @@ Other rooms take:
     readers.doubts: Fixes
     readers.event_spec: EventSpec
     readers.one_table: read
-    readers.table.cells: COMMENT, DECIMAL_COMMA, Decimal, FLOAT32_MAX, MAX_CHANNELS, NOT_FINITE, NUMBER, THOUSANDS,
-        Table, as_signal, cells, check_digits, columns_of, grouping_of, is_value, lines_of, numbers, table_of,
-        values_of
-    readers.table.headings: SEPARATOR_LINE, is_unit, named_table
-    readers.table.texts: read_any_text, read_text, split_header
-    recordings: LABEL, Recordings, Trials, check_channels, check_conditions, check_import, check_named_classes,
-        check_sampling_rate, class_indices, class_names, default_channels, order_by_name, select_conditions,
-        unit_factor
-    sources: Control, Finger, Progress, Reader, Simulator, expand, reader, simulator
+    readers.table.cells: COMMENT, FLOAT32_MAX, NOT_FINITE, NUMBER, as_signal, cells, check_digits, is_value, numbers
+    readers.table.headings: SEPARATOR_LINE, is_unit
+    readers.table.texts: read_text, split_header
+    recordings: LABEL, Recordings, Trials, check_sampling_rate, class_indices, class_names, default_channels,
+        order_by_name, select_conditions, unit_factor
     spikes: SpikeTrains, TrialSpikes, Variations, from_trials, populations_of, spikes_of
-    splits: Split, SplitSpec, Splits, check_each, check_stratify, each_left_out, hold_out, hold_out_groups,
-        split_conditions, split_touches, split_trials, training_touches, turns_of, validation_note,
+    splits: Split, SplitSpec, Splits, check_each, check_stratify, combination, each_left_out, hold_out,
+        hold_out_groups, split_conditions, split_touches, split_trials, training_touches, turns_of, validation_note,
         values_to_leave_out
     spool: Spool
     trial_choice: EVERY, LeaveOut, TrialChoice, Where, Words, chosen_trials, fewer_trials, values_in_words

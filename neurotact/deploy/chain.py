@@ -1,7 +1,7 @@
 """The deployed chain: an encoder with causal conditioning, a network and its exit rule."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -17,8 +17,8 @@ from neurotact.encoders.specs import conditioning_of, n_per_taxel, populations, 
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import LIF_INSTEAD, Subject, require
 from neurotact.networks.definition.rsnn import RSNN, rsnn_of
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.training.trained import Restored
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.networks.training.run_folder import Restored
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
 from neurotact.spec import build, takes_specs
@@ -76,8 +76,10 @@ class Chain(NamedTuple):
 
 
 @takes_specs
-def chain_of(source: Fitted | tuple[EncoderSpec, RSNN], streamed: StreamedSpec = StreamedSpec()) -> Chain:
-    """The chain of a run folder that `train` wrote, of a fitted classifier or pipeline, or of an encoder and a network.
+def chain_of(
+    source: Fitted | Restored | tuple[EncoderSpec, RSNN], streamed: StreamedSpec = StreamedSpec()
+) -> Chain:
+    """The chain of a run folder that `train` wrote, of a fitted one, of one read back, or of an encoder and a network.
 
     streamed: what is not given is as in training. If the encoder resamples, the sampling rate is then that of the
     recordings that the network was trained on, where it is known; otherwise it is equal to the clock.
@@ -86,16 +88,17 @@ def chain_of(source: Fitted | tuple[EncoderSpec, RSNN], streamed: StreamedSpec =
     rule, classes, trained = FULL_WINDOW, None, WindowSpec()
     sampling_rate_Hz, recorded_Hz = streamed.sampling_rate_Hz, None
     taxels: tuple[str, ...] | None = None
-    if isinstance(source, tuple):
-        encoder, network = source[0], rsnn_of("stream", source[1])
-    else:
-        restored = fitted.restore(source)
-        encoder, classes = build_encoder(restored, fitted.name_of(source)), restored.classes
+    if isinstance(source, Restored) or not isinstance(source, tuple):
+        restored = cast(Restored, source) if isinstance(source, Restored) else fitted.restore(source)
+        encoder, classes = build_encoder(restored), restored.classes
         network = rsnn_of("stream", restored.network)
         rule = restored.exits(not streamed.full_window)
         recorded_Hz, trained = restored.recorded_Hz, restored.task.window
         if restored.afferents is not None:
             taxels = taxel_names(restored.afferents, restored.encoder or {})
+    else:
+        encoder, given = source
+        network = rsnn_of("stream", given)
     require("stream", Subject(encoder, network, rule))
     _check_taxels(encoder, network)
     clock_Hz = network.sampling_rate_Hz
@@ -108,14 +111,14 @@ def chain_of(source: Fitted | tuple[EncoderSpec, RSNN], streamed: StreamedSpec =
     return Chain(encoder, network.cpu(), rule, classes, windows, rate_Hz, taxels)
 
 
-def build_encoder(restored: Restored, source: object) -> EncoderSpec:
+def build_encoder(restored: Restored) -> EncoderSpec:
     """The encoder that a network was trained with; InputError where it is not known."""
     if restored.encoder is None:
         raise InputError(
-            f"{source}: was fitted on an array that does not say its encoder; fit it on `nt.windows(...).X` or, in a "
-            "pipeline, behind nt.SpikeEncoder"
+            f"{restored.source}: was fitted on an array that does not say its encoder; fit it on `nt.windows(...).X` "
+            "or, in a pipeline, behind nt.SpikeEncoder"
         )
-    return encoder_of(restored.encoder, source)
+    return encoder_of(restored.encoder, restored.source)
 
 
 def encoder_of(table: Mapping[str, Any], source: object) -> EncoderSpec:

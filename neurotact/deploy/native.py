@@ -13,7 +13,7 @@ from neurotact.deploy.running import Running
 from neurotact.deploy.windows import Opening
 from neurotact.encoders.afferents import EncoderState
 from neurotact.networks.definition import native as networks
-from neurotact.networks.exit.early_exit import Leader
+from neurotact.networks.exit.rule import Leader
 from neurotact.neurons import CubaLIFState, LIFState, lif_start
 
 BASELINES = {"none": 0, "start": 2, "high-pass": 4}

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.exit.early_exit import ExitRule, Leader
+from neurotact.networks.exit.rule import ExitRule, Leader
 from neurotact.neurons import CubaLIFState, cuba_lif_start, cuba_lif_step, recurrent_spikes, transmitted_spikes
 
 

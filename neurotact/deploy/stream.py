@@ -28,7 +28,7 @@ from neurotact.encoders.specs import conditioning_of, encode, finish, is_exact
 from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.exit.rule import ExitRule
 from neurotact.networks.use.fitted import Fitted
 
 MOST_STEPS_AT_ONCE = 10_000

@@ -23,7 +23,7 @@ from neurotact.deploy.windows import Opening
 from neurotact.encoders.specs import encode
 from neurotact.errors import InputError
 from neurotact.files import check_new, check_size, existing, read_bytes, whole
-from neurotact.networks.exit.early_exit import Leader
+from neurotact.networks.exit.rule import Leader
 from neurotact.neurons import CubaLIFState
 
 FIX = "save the state again"

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from neurotact.figures.style import INK, MUTED, add_legend, keep_within, new_figure, printed, save
-from neurotact.networks.search import importance, search_tables
-from neurotact.networks.search.importance import Importance
+from neurotact.networks.search import search_tables
 from neurotact.networks.search.journal import Trial
 from neurotact.networks.search.search import Problem
+from neurotact.networks.search.search_tables import Importance
 
 FINISHED, STOPPED, FAILED = "#0072B2", "#E69F00", "#D55E00"
 
@@ -23,7 +23,7 @@ def save_found(problem: Problem, trials: Sequence[Trial], folder: Path) -> None:
     search_tables.write_tables(problem, folder, trials)
     table = search_tables.trials_table(trials)
     front = search_tables.front_table(table) if problem.search.weighs_sops else None
-    shares = importance.importance(table, list(problem.search.space))
+    shares = search_tables.importance(table, list(problem.search.space))
     save(draw_search(table, shares, front, search_tables.value_words(problem.search)), folder / "search.png")
 
 

@@ -4,47 +4,42 @@ Other rooms take:
 
     definition.clock: apart, binned, spread
     definition.executors: FEATURES, LIF_INSTEAD, Subject, lacking, require
-    definition.kernels: device_of
-    definition.native: addresses_of, exits_at, shape_of
+    definition.native: addresses_of, device_of, exits_at, shape_of
     definition.network: Network
     definition.readouts: Integration, Stretches
     definition.recipe: Seen, chosen_for, described, joined_cost, resolve, training_of, void_keys
-    definition.rounding: Grid, seen_rounded
     definition.rsnn: FEED_FORWARD, RECURRENT, RSNN, rsnn_of
     definition.seeds: of_start
     definition.specs: BUILT_IN, RSNNSpec, TrainingSpec, given_keys, part_of
     definition.surrogate: FastSigmoid, arctan, fast_sigmoid
-    exit.early_exit: ExitRule, FULL_WINDOW, Leader
-    exit.exit_choice: exits, oracle_exit
-    exit.held_out: in_words, is_within, upper_bound
-    exit.truncated: SimulatedWindows, judged, simulate_windows
-    search.importance: Importance, importance
+    exit.patience: in_words, is_tolerated, upper_bound
+    exit.rule: ExitRule, FULL_WINDOW, Leader
+    exit.truncated: cut_short, exit_curve, simulate_windows
     search.journal: FINISHED, STOPPED, Trial, beside_given, best_of
     search.search: Problem, asked, here, problem_of, runner, save_best, search, train_best
-    search.search_tables: as_cell, by_rank, front_table, trials_table, value_words, write_tables
+    search.search_tables: Importance, as_cell, by_rank, front_table, importance, trials_table, value_words,
+        write_tables
     search.tuning: SearchSpec, check, load_space
     training.balancing: Balance, SETTINGS, columns_of, note
     training.cautions: FEW_PER_CLASS, MEMBER, calibrated, copies, few_test_trials, not_learned, together, training
-    training.checkpoint: NETWORK, WEIGHTS, load, save, shapes_of
-    training.conditions_curve: advice, curve, means, plan
-    training.fitting: Trained, exit_of, finished, fit, new_trained
+    training.cross_validation: Repeated, TABLE, line, run, tasks_of, trained_in
+    training.epochs: Epoch, Examples, Training, best_of, evaluate, train
     training.losses: cross_entropy, hinge
+    training.model_selection: SEEN, Tried, again, are_unranked, best_of, candidates, right_seen, trainings
     training.outcome: outcome_of, summary_of
     training.ranges: Ranges, evenly, record, record_states
-    training.repeated: Repeated, TABLE, line, run, tasks_of, trained_in
-    training.robust: SEEN, Tried, again, are_unranked, best_of, candidates, right_seen, trainings
-    training.tasks: Sides, Task, examples_of, load_spikes, seen, seen_trials, sides_of, task_of, trials_of,
-        with_every_condition, with_suited_window
-    training.train_run: Interrupted, RESULT, check_place, clear, line_of, run, saved_in
-    training.trained: LOG, Restored, check_trials, files_of, load_spikes_of, restore, save, test_trials
-    training.training: Epoch, Examples, Training, best_of, evaluate, train
+    training.resumable: Interrupted, RESULT, check_place, clear, line_of, run, saved_in
+    training.run_folder: LOG, NETWORK, Restored, WEIGHTS, check_trials, files_of, load_network, load_spikes_of,
+        restore, save, save_network, shapes_of, test_trials
+    training.tasks: Sides, Task, examples_of, held_out, kind_of_copies, load_spikes, path_of, seen, seen_trials,
+        sides_of, task_of, trials_of, with_every_condition, with_suited_window
+    training.trainer: Trained, exit_of, finished, fit, new_trained
     use.classifier: SpikingClassifier
-    use.conditions: by_condition
     use.fitted: Fitted, check_folder, is_in_memory, name_of, restore
     use.inference: infer
     use.ledger: ABOUT, Afferents, SOPS, decision_ledger, input_spikes, is_row_counted, network_cost, row_cost,
         study_ledger
-    use.measuring: accuracy_of, mean_sops, means, measure, synops_of
+    use.measuring: accuracy_of, by_condition, mean_sops, means, measure, synops_of
 """
 
 import lazy_loader

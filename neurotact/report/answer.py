@@ -16,7 +16,7 @@ from neurotact.metrics.paired import Paired, compare_shares
 from neurotact.metrics.referee import Verdict, Way
 from neurotact.metrics.shares import standard_error, wilson_interval
 from neurotact.metrics.starts import Spread
-from neurotact.networks.exit import held_out
+from neurotact.networks.exit import patience
 from neurotact.report import periods
 
 Kind = Literal["nothing learned", "unclear", "no baseline", "worse", "tie", "better", "too few trials"]
@@ -74,7 +74,7 @@ class Network(NamedTuple):
         """Whether early exit is used: it saves time or SOPs, and the bound of its loss is within the tolerance."""
         if self.early is None or self.exit_bound is None or not _saves(self.whole, self.early):
             return False
-        return bool(held_out.is_within(self.exit_bound, self.tolerance))
+        return bool(patience.is_tolerated(self.exit_bound, self.tolerance))
 
     @property
     def used(self) -> Decision:
@@ -604,7 +604,7 @@ def _early(network: Network, n_test: int, name: str) -> Iterator[str]:
         yield f"{said} Whole windows are used: validation trials do not tell what early exit may lose."
         return
     used = "It is used" if network.exits else "Whole windows are used"
-    yield f"{said} {used}: {held_out.in_words(network.exit_bound, network.tolerance)}."
+    yield f"{said} {used}: {patience.in_words(network.exit_bound, network.tolerance)}."
 
 
 def _is_cheapest(before: Decision, after: Decision) -> str:

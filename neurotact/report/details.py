@@ -17,10 +17,10 @@ from neurotact.data.windows import Windows
 from neurotact.figures.columns import in_unit
 from neurotact.figures.encoding import Classes
 from neurotact.networks.definition import clock
-from neurotact.networks.training import checkpoint, tasks, trained
+from neurotact.networks.training import run_folder, tasks
 from neurotact.networks.training.cautions import MEMBER
-from neurotact.networks.training.trained import LOG, Restored
-from neurotact.networks.training.training import Examples
+from neurotact.networks.training.epochs import Examples
+from neurotact.networks.training.run_folder import LOG, Restored
 from neurotact.report import front
 from neurotact.report.periods import named
 from neurotact.report.tables import (
@@ -82,12 +82,12 @@ def cell_details(folder: Path, done: list[Cell], classes: Classes) -> list[dict[
                 "confusion": None if matrix is None else matrix.tolist(),
                 "training": _training(folder, done[index]),
             }
-            if trains is None or not (kept / checkpoint.NETWORK).is_file():
+            if trains is None or not (kept / run_folder.NETWORK).is_file():
                 continue
-            restored = trained.restore(kept)
+            restored = run_folder.restore(kept)
             key = restored.task.model_dump_json()
             if key not in tests:
-                trials = trained.test_trials(restored, trains)
+                trials = run_folder.test_trials(restored, trains)
                 tests[key] = _Test(*tasks.examples_of(trains, trials, restored.task.window))
             if len(tests[key].windows):
                 if key not in shown:

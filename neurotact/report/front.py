@@ -20,9 +20,9 @@ from neurotact.errors import InputError
 from neurotact.metrics import paired, starts
 from neurotact.metrics.paired import Paired
 from neurotact.networks.definition import recipe
-from neurotact.networks.exit import held_out
+from neurotact.networks.exit import patience
 from neurotact.networks.training import cautions, tasks
-from neurotact.networks.training.trained import LOG
+from neurotact.networks.training.run_folder import LOG
 from neurotact.networks.use import ledger
 from neurotact.networks.use.ledger import Afferents
 from neurotact.report import answer as answers
@@ -144,7 +144,7 @@ def with_exit_bound(network: Network, folder: Path, cells: Sequence[Cell], toler
     if not found or not all(found):
         return network._replace(exit_bound=None, tolerance=tolerance)
     losses = pd.concat([pd.Series(one, dtype=float) for one in found]).groupby(level=0).mean()
-    return network._replace(exit_bound=float(held_out.upper_bound(losses)), tolerance=tolerance)
+    return network._replace(exit_bound=float(patience.upper_bound(losses)), tolerance=tolerance)
 
 
 def networks_of(results: pd.DataFrame, splits: Sequence[str] = ()) -> list[Network]:

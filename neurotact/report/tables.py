@@ -15,10 +15,10 @@ from neurotact.figures.columns import in_unit, quantity
 from neurotact.figures.encoding import Classes
 from neurotact.files import read_json
 from neurotact.networks.definition import recipe
-from neurotact.networks.training import checkpoint
+from neurotact.networks.training import run_folder
 from neurotact.networks.training.cautions import MEMBER
-from neurotact.networks.training.trained import LOG
-from neurotact.networks.training.training import Epoch, best_of
+from neurotact.networks.training.epochs import Epoch, best_of
+from neurotact.networks.training.run_folder import LOG
 from neurotact.networks.use.ledger import Afferents
 from neurotact.report import periods
 from neurotact.studies import measures
@@ -100,7 +100,7 @@ LAST_TRAINING = (
 
 def is_last_training(folder: Path, cell: Cell) -> bool:
     """Whether a training before that of the done cell's network made the choices (`training.choice`)."""
-    path = cell_folder(folder, cell) / checkpoint.NETWORK
+    path = cell_folder(folder, cell) / run_folder.NETWORK
     return path.is_file() and not read_json(path)["extra"].get("has_own_rule", True)
 
 

@@ -13,12 +13,12 @@ from neurotact.networks.definition import recipe
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.search import journal, search, search_tables
 from neurotact.networks.search.search_tables import as_cell
-from neurotact.networks.training import fitting, robust, tasks, trained
-from neurotact.networks.training.robust import Tried
+from neurotact.networks.training import model_selection, run_folder, tasks, trainer
+from neurotact.networks.training.epochs import Epoch
+from neurotact.networks.training.model_selection import Tried
 from neurotact.networks.training.tasks import Task
-from neurotact.networks.training.training import Epoch
 from neurotact.networks.use import measuring
-from neurotact.networks.use.conditions import by_condition
+from neurotact.networks.use.measuring import by_condition
 from neurotact.progress import say
 from neurotact.studies import encoding_tables, measures
 from neurotact.studies.engine import Files
@@ -51,11 +51,11 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None, tells: b
         progress = long if tells else None
         if not _trains_once(cell):
             return _robust(cell, trains, spec, progress)
-        fitted, sides = fitting.fit(trains, spec, task, cell.seeds, progress=progress)
+        fitted, sides = trainer.fit(trains, spec, task, cell.seeds, progress=progress)
         return _files_of(cell, trains, fitted, sides, perf_counter() - began)
     with scratch() as empty:
         searched = _search(cell, cell.network, trains, task, kept or empty)
-    last = robust.again(trains, Tried(task, searched.fitted, searched.sides), cell.seeds)
+    last = model_selection.again(trains, Tried(task, searched.fitted, searched.sides), cell.seeds)
     return _files_of(cell, trains, last.fitted, last.sides, perf_counter() - began, searched, last)
 
 
@@ -79,10 +79,10 @@ def robustly(
     cell: Cell, trains: SpikeTrains, spec: RSNNSpec, task: Task, progress: Any = None
 ) -> tuple[list[Tried], Tried, Tried]:
     """The training with each kind of varied copies, the best on validation trials, and the last, on what these had."""
-    kinds = robust.candidates(cell.augmentation, trains.conditions, cell.split)
-    tried = [*robust.trainings(trains, spec, task, cell.seeds, kinds, progress)]
-    best = robust.best_of(tried)
-    return tried, best, robust.again(trains, best, cell.seeds, progress)
+    kinds = model_selection.candidates(cell.augmentation, trains.conditions, cell.split)
+    tried = [*model_selection.trainings(trains, spec, task, cell.seeds, kinds, progress)]
+    best = model_selection.best_of(tried)
+    return tried, best, model_selection.again(trains, best, cell.seeds, progress)
 
 
 class LongTraining:
@@ -121,7 +121,7 @@ class LongTraining:
 def _files_of(
     cell: Cell,
     trains: SpikeTrains,
-    fitted: fitting.Trained,
+    fitted: trainer.Trained,
     sides: tasks.Sides,
     seconds: float,
     searched: "_Searched | None" = None,
@@ -137,7 +137,7 @@ def _files_of(
     result = measuring.measure(fitted, sides, trains.populations) | _tables(cell, fitted, sides, trains, task)
     if remedies:
         result["tables"] = {**result.get("tables", {}), "remedies": [*remedies]}
-        result[RIGHT_SEEN] = robust.right_seen(fitted.network, trains, task)
+        result[RIGHT_SEEN] = model_selection.right_seen(fitted.network, trains, task)
     trial = copies_of(trains).first[trains.cut(task.window, tasks.trials_of(trains, task).test).trial]
     for decided in ("right", "exit_right"):
         result[decided] = paired.by_trial(trial, result[decided])
@@ -154,7 +154,7 @@ def _files_of(
     }
     with scratch() as run:  # the layout of the run folder: paths between its files are the same
         target = cell_folder(run, cell)
-        trained.save(fitted, target, trains, run / cell.given, task)
+        run_folder.save(fitted, target, trains, run / cell.given, task)
         write_json(target / TIMING, {"seconds": perf_counter() - began, "epochs": len(fitted.training.epochs)})
         for name, content in (searched.files if searched else {}).items():
             with whole(target / name) as draft:
@@ -174,11 +174,11 @@ def task_of(cell: Cell) -> Task:
         training_windows=cell.training_windows,
         exit_tolerance=cell.early_exit.tolerance,
         exit_choice=cell.early_exit.choice,
-        seen=robust.SEEN if cell.augmentation is not None else 0.0,
+        seen=model_selection.SEEN if cell.augmentation is not None else 0.0,
     )
 
 
-def _tables(cell: Cell, fitted: fitting.Trained, sides: tasks.Sides, trains: SpikeTrains, task: Task) -> dict[str, Any]:
+def _tables(cell: Cell, fitted: trainer.Trained, sides: tasks.Sides, trains: SpikeTrains, task: Task) -> dict[str, Any]:
     """`tables`: the rows of each table that the study requests besides results.csv; empty if it requests none."""
     tables = {}
     for name, measure in measures.requested(cell.measures).items():
@@ -193,7 +193,7 @@ def _tables(cell: Cell, fitted: fitting.Trained, sides: tasks.Sides, trains: Spi
 class _Searched(NamedTuple):
     """The best network of a cell's search, its columns of results.csv, and the files of the search."""
 
-    fitted: fitting.Trained
+    fitted: trainer.Trained
     sides: tasks.Sides
     row: dict[str, Any]
     files: Files

@@ -12,9 +12,8 @@ import numpy as np
 from neurotact.data import hdf5
 from neurotact.data.augmentation import check_taxels
 from neurotact.data.conditioning import conditioned_length
-from neurotact.data.dataset import DatasetSpec, load_recordings, until
+from neurotact.data.dataset import DatasetSpec, expand, load_recordings, until
 from neurotact.data.recordings import Recordings, select_conditions
-from neurotact.data.sources import expand
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import training_touches
 from neurotact.data.windows import check_fit

@@ -16,8 +16,7 @@ from neurotact import effects, files, plugins
 from neurotact import spec as specs
 from neurotact.baselines.opponent import Opponents
 from neurotact.data.augmentation import AUTO, NONE, AugmentationSpec
-from neurotact.data.dataset import DatasetSpec
-from neurotact.data.sources import expand, simulator
+from neurotact.data.dataset import DatasetSpec, expand, simulator
 from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders import specs as encoders

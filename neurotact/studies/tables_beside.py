@@ -23,7 +23,7 @@ from neurotact.data.splits import Split
 from neurotact.data.windows import Windows
 from neurotact.encoders.specs import t_ref_pair_ms
 from neurotact.metrics import paired
-from neurotact.networks.training import robust, tasks
+from neurotact.networks.training import model_selection, tasks
 from neurotact.progress import track
 from neurotact.studies import measures, store
 from neurotact.studies.cell import task_of
@@ -134,11 +134,11 @@ def with_training(cuts: opponents.Cuts, trains: SpikeTrains, cell: Cell, parts: 
     if cell.augmentation is None or trains.variations is None:
         return cuts
     made, known = {}, np.isin(cuts.windows.trial, cuts.windows.trial[cuts.sides[0]])
-    for kind in robust.candidates(cell.augmentation, trains.conditions, cell.split):
+    for kind in model_selection.candidates(cell.augmentation, trains.conditions, cell.split):
         rows = trains.variations.rows(parts.train, kind)
         rows = rows[np.isin(trains.variations.of[rows], cuts.windows.trial[known])]
         made[kind] = cuts.sides[0] | np.isin(cuts.windows.trial, len(trains) + rows)
-    if not robust.are_unranked([*made], trains.conditions, cell.split):
+    if not model_selection.are_unranked([*made], trains.conditions, cell.split):
         return cuts._replace(copies=made)
     rows = trains.variations.rows(parts.validation, next(iter(made)))
     validation = cuts.sides[1] | np.isin(cuts.windows.trial, len(trains) + rows)

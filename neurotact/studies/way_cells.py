@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from neurotact.data.sources import expand
+from neurotact.data.dataset import expand
 from neurotact.errors import InputError
 from neurotact.files import existing, whole, write_json
 from neurotact.studies import store, way_study

@@ -18,13 +18,13 @@ from pydantic import Field
 from sklearn.model_selection import train_test_split
 
 from neurotact.data import doubtful
-from neurotact.data.sources import expand
+from neurotact.data.dataset import expand
 from neurotact.data.windows import Windows
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn, add_legend, new_figure, printed, series_style
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.training.training import Examples, train
+from neurotact.networks.training.epochs import Examples, train
 from neurotact.networks.use import measuring
 from neurotact.spec import Spec
 from neurotact.studies.way import Arrays, View, heads

@@ -25,10 +25,10 @@ from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList
 from neurotact.networks.definition import clock, recipe
 from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.training import fitting, tasks
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.networks.training import tasks, trainer
+from neurotact.networks.training.epochs import train
 from neurotact.networks.training.tasks import Sides, Task
-from neurotact.networks.training.training import train
 from neurotact.networks.use import measuring
 from neurotact.networks.use.ledger import Afferents, network_cost
 from neurotact.spec import Spec, build
@@ -72,7 +72,7 @@ class Setting(Spec):
     """Train the remaining weights for a quarter of the epochs."""
     exit_tolerance: float | None = Field(default=None, ge=0, lt=1)
     """Early exit, with the least patience that loses at most this validation accuracy; whole windows where validation
-    trials that did not choose it do not bound the loss so far (`held_out.ExitChoice.used`)."""
+    trials that did not choose it do not bound the loss so far (`patience.ExitChoice.used`)."""
 
     @model_validator(mode="after")
     def _trains_on_what_is_pruned(self) -> "Setting":
@@ -177,7 +177,7 @@ def measured(
         fitted = _pruned(fitted, setting)
     rule = FULL_WINDOW
     if setting.exit_tolerance is not None:
-        rule = fitting.exit_of(fitted.network, fitted.sides.validation, setting.exit_tolerance).used
+        rule = trainer.exit_of(fitted.network, fitted.sides.validation, setting.exit_tolerance).used
     return row_of(fitted, rule, pruned=setting.prune is not None, prices=prices)
 
 
@@ -219,7 +219,7 @@ def cut(bench: Bench, setting: Setting) -> Cut:
 
 def fit(own: Cut, spec: RSNNSpec, seeds: tuple[int, int]) -> Fitted:
     """A network trained on some windows; seeds: of its weights and of their order."""
-    network, _ = fitting.new_trained(own.trains, spec, seeds, own.sides.train, own.sides.validation)
+    network, _ = trainer.new_trained(own.trains, spec, seeds, own.sides.train, own.sides.validation)
     return Fitted(rsnn_of("c-integer", network), *own, torch.Generator().manual_seed(seeds[1]))
 
 

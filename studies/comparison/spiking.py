@@ -16,8 +16,8 @@ from neurotact.metrics.flops import Cost
 from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.training import fitting
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.networks.training import trainer
 from neurotact.networks.training.tasks import Sides, Task
 from neurotact.networks.use import measuring
 from neurotact.networks.use.ledger import Afferents, network_cost
@@ -66,7 +66,7 @@ def decide(task: TaskData, split: Split, seed: int) -> list[Decided]:
     trains, seeds = encode(task, split.train), of_start(seed, SplitSpec(seed=seed))
     length_ms = 1e3 * int(trains.trial_steps[0]) / trains.sampling_rate_Hz
     how = Task(window=WindowSpec(length_ms=length_ms, per_trial=1), exit_tolerance=EXIT_TOLERANCE, exit_choice="steady")
-    fits = [fitting.fit(trains, spec, how, seeds, split=split) for spec in TRIED]
+    fits = [trainer.fit(trains, spec, how, seeds, split=split) for spec in TRIED]
     fitted, sides = max(fits, key=lambda fit: _validated(fit[0].network, fit[1]))
     network, choice = fitted.network, fitted.held
     assert choice is not None

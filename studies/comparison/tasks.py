@@ -18,8 +18,8 @@ from pydantic import Field
 from sklearn.model_selection import GroupShuffleSplit
 
 from neurotact.data.conditioning import ConditioningSpec, condition
+from neurotact.data.dataset import expand
 from neurotact.data.recordings import LABEL, Recordings
-from neurotact.data.sources import expand
 from neurotact.data.splits import Split, SplitSpec, split_trials
 from neurotact.errors import InputError
 from neurotact.metrics.flops import BYTES, Cost, Layer, Moments, MovingAverage

@@ -36,7 +36,7 @@ from neurotact.encoders.specs import t_ref_pair_ms
 from neurotact.errors import InputError, nearest, some
 from neurotact.figures.columns import quantity
 from neurotact.files import scratch
-from neurotact.networks.training import robust, tasks
+from neurotact.networks.training import model_selection, tasks
 from neurotact.networks.training.tasks import Task
 from neurotact.networks.use import ledger, measuring
 from neurotact.spec import Spec
@@ -242,7 +242,7 @@ def _prepared(recordings: Recordings, cell: Cell, parameters: Parameters) -> Pre
     recordings = preparation.encoded_part(recordings, cell)
     encoder = preparation.encoder_of(cell, recordings, {}, between=parameters.chosen.between, tell=False)
     trains = preparation.spikes_of(cell, recordings, encoder)
-    task = task_of(cell).model_copy(update={"seen": robust.SEEN if parameters.condition else 0.0})
+    task = task_of(cell).model_copy(update={"seen": model_selection.SEEN if parameters.condition else 0.0})
     return Prepared(cell, recordings, trains, task)
 
 

@@ -17,8 +17,8 @@ from neurotact_parts.studies.compliance.viscoelastic import Bodies, Squeeze, def
 from neurotact_parts.studies.memory import check_room
 from pydantic import Field, model_validator
 
+from neurotact.data.dataset import Simulator
 from neurotact.data.recordings import Recordings
-from neurotact.data.sources import Simulator
 from neurotact.spec import Spec
 
 SENSORS = ("finger", "palm")

@@ -17,8 +17,8 @@ from neurotact_parts.studies.memory import check_room
 from pydantic import Field, model_validator
 from scipy.signal import lfilter
 
+from neurotact.data.dataset import Simulator
 from neurotact.data.recordings import LABEL, Recordings
-from neurotact.data.sources import Simulator
 from neurotact.spec import Spec
 
 Positive = Annotated[float, Field(gt=0)]

@@ -19,8 +19,8 @@ from pydantic import Field
 
 from neurotact.data.conditioning import ema, ema_coefficient
 from neurotact.data.copies import equal_examples, joined
+from neurotact.data.dataset import expand
 from neurotact.data.recordings import Recordings
-from neurotact.data.sources import expand
 from neurotact.data.splits import Split, SplitSpec, split_trials
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
@@ -30,7 +30,7 @@ from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import MovingAverage, cost
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.training import fitting, tasks
+from neurotact.networks.training import tasks, trainer
 from neurotact.networks.use import ledger, measuring
 from neurotact.spec import Spec
 from neurotact.studies.way import Arrays, TaskData, View, heads
@@ -216,7 +216,7 @@ def _spiking_split(parameters: Parameters, recorded: Recordings, number: int, sp
     what = tasks.Task(window=WindowSpec(length_ms=window_ms))
     seeds = np.random.SeedSequence([parameters.seed, number]).generate_state(2 * parameters.starts).tolist()
     pairs = list(zip(seeds[::2], seeds[1::2], strict=True))
-    networks = [fitting.fit(trains, parameters.spiking, what, pair, split=split) for pair in pairs]
+    networks = [trainer.fit(trains, parameters.spiking, what, pair, split=split) for pair in pairs]
     fitted, sides = max(networks, key=lambda both: both[0].training.best.validation_accuracy)
     row: dict[str, Any] = measuring.measure(fitted, sides, trains.populations)["row"]
     for chain, accuracy, prefix, steps in (

@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from neurotact.data.dataset import Reader
 from neurotact.data.readers.formats.numpy_files import read_arrays
 from neurotact.data.readers.table.cells import as_signal, numbers
 from neurotact.data.readers.table.texts import read_text, split_header
 from neurotact.data.recordings import Recordings
-from neurotact.data.sources import Reader
 from neurotact.errors import InputError
 from neurotact.files import check_size, existing
 

@@ -15,8 +15,8 @@ from neurotact_parts.studies.memory import check_room
 from pydantic import Field, model_validator
 from scipy.signal import lfilter
 
+from neurotact.data.dataset import Simulator
 from neurotact.data.recordings import Recordings
-from neurotact.data.sources import Simulator
 from neurotact.errors import InputError
 from neurotact.spec import Spec
 

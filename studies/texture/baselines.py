@@ -37,7 +37,7 @@ from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import Cost, Dense, Layer, NearestPoints, Standardise, SupportVectorMachines, cost
 from neurotact.metrics.spike_trains import Events, events_of_raster, rates_Hz, spike_counts
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.training import fitting
+from neurotact.networks.training import trainer
 from neurotact.networks.training.tasks import Task
 from neurotact.networks.use import ledger, measuring
 from neurotact.spec import Spec
@@ -395,7 +395,7 @@ def network(parameters: Parameters, seen: Seen, arrays: Arrays, seed: int) -> It
     for tau_ms in parameters.taus_ms:
         changes = {"model": model, "tau_mem_ms": tau_ms, "tau_syn_ms": tau_ms, "training": training}
         spec = parameters.network.model_copy(update=changes)
-        tried.append(fitting.fit(trains, spec, task, (seed, seed + 1)))
+        tried.append(trainer.fit(trains, spec, task, (seed, seed + 1)))
     fitted, sides = max(tried, key=lambda pair: pair[0].training.best.validation_accuracy)
     row, spec = measuring.measure(fitted, sides, trains.populations)["row"], fitted.network.spec
     sizes = len(trains.afferents), len(trains.classes)

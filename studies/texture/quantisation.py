@@ -18,6 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from neurotact_parts.exporters.c import fine_tuning, formats, integer
 from neurotact_parts.exporters.c.formats import Formats, Steps
+from neurotact_parts.exporters.c.rounding import Grid
 from neurotact_parts.studies.texture.simulator import SIMULATOR
 from pydantic import Field
 
@@ -41,14 +42,13 @@ from neurotact.figures.style import (
     series_style,
 )
 from neurotact.metrics import synops
-from neurotact.networks.definition.rounding import Grid
 from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.exit.early_exit import FULL_WINDOW
-from neurotact.networks.training import fitting
-from neurotact.networks.training.fitting import Trained
+from neurotact.networks.exit.rule import FULL_WINDOW
+from neurotact.networks.training import trainer
 from neurotact.networks.training.ranges import Ranges, record, record_states
 from neurotact.networks.training.tasks import Sides, Task
+from neurotact.networks.training.trainer import Trained
 from neurotact.networks.use import measuring
 from neurotact.spec import Spec, build
 from neurotact.studies.way import Arrays, View, heads
@@ -143,7 +143,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     split = split_touches(skin, (), task.split)
     trains = encode_recordings(skin, _encoder(parameters, skin.select(split.train)))
     seeds = (2 * parameters.seed, 2 * parameters.seed + 1)
-    done, sides = fitting.fit(trains, parameters.network, task, seeds)
+    done, sides = trainer.fit(trains, parameters.network, task, seeds)
     encoder = build(AfferentSpec, dict(trains.encoder), source="quantisation")
     chain = chain_of((encoder, done.network), StreamedSpec(length_ms=task.window.length_ms))._replace(rule=done.rule)
     ranges = record(chain.network, sides.train.spikes, list(skin.select(split.train).signals))
@@ -190,7 +190,7 @@ def _trained_on(parameters: Parameters, given: Given, grids: dict[str, Grid]) ->
     training = fine_tuning.train_rounded(
         network, given.sides.train, given.sides.validation, grids, generator=order, epochs=parameters.fine_tune_epochs
     )
-    return fitting.finished(network, training, given.sides, given.task)
+    return trainer.finished(network, training, given.sides, given.task)
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:

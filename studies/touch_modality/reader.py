@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from neurotact.data.dataset import Reader
 from neurotact.data.readers.table.cells import cells, is_value, numbers
 from neurotact.data.readers.table.texts import read_text
 from neurotact.data.recordings import Recordings
-from neurotact.data.sources import Reader
 from neurotact.errors import InputError
 from neurotact.files import check_size, existing
 

@@ -24,8 +24,8 @@ from neurotact_parts.studies.touch_modality.contacts import (
 from pydantic import Field, model_validator
 from scipy.signal import lfilter
 
+from neurotact.data.dataset import Simulator
 from neurotact.data.recordings import Recordings
-from neurotact.data.sources import Simulator
 from neurotact.spec import Spec
 
 NotNegative = Annotated[float, Field(ge=0)]

@@ -13,7 +13,7 @@ from neurotact.data import encoded_from, hdf5
 from neurotact.data.encoded_from import AbsentError, find
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
-from neurotact.networks.training import trained
+from neurotact.networks.training import run_folder
 from neurotact.studies import loading
 
 ALL = np.arange(24)
@@ -149,7 +149,7 @@ def test_an_export_from_any_folder_is_the_same(here, monkeypatch):
 
 
 def test_the_spikes_of_a_run_are_those_of_its_training_wherever_they_are(here, monkeypatch):
-    assert trained.restore("run").spikes_path == Path("run/../out/spikes.h5")
+    assert run_folder.restore("run").spikes_path == Path("run/../out/spikes.h5")
     shutil.move(here / "out", here / "run" / "out")  # beside the network: not where it names them
     with pytest.raises(InputError, match=r"run/\.\./out/spikes\.h5: the spikes .* name them with `spikes`"):
         nt.fine_tune("run", "tuned", epochs=1)
@@ -169,9 +169,9 @@ def test_of_two_files_of_spikes_that_a_network_may_name_its_own_is_taken(here, m
     nt.save(touches(1), "other.h5")
     (here / "out" / "spikes.h5").unlink()
     encode("other.h5", str(here / "out" / "spikes.h5"))
-    assert trained.restore(here / "run").spikes_path == Path("../out/spikes.h5")
+    assert run_folder.restore(here / "run").spikes_path == Path("../out/spikes.h5")
     shutil.move("../out/spikes.h5", "swap.h5")
-    assert trained.restore(here / "run").spikes_path == here / "run" / "../out/spikes.h5"
+    assert run_folder.restore(here / "run").spikes_path == here / "run" / "../out/spikes.h5"
 
 
 STUDY = """

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from neurotact.data import conditioning, doubtful
+from neurotact.data.doubtful import shared_stretches
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
-from neurotact.data.stretches import shared_stretches
 
 
 def counts(seed: int, length: int, taxels: int = 3) -> np.ndarray:

@@ -9,9 +9,9 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from levels import examples
 
-from neurotact.data.nested import LEAST_APART
 from neurotact.data.recordings import select_conditions
 from neurotact.data.splits import (
+    LEAST_APART,
     SplitSpec,
     aside_of,
     check_each,

@@ -20,7 +20,7 @@ from neurotact.data.dataset import load_recordings
 from neurotact.data.splits import SplitSpec, split_conditions
 from neurotact.data.trial_choice import LEAST_OF_CLASS, TrialChoice, chosen_trials, evenly_of, fewer_trials
 from neurotact.errors import InputError
-from neurotact.networks.training import trained
+from neurotact.networks.training import run_folder
 from neurotact.spec import parse_choice
 from neurotact.studies import loading
 
@@ -174,9 +174,9 @@ def test_a_network_is_trained_and_decides_as_if_the_others_were_not_in_the_file(
     assert (tmp_path / "theirs" / "weights.safetensors").read_bytes() == weights[0]
     with pytest.raises(InputError, match="was started with "):
         nt.train(place / "spikes.h5", tmp_path / "mine", "rsnn", QUICK, resume=True, where={"speed": 450})
-    restored = trained.restore(tmp_path / "mine")
+    restored = run_folder.restore(tmp_path / "mine")
     assert restored.classes == ("felt", "silk")
-    assert len(trained.load_spikes_of(restored)) == 20
+    assert len(run_folder.load_spikes_of(restored)) == 20
     done("infer", tmp_path / "mine", place / "spikes.h5", *WORDS, "-o", tmp_path / "found.csv")
     found = pd.read_csv(tmp_path / "found.csv")
     pd.testing.assert_frame_equal(found, nt.infer(tmp_path / "mine", place / "some-spikes.h5"), check_dtype=False)
@@ -201,13 +201,13 @@ def test_a_search_uses_the_chosen_trials_in_its_workers_too(place, tmp_path, cap
     ]
     alone = nt.tune(place / "some-spikes.h5", tmp_path / "alone", "rsnn", **asked)
     assert mine["hidden"].tolist() == alone["hidden"].tolist()
-    assert trained.restore(tmp_path / "mine" / "best").classes == ("felt", "silk")
+    assert run_folder.restore(tmp_path / "mine" / "best").classes == ("felt", "silk")
 
 
 def test_recordings_are_found_again_by_their_content(place, tmp_path):
     """An export takes the ranges of its samples from the recordings, of which the spikes are a choice."""
     nt.train(place / "spikes.h5", tmp_path / "run", "rsnn", QUICK, **CHOICE)
-    restored = trained.restore(tmp_path / "run")
+    restored = run_folder.restore(tmp_path / "run")
     found = export.recorded(restored, place / "touches.h5")
     due = export.recorded(restored, place / "some.h5")
     for mine, its in zip((*found.training, *found.test), (*due.training, *due.test), strict=True):

@@ -19,7 +19,7 @@ from neurotact.deploy.chain import chain_of
 from neurotact.deploy.stream import Stream
 from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.training import trained
+from neurotact.networks.training import run_folder
 
 needs_compiler = pytest.mark.skipif(proof.missing("cc") is not None, reason=str(proof.missing("cc")))
 FALLING = {"afferents": {"sa1.opposite": True, "ra1.gain": 90.0}}
@@ -322,5 +322,5 @@ def test_recordings_that_are_gone_in_training_leave_no_ranges(tmp_path):
         {"hidden": 4, "training.epochs": 1},
         window=nt.Window(length_ms=40),
     )
-    assert trained.restore(tmp_path / "again").ranges is None
-    assert trained.restore(tmp_path / "run").ranges is not None
+    assert run_folder.restore(tmp_path / "again").ranges is None
+    assert run_folder.restore(tmp_path / "run").ranges is not None

@@ -39,7 +39,7 @@ from neurotact.networks.definition.executors import (
     require,
 )
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 
 MODELS = usable()
 TAXELS, CLASSES, RATE_Hz = 2, 3, 1000.0

@@ -12,6 +12,7 @@ import torch
 from levels import thinned
 from made_chains import make_encoder, make_signal
 from neurotact_parts.exporters.c import export, fine_tuning, formats
+from neurotact_parts.exporters.c.rounding import Grid
 
 import neurotact as nt
 from neurotact import cli
@@ -19,11 +20,10 @@ from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
-from neurotact.networks.definition.rounding import Grid
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.training import checkpoint, fitting, tasks, trained, training
+from neurotact.networks.training import epochs, run_folder, tasks, trainer
+from neurotact.networks.training.epochs import Examples
 from neurotact.networks.training.tasks import Task
-from neurotact.networks.training.training import Examples
 
 N = 40
 KINDS = {
@@ -43,8 +43,8 @@ def make_run(folder: Path, kind: str = "spiking", shown: int | None = None) -> P
     trains = encode_recordings(hdf5.load_recordings(folder / "skin.h5"), make_encoder(baseline="start"))
     hdf5.save_spikes(trains, folder / "spikes.h5")
     task = Task.model_validate({"window": {"length_ms": 40}})
-    done, _ = fitting.fit(trains, RSNNSpec.model_validate(KINDS[kind]), task, (0, 1))
-    trained.save(done, folder / "run", trains, folder / "spikes.h5", task)
+    done, _ = trainer.fit(trains, RSNNSpec.model_validate(KINDS[kind]), task, (0, 1))
+    run_folder.save(done, folder / "run", trains, folder / "spikes.h5", task)
     return folder / "run"
 
 
@@ -64,7 +64,7 @@ def whole_of(formats_) -> list[np.ndarray]:
 
 
 def weights_of(folder: Path) -> dict[str, torch.Tensor]:
-    return dict(checkpoint.load(folder)[0].state_dict())
+    return dict(run_folder.load_network(folder)[0].state_dict())
 
 
 @thinned("bits", [4, 2, 8])
@@ -80,8 +80,8 @@ def test_no_epoch_is_rounding_alone(run, bits, tmp_path):
 
 def test_with_many_bits_no_epoch_changes_nothing(run):
     """Steps as fine as float32: the weights stay, and with them every decision."""
-    restored, again = trained.restore(run), trained.restore(run)
-    sides = tasks.sides_of(trained.load_spikes_of(restored), restored.task)
+    restored, again = run_folder.restore(run), run_folder.restore(run)
+    sides = tasks.sides_of(run_folder.load_spikes_of(restored), restored.task)
     largest = max(float(weights.detach().abs().max()) for weights in restored.network.parameters())
     fine = formats.Steps(*(largest / 2**30 for _ in range(3)))
     grids = fine_tuning.grids_of(restored.network, fine, 32)
@@ -100,12 +100,12 @@ def test_what_was_seen_last_is_what_is_exported(run, bits, tmp_path, monkeypatch
     """Of the best epoch: the weights of its forward pass are the exported whole numbers times their steps."""
     seen = []
 
-    def looking(network, examples, judge=training.judge):
+    def looking(network, examples, judge=epochs.judge):
         seen.append({name: tensor.detach().clone() for name in ("w_in", "w_rec", "w_out", "bias")
                      if (tensor := getattr(network, name)) is not None})  # fmt: skip
         return judge(network, examples)
 
-    monkeypatch.setattr(training, "judge", looking)
+    monkeypatch.setattr(epochs, "judge", looking)
     nt.fine_tune(run, tmp_path / "tuned", weight_bits=bits, epochs=6)
     best = json.loads((tmp_path / "tuned" / "network.json").read_text())["extra"]["best_epoch"]
     assert len(seen) == 2 + 6  # training and validation windows before, validation windows after each epoch
@@ -171,7 +171,7 @@ def test_the_same_seed_gives_the_same_network(spiking, tmp_path):
 @pytest.mark.thorough
 def test_test_trials_are_not_seen(spiking, tmp_path):
     """Another signal on a test trial changes no weight; on a training trial it does."""
-    sides = tasks.trials_of(trained.load_spikes_of(trained.restore(spiking)), trained.restore(spiking).task)
+    sides = tasks.trials_of(run_folder.load_spikes_of(run_folder.restore(spiking)), run_folder.restore(spiking).task)
     found = {}
     for name, trial in (("test", sides.test[0]), ("train", sides.train[0])):
         other = make_run(tmp_path / name, shown=int(trial))
@@ -191,14 +191,14 @@ def test_test_trials_are_not_seen(spiking, tmp_path):
 @pytest.mark.parametrize("has_own_rule", [True, False])
 def test_an_exit_that_was_chosen_at_another_condition_stays(spiking, tmp_path, has_own_rule):
     shutil.copytree(spiking.parent, tmp_path / "kept")
-    path = tmp_path / "kept" / "run" / checkpoint.NETWORK
+    path = tmp_path / "kept" / "run" / run_folder.NETWORK
     network = json.loads(path.read_text())
     own, other = network["extra"]["exit_patience"], 39
     losses = dict.fromkeys(range(400), 0.0)
     network["extra"] |= {"exit_patience": other, "has_own_rule": has_own_rule, "exit_losses": losses}
     path.write_text(json.dumps(network))
     fine_tuning.fine_tune(tmp_path / "kept" / "run", tmp_path / "tuned", epochs=0)
-    tuned = trained.restore(tmp_path / "tuned")
+    tuned = run_folder.restore(tmp_path / "tuned")
     assert own != other
     assert (tuned.rule.patience == other) is not has_own_rule
     assert (tuned.held.losses == losses) is not has_own_rule

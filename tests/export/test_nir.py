@@ -21,7 +21,7 @@ import neurotact as nt
 from neurotact.cli import app
 from neurotact.encoders import afferents
 from neurotact.errors import InputError
-from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.exit.rule import ExitRule
 
 nir = pytest.importorskip("nir")
 

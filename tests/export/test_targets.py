@@ -9,7 +9,7 @@ from neurotact_parts.exporters import chips
 from neurotact.encoders.specs import load
 from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 
 FITTING_TAU_ms = -1 / math.log(1 - 2.0**-4) / 2.0
 MADE_FOR_XYLO = {

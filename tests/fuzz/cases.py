@@ -19,7 +19,7 @@ import typer
 from judge import Case
 
 from neurotact import cli, plugins, spec
-from neurotact.data.sources import simulator
+from neurotact.data.dataset import simulator
 
 ROOT = Path(__file__).parents[2]
 TINY = ROOT / "tests" / "studies" / "tiny.toml"

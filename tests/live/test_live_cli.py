@@ -17,7 +17,7 @@ from neurotact_parts.exporters.live.feeds import Replay
 import neurotact as nt
 from neurotact import cli
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.networks.training import trained
+from neurotact.networks.training import run_folder
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +124,7 @@ def test_trials_are_known_by_their_content_as_infer_knows_them(made, tmp_path, c
     other = nt.Recordings(signals, 1000.0, "mV", labels, channels=("left", "right"))
     nt.save(other, tmp_path / "renamed.h5")
     sides = live_api.sides_of(made / "run", Replay(str(tmp_path / "renamed.h5"), 1.0, loops=False))
-    trains = nt.encode(other, AfferentSpec.model_validate(trained.restore(made / "run").encoder))
+    trains = nt.encode(other, AfferentSpec.model_validate(run_folder.restore(made / "run").encoder))
     assert sides == nt.infer(made / "run", trains).groupby("trial")["side"].first().tolist()
     assert sides[-1] == "unseen"
     assert "8 training, 2 validation, 2 test, 1 unseen trials" in caplog.text

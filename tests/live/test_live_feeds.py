@@ -13,8 +13,8 @@ from neurotact_parts.exporters.live.feeds import ByHand, Device, Replay
 
 import neurotact as nt
 from neurotact.data import hdf5
+from neurotact.data.dataset import Control, Finger, Simulator, simulator
 from neurotact.data.recordings import Recordings
-from neurotact.data.sources import Control, Finger, Simulator, simulator
 from neurotact.deploy.sources import Faults
 from neurotact.errors import InputError
 

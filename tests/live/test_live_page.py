@@ -12,7 +12,7 @@ from made_chains import make_chain, make_signal, offline
 from neurotact_parts.exporters.live.feeds import ByHand
 from neurotact_parts.exporters.live.server import Server
 
-from neurotact.data.sources import simulator
+from neurotact.data.dataset import simulator
 from neurotact.deploy.sources import Arrived
 
 ROWS = """[...document.querySelectorAll('#decisions tbody tr')].map(

@@ -20,7 +20,7 @@ from neurotact.deploy.sources import Arrived
 from neurotact.encoders import afferents, specs
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
-from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.exit.rule import ExitRule
 from neurotact.networks.use.ledger import decision_ledger
 from neurotact.spec import override
 

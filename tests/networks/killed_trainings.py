@@ -19,7 +19,7 @@ import torch._dynamo  # noqa: F401 - the first optimiser of each child would imp
 
 from neurotact.files import DRAFT, LOCK
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training import train_run
+from neurotact.networks.training import resumable
 from neurotact.networks.training.tasks import Task
 
 NETWORK = RSNNSpec(hidden=6, training=TrainingSpec(epochs=3, batch=8))
@@ -29,9 +29,9 @@ STEPS = ((Path, "touch"), (Path, "replace"), (Path, "unlink"), (os, "ftruncate")
 
 
 def train(spikes: Path, folder: Path, **options) -> None:
-    train_run.track = lambda *_, **__: nullcontext(lambda *_: None)
-    train_run.SECONDS_BETWEEN = 0.0
-    train_run.run(spikes, folder, NETWORK, TASK, **options)
+    resumable.track = lambda *_, **__: nullcontext(lambda *_: None)
+    resumable.SECONDS_BETWEEN = 0.0
+    resumable.run(spikes, folder, NETWORK, TASK, **options)
 
 
 def kill_before(step: int) -> None:
@@ -77,7 +77,7 @@ def main(spikes: Path, base: Path, before: str) -> None:
     if before != "nothing":
         assert in_a_child(lambda: train(spikes, other, seed=7))
     if before == "interrupted":
-        (other / train_run.RESULT).rename(other / train_run.CHECKPOINT)
+        (other / resumable.RESULT).rename(other / resumable.CHECKPOINT)
     step = untouched = 0
     while True:
         folder = base / str(step)

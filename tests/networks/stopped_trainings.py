@@ -5,14 +5,14 @@ from contextlib import contextmanager
 
 import pytest
 
-from neurotact.networks.training import train_run
-from neurotact.networks.training.train_run import Interrupted
+from neurotact.networks.training import resumable
+from neurotact.networks.training.resumable import Interrupted
 
 
 @contextmanager
 def stopped_after(n_epochs: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Interrupt the training in the block after so many epochs of all its networks, which are saved."""
-    keep = train_run._CheckpointWriter.keep
+    keep = resumable._CheckpointWriter.keep
 
     def stopped(writer, latest):
         keep(writer, latest)
@@ -20,7 +20,7 @@ def stopped_after(n_epochs: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[No
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(train_run._CheckpointWriter, "keep", stopped)
+        patched.setattr(resumable._CheckpointWriter, "keep", stopped)
         with pytest.raises(Interrupted) as raised:
             yield
     assert raised.value.epochs == n_epochs

@@ -36,9 +36,9 @@ from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.definition.surrogate import FastSigmoid
 from neurotact.networks.exit import truncated
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.training import checkpoint
-from neurotact.networks.training.training import Examples
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.networks.training import run_folder
+from neurotact.networks.training.epochs import Examples
 from neurotact.networks.use import ledger
 from neurotact.neurons import Adaptation, CubaLIF, Membrane, Reset
 from neurotact.spec import build
@@ -493,8 +493,8 @@ def test_a_network_says_how_it_adapts_and_a_checkpoint_gives_it_back(tmp_path):
     assert "adaptation" not in repr(network())
     assert net.adaptation is not None
     assert net.adaptation.decay == pytest.approx(torch.tensor(-2.5 / 25.0).exp().item())
-    checkpoint.save(net, tmp_path)
-    again, metadata = checkpoint.load(tmp_path)
+    run_folder.save_network(net, tmp_path)
+    again, metadata = run_folder.load_network(tmp_path)
     assert again.adaptation == net.adaptation
     assert all(map(torch.equal, again(x), net(x)))
     assert json.loads(json.dumps(metadata["spec"]))["threshold_adaptation"] == 2.0

@@ -21,7 +21,7 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import Counts
 from neurotact.networks.definition.specs import TrainingSpec
-from neurotact.networks.training import balancing, tasks, training
+from neurotact.networks.training import balancing, epochs, tasks
 from neurotact.networks.training.tasks import Task
 from neurotact.studies import loading, study
 
@@ -59,7 +59,7 @@ def test_a_class_that_is_repeated_has_the_loss_of_once(table, times):
         found = balancing.weights(table.iloc[chosen.numpy()], "classes", [])
         weights = None if found is None else torch.from_numpy(found)
         counts = Counts(readout[chosen], torch.zeros(len(chosen), 1, dtype=torch.float64))
-        return float(training.loss(counts, labels[chosen], TrainingSpec(rate_penalty=0), weights))
+        return float(epochs.loss(counts, labels[chosen], TrainingSpec(rate_penalty=0), weights))
 
     assert loss_of(repeated) == pytest.approx(loss_of(torch.arange(len(labels))))
 

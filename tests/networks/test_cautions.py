@@ -6,8 +6,8 @@ import pytest
 
 from neurotact.data.splits import SplitSpec
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.exit.held_out import ExitChoice
+from neurotact.networks.exit.patience import ExitChoice
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 from neurotact.networks.training import cautions
 from neurotact.networks.training.comparison import Comparison
 

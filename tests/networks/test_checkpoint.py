@@ -13,7 +13,9 @@ from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.definition.surrogate import FastSigmoid
-from neurotact.networks.training.checkpoint import KEYS, NETWORK, WEIGHTS, load, save
+from neurotact.networks.training.run_folder import KEYS, NETWORK, WEIGHTS
+from neurotact.networks.training.run_folder import load_network as load
+from neurotact.networks.training.run_folder import save_network as save
 
 
 def network(seed: int = 0, dtype: torch.dtype = torch.float32, **spec) -> RSNN:

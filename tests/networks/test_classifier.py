@@ -19,8 +19,8 @@ from neurotact.encoders import specs
 from neurotact.encoders.transformer import SpikeEncoder
 from neurotact.errors import InputError
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.training.fitting import begin
-from neurotact.networks.training.training import Examples, train
+from neurotact.networks.training.epochs import Examples, train
+from neurotact.networks.training.trainer import begin
 from neurotact.networks.use import fitted
 from neurotact.networks.use.classifier import SpikingClassifier, spike_windows
 from neurotact.spec import load
@@ -260,7 +260,7 @@ def test_validation_windows_that_do_not_fit_are_refused(validation, words):
 )  # fmt: skip
 def test_a_wrong_parameter_is_refused_before_the_training(name, value, monkeypatch):
     X, y = touches()
-    monkeypatch.setattr("neurotact.networks.use.classifier.members.train", None)
+    monkeypatch.setattr("neurotact.networks.use.classifier.ensemble.train", None)
     with pytest.raises(InputError, match=f"^(SpikingClassifier: )?{name}: |^{name}|: {name} "):
         small(**{name: value}).fit(np.asarray(X) if name == "sampling_rate_Hz" else X, y)
 

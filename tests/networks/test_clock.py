@@ -13,11 +13,11 @@ from neurotact.networks.definition import clock, recipe
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit import truncated
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.training import fitting, training
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.networks.training import epochs, trainer
+from neurotact.networks.training.epochs import Examples
 from neurotact.networks.training.ranges import record_states
 from neurotact.networks.training.tasks import Sides
-from neurotact.networks.training.training import Examples
 from neurotact.networks.use import measuring
 from neurotact.networks.use.ledger import network_cost
 
@@ -118,7 +118,7 @@ def test_a_patience_is_in_steps_of_the_encoder_and_counts_whole_bins():
 def test_the_chosen_exit_saves_whole_steps_of_the_network_and_keeps_its_word():
     own, spikes = network(readout="integrator"), resting(2, 100, 4)
     examples = Examples(spikes, own.infer(spikes).labels)
-    rule = fitting.exit_rule(own, examples, 0.0)
+    rule = trainer.exit_of(own, examples, 0.0).rule
     assert rule.patience is not None
     assert rule.patience % 5 == 0
     assert torch.equal(own.infer(spikes, rule).labels, examples.labels)
@@ -134,8 +134,8 @@ def test_what_is_measured_is_that_of_the_network_of_that_clock_with_longer_steps
     rows = []
     for net, examples, patience in ((own, sides[0], 50), (slow, sides[1], 10)):
         monkeypatch.setattr(measuring, "ORACLE_PATIENCE", patience)
-        done = training.Training((training.Epoch(1, 0.0, 0.0, 0.0, 0.0),), training.Epoch(1, 0.0, 0.0, 0.0, 0.0))
-        trained = fitting.Trained(net, done, rule if net is own else rule.in_bins(5))
+        done = epochs.Training((epochs.Epoch(1, 0.0, 0.0, 0.0, 0.0),), epochs.Epoch(1, 0.0, 0.0, 0.0, 0.0))
+        trained = trainer.Trained(net, done, rule if net is own else rule.in_bins(5))
         rows.append(measuring.measure(trained, Sides(examples, examples, examples), {"SA-I": np.array([0])})["row"])
     ours, theirs = rows
     in_steps = {"exit_steps", "exit_steps_sd", "oracle_steps", "window_steps", "exit_patience", "steps_per_bin"}
@@ -183,7 +183,7 @@ def test_a_batch_is_put_into_bins_once(dropout, monkeypatch):
     examples = Examples(resting(1, 60, 4), torch.tensor([0, 1, 2]))
     counts, seen = own.counts, []
     monkeypatch.setattr(own, "counts", lambda spikes, *more: seen.append(spikes.shape[1]) or counts(spikes, *more))
-    training.train(own, examples, examples, generator=torch.Generator().manual_seed(0))
+    epochs.train(own, examples, examples, generator=torch.Generator().manual_seed(0))
     assert {*seen} == {12}
 
 
@@ -206,7 +206,7 @@ def test_a_network_learns_on_its_clock():
     spikes = torch.cat([resting(k, 60, 4) * torch.tensor([1, 1, k, 1 - k, 0], dtype=torch.uint8) for k in (0, 1)])
     labels = torch.tensor([0, 0, 0, 1, 1, 1])
     own = network(training={"epochs": 40, "batch": 6, "learning_rate": 0.02, "patience": 40})
-    done = training.train(
+    done = epochs.train(
         own, Examples(spikes, labels), Examples(spikes, labels), generator=torch.Generator().manual_seed(0)
     )
     assert done.best.train_accuracy == 1.0

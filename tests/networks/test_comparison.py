@@ -11,8 +11,8 @@ from neurotact.baselines import opponent
 from neurotact.metrics import referee
 from neurotact.metrics.shares import wilson_interval
 from neurotact.networks.training.comparison import Trials, compare, costs, lines, opponents_of
+from neurotact.networks.training.epochs import Examples
 from neurotact.networks.training.tasks import Sides
-from neurotact.networks.training.training import Examples
 
 
 def examples(labels: list[int], tells: bool, seed: int = 0) -> Examples:

@@ -10,7 +10,7 @@ from in_process import studies_here
 from neurotact.data.hdf5 import load_spikes
 from neurotact.errors import InputError
 from neurotact.files import read_json
-from neurotact.networks.training import tasks, trained
+from neurotact.networks.training import run_folder, tasks
 from neurotact.report import report
 from neurotact.studies import runner, study
 from neurotact.studies.store import cell_folder
@@ -55,7 +55,7 @@ def test_what_is_known_has_the_accuracy_of_the_results(run):
 
 def test_no_trial_of_an_unknown_condition_is_in_training_or_validation(run):
     _, cell = study.cells(run[0])
-    restored = trained.restore(cell_folder(run[1], cell))
+    restored = run_folder.restore(cell_folder(run[1], cell))
     trains = load_spikes(restored.spikes_path)
     inside = np.flatnonzero(trains.conditions.force_N == 3.0)
     sides = tasks.sides_of(trains, restored.task)

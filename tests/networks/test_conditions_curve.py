@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.studies import conditions_curve
 
 import neurotact as nt
 from neurotact.data import hdf5
@@ -13,7 +14,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec
 from neurotact.errors import InputError
 from neurotact.networks.definition.seeds import of_start
-from neurotact.networks.training import conditions_curve, fitting
+from neurotact.networks.training import trainer
 
 QUICK = {"settings": {"hidden": 4, "training.epochs": 1}, "window": nt.Window(length_ms=100)}
 
@@ -46,9 +47,9 @@ def spikes(tmp_path_factory):
 
 
 def test_trainings_have_as_many_trials_and_test_all_of_one_value(spikes, monkeypatch):
-    splits, starts, fit = [], [], fitting.fit
+    splits, starts, fit = [], [], trainer.fit
     monkeypatch.setattr(
-        fitting, "fit", lambda *a, **k: splits.append(k["split"]) or starts.append(a[3]) or fit(*a, **k)
+        trainer, "fit", lambda *a, **k: splits.append(k["split"]) or starts.append(a[3]) or fit(*a, **k)
     )
     table = nt.conditions_curve(spikes, "speed", "rsnn", **QUICK)
     speeds = nt.load_spikes(spikes).conditions["speed"].to_numpy()

@@ -13,7 +13,7 @@ from neurotact.data.hdf5 import save_spikes
 from neurotact.data.spikes import from_rasters
 from neurotact.errors import InputError
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training import tasks, train_run
+from neurotact.networks.training import resumable, tasks
 from neurotact.networks.use.classifier import SpikingClassifier
 
 NAMES = ("SA-I a", "SA-I b", "RA-I a", "RA-I b")
@@ -125,7 +125,7 @@ def test_the_interval_counts_touches_and_not_their_copies(tmp_path):
         table = pd.DataFrame({"label": labels * times})
         trains = from_rasters(np.concatenate([rasters] * times), 1000.0, NAMES, table)
         save_spikes(trains, tmp_path / f"{times}.h5")
-        done = train_run.run(
+        done = resumable.run(
             tmp_path / f"{times}.h5", tmp_path / f"r{times}", NETWORK, tasks.Task(window={"length_ms": 40})
         )
         assert done is not None

@@ -9,8 +9,7 @@ from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.definition.surrogate import FastSigmoid
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.exit.exit_choice import (
+from neurotact.networks.exit.patience import (
     exits,
     is_right,
     least,
@@ -19,6 +18,7 @@ from neurotact.networks.exit.exit_choice import (
     printed_exits,
     steady,
 )
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 
 
 def right_of(decisions, true) -> torch.Tensor:

@@ -12,13 +12,12 @@ from scipy.stats import binom
 from neurotact.data.spikes import from_rasters
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.exit import held_out
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.exit.exit_choice import steady
-from neurotact.networks.exit.held_out import ExitChoice, Judged, choose, losses, upper_bound
-from neurotact.networks.training import fitting, tasks
+from neurotact.networks.exit import patience
+from neurotact.networks.exit.patience import ExitChoice, Judged, choose, losses, steady, upper_bound
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.networks.training import tasks, trainer
+from neurotact.networks.training.epochs import Examples
 from neurotact.networks.training.tasks import Task
-from neurotact.networks.training.training import Examples
 
 
 def judged(right: np.ndarray, per_trial: int = 1, classes: int = 3) -> Judged:
@@ -59,11 +58,11 @@ def test_a_trial_is_judged_by_the_rule_that_the_other_trials_choose(helped, vali
 def test_of_many_trials_a_tenth_is_judged_at_once_and_each_once(n, seed):
     right = np.random.default_rng(seed).random((n, 4)) < 0.7
     found = judged(right, classes=5)
-    fold = held_out._folds(found)
+    fold = patience._folds(found)
     assert {*losses(found, 0.1)} == {*found.trial.tolist()}
-    assert sorted(np.unique(fold)) == [*range(held_out.FOLDS)]
+    assert sorted(np.unique(fold)) == [*range(patience.FOLDS)]
     for label in range(5):  # as many of each class in each fold as can be
-        chosen = np.bincount(fold[found.labels == label], minlength=held_out.FOLDS)
+        chosen = np.bincount(fold[found.labels == label], minlength=patience.FOLDS)
         assert chosen.max() - chosen.min() <= 1
 
 
@@ -124,7 +123,7 @@ def test_a_bound_is_above_the_mean_and_falls_with_more_of_the_same_trials(lost):
 def test_the_bound_of_a_loss_without_gains_is_too_low_in_five_cases_of_a_hundred(n):
     bounds = np.array([float(upper_bound([1.0] * lost + [0.0] * (n - lost))) for lost in range(n + 1)])
     for true in np.linspace(0.002, 0.9, 60):
-        assert binom.pmf(np.arange(n + 1), n, true)[bounds < true].sum() <= 1 - held_out.CONFIDENCE + 1e-9
+        assert binom.pmf(np.arange(n + 1), n, true)[bounds < true].sum() <= 1 - patience.CONFIDENCE + 1e-9
 
 
 def test_losses_that_gains_outweigh_are_not_certain():
@@ -174,13 +173,13 @@ def late(n: int, every: int = 4) -> Examples:
 def test_a_network_is_judged_by_trials_and_not_by_windows(with_training):
     side = late(6)
     network, training = relay(2), late(6, every=1) if with_training else None
-    choice = fitting.exit_of(network, side, 0.3, training)
-    assert choice.rule == fitting.exit_rule(network, side, 0.3, training)
+    choice = trainer.exit_of(network, side, 0.3, training)
+    assert choice.rule == trainer.exit_of(network, side, 0.3, training).rule
     assert (choice.tolerance, [*choice.losses]) == (0.3, [*range(6)])
     for trial in range(6):
         kept = side.of != trial
         others = Examples(side.spikes[kept], side.labels[kept], of=side.of[kept])
-        rule, own = fitting.exit_rule(network, others, 0.3, training), side.spikes[~kept]
+        rule, own = trainer.exit_of(network, others, 0.3, training).rule, side.spikes[~kept]
         right = [network.infer(own, one).labels == side.labels[~kept] for one in (FULL_WINDOW, rule)]
         assert choice.losses[trial] == float((right[0] * 1.0 - right[1] * 1.0).mean())
 

@@ -8,16 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 
+from neurotact import backend as backends
 from neurotact.errors import InputError
 from neurotact.metrics import synops
-from neurotact.networks.definition import kernels
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.exit.exit_choice import exits
-from neurotact.networks.training import checkpoint
+from neurotact.networks.exit.patience import exits
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.networks.training import run_folder
 
-BACKENDS = ["reference", pytest.param("native", marks=pytest.mark.skipif(kernels.native is None, reason="no kernels"))]
+BACKENDS = ["reference", pytest.param("native", marks=pytest.mark.skipif(backends.native is None, reason="no kernels"))]
 N_IN, CLASSES, STEPS = 5, 3, 40
 each_backend = pytest.mark.parametrize("backend", BACKENDS)
 
@@ -48,7 +48,7 @@ def test_it_adds_a_bias_and_the_weights_of_every_hidden_spike(backend, model):
     torch.testing.assert_close(rasters.readout.sum(dim=1) + net.integration.level, expected)
 
 
-@pytest.mark.skipif(kernels.native is None, reason="no kernels")
+@pytest.mark.skipif(backends.native is None, reason="no kernels")
 @pytest.mark.parametrize("membrane", ["eq4", "delayed", "immediate"])
 @pytest.mark.parametrize("model", ["rsnn", "snn"])
 def test_native_gradients_are_those_of_the_reference(membrane, model):
@@ -95,7 +95,7 @@ def test_early_exit_is_the_definition_step_by_step(backend, seed, patience, from
         torch.testing.assert_close(found.readout[trial], total)
 
 
-@pytest.mark.skipif(kernels.native is None, reason="no kernels")
+@pytest.mark.skipif(backends.native is None, reason="no kernels")
 @examples(40)
 @given(
     seed=st.integers(0, 999),
@@ -118,7 +118,7 @@ def test_the_kernel_that_stops_decides_as_the_simulation_of_whole_windows(
     torch.testing.assert_close(found.readout, wanted.readout, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.skipif(kernels.native is None, reason="no kernels")
+@pytest.mark.skipif(backends.native is None, reason="no kernels")
 def test_an_early_exit_reads_no_step_behind_it():
     """Graded input is refused where the kernel reads it: behind the exit it does not."""
     net, rule = network(backend="native"), ExitRule(4)
@@ -182,7 +182,7 @@ def test_a_hidden_spike_is_an_operation_at_every_class():
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_a_checkpoint_gives_it_back(tmp_path, dtype):
     net = network(dtype=dtype)
-    checkpoint.save(net, tmp_path)
-    again, _ = checkpoint.load(tmp_path, backend="reference")
+    run_folder.save_network(net, tmp_path)
+    again, _ = run_folder.load_network(tmp_path, backend="reference")
     assert torch.equal(again.bias, net.bias)
     assert torch.equal(again(spikes()).readout, net(spikes()).readout)

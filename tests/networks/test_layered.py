@@ -9,9 +9,10 @@ from neurotact.errors import InputError
 from neurotact.networks.definition import module
 from neurotact.networks.definition.recipe import start
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.exit.early_exit import ExitRule
-from neurotact.networks.training.checkpoint import load, save
-from neurotact.networks.training.training import Examples, train
+from neurotact.networks.exit.rule import ExitRule
+from neurotact.networks.training.epochs import Examples, train
+from neurotact.networks.training.run_folder import load_network as load
+from neurotact.networks.training.run_folder import save_network as save
 from neurotact.networks.use.measuring import synops_of
 from neurotact.spec import load as load_spec
 

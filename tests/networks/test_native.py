@@ -15,7 +15,7 @@ from neurotact.networks.definition import native, reference
 from neurotact.networks.definition.rsnn import RSNN, Inference, Rasters
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.definition.surrogate import FastSigmoid
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule, Leader
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule, Leader
 from neurotact.neurons import CubaLIF, Membrane, Reset
 
 pytestmark = pytest.mark.skipif(native.native is None, reason="the kernels are not compiled here")

@@ -11,21 +11,22 @@ from levels import examples, thinned
 from neurotact_parts.studies.texture import shortened
 from torch import Tensor
 
+from neurotact import backend as backends
 from neurotact.errors import InputError
-from neurotact.networks.definition import kernels, native
+from neurotact.networks.definition import native
 from neurotact.networks.definition.readouts import Integration
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.exit import truncated
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.exit.exit_choice import exits
-from neurotact.networks.training import checkpoint
-from neurotact.networks.training.fitting import exit_rule
-from neurotact.networks.training.training import Examples, train
+from neurotact.networks.exit.patience import exits
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.networks.training import run_folder
+from neurotact.networks.training.epochs import Examples, train
+from neurotact.networks.training.trainer import exit_of
 from neurotact.neurons import Membrane
 from neurotact.spec import build
 
-native_only = pytest.mark.skipif(kernels.native is None, reason="no kernels")
+native_only = pytest.mark.skipif(backends.native is None, reason="no kernels")
 BACKENDS = ["reference", pytest.param("native", marks=native_only)]
 each_backend = pytest.mark.parametrize("backend", BACKENDS)
 KINDS = {
@@ -119,8 +120,8 @@ def test_a_leak_without_a_readout_that_adds_is_refused():
 @pytest.mark.parametrize("kind", LEAKING)
 def test_a_checkpoint_gives_it_back(kind, tmp_path):
     net = network(kind)
-    checkpoint.save(net, tmp_path)
-    again, _ = checkpoint.load(tmp_path, backend="reference")
+    run_folder.save_network(net, tmp_path)
+    again, _ = run_folder.load_network(tmp_path, backend="reference")
     assert torch.equal(again(spikes()).readout, net(spikes()).readout)
 
 
@@ -286,13 +287,13 @@ def test_all_patiences_at_once_are_each_by_itself(kind, backend, seed, patience)
 def test_a_patience_is_chosen_that_keeps_the_accuracy(kind, with_training):
     net, x = network(kind, 9), spikes(9, 30)
     held = Examples(x, net.infer(x).labels)  # right whenever the whole window is heard
-    rule = exit_rule(net, held, 0.0, held if with_training else None)
+    rule = exit_of(net, held, 0.0, held if with_training else None).rule
     found = net.infer(x, rule)
     assert torch.equal(found.labels, held.labels)
     assert rule.patience is not None
     assert rule.from_first_spike
     assert found.steps.sum() < STEPS * len(x)
-    loose = net.infer(x, exit_rule(net, held, 0.5))
+    loose = net.infer(x, exit_of(net, held, 0.5).rule)
     assert loose.steps.sum() <= found.steps.sum()
 
 

@@ -29,7 +29,7 @@ from neurotact.networks.definition.recipe import (
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.search import tuning
-from neurotact.networks.training.fitting import begin
+from neurotact.networks.training.trainer import begin
 from neurotact.neurons import CubaLIF
 
 DATA = Path(os.environ.get("NEUROTACT_DATA", Path(__file__).parents[3] / "shared" / "data"))

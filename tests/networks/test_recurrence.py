@@ -22,13 +22,14 @@ from neurotact.networks.search.tuning import Proposal, SearchSpec
 from neurotact.networks.training import (
     cautions,
     comparison,
-    fitting,
-    members,
-    train_run,
-    training,
-    training_checkpoint,
+    ensemble,
+    epoch_checkpoint,
+    epochs,
+    resumable,
+    tasks,
+    trainer,
 )
-from neurotact.networks.training.members import pays
+from neurotact.networks.training.ensemble import pays
 from neurotact.networks.training.tasks import Task
 from neurotact.networks.use import measuring
 from neurotact.spec import build, override
@@ -63,7 +64,7 @@ def same(one: RSNN, other: RSNN) -> bool:
 @pytest.fixture(params=[True, False], ids=["it pays", "it does not"])
 def kept(request, monkeypatch) -> str:
     """The model that is kept, whatever the networks have learned."""
-    monkeypatch.setattr(members, "pays", lambda without, with_it: request.param)
+    monkeypatch.setattr(ensemble, "pays", lambda without, with_it: request.param)
     return "rsnn" if request.param else "snn"
 
 
@@ -89,8 +90,8 @@ def test_recurrence_pays_beyond_one_standard_error(gained, lost, it_pays):
 
 
 def test_the_network_that_is_kept_is_that_of_its_own_training(kept):
-    done, sides = fitting.fit(trains(), spec_of(), TASK, (3, 4))
-    each = {model: fitting.fit(trains(), spec_of(model=model), TASK, (3, 4))[0] for model in ("snn", "rsnn")}
+    done, sides = trainer.fit(trains(), spec_of(), TASK, (3, 4))
+    each = {model: trainer.fit(trains(), spec_of(model=model), TASK, (3, 4))[0] for model in ("snn", "rsnn")}
     assert done.network.spec == each[kept].network.spec.of_model(kept)
     assert same(done.network, each[kept].network)
     assert done.rule == each[kept].rule
@@ -108,7 +109,7 @@ def test_the_network_that_is_kept_is_that_of_its_own_training(kept):
 
 def test_a_network_without_recurrence_has_no_blocks_and_its_spec_can_be_trained_again(kept):
     asked = spec_of(hidden=6, recurrent_blocks=3, recurrent_delay_steps=1)
-    done, sides = fitting.fit(trains(), asked, TASK, (3, 4))
+    done, sides = trainer.fit(trains(), asked, TASK, (3, 4))
     row = measuring.measure(done, sides, {})["row"]
     assert row.get("recurrent_blocks") == (3 if kept == "rsnn" else None)
     again = SpikingClassifier(network=done.network.spec, sampling_rate_Hz=1000.0, random_state=0)
@@ -117,26 +118,26 @@ def test_a_network_without_recurrence_has_no_blocks_and_its_spec_can_be_trained_
 
 
 def test_the_rule_decides_on_validation_windows():
-    done, sides = fitting.fit(trains(), spec_of(), TASK, (3, 4))
+    done, sides = trainer.fit(trains(), spec_of(), TASK, (3, 4))
     right = []
     for model in ("snn", "rsnn"):
-        network = fitting.fit(trains(), spec_of(model=model), TASK, (3, 4))[0].network
+        network = trainer.fit(trains(), spec_of(model=model), TASK, (3, 4))[0].network
         right.append(network.infer(sides.validation.spikes).labels == sides.validation.labels)
     assert done.network.spec.recurrent == pays(*right)
 
 
 def test_recurrence_is_not_tried_where_nothing_is_left_to_learn(monkeypatch):
-    monkeypatch.setattr(training, "has_learned", lambda log, spec: len(log) == 2)
-    done, _ = fitting.fit(trains(), spec_of(), TASK, (3, 4))
+    monkeypatch.setattr(epochs, "has_learned", lambda log, spec: len(log) == 2)
+    done, _ = trainer.fit(trains(), spec_of(), TASK, (3, 4))
     assert done.network.spec.model == "snn"
     assert done.training.recurrence_gain is None
-    assert done.training.table().columns.tolist() == list(training.Epoch._fields)[:-1]
+    assert done.training.table().columns.tolist() == list(epochs.Epoch._fields)[:-1]
     assert len(done.training.epochs) == 2
 
 
 def test_further_members_are_of_the_model_that_is_kept(kept):
-    done, _ = fitting.fit(trains(), spec_of(**{"training.members": 2}), TASK, (3, 4))
-    whole, _ = fitting.fit(trains(), spec_of(**{"training.members": 2, "model": kept}), TASK, (3, 4))
+    done, _ = trainer.fit(trains(), spec_of(**{"training.members": 2}), TASK, (3, 4))
+    whole, _ = trainer.fit(trains(), spec_of(**{"training.members": 2, "model": kept}), TASK, (3, 4))
     assert same(done.network, whole.network)
     assert done.network.spec == whole.network.spec.of_model(kept)
     assert done.training.best == whole.training.best
@@ -146,67 +147,67 @@ def test_further_members_are_of_the_model_that_is_kept(kept):
 
 @pytest.mark.parametrize("n_members", [1, 2])
 def test_an_interrupted_training_goes_on_from_any_epoch(kept, n_members, tmp_path):
-    checkpoints: list[training.Checkpoint] = []
+    checkpoints: list[epochs.Checkpoint] = []
     spec = spec_of(**{"training.members": n_members})
-    done, _ = fitting.fit(trains(), spec, TASK, (3, 4), keep=checkpoints.append)
+    done, _ = trainer.fit(trains(), spec, TASK, (3, 4), keep=checkpoints.append)
     assert len(checkpoints) == (1 + n_members) * N_EPOCHS
-    net = training_checkpoint.Net(spec, 4, 2)
+    net = epoch_checkpoint.Net(spec, 4, 2)
     for latest in checkpoints:
-        training_checkpoint.save(latest, tmp_path / "c", "one")
-        again = training_checkpoint.load(tmp_path / "c", net, "one")
-        resumed, _ = fitting.fit(trains(), spec, TASK, (3, 4), start=again)
+        epoch_checkpoint.save(latest, tmp_path / "c", "one")
+        again = epoch_checkpoint.load(tmp_path / "c", net, "one")
+        resumed, _ = trainer.fit(trains(), spec, TASK, (3, 4), start=again)
         assert resumed.training == done.training
         assert same(resumed.network, done.network)
 
 
 @pytest.mark.parametrize("n_members", [1, 2, 3])
 def test_a_training_with_recurrence_that_fails_leaves_the_network_without_it(n_members, monkeypatch, tmp_path):
-    real = members.one.train
+    real = ensemble.one.train
 
     def fails(network, *arguments, keep=None, **options):
         def kept(latest):
             if network.spec.recurrent and latest.epochs[-1].epoch == 2:
-                raise training.not_finite(2, network.spec.training)
+                raise epochs.not_finite(2, network.spec.training)
             if keep is not None:
                 keep(latest)
 
         return real(network, *arguments, keep=kept, **options)
 
-    monkeypatch.setattr(members.one, "train", fails)
+    monkeypatch.setattr(ensemble.one, "train", fails)
     spec, checkpoints = spec_of(**{"training.members": n_members}), []
     with pytest.warns(UserWarning, match=r"not finite after epoch 2.*; the network without recurrence stays"):
-        done, _ = fitting.fit(trains(), spec, TASK, (3, 4), keep=checkpoints.append)
-    plain, _ = fitting.fit(trains(), spec.of_model("snn"), TASK, (3, 4))
+        done, _ = trainer.fit(trains(), spec, TASK, (3, 4), keep=checkpoints.append)
+    plain, _ = trainer.fit(trains(), spec.of_model("snn"), TASK, (3, 4))
     assert same(done.network, plain.network)
     assert done.training == plain.training
     assert done.training.recurrence_gain is None
-    net = training_checkpoint.Net(spec, 4, 2)
+    net = epoch_checkpoint.Net(spec, 4, 2)
     for latest in checkpoints:
-        training_checkpoint.save(latest, tmp_path / "c", "one")
+        epoch_checkpoint.save(latest, tmp_path / "c", "one")
         with pytest.warns(UserWarning, match="the network without recurrence stays"):
-            resumed, _ = fitting.fit(
-                trains(), spec, TASK, (3, 4), start=training_checkpoint.load(tmp_path / "c", net, "one")
+            resumed, _ = trainer.fit(
+                trains(), spec, TASK, (3, 4), start=epoch_checkpoint.load(tmp_path / "c", net, "one")
             )
         assert resumed.training == done.training
         assert same(resumed.network, done.network)
 
 
 def test_a_checkpoint_of_more_trainings_than_there_are_is_refused(kept, tmp_path):
-    checkpoints: list[training.Checkpoint] = []
-    fitting.fit(trains(), spec_of(), TASK, (3, 4), keep=checkpoints.append)
-    training_checkpoint.save(checkpoints[-1], tmp_path / "c", "one")
+    checkpoints: list[epochs.Checkpoint] = []
+    trainer.fit(trains(), spec_of(), TASK, (3, 4), keep=checkpoints.append)
+    epoch_checkpoint.save(checkpoints[-1], tmp_path / "c", "one")
     with pytest.raises(InputError, match=f"where 1 to {N_EPOCHS} are possible"):
-        training_checkpoint.load(tmp_path / "c", training_checkpoint.Net(spec_of(model=kept), 4, 2), "one")
+        epoch_checkpoint.load(tmp_path / "c", epoch_checkpoint.Net(spec_of(model=kept), 4, 2), "one")
 
 
 def test_a_run_is_interrupted_in_its_second_training_and_leaves_what_a_whole_one_leaves(kept, tmp_path, monkeypatch):
     save_spikes(trains(), tmp_path / "spikes.h5")
-    outcome = train_run.run(tmp_path / "spikes.h5", tmp_path / "whole", spec_of(), TASK)
+    outcome = resumable.run(tmp_path / "spikes.h5", tmp_path / "whole", spec_of(), TASK)
     assert outcome is not None
     assert any(line.startswith(f"hidden neurons: with{'' if kept == 'rsnn' else 'out'} ") for line in outcome.lines())
     with stopped_after(N_EPOCHS + 1, monkeypatch):
-        train_run.run(tmp_path / "spikes.h5", tmp_path / "cut", spec_of(), TASK)
-    train_run.run(tmp_path / "spikes.h5", tmp_path / "cut", spec_of(), TASK, resume=True)
+        resumable.run(tmp_path / "spikes.h5", tmp_path / "cut", spec_of(), TASK)
+    resumable.run(tmp_path / "spikes.h5", tmp_path / "cut", spec_of(), TASK, resume=True)
     whole, cut = ({p.name: p.read_bytes() for p in (tmp_path / name).iterdir()} for name in ("whole", "cut"))
     assert whole == cut
     assert json.loads(whole["network.json"])["spec"]["model"] == kept
@@ -221,7 +222,7 @@ def test_a_trial_of_a_search_decides_too(kept):
     space, found = {"hidden": {"_type": "choice", "_value": [5]}}, trains()
     problem = search.problem_of(found, SearchSpec(space=space, trials=1), spec_of(), TASK)
     trial = search.try_network(
-        search.Job(problem, Proposal(0, {"hidden": 5}), None), found, fitting.sides_of(found, TASK, None)
+        search.Job(problem, Proposal(0, {"hidden": 5}), None), found, tasks.sides_of(found, TASK, None)
     )
     assert len(trial.epochs) == 2 * N_EPOCHS
     best, _ = search.train_best(problem, found, trial)

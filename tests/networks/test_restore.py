@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from neurotact.data.spikes import SpikeTrains, from_rasters
 from neurotact.errors import InputError
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training import fitting, tasks, trained
-from neurotact.networks.training.checkpoint import NETWORK
+from neurotact.networks.training import run_folder, tasks, trainer
+from neurotact.networks.training.run_folder import NETWORK
 
 TASK = tasks.Task(window={"length_ms": 50.0})
 
@@ -33,8 +33,8 @@ def folder(tmp_path_factory):
     """The folder of a trained network."""
     run = tmp_path_factory.mktemp("trained") / "run"
     spec = RSNNSpec(hidden=5, training=TrainingSpec(epochs=2))
-    fitted, _ = fitting.fit(spikes(), spec, TASK, (0, 1), backend="reference")
-    trained.save(fitted, str(run), spikes(), str(run.parent / "spikes.h5"), TASK)
+    fitted, _ = trainer.fit(spikes(), spec, TASK, (0, 1), backend="reference")
+    run_folder.save(fitted, str(run), spikes(), str(run.parent / "spikes.h5"), TASK)
     return run
 
 
@@ -46,7 +46,7 @@ def copied(folder, tmp_path):
 
 
 def test_a_folder_may_be_named_by_text(folder):
-    by_text, by_path = trained.restore(str(folder)), trained.restore(folder)
+    by_text, by_path = run_folder.restore(str(folder)), run_folder.restore(folder)
     assert torch.equal(by_text.network.w_in, by_path.network.w_in)
     assert by_text[1:] == by_path[1:]
     assert by_text.classes == ("felt", "silk")
@@ -79,7 +79,7 @@ def rewrite(folder, **changes) -> None:
 def test_a_damaged_table_is_refused(copied, changes, complaint):
     rewrite(copied, **changes)
     with pytest.raises(InputError, match=complaint) as refusal:
-        trained.restore(copied)
+        run_folder.restore(copied)
     assert str(copied / NETWORK) in str(refusal.value)
 
 
@@ -94,11 +94,11 @@ JUNK = st.recursive(
 def test_junk_is_refused_or_read(copied, key, junk):
     rewrite(copied, **{key: junk})
     with contextlib.suppress(InputError):
-        trained.restore(copied)
+        run_folder.restore(copied)
 
 
 def test_patience_may_be_absent_as_none(copied):
     table = json.loads((copied / NETWORK).read_text())
     table["extra"]["exit_patience"] = None
     (copied / NETWORK).write_text(json.dumps(table))
-    assert trained.restore(copied).rule.patience is None
+    assert run_folder.restore(copied).rule.patience is None

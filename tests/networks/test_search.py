@@ -26,12 +26,12 @@ from neurotact.figures.search import draw_search
 from neurotact.files import read_json, write_json
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.search import importance, search, search_tables, tuning
+from neurotact.networks.search import search, search_tables, tuning
 from neurotact.networks.search.journal import FAILED, FINISHED, JOURNAL, STOPPED, Trial, best_of, read_journal
 from neurotact.networks.search.tuning import Proposal, SearchSpec, load_space
-from neurotact.networks.training import tasks, trained, training
+from neurotact.networks.training import epochs, run_folder, tasks
+from neurotact.networks.training.epochs import Epoch, Training
 from neurotact.networks.training.tasks import Task
-from neurotact.networks.training.training import Epoch, Training
 from neurotact.networks.use import measuring
 from neurotact.studies import cell as cells
 from neurotact.studies import study
@@ -150,7 +150,7 @@ def test_a_stopped_trial_has_the_accuracy_and_the_network_of_its_last_epoch_thou
             return len(epochs) == 2
 
     what = problem(trains, objective="accuracy")
-    monkeypatch.setattr(training, "train", train)
+    monkeypatch.setattr(epochs, "train", train)
     job = search.Job(what, Proposal(0, {}), AfterTwo())  # pyright: ignore
     trial = search.try_network(job, trains, tasks.sides_of(trains, what.task))
     assert trial.epochs == [0.75, 0.25]
@@ -271,14 +271,14 @@ def test_a_folder_that_holds_anything_else_is_refused(trains, tmp_path):
 
 
 def test_a_trial_that_cannot_be_trained_fails_and_the_search_goes_on(trains, tmp_path, monkeypatch):
-    train = training.train
+    train = epochs.train
 
     def fragile(network, *args, **kwargs):
         if network.spec.hidden == 6:
             raise InputError("training: weights are not finite after epoch 1; lower training.learning_rate")
         return train(network, *args, **kwargs)
 
-    monkeypatch.setattr(training, "train", fragile)
+    monkeypatch.setattr(epochs, "train", fragile)
     trials = run(trains, tmp_path)
     failed = [trial for trial in trials if trial.outcome == FAILED]
     assert {trial.parameters["hidden"] for trial in failed} == {6}
@@ -322,7 +322,7 @@ def made_table(n=60):
 
 
 def test_importance_finds_what_decides_the_value():
-    found = importance.importance(made_table(), ["a", "b", "c"])
+    found = search_tables.importance(made_table(), ["a", "b", "c"])
     assert found is not None
     assert found.drop["a"] > 1.0
     assert found.r2 > 0.95
@@ -331,14 +331,14 @@ def test_importance_finds_what_decides_the_value():
 
 
 def test_too_few_trials_tell_nothing_of_importance():
-    assert importance.importance(made_table(10), ["a", "b"]) is None
+    assert search_tables.importance(made_table(10), ["a", "b"]) is None
 
 
 def test_the_figure_shows_values_importance_and_front():
     table = made_table()
     table.loc[3, ["outcome", "value"]] = ["failed", float("nan")]
     table.loc[5, "outcome"] = "stopped"
-    figure = draw_search(table, importance.importance(table, ["a", "b", "c"]), search_tables.front_table(table))
+    figure = draw_search(table, search_tables.importance(table, ["a", "b", "c"]), search_tables.front_table(table))
     drawn = {artist.get_gid() for axes in figure.axes for artist in axes.get_children()}
     assert {"finished", "stopped", "failed", "best", "front"} <= drawn
     assert len(draw_search(table, None).axes) == 1
@@ -379,7 +379,7 @@ def test_a_trials_accuracy_is_that_of_the_epoch_whose_weights_it_kept(trains, mo
     def train(*_, **__):
         return Training(log, log[0])
 
-    monkeypatch.setattr(training, "train", train)
+    monkeypatch.setattr(epochs, "train", train)
     trial = search.try_network(search.Job(what, Proposal(0, {}), None), trains, tasks.sides_of(trains, what.task))
     assert (trial.accuracy, trial.value) == (0.75, 0.75)
 
@@ -434,7 +434,7 @@ def test_tune_leaves_a_network_that_can_be_used(tuned):
     assert len(pd.read_csv(out / "trials.csv")) == 6
     assert len(pd.read_csv(out / "pareto.csv")) >= 1
     row = json.loads((out / "best" / "result.json").read_text())["row"]
-    assert trained.restore(out / "best").rule.patience == row["exit_patience"]
+    assert run_folder.restore(out / "best").rule.patience == row["exit_patience"]
     assert row["accuracy_validation"] == best_of(read_journal(out / JOURNAL)).accuracy
     assert "neurotact tune" not in err
 
@@ -618,7 +618,7 @@ def test_what_no_key_decides_is_not_foreseen():
     rng = np.random.default_rng(0)
     keys = {"scale": rng.random(60), "rate": rng.random(60)}
     at_random, decided = (pd.DataFrame({**keys, "value": value}) for value in (rng.random(60), keys["scale"]))
-    nothing, found = (importance.importance(table, list(keys)) for table in (at_random, decided))
+    nothing, found = (search_tables.importance(table, list(keys)) for table in (at_random, decided))
     assert nothing is not None
     assert found is not None
     assert nothing.r2 < 0.1

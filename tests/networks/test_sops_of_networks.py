@@ -26,11 +26,11 @@ from neurotact.data.windows import WindowSpec
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit import truncated
-from neurotact.networks.exit.early_exit import ExitRule
-from neurotact.networks.training import fitting, tasks
+from neurotact.networks.exit.rule import ExitRule
+from neurotact.networks.training import tasks, trainer
+from neurotact.networks.training.epochs import Examples
 from neurotact.networks.training.tasks import Sides
-from neurotact.networks.training.training import Examples
-from neurotact.networks.use import conditions, measuring
+from neurotact.networks.use import measuring
 
 RATE_Hz, STEPS, HIDDEN, CLASSES = 1000.0, 10, 2, 3
 WHOLE = {"rsnn": (6, 12, 18, 36, 24), "snn": (6, 0, 18, 24, 24)}
@@ -89,7 +89,7 @@ def test_every_way_of_counting_agrees_with_paper(model):
     table = pd.DataFrame({"label": ["a", "b", "c"] * 20, "force_N": [3.0] * 60})
     trains = from_rasters(window(60).spikes.numpy(), RATE_Hz, ("SA-I taxel1",), table)
     task = tasks.Task(window=WindowSpec(length_ms=STEPS), split=SplitSpec(), stratify=("force_N",))
-    (under,) = conditions.by_condition(network, trains, task)
+    (under,) = measuring.by_condition(network, trains, task)
     row = measuring.measure(fitted(network, patience=STEPS), alike(test), POPULATIONS)["row"]
     for found in (cut, under, row):
         assert {name: found[name] for name in whole} == whole
@@ -99,7 +99,7 @@ def fitted(network, patience):
     training = SimpleNamespace(
         best=SimpleNamespace(validation_accuracy=1.0), epochs=[], n_members=1, recurrence_gain=None
     )
-    return fitting.Trained(network, training, ExitRule(patience, from_first_spike=True))  # pyright: ignore
+    return trainer.Trained(network, training, ExitRule(patience, from_first_spike=True))  # pyright: ignore
 
 
 @each_model

@@ -20,15 +20,16 @@ from neurotact.metrics.fronts import pareto_front
 from neurotact.networks.definition import module
 from neurotact.networks.definition.recipe import has_key
 from neurotact.networks.definition.specs import RSNNSpec, void_keys
-from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.exit.rule import ExitRule
 from neurotact.networks.exit.truncated import simulate_windows
 from neurotact.networks.search.journal import Trial, beside_given
 from neurotact.networks.search.search import _is_consistent
 from neurotact.networks.search.tuning import SearchSpec
-from neurotact.networks.training import training_checkpoint
-from neurotact.networks.training.checkpoint import load, save
+from neurotact.networks.training import epoch_checkpoint
 from neurotact.networks.training.comparison import costs
-from neurotact.networks.training.training import Examples, train
+from neurotact.networks.training.epochs import Examples, train
+from neurotact.networks.training.run_folder import load_network as load
+from neurotact.networks.training.run_folder import save_network as save
 from neurotact.networks.use import ledger
 from neurotact.networks.use.measuring import synops_of
 from neurotact.report.answer import Decision, Network, Trials, count
@@ -100,9 +101,9 @@ def test_a_stranger_trains_and_resumes_to_the_same_weights_whatever_torch_drew(t
         nets.append(made())
         start = None
         if number:
-            path, net = tmp_path / "c", training_checkpoint.Net(nets[0].spec, 4, 2)
-            training_checkpoint.save(kept[0], path, "mine")
-            start = training_checkpoint.load(path, net, "mine")
+            path, net = tmp_path / "c", epoch_checkpoint.Net(nets[0].spec, 4, 2)
+            epoch_checkpoint.save(kept[0], path, "mine")
+            start = epoch_checkpoint.load(path, net, "mine")
         order = torch.Generator().manual_seed(0)
         done = train(nets[-1], examples(), examples(1), generator=order, start=start, keep=kept.append)
         assert [epoch.epoch for epoch in done.epochs] == [1, 2, 3]
@@ -117,9 +118,9 @@ def test_a_stranger_trains_and_resumes_to_the_same_weights_whatever_torch_drew(t
 def test_a_checkpoint_of_a_stranger_with_another_tensor_is_refused(tmp_path):
     kept = []
     train(made(), examples(), examples(1), generator=torch.Generator().manual_seed(0), keep=kept.append)
-    training_checkpoint.save(kept[0], tmp_path / "c", "mine")
+    epoch_checkpoint.save(kept[0], tmp_path / "c", "mine")
     with pytest.raises(InputError, match=r"'weights\.module\.gru\.weight_ih_l0' is .* where .* is expected"):
-        training_checkpoint.load(tmp_path / "c", training_checkpoint.Net(made(units=7).spec, 4, 2), "mine")
+        epoch_checkpoint.load(tmp_path / "c", epoch_checkpoint.Net(made(units=7).spec, 4, 2), "mine")
 
 
 def test_a_stranger_exits_where_the_scores_so_far_say_so():

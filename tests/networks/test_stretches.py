@@ -13,23 +13,24 @@ from neurotact_parts.exporters.c import fine_tuning
 from neurotact_parts.exporters.c.formats import Steps
 from neurotact_parts.studies.comparison.pruning import prune, remaining_synops
 
+from neurotact import backend as backends
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Integrator, cost
-from neurotact.networks.definition import kernels, recipe
+from neurotact.networks.definition import recipe
 from neurotact.networks.definition.readouts import Stretches
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.exit.early_exit import ExitRule
-from neurotact.networks.training import checkpoint, training
-from neurotact.networks.training.training import Examples, train
+from neurotact.networks.exit.rule import ExitRule
+from neurotact.networks.training import epochs, run_folder
+from neurotact.networks.training.epochs import Examples, train
 from neurotact.neurons import Membrane
 from neurotact.spec import build
 
-native_only = pytest.mark.skipif(kernels.native is None, reason="no kernels")
+native_only = pytest.mark.skipif(backends.native is None, reason="no kernels")
 each_backend = pytest.mark.parametrize("backend", ["reference", pytest.param("native", marks=native_only)])
 
 
-def network(seed: int = 0, backend: kernels.Backend = "reference", rate_Hz: float = 1000.0, **keys) -> RSNN:
+def network(seed: int = 0, backend: backends.Backend = "reference", rate_Hz: float = 1000.0, **keys) -> RSNN:
     keys = {"hidden": 6, "forward_weight_scale": 4.0, **READOUTS["stretches"], **keys}
     generator, dtype = torch.Generator().manual_seed(seed), keys.pop("dtype", torch.float32)
     net = RSNN(4, 3, sampling_rate_Hz=rate_Hz, backend=backend, generator=generator, dtype=dtype, **keys)
@@ -123,7 +124,7 @@ def ordered(seed: int, n: int = 120) -> Examples:
     return Examples(found, labels)
 
 
-def trained_on_order(backend: kernels.Backend, **keys) -> float:
+def trained_on_order(backend: backends.Backend, **keys) -> float:
     table = {
         "model": "snn", "hidden": 8, "tau_mem_ms": 1.5, "tau_syn_ms": 1.5, "input_deviation": 1.0, **keys,
         "training": {"epochs": 15, "batch": 20, "relative_learning_rate": 0.05, "readout_dropout": 0.1},
@@ -144,16 +145,16 @@ def test_they_tell_an_order_that_one_sum_cannot(backend):
 def test_deviations_learn_at_their_share_of_the_rate():
     for settings in ({"relative_learning_rate": 0.05}, {"learning_rate": 0.01}):
         net = network(training=TrainingSpec(stretch_rate=0.1, **settings).model_dump())
-        rates = training.rates_of(net)
+        rates = epochs.rates_of(net)
         assert rates["w_stretch"] == pytest.approx(0.1 * rates["w_out"])
-        groups = training._optimiser(net).param_groups
+        groups = epochs._optimiser(net).param_groups
         assert {group["lr"] for group in groups if group["params"][0] is net.w_stretch} == {rates["w_stretch"]}
 
 
 def test_a_checkpoint_keeps_them(tmp_path):
     net = network(step_ms=3.0)
-    checkpoint.save(net, tmp_path)
-    again, _ = checkpoint.load(tmp_path)
+    run_folder.save_network(net, tmp_path)
+    again, _ = run_folder.load_network(tmp_path)
     assert again.stretches == Stretches(3, 4)
     assert torch.equal(again.infer(spikes()).readout, net.infer(spikes()).readout)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from neurotact import plugins
-from neurotact.data.sources import simulator
+from neurotact.data.dataset import simulator
 from neurotact.errors import InputError
 
 SMALL = {

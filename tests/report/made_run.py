@@ -12,9 +12,9 @@ from neurotact.data.spikes import SpikeTrains, from_rasters
 from neurotact.data.splits import SplitSpec
 from neurotact.files import write_json, write_text
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.exit.early_exit import ExitRule
-from neurotact.networks.training import fitting, tasks, trained
-from neurotact.networks.training.training import Epoch, Training
+from neurotact.networks.exit.rule import ExitRule
+from neurotact.networks.training import run_folder, tasks, trainer
+from neurotact.networks.training.epochs import Epoch, Training
 from neurotact.studies import networks, runner, store, study
 from neurotact.studies.encoding_tables import encoding_table
 from neurotact.studies.store import TIMING, cell_folder
@@ -95,9 +95,9 @@ def save_network(cell: Cell, place: Path, trains: SpikeTrains, path: Path) -> No
         network.w_in.abs_().mul_(4.0)
         network.w_out.mul_(8.0)
     epochs = tuple(Epoch(n, 2.0 / (1 + n), 0.05 * n, 2.0 / (1 + abs(n - 15)), 0.9) for n in range(20))
-    fitted = fitting.Trained(network, Training(epochs, epochs[15]), ExitRule(40, from_first_spike=True))
+    fitted = trainer.Trained(network, Training(epochs, epochs[15]), ExitRule(40, from_first_spike=True))
     task = tasks.Task(window=cell.window, split=SplitSpec(validation=0.25, test=0.25), subset=cell.subset)
-    trained.save(fitted, place, trains, path, task)
+    run_folder.save(fitted, place, trains, path, task)
 
 
 def make_run(

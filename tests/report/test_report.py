@@ -22,9 +22,9 @@ from neurotact.errors import InputError
 from neurotact.files import read_json
 from neurotact.metrics.prices import PriceList
 from neurotact.networks.definition.specs import TrainingSpec
-from neurotact.networks.exit.held_out import upper_bound
-from neurotact.networks.training import tasks, trained
-from neurotact.networks.training.training import Epoch
+from neurotact.networks.exit.patience import upper_bound
+from neurotact.networks.training import run_folder, tasks
+from neurotact.networks.training.epochs import Epoch
 from neurotact.report import front, networks, tables
 from neurotact.report.answer import Network
 from neurotact.report.details import SOPS_COLUMNS
@@ -389,7 +389,7 @@ def test_the_page_knows_of_each_cell_what_its_network_does(written):
     assert data["cells"][23]["name"] == "mixed, t_ref 10&10 ms, N = 30, seed 1"
     assert (data["pairWord"], data["populations"]) == ("t_ref RA-I & SA-I", ["SA-I", "RA-I"])
     shown, place = data["cells"][23], cell_folder(written.parent, cells[23])
-    restored = trained.restore(place)
+    restored = run_folder.restore(place)
     trains = load_spikes(restored.spikes_path)
     raster = shown["raster"]
     trial, windows = tasks.examples_of(trains, np.array([raster["trial"]]), restored.task.window)

@@ -6,12 +6,12 @@ from made_chains import make_run
 from neurotact.data.hdf5 import load_spikes
 from neurotact.figures.encoding import Classes
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.training import trained
+from neurotact.networks.training import run_folder
 from neurotact.report import details
 
 
 def test_a_network_on_a_slower_clock_spikes_at_the_ends_of_its_steps(tmp_path):
-    restored = trained.restore(make_run(tmp_path) / "run")
+    restored = run_folder.restore(make_run(tmp_path) / "run")
     trains = load_spikes(tmp_path / "spikes.h5")
     spec = restored.network.spec.model_copy(update={"step_ms": 5.0})
     slow = RSNN(restored.network.n_inputs, restored.network.n_classes, spec, trains.sampling_rate_Hz)

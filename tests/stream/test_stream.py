@@ -10,13 +10,13 @@ from made_chains import ADAPTING, READOUTS, make_chain, make_encoder, make_signa
 
 import neurotact as nt
 from neurotact.backend import native
-from neurotact.data.sources import simulator
+from neurotact.data.dataset import simulator
 from neurotact.deploy.chain import chain_of
 from neurotact.deploy.stream import Stream
 from neurotact.encoders import specs
 from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.exit.rule import ExitRule
 
 CONDITIONINGS = (
     {},

@@ -10,7 +10,7 @@ from made_chains import READOUTS, make_chain, make_encoder, make_signal, offline
 from neurotact.backend import native
 from neurotact.deploy.stream import Stream
 from neurotact.errors import InputError
-from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.exit.rule import ExitRule
 
 BACKENDS = ["reference", *(["native"] if native else [])]
 

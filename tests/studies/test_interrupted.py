@@ -22,7 +22,7 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.files import DRAFT, LOCK
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.training import repeated
+from neurotact.networks.training import cross_validation
 from neurotact.studies import runner, store, study
 
 HERE = Path(__file__).parent
@@ -140,7 +140,7 @@ def test_a_folder_at_work_is_refused_to_every_writer_and_free_after_a_kill(held,
         lambda: runner.write_tables(folder),
         lambda: api.train(spikes, folder, window=nt.Window(length_ms=50)),
         lambda: api.tune(spikes, folder, window=nt.Window(length_ms=50, per_trial=1)),
-        lambda: repeated.run(spikes, folder, RSNNSpec(), {}),
+        lambda: cross_validation.run(spikes, folder, RSNNSpec(), {}),
     ):
         with pytest.raises(InputError, match=said):
             work()

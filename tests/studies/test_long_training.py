@@ -3,7 +3,7 @@
 import pytest
 
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training.training import Epoch
+from neurotact.networks.training.epochs import Epoch
 from neurotact.studies import cell
 from neurotact.studies.cell import LongTraining
 

@@ -20,7 +20,7 @@ from neurotact.data.splits import split_conditions
 from neurotact.encoders import calibration
 from neurotact.encoders.gain_search import CalibrationRule
 from neurotact.networks.search import journal
-from neurotact.networks.training import fitting
+from neurotact.networks.training import trainer
 from neurotact.networks.training.tasks import Task
 from neurotact.networks.use import measuring
 from neurotact.studies import cell, preparation, study
@@ -169,7 +169,7 @@ def test_labels_that_only_test_trials_betray_are_at_chance(tmp_path):
             honest.append(row_of(left)["accuracy_test"])
             # The same network, had the test trials been those it learns from.
             seen = sides._replace(train=sides.test, validation=sides.test)
-            fitted, its = fitting.fit(trains, one.network, task_of(one), one.seeds, split=seen)
+            fitted, its = trainer.fit(trains, one.network, task_of(one), one.seeds, split=seen)
             leaked.append(measuring.measure(fitted, its, trains.populations)["row"]["accuracy_test"])
     assert np.mean(leaked) > 0.8
     assert abs(np.mean(honest) - 0.5) < 0.1

@@ -14,7 +14,7 @@ from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
 from neurotact.networks.definition.seeds import drawn, of_start
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training import checkpoint
+from neurotact.networks.training import run_folder
 from neurotact.networks.training.tasks import Task
 from neurotact.studies import preparation, study
 from neurotact.studies.cell import run_cell
@@ -61,7 +61,7 @@ def test_a_study_and_train_give_the_same_network(tmp_path, changes):
     window: dict[str, Any] = {key: getattr(cell.window, key) for key in ("length_ms", "start_ms", "per_trial")}
     specs = {"split": nt.Split(**split, stratify=cell.source["stratify"]), "window": nt.Window(**window)}
     found = nt.train(spikes, tmp_path / "run", cell.network, **specs, seed=cell.seed)
-    assert (tmp_path / "run" / checkpoint.WEIGHTS).read_bytes() == files[checkpoint.WEIGHTS]
+    assert (tmp_path / "run" / run_folder.WEIGHTS).read_bytes() == files[run_folder.WEIGHTS]
     assert found["accuracy_test"] == json.loads(files["result.json"])["row"]["accuracy_test"]
 
 

@@ -18,7 +18,7 @@ from neurotact.encoders.specs import is_exact
 from neurotact.errors import InputError
 from neurotact.networks.definition import native
 from neurotact.networks.definition.surrogate import FAST_SIGMOID
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 
 
 class Subject(NamedTuple):

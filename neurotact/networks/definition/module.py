@@ -12,12 +12,12 @@ import torch
 from torch import Tensor, nn
 
 from neurotact import plugins
+from neurotact.backend import Backend
 from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.metrics.flops import Cost
 from neurotact.metrics.synops import Synops
 from neurotact.networks.definition import clock, parts
-from neurotact.networks.definition.kernels import Backend
 from neurotact.networks.definition.network import (
     RASTER_VALUES,
     CountedInference,
@@ -31,7 +31,7 @@ from neurotact.networks.definition.network import (
 from neurotact.networks.definition.parts import Counted, Sizes
 from neurotact.networks.definition.readouts import Integration
 from neurotact.networks.definition.specs import RSNNSpec, part_of
-from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.exit.rule import ExitRule
 
 CLOSE = 1e-3
 """By how much scores may differ with the spikes after them, of the largest one: sums change in their last bits."""

@@ -11,11 +11,12 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from neurotact import backend
+from neurotact.backend import Backend, native
 from neurotact.errors import InputError
-from neurotact.networks.definition.kernels import native
 from neurotact.networks.definition.readouts import Integration, Stretches
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.exit.rule import ExitRule
 from neurotact.neurons import Adaptation, CubaLIF, Decay, Membrane, Reset
 
 _KINDS = {torch.uint8: 1, torch.bool: 1, torch.float32: 4, torch.float64: 8}
@@ -401,3 +402,19 @@ def _at(tensor: Tensor | None, *shape: int) -> int:
     if shape and tensor.shape != shape:
         raise InputError(f"weights: have shape {tuple(tensor.shape)} where {shape} is expected")
     return tensor.data_ptr()
+
+
+def use_native(chosen: Backend, like: torch.Tensor) -> bool:
+    """Whether the compiled kernels run for weights like `like`: on the CPU, in float32 or float64."""
+    applies = like.device.type == "cpu" and like.dtype in (torch.float32, torch.float64)
+    return backend.use_native(chosen, applies, "weights on the CPU in float32 or float64")
+
+
+def device_of(name: str) -> torch.device:
+    """The torch device of this name; InputError if torch cannot use it."""
+    try:
+        torch.zeros(1, device=name).item()
+        return torch.device(name)
+    except (RuntimeError, AssertionError, TypeError) as error:
+        why = str(error).splitlines()[0]
+        raise InputError(f"`device={name!r}`: torch cannot use it here ({why}); try cpu") from error

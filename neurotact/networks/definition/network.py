@@ -12,7 +12,7 @@ from neurotact.metrics.synops import Synops
 from neurotact.networks.definition import clock
 from neurotact.networks.definition.readouts import Integration
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule, Leader
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule, Leader
 
 RASTER_VALUES = 2**25
 """Spikes and sums that are held in memory where full windows are simulated for early exit."""

@@ -15,17 +15,17 @@ import torch
 from torch import Tensor, nn
 
 from neurotact import effects
+from neurotact.backend import Backend
 from neurotact.checks import at_least, one_of
 from neurotact.data.recordings import check_sampling_rate
 from neurotact.errors import InputError
-from neurotact.networks.definition import clock, executors, kernels, native, reference
-from neurotact.networks.definition.kernels import Backend
+from neurotact.networks.definition import clock, executors, native, reference
 from neurotact.networks.definition.network import RASTER_VALUES, Counts, Inference, Network, Rasters, Simulated, decided
 from neurotact.networks.definition.parts import NetworkPart, Sizes
 from neurotact.networks.definition.readouts import Integration, Stretches
 from neurotact.networks.definition.specs import Model, RSNNSpec, void_keys
 from neurotact.networks.definition.surrogate import FastSigmoid, spike_function
-from neurotact.networks.exit.early_exit import ExitRule, Leader
+from neurotact.networks.exit.rule import ExitRule, Leader
 from neurotact.neurons import Adaptation, CubaLIF, SpikeFunction, cuba_lif_start, decay_per_step
 from neurotact.progress import say
 from neurotact.spec import build, leaves, override
@@ -59,7 +59,7 @@ class RSNN(Network):
     above 1 its weights are `w_out` + `w_stretch`, the latter `(K, hidden, class)`, else None. Input spikes are
     `(trial, time, afferent)` of any type with the values 0 and 1, `sampling_rate_Hz` steps a second; with
     `spec.step_ms` the network puts them into bins, and is computed once a bin (`clock`). `backend` chooses the
-    implementation (see `kernels.use_native`).
+    implementation (see `native.use_native`).
 
     Give a complete spec, or its keys: `RSNN(16, 8, hidden=30, tau_mem_ms=40, sampling_rate_Hz=2000.0)`; keys that are
     not given have the spec's defaults. InputError names an unknown key, and one that has no effect beside the others.
@@ -390,7 +390,7 @@ class RSNN(Network):
 
     def _native(self) -> bool:
         # The kernels have the surrogate of the spec; one that replaces it runs in the reference.
-        if self.spike != self.spec.spike or not kernels.use_native(self.backend, self.w_in):
+        if self.spike != self.spec.spike or not native.use_native(self.backend, self.w_in):
             return False
         subject = executors.Subject(None, self)
         if self.backend == "native":

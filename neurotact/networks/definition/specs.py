@@ -101,7 +101,7 @@ class TrainingSpec(Spec):
     for each training step if the integrator leaks or takes a maximum. A readout that counts receives all."""
     members: int = Field(default=1, ge=1, le=MOST_MEMBERS)
     """Networks that are trained on the same windows from different initial weights, and then joined into one network,
-    whose class scores are the means of theirs (`networks.definition.joining`): a deep ensemble (Lakshminarayanan et
+    whose class scores are the means of theirs (`networks.training.ensemble`): a deep ensemble (Lakshminarayanan et
     al. 2017, arXiv 1612.01474). It has as many times the hidden neurons, and costs as many times the training."""
 
     @property

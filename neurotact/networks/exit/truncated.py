@@ -11,7 +11,8 @@ from torch import Tensor
 
 from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.readouts import Integration
-from neurotact.networks.training.training import Examples
+from neurotact.networks.exit.patience import exits, oracle_exit
+from neurotact.networks.training.epochs import Examples
 
 AT_ONCE = 256
 """Windows simulated together: rasters of all test windows of a second would take gigabytes."""

@@ -24,7 +24,6 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import check_stratify
 from neurotact.errors import InputError
 from neurotact.networks.definition import recipe, seeds
-from neurotact.networks.definition.joining import joined
 from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.specs import RSNNSpec, void_keys
 from neurotact.networks.search import tuning
@@ -40,10 +39,11 @@ from neurotact.networks.search.journal import (
     value_of,
 )
 from neurotact.networks.search.tuning import MedianStop, Proposal, SearchSpec, Tuner
-from neurotact.networks.training import fitting, members, robust, tasks, trained
+from neurotact.networks.training import ensemble, model_selection, run_folder, tasks, trainer
+from neurotact.networks.training.ensemble import joined
+from neurotact.networks.training.epochs import Epoch
 from neurotact.networks.training.outcome import Chosen, Outcome, outcome_of
 from neurotact.networks.training.tasks import Sides, Task
-from neurotact.networks.training.training import Epoch
 from neurotact.networks.use import measuring
 from neurotact.progress import Advance, silent, time_left
 from neurotact.spec import Spec, build, saved, unsaved
@@ -224,10 +224,10 @@ def _warn_beyond(max_sops: float | None, trials: Sequence[Trial]) -> None:
         )
 
 
-def train_best(problem: Problem, trains: SpikeTrains, best: Trial) -> tuple[fitting.Trained, Sides]:
+def train_best(problem: Problem, trains: SpikeTrains, best: Trial) -> tuple[trainer.Trained, Sides]:
     """Train a trial's network again; its seeds reproduce the network of the search."""
     seeds = problem.seeds_of(Proposal(best.id, best.parameters))
-    return fitting.fit(trains, problem.network_of(best.parameters), problem.task, seeds)
+    return trainer.fit(trains, problem.network_of(best.parameters), problem.task, seeds)
 
 
 def save_best(problem: Problem, spikes: Path, folder: Path, trials: Sequence[Trial]) -> Outcome:
@@ -238,9 +238,9 @@ def save_best(problem: Problem, spikes: Path, folder: Path, trials: Sequence[Tri
     """
     trains, task, best = tasks.load_spikes(spikes, problem.task), problem.task, best_of(trials)
     with workers.one_thread():
-        first = robust.Tried(task, *train_best(problem, trains, best))
-        last = robust.again(trains, first, problem.seeds_of(Proposal(best.id, best.parameters)))
-    trained.save(last.fitted, folder / "best", trains, spikes, last.task)
+        first = model_selection.Tried(task, *train_best(problem, trains, best))
+        last = model_selection.again(trains, first, problem.seeds_of(Proposal(best.id, best.parameters)))
+    run_folder.save(last.fitted, folder / "best", trains, spikes, last.task)
     chosen = None if last.choice is None else Chosen(task, last.choice)
     outcome = outcome_of(last.fitted, last.sides, trains, last.task, "tune", problem.search.space, chosen)
     files.write_json(folder / "best" / "result.json", outcome.as_json())
@@ -268,7 +268,7 @@ def _train(job: Job, trains: SpikeTrains, sides: Sides, epochs: list[float]) -> 
 
     def new(spec: RSNNSpec, seeds: tuple[int, int]) -> tuple[Network, torch.Generator]:
         nonlocal member
-        member, order = fitting.new_network(trains, spec, seeds, sides.train.spikes)
+        member, order = trainer.new_network(trains, spec, seeds, sides.train.spikes)
         return member, order
 
     def watch(epoch: Epoch) -> None:
@@ -278,7 +278,7 @@ def _train(job: Job, trains: SpikeTrains, sides: Sides, epochs: list[float]) -> 
 
     first = job.problem.seeds_of(proposal)
     try:
-        network, training = members.train(new, spec, first, sides.train, sides.validation, progress=watch)
+        network, training = ensemble.train(new, spec, first, sides.train, sides.validation, progress=watch)
     except _StopTrialError:
         assert member is not None
         return joined([member] * spec.n_members), epochs[-1], STOPPED

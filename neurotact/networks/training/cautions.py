@@ -8,14 +8,14 @@ import pandas as pd
 
 from neurotact.data.splits import SplitSpec
 from neurotact.networks.definition.specs import BEST_MEMBERS, MOST_HIDDEN, RSNNSpec, TrainingSpec
-from neurotact.networks.exit.held_out import ExitChoice
+from neurotact.networks.exit.patience import ExitChoice
 from neurotact.networks.training.comparison import Comparison
-from neurotact.networks.training.training import NOT_KEPT
+from neurotact.networks.training.epochs import NOT_KEPT
 
 Command = Literal["train", "tune", "fine-tune"]
 """The command that an outcome is of: a remedy names only options that it has."""
 MEMBER = "member"
-"""Column of a training log: which of the networks that were trained an epoch is of (`training.Epoch`)."""
+"""Column of a training log: which of the networks that were trained an epoch is of (`epochs.Epoch`)."""
 FEW_PER_CLASS = 5
 """With fewer test trials, the accuracy of a class says little."""
 
@@ -134,7 +134,7 @@ def few_test_trials(per_class: Mapping[str, int], split: SplitSpec, command: Com
 def exit_not_used(choice: ExitChoice | None) -> Iterator[str]:
     """choice: the rule of early exit and its losses on validation trials; None if it is given.
 
-    >>> from neurotact.networks.exit.early_exit import ExitRule
+    >>> from neurotact.networks.exit.rule import ExitRule
     >>> print(*exit_not_used(ExitChoice(ExitRule(20), dict.fromkeys(range(20), 0.0), 0.01)))
     early exit is not used: validation trials that did not choose it show a loss of at most 14 points (95 % bound), and 1 may be lost; record more trials, or accept a larger loss (`exit_tolerance`)
     """  # noqa: E501

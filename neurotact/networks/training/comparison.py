@@ -13,8 +13,8 @@ from neurotact.metrics.decision import otherwise
 from neurotact.metrics.paired import by_trial, compare_by_trial
 from neurotact.metrics.referee import Verdict, Way
 from neurotact.metrics.shares import standard_error, wilson_interval
+from neurotact.networks.training.epochs import Examples
 from neurotact.networks.training.tasks import Sides
-from neurotact.networks.training.training import Examples
 from neurotact.progress import say
 
 BINS = 10

@@ -9,10 +9,10 @@ from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.networks.training import cautions, comparison, tasks
-from neurotact.networks.training.choice import Choice
 from neurotact.networks.training.comparison import Comparison, Trials, compare
-from neurotact.networks.training.fitting import Trained
+from neurotact.networks.training.model_selection import Choice
 from neurotact.networks.training.tasks import Sides, Task
+from neurotact.networks.training.trainer import Trained
 from neurotact.networks.use import measuring
 
 

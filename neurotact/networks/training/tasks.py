@@ -22,8 +22,9 @@ from neurotact.errors import InputError
 from neurotact.networks.definition import recipe
 from neurotact.networks.training import balancing
 from neurotact.networks.training.balancing import Balance
+from neurotact.networks.training.epochs import Examples
 from neurotact.networks.training.provenance import SIDES
-from neurotact.networks.training.training import Examples
+from neurotact.progress import Tell
 from neurotact.spec import Spec, build
 
 LEAST_KEPT = 10
@@ -91,6 +92,15 @@ def task_of(
     return build(Task, {**table, **choice, "exit_choice": "steady"}, source=source)
 
 
+def path_of(spikes: object) -> Path:
+    """The path of a file of spikes; InputError for spikes in memory, which no run folder could find again."""
+    if not isinstance(spikes, (str, Path)):
+        raise InputError(
+            f"spikes: must be the path of a file; got {type(spikes).__name__}; nt.save(spikes, 'spikes.h5') writes one"
+        )
+    return Path(spikes)
+
+
 def with_suited_window(task: Task, trains: SpikeTrains, words: Words) -> Task:
     """The task with windows that suit the spike trains, where they are not given."""
     return task.model_copy(update={"window": suited_window(trains, task.window, words)})
@@ -99,6 +109,24 @@ def with_suited_window(task: Task, trains: SpikeTrains, words: Words) -> Task:
 def load_spikes(path: str | Path, task: Task, *, tell: bool = False) -> SpikeTrains:
     """The spike trains of the trials that a task uses; with `tell` a line says how many they are."""
     return chosen_trials(hdf5.load_spikes(path), task.choice, str(path), tell=tell)
+
+
+def kind_of_copies(trains: SpikeTrains, given: str | None, tell: Tell) -> str:
+    """Which varied copies of a file are trained on."""
+    held = [] if trains.variations is None else sorted({*trains.variations.kind.tolist()})
+    if given is None and len(held) > 1:
+        raise InputError(
+            f"`augmentation`: the file holds several kinds of varied copies; name one of {', '.join(held)}"
+        )
+    if given not in (None, NONE, *held):
+        have = (
+            f"it has {', '.join(held)}" if held else f"encode them with `nt.encode_file(..., augmentation={given!r})`"
+        )
+        raise InputError(f"`augmentation`: the file holds no varied copies '{given}'; {have}")
+    kind = given or (held[0] if held else NONE)
+    if kind != NONE and given is None:
+        tell(f"training: also on the varied copies in the file ({kind})")
+    return kind
 
 
 class Sides(NamedTuple):

@@ -33,11 +33,11 @@ from neurotact.metrics.prices import DEFAULT, PriceList, price_list
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.network import Inference, Network
 from neurotact.networks.definition.specs import RSNNSpec, given_keys, void_keys
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.exit.held_out import ExitChoice
-from neurotact.networks.training import members
-from neurotact.networks.training.fitting import begin, exit_of
-from neurotact.networks.training.training import Epoch, Examples, Training
+from neurotact.networks.exit.patience import ExitChoice
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.networks.training import ensemble
+from neurotact.networks.training.epochs import Epoch, Examples, Training
+from neurotact.networks.training.trainer import begin, exit_of
 from neurotact.networks.use import ledger
 from neurotact.networks.use.measuring import synops_of
 from neurotact.spec import checked_settings, resolve
@@ -190,7 +190,7 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
             return begin(train_side.spikes, len(classes), spec, rate_Hz, weights).to(self.device), order
 
         progress, first = _print_epoch if self.verbose else None, (weights_seed, order_seed)
-        network, training = members.train(new, spec, first, train_side, validation_side, progress=progress)
+        network, training = ensemble.train(new, spec, first, train_side, validation_side, progress=progress)
         self.training_: Training = training
         self.network_: Network = network
         self.exit_choice_: ExitChoice = exit_of(network, validation_side, self.exit_tolerance, train_side)

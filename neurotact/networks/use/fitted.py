@@ -8,9 +8,9 @@ from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
 from neurotact.errors import InputError
-from neurotact.networks.training import trained
+from neurotact.networks.training import run_folder
+from neurotact.networks.training.run_folder import Restored
 from neurotact.networks.training.tasks import Task
-from neurotact.networks.training.trained import Restored
 from neurotact.networks.use.classifier import SpikingClassifier
 
 Fitted = str | Path | SpikingClassifier | Pipeline
@@ -65,10 +65,10 @@ def restore(source: Fitted, *, device: str = "cpu", spikes: str | Path | None = 
 
     spikes: the file of spikes of a run folder, if it is where the folder does not say. An estimator has none: its
     encoder is that of the spikes it was fitted on, and None where they did not say it.
-    Raises InputError for anything else, and as `trained.restore` does.
+    Raises InputError for anything else, and as `run_folder.restore` does.
     """
     if isinstance(source, (str, Path)):
-        return trained.restore(source, device=device, spikes=spikes)
+        return run_folder.restore(source, device=device, spikes=spikes)
     if not is_in_memory(source):
         raise InputError(
             f"run: must be the folder of a training, a fitted SpikingClassifier, or a pipeline that ends in one; got "
@@ -80,5 +80,5 @@ def restore(source: Fitted, *, device: str = "cpu", spikes: str | Path | None = 
         network, Task(window=classifier.window_), classifier.exit_rule_, tuple(map(str, classifier.classes_)), (),
         None if origin is None else origin.encoder, None, recorded_Hz=None if origin is None else origin.recorded_Hz,
         names=None if origin is None else origin.afferents,
-        held=classifier.exit_choice_,
+        held=classifier.exit_choice_, source=name_of(source),
     )  # fmt: skip

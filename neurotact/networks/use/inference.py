@@ -9,8 +9,8 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.networks.training.provenance import Provenance, first_difference
+from neurotact.networks.training.run_folder import Restored
 from neurotact.networks.training.tasks import examples_of, warn_of_onsets
-from neurotact.networks.training.trained import Restored
 from neurotact.networks.use.measuring import synops_of
 from neurotact.progress import say
 

@@ -1,19 +1,24 @@
-"""Results of a trained network on its test windows: accuracy, synaptic operations, early exit."""
+"""Results of a trained network on its test windows, also under each condition: accuracy, SOPs, early exit."""
 
 import re
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from sklearn.metrics import confusion_matrix
 
+from neurotact.data.recordings import select_conditions
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import split_touches
 from neurotact.metrics import synops
 from neurotact.networks.definition.network import CountedInference, Inference, Network
 from neurotact.networks.exit import truncated
-from neurotact.networks.exit.exit_choice import oracle_exit
-from neurotact.networks.training.fitting import Trained
-from neurotact.networks.training.tasks import Sides
-from neurotact.networks.training.training import Examples
+from neurotact.networks.exit.patience import oracle_exit
+from neurotact.networks.training.epochs import Examples
+from neurotact.networks.training.tasks import Sides, Task, examples_of
+from neurotact.networks.training.trainer import Trained
+from neurotact.tables import records
 
 OWN_KEYS = "network_keys"
 """Column of results: the keys of a network that is no RSNN, which have no column of their own."""
@@ -26,7 +31,7 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
 
     populations: afferents of each one, as `SpikeTrains.populations`. SOPs, spikes and steps are means over windows.
     `right` and `exit_right` are of each test window, on the whole window and with early exit; `exit_losses` of each
-    validation trial (`held_out.ExitChoice`).
+    validation trial (`patience.ExitChoice`).
     """
     network, test = trained.network, sides.test
     spikes = test.spikes.to(network.device)
@@ -119,3 +124,30 @@ def synops_of(inference: Inference, network: Network) -> synops.Synops:
 def accuracy_of(inference: Inference, examples: Examples) -> float:
     """The share of windows that were decided correctly."""
     return float((inference.labels.cpu() == examples.labels).double().mean())
+
+
+def by_condition(network: Network, trains: SpikeTrains, task: Task) -> list[dict[str, Any]]:
+    """Accuracy and mean SOPs on the test trials of each combination of the conditions in `task.stratify`.
+
+    Columns: those conditions, known (whether the network was trained on such trials), n_test (windows),
+    accuracy_test, sops_* and spikes_sa, spikes_ra as in results.csv. The test side is that of the whole data set's
+    split: each condition is tested on the same trials, whatever a network was trained on.
+    """
+    table = trains.conditions
+    known = select_conditions(table, task.subset)
+    test = split_touches(trains, task.stratify, task.split).test
+    rows = []
+    for values, group in table.iloc[test].groupby(list(task.stratify), sort=True):
+        trials = np.sort(group.index.to_numpy())
+        for is_known in sorted(set(known[trials].tolist())):
+            examples, _ = examples_of(trains, trials[known[trials] == is_known], task.window)
+            inference = network.infer(examples.spikes.to(network.device))
+            rows.append(
+                {
+                    **dict(zip(task.stratify, values, strict=True)),
+                    "known": is_known,
+                    "n_test": len(examples.labels),
+                    **means(inference, network, examples, trains.populations),
+                }
+            )
+    return records(pd.DataFrame(rows))

@@ -9,7 +9,7 @@ from neurotact_parts.studies.comparison.pruning import prune, pruned_stay_pruned
 from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training.training import Examples, train
+from neurotact.networks.training.epochs import Examples, train
 from neurotact.networks.use import measuring
 
 models = st.sampled_from(["rsnn", "snn"])

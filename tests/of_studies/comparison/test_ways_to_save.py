@@ -20,8 +20,8 @@ from neurotact.errors import InputError
 from neurotact.networks.definition.recipe import Seen
 from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.exit.early_exit import FULL_WINDOW
-from neurotact.networks.training import fitting, members
+from neurotact.networks.exit.rule import FULL_WINDOW
+from neurotact.networks.training import ensemble, trainer
 from neurotact.networks.use.ledger import network_cost
 from neurotact.spec import build
 
@@ -124,7 +124,7 @@ def test_smaller_networks_count_less_for_each_spike(rows):
 
 @pytest.mark.parametrize(("model", "pays"), [("auto", True), ("auto", False), ("snn", False)])
 def test_no_recurrence_has_a_row_in_every_seed_in_which_training_decides(model, pays, monkeypatch, tmp_path):
-    monkeypatch.setattr(members, "pays", lambda without, with_it: pays)
+    monkeypatch.setattr(ensemble, "pays", lambda without, with_it: pays)
     ways = {"no recurrence": [{"recurrence": False}, {"recurrence": False, "hidden": 0.5}]}
     network = {**NETWORK, "model": model, "training": {**NETWORK["training"], "epochs": 2, "patience": 2}}
     parameters, arrays, _ = ran("letters", tmp_path, ways, network)
@@ -153,7 +153,7 @@ def test_early_exit_is_used_where_validation_bounds_its_loss_alone(monkeypatch):
     for tolerance in (0.0, 0.01, 0.9):
         measured(bench, Setting(exit_tolerance=tolerance), known)
         fitted, rule = seen[-1]
-        choice = fitting.exit_of(fitted.network, fitted.sides.validation, tolerance)
+        choice = trainer.exit_of(fitted.network, fitted.sides.validation, tolerance)
         assert rule == (choice.rule if choice.bound <= tolerance else FULL_WINDOW)
     assert [rule.never for _, rule in seen] == [True, True, False]
 
@@ -267,10 +267,10 @@ def test_whether_a_network_is_recurrent_is_decided_where_nothing_is_saved(decide
     split = Split(np.arange(24), np.arange(24, 32), np.arange(32, 40))
     network = build(RSNNSpec, {"recipe": "default", "hidden": 4, "training": {"epochs": 1}}, source="test")
     bench = Bench(trains, None, split, WindowSpec(length_ms=60.0, per_trial=1), network, (0, 1))
-    monkeypatch.setattr(members, "pays", lambda without, with_it: decided == "rsnn")
+    monkeypatch.setattr(ensemble, "pays", lambda without, with_it: decided == "rsnn")
     known: dict = {}
     measured(bench, Setting(), known)
-    monkeypatch.setattr(members, "pays", lambda without, with_it: pytest.fail("is decided already"))
+    monkeypatch.setattr(ensemble, "pays", lambda without, with_it: pytest.fail("is decided already"))
     measured(bench, Setting(hidden=0.5), known)
     assert [fitted.network.spec.model for fitted in known.values()] == [decided, decided]
 

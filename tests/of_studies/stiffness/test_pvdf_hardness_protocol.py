@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from neurotact_parts.studies.stiffness import pvdf_hardness as hardness
 
-from neurotact.data.sources import expand
+from neurotact.data.dataset import expand
 from neurotact.errors import InputError
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.studies import loading

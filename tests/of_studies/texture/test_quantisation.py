@@ -8,7 +8,7 @@ from neurotact_parts.exporters.c import fine_tuning
 from neurotact_parts.studies.texture import quantisation
 from neurotact_parts.studies.texture.quantisation import FLOAT, Parameters, QuantisationData
 
-from neurotact.networks.training.training import Epoch
+from neurotact.networks.training.epochs import Epoch
 from neurotact.spec import build
 
 

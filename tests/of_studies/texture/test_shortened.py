@@ -8,8 +8,8 @@ from neurotact_parts.studies.texture import shortened
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit import truncated
-from neurotact.networks.exit.early_exit import ExitRule
-from neurotact.networks.training.training import Examples
+from neurotact.networks.exit.rule import ExitRule
+from neurotact.networks.training.epochs import Examples
 
 RATE_Hz, STEPS, CLASSES = 1000.0, 60, 4
 CUTS_ms = (10.0, 30.0, 60.0)

@@ -19,8 +19,9 @@ from neurotact.errors import InputError
 from neurotact.files import read_bytes, whole
 from neurotact.networks.definition import optimisers
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.training.checkpoint import Expected, check, expected_of, untrained
-from neurotact.networks.training.training import Checkpoint, Epoch, tensors_of
+from neurotact.networks.training.epochs import Checkpoint, Epoch, tensors_of
+from neurotact.networks.training.run_folder import Expected, expected_of, untrained
+from neurotact.networks.training.run_folder import check_tensors as check
 
 SHA256 = "sha256"
 FIX = "start again with `force=True`"

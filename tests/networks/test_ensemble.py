@@ -18,24 +18,25 @@ from neurotact_parts.studies.comparison.pruning import prune, remaining_synops
 from stopped_trainings import stopped_after
 
 import neurotact as nt
+from neurotact import backend as backends
 from neurotact.data.hdf5 import save_spikes
 from neurotact.data.spikes import from_rasters
 from neurotact.errors import InputError
-from neurotact.networks.definition import kernels, recipe, seeds
-from neurotact.networks.definition.joining import joined
+from neurotact.networks.definition import recipe, seeds
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import MOST_HIDDEN, RSNNSpec
-from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.exit.rule import ExitRule
 from neurotact.networks.search import search
 from neurotact.networks.search.tuning import MedianStop, Proposal, SearchSpec
-from neurotact.networks.training import fitting, tasks, train_run, trained, training, training_checkpoint
-from neurotact.networks.training.training import Checkpoint, Examples
+from neurotact.networks.training import epoch_checkpoint, epochs, resumable, run_folder, tasks, trainer
+from neurotact.networks.training.ensemble import joined
+from neurotact.networks.training.epochs import Checkpoint, Examples
 from neurotact.networks.use.ledger import network_cost
 from neurotact.networks.use.measuring import synops_of
 from neurotact.neurons import Membrane, Reset
 from neurotact.spec import build, override
 
-native_only = pytest.mark.skipif(kernels.native is None, reason="no kernels")
+native_only = pytest.mark.skipif(backends.native is None, reason="no kernels")
 each_backend = pytest.mark.parametrize("backend", ["reference", pytest.param("native", marks=native_only)])
 N_IN, N_CLASSES, N_EPOCHS = 4, 3, 3
 TRAINED = {
@@ -45,7 +46,7 @@ TRAINED = {
 TASK = tasks.Task(window={"length_ms": 40.0})
 
 
-def network(seed: int, backend: kernels.Backend = "reference", **keys) -> RSNN:
+def network(seed: int, backend: backends.Backend = "reference", **keys) -> RSNN:
     keys = {"hidden": 5, "forward_weight_scale": 4.0, "readout": "integrator", **keys}
     net = RSNN(
         N_IN, N_CLASSES, sampling_rate_Hz=1000.0, backend=backend, generator=torch.Generator().manual_seed(seed), **keys
@@ -173,9 +174,9 @@ def spec_of(**keys) -> RSNNSpec:
 
 
 @pytest.fixture(scope="module")
-def fitted() -> tuple[fitting.Trained, tasks.Sides, list[Checkpoint]]:
+def fitted() -> tuple[trainer.Trained, tasks.Sides, list[Checkpoint]]:
     kept: list[Checkpoint] = []
-    done, sides = fitting.fit(trains(), spec_of(), TASK, (3, 4), keep=kept.append)
+    done, sides = trainer.fit(trains(), spec_of(), TASK, (3, 4), keep=kept.append)
     return done, sides, kept
 
 
@@ -183,7 +184,7 @@ def test_each_member_is_a_training_of_its_own(fitted):
     done, sides, _ = fitted
     given = [seeds.of_member((3, 4), number) for number in (1, 2, 3)]
     assert given[0] == (3, 4)
-    alone_trained = [fitting.fit(trains(), spec_of(**{"training.members": 1}), TASK, each)[0] for each in given]
+    alone_trained = [trainer.fit(trains(), spec_of(**{"training.members": 1}), TASK, each)[0] for each in given]
     whole = joined([each.network for each in alone_trained])
     for ours, theirs in zip(done.network.state_dict().values(), whole.state_dict().values(), strict=True):
         assert torch.equal(ours, theirs)
@@ -191,27 +192,27 @@ def test_each_member_is_a_training_of_its_own(fitted):
     found = done.network.spec
     assert (found.hidden, found.recurrent_blocks, found.training.members) == (15, 3, 1)
     log = done.training.table()
-    assert log.columns.tolist() == list(training.Epoch._fields)
+    assert log.columns.tolist() == list(epochs.Epoch._fields)
     for number, each in enumerate(alone_trained, 1):
         own = log[log["member"] == number].drop(columns="member").reset_index(drop=True)
         pd.testing.assert_frame_equal(own, each.training.table())
     found = done.network.infer(sides.validation.spikes).labels
     right = float((found == sides.validation.labels).double().mean())
     assert done.training.best.validation_accuracy == pytest.approx(right)
-    assert done.training.best.member == training.JOINED
+    assert done.training.best.member == epochs.JOINED
     assert "3 networks joined" in repr(done.training)
 
 
 def test_an_interrupted_training_goes_on_from_any_epoch_of_any_member(fitted, tmp_path):
     done, _, kept = fitted
-    net = training_checkpoint.Net(spec_of(), N_IN, 2)
+    net = epoch_checkpoint.Net(spec_of(), N_IN, 2)
     assert len(kept) == 3 * N_EPOCHS
     assert [len(each.finished) for each in kept] == [0] * N_EPOCHS + [1] * N_EPOCHS + [2] * N_EPOCHS
     for latest in kept:
-        training_checkpoint.save(latest, tmp_path / "c", "one")
-        again = training_checkpoint.load(tmp_path / "c", net, "one")
+        epoch_checkpoint.save(latest, tmp_path / "c", "one")
+        again = epoch_checkpoint.load(tmp_path / "c", net, "one")
         assert again.epochs == latest.epochs
-        resumed, _ = fitting.fit(trains(), spec_of(), TASK, (3, 4), start=again)
+        resumed, _ = trainer.fit(trains(), spec_of(), TASK, (3, 4), start=again)
         assert resumed.training == done.training
         for ours, theirs in zip(resumed.network.parameters(), done.network.parameters(), strict=True):
             assert torch.equal(ours, theirs)
@@ -219,26 +220,26 @@ def test_an_interrupted_training_goes_on_from_any_epoch_of_any_member(fitted, tm
 
 def test_a_checkpoint_whose_members_are_not_numbered_is_refused(fitted, tmp_path):
     _, _, kept = fitted
-    net = training_checkpoint.Net(spec_of(), N_IN, 2)
+    net = epoch_checkpoint.Net(spec_of(), N_IN, 2)
     latest = kept[2 * N_EPOCHS - 1]
     for wrong in (latest.epochs[1:], tuple(each._replace(member=2) for each in latest.epochs)):
-        training_checkpoint.save(replace(latest, epochs=wrong), tmp_path / "c", "one")
+        epoch_checkpoint.save(replace(latest, epochs=wrong), tmp_path / "c", "one")
         with pytest.raises(InputError, match="does not number the epochs"):
-            training_checkpoint.load(tmp_path / "c", net, "one")
+            epoch_checkpoint.load(tmp_path / "c", net, "one")
     few = net._replace(spec=spec_of(**{"training.members": 1}))
-    training_checkpoint.save(latest, tmp_path / "c", "one")
+    epoch_checkpoint.save(latest, tmp_path / "c", "one")
     with pytest.raises(InputError, match="where 1 to 3 are possible"):
-        training_checkpoint.load(tmp_path / "c", few, "one")
+        epoch_checkpoint.load(tmp_path / "c", few, "one")
 
 
 def test_a_run_is_interrupted_in_its_second_member_and_leaves_what_a_whole_one_leaves(tmp_path, monkeypatch):
     save_spikes(trains(), tmp_path / "spikes.h5")
     told: list[str] = []
-    train_run.run(tmp_path / "spikes.h5", tmp_path / "whole", spec_of(), TASK, tell=told.append)
+    resumable.run(tmp_path / "spikes.h5", tmp_path / "whole", spec_of(), TASK, tell=told.append)
     assert told == [*recipe.described(spec_of(), SEEN)] != []
     with stopped_after(N_EPOCHS + 1, monkeypatch):
-        train_run.run(tmp_path / "spikes.h5", tmp_path / "cut", spec_of(), TASK)
-    train_run.run(tmp_path / "spikes.h5", tmp_path / "cut", spec_of(), TASK, resume=True)
+        resumable.run(tmp_path / "spikes.h5", tmp_path / "cut", spec_of(), TASK)
+    resumable.run(tmp_path / "spikes.h5", tmp_path / "cut", spec_of(), TASK, resume=True)
     whole, cut = ({p.name: p.read_bytes() for p in (tmp_path / name).iterdir()} for name in ("whole", "cut"))
     assert whole == cut
     extra = json.loads(whole["network.json"])["extra"]
@@ -246,7 +247,7 @@ def test_a_run_is_interrupted_in_its_second_member_and_leaves_what_a_whole_one_l
     assert json.loads(whole["network.json"])["spec"]["hidden"] == 15
     row = json.loads(whole["result.json"])["row"]
     assert (row["members"], row["recurrent_blocks"], row["epochs"]) == (3, 3, 3 * N_EPOCHS)
-    assert trained.restore(tmp_path / "whole").network.spec.recurrent_blocks == 3
+    assert run_folder.restore(tmp_path / "whole").network.spec.recurrent_blocks == 3
 
 
 @pytest.mark.parametrize("stopped", [False, True])
@@ -270,7 +271,7 @@ def test_one_training_of_one_network_refuses_members():
     net = RSNN(N_IN, 2, spec_of(), 1000.0, backend="reference")
     side = Examples(spikes(n_trials=4), torch.arange(4) % 2)
     with pytest.raises(InputError, match=r"training\.members: this trains one network"):
-        training.train(net, side, side, generator=torch.Generator())
+        epochs.train(net, side, side, generator=torch.Generator())
 
 
 @each_backend
@@ -280,7 +281,7 @@ def test_blocks_stay_apart_in_training_and_pruning_takes_a_share_of_what_exists(
     within, before = net.within_blocks(), net.w_rec.detach().clone()
     assert int(within.sum()) == int(before.count_nonzero()) == 12
     side = Examples(spikes(n_trials=16), torch.arange(16) % 2)
-    training.train(net, side, side, generator=torch.Generator().manual_seed(1))
+    epochs.train(net, side, side, generator=torch.Generator().manual_seed(1))
     assert not net.w_rec[~within].any()
     assert not torch.equal(net.w_rec, before)
     prune(net, 0.5)
@@ -301,7 +302,7 @@ def test_rates_of_blocks_are_those_of_the_synapses_that_exist():
     keys = {"training.members": 1, "training.relative_learning_rate": 0.1, "recurrent_blocks": 5}
     net = RSNN(N_IN, 2, spec_of(**keys), 1000.0, generator=torch.Generator().manual_seed(0))
     of_blocks = net.w_rec.detach()[net.within_blocks()].square().mean().sqrt()
-    assert training.rates_of(net)["w_rec"] == pytest.approx(0.1 * float(of_blocks))
+    assert epochs.rates_of(net)["w_rec"] == pytest.approx(0.1 * float(of_blocks))
 
 
 # --- effort ---

@@ -1,19 +1,30 @@
 """How many conditions must be recorded: accuracy at an untrained one, over the number of those trained on."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
+from neurotact import files, spec
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import Split, SplitSpec, values_to_leave_out
+from neurotact.data.splits import Split, Splits, SplitSpec, values_to_leave_out
+from neurotact.data.window_choice import ARGUMENTS
+from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
+from neurotact.figures.style import MUTED, add_legend, new_figure, printed, series_style
+from neurotact.figures.style import save as save_figure
 from neurotact.networks.definition import seeds
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.training import fitting, robust, tasks
+from neurotact.networks.training import model_selection, tasks, trainer
 from neurotact.networks.training.tasks import Task
 from neurotact.networks.use import measuring
+from neurotact.progress import Tell, track, untold
+from neurotact.spec import takes_specs
+from neurotact.tables import write_table
 
 MOST_TESTED = 4
 """Values of a condition that are tested at most, evenly spaced."""
@@ -64,12 +75,12 @@ def curve(trains: SpikeTrains, spec: RSNNSpec, task: Task, column: str, seed: in
     for tested, trained_on in pairs:
         pool = np.flatnonzero(np.isin(values, trained_on))
         pool = np.sort(_some(rng, pool, labels, values, least))
-        kept = tasks.held_out(trains, pool, robust.SEEN, seed)
+        kept = tasks.held_out(trains, pool, model_selection.SEEN, seed)
         rest = np.setdiff1d(pool, kept)
         validation = tasks.held_out(trains, rest, VALIDATION, seed + 1)
         split = Split(np.setdiff1d(rest, validation), validation, np.flatnonzero(values == tested))
         start = seeds.of_start(seed, SplitSpec(test_where={column: tested}))
-        fitted, sides = fitting.fit(trains, spec, task, start, split=split)
+        fitted, sides = trainer.fit(trains, spec, task, start, split=split)
         inferred = fitted.network.infer(sides.test.spikes)
         seen, _ = tasks.examples_of(trains, kept, task.window)
         yield {
@@ -128,3 +139,87 @@ def advice(table: pd.DataFrame, column: str) -> str:
         f"{said} The last one gained no more than {100 * ENOUGH:g} point: more values of {column} are not the remedy; "
         "encode varied copies, or take other windows."
     )
+
+
+@takes_specs
+def conditions_curve(
+    spikes: str | Path,
+    column: str,
+    network: str | Path | RSNNSpec = "default",
+    settings: Mapping[str, Any] | None = None,
+    *,
+    window: WindowSpec = WindowSpec(),
+    where: Mapping[str, Any] | None = None,
+    leave_out: str | Sequence[str] | Mapping[str, Any] | None = None,
+    augmentation: str | None = None,
+    seed: int = 0,
+    out: str | Path | None = None,
+    figure: str | Path | None = None,
+    force: bool = False,
+    tell: Tell = untold,
+) -> pd.DataFrame:
+    """How many values of a condition must be recorded: accuracy at an untrained one over the number of trained ones.
+
+    A network is trained on one, two, ... of the other values and tested on all trials of one; up to four values are
+    tested. Each training has as many trials, so that a further value does not count as more data.
+
+    column: the condition, such as "speed", with three values or more. network, settings, window, where, leave_out,
+        augmentation: as of `train`. seed: of the weights, and of the trials that are drawn.
+    out: also write the table (.csv, .json, .md). figure: also draw the curve (.png, .svg, .pdf). force: replace them.
+    tell: called with what `neurotact conditions-curve` prints: the means, and the advice.
+    Returns a row for each training: `tested`, `trained` (how many values), `accuracy_seen` (on other trials of trained
+    values), `accuracy_test`, `sops_total` and `n_train`.
+    Raises InputError for an unknown condition, and for one with fewer than three values.
+
+    >>> settings, window = {"hidden": 4, "training.epochs": 1}, nt.Window(length_ms=50)
+    >>> table = nt.conditions_curve("spikes.h5", "day", "rsnn", settings, window=window)
+    >>> table["trained"].unique().tolist()
+    [1, 2, 3, 4]
+    """
+    outputs = [Path(file) for file in (out, figure) if file is not None]
+    for file in outputs:
+        files.check_new(file, force=force, inputs=[spikes])
+    path = tasks.path_of(spikes)
+    task = tasks.task_of("conditions_curve", window, Splits(), where=where, leave_out=leave_out)
+    trains = tasks.load_spikes(path, task, tell=True)
+    kind = tasks.kind_of_copies(trains, augmentation, tell)
+    task = tasks.with_suited_window(task.model_copy(update={"augmentation": kind}), trains, ARGUMENTS)
+    what, n = spec.resolve(RSNNSpec, network, settings), len(plan(trains.conditions, column))
+    rows = []
+    with track("networks", n) as advance:
+        for row in curve(trains, what, task, column, seed):
+            rows.append(row)
+            advance(1, "")
+    table = pd.DataFrame(rows)
+    if out is not None:
+        write_table(table, Path(out))
+    if figure is not None:
+        save_figure(_drawn(table, column), Path(figure))
+    tell(means(table))
+    tell(advice(table, column))
+    for file in outputs:
+        tell(f"saved in {file}")
+    return table
+
+
+@printed
+def _drawn(table: pd.DataFrame, column: str) -> Figure:
+    """Accuracy of each tested value over the number of trained ones, their mean, and that at trained values."""
+    figure = new_figure(3.2, 5.2)
+    axes = figure.add_subplot()
+    for tested, rows in table.groupby("tested", sort=False):
+        axes.plot(rows["trained"], 100 * rows["accuracy_test"], color=MUTED, linewidth=0.8, alpha=0.8)
+        axes.annotate(
+            f"{tested:g}" if isinstance(tested, (int, float)) else str(tested),
+            (rows["trained"].iloc[-1], 100 * rows["accuracy_test"].iloc[-1]),
+            xytext=(4, 0), textcoords="offset points", va="center", fontsize=7, color=MUTED,
+        )  # fmt: skip
+    means = table.groupby("trained")[["accuracy_test", "accuracy_seen"]].mean()
+    axes.plot(means.index, 100 * means["accuracy_test"], label="untrained values, mean", **series_style(0))
+    axes.plot(means.index, 100 * means["accuracy_seen"], label="trained values", **series_style(1))
+    axes.set_xlabel(f"trained values of {column}")
+    axes.set_ylabel("test accuracy (%)")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_ylim(0, 103)
+    add_legend(figure, [axes], 2)
+    return figure

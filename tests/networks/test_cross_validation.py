@@ -22,7 +22,7 @@ from neurotact.files import read_json, write_json
 from neurotact.metrics.resampled import resampled_interval
 from neurotact.metrics.shares import wilson_interval
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training import repeated, train_run, trained
+from neurotact.networks.training import cross_validation, resumable, run_folder
 from neurotact.networks.training.tasks import Task
 
 COMMAND = "--network rsnn --set hidden=4 --set training.epochs=1 --window-ms 60"
@@ -40,15 +40,15 @@ def spikes(tmp_path):
 
 def tasks_of(conditions: pd.DataFrame | None = None, **splits: Any) -> dict[str, Task]:
     task = Task(window=WindowSpec(length_ms=60))
-    return repeated.tasks_of(task, Splits(**splits), pd.DataFrame() if conditions is None else conditions)
+    return cross_validation.tasks_of(task, Splits(**splits), pd.DataFrame() if conditions is None else conditions)
 
 
 @pytest.mark.thorough
 def test_every_trial_is_tested_once_in_each_repetition(spikes, tmp_path):
     tasks = tasks_of(folds=3, seed=4, repeats=2)
-    found = repeated.run(spikes, tmp_path / "run", SMALL, tasks)
+    found = cross_validation.run(spikes, tmp_path / "run", SMALL, tasks)
     trains = hdf5.load_spikes(spikes)
-    tested = [trained.test_trials(trained.restore(tmp_path / "run" / name), trains) for name in tasks]
+    tested = [run_folder.test_trials(run_folder.restore(tmp_path / "run" / name), trains) for name in tasks]
     assert sorted(np.concatenate(tested[:3])) == sorted(np.concatenate(tested[3:])) == list(range(18))
     assert [tuple(trials) for trials in tested[:3]] != [tuple(trials) for trials in tested[3:]]
     rows = [read_json(tmp_path / "run" / name / "result.json")["row"]["accuracy_test"] for name in tasks]
@@ -60,11 +60,11 @@ def test_every_trial_is_tested_once_in_each_repetition(spikes, tmp_path):
 
 def test_what_is_done_is_not_done_again(spikes, tmp_path):
     tasks = tasks_of(repeats=2)
-    first = repeated.run(spikes, tmp_path / "run", SMALL, tasks)
+    first = cross_validation.run(spikes, tmp_path / "run", SMALL, tasks)
     before = (tmp_path / "run/seed-0/weights.safetensors").stat().st_mtime_ns
     with pytest.raises(InputError, match=r"splits\.csv: already exists"):
-        repeated.run(spikes, tmp_path / "run", SMALL, tasks)
-    again = repeated.run(spikes, tmp_path / "run", SMALL, tasks, resume=True)
+        cross_validation.run(spikes, tmp_path / "run", SMALL, tasks)
+    again = cross_validation.run(spikes, tmp_path / "run", SMALL, tasks, resume=True)
     assert again.table.equals(first.table)
     assert (tmp_path / "run/seed-0/weights.safetensors").stat().st_mtime_ns == before
 
@@ -72,33 +72,33 @@ def test_what_is_done_is_not_done_again(spikes, tmp_path):
 def test_one_interrupted_after_a_split_is_told_to_resume(spikes, tmp_path):
     """Not to start again, which would train the first split anew."""
     one, both = (tasks_of(repeats=n) for n in (1, 2))
-    repeated.run(spikes, tmp_path / "run", SMALL, one)
+    cross_validation.run(spikes, tmp_path / "run", SMALL, one)
     (tmp_path / "run/splits.csv").unlink()
     with pytest.raises(InputError, match="were interrupted; pass `resume=True` to continue"):
-        repeated.run(spikes, tmp_path / "run", SMALL, both)
-    assert len(repeated.run(spikes, tmp_path / "run", SMALL, both, resume=True).table) == 2
+        cross_validation.run(spikes, tmp_path / "run", SMALL, both)
+    assert len(cross_validation.run(spikes, tmp_path / "run", SMALL, both, resume=True).table) == 2
 
 
 def test_other_splits_are_not_mixed_into_the_folder_of_an_earlier_run(spikes, tmp_path):
     few, more = (tasks_of(repeats=n) for n in (2, 3))
-    repeated.run(spikes, tmp_path / "run", SMALL, few)
+    cross_validation.run(spikes, tmp_path / "run", SMALL, few)
     table = (tmp_path / "run/splits.csv").read_bytes()
     folds = tasks_of(folds=2)
     with pytest.raises(InputError, match=r"holds trainings of other splits \(seed-0, seed-1\)"):
-        repeated.run(spikes, tmp_path / "run", SMALL, folds, resume=True)
+        cross_validation.run(spikes, tmp_path / "run", SMALL, folds, resume=True)
     assert (tmp_path / "run/splits.csv").read_bytes() == table
-    assert len(repeated.run(spikes, tmp_path / "run", SMALL, more, resume=True).table) == 3
+    assert len(cross_validation.run(spikes, tmp_path / "run", SMALL, more, resume=True).table) == 3
 
 
 def test_an_interruption_of_a_later_training_tells_how_to_go_on(spikes, tmp_path, monkeypatch, capsys):
     begun, folder = tasks_of(), tmp_path / "run"
     words = ["train", str(spikes), "-o", str(folder), *COMMAND.split(), "--repeats", "2"]
-    repeated.run(spikes, folder, SMALL, begun)
+    cross_validation.run(spikes, folder, SMALL, begun)
 
     def interrupted(*_, **__):
-        raise train_run.Interrupted(0)
+        raise resumable.Interrupted(0)
 
-    monkeypatch.setattr(train_run, "run", interrupted)
+    monkeypatch.setattr(resumable, "run", interrupted)
     monkeypatch.setattr(sys, "argv", ["neurotact", *words, "--resume"])
     with pytest.raises(SystemExit):
         cli.main()
@@ -111,7 +111,7 @@ def test_one_fold_is_one_training(spikes, tmp_path):
     )
     assert done.exit_code == 0
     assert not (tmp_path / "run" / "splits.csv").exists()
-    assert trained.restore(tmp_path / "run").task.split.fold == 1
+    assert run_folder.restore(tmp_path / "run").task.split.fold == 1
 
 
 def test_seeds_that_would_test_the_same_trials_are_refused():
@@ -147,8 +147,8 @@ def test_each_speed_is_tested_by_a_network_that_has_not_seen_it(at_speeds, tmp_p
     assert done.exit_code == 0
     trains = hdf5.load_spikes(at_speeds)
     for speed, name in ((150, "0-speed-150"), (300, "1-speed-300"), (450, "2-speed-450")):
-        restored = trained.restore(tmp_path / "run" / name)
-        tested = trained.test_trials(restored, trains)
+        restored = run_folder.restore(tmp_path / "run" / name)
+        tested = run_folder.test_trials(restored, trains)
         assert set(trains.conditions["speed"][tested]) == {speed}
         assert len(tested) == 8
         assert f"speed = {speed}: " in done.stdout
@@ -199,24 +199,24 @@ def test_a_name_with_brackets_or_colons_is_printed_as_it_is(capsys):
 
 
 def trained_with(accuracies):
-    """`train_run.run` with these test accuracies in its results, one after the other."""
-    run, left = train_run.run, iter(accuracies)
+    """`resumable.run` with these test accuracies in its results, one after the other."""
+    run, left = resumable.run, iter(accuracies)
 
     def trained_as(spikes, folder, *more, **options):
         run(spikes, folder, *more, **options)
-        result = read_json(folder / train_run.RESULT)
+        result = read_json(folder / resumable.RESULT)
         result["row"]["accuracy_test"] = next(left)
-        write_json(folder / train_run.RESULT, result)
+        write_json(folder / resumable.RESULT, result)
 
     return trained_as
 
 
 def test_splits_that_are_all_right_have_the_interval_of_their_test_trials(spikes, tmp_path, monkeypatch):
-    monkeypatch.setattr(train_run, "run", trained_with([1.0] * 3))
-    found = repeated.run(spikes, tmp_path / "run", SMALL, tasks_of(folds=3))
+    monkeypatch.setattr(resumable, "run", trained_with([1.0] * 3))
+    found = cross_validation.run(spikes, tmp_path / "run", SMALL, tasks_of(folds=3))
     # Each fold tests 6 of 18 trials: 6 / (1/3 + 6/12) are 7.
     assert [*found.accuracy] == pytest.approx([1.0, *wilson_interval(1.0, 7)])
-    assert "accuracy 100.0 % (95 % interval 64.6 to 100.0 %) over 3 splits" in repeated.line(found)
+    assert "accuracy 100.0 % (95 % interval 64.6 to 100.0 %) over 3 splits" in cross_validation.line(found)
 
 
 def test_further_seeds_of_two_tested_values_give_no_interval(at_speeds, tmp_path, monkeypatch):
@@ -225,10 +225,10 @@ def test_further_seeds_of_two_tested_values_give_no_interval(at_speeds, tmp_path
     assert "over 2 values of speed, 2 splits each (too few for an interval: test 3 values or more)" in said
     # Of three, it is that of the means at each of them: their seeds test the same trials.
     tasks = tasks_of(hdf5.load_spikes(at_speeds).conditions, leave_out_each="speed", repeats=2)
-    monkeypatch.setattr(train_run, "run", trained_with([0.3, 0.5, 0.7, 0.5, 0.5, 0.5]))
-    found = repeated.run(at_speeds, tmp_path / "three", SMALL, tasks)
+    monkeypatch.setattr(resumable, "run", trained_with([0.3, 0.5, 0.7, 0.5, 0.5, 0.5]))
+    found = cross_validation.run(at_speeds, tmp_path / "three", SMALL, tasks)
     assert [*found.accuracy] == pytest.approx([*resampled_interval([0.4, 0.5, 0.6], 667, 333)])
-    assert "%) over 3 values of speed, 2 splits each, " in repeated.line(found)
+    assert "%) over 3 values of speed, 2 splits each, " in cross_validation.line(found)
 
 
 def test_each_pair_is_tested_by_a_network_that_has_seen_neither_value(tmp_path):
@@ -249,7 +249,7 @@ def test_each_pair_is_tested_by_a_network_that_has_seen_neither_value(tmp_path):
     assert found["left_out"].tolist() == [f"speed = {speed}, day = {day}" for speed in (1, 2) for day in ("d1", "d3")]
     trains = hdf5.load_spikes(tmp_path / "spikes.h5")
     for name, left in zip(found["folder"], found["left_out"], strict=True):
-        sides = trained.restore(tmp_path / "run" / name).provenance.sides(trains)
+        sides = run_folder.restore(tmp_path / "run" / name).provenance.sides(trains)
         of_test = trains.conditions[sides == "test"]
         assert {f"speed = {row.speed}, day = {row.day}" for row in of_test.itertuples()} == {left}
         others = trains.conditions[(sides == "training") | (sides == "validation")]

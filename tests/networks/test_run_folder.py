@@ -20,12 +20,12 @@ from neurotact.errors import InputError
 from neurotact.metrics.synops import summary
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.exit.early_exit import ExitRule
-from neurotact.networks.exit.held_out import ExitChoice
-from neurotact.networks.training import fitting, tasks, trained, training
-from neurotact.networks.training.fitting import Trained
+from neurotact.networks.exit.patience import ExitChoice
+from neurotact.networks.exit.rule import ExitRule
+from neurotact.networks.training import epochs, run_folder, tasks, trainer
+from neurotact.networks.training.epochs import Epoch, Examples, Training
 from neurotact.networks.training.tasks import Task
-from neurotact.networks.training.training import Epoch, Examples, Training
+from neurotact.networks.training.trainer import Trained
 from neurotact.networks.use import inference, measuring
 
 N_STEPS = 30
@@ -166,31 +166,31 @@ VALIDATION = ((STEADY, 0), (STEADY, 0), (STEADY, 0), (SWITCHING, 1))
 @pytest.mark.parametrize(("tolerance", "patience"), [(0.0, 10), (0.24, 10), (0.25, 1), (0.99, 1)])
 def test_the_exit_rule_loses_no_more_than_it_may(tolerance, patience):
     """Class 0 leads the switching window for 10 steps, so that a patience below 10 gets it wrong: 3 of 4 windows."""
-    assert fitting.exit_rule(wired(), examples(*VALIDATION), tolerance) == ExitRule(patience, from_first_spike=True)
+    assert trainer.exit_of(wired(), examples(*VALIDATION), tolerance).rule == ExitRule(patience, from_first_spike=True)
 
 
 def test_a_rule_is_chosen_on_all_validation_windows_however_many():
     many = examples(*[(STEADY, 0)] * 1500, (SWITCHING, 1))
-    assert fitting.exit_rule(wired(), many, 0.0).patience == 10
-    assert fitting.exit_rule(wired(), many, 0.001).patience == 1
+    assert trainer.exit_of(wired(), many, 0.0).rule.patience == 10
+    assert trainer.exit_of(wired(), many, 0.001).rule.patience == 1
 
 
 def test_training_windows_judge_a_steady_rule_too():
     """One validation window, which allows a patience of 1, beside training windows that do not."""
     training = examples(*[(STEADY, 0)] * 400, *[(SWITCHING, 1)] * 100)
-    assert fitting.exit_rule(wired(), examples((STEADY, 0)), 0.01).patience == 1
-    assert fitting.exit_rule(wired(), examples((STEADY, 0)), 0.01, training).patience == 10
-    assert fitting.exit_rule(wired(), examples(*VALIDATION), 0.01, examples((STEADY, 0))).patience == 10
+    assert trainer.exit_of(wired(), examples((STEADY, 0)), 0.01).rule.patience == 1
+    assert trainer.exit_of(wired(), examples((STEADY, 0)), 0.01, training).rule.patience == 10
+    assert trainer.exit_of(wired(), examples(*VALIDATION), 0.01, examples((STEADY, 0))).rule.patience == 10
 
 
 @pytest.mark.parametrize(("choice", "patience"), [("least", 1), ("steady", 10)])
 def test_a_fit_chooses_as_the_task_says(monkeypatch, choice, patience):
     trains = trains_of(*VALIDATION, (STEADY, 0), (STEADY, 1), (STEADY, 0))
-    monkeypatch.setattr(training, "train", untrained)
-    monkeypatch.setattr(fitting, "new_network", lambda *_, **__: (wired(), torch.Generator()))
+    monkeypatch.setattr(epochs, "train", untrained)
+    monkeypatch.setattr(trainer, "new_network", lambda *_, **__: (wired(), torch.Generator()))
     task = Task(window={"length_ms": N_STEPS}, exit_choice=choice)
     split = Split(np.arange(4), np.array([4]), np.array([5, 6]))
-    assert fitting.fit(trains, SPEC, task, (0, 1), split=split)[0].rule.patience == patience
+    assert trainer.fit(trains, SPEC, task, (0, 1), split=split)[0].rule.patience == patience
 
 
 @pytest.mark.parametrize(("tolerance", "patience"), [(0.01, 10), (0.25, 1)])
@@ -203,11 +203,11 @@ def test_a_fit_takes_the_tasks_tolerance_and_its_validation_trials(monkeypatch, 
         seen.extend([training.labels.tolist(), validation.labels.tolist()])
         return untrained()
 
-    monkeypatch.setattr(training, "train", watched)
-    monkeypatch.setattr(fitting, "new_network", lambda *_, **__: (wired(), torch.Generator()))
+    monkeypatch.setattr(epochs, "train", watched)
+    monkeypatch.setattr(trainer, "new_network", lambda *_, **__: (wired(), torch.Generator()))
     split = Split(np.array([0, 1]), np.array([2, 3, 4, 5]), np.array([6, 7]))
     task = Task(window={"length_ms": N_STEPS}, exit_tolerance=tolerance)
-    found, sides = fitting.fit(trains, SPEC, task, (0, 1), split=split)
+    found, sides = trainer.fit(trains, SPEC, task, (0, 1), split=split)
     assert found.rule.patience == patience
     assert seen == [[0, 1], [0, 0, 0, 1]]
     assert sides.test.labels.tolist() == [0, 0]
@@ -231,9 +231,9 @@ def spikes_of_many():
 def test_the_first_seed_draws_the_weights_and_the_second_the_order():
     trains = trains_of((STEADY, 0), (SILENT, 1))
     training = torch.zeros(2, 10, 2, dtype=torch.uint8)
-    network, order = fitting.new_network(trains, SPEC, (3, 4), training)
-    other_order, order_of_5 = fitting.new_network(trains, SPEC, (3, 5), training)
-    other_weights, _ = fitting.new_network(trains, SPEC, (4, 4), training)
+    network, order = trainer.new_network(trains, SPEC, (3, 4), training)
+    other_order, order_of_5 = trainer.new_network(trains, SPEC, (3, 5), training)
+    other_weights, _ = trainer.new_network(trains, SPEC, (4, 4), training)
     alone = RSNN(2, 2, SPEC, 1000.0, generator=torch.Generator().manual_seed(3))
     assert torch.equal(network.w_in, alone.w_in)
     assert torch.equal(network.w_out, other_order.w_out)
@@ -252,7 +252,7 @@ def test_training_trials_of_one_class_are_refused():
     trains = trains_of((STEADY, 0), (STEADY, 0), (SILENT, 1), (SILENT, 1))
     split = Split(np.array([0, 1]), np.array([2]), np.array([3]))
     with pytest.raises(InputError, match=r"the training trials hold too few classes \(felt\); give at least two"):
-        fitting.fit(trains, SPEC, Task(window={"length_ms": N_STEPS}), (0, 1), split=split)
+        trainer.fit(trains, SPEC, Task(window={"length_ms": N_STEPS}), (0, 1), split=split)
 
 
 def test_the_classes_of_all_trials_are_gathered_once_and_not_for_each_trial(monkeypatch):
@@ -270,7 +270,7 @@ def test_training_windows_without_a_spike_are_said():
     split = Split(np.array([0, 1]), np.array([2]), np.array([3]))
     spec = SPEC.model_copy(update={"training": SPEC.training.model_copy(update={"epochs": 1})})
     with pytest.warns(UserWarning, match="none of the 2 training windows holds a spike.*raise the encoder's gains"):
-        fitting.fit(trains, spec, Task(window={"length_ms": N_STEPS}), (0, 1), split=split)
+        trainer.fit(trains, spec, Task(window={"length_ms": N_STEPS}), (0, 1), split=split)
 
 
 # --- what a saved network says of trials and encoders ----------------------------------------------------
@@ -287,8 +287,8 @@ def made(tmp_path):
     trains = trains_of(*[((rng.random((N_STEPS, 2)) < 0.3).astype(np.uint8), n % 2) for n in range(N_TRIALS)])
     path = tmp_path / "spikes.h5"
     hdf5.save_spikes(trains, path)
-    trained.save(fitted(), tmp_path / "run", trains, path, TASK)
-    return trains, trained.restore(tmp_path / "run"), tasks.trials_of(trains, TASK)
+    run_folder.save(fitted(), tmp_path / "run", trains, path, TASK)
+    return trains, run_folder.restore(tmp_path / "run"), tasks.trials_of(trains, TASK)
 
 
 def infer(restored, trains, **options) -> pd.DataFrame:
@@ -319,8 +319,8 @@ def test_trials_are_known_in_any_order_and_in_another_file(made):
 def test_trials_outside_the_tasks_subset_are_unseen(made, tmp_path):
     trains, _, _ = made
     task = TASK.model_copy(update={"subset": {"force_N": list(range(10))}})
-    trained.save(fitted(), tmp_path / "part", trains, tmp_path / "spikes.h5", task)
-    table = infer(trained.restore(tmp_path / "part"), trains)
+    run_folder.save(fitted(), tmp_path / "part", trains, tmp_path / "spikes.h5", task)
+    table = infer(run_folder.restore(tmp_path / "part"), trains)
     assert set(table[table.trial >= 10].side) == {"unseen"}
     assert "unseen" not in set(table[table.trial < 10].side)
 
@@ -328,8 +328,8 @@ def test_trials_outside_the_tasks_subset_are_unseen(made, tmp_path):
 def test_the_split_that_a_fit_was_given_is_the_one_that_is_saved(made, tmp_path):
     trains, _, _ = made
     split = Split(np.arange(4), np.arange(4, 8), np.arange(8, 12))
-    trained.save(fitted(), tmp_path / "own", trains, tmp_path / "spikes.h5", TASK, split)
-    table = infer(trained.restore(tmp_path / "own"), trains)
+    run_folder.save(fitted(), tmp_path / "own", trains, tmp_path / "spikes.h5", TASK, split)
+    table = infer(run_folder.restore(tmp_path / "own"), trains)
     sides = table.groupby("trial").side.first().tolist()
     assert sides == ["training"] * 4 + ["validation"] * 4 + ["test"] * 4 + ["unseen"] * 8
 
@@ -349,8 +349,8 @@ def test_inference_exits_early_where_the_loss_is_bounded_and_says_where_not(tmp_
     trains = trains_of(*[(STEADY, 0), (SILENT, 1)] * 10)
     done = fitted()
     done = done._replace(held=ExitChoice(done.rule, dict.fromkeys(range(n), 0.0), 0.01))
-    trained.save(done, tmp_path / "two", trains, tmp_path / "two.h5", Task(window={"length_ms": N_STEPS}))
-    restored = trained.restore(tmp_path / "two")
+    run_folder.save(done, tmp_path / "two", trains, tmp_path / "two.h5", Task(window={"length_ms": N_STEPS}))
+    restored = run_folder.restore(tmp_path / "two")
     assert (restored.held, restored.rule) == (done.held, done.rule)
     is_used = n == 299
     assert (infer(restored, trains, early_exit=True)["steps"].min() < N_STEPS) == is_used
@@ -367,8 +367,8 @@ def test_inference_exits_early_where_the_loss_is_bounded_and_says_where_not(tmp_
 def test_early_exit_pays_for_the_steps_that_were_simulated(tmp_path):
     """As counted in `test_test_windows_are_measured_as_by_hand`, on the way through the files."""
     trains = trains_of(*[(STEADY, 0), (SILENT, 1)] * 10)
-    trained.save(fitted(), tmp_path / "two", trains, tmp_path / "two.h5", Task(window={"length_ms": N_STEPS}))
-    restored = trained.restore(tmp_path / "two")
+    run_folder.save(fitted(), tmp_path / "two", trains, tmp_path / "two.h5", Task(window={"length_ms": N_STEPS}))
+    restored = run_folder.restore(tmp_path / "two")
     full, early = (infer(restored, trains, early_exit=e).iloc[0] for e in (False, True))
     kept = ["steps", "input_spikes", "hidden_spikes", "sops_total"]
     assert full[kept].tolist() == [30, 15, 14, 86]
@@ -406,7 +406,7 @@ def test_a_network_without_its_trials_is_refused(made, tmp_path, key):
     del table["extra"][key]
     path.write_text(json.dumps(table))
     with pytest.raises(InputError, match=f"'{key}' is missing; make the network with neurotact train"):
-        trained.restore(tmp_path / "run")
+        run_folder.restore(tmp_path / "run")
 
 
 @pytest.mark.parametrize(
@@ -418,20 +418,20 @@ def test_a_damaged_note_of_trials_is_named(made, tmp_path, trials):
     table["extra"]["trials"] = trials
     path.write_text(json.dumps(table))
     with pytest.raises(InputError, match=r"trials.*network\.json"):
-        trained.restore(tmp_path / "run")
+        run_folder.restore(tmp_path / "run")
 
 
 def test_a_network_of_an_earlier_version_is_read_unless_it_exits_by_a_margin(tmp_path):
     trains = trains_of(*[(STEADY, 0), (SILENT, 1)] * 10)
-    trained.save(fitted(), tmp_path, trains, tmp_path / "two.h5", TASK)
+    run_folder.save(fitted(), tmp_path, trains, tmp_path / "two.h5", TASK)
     path = tmp_path / "network.json"
     table = json.loads(path.read_text())
     table["extra"]["task"]["exit_by"], table["extra"]["exit_margin"] = "stability", None
     path.write_text(json.dumps(table))
-    assert trained.restore(tmp_path).rule == RULE
+    assert run_folder.restore(tmp_path).rule == RULE
     for place, key, value in (("extra", "exit_margin", 2.0), ("task", "exit_by", "margin")):
         changed = json.loads(json.dumps(table))
         (changed["extra"] if place == "extra" else changed["extra"]["task"])[key] = value
         path.write_text(json.dumps(changed))
         with pytest.raises(InputError, match=f"{key}: unknown key"):
-            trained.restore(tmp_path)
+            run_folder.restore(tmp_path)

@@ -26,8 +26,8 @@ from neurotact.data.spikes import SpikeTrains, from_rasters
 from neurotact.errors import InputError
 from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training import fitting, tasks, train_run, trained
-from neurotact.networks.training.train_run import ASKED, CHECKPOINT, CHOICE, LAST, LEFT, RESULT, Interrupted, run
+from neurotact.networks.training import resumable, run_folder, tasks, trainer
+from neurotact.networks.training.resumable import ASKED, CHECKPOINT, CHOICE, LAST, LEFT, RESULT, Interrupted, run
 from neurotact.spec import override, read, to_toml
 
 ROOT = Path(__file__).parents[2]
@@ -91,7 +91,7 @@ def new_folder(spikes: Path) -> Path:
 
 
 class Stop:
-    """Raises in place of the n-th call of `train_run.line_of`, which each epoch makes once."""
+    """Raises in place of the n-th call of `resumable.line_of`, which each epoch makes once."""
 
     def __init__(self, after: int, error: type[BaseException] = KeyboardInterrupt) -> None:
         self.left, self.error = after, error
@@ -106,7 +106,7 @@ class Stop:
 def interrupt(monkeypatch, after: int, spikes: Path, folder: Path, **options) -> int:
     """Interrupt a training when so many epochs are saved; how many it says are."""
     with monkeypatch.context() as patch:
-        patch.setattr(train_run, "line_of", Stop(after))
+        patch.setattr(resumable, "line_of", Stop(after))
         with pytest.raises(Interrupted) as end:
             run(spikes, folder, NETWORK, TASK, **options)
     return end.value.epochs
@@ -127,7 +127,7 @@ def test_what_a_recipe_chooses_is_told_saved_and_gone_on_with(monkeypatch, spike
 
     again = new_folder(spikes)
     with monkeypatch.context() as patch:
-        patch.setattr(train_run, "line_of", Stop(3))
+        patch.setattr(resumable, "line_of", Stop(3))
         with pytest.raises(Interrupted):
             run(spikes, again, asked, TASK)
     assert run(spikes, again, asked, TASK, resume=True, tell=told_again.append) is not None
@@ -140,7 +140,7 @@ def test_what_a_recipe_chooses_is_told_saved_and_gone_on_with(monkeypatch, spike
 @examples(6)
 @given(stops=st.lists(st.integers(0, N_EPOCHS - 1), min_size=1, max_size=3), between=st.sampled_from([0.0, 1e9]))
 def test_a_training_interrupted_after_any_epochs_leaves_the_same_bytes(monkeypatch, spikes, whole, stops, between):
-    monkeypatch.setattr(train_run, "SECONDS_BETWEEN", between)  # each epoch, or the first and the last alone
+    monkeypatch.setattr(resumable, "SECONDS_BETWEEN", between)  # each epoch, or the first and the last alone
     folder = new_folder(spikes)
     done = 0
     for more in stops:
@@ -153,7 +153,7 @@ def test_a_training_interrupted_after_any_epochs_leaves_the_same_bytes(monkeypat
 
 
 @pytest.mark.parametrize(
-    "place", ["training.trained.save", "use.measuring.measure", "training.train_run.files.write_json"]
+    "place", ["training.run_folder.save", "use.measuring.measure", "training.resumable.files.write_json"]
 )
 def test_an_interrupt_after_the_last_epoch_loses_nothing(monkeypatch, spikes, whole, folder, place):
     def interrupted(*_, **__):
@@ -165,7 +165,7 @@ def test_an_interrupt_after_the_last_epoch_loses_nothing(monkeypatch, spikes, wh
             run(spikes, folder, NETWORK, TASK)
     assert end.value.epochs == N_EPOCHS
     with monkeypatch.context() as patch:
-        patch.setattr(train_run, "line_of", Stop(0))  # no epoch is trained again
+        patch.setattr(resumable, "line_of", Stop(0))  # no epoch is trained again
         assert run(spikes, folder, NETWORK, TASK, resume=True) is not None
     assert contents(folder) == whole
 
@@ -195,12 +195,12 @@ def test_after_the_choice_every_other_condition_is_trained_on(at_speeds, elsewhe
     trains = tasks.load_spikes(at_speeds, ELSEWHERE)
     first, seeds = tasks.trials_of(trains, ELSEWHERE), of_start(0, ELSEWHERE.split)
     assert np.unique(trains.conditions["speed"].iloc[first.train]).size == 1
-    chosen, sides = fitting.fit(trains, NETWORK, ELSEWHERE, seeds)
+    chosen, sides = trainer.fit(trains, NETWORK, ELSEWHERE, seeds)
     choice, row = json.loads(elsewhere[CHOICE]), json.loads(elsewhere[RESULT])["row"]
     assert choice["accuracy_validation"] == row["accuracy_validation"] == chosen.training.best.validation_accuracy
     assert choice["exit_patience"] == row["exit_patience"] == chosen.rule.patience
     assert choice["exit_accuracy_validation"] == row["exit_accuracy_validation"]
-    restored = trained.restore(at_speeds.parent / "whole")
+    restored = run_folder.restore(at_speeds.parent / "whole")
     assert restored.held == chosen.held  # of the speed that validation left out
     assert set(restored.held.losses) == set(first.validation.tolist())
     assert row["exit_loss_bound"] == restored.held.bound
@@ -209,7 +209,7 @@ def test_after_the_choice_every_other_condition_is_trained_on(at_speeds, elsewhe
     last = tasks.trials_of(trains, restored.task)
     assert np.unique(trains.conditions["speed"].iloc[last.train]).tolist() == [1, 2]
     assert last.test.tolist() == first.test.tolist() == list(range(16, 24))
-    again, _ = fitting.fit(trains, NETWORK, restored.task, seeds)
+    again, _ = trainer.fit(trains, NETWORK, restored.task, seeds)
     torch.testing.assert_close(restored.network.state_dict(), again.network.state_dict(), rtol=0, atol=0)
     assert not torch.equal(restored.network.w_in, chosen.network.w_in)
     assert restored.rule == chosen.rule
@@ -248,14 +248,14 @@ def refuses_other_splits(trials_of):
 def test_both_trainings_go_on_after_any_epoch(monkeypatch, at_speeds, elsewhere, after):
     folder = new_folder(at_speeds)
     with monkeypatch.context() as patch:
-        patch.setattr(train_run, "line_of", Stop(after))
+        patch.setattr(resumable, "line_of", Stop(after))
         with pytest.raises(Interrupted):
             run(at_speeds, folder, NETWORK, ELSEWHERE)
     if after:
         with pytest.raises(InputError, match="pass `resume=True` to continue"):
             run(at_speeds, folder, NETWORK, ELSEWHERE)
     with monkeypatch.context() as patch:
-        patch.setattr(train_run, "line_of", Stop(2 * N_EPOCHS - after))  # no epoch is trained again
+        patch.setattr(resumable, "line_of", Stop(2 * N_EPOCHS - after))  # no epoch is trained again
         assert run(at_speeds, folder, NETWORK, ELSEWHERE, resume=True) is not None
     assert contents(folder) == elsewhere
     assert run(at_speeds, folder, NETWORK, ELSEWHERE, resume=True) is None
@@ -268,7 +268,7 @@ def test_a_kill_between_the_trainings_loses_nothing(monkeypatch, at_speeds, else
         raise MemoryError
 
     with monkeypatch.context() as patch:
-        patch.setattr(train_run._Run, "last", killed)
+        patch.setattr(resumable._Run, "last", killed)
         with pytest.raises(MemoryError):
             run(at_speeds, folder, NETWORK, ELSEWHERE)
     assert set(contents(folder)) == {ASKED, CHOICE}
@@ -278,7 +278,7 @@ def test_a_kill_between_the_trainings_loses_nothing(monkeypatch, at_speeds, else
 
 def test_a_training_that_is_done_is_left_alone(monkeypatch, spikes, whole, folder):
     assert run(spikes, folder, NETWORK, TASK) is not None
-    monkeypatch.setattr(fitting, "fit", None)
+    monkeypatch.setattr(trainer, "fit", None)
     assert run(spikes, folder, NETWORK, TASK, resume=True) is None
     with pytest.raises(InputError, match=r"already exists and is not empty; .*`force=True`"):
         run(spikes, folder, NETWORK, TASK)
@@ -340,11 +340,11 @@ def test_spikes_that_changed_are_refused_and_moved_ones_are_not(monkeypatch, tmp
 
 
 def test_other_versions_are_told(monkeypatch, spikes, whole, folder):
-    versions = dict.fromkeys(train_run.NUMBERS, "x")
+    versions = dict.fromkeys(resumable.NUMBERS, "x")
     with monkeypatch.context() as patch:
-        patch.setattr(train_run, "versions", lambda: {**versions, "torch": "1.0"})
+        patch.setattr(resumable, "versions", lambda: {**versions, "torch": "1.0"})
         interrupt(patch, 2, spikes, folder)
-        patch.setattr(train_run, "versions", lambda: {**versions, "torch": "2.0"})
+        patch.setattr(resumable, "versions", lambda: {**versions, "torch": "2.0"})
         with pytest.warns(UserWarning, match=r"was started with torch 1\.0; its numbers may differ"):
             run(spikes, folder, NETWORK, TASK, resume=True)
     assert contents(folder)["weights.safetensors"] == whole["weights.safetensors"]
@@ -474,7 +474,7 @@ def test_a_full_disk_is_one_sentence_and_the_training_goes_on_later(monkeypatch,
     interrupt(monkeypatch, 2, spikes, folder)
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", full)
-        patch.setattr(train_run, "SECONDS_BETWEEN", 0.0)
+        patch.setattr(resumable, "SECONDS_BETWEEN", 0.0)
         with pytest.raises(InputError, match=r"cannot be written .*free space"):
             run(spikes, folder, NETWORK, TASK, resume=True)
     assert set(contents(folder)) == {ASKED, CHECKPOINT}
@@ -502,10 +502,10 @@ def test_ctrl_c_says_how_to_go_on(monkeypatch, capsys, spikes, folder):
         return (int(end.value.code or 0), *capsys.readouterr())
 
     with monkeypatch.context() as patch:
-        patch.setattr(train_run, "line_of", Stop(0))
+        patch.setattr(resumable, "line_of", Stop(0))
         said = "neurotact: interrupted before the first epoch was over; nothing is saved\n"
         assert typed() == (130, "", said)
-        patch.setattr(train_run, "line_of", Stop(3))
+        patch.setattr(resumable, "line_of", Stop(3))
         said = f"neurotact: interrupted after epoch 3; go on with: neurotact {' '.join(words)} --resume\n"
         assert typed("--force") == (130, "", said)
     code, out, err = typed("--resume")
@@ -528,13 +528,13 @@ TRAIN = """
 import sys
 from pathlib import Path
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training import train_run
+from neurotact.networks.training import resumable
 from neurotact.networks.training.tasks import Task
-train_run.SECONDS_BETWEEN = float(sys.argv[3])
+resumable.SECONDS_BETWEEN = float(sys.argv[3])
 network = RSNNSpec(hidden=6, training=TrainingSpec(epochs=int(sys.argv[4]), patience=10**6, batch=4))
 try:
-    train_run.run(Path(sys.argv[1]), Path(sys.argv[2]), network, Task(window={"length_ms": 40}), resume=True)
-except train_run.Interrupted as interrupted:
+    resumable.run(Path(sys.argv[1]), Path(sys.argv[2]), network, Task(window={"length_ms": 40}), resume=True)
+except resumable.Interrupted as interrupted:
     sys.exit(130)
 """
 

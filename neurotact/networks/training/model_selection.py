@@ -1,12 +1,15 @@
-"""Training for conditions that no training trial has: which varied copies help is chosen on validation trials.
+"""Selection on validation trials, and the last training after it, with the condition that validation left out.
 
-These trials have a condition that training trials have not. After the choice the network is trained again, with it.
+Where the test is on conditions that no training trial has, validation trials have a condition that training trials have
+not: they choose the kind of varied copies, the epoch and the exit rule. What that came to is kept (`Choice`), since
+validation trials of the last training have only conditions that are trained on, and say nothing of the test.
 """
 
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import pandas as pd
+from pydantic import Field
 
 from neurotact.data.augmentation import NONE, UNRANKED, AugmentationSpec
 from neurotact.data.copies import copies_of
@@ -15,11 +18,64 @@ from neurotact.data.splits import SplitSpec, turns_of
 from neurotact.metrics import paired
 from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.training import fitting, tasks
-from neurotact.networks.training.choice import Choice, last
-from neurotact.networks.training.fitting import Trained
+from neurotact.networks.exit.patience import ExitChoice
+from neurotact.networks.exit.rule import ExitRule
+from neurotact.networks.training import ensemble, tasks, trainer
+from neurotact.networks.training.epochs import Examples
 from neurotact.networks.training.tasks import Sides, Task
+from neurotact.networks.training.trainer import Trained
 from neurotact.networks.use import measuring
+from neurotact.spec import Spec
+
+
+class Choice(Spec):
+    """What a training chose on validation trials of another condition."""
+
+    network: RSNNSpec
+    """The network, with its recipe resolved."""
+    exit_patience: int | None = Field(default=None, ge=1)
+    gone = {"exit_margin": None}
+    accuracy_validation: float = Field(ge=0, le=1)
+    exit_accuracy_validation: float = Field(ge=0, le=1)
+    exit_losses: dict[int, float] = {}
+    """By validation trial, as of `ExitChoice`; a choice of an earlier version has none."""
+    recurrence_gain: float | None = Field(default=None, ge=-1, le=1)
+    """Of validation accuracy; None if recurrence was not tried (`epochs.Training`)."""
+
+    @classmethod
+    def of(cls, fitted: Trained, validation: Examples) -> "Choice":
+        """Of a trained network and its validation windows."""
+        return cls(
+            network=ensemble.spec_of(fitted.network, fitted.training.n_members),
+            exit_patience=fitted.rule.patience,
+            accuracy_validation=fitted.training.best.validation_accuracy,
+            exit_accuracy_validation=measuring.exit_accuracy(fitted, validation),
+            exit_losses={} if fitted.held is None else dict(fitted.held.losses),
+            recurrence_gain=fitted.training.recurrence_gain,
+        )
+
+    @property
+    def rule(self) -> ExitRule:
+        """The rule of early exit."""
+        return ExitRule(self.exit_patience, from_first_spike=True)
+
+    def given_to(self, last: Trained, task: Task) -> Trained:
+        """The network of the last training with the rule of this choice, and what is known of its loss."""
+        return last.with_rule(self.rule, ExitChoice(self.rule, self.exit_losses, task.exit_tolerance))
+
+    def row(self) -> dict[str, float]:
+        """The columns of results by which networks are compared: their accuracies at a condition not trained on."""
+        columns = {"accuracy_validation", "exit_accuracy_validation", "recurrence_gain"}
+        return self.model_dump(include=columns, exclude_none=True)
+
+
+def last(
+    trains: SpikeTrains, choice: Choice, task: Task, seeds: tuple[int, int], **options: Any
+) -> tuple[Trained, Sides]:
+    """Train the chosen network; task: of `tasks.with_every_condition`, options: of `trainer.fit`."""
+    fitted, sides = trainer.fit(trains, choice.network, task, seeds, **options)
+    return choice.given_to(fitted, task), sides
+
 
 SEEN = 0.15
 """Share of the training trials that are kept for a test at the conditions of training."""
@@ -101,7 +157,7 @@ def trainings(
     varied = are_unranked(kinds, trains.conditions, task.split)
     for kind in kinds:
         own = task.model_copy(update={"augmentation": kind, "varied_validation": varied})
-        fitted, sides = fitting.fit(trains, spec, own, seeds, progress=progress)
+        fitted, sides = trainer.fit(trains, spec, own, seeds, progress=progress)
         yield Tried(own, fitted, sides, _accuracy_seen(fitted, trains, own))
 
 

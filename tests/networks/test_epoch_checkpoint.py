@@ -13,8 +13,8 @@ from neurotact.errors import InputError
 from neurotact.networks.definition import optimisers
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training.training import Checkpoint, Examples, train
-from neurotact.networks.training.training_checkpoint import SHA256, Net, _sha256, load, save
+from neurotact.networks.training.epoch_checkpoint import SHA256, Net, _sha256, load, save
+from neurotact.networks.training.epochs import Checkpoint, Examples, train
 
 NET = Net(RSNNSpec(hidden=5, learn=("beta",), training=TrainingSpec(epochs=4, batch=8)), 3, 2)
 

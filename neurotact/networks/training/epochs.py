@@ -1,4 +1,4 @@
-"""Training by surrogate gradients: a loss of readout counts, rate penalties, optimiser, early stopping."""
+"""Training by surrogate gradients, epoch by epoch: a loss of readout counts, rate penalties, early stopping."""
 
 import math
 import warnings
@@ -152,7 +152,7 @@ def train(
     keep: called after each epoch with a checkpoint for `start`.
     member: of its epochs.
     Raises InputError if a weight is no longer finite: its neurons would become silent without an error. And for a spec
-    with several members, which `members.train` trains.
+    with several members, which `ensemble.train` trains.
 
     >>> from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
     >>> spec = RSNNSpec(hidden=8, training=TrainingSpec(epochs=2, batch=4))

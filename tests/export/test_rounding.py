@@ -4,8 +4,8 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.exporters.c.rounding import Grid, SeenRounded, seen_rounded
 
-from neurotact.networks.definition.rounding import Grid, SeenRounded, seen_rounded
 from neurotact.networks.definition.rsnn import RSNN
 
 KINDS = [{}, {"model": "snn"}, {"readout": "integrator"}, {"membrane": "immediate", "learn": ("alpha", "threshold")}]

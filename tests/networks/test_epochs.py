@@ -12,7 +12,7 @@ from neurotact.errors import InputError
 from neurotact.networks.definition import optimisers
 from neurotact.networks.definition.rsnn import RSNN, Counts
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training.training import (
+from neurotact.networks.training.epochs import (
     Epoch,
     Examples,
     best_of,
@@ -225,7 +225,7 @@ def test_nothing_is_disturbed_by_nothing_and_the_asked_share_is_left_out():
 def test_training_windows_alone_are_disturbed(monkeypatch):
     seen = []
     monkeypatch.setattr(
-        "neurotact.networks.training.training.disturbed", lambda spikes, *rest: (seen.append(rest[:2]), spikes)[1]
+        "neurotact.networks.training.epochs.disturbed", lambda spikes, *rest: (seen.append(rest[:2]), spikes)[1]
     )
     fit(network(epochs=2, patience=2, input_dropout=0.2, input_jitter_ms=1.0))
     assert seen == 2 * 4 * [(0.2, 2)]
@@ -245,7 +245,7 @@ def test_an_integrator_hears_some_hidden_neurons_in_training_and_all_in_validati
     spec = TrainingSpec(epochs=1, batch=16, rate_penalty=0.0, readout_dropout=0.4)
     heard = []
     monkeypatch.setattr(
-        "neurotact.networks.training.training.partly_heard",
+        "neurotact.networks.training.epochs.partly_heard",
         lambda hidden, share, _: (heard.append(share), 0 * hidden)[1],
     )
     told = {}
@@ -263,7 +263,7 @@ def test_gradients_that_explode_are_said(monkeypatch):
     net = network(epochs=1)
     with torch.no_grad():
         net.w_in *= 1e3
-    monkeypatch.setattr("neurotact.networks.training.training.EXPLODED", 0.0)
+    monkeypatch.setattr("neurotact.networks.training.epochs.EXPLODED", 0.0)
     with pytest.warns(UserWarning, match="gradients explode .* in epoch 1"):
         fit(net)
 

@@ -9,12 +9,11 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from neurotact import files
-from neurotact.data.nested import combination
-from neurotact.data.splits import Splits, SplitSpec, each_left_out
+from neurotact.data.splits import Splits, SplitSpec, combination, each_left_out
 from neurotact.errors import InputError, some
 from neurotact.metrics.resampled import LEAST_SPLITS, Interval, resampled_interval
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.training import train_run
+from neurotact.networks.training import resumable
 from neurotact.networks.training.tasks import Task
 from neurotact.tables import write_table
 
@@ -78,10 +77,10 @@ def run(
 ) -> Repeated:
     """Train one network for each task in its own folder below `folder`, and write the table of all.
 
-    options: of `train_run.run`; with `resume=True`, finished trainings are not repeated.
+    options: of `resumable.run`; with `resume=True`, finished trainings are not repeated.
     """
     with files.locked(folder):
-        single = [name for name in train_run.LEFT if (folder / name).exists()]
+        single = [name for name in resumable.LEFT if (folder / name).exists()]
         if single:
             raise InputError(f"{folder}: holds a single training; choose another folder")
         if not (force or resume) and (folder / TABLE).exists():
@@ -101,9 +100,9 @@ def run(
         rows, compared, trials = [], {}, []
         for name, task in tasks.items():
             subfolder = folder / name
-            train_run.run(spikes, subfolder, network, task, force=force, resume=resume, tell=tell, **options)
+            resumable.run(spikes, subfolder, network, task, force=force, resume=resume, tell=tell, **options)
             tell = _silent  # the recipe's choices are printed only for the first split
-            result = files.read_json(subfolder / train_run.RESULT)
+            result = files.read_json(subfolder / resumable.RESULT)
             split: dict[str, Any] = {"split_seed": task.split.seed}
             if task.split.folds:
                 split["fold"] = task.split.fold
@@ -126,7 +125,7 @@ def run(
 
 def trained_in(folder: Path) -> list[str]:
     """The names of the folders below `folder` that hold a finished training."""
-    return sorted(result.parent.name for result in folder.glob(f"*/{train_run.RESULT}"))
+    return sorted(result.parent.name for result in folder.glob(f"*/{resumable.RESULT}"))
 
 
 def _share(splits: Sequence[SplitSpec]) -> float:

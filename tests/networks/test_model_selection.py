@@ -13,9 +13,9 @@ from neurotact.encoders import specs
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.training import robust, tasks
+from neurotact.networks.training import model_selection, tasks
+from neurotact.networks.training.epochs import Epoch
 from neurotact.networks.training.tasks import Task
-from neurotact.networks.training.training import Epoch
 from neurotact.spec import resolve
 
 SPEEDS = (1.0, 1.6, 2.5)
@@ -125,25 +125,25 @@ def test_spikes_without_copies_refuse_them(trains):
 
 def test_auto_chooses_only_where_validation_can(trains):
     auto = AugmentationSpec()
-    assert robust.candidates(auto, trains.conditions, task().split) == CANDIDATES
+    assert model_selection.candidates(auto, trains.conditions, task().split) == CANDIDATES
     alone = trains.conditions[trains.conditions["speed"] != 1.6].reset_index(drop=True)
-    assert robust.candidates(auto, alone, task().split) == ("time+gain",)
-    assert robust.candidates(AugmentationSpec(kind="start"), alone, task().split) == ("start",)
+    assert model_selection.candidates(auto, alone, task().split) == ("time+gain",)
+    assert model_selection.candidates(AugmentationSpec(kind="start"), alone, task().split) == ("start",)
 
 
 def test_each_kind_starts_from_the_same_weights_and_the_best_on_validation_wins(trains):
     spec = resolve(RSNNSpec, "rsnn", {"hidden": 12, "training.epochs": 1, "training.batch": 8})
-    tried = list(robust.trainings(trains, spec, task(seen=0.2), (0, 1), CANDIDATES))
+    tried = list(model_selection.trainings(trains, spec, task(seen=0.2), (0, 1), CANDIDATES))
     assert [one.task.augmentation for one in tried] == list(CANDIDATES)
     assert [one.row()["n_train"] for one in tried] == [len(one.sides.train.labels) for one in tried]
     assert all(0 <= one.seen <= 1 and not one.task.varied_validation for one in tried)
     kept = tasks.seen_trials(trains, tried[0].task)
     for one in tried:  # one window of each trial
-        right = robust.right_seen(one.fitted.network, trains, one.task)
+        right = model_selection.right_seen(one.fitted.network, trains, one.task)
         assert [*right] == kept.tolist()
         assert np.mean([*right.values()]) == pytest.approx(one.seen)
-    assert robust.right_seen(tried[0].fitted.network, trains, task()) == {}
-    best = robust.best_of(tried)
+    assert model_selection.right_seen(tried[0].fitted.network, trains, task()) == {}
+    best = model_selection.best_of(tried)
     assert best.validation == max(one.validation for one in tried)
     equal = [one for one in tried if one.validation == best.validation]
     losses = [one.fitted.training.best.validation_loss for one in equal]

@@ -22,12 +22,12 @@ from neurotact.errors import InputError
 from neurotact.interrupt import stop_if_asked, terminated_as_interrupted
 from neurotact.networks.definition import recipe, seeds
 from neurotact.networks.definition.specs import RSNNSpec, void_keys
-from neurotact.networks.training import checkpoint, fitting, tasks, trained, training_checkpoint
-from neurotact.networks.training.choice import Choice
-from neurotact.networks.training.fitting import Trained
+from neurotact.networks.training import epoch_checkpoint, run_folder, tasks, trainer
+from neurotact.networks.training.epochs import Checkpoint, Epoch
+from neurotact.networks.training.model_selection import Choice
 from neurotact.networks.training.outcome import Chosen, Outcome, outcome_of
 from neurotact.networks.training.tasks import Sides, Task
-from neurotact.networks.training.training import Checkpoint, Epoch
+from neurotact.networks.training.trainer import Trained
 from neurotact.progress import track
 from neurotact.spec import Spec, build, digest, read, saved, to_toml, unsaved
 from neurotact.versions import versions
@@ -37,7 +37,7 @@ ASKED = "train.toml"
 CHECKPOINT = "checkpoint.safetensors"
 CHOICE, LAST = "choice.json", "last.safetensors"
 RESULT = "result.json"
-LEFT = (RESULT, CHECKPOINT, LAST, CHOICE, trained.LOG, checkpoint.WEIGHTS, checkpoint.NETWORK, ASKED)
+LEFT = (RESULT, CHECKPOINT, LAST, CHOICE, run_folder.LOG, run_folder.WEIGHTS, run_folder.NETWORK, ASKED)
 """All files of a training; the files that show its end or its progress are removed first."""
 SECONDS_BETWEEN = 1.0
 """Least time between two checkpoints: short epochs are not slowed down by writing."""
@@ -174,7 +174,7 @@ class _Run:
             try:
                 told = "train" if name == CHECKPOINT else "train again"
                 with track(told, n_trainings * network.training.epochs, done=n_before, at_most=True) as advance:
-                    fitted, sides = fitting.fit(
+                    fitted, sides = trainer.fit(
                         self.trains,
                         network,
                         task,
@@ -194,7 +194,7 @@ class _Run:
 
     def _end(self, fitted: Trained, sides: Sides, task: Task, chosen: Chosen | None = None) -> Outcome:
         """Save the network and its results."""
-        trained.save(fitted, self.folder, self.trains, self.spikes, task)
+        run_folder.save(fitted, self.folder, self.trains, self.spikes, task)
         outcome = outcome_of(fitted, sides, self.trains, task, chosen=chosen)
         files.write_json(self.folder / RESULT, outcome.as_json())
         return outcome
@@ -222,7 +222,7 @@ class _CheckpointWriter:
         if not self.is_ours:
             _begin(self.folder, self.asked)
             self.is_ours = True
-        training_checkpoint.save(self.latest, self.folder / self.name, _training(self.asked, self.name))
+        epoch_checkpoint.save(self.latest, self.folder / self.name, _training(self.asked, self.name))
         self.epochs, self.latest = len(self.latest.epochs), None
         self.written_at = time.monotonic()
 
@@ -312,8 +312,8 @@ def _load(folder: Path, request: _Asked, trains: SpikeTrains, name: str) -> Chec
     """The checkpoint of a training; None if it has not begun."""
     if not _holds(folder, name):
         return None
-    net = training_checkpoint.Net(request.network, len(trains.afferents), len(trains.classes), trains.sampling_rate_Hz)
-    return training_checkpoint.load(folder / name, net, _training(request, name))
+    net = epoch_checkpoint.Net(request.network, len(trains.afferents), len(trains.classes), trains.sampling_rate_Hz)
+    return epoch_checkpoint.load(folder / name, net, _training(request, name))
 
 
 def _choice(folder: Path) -> Choice | None:
@@ -333,7 +333,7 @@ def _holds(folder: Path, *names: str) -> bool:
 
 def saved_in(folder: Path) -> str:
     """What the folder of a training holds, in one line."""
-    return f"saved in {folder}: the network, {RESULT} with all numbers, {trained.LOG}"
+    return f"saved in {folder}: the network, {RESULT} with all numbers, {run_folder.LOG}"
 
 
 def line_of(epoch: Epoch, n_trainings: int = 1) -> str:

@@ -7,18 +7,18 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from neurotact.backend import Backend
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.networks.definition import clock, module, recipe
-from neurotact.networks.definition.kernels import Backend
 from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.exit import exit_choice, held_out
-from neurotact.networks.exit.early_exit import ExitRule
-from neurotact.networks.exit.held_out import ExitChoice, Judged
-from neurotact.networks.training import members
+from neurotact.networks.exit import patience
+from neurotact.networks.exit.patience import ExitChoice, Judged
+from neurotact.networks.exit.rule import ExitRule
+from neurotact.networks.training import ensemble
+from neurotact.networks.training.epochs import Checkpoint, Examples, Training
 from neurotact.networks.training.tasks import Sides, Task, sides_of
-from neurotact.networks.training.training import Checkpoint, Examples, Training
 
 AT_ONCE = 256
 """Windows that are simulated together."""
@@ -81,7 +81,7 @@ def new_trained(
 ) -> tuple[Network, Training]:
     """Train a network for the afferents and classes of some spike trains, with the choices of its recipe; and its log.
 
-    options: of `members.train`.
+    options: of `ensemble.train`.
     """
 
     def new(spec: RSNNSpec, seeds: tuple[int, int]) -> tuple[Network, torch.Generator]:
@@ -89,7 +89,7 @@ def new_trained(
         return network.to(device), order
 
     chosen = recipe.chosen_for(spec, training.spikes, trains.sampling_rate_Hz)
-    return members.train(new, chosen, seeds, training, validation, **options)
+    return ensemble.train(new, chosen, seeds, training, validation, **options)
 
 
 def _warn_of_silence(training: Examples) -> None:
@@ -147,19 +147,6 @@ def _warn_of_merged(network: Network, training: Tensor) -> None:
         )
 
 
-def exit_rule(
-    network: Network,
-    validation: Examples,
-    tolerance: float,
-    training: Examples | None = None,
-) -> ExitRule:
-    """The early exit of least patience whose accuracy on validation windows is within `tolerance`.
-
-    training: windows that `steady` evaluates together with the validation windows; without them `least` chooses.
-    """
-    return exit_of(network, validation, tolerance, training).rule
-
-
 @torch.no_grad()
 def exit_of(
     network: Network,
@@ -167,7 +154,10 @@ def exit_of(
     tolerance: float,
     training: Examples | None = None,
 ) -> ExitChoice:
-    """As `exit_rule`, with the losses on trials that did not choose it (`held_out.losses`)."""
+    """The early exit of least patience within `tolerance`, with its losses on trials that did not choose it.
+
+    training: windows that `steady` evaluates together with the validation windows; without them `least` chooses.
+    """
     labels = validation.labels.cpu()
     of = torch.arange(len(labels)) if validation.of is None else validation.of
     right = torch.cat([*_right(network, validation)]).numpy()
@@ -176,16 +166,16 @@ def exit_of(
     if training is not None:
         counts = torch.stack([part.sum(dim=0) for part in _right(network, training)])
         seen = counts.sum(dim=0), len(training.labels)
-    index = held_out.choose(judged, tolerance, seen)
-    rule = exit_choice.patience_rule(index, network.steps_per_bin)
-    return ExitChoice(rule, held_out.losses(judged, tolerance, seen), tolerance)
+    index = patience.choose(judged, tolerance, seen)
+    rule = patience.patience_rule(index, network.steps_per_bin)
+    return ExitChoice(rule, patience.losses(judged, tolerance, seen), tolerance)
 
 
 def _right(network: Network, examples: Examples) -> Iterator[Tensor]:
     """Whether each window is decided correctly with each patience, `(window, patience)`, some at a time."""
     for readout, labels in _readouts(network, examples):
-        decisions = exit_choice.exits(readout, integration=network.integration)
-        yield exit_choice.is_right(decisions, labels).cpu()
+        decisions = patience.exits(readout, integration=network.integration)
+        yield patience.is_right(decisions, labels).cpu()
 
 
 def _readouts(network: Network, examples: Examples) -> Iterator[tuple[Tensor, Tensor]]:
