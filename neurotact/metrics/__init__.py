@@ -15,7 +15,7 @@ Other rooms take:
     power: can_beat_guessing, in_words, is_too_weak
     prices: ARITHMETIC_45NM, DEFAULT, PriceList, Priced, price_list
     reconstruction: Reconstruction, direct, linear, segments, transferred
-    referee: GAP, Kind, Verdict, Way, best_of, cheapest_of, holm, is_gap, judge, least_difference, level_with_best,
+    referee: GAP, Verdict, Way, best_of, cheapest_of, holm, is_gap, judge, least_difference, level_with_best,
         within_error
     resampled: DIFFERENCES, Interval, LEAST_SPLITS, SHARES, compare_over_splits, least_difference_over_splits,
         resampled_error, resampled_interval, resampled_p, sizes_of

@@ -131,7 +131,7 @@ def write(
     shared = {"among": among, "tables": [of_encoders._asdict()]} if of_encoders else {}
     write_json(folder / ANSWER, _answers_as_json(fronts, cautions) | shared)
     shown = fronts[_first_shown(fronts)]
-    of_best = shown.cells[shown.networks.index(shown.answer.best)]
+    of_best = shown.cells[shown.answer.rows.index(shown.answer.best)]
     best = of_best if course.best_row is None else course.best_row
     costs = _ledger(study, results, baselines, afferents, n_classes)
     left = {**course.tables}
@@ -171,7 +171,7 @@ def write(
         means=means_table(results.join(spent), study),
         searches=search.table(trials, results, study),
         conditions=[
-            *robustness.tables(study, remedies, shown.networks, shown.answer.best),
+            *robustness.tables(study, remedies, shown.answer.rows, shown.answer.best),
             *robustness.class_table(shown.classes, shown.answer.best),
         ],
         baselines=_baselines_table(baselines, study),
@@ -253,13 +253,7 @@ def _answers_as_json(fronts: Sequence[Front], cautions: Sequence[str]) -> dict[s
     return {
         "answers": [
             {
-                "dataset": one.setting,
-                "kind": one.answer.kind,
-                "headline": one.headline,
-                "short": one.verdict,
-                "figures": [figure._asdict() for figure in one.figures],
-                "chosen": one.chosen,
-                "details": one.details,
+                **one.in_words(),
                 "interval": list(one.answer.interval),
                 "test_trials": one.answer.trials.test,
                 **front.as_json(one),

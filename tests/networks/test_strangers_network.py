@@ -29,7 +29,8 @@ from neurotact.networks.training.comparison import costs
 from neurotact.networks.training.training import Examples, train
 from neurotact.networks.use import ledger
 from neurotact.networks.use.measuring import synops_of
-from neurotact.report.answer import Decision, Network, Trials, count
+from neurotact.report.answer import Decision, Network, Trials
+from neurotact.report.wording import count
 
 STRANGER = """
 from torch import nn
