@@ -178,8 +178,8 @@ def networks_of(results: pd.DataFrame, splits: Sequence[str] = ()) -> list[Netwo
             int(row["hidden"]),
             int(row["seeds"]),
             float(row["accuracy_validation"]),
-            _decision(row, "whole", "accuracy_test"),
-            _decision(row, "early", "exit_accuracy"),
+            _decision(row, "whole"),
+            _decision(row, "early"),
             starts=int(fewest[tuple(row[key] for key in NETWORK)]),
             apart=apart,
             apart_early=apart_early,
@@ -188,12 +188,13 @@ def networks_of(results: pd.DataFrame, splits: Sequence[str] = ()) -> list[Netwo
     ]
 
 
-def _decision(row: Mapping[str, Any], kind: str, accuracy: str) -> Any:
-    """A decision of `networks_of`; None for early exit if it was not measured."""
-    if kind == "early" and pd.isna(row[accuracy]):
+def _decision(row: Mapping[str, Any], kind: str) -> Any:
+    """A decision of a row with the columns of `costs_of`; None for early exit if it was not measured."""
+    accuracy = row[f"{KINDS[kind]}accuracy" if KINDS[kind] else "accuracy_test"]
+    if kind == "early" and pd.isna(accuracy):
         return None
     sops, ms, spikes, energy_nJ = (row[f"{kind}_{cost}"] for cost in COSTS)
-    return Decision(row[accuracy], sops, ms, spikes, None if pd.isna(energy_nJ) else float(energy_nJ))
+    return Decision(accuracy, sops, ms, spikes, None if pd.isna(energy_nJ) else float(energy_nJ))
 
 
 def decisions_of_row(row: Mapping[str, Any], costs: Mapping[str, float | None]) -> dict[str, Any]:
@@ -201,11 +202,7 @@ def decisions_of_row(row: Mapping[str, Any], costs: Mapping[str, float | None]) 
 
     row: of `results.csv`. costs: of `costs_of`, None if missing.
     """
-    accuracies = {"whole": row["accuracy_test"], "early": row["exit_accuracy"]}
-    return {
-        kind: None if accuracy is None else {"accuracy": accuracy, **{c: costs[f"{kind}_{c}"] for c in COSTS}}
-        for kind, accuracy in accuracies.items()
-    }
+    return {kind: _as_json(_decision({**row, **costs}, kind)) for kind in KINDS}
 
 
 def as_json(front: Front) -> dict[str, Any]:

@@ -178,7 +178,7 @@ def details(outcome: Answer[Any, Any]) -> Iterator[str]:
         return
     yield from _of_cheapest(outcome)
     for each in outcome.priced:
-        yield from _early(each.network, outcome.trials.test, "it" if len(outcome.priced) == 1 else each.network.name)
+        yield from _early(each.network, outcome)
     for each in outcome.priced:
         yield from _energy(each)
     uncounted = [one for one in outcome.others if isinstance(one, Baseline) and one.nJ is None]
@@ -190,7 +190,7 @@ def details(outcome: Answer[Any, Any]) -> Iterator[str]:
 
 def _of_cheapest(outcome: Answer[Any, Any]) -> Iterator[str]:
     """Which is the cheapest within the error of the best, and what that saves and costs."""
-    best, cheapest, n_test = outcome.best, outcome.cheapest, outcome.trials.test
+    best, cheapest = outcome.best, outcome.cheapest
     within = f"({outcome.measure.points(outcome.error)} on {'validation' if outcome.is_validated else 'test'} trials)"
     if math.isnan(outcome.error) and not isinstance(best, Network):
         few = "one row" if best.rows == 1 else "too few splits"
@@ -198,30 +198,24 @@ def _of_cheapest(outcome: Answer[Any, Any]) -> Iterator[str]:
     elif isinstance(best, Network) and math.isinf(best.way(outcome.trials).cost):
         yield f"What a decision of {best.name} costs is not counted, so none is said to be the cheapest."
     elif cheapest != best:
-        saved = _cheaper(best, cheapest, n_test) if isinstance(best, Network) else _cheaper_way(outcome)
+        saved = _cheaper(outcome) if isinstance(best, Network) else _cheaper_way(outcome)
         yield f"Within the error of {best.name} {within}, {cheapest.name} is the cheapest{saved}."
     elif isinstance(best, Network) or not math.isnan(best.cost):
         yield f"{best.name} is also the cheapest within its error {within}."
 
 
-def _cheaper(best: Network, cheapest: Network, n_test: int) -> str:
+def _cheaper(outcome: OfNetworks) -> str:
+    best, cheapest = outcome.best, outcome.cheapest
     is_known = best.whole.nJ is not None and cheapest.whole.nJ is not None
     on = " on whole windows" if best.exits or cheapest.exits else ""
-    kind = "energy (an estimate)" if is_known else "SOPs"
-    return f" in {kind}{on}: {_saved(best.whole, cheapest.whole)}, {_lost(best.whole, cheapest.whole, n_test)}"
+    return f" in {'energy (an estimate)' if is_known else 'SOPs'}{on}: {_changed(best.whole, cheapest.whole, outcome)}"
 
 
 def _cheaper_way(outcome: WayAnswer) -> str:
-    best, cheapest, measure = outcome.best, outcome.cheapest, outcome.measure
-    against = "a cost that is not counted" if math.isnan(best.cost) else count(best.cost)
+    best, cheapest, said = outcome.best, outcome.cheapest, outcome.measure
+    against = said.spent(best.cost) if math.isnan(best.cost) else count(best.cost)
     less = f"{100 * (1 - cheapest.cost / best.cost):.0f} % less, " if best.cost > 0 else ""
-    lost = best.accuracy - cheapest.accuracy
-    if measure.points(abs(lost)) == measure.points(0.0):
-        change = f"at the same {measure.what}, {measure.of(cheapest.accuracy)}"
-    else:
-        way = "falls" if lost > 0 else "rises"
-        change = f"and {measure.what} {way} by {measure.points(abs(lost))} to {measure.of(cheapest.accuracy)}"
-    return f": {less}{measure.spent(cheapest.cost)} against {against}, {change}"
+    return f": {less}{said.spent(cheapest.cost)} against {against}, {_lost(best.accuracy, cheapest.accuracy, outcome)}"
 
 
 def _energy(priced: Priced) -> Iterator[str]:
@@ -265,11 +259,8 @@ def of_refractory_periods(outcome: OfNetworks) -> Iterator[str]:
     with_shortest = [network for network in outcome.rows if network.pair == shortest]
     other = with_shortest[referee.cheapest_of([network.way(outcome.trials) for network in with_shortest])]
     on = ", on whole windows" if other.exits or outcome.cheapest.exits else ""
-    yield (
-        f"Refractory periods of {outcome.cheapest.pair} ms in place of {shortest} ms: "
-        f"{_saved(other.whole, outcome.cheapest.whole)}, "
-        f"{_lost(other.whole, outcome.cheapest.whole, outcome.trials.test)}{on}."
-    )
+    changed = _changed(other.whole, outcome.cheapest.whole, outcome)
+    yield f"Refractory periods of {outcome.cheapest.pair} ms in place of {shortest} ms: {changed}{on}."
 
 
 def gaps(outcome: OfNetworks, cause: str) -> Iterator[str]:
@@ -339,8 +330,9 @@ def of_starts(outcome: OfNetworks) -> str:
     )
 
 
-def _early(network: Network, n_test: int, name: str) -> Iterator[str]:
+def _early(network: Network, outcome: OfNetworks) -> Iterator[str]:
     """What early exit saves and loses on test trials, and whether it is used."""
+    name = "it" if len(outcome.priced) == 1 else network.name
     whole, early = network.whole, network.early
     if early is None:
         return
@@ -350,13 +342,18 @@ def _early(network: Network, n_test: int, name: str) -> Iterator[str]:
     verb = "decides" if network.exits else "would decide"
     said = (
         f"With early exit {name} {verb} after {milliseconds(early.ms)} of {milliseconds(whole.ms)} on average: "
-        f"{_saved(whole, early)}, {_lost(whole, early, n_test)}."
+        f"{_changed(whole, early, outcome)}."
     )
     if network.exit_bound is None:
         yield f"{said} Whole windows are used: validation trials do not tell what early exit may lose."
         return
     used = "It is used" if network.exits else "Whole windows are used"
     yield f"{said} {used}: {held_out.in_words(network.exit_bound, network.tolerance)}."
+
+
+def _changed(before: Decision, after: Decision, outcome: OfNetworks) -> str:
+    """The change of costs, then of the accuracy."""
+    return f"{_saved(before, after)}, {_lost(before.accuracy, after.accuracy, outcome)}"
 
 
 def _saved(before: Decision, after: Decision) -> str:
@@ -374,12 +371,11 @@ def _saved(before: Decision, after: Decision) -> str:
     return f"{spent}, although {said}" if less >= 0 > change else f"{said} and {spent}"
 
 
-def _lost(before: Decision, after: Decision, n_test: int) -> str:
-    """The change of the accuracy, in points and in test trials: with few trials, one trial is many points."""
-    points = 100 * (before.accuracy - after.accuracy)
-    if abs(points) < 0.05:
-        return f"at the same test accuracy, {percent(after.accuracy)}"
-    way = "falls" if points > 0 else "rises"
-    trials = abs(points) / 100 * n_test
+def _lost(before: float, after: float, outcome: Answer[Any, Any]) -> str:
+    """The change of the score, in points and in test trials: with few trials, one trial is many points."""
+    said, n_test, lost = outcome.measure, outcome.trials.test, before - after
+    if said.points(abs(lost)) == said.points(0.0):
+        return f"at the same {said.what}, {said.of(after)}"
+    trials = abs(lost) * n_test
     of = f" ({trials:.2g} of {n_test} test trials)" if n_test and trials < 3 else ""
-    return f"and test accuracy {way} by {abs(points):.1f} points{of} to {percent(after.accuracy)}"
+    return f"and {said.what} {'falls' if lost > 0 else 'rises'} by {said.points(abs(lost))}{of} to {said.of(after)}"

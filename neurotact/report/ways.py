@@ -13,7 +13,7 @@ from neurotact.report import first_screen, page, sentences, way_answer
 from neurotact.report.front import Front
 from neurotact.report.page import Entry, Table
 from neurotact.report.way_answer import WayAnswer, name_of, words
-from neurotact.report.wording import count, scale
+from neurotact.report.wording import count, scale, spread
 from neurotact.spec import to_toml
 from neurotact.studies import way_cells
 from neurotact.studies.store import is_done
@@ -210,16 +210,7 @@ def _rows(means: pd.DataFrame, view: View) -> list[list[Entry]]:
 
 
 def _entry(head: str, mean: Any, sd: Any) -> Entry:
-    """A mean and its spread as they are read; a head that ends in (%) asks for percent."""
-    if mean is None or pd.isna(mean):
-        return Entry("-", "")
-    factor = scale(head)
-    spread = 0.0 if sd is None or pd.isna(sd) else factor * float(sd)
-    value = factor * float(mean)
-    digits = 1 if factor > 1 else 0 if abs(value) >= 1000 else 2 if abs(value) >= 1 else 4
-    whole = value == round(value) and factor == 1
-    text = f"{value:,.0f}" if whole else f"{value:,.{digits}f}"
-    return Entry(f"{text} ± {spread:,.{digits}f}" if spread else text, value)
+    return Entry("-", "") if mean is None or pd.isna(mean) else Entry(spread(head, mean, sd), scale(head) * float(mean))
 
 
 def _page_data(means: pd.DataFrame, view: View) -> dict[str, Any]:

@@ -1,7 +1,9 @@
 """Numbers of an answer as a report writes them."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import pandas as pd
 
 from neurotact.metrics.referee import Verdict
 
@@ -51,6 +53,21 @@ class Measure(NamedTuple):
 def scale(head: str) -> float:
     """By what a measure is multiplied to be read: a head that ends in (%) asks for percent."""
     return 100.0 if head.endswith("(%)") else 1.0
+
+
+def spread(head: str, mean: Any, sd: Any = None) -> str:
+    """A mean and its standard deviation in a column of a table, which is a dash where there is none.
+
+    >>> spread("accuracy (%)", 0.912, 0.031), spread("SOPs", 4031.7, 12.0), spread("N", 7.0), spread("ms", 1.26)
+    ('91.2 ± 3.1', '4,032 ± 12', '7', '1.26')
+    """
+    if mean is None or pd.isna(mean):
+        return "-"
+    factor = scale(head)
+    value, deviation = factor * float(mean), 0.0 if sd is None or pd.isna(sd) else factor * float(sd)
+    digits = 1 if factor > 1 else 0 if abs(value) >= 1000 else 2 if abs(value) >= 1 else 4
+    text = f"{value:,.0f}" if value == round(value) and factor == 1 else f"{value:,.{digits}f}"
+    return f"{text} ± {deviation:,.{digits}f}" if deviation else text
 
 
 def chance_of(verdict: Verdict) -> str:
