@@ -121,8 +121,8 @@ def table(outcome: OfNetworks, period: str = "t_ref") -> Table:
     """
     rows = [[f"{row.name}{row.mark}", *_in_words(row, outcome.trials)] for row in _network_rows(outcome)]
     for baseline in _baselines_shown(outcome):
-        mark = ": cheapest on signals that is not clearly less accurate"
-        name = f"{baseline.name}{mark if baseline is outcome.comparable else ''}"
+        note = ": cheapest on signals that is not clearly less accurate"
+        name = f"{baseline.name}{note if baseline is outcome.comparable else ''}"
         spent = "not counted" if baseline.nJ is None else energy(baseline.nJ)
         rows.append(
             [name, with_interval(baseline.accuracy, outcome.trials.test), "", "", _ms(outcome.best.whole), spent]

@@ -58,8 +58,8 @@ def scale(head: str) -> float:
 def spread(head: str, mean: Any, sd: Any = None) -> str:
     """A mean and its standard deviation in a column of a table, which is a dash where there is none.
 
-    >>> spread("accuracy (%)", 0.912, 0.031), spread("SOPs", 4031.7, 12.0), spread("N", 7.0), spread("ms", 1.26)
-    ('91.2 ± 3.1', '4,032 ± 12', '7', '1.26')
+    >>> spread("accuracy (%)", 0.912, 0.031), spread("SOPs", 4031.7, 12.0), spread("N", 7.0), spread("ms", 403.17)
+    ('91.2 ± 3.1', '4,032 ± 12', '7', '403.17')
     """
     if mean is None or pd.isna(mean):
         return "-"

@@ -50,6 +50,12 @@ def test_the_cheapest_within_the_error_is_chosen_on_validation_trials():
     assert "test accuracy falls by 2.0 points (2 of 100 test trials) to 91.0 %" in words
 
 
+def test_trials_are_counted_where_a_change_is_of_fewer_than_three():
+    for lost, words in ((0.02, "2.0 points (2 of 100 test trials) to"), (0.03, "3.0 points to")):
+        near = network("5&5", validation=0.89, accuracy=0.9 - lost, sops=400)
+        assert f"test accuracy falls by {words}" in next(details(answer([network(), near], [], 0.25, TRIALS)))
+
+
 def test_exactly_at_the_error_is_within_it():
     error = standard_error(0.95, 96)
     near = network("5&5", validation=0.95 - error, sops=400)

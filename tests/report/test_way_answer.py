@@ -232,6 +232,25 @@ def test_a_tie_says_below_which_difference_none_is_seen(splits, n_test):
     assert "could be clear" not in said
 
 
+def test_the_least_difference_of_the_comparison_decides_whether_its_trials_are_too_few():
+    found = answer_of(runs(("rsnn", 1, 0.9, 0.8, 9.0), ("svm", 1, 0.9, 0.801, 9.0), splits=5))
+    assert found._replace(least=0.11).kind == "too few trials"
+    assert found._replace(least=0.09).kind == "tie"
+
+
+def test_a_figure_has_the_error_of_its_score_and_only_what_spikes_is_set_beside_another():
+    rows = runs(*APART, ("elm", 1, 0.5, 0.4, 9.0))
+    score, cost = first_screen.figures(answer_of(rows))
+    error = 100 * answer_of(rows).spiking.error
+    assert (score.value, score.of) == ("95.0 %", f"± {error:.1f} points, rsnn, size 1")
+    assert score.against.startswith("svm, size 1: 80.0 ± ")
+    assert (cost.value, cost.against) == ("9", "svm, size 1: 9")
+    alone = rows[rows["kind"] != "rsnn"].assign(chance=0.25)
+    view = SPIKING._replace(measures=MEASURES | {"chance": "guessing (%)"})
+    score, cost = first_screen.figures(answer_of(alone, view))
+    assert (score.against, cost.against) == ("guessing: 25.0 %", "")
+
+
 def test_of_an_unknown_error_nothing_is_said_to_be_level():
     rows = runs(("rsnn", 1, 0.9, 0.95, 9.0), ("svm", 1, 0.9, 0.8, 9.0), ("elm", 1, 0.2, 0.3, 9.0), splits=1)
     said = sentences.headline(answer_of(rows))
