@@ -11,11 +11,11 @@ from neurotact.metrics.paired import Paired, compare_shares
 from neurotact.metrics.referee import Way, best_of
 from neurotact.metrics.savings import Savings, savings, worse_than_another
 from neurotact.metrics.shares import wilson_interval
-from neurotact.report import answer as answers
 from neurotact.report import first_screen, periods
-from neurotact.report.answer import Baseline, Network, Trials
+from neurotact.report.answer import Baseline, Network, Trials, interval_of
 from neurotact.report.front import Front, baselines_of
 from neurotact.report.page import Table
+from neurotact.report.wording import count, energy, percent
 from neurotact.studies import sweeps
 from neurotact.studies.study import StudySpec
 
@@ -51,7 +51,7 @@ class Choice(NamedTuple):
     @property
     def interval(self) -> tuple[float, float]:
         """The 95 % interval of the test accuracy of the network as it is used."""
-        return answers.interval_of(self.network, self.network.used, self.trials)
+        return interval_of(self.network, self.network.used, self.trials)
 
     @property
     def name(self) -> str:
@@ -85,8 +85,8 @@ def choices(
 
 
 def _of_each_pair(front: Front) -> Iterator[Network]:
-    for pair in dict.fromkeys(network.pair for network in front.networks):
-        own = [network for network in front.networks if network.pair == pair]
+    for pair in dict.fromkeys(network.pair for network in front.answer.rows):
+        own = [network for network in front.answer.rows if network.pair == pair]
         yield own[best_of([network.way(front.answer.trials, network.used) for network in own])]
 
 
@@ -114,8 +114,8 @@ def sentence(among: Sequence[Choice]) -> str:
     assert found.cheapest is not None
     cheapest, every = among[found.cheapest], f"{len(among)} encoders and refractory periods"
     if len(found.level) == 1:
-        above = max(among, key=lambda one: one.network.used.accuracy)
-        is_above = above.network.used.accuracy > best.network.used.accuracy
+        above = max(among, key=lambda one: one.network.accuracy)
+        is_above = above.network.accuracy > best.network.accuracy
         more = f"; test trials cannot tell it from {above.name}, {_reached(above)}" if is_above else ""
         return (
             f"{best.name} is the most accurate of {every} on validation trials, which tell it from all others: "
@@ -148,7 +148,7 @@ def _unclear(among: Sequence[Choice], found: Savings) -> str:
 def _savings(among: Sequence[Choice]) -> Savings:
     """What the referee says: validation chooses, and test trials may show that a choice is worse than another."""
     in_sops = any(one.network.used.nJ is None for one in among)
-    ways, tested = [one.way(in_sops=in_sops) for one in among], [one.network.used.accuracy for one in among]
+    ways, tested = [one.way(in_sops=in_sops) for one in among], [one.network.accuracy for one in among]
 
     def compared(one: int, other: int) -> Paired:
         return compare_shares(tested[one], tested[other], among[one].trials.test)
@@ -160,11 +160,11 @@ def _reached(one: Choice) -> str:
     """How often it is right, with the interval of its test trials, and what a decision costs."""
     used = one.network.used
     low, high = one.interval
-    spent = f"{answers.count(used.spikes)} spikes"
-    spent += "" if used.nJ is None else f" and {answers.energy(used.nJ)}"
+    spent = f"{count(used.spikes)} spikes"
+    spent += "" if used.nJ is None else f" and {energy(used.nJ)}"
     if low <= one.guess:
-        spent += f", not clearly more often than by guessing ({answers.percent(one.guess)})"
-    share = answers.percent(used.accuracy)
+        spent += f", not clearly more often than by guessing ({percent(one.guess)})"
+    share = percent(used.accuracy)
     return f"right in {share} of the test windows ({100 * low:.0f} to {100 * high:.0f} %), for {spent}"
 
 
@@ -193,19 +193,15 @@ def table(among: Sequence[Choice]) -> Table | None:
     cheapest = found.cheapest if found.is_clear else None
     rows = []
     for index, one in enumerate(among):
-        said = [
-            word
-            for word, row in (("best on validation", found.best), ("cheapest within its error", cheapest))
-            if index == row
-        ]
-        mark = f": {' and '.join(said)}" if said else " ~" if index in found.level else ""
+        said = first_screen.mark(is_best=index == found.best, is_cheapest=index == cheapest)
+        mark = said or (" ~" if index in found.level else "")
         used, n_test = one.network.used, one.trials.test
         readout = "-" if one.readout is None else first_screen.with_interval(one.readout.accuracy, n_test)
         rate = "" if one.rate_per_s is None else f" at {one.rate_per_s:g} spikes/s"
         rows.append([
-            f"{one.encoder}{rate}{mark}", one.network.pair, answers.count(used.spikes),
+            f"{one.encoder}{rate}{mark}", one.network.pair, count(used.spikes),
             first_screen.within(used.accuracy, one.interval), readout,
-            "-" if one.snr_dB is None else f"{one.snr_dB:.1f}", "-" if used.nJ is None else answers.energy(used.nJ),
+            "-" if one.snr_dB is None else f"{one.snr_dB:.1f}", "-" if used.nJ is None else energy(used.nJ),
         ])  # fmt: skip
     caption = (
         "Every encoder and refractory period, by accuracy on validation trials; ~: they cannot tell it from the best. "

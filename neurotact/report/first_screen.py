@@ -1,18 +1,22 @@
-"""The first screen of a report: three figures of the best network, and the table that they are rows of."""
+"""The first screen of a report: large figures of the row that is shown, and the table that they are rows of."""
 
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import pandas as pd
 
 from neurotact.metrics import referee
 from neurotact.metrics.shares import wilson_interval
-from neurotact.report import answer as answers
-from neurotact.report import periods
-from neurotact.report.answer import Answer, Baseline, Decision, Network, Trials
+from neurotact.report import periods, sentences
+from neurotact.report.answer import Answer, Baseline, Decision, Network, OfNetworks, Trials, interval_of
 from neurotact.report.page import Figure, Table
+from neurotact.report.way_answer import SPENT, Configuration, WayAnswer
+from neurotact.report.wording import count, energy, milliseconds, p_of, percent
 
 HEADS = ["t_ref, neurons", "test accuracy (95 % interval)", "input spikes", "SOPs", "ms to decision", "energy estimate"]
+MOST_KINDS = 8
+"""Kinds of configurations in the first table; all of them stand in the table of every configuration."""
 
 
 class _Row(NamedTuple):
@@ -24,85 +28,107 @@ class _Row(NamedTuple):
     mark: str
 
 
-def figures(outcome: Answer) -> list[Figure]:
-    """Accuracy, energy and time of a decision by the best network; without what the run does not know.
+def figures(outcome: Answer[Any, Any]) -> list[Figure]:
+    """The score and the costs of the row that is shown, beside what it is compared with; without what is not known.
 
+    >>> from neurotact.report.answer import answer
     >>> used = Decision(0.9, 1000.0, 500.0, 80.0, 250.0)
     >>> rival = Baseline("SVM on signals", 0.9, 0.95, 25.0)
-    >>> found = answers.answer([Network("1&1", 50, 1, 0.9, used, None)], [rival], 0.25, Trials(40, 40))
+    >>> found = answer([Network("1&1", 50, 1, 0.9, used, None)], [rival], 0.25, Trials(40, 40))
     >>> for one in figures(found):
     ...     print(one.value, "|", one.of, "|", one.against)
     90.0 % | 95 % interval 77 to 96 %, 40 test trials | SVM on signals: 95.0 % (83 to 99), p = 0.6
     250 nJ | an estimate of the arithmetic | 10 times as much as SVM on signals (25 nJ, 95.0 %)
     500 ms | the whole window | the others wait as long
     """
-    return [*_accuracy(outcome), *_energy(outcome), *_time(outcome)]
+    if isinstance(outcome.best, Network):
+        return [_accuracy(outcome), *_energy(outcome), *_time(outcome)]
+    return [_accuracy(outcome), *_costs(outcome)]
 
 
-def _accuracy(outcome: Answer) -> Iterator[Figure]:
-    n_test, (low, high), rival = outcome.trials.test, outcome.interval, outcome.beside
-    against = f"{rival.name}: {with_interval(rival.accuracy, n_test)}" if rival else f"guessing: {_guess(outcome)}"
+def _accuracy(outcome: Answer[Any, Any]) -> Figure:
+    shown, rival, measure = outcome.shown, outcome.beside, outcome.measure
+    against = "" if math.isnan(outcome.guess) else f"guessing: {measure.of(outcome.guess)}"
+    if rival is not None:
+        against = f"{rival.name}: {_in_doubt(rival, outcome)}"
     if outcome.verdict is not None and rival is outcome.decisive:
-        against += f", {answers.p_of(outcome.verdict)}"
-    trials = f"{n_test} test trial{'' if n_test == 1 else 's'}"
-    of = f"95 % interval {100 * low:.0f} to {100 * high:.0f} %, {trials}"
-    yield Figure("test accuracy", answers.percent(outcome.best.used.accuracy), of, against)
+        against += f", {p_of(outcome.verdict)}"
+    if isinstance(shown, Network):
+        n_test, (low, high) = outcome.trials.test, outcome.interval
+        of = f"95 % interval {100 * low:.0f} to {100 * high:.0f} %, {n_test} test trial{'' if n_test == 1 else 's'}"
+    else:
+        of = f"{'' if math.isnan(shown.error) else f'± {measure.points(shown.error)}, '}{shown.name}"
+    return Figure(measure.what, measure.of(shown.accuracy), of, against)
 
 
-def _energy(outcome: Answer) -> Iterator[Figure]:
+def _in_doubt(one: Baseline | Configuration, outcome: Answer[Any, Any]) -> str:
+    """A score with its interval or error."""
+    if isinstance(one, Configuration):
+        return outcome.measure.with_error(one.accuracy, one.error)
+    return with_interval(one.accuracy, outcome.trials.test)
+
+
+def _costs(outcome: WayAnswer) -> Iterator[Figure]:
+    shown, rival = outcome.shown, outcome.beside
+    theirs: Mapping[str, float] = rival.costs if rival else {}
+    for head, value in shown.costs.items():
+        against = f"{rival.name}: {count(theirs[head])}" if rival and head in theirs else ""
+        yield Figure(head, count(value), shown.name, against)
+
+
+def _energy(outcome: OfNetworks) -> Iterator[Figure]:
     priced = outcome.priced[0]
     spent, rival = priced.network.used.nJ, priced.comparable or priced.cheapest
     if spent is None:
         return
     against = ""
     if rival is not None and rival.nJ is not None:
-        ratio, of = answers.times(priced), f"{answers.energy(rival.nJ)}, {answers.percent(rival.accuracy)}"
+        ratio, of = sentences.times(priced), f"{energy(rival.nJ)}, {percent(rival.accuracy)}"
         against = f"{rival.name}: {of}" if ratio is None else f"{ratio.words} {ratio.than} {rival.name} ({of})"
-    yield Figure("energy per decision", answers.energy(spent), "an estimate of the arithmetic", against)
+    yield Figure("energy per decision", energy(spent), "an estimate of the arithmetic", against)
 
 
-def _time(outcome: Answer) -> Iterator[Figure]:
+def _time(outcome: OfNetworks) -> Iterator[Figure]:
     best = outcome.best
     if pd.isna(best.used.ms):
         return
-    whole = answers.milliseconds(best.whole.ms)
+    whole = milliseconds(best.whole.ms)
     of = f"with early exit, of a window of {whole}" if best.exits else "the whole window"
     others = f"the others wait for the whole window, {whole}" if best.exits else "the others wait as long"
     against = others if outcome.baseline else ""
-    yield Figure("time to decision", answers.milliseconds(best.used.ms), of, against)
+    yield Figure("time to decision", milliseconds(best.used.ms), of, against)
 
 
-def chosen(outcome: Answer, networks: Sequence[Network], baselines: Sequence[Baseline]) -> str:
+def chosen(outcome: OfNetworks) -> str:
     """Which network the figures are of, and which rows of the table are more accurate on test trials."""
     best, rival = outcome.best, outcome.beside
     exits = ", with early exit" if best.exits else ""
     network = f"{best.name}{exits}"
-    ahead = [(row.name, row.decision.accuracy) for row in _network_rows(outcome, networks)]
-    better = [max((one for one in ahead if one[1] > best.used.accuracy), key=lambda one: one[1], default=None)]
-    bar = best.used.accuracy if rival is None else max(rival.accuracy, best.used.accuracy)
-    others = [(one.name, one.accuracy) for one in _baselines_shown(outcome, baselines) if one.accuracy > bar]
+    ahead = [(row.name, row.decision.accuracy) for row in _network_rows(outcome)]
+    better = [max((one for one in ahead if one[1] > best.accuracy), key=lambda one: one[1], default=None)]
+    bar = best.accuracy if rival is None else max(rival.accuracy, best.accuracy)
+    others = [(one.name, one.accuracy) for one in _baselines_shown(outcome) if one.accuracy > bar]
     better.append(max(others, key=lambda one: one[1], default=None))
-    said = [f"{name} has {answers.percent(share)}" for name, share in filter(None, better)]
+    said = [f"{name} has {percent(share)}" for name, share in filter(None, better)]
     told = f"; on test trials {' and '.join(said)}, and a choice by them would flatter" if said else ""
     return f"{network}, chosen on validation trials{told}."
 
 
-def table(outcome: Answer, networks: Sequence[Network], baselines: Sequence[Baseline], period: str = "t_ref") -> Table:
+def table(outcome: OfNetworks, period: str = "t_ref") -> Table:
     """Every network and baseline that a sentence names, and the best of each pair and kind on validation trials.
 
     period: what the refractory periods are of (`periods.head`).
     """
-    rows = [[f"{row.name}{row.mark}", *_in_words(row, outcome.trials)]
-            for row in _network_rows(outcome, networks)]  # fmt: skip
-    for baseline in _baselines_shown(outcome, baselines):
-        mark = ": cheapest on signals that is not clearly less accurate"
-        name = f"{baseline.name}{mark if baseline is outcome.comparable else ''}"
-        spent = "not counted" if baseline.nJ is None else answers.energy(baseline.nJ)
+    rows = [[f"{row.name}{row.mark}", *_in_words(row, outcome.trials)] for row in _network_rows(outcome)]
+    for baseline in _baselines_shown(outcome):
+        note = ": cheapest on signals that is not clearly less accurate"
+        name = f"{baseline.name}{note if baseline is outcome.comparable else ''}"
+        spent = "not counted" if baseline.nJ is None else energy(baseline.nJ)
         rows.append(
             [name, with_interval(baseline.accuracy, outcome.trials.test), "", "", _ms(outcome.best.whole), spent]
         )
-    rows.append(["guessing", _guess(outcome), *[""] * (len(HEADS) - 2)])
-    trainings = max(network.seeds for network in networks)
+    rows.append(["guessing", percent(outcome.guess), *[""] * (len(HEADS) - 2)])
+    trainings = max(network.seeds for network in outcome.rows)
     over = f", of {trainings} trainings each" if trainings > 1 else ""
     caption = (
         f"Means over {outcome.trials.test} test trials{over}; energy is an estimate of the arithmetic. Choices: "
@@ -112,25 +138,30 @@ def table(outcome: Answer, networks: Sequence[Network], baselines: Sequence[Base
     return Table(caption, [f"{period}, neurons", *HEADS[1:]], rows, n_heads=1)
 
 
-def _network_rows(outcome: Answer, networks: Sequence[Network]) -> Iterator[_Row]:
+def _network_rows(outcome: OfNetworks) -> Iterator[_Row]:
     """The networks that sentences name, and the best of each other pair; each with and without early exit."""
-    for pair in dict.fromkeys(network.pair for network in networks):
-        own = [network for network in networks if network.pair == pair]
+    for pair in dict.fromkeys(network.pair for network in outcome.rows):
+        own = [network for network in outcome.rows if network.pair == pair]
         told = [network for network in dict.fromkeys((outcome.best, outcome.cheapest)) if network in own]
         for one in told or [own[referee.best_of([network.way(outcome.trials) for network in own])]]:
-            named = (("best on validation", outcome.best), ("cheapest within its error", outcome.cheapest))
-            marks = [word for word, of in named if of == one]
-            mark = f": {' and '.join(marks)}" if marks else ""
+            said = mark(is_best=one == outcome.best, is_cheapest=one == outcome.cheapest)
             is_early = one.exits and one == outcome.best  # the cheapest is that on whole windows
             name = f"{periods.in_ms(pair)}, {one.hidden}"
-            yield _Row(name, one, one.whole, "" if is_early else mark)
+            yield _Row(name, one, one.whole, "" if is_early else said)
             if one.early is not None:
-                yield _Row(f"{name}, early exit", one, one.early, mark if is_early else "")
+                yield _Row(f"{name}, early exit", one, one.early, said if is_early else "")
 
 
-def _baselines_shown(outcome: Answer, baselines: Sequence[Baseline]) -> list[Baseline]:
+def mark(*, is_best: bool, is_cheapest: bool, best: str = "best on validation") -> str:
+    """What is written after the name of a row that was chosen."""
+    words = ((best, is_best), ("cheapest within its error", is_cheapest))
+    said = " and ".join(word for word, is_said in words if is_said)
+    return f": {said}" if said else ""
+
+
+def _baselines_shown(outcome: OfNetworks) -> list[Baseline]:
     """The leading baselines and those that a sentence names, each once."""
-    return list({one.name: one for one in (*leading(baselines, outcome.trials), *outcome.named)}.values())
+    return list({one.name: one for one in (*leading(outcome.others, outcome.trials), *outcome.named)}.values())
 
 
 def leading(baselines: Sequence[Baseline], trials: Trials) -> list[Baseline]:
@@ -153,19 +184,43 @@ def with_interval(share: float, n_test: int) -> str:
 def within(share: float, interval: tuple[float, float]) -> str:
     """A share with the limits of its interval."""
     low, high = interval
-    return f"{answers.percent(share)} ({100 * low:.0f} to {100 * high:.0f})"
+    return f"{percent(share)} ({100 * low:.0f} to {100 * high:.0f})"
 
 
 def _in_words(row: _Row, trials: Trials) -> list[str]:
-    decision, interval = row.decision, answers.interval_of(row.network, row.decision, trials)
-    spent = "-" if decision.nJ is None else answers.energy(decision.nJ)
-    counts = answers.count(decision.spikes), answers.count(decision.sops)
+    decision, interval = row.decision, interval_of(row.network, row.decision, trials)
+    spent = "-" if decision.nJ is None else energy(decision.nJ)
+    counts = count(decision.spikes), count(decision.sops)
     return [within(decision.accuracy, interval), *counts, _ms(decision), spent]
 
 
 def _ms(decision: Decision) -> str:
-    return "-" if pd.isna(decision.ms) else answers.milliseconds(decision.ms).removesuffix(" ms")
+    return "-" if pd.isna(decision.ms) else milliseconds(decision.ms).removesuffix(" ms")
 
 
-def _guess(outcome: Answer) -> str:
-    return answers.percent(outcome.guess)
+def table_of_configurations(outcome: WayAnswer) -> Table:
+    """The best of each kind, the cheapest within the error, every other that a sentence may name, and guessing."""
+    kinds: dict[str, Configuration] = {}
+    for one in sorted(outcome.rows, key=lambda one: (math.isnan(one.chosen_by), -one.chosen_by)):
+        kinds.setdefault(one.kind, one)
+    named = (outcome.cheapest, outcome.shown, *(outcome.named if outcome.spiking else ()))
+    shown = [*kinds.values()][:MOST_KINDS]
+    shown = [*{one.index: one for one in (*shown, *named)}.values()]
+    measure, is_known = outcome.measure, not math.isnan(outcome.error)
+    spent = [head for head in SPENT.values() if head != measure.cost and any(head in one.costs for one in shown)]
+    rows = []
+    for one in shown:
+        is_cheapest = is_known and one.index == outcome.cheapest.index
+        said = mark(is_best=one.index == outcome.best.index, is_cheapest=is_cheapest, best="best")
+        costs = (count(one.costs[head]) if head in one.costs else "-" for head in spent)
+        rows.append([f"{one.name}{said}", _in_doubt(one, outcome), count(one.cost), *costs])
+    if not math.isnan(outcome.guess):
+        rows.append(["guessing", measure.of(outcome.guess), *[""] * (1 + len(spent))])
+    least, most = (of(one.rows for one in shown) for of in (min, max))
+    over = f"{least} to {most}" if least < most else f"{most}"
+    error = "" if all(math.isnan(one.error) for one in shown) else " ± their standard error"
+    what = f"means over {over} rows of results.csv{error}" if most > 1 else f"one row of results.csv each{error}"
+    setting = f", {outcome.setting}" if outcome.setting else ""
+    chosen = ", chosen on validation rows" if outcome.is_validated else ""
+    caption = f"The best of each kind{setting}{chosen}: {what}."
+    return Table(caption, ["configuration", measure.score, measure.cost, *spent], rows, n_heads=1)

@@ -26,9 +26,10 @@ from neurotact.networks.training.run_folder import LOG
 from neurotact.networks.use import ledger
 from neurotact.networks.use.ledger import Afferents
 from neurotact.report import answer as answers
-from neurotact.report import first_screen, periods, robustness
-from neurotact.report.answer import Answer, Baseline, Decision, Network, Trials
+from neurotact.report import first_screen, periods, robustness, sentences
+from neurotact.report.answer import Answer, Baseline, Decision, Network, OfNetworks, Trials
 from neurotact.report.page import Figure, Table
+from neurotact.report.wording import energy
 from neurotact.studies import automatic
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import cell_folder, result_of
@@ -52,45 +53,57 @@ class Sides(NamedTuple):
 
 
 class Front(NamedTuple):
-    """The first screen for one data set.
+    """The first screen of one answer, of a data set, task or rule.
 
-    split: that of the first training, one of several where a study sweeps it.
-    cells: for each network the row of `results.csv` that stands for it. untold: what validation cannot choose, else
-    empty. figures: of the best network. chosen: which one that is. details: the answer in words, after the headline.
-    table: every way that a sentence names. lost: the losses of accuracy. classes: of `robustness.by_class`, for the
-    best network.
+    figures: of the row that is shown. details: the answer in words, after the headline. tables: every row that a
+    sentence names. chosen: which network the figures are of. untold: what validation cannot choose; both are empty if
+    there is nothing to say. Of networks alone: sides; split: that of the first training, one of several where a study
+    sweeps it; cells: for each network the row of `results.csv` that stands for it; lost: the losses of accuracy;
+    classes: of `robustness.by_class`, for the best network.
     """
 
     setting: str
-    answer: Answer
-    sides: Sides
-    split: SplitSpec
-    networks: list[Network]
-    cells: list[int]
-    untold: str
-    figures: list[Figure]
-    chosen: str
-    details: list[str]
-    table: Table
-    lost: list[str]
-    classes: pd.DataFrame
+    answer: Answer[Any, Any]
+    figures: Sequence[Figure]
+    details: Sequence[str]
+    tables: Sequence[Table]
+    chosen: str = ""
+    untold: str = ""
+    sides: Sides = Sides(Trials(0, 0), {})
+    split: SplitSpec = SplitSpec()
+    cells: Sequence[int] = ()
+    lost: Sequence[str] = ()
+    classes: pd.DataFrame = pd.DataFrame()
 
     @property
     def headline(self) -> str:
         """The answer in one sentence, after a warning where validation cannot choose for the test."""
-        said = answers.headline(self.answer)
+        said = sentences.headline(self.answer)
         return f"{self.untold}. {said}" if self.untold else said
 
     @property
     def verdict(self) -> str:
-        """What the headline says without its numbers."""
-        return answers.verdict(self.answer)
+        """What the headline says without its numbers; the headline where it says nothing else."""
+        said = sentences.verdict(self.answer)
+        return f"{said}." if said else self.headline
 
     @property
     def evidence(self) -> str:
         """The numbers of the headline, as a sentence."""
-        said = answers.evidence(self.answer)
-        return f"{said[0].upper()}{said[1:]}."
+        said = sentences.evidence(self.answer)
+        return f"{said if self.answer.measure.cost else said[:1].upper() + said[1:]}."
+
+    def in_words(self) -> dict[str, Any]:
+        """The answer for programs, in words."""
+        return {
+            "dataset": self.setting,
+            "kind": self.answer.kind,
+            "headline": self.headline,
+            "short": sentences.verdict(self.answer),
+            "figures": [figure._asdict() for figure in self.figures],
+            "chosen": self.chosen,
+            "details": [*self.details],
+        }
 
 
 def costs_of(
@@ -165,8 +178,8 @@ def networks_of(results: pd.DataFrame, splits: Sequence[str] = ()) -> list[Netwo
             int(row["hidden"]),
             int(row["seeds"]),
             float(row["accuracy_validation"]),
-            _decision(row, "whole", "accuracy_test"),
-            _decision(row, "early", "exit_accuracy"),
+            _decision(row, "whole"),
+            _decision(row, "early"),
             starts=int(fewest[tuple(row[key] for key in NETWORK)]),
             apart=apart,
             apart_early=apart_early,
@@ -175,12 +188,13 @@ def networks_of(results: pd.DataFrame, splits: Sequence[str] = ()) -> list[Netwo
     ]
 
 
-def _decision(row: Mapping[str, Any], kind: str, accuracy: str) -> Any:
-    """A decision of `networks_of`; None for early exit if it was not measured."""
-    if kind == "early" and pd.isna(row[accuracy]):
+def _decision(row: Mapping[str, Any], kind: str) -> Any:
+    """A decision of a row with the columns of `costs_of`; None for early exit if it was not measured."""
+    accuracy = row[f"{KINDS[kind]}accuracy" if KINDS[kind] else "accuracy_test"]
+    if kind == "early" and pd.isna(accuracy):
         return None
     sops, ms, spikes, energy_nJ = (row[f"{kind}_{cost}"] for cost in COSTS)
-    return Decision(row[accuracy], sops, ms, spikes, None if pd.isna(energy_nJ) else float(energy_nJ))
+    return Decision(accuracy, sops, ms, spikes, None if pd.isna(energy_nJ) else float(energy_nJ))
 
 
 def decisions_of_row(row: Mapping[str, Any], costs: Mapping[str, float | None]) -> dict[str, Any]:
@@ -188,17 +202,13 @@ def decisions_of_row(row: Mapping[str, Any], costs: Mapping[str, float | None]) 
 
     row: of `results.csv`. costs: of `costs_of`, None if missing.
     """
-    accuracies = {"whole": row["accuracy_test"], "early": row["exit_accuracy"]}
-    return {
-        kind: None if accuracy is None else {"accuracy": accuracy, **{c: costs[f"{kind}_{c}"] for c in COSTS}}
-        for kind, accuracy in accuracies.items()
-    }
+    return {kind: _as_json(_decision({**row, **costs}, kind)) for kind in KINDS}
 
 
 def as_json(front: Front) -> dict[str, Any]:
     """The drawing of one data set: its networks with their intervals, its baselines, and guessing."""
     drawn = []
-    for network, cell in zip(front.networks, front.cells, strict=True):
+    for network, cell in zip(front.answer.rows, front.cells, strict=True):
         low, high = answers.interval_of(network, network.used, front.answer.trials)
         name = f"{periods.in_ms(network.pair)}, {sized(network.hidden)}"
         more = {"low": low, "high": high, "used": USED[network.exits], "cell": cell, "name": name}
@@ -207,8 +217,8 @@ def as_json(front: Front) -> dict[str, Any]:
     one = front.answer
     return {
         "networks": drawn,
-        "best": front.networks.index(one.best),
-        "cheapest": front.networks.index(one.cheapest),
+        "best": one.rows.index(one.best),
+        "cheapest": one.rows.index(one.cheapest),
         "used": USED[one.best.exits],
         "baseline": _shown(one.baseline),
         "comparable": _shown(one.comparable),
@@ -313,35 +323,32 @@ def fronts(
         compare = _comparing(study, folder, done, rows, tables)
         answer = answers.answer(networks, baselines, guess, sides.trials, compare)
         splits = [cell.split for cell in first_of_splits]
-        lost = [*answers.gaps(answer, likely_cause(splits))]
+        lost = [*sentences.gaps(answer, likely_cause(splits))]
         if "encoder" not in rows:  # else the table of encoders tells it
-            lost += answers.where_lost(answer, baselines)
-        saved = answers.of_refractory_periods(answer, networks)
+            lost += sentences.where_lost(answer)
         cheapest = robustness.of_network(rows, answer.cheapest).index
         made_by = [one for index in cheapest if index < len(afferents) and (one := afferents[index]) is not None]
         classes = robustness.by_class(folder, cells_of(done, rows, answer.best), trains)
         words = [
-            answers.of_starts(answer),
+            sentences.of_starts(answer),
             *robustness.sentence(tables.get(robustness.REMEDIES), answer.best),
             *robustness.hardest(classes),
-            *answers.details(answer),
+            *sentences.details(answer),
             *_of_encoding(answer, made_by, study),
             *([] if answer.best.whole.nJ is None else [f"Energies are by the price list {study.prices.name}."]),
-            *saved,
+            *sentences.of_refractory_periods(answer),
         ]
-        standing = [representative(rows, network) for network in networks]
         yield Front(
             str(setting),
             answer,
+            first_screen.figures(answer),
+            words,
+            [first_screen.table(answer, periods.head(study))],
+            first_screen.chosen(answer),
+            unranked,
             sides,
             splits[0],
-            networks,
-            standing,
-            unranked,
-            first_screen.figures(answer),
-            first_screen.chosen(answer, networks, baselines),
-            words,
-            first_screen.table(answer, networks, baselines, periods.head(study)),
+            [representative(rows, network) for network in networks],
             lost,
             classes,
         )
@@ -397,7 +404,7 @@ def likely_cause(splits: Sequence[SplitSpec]) -> str:
     return "the classifiers were chosen among many on few validation trials, or these resemble training trials more"
 
 
-def _of_encoding(answer: Answer, afferents: Sequence[Afferents], study: StudySpec) -> Iterator[str]:
+def _of_encoding(answer: OfNetworks, afferents: Sequence[Afferents], study: StudySpec) -> Iterator[str]:
     """The energy of conditioning and encoding for the cheapest decision, which fewer spikes do not lower.
 
     afferents: of each training of that network; the energy is a mean over them.
@@ -410,7 +417,7 @@ def _of_encoding(answer: Answer, afferents: Sequence[Afferents], study: StudySpe
         return
     first = afferents[0]
     spent = [one.cost(1e-3 * decision.ms * one.rate_Hz, decision.spikes) for one in afferents]
-    alone = answers.energy(float(np.mean([one.energy_nJ(study.prices) for one in spent])))
+    alone = energy(float(np.mean([one.energy_nJ(study.prices) for one in spent])))
     if study.encoding_in == "sensor":
         yield f"Conditioning and encoding are in the sensor and not counted; on the processor they take {alone} more."
         return
@@ -420,7 +427,7 @@ def _of_encoding(answer: Answer, afferents: Sequence[Afferents], study: StudySpe
     elif first.has_average_apart:
         clock = f"{first.recorded_Hz:.4g} samples per second of a moving average and {clock}"
     yield (
-        f"Conditioning and encoding, on the processor, take {alone} of {answers.energy(decision.nJ)}, at {clock}; "
+        f"Conditioning and encoding, on the processor, take {alone} of {energy(decision.nJ)}, at {clock}; "
         "`settings={'encoding_in': 'sensor'}` leaves them out."
     )
 

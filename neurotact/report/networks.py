@@ -1,6 +1,6 @@
 """The report of trained networks: accuracy, spikes, synaptic operations, and the trade-off."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,6 +33,7 @@ from neurotact.report.tables import (
     with_pair,
     with_setting,
 )
+from neurotact.report.wording import spread
 from neurotact.spec import to_toml
 from neurotact.studies import measures
 from neurotact.studies import study as studies
@@ -127,7 +128,7 @@ def write(
     shared = {"among": among, "tables": [of_encoders._asdict()]} if of_encoders else {}
     write_json(folder / ANSWER, _answers_as_json(fronts, cautions) | shared)
     shown = fronts[_first_shown(fronts)]
-    of_best = shown.cells[shown.networks.index(shown.answer.best)]
+    of_best = shown.cells[shown.answer.rows.index(shown.answer.best)]
     best = of_best if course.best_row is None else course.best_row
     costs = _ledger(study, results, baselines, afferents, n_classes)
     left = {**course.tables}
@@ -135,7 +136,7 @@ def write(
     _write_tables(folder, study.title, results, swept, trials, costs, left)
     test_trials = {one.setting: one.answer.trials.test for one in fronts}
     rows, of_rows = course.chosen or (results, done)
-    drawn = _drawings(study, folder, of_rows, rows, encoding, trains, classes, front.levels(fronts), test_trials)
+    levels = front.levels(fronts)
     return page.write(
         "networks.html.jinja",
         study,
@@ -145,7 +146,8 @@ def write(
         tables={"results": results, "encoding": encoding, **extra, **left, **beside},
         figures=chain(
             course.drawings,
-            drawn,
+            encoding_drawings(study, trains, encoding, classes),
+            network_drawings(study, folder, of_rows, rows, classes, levels, test_trials),
             search.drawings(trials, study.search) if study.search else (),
             extra_drawings(study, results, extra, classes),
         ),
@@ -167,7 +169,7 @@ def write(
         means=means_table(results.join(spent), study),
         searches=search.table(trials, results, study),
         conditions=[
-            *robustness.tables(study, remedies, shown.networks, shown.answer.best),
+            *robustness.tables(study, remedies, shown.answer.rows, shown.answer.best),
             *robustness.class_table(shown.classes, shown.answer.best),
         ],
         baselines=_baselines_table(baselines, study),
@@ -249,13 +251,7 @@ def _answers_as_json(fronts: Sequence[Front], cautions: Sequence[str]) -> dict[s
     return {
         "answers": [
             {
-                "dataset": one.setting,
-                "kind": one.answer.kind,
-                "headline": one.headline,
-                "short": one.verdict,
-                "figures": [figure._asdict() for figure in one.figures],
-                "chosen": one.chosen,
-                "details": one.details,
+                **one.in_words(),
                 "interval": list(one.answer.interval),
                 "test_trials": one.answer.trials.test,
                 **front.as_json(one),
@@ -266,31 +262,12 @@ def _answers_as_json(fronts: Sequence[Front], cautions: Sequence[str]) -> dict[s
     }
 
 
-def _drawings(
-    study: StudySpec,
-    folder: Path,
-    done: list[Cell],
-    results: pd.DataFrame,
-    encoding: pd.DataFrame,
-    trains: SpikeTrains | None,
-    classes: Classes,
-    levels: Mapping[str, Mapping[str, float]] = {},
-    trials: Mapping[str, int] = {},
-) -> Iterator[Drawn]:
-    """The figures that these tables and this run folder allow, in the order of the report.
-
-    levels, trials: as for `figures.networks.draw_trade_off`.
-    """
-    yield from encoding_drawings(study, trains, encoding, classes)
-    yield from network_drawings(study, folder, done, results, classes, levels, trials)
-
-
 def means_table(results: pd.DataFrame, study: StudySpec) -> Table:
     """Means over seeds, and over splits where several were run, ± SD of each network."""
     measures = [measure for measure in MEASURES if measure in results]
     rows = [
         [str(row["setting"]), str(row["pair"]), str(row["hidden"]), str(row["seeds"])]
-        + [_spread(measure, row[measure], row[f"{measure}_sd"]) for measure in measures]
+        + [spread(NETWORK_COLUMNS[measure], row[measure], row[f"{measure}_sd"]) for measure in measures]
         for _, row in over_seeds(results, measures).iterrows()
     ]
     columns = [
@@ -325,7 +302,10 @@ def networks_table(results: pd.DataFrame, study: StudySpec) -> list[list[Entry]]
     columns = list(network_columns(study))
     return [
         [
-            Entry(_entry(column, row[column]), int(order[index]) if column == "pair" else plain(row[column]))
+            Entry(
+                spread(NETWORK_COLUMNS[column], row[column]) if column in MEASURES else str(row[column]),
+                int(order[index]) if column == "pair" else plain(row[column]),
+            )
             for column in columns
         ]
         for index, row in results.iterrows()
@@ -419,17 +399,3 @@ def _given(part: Mapping[str, Any]) -> dict[str, Any]:
     return {
         key: _given(value) if isinstance(value, Mapping) else value for key, value in part.items() if value is not None
     }
-
-
-def _spread(measure: str, mean: float, sd: float) -> str:
-    if pd.isna(mean):
-        return "-"
-    scale, digits = (100.0, 1) if "accuracy" in measure else (1.0, 0)
-    mean_text = f"{scale * mean:,.{digits}f}"
-    return mean_text if pd.isna(sd) else f"{mean_text} ± {scale * sd:,.{digits}f}"
-
-
-def _entry(column: str, value: Any) -> str:
-    if column in MEASURES:
-        return _spread(column, value, float("nan"))
-    return str(value)

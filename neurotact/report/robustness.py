@@ -11,8 +11,9 @@ from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.trial_choice import values_in_words
 from neurotact.metrics.shares import wilson_interval
-from neurotact.report.answer import Network, percent
+from neurotact.report.answer import Network
 from neurotact.report.page import Table
+from neurotact.report.wording import percent
 from neurotact.studies.automatic import TESTED
 from neurotact.studies.cell import RIGHT_SEEN
 from neurotact.studies.store import result_of

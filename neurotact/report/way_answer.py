@@ -1,14 +1,13 @@
-"""What a run of a way answers: the best configuration, the cheapest within its error, and what stands beside it.
+"""The answer of a way that is a module, from its configurations.
 
-The referee (`metrics.referee`) chooses by validation rows where the run holds them; test rows tell. A verdict is over
-splits (`metrics.resampled`), or on the test trials of a single one; without knowing which rows test the same trials
-there is none. Errors are those of the same test; where it is impossible, standard errors over rows, which are rather
-too small.
+A verdict is over splits (`metrics.resampled`), or on the test trials of a single one; without knowing which rows test
+the same trials there is none. Errors are those of the same test; where it is impossible, standard errors over rows,
+which are rather too small.
 """
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -25,8 +24,8 @@ from neurotact.metrics.resampled import (
     sizes_of,
 )
 from neurotact.metrics.shares import standard_error
-from neurotact.report.answer import count
-from neurotact.report.page import Figure, Table
+from neurotact.report.answer import Answer, opponents_of
+from neurotact.report.wording import Measure, scale
 from neurotact.studies.way import HEADS, View
 
 VALIDATION = "accuracy_validation"
@@ -34,16 +33,15 @@ SIDES, TRIALS, N_VALIDATION = ("n_train", "n_test"), "test_trials", "n_validatio
 """Columns of results with the sizes of a split: training and test examples, test trials, validation trials."""
 SPENT = {"signal_ms": "ms of signal", "energy_estimate_nJ": HEADS["energy_estimate_nJ"]}
 """What the first screen shows beside the view's own cost, where the run holds it."""
-MOST_KINDS = 8
-"""Kinds of configurations in the first table; all of them stand in the table of every configuration."""
 
 
 class Configuration(NamedTuple):
     """One configuration, means over its rows.
 
     index: its row in the table of means. kind: the first of what names it. chosen_by, choice_error: what it is chosen
-    by and its standard error, NaN if unknown. score, error: the same of what is reported. All scores as the run holds
-    them. by_split: means over the rows of each split, with its sizes; None if splits or sizes are unknown.
+    by and its standard error, NaN if unknown. accuracy, error: the same of what is reported, which may be another
+    score. All as the run holds them. costs: those that are known, by their heads, the view's own first. by_split: means
+    over the rows of each split, with its sizes; None if splits or sizes are unknown.
     """
 
     index: int
@@ -51,11 +49,11 @@ class Configuration(NamedTuple):
     kind: str
     chosen_by: float
     choice_error: float
-    score: float
+    accuracy: float
     error: float
     cost: float
     rows: int
-    spent: dict[str, float]
+    costs: Mapping[str, float]
     by_split: pd.DataFrame | None = None
 
     @property
@@ -64,29 +62,7 @@ class Configuration(NamedTuple):
         return Way(self.chosen_by, self.choice_error, self.cost)
 
 
-class WayAnswer(NamedTuple):
-    """The answer for one task or rule of a run, whose configurations can be compared.
-
-    setting: its name; empty where there is only one. cheapest: the cheapest within the best one's error.
-    spiking: the best that spikes; None where the view names no kinds. others: all without spikes. rivals: those of them
-    that validation cannot tell from the best, `other`. verdict: on `spiking` against them; None if there is nothing to
-    compare, or no test. chance: the accuracy of guessing; None where the run does not hold it. untested: why there is
-    no test; empty if there is one.
-    """
-
-    setting: str
-    configurations: list[Configuration]
-    best: Configuration
-    cheapest: Configuration
-    spiking: Configuration | None
-    others: tuple[Configuration, ...]
-    other: Configuration | None
-    rivals: tuple[Configuration, ...]
-    verdict: Verdict | None
-    chance: float | None
-    is_validated: bool
-    is_optimistic: bool
-    untested: str = ""
+WayAnswer = Answer[Configuration, Configuration]
 
 
 def answers(means: pd.DataFrame, view: View, results: pd.DataFrame | None = None) -> list[WayAnswer]:
@@ -105,8 +81,12 @@ def answers(means: pd.DataFrame, view: View, results: pd.DataFrame | None = None
     by_split = {} if results is None else dict(_by_split(results, view))
     known = means[means[view.score].notna()]
     groups = known.groupby(list(view.apart), sort=False) if view.apart else [((), known)]
-    all_answers = [_answer(key, rows, view, by_split) for key, rows in groups if len(rows)]
-    return sorted(all_answers, key=lambda one: one.is_optimistic)
+    ordered = sorted(groups, key=lambda group: _is_optimistic(group[0], view))
+    return [_answer(key, rows, view, by_split) for key, rows in ordered if len(rows)]
+
+
+def _is_optimistic(key: tuple[Any, ...], view: View) -> bool:
+    return any(str(value) in view.optimistic for value in key)
 
 
 def _by_split(results: pd.DataFrame, view: View) -> Iterator[tuple[int, pd.DataFrame]]:
@@ -127,32 +107,71 @@ def _by_split(results: pd.DataFrame, view: View) -> Iterator[tuple[int, pd.DataF
 
 
 def _answer(key: tuple[Any, ...], rows: pd.DataFrame, view: View, by_split: Mapping[int, pd.DataFrame]) -> WayAnswer:
-    is_validated = VALIDATION in rows and bool(rows[VALIDATION].notna().any())
-    choice = VALIDATION if is_validated else view.score
-    rows_ = [
+    choice = VALIDATION if VALIDATION in rows and rows[VALIDATION].notna().any() else view.score
+    every = tuple(
         _configuration(int(str(index)), row, view, choice, by_split.get(int(str(index))))
         for index, row in rows.iterrows()
-    ]
-    best, cheapest = (rows_[choose([one.way for one in rows_])] for choose in (referee.best_of, referee.cheapest_of))
-    spiking, others, other, rivals, verdict, untested = None, (), None, (), None, ""
-    if view.spiking is not None:
-        column, names = view.spiking
-        are_spiking = dict(zip(rows.index, rows[column].isin(names), strict=True))
-        sides = [[one for one in rows_ if are_spiking[one.index] == is_spiking] for is_spiking in (True, False)]
-        spiking, other = (side[referee.best_of([one.way for one in side])] if side else None for side in sides)
-        others = tuple(sides[1])
-        level = referee.level_with_best([one.way for one in sides[1]]) if sides[1] else []
-        rivals = tuple(sides[1][index] for index in level)
-    if spiking is not None and rivals:
-        untested = next((why for rival in rivals if (why := _why_untested(spiking, rival))), "")
-        verdict = None if untested else referee.judge([_compared(spiking, rival, view) for rival in rivals])
-    chance = float(rows["chance"].mean()) if "chance" in rows and rows["chance"].notna().any() else None
-    setting = setting_of(key, view)
-    is_optimistic = any(str(value) in view.optimistic for value in key)
-    return WayAnswer(
-        setting, rows_, best, cheapest, spiking, others, other, rivals, verdict, chance, is_validated, is_optimistic,
+    )
+    best, cheapest = (every[choose([one.way for one in every])] for choose in (referee.best_of, referee.cheapest_of))
+    column, names = view.spiking or (view.by[0], ())
+    spikes = rows[column].isin(names).tolist() if names else []
+    ours, others = (
+        tuple(one for one, its in zip(every, spikes, strict=False) if its == side) for side in (True, False)
+    )
+    spiking, _ = opponents_of(ours, [one.way for one in ours])
+    baseline, rivals = opponents_of(others, [one.way for one in others])
+    untested = "" if spiking is None else next((why for one in rivals if (why := _why_untested(spiking, one))), "")
+    measure = Measure(view.measures[view.score], view.measures[view.cost])
+    verdict, least, doubts = None, None, [*_doubts(every, key, view, choice)]
+    if spiking is not None and rivals and not untested:
+        verdict = referee.judge([_compared(spiking, rival, view) for rival in rivals])
+        least, on = _tested_on(spiking, rivals[verdict.decisive], verdict, measure)
+        doubts.append(on)
+    return Answer(
+        every,
+        best,
+        cheapest,
+        best.choice_error,
+        spiking,
+        others,
+        baseline,
+        rivals,
+        verdict,
+        float(rows["chance"].mean()) if "chance" in rows else math.nan,
+        setting_of(key, view),
+        measure,
+        choice == VALIDATION,
         untested,
-    )  # fmt: skip
+        least,
+        tuple(doubts),
+    )
+
+
+def _doubts(every: Sequence[Configuration], key: tuple[Any, ...], view: View, choice: str) -> Iterator[str]:
+    """What makes the choice of the best and the cheapest worth less, in sentences."""
+    names = dict.fromkeys(one.name for one in every if math.isnan(one.cost))
+    if names and view.cost != "sops_total":  # which only networks have
+        yield f"Not counted, and so never among the cheapest: {', '.join(names)}."
+    if choice != VALIDATION:
+        yield "The run holds no validation accuracy: the best is chosen by what is shown, which flatters it."
+    if _is_optimistic(key, view):
+        yield "Choices of this protocol saw test data, so that its accuracies flatter."
+
+
+def _tested_on(spiking: Configuration, rival: Configuration, verdict: Verdict, measure: Measure) -> tuple[float, str]:
+    """The least difference that a verdict can find clear, and on what the verdict rests, in words."""
+    both = _on_common(spiking, rival)
+    assert both is not None
+    n_splits, (n_train, n_test, trials), n = len(both[0]), sizes_of(both[0]), verdict.opponents
+    if n_splits == 1:
+        said = f"The comparison is of {round(trials)} test trials of one split, and says nothing of other splits"
+        least = referee.least_difference(round(trials), n)
+    else:
+        said = f"The comparison is over {n_splits} splits, which tell as much as {verdict.n} independent trials"
+        least = least_difference_over_splits(n_splits, n_train, n_test, n, trials)
+    if verdict.kind == "tie":
+        said += f"; no difference {'' if math.isinf(least) else f'below {measure.points(least)} '}could be clear"
+    return least, f"{said}."
 
 
 def _on_common(one: Configuration, other: Configuration) -> tuple[pd.DataFrame, pd.DataFrame] | None:
@@ -189,7 +208,8 @@ def _configuration(index: int, row: pd.Series, view: View, choice: str, by_split
     named = [column for column in view.by if column not in view.apart]
     parts = [str(row[column]) if isinstance(row[column], str) else f"{words(column)} {name_of(row[column])}"
              for column in named if row[column] != "-"]  # fmt: skip
-    spent = {column: float(row[column]) for column in SPENT if column in row and column != view.cost}
+    heads = {view.cost: view.measures[view.cost]} | {column: SPENT[column] for column in SPENT if column != view.cost}
+    costs = {head: float(row[column]) for column, head in heads.items() if column in row}
     return Configuration(
         index,
         ", ".join(parts),
@@ -200,7 +220,7 @@ def _configuration(index: int, row: pd.Series, view: View, choice: str, by_split
         _error(row, view.score, by_split),
         float(row[view.cost]),
         int(row["rows"]),
-        {column: value for column, value in spent.items() if not math.isnan(value)},
+        {head: value for head, value in costs.items() if not math.isnan(value)},
         by_split,
     )
 
@@ -215,185 +235,6 @@ def _error(row: pd.Series, measure: str, by_split: pd.DataFrame | None) -> float
     n_validation = known[N_VALIDATION].sum() if N_VALIDATION in known else 0
     trials = n_validation if measure == VALIDATION else sizes_of(known)[2] if len(known) else 0
     return standard_error(known[measure].item(), round(trials)) if trials else math.nan
-
-
-def headline(answer: WayAnswer, view: View) -> str:
-    """The result in one sentence: the verdict, and the numbers that it rests on."""
-    said = verdict(answer)
-    return f"{said}: {evidence(answer, view)}" if said else evidence(answer, view)
-
-
-def verdict(answer: WayAnswer) -> str:
-    """The verdict of the headline, without its numbers; empty where there is nothing to compare."""
-    if answer.spiking is None or answer.other is None:
-        return ""
-    return {
-        "better": "Spiking is more accurate",
-        "worse": "Spiking costs accuracy",
-        "tie": "No clear difference between spiking and the others",
-        "untested": f"Not tested, since {answer.untested}",
-    }[kind_of(answer)]
-
-
-def evidence(answer: WayAnswer, view: View) -> str:
-    """The numbers of the headline."""
-    guess = "" if answer.chance is None else f"; guessing reaches {_score(answer.chance, view)}"
-    if answer.spiking is None or answer.other is None:
-        return f"{_told(answer.best, view)} at {_cost(answer.best.cost, view)}{guess}."
-    return f"{_told(answer.spiking, view)}; {_rivals(answer, view)}{guess}."
-
-
-def figures(answer: WayAnswer, view: View) -> list[Figure]:
-    """The score and the costs of the best configuration that spikes, or of the best one, beside the best other.
-
-    >>> measures = {"accuracy": "accuracy (%)", "flops": "FLOPs"}
-    >>> view = View(("kind",), measures, "flops", "accuracy", spiking=("kind", ("rsnn",)))
-    >>> rows = {"kind": ["rsnn", "svm"], "rows": [4, 4], "accuracy": [0.9, 0.89], "accuracy_sd": [0.04, 0.02]}
-    >>> (found,) = answers(pd.DataFrame(rows | {"flops": [900.0, 300.0]}), view)
-    >>> for one in figures(found, view):
-    ...     print(one.what, one.value, one.of, one.against, sep=" | ")
-    accuracy | 90.0 % | ± 2.0 points, rsnn | svm: 89.0 ± 1.0 %
-    FLOPs | 900 | rsnn | svm: 300
-    """
-    shown, other = answer.spiking or answer.best, answer.other if answer.spiking else None
-    error = "" if math.isnan(shown.error) else f"± {_points(shown.error, view)}, "
-    guess = "" if answer.chance is None else f"guessing: {_score(answer.chance, view)}"
-    beside = f"{other.name}: {_with_error(other, view)}" if other else guess
-    theirs = _costs(other, view) if other else {}
-    return [
-        Figure(_what(view), _score(shown.score, view), f"{error}{shown.name}", beside),
-        *(
-            Figure(
-                head,
-                count(value),
-                shown.name,
-                f"{other.name}: {count(theirs[head])}" if other and head in theirs else "",
-            )
-            for head, value in _costs(shown, view).items()
-        ),
-    ]
-
-
-def _costs(one: Configuration, view: View) -> dict[str, float]:
-    """The known costs of a configuration by their heads, the view's own first."""
-    costs = {view.measures[view.cost]: one.cost} | {SPENT[column]: value for column, value in one.spent.items()}
-    return {head: value for head, value in costs.items() if not math.isnan(value)}
-
-
-def kind_of(answer: WayAnswer) -> referee.Kind | Literal["untested"]:
-    """The verdict on spiking. A table with a more accurate row without spikes contradicts `better`: that is a tie."""
-    if answer.verdict is None:
-        return "untested"
-    return "tie" if answer.verdict.kind == "better" and _unranked(answer) is not None else answer.verdict.kind
-
-
-def _unranked(answer: WayAnswer) -> Configuration | None:
-    """A configuration without spikes that validation ranks lower, and whose score is at least that of spiking."""
-    assert answer.spiking is not None
-    lower = [one for one in answer.others if one not in answer.rivals and one.score >= answer.spiking.score]
-    return max(lower, key=lambda one: one.score, default=None)
-
-
-def _rivals(answer: WayAnswer, view: View) -> str:
-    """What spiking is compared with, in words."""
-    assert answer.other is not None
-    if answer.verdict is not None and answer.verdict.kind == "better" and (lower := _unranked(answer)) is not None:
-        return f"{lower.name}, which validation ranks lower, has {_score(lower.score, view)}"
-    if answer.verdict is not None and len(answer.rivals) > 1:
-        worst, best = _ends(answer.rivals)
-        is_unsure = math.isnan(answer.other.choice_error)
-        level = "are equal on validation rows" if is_unsure else "validation cannot tell apart"
-        return (
-            f"{len(answer.rivals)} without spikes that {level} have {_score(worst.score, view)} "
-            f"({worst.name}) to {_score(best.score, view)} ({best.name})"
-        )
-    return f"the best without spikes, {answer.other.name}, has {_score(answer.other.score, view)}"
-
-
-def details(answer: WayAnswer, view: View) -> Iterator[str]:
-    """What the cheapest within the error saves, and what the reader must know of the choice, in sentences."""
-    best, cheapest = answer.best, answer.cheapest
-    rows = "validation" if answer.is_validated else "test"
-    if math.isnan(best.choice_error):
-        few = "one row" if best.rows == 1 else "too few splits"
-        yield f"{best.name} has {few}, so that its error is not known."
-    elif cheapest.index == best.index and not math.isnan(best.cost):
-        yield f"{best.name} is also the cheapest within its error ({_points(best.choice_error, view)} on {rows} rows)."
-    elif cheapest.index != best.index:
-        yield (
-            f"Within the error of {best.name} ({_points(best.choice_error, view)} on {rows} rows), {cheapest.name} is "
-            f"the cheapest: {_saved(best, cheapest, view)}, {_lost(best, cheapest, view)}."
-        )
-    uncounted = dict.fromkeys(one.name for one in answer.configurations if math.isnan(one.cost))
-    if uncounted and view.cost != "sops_total":  # which only networks have
-        yield f"Not counted, and so never among the cheapest: {', '.join(uncounted)}."
-    if not answer.is_validated:
-        yield "The run holds no validation accuracy: the best is chosen by what is shown, which flatters it."
-    if answer.is_optimistic:
-        yield "Choices of this protocol saw test data, so that its accuracies flatter."
-    if answer.verdict is not None:
-        yield _tested_on(answer, view)
-
-
-def _tested_on(answer: WayAnswer, view: View) -> str:
-    """On what the verdict rests, and below which difference there can be none."""
-    assert answer.spiking is not None
-    assert answer.verdict is not None
-    both = _on_common(answer.spiking, answer.rivals[answer.verdict.decisive])
-    assert both is not None
-    n_splits, (n_train, n_test, trials), n = len(both[0]), sizes_of(both[0]), answer.verdict.opponents
-    if n_splits == 1:
-        said = f"The comparison is of {round(trials)} test trials of one split, and says nothing of other splits"
-        least = referee.least_difference(round(trials), n)
-    else:
-        said = f"The comparison is over {n_splits} splits, which tell as much as {answer.verdict.n} independent trials"
-        least = least_difference_over_splits(n_splits, n_train, n_test, n, trials)
-    if kind_of(answer) != "tie":
-        return f"{said}."
-    return f"{said}; no difference {'' if math.isinf(least) else f'below {_points(least, view)} '}could be clear."
-
-
-def table(answer: WayAnswer, view: View) -> Table:
-    """The best of each kind, the cheapest within the error, and guessing."""
-    kinds: dict[str, Configuration] = {}
-    for one in sorted(answer.configurations, key=lambda one: (math.isnan(one.chosen_by), -one.chosen_by)):
-        kinds.setdefault(one.kind, one)
-    shown = list(kinds.values())[:MOST_KINDS]
-    shown += [one for one in _named(answer) if one not in shown]
-    spent = [column for column in SPENT if any(column in one.spent for one in shown)]
-    marks = [(answer.best, "best")]
-    if not math.isnan(answer.best.choice_error):
-        marks.append((answer.cheapest, "cheapest within its error"))
-    rows = []
-    for one in shown:
-        said = " and ".join(word for of, word in marks if of.index == one.index)
-        row = [f"{one.name}{': ' if said else ''}{said}", _with_error(one, view), count(one.cost)]
-        rows.append([*row, *(count(one.spent[column]) if column in one.spent else "-" for column in spent)])
-    if answer.chance is not None:
-        rows.append(["guessing", _score(answer.chance, view), *[""] * (1 + len(spent))])
-    least, most = (of(one.rows for one in shown) for of in (min, max))
-    over = f"{least} to {most}" if least < most else f"{most}"
-    error = "" if all(math.isnan(one.error) for one in shown) else " ± their standard error"
-    what = f"means over {over} rows of results.csv{error}" if most > 1 else f"one row of results.csv each{error}"
-    setting = f", {answer.setting}" if answer.setting else ""
-    chosen = ", chosen on validation rows" if answer.is_validated else ""
-    caption = f"The best of each kind{setting}{chosen}: {what}."
-    heads = ["configuration", view.measures[view.score], view.measures[view.cost], *(SPENT[column] for column in spent)]
-    return Table(caption, heads, rows, n_heads=1)
-
-
-def _named(answer: WayAnswer) -> list[Configuration]:
-    """Every configuration that a sentence of the answer may name, each once."""
-    known = [answer.cheapest, answer.other, answer.spiking]
-    if answer.verdict is not None:
-        known += [*_ends(answer.rivals), _unranked(answer)]
-    return list({one.index: one for one in known if one is not None}.values())
-
-
-def _ends(rivals: Sequence[Configuration]) -> tuple[Configuration, Configuration]:
-    """The least and the most accurate one."""
-    worst, best = (choose(rivals, key=lambda one: one.score) for choose in (min, max))
-    return worst, best
 
 
 def setting_of(values: Sequence[Any], view: View) -> str:
@@ -417,80 +258,3 @@ def words(column: str) -> str:
     'n max'
     """
     return column.replace("_", " ").replace(".", " ")
-
-
-def scale(head: str) -> float:
-    """By what a measure is multiplied to be read: a head that ends in (%) asks for percent."""
-    return 100.0 if head.endswith("(%)") else 1.0
-
-
-def _unit(view: View) -> str:
-    return " %" if scale(view.measures[view.score]) > 1 else ""
-
-
-def _score(value: float, view: View) -> str:
-    factor = scale(view.measures[view.score])
-    return f"{factor * value:.1f} %" if factor > 1 else f"{value:.4g}"
-
-
-def _told(one: Configuration, view: View) -> str:
-    return f"{one.name} has a {_what(view)} of {_score(one.score, view)}"
-
-
-def _what(view: View) -> str:
-    """The score in words, without its unit."""
-    return view.measures[view.score].removesuffix("(%)").strip()
-
-
-def _with_error(one: Configuration, view: View) -> str:
-    if math.isnan(one.error):
-        return _score(one.score, view)
-    factor = scale(view.measures[view.score])
-    return f"{factor * one.score:.1f} ± {factor * one.error:.1f}{_unit(view)}"
-
-
-def _points(share: float, view: View) -> str:
-    factor = scale(view.measures[view.score])
-    return f"{factor * share:.1f} points" if factor > 1 else f"{share:.3g}"
-
-
-def _cost(value: float, view: View) -> str:
-    """A cost with its head, whose unit comes first.
-
-    >>> [_cost(635.0, View((), {"x": head}, "x", "x")) for head in ("FLOPs", "FLOPs (paper's count)", "energy (nJ)")]
-    ['635 FLOPs', "635 FLOPs (paper's count)", '635 nJ (energy)']
-    """
-    if math.isnan(value):
-        return "a cost that is not counted"
-    head = view.measures[view.cost]
-    what, _, unit = head.removesuffix(")").partition(" (")
-    return f"{count(value)} {unit} ({what})" if unit and " " not in unit else f"{count(value)} {head}"
-
-
-def _saved(before: Configuration, after: Configuration, view: View) -> str:
-    if math.isnan(before.cost):
-        return f"{_cost(after.cost, view)} against {_cost(before.cost, view)}"
-    both = f"{_cost(after.cost, view)} against {count(before.cost)}"
-    return f"{100 * (1 - after.cost / before.cost):.0f} % less, {both}" if before.cost > 0 else both
-
-
-def _lost(before: Configuration, after: Configuration, view: View) -> str:
-    lost = before.score - after.score
-    if abs(scale(view.measures[view.score]) * lost) < 0.05:
-        return f"at the same score, {_score(after.score, view)}"
-    return (
-        f"and its score is {_points(abs(lost), view)} {'lower' if lost > 0 else 'higher'}, {_score(after.score, view)}"
-    )
-
-
-def as_json(all_answers: Sequence[WayAnswer], view: View) -> dict[str, Any]:
-    """What the page draws of each answer: its best and cheapest point, and guessing in the unit of the axis."""
-    factor = scale(view.measures[view.score])
-    return {
-        one.setting: {
-            "best": one.best.index,
-            "cheapest": one.cheapest.index,
-            "chance": None if one.chance is None else factor * one.chance,
-        }
-        for one in all_answers
-    }

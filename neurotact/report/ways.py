@@ -9,10 +9,11 @@ import pandas as pd
 
 from neurotact.figures.style import bars
 from neurotact.files import write_json
-from neurotact.report import page, way_answer
-from neurotact.report.answer import count
-from neurotact.report.page import Entry, Figure, Table
-from neurotact.report.way_answer import WayAnswer, name_of, scale, words
+from neurotact.report import first_screen, page, sentences, way_answer
+from neurotact.report.front import Front
+from neurotact.report.page import Entry, Table
+from neurotact.report.way_answer import WayAnswer, name_of, words
+from neurotact.report.wording import count, scale, spread
 from neurotact.spec import to_toml
 from neurotact.studies import way_cells
 from neurotact.studies.store import is_done
@@ -31,23 +32,6 @@ DOWNLOADS = {
     "versions.json": "versions of what computed it",
     "data.json": "the hashes of the data",
 }
-
-
-class _Front(NamedTuple):
-    """What the first screen shows of one answer."""
-
-    setting: str
-    headline: str
-    verdict: str
-    figures: list[Figure]
-    details: list[str]
-    tables: Sequence[Table]
-
-    def as_json(self) -> dict[str, Any]:
-        """The answer for programs, as that of networks: the headline, its verdict alone, and all else in words."""
-        figures = [figure._asdict() for figure in self.figures]
-        said = {"headline": self.headline, "short": self.verdict, "figures": figures, "details": self.details[1:]}
-        return {"dataset": self.setting, **said}
 
 
 FIRST_LOOK = "this is a first look, with fewer settings and seeds; run the whole study for an answer to build on"
@@ -98,12 +82,12 @@ class _Told(NamedTuple):
     cautions: list[str]
     tables: dict[str, list[Table]]
 
-    def as_json(self, fronts: Sequence[_Front]) -> dict[str, Any]:
+    def as_json(self, fronts: Sequence[Front]) -> dict[str, Any]:
         """The first screen for programs: the sentences of the way where it has its own, else those of the fronts."""
         tables = self.tables if self.answers else {front.setting: front.tables for front in fronts}
         return {
             "answers": [{"dataset": "", "headline": said, "details": []} for said in self.answers]
-            or [front.as_json() for front in fronts],
+            or [front.in_words() for front in fronts],
             "tables": [table._asdict() | {"setting": name} for name, several in tables.items() for table in several],
             "cautions": self.cautions,
         }
@@ -159,13 +143,12 @@ def seen(
     """
     return {
         "fronts": [
-            _Front(
+            Front(
                 one.setting,
-                way_answer.headline(one, view),
-                way_answer.verdict(one),
-                way_answer.figures(one, view),
-                [way_answer.evidence(one, view), *way_answer.details(one, view)],
-                tables.get(one.setting) or [way_answer.table(one, view)],
+                one,
+                first_screen.figures(one),
+                [*sentences.details(one)],
+                tables.get(one.setting) or [first_screen.table_of_configurations(one)],
             )
             for one in answers
         ],
@@ -175,7 +158,19 @@ def seen(
         "score": view.measures[view.score],
         "heads": [*map(words, view.by), *view.measures.values()],
         "rows": _rows(means, view),
-        "page": page.parts(_page_data(means, view) | {"fronts": way_answer.as_json(answers, view)}, page.PROTOCOL),
+        "page": page.parts(_page_data(means, view) | {"fronts": _drawn(answers)}, page.PROTOCOL),
+    }
+
+
+def _drawn(answers: Sequence[WayAnswer]) -> dict[str, Any]:
+    """What the page draws of each answer: its best and cheapest point, and guessing in the unit of the axis."""
+    return {
+        one.setting: {
+            "best": one.best.index,
+            "cheapest": one.cheapest.index,
+            "chance": _number(scale(one.measure.score) * one.guess),
+        }
+        for one in answers
     }
 
 
@@ -215,16 +210,7 @@ def _rows(means: pd.DataFrame, view: View) -> list[list[Entry]]:
 
 
 def _entry(head: str, mean: Any, sd: Any) -> Entry:
-    """A mean and its spread as they are read; a head that ends in (%) asks for percent."""
-    if mean is None or pd.isna(mean):
-        return Entry("-", "")
-    factor = scale(head)
-    spread = 0.0 if sd is None or pd.isna(sd) else factor * float(sd)
-    value = factor * float(mean)
-    digits = 1 if factor > 1 else 0 if abs(value) >= 1000 else 2 if abs(value) >= 1 else 4
-    whole = value == round(value) and factor == 1
-    text = f"{value:,.0f}" if whole else f"{value:,.{digits}f}"
-    return Entry(f"{text} ± {spread:,.{digits}f}" if spread else text, value)
+    return Entry("-", "") if mean is None or pd.isna(mean) else Entry(spread(head, mean, sd), scale(head) * float(mean))
 
 
 def _page_data(means: pd.DataFrame, view: View) -> dict[str, Any]:

@@ -127,7 +127,7 @@ def answers(results: pd.DataFrame) -> list[str]:
 
 
 def _answer(found: WayAnswer, name: str, split: str, rows: pd.DataFrame) -> str:
-    network, best = found.spiking, found.other
+    network, best = found.spiking, found.baseline
     assert network is not None
     assert best is not None
     is_known = not np.isnan(best.choice_error)  # of one or two seeds it is not, so that nothing is said of it
@@ -162,7 +162,7 @@ SAID = {"better": "spiking is more accurate", "worse": "spiking costs accuracy",
 def _words(one: Configuration) -> str:
     classifier, _, source = one.name.partition(", ")
     spent = "a cost that is not counted" if np.isnan(one.cost) else f"{one.cost:,.0f} nJ"
-    return f"{classifier} on {source} has {100 * one.score:.1f} % at {spent}"
+    return f"{classifier} on {source} has {100 * one.accuracy:.1f} % at {spent}"
 
 
 def _gained(one: Configuration, other: Configuration) -> Interval:

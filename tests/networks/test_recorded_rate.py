@@ -20,8 +20,7 @@ from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost
 from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList
 from neurotact.networks.use.ledger import Afferents, network_cost
-from neurotact.report import answer as answers
-from neurotact.report import front, networks, tables
+from neurotact.report import front, networks, tables, wording
 from neurotact.report.answer import Decision
 
 RECORDED_Hz, CLOCK_Hz, LENGTH_ms = 2000.0, 200.0, 100.0
@@ -124,7 +123,7 @@ def test_a_report_says_at_which_rates_encoding_runs_or_counts_no_energy(trains):
     judged = SimpleNamespace(cheapest=SimpleNamespace(used=decision), is_above_chance=True)
     study = SimpleNamespace(encoding_in="processor", network=nt.RSNNSpec(hidden=4), prices=ARITHMETIC_45NM)
     (said,) = front._of_encoding(judged, [Afferents.of(trains)], study)
-    assert f"take {answers.energy(encoding(trains).energy_estimate_nJ)} of 500 nJ" in said
+    assert f"take {wording.energy(encoding(trains).energy_estimate_nJ)} of 500 nJ" in said
     assert "at 2000 samples per second of a moving average and 200 steps per second" in said
     rough = {key: value for key, value in trains.encoder["conditioning"].items() if key != "ema_cutoff_Hz"}
     (said,) = front._of_encoding(

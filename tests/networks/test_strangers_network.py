@@ -32,7 +32,8 @@ from neurotact.networks.training.run_folder import load_network as load
 from neurotact.networks.training.run_folder import save_network as save
 from neurotact.networks.use import ledger
 from neurotact.networks.use.measuring import synops_of
-from neurotact.report.answer import Decision, Network, Trials, count
+from neurotact.report.answer import Decision, Network, Trials
+from neurotact.report.wording import count
 
 STRANGER = """
 from torch import nn

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from neurotact.metrics.paired import Paired
 from neurotact.metrics.shares import standard_error
-from neurotact.report import answer as answers
-from neurotact.report import first_screen
-from neurotact.report.answer import Baseline, Decision, Network, Trials, answer, details, headline
+from neurotact.report import first_screen, sentences
+from neurotact.report.answer import Baseline, Decision, Network, Trials, answer
+from neurotact.report.sentences import details, headline
 
 TRIALS = Trials(validation=96, test=100)
 
@@ -34,7 +34,7 @@ def test_a_baseline_that_is_not_counted_is_compared_by_accuracy_alone():
     *_, told = details(found)
     assert told == "The cost of mine is not counted, so that no sentence on energy compares with it."
     assert not any("not counted" in line for line in details(answer([network(nJ=250.0)], rivals[1:], 0.25, TRIALS)))
-    shown = first_screen.table(found, [network(nJ=250.0)], rivals).rows
+    shown = first_screen.table(found).rows
     assert {row[0].partition(" on ")[0]: row[-1] for row in shown}["mine"] == "not counted"
 
 
@@ -48,6 +48,12 @@ def test_the_cheapest_within_the_error_is_chosen_on_validation_trials():
     (words,) = details(found)
     assert "5&5 ms with 50 neurons is the cheapest in SOPs: 60 % fewer SOPs (400 against 1,000)" in words
     assert "test accuracy falls by 2.0 points (2 of 100 test trials) to 91.0 %" in words
+
+
+def test_trials_are_counted_where_a_change_is_of_fewer_than_three():
+    for lost, words in ((0.02, "2.0 points (2 of 100 test trials) to"), (0.03, "3.0 points to")):
+        near = network("5&5", validation=0.89, accuracy=0.9 - lost, sops=400)
+        assert f"test accuracy falls by {words}" in next(details(answer([network(), near], [], 0.25, TRIALS)))
 
 
 def test_exactly_at_the_error_is_within_it():
@@ -183,7 +189,7 @@ def test_what_is_lost_is_divided_between_encoding_and_network():
     ]
 
     def lost(accuracy: float, known=rivals, trials=TRIALS):
-        return list(answers.where_lost(answer([network(accuracy=accuracy)], known, 0.05, trials), known))
+        return list(sentences.where_lost(answer([network(accuracy=accuracy)], known, 0.05, trials)))
 
     encoding, trained = lost(0.33)
     assert "the encoding loses 23.0 points (80.0 % by ELM on signals (10 time bins), 57.0 % by logistic" in encoding
@@ -216,4 +222,4 @@ def test_the_cheapest_never_costs_more_and_lies_within_the_error(networks, n):
     assert found.cheapest.whole.sops <= found.best.whole.sops
     assert found.best.validation - found.cheapest.validation <= found.error + 1e-9
     assert all(one.validation <= found.best.validation for one in networks)
-    assert answers.headline(found)
+    assert sentences.headline(found)

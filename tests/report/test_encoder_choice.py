@@ -133,7 +133,7 @@ def test_an_interval_of_an_encoder_holds_other_starts_and_equals_of_one_period_a
     assert as_table([apart])["accuracy_low"].item() == low
     plain, exits = first.network, first.network._replace(hidden=30, exit_bound=0.0)
     exits = exits._replace(early=plain.whole._replace(nJ=5.0, ms=100.0), whole=plain.whole._replace(nJ=60.0))
-    front = SimpleNamespace(networks=[plain, exits], answer=SimpleNamespace(trials=first.trials))
+    front = SimpleNamespace(answer=SimpleNamespace(rows=[plain, exits], trials=first.trials))
     assert [*_of_each_pair(front)] == [exits]
 
 

@@ -12,9 +12,9 @@ from neurotact.encoders.cost import encoding_cost
 from neurotact.metrics.paired import compare_shares
 from neurotact.metrics.prices import ARITHMETIC_45NM
 from neurotact.networks.use.ledger import Afferents
-from neurotact.report import answer as answers
-from neurotact.report import first_screen, front
-from neurotact.report.answer import Baseline, Decision, Network, Trials, answer, details, headline
+from neurotact.report import first_screen, front, sentences, wording
+from neurotact.report.answer import Baseline, Decision, Network, Trials, answer
+from neurotact.report.sentences import details, headline
 from neurotact.spec import load
 
 GUESS = 1 / 3
@@ -47,7 +47,7 @@ def test_energy_is_compared_with_what_test_trials_do_not_show_to_be_worse(networ
     assert rival.accuracy > GUESS
     for sentence in of_energy:
         assert rival.short in sentence
-        assert answers.percent(rival.accuracy) in sentence
+        assert wording.percent(rival.accuracy) in sentence
 
 
 def run(validation: float, test: float, baselines: list[Baseline], n_validation=44, n=75):
@@ -79,7 +79,7 @@ def test_what_fails_on_test_trials_alone_is_told_so():
     weak, strong = Baseline("SVM on signals", 0.73, 0.5, 9.0), Baseline("trees on signals", 0.7, 0.9, 9.0)
     found = run(15 / 22, 7 / 22, [weak], 22, 22)
     assert headline(found).startswith("Nothing was learned that holds on test trials: ")
-    (warning,) = answers.gaps(found, "few trials")
+    (warning,) = sentences.gaps(found, "few trials")
     assert "the best network 68.2 % and 31.8 %" in warning
     found = run(15 / 22, 7 / 22, [weak, strong], 22, 22)
     assert headline(found).startswith("The network learned nothing that holds on test trials, other classifiers did: ")
@@ -94,7 +94,7 @@ def test_what_is_the_cheapest_says_in_which_cost():
                    [], GUESS, Trials(22, 22))  # fmt: skip
     assert (
         "1&1 ms with 20 neurons is the cheapest in energy (an estimate): 3.2 % less energy, although 33 % more SOPs "
-        "(6,140 against 4,620), than 10&10 ms with 20 neurons" in next(iter(details(found)))
+        "(6,140 against 4,620), and test accuracy" in next(iter(details(found)))
     )
 
 
@@ -107,4 +107,4 @@ def test_the_energy_of_encoding_is_that_of_the_decision_it_is_part_of(spikes):
     judged = SimpleNamespace(cheapest=SimpleNamespace(used=decision), is_above_chance=True)
     (said,) = front._of_encoding(judged, [made_by], SimpleNamespace(encoding_in="processor", prices=ARITHMETIC_45NM))
     spent = encoding_cost(1, 1000.0, 1000.0, made_by.encoder, spikes=spikes)
-    assert f"take {answers.energy(spent.energy_estimate_nJ)} of 500 nJ" in said
+    assert f"take {wording.energy(spent.energy_estimate_nJ)} of 500 nJ" in said

@@ -32,7 +32,7 @@ BASELINES = st.lists(
 @given(NETWORKS, BASELINES)
 def test_the_figures_are_those_of_the_row_of_the_best_network(networks, baselines):
     found = answer(networks, baselines, 0.25, TRIALS)
-    rows = [dict(zip(HEADS, row, strict=True)) for row in first_screen.table(found, networks, baselines).rows]
+    rows = [dict(zip(HEADS, row, strict=True)) for row in first_screen.table(found).rows]
     (best,) = [row for row in rows if "best on validation" in row[HEADS[0]]]
     shown = {figure.what: figure for figure in first_screen.figures(found)}
     accuracy = shown["test accuracy"]
@@ -50,8 +50,8 @@ def test_the_figures_are_those_of_the_row_of_the_best_network(networks, baseline
 @given(NETWORKS, BASELINES)
 def test_a_row_that_is_better_on_test_trials_is_named_with_the_choice(networks, baselines):
     found = answer(networks, baselines, 0.25, TRIALS)
-    said = first_screen.chosen(found, networks, baselines)
-    shares = [float(row[1].partition(" %")[0]) for row in first_screen.table(found, networks, baselines).rows[:-1]]
+    said = first_screen.chosen(found)
+    shares = [float(row[1].partition(" %")[0]) for row in first_screen.table(found).rows[:-1]]
     named = {found.best.used.accuracy} | ({found.beside.accuracy} if found.beside else set())
     assert ("would flatter" in said) >= (max(shares) > 100 * max(named) + 0.06)
     assert "chosen on validation trials" in said
@@ -61,7 +61,7 @@ def test_without_spike_trains_time_and_energy_are_not_made_up():
     used = Decision(0.9, 1000.0, math.nan, 80.0, None)
     found = answer([Network("1&1", 50, 1, 0.9, used, None)], [], 0.25, TRIALS)
     assert [figure.what for figure in first_screen.figures(found)] == ["test accuracy"]
-    assert "no other classifier" in page.typed(first_screen.answers.verdict(found), "-o")
+    assert "no other classifier" in page.typed(first_screen.sentences.verdict(found), "-o")
 
 
 @pytest.mark.parametrize("text", ["`settings={'a': }`", "`settings={1}`", "no settings, 5 of 6"])

@@ -15,8 +15,9 @@ from neurotact.metrics import power, referee
 from neurotact.metrics.paired import Paired, compare_shares
 from neurotact.metrics.starts import Spread
 from neurotact.report import answer as answers
-from neurotact.report import first_screen, front
-from neurotact.report.answer import Baseline, Decision, Network, Trials, answer, details, headline
+from neurotact.report import first_screen, front, sentences, wording
+from neurotact.report.answer import Baseline, Decision, Network, Trials, answer
+from neurotact.report.sentences import details, headline
 
 NAMES = [
     f"{name} on {source} (counts)" for name in ("SVM", "ELM", "trees", "LR") for source in ("signals", "1&1 ms spikes")
@@ -71,7 +72,7 @@ def shares(sentence: str) -> list[str]:
 
 def rows_of(found, networks, baselines) -> dict[str, list[str]]:
     """The table by the names of its rows, without their marks."""
-    return {row[0].partition(": ")[0]: row[1:] for row in first_screen.table(found, networks, baselines).rows}
+    return {row[0].partition(": ")[0]: row[1:] for row in first_screen.table(found).rows}
 
 
 @of_tables
@@ -92,14 +93,14 @@ def test_the_verdict_is_that_of_the_tests_of_its_rows(networks, baselines, trial
     if said.startswith("No clear difference"):
         assert not worse
         assert trials.test >= 60 or better
-    assert said.startswith(answers.verdict(found)) or found.kind == "no baseline"
+    assert said.startswith(sentences.verdict(found)) or found.kind == "no baseline"
 
 
 @of_tables
 def test_every_share_of_a_sentence_is_of_a_row_of_the_table(networks, baselines, trials, guess):
     found = answer(networks, baselines, guess, trials)
     rows = rows_of(found, networks, baselines)
-    known = {answers.percent(guess)} | {share for row in rows.values() for share in shares(row[0])[:1]}
+    known = {wording.percent(guess)} | {share for row in rows.values() for share in shares(row[0])[:1]}
     said = headline(found).replace("95 % interval", "interval").replace("95 % bound", "bound")
     low, high = (100 * end for end in found.interval)
     said = said.replace(f"interval {low:.0f} to {high:.0f} %", "")
@@ -108,7 +109,7 @@ def test_every_share_of_a_sentence_is_of_a_row_of_the_table(networks, baselines,
         assert name in rows
     for one in found.rivals:  # a name with a share has its own
         for share in re.findall(re.escape(one.name) + r" in ([\d.]+ %)", said):
-            assert share == answers.percent(one.accuracy)
+            assert share == wording.percent(one.accuracy)
 
 
 def energies(found) -> list[tuple[Network, str]]:
@@ -132,7 +133,7 @@ def test_no_row_of_signals_that_is_cheaper_and_as_accurate_stays_unnamed(network
         used, spent = network.used.accuracy, network.used.nJ
         ahead = [one for one in on_signals if one.nJ < spent and one.accuracy >= used]
         for one in on_signals:
-            at = f"{one.name} at {answers.energy(one.nJ)} and {answers.percent(one.accuracy)}"
+            at = f"{one.name} at {wording.energy(one.nJ)} and {wording.percent(one.accuracy)}"
             assert (one not in ahead) or at in sentence
             named_so = one.name in sentence.partition("cheaper and at least as accurate: ")[2]
             assert not named_so or one in ahead
@@ -166,7 +167,7 @@ def test_a_ratio_of_energy_is_that_of_the_rows_it_names(networks, baselines, tri
         for ratio, kind in re.findall(r"([\d.,]+) times (as much|less)", sentence):
             rival = next(each for each in found.priced if each.network == network).comparable
             shown = (
-                rival.name if sentence != headline(found) else f"{rival.short} with {answers.percent(rival.accuracy)}"
+                rival.name if sentence != headline(found) else f"{rival.short} with {wording.percent(rival.accuracy)}"
             )
             assert shown in sentence
             spent = network.used.nJ, rival.nJ
@@ -194,17 +195,17 @@ def test_early_exit_is_used_where_its_loss_is_bounded_and_both_ways_are_told(net
     )
     is_used = saves and best.exit_bound is not None and best.exit_bound <= best.tolerance
     assert best.used == (best.early if is_used else best.whole)
-    assert (f"on whole windows {answers.percent(best.whole.accuracy)}" in said) == is_used
+    assert (f"on whole windows {wording.percent(best.whole.accuracy)}" in said) == is_used
     not_used = saves and not is_used
     assert (
-        f"with early exit, which is not used, {answers.percent((best.early or best.whole).accuracy)}" in said
+        f"with early exit, which is not used, {wording.percent((best.early or best.whole).accuracy)}" in said
     ) == not_used
     for each in found.priced if found.is_above_chance else ():
         one, name = each.network, "it" if len(found.priced) == 1 else each.network.name
         (about, *_) = [*(one for one in details(found) if one.startswith(f"With early exit {name} ")), ""]
         used = "It is used" if one.exits else "Whole windows are used"
         bound = f"a loss of at most {100 * (one.exit_bound or 0):.2g} points"
-        assert bool(about) == (one.early is not None and answers._saves(one.whole, one.early))
+        assert bool(about) == (one.early is not None and one.saves)
         if about and one.exit_bound is None:
             assert about.endswith("Whole windows are used: validation trials do not tell what early exit may lose.")
         elif about:
@@ -214,7 +215,7 @@ def test_early_exit_is_used_where_its_loss_is_bounded_and_both_ways_are_told(net
 @of_tables
 def test_what_is_the_cheapest_within_the_error_costs_less_in_its_row(networks, baselines, trials, guess):
     found = answer(networks, baselines, guess, trials)
-    rows, n_test = first_screen.table(found, networks, baselines).rows, trials.test
+    rows, n_test = first_screen.table(found).rows, trials.test
     (cheapest,) = [row for row in rows if "cheapest within its error" in row[0]]
     (best,) = [row for row in rows if "best on validation" in row[0]]
     assert best[1] == first_screen.within(found.best.used.accuracy, found.interval)
@@ -223,12 +224,12 @@ def test_what_is_the_cheapest_within_the_error_costs_less_in_its_row(networks, b
         assert cheapest[1] == first_screen.within(found.cheapest.whole.accuracy, interval)
         ours, theirs = (one.way(trials).cost for one in (found.cheapest, found.best))
         assert ours <= theirs
-        told = next((s for s in details(found) if s.startswith("Within its error")), "")
+        told = next((s for s in details(found) if s.startswith("Within the error")), "")
         assert ("on whole windows" in told) == (bool(told) and (found.best.exits or found.cheapest.exits))
         if told:
             after = float(re.search(r"SOPs \(([\d,]+) against", told)[1])
             assert after == found.cheapest.whole.sops
-            assert told.endswith(f"{answers.percent(found.cheapest.whole.accuracy)}.")
+            assert told.endswith(f"{wording.percent(found.cheapest.whole.accuracy)}.")
     for (marked,) in [[row for row in rows if "not clearly less accurate" in row[0]]] if found.comparable else []:
         assert marked[0].startswith(found.comparable.name)
         assert marked[1] == first_screen.with_interval(found.comparable.accuracy, n_test)
@@ -237,10 +238,10 @@ def test_what_is_the_cheapest_within_the_error_costs_less_in_its_row(networks, b
 @of_tables
 def test_refractory_periods_are_compared_on_whole_windows(networks, baselines, trials, guess):
     found = answer(networks, baselines, guess, trials)
-    for told in answers.of_refractory_periods(found, networks):
+    for told in sentences.of_refractory_periods(found):
         after, before = re.search(r"SOPs \(([\d,]+) against ([\d,]+)\)", told).groups()
         assert float(after) == found.cheapest.whole.sops
-        assert f"{answers.percent(found.cheapest.whole.accuracy)}" in told
+        assert f"{wording.percent(found.cheapest.whole.accuracy)}" in told
         others = [one for one in networks if one.pair == "1&1" and one.whole.sops == float(before)]
         assert others
         assert found.cheapest.pair == "5&5"
@@ -250,8 +251,8 @@ def test_refractory_periods_are_compared_on_whole_windows(networks, baselines, t
 @of_tables
 def test_a_gap_between_validation_and_test_is_of_whole_windows(networks, baselines, trials, guess):
     found = answer(networks, [], guess, trials)
-    for told in answers.gaps(found, "few trials"):
-        validation, test = (answers.percent(share) for share in (found.best.validation, found.best.whole.accuracy))
+    for told in sentences.gaps(found, "few trials"):
+        validation, test = (wording.percent(share) for share in (found.best.validation, found.best.whole.accuracy))
         assert f"the best network {validation} and {test}" in told
 
 
@@ -268,7 +269,7 @@ def test_the_answer_for_programs_is_that_of_the_rows(networks, baselines, trials
                 and used.nJ is not None and one.nJ < used.nJ and one.accuracy >= used.accuracy}  # fmt: skip
     assert {one["name"] for one in told["cheaper"]} == expected
     cautions = [*front._of_front(SimpleNamespace(answer=found, lost=[]), None)]
-    assert cautions == [] if found.is_above_chance else f"accuracy of {answers.percent(used.accuracy)}" in cautions[0]
+    assert cautions == [] if found.is_above_chance else f"accuracy of {wording.percent(used.accuracy)}" in cautions[0]
 
 
 @pytest.mark.parametrize("exits", [False, True])

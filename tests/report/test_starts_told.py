@@ -13,7 +13,7 @@ from test_report import make_study
 from neurotact.metrics import starts
 from neurotact.metrics.shares import wilson_interval
 from neurotact.report import answer as answers
-from neurotact.report import front, networks
+from neurotact.report import front, networks, sentences
 from neurotact.report.answer import Trials
 from neurotact.tables import NETWORK
 
@@ -46,15 +46,15 @@ def test_where_starts_differ_the_interval_holds_them(accuracies):
         assert answers.interval_of(network, network.early, TRIALS) == pytest.approx(ends)
         found = answers.answer([network], [], 0.1, TRIALS)
         assert found.interval == (low, high)
-        assert starts.ONE not in answers.of_starts(found)
-        assert f"{100 * apart.deviation:.1f} points apart" in answers.of_starts(found)
+        assert starts.ONE not in sentences.of_starts(found)
+        assert f"{100 * apart.deviation:.1f} points apart" in sentences.of_starts(found)
 
 
 @given(st.lists(SHARES, min_size=1, max_size=3))
 def test_folds_and_repeats_are_no_starts(accuracies):
     for network in front.networks_of(rows(accuracies, lambda network, at: at), ["split.fold"]):
         assert answers.interval_of(network, network.whole, TRIALS) == wilson_interval(network.whole.accuracy, 80)
-        said = answers.of_starts(answers.answer([network], [], 0.1, TRIALS))
+        said = sentences.of_starts(answers.answer([network], [], 0.1, TRIALS))
         assert said == "The 95 % interval knows one start of the weights, of each split: others may differ."
 
 
@@ -74,7 +74,7 @@ def test_an_interval_of_early_exit_is_of_its_own_spread():
     assert network.exits
     found = answers.answer([network], [], 0.1, TRIALS)
     assert found.interval == starts.interval(0.8, 80, 2, starts.spread([[0.7, 0.9]]))
-    assert "14.1 points apart" in answers.of_starts(found)
+    assert "14.1 points apart" in sentences.of_starts(found)
 
 
 @pytest.mark.parametrize("seeds", [[0], [0, 1, 2]])

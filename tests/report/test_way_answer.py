@@ -13,7 +13,7 @@ from neurotact.metrics.paired import compare_shares
 from neurotact.metrics.referee import least_difference
 from neurotact.metrics.resampled import least_difference_over_splits, resampled_error, resampled_p
 from neurotact.metrics.shares import standard_error
-from neurotact.report import way_answer, ways
+from neurotact.report import first_screen, sentences, way_answer, ways
 from neurotact.studies.way import View
 
 MEASURES = {"accuracy_test": "test accuracy (%)", "accuracy_validation": "validation accuracy (%)", "flops": "FLOPs"}
@@ -50,8 +50,8 @@ def answer_of(results, view=SPIKING):
 
 def test_validation_rows_choose_and_test_rows_tell():
     (found,) = way_answer.answers(means(("a", 1, 0.95, 0.90, 900.0), ("b", 2, 0.80, 0.99, 100.0)), VIEW)
-    assert (found.best.name, found.best.score) == ("a, size 1", 0.90)
-    assert way_answer.headline(found, VIEW) == "a, size 1 has a test accuracy of 90.0 % at 900 FLOPs."
+    assert (found.best.name, found.best.accuracy) == ("a, size 1", 0.90)
+    assert sentences.headline(found) == "a, size 1 has a test accuracy of 90.0 % at 900 FLOPs."
 
 
 def test_the_cheapest_lies_within_one_standard_error_on_validation_rows():
@@ -59,10 +59,10 @@ def test_the_cheapest_lies_within_one_standard_error_on_validation_rows():
     rows = (("a", 1, 0.95, 0.90, 900.0), ("b", 1, 0.93, 0.89, 300.0), ("c", 1, 0.929, 0.95, 100.0))
     (found,) = way_answer.answers(means(*rows), VIEW)
     assert found.cheapest.name == "b, size 1"
-    (told,) = way_answer.details(found, VIEW)
+    (told,) = sentences.details(found)
     assert told == (
-        "Within the error of a, size 1 (2.0 points on validation rows), b, size 1 is the cheapest: 67 % less, 300 "
-        "FLOPs against 900, and its score is 1.0 points lower, 89.0 %."
+        "Within the error of a, size 1 (2.0 points on validation trials), b, size 1 is the cheapest: 67 % less, 300 "
+        "FLOPs against 900, and test accuracy falls by 1.0 points to 89.0 %."
     )
 
 
@@ -70,17 +70,17 @@ def test_what_is_not_counted_is_never_the_cheapest_and_it_is_said():
     rows = (("a", 1, 0.95, 0.90, math.nan), ("b", 1, 0.94, 0.89, 300.0), ("c", 1, 0.94, 0.89, 400.0))
     (found,) = way_answer.answers(means(*rows), VIEW)
     assert (found.best.name, found.cheapest.name) == ("a, size 1", "b, size 1")
-    saved, uncounted = way_answer.details(found, VIEW)
-    assert "is the cheapest: 300 FLOPs against a cost that is not counted, and its score" in saved
+    saved, uncounted = sentences.details(found)
+    assert "is the cheapest: 300 FLOPs against a cost that is not counted, and test accuracy" in saved
     assert uncounted == "Not counted, and so never among the cheapest: a, size 1."
     (alone,) = way_answer.answers(means(rows[0]), VIEW)
-    assert [*way_answer.details(alone, VIEW)] == [uncounted]
+    assert [*sentences.details(alone)] == [uncounted]
 
 
 def test_without_validation_the_reader_is_warned():
     table = means(("a", 1, 0.95, 0.90, 900.0)).drop(columns=["accuracy_validation", "accuracy_validation_sd"])
     (found,) = way_answer.answers(table, VIEW)
-    assert any("no validation accuracy" in line for line in way_answer.details(found, VIEW))
+    assert any("no validation accuracy" in line for line in sentences.details(found))
 
 
 def test_one_row_has_no_error():
@@ -89,16 +89,16 @@ def test_one_row_has_no_error():
     )
     (found,) = way_answer.answers(table, VIEW)
     assert found.best.name == found.cheapest.name == "b, size 1"
-    assert any("one row" in line for line in way_answer.details(found, VIEW))
-    assert "±" not in str(way_answer.table(found, VIEW).rows)
+    assert any("one row" in line for line in sentences.details(found))
+    assert "±" not in str(first_screen.table_of_configurations(found).rows)
 
 
 @pytest.mark.parametrize(
     ("spiking", "words"),
     [
-        (0.80, "Spiking costs accuracy: rsnn, size 1 has a test accuracy of 80.0 %; the best without spikes, svm,"),
+        (0.80, "Spiking costs accuracy: rsnn, size 1 has a test accuracy of 80.0 %; the best baseline is svm,"),
         (0.97, "Spiking is more accurate: rsnn"),
-        (0.91, "No clear difference between spiking and the others: rsnn"),
+        (0.91, "No clear difference in accuracy: rsnn"),
     ],
 )
 def test_spiking_is_set_beside_the_best_of_the_others(spiking, words):
@@ -108,24 +108,25 @@ def test_spiking_is_set_beside_the_best_of_the_others(spiking, words):
         ),
         SPIKING._replace(measures=MEASURES | {"chance": "guessing (%)"}),
     )
-    said = way_answer.headline(found, SPIKING)
+    said = sentences.headline(found)
     assert said.startswith(words)
     assert said.endswith("guessing reaches 12.5 %.")
 
 
 def test_what_a_row_of_the_table_contradicts_is_not_claimed():
     found = answer_of(runs(("rsnn", 1, 0.9, 0.95, 9.0), ("svm", 1, 0.9, 0.8, 9.0), ("elm", 1, 0.6, 0.97, 9.0)))
-    said = way_answer.headline(found, SPIKING)
-    assert said.startswith("No clear difference between spiking and the others: rsnn")
-    assert "elm, size 1, which validation ranks lower, has 97.0 %" in said
+    said = sentences.headline(found)
+    assert said.startswith("No clear difference in accuracy: rsnn")
+    assert "elm, size 1 has 97.0 %, although it is less accurate on validation windows than" in said
 
 
 def test_of_rivals_that_validation_cannot_tell_apart_each_counts():
     found = answer_of(runs(("rsnn", 1, 0.9, 0.8, 9.0), ("svm", 1, 0.9, 0.6, 1.0), ("elm", 1, 0.88, 0.97, 9.0)))
-    said = way_answer.headline(found, SPIKING)
+    said = sentences.headline(found)
     assert said.startswith("Spiking costs accuracy: rsnn")
-    assert "2 without spikes that validation cannot tell apart have 60.0 % (svm, size 1) to 97.0 % (elm" in said
-    shown = " ".join(str(row[0]) for row in way_answer.table(found, SPIKING).rows)
+    assert "elm, size 1 has 97.0 % (p < 0.001 after correction for 2 comparisons), one of 2 baselines that " in said
+    assert "validation cannot tell apart: 60.0 % to 97.0 %" in said
+    shown = " ".join(str(row[0]) for row in first_screen.table_of_configurations(found).rows)
     assert all(kind in shown for kind in ("rsnn", "svm", "elm"))
 
 
@@ -151,11 +152,11 @@ def test_seeds_of_a_split_are_no_further_splits():
     assert answer_of(seeds).verdict == pytest.approx(answer_of(one).verdict)
     assert answer_of(seeds).best.error == pytest.approx(answer_of(one).best.error)
     several = answer_of(seeds[seeds["split"] == 0])
-    (mine, its) = (several.spiking.score, several.other.score)
+    (mine, its) = (several.spiking.accuracy, several.baseline.accuracy)
     assert several.verdict.p == compare_shares(mine, its, 150).p
-    assert "of 150 test trials of one split" in [*way_answer.details(several, SPIKING)][-1]
+    assert "of 150 test trials of one split" in [*sentences.details(several)][-1]
     trials = answer_of(seeds[seeds["split"] == 0].assign(test_trials=9))
-    assert (way_answer.kind_of(trials), trials.verdict.n) == ("tie", 9)
+    assert (trials.kind, trials.verdict.n) == ("too few trials", 9)
 
 
 @pytest.mark.parametrize(
@@ -171,23 +172,23 @@ def test_seeds_of_a_split_are_no_further_splits():
 )  # fmt: skip
 def test_what_cannot_be_tested_is_not_told_apart(results, view, why):
     found = answer_of(results, view)
-    assert (way_answer.kind_of(found), found.verdict) == ("untested", None)
-    said = way_answer.headline(found, view)
+    assert (found.kind, found.verdict) == ("untested", None)
+    said = sentences.headline(found)
     assert said.startswith(f"Not tested, since {why}")
     assert "rsnn, size 1 has a test accuracy of 95." in said
 
 
 def test_a_score_that_is_no_share_is_not_tested():
     view = SPIKING._replace(measures=MEASURES | {"accuracy_test": "information (bits)"})
-    assert way_answer.kind_of(answer_of(runs(*APART), view)) == "untested"
+    assert answer_of(runs(*APART), view).kind == "untested"
     beyond = runs(*APART).assign(accuracy_test=lambda rows: 2 * rows["accuracy_test"])
-    assert way_answer.kind_of(answer_of(beyond)) == "untested"
+    assert answer_of(beyond).kind == "untested"
 
 
 def test_means_without_their_rows_are_not_tested():
     table = means(*APART)
     (found,) = way_answer.answers(table, SPIKING)
-    assert way_answer.kind_of(found) == "untested"
+    assert found.kind == "untested"
 
 
 def test_errors_are_those_of_splits_or_of_the_trials_of_one():
@@ -198,47 +199,69 @@ def test_errors_are_those_of_splits_or_of_the_trials_of_one():
     assert best.error == pytest.approx(resampled_error(mine["accuracy_test"].to_numpy(), 700, 150))
     assert best.choice_error == pytest.approx(resampled_error(mine["accuracy_validation"].to_numpy(), 700, 150))
     one = answer_of(runs(*APART, splits=1))
-    assert one.best.error == pytest.approx(standard_error(one.best.score, 150))
+    assert one.best.error == pytest.approx(standard_error(one.best.accuracy, 150))
     assert math.isnan(one.best.choice_error)
     known = answer_of(runs(*APART, splits=1, n_validation=40)).best
     assert known.choice_error == pytest.approx(standard_error(known.chosen_by, 40))
-    (told,) = (line for line in way_answer.details(one, SPIKING) if "not known" in line)
+    (told,) = (line for line in sentences.details(one) if "not known" in line)
     assert "one row" in told
     two = answer_of(runs(*APART, splits=2))
     assert math.isnan(two.best.error)
-    assert "too few splits" in " ".join(way_answer.details(two, SPIKING))
-    shown = way_answer.table(two, SPIKING)
+    assert "too few splits" in " ".join(sentences.details(two))
+    shown = first_screen.table_of_configurations(two)
     assert "standard error" not in shown.caption
     assert "within its error" not in str(shown.rows)
     some = answer_of(pd.concat([runs(APART[0]), runs(APART[1], splits=2)]))
-    assert "± their standard error" in way_answer.table(some, SPIKING).caption
+    assert "± their standard error" in first_screen.table_of_configurations(some).caption
 
 
-@pytest.mark.parametrize("splits", [1, 5])
-def test_a_tie_says_below_which_difference_none_is_seen(splits):
+@pytest.mark.parametrize(("splits", "n_test"), [(1, 150), (5, 150), (5, 60), (3, 20), (1, 20)])
+def test_a_tie_says_below_which_difference_none_is_seen(splits, n_test):
     near = ("rsnn", 1, 0.9, 0.8, 9.0), ("svm", 1, 0.9, 0.801, 9.0), ("elm", 1, 0.9, 0.802, 9.0)
-    found = answer_of(runs(*near, splits=splits))
-    over = least_difference_over_splits(splits, 700, 150, 2)
-    least = least_difference(150, 2) if splits == 1 else over
-    *_, said = way_answer.details(found, SPIKING)
+    found = answer_of(runs(*near, splits=splits, n_test=n_test))
+    over = least_difference_over_splits(splits, 700, n_test, 2)
+    least = least_difference(n_test, 2) if splits == 1 else over
+    *_, said = sentences.details(found)
     assert f"no difference below {100 * least:.1f} points could be clear." in said
-    *_, said = way_answer.details(answer_of(runs(*near, splits=splits, n_test=1)), SPIKING)
+    is_weak = least > 0.1  # what the headline says then is the same difference
+    assert (f"differences of {100 * least:.0f} points or more would show" in sentences.headline(found)) == is_weak
+    assert (found.kind == "too few trials") == is_weak
+    *_, said = sentences.details(answer_of(runs(*near, splits=splits, n_test=1)))
     assert said.endswith("no difference could be clear.")
-    *_, said = way_answer.details(answer_of(runs(*APART, splits=splits)), SPIKING)
+    *_, said = sentences.details(answer_of(runs(*APART, splits=splits)))
     assert "could be clear" not in said
+
+
+def test_the_least_difference_of_the_comparison_decides_whether_its_trials_are_too_few():
+    found = answer_of(runs(("rsnn", 1, 0.9, 0.8, 9.0), ("svm", 1, 0.9, 0.801, 9.0), splits=5))
+    assert found._replace(least=0.11).kind == "too few trials"
+    assert found._replace(least=0.09).kind == "tie"
+
+
+def test_a_figure_has_the_error_of_its_score_and_only_what_spikes_is_set_beside_another():
+    rows = runs(*APART, ("elm", 1, 0.5, 0.4, 9.0))
+    score, cost = first_screen.figures(answer_of(rows))
+    error = 100 * answer_of(rows).spiking.error
+    assert (score.value, score.of) == ("95.0 %", f"± {error:.1f} points, rsnn, size 1")
+    assert score.against.startswith("svm, size 1: 80.0 ± ")
+    assert (cost.value, cost.against) == ("9", "svm, size 1: 9")
+    alone = rows[rows["kind"] != "rsnn"].assign(chance=0.25)
+    view = SPIKING._replace(measures=MEASURES | {"chance": "guessing (%)"})
+    score, cost = first_screen.figures(answer_of(alone, view))
+    assert (score.against, cost.against) == ("guessing: 25.0 %", "")
 
 
 def test_of_an_unknown_error_nothing_is_said_to_be_level():
     rows = runs(("rsnn", 1, 0.9, 0.95, 9.0), ("svm", 1, 0.9, 0.8, 9.0), ("elm", 1, 0.2, 0.3, 9.0), splits=1)
-    said = way_answer.headline(answer_of(rows), SPIKING)
+    said = sentences.headline(answer_of(rows))
     assert not any(word in said for word in ("elm", "cannot tell apart"))
     rows = runs(("rsnn", 1, 0.9, 0.95, 9.0), ("svm", 1, 0.9, 0.8, 9.0), ("elm", 1, 0.9, 0.79, 9.0), splits=1)
-    said = way_answer.headline(answer_of(rows), SPIKING)
-    assert "2 without spikes that are equal on validation rows have 79.0 %" in said
+    said = sentences.headline(answer_of(rows))
+    assert "2 baselines that validation finds equal have 79.0 %" in said
 
 
 def page_verdict(rng, **how):
-    return way_answer.kind_of(answer_of(equal_learners.rows(equal_learners.study(rng, **how)), equal_learners.VIEW))
+    return answer_of(equal_learners.rows(equal_learners.study(rng, **how)), equal_learners.VIEW).kind
 
 
 @thinned(
@@ -271,14 +294,14 @@ def test_tasks_apart_have_an_answer_each_and_what_saw_test_data_comes_last():
     table = table.assign(protocol=["paper", "honest", "honest"])
     honest, paper = way_answer.answers(table, view)
     assert (honest.setting, honest.best.name, paper.setting) == ("honest", "b", "paper")
-    assert any("saw test data" in line for line in way_answer.details(paper, view))
-    assert not any("saw test data" in line for line in way_answer.details(honest, view))
+    assert any("saw test data" in line for line in sentences.details(paper))
+    assert not any("saw test data" in line for line in sentences.details(honest))
 
 
 def test_configurations_that_were_not_run_are_left_out():
     table = means(("a", 1, 0.9, 0.9, 9.0), ("b", 1, math.nan, math.nan, math.nan))
     (found,) = way_answer.answers(table, VIEW)
-    assert [one.name for one in found.configurations] == ["a, size 1"]
+    assert [one.name for one in found.rows] == ["a, size 1"]
     assert way_answer.answers(table.iloc[1:], VIEW) == []
 
 
@@ -286,7 +309,7 @@ def test_a_row_without_validation_is_shown_and_not_chosen():
     rows = (("window", 1, 0.9, 0.8, 900.0), ("early exit", 1, math.nan, 0.99, 9.0), ("window", 2, 0.8, 0.7, 9.0))
     (found,) = way_answer.answers(means(*rows), VIEW)
     assert found.best.name == found.cheapest.name == "window, size 1"
-    assert [row[0] for row in way_answer.table(found, VIEW).rows] == [
+    assert [row[0] for row in first_screen.table_of_configurations(found).rows] == [
         "window, size 1: best and cheapest within its error", "early exit, size 1",
     ]  # fmt: skip
 
@@ -304,7 +327,7 @@ def test_validation_that_the_view_does_not_show_chooses_all_the_same():
 def test_the_table_has_the_best_of_each_kind_and_guessing():
     rows = (("a", 1, 0.95, 0.90, 900.0), ("a", 2, 0.94, 0.99, 80.0), ("b", 1, 0.5, 0.4, 300.0))
     (found,) = way_answer.answers(means(*rows, chance=0.25, signal_ms=150.0), VIEW)
-    shown = way_answer.table(found, VIEW)
+    shown = first_screen.table_of_configurations(found)
     assert shown.caption == (
         "The best of each kind, chosen on validation rows: means over 4 rows of results.csv ± their standard error."
     )
@@ -328,6 +351,4 @@ def test_the_cheapest_never_costs_more_and_lies_within_the_error(points):
     assert best.chosen_by == max(validation for validation, _, _ in points)
     assert cheapest.cost <= best.cost
     assert cheapest.chosen_by >= best.chosen_by - best.choice_error - 1e-9
-    assert all(
-        one.cost >= cheapest.cost for one in found.configurations if one.chosen_by >= best.chosen_by - best.choice_error
-    )
+    assert all(one.cost >= cheapest.cost for one in found.rows if one.chosen_by >= best.chosen_by - best.choice_error)

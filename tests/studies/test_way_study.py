@@ -13,7 +13,7 @@ from toy import bring
 
 from neurotact import plugins
 from neurotact.errors import InputError
-from neurotact.report import report, way_answer
+from neurotact.report import first_screen, report, sentences, way_answer
 from neurotact.studies import loading, runner, study, way, way_cells, way_study
 from neurotact.studies.engine import Engine
 from neurotact.studies.store import is_done, write_cell
@@ -206,8 +206,8 @@ def test_the_first_screen_answers_before_anything_else(finished):
     view = way.module_of("coins").VIEW
     results = read_table(finished / "results.csv")
     (found,) = way_answer.answers(read_table(finished / "means.csv"), view, results)
-    assert way_answer.kind_of(found) == "worse"  # of the rule that is right where heads fall
-    said = way_answer.evidence(found, view).replace(" %", "\u00a0%")
+    assert found.kind == "worse"  # of the rule that is right where heads fall
+    said = sentences.evidence(found).replace(" %", "\u00a0%")
     assert "The comparison is of 30 test trials of one split, and says nothing of other splits." in page
     assert found.best.name.startswith("heads")
     parts = ("The best rule foresees", 'id="plot"', "The best of each kind", said, "Explore every", 'id="claims"')
@@ -216,7 +216,7 @@ def test_the_first_screen_answers_before_anything_else(finished):
     drawn = json.loads(re.search(r'id="study-data">(.*?)</script>', page)[1])
     assert drawn["fronts"] == {"": {"best": found.best.index, "cheapest": found.cheapest.index, "chance": None}}
     assert drawn["points"][found.best.index]["costs"] == {"flops": 1.0}
-    assert drawn["points"][found.best.index]["y"] == pytest.approx(100 * found.best.score)
+    assert drawn["points"][found.best.index]["y"] == pytest.approx(100 * found.best.accuracy)
 
 
 def test_what_a_protocol_says_is_kept_for_programs_and_leads_the_page(finished):
@@ -236,11 +236,11 @@ def test_a_way_without_sentences_leaves_the_answer_of_its_page(finished, tmp_pat
     answer, view = json.loads((tmp_path / "run" / "answer.json").read_text()), way.module_of("coins").VIEW
     (found,) = way_answer.answers(read_table(finished / "means.csv"), view, read_table(finished / "results.csv"))
     (said,) = answer["answers"]
-    assert (said["headline"], said["short"]) == (way_answer.headline(found, view), way_answer.verdict(found))
-    assert said["details"] == [*way_answer.details(found, view)]
+    assert (said["headline"], said["short"]) == (sentences.headline(found), sentences.verdict(found))
+    assert said["details"] == [*sentences.details(found)]
     assert [figure["what"] for figure in said["figures"]] == ["test accuracy", "FLOPs"]
     (table,) = answer["tables"]
-    assert (table["setting"], table["rows"]) == ("", way_answer.table(found, view).rows)
+    assert (table["setting"], table["rows"]) == ("", first_screen.table_of_configurations(found).rows)
 
 
 def test_the_protocols_that_ship_hold_what_a_protocol_holds(monkeypatch):
