@@ -16,7 +16,16 @@ from neurotact.baselines import minirocket as rocket
 from neurotact.baselines.elm import ELMClassifier
 from neurotact.baselines.opponent import Opponent, Settings, Sides
 from neurotact.baselines.pooled_gru import GRU, PooledGRUClassifier, PooledStates
-from neurotact.metrics.flops import BYTES, Cost, Dense, Layer, NearestPoints, Standardise, SupportVectorMachines
+from neurotact.metrics.flops import (
+    Cost,
+    Dense,
+    Layer,
+    NearestPoints,
+    Standardise,
+    SupportVectorMachines,
+    passed,
+    with_weights,
+)
 from neurotact.metrics.linear import linear
 
 LINEAR_CS = (1.0, 0.01, 0.1, 10.0, 100.0)
@@ -112,7 +121,8 @@ class Trees(Layer):
     def cost(self) -> Cost:
         parameters = self.nodes * (2 + self.classes) // 2
         sums, compared = self.trees * self.classes, self.trees * self.depth
-        return Cost(acs=sums, comparisons=compared, parameters=parameters, bytes=BYTES * parameters)
+        moved = {"weights_accesses": 3 * compared + sums, **passed(compared, self.classes)}  # feature, threshold, child
+        return with_weights(parameters, acs=sums, comparisons=compared, **moved)
 
 
 def mean_depth(forest: ExtraTreesClassifier, features: np.ndarray) -> float:

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from neurotact.encoders.decoding import sum_of_steps
 from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, RefractoryMs, both, checked, over_time
-from neurotact.metrics.flops import Cost, with_weights
+from neurotact.metrics.flops import Cost, changed, with_weights
 from neurotact.neurons import refractory_steps, silenced
 
 
@@ -77,7 +77,8 @@ def cost(_spec: Mapping[str, Any], taxels: int, steps: int, _step_ms: float) -> 
     threshold above and below. What an event does to the reference is rare and not counted.
     """
     updates = taxels * steps
-    return with_weights(1, 2 * taxels, acs=updates, comparisons=2 * updates)  # a reference and a refractory counter
+    moved = {"weights_accesses": updates, **changed(2, updates)}  # a reference and a refractory counter
+    return with_weights(1, 2 * taxels, acs=updates, comparisons=2 * updates, **moved)
 
 
 MODEL = Model("send-on-delta events", SendOnDeltaSpec, _encode, _SendOnDeltaState, ON_OFF, cost, decode=sum_of_steps)

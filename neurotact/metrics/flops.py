@@ -40,7 +40,7 @@ BYTES = 4
 
 
 LEDGER_COLUMNS = (
-    *FLOPS, "flops", "parameters", "bytes", "sops", *PRICED[PRICED.index("sops") + 1 :], "signal_ms", "energy_estimate_nJ",
+    *FLOPS, "flops", "parameters", "bytes", *PRICED[len(FLOPS) :], "signal_ms", "energy_estimate_nJ",
 )  # fmt: skip
 """What the ledger says of a cost."""
 

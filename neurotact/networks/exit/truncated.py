@@ -12,6 +12,7 @@ from torch import Tensor
 
 from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.readouts import Integration
+from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.exit.exit_choice import exits, oracle_exit
 from neurotact.networks.training.training import Examples
 
@@ -19,13 +20,14 @@ AT_ONCE = 256
 """Windows simulated together: rasters of all test windows of a second would take gigabytes."""
 
 
-class _SimulatedWindows(NamedTuple):
+class SimulatedWindows(NamedTuple):
     """Simulated windows of a network.
 
     readout: spikes, or the input of an integrator, `(window, time, class)`, on the network's clock; integration: of an
     integrator, None if spikes are counted; input, hidden: spikes of all neurons up to and including each step
     `(window, time)` int64; labels: the true classes `(window,)`; sops: operations up to and including each step,
-    `(window, time, projection)`, where the network counts them itself.
+    `(window, time, projection)`, where the network counts them itself; touched: `RSNN.touched`, also up to and
+    including each step, `(window, time, layer)`.
     """
 
     readout: Tensor
@@ -34,12 +36,19 @@ class _SimulatedWindows(NamedTuple):
     labels: Tensor
     integration: Integration | None = None
     sops: Tensor | None = None
+    touched: Tensor | None = None
+
+    def touched_until(self, steps: Tensor) -> Tensor | None:
+        """Means over windows that stop after so many steps of the network, `(layer,)`; None if they are not counted."""
+        if self.touched is None:
+            return None
+        return self.touched[torch.arange(len(steps)), steps - 1].double().mean(dim=0)
 
 
 @torch.no_grad()
-def simulate_windows(network: Network, examples: Examples) -> _SimulatedWindows:
+def simulate_windows(network: Network, examples: Examples) -> SimulatedWindows:
     """Simulate full windows and return the spikes of each layer."""
-    readout, inputs, hidden, sops = [], [], [], []
+    readout, inputs, hidden, sops, touched = [], [], [], [], []
     for spikes in examples.spikes.split(AT_ONCE):
         rasters, own = network.simulated(spikes.to(network.device))
         readout.append(
@@ -48,14 +57,16 @@ def simulate_windows(network: Network, examples: Examples) -> _SimulatedWindows:
         inputs.append(_until(network.binned(spikes)))
         hidden.append(_until(rasters.hidden.cpu()))
         sops += [] if own is None else [own.cpu().cumsum(dim=1)]
+        if isinstance(network, RSNN):
+            touched.append(network.touched(network.binned(spikes), rasters.hidden.cpu()).cumsum(dim=1))
     integration = None if network.integration is None else network.integration.detach().cpu()
-    return _SimulatedWindows(
+    return SimulatedWindows(
         torch.cat(readout), torch.cat(inputs), torch.cat(hidden), examples.labels, integration,
-        torch.cat(sops) if sops else None,
+        torch.cat(sops) if sops else None, torch.cat(touched) if touched else None,
     )  # fmt: skip
 
 
-def cut_short(network: Network, windows: _SimulatedWindows, cuts_ms: Sequence[float]) -> list[dict[str, Any]]:
+def cut_short(network: Network, windows: SimulatedWindows, cuts_ms: Sequence[float]) -> list[dict[str, Any]]:
     """Accuracy and mean SOPs at each cut within the window; the counts at its last step decide.
 
     Columns: cut_ms, accuracy_test, and sops_* as in results.csv.
@@ -72,7 +83,7 @@ def cut_short(network: Network, windows: _SimulatedWindows, cuts_ms: Sequence[fl
 
 
 def exit_curve(
-    network: Network, test: _SimulatedWindows, validation: _SimulatedWindows, patiences: Sequence[int]
+    network: Network, test: SimulatedWindows, validation: SimulatedWindows, patiences: Sequence[int]
 ) -> list[dict[str, Any]]:
     """Accuracy, steps and mean SOPs on test windows over patience, in each mode of early exit.
 
@@ -109,24 +120,24 @@ def exit_curve(
     return rows
 
 
-def _validated(windows: _SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
+def _validated(windows: SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
     """Steps and labels `(window,)` at each patience, counted from the first readout spike."""
     decisions = exits(windows.readout, integration=windows.integration)
     return [(decisions.steps[:, patience - 1], decisions.labels[:, patience - 1]) for patience in patiences]
 
 
-def _oracle(windows: _SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
+def _oracle(windows: SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
     """The same by the texture paper's Algorithm 1, which starts at each patience and knows the true labels."""
     return [oracle_exit(windows.readout, windows.labels, patience, windows.integration)[:2] for patience in patiences]
 
 
-def _printed(windows: _SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
+def _printed(windows: SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
     """The same by Algorithm 1 to the letter, whose count is never reset."""
     labels, integration = windows.labels, windows.integration
     return [oracle_exit(windows.readout, labels, p, integration, as_printed=True)[:2] for p in patiences]
 
 
-def judged(network: Network, windows: _SimulatedWindows, steps: Tensor, chosen: Tensor) -> dict[str, float]:
+def judged(network: Network, windows: SimulatedWindows, steps: Tensor, chosen: Tensor) -> dict[str, float]:
     """Accuracy and mean SOPs of windows that stop after so many steps with these labels."""
     inputs, hidden = (until.gather(1, steps[:, None] - 1)[:, 0].numpy() for until in (windows.input, windows.hidden))
     sops = None if windows.sops is None else windows.sops[torch.arange(len(steps)), steps - 1].numpy()
