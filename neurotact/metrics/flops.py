@@ -73,8 +73,8 @@ class Cost:
     comparisons: float = 0
     divisions: float = 0
     exponentials: float = 0
-    parameters: int = 0
-    bytes: int = 0
+    parameters: float = 0
+    bytes: float = 0
     sops: float = 0
     signal_ms: float = 0
     neuron_updates: float = 0
@@ -221,7 +221,7 @@ def ledger_table(
     return pd.DataFrame(rows, columns=["name", *LEDGER_COLUMNS, "prices"])
 
 
-def with_weights(parameters: int, state: int = 0, *, bytes_a_parameter: int = BYTES, **counted: float) -> Cost:
+def with_weights(parameters: float, state: float = 0, *, bytes_a_parameter: float = BYTES, **counted: float) -> Cost:
     """The cost of operations and accesses, with the memory for parameters and for a state."""
     stored = bytes_a_parameter * parameters + BYTES * state
     return Cost(parameters=parameters, bytes=stored, states_bytes=BYTES * state, **counted)

@@ -314,13 +314,11 @@ class RSNN(Network):
         spikes: `binned`; hidden: spikes of a window `(trial, time, hidden)`. An event-driven network updates these.
         """
         out = self.readout_weights if self.stretches is None else self.readout_weights.abs().sum(dim=0)
-        into, among, out = (
-            None if w is None else (w.detach().cpu() != 0).float() for w in (self.w_in, self.w_rec, out)
-        )
+        into, out = ((weights.detach().cpu() != 0).float() for weights in (self.w_in, out))
         arriving = spikes.float() @ into
-        if among is not None:
+        if self.w_rec is not None:
             later = self.neuron.recurrent_delay_steps + (self.neuron.membrane == "immediate")
-            back = hidden.float() @ among
+            back = hidden.float() @ (self.w_rec.detach().cpu() != 0).float()
             arriving[:, 1 + later :] += back[:, : max(0, back.shape[1] - 1 - later)]
         heard = hidden.float() @ out
         return torch.stack([(arriving > 0).sum(dim=2), (heard > 0).sum(dim=2)], dim=2)
