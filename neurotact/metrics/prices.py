@@ -18,7 +18,8 @@ from neurotact.errors import InputError, nearest
 from neurotact.spec import Spec
 
 Price = Annotated[float, Field(ge=0, le=1e9)]
-DEFAULT = "arithmetic-45nm"
+DEFAULT = "memory-45nm"
+"""Of studies, trained networks and classifiers (`docs/concepts/energy.md` argues for it)."""
 DIVISION_MACS, EXPONENTIAL_MACS = 2, 4
 """MACs by which a division or root, and an exponential or logarithm, is computed: as many as their FLOPs."""
 
@@ -196,4 +197,6 @@ def _named(given: Any) -> Any:
 
 Priced = Annotated[PriceList, BeforeValidator(_named)]
 """A price list as a key of a spec: its name, its path, or the whole table."""
-ARITHMETIC_45NM = spec.load(PriceList, DEFAULT, {"name": DEFAULT})
+ARITHMETIC_45NM = price_list("arithmetic-45nm")
+"""Of a `Cost` where no list is named."""
+MEMORY_45NM = price_list(DEFAULT)
