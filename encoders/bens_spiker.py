@@ -12,7 +12,7 @@ from neurotact_parts.encoders.decoding import filtered, hann
 from pydantic import Field
 
 from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, both, checked, over_time
-from neurotact.metrics.flops import Cost, with_weights
+from neurotact.metrics.flops import Cost, changed, with_weights
 
 
 class BensSpikerSpec(EncoderSpec):
@@ -76,7 +76,8 @@ def cost(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> Co
     both are subtracted and compared with the threshold. Taking the filter off at a spike is rare and not counted.
     """
     parts, taps = 2 * taxels, max(1, round(spec["filter_ms"] / step_ms)) if step_ms else 1
-    step = Cost(acs=3 * taps + 1, multiplications=1, comparisons=2 * taps + 2)
+    moved = {"weights_accesses": taps, **changed(taps)}
+    step = Cost(acs=3 * taps + 1, multiplications=1, comparisons=2 * taps + 2, **moved)
     return with_weights(2 + taps, parts * taps) + step.times(parts * steps)
 
 

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from neurotact.encoders.afferents import drives
 from neurotact.encoders.model import EncoderSpec, Model, checked, over_time
 from neurotact.errors import InputError
-from neurotact.metrics.flops import Cost, with_weights
+from neurotact.metrics.flops import Cost, changed, in_registers, with_weights
 from neurotact.neurons import silenced
 from neurotact.spec import Spec
 
@@ -126,9 +126,9 @@ def cost(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> Co
     """
     afferents, updates = 2 * taxels, taxels * steps
     cycle = max(1, round(spec["cycle_ms"] / step_ms)) if step_ms else 1
-    bursts = Cost(macs=1, multiplications=2, comparisons=2 + 2).times(afferents * (steps / cycle))
+    bursts = in_registers(macs=1, multiplications=2, comparisons=2 + 2).times(afferents * (steps / cycle))
     state = 4 * afferents + taxels + 1  # sum, spikes left, interval, time to the next; sample before; step
-    return with_weights(2, state, acs=3 * updates, comparisons=3 * updates) + bursts
+    return with_weights(2, state, acs=3 * updates, comparisons=3 * updates, **changed(3, updates)) + bursts
 
 
 MODEL = Model("burst afferents", BurstSpec, encode, BurstState, cost=cost)

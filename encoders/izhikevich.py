@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from neurotact.encoders.afferents import drives
 from neurotact.encoders.model import EncoderSpec, Model, checked
 from neurotact.errors import InputError
-from neurotact.metrics.flops import Cost, with_weights
+from neurotact.metrics.flops import Cost, changed, in_registers, with_weights
 from neurotact.spec import Spec
 
 LONGEST_STEP_ms = 1.0
@@ -208,9 +208,10 @@ def cost(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> Co
     the gain is a product, and RA-I takes a difference and its absolute value beside. Resets are rare and not counted.
     """
     afferents, euler_steps = 2 * taxels, _euler_steps(step_ms, spec["euler_step_ms"])
-    euler = Cost(macs=4, acs=3, multiplications=1, comparisons=1).times(afferents * steps * euler_steps)
+    euler = in_registers(macs=4, acs=3, multiplications=1, comparisons=1).times(afferents * steps * euler_steps)
     state = 2 * afferents + taxels  # v and u of both, the sample before
-    return with_weights(2, state) + euler + Cost(acs=1, multiplications=2, comparisons=1).times(taxels * steps)
+    step = Cost(acs=1, multiplications=2, comparisons=1, weights_accesses=2, **changed(state // taxels))
+    return with_weights(2, state) + euler + step.times(taxels * steps)
 
 
 MODEL = Model(

@@ -14,7 +14,7 @@ from pydantic import Field
 from neurotact.encoders.afferents import drives
 from neurotact.encoders.model import EncoderSpec, Model, checked, over_time
 from neurotact.errors import InputError
-from neurotact.metrics.flops import Cost, with_weights
+from neurotact.metrics.flops import Cost, changed, in_registers, with_weights
 from neurotact.spec import Spec
 
 
@@ -123,8 +123,9 @@ def cost(_spec: Mapping[str, Any], taxels: int, steps: int, _step_ms: float) -> 
     its absolute value beside. The threshold falls by one product a step, for all.
     """
     state = 3 * taxels + 2  # fired or not, the sample before; the threshold and the cycle's step
-    falls = Cost(multiplications=steps)
-    return with_weights(2, state) + Cost(acs=1, multiplications=2, comparisons=2 + 1).times(taxels * steps) + falls
+    falls = in_registers(multiplications=steps)
+    step = Cost(acs=1, multiplications=2, comparisons=2 + 1, weights_accesses=2, **changed(3))
+    return with_weights(2, state) + step.times(taxels * steps) + falls
 
 
 MODEL = Model("latency afferents", LatencySpec, encode, LatencyState, cost=cost)

@@ -23,7 +23,7 @@ from scipy.special import ndtri
 
 from neurotact.encoders.model import SA_RA, DrivenSpec, Model, Population, RefractoryMs, checked
 from neurotact.errors import InputError
-from neurotact.metrics.flops import Cost, with_weights
+from neurotact.metrics.flops import Cost, changed, in_registers, with_weights
 from neurotact.neurons import refractory_steps
 from neurotact.spec import Spec
 
@@ -488,12 +488,13 @@ def cost(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> Co
     n, noisy = len(fits), bool(spec.get("noise", True))
     n_pressed = sum(bool(fit.static_up or fit.static_down) for fit in fits)
     n_saturating = sum(fit.saturation > 0 for fit in fits)
-    every = Cost(macs=7 + 2 + 1 + 2 * noisy, acs=1 + 2 + 1, multiplications=1, comparisons=2 + 2)
-    pressed = Cost(macs=8, multiplications=1, comparisons=1)
-    saturating = Cost(acs=1, multiplications=1, comparisons=1, divisions=1)
-    step = Cost(macs=1, acs=1) + every.times(n) + pressed.times(n_pressed) + saturating.times(n_saturating)
+    every = in_registers(macs=7 + 2 + 1 + 2 * noisy, acs=1 + 2 + 1, multiplications=1, comparisons=2 + 2)
+    pressed = in_registers(macs=8, multiplications=1, comparisons=1)
+    saturating = in_registers(acs=1, multiplications=1, comparisons=1, divisions=1)
     # Two samples before; of each afferent a filter, its last value, V, the steps since a spike, a random number.
     state = taxels * (2 + n * (3 + 1 + 2 + noisy) + 3 * n_pressed)
+    moved = {"weights_accesses": n, **changed(state // taxels)}
+    step = Cost(macs=1, acs=1, **moved) + every.times(n) + pressed.times(n_pressed) + saturating.times(n_saturating)
     return with_weights(n, state) + step.times(taxels * round(steps * step_ms * 1e-3 * FITTED_Hz))
 
 

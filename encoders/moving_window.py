@@ -91,7 +91,8 @@ def cost(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> Co
     """
     updates, n_window = taxels * steps, _window_steps(spec["window_ms"], step_ms) if step_ms else 1
     state = (n_window + 2) * taxels  # the samples, their sum, the refractory counter
-    return with_weights(1, state, acs=3 * updates, multiplications=updates, comparisons=2 * updates)
+    moved = {"weights_accesses": updates, "states_accesses": 6 * updates}  # oldest and newest sample, sum, counter
+    return with_weights(1, state, acs=3 * updates, multiplications=updates, comparisons=2 * updates, **moved)
 
 
 MODEL = Model(

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from neurotact.encoders.afferents import drives
 from neurotact.encoders.model import EncoderSpec, Model, RefractoryMs, checked
-from neurotact.metrics.flops import Cost, with_weights
+from neurotact.metrics.flops import Cost, changed, with_weights
 from neurotact.neurons import refractory_steps, silenced
 from neurotact.spec import Spec
 
@@ -109,7 +109,7 @@ def cost(_spec: Mapping[str, Any], taxels: int, steps: int, _step_ms: float) -> 
     difference and its absolute value beside.
     """
     state = 3 * taxels  # a random number of each afferent, the sample before
-    step = Cost(macs=2, acs=1, multiplications=2, comparisons=2 + 1)
+    step = Cost(macs=2, acs=1, multiplications=2, comparisons=2 + 1, weights_accesses=2, **changed(state // taxels))
     return with_weights(2, state) + step.times(taxels * steps)
 
 

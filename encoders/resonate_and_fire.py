@@ -15,7 +15,7 @@ from pydantic import Field
 
 from neurotact.encoders.model import EncoderSpec, Model, Population, RefractoryMs, checked, over_time
 from neurotact.errors import InputError
-from neurotact.metrics.flops import Cost, with_weights
+from neurotact.metrics.flops import Cost, changed, with_weights
 from neurotact.neurons import refractory_steps, silenced
 from neurotact.spec import Spec
 
@@ -161,7 +161,9 @@ def cost(_spec: Mapping[str, Any], taxels: int, steps: int, _step_ms: float) -> 
     in its factor; then the comparison with the threshold. Resets are rare and not counted.
     """
     afferents = 2 * taxels
-    return with_weights(2, 3 * afferents, macs=6 * afferents * steps, comparisons=afferents * steps)
+    updates = afferents * steps
+    moved = {"weights_accesses": updates, **changed(3, updates)}
+    return with_weights(2, 3 * afferents, macs=6 * updates, comparisons=updates, **moved)
 
 
 MODEL = Model(

@@ -8,7 +8,6 @@ from .api.encoding import encode as encode
 from .api.encoding import encode_file as encode_file
 from .api.encoding import plot_raster as plot_raster
 from .api.encoding import save_raster as save_raster
-
 from .api.networks import infer as infer
 from .api.networks import load_network as load_network
 from .api.networks import result as result

@@ -17,7 +17,7 @@ from sklearn.utils.validation import check_is_fitted
 from neurotact.baselines.opponent import Opponent
 from neurotact.checks import at_least, sequences, trial_labels
 from neurotact.errors import InputError
-from neurotact.metrics.flops import BYTES, Cost, Dense, Layer, Standardise
+from neurotact.metrics.flops import Cost, Dense, Layer, Standardise, passed, with_weights
 
 KERNEL = 9
 """Weights of a kernel: three are 2, the others -1."""
@@ -221,13 +221,13 @@ class FixedConvolutions(Layer):
     def cost(self) -> Cost:
         n = self.samples
         additions = 8 * self.dilations * self.channels + 4 * self.convolved
-        return Cost(
-            acs=n * (additions + self.biases),
-            multiplications=n * self.convolved + self.biases,
-            comparisons=n * self.biases,
-            parameters=self.biases,
-            bytes=BYTES * (self.biases + n * self.channels),
-        )
+        sums = n * self.dilations * self.channels  # nine taps are read for each, three for each convolution
+        taps = n * self.channels + 10 * sums + 4 * n * self.convolved
+        return with_weights(
+            self.biases, n * self.channels, acs=n * (additions + self.biases),
+            multiplications=n * self.convolved + self.biases, comparisons=n * self.biases,
+            weights_accesses=self.biases, states_accesses=taps, **passed(0, self.biases),
+        )  # fmt: skip
 
 
 def _minirocket_layers(fitted: MiniRocketClassifier, x: np.ndarray) -> tuple[Layer, ...]:

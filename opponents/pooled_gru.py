@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from neurotact.baselines.opponent import Opponent
 from neurotact.checks import at_least, fraction, sequences, trial_labels
 from neurotact.errors import InputError
-from neurotact.metrics.flops import BYTES, SIGMOID, TANH, Cost, Dense, Layer
+from neurotact.metrics.flops import SIGMOID, TANH, Cost, Dense, Layer, changed, in_registers, passed, with_weights
 
 GRU_HIDDEN = (64, 128)
 BATCHES, MOST_BATCH, LEAST_BATCH = 16, 64, 8
@@ -181,9 +181,9 @@ class GRU(Layer):
 
     def cost(self) -> Cost:
         n, gates = self.units, 3 * self.units * (self.inputs + self.units)
-        unit = Cost(macs=1, acs=1, multiplications=1) + SIGMOID.times(2) + TANH
-        stored = Cost(parameters=gates + 3 * n, bytes=BYTES * (gates + 4 * n))
-        return stored + (Cost(macs=gates) + unit.times(n)).times(self.steps)
+        unit = in_registers(macs=1, acs=1, multiplications=1) + SIGMOID.times(2) + TANH
+        weights = Cost(macs=gates, weights_accesses=gates + 3 * n, **changed(n), buffers_accesses=self.inputs)
+        return with_weights(gates + 3 * n, n) + (weights + unit.times(n)).times(self.steps)
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,8 @@ class PooledStates(Layer):
 
     def cost(self) -> Cost:
         n = self.units * self.steps
-        return Cost(acs=n, multiplications=self.units, comparisons=n, bytes=2 * BYTES * self.units)
+        moved = {**changed(2, n), **passed(0, 2 * self.units)}
+        return with_weights(0, 2 * self.units, acs=n, multiplications=self.units, comparisons=n, **moved)
 
 
 def _gru_layers(fitted: PooledGRUClassifier, x: np.ndarray) -> tuple[Layer, ...]:

@@ -9,7 +9,7 @@ from sklearn.neighbors import KNeighborsClassifier
 from sklearn.svm import SVC
 
 from neurotact.baselines.opponent import Opponent, Settings, Sides
-from neurotact.metrics.flops import BYTES, Cost, Dense, Layer, NearestPoints, SupportVectorMachines
+from neurotact.metrics.flops import Cost, Dense, Layer, NearestPoints, SupportVectorMachines, passed, with_weights
 from neurotact.metrics.linear import linear
 
 LINEAR_CS = (1.0, 0.01, 0.1, 10.0, 100.0)
@@ -71,7 +71,8 @@ class Trees(Layer):
     def cost(self) -> Cost:
         parameters = self.nodes * (2 + self.classes) // 2
         sums, compared = self.trees * self.classes, self.trees * self.depth
-        return Cost(acs=sums, comparisons=compared, parameters=parameters, bytes=BYTES * parameters)
+        moved = {"weights_accesses": 3 * compared + sums, **passed(compared, self.classes)}  # feature, threshold, child
+        return with_weights(parameters, acs=sums, comparisons=compared, **moved)
 
 
 def mean_depth(forest: ExtraTreesClassifier, features: np.ndarray) -> float:

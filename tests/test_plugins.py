@@ -486,7 +486,7 @@ def test_a_price_list_of_another_package_prices_costs_and_is_named(package, tmp_
     spent_pJ = 30 * costs["macs"] + costs["acs"] + 20 * costs["multiplications"]
     spent_pJ += sum(price * costs[kind] for kind, price in zip(others, (1, 60, 120), strict=True))
     assert costs["energy_estimate_nJ"] == pytest.approx(1e-3 * spent_pJ)
-    assert (costs["prices"], fitted.costs(TOUCHES[0])["prices"][0]) == ("my-chip", "arithmetic-45nm")
+    assert (costs["prices"], fitted.costs(TOUCHES[0])["prices"][0]) == ("my-chip", "memory-45nm")
     copied = tmp_path / "mine.toml"
     copied.write_text("source = 'me'\nmultiplication_pJ = 3.7\naddition_pJ = 1.8\n")
     (mine,) = fitted.costs(TOUCHES[0], prices=copied).to_dict("records")

@@ -3,44 +3,32 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-<<<<<<<< HEAD:encoders/survival_figure.py
-from neurotact_parts.encoders.survival import Survival
-
-from neurotact.errors import InputError
-========
 from neurotact_parts.encoders.survival.survival import Survival
 
->>>>>>>> drawings:encoders/survival/figure.py
 from neurotact.figures.raster import PALETTE
 from neurotact.figures.style import INK, MUTED, RA, SA, new_figure, printed
 
 
 @printed
-def plot_survival(found: Survival) -> Figure:
-    """What `what_survives` found as a matplotlib figure: a signal and its decoding, spectra, and bits over time.
+def draw_survival(survival: Survival) -> Figure:
+    """Three panels.
 
     Left: the liveliest taxel's signal in one stretch, what is decoded, and its spikes below. Middle: power of the
     signal and of the error of the linear filter over frequency: where the error is lower, the signal survives. Right:
     bits that the counts so far tell of the class, mean over afferents, and what they would by chance.
-
-    >>> felt = nt.simulate("gratings", trials=1, duration_s=0.6)
-    >>> len(nt.plot_survival(nt.what_survives(felt, "send-on-delta")).axes)
-    3
     """
-    if not isinstance(found, Survival):
-        raise InputError(f"found: must be Survival; got {type(found).__name__}; nt.what_survives returns it")
     figure = new_figure(2.6)
     signal, spectrum, told = figure.subplots(1, 3, width_ratios=(1.7, 1, 1))
-    _draw_signal(signal, found)
-    lines = found.spectra.frequency_Hz > 0
-    for values, name, colour in ((found.spectra.power, "signal", INK), (found.spectra.error, "error", RA)):
-        spectrum.loglog(found.spectra.frequency_Hz[lines], values[lines], color=colour, label=name)
-    spectrum.set(xlabel="frequency (Hz)", ylabel="power (sd²)", title=f"{found.spectra.snr_dB:.1f} dB survive")
+    _draw_signal(signal, survival)
+    lines = survival.spectra.frequency_Hz > 0
+    for values, name, colour in ((survival.spectra.power, "signal", INK), (survival.spectra.error, "error", RA)):
+        spectrum.loglog(survival.spectra.frequency_Hz[lines], values[lines], color=colour, label=name)
+    spectrum.set(xlabel="frequency (Hz)", ylabel="power (sd²)", title=f"{survival.spectra.snr_dB:.1f} dB survive")
     spectrum.legend(handlelength=1.0)
-    told.plot(found.told.time_ms, found.told.class_bits, color=SA, label="told")
-    told.plot(found.told.time_ms, found.told.by_chance, "--", color=MUTED, label="by chance")
+    told.plot(survival.told.time_ms, survival.told.class_bits, color=SA, label="told")
+    told.plot(survival.told.time_ms, survival.told.by_chance, "--", color=MUTED, label="by chance")
     told.set(xlabel="time (ms)", ylabel="information about the class (bit)", title="mean over afferents")
-    told.set_ylim(bottom=min(0.0, float(found.told.class_bits.min())))
+    told.set_ylim(bottom=min(0.0, float(survival.told.class_bits.min())))
     told.legend(handlelength=1.4)
     return figure
 

@@ -9,14 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-<<<<<<<< HEAD:encoders/survival.py
 from neurotact_parts.encoders.decoding import decode
-from neurotact_parts.encoders.information import binned, class_information, information_of_bins
-========
 from neurotact_parts.encoders.survival import reconstruction
 from neurotact_parts.encoders.survival.information import binned, class_information, information_of_bins
 from neurotact_parts.encoders.survival.reconstruction import Reconstruction
->>>>>>>> drawings:encoders/survival/survival.py
 
 from neurotact.data.conditioning import condition
 from neurotact.data.recordings import Trials
@@ -33,11 +29,6 @@ from neurotact.encoders.specs import (
     recorded_at,
 )
 from neurotact.errors import InputError
-<<<<<<<< HEAD:encoders/survival.py
-from neurotact.metrics import reconstruction
-from neurotact.metrics.reconstruction import Reconstruction
-========
->>>>>>>> drawings:encoders/survival/survival.py
 
 ALL = "all"
 PER_CLASS, TAXELS, LONGEST_s = 24, 16, 2.0

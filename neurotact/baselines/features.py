@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neurotact.metrics.flops import BYTES, Cost, Layer
+from neurotact.metrics.flops import Cost, Layer, passed, with_weights
 
 
 def bin_edges(n_samples: int, n_bins: int) -> np.ndarray:
@@ -76,5 +76,7 @@ class BandPowers(Layer):
 
     def cost(self) -> Cost:
         n, transform = self.samples, self.samples * math.log2(max(2, self.samples))
-        one = Cost(macs=float(n), acs=1.5 * transform + n, multiplications=transform + n, exponentials=self.bands)
-        return one.times(self.channels) + Cost(bytes=BYTES * self.channels * n)
+        operations = {"macs": float(n), "acs": 1.5 * transform + n, "multiplications": transform + n}
+        moved = {"states_accesses": 3 * n + 2 * transform, **passed(0, self.bands)}  # window, stages, squares
+        one = Cost(**operations, exponentials=self.bands, **moved)
+        return one.times(self.channels) + with_weights(0, self.channels * n)

@@ -35,7 +35,7 @@ from neurotact.data.windows import Windows
 from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.specs import taxels_of
 from neurotact.metrics import paired
-from neurotact.metrics.flops import Cost, Moments, Standardise, cost
+from neurotact.metrics.flops import Cost, Moments, Standardise, changed, cost, passed
 from neurotact.metrics.signal_flops import Averaging, StandardisedSteps
 from neurotact.progress import say
 
@@ -234,7 +234,7 @@ def spike_inputs(
     n_bins = min(BINS, n_steps)
     counts = trains.binned(cuts.windows, bin_edges(n_steps, n_bins))
     spikes = float(counts.sum()) / n_windows
-    made = Cost(acs=spikes)
+    made = Cost(acs=spikes, **changed(spikes), **passed(0, n_bins * n_afferents))
     if is_counted:
         how = {"recorded_Hz": trains.recorded_Hz, "spikes": spikes}
         made += encoding_cost(n_taxels, n_steps, cuts.length_ms, trains.encoder, **how)

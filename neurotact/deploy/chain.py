@@ -76,9 +76,7 @@ class Chain(NamedTuple):
 
 
 @takes_specs
-def chain_of(
-    source: Fitted | Restored | tuple[EncoderSpec, RSNN], streamed: StreamedSpec = StreamedSpec()
-) -> Chain:
+def chain_of(source: Fitted | Restored | tuple[EncoderSpec, RSNN], streamed: StreamedSpec = StreamedSpec()) -> Chain:
     """The chain of a run folder that `train` wrote, of a fitted one, of one read back, or of an encoder and a network.
 
     streamed: what is not given is as in training. If the encoder resamples, the sampling rate is then that of the

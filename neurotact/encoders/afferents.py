@@ -16,7 +16,7 @@ from pydantic import Field, field_validator, model_validator
 from neurotact.backend import Backend, use_native
 from neurotact.encoders import native
 from neurotact.encoders.model import DrivenSpec, Model, RefractoryMs, checked
-from neurotact.metrics.flops import Cost, with_weights
+from neurotact.metrics.flops import Cost, changed, with_weights
 from neurotact.neurons import LIF, LIFState, decay_per_step, lif_start, lif_step, refractory_steps
 from neurotact.spec import Spec
 
@@ -381,7 +381,9 @@ def cost(spec: Mapping[str, Any], taxels: int, steps: int, _step_ms: float) -> C
     n = sum(len(marks(spec.get(part) or {})) for part in POPULATIONS)
     onset = bool((spec.get("sa1") or {}).get("rate_ms"))
     state = (2 * n + 1) * taxels  # membranes, refractory counters, the sample before
-    return with_weights(n, state) + Cost(macs=2 * n + onset, acs=1, comparisons=n + 1 + onset).times(taxels * steps)
+    moved = {"weights_accesses": n, **changed(2 * n + 1)}
+    step = Cost(macs=2 * n + onset, acs=1, comparisons=n + 1 + onset, **moved)
+    return with_weights(n, state) + step.times(taxels * steps)
 
 
 MODEL = Model("LIF afferents", AfferentSpec, encode, EncoderState, cost=cost)

@@ -17,7 +17,7 @@ from neurotact.encoders import native
 from neurotact.encoders.afferents import AfferentSpec, drives
 from neurotact.encoders.model import checked
 from neurotact.errors import InputError
-from neurotact.metrics.flops import Cost
+from neurotact.metrics.flops import Cost, in_registers
 from neurotact.neurons import ExactLIF, ExactLIFState, exact_lif_interval, exact_lif_start
 
 AT_ONCE = 1e-9
@@ -172,7 +172,7 @@ def cost_of_spikes(spikes: float) -> Cost:
     """
     if not spikes >= 0:
         raise InputError(f"spikes: must be >= 0; got {spikes}")
-    timed, ended = Cost(macs=1, acs=2, divisions=1, exponentials=1), Cost(acs=1, comparisons=1)
-    carried = Cost(macs=1, acs=2, multiplications=1, exponentials=1, comparisons=1)
-    binned = Cost(multiplications=1, comparisons=1)
+    timed, ended = in_registers(macs=1, acs=2, divisions=1, exponentials=1), in_registers(acs=1, comparisons=1)
+    carried = in_registers(macs=1, acs=2, multiplications=1, exponentials=1, comparisons=1)
+    binned = in_registers(multiplications=1, comparisons=1)
     return (timed + ended + carried + binned).times(spikes)

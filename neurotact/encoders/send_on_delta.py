@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, RefractoryMs, both, checked, over_time
-from neurotact.metrics.flops import Cost, with_weights
+from neurotact.metrics.flops import Cost, changed, with_weights
 from neurotact.neurons import refractory_steps, silenced
 
 
@@ -76,7 +76,8 @@ def cost(_spec: Mapping[str, Any], taxels: int, steps: int, _step_ms: float) -> 
     threshold above and below. What an event does to the reference is rare and not counted.
     """
     updates = taxels * steps
-    return with_weights(1, 2 * taxels, acs=updates, comparisons=2 * updates)  # a reference and a refractory counter
+    moved = {"weights_accesses": updates, **changed(2, updates)}  # a reference and a refractory counter
+    return with_weights(1, 2 * taxels, acs=updates, comparisons=2 * updates, **moved)
 
 
 def sum_of_steps(signed: np.ndarray, _step_ms: float, encoder: Any) -> np.ndarray:

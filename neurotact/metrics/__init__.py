@@ -6,13 +6,13 @@ Other rooms take:
     firing: as_table, firing_of, isi_histograms, measures, touch_spikes, windowed_spikes
     flops: ACTIVATIONS, BYTES, Cost, Dense, FLOPS, Integrator, LEDGER_COLUMNS, Layer, Moments, MovingAverage,
         NearestPoints, NotCounted, RBFExpansion, SIGMOID, SpikingLayer, Standardise, SupportVectorMachines, TANH,
-        cost, ledger_table, with_weights
+        changed, cost, in_registers, ledger_table, passed, with_weights
     fronts: pareto_front
     isi_distributions: bin_edges, overlap, separation, shares_of
     linear: cross_validated_accuracy, linear
     paired: Paired, by_trial, compare, compare_by_trial, compare_shares
     power: can_beat_guessing, in_words, is_too_weak
-    prices: ARITHMETIC_45NM, DEFAULT, PriceList, Priced, price_list
+    prices: ARITHMETIC_45NM, DEFAULT, NEURONS, PriceList, Priced, price_list
     referee: GAP, Kind, Verdict, Way, best_of, cheapest_of, holm, is_gap, judge, least_difference, level_with_best,
         within_error
     resampled: DIFFERENCES, Interval, LEAST_SPLITS, SHARES, compare_over_splits, least_difference_over_splits,

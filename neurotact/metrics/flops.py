@@ -9,6 +9,13 @@ What is counted, by kind (`FLOPS` has the FLOPs of each, a `prices.PriceList` th
 - a multiplication is one whose product is not added: a gain, a window, a decay;
 - a comparison, and what costs as little: a magnitude, a sign, a shift, a rounding, the addition within an activation;
 - a division or square root; an exponential or logarithm.
+
+What moves is counted by the memory that holds it, in numbers (a price list says how wide they are):
+- a weight is read once by each operation that uses it;
+- what a layer receives, a feature or a spike, is read once from a buffer, and what it makes is written there once; a
+  sample from the sensor is at hand;
+- a state is read and written once where it changes: clocked, on every step; event-driven, when a spike comes;
+- sums that run while a layer works are in registers, and cost nothing.
 """
 
 import math
@@ -20,7 +27,7 @@ from typing import Literal
 import pandas as pd
 
 from neurotact.errors import InputError
-from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList
+from neurotact.metrics.prices import ACCESSES, ARITHMETIC_45NM, NEURONS, PRICED, PriceList
 
 FLOPS = {"macs": 2, "acs": 1, "multiplications": 1, "comparisons": 1, "divisions": 4, "exponentials": 8}
 """FLOPs of an operation of each kind: the weights behind the stiffness paper's Tables I and II."""
@@ -32,7 +39,9 @@ BYTES = 4
 """Of a weight or a state variable, in single precision."""
 
 
-LEDGER_COLUMNS = (*FLOPS, "flops", "parameters", "bytes", "sops", "signal_ms", "energy_estimate_nJ")
+LEDGER_COLUMNS = (
+    *FLOPS, "flops", "parameters", "bytes", *PRICED[len(FLOPS) :], "signal_ms", "energy_estimate_nJ",
+)  # fmt: skip
 """What the ledger says of a cost."""
 
 
@@ -42,8 +51,13 @@ class Cost:
 
     macs, acs, multiplications, comparisons, divisions, exponentials: operations by kind (see the module); means over
         decisions need not be whole.
-    parameters: numbers that training fixes. bytes: memory for them and for the state between samples.
+    parameters: numbers that training fixes. bytes: memory for them and for the state between samples, 4 a number.
     sops: synaptic operations of the spiking part; each is also one of the `acs`.
+    neuron_updates: updates of its neurons, whose operations, `neuron_macs` and `neuron_comparisons`, are also among the
+        `macs` and `comparisons`. They count where a price list has a price of an update.
+    weights_accesses, states_accesses, buffers_accesses: numbers that are read or written, by memory (see the module).
+        Absent, where there are operations: NaN, not counted.
+    states_bytes: of `bytes`, those of the state. buffers_bytes: memory for features and spikes on their way.
     signal_ms: signal that must have come in before the decision.
 
     Costs add up along a chain; the signal is the same for all its parts, so of `signal_ms` the longest stands.
@@ -59,16 +73,32 @@ class Cost:
     comparisons: float = 0
     divisions: float = 0
     exponentials: float = 0
-    parameters: int = 0
-    bytes: int = 0
+    parameters: float = 0
+    bytes: float = 0
     sops: float = 0
     signal_ms: float = 0
+    neuron_updates: float = 0
+    neuron_macs: float = 0
+    neuron_comparisons: float = 0
+    weights_accesses: float | None = None
+    states_accesses: float | None = None
+    buffers_accesses: float | None = None
+    states_bytes: float = 0
+    buffers_bytes: float = 0
 
     def __post_init__(self) -> None:
+        absent = [name for name in ACCESSES if getattr(self, name) is None]
+        for name in absent:  # nothing moves where nothing is done; operations without a word of it are not counted
+            object.__setattr__(self, name, math.nan if self.flops and len(absent) == len(ACCESSES) else 0)
         for field in fields(self):
             value = getattr(self, field.name)
-            if not 0 <= value < float("inf"):
+            if not (0 <= value < float("inf") or (field.name in ACCESSES and math.isnan(value))):
                 raise InputError(f"cost.{field.name}: must be a finite number >= 0; got {value}")
+
+    @property
+    def weights_bytes(self) -> float:
+        """Of `bytes`, those of the parameters."""
+        return self.bytes - self.states_bytes
 
     def __add__(self, other: "Cost") -> "Cost":
         summed = {f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(self)}
@@ -76,13 +106,13 @@ class Cost:
         return kind(**{**summed, "signal_ms": max(self.signal_ms, other.signal_ms)})
 
     def times(self, n: float) -> "Cost":
-        """Its operations `n` times, with what it stores and the signal that it waits for once.
+        """Its operations and accesses `n` times, with what it stores and the signal that it waits for once.
 
         >>> thrice = Cost(macs=2, acs=1, sops=1, parameters=5).times(3)
         >>> thrice.macs, thrice.acs, thrice.sops, thrice.parameters
         (6, 3, 3, 5)
         """
-        return replace(self, **{name: n * getattr(self, name) for name in (*FLOPS, "sops")})
+        return replace(self, **{name: n * getattr(self, name) for name in (*FLOPS, "sops", *NEURONS, *ACCESSES)})
 
     @property
     def flops(self) -> float:
@@ -100,14 +130,12 @@ class Cost:
         return self.energy_nJ()
 
     def energy_nJ(self, prices: PriceList = ARITHMETIC_45NM) -> float:  # noqa: N802
-        """An estimate of the arithmetic alone, without memory and data movement: each operation at its price.
-
-        Never a measurement.
+        """An estimate by a price list, never a measurement; NaN where the list has a price of what is not counted.
 
         >>> Cost(macs=10, acs=100).energy_nJ(), Cost(multiplications=10).energy_nJ()
         (0.136, 0.037)
         """
-        return prices.energy_nJ({kind: getattr(self, kind) for kind in FLOPS})
+        return float(prices.energy_nJ({name: getattr(self, name) for name in PRICED}))
 
     def columns(self, *names: str, prices: PriceList = ARITHMETIC_45NM) -> dict[str, float]:
         """The cost as columns of a table: those named, in that order, else all of the ledger's; energy by `prices`.
@@ -135,6 +163,9 @@ class NotCounted(Cost):
     exponentials: float = math.nan
     parameters: float = math.nan
     bytes: float = math.nan
+    weights_accesses: float | None = math.nan
+    states_accesses: float | None = math.nan
+    buffers_accesses: float | None = math.nan
 
     def __post_init__(self) -> None:
         """NaN is no mistake here."""
@@ -190,23 +221,42 @@ def ledger_table(
     return pd.DataFrame(rows, columns=["name", *LEDGER_COLUMNS, "prices"])
 
 
-def with_weights(parameters: int, state: int = 0, *, bytes_a_parameter: int = BYTES, **operations: float) -> Cost:
-    """The cost of operations, with the memory for parameters and for a state."""
+def with_weights(parameters: float, state: float = 0, *, bytes_a_parameter: float = BYTES, **counted: float) -> Cost:
+    """The cost of operations and accesses, with the memory for parameters and for a state."""
     stored = bytes_a_parameter * parameters + BYTES * state
-    return Cost(parameters=parameters, bytes=stored, **operations)
+    return Cost(parameters=parameters, bytes=stored, states_bytes=BYTES * state, **counted)
 
 
-SIGMOID = Cost(comparisons=2, divisions=1, exponentials=1)
+def in_registers(**operations: float) -> Cost:
+    """Operations on numbers that are at hand and stay there.
+
+    >>> in_registers(acs=2).states_accesses
+    0
+    """
+    return Cost(**operations, **dict.fromkeys(ACCESSES, 0))
+
+
+def passed(received: float, made: float) -> dict[str, float]:
+    """The buffer of a layer that receives and makes so many numbers: it holds what is made until that is received."""
+    return {"buffers_accesses": received + made, "buffers_bytes": BYTES * made}
+
+
+def changed(states: float, times: float = 1) -> dict[str, float]:
+    """Each of so many state variables is read and written, so many times."""
+    return {"states_accesses": 2 * states * times}
+
+
+SIGMOID = in_registers(comparisons=2, divisions=1, exponentials=1)
 """1 / (1 + exp(-x)): 14 FLOPs."""
-TANH = Cost(comparisons=3, divisions=1, exponentials=1)
+TANH = in_registers(comparisons=3, divisions=1, exponentials=1)
 """1 - 2 / (exp(2x) + 1): 15 FLOPs; x + x in place of 2x."""
 ACTIVATIONS = {
     "linear": Cost(),
-    "hard_limit": Cost(comparisons=1),
-    "relu": Cost(comparisons=1),
+    "hard_limit": in_registers(comparisons=1),
+    "relu": in_registers(comparisons=1),
     "sigmoid": SIGMOID,
     "tanh": TANH,
-    "softmax": Cost(comparisons=1, divisions=1, exponentials=1),
+    "softmax": in_registers(comparisons=1, divisions=1, exponentials=1),
 }
 
 
@@ -227,7 +277,9 @@ class Dense(Layer):
 
     def cost(self) -> Cost:
         parameters = self.units * (self.inputs + self.bias)
-        return with_weights(parameters, macs=self.inputs * self.units) + _activations(self.activation, self.units)
+        moved = {"weights_accesses": parameters, **passed(self.inputs, self.units)}
+        summed = with_weights(parameters, macs=self.inputs * self.units, **moved)
+        return summed + _activations(self.activation, self.units)
 
 
 @dataclass(frozen=True)
@@ -248,8 +300,9 @@ class RBFExpansion(Layer):
         differences = self.units * self.features
         weighted = self.units * self.outputs
         parameters = differences + weighted + self.outputs * self.bias + 1
-        kernels = Cost(multiplications=1, exponentials=1).times(self.units)  # gamma times the distance, and exp of it
-        return with_weights(parameters, macs=differences + weighted, acs=differences) + kernels
+        kernels = in_registers(multiplications=1, exponentials=1).times(self.units)  # gamma times the distance; its exp
+        moved = {"weights_accesses": parameters, **passed(self.features + self.units, self.units + self.outputs)}
+        return with_weights(parameters, macs=differences + weighted, acs=differences, **moved) + kernels
 
 
 @dataclass(frozen=True)
@@ -273,7 +326,7 @@ class SupportVectorMachines(Layer):
             raise InputError(f"SupportVectorMachines.classes: must be at least 2; got {self.classes}")
         expansion = RBFExpansion(self.vectors, self.features, outputs=self.classes - 1).cost()
         biases = self.classes * (self.classes - 1) // 2
-        return expansion + with_weights(biases)
+        return expansion + with_weights(biases, weights_accesses=biases)
 
 
 @dataclass(frozen=True)
@@ -289,7 +342,9 @@ class NearestPoints(Layer):
 
     def cost(self) -> Cost:
         numbers = self.points * self.features
-        return with_weights(numbers, macs=numbers, acs=numbers, comparisons=self.points * self.neighbours)
+        moved = {"weights_accesses": numbers, **passed(self.features, self.neighbours)}
+        compared = self.points * self.neighbours
+        return with_weights(numbers, macs=numbers, acs=numbers, comparisons=compared, **moved)
 
 
 @dataclass(frozen=True)
@@ -301,7 +356,7 @@ class MovingAverage(Layer):
 
     def cost(self) -> Cost:
         n = self.samples * self.channels
-        return Cost(macs=n, multiplications=n, bytes=BYTES * self.channels)
+        return with_weights(0, self.channels, macs=n, multiplications=n, **changed(n))
 
 
 @dataclass(frozen=True)
@@ -322,13 +377,14 @@ class Moments(Layer):
             raise InputError(f"Moments.order: there are four moments; got {self.order}")
         n = self.samples
         orders = (
-            Cost(acs=n, multiplications=1),
-            Cost(macs=n, acs=n, multiplications=1, divisions=1),
-            Cost(macs=n, multiplications=3, divisions=1),  # 1/n, two products for the cubed deviation
-            Cost(macs=n, multiplications=1, divisions=1),  # the sum of squares times the variance
+            in_registers(acs=n, multiplications=1),
+            in_registers(macs=n, acs=n, multiplications=1, divisions=1),
+            in_registers(macs=n, multiplications=3, divisions=1),  # 1/n, two products for the cubed deviation
+            in_registers(macs=n, multiplications=1, divisions=1),  # the sum of squares times the variance
         )
-        kept = BYTES * self.channels * (n + self.order)
-        return sum(orders[: self.order], Cost()).times(self.channels) + Cost(bytes=kept)
+        kept = n * (1 + min(self.order, 2))  # stored, then read for the mean and for the powers of differences
+        once = sum(orders[: self.order], Cost()) + Cost(states_accesses=kept, **passed(0, self.order))
+        return once.times(self.channels) + with_weights(0, self.channels * (n + self.order))
 
 
 @dataclass(frozen=True)
@@ -338,7 +394,8 @@ class Standardise(Layer):
     features: int
 
     def cost(self) -> Cost:
-        return with_weights(2 * self.features, macs=self.features)
+        n = self.features
+        return with_weights(2 * n, macs=n, weights_accesses=2 * n, **passed(n, n))
 
 
 @dataclass(frozen=True)
@@ -350,6 +407,9 @@ class Integrator(Layer):
     leaky_steps: steps in which what was added up decays, a MAC per neuron and step; 0 without a leak.
     peak: whether the largest value over time counts: a comparison more per neuron and step, and a second state.
     stretches: of a decision, each with weights of its own: more parameters, and the same operations.
+    spikes: that it receives; None: each reaches all its neurons.
+    touched: of its neurons and steps, those in which a spike comes: event-driven, only then is it updated. None:
+        clocked.
     """
 
     inputs: int
@@ -358,6 +418,8 @@ class Integrator(Layer):
     leaky_steps: float = 0.0
     peak: bool = False
     stretches: int = 1
+    spikes: float | None = None
+    touched: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -365,10 +427,17 @@ class Integrator(Layer):
             raise InputError(f"Integrator: sops and steps must be >= 0; got {self.sops} and {self.leaky_steps}")
 
     def cost(self) -> Cost:
-        updates, states = self.neurons * self.leaky_steps, self.neurons * (2 if self.peak else 1)
+        spikes, states = _received(self), self.neurons * (1 + self.peak)
+        leaking = self.neurons * self.leaky_steps
+        if self.touched is not None:  # the leak since the last spike is made good; the peak is where one came
+            leaking = min(leaking, self.touched)
+        changes = self.touched or leaking or spikes * self.neurons
+        most = int(self.peak)
+        parameters = self.neurons * (self.stretches * self.inputs + 1)
         return with_weights(
-            self.neurons * (self.stretches * self.inputs + 1), states, macs=updates, acs=self.sops,
-            comparisons=updates if self.peak else 0, sops=self.sops,
+            parameters, states, macs=leaking, acs=self.sops, comparisons=most * leaking, sops=self.sops,
+            neuron_updates=leaking, neuron_macs=leaking, neuron_comparisons=most * leaking,
+            weights_accesses=self.sops + self.neurons, **changed(1 + most, changes), **_queued(self, spikes),
         )  # fmt: skip
 
 
@@ -381,6 +450,14 @@ class SpikingLayer(Layer):
     Per neuron and step the current and the membrane decay (two MACs), and the membrane is compared with its threshold.
     adapts: whether thresholds adapt. Then the adaptation decays and takes the neuron's spike, and its multiple comes
     off the membrane before the comparison: two MACs more per neuron and step, and a third state.
+    spikes: that come from the layer before; None: each reaches all its neurons, and none comes back. sent: of its own.
+    touched: of its neurons and steps, those in which a spike comes: the layer is event-driven. None: clocked.
+
+    Event-driven, a neuron is updated when a spike comes. Then a third state, the step of its last update, says how many
+    steps it has missed; its current decays by a power from a table (a product), and its membrane, too (a product, and a
+    MAC for what the current has left there). A bound of what the membrane can still reach (a MAC and a comparison)
+    says whether the neuron will spike before it is updated again; that step is found by bisection over the steps of
+    the decision, for each spike that it sends.
     """
 
     inputs: int
@@ -389,6 +466,9 @@ class SpikingLayer(Layer):
     sops: float
     recurrent: bool | int
     adapts: bool = False
+    spikes: float | None = None
+    sent: float = 0.0
+    touched: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -397,9 +477,32 @@ class SpikingLayer(Layer):
 
     def cost(self) -> Cost:
         n_among = self.neurons * self.recurrent if isinstance(self.recurrent, bool) else self.recurrent
-        weights = self.neurons * (self.inputs + n_among)
-        updates, adapting = self.neurons * self.steps, int(self.adapts)
-        return with_weights(
-            weights, (2 + adapting) * self.neurons, macs=(2 + 2 * adapting) * updates, acs=self.sops,
-            comparisons=updates, sops=self.sops,
-        )  # fmt: skip
+        weights, spikes = self.neurons * (self.inputs + n_among), _received(self)
+        queued = _queued(self, spikes, self.sent if n_among else 0.0)
+        arriving = Cost(acs=self.sops, sops=self.sops, weights_accesses=self.sops, **queued)
+        adapting = int(self.adapts)
+        if self.touched is None:
+            updates = self.neurons * self.steps
+            own = _updates(updates, macs=2 + 2 * adapting, comparisons=1) + Cost(**changed(2 + adapting, updates))
+            return arriving + own + with_weights(weights, (2 + adapting) * self.neurons)
+        made_good = _updates(self.touched, macs=2 + 2 * adapting, multiplications=2 + adapting, comparisons=2)
+        tables, searched = 3 + adapting, self.sent * math.ceil(math.log2(max(2.0, self.steps)))
+        found = in_registers(macs=1, multiplications=1, comparisons=1).times(searched)
+        moved = Cost(weights_accesses=tables * self.touched + 2 * searched, **changed(3 + adapting, self.touched))
+        constants = Cost(bytes=BYTES * tables * math.ceil(self.steps))
+        return arriving + made_good + found + moved + constants + with_weights(weights, (3 + adapting) * self.neurons)
+
+
+def _received(layer: Integrator | SpikingLayer) -> float:
+    return layer.sops / layer.neurons if layer.spikes is None else layer.spikes
+
+
+def _queued(layer: Integrator | SpikingLayer, spikes: float, back: float = 0.0) -> dict[str, float]:
+    """Each spike is written to the queue of its step by its sender and read by its receiver, or once more, back."""
+    return {"buffers_accesses": 2 * spikes + back, "buffers_bytes": BYTES * layer.inputs}
+
+
+def _updates(updates: float, **each: float) -> Cost:
+    """Updates of neurons, with the operations of each."""
+    every = in_registers(**each).times(updates)
+    return replace(every, neuron_updates=updates, neuron_macs=every.macs, neuron_comparisons=every.comparisons)

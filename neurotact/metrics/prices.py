@@ -1,30 +1,46 @@
-"""Price lists: the energy of an operation of each kind, as specs that are found by name.
+"""Price lists: the energy of each operation and of each access to memory, as specs that are found by name.
 
-Another package adds one by an entry point of the group `neurotact.prices` (`docs/plugins.md`).
+Ours are the files in `prices/`; another package adds one by an entry point of the group `neurotact.prices`
+(`docs/plugins.md`).
 """
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
+import numpy as np
 import pandas as pd
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, field_validator
 
 from neurotact import plugins, spec
+from neurotact.errors import InputError, nearest
 from neurotact.spec import Spec
 
 Price = Annotated[float, Field(ge=0, le=1e9)]
-DEFAULT = "arithmetic-45nm"
+DEFAULT = "memory-45nm"
+"""Of studies, trained networks and classifiers (`docs/concepts/energy.md` argues for it)."""
 DIVISION_MACS, EXPONENTIAL_MACS = 2, 4
 """MACs by which a division or root, and an exponential or logarithm, is computed: as many as their FLOPs."""
 
+OPERATIONS = ("macs", "acs", "multiplications", "comparisons", "divisions", "exponentials")
+NEURONS = ("neuron_updates", "neuron_macs", "neuron_comparisons")
+MEMORIES = ("weights", "states", "buffers")
+"""The memories of a chain: what training fixes; what lasts from sample to sample; spikes and features on their way."""
+ACCESSES = tuple(f"{memory}_accesses" for memory in MEMORIES)
+PRICED = (*OPERATIONS, "sops", *NEURONS, *ACCESSES, *(f"{memory}_bytes" for memory in MEMORIES))
+"""What a price list can have a price of: names of a `flops.Cost`."""
+
 
 class PriceList(Spec):
-    """The energy of an operation of each kind, in picojoules (`prices/*.toml`).
+    """The energy of an operation of each kind and of an access to memory, in picojoules (`prices/*.toml`).
 
     >>> mine = PriceList(source="my data sheet", multiplication_pJ=1.0, addition_pJ=0.25)
     >>> mine.energy_nJ({"macs": 1000, "acs": 4000}), mine.by_kind["divisions"]
     (2.25, 2.5)
+
+    With a price of memory, what is read and written costs, and is NaN where it is not counted; a price of a neuron's
+    update or of a synaptic operation stands for all that they take.
     """
 
     folder: ClassVar[str] = "prices"
@@ -47,6 +63,25 @@ class PriceList(Spec):
     """Of a division or square root; absent: that of 2 MACs."""
     exponential_pJ: Price | None = None
     """Of an exponential or logarithm; absent: that of 4 MACs."""
+    bits: int = Field(default=32, ge=1, le=64)
+    """Of a number in memory."""
+    memory_pJ: tuple[tuple[Annotated[float, Field(ge=0)], Price], ...] = ()
+    """Of an access to a number in a memory of so many bytes, `[[8192, 5.0], [32768, 10.0]]`: linear between and beyond
+    these sizes; absent: memory costs nothing."""
+    synaptic_operation_pJ: Price | None = None
+    """Of a synaptic operation on a chip, with its memory; absent: an addition and its accesses."""
+    neuron_update_pJ: Price | None = None
+    """Of the update of a neuron on a chip, with its memory; absent: its operations and accesses."""
+    event_driven: bool = False
+    """Whether neurons are updated when a spike comes, in place of on every step."""
+
+    @field_validator("memory_pJ")
+    @classmethod
+    def _rising(cls, given: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+        sizes = [size for size, _ in given]
+        if sizes != sorted({*sizes}) or len(sizes) == 1:
+            raise ValueError("needs two sizes or more, each larger than the one before")
+        return given
 
     @property
     def by_kind(self) -> dict[str, float]:
@@ -61,12 +96,41 @@ class PriceList(Spec):
             "exponentials": _or(self.exponential_pJ, EXPONENTIAL_MACS * mac),
         }
 
-    def energy_nJ(self, operations: Mapping[str, Any] | pd.DataFrame) -> Any:  # noqa: N802
-        """The energy of numbers of operations by kind, in nJ; of a table with a column for each kind, that of each row.
+    def energy_nJ(self, counted: Mapping[str, Any] | pd.DataFrame) -> Any:  # noqa: N802
+        """The energy of numbers of operations and accesses, in nJ; of a table with a column for each, that of each row.
 
-        A kind that is not there costs nothing.
+        counted: names of `PRICED`. A kind of operation that is not there costs nothing; NaN where accesses that
+        have a price are not there.
         """
-        return 1e-3 * sum(price * operations[kind] for kind, price in self.by_kind.items() if kind in operations)
+        own = {name: counted[name] for name in counted if name in PRICED}
+        total, on_chip = 0.0, self._on_chip(own)
+        for kind, price in self.by_kind.items():
+            total = total + price * (own.get(kind, 0) - on_chip.get(kind, 0))
+        total = total + _or(self.synaptic_operation_pJ, 0) * own.get("sops", 0)
+        total = total + _or(self.neuron_update_pJ, 0) * own.get("neuron_updates", 0)
+        for memory in MEMORIES if self.memory_pJ else ():
+            accesses, size = own.get(f"{memory}_accesses", math.nan), own.get(f"{memory}_bytes", 0)
+            total = total + accesses * self.access_pJ(size)
+        return 1e-3 * total
+
+    def access_pJ(self, size: Any) -> Any:  # noqa: N802
+        """The price of an access to a number in a memory; size: bytes if numbers have 32 bits.
+
+        >>> price_list("memory-45nm").access_pJ(20 * 1024)
+        7.5
+        """
+        given = np.asarray(size, float) * self.bits / 32
+        sizes, prices = np.array(self.memory_pJ).T
+        right = np.clip(np.searchsorted(sizes, given), 1, len(sizes) - 1)
+        slope = (prices[right] - prices[right - 1]) / (sizes[right] - sizes[right - 1])
+        found = np.maximum(0.0, prices[right] + slope * (given - sizes[right]))
+        return found if isinstance(size, pd.Series) or found.ndim else float(found)
+
+    def _on_chip(self, own: Mapping[str, Any]) -> dict[str, Any]:
+        """The operations by kind that a price of a synaptic operation or of an update stands for."""
+        of_updates = {"macs": "neuron_macs", "comparisons": "neuron_comparisons"}
+        found = {} if self.neuron_update_pJ is None else {k: own.get(name, 0) for k, name in of_updates.items()}
+        return found if self.synaptic_operation_pJ is None else {**found, "acs": own.get("sops", 0)}
 
     def repriced(self, table: pd.DataFrame) -> pd.DataFrame:
         """A table of costs that the default list priced, with the energy by this one."""
@@ -76,11 +140,19 @@ class PriceList(Spec):
         """How energy is estimated."""
         pJ = self.by_kind
         return (
-            f"Energy is an estimate of the arithmetic alone, without memory, by the price list {self.name}: "
+            f"Energy is an estimate {self._memory()}, by the price list {self.name}: "
             f"{pJ['macs']:g} pJ per MAC, {pJ['acs']:g} pJ per addition{self._comparison()}, "
             f"{pJ['multiplications']:g} pJ per other multiplication, {pJ['divisions']:g} pJ per division, "
             f"{pJ['exponentials']:g} pJ per exponential{self.operations and ', '}{self.operations} ({self.source})."
         )
+
+    def _memory(self) -> str:
+        if not self.memory_pJ:
+            on_chip = self.synaptic_operation_pJ is not None or self.neuron_update_pJ is not None
+            return "of operations on a chip" if on_chip else "of the arithmetic alone, without memory"
+        prices = ", ".join(f"{price:g} pJ in {size / 1024:g} kB" for size, price in self.memory_pJ)
+        neurons = ", neurons updated when a spike comes" if self.event_driven else ""
+        return f"of arithmetic and memory (an access to {self.bits} bits: {prices}, linear between){neurons}"
 
     def _comparison(self) -> str:
         price = self.by_kind["comparisons"]
@@ -106,7 +178,17 @@ def price_list(name: str | Path | PriceList) -> PriceList:
         return name
     if str(name).endswith(".toml") or "/" in str(name):
         return spec.load(PriceList, name, {"name": Path(name).stem})
-    return plugins.load("prices", str(name), PriceList).model_copy(update={"name": str(name)})
+    if plugins.has("prices", str(name)):
+        return plugins.load("prices", str(name), PriceList).model_copy(update={"name": str(name)})
+    if str(name) not in names():
+        raise InputError(f"prices: there is none called '{name}'; {nearest(str(name), names())}")
+    return spec.load(PriceList, name, {"name": str(name)})
+
+
+def names() -> list[str]:
+    """The names of the price lists that ship, the default first, then those of other packages."""
+    ours = [path.stem for path in spec.shipped(PriceList.folder)]
+    return [*sorted(ours, key=lambda name: (name != DEFAULT, name)), *plugins.names("prices")]
 
 
 def _named(given: Any) -> Any:
@@ -115,4 +197,6 @@ def _named(given: Any) -> Any:
 
 Priced = Annotated[PriceList, BeforeValidator(_named)]
 """A price list as a key of a spec: its name, its path, or the whole table."""
-ARITHMETIC_45NM = spec.load(PriceList, DEFAULT, {"name": DEFAULT})
+ARITHMETIC_45NM = price_list("arithmetic-45nm")
+"""Of a `Cost` where no list is named."""
+MEMORY_45NM = price_list(DEFAULT)

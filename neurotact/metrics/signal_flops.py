@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from neurotact.errors import InputError, nearest
-from neurotact.metrics.flops import BYTES, Cost, Layer
+from neurotact.metrics.flops import Cost, Layer, changed, in_registers, passed, with_weights
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,8 @@ class Averaging(Layer):
 
     def cost(self) -> Cost:
         means = self.steps * self.channels
-        return Cost(acs=self.samples * self.channels, multiplications=means, bytes=BYTES * self.channels)
+        n = self.samples * self.channels
+        return with_weights(0, self.channels, acs=n, multiplications=means, **changed(n), **passed(0, means))
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,8 @@ class StandardisedSteps(Layer):
 
     def cost(self) -> Cost:
         parameters = 2 * self.channels
-        return Cost(macs=self.steps * self.channels, parameters=parameters, bytes=BYTES * parameters)
+        n = self.steps * self.channels
+        return with_weights(parameters, macs=n, weights_accesses=2 * n)  # a step at a time, on its way to what follows
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,8 @@ class ScaledSteps(Layer):
     channels: int = 1
 
     def cost(self) -> Cost:
-        return Cost(multiplications=self.steps * self.channels, parameters=self.channels, bytes=BYTES * self.channels)
+        n = self.steps * self.channels
+        return with_weights(self.channels, multiplications=n, weights_accesses=n)
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,9 @@ class Interpolation(Layer):
 
     def cost(self) -> Cost:
         n = self.steps * self.channels
-        return Cost(macs=n, acs=n + self.steps, comparisons=self.steps, bytes=BYTES * (2 * self.channels + 1))
+        moved = 2 * n + 2 * self.steps  # both samples of each channel; the position is read and written
+        state = 2 * self.channels + 1
+        return with_weights(0, state, macs=n, acs=n + self.steps, comparisons=self.steps, states_accesses=moved)
 
 
 @dataclass(frozen=True)
@@ -98,14 +103,14 @@ class BaselineRemoval(Layer):
             raise InputError(f"BaselineRemoval.level: '{self.level}' is unknown; {nearest(self.level, BASELINES)}")
         n = self.samples * self.channels
         heard = self.samples if self.start is None else min(self.start, self.samples)
-        so_far = Cost(acs=1, divisions=1).times(heard * self.channels)
+        so_far = Cost(acs=1, divisions=1, **changed(1)).times(heard * self.channels)
         level = {
             "first": Cost(),
-            "mean": Cost(acs=n, multiplications=self.channels),
+            "mean": Cost(acs=n, multiplications=self.channels, states_accesses=4 * n),  # summed and kept; read again
             "start": so_far,
-            "high-pass": Cost(macs=n, multiplications=n),
+            "high-pass": Cost(macs=n, multiplications=n, **changed(n)),
         }[self.level]
-        return level + Cost(acs=n, bytes=BYTES * self.channels)
+        return level + with_weights(0, self.channels, acs=n, states_accesses=n)
 
 
 BASELINES = ("first", "mean", "start", "high-pass")
@@ -119,4 +124,4 @@ class Rectification(Layer):
     channels: int = 1
 
     def cost(self) -> Cost:
-        return Cost(comparisons=self.steps * self.channels)
+        return in_registers(comparisons=self.steps * self.channels)

@@ -15,6 +15,7 @@ from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
 from neurotact.files import write_json
 from neurotact.metrics import referee
+from neurotact.metrics.prices import NEURONS
 from neurotact.networks.use import ledger
 from neurotact.networks.use.ledger import Afferents
 from neurotact.progress import say
@@ -371,7 +372,7 @@ def _ledger(
 def _ledger_table(costs: pd.DataFrame | None) -> Table | None:
     if costs is None:
         return None
-    shown: pd.DataFrame = costs.drop(columns="prices")
+    shown = costs.drop(columns=["prices", *NEURONS, *(name for name in costs if str(name).endswith("s_bytes"))])
     rows = [
         [row[0], *("not counted" if pd.isna(value) else f"{value:,.6g}" for value in row[1:])]
         for row in shown.itertuples(index=False, name=None)

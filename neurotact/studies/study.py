@@ -24,7 +24,7 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.model import AnyEncoder, usable
 from neurotact.encoders.specs import is_exact, pays_exact
 from neurotact.errors import InputError, nearest
-from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList, price_list
+from neurotact.metrics.prices import MEMORY_45NM, PriceList, price_list
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import BUILT_IN, RSNNSpec, part_of
@@ -115,7 +115,7 @@ class StudySpec(Spec):
     also on spikes, and MiniRocket on the signals; `all`, also spectra and a GRU."""
     encoding_in: Literal["processor", "sensor"] = "processor"
     """Where conditioning and encoding are computed: their energy counts on the processor, and not in the sensor."""
-    prices: PriceList = ARITHMETIC_45NM
+    prices: PriceList = MEMORY_45NM
     """The price list by which energy is estimated: its name, its path, or the whole table."""
     measures: Measures = {}
     """Further tables, by the names of the measures that are installed; each name may stand as a key of the study, too:

@@ -22,7 +22,7 @@ from neurotact.data.dataset import expand
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.splits import Split, SplitSpec, split_trials
 from neurotact.errors import InputError
-from neurotact.metrics.flops import BYTES, Cost, Layer, Moments, MovingAverage
+from neurotact.metrics.flops import Cost, Layer, Moments, MovingAverage, changed, in_registers, passed, with_weights
 from neurotact.metrics.signal_flops import Averaging, BaselineRemoval, Interpolation
 from neurotact.spec import Spec
 from neurotact.studies.way import TaskData, module_of
@@ -247,7 +247,7 @@ class LevelSpreadRate(Layer):
     channels: int = 1
 
     def cost(self) -> Cost:
-        ends = Cost(macs=1, multiplications=3, divisions=1)
+        ends = in_registers(macs=1, multiplications=3, divisions=1)
         sums = 4 * self.channels  # three, and the previous sample
-        each = Cost(macs=1, acs=3, comparisons=1).times(self.samples) + ends
-        return each.times(self.channels) + Cost(bytes=BYTES * sums)
+        each = Cost(macs=1, acs=3, comparisons=1, **changed(4)).times(self.samples) + ends + Cost(**passed(0, 3))
+        return each.times(self.channels) + with_weights(0, sums)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from neurotact.metrics.flops import BYTES, Cost, Layer
+from neurotact.metrics.flops import Cost, Layer, changed, passed, with_weights
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,8 @@ class TactileMoments(Layer):
 
     def cost(self) -> Cost:
         samples = self.taxels * self.frames
-        return Cost(macs=samples * (self.moments - 1), acs=samples, bytes=BYTES * self.moments)
+        moved = {**changed(samples * self.moments), **passed(0, self.moments)}
+        return with_weights(0, self.moments, macs=samples * (self.moments - 1), acs=samples, **moved)
 
 
 @dataclass(frozen=True)
@@ -37,11 +38,9 @@ class CurveFeatures(Layer):
 
     def cost(self) -> Cost:
         samples = self.curves * self.frames
-        return Cost(
-            acs=samples * self.areas,
-            comparisons=samples * self.held,
-            bytes=int(BYTES * self.curves * (self.areas + self.held)),
-        )
+        kept = int(self.curves * (self.areas + self.held))
+        moved = {**changed(samples * (self.areas + self.held)), **passed(0, kept)}
+        return with_weights(0, kept, acs=samples * self.areas, comparisons=samples * self.held, **moved)
 
 
 @dataclass(frozen=True)
@@ -54,4 +53,5 @@ class Projection(Layer):
     def cost(self) -> Cost:
         parameters = self.features * self.components + self.features
         macs = self.features * self.components
-        return Cost(macs=macs, acs=self.features, parameters=parameters, bytes=BYTES * parameters)
+        moved = {"weights_accesses": parameters, **passed(self.features, self.components)}
+        return with_weights(parameters, macs=macs, acs=self.features, **moved)

@@ -22,6 +22,7 @@ from neurotact.metrics.flops import (
     MovingAverage,
     Standardise,
     cost,
+    passed,
 )
 from neurotact.spec import Spec
 
@@ -212,7 +213,8 @@ class PowerOfTwoDense(Layer):
     def cost(self) -> Cost:
         weights, biases = self.inputs * self.units, self.units
         shifts, stored = weights, weights + BYTES * biases
-        sums = Cost(acs=weights, comparisons=shifts, parameters=weights + biases, bytes=stored)
+        moved = {"weights_accesses": weights + biases, **passed(self.inputs, self.units)}
+        sums = Cost(acs=weights, comparisons=shifts, parameters=weights + biases, bytes=stored, **moved)
         return sums + ACTIVATIONS["hard_limit"].times(self.units)
 
 

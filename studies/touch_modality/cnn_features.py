@@ -19,7 +19,7 @@ from torch import Tensor, nn
 from neurotact.checks import sequences
 from neurotact.errors import InputError, nearest, optional
 from neurotact.files import existing
-from neurotact.metrics.flops import BYTES, Cost, Layer
+from neurotact.metrics.flops import Cost, Layer, passed, with_weights
 
 TRUNKS: dict[str, Callable[[Any], nn.Module]] = {
     "resnet50": lambda network: nn.Sequential(*list(network.children())[:-2]),
@@ -150,4 +150,5 @@ class Conv2d(Layer):
     def cost(self) -> Cost:
         pixels, weights = self.height * self.width, self.filters * self.channels * self.kernel**2
         parameters = weights + self.filters
-        return Cost(macs=pixels * weights, parameters=parameters, bytes=BYTES * parameters)
+        moved = {"weights_accesses": pixels * weights, **passed(pixels * self.channels, pixels * self.filters)}
+        return with_weights(parameters, macs=pixels * weights, **moved)

@@ -17,7 +17,7 @@ from torch.nn import functional, init
 
 from neurotact.checks import at_least, sequences, trial_labels
 from neurotact.errors import InputError
-from neurotact.metrics.flops import BYTES, Cost, Layer
+from neurotact.metrics.flops import Cost, Layer, changed, with_weights
 
 IMAGE_AXES = "trial, time, height, width"
 
@@ -169,6 +169,6 @@ class ConvLSTM(Layer):
     def cost(self) -> Cost:
         units = self.height * self.width * self.filters
         weights = 4 * self.filters * (self.channels + self.filters) * self.kernel**2
-        step = Cost(macs=self.height * self.width * weights) + LSTM_UNIT.times(units)
-        parameters = weights + 4 * self.filters
-        return Cost(parameters=parameters, bytes=BYTES * (parameters + 2 * units)) + step.times(self.steps)
+        macs, received = self.height * self.width * weights, self.height * self.width * self.channels
+        step = Cost(macs=macs, weights_accesses=macs, **changed(2 * units), buffers_accesses=received)
+        return with_weights(weights + 4 * self.filters, 2 * units) + (step + LSTM_UNIT.times(units)).times(self.steps)

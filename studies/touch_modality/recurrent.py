@@ -21,7 +21,7 @@ from torch.nn import functional, init
 from neurotact.baselines.opponent import Opponent
 from neurotact.checks import at_least, sequences, trial_labels
 from neurotact.errors import InputError
-from neurotact.metrics.flops import BYTES, SIGMOID, TANH, Cost, Dense, Layer
+from neurotact.metrics.flops import SIGMOID, TANH, Cost, Dense, Layer, changed, in_registers, with_weights
 
 SIGNAL_AXES = "trial, time, channel"
 
@@ -258,7 +258,7 @@ def _d_cross_entropy(logits: Tensor, labels: Tensor) -> Tensor:
     return (logits.softmax(dim=1) - truth) / n_trials
 
 
-LSTM_UNIT = Cost(macs=1, multiplications=2) + SIGMOID.times(3) + TANH.times(2)
+LSTM_UNIT = in_registers(macs=1, multiplications=2) + SIGMOID.times(3) + TANH.times(2)
 """A unit of an LSTM in a step, beside its gates' sums: `f c`, `+ i g`, `o tanh(c)`."""
 
 
@@ -275,9 +275,9 @@ class LSTM(Layer):
 
     def cost(self) -> Cost:
         n, gates = self.units, 4 * self.units * (self.inputs + self.units)
-        step = Cost(macs=gates) + LSTM_UNIT.times(n)
         parameters = gates + 4 * n
-        return Cost(parameters=parameters, bytes=BYTES * (parameters + 2 * n)) + step.times(self.steps)
+        weights = Cost(macs=gates, weights_accesses=parameters, **changed(2 * n), buffers_accesses=self.inputs)
+        return with_weights(parameters, 2 * n) + (weights + LSTM_UNIT.times(n)).times(self.steps)
 
 
 HIDDEN, TRAINING = (10, 30), {"epochs": 60, "batch": 48, "learning_rate": 0.01}

@@ -76,7 +76,8 @@ def test_gru_by_hand():
     # g + z (h - g) a MAC, a unit; 2 sigmoids and 1 tanh a unit.
     others = {"multiplications": 2, "comparisons": 2 * (2 * 2 + 3), "divisions": 2 * 3, "exponentials": 2 * 3}
     counted = cost(GRU(1, 2))
-    assert counted == Cost(macs=18 + 2, acs=2, parameters=24, bytes=4 * (24 + 2), **others)
+    moved = {"weights_accesses": 24, "states_accesses": 2 * 2, "buffers_accesses": 1, "states_bytes": 8}
+    assert counted == Cost(macs=18 + 2, acs=2, parameters=24, bytes=4 * (24 + 2), **others, **moved)
     assert counted.other_flops == 2 * (1 + 2 * 14 + 15)
 
 

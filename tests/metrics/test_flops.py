@@ -17,6 +17,7 @@ from sklearn.svm import SVC
 from neurotact.errors import InputError
 from neurotact.metrics import flops
 from neurotact.metrics.flops import (
+    FLOPS,
     LEDGER_COLUMNS,
     Cost,
     Dense,
@@ -32,6 +33,7 @@ from neurotact.metrics.flops import (
     cost,
     ledger_table,
 )
+from neurotact.metrics.prices import PRICED
 
 EVERY_LAYER = [
     Dense(8, 3),
@@ -54,25 +56,30 @@ EVERY_LAYER = [
 ]
 
 
+def operations(counted: Cost) -> dict[str, float]:
+    """Without what it moves, which `test_memory_by_loops` counts."""
+    return {name: value for name, value in counted.columns().items() if name not in PRICED[len(FLOPS) :]}
+
+
 def test_dense_by_hand():
     # 3 inputs to 2 units: 6 products, each added; 6 weights and 2 biases; a comparison for each ReLU.
     counted = cost(Dense(3, 2, "relu"))
-    assert counted == Cost(macs=6, comparisons=2, parameters=8, bytes=32)
+    assert operations(counted) == operations(Cost(macs=6, comparisons=2, parameters=8, bytes=32))
     assert counted.flops == 14
     assert cost(Dense(3, 2, bias=False)).parameters == 6
 
 
 def test_kernel_expansion_by_hand():
     # 3 units of 2 features, 2 machines: 6 differences, 6 squares added, 3 times (gamma and exp), 6 weighted terms.
-    assert cost(RBFExpansion(3, 2, outputs=2)) == Cost(
-        macs=12, acs=6, multiplications=3, exponentials=3, parameters=6 + 6 + 1, bytes=4 * 13
-    )
+    by_hand = Cost(macs=12, acs=6, multiplications=3, exponentials=3, parameters=6 + 6 + 1, bytes=4 * 13)
+    assert operations(cost(RBFExpansion(3, 2, outputs=2))) == operations(by_hand)
     assert cost(RBFExpansion(3, 2, bias=True)).parameters == 6 + 3 + 1 + 1
 
 
 def test_nearest_points_by_hand():
     # 3 centroids of 2 features: 6 differences, 6 squares added, 3 comparisons.
-    assert cost(NearestPoints(3, 2)) == Cost(macs=6, acs=6, comparisons=3, parameters=6, bytes=24)
+    by_hand = Cost(macs=6, acs=6, comparisons=3, parameters=6, bytes=24)
+    assert operations(cost(NearestPoints(3, 2))) == operations(by_hand)
     assert cost(NearestPoints(3, 2, neighbours=2)).other_flops == 6
 
 
@@ -90,8 +97,8 @@ def test_support_vector_machines_store_what_scikit_learn_stores(classes):
 
 
 def test_projection_and_scaling_by_hand():
-    assert cost(Projection(4, 2)) == Cost(macs=8, acs=4, parameters=12, bytes=48)
-    assert cost(Standardise(4)) == Cost(macs=4, parameters=8, bytes=32)
+    assert operations(cost(Projection(4, 2))) == operations(Cost(macs=8, acs=4, parameters=12, bytes=48))
+    assert operations(cost(Standardise(4))) == operations(Cost(macs=4, parameters=8, bytes=32))
 
 
 def test_an_integrator_by_hand():

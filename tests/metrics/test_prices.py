@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from neurotact import spec
 from neurotact.errors import InputError
 from neurotact.metrics.flops import FLOPS, Cost
-from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList, price_list
+from neurotact.metrics.prices import ARITHMETIC_45NM, DEFAULT, PriceList, price_list
 from neurotact.studies import loading, study
 
 TINY = Path(__file__).parents[1] / "studies" / "tiny.toml"
@@ -50,7 +50,7 @@ def test_a_study_takes_a_list_beside_it_and_keeps_it_whole(tmp_path):
     mine = tmp_path / "mine.toml"
     mine.write_text('prices = "chip.toml"\n' + TINY.read_text())
     usual, dear, again = study.resolve(TINY), study.resolve(mine), study.resolve(mine, {"prices": "arithmetic-45nm"})
-    assert (usual.prices, dear.prices.name, again.prices) == (ARITHMETIC_45NM, "chip", ARITHMETIC_45NM)
+    assert (usual.prices, dear.prices.name, again.prices) == (price_list(DEFAULT), "chip", ARITHMETIC_45NM)
     assert usual.digest() == dear.digest()
     (tmp_path / "chip.toml").unlink()
     saved = tmp_path / "study.toml"

@@ -308,6 +308,21 @@ class RSNN(Network):
         readout, _ = self._layer(hidden, self.w_out, None, 1, ordered)
         return Rasters(hidden, readout)
 
+    def touched(self, spikes: Tensor, hidden: Tensor) -> Tensor:
+        """Neurons that a spike reaches in each step, of the hidden layer and of the readout, `(trial, time, 2)` int64.
+
+        spikes: `binned`; hidden: spikes of a window `(trial, time, hidden)`. An event-driven network updates these.
+        """
+        out = self.readout_weights if self.stretches is None else self.readout_weights.abs().sum(dim=0)
+        into, out = ((weights.detach().cpu() != 0).float() for weights in (self.w_in, out))
+        arriving = spikes.float() @ into
+        if self.w_rec is not None:
+            later = self.neuron.recurrent_delay_steps + (self.neuron.membrane == "immediate")
+            back = hidden.float() @ (self.w_rec.detach().cpu() != 0).float()
+            arriving[:, 1 + later :] += back[:, : max(0, back.shape[1] - 1 - later)]
+        heard = hidden.float() @ out
+        return torch.stack([(arriving > 0).sum(dim=2), (heard > 0).sum(dim=2)], dim=2)
+
     def added(self, hidden: Tensor) -> Tensor:
         """The input of an integrator from hidden spikes in each step of a window, `(trial, time, class)`.
 

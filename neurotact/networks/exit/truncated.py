@@ -11,7 +11,7 @@ from torch import Tensor
 
 from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.readouts import Integration
-from neurotact.networks.exit.patience import exits, oracle_exit
+from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.training.epochs import Examples
 
 AT_ONCE = 256
@@ -24,7 +24,8 @@ class SimulatedWindows(NamedTuple):
     readout: spikes, or the input of an integrator, `(window, time, class)`, on the network's clock; integration: of an
     integrator, None if spikes are counted; input, hidden: spikes of all neurons up to and including each step
     `(window, time)` int64; labels: the true classes `(window,)`; sops: operations up to and including each step,
-    `(window, time, projection)`, where the network counts them itself.
+    `(window, time, projection)`, where the network counts them itself; touched: `RSNN.touched`, also up to and
+    including each step, `(window, time, layer)`.
     """
 
     readout: Tensor
@@ -33,12 +34,19 @@ class SimulatedWindows(NamedTuple):
     labels: Tensor
     integration: Integration | None = None
     sops: Tensor | None = None
+    touched: Tensor | None = None
+
+    def touched_until(self, steps: Tensor) -> Tensor | None:
+        """Means over windows that stop after so many steps of the network, `(layer,)`; None if they are not counted."""
+        if self.touched is None:
+            return None
+        return self.touched[torch.arange(len(steps)), steps - 1].double().mean(dim=0)
 
 
 @torch.no_grad()
 def simulate_windows(network: Network, examples: Examples) -> SimulatedWindows:
     """Simulate full windows and return the spikes of each layer."""
-    readout, inputs, hidden, sops = [], [], [], []
+    readout, inputs, hidden, sops, touched = [], [], [], [], []
     for spikes in examples.spikes.split(AT_ONCE):
         rasters, own = network.simulated(spikes.to(network.device))
         readout.append(
@@ -47,10 +55,12 @@ def simulate_windows(network: Network, examples: Examples) -> SimulatedWindows:
         inputs.append(_until(network.binned(spikes)))
         hidden.append(_until(rasters.hidden.cpu()))
         sops += [] if own is None else [own.cpu().cumsum(dim=1)]
+        if isinstance(network, RSNN):
+            touched.append(network.touched(network.binned(spikes), rasters.hidden.cpu()).cumsum(dim=1))
     integration = None if network.integration is None else network.integration.detach().cpu()
     return SimulatedWindows(
         torch.cat(readout), torch.cat(inputs), torch.cat(hidden), examples.labels, integration,
-        torch.cat(sops) if sops else None,
+        torch.cat(sops) if sops else None, torch.cat(touched) if touched else None,
     )  # fmt: skip
 
 

@@ -26,7 +26,7 @@ from neurotact.metrics.flops import (
 from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList
 from neurotact.networks.definition import module, recipe
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.use.measuring import OWN_KEYS
+from neurotact.networks.use.measuring import OWN_KEYS, TOUCHED
 from neurotact.spec import build, digest
 from neurotact.tables import NETWORK, means_over, sized
 
@@ -85,14 +85,23 @@ class Afferents(NamedTuple):
 
 
 def network_cost(
-    spec: RSNNSpec, n_afferents: int, n_classes: int, measured: Mapping[str, Any], *, steps: float, signal_ms: float
+    spec: RSNNSpec,
+    n_afferents: int,
+    n_classes: int,
+    measured: Mapping[str, Any],
+    *,
+    steps: float,
+    signal_ms: float,
+    event_driven: bool = False,
 ) -> Cost:
     """The cost of the spiking network for one decision.
 
     spec: of the network: its hidden neurons, recurrence and readout count.
-    measured: mean SOPs of the projections, with the names of `SOPS`.
+    measured: mean SOPs of the projections, with the names of `SOPS`; and of `TOUCHED`, where it is event-driven.
     steps, signal_ms: of a decision, a mean under early exit; steps are of the encoder's clock, of which a network with
         a `step_ms` computes one in several.
+    event_driven: neurons are updated when a spike comes, in place of on every step; NaN where the steps with a spike
+        were not measured, or a network is another package's.
 
     >>> measured = {"sops_input": 900, "sops_recurrent": 300, "sops_readout": 80}
     >>> found = network_cost(RSNNSpec(hidden=30), 16, 8, measured, steps=300, signal_ms=150)
@@ -104,7 +113,11 @@ def network_cost(
         found = module.cost_of(spec, n_afferents, n_classes, measured, steps, signal_ms)
         if found is None:
             raise InputError(f"network: the cost of '{spec.model}' is not counted; {GIVES_COST}")
-        return found
+        return found if not event_driven else found + NotCounted()
+    touched = [measured.get(name) for name in TOUCHED] if event_driven else [None, None]
+    if event_driven and any(map(pd.isna, touched)):
+        return NotCounted(signal_ms=signal_ms)
+    sent = measured["sops_readout"] / n_classes
     into_hidden, into_readout = measured["sops_input"] + measured["sops_recurrent"], measured["sops_readout"]
     leaky_steps = 0.0 if spec.readout_leak_ms is None else steps
     readout = (
@@ -115,14 +128,16 @@ def network_cost(
             leaky_steps=leaky_steps,
             peak=spec.readout == "max",
             stretches=spec.readout_stretches,
+            touched=touched[1],
         )
         if spec.integrates
-        else SpikingLayer(spec.hidden, n_classes, steps=steps, sops=into_readout, recurrent=False)
+        else SpikingLayer(spec.hidden, n_classes, steps=steps, sops=into_readout, recurrent=False, touched=touched[1])
     )
     return cost(
         SpikingLayer(
             n_afferents, spec.hidden, steps=steps, sops=into_hidden, recurrent=spec.fan_among,
-            adapts=spec.threshold_adaptation > 0,
+            adapts=spec.threshold_adaptation > 0, spikes=measured["sops_input"] / spec.hidden, sent=sent,
+            touched=touched[0],
         ),
         readout,
         signal_ms=signal_ms,
@@ -180,7 +195,8 @@ def decision_ledger(
     signal_ms = 1e3 * steps / rate_Hz
     spent = []
     if is_counted(spec):
-        spent.append(network_cost(spec, n_afferents, n_classes, measured, steps=steps, signal_ms=signal_ms))
+        how = {"steps": steps, "signal_ms": signal_ms, "event_driven": prices.event_driven}
+        spent.append(network_cost(spec, n_afferents, n_classes, measured, **how))
     else:
         warnings.warn(f"the cost of the network '{spec.model}' is not counted; {GIVES_COST}", stacklevel=3)
     made_by = None if encoder is None else Afferents(n_afferents, encoder, rate_Hz, recorded_Hz)
@@ -238,12 +254,14 @@ def study_ledger(
     results = results.assign(**{AMONG: results["sops_recurrent"] > 0})
     alike = [KIND, AMONG, *(name for name in (STEPS_PER_BIN, STRETCHES, BLOCKS, OWN_KEYS) if name in results)]
     measures = [*(MEASURED if OWN_KEYS in results else SOPS), "window_steps"]
-    measures += [name for name in ("input_spikes",) if name in results]
+    measures += [name for name in ("input_spikes", *TOUCHED) if name in results]
     means = means_over(results, [*by, *alike], measures, "seeds")
     for _, parts in means.groupby(by, sort=False, dropna=False):
         first, spent = parts.iloc[0], []
         for row in parts.to_dict("records"):
-            spent.append((row_cost(spec, row, of_kind[row[KIND]], n_classes=n_classes), row["seeds"]))
+            made_by = of_kind[row[KIND]]
+            one = row_cost(spec, row, made_by, n_classes=n_classes, event_driven=prices.event_driven)
+            spent.append((one, row["seeds"]))
         name = f"spiking: {first['setting']}, t_ref {first['pair']} ms, {sized(first['hidden'])}"
         rows.append((name, _mean(spent)))
     return ledger_table(rows, prices)
@@ -273,11 +291,12 @@ def row_cost(
     n_classes: int,
     early: bool = False,
     encoding: bool = True,
+    event_driven: bool = False,
 ) -> Cost:
     """The cost of a decision for one row of `results.csv`, encoding and network together; a row of means works too.
 
-    afferents: of this row. early: with early exit. encoding: whether conditioning and encoding count. The other
-    arguments are as for `study_ledger`. InputError where `is_row_counted` is False.
+    afferents: of this row. early: with early exit. encoding: whether conditioning and encoding count. event_driven:
+    as for `network_cost`. The other arguments are as for `study_ledger`. InputError where `is_row_counted` is False.
     """
     window_steps, rate_Hz, spec = float(row["window_steps"]), afferents.rate_Hz, spec_of_row(spec, row)
     steps = float(row["exit_steps"]) if early else window_steps
@@ -295,11 +314,14 @@ def row_cost(
         BLOCKS: _blocks_of(row),
     }
     own = chosen.model_copy(update={"step_ms": step_ms, **(of_rsnn if spec.own is None else {})})
-    measured = {name: row[f"exit_{name}" if early else name] for name in (SOPS if spec.own is None else MEASURED)}
-    network = network_cost(own, afferents.n, n_classes, measured, steps=steps, signal_ms=signal_ms)
+    before = "exit_" if early else ""
+    measured = {name: row[f"{before}{name}"] for name in (SOPS if spec.own is None else MEASURED)}
+    measured |= {name: row.get(f"{before}{name}") for name in TOUCHED}
+    how = {"steps": steps, "signal_ms": signal_ms, "event_driven": event_driven}
+    network = network_cost(own, afferents.n, n_classes, measured, **how)
     if not encoding:
         return network
-    return network + afferents.cost(steps, input_spikes(row, "exit_" if early else ""))
+    return network + afferents.cost(steps, input_spikes(row, before))
 
 
 def _blocks_of(row: Mapping[str, Any]) -> int:

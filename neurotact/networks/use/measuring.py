@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import torch
 from sklearn.metrics import confusion_matrix
 
 from neurotact.data.recordings import select_conditions
@@ -22,6 +23,8 @@ from neurotact.tables import records
 
 OWN_KEYS = "network_keys"
 """Column of results: the keys of a network that is no RSNN, which have no column of their own."""
+TOUCHED = ("touched_hidden", "touched_readout")
+"""Columns of results: neurons and steps in which a spike comes, the mean of a decision."""
 ORACLE_PATIENCE = 120
 """The patience that the texture paper's Algorithm 1 starts from (Table V), in steps."""
 
@@ -37,6 +40,7 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
     spikes = test.spikes.to(network.device)
     full, early = network.infer(spikes), network.infer(spikes, trained.rule)
     exit_cost, steps = synops_of(early, network), early.steps.double()
+    windows = truncated.simulate_windows(network, test)
     row = {
         "accuracy_validation": trained.training.best.validation_accuracy,
         "exit_accuracy_validation": exit_accuracy(trained, sides.validation),
@@ -48,7 +52,8 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
         "exit_steps_sd": float(steps.std(correction=0)),
         **{f"exit_sops_{n}": float(v.mean()) for n, v in exit_cost._asdict().items() if n != "total"},
         "exit_patience": trained.rule.patience,
-        **_oracle(network, test),
+        **_touched(windows, network.steps_per_bin, early.steps),
+        **_oracle(network, windows),
         **({} if network.spec.own is None else _of_own(network.spec.own_keys, full, early)),
         "window_steps": test.spikes.shape[1],
         "steps_per_bin": network.steps_per_bin,
@@ -102,9 +107,19 @@ def mean_sops(network: Network, examples: Examples) -> float:
     return float(synops_of(network.infer(examples.spikes.to(network.device)), network).total.mean())
 
 
-def _oracle(network: Network, test: Examples) -> dict[str, float]:
+def _touched(windows: truncated.SimulatedWindows, steps_per_bin: int, early: torch.Tensor) -> dict[str, float]:
+    """Neurons and steps that a spike reaches, means over windows, whole and with early exit."""
+    whole = torch.full_like(early.cpu(), windows.readout.shape[1])
+    found = {"": windows.touched_until(whole), "exit_": windows.touched_until(-(-early.cpu() // steps_per_bin))}
+    means = {before: one.tolist() for before, one in found.items() if one is not None}
+    return {
+        f"{before}{name}": value for before, pair in means.items() for name, value in zip(TOUCHED, pair, strict=True)
+    }
+
+
+def _oracle(network: Network, windows: truncated.SimulatedWindows) -> dict[str, float]:
     """Steps, accuracy and SOPs of the paper's early exit, which knows the true labels (Algorithm 1)."""
-    windows, n = truncated.simulate_windows(network, test), network.steps_per_bin
+    n = network.steps_per_bin
     patience = min(max(1, ORACLE_PATIENCE // n), windows.readout.shape[1])
     steps, labels, _ = oracle_exit(windows.readout, windows.labels, patience, windows.integration)
     row = truncated.judged(network, windows, steps, labels)

@@ -1,0 +1,258 @@
+"""What a layer reads and writes, equal to loops that note every access, and what price lists make of it."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from neurotact import spec as specs
+from neurotact.encoders import specs as encoders
+from neurotact.encoders.cost import encoding_cost
+from neurotact.metrics.flops import (
+    Cost,
+    Dense,
+    Integrator,
+    Layer,
+    Moments,
+    MovingAverage,
+    NearestPoints,
+    NotCounted,
+    RBFExpansion,
+    SpikingLayer,
+    Standardise,
+    cost,
+)
+from neurotact.metrics.prices import ACCESSES, ARITHMETIC_45NM, PriceList, names, price_list
+from neurotact.metrics.signal_flops import Averaging
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.use.ledger import network_cost
+
+small = st.integers(1, 5)
+
+
+class Memory:
+    """Numbers by memory, and how often they are read or written."""
+
+    def __init__(self) -> None:
+        self.accesses = dict.fromkeys(ACCESSES, 0)
+
+    def touch(self, memory: str, times: int = 1) -> None:
+        self.accesses[f"{memory}_accesses"] += times
+
+    def equals(self, found: Cost) -> bool:
+        return {name: getattr(found, name) for name in ACCESSES} == self.accesses
+
+
+def dense(memory: Memory, inputs: int, units: int) -> None:
+    for _ in range(inputs):
+        memory.touch("buffers")  # an input comes once, and every unit's sum is in a register
+        for _ in range(units):
+            memory.touch("weights")
+    for _ in range(units):
+        memory.touch("weights")  # its bias
+        memory.touch("buffers")  # its value
+
+
+@given(small, small)
+def test_a_dense_layer_reads_its_weights_once(inputs, units):
+    memory = Memory()
+    dense(memory, inputs, units)
+    found = cost(Dense(inputs, units, "sigmoid"))
+    assert memory.equals(found)
+    assert (found.weights_bytes, found.states_bytes, found.buffers_bytes) == (4 * units * (inputs + 1), 0, 4 * units)
+
+
+@given(small, small, small)
+def test_kernels_neighbours_scales_and_means(units, features, outputs):
+    kernels = Memory()
+    kernels.touch("buffers", features)
+    kernels.touch("weights")  # gamma
+    for _ in range(units):
+        kernels.touch("weights", features)
+        kernels.touch("buffers")  # the kernel's value, written
+        kernels.touch("buffers")  # and read
+        kernels.touch("weights", outputs)
+    kernels.touch("buffers", outputs)
+    assert kernels.equals(cost(RBFExpansion(units, features, outputs)))
+    points = Memory()
+    points.touch("buffers", features + 1)
+    points.touch("weights", units * features)
+    assert points.equals(cost(NearestPoints(units, features)))
+    scaled = Memory()
+    for _ in range(features):
+        scaled.touch("buffers", 2)
+        scaled.touch("weights", 2)
+    assert scaled.equals(cost(Standardise(features)))
+    means = Memory()
+    for _ in range(units * features):  # samples of each channel: the sum is read and written
+        means.touch("states", 2)
+    means.touch("buffers", outputs * features)
+    assert means.equals(cost(Averaging(units, outputs, features)))
+    smoothed = Memory()
+    smoothed.touch("states", 2 * units * features)
+    assert smoothed.equals(cost(MovingAverage(units, features)))
+
+
+@given(st.integers(1, 9), st.integers(1, 4))
+def test_moments_keep_their_samples(samples, order):
+    memory = Memory()
+    memory.touch("states", samples)  # stored as they come
+    for _ in range(min(order, 2)):  # the mean, then the powers of the differences
+        memory.touch("states", samples)
+    memory.touch("buffers", order)
+    assert memory.equals(cost(Moments(samples, 1, order)))
+
+
+class Network:
+    """A network of CUBA-LIF neurons and an integrator, in plain loops over rasters, with its memory."""
+
+    def __init__(self, spikes: np.ndarray, hidden: np.ndarray, into: np.ndarray, among: np.ndarray, n_classes: int):
+        self.spikes, self.hidden, self.into, self.among, self.n_classes = spikes, hidden, into, among, n_classes
+
+    def sources(self, step: int, neuron: int) -> int:
+        """Spikes that reach a neuron in a step."""
+        arriving = int(sum(self.spikes[step, i] for i in range(len(self.into)) if self.into[i, neuron]))
+        if step:
+            sent = self.hidden[step - 1]
+            arriving += int(sum(sent[j] for j in range(len(sent)) if self.among.size and self.among[j, neuron]))
+        return arriving
+
+    def run(self, event_driven: bool) -> tuple[Memory, dict[str, int]]:
+        memory, counts = Memory(), {"sops": 0, "updates": 0, "touched": 0, "heard": 0}
+        n_steps, n_hidden = self.hidden.shape
+        last = n_steps - 1
+        for step in range(n_steps):
+            for sent in self.spikes[step]:
+                memory.touch("buffers", 2 * int(sent))  # by the encoder, then by the layer
+            for sent in self.hidden[step]:
+                memory.touch("buffers", (2 + bool(self.among.size)) * int(sent))  # and once more by its own layer
+            for neuron in range(n_hidden):
+                arriving = self.sources(step, neuron)
+                memory.touch("weights", arriving)
+                counts["sops"] += arriving
+                counts["touched"] += arriving > 0
+                if not event_driven or arriving:
+                    counts["updates"] += 1
+                    memory.touch("states", 2 * (3 if event_driven else 2))
+                    memory.touch("weights", 3 if event_driven else 0)
+            for _ in range(self.n_classes):
+                heard = int(self.hidden[step].sum())
+                memory.touch("weights", heard)
+                counts["sops"] += heard
+                counts["heard"] += heard > 0
+        # A spike of the last step reaches the layer after the window; it is counted whole, as SOPs are.
+        if self.among.size:
+            late = sum(int(self.among[j].sum()) for j in range(n_hidden) if self.hidden[last, j])
+            memory.touch("weights", late)
+            counts["sops"] += late
+        memory.touch("weights", self.n_classes)  # biases of the readout
+        if event_driven:  # where a spike will be is found by bisection over the steps
+            memory.touch("weights", 2 * int(self.hidden.sum()) * math.ceil(math.log2(max(2, n_steps))))
+        return memory, counts
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6), st.integers(1, 4), st.integers(1, 4), st.booleans(), st.booleans())
+def test_a_network_by_loops_over_its_rasters(seed, n_steps, n_in, n_hidden, recurrent, event_driven):
+    """Dense, recurrent and not, clocked and event-driven; the readout's sums change where its spikes come."""
+    rng = np.random.default_rng(seed)
+    spikes, hidden = (rng.integers(0, 2, (n_steps, n)) for n in (n_in, n_hidden))
+    among = np.ones((n_hidden, n_hidden)) if recurrent else np.zeros((0, 0))
+    memory, counts = Network(spikes, hidden, np.ones((n_in, n_hidden)), among, 3).run(event_driven)
+    spec = RSNNSpec(hidden=n_hidden, model="rsnn" if recurrent else "snn", readout="integrator")
+    sent = hidden.sum()
+    measured = {
+        "sops_input": spikes.sum() * n_hidden, "sops_recurrent": sent * n_hidden * recurrent, "sops_readout": sent * 3,
+        "touched_hidden": counts["touched"], "touched_readout": counts["heard"],
+    }  # fmt: skip
+    found = network_cost(spec, n_in, 3, measured, steps=n_steps, signal_ms=float(n_steps), event_driven=event_driven)
+    assert found.sops == counts["sops"]
+    changes = counts["heard"] if event_driven else sent * 3  # a clocked readout adds each spike by itself
+    memory.touch("states", 2 * int(changes))
+    assert memory.equals(found)
+    assert found.neuron_updates == counts["updates"]
+
+
+def test_what_a_spike_reaches_is_counted_on_the_weights_that_are_there():
+    torch.manual_seed(0)
+    network = RSNN(4, 3, RSNNSpec(hidden=5, model="rsnn"), 1000.0)
+    with torch.no_grad():
+        network.w_in[:, ::2] = 0
+        assert network.w_rec is not None
+        network.w_rec[1:, 0] = 0
+    spikes = (torch.rand(6, 20, 4) < 0.2).float()
+    hidden = (torch.rand(6, 20, 5) < 0.2).float()
+    found = network.touched(spikes, hidden)
+    for window in range(6):
+        into = (network.w_in.detach() != 0).numpy()
+        among = (network.w_rec.detach() != 0).numpy()
+        loops = Network(spikes[window].numpy().astype(int), hidden[window].numpy().astype(int), into, among, 3)
+        counts = loops.run(True)[1]
+        assert found[window].sum(dim=0).tolist() == [counts["touched"], counts["heard"]]
+
+
+def test_fewer_neurons_are_updated_when_spikes_are_rare():
+    measured = {
+        "sops_input": 500,
+        "sops_recurrent": 0,
+        "sops_readout": 30,
+        "touched_hidden": 400,
+        "touched_readout": 30,
+    }
+    costs = [
+        network_cost(RSNNSpec(hidden=50), 16, 3, measured, steps=1000, signal_ms=1000.0, event_driven=driven)
+        for driven in (False, True)
+    ]
+    clocked, driven = (one.energy_nJ(price_list("memory-45nm")) for one in costs)
+    assert driven < clocked / 10
+
+
+class Silent(Layer):
+    def cost(self) -> Cost:
+        return Cost(macs=3)
+
+
+def test_what_does_not_say_what_it_moves_is_not_counted_where_memory_costs():
+    found = cost(Silent(), Dense(2, 2))
+    assert found.energy_nJ() == pytest.approx(1e-3 * 4.6 * 7)
+    assert math.isnan(found.energy_nJ(price_list("memory-45nm")))
+    assert math.isnan((found + NotCounted()).energy_nJ())
+    assert cost(signal_ms=5).energy_nJ(price_list("memory-45nm")) == 0
+
+
+@pytest.mark.parametrize("encoder", specs.shipped("encoders"), ids=lambda path: path.stem)
+def test_every_encoder_says_what_it_moves(encoder):
+    table = encoders.load(encoder).model_dump(mode="json")
+    found = encoding_cost(4, 200, 200.0, table, recorded_Hz=1000.0)
+    assert all(not math.isnan(getattr(found, name)) for name in ACCESSES)
+    assert found.states_accesses > 0
+
+
+@given(st.floats(0, 4e6), st.sampled_from([name for name in names() if price_list(name).memory_pJ]))
+def test_a_larger_memory_costs_as_much_or_more(size, name):
+    one = price_list(name)
+    assert 0 <= one.access_pJ(size) <= one.access_pJ(size + 1024)
+
+
+def test_points_of_a_price_list_are_met_and_rows_are_priced_alike():
+    one = price_list("memory-45nm")
+    assert [one.access_pJ(size) for size in (8192, 32768, 1048576)] == [5.0, 10.0, 50.0]
+    assert price_list("int8-45nm").access_pJ(4 * 8192) == 1.25  # 32 kB of 32-bit numbers are 8 kB of 8-bit ones
+    spent = [cost(Dense(9, 7)), cost(SpikingLayer(4, 5, 30, 200, True, sent=7), Integrator(5, 3, 21))]
+    table = pd.DataFrame([each.columns() for each in spent])
+    for name in names():
+        assert price_list(name).energy_nJ(table).tolist() == [each.energy_nJ(price_list(name)) for each in spent]
+
+
+def test_a_chip_prices_synaptic_operations_and_updates_whole():
+    own = PriceList(
+        source="x", multiplication_pJ=3.7, addition_pJ=0.9, synaptic_operation_pJ=20.0, neuron_update_pJ=80.0
+    )
+    spent = cost(SpikingLayer(4, 5, 30, 200, True))
+    assert spent.energy_nJ(own) == pytest.approx(1e-3 * (20 * 200 + 80 * 5 * 30))
+    both = spent + cost(Dense(9, 7))
+    assert both.energy_nJ(own) - spent.energy_nJ(own) == pytest.approx(cost(Dense(9, 7)).energy_nJ(ARITHMETIC_45NM))
