@@ -10,11 +10,8 @@ Other rooms take:
     firing: FiringWarning, complaint_at_rest, complaints, resting_table
     gain_search: CalibrationRule
     model: AnyEncoder, DrivenSpec, EncoderSpec, name_in, names, of_name, usable
-    reconstruction: reconstructed
-    same_drive: SameDriveSpec, same_drive_table
     send_on_delta: MODEL
     sensitivity: pair_of, sensitivities_of, value_of
-    signals: signal_table
     specs: afferent_names, conditioning_of, default_of, encode, finish, is_exact, load, n_per_taxel, pays_exact,
         period_keys, populations, resolve, t_ref_pair_ms, taxel_names, taxels_of, with_t_ref, with_t_refs
     transformer: SpikeEncoder

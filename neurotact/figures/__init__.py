@@ -4,7 +4,7 @@ Other rooms take:
 
     calibration: draw_calibration
     columns: in_unit, name_of, quantity
-    conditions: draw_conditions, draw_same_drive, draw_signals
+    conditions: draw_conditions
     encoding: Classes, POPULATIONS, draw_isis, draw_rasters, draw_rates, draw_spike_counts
     labels: label_points
     networks: Published, draw_accuracy_and_sops, draw_confusion, draw_trade_off, draw_training

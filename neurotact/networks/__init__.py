@@ -12,9 +12,9 @@ Other rooms take:
     definition.seeds: of_start
     definition.specs: BUILT_IN, RSNNSpec, TrainingSpec, given_keys, part_of
     definition.surrogate: FastSigmoid, arctan, fast_sigmoid
-    exit.patience: in_words, is_tolerated, upper_bound
+    exit.patience: is_tolerated, upper_bound
     exit.rule: ExitRule, FULL_WINDOW, Leader
-    exit.truncated: cut_short, exit_curve, simulate_windows
+    exit.truncated: SimulatedWindows, judged, simulate_windows
     search.journal: FINISHED, STOPPED, Trial, beside_given, best_of
     search.search: Problem, asked, here, problem_of, runner, save_best, search, train_best
     search.search_tables: Importance, as_cell, by_rank, front_table, importance, trials_table, value_words,
