@@ -8,7 +8,7 @@ from scipy.stats import binom
 
 from neurotact.metrics import power, referee, starts
 from neurotact.metrics.shares import wilson_interval
-from neurotact.networks.exit import held_out
+from neurotact.networks.exit import patience
 from neurotact.report import periods
 from neurotact.report.answer import Answer, Baseline, Decision, Network, OfNetworks, Priced
 from neurotact.report.way_answer import Configuration, WayAnswer
@@ -348,7 +348,7 @@ def _early(network: Network, outcome: OfNetworks) -> Iterator[str]:
         yield f"{said} Whole windows are used: validation trials do not tell what early exit may lose."
         return
     used = "It is used" if network.exits else "Whole windows are used"
-    yield f"{said} {used}: {held_out.in_words(network.exit_bound, network.tolerance)}."
+    yield f"{said} {used}: {patience.in_words(network.exit_bound, network.tolerance)}."
 
 
 def _changed(before: Decision, after: Decision, outcome: OfNetworks) -> str:

@@ -99,7 +99,7 @@ LAST_TRAINING = (
 
 
 def is_last_training(folder: Path, cell: Cell) -> bool:
-    """Whether a training before that of the done cell's network made the choices (`training.choice`)."""
+    """Whether a training before that of the done cell's network made the choices (`training.model_selection`)."""
     path = cell_folder(folder, cell) / run_folder.NETWORK
     return path.is_file() and not read_json(path)["extra"].get("has_own_rule", True)
 

@@ -99,7 +99,7 @@ def drawn(found: pd.DataFrame) -> Figure:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="Break-even of spiking and dense networks.")
     parser.add_argument("-o", type=Path, required=True, metavar="PNG")
     rows = table()
     print(rows.round(2).to_string(index=False))

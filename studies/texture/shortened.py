@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import pandas as pd
 import torch
-from neurotact.networks.exit.exit_choice import exits, oracle_exit
+from neurotact.networks.exit.patience import exits, oracle_exit
 from neurotact_parts.studies.texture import shortened_figures
 from pydantic import Field
 from torch import Tensor
