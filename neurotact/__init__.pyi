@@ -56,6 +56,7 @@ from .api.tools import to_neo as to_neo
 from .api.tools import to_nir as to_nir
 from .api.tools import to_nwb as to_nwb
 from .api.tools import to_snntorch as to_snntorch
+from .api.tools import what_survives as what_survives
 from .data.dataset import Reader as Reader
 from .data.dataset import Simulator as Simulator
 from .data.recordings import Recordings as Recordings

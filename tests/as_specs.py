@@ -10,7 +10,7 @@ NAMING = {"levels": "levels", "pattern": "pattern", "conditions": "table", "labe
 
 def of_folder(options: Mapping[str, Any]) -> dict[str, Any]:
     """The arguments of `nt.read_folder`."""
-    return of_table(of_events(options))
+    return _named(of_table(options))
 
 
 def of_raster(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -21,11 +21,16 @@ def of_raster(options: Mapping[str, Any]) -> dict[str, Any]:
 
 def of_events(options: Mapping[str, Any]) -> dict[str, Any]:
     """The arguments of `nt.read_events`."""
+    left = _named(options)
+    events = {key: left.pop(key) for key in nt.Events.model_fields if key in left}
+    return left | ({"events": nt.Events(**events)} if events else {})
+
+
+def _named(options: Mapping[str, Any]) -> dict[str, Any]:
+    """The same, with what names of files say as a spec."""
     naming = {NAMING[key]: value for key, value in options.items() if key in NAMING}
     left = {key: value for key, value in options.items() if key not in NAMING}
-    events = {key: left.pop(key) for key in nt.Events.model_fields if key in left}
-    specs = {"naming": nt.Naming(**naming)} if naming else {}
-    return left | specs | ({"events": nt.Events(**events)} if events else {})
+    return left | ({"naming": nt.Naming(**naming)} if naming else {})
 
 
 def of_table(options: Mapping[str, Any]) -> dict[str, Any]:

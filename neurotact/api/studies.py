@@ -89,43 +89,6 @@ def study_answer(folder: str | Path) -> dict[str, Any]:
     encoder, if the study sweeps them), cautions, tables (each with caption, columns and rows; not of every study), and
     report, the path of the page.
 
-    >>> nt.study_answer("mine")["answers"][0]["headline"]  # doctest: +SKIP
-    'A refractory period of 5 ms saves 31 % of the operations; accuracy stays within the interval.'
-    """
-    choice = TrialChoice.of(where, leave_out)
-    windows = {f"window.{key}": value for key, value in window.given().items()}
-    changes = {**spec.checked_settings(settings), **windows, **loading.choice_changes(**choice._asdict())}
-    changes |= _split_changes(split) | (_left_out_changes(split, data, choice) if split.leave_out_each else {})
-    study = loading.resolve(name, changes, quick=quick, data=data)
-    for note in getattr(study, "notes", ()):
-        log.warning("%s", note)
-    return _run(study, Path(folder), workers, scheduler)
-
-
-def resume_study(folder: str | Path, *, workers: int | None = None, scheduler: str | None = None) -> pd.DataFrame:
-    """Go on with the study in `folder`, as `neurotact study resume` does; arguments and results as of `run_study`.
-
-    >>> results = nt.resume_study("mine", workers=4)  # doctest: +SKIP
-    """
-    return _run(runner.load(Path(folder)), Path(folder), workers, scheduler)
-
-
-def report_study(folder: str | Path) -> pd.DataFrame:
-    """Write the tables, figures and `report.html` of a study from what is done; its results.
-
-    >>> results = nt.report_study("mine")  # doctest: +SKIP
-    """
-    runner.write_tables(Path(folder))
-    return _reported(Path(folder))
-
-
-def study_answer(folder: str | Path) -> dict[str, Any]:
-    """What the study in `folder` answers, as `neurotact study` prints it as JSON.
-
-    Keys: answers (each with dataset, headline and details, and, unless the way has sentences of its own, kind, short,
-    the verdict alone, figures, the large ones of the page, and chosen, which network they are of), among (which
-    encoder, if the study sweeps them), cautions, tables (each with caption, columns and rows; not of every study), and report, the path of the page.
-
     >>> nt.study_answer("no-study-yet")["answers"]
     []
     """

@@ -12,7 +12,7 @@ Other rooms take:
     definition.seeds: of_start
     definition.specs: BUILT_IN, RSNNSpec, TrainingSpec, given_keys, part_of
     definition.surrogate: FastSigmoid, arctan, fast_sigmoid
-    exit.patience: is_tolerated, upper_bound
+    exit.patience: exits, in_words, is_tolerated, oracle_exit, upper_bound
     exit.rule: ExitRule, FULL_WINDOW, Leader
     exit.truncated: SimulatedWindows, judged, simulate_windows
     search.journal: FINISHED, STOPPED, Trial, beside_given, best_of

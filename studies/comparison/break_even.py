@@ -2,14 +2,11 @@
 
 The measure is that of Dampfhoffer et al. (IEEE Trans. Emerging Topics in Computational Intelligence 7(3), 2023): spikes
 per synapse and decision. A dense network computes each synapse once in a decision, so 1 would be as many operations.
-
-    python -m neurotact_parts.studies.comparison.break_even -o docs/images/break-even.png
+`benchmarks/break_even.py` draws the figure of the docs.
 """
 
-import argparse
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import matplotlib.pyplot as plt
 import pandas as pd
@@ -96,11 +93,3 @@ def drawn(found: pd.DataFrame) -> Figure:
     axes.set_title("Below its line a spiking network costs less than the dense one of its size", fontsize=10)
     axes.legend(fontsize=8, frameon=False)
     return figure
-
-
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description="Break-even of spiking and dense networks.")
-    parser.add_argument("-o", type=Path, required=True, metavar="PNG")
-    rows = table()
-    print(rows.round(2).to_string(index=False))
-    drawn(rows).savefig(parser.parse_args().o, dpi=150)

@@ -22,11 +22,11 @@ from neurotact.data.copies import equal_examples, joined
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import FLOPS, LEDGER_COLUMNS, Cost, Standardise, cost
-from neurotact.metrics.prices import ARITHMETIC_45NM
+from neurotact.metrics.prices import ACCESSES, ARITHMETIC_45NM
 from neurotact.spec import Spec, build
 from neurotact.studies.way import Arrays, TaskData, View, heads
 
-COUNTED = (*FLOPS, "parameters", "bytes")
+COUNTED = (*FLOPS, "parameters", "bytes", *ACCESSES, "states_bytes", "buffers_bytes")
 
 
 class TaskSpec(Spec):
@@ -115,7 +115,7 @@ def _as_array(spent: Cost) -> np.ndarray:
 
 def _as_cost(array: np.ndarray) -> Cost:
     counted = dict(zip(COUNTED, array.tolist(), strict=True))
-    return Cost(**counted | {name: int(counted[name]) for name in ("parameters", "bytes")})
+    return Cost(**counted)
 
 
 def _plain(task: TaskData, arrays: Arrays, parameters: Parameters, split: Any) -> dict:

@@ -5,7 +5,6 @@ from typing import Annotated, Any
 
 import pandas as pd
 import torch
-from neurotact.networks.exit.patience import exits, oracle_exit
 from neurotact_parts.studies.texture import shortened_figures
 from pydantic import Field
 from torch import Tensor
@@ -13,6 +12,7 @@ from torch import Tensor
 from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
 from neurotact.networks.definition.network import Network
+from neurotact.networks.exit.patience import exits, oracle_exit
 from neurotact.networks.exit.truncated import SimulatedWindows, judged, simulate_windows
 from neurotact.networks.training.tasks import Sides
 from neurotact.report.periods import in_ms

@@ -170,5 +170,5 @@ class ConvLSTM(Layer):
         units = self.height * self.width * self.filters
         weights = 4 * self.filters * (self.channels + self.filters) * self.kernel**2
         macs, received = self.height * self.width * weights, self.height * self.width * self.channels
-        step = Cost(macs=macs, weights_accesses=macs, **changed(2 * units), buffers_accesses=received)
+        step = Cost(macs=macs, weights_accesses=macs + 4 * units, **changed(2 * units), buffers_accesses=received)
         return with_weights(weights + 4 * self.filters, 2 * units) + (step + LSTM_UNIT.times(units)).times(self.steps)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from costs import operations
 from hypothesis import given
 from hypothesis import strategies as st
 from neurotact_parts.opponents.pooled_gru import GRU
@@ -17,7 +18,6 @@ from sklearn.svm import SVC
 from neurotact.errors import InputError
 from neurotact.metrics import flops
 from neurotact.metrics.flops import (
-    FLOPS,
     LEDGER_COLUMNS,
     Cost,
     Dense,
@@ -33,7 +33,6 @@ from neurotact.metrics.flops import (
     cost,
     ledger_table,
 )
-from neurotact.metrics.prices import PRICED
 
 EVERY_LAYER = [
     Dense(8, 3),
@@ -54,11 +53,6 @@ EVERY_LAYER = [
     Integrator(30, 8, 1000.0),
     Trees(200, 5.5, 900, 8),
 ]
-
-
-def operations(counted: Cost) -> dict[str, float]:
-    """Without what it moves, which `test_memory_by_loops` counts."""
-    return {name: value for name, value in counted.columns().items() if name not in PRICED[len(FLOPS) :]}
 
 
 def test_dense_by_hand():

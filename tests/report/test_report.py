@@ -20,7 +20,7 @@ from made_run import GRATINGS, SUBSETS, grating_conditions, make_run, row_of
 from neurotact.data.hdf5 import load_spikes
 from neurotact.errors import InputError
 from neurotact.files import read_json
-from neurotact.metrics.prices import PriceList
+from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList
 from neurotact.networks.definition.specs import TrainingSpec
 from neurotact.networks.exit.patience import upper_bound
 from neurotact.networks.training import run_folder, tasks
@@ -129,11 +129,13 @@ def energies_of(folder: Path) -> list[float]:
 
 
 def test_a_report_prices_networks_and_baselines_by_the_list_of_its_study(written, text_alone, tmp_path):
-    folder, before = tmp_path / "run", energies_of(written.parent)
+    folder, what = tmp_path / "run", {"baselines": "linear", "as_shipped": True}
     shutil.copytree(written.parent, folder)
+    networks.write(make_study(**what, prices=ARITHMETIC_45NM), folder)
+    before = energies_of(folder)
     both = {"multiplication_pJ": 2 * 3.7, "addition_pJ": 2 * 0.9}
     twice = PriceList(name="twice", source="a test", **both)
-    page = networks.write(make_study(baselines="linear", as_shipped=True, prices=twice), folder)
+    page = networks.write(make_study(**what, prices=twice), folder)
     assert energies_of(folder) == pytest.approx([2 * nJ for nJ in before])
     assert "by the price list twice: 9.2 pJ per MAC" in page.read_text()
     assert set(pd.read_csv(folder / "ledger.csv")["prices"]) == {"twice"}

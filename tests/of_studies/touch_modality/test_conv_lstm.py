@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 import torch
+from costs import operations
 from neurotact_parts.studies.touch_modality import conv_lstm
 from neurotact_parts.studies.touch_modality.cnn_features import Conv2d
 from neurotact_parts.studies.touch_modality.conv_lstm import ConvLSTM, ConvLSTMClassifier
@@ -96,7 +97,7 @@ def test_refusals():
 
 def test_convolutions_by_hand():
     # 2x3 output pixels, 1 channel, 2 filters of 3x3: 6 x 2 x 9 MACs; 2 filters of 9 weights and a bias.
-    assert cost(Conv2d(2, 3, 1, 2, 3)) == Cost(macs=108, parameters=20, bytes=80)
+    assert operations(cost(Conv2d(2, 3, 1, 2, 3))) == operations(Cost(macs=108, parameters=20, bytes=80))
     # An LSTM of 1 channel and 2 filters on 6 pixels: 4 gates x 2 filters x 3 maps x 9 = 216 weights, 8 biases.
     convolutional = cost(ConvLSTM(2, 3, 1, 2, 3))
     assert (convolutional.macs, convolutional.parameters) == (6 * 216 + 12, 224)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 import torch
+from costs import operations
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
@@ -191,7 +192,7 @@ def test_lstm_by_hand():
     # o tanh(c) a product a unit; 3 sigmoids of 14 and 2 tanhs of 15 a unit, each an exponential and a division.
     one = cost(LSTM(1, 2))
     others = {"multiplications": 2 * 2, "comparisons": 2 * (3 * 2 + 2 * 3), "divisions": 10, "exponentials": 10}
-    assert one == Cost(macs=24 + 2, parameters=32, bytes=4 * (32 + 4), **others)
+    assert operations(one) == operations(Cost(macs=24 + 2, parameters=32, bytes=4 * (32 + 4), **others))
     assert one.other_flops == 2 * (2 + 3 * 14 + 2 * 15)
     five = cost(LSTM(1, 2, steps=5))
     assert (five.macs, five.other_flops, five.parameters) == (5 * one.macs, 5 * one.other_flops, 32)
