@@ -172,8 +172,8 @@ def conditions_curve(
     Raises InputError for an unknown condition, and for one with fewer than three values.
 
     >>> settings, window = {"hidden": 4, "training.epochs": 1}, nt.Window(length_ms=50)
-    >>> table = nt.conditions_curve("spikes.h5", "day", "rsnn", settings, window=window)
-    >>> table["trained"].unique().tolist()
+    >>> table = nt.conditions_curve("spikes.h5", "day", "rsnn", settings, window=window)  # doctest: +SKIP
+    >>> table["trained"].unique().tolist()  # doctest: +SKIP
     [1, 2, 3, 4]
     """
     outputs = [Path(file) for file in (out, figure) if file is not None]
