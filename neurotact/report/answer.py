@@ -22,6 +22,8 @@ from neurotact.report.wording import Measure
 Kind = Literal["nothing learned", "unclear", "no baseline", "untested", "worse", "tie", "better", "too few trials"]
 """nothing learned: no better than guessing. unclear: better, and chance alone may do as well. untested: no test is
 possible. too few trials: no clear difference, and only a large one would have shown (`metrics.power`)."""
+ByList = tuple[tuple[str, float], ...]
+"""The energy in nJ by the name of each price list."""
 NOTHING = 0.005
 """Share of the milliseconds and of the SOPs below which early exit saves nothing."""
 
@@ -43,7 +45,7 @@ class Decision(NamedTuple):
     """One way to decide: its accuracy on test windows, and its mean cost.
 
     sops: synaptic operations. ms: length of the signal it needs. spikes: of the afferents. nJ: an estimate for encoding
-    and network; None if unknown.
+    and network; None if unknown. by_list: the same by the name of each price list that counts it.
     """
 
     accuracy: float
@@ -51,6 +53,7 @@ class Decision(NamedTuple):
     ms: float
     spikes: float
     nJ: float | None
+    by_list: ByList = ()
 
 
 class Network(NamedTuple):
@@ -117,7 +120,8 @@ class Network(NamedTuple):
 class Baseline(NamedTuple):
     """A classifier without spikes in its decision; nJ is None if its cost is not counted.
 
-    rows: the rows of `baselines.csv` that it averages, one per split. right: for the referee (`Way.right`).
+    rows: the rows of `baselines.csv` that it averages, one per split. right: for the referee (`Way.right`). by_list: as
+    of a `Decision`. bytes: for parameters and state; None if not counted.
     """
 
     name: str
@@ -126,6 +130,8 @@ class Baseline(NamedTuple):
     nJ: float | None
     rows: tuple[int, ...] = ()
     right: Mapping[Any, float] | None = None
+    by_list: ByList = ()
+    bytes: float | None = None
 
     @property
     def is_of_spikes(self) -> bool:
@@ -154,14 +160,16 @@ class Priced(NamedTuple):
     """A network as it is used, and baselines on signals to compare its energy with; of those, energy is known.
 
     comparable: the cheapest that is better than guessing and that test trials do not show to be clearly less accurate
-    than the network: a ratio is of it. None if none is. cheaper: all that take less energy and are at least as accurate
-    on test trials, the cheapest first. cheapest: of all; None without any.
+    than the network: a ratio is of it. None if none is. comparables: all such, the cheapest first. cheaper: all that
+    take less energy and are at least as accurate on test trials, the cheapest first. cheapest: of all; None without
+    any.
     """
 
     network: Network
     comparable: Baseline | None = None
     cheaper: tuple[Baseline, ...] = ()
     cheapest: Baseline | None = None
+    comparables: tuple[Baseline, ...] = ()
 
 
 R = TypeVar("R", bound=Row)
@@ -182,7 +190,8 @@ class Answer(NamedTuple, Generic[R, Other]):
     what is not known.
 
     Of networks alone: interval: 95 % interval of the test accuracy of the best one, as it is used. trials: of both
-    sides. priced: the energy of the best network, and of the cheapest one if that is another.
+    sides. priced: the energy of the best network, and of the cheapest one if that is another. prices: the name of the
+    list by which energies are.
     """
 
     rows: tuple[R, ...]
@@ -204,6 +213,7 @@ class Answer(NamedTuple, Generic[R, Other]):
     interval: tuple[float, float] = (math.nan, math.nan)
     trials: Trials = Trials(0, 0)
     priced: tuple[Priced, ...] = ()
+    prices: str = ""
 
     @property
     def shown(self) -> R:
@@ -286,10 +296,12 @@ def answer(
     guess: float,
     trials: Trials,
     compare: Compare = lambda network, baseline: None,
+    prices: str = "",
 ) -> OfNetworks:
     """Choose on validation trials, judge on test trials.
 
-    networks: at least one. compare: without single trials, the two shares are compared as those of different trials.
+    networks: at least one. prices: the name of the list of energies. compare: without single trials, the two shares are
+    compared as those of different trials.
 
     >>> whole = Decision(0.9, 1000.0, 500.0, 80.0, None)
     >>> networks = [Network("1&1", 50, 3, 0.95, whole, None),
@@ -320,6 +332,7 @@ def answer(
         interval=interval_of(best, best.used, trials),
         trials=trials,
         priced=tuple(_priced(one, baselines, guess, compared) for one in dict.fromkeys((best, cheapest))),
+        prices=prices,
     )
 
 
@@ -351,7 +364,9 @@ def _priced(
         return one.accuracy > guess and (one.accuracy >= least or not _is_ahead(compared(network, one)))
 
     cheaper = [one for one in ordered if spent is not None and _cost(one) < spent and one.accuracy >= least]
-    return Priced(network, next(filter(is_comparable, ordered), None), tuple(cheaper), next(iter(ordered), None))
+    comparables = tuple(filter(is_comparable, ordered))
+    first, cheapest = next(iter(comparables), None), next(iter(ordered), None)
+    return Priced(network, first, tuple(cheaper), cheapest, comparables)
 
 
 def _cost(one: Baseline) -> float:

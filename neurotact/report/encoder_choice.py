@@ -206,7 +206,7 @@ def table(among: Sequence[Choice]) -> Table | None:
     caption = (
         "Every encoder and refractory period, by accuracy on validation trials; ~: they cannot tell it from the best. "
         f"Accuracies on {among[0].trials.test} test trials with 95 % intervals; SNR: of the signal of test trials that "
-        "a linear filter of the spikes gives back; energy is an estimate of the arithmetic."
+        "a linear filter of the spikes gives back; energy is an estimate."
     )
     heads = ["encoder", "t_ref (ms)", "input spikes", "network", "linear readout", "SNR (dB)", "energy estimate"]
     return Table(caption, heads, rows, n_heads=2)

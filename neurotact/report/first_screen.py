@@ -38,7 +38,7 @@ def figures(outcome: Answer[Any, Any]) -> list[Figure]:
     >>> for one in figures(found):
     ...     print(one.value, "|", one.of, "|", one.against)
     90.0 % | 95 % interval 77 to 96 %, 40 test trials | SVM on signals: 95.0 % (83 to 99), p = 0.6
-    250 nJ | an estimate of the arithmetic | 10 times as much as SVM on signals (25 nJ, 95.0 %)
+    250 nJ | an estimate | 10 times as much as SVM on signals (25 nJ, 95.0 %)
     500 ms | the whole window | the others wait as long
     """
     if isinstance(outcome.best, Network):
@@ -85,7 +85,9 @@ def _energy(outcome: OfNetworks) -> Iterator[Figure]:
     if rival is not None and rival.nJ is not None:
         ratio, of = sentences.times(priced), f"{energy(rival.nJ)}, {percent(rival.accuracy)}"
         against = f"{rival.name}: {of}" if ratio is None else f"{ratio.words} {ratio.than} {rival.name} ({of})"
-    yield Figure("energy per decision", energy(spent), "an estimate of the arithmetic", against)
+    yield Figure(
+        "energy per decision", energy(spent), f"an estimate{outcome.prices and ' by '}{outcome.prices}", against
+    )
 
 
 def _time(outcome: OfNetworks) -> Iterator[Figure]:
@@ -131,7 +133,7 @@ def table(outcome: OfNetworks, period: str = "t_ref") -> Table:
     trainings = max(network.seeds for network in outcome.rows)
     over = f", of {trainings} trainings each" if trainings > 1 else ""
     caption = (
-        f"Means over {outcome.trials.test} test trials{over}; energy is an estimate of the arithmetic. Choices: "
+        f"Means over {outcome.trials.test} test trials{over}; energy is an estimate. Choices: "
         "accuracy on validation trials, then the least energy, both on whole windows. Of each refractory period, or "
         "pair, the best network is shown."
     )

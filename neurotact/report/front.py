@@ -1,7 +1,7 @@
 """The first screen of a report: the answer, its table and warnings, from the files of a run."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,7 +26,7 @@ from neurotact.networks.training.run_folder import LOG
 from neurotact.networks.use import ledger
 from neurotact.networks.use.ledger import Afferents
 from neurotact.report import answer as answers
-from neurotact.report import first_screen, periods, robustness, sentences
+from neurotact.report import bill, first_screen, periods, robustness, sentences
 from neurotact.report.answer import Answer, Baseline, Decision, Network, OfNetworks, Trials
 from neurotact.report.page import Figure, Table
 from neurotact.report.wording import energy
@@ -37,6 +37,8 @@ from neurotact.studies.study import LENGTH, Cell, StudySpec, by_split, encoder_c
 from neurotact.tables import NETWORK, means_over, sized
 
 COSTS = ("sops", "ms", "spikes", "nJ")
+BY = "nJ by "
+"""Before the name of a price list: the column of energies by it."""
 KINDS = {"whole": "", "early": "exit_"}
 """Both ways to decide, and their prefixes of columns in `results.csv`."""
 USED = {False: "whole", True: "early"}
@@ -109,7 +111,7 @@ class Front(NamedTuple):
 def costs_of(
     study: StudySpec, results: pd.DataFrame, afferents: Sequence[Afferents | None], n_classes: int
 ) -> pd.DataFrame:
-    """The costs of each row of `results.csv`: columns `whole_sops`, `whole_ms` ... `early_nJ`.
+    """The costs of each row of `results.csv`: columns `whole_sops`, `whole_ms` ... `early_nJ`, `early_nJ by loihi` ...
 
     afferents: of each row. Without them the clock is unknown, so ms and nJ are missing; without the rate of their
     recordings, where that counts, nJ.
@@ -139,7 +141,10 @@ def _costs(
         how = {"n_classes": n_classes, "early": bool(before), "encoding": counts}
         costs["ms"] = 1e3 * steps / afferents.rate_Hz
         if (not counts or afferents.is_countable) and ledger.is_row_counted(study.network, row):
-            costs["nJ"] = _known(ledger.row_cost(study.network, row, afferents, **how).energy_nJ(study.prices))
+            spent = [ledger.row_cost(study.network, row, afferents, **how, event_driven=way) for way in (False, True)]
+            by_list = {one.name: spent[one.event_driven].energy_nJ(one) for one in bill.lists(study.prices)}
+            costs["nJ"] = _known(by_list[study.prices.name])
+            costs |= {f"{BY}{name}": nJ for name, nJ in by_list.items()}
     return costs
 
 
@@ -167,6 +172,7 @@ def networks_of(results: pd.DataFrame, splits: Sequence[str] = ()) -> list[Netwo
     """
     measures = ["accuracy_validation", "accuracy_test", "exit_accuracy"]
     measures += [f"{kind}_{cost}" for kind in KINDS for cost in COSTS]
+    measures += [name for name in results if f"_{BY}" in str(name)]
     same = [group for _, group in results.groupby([*NETWORK, *splits], sort=False, dropna=False)]
     apart, apart_early = (
         starts.spread(group[name].dropna().tolist() for group in same) for name in ("accuracy_test", "exit_accuracy")
@@ -194,7 +200,14 @@ def _decision(row: Mapping[str, Any], kind: str) -> Any:
     if kind == "early" and pd.isna(accuracy):
         return None
     sops, ms, spikes, energy_nJ = (row[f"{kind}_{cost}"] for cost in COSTS)
-    return Decision(accuracy, sops, ms, spikes, None if pd.isna(energy_nJ) else float(energy_nJ))
+    before = f"{kind}_{BY}"
+    by_list = [(name.removeprefix(before), row[name]) for name in row if str(name).startswith(before)]
+    return Decision(accuracy, sops, ms, spikes, None if pd.isna(energy_nJ) else float(energy_nJ), _counted(by_list))
+
+
+def _counted(by_list: Iterable[tuple[str, Any]]) -> answers.ByList:
+    """The energies by list that are counted."""
+    return tuple((name, float(nJ)) for name, nJ in by_list if not pd.isna(nJ))
 
 
 def decisions_of_row(row: Mapping[str, Any], costs: Mapping[str, float | None]) -> dict[str, Any]:
@@ -234,13 +247,14 @@ def as_json(front: Front) -> dict[str, Any]:
 def _shown(baseline: Baseline | None) -> dict[str, Any] | None:
     if baseline is None:
         return None
-    return {key: value for key, value in baseline._asdict().items() if key not in ("rows", "right")}
+    return {key: value for key, value in baseline._asdict().items() if key not in ("rows", "right", "by_list", "bytes")}
 
 
 def _as_json(decision: Decision | None) -> dict[str, Any] | None:
     if decision is None:
         return None
-    return {key: None if value is None or pd.isna(value) else value for key, value in decision._asdict().items()}
+    shown = {key: value for key, value in decision._asdict().items() if key != "by_list"}
+    return {key: None if value is None or pd.isna(value) else value for key, value in shown.items()}
 
 
 def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], result: Mapping[str, Any]) -> list[Baseline]:
@@ -256,8 +270,12 @@ def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], result: M
         for key in (key for key in encoder_columns(study) if key in table):
             table = table[table[key].isna() | (table[key] == result[key])]
         by = ["classifier", "input", "t_ref_ra_ms", "t_ref_sa_ms", *(["encoder"] if "encoder" in table else [])]
-        measures = ["accuracy_validation", "accuracy_test", "energy_estimate_nJ"]
         table = table[table["dataset"] == dataset]
+        is_counted = "macs" in table  # else it holds energies alone
+        by_list = {f"{BY}{one.name}": one.energy_nJ(table) for one in bill.lists(study.prices) if is_counted}
+        table = table.assign(**by_list)
+        measures = ["accuracy_validation", "accuracy_test", "energy_estimate_nJ", *by_list]
+        measures += [name for name in ("bytes",) if name in table]
         averaged = [tuple(part.index) for _, part in table.groupby(by, sort=False, dropna=False)]
         means = means_over(table, by, measures, "splits")
         pairs = periods.of_rows(means, study)
@@ -267,7 +285,9 @@ def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], result: M
             name = f"{row['classifier']} on {pair}{source} ({words})"
             shares = row["accuracy_validation"], row["accuracy_test"]
             right = validated(tables["baselines_trials"], rows) if "baselines_trials" in tables else None
-            baselines.append(Baseline(name, *shares, _known(row["energy_estimate_nJ"]), rows, right))
+            energies = _counted((key.removeprefix(BY), row[key]) for key in by_list)
+            spent = _known(row["energy_estimate_nJ"]), rows, right, energies, _known(row.get("bytes", np.nan))
+            baselines.append(Baseline(name, *shares, *spent))
     return baselines
 
 
@@ -321,7 +341,7 @@ def fronts(
             networks = [with_exit_bound(one, folder, cells_of(done, rows, one), tolerance) for one in networks]
         baselines = baselines_of(study, tables, rows.iloc[0].to_dict())
         compare = _comparing(study, folder, done, rows, tables)
-        answer = answers.answer(networks, baselines, guess, sides.trials, compare)
+        answer = answers.answer(networks, baselines, guess, sides.trials, compare, study.prices.name)
         splits = [cell.split for cell in first_of_splits]
         lost = [*sentences.gaps(answer, likely_cause(splits))]
         if "encoder" not in rows:  # else the table of encoders tells it
@@ -335,7 +355,7 @@ def fronts(
             *robustness.hardest(classes),
             *sentences.details(answer),
             *_of_encoding(answer, made_by, study),
-            *([] if answer.best.whole.nJ is None else [f"Energies are by the price list {study.prices.name}."]),
+            *bill.sentences(answer),
             *sentences.of_refractory_periods(answer),
         ]
         yield Front(
@@ -343,7 +363,7 @@ def fronts(
             answer,
             first_screen.figures(answer),
             words,
-            [first_screen.table(answer, periods.head(study))],
+            [first_screen.table(answer, periods.head(study)), *filter(None, [bill.table(answer)])],
             first_screen.chosen(answer),
             unranked,
             sides,

@@ -180,7 +180,7 @@ def details(outcome: Answer[Any, Any]) -> Iterator[str]:
     for each in outcome.priced:
         yield from _early(each.network, outcome)
     for each in outcome.priced:
-        yield from _energy(each)
+        yield from _energy(each, outcome.prices)
     uncounted = [one for one in outcome.others if isinstance(one, Baseline) and one.nJ is None]
     if uncounted:
         names = " and of ".join(dict.fromkeys(one.name.partition(" on ")[0] for one in uncounted))
@@ -218,14 +218,16 @@ def _cheaper_way(outcome: WayAnswer) -> str:
     return f": {less}{said.spent(cheapest.cost)} against {against}, {_lost(best.accuracy, cheapest.accuracy, outcome)}"
 
 
-def _energy(priced: Priced) -> Iterator[str]:
+def _energy(priced: Priced, prices: str) -> Iterator[str]:
     """The energy of a network with and without early exit, and of the baselines on signals that it is compared with."""
     network, fair = priced.network, priced.comparable
     whole, used = network.whole.nJ, network.used.nJ
     if whole is None or used is None or priced.cheapest is None:
         return
     early = f", {energy(used)} with early exit" if network.exits else ""
-    said = f"Energy of {network.name}, an estimate of the arithmetic: {energy(whole)} for a whole window{early}"
+    said = (
+        f"Energy of {network.name}, an estimate{prices and ' by '}{prices}: {energy(whole)} for a whole window{early}"
+    )
     if fair is None:
         said += (
             f". No ratio to a baseline on signals: each is no better than guessing, or clearly less accurate than the "

@@ -139,10 +139,8 @@ def test_a_report_prices_networks_and_baselines_by_the_list_of_its_study(written
     assert energies_of(folder) == pytest.approx([2 * nJ for nJ in before])
     assert "by the price list twice: 9.2 pJ per MAC" in page.read_text()
     assert set(pd.read_csv(folder / "ledger.csv")["prices"]) == {"twice"}
-    assert all(
-        "Energies are by the price list twice." in one["details"]
-        for one in read_json(folder / "answer.json")["answers"]
-    )
+    details = [one["details"] for one in read_json(folder / "answer.json")["answers"]]
+    assert all("Energies are by the price list twice." in one for one in details)
 
 
 def test_the_report_needs_nothing_from_the_network(written):
