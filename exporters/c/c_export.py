@@ -58,7 +58,11 @@ def write(
     Raises InputError for what C cannot represent.
     """
     paths(folder, name)
-    context = context_of(chain, formats, name)
+    return rendered(context_of(chain, formats, name), folder, name, parts)
+
+
+def rendered(context: dict[str, Any], folder: Path, name: str, parts: Sequence[tuple[str, str]]) -> list[Path]:
+    """Write each template of `parts` with these variables as its file, and return the paths."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("neurotact_parts.exporters.c", "templates"),
         undefined=jinja2.StrictUndefined,
@@ -88,7 +92,7 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
     per_sample = max(1, int(np.ceil(chain.clock_Hz / chain.sampling_rate_Hz)))
     return {
         "title": title_of(chain, formats), "version": __version__, "name": name, "macro": name.upper(),
-        "integer": formats is not None, "unit": _in_comment(encoder.unit),
+        "spiking": True, "integer": formats is not None, "unit": _in_comment(encoder.unit),
         "sampling_rate_Hz": f"{chain.sampling_rate_Hz:g}",
         "n_taxels": n_taxels, "n_afferents": network.n_inputs,
         "n_hidden": spec.hidden, "n_classes": network.n_classes,

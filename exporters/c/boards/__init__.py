@@ -57,3 +57,14 @@ BOARDS = {
         4 * 1024 * 1024, 4 * 1024 * 1024, 25e6, 1.3, NRF52,
     ),
 }  # fmt: skip
+_BIG = BOARDS["cortex-m4"]
+_TIMER = "-DTIMER=0x40000000u"
+ROOMY = {
+    "cortex-m0": BOARDS["cortex-m0"]._replace(
+        machine=_BIG.machine, flags=(*BOARDS["cortex-m0"].flags, _TIMER), flash=_BIG.flash, ram=_BIG.ram,
+        clock_Hz=_BIG.clock_Hz,
+    ),
+    "cortex-m4": _BIG._replace(flags=(*_BIG.flags, _TIMER)),
+}  # fmt: skip
+"""The instructions of each processor on a machine of 4 MB, which runs both, and with a timer of 32 bits: for programs that
+no chip of the kind holds, and for decisions of millions of instructions."""
