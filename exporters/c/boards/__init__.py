@@ -10,10 +10,12 @@ SHIFT = 10
 
 
 class Chip(NamedTuple):
-    """A chip with such a processor, and its power while it computes, from its data sheet."""
+    """A chip with such a processor, its bytes, and its power while it computes, from its data sheet."""
 
     name: str
     clock_Hz: float
+    flash: int
+    ram: int
     watts: float
     source: str
 
@@ -39,12 +41,16 @@ class Board(NamedTuple):
 NRF51 = Chip(
     "nRF51822",
     16e6,
+    256 * 1024,
+    16 * 1024,
     4.71e-3 * 2.957,
     "4.71 mA at 2.957 V on an nRF51 DK, from devzone.nordicsemi.com/blogs/756 (unverified)",
 )
 NRF52 = Chip(
     "nRF52832",
     64e6,
+    512 * 1024,
+    64 * 1024,
     3.7e-3 * 3.0,
     "58 µA/MHz from flash with DC/DC at 3 V, as quoted elsewhere from the nRF52832 Product Specification (unverified)",
 )
@@ -66,5 +72,5 @@ ROOMY = {
     ),
     "cortex-m4": _BIG._replace(flags=(*_BIG.flags, _TIMER)),
 }  # fmt: skip
-"""The instructions of each processor on a machine of 4 MB, which runs both, and with a timer of 32 bits: for programs that
-no chip of the kind holds, and for decisions of millions of instructions."""
+"""The instructions of each processor on a machine of 4 MB, which runs both, and with a timer of 32 bits: for programs
+that no chip of the kind holds, and for decisions of millions of instructions."""
