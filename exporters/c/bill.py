@@ -1,10 +1,10 @@
 """The bill of a decision on one processor: the chain of a run and its opponents in C, on emulated Cortex-M.
 
-Instructions are counted from the first sample of a window to the decision, features and encoding included. Flash and RAM
-are those of the sections that a linker keeps, with the functions of the compiler's library.
+Instructions are counted from the first sample of a window to the decision, features and encoding included. Flash and
+RAM are those of the sections that a linker keeps, with the functions of the compiler's library.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +20,7 @@ from neurotact.baselines.features import averaged
 from neurotact.baselines.opponent import Candidate, Sides, best_of, joined, load
 from neurotact.baselines.opponents import BINS, pieces_of
 from neurotact.data import encoded_from
+from neurotact.data.splits import Split
 from neurotact.deploy.chain import Chain
 from neurotact.deploy.exporters import Exporter
 from neurotact.errors import InputError
@@ -38,38 +39,44 @@ INSTALL = (
     "install them (Debian and Ubuntu: `apt install gcc-arm-none-eabi qemu-system-arm`; macOS: "
     "`brew install --cask gcc-arm-embedded` and `brew install qemu`)"
 )
-INTEGERS, FLOATS = "network, integers", "network, float"
+INTEGERS, FLOATS, ENCODING = "network, integers", "network, float", "its afferents alone, integers"
+DECISIONS = 20
+"""Test windows that are run, about: all of some trials, spread evenly."""
+ASKED = ("kNN",)
+"""Opponents of no study, which are measured, too."""
+ROOM = 0.9
+"""The share of the emulated machine's memory that a program may take, beside the harness and the stack."""
 
 
 class Program(NamedTuple):
     """C in a folder, what it is given, `(sample, taxel)` of each trial, and what is expected of it.
 
-    decided: the class of each window, as Python decides it. windows: of these, the trial and its samples, from the
-    first to that after the last.
+    windows: the trial of each, and its samples: the first and that after the last. decided: the class of each in
+    Python; none where the program decides nothing. flags: for the compiler.
     """
 
     what: str
     folder: Path
-    trials: list[np.ndarray]
-    decided: np.ndarray
-    windows: list[tuple[int, int, int]]
     accuracy: float
     flops: float
+    trials: list[np.ndarray]
+    windows: list[tuple[int, int, int]]
+    decided: np.ndarray
+    flags: tuple[str, ...] = ()
 
 
 class Windows(NamedTuple):
-    """The windows of a run as samples `(window, sample, taxel)`, their classes, and the windows of each side."""
+    """The windows of a run as samples `(window, sample, taxel)`, their classes and their trials."""
 
     samples: np.ndarray
     labels: np.ndarray
-    sides: tuple[np.ndarray, np.ndarray, np.ndarray]
+    trial: np.ndarray
 
 
 def bill(
     run: Fitted,
     out: str | Path,
     *,
-    decisions: int = 20,
     recordings: str | Path | None = None,
     spikes: str | Path | None = None,
     force: bool = False,
@@ -78,11 +85,12 @@ def bill(
     """What a decision of a run and of its opponents takes on an emulated Cortex-M0 and M4: `bill.csv` in a folder.
 
     run: a folder that `train` wrote. The opponents are fitted to the means in time bins of its windows, on its split.
-    out: the folder, which also gets the C of each. decisions: test windows that are run; costs are means over them.
+    out: the folder, which also gets the C of each.
     recordings, spikes: that the run was trained on, where they moved since. force: replace files.
-    tell: called with the table and what it shows.
-    A row per program and processor: instructions, bytes of flash, RAM and stack (at most), whether they fit the chip of
-    `boards`, how many decisions are Python's, test accuracy, and the operations of the ledger (NaN if not counted).
+    tell: called with a line of each and with what the table shows.
+    A row per program and processor: instructions, a mean over some test windows; how many were run, and how many
+    decided as in Python; bytes of flash, RAM and stack (at most), and whether a chip with this processor has them; accuracy of
+    the model in Python on all test windows; FLOPs of the ledger. NaN where a number is not known.
     Raises InputError where a tool is not installed, which it names, and for a network that cannot run in C.
     """
     absent = proof.missing(*TOOLS)
@@ -92,11 +100,10 @@ def bill(
     out = Path(str(out))
     files.check_new(out / "bill.csv", force=force)
     rows = []
-    for program in _programs(run, out, decisions, recordings, spikes):
+    for program in _programs(run, out, recordings, spikes):
         rows += [_row(program, name) for name in boards.ROOMY]
-        tell(
-            f"{program.what}: {rows[-2]['instructions']:,.0f} instructions on Cortex-M0, {rows[-1]['instructions']:,.0f} on M4"
-        )
+        each = (f"{row['instructions']:,.0f} on {row['processor']}" for row in rows[-len(boards.ROOMY) :])
+        tell(f"{program.what}: instructions a decision {', '.join(each)}")
     table = pd.DataFrame(rows)
     with files.whole(out / "bill.csv") as draft:
         table.to_csv(draft, index=False)
@@ -109,54 +116,83 @@ def summary(table: pd.DataFrame) -> Iterator[str]:
     """Of each processor, the cheapest opponent beside the network in integers, and how the ledger orders them."""
     for processor, rows in table.groupby("processor", sort=False):
         counted = rows.dropna(subset=["instructions"]).set_index("what")
-        others = counted.drop([INTEGERS, FLOATS], errors="ignore")
+        others = counted.drop([INTEGERS, FLOATS, ENCODING], errors="ignore")
+        if INTEGERS not in counted.index or others.empty:
+            continue
         network = counted.loc[INTEGERS, "instructions"]
         cheapest = others["instructions"].idxmin()
         ratio = network / others.loc[cheapest, "instructions"]
-        known = counted.drop(FLOATS, errors="ignore").dropna(subset=["ledger_flops"])
+        known = counted.drop([FLOATS, ENCODING], errors="ignore").dropna(subset=["ledger_flops"])
         order = known["instructions"].corr(known["ledger_flops"], method="spearman")
         each = known["instructions"] / known["ledger_flops"]
         yield (
-            f"{processor}: the network in integers takes {ratio:.2g} times the instructions of {cheapest}, the cheapest "
-            f"opponent; rank correlation with the ledger's FLOPs {order:.2f}, {each.min():.2g} to {each.max():.2g} "
-            "instructions per FLOP"
+            f"{processor}: the network in integers takes {ratio:.2g} times the instructions of {cheapest}, the "
+            f"cheapest opponent; rank correlation with the ledger's FLOPs {order:.2f}, "
+            f"{each.min():.2g} to {each.max():.2g} instructions per FLOP"
         )
 
 
-def _programs(
-    run: Any, out: Path, decisions: int, recordings: str | Path | None, spikes: str | Path | None
-) -> Iterator[Program]:
+def _programs(run: Any, out: Path, recordings: str | Path | None, spikes: str | Path | None) -> Iterator[Program]:
     restored = fitted.restore(run, spikes=spikes)
     trains = trained.load_spikes_of(restored)
     trained.check_trials(restored, trains)
-    flops, accuracy = _ledger(restored, trains)
-    raw = None
-    for what, integer in ((INTEGERS, True), (FLOATS, False)):
-        made = export.prepared(run, integer=integer, recordings=recordings, spikes=spikes)
-        raw = made.formats.raw if made.formats is not None else raw
+    split = tasks.trials_of(trains, restored.task)
+    windows = trains.cut(restored.task.window, split.test)
+    chosen = np.unique(windows.trial)
+    n_trials = -(-DECISIONS * len(chosen) // len(windows))
+    chosen = np.unique(chosen[np.linspace(0, len(chosen) - 1, n_trials).astype(int)])
+    whole = export.prepared(run, recordings=recordings, spikes=spikes)
+    assert whole.formats is not None  # of integers
+    yield from _chains(restored, trains, whole, np.searchsorted(split.test, chosen), out, recordings)
+    yield from _opponents(restored, trains, split, chosen, out, whole.formats.raw, recordings)
+
+
+def _chains(
+    restored: trained.Restored, trains: Any, whole: export.Exported, trials: np.ndarray, out: Path,
+    recordings: str | Path | None,
+) -> Iterator[Program]:  # fmt: skip
+    """The chain in integers and in float, and its afferents alone; trials: of the test trials."""
+    chain = whole.chain
+    (network, encoder), accuracy = _ledger(restored, trains)
+    recorded = export.recorded(restored, recordings)
+    signals = [recorded.test[trial] for trial in trials]
+    for what, formats in ((INTEGERS, whole.formats), (FLOATS, None)):
         folder = out / what.replace(", ", "-")
-        c_export.write(made.chain, folder, made.formats, name=NAME, parts=c_export.HARNESS)
-        trials = proving.trials_of(run, made.chain, made.formats, decisions, recordings, spikes)
-        yield _of_chain(Program(what, folder, [], np.array([]), [], accuracy, flops), made.chain, trials, decisions)
-    assert raw is not None
+        folder.mkdir(parents=True, exist_ok=True)
+        c_export.write(chain, folder, formats, name=NAME, parts=c_export.HARNESS)
+        twin = proving.twin_of(chain, formats, signals, recorded.labels, restored.task.window.per_trial)
+        made = _of_chain(chain, twin)
+        yield Program(what, folder, accuracy, network, *made)
+        if formats is not None:
+            alone = (f"-D{NAME.upper()}_AFFERENTS_ALONE",)
+            yield Program(ENCODING, folder, np.nan, encoder, *made[:2], np.array([]), alone)
+
+
+def _opponents(
+    restored: trained.Restored, trains: Any, split: Split, chosen: np.ndarray, out: Path, raw: Raw,
+    recordings: str | Path | None,
+) -> Iterator[Program]:  # fmt: skip
+    """The opponents, fitted on the windows of the network; chosen: the trials whose windows are run."""
     cut = _windows(restored, trains, recordings)
+    _, n_samples, n_taxels = cut.samples.shape
     features = _features(cut.samples)
-    scaler = StandardScaler().fit(features[cut.sides[0]])
+    train, validation, test = (np.isin(cut.trial, side) for side in split)
+    scaler = StandardScaler().fit(features[train])
     scaled = scaler.transform(features)
-    sides = Sides(*(scaled[side] for side in cut.sides), *(cut.labels[side] for side in cut.sides))
-    test = cut.samples[cut.sides[2]][:decisions]
-    given = [raw.samples(window) for window in test]
+    sides = Sides(
+        scaled[train], scaled[validation], scaled[test], cut.labels[train], cut.labels[validation], cut.labels[test]
+    )
+    given = [raw.samples(window) for window in cut.samples[np.isin(cut.trial, chosen)]]
     seen = scaler.transform(_features(np.stack(given) * raw.lsb + raw.zero))
-    for name in [*joined("features", "quick"), "kNN"]:
+    whole = [(i, 0, n_samples) for i in range(len(given))]
+    for name in [*joined("features", "quick"), *ASKED]:
         best = best_of(load(name), sides, 0)
         if type(best.fitted).__name__ not in opponents.DECISIONS:
             continue
-        folder, (n_samples, n_taxels) = out / name.replace(" ", "-"), cut.samples.shape[1:]
+        folder, accuracy = out / name.replace(" ", "-"), float((best.fitted.predict(sides.test) == sides.y_test).mean())
         opponents.write(best.fitted, scaler, raw, restored.classes, n_samples, n_taxels, folder, name=NAME)
-        yield Program(
-            name, folder, given, best.fitted.predict(seen), [(i, 0, n_samples) for i in range(len(given))],
-            float((best.fitted.predict(sides.test) == sides.y_test).mean()), _flops(best, n_samples, n_taxels, scaler),
-        )  # fmt: skip
+        flops = _flops(best, n_samples, n_taxels, scaler)
+        yield Program(name, folder, accuracy, flops, given, whole, best.fitted.predict(seen))
 
 
 def _features(samples: np.ndarray) -> np.ndarray:
@@ -169,15 +205,15 @@ def _flops(best: Candidate, n_samples: int, n_taxels: int, scaler: StandardScale
     return best.spent(made)["flops"]
 
 
-def _ledger(restored: trained.Restored, trains: Any) -> tuple[float, float]:
-    """FLOPs of the encoder and the network, a mean over test windows, and the accuracy there."""
+def _ledger(restored: trained.Restored, trains: Any) -> tuple[tuple[float, float], float]:
+    """FLOPs of the whole chain and of its encoder, means over test windows, and the accuracy there."""
     means = synops.summary(inference.infer(restored, trains, early_exit=True, test_only=True))
     network, made_by = restored.network, Afferents.of(trains)
-    table = ledger.decision_ledger(
+    found = ledger.decision_ledger(
         network.spec, made_by.n, network.n_classes, made_by.rate_Hz, means, encoder=made_by.encoder or None,
         recorded_Hz=made_by.recorded_Hz,
-    ).set_index("name")  # fmt: skip
-    return float(table["flops"].get("both", np.nan)), float(means.iloc[-1]["accuracy"])
+    ).set_index("name")["flops"]  # fmt: skip
+    return (found.get("both", np.nan), found.get("encoder", np.nan)), float(means.iloc[-1]["accuracy"])
 
 
 def _windows(restored: trained.Restored, trains: Any, recordings: str | Path | None) -> Windows:
@@ -189,26 +225,22 @@ def _windows(restored: trained.Restored, trains: Any, recordings: str | Path | N
     windows = trains.cut(restored.task.window, np.arange(len(trains)))
     pieces = [*pieces_of(recorded, windows, trains.sampling_rate_Hz)]
     shortest = min(map(len, pieces))
-    split = tasks.trials_of(trains, restored.task)
-    train, validation, test = (np.flatnonzero(np.isin(windows.trial, side)) for side in split)
     known = np.array([restored.classes.index(name) for name in trains.classes])
     samples = np.stack([piece[:shortest] for piece in pieces])
-    return Windows(samples, known[trains.labels[windows.trial]], (train, validation, test))
+    return Windows(samples, known[trains.labels[windows.trial]], windows.trial)
 
 
-def _of_chain(program: Program, chain: Chain, trials: proving.Trials, decisions: int) -> Program:
-    """A program with the input of a chain, up to the end of the last window that counts."""
+def _of_chain(chain: Chain, trials: proving.Trials) -> tuple[list[np.ndarray], list[tuple[int, int, int]], np.ndarray]:
+    """Trials up to the end of the last window that was learned, the samples of these windows, and what is decided."""
     per_step = chain.sampling_rate_Hz / chain.clock_Hz
-    given, decided, windows = [], [], []
-    for trial, spoken in zip(trials.given, trials.expected, strict=True):
-        rows = spoken.decisions[: trials.learned][: decisions - len(decided)]
-        ends = [_samples(row[1], chain.windows.length, per_step, len(trial)) for row in rows]
+    given, windows, decided = [], [], []
+    for trial, (samples, spoken) in enumerate(zip(trials.given, trials.expected, strict=True)):
+        rows = spoken.decisions[: trials.learned]
+        own = [_samples(row[1], chain.windows.length, per_step, len(samples)) for row in rows]
+        windows += [(trial, *one) for one in own]
         decided += [row[-1] for row in rows]
-        windows += [(len(given), *one) for one in ends]
-        given.append(trial[: ends[-1][1] + 1] if ends else trial[:1])
-        if len(decided) == decisions:
-            break
-    return program._replace(trials=given, decided=np.array(decided), windows=windows)
+        given.append(samples[: max(last for _, last in own) + 1] if own else samples[:1])
+    return given, windows, np.array(decided)
 
 
 def _samples(start: int, n_steps: int, per_step: float, most: int) -> tuple[int, int]:
@@ -219,28 +251,29 @@ def _samples(start: int, n_steps: int, per_step: float, most: int) -> tuple[int,
 
 def _row(program: Program, name: str) -> dict[str, Any]:
     board = boards.ROOMY[name]
-    size = proof.footprint(program.folder, NAME, board, optimise="-O2")
-    instructions, same = float("nan"), 0
-    if size.flash < board.flash * 0.9 and size.ram < board.ram * 0.9:
-        said, ticks = proof.on_board(program.folder, NAME, program.trials, board, counting=True)
-        first = {trial: [] for trial in range(len(said))}
-        for trial, begin, end in program.windows:
-            first[trial].append(ticks.of[trial][begin:end].sum())
-        instructions = float(np.mean(np.concatenate([*first.values()])))
-        labels = [row[-1] for trial, spoken in enumerate(said) for row in spoken.decisions[: len(first[trial])]]
-        same = int((np.array(labels) == program.decided).sum())
-    chip = board.chip
+    board = board._replace(flags=(*board.flags, *program.flags))
+    size, chip = proof.footprint(program.folder, NAME, board, optimise="-O2"), board.chip
+    fits = size.flash <= chip.flash and size.ram + size.stack <= chip.ram
     return {
-        "what": program.what, "processor": board.processor, "instructions": instructions, "flash_bytes": size.flash,
-        "ram_bytes": size.ram, "stack_bytes": size.stack, "fits": f"{chip.name}: " + (
-            "yes" if size.flash <= chip.flash and size.ram + size.stack <= chip.ram else "no"
-        ), "as_in_python": f"{same} of {len(program.decided)}", "accuracy_test": program.accuracy,
-        "ledger_flops": program.flops,
+        "what": program.what, "processor": board.processor, **_counted(program, board, size), "flash_bytes": size.flash,
+        "ram_bytes": size.ram, "stack_bytes": size.stack, "chip": chip.name, "fits": fits,
+        "accuracy_test": program.accuracy, "ledger_flops": program.flops,
     }  # fmt: skip
+
+
+def _counted(program: Program, board: Board, size: proof.Footprint) -> dict[str, Any]:
+    """Instructions of a decision, and how many decisions are those of Python; none where the board has no room."""
+    if size.flash > ROOM * board.flash or size.ram > ROOM * board.ram:
+        return {"instructions": np.nan, "decisions": 0, "as_in_python": 0}
+    said, ticks = proof.on_board(program.folder, NAME, program.trials, board, counting=True)
+    spent = [ticks.of[trial][first:last].sum() for trial, first, last in program.windows]
+    of_trial = [iter(spoken.decisions) for spoken in said]
+    decided = [next(of_trial[trial])[-1] for trial, _, _ in program.windows[: len(program.decided)]]
+    same = int((np.array(decided) == program.decided).sum())
+    return {"instructions": float(np.mean(spent)), "decisions": len(decided), "as_in_python": same}
 
 
 EXPORTER = Exporter(
     "what a decision takes on an emulated Cortex-M0 and M4, of the run and of its opponents: a folder with bill.csv",
     bill,
-    {"decisions": "test windows that are run."},
 )

@@ -312,6 +312,7 @@ def _floats(name: str, values: np.ndarray) -> Table:
 
 
 def wrapped(values: Iterable[str]) -> Iterable[str]:
+    """Values of a table as lines of C."""
     line = ""
     for value in values:
         if len(line) + len(value) + 2 > LINE:

@@ -1,8 +1,8 @@
 """A fitted opponent as C99: the means of a window's time bins, standardised, and the shortest C of its decision.
 
 It has the calls of a chain and takes the same samples of 16 bits, which are added up in whole numbers. Trees compare
-these sums; the others compute in float32. m2cgen computes in double, which a small processor has no unit for, and emlearn
-has no support vector machine with kernels and no extreme learning machine.
+these sums; the others compute in float32. m2cgen computes in double, for which small processors have no unit, and
+emlearn has no support vector machine with kernels and no extreme learning machine.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -82,7 +82,8 @@ def write(
 
     >>> from sklearn.neighbors import KNeighborsClassifier
     >>> x = np.array([[0.0], [1.0]])
-    >>> made = write(KNeighborsClassifier(1).fit(x, [0, 1]), StandardScaler().fit(x), Raw(1, 0), "ab", 10, 1, Path("nn"))
+    >>> nearest, scaler = KNeighborsClassifier(1).fit(x, [0, 1]), StandardScaler().fit(x)
+    >>> made = write(nearest, scaler, Raw(1, 0), "ab", 10, 1, Path("nearest"))
     >>> [path.name for path in made[:2]]
     ['touch.h', 'touch.c']
     """
@@ -166,7 +167,7 @@ def _trees(fitted: Any, means: Means) -> Decision:
     sums = np.clip(own.sums(threshold), -LARGEST, LARGEST)
     kind = "int16_t" if max(len(children), len(shares)) < 2**15 else "int32_t"
     tables = [
-        _whole("Inner nodes: the feature and the largest sum that goes left.", "feature", feature, unsigned(len(means.scale))),
+        _whole("Inner nodes: feature, largest sum that goes left.", "feature", feature, unsigned(len(means.scale))),
         _whole("", "threshold", sums, "int32_t"),
         _whole("Left and right child of each: an inner node, or -1 minus a leaf.", "children", children, kind),
         _whole("The first node of each tree.", "roots", place[starts[:-1]], kind),
