@@ -36,8 +36,8 @@ from neurotact.progress import Tell, untold
 NAME = "touch"
 TOOLS = ("arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm")
 INSTALL = (
-    "install them (Debian and Ubuntu: `apt install gcc-arm-none-eabi qemu-system-arm`; macOS: "
-    "`brew install --cask gcc-arm-embedded` and `brew install qemu`)"
+    "install them (Debian and Ubuntu: apt install gcc-arm-none-eabi qemu-system-arm; macOS: brew install "
+    "gcc-arm-embedded qemu)"
 )
 INTEGERS, FLOATS, ENCODING = "network, integers", "network, float", "its afferents alone, integers"
 DECISIONS = 20
@@ -89,8 +89,8 @@ def bill(
     recordings, spikes: that the run was trained on, where they moved since. force: replace files.
     tell: called with a line of each and with what the table shows.
     A row per program and processor: instructions, a mean over some test windows; how many were run, and how many
-    decided as in Python; bytes of flash, RAM and stack (at most), and whether a chip with this processor has them; accuracy of
-    the model in Python on all test windows; FLOPs of the ledger. NaN where a number is not known.
+    decided as in Python; bytes of flash, RAM and stack (at most), and whether a chip with this processor has them;
+    accuracy of the model in Python on all test windows; FLOPs of the ledger. NaN where a number is not known.
     Raises InputError where a tool is not installed, which it names, and for a network that cannot run in C.
     """
     absent = proof.missing(*TOOLS)
