@@ -13,12 +13,11 @@ import pandas as pd
 from neurotact_parts.exporters.c import boards, c_export, export, opponents, proof, proving
 from neurotact_parts.exporters.c.boards import Board
 from neurotact_parts.exporters.c.formats import Raw
-from sklearn.preprocessing import StandardScaler
+from neurotact_parts.exporters.c.opponents import Standard
 
 from neurotact import files
-from neurotact.baselines.features import averaged
-from neurotact.baselines.opponent import Candidate, Sides, best_of, joined, load
-from neurotact.baselines.opponents import BINS, pieces_of
+from neurotact.baselines.opponent import Sides, best_of, joined, load
+from neurotact.baselines.opponents import BINS, gru_steps, pieces_of
 from neurotact.data import encoded_from
 from neurotact.data.splits import Split
 from neurotact.deploy.chain import Chain
@@ -44,6 +43,8 @@ DECISIONS = 20
 """Test windows that are run, about: all of some trials, spread evenly."""
 ASKED = ("kNN",)
 """Opponents of no study, which are measured, too."""
+SLOW, FEW = ("GRU",), 4
+"""Opponents on sequences, which take seconds to emulate, and the windows of them that are run."""
 ROOM = 0.9
 """The share of the emulated machine's memory that a program may take, beside the harness and the stack."""
 
@@ -134,6 +135,8 @@ def summary(table: pd.DataFrame) -> Iterator[str]:
 
 def _programs(run: Any, out: Path, recordings: str | Path | None, spikes: str | Path | None) -> Iterator[Program]:
     restored = fitted.restore(run, spikes=spikes)
+    if not restored.encoder:
+        raise InputError(f"{run}: was trained on the events of a sensor; a bill needs signals, which an encoder takes")
     trains = trained.load_spikes_of(restored)
     trained.check_trials(restored, trains)
     split = tasks.trials_of(trains, restored.task)
@@ -174,35 +177,29 @@ def _opponents(
 ) -> Iterator[Program]:  # fmt: skip
     """The opponents, fitted on the windows of the network; chosen: the trials whose windows are run."""
     cut = _windows(restored, trains, recordings)
-    _, n_samples, n_taxels = cut.samples.shape
-    features = _features(cut.samples)
-    train, validation, test = (np.isin(cut.trial, side) for side in split)
-    scaler = StandardScaler().fit(features[train])
-    scaled = scaler.transform(features)
-    sides = Sides(
-        scaled[train], scaled[validation], scaled[test], cut.labels[train], cut.labels[validation], cut.labels[test]
-    )
+    n_samples = cut.samples.shape[1]
+    of_side = [np.isin(cut.trial, side) for side in split]
     given = [raw.samples(window) for window in cut.samples[np.isin(cut.trial, chosen)]]
-    seen = scaler.transform(_features(np.stack(given) * raw.lsb + raw.zero))
-    whole = [(i, 0, n_samples) for i in range(len(given))]
-    for name in [*joined("features", "quick"), *ASKED]:
+    n_steps = gru_steps(restored.task.window.length_ms, n_samples)
+    flat, sequences = (
+        Standard.of(cut.samples[of_side[0]], n_bins, is_sequence=is_sequence)
+        for n_bins, is_sequence in ((min(BINS, n_samples), False), (n_steps, True))
+    )
+    names = {**dict.fromkeys([*joined("features", "quick"), *ASKED], flat), **dict.fromkeys(SLOW, sequences)}
+    for name, standard in names.items():
+        run = given[:: -(-len(given) // FEW)] if name in SLOW else given
+        inputs = (standard.input(cut.samples[side]) for side in of_side)
+        sides = Sides(*inputs, *(cut.labels[side] for side in of_side))
         best = best_of(load(name), sides, 0)
         if type(best.fitted).__name__ not in opponents.DECISIONS:
             continue
         folder, accuracy = out / name.replace(" ", "-"), float((best.fitted.predict(sides.test) == sides.y_test).mean())
-        opponents.write(best.fitted, scaler, raw, restored.classes, n_samples, n_taxels, folder, name=NAME)
-        flops = _flops(best, n_samples, n_taxels, scaler)
-        yield Program(name, folder, accuracy, flops, given, whole, best.fitted.predict(seen))
-
-
-def _features(samples: np.ndarray) -> np.ndarray:
-    return averaged(samples, min(BINS, samples.shape[1])).reshape(len(samples), -1)
-
-
-def _flops(best: Candidate, n_samples: int, n_taxels: int, scaler: StandardScaler) -> float:
-    n = scaler.n_features_in_
-    made = cost(Averaging(n_samples, n // n_taxels, n_taxels), Standardise(n))
-    return best.spent(made)["flops"]
+        opponents.write(best.fitted, standard, raw, restored.classes, n_samples, folder, name=NAME)
+        n_bins, n_taxels = standard.mean.shape
+        made = cost(Averaging(n_samples, n_bins, n_taxels), Standardise(n_bins * n_taxels))
+        decided = best.fitted.predict(standard.input(np.stack(run) * raw.lsb + raw.zero))
+        windows = [(i, 0, n_samples) for i in range(len(run))]
+        yield Program(name, folder, accuracy, best.spent(made)["flops"], run, windows, decided)
 
 
 def _ledger(restored: trained.Restored, trains: Any) -> tuple[tuple[float, float], float]:

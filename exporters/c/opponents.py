@@ -13,10 +13,9 @@ import numpy as np
 from neurotact_parts.exporters.c import c_export
 from neurotact_parts.exporters.c.c_export import Table, literal, text, unsigned, wrapped
 from neurotact_parts.exporters.c.formats import LARGEST, Raw
-from sklearn.preprocessing import StandardScaler
 
 from neurotact import __version__
-from neurotact.baselines.features import bin_edges
+from neurotact.baselines.features import averaged, bin_edges
 from neurotact.errors import InputError
 
 PROGRAM = (("opponent.h", "{}.h"), ("opponent.c", "{}.c"))
@@ -34,6 +33,30 @@ class Decision(NamedTuple):
     tables: Sequence[Table]
 
 
+class Standard(NamedTuple):
+    """The means of a window's time bins, standardised: the input of an opponent.
+
+    mean, scale: of each bin and taxel, `(bin, taxel)`. is_sequence: whether the input is a sequence of bins, or flat.
+    """
+
+    mean: np.ndarray
+    scale: np.ndarray
+    is_sequence: bool
+
+    @staticmethod
+    def of(samples: np.ndarray, n_bins: int, *, is_sequence: bool) -> "Standard":
+        """Of training windows `(window, sample, taxel)`; a sequence has one mean and scale of each taxel."""
+        means = averaged(samples, n_bins)
+        axes = (0, 1) if is_sequence else 0
+        mean, scale = (np.broadcast_to(f(means, axis=axes), means.shape[1:]) for f in (np.mean, np.std))
+        return Standard(mean, np.where(scale > 0, scale, 1.0), is_sequence)
+
+    def input(self, samples: np.ndarray) -> np.ndarray:
+        """The input for windows `(window, sample, taxel)`: `(window, bin, taxel)` or `(window, bin x taxel)`."""
+        made = (averaged(samples, len(self.mean)) - self.mean) / self.scale
+        return made if self.is_sequence else made.reshape(len(made), -1)
+
+
 class Means(NamedTuple):
     """How features come from sums of samples: `(sum - centre) scale + shift` with a whole centre, `(feature,)` each."""
 
@@ -42,11 +65,11 @@ class Means(NamedTuple):
     shift: np.ndarray
 
     @staticmethod
-    def of(scaler: StandardScaler, raw: Raw, ends: np.ndarray) -> "Means":
-        """ends: of the time bins, `(bin,)`, in samples. scaler: fitted to the means `(window, bin x taxel)` of them."""
-        widths = np.repeat(np.diff(ends, prepend=0), scaler.n_features_in_ // len(ends))
-        mean = (scaler.mean_ - raw.zero) * widths / raw.lsb
-        scale = raw.lsb / (widths * scaler.scale_)
+    def of(standard: Standard, raw: Raw, ends: np.ndarray) -> "Means":
+        """ends: of the time bins, `(bin,)`, in samples."""
+        widths = np.diff(ends, prepend=0)[:, None]
+        mean = ((standard.mean - raw.zero) * widths / raw.lsb).ravel()
+        scale = (raw.lsb / (widths * standard.scale)).ravel()
         centre = np.rint(mean)
         return Means(centre, scale, (centre - mean) * scale)
 
@@ -65,11 +88,10 @@ class Means(NamedTuple):
 
 def write(
     fitted: Any,
-    scaler: StandardScaler,
+    standard: Standard,
     raw: Raw,
     classes: Sequence[str],
     n_samples: int,
-    n_taxels: int,
     folder: Path,
     *,
     name: str = "touch",
@@ -77,14 +99,14 @@ def write(
 ) -> list[Path]:
     """Write the C of a fitted estimator on the means in time bins of a window, and return the paths.
 
-    scaler: of these features, `(window, bin x taxel)`. classes: of the labels 0 and on. n_samples: of a window.
+    classes: of the labels 0 and on. n_samples: of a window.
     Raises InputError for an estimator that has no C, and for a class that was not among its training examples.
 
     >>> from sklearn.neighbors import KNeighborsClassifier
-    >>> x = np.array([[0.0], [1.0]])
-    >>> nearest, scaler = KNeighborsClassifier(1).fit(x, [0, 1]), StandardScaler().fit(x)
-    >>> made = write(nearest, scaler, Raw(1, 0), "ab", 10, 1, Path("nearest"))
-    >>> [path.name for path in made[:2]]
+    >>> windows = np.array([[[0.0], [1.0]], [[2.0], [5.0]]])
+    >>> standard = Standard.of(windows, 2, is_sequence=False)
+    >>> nearest = KNeighborsClassifier(1).fit(standard.input(windows), [0, 1])
+    >>> [path.name for path in write(nearest, standard, Raw(1, 0), "ab", 2, Path("nearest"), parts=PROGRAM)]
     ['touch.h', 'touch.c']
     """
     kind = type(fitted).__name__
@@ -94,11 +116,11 @@ def write(
         raise InputError(
             f"opponent: knows {len(fitted.classes_)} of {len(classes)} classes; train it on windows of all"
         )
-    n_bins = scaler.n_features_in_ // n_taxels
+    n_bins, n_taxels = standard.mean.shape
     ends = bin_edges(n_samples, n_bins)[1:]
     if np.diff(ends, prepend=0).max() * 2**15 > LARGEST:
         raise InputError(f"windows: have {n_samples} samples, of which a sum may exceed 32 bits; shorten them")
-    means = Means.of(scaler, raw, ends)
+    means = Means.of(standard, raw, ends)
     decision = DECISIONS[kind](fitted, means)
     context = {
         "title": f"{kind} on the means of {n_bins} time bins: {n_taxels} taxels, {len(classes)} classes.",
@@ -185,12 +207,27 @@ def _neighbours(fitted: Any, means: Means) -> Decision:
     return Decision("neighbours", "", {"POINTS": len(points), "NEIGHBOURS": fitted.n_neighbors}, tables)
 
 
+def _gru(fitted: Any, means: Means) -> Decision:
+    """Gates in torch's order: reset, update, candidate."""
+    network = {name: value.detach().numpy() for name, value in fitted.network_.state_dict().items()}
+    gates = {
+        "input_weights": "weight_ih",
+        "state_weights": "weight_hh",
+        "input_bias": "bias_ih",
+        "state_bias": "bias_hh",
+    }
+    tables = [_real("Of the gates, a row per cell.", name, network[f"gru.{key}_l0"]) for name, key in gates.items()]
+    outputs = _outputs(network["dense.weight"], network["dense.bias"])
+    return Decision("gru", "float", {"HIDDEN": fitted.hidden}, [*tables, *outputs])
+
+
 DECISIONS: dict[str, Callable[[Any, Means], Decision]] = {
     "Pipeline": _linear,
     "SVC": _machines,
     "ELMClassifier": _elm,
     "ExtraTreesClassifier": _trees,
     "KNeighborsClassifier": _neighbours,
+    "PooledGRUClassifier": _gru,
 }
 """By the class of the estimator; a pipeline is a scaler and a logistic regression."""
 

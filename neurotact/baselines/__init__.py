@@ -6,7 +6,7 @@ Other rooms take:
     families: ELM, EXTRA_TREES, KNN, LOGISTIC_REGRESSION, MINIROCKET, POOLED_GRU, SVM, standardised
     features: averaged, bin_edges, counted
     minirocket: MiniRocket, MiniRocketClassifier
-    opponent: Candidate, Opponent, Opponents, Settings, Sides, accuracy, best_of, joined, load, named
+    opponent: Opponent, Opponents, Settings, Sides, accuracy, best_of, joined, load, named
     opponents: BINS, Cuts, Input, LINEAR, MOST_SAMPLES, RIGHT, SPIKES, cuts_of, gru_steps, in_words, pieces_of,
         rows, signal_inputs, spike_inputs, without_slow
     pooled_gru: GRU, PooledGRUClassifier

@@ -8,11 +8,11 @@ import pytest
 from made_chains import make_run
 from neurotact_parts.exporters.c import bill, boards, opponents, proof
 from neurotact_parts.exporters.c.formats import Raw
+from neurotact_parts.exporters.c.opponents import Standard
+from sklearn.linear_model import Ridge
 from sklearn.neighbors import KNeighborsClassifier
-from sklearn.preprocessing import StandardScaler
 
 import neurotact as nt
-from neurotact.baselines.features import averaged
 from neurotact.baselines.opponent import load
 from neurotact.errors import InputError
 
@@ -25,6 +25,7 @@ SETTINGS = {
     "ELM": {"hidden": 15, "random_state": 0},
     "extra trees": {"n_estimators": 12, "min_samples_leaf": 2, "random_state": 0},
     "kNN": {"n_neighbors": 3},
+    "GRU": {"hidden": 6, "epochs": 40, "random_state": 0},
 }
 RAW = Raw(2e-4, 1.8)
 """Samples of a sensor with a large level, whose sums in float would lose what tells the classes apart."""
@@ -37,12 +38,12 @@ def made(name: str, n_classes: int, n_samples: int = 23, n_bins: int = 5):
     course = np.outer(np.arange(n_classes) - 1.0, np.linspace(0, 1, n_samples))[labels]
     samples = 1.8 + 3e-3 * (course[:, :, None] + rng.normal(size=(60, n_samples, 2)))
     given = RAW.samples(samples)
-    features = averaged(given * RAW.lsb + RAW.zero, n_bins).reshape(60, -1)
-    scaler = StandardScaler().fit(features[:40])
-    scaled = scaler.transform(features)
-    fitted = load(name).build(**SETTINGS[name]).fit(scaled[:40], labels[:40])
+    signals = given * RAW.lsb + RAW.zero
+    standard = Standard.of(signals[:40], n_bins, is_sequence=name == "GRU")
+    inputs = standard.input(signals)
+    fitted = load(name).build(**SETTINGS[name]).fit(inputs[:40], labels[:40])
     classes = [f"P{k}" for k in range(n_classes)]
-    return (fitted, scaler, RAW, classes, n_samples, 2), list(given), fitted.predict(scaled)
+    return (fitted, standard, RAW, classes, n_samples), list(given), fitted.predict(inputs)
 
 
 @needs_compiler
@@ -61,7 +62,7 @@ def test_an_opponent_in_c_decides_as_in_python(name, n_classes, tmp_path):
 @pytest.mark.parametrize(
     ("change", "why"),
     [
-        ({0: StandardScaler()}, "StandardScaler has no C here; choose among Pipeline, SVC"),
+        ({0: Ridge()}, "Ridge has no C here; choose among Pipeline, SVC"),
         ({3: ["a", "b", "c"]}, "knows 2 of 3 classes"),
         ({4: 2**19}, "windows: have 524288 samples, of which a sum may exceed 32 bits"),
     ],
@@ -83,11 +84,11 @@ def test_an_elm_of_other_neurons_is_refused(tmp_path):
 
 @needs_board
 def test_instructions_grow_with_the_model_also_beyond_a_timer_of_24_bits(tmp_path):
-    (_, scaler, *rest), given, _ = made("kNN", 2)
+    (_, standard, *rest), given, _ = made("kNN", 2)
     spent = []
     for n in (500, 1000, 2000):
-        x = np.random.default_rng(0).normal(size=(n, scaler.n_features_in_))
-        opponents.write(KNeighborsClassifier(1).fit(x, np.arange(n) % 2), scaler, *rest, tmp_path)
+        x = np.random.default_rng(0).normal(size=(n, standard.mean.size))
+        opponents.write(KNeighborsClassifier(1).fit(x, np.arange(n) % 2), standard, *rest, tmp_path)
         _, ticks = proof.on_board(tmp_path, "touch", given[:1], boards.ROOMY["cortex-m0"], counting=True)
         assert len(ticks.of[0]) == len(given[0])
         assert ticks.of[0][:-1].max() < 200  # a sample is added to the sums, and no more
@@ -99,6 +100,7 @@ def test_instructions_grow_with_the_model_also_beyond_a_timer_of_24_bits(tmp_pat
 @needs_board
 def test_a_bill_of_a_run_has_each_on_both_processors(tmp_path, monkeypatch):
     monkeypatch.setattr(bill, "joined", lambda takes, level: ["logistic regression"])
+    monkeypatch.setattr(bill, "SLOW", ())
     run, told = make_run(tmp_path, 30) / "run", []
     table = nt.export(run, tmp_path / "bill", "bill", tell=told.append)
     counted = table.set_index(["what", "processor"])
