@@ -85,6 +85,8 @@ def bill(
 ) -> pd.DataFrame:
     """What a decision of a run and of its opponents takes on an emulated Cortex-M0 and M4: `bill.csv` in a folder.
 
+    The report of a study shows the first line of `bill.txt` if it is in the folder `bill` of the run.
+
     run: a folder that `train` wrote. The opponents are fitted to the means in time bins of its windows, on its split.
     out: the folder, which also gets the C of each.
     recordings, spikes: that the run was trained on, where they moved since. force: replace files.
@@ -108,7 +110,9 @@ def bill(
     table = pd.DataFrame(rows)
     with files.whole(out / "bill.csv") as draft:
         table.to_csv(draft, index=False)
-    for line in summary(table):
+    lines = [*summary(table)]
+    files.write_text(out / "bill.txt", "".join(f"{line}\n" for line in lines))
+    for line in lines:
         tell(line)
     return table
 
@@ -127,9 +131,9 @@ def summary(table: pd.DataFrame) -> Iterator[str]:
         order = known["instructions"].corr(known["ledger_flops"], method="spearman")
         each = known["instructions"] / known["ledger_flops"]
         yield (
-            f"{processor}: the network in integers takes {ratio:.2g} times the instructions of {cheapest}, the "
+            f"On an emulated {processor} the network in integers takes {ratio:.3g} times the instructions of {cheapest}, the "
             f"cheapest opponent; rank correlation with the ledger's FLOPs {order:.2f}, "
-            f"{each.min():.2g} to {each.max():.2g} instructions per FLOP"
+            f"{each.min():.2g} to {each.max():,.3g} instructions per FLOP."
         )
 
 

@@ -40,6 +40,8 @@ KINDS = {"whole": "", "early": "exit_"}
 """Both ways to decide, and their prefixes of columns in `results.csv`."""
 USED = {False: "whole", True: "early"}
 """The way to decide of `KINDS` that is used, by whether early exit is."""
+BILL = "bill/bill.txt"
+"""Of `neurotact export --to bill`, in the folder of a run."""
 EXIT_LOSSES = "exit_losses"
 """What early exit loses on each validation trial (`measuring.measure`); runs of earlier versions lack it."""
 
@@ -328,6 +330,7 @@ def fronts(
             *_of_encoding(answer, made_by, study),
             *([] if answer.best.whole.nJ is None else [f"Energies are by the price list {study.prices.name}."]),
             *saved,
+            *_of_processor(folder),
         ]
         standing = [representative(rows, network) for network in networks]
         yield Front(
@@ -395,6 +398,12 @@ def likely_cause(splits: Sequence[SplitSpec]) -> str:
     if split.group:
         return f"test trials are of another {' and '.join(split.group)}"
     return "the classifiers were chosen among many on few validation trials, or these resemble training trials more"
+
+
+def _of_processor(folder: Path) -> list[str]:
+    """What the bill of an emulated processor says first, if one was made of a network of this run."""
+    path = folder / BILL
+    return path.read_text(encoding="utf-8").splitlines()[:1] if path.is_file() else []
 
 
 def _of_encoding(answer: Answer, afferents: Sequence[Afferents], study: StudySpec) -> Iterator[str]:
