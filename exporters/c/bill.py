@@ -105,8 +105,7 @@ def bill(
     rows = []
     for program in _programs(run, out, recordings, spikes):
         rows += [_row(program, name) for name in boards.ROOMY]
-        each = (f"{row['instructions']:,.0f} on {row['processor']}" for row in rows[-len(boards.ROOMY) :])
-        tell(f"{program.what}: instructions a decision {', '.join(each)}")
+        tell(_line(rows[-len(boards.ROOMY) :]))
     table = pd.DataFrame(rows)
     with files.whole(out / "bill.csv") as draft:
         table.to_csv(draft, index=False)
@@ -115,6 +114,21 @@ def bill(
     for line in lines:
         tell(line)
     return table
+
+
+def _line(rows: list[dict[str, Any]]) -> str:
+    """What a program takes on each processor, and how many of its decisions Python takes otherwise, if any."""
+    parts = [
+        f"{row['processor']} has no room"
+        if np.isnan(row["instructions"])
+        else f"{row['instructions']:,.0f} on {row['processor']}"
+        for row in rows
+    ]
+    other = max(row["decisions"] - row["as_in_python"] for row in rows)
+    ties = (
+        f"; {other} of {rows[0]['decisions']} decisions are not those of Python: ties within rounding" if other else ""
+    )
+    return f"{rows[0]['what']}: instructions a decision {', '.join(parts)}{ties}"
 
 
 def summary(table: pd.DataFrame) -> Iterator[str]:
@@ -131,8 +145,8 @@ def summary(table: pd.DataFrame) -> Iterator[str]:
         order = known["instructions"].corr(known["ledger_flops"], method="spearman")
         each = known["instructions"] / known["ledger_flops"]
         yield (
-            f"On an emulated {processor} the network in integers takes {ratio:.3g} times the instructions of {cheapest}, the "
-            f"cheapest opponent; rank correlation with the ledger's FLOPs {order:.2f}, "
+            f"On an emulated {processor} the network in integers takes {ratio:.3g} times the instructions of "
+            f"{cheapest}, the cheapest opponent; rank correlation with the ledger's FLOPs {order:.2f}, "
             f"{each.min():.2g} to {each.max():,.3g} instructions per FLOP."
         )
 

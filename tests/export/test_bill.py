@@ -1,6 +1,7 @@
 """The bill of a decision: opponents in C decide as in Python, and what is counted is what is run."""
 
 import shutil
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -68,7 +69,7 @@ def test_an_opponent_in_c_decides_as_in_python(name, n_classes, tmp_path):
     ],
 )
 def test_what_has_no_c_is_refused(change, why, tmp_path):
-    parts = list(made("kNN", 2)[0])
+    parts: Any = list(made("kNN", 2)[0])
     for index, value in change.items():
         parts[index] = value
     with pytest.raises(InputError, match=why):
@@ -84,11 +85,11 @@ def test_an_elm_of_other_neurons_is_refused(tmp_path):
 
 @needs_board
 def test_instructions_grow_with_the_model_also_beyond_a_timer_of_24_bits(tmp_path):
-    (_, standard, *rest), given, _ = made("kNN", 2)
+    parts, given, _ = made("kNN", 2)
     spent = []
     for n in (500, 1000, 2000):
-        x = np.random.default_rng(0).normal(size=(n, standard.mean.size))
-        opponents.write(KNeighborsClassifier(1).fit(x, np.arange(n) % 2), standard, *rest, tmp_path)
+        x = np.random.default_rng(0).normal(size=(n, parts[1].mean.size))
+        opponents.write(KNeighborsClassifier(1).fit(x, np.arange(n) % 2), *parts[1:], tmp_path)
         _, ticks = proof.on_board(tmp_path, "touch", given[:1], boards.ROOMY["cortex-m0"], counting=True)
         assert len(ticks.of[0]) == len(given[0])
         assert ticks.of[0][:-1].max() < 200  # a sample is added to the sums, and no more
@@ -149,6 +150,13 @@ def test_a_window_has_the_samples_that_its_opponents_get():
     assert bill._samples(200, 800, 10.0, 9990) == (2000, 9990)
 
 
+def test_a_line_says_what_has_no_room_and_what_python_decides_otherwise():
+    row = {"what": "SVM", "processor": "M0", "instructions": 1234.4, "decisions": 20, "as_in_python": 20}
+    assert bill._line([row]) == "SVM: instructions a decision 1,234 on M0"
+    said = bill._line([row | {"as_in_python": 19}, row | {"processor": "M4", "instructions": np.nan}])
+    assert said.startswith("SVM: instructions a decision 1,234 on M0, M4 has no room; 1 of 20 decisions are not those")
+
+
 def test_a_summary_names_the_cheapest_and_the_order_of_the_ledger():
     rows = [
         (bill.INTEGERS, 800.0, 100.0), (bill.FLOATS, 9000.0, 100.0), (bill.ENCODING, 1.0, 900.0),
@@ -157,7 +165,7 @@ def test_a_summary_names_the_cheapest_and_the_order_of_the_ledger():
     table = pd.DataFrame(rows, columns=["what", "instructions", "ledger_flops"]).assign(processor="Cortex-M0")
     (line,) = bill.summary(table)
     assert line == (
-        "On an emulated Cortex-M0 the network in integers takes 4 times the instructions of ELM, the cheapest opponent; "
-        "rank correlation with the ledger's FLOPs 0.50, 2 to 10 instructions per FLOP."
+        "On an emulated Cortex-M0 the network in integers takes 4 times the instructions of ELM, the cheapest "
+        "opponent; rank correlation with the ledger's FLOPs 0.50, 2 to 10 instructions per FLOP."
     )
     assert [*bill.summary(table[:3])] == []
