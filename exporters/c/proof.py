@@ -106,7 +106,7 @@ def on_board(
     image = build(folder, name, board, watched=not counting)
     outputs, ticks = _parsed(emulate(image, _packed(trials), board, counting=counting), name, folder)
     if counting:
-        scale = 1e9 / board.clock_Hz / 2**boards.SHIFT
+        scale = 1e9 / board.clock_Hz / 2**board.shift
         ticks = Ticks([one * scale for one in ticks.of])
     return outputs, ticks
 
@@ -116,7 +116,7 @@ def emulate(image: Path, data: bytes, board: Board, *, counting: bool = False) -
     folder = image.parent
     with files.whole(folder / "input.bin") as draft:
         draft.write_bytes(data)
-    counted = ["-icount", f"shift={boards.SHIFT}"] if counting else []
+    counted = ["-icount", f"shift={board.shift}"] if counting else []
     _call(
         ["qemu-system-arm", "-M", board.machine, "-nographic", "-monitor", "none", "-serial", "none", *counted,
          "-semihosting-config", "enable=on,target=native", "-kernel", image.name], folder,

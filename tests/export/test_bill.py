@@ -69,11 +69,11 @@ def test_an_opponent_in_c_decides_as_in_python(name, n_classes, tmp_path):
     ],
 )
 def test_what_has_no_c_is_refused(change, why, tmp_path):
-    parts: Any = list(made("kNN", 2)[0])
+    parts: list[Any] = list(made("kNN", 2)[0])
     for index, value in change.items():
         parts[index] = value
     with pytest.raises(InputError, match=why):
-        opponents.write(*parts, tmp_path)
+        opponents.write(*tuple[Any, Any, Any, Any, Any](parts), tmp_path)
 
 
 def test_an_elm_of_other_neurons_is_refused(tmp_path):
@@ -81,6 +81,18 @@ def test_an_elm_of_other_neurons_is_refused(tmp_path):
     parts[0].activation = "relu"
     with pytest.raises(InputError, match="an ELM of relu neurons has no C here"):
         opponents.write(*parts, tmp_path)
+
+
+@pytest.mark.parametrize(("is_sequence", "axes"), [(False, 0), (True, (0, 1))])
+def test_a_sequence_has_one_scale_of_a_taxel_and_features_have_their_own(is_sequence, axes):
+    samples = np.random.default_rng(0).normal(size=(50, 21, 3)) * np.linspace(1, 9, 21)[:, None] + 4.0
+    samples[:, :, 2] = 7.0  # a dead taxel
+    standard = opponents.Standard.of(samples, 7, is_sequence=is_sequence)
+    made = standard.input(samples).reshape(50, 7, 3)
+    assert made.mean(axis=axes) == pytest.approx(np.zeros(made.mean(axis=axes).shape), abs=1e-12)
+    assert made[:, :, :2].std(axis=axes) == pytest.approx(np.ones(made[:, :, :2].std(axis=axes).shape))
+    assert (standard.scale[:, 2] == 1).all()
+    assert standard.input(samples).ndim == (3 if is_sequence else 2)
 
 
 @needs_board
@@ -128,6 +140,8 @@ def test_a_program_that_no_machine_holds_is_not_run(tmp_path, monkeypatch):
     windows = [(i, 0, len(one)) for i, one in enumerate(given)]
     program = bill.Program("SVM", tmp_path, 1.0, 10.0, given, windows, expected)
     assert bill._row(program, "cortex-m4")["as_in_python"] == 60
+    begun = program._replace(windows=[(0, 0, 3)], decided=np.array([]))
+    assert bill._row(begun, "cortex-m4")["instructions"] < 3 * 100  # three samples are added up, nothing is decided
     small = boards.ROOMY["cortex-m4"]._replace(flash=2048)
     monkeypatch.setitem(boards.ROOMY, "cortex-m4", small._replace(chip=small.chip._replace(flash=2048)))
     row = bill._row(program, "cortex-m4")

@@ -7,6 +7,8 @@ HERE = Path(__file__).parent
 HOST, CORTEX_M, SCRIPT = HERE / "host.c", HERE / "cortex_m.c", HERE / "cortex_m.ld"
 SHIFT = 10
 """QEMU's clock advances by 2^SHIFT ns per instruction, several ticks of SysTick, so ticks count instructions."""
+LONG_SHIFT = 6
+"""The same for `ROOMY`, whose timer then ends after 2.7 thousand million instructions."""
 
 
 class Chip(NamedTuple):
@@ -36,6 +38,7 @@ class Board(NamedTuple):
     clock_Hz: float
     cycles_per_instruction: float
     chip: Chip
+    shift: int = SHIFT
 
 
 NRF51 = Chip(
@@ -68,9 +71,9 @@ _TIMER = "-DTIMER=0x40000000u"
 ROOMY = {
     "cortex-m0": BOARDS["cortex-m0"]._replace(
         machine=_BIG.machine, flags=(*BOARDS["cortex-m0"].flags, _TIMER), flash=_BIG.flash, ram=_BIG.ram,
-        clock_Hz=_BIG.clock_Hz,
+        clock_Hz=_BIG.clock_Hz, shift=LONG_SHIFT,
     ),
-    "cortex-m4": _BIG._replace(flags=(*_BIG.flags, _TIMER)),
+    "cortex-m4": _BIG._replace(flags=(*_BIG.flags, _TIMER), shift=LONG_SHIFT),
 }  # fmt: skip
 """The instructions of each processor on a machine of 4 MB, which runs both, and with a timer of 32 bits: for programs
 that no chip of the kind holds, and for decisions of millions of instructions."""
