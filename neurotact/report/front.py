@@ -41,7 +41,7 @@ KINDS = {"whole": "", "early": "exit_"}
 USED = {False: "whole", True: "early"}
 """The way to decide of `KINDS` that is used, by whether early exit is."""
 BILL = "bill/bill.txt"
-"""Of `neurotact export --to bill`, in the folder of a run."""
+"""What an export to `bill` writes, in the folder of a run."""
 EXIT_LOSSES = "exit_losses"
 """What early exit loses on each validation trial (`measuring.measure`); runs of earlier versions lack it."""
 

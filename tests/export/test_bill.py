@@ -183,3 +183,9 @@ def test_a_summary_names_the_cheapest_and_the_order_of_the_ledger():
         "opponent; rank correlation with the ledger's FLOPs 0.50, 2 to 10 instructions per FLOP."
     )
     assert [*bill.summary(table[:3])] == []
+
+
+@pytest.mark.parametrize("name", boards.ROOMY)
+def test_a_timer_holds_a_decision_of_two_thousand_million_instructions(name):
+    board = boards.ROOMY[name]
+    assert 2**32 / (board.clock_Hz * 2**board.shift * 1e-9) > 2e9
