@@ -1,6 +1,7 @@
 """The bill of a decision: opponents in C decide as in Python, and what is counted is what is run."""
 
 import shutil
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -155,6 +156,13 @@ def test_what_is_not_installed_is_named_with_how_to_install_it(tmp_path, monkeyp
     with pytest.raises(
         InputError, match=r"^bill: arm-none-eabi-gcc, .*qemu-system-arm is not installed; .*apt install"
     ):
+        nt.export("run", tmp_path / "bill", "bill")
+
+
+def test_a_run_of_events_has_no_bill(tmp_path, monkeypatch):
+    monkeypatch.setattr(shutil, "which", lambda tool: tool)
+    monkeypatch.setattr(bill.fitted, "restore", lambda run, spikes: SimpleNamespace(encoder={}))
+    with pytest.raises(InputError, match=r"^run: was trained on the events of a sensor; a bill needs signals"):
         nt.export("run", tmp_path / "bill", "bill")
 
 
