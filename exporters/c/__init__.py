@@ -5,4 +5,6 @@
   that are rounded in the same way.
 - `c_export`: C99. The float32 variant equals `neurotact.deploy.stream` and the integer variant equals `integer`, spike
   for spike; `proof` compiles it, runs it here and in an emulated Cortex-M, and compares.
+- `bill`: instructions, flash and RAM of a decision on an emulated processor, beside those of opponents, whose C is in
+  `opponents`.
 """

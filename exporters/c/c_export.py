@@ -58,7 +58,11 @@ def write(
     Raises InputError for what C cannot represent.
     """
     paths(folder, name)
-    context = context_of(chain, formats, name)
+    return rendered(context_of(chain, formats, name), folder, name, parts)
+
+
+def rendered(context: dict[str, Any], folder: Path, name: str, parts: Sequence[tuple[str, str]]) -> list[Path]:
+    """Write each template of `parts` with these variables as its file, and return the paths."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("neurotact_parts.exporters.c", "templates"),
         undefined=jinja2.StrictUndefined,
@@ -88,16 +92,16 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
     per_sample = max(1, int(np.ceil(chain.clock_Hz / chain.sampling_rate_Hz)))
     return {
         "title": title_of(chain, formats), "version": __version__, "name": name, "macro": name.upper(),
-        "integer": formats is not None, "unit": _in_comment(encoder.unit),
+        "spiking": True, "integer": formats is not None, "unit": _in_comment(encoder.unit),
         "sampling_rate_Hz": f"{chain.sampling_rate_Hz:g}",
         "n_taxels": n_taxels, "n_afferents": network.n_inputs,
         "n_hidden": spec.hidden, "n_classes": network.n_classes,
-        "class_names": [_text(name_of_class) for name_of_class in chain.classes],
+        "class_names": [text(name_of_class) for name_of_class in chain.classes],
         "length": plan.length, "start": plan.start, "hop": plan.hop, "quiet": plan.quiet, "at_once": plan.at_once,
         "most_decisions": plan.at_once * per_sample,
         "hold": max(1, int(HOLD_MS * 1e-3 * chain.sampling_rate_Hz)), "hold_ms": f"{HOLD_MS:g}",
-        "afferent_type": _unsigned(network.n_inputs), "neuron_type": _unsigned(spec.hidden),
-        "class_type": _unsigned(network.n_classes),
+        "afferent_type": unsigned(network.n_inputs), "neuron_type": unsigned(spec.hidden),
+        "class_type": unsigned(network.n_classes),
         "integrator": integrator, "adapts": network.adaptation is not None, "recurrent": spec.recurrent,
         "membrane_kind": spec.membrane, "reset": spec.reset,
         "delay": spec.recurrent and spec.recurrent_delay_steps,
@@ -152,16 +156,16 @@ def _in_float(chain: Chain) -> dict[str, Any]:
         "count": "double" if network.bias is not None else _count(chain),
         "readout_leak": float(integration.decay).hex() if integration is not None and integration.leaks else None,
         "peak": integration is not None and integration.peak,
-        "silent_type": _unsigned(max(sa1.refractory_steps, ra1.refractory_steps) + 1), "kinds": [*_float_kinds(chain)],
+        "silent_type": unsigned(max(sa1.refractory_steps, ra1.refractory_steps) + 1), "kinds": [*_float_kinds(chain)],
         "smoothing": smoothing, "smoothing_keep": smoothing_keep,
         "baseline_weight": baseline_weight, "baseline_keep": baseline_keep,
         "baseline_steps": f"{conditioner.n_start}u",
         "stride": (chain.sampling_rate_Hz / chain.clock_Hz).hex(), "half": HALF.hex(),
         "rate": float(chain.sampling_rate_Hz).hex(), "clock": float(chain.clock_Hz).hex(),
-        "offset": offset, "scale": scale, "sign": False, "plain": True, "leak": _float(sa1.decay),
-        "v_rest": _float(sa1.v_rest_mV),
+        "offset": offset, "scale": scale, "sign": False, "plain": True, "leak": literal(sa1.decay),
+        "v_rest": literal(sa1.v_rest_mV),
         "tables": tables, "layers": layers[: 1 if network.bias is not None else 2],
-        "threshold_out": _float(threshold[1]),
+        "threshold_out": literal(threshold[1]),
     }  # fmt: skip
 
 
@@ -174,8 +178,8 @@ def _float_kinds(chain: Chain) -> Iterator[dict[str, Any]]:
         neuron = encoder.neuron(kind, clock_Hz)
         for gain, about in zip(gains, _words(kind, part), strict=True):
             yield {
-                "about": about, "target": f"{_float(neuron.v_rest_mV)} + {_float(gain)} * {drive}",
-                "threshold": _float(neuron.v_threshold_mV), "reset": _float(neuron.v_reset_mV),
+                "about": about, "target": f"{literal(neuron.v_rest_mV)} + {literal(gain)} * {drive}",
+                "threshold": literal(neuron.v_threshold_mV), "reset": literal(neuron.v_reset_mV),
                 "silent": neuron.refractory_steps,
             }  # fmt: skip
 
@@ -186,19 +190,19 @@ def _words(kind: AfferentType, part: str) -> list[str]:
 
 
 def _float_layer(chain: Chain, index: int, alpha: np.ndarray, beta: np.ndarray, threshold: np.ndarray) -> dict:
-    decay = _float(beta[index])
+    decay = literal(beta[index])
     next_membrane = {
         "eq4": f"{decay} * (carried + before)",
         "delayed": f"{decay} * carried + before",
         "immediate": f"{decay} * carried + now",
     }[chain.network.spec.membrane]
     layer = _layer(chain, index) | {
-        "alpha": _float(alpha[index]), "threshold": _float(threshold[index]), "next": next_membrane
+        "alpha": literal(alpha[index]), "threshold": literal(threshold[index]), "next": next_membrane
     }  # fmt: skip
     if (adapted := chain.network.adaptation_of(index)) is None:
         return layer
     strength, decay = map(float, adapted)
-    return layer | {"adapts": True, "strength": _float(strength), "adaptation_decay": _float(decay)}
+    return layer | {"adapts": True, "strength": literal(strength), "adaptation_decay": literal(decay)}
 
 
 def _in_integers(chain: Chain, formats: Formats) -> dict[str, Any]:
@@ -223,7 +227,7 @@ def _in_integers(chain: Chain, formats: Formats) -> dict[str, Any]:
         "state": "int16_t" if formats.state_bits <= 16 else "int32_t",
         "count": "int32_t" if isinstance(readout, Integrator) else _count(chain),
         "readout_leak": None, "peak": False,
-        "silent_type": _unsigned(max(kind.silent for kind in front.kinds) + 1), "kinds": _integer_kinds(chain, front),
+        "silent_type": unsigned(max(kind.silent for kind in front.kinds) + 1), "kinds": _integer_kinds(chain, front),
         "smoothing": front.smoothing, "baseline_weight": front.baseline_weight,
         "baseline_steps": f"{front.baseline_steps}u",
         "stride_whole": stride[0], "stride_part": stride[1], "stride": stride[0] * 2**32 + stride[1],
@@ -271,11 +275,11 @@ def _layer(chain: Chain, index: int) -> dict[str, Any]:
     if index == 0:
         return {
             "name": "hidden", "about": "hidden layer", "size": "HIDDEN", "recurrent": spec.recurrent, "adapts": False,
-            "from_type": _unsigned(n_afferents), "to_type": _unsigned(spec.hidden), "w": "w_in", "v": "w_rec",
+            "from_type": unsigned(n_afferents), "to_type": unsigned(spec.hidden), "w": "w_in", "v": "w_rec",
         }  # fmt: skip
     return {
         "name": "readout", "about": "readout", "size": "CLASSES", "recurrent": False, "adapts": False,
-        "from_type": _unsigned(spec.hidden), "to_type": _unsigned(chain.network.n_classes), "w": "w_out", "v": "",
+        "from_type": unsigned(spec.hidden), "to_type": unsigned(chain.network.n_classes), "w": "w_out", "v": "",
     }  # fmt: skip
 
 
@@ -296,7 +300,7 @@ ABOUT = {
 
 
 def _table(name: str, kind: str, values: Sequence[str]) -> Table:
-    return Table(ABOUT[re.sub(r"(?<=1)_\d+$", "", name)], kind, name, len(values), list(_wrapped(values)))
+    return Table(ABOUT[re.sub(r"(?<=1)_\d+$", "", name)], kind, name, len(values), list(wrapped(values)))
 
 
 def _integers(name: str, values: np.ndarray, kind: str) -> Table:
@@ -304,10 +308,11 @@ def _integers(name: str, values: np.ndarray, kind: str) -> Table:
 
 
 def _floats(name: str, values: np.ndarray) -> Table:
-    return _table(name, "float", [_float(value) for value in values.ravel()])
+    return _table(name, "float", [literal(value) for value in values.ravel()])
 
 
-def _wrapped(values: Iterable[str]) -> Iterable[str]:
+def wrapped(values: Iterable[str]) -> Iterable[str]:
+    """Values of a table as lines of C."""
     line = ""
     for value in values:
         if len(line) + len(value) + 2 > LINE:
@@ -317,10 +322,10 @@ def _wrapped(values: Iterable[str]) -> Iterable[str]:
     yield line.rstrip().rstrip(",")
 
 
-def _float(value: float | np.floating) -> str:
+def literal(value: float | np.floating) -> str:
     """The shortest literal of a float32.
 
-    >>> _float(0.1), _float(-65.0)
+    >>> literal(0.1), literal(-65.0)
     ('1.e-01f', '-6.5e+01f')
     """
     return f"{np.format_float_scientific(np.float32(value), unique=True)}f"
@@ -328,13 +333,13 @@ def _float(value: float | np.floating) -> str:
 
 def _ema_weights(weight: float | None) -> tuple[str | None, str | None]:
     """The weights of a moving average: of the newest sample, and of the average before."""
-    return (None, None) if weight is None else (_float(weight), _float(1.0 - weight))
+    return (None, None) if weight is None else (literal(weight), literal(1.0 - weight))
 
 
-def _unsigned(n: int) -> str:
+def unsigned(n: int) -> str:
     """The smallest type for the numbers 0 to n.
 
-    >>> _unsigned(255), _unsigned(256)
+    >>> unsigned(255), unsigned(256)
     ('uint8_t', 'uint16_t')
     """
     return "uint8_t" if n < 2**8 else "uint16_t" if n < 2**16 else "uint32_t"
@@ -344,7 +349,7 @@ def _count(chain: Chain) -> str:
     return "uint16_t" if chain.windows.length < 2**16 else "uint32_t"
 
 
-def _text(text: str) -> str:
+def text(text: str) -> str:
     """A C string; characters other than ASCII are octal escapes, which end after three digits.
 
     Half a surrogate pair, which is no UTF-8, is written as its escape in Python.

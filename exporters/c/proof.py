@@ -39,11 +39,22 @@ class Spoken(NamedTuple):
 
 
 class Ticks(NamedTuple):
-    """Number of samples, and the maximum and the sum of their ticks."""
+    """The ticks of every sample, `(sample,)` of each trial."""
 
-    samples: int
-    most: int
-    total: int
+    of: list[np.ndarray]
+
+    @property
+    def samples(self) -> int:
+        return sum(map(len, self.of))
+
+    @property
+    def most(self) -> int:
+        """The maximum of a sample."""
+        return round(max(one.max(initial=0) for one in self.of))
+
+    @property
+    def total(self) -> int:
+        return round(sum(one.sum() for one in self.of))
 
 
 class Footprint(NamedTuple):
@@ -95,8 +106,8 @@ def on_board(
     image = build(folder, name, board, watched=not counting)
     outputs, ticks = _parsed(emulate(image, _packed(trials), board, counting=counting), name, folder)
     if counting:
-        scale = 1e9 / board.clock_Hz / 2**boards.SHIFT
-        ticks = Ticks(ticks.samples, round(ticks.most * scale), round(ticks.total * scale))
+        scale = 1e9 / board.clock_Hz / 2**board.shift
+        ticks = Ticks([one * scale for one in ticks.of])
     return outputs, ticks
 
 
@@ -105,7 +116,7 @@ def emulate(image: Path, data: bytes, board: Board, *, counting: bool = False) -
     folder = image.parent
     with files.whole(folder / "input.bin") as draft:
         draft.write_bytes(data)
-    counted = ["-icount", f"shift={boards.SHIFT}"] if counting else []
+    counted = ["-icount", f"shift={board.shift}"] if counting else []
     _call(
         ["qemu-system-arm", "-M", board.machine, "-nographic", "-monitor", "none", "-serial", "none", *counted,
          "-semihosting-config", "enable=on,target=native", "-kernel", image.name], folder,
@@ -206,6 +217,7 @@ def _packed(trials: Sequence[np.ndarray]) -> bytes:
 def _parsed(output: bytes, name: str, folder: Path) -> tuple[list[Spoken], Ticks]:
     afferent, neuron = (_size_of(kind, name, folder) for kind in ("afferents", "neurons"))
     trials, offset = [], 0
+    ticks: list[list[int]] = [[]]
     afferents: list[tuple[int, ...]] = []
     hidden: dict[int, list[tuple[int, ...]]] = {}
     decisions: list[tuple[int, ...]] = []
@@ -224,9 +236,12 @@ def _parsed(output: bytes, name: str, folder: Path) -> tuple[list[Spoken], Ticks
         elif tag == b"E":
             trials.append(Spoken(afferents, hidden, sorted(decisions)))
             afferents, hidden, decisions = [], {}, []
+            ticks.append([])
+        elif tag == b"K":
+            ticks[-1].append(int.from_bytes(output[offset : offset + 4], "little"))
+            offset += 4
         elif tag == b"T":
-            samples, most, low, high = struct.unpack_from("<4I", output, offset)
-            return trials, Ticks(samples, most, low + (high << 32))
+            return trials, Ticks([np.array(one) for one in ticks[:-1]])
         else:
             break
     raise InputError(f"{folder}: the harness stopped in the middle; compile and run it by hand")
@@ -239,11 +254,10 @@ def _numbers(output: bytes, offset: int, size: int) -> tuple[tuple[int, ...], in
 
 
 def _size_of(what: str, name: str, folder: Path) -> int:
-    """Bytes of a neuron's number, from the header."""
+    """Bytes of a neuron's number, from the header; 1 where it has no neurons."""
     header = (folder / f"{name}.h").read_text()
-    return next(
-        size for size, kind in ((1, "uint8_t"), (2, "uint16_t"), (4, "uint32_t")) if f"const {kind} *{what}," in header
-    )
+    kinds = ((1, "uint8_t"), (2, "uint16_t"), (4, "uint32_t"))
+    return next((size for size, kind in kinds if f"const {kind} *{what}," in header), 1)
 
 
 def _call(command: list[str], folder: Path, data: bytes = b"") -> bytes:

@@ -74,12 +74,19 @@ def trials_of(
 ) -> Trials:
     """Test trials of a run as input of a chain in C, and the output of its twin."""
     restored = fitted.restore(run, spikes=spikes)
-    recorded, learned = export.recorded(restored, recordings), restored.task.window.per_trial
-    signals = [np.asarray(signal, np.float32) for signal in recorded.test[:n_trials]]
+    recorded = export.recorded(restored, recordings)
+    return twin_of(chain, formats, recorded.test[:n_trials], recorded.labels, restored.task.window.per_trial)
+
+
+def twin_of(
+    chain: Chain, formats: Formats | None, recorded: Sequence[np.ndarray], labels: np.ndarray, learned: int | None
+) -> Trials:
+    """These trials `(sample, taxel)` as input of a chain in C, and the output of its twin; the rest as of `Trials`."""
+    signals = [np.asarray(signal, np.float32) for signal in recorded]
     if formats is None:
-        return Trials(signals, [expected_in_float(chain, signal) for signal in signals], recorded.labels, learned)
+        return Trials(signals, [expected_in_float(chain, signal) for signal in signals], labels, learned)
     given = [formats.raw.samples(signal) for signal in signals]
-    return Trials(given, expected_in_integers(chain, formats, given), recorded.labels, learned)
+    return Trials(given, expected_in_integers(chain, formats, given), labels, learned)
 
 
 def expected_in_integers(chain: Chain, formats: Formats, trials: Sequence[np.ndarray]) -> list[Spoken]:

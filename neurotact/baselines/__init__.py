@@ -2,10 +2,10 @@
 
 Other rooms take:
 
-    features: averaged, counted
+    features: averaged, bin_edges, counted
     opponent: Opponent, Opponents, Settings, Sides, accuracy, best_of, joined, load, named, standardised
-    opponents: Cuts, Input, LINEAR, MOST_SAMPLES, RIGHT, SPIKES, cuts_of, gru_steps, in_words, pieces_of, rows,
-        signal_inputs, spike_inputs, without_slow
+    opponents: BINS, Cuts, Input, LINEAR, MOST_SAMPLES, RIGHT, SPIKES, cuts_of, gru_steps, in_words, pieces_of,
+        rows, signal_inputs, spike_inputs, without_slow
 """
 
 import lazy_loader

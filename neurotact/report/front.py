@@ -26,7 +26,7 @@ from neurotact.networks.training.run_folder import LOG
 from neurotact.networks.use import ledger
 from neurotact.networks.use.ledger import Afferents
 from neurotact.report import answer as answers
-from neurotact.report import bill, first_screen, periods, robustness, sentences
+from neurotact.report import first_screen, periods, robustness, sentences, under_prices
 from neurotact.report.answer import Answer, Baseline, Decision, Network, OfNetworks, Trials
 from neurotact.report.page import Figure, Table
 from neurotact.report.wording import energy
@@ -43,6 +43,8 @@ KINDS = {"whole": "", "early": "exit_"}
 """Both ways to decide, and their prefixes of columns in `results.csv`."""
 USED = {False: "whole", True: "early"}
 """The way to decide of `KINDS` that is used, by whether early exit is."""
+BILL = "bill/bill.txt"
+"""What an export to `bill` writes, in the folder of a run."""
 EXIT_LOSSES = "exit_losses"
 """What early exit loses on each validation trial (`measuring.measure`); runs of earlier versions lack it."""
 
@@ -142,7 +144,7 @@ def _costs(
         costs["ms"] = 1e3 * steps / afferents.rate_Hz
         if (not counts or afferents.is_countable) and ledger.is_row_counted(study.network, row):
             spent = [ledger.row_cost(study.network, row, afferents, **how, event_driven=way) for way in (False, True)]
-            by_list = {one.name: spent[one.event_driven].energy_nJ(one) for one in bill.lists(study.prices)}
+            by_list = {one.name: spent[one.event_driven].energy_nJ(one) for one in under_prices.lists(study.prices)}
             costs["nJ"] = _known(by_list[study.prices.name])
             costs |= {f"{BY}{name}": nJ for name, nJ in by_list.items()}
     return costs
@@ -272,7 +274,7 @@ def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], result: M
         by = ["classifier", "input", "t_ref_ra_ms", "t_ref_sa_ms", *(["encoder"] if "encoder" in table else [])]
         table = table[table["dataset"] == dataset]
         is_counted = "macs" in table  # else it holds energies alone
-        by_list = {f"{BY}{one.name}": one.energy_nJ(table) for one in bill.lists(study.prices) if is_counted}
+        by_list = {f"{BY}{one.name}": one.energy_nJ(table) for one in under_prices.lists(study.prices) if is_counted}
         table = table.assign(**by_list)
         measures = ["accuracy_validation", "accuracy_test", "energy_estimate_nJ", *by_list]
         measures += [name for name in ("bytes",) if name in table]
@@ -355,15 +357,16 @@ def fronts(
             *robustness.hardest(classes),
             *sentences.details(answer),
             *_of_encoding(answer, made_by, study),
-            *bill.sentences(answer),
+            *under_prices.sentences(answer),
             *sentences.of_refractory_periods(answer),
+            *_of_processor(folder),
         ]
         yield Front(
             str(setting),
             answer,
             first_screen.figures(answer),
             words,
-            [first_screen.table(answer, periods.head(study)), *filter(None, [bill.table(answer)])],
+            [first_screen.table(answer, periods.head(study)), *filter(None, [under_prices.table(answer)])],
             first_screen.chosen(answer),
             unranked,
             sides,
@@ -422,6 +425,12 @@ def likely_cause(splits: Sequence[SplitSpec]) -> str:
     if split.group:
         return f"test trials are of another {' and '.join(split.group)}"
     return "the classifiers were chosen among many on few validation trials, or these resemble training trials more"
+
+
+def _of_processor(folder: Path) -> list[str]:
+    """What the bill of an emulated processor says first, if one was made of a network of this run."""
+    path = folder / BILL
+    return path.read_text(encoding="utf-8").splitlines()[:1] if path.is_file() else []
 
 
 def _of_encoding(answer: OfNetworks, afferents: Sequence[Afferents], study: StudySpec) -> Iterator[str]:

@@ -143,6 +143,17 @@ def test_a_report_prices_networks_and_baselines_by_the_list_of_its_study(written
     assert all("Energies are by the price list twice." in one for one in details)
 
 
+def test_a_report_shows_the_first_line_of_the_bill_of_its_run(written, text_alone, tmp_path):
+    folder, line = tmp_path / "run", "On an emulated Cortex-M0 the network takes 7 times the instructions."
+    shutil.copytree(written.parent, folder)
+    assert line not in written.read_text()
+    (folder / "bill").mkdir()
+    (folder / front.BILL).write_text(f"{line}\nOn another.\n")
+    networks.write(make_study(baselines="linear", as_shipped=True), folder)
+    told = [one["details"] for one in read_json(folder / "answer.json")["answers"]]
+    assert all(line in details and "On another." not in details for details in told)
+
+
 def test_the_report_needs_nothing_from_the_network(written):
     text = written.read_text()
     assert not re.search(r"(src|href|url\()\s*=?\s*[\"']?\s*(https?:)?//", text)

@@ -74,10 +74,11 @@ def sentences(outcome: OfNetworks) -> Iterator[str]:
     turned = [one for one in others if (one.ratio < 1) != (own.ratio < 1)]
     changed = [one for one in others if one not in turned and not 1 / MUCH <= one.ratio / own.ratio <= MUCH]
     if others:
-        said = [f"{words} {_named(part)}" for words, part in (("it turns by", turned), ("changes by", changed)) if part]
-        told = (
-            "; ".join(said) or f"none of {len(others)} other lists turns it or changes it by more than {MUCH:g} times"
-        )
+        other = "less" if own.ratio >= 1 else "more"
+        far = f"the ratio is more than {MUCH:g} times larger or smaller by"
+        said = [f"{words} {_named(part)}" for words, part in ((f"it takes {other} by", turned), (far, changed)) if part]
+        none = f"none of {len(others)} other lists turns this or changes it by more than {MUCH:g} times"
+        told = "; ".join(said) or none
         yield f"By {own.prices} the network takes {_ratio(own)}; {told}."
     yield from _that_fits(outcome.priced[0], own)
 
