@@ -85,7 +85,7 @@ class _NetworkSpec(Protocol):
 
 
 class _Network(Protocol):
-    """A network as far as its spikes are counted, such as `networks.rsnn.RSNN`."""
+    """A network as far as its spikes are counted, such as `networks.definition.rsnn.RSNN`."""
 
     @property
     def spec(self) -> _NetworkSpec: ...

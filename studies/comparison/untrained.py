@@ -334,7 +334,7 @@ def _halved(recordings: Recordings, parameters: Parameters) -> Recordings:
 
 
 def own(path: Path, given: Mapping[str, Any]) -> Own:
-    """The study of a file in place of its sets; see `studies.way.Way`.
+    """The study of a file in place of its sets; see `neurotact/studies/way.py`.
 
     The condition and its values are those of `leave_out_each`. Keys that begin with `window.`, the choice of trials
     (`where`, `leave_out`) and the number of seeds (`repeats`) apply to the file. Raises InputError without a condition,
