@@ -7,7 +7,7 @@
 
 namespace neurotact::NT_ISA {
 
-// The race of the classes; see networks/early_exit.py, Leader.
+// The race of the classes; see neurotact/networks/exit/rule.py, Leader.
 template <class Value>
 struct Leader {
     Value* sums;
@@ -96,8 +96,8 @@ private:
     }
 };
 
-// A readout that adds up a bias and the weights of every hidden spike, in float64 (networks/readouts.py). `sums` are its
-// values; one that leaks has y beside them.
+// A readout that adds up a bias and the weights of every hidden spike, in float64
+// (neurotact/networks/definition/readouts.py). `sums` are its values; one that leaks has y beside them.
 template <class T>
 class IntegratingReadout {
 public:

@@ -1,4 +1,4 @@
-// Afferent LIF neurons in closed form, once per sample (neurotact/encoders/exact.py, neurons.exact_lif_interval).
+// Afferent LIF neurons in closed form, once per sample (neurotact/encoders/closed_form.py, neurons.exact_lif_interval).
 // Operations are those of the definition, in its order. Logarithms and exponentials are libm's, NumPy's may differ in
 // the last bit.
 #include "parallel.h"

@@ -45,8 +45,9 @@ struct Adaptation {
     T strength, decay;
 };
 
-// A readout that does not spike: y[t+1] = decay y[t] + W s[t]; see networks/readouts.py. Where it leaks, or takes the
-// largest value over time, the network's own passes know it; a plain sum follows from the hidden layer's counts.
+// A readout that does not spike: y[t+1] = decay y[t] + W s[t]; see neurotact/networks/definition/readouts.py. Where it
+// leaks, or takes the largest value over time, the network's own passes know it; a plain sum follows from the hidden
+// layer's counts.
 // A window may be divided into stretches, each with its own w_out, one after the other; the last one has no end.
 struct Integration {
     bool leaks, peak;  // peak: leaks too
@@ -126,7 +127,7 @@ struct ExitRule {
     double margin;
 };
 
-// A row a trial; see networks/rsnn.py, Inference.
+// A row a trial; see neurotact/networks/definition/network.py, Inference.
 struct Decisions {
     int64_t *labels, *steps, *input_spikes, *hidden_spikes;
     int64_t* counts;  // (trial, class), of a readout that spikes
@@ -150,7 +151,7 @@ struct Encoding {
     int threads;
 };
 
-// Afferent LIF neurons in closed form, once per sample; see encoders/exact.py.
+// Afferent LIF neurons in closed form, once per sample; see neurotact/encoders/closed_form.py.
 template <class T>
 struct ExactEncoding {
     int64_t trials, samples, steps;  // steps: rows of a trial's spikes; the first is step `first_step` of the trial

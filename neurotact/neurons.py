@@ -79,20 +79,6 @@ def silenced(silent_steps: np.ndarray, fired: np.ndarray, n_silent: int | np.nda
     return np.where(fired, n_silent, np.maximum(silent_steps - 1, 0)).astype(np.int32)
 
 
-def lif_isi_steps(neuron: LIF, drive_mV: float) -> float:
-    """The inter-spike interval at constant drive, in steps; infinite below threshold.
-
-    `n + ceil((tau_mem / dt) ln(D / (D - (v_threshold - v_rest))))` for v_reset = v_rest.
-    """
-    gap = neuron.v_threshold_mV - neuron.v_rest_mV
-    if drive_mV <= gap:
-        return math.inf
-    start = neuron.v_reset_mV - neuron.v_rest_mV
-    steps = math.log((drive_mV - start) / (drive_mV - gap)) / -math.log(neuron.decay)
-    # At a whole number of steps the threshold is met, not passed: rounding must not add a step.
-    return neuron.refractory_steps + max(1, math.ceil(steps - 1e-9))
-
-
 def refractory_steps(t_ref_ms: float, sampling_rate_Hz: float) -> int:
     """The silent steps of a refractory period, rounded up (with a warning) when not whole.
 

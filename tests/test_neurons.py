@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from lif_intervals import lif_isi_steps
 
 from neurotact.neurons import (
     LIF,
     decay_per_step,
-    lif_isi_steps,
     lif_start,
     lif_step,
     refractory_steps,

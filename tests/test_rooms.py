@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 import neurotact
 
 PACKAGE = Path(neurotact.__file__).parent
@@ -106,13 +108,48 @@ def test_the_package_has_few_public_names():
     assert len(functions) + len(lists) <= MOST_NAMES
 
 
-def test_a_text_names_no_file_that_is_not_there():
+@cache
+def ends() -> set[str]:
+    """Paths of source files from the top, and what follows each folder of them."""
     every = [path.relative_to(ROOT) for room in (*BESIDE, "neurotact", "tests", "native", "benchmarks", "docs")
              for path in (ROOT / room).rglob("*") if path.suffix in {".py", ".cpp", ".hpp"}]  # fmt: skip
-    ends = {"/".join(path.parts[first:]) for path in every for first in range(len(path.parts))}
-    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *MODULES, *OTHERS]
+    return {"/".join(path.parts[first:]) for path in every for first in range(len(path.parts))}
+
+
+MADE_UP = ("my_skin/", "NAME.py", "/mine.py")
+PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), ROOT / "tests" / "README.md", *MODULES, *OTHERS]
+
+
+@pytest.mark.parametrize(("named", "pages"), [
+    (r"`((?:[\w-]+/)+[\w-]+\.(?:py|cpp|hpp))`", [page for page in PAGES if page.name != "CHANGELOG.md"]),
+    (r"((?:[\w-]+/)+[\w-]+\.(?:py|cpp|hpp))\b", sorted((ROOT / "native").glob("*.[ch]pp"))),
+])  # fmt: skip
+def test_a_text_names_no_file_that_is_not_there(named, pages):
     for page in pages:
-        if page.name != "CHANGELOG.md":
-            named = re.findall(r"`((?:[\w-]+/)+[\w-]+\.(?:py|cpp|hpp))`", page.read_text(encoding="utf-8"))
-            made_up = ("my_skin/", "NAME.py", "/mine.py")
-            assert not [n for n in named if n not in ends and not any(word in n for word in made_up)], page
+        found = re.findall(named, page.read_text(encoding="utf-8"))
+        assert not [n for n in found if n not in ends() and not any(word in n for word in MADE_UP)], page
+
+
+def lost(text: str) -> list[str]:
+    """The files and folders that a text names and that are neither at the top nor in a folder that it names before."""
+    folders, found = [ROOT], []
+    for name in re.findall(r"`([\w./-]+(?:/|\.(?:py|cpp|hpp|toml|html)))`", text):
+        there = [folder / name for folder in folders if (folder / name).exists()]
+        if there:
+            folders.append(there[0] if name.endswith("/") else there[0].parent)
+        elif "NAME" not in name:
+            found.append(name)
+    return found
+
+
+def test_the_page_of_the_rooms_names_what_is_there():
+    """Each row of a table by itself, as each section is without its tables."""
+    for section in (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8").split("\n## "):
+        rows = [line for line in section.splitlines() if line.startswith("|")]
+        for text in ("\n".join(line for line in section.splitlines() if line not in rows), *rows):
+            assert lost(text) == [], text
+
+
+def test_a_lost_file_is_found():
+    assert lost("`neurotact/data/` has `hdf5.py`, `lost.py`") == ["lost.py"]
+    assert lost("`hdf5.py`, `neurotact/lost/`, `encoders/NAME.py`") == ["hdf5.py", "neurotact/lost/"]

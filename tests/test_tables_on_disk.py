@@ -6,11 +6,12 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from costs import sops_table
 from hypothesis import given
 from hypothesis import strategies as st
 
 from neurotact.errors import InputError
-from neurotact.metrics.synops import summary, summary_markdown, to_table
+from neurotact.metrics.synops import summary, summary_markdown
 from neurotact.tables import escaped, read_table, to_markdown, write_table
 
 TABLE = pd.DataFrame({"name": ["a|b", "é"], "n": [1, 2], "sops": [1 / 3, np.nan]})
@@ -35,7 +36,7 @@ def test_markdown_begins_with_what_it_is_about(tmp_path):
 
 
 def test_the_sops_of_single_windows_stand_under_their_means():
-    table = to_table(labels=["a", "b"], predicted=["b", "b"], steps=[300, 100], input_spikes=[10, 0],
+    table = sops_table(labels=["a", "b"], predicted=["b", "b"], steps=[300, 100], input_spikes=[10, 0],
                      hidden_spikes=[4, 0], n_hidden=30, n_readout=8, recurrent=True)  # fmt: skip
     told = summary_markdown(summary(table), "run, full window")
     assert "| all | 2 | 0.5 | 200 |" in told

@@ -18,7 +18,7 @@ from neurotact.neurons import CubaLIF
 
 
 class Decided(NamedTuple):
-    """Decisions of the integer network, `(window,)` int64 each, as `networks.rsnn.Inference`.
+    """Decisions of the integer network, `(window,)` int64 each, as `networks.definition.network.Inference`.
 
     heard: whether the readout changed. hidden: spikes of the hidden layer in the simulated steps,
     `(window, time, hidden)` uint8.

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from neurotact_parts.exporters.live.finger import Control
 
 from neurotact.data import hdf5
-from neurotact.data.dataset import Control, Simulator
+from neurotact.data.dataset import Simulator
 from neurotact.data.recordings import LABEL, order_by_name
 from neurotact.deploy import sources
 from neurotact.deploy.sources import Arrived, Faults

@@ -5,21 +5,19 @@ Simulators and readers, ours and other packages', are found by name (`Simulator`
 
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-import numpy as np
-import pandas as pd
 from pydantic import Field, field_validator, model_validator
 
 from neurotact import plugins, spec
 from neurotact.data import doubtful, hdf5
 from neurotact.data.digests import content_digest
 from neurotact.data.readers import arrays
-from neurotact.data.recordings import LABEL, Recordings
-from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
+from neurotact.data.recordings import Recordings
+from neurotact.data.spikes import SpikeTrains
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_trials, fewer_trials
 from neurotact.errors import InputError, nearest
 from neurotact.spec import Spec, build
@@ -28,61 +26,13 @@ Progress = Callable[[int, int], None]
 """Called as `progress(done, total)` with numbers of trials."""
 
 
-class Control(NamedTuple):
-    """A quantity of a touch that the user sets: one of `choices`, else a number from `low` to `high`.
-
-    name: with its unit, as in force_N. about: a description.
-    """
-
-    name: str
-    about: str
-    value: float | str
-    choices: tuple[str, ...] = ()
-    low: float = 0.0
-    high: float = 0.0
-    step: float = 0.0
-
-
-class Finger(NamedTuple):
-    """A simulated finger that the user moves, one touch after the other.
-
-    controls: called as `controls(spec)`; returns the controls.
-    touch: called as `touch(spec, values, number)`; returns a touch as recordings of one trial. Its number is the seed
-    of its random numbers; no touch equals a trial of `simulate`.
-    """
-
-    controls: Callable[[Any], tuple[Control, ...]]
-    touch: Callable[[Any, Mapping[str, Any], int], Recordings]
-
-    def checked(self, what: Any, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Values of all controls, with defaults for those that are not given; InputError for a wrong one."""
-        controls = {control.name: control for control in self.controls(what)}
-        settings = {name: control.value for name, control in controls.items()}
-        for name, value in values.items():
-            if name not in controls:
-                raise InputError(f"{name}: is not a control of this finger; {nearest(name, [*controls])}")
-            settings[name] = _checked(controls[name], value)
-        return settings
-
-
-def _checked(control: Control, value: Any) -> float | str:
-    if control.choices:
-        if value not in control.choices:
-            raise InputError(f"{control.name}: '{str(value)[:40]}' is unknown; {nearest(str(value), control.choices)}")
-        return value
-    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not is_number or not control.low <= value <= control.high:
-        raise InputError(f"{control.name}: must be from {control.low:g} to {control.high:g}; got {str(value)[:40]}")
-    return float(value)
-
-
 class Simulator(NamedTuple):
     """An experiment that can be simulated (entry point group `neurotact.simulators`).
 
     about: what it simulates, in one line.
     model: its spec, which has the property `n_trials`.
     simulate: called as `simulate(spec, progress)`.
-    by_hand: its finger, if it has one that `neurotact live` can move.
+    by_hand: its `Finger` of `exporters/live/finger.py`, if `neurotact live` can move one.
 
     >>> import numpy as np
     >>> class Presses(Spec):
@@ -96,7 +46,7 @@ class Simulator(NamedTuple):
     about: str
     model: type[Spec]
     simulate: Callable[[Any, Progress | None], Recordings]
-    by_hand: Finger | None = None
+    by_hand: Any = None
 
     def build(self, changes: Mapping[str, Any], source: str) -> Any:
         """The simulator's spec with dotted keys changed; the rest of a nested table is kept."""
@@ -152,8 +102,6 @@ def expand(path: str) -> Path:
 
 SOURCES = ("simulate", "read", "file", "arrays")
 Touches = TypeVar("Touches", bound=Recordings | SpikeTrains)
-CONDITION = "condition "
-"""Prefix of the stored arrays of conditions, `(trial,)`."""
 
 
 class _ArraysSpec(Spec):
@@ -299,62 +247,7 @@ _FROM: Mapping[str, Callable[[DatasetSpec, Path], Recordings | SpikeTrains]] = {
 """What gives the trials of each of `SOURCES`."""
 
 
-def joined(parts: Sequence[Recordings]) -> Recordings:
-    """The trials of several recordings of one skin, one after the other."""
-    first = parts[0]
-    conditions = pd.concat([part.conditions for part in parts], ignore_index=True)
-    signals = [signal for part in parts for signal in part.to_unit(first.unit).signals]
-    return Recordings(signals, first.sampling_rate_Hz, first.unit, conditions, first.channels, first.source)
-
-
 def until(recordings: Recordings, end_ms: float) -> Recordings:
     """The beginning of each trial, with the sample at its end: then a slower clock does not end before it."""
     n_samples = math.ceil(end_ms * 1e-3 * recordings.sampling_rate_Hz - 1e-9) + 1
     return replace(recordings, signals=[signal[:n_samples] for signal in recordings.signals])
-
-
-def as_arrays(touches: Recordings | SpikeTrains) -> dict[str, np.ndarray]:
-    """Trials of any lengths as plain arrays, which `from_arrays` reads.
-
-    Of both `sampling_rate_Hz` and each condition, `(trial,)`. Of recordings `values`, `(sample, taxel)` float32,
-    `lengths`, `(trial,)`, `unit`, `channels`; of spikes `steps` and `units`, `(spike,)`, `counts` and `trial_steps`,
-    `(trial,)`, `afferents`.
-    """
-    conditions = touches.conditions
-    texts = [name for name in conditions if name == LABEL or conditions[name].dtype.kind not in "iufb"]
-    kept = conditions.assign(**{str(name): conditions[name].astype(str) for name in texts})
-    shared = {
-        "sampling_rate_Hz": np.array(touches.sampling_rate_Hz),
-        **{f"{CONDITION}{name}": np.array(kept[name].tolist()) for name in kept},
-    }
-    if isinstance(touches, SpikeTrains):
-        return {
-            **shared,
-            "steps": np.concatenate([np.asarray(steps, np.int64) for steps in touches.steps]),
-            "units": np.concatenate([np.asarray(units, np.int64) for units in touches.units]),
-            "counts": np.array([len(steps) for steps in touches.steps]),
-            "trial_steps": touches.trial_steps,
-            "afferents": np.array(touches.afferents),
-        }
-    return {
-        **shared,
-        # In the order of memory that every file has: sums over time in another order differ in their last bits.
-        "values": np.ascontiguousarray(np.concatenate([np.asarray(one, np.float32) for one in touches.signals])),
-        "lengths": touches.lengths,
-        "unit": np.array(touches.unit),
-        "channels": np.array(touches.channels),
-    }
-
-
-def from_arrays(stored: Mapping[str, np.ndarray], source: str) -> Recordings | SpikeTrains:
-    """The trials of `as_arrays`; source: their name in messages."""
-    conditions = pd.DataFrame({
-        key.removeprefix(CONDITION): stored[key] for key in stored if key.startswith(CONDITION)
-    })  # fmt: skip
-    rate_Hz = float(stored["sampling_rate_Hz"])
-    if "afferents" in stored:
-        ends = np.cumsum(stored["counts"])[:-1]
-        rows = np.split(stored["steps"], ends), np.split(stored["units"], ends), stored["trial_steps"].tolist()
-        return from_trials(map(TrialSpikes, *rows), rate_Hz, tuple(stored["afferents"].tolist()), conditions)
-    signals = np.split(stored["values"], np.cumsum(stored["lengths"])[:-1])
-    return Recordings(signals, rate_Hz, str(stored["unit"]), conditions, tuple(stored["channels"].tolist()), source)

@@ -11,7 +11,7 @@ Other rooms take:
     gain_search: CalibrationRule
     model: AnyEncoder, DrivenSpec, EncoderSpec, name_in, names, of_name, usable
     send_on_delta: MODEL
-    sensitivity: pair_of, sensitivities_of, value_of
+    sensitivity: sensitivities_of, value_of
     specs: afferent_names, conditioning_of, default_of, encode, finish, is_exact, load, n_per_taxel, pays_exact,
         period_keys, populations, resolve, t_ref_pair_ms, taxel_names, taxels_of, with_t_ref, with_t_refs
     transformer: SpikeEncoder

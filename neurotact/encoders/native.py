@@ -1,4 +1,4 @@
-"""The compiled encoders: from signals or drives to spikes; `afferents.py` and `exact.py` are their definitions."""
+"""The compiled encoders: from signals or drives to spikes; `afferents.py` and `closed_form.py` define them."""
 
 import math
 

@@ -66,17 +66,6 @@ def value_of(encoder: EncoderSpec, sensitivity: Sensitivity) -> float:
     return float(value)
 
 
-def pair_of(encoder: EncoderSpec) -> tuple[float, float]:
-    """The gains or thresholds of the first two populations; both are the same where they share one.
-
-    >>> from neurotact.encoders.specs import load
-    >>> pair_of(load("sa1-ra1-lif"))
-    (3.2, 16.0)
-    """
-    values = [value_of(encoder, sensitivity) for sensitivity in sensitivities_of(encoder)]
-    return values[0], values[min(1, len(values) - 1)]
-
-
 def adjusted(encoder: Any, sensitivity: Sensitivity, value: float) -> Any:
     """The encoder with a sensitivity at another value.
 

@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib import colormaps, rc_context
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import (
@@ -242,19 +241,6 @@ def series_style(index: int) -> dict[str, Any]:
     """Colour and marker of the series at `index`, as keywords of a plot."""
     colour, marker = SERIES[index % len(SERIES)]
     return {"color": colour, "marker": marker}
-
-
-def class_colours(n: int) -> list[str]:
-    """Colours of unordered classes: those of the style if enough, then up to twenty distinct ones, then a scale.
-
-    >>> len(set(class_colours(20)))
-    20
-    """
-    if n <= len(SERIES):
-        return [colour for colour, _ in SERIES[:n]]
-    if n <= 20:  # the ten strong colours before the ten pale ones
-        return [to_hex(colormaps["tab20"](2 * (i % 10) + i // 10)) for i in range(n)]
-    return [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 0.95, n))]
 
 
 def write_out_log_ticks(axis: Axis) -> None:

@@ -3,12 +3,12 @@
 Other rooms take:
 
     decision: Decision, is_within, otherwise
-    firing: as_table, firing_of, isi_histograms, measures, touch_spikes, windowed_spikes
+    firing: firing_of, touch_spikes, windowed_spikes
     flops: ACTIVATIONS, BYTES, Cost, Dense, FLOPS, Integrator, LEDGER_COLUMNS, Layer, Moments, MovingAverage,
         NearestPoints, NotCounted, RBFExpansion, SIGMOID, SpikingLayer, Standardise, SupportVectorMachines, TANH,
         changed, cost, in_registers, ledger_table, passed, with_weights
     fronts: pareto_front
-    isi_distributions: bin_edges, overlap, separation, shares_of
+    isi_distributions: bin_edges, separation, shares_of
     linear: cross_validated_accuracy, linear
     paired: Paired, by_trial, compare, compare_by_trial, compare_shares
     power: can_beat_guessing, in_words, is_too_weak
@@ -20,9 +20,9 @@ Other rooms take:
     savings: Savings, savings, worse_than_another
     shares: standard_error, wilson_interval
     signal_flops: Averaging, BaselineRemoval, Interpolation, Rectification, ScaledSteps, StandardisedSteps
-    spike_trains: Events, Intervals, Spikes, check_rate, events_of_raster, isi_cv, isi_mean_ms, isis_ms, rates_Hz,
+    spike_trains: Events, Intervals, Spikes, check_rate, events_of_raster, isis_ms, latencies_ms, rates_Hz,
         spike_counts
     starts: ONE, Spread, interval, spread
-    synops: SIDE, SIDES, Synops, TEST, TRAINING, UNKNOWN, UNSEEN, VALIDATION, in_words, not_counted, of_fans,
-        of_network, summary, summary_markdown, table_of
+    synops: SIDE, SIDES, Synops, TEST, TRAINING, UNKNOWN, UNSEEN, VALIDATION, in_words, not_counted, of_network,
+        summary, summary_markdown, table_of
 """

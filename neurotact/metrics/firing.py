@@ -9,7 +9,7 @@ import pandas as pd
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.windows import Windows
 from neurotact.errors import InputError
-from neurotact.metrics import isi_distributions, spike_trains
+from neurotact.metrics import spike_trains
 from neurotact.metrics.spike_trains import Events
 
 
@@ -59,47 +59,3 @@ def touch_spikes(trains: SpikeTrains, start_ms: float) -> Events:
         trains.trial_steps - start,
         len(trains.afferents),
     )
-
-
-def measures(touches: Events, is_kind: np.ndarray, trains: SpikeTrains) -> dict[tuple[str, str], float | None]:
-    """Measures of one population, means over trials, by name and unit; None if there is nothing to average.
-
-    spikes (per second, of the whole population), isi (mean of all intervals), isi_sd, isi_least, silent_share (of
-    trials without any spike), latency (of the population's first spike; of a silent trial, its whole length).
-    """
-    rate_Hz = trains.sampling_rate_Hz
-    intervals = spike_trains.isis_ms(touches, rate_Hz)
-    isi_ms = intervals.isi_ms[is_kind[intervals.afferent]]
-    first_ms = spike_trains.latencies_ms(touches, rate_Hz)[:, is_kind]
-    is_silent = np.isnan(first_ms).all(axis=1)
-    until_ms = 1e3 * touches.trial_steps / rate_Hz
-    latency_ms = np.where(is_silent, until_ms, np.where(np.isnan(first_ms), np.inf, first_ms).min(axis=1))
-    return {
-        ("spikes", "_per_s"): float(spike_trains.rates_Hz(touches, rate_Hz)[:, is_kind].sum(axis=1).mean()),
-        ("isi", "_ms"): float(isi_ms.mean()) if len(isi_ms) else None,
-        ("isi_sd", "_ms"): float(isi_ms.std()) if len(isi_ms) else None,
-        ("isi_least", "_ms"): float(isi_ms.min()) if len(isi_ms) else None,
-        ("silent_share", ""): float(is_silent.mean()),
-        ("latency", "_ms"): float(latency_ms.mean()),
-    }
-
-
-def isi_histograms(touches: Events, is_kind: np.ndarray, trains: SpikeTrains) -> tuple[np.ndarray, np.ndarray]:
-    """The intervals of one population, `(class, bin)`, and the bins' edges in ms.
-
-    The bins are the same for every encoder of these trials: from one step to the longest trial.
-    """
-    rate_Hz = trains.sampling_rate_Hz
-    edges_ms = (1e3 / rate_Hz) * isi_distributions.bin_edges(1, int(touches.trial_steps.max()))
-    intervals = spike_trains.isis_ms(touches, rate_Hz)
-    mine = is_kind[intervals.afferent]
-    labels = trains.labels[intervals.trial[mine]]
-    return isi_distributions.histograms(intervals.isi_ms[mine], labels, len(trains.classes), edges_ms), edges_ms
-
-
-def as_table(counts: np.ndarray, edges_ms: np.ndarray, classes: Sequence[str]) -> pd.DataFrame:
-    """One row per class and non-empty bin: the number of intervals, and their share of all intervals of the class."""
-    label, i = np.nonzero(counts)
-    n = counts[label, i]
-    columns = {"label": np.array(classes)[label], "isi_from_ms": edges_ms[i], "isi_to_ms": edges_ms[i + 1], "n": n}
-    return pd.DataFrame({**columns, "share": n / counts.sum(axis=1)[label]})

@@ -1,4 +1,5 @@
-"""Distributions of inter-spike intervals (ISIs) over bins that grow with the interval, and their overlap.
+"""Distributions of inter-spike intervals (ISIs) over bins that grow with the interval, and how far those of classes
+lie apart.
 
 The texture paper (Sec. III-A) uses them to choose the gains of its afferents: if the distributions of two gratings
 overlap, their spikes hardly distinguish them.
@@ -9,7 +10,6 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import entr
 
-from neurotact.errors import InputError
 from neurotact.metrics.spike_trains import Intervals
 
 BIN_RATIO = 1.3
@@ -27,40 +27,6 @@ def bin_edges(shortest: int, longest: int, ratio: float = BIN_RATIO) -> np.ndarr
     longest = max(longest, shortest + 1)
     n_bins = max(1, round(np.log(longest / shortest) / np.log(ratio)))
     return np.unique(np.round(np.geomspace(shortest, longest, n_bins + 1))) - 0.5
-
-
-def histograms(isi: np.ndarray, group: np.ndarray, n_groups: int, edges: np.ndarray) -> np.ndarray:
-    """Number of intervals of each group in each bin, `(group, bin)` int64; the last bin holds longer ones too.
-
-    isi, group: `(interval,)`, the interval in the unit of `edges` and the group that it belongs to.
-    Raises InputError for an interval below the first edge.
-
-    >>> histograms(np.array([2, 3, 9]), np.array([0, 0, 1]), 2, np.array([1.5, 4.5, 10.5])).tolist()
-    [[2, 0], [0, 1]]
-    """
-    if len(isi) and isi.min() < edges[0]:
-        raise InputError(f"intervals: one of {isi.min():g} is below the first edge, {edges[0]:g}; begin the bins lower")
-    n_bins = len(edges) - 1
-    bins = np.clip(np.searchsorted(edges, isi, side="right") - 1, 0, n_bins - 1)
-    return np.bincount(group * n_bins + bins, minlength=n_groups * n_bins).reshape(n_groups, n_bins)
-
-
-def overlap(counts: np.ndarray) -> float:
-    """The overlap of two groups' distributions, averaged over all pairs of groups.
-
-    1 if all are the same, 0 if no two share a bin. Groups without an interval have no distribution and are skipped;
-    NaN if fewer than two remain.
-
-    >>> overlap(np.array([[2, 2, 0], [0, 1, 1]]))
-    0.5
-    """
-    counts = np.asarray(counts, float)
-    with_intervals = counts[counts.sum(axis=1) > 0]
-    if len(with_intervals) < 2:
-        return float("nan")
-    shares = with_intervals / with_intervals.sum(axis=1, keepdims=True)
-    one, other = np.triu_indices(len(shares), k=1)
-    return float(np.minimum(shares[one], shares[other]).sum(axis=1).mean())
 
 
 def shares_of(isi_steps: Intervals, shape: tuple[int, int], edges: np.ndarray) -> np.ndarray:

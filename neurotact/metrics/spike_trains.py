@@ -143,41 +143,6 @@ def latencies_ms(spikes: Spikes, sampling_rate_Hz: float) -> np.ndarray:
     return latencies.reshape(len(trains.trial_steps), trains.n_afferents)
 
 
-def isi_mean_ms(spikes: Spikes, sampling_rate_Hz: float) -> np.ndarray:
-    """Mean inter-spike interval, `(trial, afferent)`; NaN if there is none.
-
-    >>> isi_mean_ms(np.array([[[1], [0], [1], [1]]]), sampling_rate_Hz=2000.0).tolist()
-    [[0.75]]
-    """
-    return _isi_moments(spikes, sampling_rate_Hz)[0]
-
-
-def isi_cv(spikes: Spikes) -> np.ndarray:
-    """Coefficient of variation of the inter-spike intervals, `(trial, afferent)`.
-
-    Standard deviation (of the population, ddof 0) over mean; 0 for a regular train, about 1 for a Poisson one.
-    NaN with fewer than two intervals. A feature in the texture paper's Table I.
-
-    >>> isi_cv(np.array([[[1], [0], [1], [1]]])).round(3).tolist()
-    [[0.333]]
-    """
-    mean, deviation, n_intervals = _isi_moments(spikes, 1.0)
-    return np.where(n_intervals < 2, np.nan, deviation / mean)
-
-
-def _isi_moments(spikes: Spikes, sampling_rate_Hz: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean, standard deviation and number of the intervals of each trial and afferent."""
-    trains = spikes if isinstance(spikes, Events) else events_of_raster(spikes)
-    shape = len(trains.trial_steps), trains.n_afferents
-    trial, afferent, isi = isis_ms(trains, sampling_rate_Hz)
-    group = trial * trains.n_afferents + afferent
-    n_intervals = np.bincount(group, minlength=shape[0] * shape[1])
-    some = np.where(n_intervals == 0, np.nan, n_intervals)
-    mean = np.bincount(group, isi, minlength=len(some)) / some
-    variance = np.bincount(group, (isi - mean[group]) ** 2, minlength=len(some)) / some
-    return mean.reshape(shape), np.sqrt(variance).reshape(shape), n_intervals.reshape(shape)
-
-
 def _sorted(trial: np.ndarray, unit: np.ndarray, step: np.ndarray, trial_steps: np.ndarray, n_afferents: int) -> Events:
     # One sort of one key is several times faster than an indirect sort of three.
     longest = int(trial_steps.max(initial=1))

@@ -48,6 +48,12 @@ class Synops(NamedTuple):
     total: np.ndarray
     total_feedforward: np.ndarray
 
+    @classmethod
+    def of(cls, into_hidden: np.ndarray, among_hidden: np.ndarray, into_readout: np.ndarray) -> "Synops":
+        """With both totals."""
+        feedforward = into_hidden + into_readout
+        return cls(into_hidden, among_hidden, into_readout, feedforward + among_hidden, feedforward)
+
     def __repr__(self) -> str:
         if np.isnan(self.total).any():
             return f"Synops({len(self.total)} windows; not counted)"
@@ -79,7 +85,7 @@ class _NetworkSpec(Protocol):
 
 
 class _Network(Protocol):
-    """A network as far as its spikes are counted, such as `networks.rsnn.RSNN`."""
+    """A network as far as its spikes are counted, such as `networks.definition.rsnn.RSNN`."""
 
     @property
     def spec(self) -> _NetworkSpec: ...
@@ -134,67 +140,25 @@ def synops(
     if n_hidden < 1 or n_readout < 1:
         raise InputError(f"synops: a network has at least one neuron a layer; got {n_hidden} and {n_readout}")
     n_among = n_hidden * recurrent if isinstance(recurrent, bool) else recurrent
-    return _with_totals(n_hidden * sent, n_among * hidden, n_readout * hidden)
-
-
-def of_fans(
-    input_counts: np.ndarray, hidden_counts: np.ndarray, fan_in: np.ndarray, fan_among: np.ndarray, fan_out: np.ndarray
-) -> Synops:
-    """SOPs of windows on a network whose neurons do not reach all others, such as a pruned one.
-
-    input_counts, hidden_counts: spikes of each neuron in each window, `(window, afferent)` and `(window, hidden)`.
-    fan_in: hidden neurons that each afferent reaches, `(afferent,)`; fan_among, fan_out: hidden neurons and readout
-    neurons that each hidden neuron reaches, `(hidden,)`.
-
-    >>> found = of_fans(np.array([[3, 1]]), np.array([[2]]), np.array([1, 0]), np.array([1]), np.array([5]))
-    >>> [int(part[0]) for part in found]
-    [3, 2, 10, 15, 13]
-    """
-    return _with_totals(input_counts @ fan_in, hidden_counts @ fan_among, hidden_counts @ fan_out)
-
-
-def _with_totals(into_hidden: np.ndarray, among_hidden: np.ndarray, into_readout: np.ndarray) -> Synops:
-    feedforward = into_hidden + into_readout
-    return Synops(into_hidden, among_hidden, into_readout, feedforward + among_hidden, feedforward)
-
-
-def to_table(
-    *,
-    labels: Sequence | np.ndarray,
-    predicted: Sequence | np.ndarray,
-    steps: np.ndarray,
-    input_spikes: np.ndarray,
-    hidden_spikes: np.ndarray,
-    n_hidden: int,
-    n_readout: int,
-    recurrent: bool | int,
-    trials: np.ndarray | None = None,
-) -> pd.DataFrame:
-    """The SOP report: one row per window, with the columns of `COLUMNS`.
-
-    labels, predicted: classes of each window, names or indices alike, `(window,)`.
-    steps: simulated steps of each window; input_spikes, hidden_spikes, recurrent: as for `synops`.
-    trials: number of the trial that each window was cut from, `(window,)`; 0, 1, ... when absent.
-
-    >>> table = to_table(labels=["a"], predicted=["b"], steps=[300], input_spikes=[10], hidden_spikes=[4],
-    ...                  n_hidden=30, n_readout=8, recurrent=True)
-    >>> table[["label", "predicted", "sops_input", "sops_recurrent", "sops_readout"]].values.tolist()
-    [['a', 'b', 300, 120, 32]]
-    """
-    operations = synops(input_spikes, hidden_spikes, n_hidden, n_readout, recurrent=recurrent)
-    return table_of(operations, labels, predicted, steps, input_spikes, hidden_spikes, trials)
+    return Synops.of(n_hidden * sent, n_among * hidden, n_readout * hidden)
 
 
 def table_of(
     operations: Synops,
     labels: Sequence | np.ndarray,
     predicted: Sequence | np.ndarray,
-    steps: np.ndarray,
+    steps: Sequence | np.ndarray,
     input_spikes: np.ndarray,
     hidden_spikes: np.ndarray,
     trials: np.ndarray | None = None,
 ) -> pd.DataFrame:
-    """As `to_table`, from operations that are counted, or NaN as `hidden_spikes` then are."""
+    """The SOP report: one row per window, with the columns of `COLUMNS`.
+
+    operations: NaN where they are not counted, as `hidden_spikes` then are.
+    labels, predicted: classes of each window, names or indices alike, `(window,)`.
+    steps: simulated steps of each window; input_spikes, hidden_spikes: as for `synops`.
+    trials: number of the trial that each window was cut from, `(window,)`; 0, 1, ... when absent.
+    """
     n_windows = len(operations.total)
     named = np.arange(n_windows) if trials is None else np.asarray(trials)
     given = (named, np.asarray(labels), np.asarray(predicted), _counts(steps, "steps of"))
@@ -213,8 +177,9 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
     `side` is summarised side by side, in the order from the most seen to the least: its `all` rows stand within a
     side, since one accuracy over training and test windows means nothing.
 
-    >>> table = to_table(labels=["a", "b"], predicted=["b", "b"], steps=[300, 100], input_spikes=[10, 0],
-    ...                  hidden_spikes=[4, 0], n_hidden=30, n_readout=8, recurrent=True)
+    >>> sent, hidden = np.array([10, 0]), np.array([4, 0])
+    >>> operations = synops(sent, hidden, n_hidden=30, n_readout=8, recurrent=True)
+    >>> table = table_of(operations, ["a", "b"], ["b", "b"], [300, 100], sent, hidden)
     >>> summary(table)[["label", "windows", "accuracy", "steps", "sops_total"]].values.tolist()
     [['a', 1, 0.0, 300.0, 452.0], ['b', 1, 1.0, 100.0, 0.0], ['all', 2, 0.5, 200.0, 226.0]]
     """

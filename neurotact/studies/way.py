@@ -104,22 +104,6 @@ class Listed(NamedTuple):
     rows: pd.DataFrame
 
 
-class TaskData(NamedTuple):
-    """A recognition task as inputs for every family of classifiers.
-
-    features: `(example, feature)`, the inputs of the paper's classifiers, not standardised.
-    sequences: `(example, time, channel)` float32, the conditioned signal in `unit`, at `sampling_rate_Hz`.
-    labels: `(example,)` class names; groups: `(example,)`, examples of one group stay on one side of a split.
-    """
-
-    features: np.ndarray
-    sequences: np.ndarray
-    sampling_rate_Hz: float
-    unit: str
-    labels: np.ndarray
-    groups: np.ndarray
-
-
 class _Way(Protocol):
     """The contents of the module of a way.
 

@@ -4,6 +4,7 @@ Features and sequences are standardised on training examples; sequences are firs
 """
 
 import numpy as np
+from neurotact_parts.studies.task_data import TaskData
 from sklearn.preprocessing import StandardScaler
 
 from neurotact.baselines import opponent
@@ -13,7 +14,6 @@ from neurotact.baselines.opponents import MOST_SAMPLES, gru_steps
 from neurotact.data.splits import Split
 from neurotact.metrics.flops import Layer
 from neurotact.metrics.signal_flops import Averaging, StandardisedSteps
-from neurotact.studies.way import TaskData
 
 STEPS = 50
 """Steps of the input sequences of LSTM and GRU."""

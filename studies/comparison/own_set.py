@@ -55,7 +55,7 @@ class Touches(NamedTuple):
 
 
 def own(path: Path, given: Mapping[str, Any]) -> Own:
-    """The study of a file in place of its sets; see `studies.way.Way`.
+    """The study of a file in place of its sets; see `neurotact/studies/way.py`.
 
     Keys that begin with `window.` and `conditioning.`, those of `automatic.OPEN`, `split.group`, the choice of trials
     (`where`, `leave_out`) and the seeds of splits (`repeats`) apply to the file's set. Raises InputError for a file

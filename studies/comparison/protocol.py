@@ -15,6 +15,7 @@ from neurotact_parts.studies.comparison import families, figures
 from neurotact_parts.studies.comparison import spiking as spiking_family
 from neurotact_parts.studies.comparison.skipped import SKIPPED, left_out, of_run, skipped_row
 from neurotact_parts.studies.comparison.tasks import at_most, slowed, source_of, split_groups
+from neurotact_parts.studies.task_data import TaskData
 from pydantic import Field, field_validator
 
 from neurotact.baselines.opponent import accuracy, best_of, named
@@ -24,7 +25,7 @@ from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import FLOPS, LEDGER_COLUMNS, Cost, Standardise, cost
 from neurotact.metrics.prices import ACCESSES, ARITHMETIC_45NM
 from neurotact.spec import Spec, build
-from neurotact.studies.way import Arrays, TaskData, View, heads
+from neurotact.studies.way import Arrays, View, heads
 
 COUNTED = (*FLOPS, "parameters", "bytes", *ACCESSES, "states_bytes", "buffers_bytes")
 

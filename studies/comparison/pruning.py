@@ -8,7 +8,6 @@ import torch
 from torch import Tensor
 
 from neurotact.errors import InputError
-from neurotact.metrics import synops
 from neurotact.metrics.synops import Synops
 from neurotact.networks.definition.rsnn import RSNN
 
@@ -79,4 +78,5 @@ def remaining_synops(network: RSNN, spikes: Tensor) -> Synops:
     readout = network.readout_weights.reshape(-1, *network.w_out.shape).ne(0).any(dim=0)
     into, out = (weights.detach().count_nonzero(dim=1).cpu().numpy() for weights in (network.w_in, readout))
     recurrent = 0 * out if network.w_rec is None else network.w_rec.detach().count_nonzero(dim=1).cpu().numpy()
-    return synops.of_fans(inputs.cpu().numpy(), hidden.round().long().cpu().numpy(), into, recurrent, out)
+    received, sent = inputs.cpu().numpy(), hidden.round().long().cpu().numpy()
+    return Synops.of(received @ into, sent @ recurrent, sent @ out)

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from neurotact_parts.studies.task_data import TaskData
 
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.spikes import SpikeTrains
@@ -21,7 +22,6 @@ from neurotact.networks.training import trainer
 from neurotact.networks.training.tasks import Sides, Task
 from neurotact.networks.use import measuring
 from neurotact.networks.use.ledger import Afferents, network_cost
-from neurotact.studies.way import TaskData
 
 TRIED = (RSNNSpec(recipe="default", hidden=30), RSNNSpec(recipe="default", hidden=50))
 """Candidate networks, from which validation accuracy chooses: the default recipe in two sizes."""

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from neurotact_parts.studies.compliance import simulator as compliance
 from neurotact_parts.studies.compliance.flops import CurveFeatures, TactileMoments
+from neurotact_parts.studies.task_data import TaskData
 from neurotact_parts.studies.texture import reader as fabricslide
 from neurotact_parts.studies.texture import simulator as gratings
 from neurotact_parts.studies.touch_modality import protocol as touch_modality
@@ -25,7 +26,7 @@ from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost, Layer, Moments, MovingAverage, changed, in_registers, passed, with_weights
 from neurotact.metrics.signal_flops import Averaging, BaselineRemoval, Interpolation
 from neurotact.spec import Spec
-from neurotact.studies.way import TaskData, module_of
+from neurotact.studies.way import module_of
 
 CLOCK_HZ = 1000.0
 """Sequences of a higher rate are averaged to it; afferents run on this clock."""

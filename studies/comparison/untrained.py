@@ -13,6 +13,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from neurotact_parts.studies.comparison import remedy_answers, touch_sets
 from neurotact_parts.studies.comparison.remedy_answers import CEILING, DEFAULT, NETWORK, NOTHING
+from neurotact_parts.studies.comparison.set_arrays import from_arrays
 from neurotact_parts.studies.comparison.skipped import SKIPPED, skipped_row
 from neurotact_parts.studies.comparison.touch_sets import TouchData
 from pydantic import Field, model_validator
@@ -24,7 +25,6 @@ from neurotact.baselines.opponents import Cuts, Input
 from neurotact.data import hdf5
 from neurotact.data.augmentation import NONE, AugmentationSpec
 from neurotact.data.copies import copies_of
-from neurotact.data.dataset import from_arrays
 from neurotact.data.digests import content_digest
 from neurotact.data.recordings import LABEL, Recordings, class_indices
 from neurotact.data.spikes import SpikeTrains
@@ -334,7 +334,7 @@ def _halved(recordings: Recordings, parameters: Parameters) -> Recordings:
 
 
 def own(path: Path, given: Mapping[str, Any]) -> Own:
-    """The study of a file in place of its sets; see `studies.way.Way`.
+    """The study of a file in place of its sets; see `neurotact/studies/way.py`.
 
     The condition and its values are those of `leave_out_each`. Keys that begin with `window.`, the choice of trials
     (`where`, `leave_out`) and the number of seeds (`repeats`) apply to the file. Raises InputError without a condition,

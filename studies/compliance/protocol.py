@@ -18,6 +18,7 @@ from neurotact_parts.studies.compliance.flops import CurveFeatures, Projection, 
 from neurotact_parts.studies.compliance.fpga_resources import published_accuracy
 from neurotact_parts.studies.compliance.simulator import CHANNELS, SENSORS, ComplianceSpec, simulate, skin_of
 from neurotact_parts.studies.compliance.tactile_moments import NAMES, moment_weights
+from neurotact_parts.studies.task_data import TaskData
 from pydantic import Field
 from sklearn.decomposition import PCA
 
@@ -25,7 +26,7 @@ from neurotact.data.splits import SplitSpec, split_trials
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import Cost, Layer, NearestPoints, cost
 from neurotact.spec import Spec
-from neurotact.studies.way import Arrays, TaskData, View, heads
+from neurotact.studies.way import Arrays, View, heads
 
 TEST_SHARE = 673 / 1974
 """673 of 1974 vectors are test vectors (compliance paper, Sec. 5.1)."""

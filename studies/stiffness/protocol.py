@@ -11,6 +11,7 @@ from neurotact_parts.studies.stiffness import simulator as grasps
 from neurotact_parts.studies.stiffness.moments import peak_features
 from neurotact_parts.studies.stiffness.peaks import PeakSpec, find_peaks
 from neurotact_parts.studies.stiffness.slfn_chain import SLFNSpec, choices, unit_cost
+from neurotact_parts.studies.task_data import TaskData
 from pydantic import Field
 
 from neurotact.data.conditioning import ema
@@ -19,7 +20,7 @@ from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import FLOPS
 from neurotact.spec import Spec
-from neurotact.studies.way import Arrays, TaskData, View, heads
+from neurotact.studies.way import Arrays, View, heads
 
 Rule = Literal["honest", "paper", "by placement"]
 

@@ -15,6 +15,7 @@ from neurotact_parts.studies.stiffness import reader as cubes
 from neurotact_parts.studies.stiffness.moments import moments
 from neurotact_parts.studies.stiffness.peaks import PeakSpec, find_peaks
 from neurotact_parts.studies.stiffness.slfn_chain import SLFNSpec, choices, unit_cost
+from neurotact_parts.studies.task_data import TaskData
 from pydantic import Field
 
 from neurotact.data.conditioning import ema, ema_coefficient
@@ -33,7 +34,7 @@ from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import tasks, trainer
 from neurotact.networks.use import ledger, measuring
 from neurotact.spec import Spec
-from neurotact.studies.way import Arrays, TaskData, View, heads
+from neurotact.studies.way import Arrays, View, heads
 
 SET_OF: dict[int, FeatureSet] = {1: "4F", 2: "8F", 4: "16F"}
 """Moments per channel (mean; with deviation; with skewness and kurtosis), by the paper's names for four channels."""

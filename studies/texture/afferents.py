@@ -11,17 +11,17 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from neurotact_parts.studies.texture import gain_figures
+from neurotact_parts.studies.texture import firing, gain_figures
 
 from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
-from neurotact.encoders.sensitivity import pair_of
-from neurotact.encoders.specs import populations, t_ref_pair_ms
+from neurotact.encoders.sensitivity import sensitivities_of, value_of
+from neurotact.encoders.specs import EncoderSpec, populations, t_ref_pair_ms
 from neurotact.errors import InputError
 from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
 from neurotact.files import existing, scratch, write_json
-from neurotact.metrics import firing, isi_distributions
+from neurotact.metrics.firing import touch_spikes
 from neurotact.report import page, ways
 from neurotact.report.encoding_drawings import name_classes
 from neurotact.report.tables import first_spikes, with_pair
@@ -75,7 +75,7 @@ def run(cell: Cell, trains: SpikeTrains, kept: Path | None = None, tells: bool =
     """The files of a cell without a network: `result.json` with its row, `isi.csv`, `timing.json`."""
     began = perf_counter()
     chosen = trains.select(select_conditions(trains.conditions, cell.subset))
-    touches = firing.touch_spikes(chosen, cell.window.start_ms)
+    touches = touch_spikes(chosen, cell.window.start_ms)
     row: dict[str, Any] = {
         "dataset": cell.dataset,
         **periods(cell),
@@ -83,14 +83,14 @@ def run(cell: Cell, trains: SpikeTrains, kept: Path | None = None, tells: bool =
     }
     parts = []
     names = [population.name for population in populations(cell.encoder)]
-    pairs = zip((names[0], " and ".join(names[1:])), pair_of(cell.encoder), t_ref_pair_ms(cell.encoder), strict=True)
+    pairs = zip((names[0], " and ".join(names[1:])), _pair_of(cell.encoder), t_ref_pair_ms(cell.encoder), strict=True)
     for (_, kind, _), (name, gain, t_ref_ms) in zip(POPULATIONS, pairs, strict=True):
         is_kind = chosen.is_sa if kind == "sa" else ~chosen.is_sa
         row |= {
             f"{what}_{kind}{unit}": value for (what, unit), value in firing.measures(touches, is_kind, chosen).items()
         }
         counts, edges_ms = firing.isi_histograms(touches, is_kind, chosen)
-        common = isi_distributions.overlap(counts)
+        common = firing.overlap(counts)
         row[f"isi_overlap_{kind}"] = None if np.isnan(common) else common
         table = firing.as_table(counts, edges_ms, chosen.classes)
         table.insert(0, "population", name)
@@ -139,7 +139,7 @@ def write(study: StudySpec, folder: Path) -> Path:
     done = [cell for cell in every if is_done(folder, cell)]
     results = with_pair(read_table(folder / "results.csv"), study)
     results = results.assign(
-        gain_sa=[pair_of(cell.encoder)[0] for cell in done], gain_ra=[pair_of(cell.encoder)[1] for cell in done]
+        gain_sa=[_pair_of(cell.encoder)[0] for cell in done], gain_ra=[_pair_of(cell.encoder)[1] for cell in done]
     )
     encoding = with_pair(read_encoding(folder / "encoding.csv"), study)
     isi = _read_isi(existing(folder / ISI))
@@ -222,3 +222,14 @@ def _ends(rows: pd.DataFrame) -> str:
 
 ENGINE = networks.ENGINE._replace(cells=cells_of, run=run, tables=tables, report=write)
 """The entry point `afferents` of the group `neurotact.ways`."""
+
+
+def _pair_of(encoder: EncoderSpec) -> tuple[float, float]:
+    """The gains or thresholds of the first two populations; both are the same where they share one.
+
+    >>> from neurotact.encoders.specs import load
+    >>> _pair_of(load("sa1-ra1-lif"))
+    (3.2, 16.0)
+    """
+    values = [value_of(encoder, sensitivity) for sensitivity in sensitivities_of(encoder)]
+    return values[0], values[min(1, len(values) - 1)]

@@ -8,13 +8,14 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
+from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
+from matplotlib.colors import LogNorm, to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, PercentFormatter
 
 from neurotact.figures.encoding import POPULATIONS, Classes
-from neurotact.figures.style import INK, MUTED, add_legend, class_colours, new_figure, printed, sequence, series_style
+from neurotact.figures.style import INK, MUTED, SERIES, add_legend, new_figure, printed, sequence, series_style
 
 COMPROMISE = (
     ("isi_overlap_{}", "overlap of the ISIs\nof two classes", 1.0),
@@ -97,7 +98,7 @@ def over_gain_and_t_ref(rows: pd.DataFrame, kind: str, column: str) -> pd.DataFr
 def _paint_distributions(axes: Axes, rows: pd.DataFrame, classes: Classes) -> None:
     edges = np.unique(np.concatenate([rows["isi_from_ms"], rows["isi_to_ms"]]))
     middles = np.sqrt(edges[1:] * edges[:-1])
-    shades = sequence(len(classes.order)) if classes.are_ordered else class_colours(len(classes.order))
+    shades = sequence(len(classes.order)) if classes.are_ordered else _class_colours(len(classes.order))
     for label, shade in zip(classes.order, shades, strict=True):
         mine = rows[rows["label"] == label].set_index("isi_from_ms")["share"]
         axes.plot(middles, mine.reindex(edges[:-1], fill_value=0.0), color=shade, label=classes.short[label], lw=1.0)
@@ -137,3 +138,16 @@ def _name_gains(axes: Axes, gains: Sequence[float]) -> None:
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set_xticks(list(gains), [f"{gain:g}" for gain in gains])
     axes.tick_params(axis="x", color=MUTED)
+
+
+def _class_colours(n: int) -> list[str]:
+    """Colours of unordered classes: those of the style if enough, then up to twenty distinct ones, then a scale.
+
+    >>> len(set(class_colours(20)))
+    20
+    """
+    if n <= len(SERIES):
+        return [colour for colour, _ in SERIES[:n]]
+    if n <= 20:  # the ten strong colours before the ten pale ones
+        return [to_hex(colormaps["tab20"](2 * (i % 10) + i // 10)) for i in range(n)]
+    return [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 0.95, n))]

@@ -11,11 +11,12 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
+from neurotact_parts.exporters.live.finger import Control, Finger
 from neurotact_parts.studies.memory import check_room
 from pydantic import Field, model_validator
 from scipy.signal import lfilter
 
-from neurotact.data.dataset import Control, Finger, Simulator
+from neurotact.data.dataset import Simulator
 from neurotact.data.recordings import Recordings
 from neurotact.spec import Spec
 

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 from neurotact_parts.opponents.pooled_gru import GRU
 from neurotact_parts.studies.published_flops import TOUCH_MODALITY_FLOPS
+from neurotact_parts.studies.task_data import TaskData
 from neurotact_parts.studies.touch_modality import figures
 from neurotact_parts.studies.touch_modality.datasets import STEP_COUNTS, TOUCH_SAMPLES, dataset_c, window_bounds
 from neurotact_parts.studies.touch_modality.folds import Fold
@@ -24,7 +25,7 @@ from neurotact.data.conditioning import ema, ema_coefficient, fit_standardisatio
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import Cost, Dense, Moments, cost
 from neurotact.spec import Spec
-from neurotact.studies.way import Arrays, TaskData, View, heads
+from neurotact.studies.way import Arrays, View, heads
 
 AtLeastOne = Annotated[int, Field(ge=1)]
 

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from lif_intervals import lif_isi_steps
 
 from neurotact.encoders.afferents import AfferentSpec, AfferentType, encode
 from neurotact.encoders.specs import afferent_names
 from neurotact.errors import InputError
-from neurotact.neurons import lif_isi_steps
 
 RATE_HZ = 2000.0
 

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import torch
+from costs import sops_table
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
@@ -210,7 +211,7 @@ def test_the_energy_of_a_decision_is_that_of_the_cost_ledger():
     from neurotact.metrics import synops
 
     decision, network = scored.decision, chain.network
-    table = synops.to_table(
+    table = sops_table(
         labels=["a"], predicted=["a"], steps=np.array([decision.steps]), input_spikes=np.array([decision.input_spikes]),
         hidden_spikes=np.array([decision.hidden_spikes]), n_hidden=network.spec.hidden, n_readout=network.n_classes,
         recurrent=network.spec.recurrent,

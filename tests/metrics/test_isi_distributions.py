@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.studies.texture.firing import histograms, overlap
 
 from neurotact.errors import InputError
-from neurotact.metrics.isi_distributions import bin_edges, histograms, overlap
+from neurotact.metrics.isi_distributions import bin_edges
 
 some_counts = st.lists(st.lists(st.integers(0, 20), min_size=4, max_size=4), min_size=2, max_size=5).map(np.array)
 

@@ -3,13 +3,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.studies.texture.spike_features import isi_cv, isi_mean_ms
 
 from neurotact.errors import InputError
 from neurotact.metrics.spike_trains import (
     events,
     events_of_raster,
-    isi_cv,
-    isi_mean_ms,
     isis_ms,
     latencies_ms,
     rates_Hz,

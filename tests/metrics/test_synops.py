@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 import torch
+from costs import sops_table
 
 from neurotact.errors import InputError
-from neurotact.metrics.synops import COLUMNS, summary, synops, to_table
+from neurotact.metrics.synops import COLUMNS, summary, synops
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 
@@ -26,7 +27,7 @@ def table(**changes):
         "n_readout": 4,
         "recurrent": True,
     }
-    return to_table(**{**given, **changes})
+    return sops_table(**{**given, **changes})
 
 
 def test_sops_counted_by_hand():

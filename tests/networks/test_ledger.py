@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from costs import sops_table
 
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders import specs as encoders
@@ -18,7 +19,7 @@ SMOOTHED = {"model": "lif", "conditioning": {"ema_cutoff_Hz": 30.0, "baseline": 
 
 def test_a_network_by_hand():
     # 2 afferents, 3 hidden neurons, 4 readouts, 10 steps; 5 input spikes and 2 hidden ones: 15 + 6 + 8 SOPs.
-    table = synops.to_table(
+    table = sops_table(
         labels=["a"], predicted=["a"], steps=[10], input_spikes=[5], hidden_spikes=[2], n_hidden=3, n_readout=4,
         recurrent=True,
     )  # fmt: skip

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from neurotact_parts.encoders.poisson import PoissonSpec, PoissonType, encode
-
-from neurotact.metrics.spike_trains import isi_cv
+from neurotact_parts.studies.texture.spike_features import isi_cv
 
 RATE_HZ = 2000.0
 

@@ -41,7 +41,7 @@ def train(
     """Train the networks of a spec, and keep one or join them; the network, and the log of all of them.
 
     new: is called for each network. spec: with the choices of its recipe. first: the seeds of the first network.
-    progress, start, keep: as for `training.train`.
+    progress, start, keep: as for `epochs.train`.
     Raises InputError as that does.
     """
     series, gain = _Series(training, validation, progress, start, keep), None

@@ -58,7 +58,7 @@ def fit(
     """Train a network, or several that are joined; two seeds (initial weights, order of trials) determine every number.
 
     split: replaces the split that the task draws.
-    start: a checkpoint to continue from. keep: called with a checkpoint after each epoch (see `training.train`).
+    start: a checkpoint to continue from. keep: called with a checkpoint after each epoch (see `epochs.train`).
     Warns if no training window holds a spike: the network then learns nothing.
     """
     sides = sides_of(trains, task, split)

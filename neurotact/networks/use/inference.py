@@ -25,7 +25,7 @@ def infer(
 ) -> pd.DataFrame:
     """Decide every window of some spike trains: the SOP report, one row per window.
 
-    Columns: those of `synops.to_table`, with class names in `label` and `predicted`; and `side`, the side of the split
+    Columns: those of `synops.table_of`, with class names in `label` and `predicted`; and `side`, the side of the split
     that had the window's trial: training, validation, test or unseen; "unknown" of a network that was fitted in memory.
 
     test_only: leave out all trials but the network's own test trials.

@@ -8,6 +8,7 @@ from neurotact_parts.studies.comparison import families
 from neurotact_parts.studies.comparison import spiking as spiking_family
 from neurotact_parts.studies.comparison.tasks import level_spread_rate, split_groups
 from neurotact_parts.studies.materials import rls
+from neurotact_parts.studies.task_data import TaskData
 from neurotact_parts.studies.texture import baselines as texture_baselines
 from neurotact_parts.studies.touch_modality import recurrent
 
@@ -16,7 +17,6 @@ from neurotact.baselines.opponent import Sides, accuracy, best_of
 from neurotact.data.splits import Split
 from neurotact.metrics import flops
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.studies.way import TaskData
 
 
 def tapped(n=60, seed=0, steps=200):

@@ -18,6 +18,7 @@ from neurotact_parts.studies.comparison.tasks import (
     source_of,
     split_groups,
 )
+from neurotact_parts.studies.task_data import TaskData
 from neurotact_parts.studies.texture.simulator import GratingsSpec
 from neurotact_parts.studies.touch_modality.datasets import TOUCH_SAMPLES
 
@@ -25,7 +26,6 @@ from neurotact.errors import InputError
 from neurotact.metrics.flops import cost
 from neurotact.metrics.signal_flops import Averaging, StandardisedSteps
 from neurotact.spec import build
-from neurotact.studies.way import TaskData
 
 
 def made_task(n=60, steps=30, rate_Hz=1000.0, per_group=3):

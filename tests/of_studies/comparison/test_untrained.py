@@ -20,10 +20,10 @@ from neurotact_parts.studies.comparison.remedy_answers import (
     draw_points,
     points,
 )
+from neurotact_parts.studies.comparison.set_arrays import as_arrays, from_arrays, joined
 from neurotact_parts.studies.comparison.untrained import HALF, Parameters
 
 from neurotact.data import hdf5
-from neurotact.data.dataset import as_arrays, from_arrays, joined
 from neurotact.data.splits import split_conditions
 from neurotact.errors import InputError
 from neurotact.spec import build

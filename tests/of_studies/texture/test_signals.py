@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from lif_intervals import lif_isi_steps
 from neurotact_parts.studies.texture.same_drive import SameDriveSpec, same_drive_table, threshold_gap
 from neurotact_parts.studies.texture.signals import principal_frequency, signal_table
 from neurotact_parts.studies.texture.simulator import GratingsSpec, simulate
 
 from neurotact.data.recordings import Recordings
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.neurons import lif_isi_steps
 from neurotact.spec import load
 
 ENCODER = load(AfferentSpec, "sa1-ra1-lif")

@@ -144,7 +144,9 @@ def test_the_distances_are_those_of_elephant(density):
 def test_the_statistics_are_those_of_elephant():
     statistics = pytest.importorskip("elephant.statistics")
     pq, neo = pytest.importorskip("quantities"), pytest.importorskip("neo")
-    from neurotact.metrics.spike_trains import isi_cv, isi_mean_ms, rates_Hz
+    from neurotact_parts.studies.texture.spike_features import isi_cv, isi_mean_ms
+
+    from neurotact.metrics.spike_trains import rates_Hz
 
     raster = (np.random.default_rng(3).random((8, 400, 1)) < 0.04).astype(np.uint8)
     theirs = [neo.SpikeTrain(np.flatnonzero(r[:, 0]) / RATE_HZ * pq.s, t_stop=0.2 * pq.s) for r in raster]
