@@ -4,12 +4,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from neurotact_parts.opponents.kernel_machines import SupportVectorMachines
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.svm import SVC
 
 from neurotact.baselines.opponent import Opponent, Settings, Sides
-from neurotact.metrics.flops import Cost, Dense, Layer, NearestPoints, SupportVectorMachines, passed, with_weights
+from neurotact.metrics.flops import Cost, Dense, Layer, NearestPoints, passed, with_weights
 from neurotact.metrics.linear import linear
 
 LINEAR_CS = (1.0, 0.01, 0.1, 10.0, 100.0)

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
+from neurotact_parts.opponents.kernel_machines import RBFExpansion
 from neurotact_parts.opponents.targets import MachinesMixin, encode, signed
 from numpy.typing import ArrayLike
 from scipy import linalg
@@ -11,7 +12,7 @@ from sklearn.metrics.pairwise import rbf_kernel
 
 from neurotact.baselines.opponent import Opponent, Settings, Sides
 from neurotact.checks import at_least, further_examples, training_examples
-from neurotact.metrics.flops import Layer, RBFExpansion
+from neurotact.metrics.flops import Layer
 
 
 class RLSClassifier(MachinesMixin, ClassifierMixin, BaseEstimator):
