@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
+from neurotact_parts.opponents import rounding
 from neurotact_parts.opponents.kernel_machines import RBFExpansion
 from neurotact_parts.opponents.targets import MachinesMixin, encode, signed
 from numpy.typing import ArrayLike
@@ -94,5 +95,6 @@ OPPONENT = Opponent(
     _grid,
     layers=_layers,
     words=lambda fitted: f"sigma {fitted.sigma:.3g}, alpha {fitted.alpha:g}",
+    rounded=rounding.weights,
     joins="named",
 )
