@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from typing import Literal
 
 import numpy as np
+from neurotact_parts.opponents import rounding
 from neurotact_parts.opponents.ridge_path import decompose
 from neurotact_parts.opponents.targets import MachinesMixin, encode, signed
 from numpy.typing import ArrayLike
@@ -127,4 +128,5 @@ ELM = Opponent(
     _elm_grid,
     layers=_elm_layers,
     words=lambda fitted: f"N {fitted.hidden}, alpha {fitted.alpha:g}",
+    rounded=rounding.weights,
 )

@@ -1,11 +1,13 @@
 """MiniRocket: shares of positive values of many fixed convolutions, and a ridge classifier on them."""
 
+import copy
 from dataclasses import dataclass
 from itertools import combinations, groupby
 from typing import NamedTuple
 
 import numpy as np
 import torch
+from neurotact_parts.opponents import rounding
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.linear_model import RidgeClassifierCV
@@ -14,7 +16,7 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
-from neurotact.baselines.opponent import Opponent
+from neurotact.baselines.opponent import Opponent, rounded
 from neurotact.checks import at_least, sequences, trial_labels
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost, Dense, Layer, Standardise, passed, with_weights
@@ -243,6 +245,17 @@ def _minirocket_layers(fitted: MiniRocketClassifier, x: np.ndarray) -> tuple[Lay
     return made, Standardise(fitted.features), Dense(fitted.features, len(fitted.classes_))
 
 
+def _rounded(fitted: MiniRocketClassifier, x: np.ndarray, bits: int) -> MiniRocketClassifier:
+    narrow, convolutions = copy.copy(fitted), fitted.transform_.convolutions_
+    every = np.concatenate([one.biases for one in convolutions])
+    narrow.transform_ = copy.copy(fitted.transform_)
+    narrow.transform_.convolutions_ = [
+        one._replace(biases=rounded(one.biases, 2 * bits, of=every)) for one in convolutions
+    ]
+    narrow.ridge_ = rounding.last_step(fitted.ridge_, x, bits)
+    return narrow
+
+
 MINIROCKET = Opponent(
     "MiniRocket of the published size.",
     MiniRocketClassifier,
@@ -250,6 +263,7 @@ MINIROCKET = Opponent(
     "signals",
     _minirocket_layers,
     lambda fitted: f"{fitted.features} features",
+    _rounded,
     least_steps=KERNEL,
 )
 """One candidate: it costs seconds to fit, and a smaller one loses up to 2 points."""

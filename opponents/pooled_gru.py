@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from neurotact_parts.opponents import rounding
 from neurotact_parts.opponents.targets import encode, indices_of
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClassifierMixin
@@ -212,5 +213,6 @@ POOLED_GRU = Opponent(
     "sequences",
     _gru_layers,
     lambda fitted: f"N {fitted.hidden}, {fitted.epochs_} epochs",
+    rounded=rounding.module,
     joins="all",
 )

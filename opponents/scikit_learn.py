@@ -4,12 +4,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from neurotact_parts.opponents import rounding
+from neurotact_parts.opponents.kernel_machines import SupportVectorMachines
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.svm import SVC
 
 from neurotact.baselines.opponent import Opponent, Settings, Sides
-from neurotact.metrics.flops import Cost, Dense, Layer, NearestPoints, SupportVectorMachines, passed, with_weights
+from neurotact.metrics.flops import Cost, Dense, Layer, NearestPoints, passed, with_weights
 from neurotact.metrics.linear import linear
 
 LINEAR_CS = (1.0, 0.01, 0.1, 10.0, 100.0)
@@ -27,6 +29,7 @@ LOGISTIC_REGRESSION = Opponent(
     linear,
     [{"C": c} for c in LINEAR_CS],
     layers=lambda fitted, x: (Dense(x.shape[1], len(fitted.classes_)),),
+    rounded=rounding.last_step,
     joins="linear",
 )
 
@@ -51,6 +54,7 @@ SVM = Opponent(
     _svm_grid,
     layers=_svm_layers,
     words=_svm_words,
+    rounded=rounding.machines,
     is_ordered=False,
     most_examples=MOST_MACHINES,
 )
@@ -93,6 +97,7 @@ EXTRA_TREES = Opponent(
     lambda sides, seed: [{"n_estimators": TREES, "min_samples_leaf": leaf} for leaf in LEAVES],
     layers=_trees_layers,
     words=lambda fitted: f"{fitted.n_estimators} trees, leaves of {fitted.min_samples_leaf}",
+    rounded=rounding.forest,
 )
 
 
@@ -102,5 +107,6 @@ KNN = Opponent(
     [{"n_neighbors": k} for k in (1, 3, 5, 9)],
     layers=lambda fitted, x: (NearestPoints(len(x), x.shape[1], fitted.n_neighbors),),
     words=lambda fitted: f"k {fitted.n_neighbors}",
+    rounded=rounding.examples,
     joins="named",
 )

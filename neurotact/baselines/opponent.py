@@ -4,6 +4,7 @@ An opponent is a part of the group `opponents` (`docs/plugins.md`), as those tha
 """
 
 import inspect
+import math
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -12,6 +13,7 @@ from functools import partial
 from typing import Any, Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 from sklearn.exceptions import ConvergenceWarning
 
 from neurotact import plugins
@@ -89,6 +91,8 @@ class Opponent:
     layers: of a decision, for the ledger of costs, from the fitted estimator and its training input. Without it the
         cost is not counted: no sentence compares it, and none takes it for zero.
     words: the settings in words, from the fitted estimator.
+    rounded: a copy of the fitted estimator whose parameters are whole numbers of so many bits times a step (`rounded`),
+        from it, its training input and the bits. Without it, tables say "not rounded".
     joins: studies whose `baselines` are `linear`, `quick` or `all` fit it; `named`: those that ask for it by name.
     is_ordered: False where a grid need not begin with the cheapest: then all are fitted, and the cheapest of the most
         accurate is chosen.
@@ -109,6 +113,7 @@ class Opponent:
     takes: Takes = "features"
     layers: Callable[[Any, np.ndarray], tuple[Layer, ...]] | None = None
     words: Callable[[Any], str] | None = None
+    rounded: Callable[[Any, np.ndarray, int], Any] | None = None
     joins: Joins = "quick"
     is_ordered: bool = True
     most_examples: int | None = None
@@ -117,7 +122,7 @@ class Opponent:
     def __post_init__(self) -> None:
         one_of("takes", self.takes, get_args(Takes))
         one_of("joins", self.joins, get_args(Joins))
-        for name in ("build", "layers", "words"):
+        for name in ("build", "layers", "words", "rounded"):
             value = getattr(self, name)
             if not callable(value) and (value is not None or name == "build"):
                 raise InputError(f"Opponent.{name}: must be a function; got {value!r}")
@@ -190,6 +195,21 @@ def first_best(scored: Iterable[tuple[float, T]]) -> tuple[float, T]:
     while best[0] < 1 and (following := next(remaining, None)) is not None:
         best = following if following[0] > best[0] else best
     return best
+
+
+def rounded(values: ArrayLike, bits: int, of: ArrayLike | None = None) -> np.ndarray:
+    """The nearest whole multiples of one step, of `bits` bits with their sign, as the C export holds a matrix.
+
+    of: the values whose largest fills the bits; None: `values`. What is rounded stays: a step has 20 significant bits.
+
+    >>> rounded([0.2, 0.7, 3.0, 9.0], 3, of=[-3.0, 0.5]).tolist()
+    [0.0, 1.0, 3.0, 3.0]
+    """
+    values, top = np.asarray(values), 2 ** (bits - 1) - 1
+    mantissa, exponent = math.frexp(float(np.abs(values if of is None else of).max(initial=0.0)) / top or 1.0)
+    step = math.ldexp(round(mantissa * 2**20), exponent - 20)
+    whole = np.rint(values.astype(float) / step).clip(-top, top)
+    return (whole * step).astype(np.result_type(values, np.float32))
 
 
 def accuracy(candidate: Candidate, x: np.ndarray, y: np.ndarray) -> float:

@@ -25,6 +25,7 @@ from neurotact.baselines.opponent import (
     first_best,
     joined,
     named,
+    rounded,
     standardised,
 )
 from neurotact.data.augmentation import NONE
@@ -51,6 +52,10 @@ LINEAR = "logistic regression"
 SLOW = ("spectra of the signals", "a GRU")
 """What `quick` opponents leave out of `all`, in words."""
 SIGNALS, SPIKES, EVENTS = "signals", "spikes", "events"
+BITS = 8
+"""Of an opponent's weights, as of those of the C export; inputs and biases have twice as many."""
+ROUNDED = f"_{BITS}bit"
+"""Ends the name of what a rounded opponent has."""
 RIGHT = "right"
 """A key of each row that is not a column of `baselines.csv`."""
 
@@ -255,7 +260,8 @@ def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts) -> Iterator[di
 
     A slow one (`all`) is trained with the varied copies that were best for the classifiers before it. A
     classifier that is chosen is fitted again to the training windows of `cuts.last`, as networks are.
-    Under `RIGHT` a row also has, for validation and test, the share of correctly classified windows of each trial.
+    Under `RIGHT` a row also has, for validation and test, the share of correctly classified windows of each trial, and
+    the same of the rounded classifier (`ROUNDED`), if its opponent can be.
     """
     best_yet: tuple[float, str] | None = None
     for one in inputs:
@@ -270,22 +276,34 @@ def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts) -> Iterator[di
                 kinds = [best_yet[1]]
             with named(name):
                 kind, sides, best = _best_training(one, opponent, labels, cuts, kinds)
-            validated = best.fitted.predict(sides.validation) == sides.y_validation
-            last = cuts
-            if cuts.last is not None:
-                last = cuts.last
-                sides = _sides(one, labels, last.with_training(kind))
-                best = best.again(sides)
-            # predicted once: sequences take seconds
-            right = {"validation": validated, "test": best.fitted.predict(sides.test) == sides.y_test}
-            trials = cuts.windows.trial[cuts.sides[1]], last.windows.trial[last.sides[2]]
-            by_trial = {side: paired.by_trial(trial, right[side]) for side, trial in zip(right, trials, strict=True)}
+                right = _right(opponent, best, sides, "validation")
+                last = cuts
+                if cuts.last is not None:
+                    last = cuts.last
+                    sides = _sides(one, labels, last.with_training(kind))
+                    best = best.again(sides)
+                right |= _right(opponent, best, sides, "test")
+            trials = {"validation": cuts.windows.trial[cuts.sides[1]], "test": last.windows.trial[last.sides[2]]}
+            by_trial = {side: paired.by_trial(trials[side.removesuffix(ROUNDED)], of) for side, of in right.items()}
             row = _row(one, name, best, sides, right)
             if best_yet is None or row["accuracy_validation"] > best_yet[0]:
                 best_yet = row["accuracy_validation"], kind
             if cuts.copies:
                 row["settings"] += f"; varied copies: {kind}"
             yield {**row, RIGHT: by_trial}
+
+
+def _right(opponent: Opponent, best: Candidate, sides: Sides, side: str) -> dict[str, np.ndarray]:
+    """Whether each window of a side is classified correctly, also by the rounded classifier if there can be one.
+
+    Predicted once: sequences take seconds.
+    """
+    x, y = getattr(sides, side), getattr(sides, f"y_{side}")
+    right = {side: best.fitted.predict(x) == y}
+    if opponent.rounded is not None:
+        narrow = opponent.rounded(best.fitted, sides.train, BITS)
+        right[f"{side}{ROUNDED}"] = narrow.predict(rounded(x, 2 * BITS, of=sides.train)) == y
+    return right
 
 
 def _best_training(
@@ -329,7 +347,11 @@ def _row(one: Input, name: str, best: Candidate, sides: Sides, right: Mapping[st
         "n_train": len(sides.y_train),
         "n_validation": len(right["validation"]),
         "n_test": len(sides.y_test),
-        **{f"accuracy_{side}": float(windows.mean()) for side, windows in right.items()},
+        **{
+            f"accuracy_{side}{width}": float(np.mean(right.get(f"{side}{width}", np.nan)))
+            for width in ("", ROUNDED)
+            for side in ("validation", "test")
+        },
         **{name: value for name, value in spent.items() if name != "sops"},
     }
 

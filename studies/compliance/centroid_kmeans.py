@@ -4,6 +4,7 @@ import warnings
 from typing import Literal
 
 import numpy as np
+from neurotact_parts.opponents import rounding
 from neurotact_parts.opponents.targets import encode, indices_of
 from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
@@ -116,5 +117,6 @@ OPPONENT = Opponent(
     [{"init": "class-mean", "repetitions": 1}, {"init": "k-means++", "repetitions": 20}],
     layers=lambda fitted, x: (NearestPoints(len(fitted.classes_), x.shape[1]),),
     words=lambda fitted: fitted.init,
+    rounded=rounding.weights,
     joins="named",
 )

@@ -12,6 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import pandas as pd
 from neurotact_parts.opponents.elm import ELMClassifier
+from neurotact_parts.opponents.kernel_machines import RBFExpansion
 from neurotact_parts.opponents.targets import decide, signed
 from neurotact_parts.studies.materials import figures
 from neurotact_parts.studies.materials.rls import RLSClassifier
@@ -23,7 +24,7 @@ from sklearn.svm import SVC
 from neurotact.data.recordings import LABEL, select_conditions
 from neurotact.data.splits import SplitSpec, split_trials
 from neurotact.figures.style import Drawn
-from neurotact.metrics.flops import Cost, Dense, RBFExpansion, cost
+from neurotact.metrics.flops import Cost, Dense, cost
 from neurotact.spec import Spec
 from neurotact.studies.way import Arrays, View, heads
 

@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 
 import numpy as np
+from neurotact_parts.opponents import rounding
+from neurotact_parts.opponents.kernel_machines import RBFExpansion
 from neurotact_parts.opponents.targets import MachinesMixin, encode, signed
 from numpy.typing import ArrayLike
 from scipy import linalg
@@ -11,7 +13,7 @@ from sklearn.metrics.pairwise import rbf_kernel
 
 from neurotact.baselines.opponent import Opponent, Settings, Sides
 from neurotact.checks import at_least, further_examples, training_examples
-from neurotact.metrics.flops import Layer, RBFExpansion
+from neurotact.metrics.flops import Layer
 
 
 class RLSClassifier(MachinesMixin, ClassifierMixin, BaseEstimator):
@@ -93,5 +95,6 @@ OPPONENT = Opponent(
     _grid,
     layers=_layers,
     words=lambda fitted: f"sigma {fitted.sigma:.3g}, alpha {fitted.alpha:g}",
+    rounded=rounding.weights,
     joins="named",
 )

@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
+from neurotact_parts.opponents import rounding
 from neurotact_parts.opponents.targets import encode, indices_of
 from neurotact_parts.studies.probabilities import ProbabilitiesMixin
 from numpy.typing import ArrayLike
@@ -273,5 +274,6 @@ OPPONENT = Opponent(
     [{"hidden": hidden} for hidden in (10, 30, 100)],
     layers=_layers,
     words=lambda fitted: f"N {fitted.hidden}",
+    rounded=rounding.weights,
     joins="named",
 )

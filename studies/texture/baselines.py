@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 import pandas as pd
 from neurotact_parts.opponents.elm import ELMClassifier
+from neurotact_parts.opponents.kernel_machines import SupportVectorMachines
 from neurotact_parts.studies.texture import baselines_figures as figures
 from neurotact_parts.studies.texture import spike_feature_flops as spent
 from neurotact_parts.studies.texture import spike_features
@@ -34,7 +35,7 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.model import AnyEncoder
 from neurotact.errors import InputError, nearest
 from neurotact.figures.style import Drawn
-from neurotact.metrics.flops import Cost, Dense, Layer, NearestPoints, Standardise, SupportVectorMachines, cost
+from neurotact.metrics.flops import Cost, Dense, Layer, NearestPoints, Standardise, cost
 from neurotact.metrics.spike_trains import Events, events_of_raster, rates_Hz, spike_counts
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import trainer

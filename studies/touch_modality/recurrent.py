@@ -7,6 +7,7 @@ from typing import ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 import torch
+from neurotact_parts.opponents import rounding
 from neurotact_parts.opponents.pooled_gru import GRU
 from neurotact_parts.opponents.targets import encode
 from neurotact_parts.studies.probabilities import ProbabilitiesMixin
@@ -296,6 +297,7 @@ def _opponent(build: type[_RecurrentClassifier], layer: type[LSTM | GRU]) -> Opp
         "sequences",
         layers,
         lambda fitted: f"N {fitted.hidden}",
+        rounded=rounding.weights,
         joins="named",
     )
 

@@ -5,6 +5,7 @@ import pytest
 from costs import operations
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.opponents.kernel_machines import RBFExpansion, SupportVectorMachines
 from neurotact_parts.opponents.pooled_gru import GRU
 from neurotact_parts.opponents.scikit_learn import Trees
 from neurotact_parts.studies import published_flops
@@ -26,10 +27,8 @@ from neurotact.metrics.flops import (
     Moments,
     MovingAverage,
     NearestPoints,
-    RBFExpansion,
     SpikingLayer,
     Standardise,
-    SupportVectorMachines,
     cost,
     ledger_table,
 )

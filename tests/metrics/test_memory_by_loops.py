@@ -8,6 +8,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.opponents.kernel_machines import RBFExpansion
 
 from neurotact import spec as specs
 from neurotact.encoders import specs as encoders
@@ -21,7 +22,6 @@ from neurotact.metrics.flops import (
     MovingAverage,
     NearestPoints,
     NotCounted,
-    RBFExpansion,
     SpikingLayer,
     Standardise,
     cost,

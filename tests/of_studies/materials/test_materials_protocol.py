@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from neurotact_parts.opponents.kernel_machines import RBFExpansion
 from neurotact_parts.opponents.targets import signed
 from neurotact_parts.studies.materials import figures as materials_figures
 from neurotact_parts.studies.materials import protocol as materials
@@ -11,7 +12,6 @@ from neurotact_parts.studies.materials.simulator import ContactMaterialsSpec
 from sklearn.svm import SVC
 
 from neurotact.data.splits import SplitSpec, split_trials
-from neurotact.metrics.flops import RBFExpansion
 
 SMALL = ContactMaterialsSpec(trials=4, frequencies_Hz=(15.0, 45.0), duration_s=0.2)
 FEW = {
