@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from neurotact_parts.studies.comparison import fronts, sets
+from neurotact_parts.studies.comparison import by_list, fronts, sets
 from neurotact_parts.studies.comparison.saving import Bench, Cut, Setting, cut, fit, row_of
 from neurotact_parts.studies.comparison.saving_figures import COLOURS, MARKS
 from neurotact_parts.studies.comparison.sets import WaysData
@@ -24,6 +24,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.figures.style import INK, MUTED, Drawn, add_legend, new_panels, printed
 from neurotact.metrics import referee
+from neurotact.metrics.flops import LEDGER_COLUMNS
 from neurotact.metrics.fronts import pareto_front
 from neurotact.metrics.resampled import LEAST_SPLITS, SHARES, Interval
 from neurotact.networks.definition.specs import RSNNSpec
@@ -94,10 +95,11 @@ def _classical(bench: Bench, trains: SpikeTrains) -> Iterator[dict[str, Any]]:
     if isinstance(bench.touches, Recordings):
         inputs += opponents.signal_inputs(bench.touches, cuts, "all")
     inputs += opponents.spike_inputs(trains, (0.0, 0.0), cuts, "all")
-    wanted = {"classifier", "input", "accuracy_validation", "accuracy_test", "energy_estimate_nJ", "flops",
-              "parameters", "signal_ms", "n_train", "n_test"}  # fmt: skip
+    wanted = {"classifier", "input", "accuracy_validation", "accuracy_test", *LEDGER_COLUMNS, "n_train", "n_test"}
+    wanted -= {"bytes"}
     for row in opponents.rows(inputs, trains.labels[windows.trial], cuts):
-        yield {**{key: value for key, value in row.items() if key in wanted}, "sops_total": float("nan")}
+        kept = {key: value for key, value in row.items() if key in wanted}
+        yield {**by_list.the_same(kept), "sops_total": float("nan")}
 
 
 def points(results: pd.DataFrame) -> pd.DataFrame:

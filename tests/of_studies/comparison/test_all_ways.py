@@ -63,13 +63,14 @@ def test_rows_of_a_family(arrays, family):
 
 def test_sequences_are_made_until_the_decision(arrays, monkeypatch):
     own, network = Cost(acs=10, signal_ms=50.0), Cost(acs=1, sops=1)
-    decided = spiking_family.Decided("SNN", "", 1.0, 1.0, own, network)
+    decided = spiking_family.Decided("SNN", "", 1.0, 1.0, own, network, Cost(acs=5, sops=1))
     monkeypatch.setattr(spiking_family, "decide", lambda *_: [decided])
     (row,) = all_ways.run(Parameters(data=TINY, family="SNN"), arrays)
     # A quarter of 400 samples of 8 taxels, smoothed, and of their 200 means.
     assert row["macs"] == 100 * 8
     assert row["multiplications"] == 100 * 8 + 50 * 8
     assert row["acs"] == 100 * 8 + 10 + 1
+    assert row["events_acs"] == 100 * 8 + 10 + 5
     whole = all_ways._as_cost(arrays["before_features"])
     assert whole.comparisons == 400 * 8
     assert whole.divisions == 8
