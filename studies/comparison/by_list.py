@@ -51,4 +51,5 @@ def energies(rows: pd.DataFrame, lists: Sequence[PriceList] = ()) -> pd.DataFram
 
 def _energy(rows: pd.DataFrame, prices: PriceList) -> pd.Series:
     before = EVENTS if prices.event_driven else ""
-    return prices.energy_nJ(pd.DataFrame({name: rows.get(f"{before}{name}") for name in PRICED}, dtype=float))
+    own = {name: rows.get(f"{before}{name}") for name in PRICED}
+    return prices.energy_nJ(pd.DataFrame(own, index=rows.index, dtype=float))

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-from neurotact_parts.studies.comparison import by_list, families, figures
+from neurotact_parts.studies.comparison import by_list, families, figures, rivals
 from neurotact_parts.studies.comparison import spiking as spiking_family
 from neurotact_parts.studies.comparison.skipped import SKIPPED, left_out, of_run, skipped_row
 from neurotact_parts.studies.comparison.tasks import at_most, slowed, source_of, split_groups
@@ -24,7 +24,7 @@ from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import FLOPS, LEDGER_COLUMNS, Cost, Standardise, cost
 from neurotact.metrics.prices import ACCESSES, ARITHMETIC_45NM
 from neurotact.spec import Spec, build
-from neurotact.studies.way import Arrays, TaskData, View, heads
+from neurotact.studies.way import Arrays, Listed, TaskData, View, heads
 
 COUNTED = (*FLOPS, "parameters", "bytes", *ACCESSES, "states_bytes", "buffers_bytes")
 
@@ -157,6 +157,11 @@ def _spiking(task: TaskData, arrays: Arrays, parameters: Parameters, split: Any)
             }
         )
     return rows
+
+
+def tables(results: pd.DataFrame) -> dict[str, tuple[Listed, ...]]:
+    """Of each task the best of each kind, and the network beside its rivals by each price list."""
+    return rivals.tables(results, VIEW)
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from neurotact_parts.studies.comparison import by_list
 from neurotact_parts.studies.comparison import protocol as all_ways
 from neurotact_parts.studies.comparison import spiking as spiking_family
 from neurotact_parts.studies.comparison.protocol import Parameters, TaskSpec
@@ -58,6 +59,9 @@ def test_rows_of_a_family(arrays, family):
         assert row["test_trials"] == 6  # touches, each of its own group
         assert row["n_train"] > 12
         assert row["chance"] == 0.5
+        energies = by_list.energies(pd.DataFrame([row])).iloc[0]
+        assert energies["arithmetic-45nm"] == pytest.approx(row["energy_estimate_nJ"])
+        assert (energies["memory-45nm"] != energies["memory-45nm-events"]) == (family == "SNN")
     assert all_ways.run(Parameters(data=TINY, family=family), arrays) == rows
 
 
