@@ -103,7 +103,7 @@ def test_rows_hold_what_every_price_list_needs(rows):
     hidden = pd.Series(10, rows).where(table.index != "fewer hidden neurons", 5)
     assert table["neuron_updates"].to_numpy() == pytest.approx((hidden * steps).to_numpy())
     assert (table["events_neuron_updates"] == table["touched_hidden"]).all()
-    assert (table["touched_hidden"] <= table["neuron_updates"]).all()
+    assert (table["touched_hidden"] <= hidden * np.ceil(steps)).all()  # the last step may begin within the window
     assert table["touched_hidden"]["early exit"] < table["touched_hidden"][NOTHING]
     assert table["touched_hidden"]["pruning"] < table["touched_hidden"][NOTHING]
     if (table["afferents"] == "events").all():  # nothing is encoded; a spike comes from a queue, and goes back
