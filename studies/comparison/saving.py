@@ -189,7 +189,7 @@ def row_of(
     network, (train, validation, test) = fitted.network, fitted.sides
     inferred = network.infer(test.spikes, rule)
     row = measuring.means(inferred, network, test, {})
-    spikes = {name: float(getattr(inferred, name).double().mean()) for name in measuring.SPIKES}
+    spikes = {name: float(getattr(inferred, name).double().mean()) for name in ("input_spikes", "hidden_spikes")}
     if pruned:
         remaining = pruning.remaining_synops(network, test.spikes)._asdict()
         row |= {f"sops_{part}": float(values.mean()) for part, values in remaining.items()}

@@ -299,12 +299,8 @@ def row_cost(
     model = row.get(MODEL, spec.model if is_given else "auto")
     if model == "auto":  # decided in training: hidden neurons that are connected have operations among them
         model = "rsnn" if row["sops_recurrent"] > 0 else "snn"
-    of_rsnn = {
-        "hidden": int(row["hidden"]),
-        "model": model,
-        STRETCHES: round(row.get(STRETCHES, 1)),
-        BLOCKS: _blocks_of(row),
-    }
+    stretches = round(row.get(STRETCHES, 1))
+    of_rsnn = {"hidden": int(row["hidden"]), "model": model, STRETCHES: stretches, BLOCKS: _blocks_of(row)}
     own = chosen.model_copy(update={"step_ms": step_ms, **(of_rsnn if spec.own is None else {})})
     before = "exit_" if early else ""
     measured = {name: row[f"{before}{name}"] for name in (SOPS if spec.own is None else MEASURED)}
