@@ -384,7 +384,7 @@ class Integrator(Layer):
         leaking = self.neurons * self.leaky_steps
         if self.touched is not None:  # the leak since the last spike is made good; the peak is where one came
             leaking = min(leaking, self.touched)
-        changes = self.touched or leaking or spikes * self.neurons
+        changes = self.touched or leaking or self.sops
         most = int(self.peak)
         parameters = self.neurons * (self.stretches * self.inputs + 1)
         return with_weights(

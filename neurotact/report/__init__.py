@@ -3,6 +3,7 @@
 Other rooms take:
 
     encoding_drawings: name_classes
+    first_screen: table_of_configurations
     networks: Steps, write
     page: ANSWER, PAGE, Table, if_there, write
     periods: in_ms
@@ -10,4 +11,5 @@ Other rooms take:
     tables: first_spikes, with_pair
     way_answer: Configuration, WayAnswer, answers
     ways: over_rows, seen
+    wording: count, energy
 """

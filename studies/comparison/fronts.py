@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from neurotact_parts.studies.comparison import by_list
 
 from neurotact.metrics.fronts import pareto_front
 from neurotact.metrics.paired import Paired, compare_shares
@@ -201,6 +202,34 @@ def _kept(rows: pd.DataFrame) -> Iterator[Listed]:
         "and the share that is left of the cost. -: the way has no such setting that saves.",
         pd.DataFrame(table),
     )
+    priced = energies_of_ways(rows)
+    if len(priced):
+        cells = priced.assign(said=[f"{_bare(one.setting)}: {_percent(one.left)}" for one in priced.itertuples()])
+        left = cells.pivot_table(index="way", columns="prices", values="said", aggfunc="first", sort=False)
+        yield Listed(
+            "The share of the energy that is left by each price list: of each way its cheapest setting that keeps the "
+            "accuracy, as above. -: the way has no such setting that saves.",
+            left.reindex(ways).fillna("-").reset_index(),
+        )
+
+
+def energies_of_ways(rows: pd.DataFrame) -> pd.DataFrame:
+    """What is left of the energy of one set by every price list, in the setting of each way that keeps the accuracy.
+
+    Columns: prices (the list), way, setting, lost (test accuracy, a share), left (share of the energy), clear (whether
+    test windows do not speak against the way being the cheapest of all). Ways that save nothing are left out, and lists
+    by which the rows hold no energy.
+    """
+    energies, found = by_list.energies(rows), []
+    for name in energies.columns[energies.notna().all()]:
+        compared = Compared.of(rows.assign(**{name: energies[name]}), str(name))
+        every = compared.savings()
+        for way in rows.loc[rows["way"] != NOTHING, "way"].unique():
+            at = compared.savings(lambda one, way=way: one.way == way).cheapest
+            if at is not None and (one := compared.settings[at]).saves:
+                clear = at == every.cheapest and every.is_clear
+                found.append((name, way, one.setting, float(one.lost.mean()), one.share, clear))
+    return pd.DataFrame(found, columns=["prices", "way", "setting", "lost", "left", "clear"])
 
 
 def has_intervals(rows: pd.DataFrame) -> bool:
@@ -329,7 +358,39 @@ def answers(results: pd.DataFrame) -> list[str]:
             heads = [str(name)] * several + [called if several else _capital(called)] * (cost != SOPS)
             text = _answer(rows, cost)
             sentences.append(f"{', '.join(heads)}: {text}" if heads else _capital(text))
+        if text := _by_lists(rows):
+            sentences.append(f"{name}: {text}" if several else _capital(text))
     return sentences
+
+
+def _by_lists(rows: pd.DataFrame) -> str:
+    """The way that leaves the least energy by each price list, beside a refractory period or, of that, the next way."""
+    groups: dict[str, list[tuple[str, float, float]]] = {}
+    for name, part in energies_of_ways(rows).groupby("prices", sort=False):
+        is_period = part["way"].isin(PERIODS)
+        period, other = (float(part.loc[own, "left"].min()) for own in (is_period, ~is_period))
+        first = part.loc[part["left"].idxmin()]
+        own = period <= other or np.isnan(other)
+        least, next_ = (period, other) if own else (other, period)
+        groups.setdefault(f"a {REFRACTORY}" if own else str(first["way"]), []).append((str(name), least, next_))
+    said = [f"{way} by {_leaves(way, found)}" for way, found in groups.items()]
+    return f"of the ways that keep the accuracy, the least energy is left with {'; with '.join(said)}." if said else ""
+
+
+def _leaves(way: str, found: Sequence[tuple[str, float, float]]) -> str:
+    names, least, next_ = zip(*found, strict=True)
+    other = "the next way" if REFRACTORY in way else f"a {REFRACTORY}"
+    beside = "saves nothing" if np.isnan(next_).all() else _between(next_)
+    return f"{', '.join(names)} ({_between(least)}, {other} {beside})"
+
+
+def _between(shares: Sequence[float]) -> str:
+    """
+    >>> _between([0.8, 0.86]), _between([0.5])
+    ('80 to 86 %', '50 %')
+    """
+    low, high = (round(100 * end(share for share in shares if not np.isnan(share))) for end in (min, max))
+    return f"{low} %" if low == high else f"{low} to {high} %"
 
 
 def _capital(text: str) -> str:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-from neurotact_parts.studies.comparison import families, figures
+from neurotact_parts.studies.comparison import by_list, families, figures, rivals
 from neurotact_parts.studies.comparison import spiking as spiking_family
 from neurotact_parts.studies.comparison.skipped import SKIPPED, left_out, of_run, skipped_row
 from neurotact_parts.studies.comparison.tasks import at_most, slowed, source_of, split_groups
@@ -25,7 +25,7 @@ from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import FLOPS, LEDGER_COLUMNS, Cost, Standardise, cost
 from neurotact.metrics.prices import ACCESSES, ARITHMETIC_45NM
 from neurotact.spec import Spec, build
-from neurotact.studies.way import Arrays, View, heads
+from neurotact.studies.way import Arrays, Listed, View, heads
 
 COUNTED = (*FLOPS, "parameters", "bytes", *ACCESSES, "states_bytes", "buffers_bytes")
 
@@ -135,7 +135,7 @@ def _plain(task: TaskData, arrays: Arrays, parameters: Parameters, split: Any) -
         "accuracy_validation": accuracy(best, sides.validation, sides.y_validation),
         "accuracy_test": accuracy(best, sides.test, sides.y_test),
         "energy_before_nJ": before.energy_estimate_nJ,
-        **best.spent(before + cost(signal_ms=window_ms)),
+        **by_list.the_same(best.spent(before + cost(signal_ms=window_ms))),
     }
 
 
@@ -154,9 +154,15 @@ def _spiking(task: TaskData, arrays: Arrays, parameters: Parameters, split: Any)
                 "accuracy_test": decided.accuracy_test,
                 "energy_before_nJ": before.energy_estimate_nJ,
                 **(before + decided.network).columns(),
+                **by_list.counted(before + decided.network, before + decided.network_by_events),
             }
         )
     return rows
+
+
+def tables(results: pd.DataFrame) -> dict[str, tuple[Listed, ...]]:
+    """Of each task the best of each kind, and the network beside its rivals by each price list."""
+    return rivals.tables(results, VIEW)
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from neurotact_parts.studies.comparison import fronts, sets
+from neurotact_parts.studies.comparison import by_list, fronts, rivals, sets
 from neurotact_parts.studies.comparison.saving import Bench, Cut, Setting, cut, fit, row_of
 from neurotact_parts.studies.comparison.saving_figures import COLOURS, MARKS
 from neurotact_parts.studies.comparison.sets import WaysData
@@ -23,7 +23,7 @@ from neurotact.baselines.opponents import LINEAR, Input
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.figures.style import INK, MUTED, Drawn, add_legend, new_panels, printed
-from neurotact.metrics import referee
+from neurotact.metrics.flops import LEDGER_COLUMNS
 from neurotact.metrics.fronts import pareto_front
 from neurotact.metrics.resampled import LEAST_SPLITS, SHARES, Interval
 from neurotact.networks.definition.specs import RSNNSpec
@@ -31,7 +31,7 @@ from neurotact.report import way_answer
 from neurotact.report.way_answer import Configuration, WayAnswer
 from neurotact.report.ways import over_rows
 from neurotact.spec import Spec
-from neurotact.studies.way import Arrays, View, heads
+from neurotact.studies.way import Arrays, Listed, View, heads
 
 MODELS: dict[str, Literal["rsnn", "snn"]] = {"RSNN": "rsnn", "SNN": "snn"}
 COLUMNS = 3
@@ -94,10 +94,11 @@ def _classical(bench: Bench, trains: SpikeTrains) -> Iterator[dict[str, Any]]:
     if isinstance(bench.touches, Recordings):
         inputs += opponents.signal_inputs(bench.touches, cuts, "all")
     inputs += opponents.spike_inputs(trains, (0.0, 0.0), cuts, "all")
-    wanted = {"classifier", "input", "accuracy_validation", "accuracy_test", "energy_estimate_nJ", "flops",
-              "parameters", "signal_ms", "n_train", "n_test"}  # fmt: skip
+    wanted = {"classifier", "input", "accuracy_validation", "accuracy_test", *LEDGER_COLUMNS, "n_train", "n_test"}
+    wanted -= {"bytes"}
     for row in opponents.rows(inputs, trains.labels[windows.trial], cuts):
-        yield {**{key: value for key, value in row.items() if key in wanted}, "sops_total": float("nan")}
+        kept = {key: value for key, value in row.items() if key in wanted}
+        yield {**by_list.the_same(kept), "sops_total": float("nan")}
 
 
 def points(results: pd.DataFrame) -> pd.DataFrame:
@@ -123,7 +124,15 @@ def answers(results: pd.DataFrame) -> list[str]:
         return []
     found = way_answer.answers(over_rows(shown, VIEW), VIEW, shown)
     groups = shown.groupby(list(VIEW.apart), sort=False)
-    return [_answer(one, *key, rows) for one, (key, rows) in zip(found, groups, strict=True)]  # pyright: ignore
+    said = [_answer(one, *key, rows) for one, (key, rows) in zip(found, groups, strict=True)]  # pyright: ignore
+    priced = rivals.ratios(results, VIEW)
+    turns = [rivals.turns(priced[priced["setting"] == one.setting]) for one in found]
+    return [" ".join(filter(None, pair)) for pair in zip(said, turns, strict=True)]
+
+
+def tables(results: pd.DataFrame) -> dict[str, tuple[Listed, ...]]:
+    """Of each set and split the best of each kind, and the network beside its rivals by each price list."""
+    return rivals.tables(results, VIEW)
 
 
 def _answer(found: WayAnswer, name: str, split: str, rows: pd.DataFrame) -> str:
@@ -131,9 +140,7 @@ def _answer(found: WayAnswer, name: str, split: str, rows: pd.DataFrame) -> str:
     assert network is not None
     assert best is not None
     is_known = not np.isnan(best.choice_error)  # of one or two seeds it is not, so that nothing is said of it
-    near = [found.others[index] for index in referee.within_error([one.way for one in found.others])]
-    on_signals = [one for one in near if f"{opponents.SPIKES}: " not in one.name]
-    counted = [one for one in on_signals if not np.isnan(one.cost)]
+    counted = [one for one in rivals.comparable(found) if not np.isnan(one.cost)]
     cheapest = min(counted, key=lambda one: one.cost, default=None) if is_known else None
     if found.verdict is None or network.rows < LEAST_SPLITS:
         rival, said = best, f"{fronts.in_seeds(network.rows)}, so that no difference is clear"

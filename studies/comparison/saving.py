@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import torch
-from neurotact_parts.studies.comparison import pruning
+from neurotact_parts.studies.comparison import by_list, pruning
 from neurotact_parts.studies.comparison.dead_time import with_dead_time
 from pydantic import Field, model_validator
 
@@ -25,6 +25,7 @@ from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList
 from neurotact.networks.definition import clock, recipe
 from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.exit import truncated
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 from neurotact.networks.training import tasks, trainer
 from neurotact.networks.training.epochs import train
@@ -184,20 +185,26 @@ def measured(
 def row_of(
     fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, pruned: bool = False, prices: PriceList = ARITHMETIC_45NM
 ) -> dict[str, Any]:
-    """Accuracies, SOPs, energy and signal of a decision; of a pruned network, SOPs of the remaining weights."""
+    """Accuracies, SOPs, energy and what is counted of a decision; of a pruned network, of the remaining weights."""
     network, (train, validation, test) = fitted.network, fitted.sides
     inferred = network.infer(test.spikes, rule)
     row = measuring.means(inferred, network, test, {})
+    spikes = {name: float(getattr(inferred, name).double().mean()) for name in ("input_spikes", "hidden_spikes")}
     if pruned:
         remaining = pruning.remaining_synops(network, test.spikes)._asdict()
         row |= {f"sops_{part}": float(values.mean()) for part, values in remaining.items()}
-    spent = _cost(fitted, row, inferred.steps)
+    touched = measuring.touched(truncated.simulate_windows(network, test), network.steps_per_bin, inferred.steps)
+    spent, by_events = (
+        _cost(fitted, {**row, **spikes, **touched}, inferred.steps, event_driven=event_driven)
+        for event_driven in (False, True)
+    )
     return {
         "accuracy_validation": measuring.accuracy_of(network.infer(validation.spikes, rule), validation),
         **row,
         **spent.columns("energy_estimate_nJ", "signal_ms", prices=prices),
-        "input_spikes": float(inferred.input_spikes.double().mean()),
-        "hidden_spikes": float(inferred.hidden_spikes.double().mean()),
+        **spikes,
+        **touched,
+        **by_list.counted(spent, by_events),
         "network_step_ms": network.spec.own_step_ms or 1e3 / network.sampling_rate_Hz,
         "n_train": len(train.labels),
         "n_test": len(test.labels),
@@ -317,12 +324,12 @@ def _pruned(fitted: Fitted, setting: Setting) -> Fitted:
     return fitted._replace(network=network)
 
 
-def _cost(fitted: Fitted, sops: Mapping[str, float], decided: torch.Tensor) -> Cost:
+def _cost(fitted: Fitted, measured: Mapping[str, float], decided: torch.Tensor, *, event_driven: bool) -> Cost:
     """The cost of a decision. decided: the steps until each one, `(window,)`."""
     network, steps = fitted.network, float(decided.double().mean())
     signal_ms = 1e3 * steps / network.sampling_rate_Hz
     sizes = network.n_inputs, network.n_classes
-    spent = network_cost(network.spec, *sizes, sops, steps=steps, signal_ms=signal_ms)
+    spent = network_cost(network.spec, *sizes, measured, steps=steps, signal_ms=signal_ms, event_driven=event_driven)
     if not fitted.trains.encoder:
         return spent
     # Counted before bins merge some, and before weights are pruned: the encoder has sent all of them.

@@ -17,6 +17,7 @@ from neurotact.metrics.flops import Cost
 from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.seeds import of_start
 from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.exit import truncated
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 from neurotact.networks.training import trainer
 from neurotact.networks.training.tasks import Sides, Task
@@ -32,7 +33,7 @@ EXIT_TOLERANCE = 0.01
 
 
 class Decided(NamedTuple):
-    """Accuracies of a network, and the mean costs of encoding and of the network per decision."""
+    """Accuracies of a network, and the mean costs of encoding and of the network, run in both ways, per decision."""
 
     name: str
     settings: str
@@ -40,6 +41,7 @@ class Decided(NamedTuple):
     accuracy_test: float
     encoder: Cost
     network: Cost
+    network_by_events: Cost
 
     @property
     def cost(self) -> Cost:
@@ -83,15 +85,18 @@ def _validated(network: Network, sides: Sides, rule: ExitRule = FULL_WINDOW) -> 
     return measuring.accuracy_of(network.infer(sides.validation.spikes, rule), sides.validation)
 
 
-def _measure(network: Network, trains: SpikeTrains, sides: Sides, rule: ExitRule) -> tuple[float, Cost, Cost]:
-    """Test accuracy, and the mean cost of encoding and of the network."""
+def _measure(network: Network, trains: SpikeTrains, sides: Sides, rule: ExitRule) -> tuple[float, Cost, Cost, Cost]:
+    """Test accuracy, and the mean cost of encoding, of the network and of the network by events."""
     inferred = network.infer(sides.test.spikes, rule)
     measured = measuring.means(inferred, network, sides.test, {})
+    measured |= measuring.touched(
+        truncated.simulate_windows(network, sides.test), network.steps_per_bin, inferred.steps
+    )
     steps = float(inferred.steps.double().mean())
     encoder = Afferents.of(trains).cost(steps, measured["sops_input"] / network.spec.hidden)
     sizes, signal_ms = (network.n_inputs, network.n_classes), 1e3 * steps / trains.sampling_rate_Hz
-    return (
-        measured["accuracy_test"],
-        encoder,
-        network_cost(network.spec, *sizes, measured, steps=steps, signal_ms=signal_ms),
+    clocked, by_events = (
+        network_cost(network.spec, *sizes, measured, steps=steps, signal_ms=signal_ms, event_driven=event_driven)
+        for event_driven in (False, True)
     )
+    return measured["accuracy_test"], encoder, clocked, by_events

@@ -111,8 +111,8 @@ def test_moments_keep_their_samples(samples, order):
 class Network:
     """A network of CUBA-LIF neurons and an integrator, in plain loops over rasters, with its memory."""
 
-    def __init__(self, spikes: np.ndarray, hidden: np.ndarray, into: np.ndarray, among: np.ndarray, n_classes: int):
-        self.spikes, self.hidden, self.into, self.among, self.n_classes = spikes, hidden, into, among, n_classes
+    def __init__(self, spikes: np.ndarray, hidden: np.ndarray, into: np.ndarray, among: np.ndarray, out: np.ndarray):
+        self.spikes, self.hidden, self.into, self.among, self.out = spikes, hidden, into, among, out
 
     def sources(self, step: int, neuron: int) -> int:
         """Spikes that reach a neuron in a step."""
@@ -140,8 +140,8 @@ class Network:
                     counts["updates"] += 1
                     memory.touch("states", 2 * (3 if event_driven else 2))
                     memory.touch("weights", 3 if event_driven else 0)
-            for _ in range(self.n_classes):
-                heard = int(self.hidden[step].sum())
+            for weights in self.out.T:
+                heard = int(self.hidden[step] @ weights)
                 memory.touch("weights", heard)
                 counts["sops"] += heard
                 counts["heard"] += heard > 0
@@ -150,28 +150,39 @@ class Network:
             late = sum(int(self.among[j].sum()) for j in range(n_hidden) if self.hidden[last, j])
             memory.touch("weights", late)
             counts["sops"] += late
-        memory.touch("weights", self.n_classes)  # biases of the readout
+        memory.touch("weights", self.out.shape[1])  # biases of the readout
         if event_driven:  # where a spike will be is found by bisection over the steps
             memory.touch("weights", 2 * int(self.hidden.sum()) * math.ceil(math.log2(max(2, n_steps))))
         return memory, counts
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(1, 6), st.integers(1, 4), st.integers(1, 4), st.booleans(), st.booleans())
-def test_a_network_by_loops_over_its_rasters(seed, n_steps, n_in, n_hidden, recurrent, event_driven):
-    """Dense, recurrent and not, clocked and event-driven; the readout's sums change where its spikes come."""
+@given(
+    st.integers(0, 2**32 - 1), st.integers(1, 6), st.integers(1, 4), st.integers(1, 4), st.booleans(), st.booleans(),
+    st.booleans(),
+)  # fmt: skip
+def test_a_network_by_loops_over_its_rasters(seed, n_steps, n_in, n_hidden, recurrent, event_driven, pruned):
+    """Recurrent and not, clocked and event-driven, pruned; the readout's sums change where its spikes come.
+
+    A pruned weight is not read, but a spike is sent whether or not a weight is there for it.
+    """
     rng = np.random.default_rng(seed)
     spikes, hidden = (rng.integers(0, 2, (n_steps, n)) for n in (n_in, n_hidden))
-    among = np.ones((n_hidden, n_hidden)) if recurrent else np.zeros((0, 0))
-    memory, counts = Network(spikes, hidden, np.ones((n_in, n_hidden)), among, 3).run(event_driven)
+    shapes = ((n_in, n_hidden), (n_hidden, n_hidden), (n_hidden, 3))
+    into, among, out = (rng.integers(0, 2, shape) if pruned else np.ones(shape, int) for shape in shapes)
+    among = among if recurrent else np.zeros((0, 0), int)
+    memory, counts = Network(spikes, hidden, into, among, out).run(event_driven)
     spec = RSNNSpec(hidden=n_hidden, model="rsnn" if recurrent else "snn", readout="integrator")
-    sent = hidden.sum()
+    sops = {"input": (spikes @ into).sum(), "readout": (hidden @ out).sum()}
+    sops["recurrent"] = (hidden @ among).sum() if recurrent else 0
     measured = {
-        "sops_input": spikes.sum() * n_hidden, "sops_recurrent": sent * n_hidden * recurrent, "sops_readout": sent * 3,
+        **{f"sops_{name}": int(n) for name, n in sops.items()},
+        **({"input_spikes": int(spikes.sum()), "hidden_spikes": int(hidden.sum())} if pruned else {}),
         "touched_hidden": counts["touched"], "touched_readout": counts["heard"],
     }  # fmt: skip
     found = network_cost(spec, n_in, 3, measured, steps=n_steps, signal_ms=float(n_steps), event_driven=event_driven)
     assert found.sops == counts["sops"]
-    changes = counts["heard"] if event_driven else sent * 3  # a clocked readout adds each spike by itself
+    # a clocked readout adds each spike by itself
+    changes = counts["heard"] if event_driven else sops["readout"]
     memory.touch("states", 2 * int(changes))
     assert memory.equals(found)
     assert found.neuron_updates == counts["updates"]
@@ -184,13 +195,15 @@ def test_what_a_spike_reaches_is_counted_on_the_weights_that_are_there():
         network.w_in[:, ::2] = 0
         assert network.w_rec is not None
         network.w_rec[1:, 0] = 0
+        network.w_out[:3, 1] = 0
     spikes = (torch.rand(6, 20, 4) < 0.2).float()
     hidden = (torch.rand(6, 20, 5) < 0.2).float()
     found = network.touched(spikes, hidden)
     for window in range(6):
         into = (network.w_in.detach() != 0).numpy()
         among = (network.w_rec.detach() != 0).numpy()
-        loops = Network(spikes[window].numpy().astype(int), hidden[window].numpy().astype(int), into, among, 3)
+        out = (network.w_out.detach() != 0).numpy()
+        loops = Network(spikes[window].numpy().astype(int), hidden[window].numpy().astype(int), into, among, out)
         counts = loops.run(True)[1]
         assert found[window].sum(dim=0).tolist() == [counts["touched"], counts["heard"]]
 

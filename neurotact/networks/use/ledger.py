@@ -15,18 +15,11 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.encoders.cost import NOT_COUNTED, encoding_cost, is_countable, no_cost
 from neurotact.encoders.specs import taxels_of
 from neurotact.errors import InputError
-from neurotact.metrics.flops import (
-    Cost,
-    Integrator,
-    NotCounted,
-    SpikingLayer,
-    cost,
-    ledger_table,
-)
+from neurotact.metrics.flops import Cost, Integrator, NotCounted, SpikingLayer, cost, ledger_table
 from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList
 from neurotact.networks.definition import module, recipe
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.use.measuring import OWN_KEYS, TOUCHED
+from neurotact.networks.use.measuring import OWN_KEYS, SPIKES, TOUCHED
 from neurotact.spec import build, digest
 from neurotact.tables import NETWORK, means_over, sized
 
@@ -97,7 +90,8 @@ def network_cost(
     """The cost of the spiking network for one decision.
 
     spec: of the network: its hidden neurons, recurrence and readout count.
-    measured: mean SOPs of the projections, with the names of `SOPS`; and of `TOUCHED`, where it is event-driven.
+    measured: mean SOPs of the projections, with the names of `SOPS`; and of `TOUCHED`, where it is event-driven; and
+        of `SPIKES`, where SOPs do not tell them, since weights were pruned.
     steps, signal_ms: of a decision, a mean under early exit; steps are of the encoder's clock, of which a network with
         a `step_ms` computes one in several.
     event_driven: neurons are updated when a spike comes, in place of on every step; NaN where the steps with a spike
@@ -117,26 +111,24 @@ def network_cost(
     touched = [measured.get(name) for name in TOUCHED] if event_driven else [None, None]
     if event_driven and any(map(pd.isna, touched)):
         return NotCounted(signal_ms=signal_ms)
-    sent = measured["sops_readout"] / n_classes
+    arrived = measured.get(SPIKES[0], measured["sops_input"] / spec.hidden)
+    sent = measured.get(SPIKES[1], measured["sops_readout"] / n_classes)
     into_hidden, into_readout = measured["sops_input"] + measured["sops_recurrent"], measured["sops_readout"]
     leaky_steps = 0.0 if spec.readout_leak_ms is None else steps
     readout = (
         Integrator(
-            spec.hidden,
-            n_classes,
-            sops=into_readout,
-            leaky_steps=leaky_steps,
-            peak=spec.readout == "max",
-            stretches=spec.readout_stretches,
-            touched=touched[1],
+            spec.hidden, n_classes, sops=into_readout, leaky_steps=leaky_steps, peak=spec.readout == "max",
+            stretches=spec.readout_stretches, spikes=sent, touched=touched[1],
         )
         if spec.integrates
-        else SpikingLayer(spec.hidden, n_classes, steps=steps, sops=into_readout, recurrent=False, touched=touched[1])
-    )
+        else SpikingLayer(
+            spec.hidden, n_classes, steps=steps, sops=into_readout, recurrent=False, spikes=sent, touched=touched[1]
+        )
+    )  # fmt: skip
     return cost(
         SpikingLayer(
             n_afferents, spec.hidden, steps=steps, sops=into_hidden, recurrent=spec.fan_among,
-            adapts=spec.threshold_adaptation > 0, spikes=measured["sops_input"] / spec.hidden, sent=sent,
+            adapts=spec.threshold_adaptation > 0, spikes=arrived, sent=sent,
             touched=touched[0],
         ),
         readout,
@@ -307,12 +299,8 @@ def row_cost(
     model = row.get(MODEL, spec.model if is_given else "auto")
     if model == "auto":  # decided in training: hidden neurons that are connected have operations among them
         model = "rsnn" if row["sops_recurrent"] > 0 else "snn"
-    of_rsnn = {
-        "hidden": int(row["hidden"]),
-        "model": model,
-        STRETCHES: round(row.get(STRETCHES, 1)),
-        BLOCKS: _blocks_of(row),
-    }
+    stretches = round(row.get(STRETCHES, 1))
+    of_rsnn = {"hidden": int(row["hidden"]), "model": model, STRETCHES: stretches, BLOCKS: _blocks_of(row)}
     own = chosen.model_copy(update={"step_ms": step_ms, **(of_rsnn if spec.own is None else {})})
     before = "exit_" if early else ""
     measured = {name: row[f"{before}{name}"] for name in (SOPS if spec.own is None else MEASURED)}

@@ -25,6 +25,8 @@ OWN_KEYS = "network_keys"
 """Column of results: the keys of a network that is no RSNN, which have no column of their own."""
 TOUCHED = ("touched_hidden", "touched_readout")
 """Columns of results: neurons and steps in which a spike comes, the mean of a decision."""
+SPIKES = ("input_spikes", "hidden_spikes")
+"""Of a decision, the spikes that arrive and those of hidden neurons, by their names in an `Inference`."""
 ORACLE_PATIENCE = 120
 """The patience that the texture paper's Algorithm 1 starts from (Table V), in steps."""
 
@@ -52,7 +54,8 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
         "exit_steps_sd": float(steps.std(correction=0)),
         **{f"exit_sops_{n}": float(v.mean()) for n, v in exit_cost._asdict().items() if n != "total"},
         "exit_patience": trained.rule.patience,
-        **_touched(windows, network.steps_per_bin, early.steps),
+        **touched(windows, network.steps_per_bin),
+        **{f"exit_{name}": value for name, value in touched(windows, network.steps_per_bin, early.steps).items()},
         **_oracle(network, windows),
         **({} if network.spec.own is None else _of_own(network.spec.own_keys, full, early)),
         "window_steps": test.spikes.shape[1],
@@ -107,14 +110,17 @@ def mean_sops(network: Network, examples: Examples) -> float:
     return float(synops_of(network.infer(examples.spikes.to(network.device)), network).total.mean())
 
 
-def _touched(windows: truncated.SimulatedWindows, steps_per_bin: int, early: torch.Tensor) -> dict[str, float]:
-    """Neurons and steps that a spike reaches, means over windows, whole and with early exit."""
-    whole = torch.full_like(early.cpu(), windows.readout.shape[1])
-    found = {"": windows.touched_until(whole), "exit_": windows.touched_until(-(-early.cpu() // steps_per_bin))}
-    means = {before: one.tolist() for before, one in found.items() if one is not None}
-    return {
-        f"{before}{name}": value for before, pair in means.items() for name, value in zip(TOUCHED, pair, strict=True)
-    }
+def touched(
+    windows: truncated.SimulatedWindows, steps_per_bin: int, decided: torch.Tensor | None = None
+) -> dict[str, float]:
+    """Neurons and steps that a spike reaches, means over windows, as columns of `TOUCHED`; none if not counted.
+
+    decided: steps of the encoder's clock until each decision, `(window,)`; None: whole windows.
+    """
+    n, steps = windows.readout.shape[:2]
+    until = torch.full((n,), steps) if decided is None else -(-decided.cpu() // steps_per_bin)
+    found = windows.touched_until(until)
+    return {} if found is None else dict(zip(TOUCHED, found.tolist(), strict=True))
 
 
 def _oracle(network: Network, windows: truncated.SimulatedWindows) -> dict[str, float]:

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from neurotact_parts.studies.comparison import by_list
 from neurotact_parts.studies.comparison import protocol as all_ways
 from neurotact_parts.studies.comparison import spiking as spiking_family
 from neurotact_parts.studies.comparison.protocol import Parameters, TaskSpec
@@ -58,18 +59,22 @@ def test_rows_of_a_family(arrays, family):
         assert row["test_trials"] == 6  # touches, each of its own group
         assert row["n_train"] > 12
         assert row["chance"] == 0.5
+        energies = by_list.energies(pd.DataFrame([row])).iloc[0]
+        assert energies["arithmetic-45nm"] == pytest.approx(row["energy_estimate_nJ"])
+        assert (energies["memory-45nm"] != energies["memory-45nm-events"]) == (family == "SNN")
     assert all_ways.run(Parameters(data=TINY, family=family), arrays) == rows
 
 
 def test_sequences_are_made_until_the_decision(arrays, monkeypatch):
     own, network = Cost(acs=10, signal_ms=50.0), Cost(acs=1, sops=1)
-    decided = spiking_family.Decided("SNN", "", 1.0, 1.0, own, network)
+    decided = spiking_family.Decided("SNN", "", 1.0, 1.0, own, network, Cost(acs=5, sops=1))
     monkeypatch.setattr(spiking_family, "decide", lambda *_: [decided])
     (row,) = all_ways.run(Parameters(data=TINY, family="SNN"), arrays)
     # A quarter of 400 samples of 8 taxels, smoothed, and of their 200 means.
     assert row["macs"] == 100 * 8
     assert row["multiplications"] == 100 * 8 + 50 * 8
     assert row["acs"] == 100 * 8 + 10 + 1
+    assert row["events_acs"] == 100 * 8 + 10 + 5
     whole = all_ways._as_cost(arrays["before_features"])
     assert whole.comparisons == 400 * 8
     assert whole.divisions == 8

@@ -2,7 +2,7 @@
 
 import pandas as pd
 import pytest
-from neurotact_parts.studies.comparison import real_sets, sets
+from neurotact_parts.studies.comparison import by_list, real_sets, sets
 from neurotact_parts.studies.comparison.real_sets import (
     NETWORK_INPUT,
     Parameters,
@@ -62,6 +62,16 @@ def test_networks_and_classifiers_on_signals_and_spikes_leave_a_row(rows):
     assert {row["test_trials"] for row in rows} == {rows[0]["n_test"]}  # a window each
     assert {row["n_train"] for row in rows} == {rows[0]["n_train"]}
     assert len({row["signal_ms"] for row in rows}) == 1
+
+
+@pytest.mark.thorough
+def test_every_row_has_its_energy_by_every_price_list(rows):
+    table = pd.DataFrame(rows)
+    energies = by_list.energies(table)
+    assert energies.notna().all(axis=None)
+    assert energies["arithmetic-45nm"].to_numpy() == pytest.approx(table["energy_estimate_nJ"].to_numpy())
+    apart = energies["memory-45nm"] != energies["memory-45nm-events"]
+    assert apart.tolist() == [name in real_sets.MODELS for name in table["classifier"]]
 
 
 @pytest.mark.thorough

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from neurotact_parts.studies.comparison import saving, ways_to_save
+from neurotact_parts.studies.comparison import by_list, saving, ways_to_save
 from neurotact_parts.studies.comparison.fronts import NOTHING
 from neurotact_parts.studies.comparison.saving import Bench, Setting, changed, cut, measured
 from neurotact_parts.studies.comparison.sets import WaysData, bench_of
@@ -90,6 +90,25 @@ def test_every_way_leaves_a_row(rows):
     for row in rows.values():
         assert 0 <= row["accuracy_test"] <= 1
         assert row["sops_total"] == pytest.approx(row["sops_input"] + row["sops_recurrent"] + row["sops_readout"])
+
+
+def test_rows_hold_what_every_price_list_needs(rows):
+    table = pd.DataFrame([*rows.values()], index=pd.Index(rows))
+    energies = by_list.energies(table)
+    assert energies.notna().all(axis=None)
+    assert energies["arithmetic-45nm"].to_numpy() == pytest.approx(table["energy_estimate_nJ"].to_numpy())
+    assert table["sops"].to_numpy() == pytest.approx(table["sops_total"].to_numpy())
+    # Each hidden neuron in each step, or where a spike comes.
+    steps = table["signal_ms"] / table["network_step_ms"]
+    hidden = pd.Series(10, rows).where(table.index != "fewer hidden neurons", 5)
+    assert table["neuron_updates"].to_numpy() == pytest.approx((hidden * steps).to_numpy())
+    assert (table["events_neuron_updates"] == table["touched_hidden"]).all()
+    assert (table["touched_hidden"] <= hidden * np.ceil(steps)).all()  # the last step may begin within the window
+    assert table["touched_hidden"]["early exit"] < table["touched_hidden"][NOTHING]
+    assert table["touched_hidden"]["pruning"] < table["touched_hidden"][NOTHING]
+    if (table["afferents"] == "events").all():  # nothing is encoded; a spike comes from a queue, and goes back
+        queued = 2 * table["input_spikes"] + (2 + (table["sops_recurrent"] > 0)) * table["hidden_spikes"]
+        assert table["buffers_accesses"].to_numpy() == pytest.approx(queued.to_numpy())
 
 
 def test_refractory_periods_save_input_spikes_and_penalties_hidden_ones(rows):

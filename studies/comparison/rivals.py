@@ -1,0 +1,132 @@
+"""What the chosen network and its rivals cost by every price list: under which lists the order turns.
+
+Accuracies choose both, as the report does (`report.way_answer`): the most accurate rival, and the cheapest one on
+signals within the error of the best by the list at hand.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import pandas as pd
+from neurotact_parts.studies.comparison import by_list
+from neurotact_parts.studies.comparison.skipped import of_run
+
+from neurotact.baselines.opponents import SPIKES
+from neurotact.metrics import referee
+from neurotact.metrics.prices import ARITHMETIC_45NM
+from neurotact.report import first_screen, way_answer
+from neurotact.report.way_answer import Configuration, WayAnswer
+from neurotact.report.ways import over_rows
+from neurotact.report.wording import count, energy
+from neurotact.studies.way import Listed, View
+
+CHEAPEST, MOST_ACCURATE = "cheapest rival", "most accurate rival"
+KINDS = (CHEAPEST, MOST_ACCURATE)
+MUCH = 3.0
+"""A ratio that another list changes by more than this factor is said."""
+COLUMNS = ("setting", "prices", "network", "network_nJ", "rival", "name", "nJ", "kB", "ratio")
+
+
+def comparable(outcome: WayAnswer) -> list[Configuration]:
+    """The rivals on signals, or on events, that validation does not set apart from the best rival by its error."""
+    near = [outcome.others[index] for index in referee.within_error([one.way for one in outcome.others])]
+    return [one for one in near if f"{SPIKES}: " not in one.name]
+
+
+def ratios(results: pd.DataFrame, view: View) -> pd.DataFrame:
+    """The energy of the network of each answer, of its rivals, and their ratio, by every price list that is installed.
+
+    Columns: setting (of the answer, in words), prices (the list), network, network_nJ; rival (of `KINDS`), its name, nJ
+    and kB (its parameters and state); ratio (network / rival). Rows whose energy the results do not hold are left out.
+    """
+    shown = of_run(results)
+    if shown.empty:
+        return pd.DataFrame(columns=COLUMNS)
+    energies = by_list.energies(shown)
+    stored = (shown["weights_bytes"] + shown["states_bytes"]) / 1024 if "states_bytes" in shown else math.nan
+    groups = energies.assign(kB=stored).groupby([shown[name] for name in view.by], sort=False, dropna=False)
+    spent = groups.mean().reset_index(drop=True)
+    outcomes = way_answer.answers(over_rows(shown, view), view, shown)
+    rows = [row for outcome in outcomes for name in energies for row in _of(outcome, name, spent)]
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def _of(outcome: WayAnswer, prices: str, spent: pd.DataFrame) -> Iterator[dict]:
+    network = outcome.spiking
+    if network is None:
+        return
+    nJ = spent[prices]
+    counted = [one for one in comparable(outcome) if not np.isnan(nJ[one.index])]
+    rivals = (min(counted, key=lambda one: nJ[one.index], default=None), outcome.baseline)
+    for kind, rival in zip(KINDS, rivals, strict=True):
+        if rival is not None and not np.isnan(ratio := nJ[network.index] / nJ[rival.index]):
+            found = (outcome.setting, prices, network.name, nJ[network.index], kind, rival.name)
+            yield dict(zip(COLUMNS, (*found, nJ[rival.index], spent["kB"][rival.index], ratio), strict=True))
+
+
+def tables(results: pd.DataFrame, view: View) -> dict[str, tuple[Listed, ...]]:
+    """Of each answer the best of each kind, and how many times the energy of its rivals the network takes."""
+    found, shown = ratios(results, view), of_run(results)
+    outcomes = way_answer.answers(over_rows(shown, view), view, shown) if len(shown) else []
+    return {one.setting: (_best(one), *_by_prices(found[found["setting"] == one.setting])) for one in outcomes}
+
+
+def _best(outcome: WayAnswer) -> Listed:
+    table = first_screen.table_of_configurations(outcome)
+    return Listed(table.caption, pd.DataFrame(table.rows, columns=table.columns))
+
+
+def _by_prices(rows: pd.DataFrame) -> Iterator[Listed]:
+    if rows.empty:
+        return
+    table = {name: _cells(part) for name, part in rows.groupby("prices", sort=False)}
+    caption = (
+        "Energy of a decision by each price list, and how many times that of a rival the network takes. The "
+        "cheapest rival is of those on signals, or on events, within the error of the best; validation chooses the "
+        "most accurate."
+    )
+    yield Listed(caption, pd.DataFrame([{"prices": name, **cells} for name, cells in table.items()]).fillna("-"))
+
+
+def _cells(rows: pd.DataFrame) -> dict[str, str]:
+    first = rows.iloc[0]
+    said = {
+        one.rival: f"{one.name}: {energy(one.nJ)}, {times(one.ratio)} times" for one in rows.itertuples(index=False)
+    }
+    return {first["network"]: energy(first["network_nJ"]), **said}
+
+
+def turns(rows: pd.DataFrame, base: str = ARITHMETIC_45NM.name) -> str:
+    """A sentence: under which lists the network costs less than its cheapest rival, or more, other than by `base`.
+
+    rows: of `ratios`, of one setting. Empty where `base` does not count it.
+    """
+    own = {row.prices: row for row in rows[rows["rival"] == CHEAPEST].itertuples()}
+    if base not in own:
+        return ""
+    ratio, others = own[base].ratio, [row for name, row in own.items() if name != base]
+    turned = [row for row in others if (row.ratio < 1) != (ratio < 1)]
+    changed = [row for row in others if row not in turned and not 1 / MUCH <= row.ratio / ratio <= MUCH]
+    both = (("it turns by", turned), ("it is another by", changed))
+    said = [f"{words} {_named(part, own[base].name)}" for words, part in both if part]
+    told = "; ".join(said) or f"none of {len(others)} other lists turns it or changes it by more than {MUCH:g} times"
+    return f"By {base} the network takes {_against(own[base])}; {told}."
+
+
+def _named(rows: Sequence, rival: str) -> str:
+    said = [f"{row.prices} ({f'{times(row.ratio)} times' if row.name == rival else _against(row)})" for row in rows]
+    return " and ".join([", ".join(said[:-1]), said[-1]] if said[1:] else said)
+
+
+def _against(row) -> str:
+    return f"{times(row.ratio)} times the energy of {row.name}"
+
+
+def times(ratio: float) -> str:
+    """A ratio with two digits.
+
+    >>> times(0.0714), times(31.4), times(1234.0)
+    ('0.071', '31', '1,200')
+    """
+    return count(float(f"{ratio:.2g}"))
