@@ -2,8 +2,8 @@
 What a decision costs
 =====================
 
-The cost ledger counts what is computed for a decision: multiplications (MACs), additions (ACs), parameters, and how
-long the touch lasts. The energy is an estimate of the arithmetic alone, without memory.
+The cost ledger counts what is computed for a decision, such as multiplications (MACs) and additions (ACs), what is read
+from memory and written to it, and how long the touch lasts. The energy is an estimate of both, by memory-45nm.
 """
 
 import matplotlib.pyplot as plt

@@ -10,6 +10,7 @@ from neurotact.deploy.chain import Chain
 from neurotact.deploy.stream_state import Decision
 from neurotact.encoders.cost import encoding_cost
 from neurotact.metrics import synops
+from neurotact.metrics.prices import MEMORY_45NM
 from neurotact.metrics.synops import TEST, TRAINING, UNKNOWN, UNSEEN, VALIDATION
 from neurotact.networks.use.ledger import SOPS, network_cost
 
@@ -28,7 +29,7 @@ class Scored(NamedTuple):
 
     number: of the decision. truth: index of the true class; None if it is unknown, or changed within the window.
     version: of the settings for the whole window; None if they changed within it.
-    nJ: an estimate of the arithmetic, encoding and network together (`networks.ledger`).
+    nJ: of arithmetic and memory, encoding and network together; NaN where it is not counted (`networks.ledger`).
     side: the side of the network's split that had the trial (`metrics.synops.SIDES`).
     """
 
@@ -49,12 +50,12 @@ class Scored(NamedTuple):
         d = self.decision
         return [
             self.number, d.window, d.time_s, d.index, d.ms, d.steps, d.input_spikes, d.hidden_spikes, d.sops,
-            self.nJ, int(d.heard), d.held, -1 if self.truth is None else self.truth, d.start_step, self.side,
+            counted(self.nJ), int(d.heard), d.held, -1 if self.truth is None else self.truth, d.start_step, self.side,
         ]  # fmt: skip
 
 
 def cost_nJ(chain: Chain, decision: Decision) -> float:  # noqa: N802
-    """An estimate of the energy of a decision: conditioning, encoding and network, as in the cost ledger."""
+    """An estimate of the energy of a decision by the default price list, as in the cost ledger."""
     costs = synops.of_network(chain.network, np.array([decision.input_spikes]), np.array([decision.hidden_spikes]))
     measured: dict[str, Any] = {name: int(part[0]) for name, part in zip(SOPS, costs[:3], strict=True)}
     network = network_cost(
@@ -66,7 +67,12 @@ def cost_nJ(chain: Chain, decision: Decision) -> float:  # noqa: N802
         chain.n_taxels, decision.steps, decision.ms, encoder,
         recorded_Hz=chain.sampling_rate_Hz, spikes=decision.input_spikes,
     )  # fmt: skip
-    return (encoding + network).energy_estimate_nJ
+    return (encoding + network).energy_nJ(MEMORY_45NM)
+
+
+def counted(nJ: float) -> float | None:
+    """An energy in the page's format: None where it is not counted, as of an encoder that declares no cost."""
+    return None if np.isnan(nJ) else nJ
 
 
 def summary(rows: Sequence[Scored]) -> dict[str, Any] | None:
@@ -86,7 +92,7 @@ def summary(rows: Sequence[Scored]) -> dict[str, Any] | None:
         "accuracy": _accuracy(new),
         "accuracy_seen": _accuracy(seen),
         "spikes": float(np.mean([row.decision.input_spikes for row in rows])),
-        "nJ": float(np.mean([row.nJ for row in rows])),
+        "nJ": counted(float(np.mean([row.nJ for row in rows]))),
         **means,
     }
 

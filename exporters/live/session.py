@@ -17,7 +17,7 @@ import numpy as np
 from neurotact_parts.exporters.live import messages
 from neurotact_parts.exporters.live.feeds import TICK_S, ByHand, Feed, Replay
 from neurotact_parts.exporters.live.frames import Audience, FrameBuilder, Mailbox
-from neurotact_parts.exporters.live.scores import Scored, Scores
+from neurotact_parts.exporters.live.scores import Scored, Scores, counted
 
 from neurotact.backend import Backend
 from neurotact.data.spikes import populations_of
@@ -328,8 +328,8 @@ class Session:
     def _counted(self) -> dict[str, Any]:
         sums = self.scores.sums
         spikes = [int(self._afferent_spikes[its].sum()) for its in populations_of(self.afferents).values()]
-        totals = {"spikes": spikes, "hidden": self._hidden, "sops": sums["sops"], "nJ": sums["nJ"], "ms": sums["ms"]}
-        return {"totals": {**totals, "decisions": sums["decisions"]}}
+        totals = {"spikes": spikes, "hidden": self._hidden, "sops": sums["sops"], "ms": sums["ms"]}
+        return {"totals": {**totals, "nJ": counted(sums["nJ"]), "decisions": sums["decisions"]}}
 
     def _race(self) -> dict[str, Any] | None:
         """The outputs of the classes in the oldest open window."""

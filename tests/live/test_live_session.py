@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from levels import examples
 from live_pages import Given, cut, session_of
 from made_chains import make_chain, make_signal, offline
-from neurotact_parts.exporters.live import messages
+from neurotact_parts.exporters.live import messages, scores
 from neurotact_parts.exporters.live.frames import EVENT, Audience, FrameBuilder, Mailbox
 from neurotact_parts.exporters.live.scores import cost_nJ, summary
 
@@ -21,6 +21,8 @@ from neurotact.deploy.sources import Arrived
 from neurotact.encoders import afferents, specs
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
+from neurotact.metrics.flops import NotCounted
+from neurotact.metrics.prices import MEMORY_45NM
 from neurotact.networks.exit.rule import ExitRule
 from neurotact.networks.use.ledger import decision_ledger
 from neurotact.spec import override
@@ -218,9 +220,19 @@ def test_the_energy_of_a_decision_is_that_of_the_cost_ledger():
     )  # fmt: skip
     ledger = decision_ledger(
         network.spec, network.n_inputs, network.n_classes, chain.clock_Hz, synops.summary(table),
-        encoder=chain.encoder.model_dump(mode="json"),
+        encoder=chain.encoder.model_dump(mode="json"), prices=MEMORY_45NM,
     )  # fmt: skip
     assert cost_nJ(chain, decision) == scored.nJ == pytest.approx(ledger["energy_estimate_nJ"].iloc[-1], rel=1e-12)
+
+
+def test_an_energy_that_is_not_counted_reaches_the_page_as_null(monkeypatch):
+    monkeypatch.setattr(scores, "encoding_cost", lambda *_, **__: NotCounted())
+    session = session_of(make_chain({}, patience=5))
+    found = session.take(Arrived(make_signal(40)))
+    sent = found[0].row()
+    shown = sent[9], summary(found)["nJ"], session._counted()["totals"]["nJ"]
+    assert shown == (None, None, None)
+    assert json.dumps(sent, allow_nan=False)
 
 
 def test_a_saved_encoder_is_the_one_that_runs(tmp_path):

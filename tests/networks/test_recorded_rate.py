@@ -18,7 +18,7 @@ from neurotact.deploy.stream import Stream
 from neurotact.encoders.cost import NOT_COUNTED, encoding_cost
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost
-from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList
+from neurotact.metrics.prices import ARITHMETIC_45NM, MEMORY_45NM, PriceList
 from neurotact.networks.use.ledger import Afferents, network_cost
 from neurotact.report import front, networks, tables, wording
 from neurotact.report.answer import Decision
@@ -110,7 +110,7 @@ def test_the_rate_of_a_live_stream_is_that_of_its_samples(trains, recordings, cl
                 "sops_readout": into_readout}  # fmt: skip
     alone = network_cost(network.spec, 4, 2, measured, steps=decision.steps, signal_ms=decision.ms)
     made = encoding_cost(2, decision.steps, decision.ms, trains.encoder, recorded_Hz=rate_Hz)
-    assert cost_nJ(chain, decision) == pytest.approx((alone + made).energy_estimate_nJ)
+    assert cost_nJ(chain, decision) == pytest.approx((alone + made).energy_nJ(MEMORY_45NM))
 
 
 def test_the_rate_reaches_what_survives(recordings, trains):

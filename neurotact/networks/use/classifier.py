@@ -241,8 +241,8 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
     ) -> pd.DataFrame:
         """What a decision costs on average over X: conditioning and encoding (where X says its encoder), and network.
 
-        One row each, with macs, acs, parameters, signal_ms and an energy estimate of the arithmetic alone
-        (docs/one-task-all-ways.md). prices: the price list, by name or path, or a `PriceList`.
+        One row each, with macs, acs, parameters, signal_ms and an energy estimate of arithmetic and memory
+        (docs/concepts/energy.md). prices: the price list, by name or path, or a `PriceList`.
         """
         priced = price_list(prices)
         decided = self.decide(X, early_exit=early_exit).drop(columns="predicted").mean()
