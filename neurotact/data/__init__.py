@@ -8,8 +8,8 @@ Other rooms take:
         fit_standardisation, is_long, pieces, resample, sampled_length, standardised
     contact: OnsetSpec, REST_MS
     copies: Copies, are_telling, copies_of, equal_examples, joined, with_touches
-    dataset: Control, DatasetSpec, Finger, Progress, Reader, SOURCES, Simulator, as_arrays, expand, from_arrays,
-        joined, load_recordings, load_touches, reader, simulator, until
+    dataset: Control, DatasetSpec, Finger, Progress, Reader, SOURCES, Simulator, expand, joined, load_recordings,
+        load_touches, reader, simulator, until
     description: MOST_TAXELS, afferents_table, conditions_table, constant_taxels, lengths_line, taxels_summary,
         taxels_table
     digests: DIGEST, TOUCH, content_digest, recorded_digest, recorded_trials, spike_digests

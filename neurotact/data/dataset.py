@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-import numpy as np
 import pandas as pd
 from pydantic import Field, field_validator, model_validator
 
@@ -18,8 +17,8 @@ from neurotact import plugins, spec
 from neurotact.data import doubtful, hdf5
 from neurotact.data.digests import content_digest
 from neurotact.data.readers import arrays
-from neurotact.data.recordings import LABEL, Recordings
-from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
+from neurotact.data.recordings import Recordings
+from neurotact.data.spikes import SpikeTrains
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_trials, fewer_trials
 from neurotact.errors import InputError, nearest
 from neurotact.spec import Spec, build
@@ -152,8 +151,6 @@ def expand(path: str) -> Path:
 
 SOURCES = ("simulate", "read", "file", "arrays")
 Touches = TypeVar("Touches", bound=Recordings | SpikeTrains)
-CONDITION = "condition "
-"""Prefix of the stored arrays of conditions, `(trial,)`."""
 
 
 class _ArraysSpec(Spec):
@@ -311,50 +308,3 @@ def until(recordings: Recordings, end_ms: float) -> Recordings:
     """The beginning of each trial, with the sample at its end: then a slower clock does not end before it."""
     n_samples = math.ceil(end_ms * 1e-3 * recordings.sampling_rate_Hz - 1e-9) + 1
     return replace(recordings, signals=[signal[:n_samples] for signal in recordings.signals])
-
-
-def as_arrays(touches: Recordings | SpikeTrains) -> dict[str, np.ndarray]:
-    """Trials of any lengths as plain arrays, which `from_arrays` reads.
-
-    Of both `sampling_rate_Hz` and each condition, `(trial,)`. Of recordings `values`, `(sample, taxel)` float32,
-    `lengths`, `(trial,)`, `unit`, `channels`; of spikes `steps` and `units`, `(spike,)`, `counts` and `trial_steps`,
-    `(trial,)`, `afferents`.
-    """
-    conditions = touches.conditions
-    texts = [name for name in conditions if name == LABEL or conditions[name].dtype.kind not in "iufb"]
-    kept = conditions.assign(**{str(name): conditions[name].astype(str) for name in texts})
-    shared = {
-        "sampling_rate_Hz": np.array(touches.sampling_rate_Hz),
-        **{f"{CONDITION}{name}": np.array(kept[name].tolist()) for name in kept},
-    }
-    if isinstance(touches, SpikeTrains):
-        return {
-            **shared,
-            "steps": np.concatenate([np.asarray(steps, np.int64) for steps in touches.steps]),
-            "units": np.concatenate([np.asarray(units, np.int64) for units in touches.units]),
-            "counts": np.array([len(steps) for steps in touches.steps]),
-            "trial_steps": touches.trial_steps,
-            "afferents": np.array(touches.afferents),
-        }
-    return {
-        **shared,
-        # In the order of memory that every file has: sums over time in another order differ in their last bits.
-        "values": np.ascontiguousarray(np.concatenate([np.asarray(one, np.float32) for one in touches.signals])),
-        "lengths": touches.lengths,
-        "unit": np.array(touches.unit),
-        "channels": np.array(touches.channels),
-    }
-
-
-def from_arrays(stored: Mapping[str, np.ndarray], source: str) -> Recordings | SpikeTrains:
-    """The trials of `as_arrays`; source: their name in messages."""
-    conditions = pd.DataFrame({
-        key.removeprefix(CONDITION): stored[key] for key in stored if key.startswith(CONDITION)
-    })  # fmt: skip
-    rate_Hz = float(stored["sampling_rate_Hz"])
-    if "afferents" in stored:
-        ends = np.cumsum(stored["counts"])[:-1]
-        rows = np.split(stored["steps"], ends), np.split(stored["units"], ends), stored["trial_steps"].tolist()
-        return from_trials(map(TrialSpikes, *rows), rate_Hz, tuple(stored["afferents"].tolist()), conditions)
-    signals = np.split(stored["values"], np.cumsum(stored["lengths"])[:-1])
-    return Recordings(signals, rate_Hz, str(stored["unit"]), conditions, tuple(stored["channels"].tolist()), source)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Annotated, Any, Literal
 
+from neurotact_parts.studies.comparison.arrays import as_arrays, from_arrays
 from neurotact_parts.studies.comparison.fronts import EVENTS
 from neurotact_parts.studies.comparison.saving import Bench
 from neurotact_parts.studies.comparison.skipped import left_out
@@ -10,7 +11,7 @@ from pydantic import Field, model_validator
 
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.data.copies import copies_of
-from neurotact.data.dataset import DatasetSpec, as_arrays, from_arrays, load_touches, until
+from neurotact.data.dataset import DatasetSpec, load_touches, until
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_touches

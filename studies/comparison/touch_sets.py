@@ -2,11 +2,12 @@
 
 from typing import Any
 
+from neurotact_parts.studies.comparison.arrays import as_arrays
 from neurotact_parts.studies.comparison.sets import check_named
 from neurotact_parts.studies.comparison.skipped import left_out
 from pydantic import Field, model_validator
 
-from neurotact.data.dataset import DatasetSpec, as_arrays, joined, load_recordings
+from neurotact.data.dataset import DatasetSpec, joined, load_recordings
 from neurotact.errors import InputError
 from neurotact.spec import Spec
 from neurotact.studies.way import Arrays

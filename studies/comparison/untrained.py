@@ -12,6 +12,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from neurotact_parts.studies.comparison import remedy_answers, touch_sets
+from neurotact_parts.studies.comparison.arrays import from_arrays
 from neurotact_parts.studies.comparison.remedy_answers import CEILING, DEFAULT, NETWORK, NOTHING
 from neurotact_parts.studies.comparison.skipped import SKIPPED, skipped_row
 from neurotact_parts.studies.comparison.touch_sets import TouchData
@@ -24,7 +25,6 @@ from neurotact.baselines.opponents import Cuts, Input
 from neurotact.data import hdf5
 from neurotact.data.augmentation import NONE, AugmentationSpec
 from neurotact.data.copies import copies_of
-from neurotact.data.dataset import from_arrays
 from neurotact.data.digests import content_digest
 from neurotact.data.recordings import LABEL, Recordings, class_indices
 from neurotact.data.spikes import SpikeTrains

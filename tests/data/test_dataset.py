@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.studies.comparison.arrays import as_arrays, from_arrays
 
 from neurotact.data import hdf5
-from neurotact.data.dataset import DatasetSpec, as_arrays, from_arrays, load_recordings, load_touches, until
+from neurotact.data.dataset import DatasetSpec, load_recordings, load_touches, until
 from neurotact.data.digests import content_digest
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains, from_rasters

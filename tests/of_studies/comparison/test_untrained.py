@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from levels import examples
 from made_inputs import touches
 from neurotact_parts.studies.comparison import touch_sets, untrained
+from neurotact_parts.studies.comparison.arrays import as_arrays, from_arrays
 from neurotact_parts.studies.comparison.remedy_answers import (
     CEILING,
     DEFAULT,
@@ -23,7 +24,7 @@ from neurotact_parts.studies.comparison.remedy_answers import (
 from neurotact_parts.studies.comparison.untrained import HALF, Parameters
 
 from neurotact.data import hdf5
-from neurotact.data.dataset import as_arrays, from_arrays, joined
+from neurotact.data.dataset import joined
 from neurotact.data.splits import split_conditions
 from neurotact.errors import InputError
 from neurotact.spec import build
