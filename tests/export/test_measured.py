@@ -24,9 +24,9 @@ def made(**kind):
 
 
 def test_each_side_is_decided_by_the_integers_that_an_export_chooses():
-    network, sides = made()
+    network, sides = made(step_ms=4.0)
     layers = layers_of(network, record_states(network, sides.train.spikes), weight_bits=8, state_bits=None, n_steps=80)
-    labels = [infer(side.spikes.numpy(), layers, network.neuron, FULL_WINDOW).labels for side in sides]
+    labels = [infer(side.spikes.numpy(), layers, network.neuron, FULL_WINDOW, 4).labels for side in sides]
     # Right on validation, wrong on all test windows but the first.
     n_classes = network.n_classes
     of_validation, of_test = torch.tensor(labels[1]), (torch.tensor(labels[2]) + 1) % n_classes
