@@ -10,7 +10,16 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from neurotact_parts.exporters.c.formats import FRACTION, Afferents, Formats, FrontEnd, Integrator, Layer, Weight
+from neurotact_parts.exporters.c.formats import (
+    FRACTION,
+    Afferents,
+    Formats,
+    FrontEnd,
+    Integrator,
+    Layer,
+    Layers,
+    Weight,
+)
 
 from neurotact.networks.definition.clock import binned
 from neurotact.networks.exit.rule import ExitRule, Leader
@@ -139,7 +148,9 @@ def n_steps(n_samples: int, front: FrontEnd) -> int:
     return max((n_samples - 1) * sample // stride + 1, (2 * n_samples * sample + stride) // (2 * stride))
 
 
-def infer(windows: np.ndarray, formats: Formats, neuron: CubaLIF, rule: ExitRule, steps_per_bin: int = 1) -> Decided:
+def infer(
+    windows: np.ndarray, formats: Formats | Layers, neuron: CubaLIF, rule: ExitRule, steps_per_bin: int = 1
+) -> Decided:
     """Decide windows of spikes `(window, time, afferent)`.
 
     steps_per_bin: steps of the encoder's clock in one of the network's. The steps of the decisions are the encoder's.

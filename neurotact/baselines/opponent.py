@@ -4,7 +4,6 @@ An opponent is a part of the group `opponents` (`docs/plugins.md`), as those tha
 """
 
 import inspect
-import math
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -200,14 +199,13 @@ def first_best(scored: Iterable[tuple[float, T]]) -> tuple[float, T]:
 def rounded(values: ArrayLike, bits: int, of: ArrayLike | None = None) -> np.ndarray:
     """The nearest whole multiples of one step, of `bits` bits with their sign, as the C export holds a matrix.
 
-    of: the values whose largest fills the bits; None: `values`. What is rounded stays: a step has 20 significant bits.
+    of: the values whose largest fills the bits; None: `values`.
 
     >>> rounded([0.2, 0.7, 3.0, 9.0], 3, of=[-3.0, 0.5]).tolist()
     [0.0, 1.0, 3.0, 3.0]
     """
     values, top = np.asarray(values), 2 ** (bits - 1) - 1
-    mantissa, exponent = math.frexp(float(np.abs(values if of is None else of).max(initial=0.0)) / top or 1.0)
-    step = math.ldexp(round(mantissa * 2**20), exponent - 20)
+    step = float(np.abs(values if of is None else of).max(initial=0.0)) / top or 1.0
     whole = np.rint(values.astype(float) / step).clip(-top, top)
     return (whole * step).astype(np.result_type(values, np.float32))
 

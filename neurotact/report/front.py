@@ -32,6 +32,7 @@ from neurotact.report.page import Figure, Table
 from neurotact.report.wording import energy
 from neurotact.studies import automatic
 from neurotact.studies.cell import task_of
+from neurotact.studies.measures import INTEGERS
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import LENGTH, Cell, StudySpec, by_split, encoder_columns, split_columns, value_at
 from neurotact.tables import NETWORK, means_over, sized
@@ -293,6 +294,28 @@ def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], result: M
     return baselines
 
 
+def rounded(tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
+    """The tables as if each baseline that can be rounded were; the others stay. Earlier versions rounded none."""
+    width, baselines, trials = opponents.ROUNDED, tables.get("baselines"), tables.get("baselines_trials")
+    if baselines is None or trials is None or f"accuracy_test{width}" not in baselines:
+        return {**tables}
+    pairs = {name: f"{name}{width}" for name in ("accuracy_validation", "accuracy_test")}
+    narrow = {name: baselines[other].fillna(baselines[name]) for name, other in pairs.items()}
+    is_rounded = baselines[pairs["accuracy_test"]].notna()[trials["baseline"]].to_numpy()
+    own = trials[trials["side"].str.endswith(width) | ~is_rounded]
+    own = own.assign(side=own["side"].str.removesuffix(width))
+    return {**tables, "baselines": baselines.assign(**narrow), "baselines_trials": own}
+
+
+def in_integers(tables: Mapping[str, pd.DataFrame], setting: str, network: Network) -> float | None:
+    """The test accuracy of a network in 8-bit integers; None if it is not measured, or has no integer form."""
+    table = tables.get(INTEGERS)
+    if table is None or f"accuracy_test{opponents.ROUNDED}" not in table:
+        return None
+    own = robustness.of_network(table[table["setting"] == setting], network)
+    return _known(own[f"accuracy_test{opponents.ROUNDED}"].mean())
+
+
 def sides_of(trains: SpikeTrains | None, cells: Sequence[Cell], counts: Sequence[int]) -> Sides:
     """The numbers of trials of the spike trains; if those are missing, of test windows instead.
 
@@ -326,8 +349,9 @@ def fronts(
 
     results: a run's `results.csv` with the columns `pair` and `setting` and those of `costs_of`, a row per done cell.
     afferents: of each of these cells.
-    tables: `baselines` and `baselines_trials`, if they exist.
+    tables: `baselines`, `baselines_trials` and `integers`, if they exist.
     """
+    narrow_tables = rounded(tables)
     for setting, rows in results.groupby("setting", sort=False):
         first_of_splits = [group[0] for group in by_split(c for c in done if c.dataset == rows["dataset"].iloc[0])]
         if not first_of_splits:
@@ -344,6 +368,9 @@ def fronts(
         baselines = baselines_of(study, tables, rows.iloc[0].to_dict())
         compare = _comparing(study, folder, done, rows, tables)
         answer = answers.answer(networks, baselines, guess, sides.trials, compare, study.prices.name)
+        compare = _comparing(study, folder, done, rows, narrow_tables)
+        baselines = baselines_of(study, narrow_tables, rows.iloc[0].to_dict())
+        narrow = answers.answer(networks, baselines, guess, sides.trials, compare)
         splits = [cell.split for cell in first_of_splits]
         lost = [*sentences.gaps(answer, likely_cause(splits))]
         if "encoder" not in rows:  # else the table of encoders tells it
@@ -360,6 +387,7 @@ def fronts(
             *under_prices.sentences(answer),
             *sentences.of_refractory_periods(answer),
             *_of_processor(folder),
+            *sentences.of_width(answer, narrow, in_integers(tables, str(setting), answer.best)),
         ]
         yield Front(
             str(setting),

@@ -34,7 +34,7 @@ from neurotact.report.tables import (
     with_pair,
     with_setting,
 )
-from neurotact.report.wording import spread
+from neurotact.report.wording import percent, spread
 from neurotact.spec import to_toml
 from neurotact.studies import measures
 from neurotact.studies import study as studies
@@ -120,6 +120,8 @@ def write(
     beside = tables_beside(study, folder)
     baselines, remedies = beside.get("baselines"), extra.get(robustness.REMEDIES)
     beside |= {name: extra[name] for name in (robustness.REMEDIES, encoder_choice.RECONSTRUCTION) if name in extra}
+    if measures.INTEGERS in extra:
+        beside[measures.INTEGERS] = with_setting(extra[measures.INTEGERS], setting_columns(study))
     afferents, n_classes = afferents_of(folder, done), len(trains.classes) if trains else 0
     spent = front.costs_of(study, results, afferents, n_classes)
     fronts = list(front.fronts(study, folder, done, results.join(spent), trains, afferents, beside))
@@ -173,7 +175,7 @@ def write(
             *robustness.tables(study, remedies, shown.answer.rows, shown.answer.best),
             *robustness.class_table(shown.classes, shown.answer.best),
         ],
-        baselines=_baselines_table(baselines, study),
+        baselines=_baselines_table(baselines, study, front.in_integers(beside, shown.setting, shown.answer.best)),
         ledger=_ledger_table(costs),
         ledger_about=f"{ledger.ABOUT} {study.prices.in_words()}",
         pair_word=periods.head(study),
@@ -313,8 +315,8 @@ def networks_table(results: pd.DataFrame, study: StudySpec) -> list[list[Entry]]
     ]
 
 
-def _baselines_table(baselines: pd.DataFrame | None, study: StudySpec) -> Table | None:
-    """The classical baselines as text; None if the study has none."""
+def _baselines_table(baselines: pd.DataFrame | None, study: StudySpec, own: float | None) -> Table | None:
+    """The classical baselines as text; None if the study has none. own: of the best network in 8-bit integers."""
     if baselines is None:
         return None
     rows = [
@@ -324,6 +326,7 @@ def _baselines_table(baselines: pd.DataFrame | None, study: StudySpec) -> Table 
             periods.NONE if pd.isna(row["t_ref_ra_ms"]) else pair,
             row["dataset"],
             *(f"{100 * row[name]:.1f}" for name in ("accuracy_validation", "accuracy_test")),
+            "not rounded" if pd.isna(narrow := row.get(f"accuracy_test{opponents.ROUNDED}")) else f"{100 * narrow:.1f}",
             *(
                 "not counted" if pd.isna(row[name]) else f"{row[name]:,{form}}"
                 for name, form in (("flops", ".0f"), ("energy_estimate_nJ", ".3g"))
@@ -334,11 +337,13 @@ def _baselines_table(baselines: pd.DataFrame | None, study: StudySpec) -> Table 
     ]
     heads = [
         "classifier", "input", f"{periods.head(study)} (ms)", "data set", "validation accuracy (%)",
-        "test accuracy (%)", "FLOPs", HEADS["energy_estimate_nJ"], "chosen on validation windows",
+        "test accuracy (%)", "with 8-bit weights (%)", "FLOPs", HEADS["energy_estimate_nJ"],
+        "chosen on validation windows",
     ]  # fmt: skip
-    return Table(
-        "Classifiers without spikes in their decision, on the same windows and the same split", heads, rows, n_heads=2
-    )
+    caption = "Classifiers without spikes in their decision, on the same windows and the same split"
+    if own is not None:
+        caption += f"; the best network with 8-bit weights has {percent(own)} on test windows"
+    return Table(caption, heads, rows, n_heads=2)
 
 
 def _ledger(

@@ -14,6 +14,9 @@ from neurotact.report.answer import Answer, Baseline, Decision, Network, OfNetwo
 from neurotact.report.way_answer import Configuration, WayAnswer
 from neurotact.report.wording import chance_of, count, energy, milliseconds, p_of, percent
 
+POINT, TOLD = 0.01 + 1e-9, 3
+"""A loss that a sentence on 8-bit weights leaves out, and how many it names."""
+
 
 def headline(outcome: Answer[Any, Any]) -> str:
     """The answer in one sentence: the verdict, and the numbers that it rests on."""
@@ -263,6 +266,23 @@ def of_refractory_periods(outcome: OfNetworks) -> Iterator[str]:
     on = ", on whole windows" if other.exits or outcome.cheapest.exits else ""
     changed = _changed(other.whole, outcome.cheapest.whole, outcome)
     yield f"Refractory periods of {outcome.cheapest.pair} ms in place of {shortest} ms: {changed}{on}."
+
+
+def of_width(outcome: OfNetworks, narrow: OfNetworks, own: float | None) -> Iterator[str]:
+    """What 8-bit weights change: more than a point of accuracy, or the verdict; nothing where they change neither.
+
+    narrow: the answer with rounded baselines. own: the test accuracy of the best network in 8-bit integers, if known.
+    """
+    after = {one.name: one.accuracy for one in narrow.others}
+    every = [] if own is None else [(outcome.best.name, outcome.best.whole.accuracy, own)]
+    every += [(one.name, one.accuracy, after[one.name]) for one in outcome.named]
+    lost = [f"{name} {percent(was)} to {percent(now)}" for name, was, now in every if was - now > POINT]
+    more = [f"and that of {len(lost) - TOLD} others"] if len(lost) > TOLD else []
+    said = [f"accuracy on test windows falls ({'; '.join([*lost[:TOLD], *more])})"] if lost else []
+    if narrow.kind != outcome.kind:
+        said.append(f"the verdict against baselines so rounded would be '{verdict(narrow)}'")
+    if said:
+        yield f"With 8-bit weights, {'; '.join(said)}."
 
 
 def gaps(outcome: OfNetworks, cause: str) -> Iterator[str]:

@@ -1,6 +1,7 @@
 """The answer of a whole run on one's own recordings compares network and baseline trial by trial."""
 
 import json
+import shutil
 
 import numpy as np
 import pandas as pd
@@ -9,7 +10,8 @@ import pytest
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.metrics import paired
-from neurotact.report import report
+from neurotact.report import front, report
+from neurotact.report.answer import answer
 from neurotact.studies import loading, runner, study
 from neurotact.studies.store import cell_folder
 from neurotact.tables import read_table
@@ -96,3 +98,26 @@ def test_where_single_trials_are_unknown_the_shares_are_compared(run):
         assert found["verdict"]["n"] == found["test_trials"]
     finally:
         table.write_bytes(kept)
+
+
+@pytest.mark.thorough
+def test_what_eight_bits_cost_baselines_and_network_is_told(run, tmp_path, monkeypatch):
+    _, made = run
+    table, trials = read_table(made / "baselines.csv"), read_table(made / "baselines_trials.csv")
+    for side in ("validation_8bit", "test_8bit"):
+        its = trials[trials["side"] == side].groupby("baseline")["right"].mean()
+        np.testing.assert_allclose(its, table[f"accuracy_{side}"])
+    folder, asked = shutil.copytree(made, tmp_path / "run"), []
+    for name, wrong in (("baselines.csv", 0.0), ("integers.csv", 0.125)):
+        read_table(folder / name).assign(accuracy_test_8bit=wrong).to_csv(folder / name, index=False)
+    right = trials["right"].where(trials["side"] != "test_8bit", 0.0)
+    trials.assign(right=right).to_csv(folder / "baselines_trials.csv", index=False)
+    monkeypatch.setattr(front.answers, "answer", lambda *given: asked.append(given) or answer(*given))
+    page = report.write(folder).read_text(encoding="utf-8").replace("\xa0", " ")
+    assert "With 8-bit weights, accuracy on test windows falls (1&amp;1 ms with 6 neurons" in page
+    assert all(
+        words in page for words in (" to 12.5 %; ", " to 0.0 %; ", "with 8-bit weights has 12.5 % on test windows")
+    )
+    (networks, before, _, _, compare), (_, after, _, _, compare_rounded) = asked
+    assert {one.accuracy for one in after} == {0.0} != {one.accuracy for one in before}
+    assert compare(networks[0], before[0]) != compare_rounded(networks[0], after[0])
