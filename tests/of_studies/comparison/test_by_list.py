@@ -143,6 +143,13 @@ def test_what_a_way_leaves_is_by_list():
     assert not found["lost"].any()
 
 
+def test_a_list_by_which_a_row_has_no_energy_says_nothing_of_ways():
+    results = ways(slower=(0.9, 900, 100))
+    results.loc[results.index[-1], "events_states_accesses"] = math.nan
+    found = {*energies_of_ways(results)["prices"]}
+    assert {name for name in names() if name not in found} == {"memory-45nm-events"}
+
+
 def test_one_sentence_says_which_way_leaves_least_by_which_lists():
     results = ways(**{"refractory period": (0.9, 900, 100), "fewer taxels": (0.9, 600, 900)})
     said = fronts.answers(results)[-1]
