@@ -7,11 +7,16 @@ from neurotact_parts.studies.comparison import by_list
 from neurotact_parts.studies.comparison import protocol as all_ways
 from neurotact_parts.studies.comparison import spiking as spiking_family
 from neurotact_parts.studies.comparison.protocol import Parameters, TaskSpec
+from neurotact_parts.studies.comparison.tasks import split_groups
 from neurotact_parts.studies.touch_modality import recurrent
 
+from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost
 from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.networks.training.tasks import Task, sides_of
+from neurotact.networks.training.trainer import new_network
 
 TINY = TaskSpec(
     task="gratings",
@@ -63,6 +68,19 @@ def test_rows_of_a_family(arrays, family):
         assert energies["arithmetic-45nm"] == pytest.approx(row["energy_estimate_nJ"])
         assert (energies["memory-45nm"] != energies["memory-45nm-events"]) == (family == "SNN")
     assert all_ways.run(Parameters(data=TINY, family=family), arrays) == rows
+
+
+def test_an_early_decision_updates_neurons_until_then_run_in_both_ways(arrays):
+    task = all_ways.task_of(arrays)
+    split = split_groups(task.labels, task.groups, 0)
+    trains = spiking_family.encode(task, split.train)
+    sides = sides_of(trains, Task(window=WindowSpec(length_ms=200.0, per_trial=1)), split)
+    network, _ = new_network(trains, spiking_family.TRIED[0].of_model("snn"), (0, 1), sides.train.spikes)
+    whole, early = (spiking_family._measure(network, trains, sides, rule) for rule in (FULL_WINDOW, ExitRule(20, True)))
+    share = early[2].signal_ms / whole[2].signal_ms
+    assert share < 0.9
+    assert early[2].neuron_updates == pytest.approx(share * whole[2].neuron_updates)
+    assert 0 < early[3].neuron_updates < min(early[2].neuron_updates, 0.95 * whole[3].neuron_updates)
 
 
 def test_sequences_are_made_until_the_decision(arrays, monkeypatch):

@@ -35,6 +35,12 @@ def test_what_a_row_does_not_hold_has_no_energy():
     assert found.isna().all(axis=None)
 
 
+def test_a_classifier_without_a_column_of_synaptic_operations_has_none():
+    columns = {name: value for name, value in Cost(macs=10, weights_accesses=10).columns().items() if name != "sops"}
+    found = by_list.energies(pd.DataFrame([by_list.the_same(columns)]))
+    assert found["loihi"].item() == pytest.approx(Cost(macs=10).energy_nJ(price_list("loihi")))
+
+
 def row(cost, events=None, **more):
     return {"seed": 0, "n_train": 70, "n_test": 15, **by_list.counted(cost, events or cost), **more}
 
@@ -67,6 +73,14 @@ def test_each_list_has_its_cheapest_rival_among_the_most_accurate():
     (said,) = real_sets.answers(results)
     assert "By arithmetic-45nm the network takes 5 times the energy of extra trees, signals: a; it turns by" in said
     assert "memory-45nm (0.64 times the energy of SVM, signals: a)" in said
+
+
+def test_what_is_not_counted_is_never_the_cheapest():
+    results = of_set(NETWORK, ("own", "signals: a", 0.9, 1, 1), ("SVM", "signals: a", 0.9, 9000, 100))
+    results.loc[results["classifier"] == "own", [*PRICED, "energy_estimate_nJ"]] = math.nan
+    found = rivals.ratios(results, real_sets.VIEW)
+    at_work = found[found["prices"] == "arithmetic-45nm"]
+    assert at_work.loc[at_work["rival"] == rivals.CHEAPEST, "name"].tolist() == ["SVM, signals: a"]
 
 
 def test_a_table_of_each_answer_stands_beside_the_best_of_each_kind():
@@ -127,6 +141,13 @@ def test_what_a_way_leaves_is_by_list():
         assert left[name] == pytest.approx(own[0] / own[1])
     assert found["clear"].all()
     assert not found["lost"].any()
+
+
+def test_a_list_by_which_a_row_has_no_energy_says_nothing_of_ways():
+    results = ways(slower=(0.9, 900, 100))
+    results.loc[results.index[-1], "events_states_accesses"] = math.nan
+    found = {*energies_of_ways(results)["prices"]}
+    assert {name for name in names() if name not in found} == {"memory-45nm-events"}
 
 
 def test_one_sentence_says_which_way_leaves_least_by_which_lists():
