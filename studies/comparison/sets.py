@@ -3,7 +3,6 @@
 from dataclasses import replace
 from typing import Annotated, Any, Literal
 
-from neurotact_parts.studies.comparison.arrays import as_arrays, from_arrays
 from neurotact_parts.studies.comparison.fronts import EVENTS
 from neurotact_parts.studies.comparison.saving import Bench
 from neurotact_parts.studies.comparison.set_arrays import as_arrays, from_arrays

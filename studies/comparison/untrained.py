@@ -12,7 +12,6 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from neurotact_parts.studies.comparison import remedy_answers, touch_sets
-from neurotact_parts.studies.comparison.arrays import from_arrays
 from neurotact_parts.studies.comparison.remedy_answers import CEILING, DEFAULT, NETWORK, NOTHING
 from neurotact_parts.studies.comparison.set_arrays import from_arrays
 from neurotact_parts.studies.comparison.skipped import SKIPPED, skipped_row

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from levels import examples
 from made_inputs import touches
 from neurotact_parts.studies.comparison import touch_sets, untrained
-from neurotact_parts.studies.comparison.arrays import as_arrays, from_arrays
 from neurotact_parts.studies.comparison.remedy_answers import (
     CEILING,
     DEFAULT,
