@@ -411,17 +411,6 @@ def ema(signal: np.ndarray, coefficient: float, before: np.ndarray | None = None
     return smooth
 
 
-def resample(signal: np.ndarray, rate_Hz: float, to_Hz: float) -> np.ndarray:
-    """Linear interpolation of `(time, taxel)` at another rate; the last sample holds until the trial ends.
-
-    The result lasts as long as the trial (`conditioned_length`). Before going to a lower rate, apply an EMA.
-
-    >>> resample(np.array([[0.0], [2.0]]), 1.0, 2.0).ravel().tolist()
-    [0.0, 1.0, 2.0, 2.0]
-    """
-    return Conditioner(rate_Hz, ConditioningSpec(resample_Hz=to_Hz)).whole(signal)
-
-
 def _position(steps: np.ndarray, rate_Hz: float, to_Hz: float) -> np.ndarray:
     """The positions of steps of one clock between the samples of another."""
     return steps * (rate_Hz / to_Hz)

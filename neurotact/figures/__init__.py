@@ -12,5 +12,5 @@ Other rooms take:
     search: save_found
     searches: draw_best_so_far, draw_winners, gains, winners
     style: Drawn, INK, MUTED, PAIR_AXIS, PAIR_TITLE, PALE, RA, SA, SERIES, SYMBOLS, TOTAL, add_legend, bars,
-        keep_within, name_ticks, new_figure, new_panels, printed, save, sequence, series_style, write_out_log_ticks
+        keep_within, name_ticks, new_figure, new_panels, printed, save, sequence, series_style
 """

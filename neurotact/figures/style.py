@@ -9,16 +9,11 @@ from typing import Any, Literal, NamedTuple, ParamSpec
 import numpy as np
 from matplotlib import colormaps, rc_context
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import (
     FixedFormatter,
     FuncFormatter,
-    LogLocator,
-    MaxNLocator,
-    NullFormatter,
-    StrMethodFormatter,
 )
 
 from neurotact.errors import InputError
@@ -241,15 +236,3 @@ def series_style(index: int) -> dict[str, Any]:
     """Colour and marker of the series at `index`, as keywords of a plot."""
     colour, marker = SERIES[index % len(SERIES)]
     return {"color": colour, "marker": marker}
-
-
-def write_out_log_ticks(axis: Axis) -> None:
-    """Few ticks, written out, on a logarithmic axis after its data are drawn.
-
-    Decades if it spans more than two; else 1, 2 and 5 of each; round steps below a factor of four.
-    """
-    low, high = sorted(axis.get_view_interval())
-    subs = (1.0,) if high > 100 * low else (1.0, 2.0, 5.0)
-    axis.set_major_locator(LogLocator(subs=subs) if high > 4 * low else MaxNLocator(3))
-    axis.set_major_formatter(StrMethodFormatter("{x:,.10g}"))
-    axis.set_minor_formatter(NullFormatter())

@@ -128,21 +128,6 @@ def isis_ms(spikes: Spikes, sampling_rate_Hz: float) -> Intervals:
     return Intervals(trains.trial[1:][within], trains.afferent[1:][within], isi)
 
 
-def latencies_ms(spikes: Spikes, sampling_rate_Hz: float) -> np.ndarray:
-    """Time of the first spike from the trial's beginning, `(trial, afferent)`; NaN for a silent afferent.
-
-    >>> latencies_ms(np.array([[[0, 0], [1, 0], [1, 0]]]), sampling_rate_Hz=2000.0).tolist()
-    [[0.5, nan]]
-    """
-    check_rate(sampling_rate_Hz)
-    trains = spikes if isinstance(spikes, Events) else events_of_raster(spikes)
-    group = _group(trains)
-    is_first = np.diff(group, prepend=-1) != 0
-    latencies = np.full(len(trains.trial_steps) * trains.n_afferents, np.nan)
-    latencies[group[is_first]] = trains.step[is_first] * (1e3 / sampling_rate_Hz)
-    return latencies.reshape(len(trains.trial_steps), trains.n_afferents)
-
-
 def _sorted(trial: np.ndarray, unit: np.ndarray, step: np.ndarray, trial_steps: np.ndarray, n_afferents: int) -> Events:
     # One sort of one key is several times faster than an indirect sort of three.
     longest = int(trial_steps.max(initial=1))

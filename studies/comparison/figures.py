@@ -4,8 +4,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, PercentFormatter, StrMethodFormatter
 from neurotact_parts.studies.comparison.spiking import EARLY, FAMILY
 
 from neurotact.figures.style import (
@@ -19,7 +20,6 @@ from neurotact.figures.style import (
     name_ticks,
     new_panels,
     printed,
-    write_out_log_ticks,
 )
 
 FAMILIES = (
@@ -102,3 +102,15 @@ def _style(family: str) -> dict[str, Any]:
     size = 8 if MARKS[index] == "*" else 4.5
     edge = COLOURS[index] if family in FAMILIES else INK
     return {"marker": MARKS[index], "color": edge, "mfc": filled, "mec": edge, "ms": size}
+
+
+def write_out_log_ticks(axis: Axis) -> None:
+    """Few ticks, written out, on a logarithmic axis after its data are drawn.
+
+    Decades if it spans more than two; else 1, 2 and 5 of each; round steps below a factor of four.
+    """
+    low, high = sorted(axis.get_view_interval())
+    subs = (1.0,) if high > 100 * low else (1.0, 2.0, 5.0)
+    axis.set_major_locator(LogLocator(subs=subs) if high > 4 * low else MaxNLocator(3))
+    axis.set_major_formatter(StrMethodFormatter("{x:,.10g}"))
+    axis.set_minor_formatter(NullFormatter())

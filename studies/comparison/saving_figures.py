@@ -8,9 +8,10 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
+from neurotact_parts.studies.comparison.figures import write_out_log_ticks
 from neurotact_parts.studies.comparison.fronts import COSTS, NOTHING, SOPS
 
-from neurotact.figures.style import INK, MUTED, add_legend, new_figure, new_panels, printed, write_out_log_ticks
+from neurotact.figures.style import INK, MUTED, add_legend, new_figure, new_panels, printed
 
 COLOURS = (
     "#E06C00", "#0072B2", "#56B4E9", "#009E73", "#7fb800", "#999999", "#CC79A7", "#882255", "#332288", "#c4a000",

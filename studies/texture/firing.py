@@ -21,7 +21,7 @@ def measures(touches: Events, is_kind: np.ndarray, trains: SpikeTrains) -> dict[
     rate_Hz = trains.sampling_rate_Hz
     intervals = spike_trains.isis_ms(touches, rate_Hz)
     isi_ms = intervals.isi_ms[is_kind[intervals.afferent]]
-    first_ms = spike_trains.latencies_ms(touches, rate_Hz)[:, is_kind]
+    first_ms = latencies_ms(touches, rate_Hz)[:, is_kind]
     is_silent = np.isnan(first_ms).all(axis=1)
     until_ms = 1e3 * touches.trial_steps / rate_Hz
     latency_ms = np.where(is_silent, until_ms, np.where(np.isnan(first_ms), np.inf, first_ms).min(axis=1))
@@ -88,3 +88,10 @@ def overlap(counts: np.ndarray) -> float:
     shares = with_intervals / with_intervals.sum(axis=1, keepdims=True)
     one, other = np.triu_indices(len(shares), k=1)
     return float(np.minimum(shares[one], shares[other]).sum(axis=1).mean())
+
+
+def latencies_ms(touches: Events, sampling_rate_Hz: float) -> np.ndarray:
+    """Time of the first spike from the trial's beginning, `(trial, afferent)`; NaN for a silent afferent."""
+    first = np.full((len(touches.trial_steps), touches.n_afferents), np.inf)
+    np.minimum.at(first, (touches.trial, touches.afferent), touches.step * (1e3 / sampling_rate_Hz))
+    return np.where(np.isinf(first), np.nan, first)

@@ -21,7 +21,7 @@ from neurotact_parts.studies.touch_modality.recurrent import LSTM, GRUClassifier
 from neurotact_parts.studies.touch_modality.touches import TouchData, folds_of, seed_of, touches_of, typical
 from pydantic import Field
 
-from neurotact.data.conditioning import ema, ema_coefficient, fit_standardisation, resample
+from neurotact.data.conditioning import Conditioner, ConditioningSpec, ema, ema_coefficient, fit_standardisation
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import Cost, Dense, Moments, cost
 from neurotact.spec import Spec
@@ -325,12 +325,8 @@ def task(data: TouchData) -> TaskData:
     parts = [touches.patterns[:, first:stop] for first, stop in bounds]
     features = np.concatenate([f(part, axis=1) for f in (np.mean, np.std) for part in parts], axis=1)
     smoothing = ema_coefficient(TASK_CUTOFF_HZ, touches.sampling_rate_Hz)
-    sequences = np.stack(
-        [
-            resample(ema(pattern - pattern[:1], smoothing), touches.sampling_rate_Hz, TASK_RATE_HZ)
-            for pattern in touches.patterns
-        ]
-    )
+    slow = Conditioner(touches.sampling_rate_Hz, ConditioningSpec(resample_Hz=TASK_RATE_HZ))
+    sequences = np.stack([slow.whole(ema(pattern - pattern[:1], smoothing)) for pattern in touches.patterns])
     groups = touches.persons if len(touches.persons) else np.arange(len(touches.labels))
     return TaskData(
         features.astype(np.float64), np.float32(1e3) * sequences, TASK_RATE_HZ, "mV", touches.labels, groups

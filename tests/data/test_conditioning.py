@@ -11,6 +11,7 @@ from hypothesis.extra import numpy as hnp
 
 from neurotact.data import conditioning
 from neurotact.data.conditioning import (
+    Conditioner,
     ConditioningSpec,
     condition,
     condition_pieces,
@@ -18,7 +19,6 @@ from neurotact.data.conditioning import (
     ema,
     ema_coefficient,
     fit_standardisation,
-    resample,
 )
 from neurotact.data.recordings import Recordings
 from neurotact.data.windows import WindowSpec, cut
@@ -27,6 +27,10 @@ from neurotact.errors import InputError
 RATES = st.sampled_from([35.6, 100.0, 1000.0, 2000.0])
 VALUES = st.floats(-1e3, 1e3, width=32)
 SIGNALS = st.tuples(st.integers(2, 40), st.integers(1, 3)).flatmap(lambda n: hnp.arrays(float, n, elements=VALUES))
+
+
+def resample(signal, rate_Hz, to_Hz):
+    return Conditioner(rate_Hz, ConditioningSpec(resample_Hz=to_Hz)).whole(signal)
 
 
 def skin(signals, rate_Hz=1000.0, unit="mV") -> Recordings:

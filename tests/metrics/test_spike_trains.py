@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.studies.texture.firing import latencies_ms
 from neurotact_parts.studies.texture.spike_features import isi_cv, isi_mean_ms
 
 from neurotact.errors import InputError
@@ -10,7 +11,6 @@ from neurotact.metrics.spike_trains import (
     events,
     events_of_raster,
     isis_ms,
-    latencies_ms,
     rates_Hz,
     spike_counts,
 )
