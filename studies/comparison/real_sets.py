@@ -23,6 +23,7 @@ from neurotact.baselines.opponents import LINEAR, Input
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.figures.style import INK, MUTED, Drawn, add_legend, new_panels, printed
+from neurotact.metrics import referee
 from neurotact.metrics.flops import LEDGER_COLUMNS
 from neurotact.metrics.fronts import pareto_front
 from neurotact.metrics.resampled import LEAST_SPLITS, SHARES, Interval
@@ -140,7 +141,9 @@ def _answer(found: WayAnswer, name: str, split: str, rows: pd.DataFrame) -> str:
     assert network is not None
     assert best is not None
     is_known = not np.isnan(best.choice_error)  # of one or two seeds it is not, so that nothing is said of it
-    counted = [one for one in rivals.comparable(found) if not np.isnan(one.cost)]
+    near = [found.others[index] for index in referee.within_error([one.way for one in found.others])]
+    on_signals = [one for one in near if f"{opponents.SPIKES}: " not in one.name]
+    counted = [one for one in on_signals if not np.isnan(one.cost)]
     cheapest = min(counted, key=lambda one: one.cost, default=None) if is_known else None
     if found.verdict is None or network.rows < LEAST_SPLITS:
         rival, said = best, f"{fronts.in_seeds(network.rows)}, so that no difference is clear"

@@ -1,7 +1,7 @@
 """What the chosen network and its rivals cost by every price list: under which lists the order turns.
 
-Accuracies choose both, as the report does (`report.way_answer`): the most accurate rival, and the cheapest one on
-signals within the error of the best by the list at hand.
+The report chooses the network and its most accurate rival on validation (`report.way_answer`). The cheapest rival, by
+the list at hand, is on signals or events, and at most `NEAR` less accurate than the network on test windows.
 """
 
 import math
@@ -13,25 +13,21 @@ from neurotact_parts.studies.comparison import by_list
 from neurotact_parts.studies.comparison.skipped import of_run
 
 from neurotact.baselines.opponents import SPIKES
-from neurotact.metrics import referee
+from neurotact.metrics.decision import is_within
 from neurotact.metrics.prices import ARITHMETIC_45NM
 from neurotact.report import first_screen, way_answer
-from neurotact.report.way_answer import Configuration, WayAnswer
+from neurotact.report.way_answer import WayAnswer
 from neurotact.report.ways import over_rows
 from neurotact.report.wording import count, energy
 from neurotact.studies.way import Listed, View
 
 CHEAPEST, MOST_ACCURATE = "cheapest rival", "most accurate rival"
 KINDS = (CHEAPEST, MOST_ACCURATE)
+NEAR = 0.02
+"""The accuracy that the cheapest rival may lack."""
 MUCH = 3.0
 """A ratio that another list changes by more than this factor is said."""
 COLUMNS = ("setting", "prices", "network", "network_nJ", "rival", "name", "nJ", "kB", "ratio")
-
-
-def comparable(outcome: WayAnswer) -> list[Configuration]:
-    """The rivals on signals, or on events, that validation does not set apart from the best rival by its error."""
-    near = [outcome.others[index] for index in referee.within_error([one.way for one in outcome.others])]
-    return [one for one in near if f"{SPIKES}: " not in one.name]
 
 
 def ratios(results: pd.DataFrame, view: View) -> pd.DataFrame:
@@ -57,7 +53,8 @@ def _of(outcome: WayAnswer, prices: str, spent: pd.DataFrame) -> Iterator[dict]:
     if network is None:
         return
     nJ = spent[prices]
-    counted = [one for one in comparable(outcome) if not np.isnan(nJ[one.index])]
+    near = [one for one in outcome.others if is_within(one.accuracy, network.accuracy, NEAR)]
+    counted = [one for one in near if f"{SPIKES}: " not in one.name and not np.isnan(nJ[one.index])]
     rivals = (min(counted, key=lambda one: nJ[one.index], default=None), outcome.baseline)
     for kind, rival in zip(KINDS, rivals, strict=True):
         if rival is not None and not np.isnan(ratio := nJ[network.index] / nJ[rival.index]):
@@ -83,8 +80,8 @@ def _by_prices(rows: pd.DataFrame) -> Iterator[Listed]:
     table = {name: _cells(part) for name, part in rows.groupby("prices", sort=False)}
     caption = (
         "Energy of a decision by each price list, and how many times that of a rival the network takes. The "
-        "cheapest rival is of those on signals, or on events, within the error of the best; validation chooses the "
-        "most accurate."
+        f"cheapest rival is of those on signals, or on events, at most {100 * NEAR:g} points less accurate on test "
+        "windows; validation chooses the most accurate."
     )
     yield Listed(caption, pd.DataFrame([{"prices": name, **cells} for name, cells in table.items()]).fillna("-"))
 

@@ -143,7 +143,7 @@ def _name_gains(axes: Axes, gains: Sequence[float]) -> None:
 def _class_colours(n: int) -> list[str]:
     """Colours of unordered classes: those of the style if enough, then up to twenty distinct ones, then a scale.
 
-    >>> len(set(class_colours(20)))
+    >>> len(set(_class_colours(20)))
     20
     """
     if n <= len(SERIES):

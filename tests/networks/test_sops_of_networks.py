@@ -140,8 +140,10 @@ def test_the_spiking_family_pays_for_the_weights_that_its_network_has(model):
     trains = from_rasters(window().spikes.numpy().repeat(2, axis=2), RATE_Hz, ("SA-I a", "RA-I a"), labels_of(4))
     both = RSNN(2, CLASSES, network.spec, RATE_Hz)
     test = Examples(torch.zeros((4, STEPS, 2)), window().labels)
-    _, _, cost = spiking_family._measure(both, trains, Sides(test, test, test), exit_())
+    _, _, cost, by_events = spiking_family._measure(both, trains, Sides(test, test, test), exit_())
     assert cost.parameters == 2 * HIDDEN + HIDDEN * CLASSES + (HIDDEN * HIDDEN if model == "rsnn" else 0)
+    assert by_events.parameters == cost.parameters
+    assert by_events.sops == cost.sops
 
 
 def labels_of(n):

@@ -280,9 +280,10 @@ def test_the_answer_lists_the_front_and_says_what_it_is_worth(run):
     assert results["way"].drop_duplicates().tolist() == [NOTHING, *WAYS]
     # Two taxels: three quarters of them are both, and a quarter of them is one, as a half is.
     assert results.loc[results["way"] == "fewer taxels", "setting"].unique().tolist() == ["50 % taxels"]
-    table, halves = answer["tables"]
+    table, halves, by_list = answer["tables"]
     assert table["setting"] == halves["setting"] == "recordings"
     assert halves["columns"][0] == "way"
+    assert {"memory-45nm", "loihi"} <= {*by_list["columns"]} | {row[0] for row in by_list["rows"]}
     assert set(results["afferents"]) == {"at each sample (93 Hz)"}
     assert table["rows"][0][0] == NOTHING
     assert any("2 seeds" in line for line in answer["cautions"])
