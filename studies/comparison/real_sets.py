@@ -26,6 +26,7 @@ from neurotact.figures.style import INK, MUTED, Drawn, add_legend, new_panels, p
 from neurotact.metrics import referee
 from neurotact.metrics.flops import LEDGER_COLUMNS
 from neurotact.metrics.fronts import pareto_front
+from neurotact.metrics.prices import ARITHMETIC_45NM
 from neurotact.metrics.resampled import LEAST_SPLITS, SHARES, Interval
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.report import way_answer
@@ -56,8 +57,8 @@ VIEW = View(
     measures=heads("accuracy_test accuracy_validation energy_estimate_nJ sops_total flops parameters signal_ms"),
     cost="energy_estimate_nJ",
     score="accuracy_test",
-    note="Each seed has its own split, the same for all classifiers. Energy is an estimate of the arithmetic from "
-    "the recording to the decision, encoder included, without memory. Only networks have SOPs, the others FLOPs. The "
+    note="Each seed has its own split, the same for all classifiers. Energy is from the recording to "
+    f"the decision, encoder included. {ARITHMETIC_45NM.in_words()} Only networks have SOPs, the others FLOPs. The "
     "column `afferents` of results.csv says when afferents are computed. Sets whose recordings are not available are "
     "left out; the column `skipped` gives the reason.",
     apart=("set", "split"),

@@ -201,7 +201,7 @@ def row_of(
     return {
         "accuracy_validation": measuring.accuracy_of(network.infer(validation.spikes, rule), validation),
         **row,
-        **spent.columns("energy_estimate_nJ", "signal_ms", prices=prices),
+        **(by_events if prices.event_driven else spent).columns("energy_estimate_nJ", "signal_ms", prices=prices),
         **spikes,
         **touched,
         **by_list.counted(spent, by_events),

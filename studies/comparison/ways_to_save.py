@@ -55,9 +55,9 @@ VIEW = View(
     cost="sops_total",
     score="accuracy_test",
     note="Each seed has its own split, the same for all ways. A single refractory period applies to both populations; "
-    "events have a dead time. SOPs of pruned networks count the remaining weights. Energy is an estimate of the "
-    "arithmetic of afferents and network, without memory, by the price list in the column `prices` of results.csv. A "
-    "network computes at every step of its clock, with or without spikes; the column `afferents` says when afferents "
+    "events have a dead time. SOPs of pruned networks count the remaining weights. Energy is an estimate for "
+    "afferents and network, by the price list in the column `prices` of results.csv. Unless it is event-driven, "
+    "a network computes at every step of its clock, with or without spikes; the column `afferents` says when afferents "
     "do. Sets whose recordings are not available are left out; the column `skipped` gives the reason.",
     apart=("set",),
 )
@@ -182,13 +182,15 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
         "Joined: neither another setting of the same way nor the network that saves nothing (star) has both a lower "
         "cost and a higher accuracy. Dashed: the Pareto front of all ways."
     )
+    by = f" by the price list {' or '.join(shown['prices'].unique())}" if "prices" in shown else ""
+    energy = f"Energy is an estimate{by}."
     mean = f"Mean test accuracy over seeds{' with its 95 % interval' if fronts.has_intervals(shown) else ''}."
     if shown["set"].nunique() == 1:
         yield Drawn(
             "ways-to-save",
             "Accuracy over SOPs, energy and time, way by way",
             draw_costs({cost: fronts.fronts(shown, cost) for cost in fronts.COSTS}),
-            f"{mean} {joined} Energy is an estimate of the arithmetic.",
+            f"{mean} {joined} {energy}",
             "Three panels for SOPs, energy and signal; each way to save is a line of marks from the network that saves "
             "nothing to a lower cost.",
         )
@@ -198,6 +200,6 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
             "ways-to-save" if cost == fronts.SOPS else "ways-to-save-energy",
             f"Accuracy over {fronts.COSTS[cost].called}, way by way",
             draw_fronts(fronts.fronts(shown, cost), cost),
-            f"{mean} {joined}{' Energy is an estimate of the arithmetic.' if cost == fronts.ENERGY else ''}",
+            f"{mean} {joined}{f' {energy}' if cost == fronts.ENERGY else ''}",
             "A panel per set; each way is a line of marks from the network that saves nothing to a lower cost.",
         )

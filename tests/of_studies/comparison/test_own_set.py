@@ -26,6 +26,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import from_rasters
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
+from neurotact.metrics import prices
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.studies import automatic, loading, runner, way_study
 
@@ -281,9 +282,9 @@ def test_the_answer_lists_the_front_and_says_what_it_is_worth(run):
     # Two taxels: three quarters of them are both, and a quarter of them is one, as a half is.
     assert results.loc[results["way"] == "fewer taxels", "setting"].unique().tolist() == ["50 % taxels"]
     table, halves, by_list = answer["tables"]
-    assert table["setting"] == halves["setting"] == "recordings"
-    assert halves["columns"][0] == "way"
-    assert {"memory-45nm", "loihi"} <= {*by_list["columns"]} | {row[0] for row in by_list["rows"]}
+    assert table["setting"] == halves["setting"] == by_list["setting"] == "recordings"
+    assert halves["columns"][0] == by_list["columns"][0] == "way"
+    assert by_list["columns"][1:] == prices.names()
     assert set(results["afferents"]) == {"at each sample (93 Hz)"}
     assert table["rows"][0][0] == NOTHING
     assert any("2 seeds" in line for line in answer["cautions"])

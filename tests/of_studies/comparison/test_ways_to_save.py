@@ -111,6 +111,17 @@ def test_rows_hold_what_every_price_list_needs(rows):
         assert table["buffers_accesses"].to_numpy() == pytest.approx(queued.to_numpy())
 
 
+def test_a_list_of_events_prices_a_network_that_is_updated_by_events(tmp_path):
+    network = {**NETWORK, "training": {**NETWORK["training"], "epochs": 1, "patience": 1}}
+    _, _, found = ran("letters", tmp_path, {}, network, prices="memory-45nm-events")
+    row = found[NOTHING]
+    energies = by_list.energies(pd.DataFrame([row])).iloc[0]
+    assert energies["memory-45nm-events"] == pytest.approx(row["energy_estimate_nJ"])
+    assert energies["memory-45nm"] != pytest.approx(row["energy_estimate_nJ"])
+    (drawn,) = ways_to_save.draw(pd.DataFrame([{"set": "a", "seed": 0, **row}]), {})
+    assert "Energy is an estimate by the price list memory-45nm-events." in drawn.caption
+
+
 def test_refractory_periods_save_input_spikes_and_penalties_hidden_ones(rows):
     assert rows["refractory period"]["input_spikes"] < 0.9 * rows[NOTHING]["input_spikes"]
     assert rows["rate penalty"]["hidden_spikes"] < 0.9 * rows[NOTHING]["hidden_spikes"]
