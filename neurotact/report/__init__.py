@@ -9,7 +9,8 @@ Other rooms take:
     periods: in_ms
     report: write
     tables: first_spikes, with_pair
+    under_prices: times, turning
     way_answer: Configuration, WayAnswer, answers
     ways: over_rows, seen
-    wording: count, energy
+    wording: energy
 """

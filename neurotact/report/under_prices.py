@@ -5,7 +5,7 @@ sentence says under which lists it falls below 1, or rises above it, or changes 
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from neurotact.metrics import prices
@@ -70,25 +70,33 @@ def sentences(outcome: OfNetworks) -> Iterator[str]:
         if outcome.best.whole.nJ is not None:
             yield f"Energies are by the price list {outcome.prices}."
         return
-    own, others = found[0], found[1:]
-    turned = [one for one in others if (one.ratio < 1) != (own.ratio < 1)]
-    changed = [one for one in others if one not in turned and not 1 / MUCH <= one.ratio / own.ratio <= MUCH]
-    if others:
-        other = "less" if own.ratio >= 1 else "more"
-        far = f"the ratio is more than {MUCH:g} times larger or smaller by"
-        said = [f"{words} {_named(part)}" for words, part in ((f"it takes {other} by", turned), (far, changed)) if part]
-        none = f"none of {len(others)} other lists turns this or changes it by more than {MUCH:g} times"
-        told = "; ".join(said) or none
-        yield f"By {own.prices} the network takes {_ratio(own)}; {told}."
+    own = found[0]
+    if found[1:]:
+        by_name = {one.prices: one for one in found}
+        yield turning({name: one.ratio for name, one in by_name.items()}, lambda name: _ratio(by_name[name]))
     yield from _that_fits(outcome.priced[0], own)
 
 
-def _named(found: Sequence[Under]) -> str:
-    return " and ".join([", ".join(map(_by, found[:-1])), _by(found[-1])] if found[1:] else map(_by, found))
+def turning(ratios: Mapping[str, float], said: Callable[[str], str]) -> str:
+    """By which lists a ratio of energies is on the other side of 1, or `MUCH` larger or smaller, than by the first.
+
+    ratios: of a network and a rival by each list. said: the ratio by a list in words, with the rival.
+
+    >>> turning({"own": 2.0, "b": 0.5}, lambda name: {"own": "twice that of trees", "b": "half that of trees"}[name])
+    'By own the network takes twice that of trees; it takes less by b (half that of trees).'
+    """
+    (base, own), *others = ratios.items()
+    turned = [name for name, ratio in others if (ratio < 1) != (own < 1)]
+    changed = [name for name, ratio in others if name not in turned and not 1 / MUCH <= ratio / own <= MUCH]
+    other = f"it takes {'less' if own >= 1 else 'more'} by"
+    both = (other, turned), (f"the ratio is over {MUCH:g} times another by", changed)
+    parts = [f"{words} {_listed([f'{name} ({said(name)})' for name in names])}" for words, names in both if names]
+    none = f"none of {len(others)} other lists turns this or changes it by more than {MUCH:g} times"
+    return f"By {base} the network takes {said(base)}; {'; '.join(parts) or none}."
 
 
-def _by(one: Under) -> str:
-    return f"{one.prices} ({_ratio(one)})"
+def _listed(words: Sequence[str]) -> str:
+    return " and ".join([", ".join(words[:-1]), words[-1]] if words[1:] else words)
 
 
 def _ratio(one: Under) -> str:

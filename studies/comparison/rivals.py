@@ -5,7 +5,7 @@ the list at hand, is on signals or events, and at most `NEAR` less accurate than
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
@@ -16,17 +16,16 @@ from neurotact.baselines.opponents import SPIKES
 from neurotact.metrics.decision import is_within
 from neurotact.metrics.prices import ARITHMETIC_45NM
 from neurotact.report import first_screen, way_answer
+from neurotact.report.under_prices import times, turning
 from neurotact.report.way_answer import WayAnswer
 from neurotact.report.ways import over_rows
-from neurotact.report.wording import count, energy
+from neurotact.report.wording import energy
 from neurotact.studies.way import Listed, View
 
 CHEAPEST, MOST_ACCURATE = "cheapest rival", "most accurate rival"
 KINDS = (CHEAPEST, MOST_ACCURATE)
 NEAR = 0.02
 """The accuracy that the cheapest rival may lack."""
-MUCH = 3.0
-"""A ratio that another list changes by more than this factor is said."""
 COLUMNS = ("setting", "prices", "network", "network_nJ", "rival", "name", "nJ", "kB", "ratio")
 
 
@@ -102,28 +101,14 @@ def turns(rows: pd.DataFrame, base: str = ARITHMETIC_45NM.name) -> str:
     own = {row.prices: row for row in rows[rows["rival"] == CHEAPEST].itertuples()}
     if base not in own:
         return ""
-    ratio, others = own[base].ratio, [row for name, row in own.items() if name != base]
-    turned = [row for row in others if (row.ratio < 1) != (ratio < 1)]
-    changed = [row for row in others if row not in turned and not 1 / MUCH <= row.ratio / ratio <= MUCH]
-    both = (("it turns by", turned), ("it is another by", changed))
-    said = [f"{words} {_named(part, own[base].name)}" for words, part in both if part]
-    told = "; ".join(said) or f"none of {len(others)} other lists turns it or changes it by more than {MUCH:g} times"
-    return f"By {base} the network takes {_against(own[base])}; {told}."
+    ratios = {name: own[name].ratio for name in (base, *(name for name in own if name != base))}
+    return turning(ratios, lambda name: _said(own[name], name, own[base])) if len(own) > 1 else ""
 
 
-def _named(rows: Sequence, rival: str) -> str:
-    said = [f"{row.prices} ({f'{times(row.ratio)} times' if row.name == rival else _against(row)})" for row in rows]
-    return " and ".join([", ".join(said[:-1]), said[-1]] if said[1:] else said)
+def _said(row, name: str, first) -> str:
+    """A ratio, with the rival where it is another one than by the first list."""
+    return f"{times(row.ratio)} times" if name != first.prices and row.name == first.name else _against(row)
 
 
 def _against(row) -> str:
     return f"{times(row.ratio)} times the energy of {row.name}"
-
-
-def times(ratio: float) -> str:
-    """A ratio with two digits.
-
-    >>> times(0.0714), times(31.4), times(1234.0)
-    ('0.071', '31', '1,200')
-    """
-    return count(float(f"{ratio:.2g}"))

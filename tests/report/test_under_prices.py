@@ -35,7 +35,7 @@ def test_the_cheapest_of_each_list_is_compared(ours, first, second):
 def test_a_list_is_named_if_and_only_if_it_turns_or_changes_the_ratio(ours, rival):
     first, *others = (own / other for own, other in zip(ours, rival, strict=True))
     (said, *_) = [*under_prices.sentences(outcome(ours, rival)), ""]
-    turned = said.partition("the ratio is")[0] if "it takes" in said else ""
+    turned = said.partition("the ratio is over")[0] if "it takes" in said else ""
     for name, ratio in zip(NAMES[1:], others, strict=True):
         is_turned = (ratio < 1) != (first < 1)
         is_changed = not 1 / 3 <= ratio / first <= 3
