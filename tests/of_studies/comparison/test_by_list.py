@@ -112,8 +112,9 @@ def ratio_rows(**ratios):
         ({"own": 2.0, "b": 6.1, "c": 6.0}, "the ratio is over 3 times another by b (6.1 times)."),
         ({"own": 6.1, "b": 2.0, "c": 2.1}, "the ratio is over 3 times another by b (2 times)."),
         ({"own": 2.0, "b": 7.0, "c": 0.1, "d": 8.0, "e": 9.0},
-         "it takes less by c (0.1 times); the ratio is over 3 times another by b (7 times), d (8 times) and e (9 times)."),
-        ({"own": 2.0, "b": 3.0}, "none of 1 other lists turns it or changes it by more than 3 times."),
+         "it takes less by c (0.1 times); the ratio is over 3 times another by b (7 times), d (8 times) and e (9 "
+         "times)."),
+        ({"own": 2.0, "b": 3.0}, "none of 1 other lists turns this or changes it by more than 3 times."),
     ],
 )  # fmt: skip
 def test_a_sentence_says_where_the_order_turns(ratios, said):
