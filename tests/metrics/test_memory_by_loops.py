@@ -9,6 +9,10 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from neurotact_parts.opponents.kernel_machines import RBFExpansion
+from neurotact_parts.opponents.minirocket import FixedConvolutions
+from neurotact_parts.opponents.pooled_gru import GRU, PooledStates
+from neurotact_parts.opponents.scikit_learn import Trees, mean_depth
+from sklearn.ensemble import ExtraTreesClassifier
 
 from neurotact import spec as specs
 from neurotact.encoders import specs as encoders
@@ -106,6 +110,72 @@ def test_moments_keep_their_samples(samples, order):
         memory.touch("states", samples)
     memory.touch("buffers", order)
     assert memory.equals(cost(Moments(samples, 1, order)))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_forest_reads_the_nodes_on_its_paths(seed):
+    rng = np.random.default_rng(seed)
+    x, y = rng.normal(size=(60, 4)), np.arange(60) % 3
+    forest = ExtraTreesClassifier(n_estimators=5, random_state=seed).fit(x, y)
+    memory = Memory()
+    for example in x.astype(np.float32):
+        for one in forest.estimators_:
+            tree, node = one.tree_, 0
+            while tree.children_left[node] >= 0:
+                memory.touch("weights", 3)  # the feature, the threshold and the child
+                memory.touch("buffers")
+                is_left = example[tree.feature[node]] <= tree.threshold[node]
+                node = tree.children_left[node] if is_left else tree.children_right[node]
+            memory.touch("weights", 3)  # the shares of three classes
+        memory.touch("buffers", 3)
+    found = cost(Trees(5, mean_depth(forest, x), sum(one.tree_.node_count for one in forest.estimators_), 3))
+    assert {name: len(x) * getattr(found, name) for name in ACCESSES} == pytest.approx(memory.accesses)
+
+
+@given(small, small, small)
+def test_a_gru_reads_its_gates_on_each_step(inputs, units, steps):
+    memory = Memory()
+    for _ in range(steps):
+        memory.touch("buffers", inputs)
+        for _ in range(3 * units):  # a gate of a unit: its weights and its bias
+            memory.touch("weights", inputs + units + 1)
+        memory.touch("states", 2 * units)
+    assert memory.equals(cost(GRU(inputs, units, steps)))
+    pooled = Memory()
+    for _ in range(steps * units):
+        pooled.touch("states", 2 * 2)  # the sum and the maximum
+    pooled.touch("buffers", 2 * units)
+    assert pooled.equals(cost(PooledStates(units, steps)))
+
+
+@given(st.integers(9, 20), small, small, small, small)
+def test_convolutions_read_their_taps(samples, channels, dilations, convolved, biases):
+    memory = Memory()
+    for _ in range(samples):
+        memory.touch("states", channels)  # stored as it comes
+        for _ in range(dilations * channels):
+            memory.touch("states", 9)  # taps of the sum that its convolutions share
+            memory.touch("states")
+        for _ in range(convolved):
+            memory.touch("states", 3 + 1)  # three taps more, and that sum
+    memory.touch("weights", biases)
+    memory.touch("buffers", biases)
+    assert memory.equals(cost(FixedConvolutions(samples, channels, dilations, convolved, biases)))
+
+
+@given(small, st.integers(1, 30), st.booleans(), st.booleans())
+def test_afferents_update_their_states_on_each_step(taxels, steps, opposite, exact):
+    """Clocked, on every step; in closed form, on every sample of a slower recording, and a spike moves nothing more."""
+    spec = {"sa1": {"gain": 1.0, "opposite": opposite}, "ra1": {"gain": 1.0}}
+    memory = Memory()
+    for _ in range(taxels * steps):
+        for _ in range(2 + opposite):
+            memory.touch("weights")  # its gain
+            memory.touch("states", 2 * 2)  # its membrane and its refractory counter
+        memory.touch("states", 2)  # the sample before
+    given = {**spec, "integration": "exact", "recorded_Hz": 100.0} if exact else spec
+    clock_steps = 10 * steps if exact else steps
+    assert memory.equals(encoding_cost(taxels, clock_steps, 10.0 * steps, given, spikes=3.0))
 
 
 class Network:
