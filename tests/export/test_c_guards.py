@@ -326,15 +326,16 @@ def test_windows_whose_spikes_no_counter_holds_are_refused(tmp_path):
 def test_an_emulated_processor_does_the_same(kind, variant, driven, tmp_path):
     here = driven(kind, variant)
     chain, formats = here.chain, here.formats
-    signal, stream = make_signal(600, seed=5), Stream(chain, backend="reference")
-    stream.push(signal[:100])
+    begun = round(120 * chain.sampling_rate_Hz / chain.clock_Hz)  # samples until a baseline of the start is known
+    signal, stream = make_signal(begun + 500, seed=5), Stream(chain, backend="reference")
+    stream.push(signal[:begun])
     state = aged(chain, stream.state())
     if formats is not None:
         done = state.conditioned
         state = replace(state, conditioned=done._replace(carried=(np.array([5, -5]) * BEYOND, BEYOND - 100)))
     rows = signal if formats is None else formats.raw.samples(signal)
-    records = [*records_of(1, 250, chain, formats), ("reset", None), *(("push", row) for row in rows[:100])]
-    records += [("age", state), *(("push", row) for row in rows[100:]), ("tally", None)]
+    records = [*records_of(1, 250, chain, formats), ("reset", None), *(("push", row) for row in rows[:begun])]
+    records += [("age", state), *(("push", row) for row in rows[begun:]), ("tally", None)]
     said = here.run(records)
     assert Driven(chain, formats, tmp_path, BOARDS["cortex-m0"]).run(records) == said
     assert formats is not None or same(said, streamed(chain, records))

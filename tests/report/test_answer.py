@@ -221,5 +221,5 @@ def test_the_cheapest_never_costs_more_and_lies_within_the_error(networks, n):
     found = answer(networks, [], 0.5, Trials(n, n))
     assert found.cheapest.whole.sops <= found.best.whole.sops
     assert found.best.validation - found.cheapest.validation <= found.error + 1e-9
-    assert all(one.validation <= found.best.validation for one in networks)
+    assert all(one.validation <= found.best.validation + 1e-9 for one in networks)  # sums differ in their last bits
     assert sentences.headline(found)

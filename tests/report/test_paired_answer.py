@@ -118,6 +118,6 @@ def test_what_eight_bits_cost_baselines_and_network_is_told(run, tmp_path, monke
     assert all(
         words in page for words in (" to 12.5 %; ", " to 0.0 %; ", "with 8-bit weights has 12.5 % on test windows")
     )
-    (networks, before, _, _, compare), (_, after, _, _, compare_rounded) = asked
+    (networks, before, _, _, compare, _), (_, after, _, _, compare_rounded) = asked
     assert {one.accuracy for one in after} == {0.0} != {one.accuracy for one in before}
     assert compare(networks[0], before[0]) != compare_rounded(networks[0], after[0])

@@ -16,7 +16,7 @@ from neurotact.encoders.cost import NOT_COUNTED, encoding_cost, is_countable, no
 from neurotact.encoders.specs import taxels_of
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost, Integrator, NotCounted, SpikingLayer, cost, ledger_table
-from neurotact.metrics.prices import ARITHMETIC_45NM, PriceList
+from neurotact.metrics.prices import ACCESSES, ARITHMETIC_45NM, PriceList
 from neurotact.networks.definition import module, recipe
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.use.measuring import OWN_KEYS, SPIKES, TOUCHED
@@ -228,8 +228,8 @@ def study_ledger(
         spent = [field.name for field in fields(Cost) if field.name in baselines]
         means = baselines.groupby(["classifier", "input"], sort=False)[spent].mean()
         for (classifier, source), row in means.iterrows():  # pyright: ignore[reportGeneralTypeIssues]
-            counted = _cost_of(row.to_dict()) if row.notna().all() else None
-            rows.append((f"{classifier} on {source}", counted))
+            counted = row.drop(ACCESSES, errors="ignore").notna().all()
+            rows.append((f"{classifier} on {source}", _cost_of(row.to_dict()) if counted else None))
     for steps in sorted(results["window_steps"].unique()):
         mine = results[results["window_steps"] == steps]
         sent = mine["sops_input"] / mine["hidden"] if "input_spikes" not in mine else mine.apply(input_spikes, axis=1)
@@ -270,7 +270,7 @@ def _mean(costs: Sequence[tuple[Cost, float]]) -> Cost:
 
 def _cost_of(means: Mapping[str, Any]) -> Cost:
     """The cost with these means, some of which are of whole numbers."""
-    if any(map(pd.isna, means.values())):
+    if any(pd.isna(value) for name, value in means.items() if name not in ACCESSES):
         return NotCounted(**means)
     return Cost(**{**means, **{name: round(means[name]) for name in ("parameters", "bytes") if name in means}})
 

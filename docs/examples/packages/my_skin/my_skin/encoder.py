@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, both, over_time
-from neurotact.metrics.flops import with_weights
+from neurotact.metrics.flops import changed, with_weights
 
 
 class CrossingSpec(EncoderSpec):
@@ -33,8 +33,10 @@ def encode(signal, sampling_rate_Hz, spec, state=None):
 
 
 def cost(spec, taxels, steps, step_ms):
-    """A comparison of each sample; a threshold, and a state of each taxel."""
-    return with_weights(1, taxels, comparisons=taxels * steps)
+    """A comparison of each sample; a threshold that is read, and a state of each taxel that is read and written."""
+    return with_weights(
+        1, taxels, comparisons=taxels * steps, weights_accesses=taxels * steps, **changed(taxels, steps)
+    )
 
 
 MODEL = Model("threshold crossings", CrossingSpec, encode, CrossingState, ON_OFF, cost)
