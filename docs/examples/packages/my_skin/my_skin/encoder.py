@@ -28,15 +28,14 @@ def encode(signal, sampling_rate_Hz, spec, state=None):
         above = x > spec.threshold
         return both(above & ~state.above, state.above & ~above), CrossingState(above)
 
-    start = CrossingState(np.zeros_like(signal[:, 0], bool)) if state is None else state
+    start = state or CrossingState(np.zeros_like(signal[:, 0], bool))
     return over_time(signal, start, step, 2 * signal.shape[2])
 
 
 def cost(spec, taxels, steps, step_ms):
     """A comparison of each sample; a threshold that is read, and a state of each taxel that is read and written."""
-    return with_weights(
-        1, taxels, comparisons=taxels * steps, weights_accesses=taxels * steps, **changed(taxels, steps)
-    )
+    moved = {"weights_accesses": taxels * steps, **changed(taxels, steps)}
+    return with_weights(1, taxels, comparisons=taxels * steps, **moved)
 
 
 MODEL = Model("threshold crossings", CrossingSpec, encode, CrossingState, ON_OFF, cost)
