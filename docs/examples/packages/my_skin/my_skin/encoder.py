@@ -33,9 +33,10 @@ def encode(signal, sampling_rate_Hz, spec, state=None):
 
 
 def cost(spec, taxels, steps, step_ms):
-    """A comparison of each sample; a threshold that is read, and a state of each taxel that is read and written."""
-    moved = {"weights_accesses": taxels * steps, **changed(taxels, steps)}
-    return with_weights(1, taxels, comparisons=taxels * steps, **moved)
+    """A comparison of each sample; a threshold, read once a taxel, and a state of each taxel, read and written."""
+    return with_weights(
+        1, taxels, comparisons=taxels * steps, weights_accesses=taxels, **changed(taxels, steps)
+    )
 
 
 MODEL = Model("threshold crossings", CrossingSpec, encode, CrossingState, ON_OFF, cost)
