@@ -28,15 +28,13 @@ def encode(signal, sampling_rate_Hz, spec, state=None):
         above, before = x > spec.threshold, state.above
         return both(above & ~before, before & ~above), CrossingState(above)
 
-    return over_time(
-        signal, state or CrossingState(np.zeros_like(signal[:, 0], bool)), step, 2 * signal.shape[2]
-    )
+    start = state or CrossingState(np.zeros_like(signal[:, 0], bool))
+    return over_time(signal, start, step, 2 * signal.shape[2])
 
 
 def cost(spec, taxels, steps, step_ms):
-    """A comparison of each sample; a threshold that is read, and a state of each taxel that is read and written."""
-    n = taxels * steps
-    return with_weights(1, taxels, comparisons=n, weights_accesses=n, **changed(1, n))
+    """A comparison of each sample; a threshold, in a register, and a state of each taxel, read and written."""
+    return with_weights(1, taxels, comparisons=taxels * steps, **changed(taxels, steps))
 
 
 MODEL = Model("threshold crossings", CrossingSpec, encode, CrossingState, ON_OFF, cost)
