@@ -258,6 +258,39 @@ def test_a_network_by_loops_over_its_rasters(seed, n_steps, n_in, n_hidden, recu
     assert found.neuron_updates == counts["updates"]
 
 
+@given(
+    st.integers(0, 2**32 - 1), st.integers(1, 6), small, st.integers(1, 3), st.integers(1, 4), st.integers(1, 3),
+    st.booleans(),
+)  # fmt: skip
+def test_joined_networks_stretches_and_a_slow_clock_by_loops(seed, n_steps, n_in, half, slow, stretches, event_driven):
+    """Two joined networks have no synapses between them; stretches have weights of their own, read as often; a slow
+    clock has fewer steps than the encoder's.
+    """
+    rng, n_hidden = np.random.default_rng(seed), 2 * half
+    spikes, hidden = (rng.integers(0, 2, (n_steps, n)) for n in (n_in, n_hidden))
+    block = np.arange(n_hidden) // half
+    among = (block[:, None] == block).astype(int)
+    every = Network(spikes, hidden, np.ones((n_in, n_hidden), int), among, np.ones((n_hidden, 3), int))
+    memory, counts = every.run(event_driven)
+    keys = {"readout_stretches": stretches, "readout_stretch_ms": 1.0} if stretches > 1 else {}
+    spec = RSNNSpec(
+        hidden=n_hidden, model="rsnn", readout="integrator", recurrent_blocks=2, step_ms=float(slow), **keys
+    )
+    sent = int(hidden.sum())
+    measured = {
+        "sops_input": int(spikes.sum()) * n_hidden, "sops_recurrent": sent * half, "sops_readout": sent * 3,
+        "touched_hidden": counts["touched"], "touched_readout": counts["heard"],
+    }  # fmt: skip
+    signal_ms = float(n_steps * slow)
+    found = network_cost(spec, n_in, 3, measured, steps=signal_ms, signal_ms=signal_ms, event_driven=event_driven)
+    memory.touch("states", 2 * (counts["heard"] if event_driven else sent * 3))
+    assert memory.equals(found)
+    assert (found.sops, found.neuron_updates) == (counts["sops"], counts["updates"])
+    tables = 4 * 3 * n_steps if event_driven else 0
+    weights = n_hidden * (n_in + half) + 3 * (stretches * n_hidden + 1)
+    assert found.weights_bytes == 4 * weights + tables
+
+
 def test_what_a_spike_reaches_is_counted_on_the_weights_that_are_there():
     torch.manual_seed(0)
     network = RSNN(4, 3, RSNNSpec(hidden=5, model="rsnn"), 1000.0)
