@@ -282,7 +282,7 @@ def of_width(outcome: OfNetworks, narrow: OfNetworks, own: float | None) -> Iter
     if narrow.kind != outcome.kind:
         said.append(f"the verdict against baselines so rounded would be '{verdict(narrow)}'")
     if said:
-        yield f"With 8-bit weights, {'; '.join(said)}."
+        yield f"With 8-bit weights, of classifiers chosen with 32 bits, {'; '.join(said)}."
 
 
 def gaps(outcome: OfNetworks, cause: str) -> Iterator[str]:
