@@ -6,6 +6,7 @@ Ours are the files in `prices/`; another package adds one by an entry point of t
 
 import math
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -178,24 +179,29 @@ def price_list(name: str | Path | PriceList) -> PriceList:
         return name
     if str(name).endswith(".toml") or "/" in str(name):
         return spec.load(PriceList, name, {"name": Path(name).stem})
-    if plugins.has("prices", str(name)):
-        return plugins.load("prices", str(name), PriceList).model_copy(update={"name": str(name)})
-    if str(name) not in names():
+    if str(name) in _ours():
+        plugins.refuse_taken("prices", str(name))
+        return _ours()[str(name)]
+    if not plugins.has("prices", str(name)):
         raise InputError(f"prices: there is none called '{name}'; {nearest(str(name), names())}")
-    return spec.load(PriceList, name, {"name": str(name)})
+    return plugins.load("prices", str(name), PriceList).model_copy(update={"name": str(name)})
 
 
 def names() -> list[str]:
     """The names of the price lists that ship, the default first, then those of other packages."""
-    ours = [path.stem for path in spec.shipped(PriceList.folder)]
-    return [*sorted(ours, key=lambda name: (name != DEFAULT, name)), *plugins.names("prices")]
+    return [*_ours(), *plugins.names("prices")]
 
 
-def _named(given: Any) -> Any:
-    return price_list(given) if isinstance(given, (str, Path)) else given
+@cache
+def _ours() -> dict[str, PriceList]:
+    """The lists that ship, each read once: a report prices every row by every list."""
+    found = sorted((path.stem for path in spec.shipped(PriceList.folder)), key=lambda name: (name != DEFAULT, name))
+    return {name: spec.load(PriceList, name, {"name": name}) for name in found}
 
 
-Priced = Annotated[PriceList, BeforeValidator(_named)]
+Priced = Annotated[
+    PriceList, BeforeValidator(lambda given: price_list(given) if isinstance(given, str | Path) else given)
+]
 """A price list as a key of a spec: its name, its path, or the whole table."""
 ARITHMETIC_45NM = price_list("arithmetic-45nm")
 """Of a `Cost` where no list is named."""

@@ -50,9 +50,8 @@ class Under(NamedTuple):
 
 def under_lists(outcome: OfNetworks) -> list[Under]:
     """The best network and its rivals under each list that counts it, that of the study first."""
-    priced = outcome.priced[0]
-    spent = priced.network.used.by_list
-    return [Under(name, nJ, _cheapest(priced.comparables, name), outcome.baseline) for name, nJ in spent]
+    network, rivals = outcome.priced[0].network, outcome.priced[0].comparables
+    return [Under(name, nJ, _cheapest(rivals, name), outcome.baseline) for name, nJ in network.used.by_list]
 
 
 def _cheapest(rivals: Sequence[Baseline], name: str) -> Baseline | None:

@@ -1,16 +1,17 @@
 """Price lists: each price counts for its kind, a wrong one is refused, and a study takes a list by name or path."""
 
 import math
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from neurotact import spec
+from neurotact import plugins, spec
 from neurotact.errors import InputError
 from neurotact.metrics.flops import FLOPS, Cost
-from neurotact.metrics.prices import ARITHMETIC_45NM, DEFAULT, PriceList, price_list
+from neurotact.metrics.prices import ARITHMETIC_45NM, DEFAULT, PriceList, names, price_list
 from neurotact.studies import loading, study
 
 TINY = Path(__file__).parents[1] / "studies" / "tiny.toml"
@@ -58,3 +59,17 @@ def test_a_study_takes_a_list_beside_it_and_keeps_it_whole(tmp_path):
     assert loading.read_back(saved).prices == dear.prices
     with pytest.raises(InputError, match="prices: there is none called 'arithmetic-46nm'; did you mean"):
         study.resolve(TINY, {"prices": "arithmetic-46nm"})
+
+
+def test_the_lists_that_ship_are_read_once(monkeypatch):
+    """A report prices every row by every list."""
+    monkeypatch.setattr(spec, "load", lambda *_: pytest.fail("a list was read again"))
+    assert [price_list(name).name for name in names()] == names()
+
+
+def test_a_package_with_a_name_of_ours_is_refused(monkeypatch):
+    monkeypatch.setattr(plugins, "_package", lambda point: "their-prices")
+    point = EntryPoint("memory-45nm", "their_prices:CHEAP", "neurotact.prices")
+    monkeypatch.setattr(plugins, "_found", lambda group: {"memory-45nm": [point]})
+    with pytest.raises(InputError, match="'memory-45nm' is provided by neurotact and their-prices; uninstall"):
+        price_list("memory-45nm")
