@@ -276,11 +276,6 @@ def file_of(data: str | Path) -> Path:
     return Path(data).absolute()
 
 
-def choice_of(given: Mapping[str, Any]) -> TrialChoice:
-    """The trials that the given dotted keys choose."""
-    return TrialChoice.of(*(given.get(key) for key in CHOICE))
-
-
 def note_of(choice: TrialChoice) -> str | None:
     """The trials that a study uses, in words; None for all."""
     return f"Trials: {choice}." if choice else None

@@ -66,7 +66,7 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     group = build(SplitSpec, {"group": given[GROUP]} if GROUP in given else {}, source=GROUP).group
     elsewhere = {*of_set, GROUP, *OPEN, *automatic.CHOICE}
     others = _with_swept_seeds({key: value for key, value in given.items() if key not in elsewhere})
-    choice = automatic.choice_of(given)
+    choice = choice_of(given)
     conditioning = _conditioning(of_set)
     clock_Hz = float(conditioning["resample_Hz"])
     touches = _look(path, clock_Hz, choice)
@@ -128,6 +128,11 @@ def _conditioning(given: Mapping[str, Any]) -> dict[str, Any]:
     shipped = load(AfferentSpec, ENCODER).conditioning.model_dump(mode="json", exclude_none=True)
     built = build(ConditioningSpec, {**shipped, "resample_Hz": CLOCK_HZ, **keys}, source="conditioning")
     return built.model_dump(mode="json", exclude_none=True)
+
+
+def choice_of(given: Mapping[str, Any]) -> TrialChoice:
+    """The trials that the given dotted keys choose."""
+    return TrialChoice.of(*(given.get(key) for key in automatic.CHOICE))
 
 
 def _look(path: Path, clock_Hz: float, choice: TrialChoice) -> Touches:

@@ -12,6 +12,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from neurotact_parts.studies.comparison import remedy_answers, touch_sets
+from neurotact_parts.studies.comparison.own_set import choice_of
 from neurotact_parts.studies.comparison.remedy_answers import CEILING, DEFAULT, NETWORK, NOTHING
 from neurotact_parts.studies.comparison.set_arrays import from_arrays
 from neurotact_parts.studies.comparison.skipped import SKIPPED, skipped_row
@@ -341,7 +342,7 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     for another choice of test trials, and where `own-recordings` cannot use the file.
     """
     conditions = {key.removeprefix(TESTED): values for key, values in given.items() if key.startswith(TESTED)}
-    choice = automatic.choice_of(given)
+    choice = choice_of(given)
     touches = chosen_trials(hdf5.load_recordings(path), choice, str(path), tell=False)
     if len(conditions) != 1 or JOIN in next(iter(conditions)):
         names = [str(name) for name in touches.conditions if name != LABEL]
