@@ -6,7 +6,7 @@ from neurotact import plugins
 
 TOOLS = (
     "check_chip", "conditions_curve", "fine_tune", "from_neo", "from_nir", "from_snntorch", "live", "plot_survival",
-    "read_nwb", "to_neo", "to_nir", "to_nwb", "to_snntorch", "what_survives",
+    "read_nwb", "save_energy", "to_neo", "to_nir", "to_nwb", "to_snntorch", "what_survives",
 )  # fmt: skip
 
 
