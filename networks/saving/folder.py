@@ -52,7 +52,7 @@ def window_of(fitted: Fitted, start: Start) -> Any:
 
 
 def _save(done: Trained, fitted: Fitted, task: Any, spikes: Path, start: Start, place: Path) -> None:
-    outcome = outcome_of(done, fitted.sides, fitted.trains, task, "save")
+    outcome = outcome_of(done, fitted.sides, fitted.trains, task, "fine-tune")
     resumable.clear(place)
     run_folder.save(done, place, fitted.trains, spikes, task, start.bench.split)
     files.write_json(place / resumable.RESULT, outcome.as_json())

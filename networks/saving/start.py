@@ -1,5 +1,6 @@
 """Where a search for savings starts: a trained run, what it was encoded from, and the spec of its network as asked."""
 
+import math
 from pathlib import Path
 from typing import NamedTuple
 
@@ -57,7 +58,7 @@ def start_of(run: Path, seed: int = 0, *, spikes: Path | None = None, recordings
     spec = asked(network.spec, recipe.Seen.of(whole.sides.train.spikes, trains.sampling_rate_Hz))
     bench = Bench(touches, encoder, split, task.window, spec, seeds.of_start(seed, task.split), task)
     order = torch.Generator().manual_seed(bench.seeds[1])
-    return Start(restored, bench, Fitted(network, *whole, order, Training((), Epoch(0, *[float("nan")] * 4))))
+    return Start(restored, bench, Fitted(network, *whole, order, Training((), Epoch(0, *(math.nan,) * 4))))
 
 
 def _plain(network: Network) -> RSNN:
