@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from neurotact_parts.streams.chain import build_encoder
 from torch import Tensor
 
 from neurotact.data import encoded_from, hdf5
 from neurotact.data.recordings import Recordings
-from neurotact.deploy.chain import build_encoder
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.networks.training import run_folder, tasks

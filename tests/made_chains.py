@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import torch
+from neurotact_parts.streams.chain import Chain, chain_of
 
 import neurotact as nt
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
-from neurotact.deploy.chain import Chain, chain_of
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.networks.definition.rsnn import RSNN

@@ -14,20 +14,20 @@ from neurotact_parts.exporters.c import boards, c_export, export, opponents, pro
 from neurotact_parts.exporters.c.boards import Board
 from neurotact_parts.exporters.c.formats import Raw
 from neurotact_parts.exporters.c.opponents import Standard
+from neurotact_parts.streams.chain import Chain
 
 from neurotact import files
 from neurotact.baselines.opponent import Sides, best_of, joined, load
 from neurotact.baselines.opponents import BINS, gru_steps, pieces_of
 from neurotact.data import encoded_from
 from neurotact.data.splits import Split
-from neurotact.deploy.chain import Chain
-from neurotact.deploy.exporters import Exporter
 from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.metrics.flops import Standardise, cost
 from neurotact.metrics.signal_flops import Averaging
 from neurotact.networks.training import run_folder, tasks
 from neurotact.networks.use import fitted, inference, ledger
+from neurotact.networks.use.exporters import Exporter
 from neurotact.networks.use.fitted import Fitted
 from neurotact.networks.use.ledger import Afferents
 from neurotact.progress import Tell, untold

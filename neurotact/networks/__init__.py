@@ -35,6 +35,7 @@ Other rooms take:
         sides_of, task_of, trials_of, with_every_condition, with_suited_window
     training.trainer: Trained, exit_of, finished, fit, new_trained
     use.classifier: SpikingClassifier
+    use.exporters: Exporter, export, exporter, usable
     use.fitted: Fitted, check_folder, is_in_memory, name_of, restore
     use.inference: infer
     use.ledger: ABOUT, Afferents, SOPS, decision_ledger, input_spikes, is_row_counted, network_cost, row_cost,

@@ -14,13 +14,13 @@ from made_chains import READOUTS, make_encoder, make_signal, offline, told, uneq
 from neurotact_parts.exporters.c import c_export, proof
 from neurotact_parts.exporters.nir import compare
 from neurotact_parts.exporters.snntorch import to_snntorch
+from neurotact_parts.streams.chain import Chain, chain_of
+from neurotact_parts.streams.stream import Stream
 
 import neurotact as nt
 from neurotact import plugins
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.data.recordings import Recordings
-from neurotact.deploy.chain import Chain, chain_of
-from neurotact.deploy.stream import Stream
 from neurotact.encoders import afferents, closed_form
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.encoding import encode_recordings

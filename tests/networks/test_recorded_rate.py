@@ -8,13 +8,13 @@ import pandas as pd
 import pytest
 from neurotact_parts.encoders.survival.survival import survival_of
 from neurotact_parts.exporters.live.scores import cost_nJ
+from neurotact_parts.streams.chain import chain_of
+from neurotact_parts.streams.stream import Stream
 
 import neurotact as nt
 from neurotact.baselines import opponents
 from neurotact.data.splits import Split
 from neurotact.data.windows import WindowSpec, cut
-from neurotact.deploy.chain import chain_of
-from neurotact.deploy.stream import Stream
 from neurotact.encoders.cost import NOT_COUNTED, encoding_cost
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost

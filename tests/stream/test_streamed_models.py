@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 from made_chains import make_signal, offline, told
+from neurotact_parts.streams.chain import Chain, chain_of
+from neurotact_parts.streams.stream import Stream
 
 import neurotact as nt
-from neurotact.deploy.chain import Chain, chain_of
-from neurotact.deploy.stream import Stream
 from neurotact.encoders.model import usable
 from neurotact.encoders.specs import default_of, load, n_per_taxel
 from neurotact.errors import InputError

@@ -4,13 +4,13 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple, cast
 
 import numpy as np
+from neurotact_parts.streams.streamed import StreamedSpec
+from neurotact_parts.streams.windows import WindowPlan
 
 from neurotact import plugins
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.recordings import check_sampling_rate
 from neurotact.data.windows import WindowSpec
-from neurotact.deploy.streamed import StreamedSpec
-from neurotact.deploy.windows import WindowPlan
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.model import EncoderSpec, name_in, of_name
 from neurotact.encoders.specs import conditioning_of, n_per_taxel, populations, taxel_names

@@ -13,15 +13,15 @@ from typing import Any, cast
 
 import numpy as np
 import torch
+from neurotact_parts.streams import running, stream_file
+from neurotact_parts.streams.chain import LARGEST, Chain, chain_of
+from neurotact_parts.streams.native import CompiledStream, Decided, Remembered
+from neurotact_parts.streams.stream_state import Decision, StreamState, Tally, Trace, copied
+from neurotact_parts.streams.streamed import SampleSpec, StreamedSpec
 
 from neurotact.backend import Backend, use_native
 from neurotact.data.conditioning import Conditioner
 from neurotact.data.recordings import order_by_name, unit_factor
-from neurotact.deploy import running, stream_file
-from neurotact.deploy.chain import LARGEST, Chain, chain_of
-from neurotact.deploy.native import CompiledStream, Decided, Remembered
-from neurotact.deploy.stream_state import Decision, StreamState, Tally, Trace, copied
-from neurotact.deploy.streamed import SampleSpec, StreamedSpec
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.model import EncoderSpec
 from neurotact.encoders.specs import conditioning_of, encode, finish, is_exact
