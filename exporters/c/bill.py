@@ -155,8 +155,7 @@ def _programs(run: Any, out: Path, recordings: str | Path | None, spikes: str | 
     restored = fitted.restore(run, spikes=spikes)
     if not restored.encoder:
         raise InputError(f"{run}: was trained on the events of a sensor; a bill needs signals, which an encoder takes")
-    trains = run_folder.load_spikes_of(restored)
-    run_folder.check_trials(restored, trains)
+    trains = run_folder.trained_spikes_of(restored)
     split = tasks.trials_of(trains, restored.task)
     windows = trains.cut(restored.task.window, split.test)
     chosen = np.unique(windows.trial)
