@@ -155,7 +155,7 @@ def times(priced: Priced) -> Ratio | None:
     rival = None if priced.comparable is None else priced.comparable.nJ
     if spent is None or rival is None or min(spent, rival) <= 0 or max(spent, rival) / min(spent, rival) < 1.2:
         return None
-    ratio = count(float(f"{max(spent, rival) / min(spent, rival):.2g}"))
+    ratio = count(max(spent, rival) / min(spent, rival), 2)
     return Ratio(f"{ratio} times as much", "as") if spent > rival else Ratio(f"{ratio} times less", "than")
 
 
