@@ -38,8 +38,7 @@ def recorded(restored: run_folder.Restored, recordings: Recordings | str | Path 
         return _given(restored, recordings)
     if isinstance(recordings, Recordings):
         raise InputError("recordings: must be the file that the run was trained on; give its path, or leave it out")
-    trains = run_folder.load_spikes_of(restored)
-    run_folder.check_trials(restored, trains)
+    trains = run_folder.trained_spikes_of(restored)
     assert restored.spikes_path is not None  # the file of these
     unit = str((restored.encoder or {}).get("unit", "mV"))
     split = tasks.trials_of(trains, restored.task)

@@ -139,9 +139,8 @@ def fine_tune(
     with files.locked(folder):
         resumable.check_place(folder, force=force)
         restored = run_folder.restore(source, spikes=spikes)
-        trains = run_folder.load_spikes_of(restored)
+        trains = run_folder.trained_spikes_of(restored)
         assert restored.spikes_path is not None  # of a folder
-        run_folder.check_trials(restored, trains)
         sides = tasks.sides_of(trains, restored.task)
         layers = layers_of(restored, sides, weight_bits=weight_bits, state_bits=state_bits)
         digest = files.sha256(source / run_folder.WEIGHTS)

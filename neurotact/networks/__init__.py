@@ -29,8 +29,8 @@ Other rooms take:
     training.outcome: outcome_of, summary_of
     training.ranges: Ranges, evenly, record, record_states
     training.resumable: Interrupted, RESULT, check_place, clear, line_of, run, saved_in
-    training.run_folder: LOG, NETWORK, Restored, WEIGHTS, check_trials, files_of, load_network, load_spikes_of,
-        restore, save, save_network, shapes_of, test_trials
+    training.run_folder: LOG, NETWORK, Restored, WEIGHTS, files_of, load_network, load_spikes_of, restore, save,
+        save_network, shapes_of, test_trials, trained_spikes_of
     training.tasks: Sides, Task, examples_of, held_out, kind_of_copies, load_spikes, path_of, seen, seen_trials,
         sides_of, task_of, trials_of, with_every_condition, with_suited_window
     training.trainer: Trained, exit_of, finished, fit, new_trained

@@ -115,7 +115,7 @@ def test_the_rate_of_a_live_stream_is_that_of_its_samples(trains, recordings, cl
 
 def test_the_rate_reaches_what_survives(recordings, trains):
     found = survival_of(recordings, ENCODER).table.iloc[-1]
-    assert found["energy_nJ_per_s"] == pytest.approx(encoding(trains, CLOCK_Hz).energy_estimate_nJ)
+    assert found["energy_nJ_per_s"] == pytest.approx(encoding(trains, CLOCK_Hz).energy_nJ(MEMORY_45NM))
 
 
 def test_a_report_says_at_which_rates_encoding_runs_or_counts_no_energy(trains):
