@@ -89,7 +89,7 @@ class Stream:
         self._rates_Hz = rate_Hz, self.chain.clock_Hz
         self._classes = self.chain.classes
         self._compiled: CompiledStream | None = None
-        is_plain = isinstance(encoder, AfferentSpec) and encoder.is_plain
+        is_plain = isinstance(encoder, AfferentSpec) and encoder.is_plain and encoder.has_all_taxels
         compilable = self.chain.network.w_in.device.type == "cpu" and is_plain and not is_exact(encoder)
         if use_native(backend, compilable, "a network on the CPU, and plain SA-I and RA-I on a clock"):
             self._compiled = CompiledStream(self.chain, self.conditioner, self._most_samples)

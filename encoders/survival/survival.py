@@ -27,6 +27,7 @@ from neurotact.encoders.specs import (
     encode_whole,
     is_exact,
     recorded_at,
+    with_taxels_of,
 )
 from neurotact.errors import InputError
 from neurotact.metrics.prices import MEMORY_45NM
@@ -89,9 +90,10 @@ def survival_of(recordings: Trials, encoder: EncoderSpec, seed: int = 0) -> Surv
     if len(recordings.classes) < 2:
         raise InputError("recordings: hold one class, and what spikes tell of it is measured; give two or more")
     rng = np.random.default_rng(seed)
-    drawn = recordings.select(draw(recordings.labels, PER_CLASS, rng))
+    drawn, encoder = recordings.select(draw(recordings.labels, PER_CLASS, rng)), with_taxels_of(encoder)
     felt = _felt(drawn, encoder)
-    table = recorded_at(encoder, recordings.sampling_rate_Hz).model_dump(mode="json", exclude_none=True)
+    recorded = recorded_at(encoder, recordings.sampling_rate_Hz, recordings.channels)
+    table = recorded.model_dump(mode="json", exclude_none=True)
     n_taxels = len(felt.scale)
     kinds = populations_of(afferent_names(["x"] * n_taxels, table))
     x, trial = reconstruction.segments(felt.signals, felt.rate_Hz)
