@@ -3,8 +3,8 @@
 Other rooms take:
 
     definition.clock: apart, binned, spread
-    definition.executors: FEATURES, LIF_INSTEAD, Subject, lacking, require
-    definition.native: addresses_of, device_of, exits_at, shape_of
+    definition.executors: FEATURES, Subject, lacking, require
+    definition.native: device_of
     definition.network: Network
     definition.readouts: Integration, Stretches
     definition.recipe: Seen, chosen_for, described, joined_cost, resolve, training_of, void_keys
@@ -23,7 +23,7 @@ Other rooms take:
     training.balancing: Balance, SETTINGS, columns_of, note
     training.cautions: FEW_PER_CLASS, MEMBER, calibrated, copies, few_test_trials, not_learned, together, training
     training.cross_validation: Repeated, TABLE, line, run, tasks_of, trained_in
-    training.epochs: Epoch, Examples, Training, best_of, evaluate, train
+    training.epochs: Epoch, Examples, Training, best_in, best_of, evaluate, train
     training.losses: cross_entropy, hinge
     training.model_selection: SEEN, Tried, again, are_unranked, best_of, candidates, right_seen, trainings
     training.outcome: outcome_of, summary_of
@@ -31,6 +31,7 @@ Other rooms take:
     training.resumable: Interrupted, RESULT, check_place, clear, line_of, run, saved_in
     training.run_folder: LOG, NETWORK, Restored, WEIGHTS, files_of, load_network, load_spikes_of, restore, save,
         save_network, shapes_of, test_trials, trained_spikes_of
+    training.sparsity: prune, pruned_stay_pruned
     training.tasks: Sides, Task, examples_of, held_out, kind_of_copies, load_spikes, path_of, seen, seen_trials,
         sides_of, task_of, trials_of, with_every_condition, with_suited_window
     training.trainer: Trained, exit_of, finished, fit, new_trained
