@@ -3,9 +3,9 @@
 Other rooms take:
 
     augmentation: AUTO, AugmentationSpec, NONE, UNRANKED, check_taxels, in_words, order_of, varied_copies
-    conditioning: ACAUSAL, Baseline, Conditioner, ConditioningSpec, HALF, PIECE_VALUES, acausal_note, check_used,
-        condition, condition_pieces, conditioned_length, ema, ema_coefficient, fit_standardisation, is_long, pieces,
-        sampled_length, standardised
+    conditioning: ACAUSAL, Baseline, CAUSAL, Conditioned, Conditioner, ConditioningSpec, HALF, PIECE_VALUES,
+        acausal_note, check_used, condition, condition_pieces, conditioned_length, ema, ema_coefficient,
+        fit_standardisation, is_long, pieces, sampled_length, standardised
     contact: OnsetSpec, REST_MS
     copies: Copies, are_telling, copies_of, equal_examples, joined, with_touches
     dataset: DatasetSpec, Progress, Reader, SOURCES, Simulator, expand, load_recordings, load_touches, reader,
@@ -24,22 +24,24 @@ Other rooms take:
     readers.arrays: ALIASES, Loaded, SIGNALS, load, read
     readers.clock.stamps: OF_GIVEN_RATE, of_length, of_rate, row_times
     readers.clock.trials: Read, recordings_of
-    readers.clock.units: UNIT_S, Unit, unit_in, without_unit
+    readers.clock.units: DAY_S, UNIT_S, Unit, unit_in, without_unit
     readers.columns: LayoutSpec, OF_EVENTS, Samples, called, read_table
     readers.doubts: Fixes
     readers.event_spec: EventSpec, MOST_AFFERENTS, SIGNED_MATRIX, holds_events
     readers.folder: NamingSpec, conditions_of, read
     readers.formats: Arrays, Cells, Format, arrays_in
     readers.formats.contents: FLAC, HDF5, LVM, MATLAB, MCAP, NPY, NPZ, PARQUET, ROS_BAG, SOUND, SQLITE, TDMS, TORCH,
-        ZIP, check_content, content_of, damaged_as
+        ZIP, check_content, content_of, content_of_bytes, damaged_as
     readers.formats.numpy_files: read_array, read_arrays
     readers.one_table: read
-    readers.table.cells: DECIMAL_COMMA, Decimal, MAX_CHANNELS, NUMBER, THOUSANDS, Table, as_signal, cells,
-        check_digits, columns_of, grouping_of, is_value, lines_of, numbers, table_of, values_of
-    readers.table.headings: named_table
+    readers.table.cells: COMMENT, DECIMAL_COMMA, Decimal, FLOAT32_MAX, MAX_CHANNELS, NOT_FINITE, NUMBER, THOUSANDS,
+        Table, as_signal, cells, check_digits, columns_of, grouping_of, is_value, lines_of, numbers, table_of,
+        values_of
+    readers.table.headings: SEPARATOR_LINE, is_unit, named_table
     readers.table.texts: read_any_text, read_text, split_header
     recordings: LABEL, Recordings, Trials, check_channels, check_conditions, check_import, check_named_classes,
-        check_sampling_rate, class_indices, class_names, default_channels, order_by_name, select_conditions
+        check_sampling_rate, class_indices, class_names, default_channels, order_by_name, select_conditions,
+        unit_factor
     spikes: SpikeTrains, TrialSpikes, Variations, from_trials, populations_of, spikes_of
     splits: Split, SplitSpec, Splits, check_each, check_stratify, combination, each_left_out, hold_out,
         hold_out_groups, split_conditions, split_touches, split_trials, training_touches, turns_of, validation_note,

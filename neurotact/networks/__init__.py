@@ -3,8 +3,8 @@
 Other rooms take:
 
     definition.clock: apart, binned, spread
-    definition.executors: FEATURES, Subject, lacking, require
-    definition.native: device_of
+    definition.executors: FEATURES, LIF_INSTEAD, Subject, lacking, require
+    definition.native: addresses_of, device_of, exits_at, shape_of
     definition.network: Network
     definition.readouts: Integration, Stretches
     definition.recipe: Seen, chosen_for, described, joined_cost, resolve, training_of, void_keys
