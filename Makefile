@@ -9,7 +9,7 @@ INSTALL := $(BIN)/pip install --quiet --no-compile -c constraints.txt
 # PYTHONDONTWRITEBYTECODE is set each process does so anew: the import of torch and scipy takes twice as long. Some
 # packages hold files of later versions of Python, which fail.
 COMPILE := $(BIN)/python -m compileall -qq -j 0 -x '/tests?/' $(VENV)/lib $(CODE) || true
-CODE := neurotact encoders exporters networks opponents readers studies
+CODE := neurotact encoders exporters networks opponents readers streams studies
 SOURCES := pyproject.toml constraints.txt CMakeLists.txt $(wildcard native/*) neurotact/__init__.py
 
 # Where there is a compiler, a C++ error must not fall back silently to the slow reference.
@@ -51,7 +51,7 @@ lint: $(VENV)/.linters
 	$(BIN)/ruff check $(CODE) tests benchmarks docs
 	$(BIN)/ruff format --check $(CODE) tests benchmarks docs
 	mkdir -p build/packages/neurotact_parts
-	for room in encoders exporters networks opponents readers studies; do ln -sfn ../../../$$room build/packages/neurotact_parts/$$room; done
+	for room in encoders exporters networks opponents readers streams studies; do ln -sfn ../../../$$room build/packages/neurotact_parts/$$room; done
 	$(BIN)/pyright
 	$(BIN)/pyright -p docs/examples
 

@@ -60,7 +60,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         terminalreporter.line(f"what needs {', '.join(absent)}: not installed; pip install -e '.[test]'")
 
 
-AS_TYPED = {"neurotact.api", "neurotact.deploy.stream_state", "neurotact.deploy.exporters"}
+AS_TYPED = {"neurotact.api", "neurotact.networks.use.exporters"}
 """Where examples name files as a user does: they run beside those of `tests/made_inputs.py`."""
 
 

@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 import torch
 from neurotact_parts.exporters.c import c_export, formats
+from neurotact_parts.streams.chain import Chain, chain_of
 
 import neurotact as nt
 from neurotact.backend import Backend
-from neurotact.deploy.chain import Chain, chain_of
 from neurotact.encoders import afferents, specs
 from neurotact.networks.exit.rule import ExitRule
 from neurotact.networks.training.ranges import record

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import pandas as pd
+from neurotact_parts.streams.chain import encoder_of
 
-from neurotact.deploy.chain import encoder_of
 from neurotact.errors import InputError, nearest
 from neurotact.networks.definition.executors import FEATURES, Subject, lacking
 from neurotact.networks.definition.rsnn import RSNN, rsnn_of

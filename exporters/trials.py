@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from neurotact_parts.streams.chain import build_encoder
 from torch import Tensor
 
 from neurotact.data import encoded_from, hdf5
 from neurotact.data.recordings import Recordings
-from neurotact.deploy.chain import build_encoder
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.networks.training import run_folder, tasks
@@ -38,8 +38,7 @@ def recorded(restored: run_folder.Restored, recordings: Recordings | str | Path 
         return _given(restored, recordings)
     if isinstance(recordings, Recordings):
         raise InputError("recordings: must be the file that the run was trained on; give its path, or leave it out")
-    trains = run_folder.load_spikes_of(restored)
-    run_folder.check_trials(restored, trains)
+    trains = run_folder.trained_spikes_of(restored)
     assert restored.spikes_path is not None  # the file of these
     unit = str((restored.encoder or {}).get("unit", "mV"))
     split = tasks.trials_of(trains, restored.task)

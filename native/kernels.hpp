@@ -176,7 +176,7 @@ struct StreamTrace {
     int64_t room, first, steps;  // steps that there is room for; the first that was written down, and how many
 };
 
-// A chain that takes samples as they come: conditioning, afferents, windows, network, exit (neurotact/deploy/stream.py).
+// A chain that takes samples as they come: conditioning, afferents, windows, network, exit (streams/stream.py).
 struct StreamPlan {
     int taxels;
     float factor;                        // by which samples are multiplied first
@@ -199,12 +199,12 @@ struct StreamPlan {
     StreamTrace* trace = nullptr;        // null: nothing is written down
 };
 
-// What was decided of a window; see neurotact/deploy/stream.py, Decision.
+// What was decided of a window; see streams/stream.py, Decision.
 struct Decided {
     int64_t window, start, steps, label, input_spikes, hidden_spikes, held, heard;
 };
 
-// Called with each part of a stream's state, in the order of its type (neurotact/deploy/native.py).
+// Called with each part of a stream's state, in the order of its type (streams/native.py).
 struct Visitor {
     void* to;
     void (*visit)(void* to, void* at, size_t bytes);

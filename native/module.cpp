@@ -228,7 +228,7 @@ void add_exact(nb::module_& m) {
           "samples_before"_a, "first_step"_a, "membrane"_a, "refractory_ms"_a, "spikes"_a, "threads"_a);
 }
 
-constexpr float kLargest = 1e20f;  // of a sample (neurotact/deploy/chain.py)
+constexpr float kLargest = 1e20f;  // of a sample (streams/chain.py)
 
 // A chain that takes samples; it copies what it is made of, and its memory does not change from then on.
 class Stream {
@@ -292,7 +292,7 @@ public:
         taken = 0;
         kernels->begin(plan, stream);
     }
-    // The whole state, of the type in neurotact/deploy/native.py.
+    // The whole state, of the type in streams/native.py.
     nb::bytes state() {
         std::string found;
         kernels->visit(plan, stream, {&found, [](void* to, void* here, size_t bytes) {

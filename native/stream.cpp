@@ -1,5 +1,5 @@
 // A chain that takes samples as they come, one at a time, and asks for no memory: conditioning as in
-// neurotact/data/conditioning.py, afferents, windows as in neurotact/deploy/windows.py, network and exit. Every operation is
+// neurotact/data/conditioning.py, afferents, windows as in streams/windows.py, network and exit. Every operation is
 // that of the whole trial, in its order, so that spikes and decisions are equal to the last bit.
 #include <new>
 #include <utility>

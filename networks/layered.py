@@ -160,16 +160,17 @@ class Layered(nn.Module):
     def cost(self, measured: Mapping[str, float], steps: float, signal_ms: float) -> Cost:
         """The cost of a decision of so many steps of its clock; measured: mean SOPs, as in results."""
         n_classes, keys, into_readout = self.sizes.n_classes, self.keys, measured["sops_readout"]
-        rest = [measured["sops_total"] - into_readout, *[0.0] * (len(keys.hidden) - 1)]  # an AC each, in any layer
+        inside = measured["sops_total"] - into_readout  # an AC each, in any layer
+        rest = [(inside, inside - measured["sops_input"]), *[(0.0, 0.0)] * (len(keys.hidden) - 1)]
         hidden = [
-            SpikingLayer(*pair, steps=steps, sops=sops, recurrent=keys.recurrent)
-            for pair, sops in zip(pairwise([self.sizes.n_inputs, *keys.hidden]), rest, strict=True)
+            SpikingLayer(*pair, steps=steps, sops=sops, recurrent=keys.recurrent, sops_sent=sent)
+            for pair, (sops, sent) in zip(pairwise([self.sizes.n_inputs, *keys.hidden]), rest, strict=True)
         ]
         last = keys.hidden[-1]
         readout = (
-            Integrator(last, n_classes, sops=into_readout)
+            Integrator(last, n_classes, sops=into_readout, steps=steps)
             if keys.readout == "integrator"
-            else SpikingLayer(last, n_classes, steps=steps, sops=into_readout, recurrent=False)
+            else SpikingLayer(last, n_classes, steps=steps, sops=into_readout, recurrent=False, sops_sent=into_readout)
         )
         n, total = keys.n_hidden, cost(*hidden, readout, signal_ms=signal_ms)
         constants = n * (int(keys.bias) + (2 if keys.tau_spread else 0) + len({*keys.learn} - self._spread()))

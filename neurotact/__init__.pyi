@@ -1,8 +1,6 @@
-from .api.deployment import Flow as Flow
 from .api.deployment import export as export
 from .api.deployment import export_c as export_c
 from .api.deployment import export_nir as export_nir
-from .api.deployment import stream as stream
 from .api.encoding import calibrate as calibrate
 from .api.encoding import encode as encode
 from .api.encoding import encode_file as encode_file
@@ -33,16 +31,19 @@ from .api.settings import Events as Events
 from .api.settings import Layout as Layout
 from .api.settings import Naming as Naming
 from .api.settings import Onset as Onset
-from .api.settings import Samples as Samples
 from .api.settings import Search as Search
 from .api.settings import Split as Split
-from .api.settings import Streamed as Streamed
 from .api.settings import Window as Window
 from .api.specs import spec_names as spec_names
 from .api.studies import report_study as report_study
 from .api.studies import resume_study as resume_study
 from .api.studies import run_study as run_study
 from .api.studies import study_answer as study_answer
+from .api.tools import Decision as Decision
+from .api.tools import Flow as Flow
+from .api.tools import Samples as Samples
+from .api.tools import Stream as Stream
+from .api.tools import Streamed as Streamed
 from .api.tools import check_chip as check_chip
 from .api.tools import conditions_curve as conditions_curve
 from .api.tools import fine_tune as fine_tune
@@ -53,6 +54,7 @@ from .api.tools import live as live
 from .api.tools import plot_survival as plot_survival
 from .api.tools import read_nwb as read_nwb
 from .api.tools import save_energy as save_energy
+from .api.tools import stream as stream
 from .api.tools import to_neo as to_neo
 from .api.tools import to_nir as to_nir
 from .api.tools import to_nwb as to_nwb
@@ -65,9 +67,6 @@ from .data.spikes import SpikeTrains as SpikeTrains
 from .data.windowed import SpikeArray as SpikeArray
 from .data.windowed import WindowedSpikes as WindowedSpikes
 from .data.windowed import windows as windows
-from .deploy.exporters import Exporter as Exporter
-from .deploy.stream import Decision as Decision
-from .deploy.stream import Stream as Stream
 from .encoders.afferents import AfferentSpec as AfferentSpec
 from .encoders.firing import FiringWarning as FiringWarning
 from .encoders.transformer import SpikeEncoder as SpikeEncoder
@@ -76,5 +75,6 @@ from .networks.definition.rsnn import RSNN as RSNN
 from .networks.definition.specs import RSNNSpec as RSNNSpec
 from .networks.definition.specs import TrainingSpec as TrainingSpec
 from .networks.use.classifier import SpikingClassifier as SpikingClassifier
+from .networks.use.exporters import Exporter as Exporter
 
 __version__: str

@@ -5,13 +5,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import torch
+from neurotact_parts.streams.chain import Chain, chain_of
 
 import neurotact as nt
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
-from neurotact.deploy.chain import Chain, chain_of
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_recordings
+from neurotact.encoders.specs import n_afferents
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.rule import ExitRule
@@ -54,7 +55,7 @@ def make_chain(
         settings["readout_stretch_ms"] = 3 * step_ms
     clock_Hz = encoder.conditioning.resample_Hz or rate_Hz
     generator = torch.Generator().manual_seed(seed)
-    net = RSNN(encoder.n_per_taxel * n_taxels, 3, sampling_rate_Hz=clock_Hz, generator=generator, **settings)
+    net = RSNN(n_afferents(encoder, n_taxels), 3, sampling_rate_Hz=clock_Hz, generator=generator, **settings)
     unequal_stretches(net)
     streamed = nt.Streamed(sampling_rate_Hz=rate_Hz, **(windows or {"length_ms": 40}))
     chain = chain_of((encoder, net), streamed)

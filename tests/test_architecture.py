@@ -13,7 +13,7 @@ import neurotact
 
 PACKAGE = Path(neurotact.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
-ROOMS = ("encoders", "exporters", "networks", "opponents", "readers", "studies")
+ROOMS = ("encoders", "exporters", "networks", "opponents", "readers", "streams", "studies")
 BESIDE = sorted(path for room in ROOMS for path in (PACKAGE.parent / room).rglob("*.py"))
 """Modules of the packages beside the framework."""
 FLOORS = (
@@ -26,7 +26,7 @@ FLOORS = (
     ("encoders",),
     ("baselines",),
     ("networks",),
-    ("figures", "deploy"),
+    ("figures",),
     ("studies",),
     ("report",),
     ("api",),

@@ -654,7 +654,7 @@ SAME = {
         "simulate gratings",
     ),
     **dict.fromkeys((f"import {name}" for name in ("fabricslide", "pvdf-hardness", "touch-modality")), "encode"),
-    "import braille-letters": "import events",
+    **dict.fromkeys(("import braille-letters", "import st-mnist"), "import events"),
 }
 """Commands of plug-ins, whose options are those of one function, or work as those of another command."""
 

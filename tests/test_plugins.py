@@ -512,8 +512,8 @@ def test_a_price_list_that_cannot_be_used_is_named_with_its_package(package, mod
 
 EXPORTS = """
 from pathlib import Path
-from neurotact.deploy.chain import chain_of
-from neurotact.deploy.exporters import Exporter
+from neurotact_parts.streams.chain import chain_of
+from neurotact.networks.use.exporters import Exporter
 from neurotact.errors import InputError
 def export(run, out, *, digits: int = 3, upper: bool = False, kind: str | None = None, tell=print):
     if digits > 9:

@@ -12,7 +12,7 @@ import neurotact
 
 PACKAGE = Path(neurotact.__file__).parent
 ROOT = PACKAGE.parent
-BESIDE = ("encoders", "exporters", "networks", "opponents", "prices", "readers", "studies")
+BESIDE = ("encoders", "exporters", "networks", "opponents", "prices", "readers", "streams", "studies")
 MODULES = sorted(PACKAGE.rglob("*.py"))
 OTHERS = [path for room in BESIDE for path in sorted((ROOT / room).rglob("*.py"))]
 OFFERS = re.compile(r"Other rooms take:\n\n(.*)", re.DOTALL)

@@ -23,7 +23,7 @@ from venvs import CONSTRAINTS, PIP, ROOT, clean, copy_of_checkout, pip_install, 
 
 from neurotact import cli
 
-ROOMS = ("encoders", "exporters", "networks", "opponents", "prices", "readers", "studies")
+ROOMS = ("encoders", "exporters", "networks", "opponents", "prices", "readers", "streams", "studies")
 SPECS = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.toml")) if path.parent.name != "spaces"]
 HAS_COMPILER = any(map(shutil.which, ("c++", "g++", "clang++")))
 EXTRAS = "live,nir,neuro"

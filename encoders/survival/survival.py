@@ -27,8 +27,11 @@ from neurotact.encoders.specs import (
     encode_whole,
     is_exact,
     recorded_at,
+    with_taxels_of,
 )
 from neurotact.errors import InputError
+from neurotact.metrics.prices import MEMORY_45NM
+from neurotact.report.wording import energy
 
 ALL = "all"
 PER_CLASS, TAXELS, LONGEST_s = 24, 16, 2.0
@@ -37,6 +40,7 @@ INSTANTS = 40
 """Moments of a trial at which the information so far is estimated."""
 SHUFFLES, ALPHA = 40, 0.05
 """Permutations of the labels, and how many of them may tell more by chance."""
+PRICES = MEMORY_45NM
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,7 @@ class Survival:
         (of the signal), `class_bits` (of an afferent's count in the trial), `class_bits_per_spike`,
         `first_informative_ms` (from when on the counts so far tell more than by chance; NaN if never), and only for
         all: `own_snr_dB` (of the encoder's own decoder, without the mean of each segment; NaN without one),
-        `energy_nJ_per_s` (an estimate of conditioning and encoding) and `nJ_per_spike`, of all afferents.
+        `energy_nJ_per_s` (an estimate of conditioning and encoding, by `PRICES`) and `nJ_per_spike`, of all afferents.
     spectra: power and error of the linear filter of all spikes, over frequency.
     told: information of the counts so far over time: `time_ms`, `class_bits` (mean over afferents), `by_chance`.
     shown: the liveliest taxel's signal in one segment and what is decoded: `time_ms`, `signal`, `linear` (NaN at its
@@ -72,7 +76,7 @@ class Survival:
         return (
             f"{row.snr_dB:.1f} dB of the signal, {row.bits_per_spike:.2g} bit a spike; {row.class_bits:.2g} bit an "
             f"afferent about the class, first {soon}; {row.spikes_per_s:.3g} spikes/s an afferent, "
-            f"{row.energy_nJ_per_s:.3g} nJ/s"
+            f"{energy(row.energy_nJ_per_s)} a second by {PRICES.name}"
         )
 
 
@@ -86,9 +90,10 @@ def survival_of(recordings: Trials, encoder: EncoderSpec, seed: int = 0) -> Surv
     if len(recordings.classes) < 2:
         raise InputError("recordings: hold one class, and what spikes tell of it is measured; give two or more")
     rng = np.random.default_rng(seed)
-    drawn = recordings.select(draw(recordings.labels, PER_CLASS, rng))
+    drawn, encoder = recordings.select(draw(recordings.labels, PER_CLASS, rng)), with_taxels_of(encoder)
     felt = _felt(drawn, encoder)
-    table = recorded_at(encoder, recordings.sampling_rate_Hz).model_dump(mode="json", exclude_none=True)
+    recorded = recorded_at(encoder, recordings.sampling_rate_Hz, recordings.channels)
+    table = recorded.model_dump(mode="json", exclude_none=True)
     n_taxels = len(felt.scale)
     kinds = populations_of(afferent_names(["x"] * n_taxels, table))
     x, trial = reconstruction.segments(felt.signals, felt.rate_Hz)
@@ -115,7 +120,7 @@ def survival_of(recordings: Trials, encoder: EncoderSpec, seed: int = 0) -> Surv
     n_afferents = len(afferent_names(recordings.channels, table))
     fired = rows[-1]["spikes_per_s"] * n_afferents
     spent = {"recorded_Hz": recordings.sampling_rate_Hz, "spikes": fired}
-    cost_nJ = encoding_cost(recordings.n_channels, felt.rate_Hz, 1e3, table, **spent).energy_estimate_nJ
+    cost_nJ = encoding_cost(recordings.n_channels, felt.rate_Hz, 1e3, table, **spent).energy_nJ(PRICES)
     rows[-1] |= {
         "own_snr_dB": np.nan if own is None else reconstruction.direct(x, own, felt.rate_Hz).snr_dB,
         "energy_nJ_per_s": cost_nJ,

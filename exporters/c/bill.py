@@ -14,23 +14,24 @@ from neurotact_parts.exporters.c import boards, c_export, export, opponents, pro
 from neurotact_parts.exporters.c.boards import Board
 from neurotact_parts.exporters.c.formats import Raw
 from neurotact_parts.exporters.c.opponents import Standard
+from neurotact_parts.streams.chain import Chain
 
 from neurotact import files
 from neurotact.baselines.opponent import Sides, best_of, joined, load
 from neurotact.baselines.opponents import BINS, gru_steps, pieces_of
 from neurotact.data import encoded_from
 from neurotact.data.splits import Split
-from neurotact.deploy.chain import Chain
-from neurotact.deploy.exporters import Exporter
 from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.metrics.flops import Standardise, cost
 from neurotact.metrics.signal_flops import Averaging
 from neurotact.networks.training import run_folder, tasks
 from neurotact.networks.use import fitted, inference, ledger
+from neurotact.networks.use.exporters import Exporter
 from neurotact.networks.use.fitted import Fitted
 from neurotact.networks.use.ledger import Afferents
 from neurotact.progress import Tell, untold
+from neurotact.report.wording import count
 
 NAME = "touch"
 TOOLS = ("arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm")
@@ -145,9 +146,9 @@ def summary(table: pd.DataFrame) -> Iterator[str]:
         order = known["instructions"].corr(known["ledger_flops"], method="spearman")
         each = known["instructions"] / known["ledger_flops"]
         yield (
-            f"On an emulated {processor} the network in integers takes {ratio:.3g} times the instructions of "
+            f"On an emulated {processor} the network in integers takes {count(ratio)} times the instructions of "
             f"{cheapest}, the cheapest opponent; rank correlation with the ledger's FLOPs {order:.2f}, "
-            f"{each.min():.2g} to {each.max():,.3g} instructions per FLOP."
+            f"{count(each.min(), 2)} to {count(each.max())} instructions per FLOP."
         )
 
 
@@ -155,8 +156,7 @@ def _programs(run: Any, out: Path, recordings: str | Path | None, spikes: str | 
     restored = fitted.restore(run, spikes=spikes)
     if not restored.encoder:
         raise InputError(f"{run}: was trained on the events of a sensor; a bill needs signals, which an encoder takes")
-    trains = run_folder.load_spikes_of(restored)
-    run_folder.check_trials(restored, trains)
+    trains = run_folder.trained_spikes_of(restored)
     split = tasks.trials_of(trains, restored.task)
     windows = trains.cut(restored.task.window, split.test)
     chosen = np.unique(windows.trial)

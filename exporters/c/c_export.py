@@ -12,10 +12,10 @@ import jinja2
 import numpy as np
 from neurotact_parts.exporters.c import formats as whole
 from neurotact_parts.exporters.c.formats import Formats, Integrator
+from neurotact_parts.streams.chain import LARGEST, Chain
 
 from neurotact import __version__, files
 from neurotact.data.conditioning import HALF, Conditioner
-from neurotact.deploy.chain import LARGEST, Chain
 from neurotact.encoders.afferents import AfferentType, marks
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import require

@@ -7,16 +7,16 @@ from typing import Any, Literal, NamedTuple
 from neurotact_parts.exporters.c import c_export, fine_tuning, formats, proving
 from neurotact_parts.exporters.c.formats import Formats, Steps
 from neurotact_parts.exporters.trials import recorded
+from neurotact_parts.streams.chain import Chain, chain_of
+from neurotact_parts.streams.streamed import StreamedSpec
 
 from neurotact import effects, files
 from neurotact.data.recordings import Recordings
-from neurotact.deploy.chain import Chain, chain_of
-from neurotact.deploy.exporters import Exporter
-from neurotact.deploy.streamed import StreamedSpec
 from neurotact.errors import InputError
 from neurotact.networks.training import run_folder
 from neurotact.networks.training.ranges import record
 from neurotact.networks.use import fitted
+from neurotact.networks.use.exporters import Exporter
 from neurotact.networks.use.fitted import Fitted
 from neurotact.progress import Tell, untold
 from neurotact.spec import takes_specs

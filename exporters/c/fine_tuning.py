@@ -27,6 +27,7 @@ from neurotact.networks.training.epochs import Epoch, Examples, Training, best_o
 from neurotact.networks.training.outcome import outcome_of, summary_of
 from neurotact.networks.training.ranges import record_states
 from neurotact.networks.training.run_folder import Restored
+from neurotact.networks.training.sparsity import pruned_stay_pruned
 from neurotact.networks.training.tasks import Sides
 from neurotact.networks.use.fitted import check_folder
 from neurotact.progress import Tell, track, untold
@@ -84,15 +85,16 @@ def train_rounded(
 
     grids: by name of the weights (`grids_of`); weights without a grid are not rounded. generator: orders the windows.
     The network's own training settings are used, with learning rates that fall to 0 over `epochs`. Epoch 0 is rounding
-    alone; it is the result if no epoch is better on the validation windows.
+    alone; it is the result if no epoch is better on the validation windows. Weights that are 0 before rounding stay 0.
     """
     settings = network.spec.training
     if settings.keep == "both":  # training accuracy is that of disturbed windows, except in epoch 0
         settings = settings.model_copy(update={"keep": "accuracy"})
     if epochs:
-        update = {"epochs": epochs, "patience": epochs, "schedule": "cosine"}
+        # Pruning has ended: every epoch may be kept, and what is 0 stays 0.
+        update = {"epochs": epochs, "patience": epochs, "schedule": "cosine", "sparsity": 0.0}
         network.spec = network.spec.model_copy(update={"training": settings.model_copy(update=update)})
-    with seen_rounded(network, grids):
+    with seen_rounded(network, grids), pruned_stay_pruned(network):
         rounded = Epoch(0, *evaluate(network, training), *evaluate(network, validation))
         before = copy.deepcopy(network.state_dict())
         log = [rounded]
@@ -101,6 +103,8 @@ def train_rounded(
         best = best_of(log, settings.keep)
         if best is rounded:
             network.load_state_dict(before)
+    trained = network.spec.training.model_copy(update={"sparsity": settings.sparsity})
+    network.spec = network.spec.model_copy(update={"training": trained})
     return Training(tuple(log), best)
 
 
@@ -139,9 +143,8 @@ def fine_tune(
     with files.locked(folder):
         resumable.check_place(folder, force=force)
         restored = run_folder.restore(source, spikes=spikes)
-        trains = run_folder.load_spikes_of(restored)
+        trains = run_folder.trained_spikes_of(restored)
         assert restored.spikes_path is not None  # of a folder
-        run_folder.check_trials(restored, trains)
         sides = tasks.sides_of(trains, restored.task)
         layers = layers_of(restored, sides, weight_bits=weight_bits, state_bits=state_bits)
         digest = files.sha256(source / run_folder.WEIGHTS)

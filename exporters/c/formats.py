@@ -11,10 +11,10 @@ from collections.abc import Iterator, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
+from neurotact_parts.streams.chain import Chain
 from torch import Tensor
 
 from neurotact.data.conditioning import Conditioner
-from neurotact.deploy.chain import Chain
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import Subject, require

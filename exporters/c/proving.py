@@ -11,11 +11,11 @@ from neurotact_parts.exporters.c import boards, c_export, export, integer, proof
 from neurotact_parts.exporters.c.boards import Board
 from neurotact_parts.exporters.c.formats import Formats
 from neurotact_parts.exporters.c.proof import Spoken, spoken_of
+from neurotact_parts.streams.chain import Chain
 
 from neurotact import files
 from neurotact.data.conditioning import Conditioner
 from neurotact.data.recordings import Recordings
-from neurotact.deploy.chain import Chain
 from neurotact.encoders import afferents
 from neurotact.errors import InputError
 from neurotact.networks.use import fitted

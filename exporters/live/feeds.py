@@ -10,13 +10,13 @@ from typing import Any, Protocol
 
 import numpy as np
 from neurotact_parts.exporters.live.finger import Control
+from neurotact_parts.streams import sources
+from neurotact_parts.streams.sources import Arrived, Faults
+from neurotact_parts.streams.streamed import SampleSpec
 
 from neurotact.data import hdf5
 from neurotact.data.dataset import Simulator
 from neurotact.data.recordings import LABEL, order_by_name
-from neurotact.deploy import sources
-from neurotact.deploy.sources import Arrived, Faults
-from neurotact.deploy.streamed import SampleSpec
 from neurotact.errors import InputError
 
 TICK_S = 0.02

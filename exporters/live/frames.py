@@ -12,8 +12,7 @@ from threading import Lock
 from typing import Any
 
 import numpy as np
-
-from neurotact.deploy.stream_state import Trace
+from neurotact_parts.streams.stream_state import Trace
 
 BUCKETS_PER_S = 250.0
 """Columns of a signal per second of drawing; with a faster recording, a column holds many samples."""

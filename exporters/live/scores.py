@@ -5,9 +5,9 @@ from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from neurotact_parts.streams.chain import Chain
+from neurotact_parts.streams.stream_state import Decision
 
-from neurotact.deploy.chain import Chain
-from neurotact.deploy.stream_state import Decision
 from neurotact.encoders.cost import encoding_cost
 from neurotact.metrics import synops
 from neurotact.metrics.prices import MEMORY_45NM

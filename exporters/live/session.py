@@ -18,14 +18,14 @@ from neurotact_parts.exporters.live import messages
 from neurotact_parts.exporters.live.feeds import TICK_S, ByHand, Feed, Replay
 from neurotact_parts.exporters.live.frames import Audience, FrameBuilder, Mailbox
 from neurotact_parts.exporters.live.scores import Scored, Scores, counted
+from neurotact_parts.streams import sources
+from neurotact_parts.streams.chain import Chain
+from neurotact_parts.streams.sources import Arrived, Faults
+from neurotact_parts.streams.stream import Stream
+from neurotact_parts.streams.stream_state import Trace
 
 from neurotact.backend import Backend
 from neurotact.data.spikes import populations_of
-from neurotact.deploy import sources
-from neurotact.deploy.chain import Chain
-from neurotact.deploy.sources import Arrived, Faults
-from neurotact.deploy.stream import Stream
-from neurotact.deploy.stream_state import Trace
 from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
 from neurotact.errors import InputError, nearest
 from neurotact.files import write_text

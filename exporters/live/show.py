@@ -9,15 +9,15 @@ from typing import Any
 from neurotact_parts.exporters.live.feeds import ByHand, Device, Feed, Replay
 from neurotact_parts.exporters.live.messages import FASTEST, SLOWEST
 from neurotact_parts.exporters.live.session import Session
+from neurotact_parts.streams.chain import Chain, chain_of
+from neurotact_parts.streams.sources import kind_of, trouble_of
+from neurotact_parts.streams.streamed import SampleSpec, StreamedSpec
 
 from neurotact import effects, plugins
 from neurotact.data import hdf5
 from neurotact.data.dataset import simulator
 from neurotact.data.digests import recorded_digest
 from neurotact.data.recordings import default_channels
-from neurotact.deploy.chain import Chain, chain_of
-from neurotact.deploy.sources import kind_of, trouble_of
-from neurotact.deploy.streamed import SampleSpec, StreamedSpec
 from neurotact.encoders.specs import afferent_names
 from neurotact.errors import InputError
 from neurotact.metrics.synops import SIDES, UNKNOWN

@@ -21,7 +21,8 @@ def of_encoder(
 ) -> tuple[dict[str, Any], Edges]:
     """Nodes and edges from `input` to the node `afferents`."""
     sa1, ra1 = (encoder.neuron(kind, clock_Hz) for kind in (encoder.sa1, encoder.ra1))
-    n_each = [n_taxels * len(kind.gains) for kind in (encoder.sa1, encoder.ra1)]
+    columns = encoder.columns(n_taxels)
+    n_each = [len(its) * len(kind.gains) for its, kind in zip(columns, (encoder.sa1, encoder.ra1), strict=True)]
     n = sum(n_each)
     tau = clock.tau(sa1.decay, "tau_mem_ms")
     # A neuron of neurotact spikes at its threshold, one of NIR above it.
@@ -30,7 +31,10 @@ def of_encoder(
         tau=np.full(n, tau), r=np.ones(n), v_leak=np.zeros(n), v_threshold=np.full(n, np.float64(level)),
         v_reset=np.full(n, sa1.v_reset_mV - sa1.v_rest_mV),
     )  # fmt: skip
-    blocks = [np.kron(np.array(kind.gains)[:, None], np.eye(n_taxels)) for kind in (encoder.sa1, encoder.ra1)]
+    blocks = [
+        np.kron(np.array(kind.gains)[:, None], np.eye(n_taxels)[its])
+        for its, kind in zip(columns, (encoder.sa1, encoder.ra1), strict=True)
+    ]
     nodes: dict[str, Any] = {"gain": linear(block_diag(*blocks).T), "afferents": lif}
     if lower_refractory:
         silent = np.repeat([sa1.refractory_steps, ra1.refractory_steps], n_each)

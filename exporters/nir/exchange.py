@@ -11,12 +11,11 @@ import pandas as pd
 from neurotact_parts.exporters.nir import compare, execute, file, graph, note, parse
 from neurotact_parts.exporters.nir.parse import FromNIR
 from neurotact_parts.exporters.trials import recorded
+from neurotact_parts.streams.chain import build_encoder
 
 from neurotact import effects
 from neurotact.backend import Backend
 from neurotact.data.recordings import Recordings
-from neurotact.deploy.chain import build_encoder
-from neurotact.deploy.exporters import Exporter
 from neurotact.encoders import afferents
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.model import EncoderSpec
@@ -25,6 +24,7 @@ from neurotact.networks.definition.executors import Subject, require
 from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.exit.rule import FULL_WINDOW
 from neurotact.networks.use import fitted
+from neurotact.networks.use.exporters import Exporter
 from neurotact.networks.use.fitted import Fitted
 from neurotact.progress import Tell, untold
 

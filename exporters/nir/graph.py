@@ -8,6 +8,7 @@ from neurotact_parts.exporters.nir.nodes import Clock, graph
 from neurotact_parts.exporters.nir.note import Note
 
 from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.specs import n_afferents, taxels_of
 from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
@@ -37,9 +38,9 @@ def of(
     nodes, edges = layers.of_network(network, clock, plain=plain)
     n_inputs, silent = network.n_inputs, None
     if encoder is not None:
-        if n_inputs % encoder.n_per_taxel:
-            raise InputError(f"network: receives {n_inputs} afferents, not {encoder.n_per_taxel} under each taxel")
-        n_taxels = n_inputs // encoder.n_per_taxel
+        n_taxels = taxels_of(n_inputs, encoder.model_dump())
+        if n_inputs != n_afferents(encoder, n_taxels):
+            raise InputError(f"network: receives {n_inputs} afferents, not {n_afferents(encoder, 1)} under each taxel")
         front, links = afferents.of_encoder(encoder, n_taxels, rate_Hz, clock, lower_refractory=lower_refractory)
         n_inputs = 2 * n_taxels
         edges = links + [("afferents" if a == "input" else a, b) for a, b in edges]

@@ -5,12 +5,11 @@ line calls these functions alone, so that both do the same with the same default
 
 Other rooms take:
 
-    deployment: Flow, stream
     encoding: calibrate, encode, encode_file, plot_raster, save_raster
     networks: infer, load_network, result, save_network, sops, summarise, train, tune
     recordings: ARRAY_NAMES, EVENT_NAMES, describe, fetch, load, load_recordings, load_spikes, read, read_arrays,
         read_events, read_folder, read_raster, read_table, save, simulate
-    settings: Events, Layout, Naming, Onset, Samples, Search, Split, Streamed, Window
+    settings: Events, Layout, Naming, Onset, Search, Split, Window
     specs: keys_of, of_other_packages, spec_names
     studies: is_begun, report_study, resume_study, run_study, study_answer
 """

@@ -6,8 +6,7 @@ from neurotact.data.readers.event_spec import EventSpec
 from neurotact.data.readers.folder import NamingSpec
 from neurotact.data.splits import Splits
 from neurotact.data.windows import WindowSpec
-from neurotact.deploy.streamed import SampleSpec, StreamedSpec
 from neurotact.networks.search.tuning import SearchSpec
 
 Layout, Naming, Onset, Search, Split, Window = LayoutSpec, NamingSpec, OnsetSpec, SearchSpec, Splits, WindowSpec
-Events, Samples, Streamed = EventSpec, SampleSpec, StreamedSpec
+Events = EventSpec

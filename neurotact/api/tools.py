@@ -1,12 +1,13 @@
-"""Functions of packages beside this one, each found by its name in the group `neurotact.tools` and loaded when used."""
+"""What packages beside this one offer, each found by its name in the group `neurotact.tools` and loaded when used."""
 
 from typing import Any
 
 from neurotact import plugins
 
 TOOLS = (
-    "check_chip", "conditions_curve", "fine_tune", "from_neo", "from_nir", "from_snntorch", "live", "plot_survival",
-    "read_nwb", "save_energy", "to_neo", "to_nir", "to_nwb", "to_snntorch", "what_survives",
+    "Decision", "Flow", "Samples", "Stream", "Streamed", "check_chip", "conditions_curve", "fine_tune", "from_neo",
+    "from_nir", "from_snntorch", "live", "plot_survival", "read_nwb", "save_energy", "stream", "to_neo", "to_nir",
+    "to_nwb", "to_snntorch", "what_survives",
 )  # fmt: skip
 
 

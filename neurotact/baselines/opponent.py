@@ -84,7 +84,7 @@ class Opponent:
         class. Every `random_state` that it leaves open gets the seed. If `fit` has the parameter `validation`, it gets
         `(X, y)` of the validation examples, to stop or choose by.
     grid: settings, from the cheapest on. Validation chooses the first of the most accurate, and none is fitted after
-        one without an error. Or a function of the sides and the seed that gives them.
+        one without an error, in a study also with 8 bits. Or a function of the sides and the seed that gives them.
     takes: its input. `features` `(example, feature)`: counts, means in time bins, spectra; `signals` `(example, time,
         channel)`: all samples, up to 1000 steps; `sequences`: the same in bins of 20 ms.
     layers: of a decision, for the ledger of costs, from the fitted estimator and its training input. Without it the

@@ -20,8 +20,6 @@ from neurotact.baselines.opponent import (
     Opponents,
     Sides,
     Takes,
-    accuracy,
-    best_of,
     first_best,
     joined,
     named,
@@ -56,6 +54,8 @@ BITS = 8
 """Of an opponent's weights, as of those of the C export; inputs and biases have twice as many."""
 ROUNDED = f"_{BITS}bit"
 """Ends the name of what a rounded opponent has."""
+SETTINGS = {"settings": "", f"settings{ROUNDED}": ROUNDED}
+"""Columns of what validation has chosen, by width."""
 RIGHT = "right"
 """A key of each row that is not a column of `baselines.csv`."""
 
@@ -260,8 +260,10 @@ def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts) -> Iterator[di
 
     A slow one (`all`) is trained with the varied copies that were best for the classifiers before it. A
     classifier that is chosen is fitted again to the training windows of `cuts.last`, as networks are.
+    With 8 bits (`ROUNDED`), if its opponent can be rounded, validation chooses among the same candidates after
+    rounding; costs are those of the one that is chosen with 32 bits.
     Under `RIGHT` a row also has, for validation and test, the share of correctly classified windows of each trial, and
-    the same of the rounded classifier (`ROUNDED`), if its opponent can be.
+    the same with 8 bits.
     """
     best_yet: tuple[float, str] | None = None
     for one in inputs:
@@ -275,46 +277,67 @@ def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts) -> Iterator[di
             if opponent.joins == "all" and best_yet is not None and best_yet[1] in kinds:
                 kinds = [best_yet[1]]
             with named(name):
-                kind, sides, best = _best_training(one, opponent, labels, cuts, kinds)
-                right = _right(opponent, best, sides, "validation")
-                last = cuts
+                kind, sides, chosen = _best_training(one, opponent, labels, cuts, kinds)
+                right = {f"validation{width}": each.right for width, each in chosen.items()}
+                fitted, last = {width: each.candidate for width, each in chosen.items()}, cuts
                 if cuts.last is not None:
                     last = cuts.last
                     sides = _sides(one, labels, last.with_training(kind))
-                    best = best.again(sides)
-                right |= _right(opponent, best, sides, "test")
+                    distinct = {id(each): each for each in fitted.values()}  # mostly one
+                    again = {key: each.again(sides) for key, each in distinct.items()}
+                    fitted = {width: again[id(each)] for width, each in fitted.items()}
+                for width, each in fitted.items():
+                    right[f"test{width}"] = _right(opponent, each, sides, "test", width)
             trials = {"validation": cuts.windows.trial[cuts.sides[1]], "test": last.windows.trial[last.sides[2]]}
             by_trial = {side: paired.by_trial(trials[side.removesuffix(ROUNDED)], of) for side, of in right.items()}
-            row = _row(one, name, best, sides, right)
+            row = _row(one, name, fitted, sides, right)
             if best_yet is None or row["accuracy_validation"] > best_yet[0]:
                 best_yet = row["accuracy_validation"], kind
             if cuts.copies:
-                row["settings"] += f"; varied copies: {kind}"
+                row |= {key: f"{row[key]}; varied copies: {kind}" for key in SETTINGS if row[key]}
             yield {**row, RIGHT: by_trial}
 
 
-def _right(opponent: Opponent, best: Candidate, sides: Sides, side: str) -> dict[str, np.ndarray]:
-    """Whether each window of a side is classified correctly, also by the rounded classifier if there can be one.
+class _Chosen(NamedTuple):
+    """A candidate, and whether it, as wide as it was chosen, classifies each validation window correctly."""
 
-    Predicted once: sequences take seconds.
+    candidate: Candidate
+    right: np.ndarray
+
+
+def _right(opponent: Opponent, one: Candidate, sides: Sides, side: str, width: str) -> np.ndarray:
+    """Whether each window of a side is classified correctly; width: `ROUNDED`, or empty for 32 bits."""
+    x, y, fitted = getattr(sides, side), getattr(sides, f"y_{side}"), one.fitted
+    if width and opponent.rounded is not None:
+        fitted, x = opponent.rounded(fitted, sides.train, BITS), rounded(x, 2 * BITS, of=sides.train)
+    return fitted.predict(x) == y
+
+
+def _best_candidates(opponent: Opponent, sides: Sides) -> dict[str, _Chosen]:
+    """The first of the most accurate candidates on validation windows by width: with 32 bits, and rounded if it can be.
+
+    None is fitted after the best of each width make no error.
     """
-    x, y = getattr(sides, side), getattr(sides, f"y_{side}")
-    right = {side: best.fitted.predict(x) == y}
-    if opponent.rounded is not None:
-        narrow = opponent.rounded(best.fitted, sides.train, BITS)
-        right[f"{side}{ROUNDED}"] = narrow.predict(rounded(x, 2 * BITS, of=sides.train)) == y
-    return right
+    best: dict[str, _Chosen] = {}
+    for one in opponent.candidates(sides, 0):
+        for width in ("", ROUNDED) if opponent.rounded is not None else ("",):
+            right = _right(opponent, one, sides, "validation", width)
+            if width not in best or right.mean() > best[width].right.mean():
+                best[width] = _Chosen(one, right)
+        if all(each.right.all() for each in best.values()):
+            break
+    return best
 
 
 def _best_training(
     one: Input, opponent: Opponent, labels: np.ndarray, cuts: Cuts, kinds: Sequence[str]
-) -> tuple[str, Sides, Candidate]:
-    """The best candidate of an opponent on validation windows, with the varied copies on which it was trained."""
+) -> tuple[str, Sides, dict[str, _Chosen]]:
+    """The best candidates of an opponent, with the varied copies by which that with 32 bits is most accurate."""
 
-    def training(kind: str) -> tuple[float, tuple[str, Sides, Candidate]]:
+    def training(kind: str) -> tuple[float, tuple[str, Sides, dict[str, _Chosen]]]:
         sides = _sides(one, labels, cuts.with_training(kind))
-        best = best_of(opponent, sides, 0)
-        return accuracy(best, sides.validation, sides.y_validation), (kind, sides, best)
+        best = _best_candidates(opponent, sides)
+        return float(best[""].right.mean()), (kind, sides, best)
 
     return first_best(map(training, kinds))[1]
 
@@ -333,17 +356,19 @@ def _sides(one: Input, labels: np.ndarray, cuts: Cuts) -> Sides:
     return Sides(*(scaler.transform(one.features[side]) for side in cuts.sides), *(labels[side] for side in cuts.sides))
 
 
-def _row(one: Input, name: str, best: Candidate, sides: Sides, right: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """The row of a fitted classifier; right: of validation and test, whether each window is classified correctly."""
+def _row(
+    one: Input, name: str, fitted: Mapping[str, Candidate], sides: Sides, right: Mapping[str, np.ndarray]
+) -> dict[str, Any]:
+    """The row of classifiers by width; right: of validation and test, whether each window is classified correctly."""
     scaling = (Standardise(one.features.shape[1]),) if one.features.ndim == 2 else ()
-    spent = best.spent(one.made + cost(*scaling))
+    spent = fitted[""].spent(one.made + cost(*scaling))
     ra_ms, sa_ms = one.pair if one.pair else (None, None)
     return {
         "classifier": name,
         "input": one.column,
         "t_ref_ra_ms": ra_ms,
         "t_ref_sa_ms": sa_ms,
-        "settings": best.settings,
+        **{key: fitted[width].settings if width in fitted else "" for key, width in SETTINGS.items()},
         "n_train": len(sides.y_train),
         "n_validation": len(right["validation"]),
         "n_test": len(sides.y_test),

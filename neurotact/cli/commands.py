@@ -53,7 +53,7 @@ COMMANDS = {
         "export", "fine_tune",
         "Continue the training of a network with rounded weights, for an export with few bits.",
     ),
-    "stream": Place("deploy", "stream", "Classify samples as they arrive, from a pipe, a device or a file."),
+    "stream": Place("stream", "stream", "Classify samples as they arrive, from a pipe, a device or a file."),
     "live": Place("live", "live", "Show a running chain on a local page with sliders: touch, spikes, decision."),
     "export": Place(
         "export", "export_command",

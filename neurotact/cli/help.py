@@ -24,6 +24,7 @@ EXAMPLES = {
     "import fabricslide": "neurotact import fabricslide fabricslide/ -o fabrics.h5",
     "import pvdf-hardness": "neurotact import pvdf-hardness pvdf/ -o presses.h5",
     "import touch-modality": "neurotact import touch-modality touches/ -o touches.h5",
+    "import st-mnist": "neurotact import st-mnist st-mnist/ -o digits.h5",
     "info": "neurotact info touches.h5",
     "calibrate": "neurotact calibrate touches.h5 -o mine.toml",
     "encode": "neurotact encode touches.h5 --encoder mine.toml -o spikes.h5",

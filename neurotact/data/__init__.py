@@ -27,9 +27,9 @@ Other rooms take:
     readers.clock.units: DAY_S, UNIT_S, Unit, unit_in, without_unit
     readers.columns: LayoutSpec, OF_EVENTS, Samples, called, read_table
     readers.doubts: Fixes
-    readers.event_spec: EventSpec, MOST_AFFERENTS
+    readers.event_spec: EventSpec, MOST_AFFERENTS, SIGNED_MATRIX, holds_events
     readers.folder: NamingSpec, conditions_of, read
-    readers.formats: Arrays, Cells, Format
+    readers.formats: Arrays, Cells, Format, arrays_in
     readers.formats.contents: FLAC, HDF5, LVM, MATLAB, MCAP, NPY, NPZ, PARQUET, ROS_BAG, SOUND, SQLITE, TDMS, TORCH,
         ZIP, check_content, content_of, content_of_bytes, damaged_as
     readers.formats.numpy_files: read_array, read_arrays

@@ -125,7 +125,7 @@ class StoredRecordings(Trials):
             conditions=self.conditions.iloc[index].reset_index(drop=True),
         )
 
-    def _ordered(self, order: Sequence[int]) -> Self:
+    def of_taxels(self, order: Sequence[int]) -> Self:
         stored = range(self.n_channels) if self.columns is None else self.columns
         names = tuple(self.channels[index] for index in order)
         return replace(self, channels=names, columns=tuple(stored[index] for index in order))

@@ -70,10 +70,10 @@ class Trials(ABC):
     def in_order(self, channels: Sequence[str] | None) -> Self:
         """The same trials with their taxels in the order of these names, as `order_by_name` finds it."""
         order = order_by_name(self.channels, channels, self.source or "recordings")
-        return self if order is None else self._ordered(order)
+        return self if order is None else self.of_taxels(order)
 
     @abstractmethod
-    def _ordered(self, order: Sequence[int]) -> Self:
+    def of_taxels(self, order: Sequence[int]) -> Self:
         """The same trials with the taxels of these numbers."""
 
 
@@ -173,7 +173,7 @@ class Recordings(Trials):
             signals = [self.signals[i] for i in index.tolist()]
         return replace(self, signals=signals, conditions=self.conditions.iloc[index].reset_index(drop=True))
 
-    def _ordered(self, order: Sequence[int]) -> Self:
+    def of_taxels(self, order: Sequence[int]) -> Self:
         given, names = self.signals, tuple(self.channels[index] for index in order)
         signals = given[..., order] if isinstance(given, np.ndarray) else [signal[:, order] for signal in given]
         return replace(self, signals=signals, channels=names)

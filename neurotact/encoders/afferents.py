@@ -16,6 +16,7 @@ from pydantic import Field, field_validator, model_validator
 from neurotact.backend import Backend, use_native
 from neurotact.encoders import native
 from neurotact.encoders.model import DrivenSpec, Model, RefractoryMs, checked
+from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost, changed, with_weights
 from neurotact.neurons import LIF, LIFState, decay_per_step, lif_start, lif_step, refractory_steps
 from neurotact.spec import Spec
@@ -29,6 +30,9 @@ LEAST_EXACT_MS = 0.1
 """The shortest refractory period of membranes in closed form."""
 Gains = tuple[Sequence[float], Sequence[float]]
 """Drives in mV of the SA-I and of the RA-I under each taxel."""
+Columns = tuple[Any, Any]
+"""The taxels of the SA-I and of the RA-I, as indices."""
+EVERY: Columns = slice(None), slice(None)
 
 
 Integration = Literal["clock", "exact"]
@@ -52,6 +56,18 @@ class AfferentType(Spec):
     """Add this many ms of the signal's rise to the signal, `x + rate_ms (dx/dt)+`: an onset (SA-I only)."""
     change: Change = "rectified"
     """`rectified`: |dx/dt|. `on`, `off`: its rise or its fall alone. `both`: an afferent of each (RA-I only)."""
+    taxels: tuple[Annotated[int, Field(ge=0)], ...] | None = None
+    """The taxels that have such afferents, counted from 0 in the order of the recordings; all when absent, none if
+    empty. Other afferents, and the conditioning of taxels that no population has, are not computed."""
+
+    @field_validator("taxels")
+    @classmethod
+    def _are_chosen_once(cls, taxels: tuple[int, ...] | None) -> tuple[int, ...] | None:
+        if taxels is None:
+            return None
+        if twice := [index for index in taxels if taxels.count(index) > 1]:
+            raise ValueError(f"names taxel {twice[0]} twice; give each index once")
+        return tuple(sorted(taxels))
 
     @field_validator("grades")
     @classmethod
@@ -96,6 +112,8 @@ class AfferentSpec(DrivenSpec):
     alone, and a sensor that is slower is not resampled to it (`docs/clock.md`)."""
     recorded_Hz: float | None = Field(default=None, gt=0)
     """With `exact`: the rate of the recording that was encoded, for the cost ledger. Encoding sets it."""
+    recorded_taxels: tuple[str, ...] | None = None
+    """Where a population has only some `taxels`: the names of all taxels of the recordings. Encoding sets it."""
     sa1: AfferentType
     """Driven by the signal."""
     ra1: AfferentType
@@ -112,6 +130,16 @@ class AfferentSpec(DrivenSpec):
         return self
 
     @model_validator(mode="after")
+    def _has_afferents(self) -> "AfferentSpec":
+        if self.sa1.taxels == self.ra1.taxels == ():
+            raise ValueError("sa1.taxels and ra1.taxels must not both be empty: no afferent is left")
+        how = self.conditioning
+        known = self.recorded_taxels or how.taxels or how.offset or how.scale
+        if known is not None:
+            check_taxels(self.model_dump(), len(known))
+        return self
+
+    @model_validator(mode="after")
     def _can_fire(self) -> "AfferentSpec":
         if self.v_threshold_mV <= max(self.v_rest_mV, self.v_reset_mV):
             raise ValueError("v_threshold_mV must be above v_rest_mV and v_reset_mV, else the neuron never rests")
@@ -125,10 +153,43 @@ class AfferentSpec(DrivenSpec):
             raise ValueError("sa1.opposite must be false if conditioning.rectify is true: no signal is below zero")
         return self
 
+    def columns(self, n_taxels: int) -> tuple[list[int], list[int]]:
+        """The taxels of the SA-I and of the RA-I of one grade and polarity.
+
+        >>> AfferentSpec(sa1=AfferentType(gain=3.0, taxels=(1,)), ra1=AfferentType(gain=9.0)).columns(2)
+        ([1], [0, 1])
+        """
+        check_taxels(self.model_dump(), n_taxels)
+        sa1, ra1 = ([*range(n_taxels)] if kind.taxels is None else [*kind.taxels] for kind in (self.sa1, self.ra1))
+        return sa1, ra1
+
     @property
-    def n_per_taxel(self) -> int:
-        """The number of afferents per taxel; 2 for one SA-I and one RA-I."""
-        return len(self.sa1.gains) + len(self.ra1.gains)
+    def has_all_taxels(self) -> bool:
+        """Whether both populations have afferents under every taxel."""
+        return self.sa1.taxels is self.ra1.taxels is None
+
+    def of_used(self, n_taxels: int) -> tuple[list[int], Self]:
+        """The taxels that a population uses, and the encoder for recordings of these alone.
+
+        >>> spec = AfferentSpec(sa1=AfferentType(gain=3.0, taxels=(4,)), ra1=AfferentType(gain=9.0, taxels=(1, 4)))
+        >>> columns, used = spec.of_used(6)
+        >>> columns, used.sa1.taxels, used.ra1.taxels
+        ([1, 4], (1,), None)
+        """
+        if self.has_all_taxels:
+            return [*range(n_taxels)], self
+        sa1, ra1 = self.columns(n_taxels)
+        used, how = sorted({*sa1, *ra1}), self.conditioning
+        parts: dict[str, Any] = {
+            part: getattr(self, part).model_copy(
+                update={"taxels": None if its == used else tuple(used.index(index) for index in its)}
+            )
+            for part, its in (("sa1", sa1), ("ra1", ra1))
+        }
+        own = {key: getattr(how, key) for key in ("offset", "scale", "taxels")}
+        own = {key: values and tuple(values[index] for index in used) for key, values in own.items()}
+        parts |= {"conditioning": how.model_copy(update=own), "recorded_taxels": None}
+        return used, self.model_copy(update=parts)
 
     @property
     def is_plain(self) -> bool:
@@ -245,14 +306,14 @@ def encode(
     """
     signal = checked(signal)
     neurons = (spec.neuron(spec.sa1, sampling_rate_Hz), spec.neuron(spec.ra1, sampling_rate_Hz))
-    gains = spec.gains_at(sampling_rate_Hz)
-    state = _start(signal, gains, neurons) if state is None else state
+    gains, columns = spec.gains_at(sampling_rate_Hz), spec.columns(signal.shape[2])
+    state = _start(signal, gains, columns, neurons) if state is None else state
     compiled = use_native(backend, signal.dtype in (np.float32, np.float64), "signals in float32 or float64")
-    if compiled and spec.is_plain:
+    if compiled and spec.is_plain and spec.has_all_taxels:
         return _encode_natively(signal, gains, neurons, state, out)
     half_wave = spec.ra1.change != "rectified"
     rate_steps = spec.sa1.rate_ms * (sampling_rate_Hz * 1e-3)
-    drive, last = drives(signal, gains, state.last, rate_steps=rate_steps, half_wave=half_wave)
+    drive, last = drives(signal, gains, state.last, columns, rate_steps=rate_steps, half_wave=half_wave)
     encode_drive = _encode_drive_natively if compiled else _encode_drive_by_steps
     spikes = np.empty(drive.shape, np.uint8) if out is None else out
     return spikes, encode_drive(drive, neurons, state, spikes)._replace(last=last)
@@ -332,14 +393,50 @@ def marks(kind: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(pole + end for pole in poles for end in ends)
 
 
+def under(kind: Mapping[str, Any], n_taxels: int) -> Sequence[int]:
+    """The taxels under which a population has afferents, by its table.
+
+    >>> [*under({}, 3)], [*under({"taxels": [0, 2]}, 3)]
+    ([0, 1, 2], [0, 2])
+    """
+    chosen = kind.get("taxels")
+    return range(n_taxels) if chosen is None else chosen
+
+
+def used_taxels(encoder: Mapping[str, Any], n_taxels: int) -> list[int]:
+    """The taxels that a population of SA-I and RA-I uses, by the encoder's table; those of other models use all.
+
+    >>> used_taxels({"sa1": {"taxels": [2]}, "ra1": {"taxels": [0, 2]}}, 4)
+    [0, 2]
+    """
+    return sorted({index for part in POPULATIONS for index in under(encoder.get(part) or {}, n_taxels)})
+
+
+def check_taxels(encoder: Mapping[str, Any], n_taxels: int) -> None:
+    """InputError if a population, by the encoder's table, has afferents under a taxel that is not there."""
+    for part in POPULATIONS:
+        if (last := max((encoder.get(part) or {}).get("taxels") or (), default=0)) >= n_taxels:
+            raise InputError(
+                f"{part}.taxels: names taxel {last} of {n_taxels}, which are counted from 0; give indices from 0 to "
+                f"{n_taxels - 1}"
+            )
+
+
 def drives(
-    signal: np.ndarray, gains: Gains, last: np.ndarray | None, *, rate_steps: float = 0.0, half_wave: bool = False
+    signal: np.ndarray,
+    gains: Gains,
+    last: np.ndarray | None,
+    columns: Columns = EVERY,
+    *,
+    rate_steps: float = 0.0,
+    half_wave: bool = False,
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """The drives of the afferents, `(trial, time, afferent)`, and the signal's last sample (Eqs. 2 and 3).
 
     gains: of the SA-I under a taxel, per unit of the signal; of its RA-I, per unit of change between two samples.
         Those that follow the falling signal are negative.
     last: the sample before the first, `(trial, taxel)`; None: the first change is 0.
+    columns: the taxels of the SA-I and of the RA-I.
     rate_steps: how many times the rise between two samples is added to the signal that drives SA-I.
     half_wave: RA-I are driven by the rise (gain above zero) or the fall (below), not by both.
 
@@ -351,22 +448,24 @@ def drives(
     kind = signal.dtype.type
     before = signal[:, :1] if last is None else last[:, None]
     change = np.diff(signal, axis=1, prepend=before[:, : signal.shape[1]])
-    sa1 = [kind(gain) * signal for gain in gains[0]]
+    felt, moved = signal[..., columns[0]], change[..., columns[1]]
+    sa1 = [kind(gain) * felt for gain in gains[0]]
     if rate_steps:
-        rise = (np.maximum(kind(gain) * change, 0) for gain in gains[0])
+        rise = (np.maximum(kind(gain) * change[..., columns[0]], 0) for gain in gains[0])
         sa1 = [level + kind(rate_steps) * scale for level, scale in zip(sa1, rise, strict=True)]
     if half_wave:
-        ra1 = [np.maximum(kind(gain) * change, 0) for gain in gains[1]]
+        ra1 = [np.maximum(kind(gain) * moved, 0) for gain in gains[1]]
     else:
-        ra1 = [kind(gain) * np.abs(change) for gain in gains[1]]
+        ra1 = [kind(gain) * np.abs(moved) for gain in gains[1]]
     return np.concatenate([*sa1, *ra1], axis=2), signal[:, -1] if signal.shape[1] else last
 
 
-def _start(signal: np.ndarray, gains: Gains, neurons: tuple[LIF, LIF]) -> EncoderState:
-    n_trials, _, n_taxels = signal.shape
+def _start(
+    signal: np.ndarray, gains: Gains, columns: tuple[list[int], list[int]], neurons: tuple[LIF, LIF]
+) -> EncoderState:
     sa1, ra1 = (
-        lif_start(neuron, (n_trials, n_taxels * len(its)), signal.dtype)
-        for neuron, its in zip(neurons, gains, strict=True)
+        lif_start(neuron, (len(signal), len(its) * len(taxels)), signal.dtype)
+        for neuron, its, taxels in zip(neurons, gains, columns, strict=True)
     )
     return EncoderState(sa1, ra1, None)
 
@@ -377,13 +476,19 @@ def cost(spec: Mapping[str, Any], taxels: int, steps: int, _step_ms: float) -> C
     Per afferent and step: gain times drive and the membrane's decay (two MACs) and the comparison with the threshold;
     RA-I takes a difference and its absolute value beside, once a taxel. Refractory steps are counted as the others.
     Where the signal's rise drives SA-I, too: the larger of the change and zero, and a MAC to add it, once a taxel.
+    Of taxels without an RA-I (or such an SA-I) there is no difference, and the sample before is not kept.
     """
-    n = sum(len(marks(spec.get(part) or {})) for part in POPULATIONS)
-    onset = bool((spec.get("sa1") or {}).get("rate_ms"))
-    state = (2 * n + 1) * taxels  # membranes, refractory counters, the sample before
-    moved = {"weights_accesses": n, **changed(2 * n + 1)}
-    step = Cost(macs=2 * n + onset, acs=1, comparisons=n + 1 + onset, **moved)
-    return with_weights(n, state) + step.times(taxels * steps)
+    kinds = [spec.get(part) or {} for part in POPULATIONS]
+    sa1, ra1 = ({*under(kind, taxels)} for kind in kinds)
+    rising = sa1 if kinds[0].get("rate_ms") else set()
+    gains = sum(len(marks(kind)) for kind, its in zip(kinds, (sa1, ra1), strict=True) if its)
+    n = sum(len(marks(kind)) * len(its) for kind, its in zip(kinds, (sa1, ra1), strict=True))
+    state = 2 * n + len(ra1 | rising)  # membranes, refractory counters, the sample before
+    step = Cost(
+        macs=2 * n + len(rising), acs=len(ra1 | rising), comparisons=n + len(ra1) + len(rising), weights_accesses=n,
+        **changed(state),
+    )  # fmt: skip
+    return with_weights(gains, state) + step.times(steps)
 
 
 MODEL = Model("LIF afferents", AfferentSpec, encode, EncoderState, cost=cost)

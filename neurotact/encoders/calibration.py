@@ -38,7 +38,7 @@ from neurotact.encoders.model import DrivenSpec, EncoderSpec
 from neurotact.encoders.scaling import REST_SD, Scaling
 from neurotact.encoders.scaling import fit as fit_scaling
 from neurotact.encoders.sensitivity import Sensitivity, adjusted, sensitivities_of
-from neurotact.encoders.specs import SA_RA, conditioning_of, is_exact, populations
+from neurotact.encoders.specs import SA_RA, conditioning_of, is_exact, populations, with_taxels_of
 from neurotact.errors import InputError, some
 from neurotact.metrics.decision import Decision, otherwise
 from neurotact.metrics.linear import cross_validated_accuracy
@@ -131,6 +131,8 @@ def calibrate(
 ) -> Calibration[Encoder]:
     """Fit standardisation and gains of `spec` on recorded training trials of any unit and rate.
 
+    Gains are those of afferents under all taxels, also where populations have only some (`sa1.taxels`).
+
     The spec's smoothing, clock and baseline stay, but for what the recordings cannot take: an EMA whose cut-off is
     not below their Nyquist frequency is dropped, and a recording below 1 kHz without `resample_Hz` gets a 1 kHz clock.
     Then each taxel is scaled by its standard deviation, and the gain of each population is searched separately. The
@@ -164,6 +166,7 @@ def calibrate(
             "well they separate classes; give training trials of at least two"
         )
     firing.check_rate(spec, recordings.sampling_rate_Hz)
+    asked, spec = spec, with_taxels_of(spec)
     rule = suited_rule(spec, rule, len(recordings.classes))
     rng = np.random.default_rng(rule.seed)
     conditioning, notes = _suited(spec.conditioning, recordings, exact=is_exact(spec))
@@ -214,6 +217,7 @@ def calibrate(
     if populations(spec)[0] not in SA_RA:  # all populations choose the baseline
         first, others = np.hstack([first, others]), first[:, :0]
     groups = drawn.conditions[list(apart)].astype(str).agg(", ".join, axis=1).to_numpy() if apart else None
+    turned_to = with_taxels_of(turned_to, asked)
     return Calibration(turned_to, table, isi, first, others, conditioned.labels, tuple(notes), groups)
 
 
@@ -254,7 +258,7 @@ def calibrate_causally(
     progress: called with 1 and a note at each of `rule.candidates` steps of each combination. tell: log the notes, too.
     Raises InputError if none of them can be calibrated.
     """
-    own_Hz = spec.conditioning.ema_cutoff_Hz
+    own_Hz, asked, spec = spec.conditioning.ema_cutoff_Hz, spec, with_taxels_of(spec)
     cutoffs_Hz = _cutoffs(own_Hz, recordings.sampling_rate_Hz) if choose_ema else [own_Hz]
 
     def fit(tried: Encoder) -> Calibration[Encoder]:
@@ -279,7 +283,7 @@ def calibrate_causally(
         notes = *notes, f"these accuracies are of each value of {', '.join(apart)} by the training trials of the others"
     if tell:
         _log(notes, recordings)
-    return replace(best, notes=notes)
+    return replace(best, notes=notes, encoder=with_taxels_of(best.encoder, asked))
 
 
 def _of_baselines(

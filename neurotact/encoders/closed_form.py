@@ -89,7 +89,7 @@ def _with_begun_step(
     if state is None:
         state = ExactState(*exact_lif_start(neuron, n_trials), np.zeros((n_trials, n_afferents), np.uint8), None, 0, 0)
     drive, last = drives(
-        signal, (sa1, ra1), state.last, rate_steps=spec.sa1.rate_ms * rate_Hz * 1e-3,
+        signal, (sa1, ra1), state.last, spec.columns(n_taxels), rate_steps=spec.sa1.rate_ms * rate_Hz * 1e-3,
         half_wave=spec.ra1.change != "rectified",
     )  # fmt: skip
     n_steps = _n_complete(state.n_samples + n_samples, rate_Hz, clock_Hz)
@@ -155,7 +155,10 @@ def _neuron(spec: AfferentSpec, n_taxels: int, step_ms: float) -> ExactLIF:
                 "spikes of an afferent count as one; raise conditioning.resample_Hz",
                 stacklevel=5,
             )
-    periods = [np.full(n_taxels * len(kind.gains), kind.t_ref_ms) for kind in kinds.values()]
+    periods = [
+        np.full(len(taxels) * len(kind.gains), kind.t_ref_ms)
+        for taxels, kind in zip(spec.columns(n_taxels), kinds.values(), strict=True)
+    ]
     levels = {"v_rest_mV": spec.v_rest_mV, "v_reset_mV": spec.v_reset_mV, "v_threshold_mV": spec.v_threshold_mV}
     return ExactLIF(spec.tau_mem_ms, np.concatenate(periods), **levels)
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from neurotact.data.conditioning import ConditioningSpec
-from neurotact.encoders.afferents import marks
+from neurotact.encoders.afferents import marks, under, used_taxels
 from neurotact.encoders.closed_form import cost_of_spikes
 from neurotact.encoders.model import SA_RA, name_in, of_name
 from neurotact.errors import InputError
@@ -67,6 +67,8 @@ def encoding_cost(
     spikes: of all afferents in the window, a mean or a number, which cost something where membranes are in closed form
         (`integration` = "exact"). None: as many as their refractory periods allow.
 
+    Of populations that have only some taxels, only their afferents count, and only the conditioning of their taxels.
+
     Each operation counts at the rate at which it runs: the moving average once per sample of the recording, all after
     it once per step of the clock. In closed form, every sample of a recording that is slower than the clock counts in
     place of a step. A recording at the rate of the clock is not resampled. A baseline `start` counts as in a window
@@ -88,6 +90,8 @@ def encoding_cost(
     >>> slow = {"integration": "exact", "recorded_Hz": 100.0}
     >>> encoding_cost(8, 150, 150.0, slow, spikes=20).flops  # 15 samples, and 34 for each spike
     2120
+    >>> encoding_cost(8, 300, 150.0, {"sa1": {"taxels": [2]}, "ra1": {"taxels": []}}).flops  # 5 a step
+    1500
     >>> calibrated = {"conditioning": {"offset": [0.0] * 16, "scale": [1.0] * 16}}
     >>> encoding_cost(16, 300, 300.0, calibrated).parameters
     34
@@ -100,7 +104,8 @@ def encoding_cost(
         steps = min(steps, samples)
         timed = cost_of_spikes(_most_spikes(n_taxels, signal_ms, encoder) if spikes is None else spikes)
     step_ms = signal_ms / steps if steps else 0.0
-    layers = _conditioning(_conditioning_of(encoder), n_taxels, samples, steps, step_ms)
+    n_used = len(used_taxels(encoder, n_taxels))
+    layers = _conditioning(_conditioning_of(encoder), n_used, samples, steps, step_ms)
     own = of_name(name_in(encoder)).cost
     afferents = NotCounted() if own is None else own(encoder, n_taxels, _whole(steps), step_ms)
     return cost(*layers, signal_ms=signal_ms) + afferents + timed
@@ -120,7 +125,7 @@ def _whole(number: float) -> int:
 
 def _most_spikes(n_taxels: int, signal_ms: float, encoder: Mapping[str, Any]) -> float:
     kinds = [encoder.get(population.part) or {} for population in SA_RA]
-    return sum(n_taxels * len(marks(kind)) * signal_ms / kind.get("t_ref_ms", 1.0) for kind in kinds)
+    return sum(len(under(kind, n_taxels)) * len(marks(kind)) * signal_ms / kind.get("t_ref_ms", 1.0) for kind in kinds)
 
 
 def _conditioning(

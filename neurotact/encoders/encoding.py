@@ -4,14 +4,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
 
 from neurotact.data import hdf5
 from neurotact.data.augmentation import AugmentationSpec, check_taxels, order_of, varied_copies
-from neurotact.data.conditioning import PIECE_VALUES, condition, condition_pieces, conditioned_length, is_long
+from neurotact.data.conditioning import ACAUSAL, PIECE_VALUES, condition, condition_pieces, conditioned_length, is_long
 from neurotact.data.copies import copies_of, with_touches
 from neurotact.data.digests import recorded_digest
 from neurotact.data.onset import common_onset_s
@@ -26,10 +26,13 @@ from neurotact.encoders.specs import (
     encode_whole,
     finish,
     is_exact,
+    of_used,
     recorded_at,
 )
+from neurotact.errors import InputError
 
 Progress = Callable[[int], None]
+TrialsT = TypeVar("TrialsT", bound=Trials)
 EXACT_BLOCK = 4
 """Factor on the trials encoded at once in closed form: a step of Python for each sample is faster with many."""
 IN_MEMORY_BLOCK = 8
@@ -67,7 +70,7 @@ def encode_recordings(
     >>> len(trains), len(trains.afferents), int(trains.trial_steps[0])
     (1, 16, 400)
     """
-    recordings = recordings.in_order(spec.conditioning.taxels)
+    recordings = in_order(recordings, spec)
     check_taxels(augmentation, recordings.n_channels)
     trains = from_trials(_encode_trials(recordings, spec, progress), **_about(recordings, spec))
     if augmentation is None or not augmentation.kinds:
@@ -97,7 +100,7 @@ def encode_file(
 
     progress: called with the number of trials done since its last call.
     """
-    recordings = recordings.in_order(spec.conditioning.taxels)
+    recordings = in_order(recordings, spec)
     check_taxels(augmentation, recordings.n_channels)
     about, varied = _about(recordings, spec), None
     if augmentation is not None:
@@ -121,7 +124,7 @@ def _encode_trials(recordings: Trials, spec: EncoderSpec, progress: Progress | N
     Short trials are encoded side by side; a long one in pieces, since conditioning and afferents carry their state
     from one piece to the next. The spikes are the same.
     """
-    recordings = recordings.in_order(spec.conditioning.taxels)
+    recordings = in_order(recordings, spec)
     firing.check_periods(spec, recordings.lengths.min() / recordings.sampling_rate_Hz)
     firing.check_rate(spec, recordings.sampling_rate_Hz)
     yield from with_touches(_encode_blocks(recordings, spec, progress), copies_of(recordings).first)
@@ -139,7 +142,8 @@ def _encode_blocks(recordings: Trials, spec: EncoderSpec, progress: Progress | N
 
 def _encode_together(recordings: Trials, block: np.ndarray, spec: EncoderSpec) -> Iterator[TrialSpikes]:
     recorded = recordings.select(block).loaded()
-    conditioned = condition(recorded.to_unit(spec.unit), conditioning_of(spec, recorded.sampling_rate_Hz))
+    used, spec = _of_used(recorded, spec)
+    conditioned = condition(used.to_unit(spec.unit), conditioning_of(spec, recorded.sampling_rate_Hz))
     rate_Hz = conditioned.sampling_rate_Hz
     signals = conditioned.signals
     encoded: dict[int, TrialSpikes] = {}
@@ -185,7 +189,7 @@ def _encode_alone(recordings: Trials, trial: int, spec: EncoderSpec) -> TrialSpi
     """The spikes of one trial, piece by piece."""
     n_steps = 0
     parts: list[TrialSpikes] = []
-    for raster in _rasters(recordings, trial, spec):
+    for raster in _rasters(*_of_used(recordings, spec), trial):
         part = spikes_of(raster[0])
         parts.append(part._replace(steps=part.steps + n_steps))
         n_steps += part.n_steps
@@ -193,7 +197,7 @@ def _encode_alone(recordings: Trials, trial: int, spec: EncoderSpec) -> TrialSpi
     return TrialSpikes(steps, units, n_steps, recorded_digest(recordings, trial))
 
 
-def _rasters(recordings: Trials, trial: int, spec: EncoderSpec) -> Iterator[np.ndarray]:
+def _rasters(recordings: Trials, spec: EncoderSpec, trial: int) -> Iterator[np.ndarray]:
     """The raster of one trial, `(1, step, afferent)`, piece by piece, of about as many steps at any clock."""
     how, state = conditioning_of(spec, recordings.sampling_rate_Hz), None
     rate_Hz = how.clock_Hz(recordings.sampling_rate_Hz)
@@ -205,6 +209,34 @@ def _rasters(recordings: Trials, trial: int, spec: EncoderSpec) -> Iterator[np.n
             yield raster
     if state is not None and (rest := finish(rate_Hz, spec, state)) is not None:
         yield rest
+
+
+def _of_used(recordings: TrialsT, spec: EncoderSpec) -> tuple[TrialsT, EncoderSpec]:
+    """The recordings of the taxels that an encoder uses, and the encoder for them.
+
+    All where the baseline is the mean of the whole trial, whose last bits depend on the number of taxels.
+    """
+    if spec.conditioning.baseline in ACAUSAL:
+        return recordings, spec
+    columns, used = of_used(spec, recordings.n_channels)
+    return (recordings, spec) if used is spec else (recordings.of_taxels(columns), used)
+
+
+def in_order(recordings: TrialsT, spec: EncoderSpec) -> TrialsT:
+    """The recordings with their taxels in the order of those that an encoder was fitted to, or has encoded.
+
+    Raises InputError for other taxels.
+    """
+    recordings = recordings.in_order(spec.conditioning.taxels)
+    recorded = getattr(spec, "recorded_taxels", None)
+    if recorded is None:
+        return recordings
+    if len(recorded) != recordings.n_channels:
+        raise InputError(
+            f"{recordings.source or 'recordings'}: has {recordings.n_channels} taxels where sa1.taxels and ra1.taxels "
+            f"are of {len(recorded)}; give recordings of the same taxels, or leave recorded_taxels out"
+        )
+    return recordings.in_order(recorded)
 
 
 def _blocks(recordings: Trials, spec: EncoderSpec) -> Iterator[np.ndarray]:
@@ -225,7 +257,8 @@ def _blocks(recordings: Trials, spec: EncoderSpec) -> Iterator[np.ndarray]:
 
 def _about(recordings: Trials, spec: EncoderSpec) -> dict[str, Any]:
     """The metadata of spike trains and of their file."""
-    table = recorded_at(spec, recordings.sampling_rate_Hz).model_dump(mode="json", exclude_none=True)
+    recorded = recorded_at(spec, recordings.sampling_rate_Hz, recordings.channels)
+    table = recorded.model_dump(mode="json", exclude_none=True)
     return {
         "sampling_rate_Hz": _clock(recordings, spec),
         "afferents": afferent_names(recordings.channels, table),

@@ -94,11 +94,13 @@ def complaints(counts: np.ndarray, n_steps: int, clock_Hz: float, encoder: Encod
     n_taxels = taxels_of(len(counts), table)
     of_each = populations_of(afferent_names([""] * n_taxels, table))
     for population in populations(encoder):
-        name, part, fired = population.name, population.part, counts[of_each[population.name]]
+        name, part, fired = population.name, population.part, counts[of_each.get(population.name, [])]
         kind = described(encoder, population)
         silent_steps = max(0, math.ceil(t_ref_ms_of(encoder, population) * 1e-3 * clock_Hz - 1e-9))
         highest_Hz = clock_Hz / max(1, silent_steps + (not is_exact(encoder)))
         rates_Hz = fired[fired > 0] * clock_Hz / n_steps
+        if not len(fired):
+            continue  # none was asked for
         if not len(rates_Hz):
             yield f"no {name} afferent fires in any trial; {_remedy('raise', part, kind)}"
         elif rates_Hz.min() > SATURATED * highest_Hz:

@@ -11,7 +11,7 @@ from neurotact import plugins
 from neurotact import spec as specs
 from neurotact.data.conditioning import ConditioningSpec, check_used
 from neurotact.encoders import closed_form
-from neurotact.encoders.afferents import LEAST_EXACT_MS, AfferentSpec, marks
+from neurotact.encoders.afferents import LEAST_EXACT_MS, POPULATIONS, AfferentSpec, check_taxels, marks, under
 from neurotact.encoders.closed_form import ExactState
 from neurotact.encoders.model import SA_RA, EncoderSpec, Model, Population, checked, name_in, names, of_name, part_of
 from neurotact.errors import InputError, nearest
@@ -140,8 +140,13 @@ def afferent_names(taxels: Sequence[str], encoder: Mapping[str, Any] = MappingPr
     >>> afferent_names(("taxel1",), {"sa1": {"grades": [0.5, 1.0]}})
     ('SA-I taxel1 x0.5', 'SA-I taxel1 x1', 'RA-I taxel1')
     """
-    kinds = [(population.name, marks(encoder.get(population.part) or {})) for population in populations(encoder)]
-    return tuple(f"{name} {taxel}{mark}" for name, its in kinds for mark in its for taxel in taxels)
+    kinds = [(population.name, encoder.get(population.part) or {}) for population in populations(encoder)]
+    return tuple(
+        f"{name} {taxels[index]}{mark}"
+        for name, kind in kinds
+        for mark in marks(kind)
+        for index in under(kind, len(taxels))
+    )
 
 
 def taxel_names(afferents: Sequence[str], encoder: Mapping[str, Any]) -> tuple[str, ...] | None:
@@ -150,28 +155,56 @@ def taxel_names(afferents: Sequence[str], encoder: Mapping[str, Any]) -> tuple[s
     >>> taxel_names(("SA-I left", "SA-I right", "RA-I left", "RA-I right"), {})
     ('left', 'right')
     """
-    before, _, after = afferent_names(("\0",), encoder)[0].partition("\0")
-    first = afferents[: taxels_of(len(afferents), encoder)]
-    taxels = tuple(name.removeprefix(before).removesuffix(after) for name in first)
+    if (recorded := encoder.get("recorded_taxels")) is not None:
+        taxels = tuple(recorded)
+    else:
+        before, _, after = afferent_names(("\0",), encoder)[0].partition("\0")
+        first = afferents[: taxels_of(len(afferents), encoder)]
+        taxels = tuple(name.removeprefix(before).removesuffix(after) for name in first)
     return taxels if afferent_names(taxels, encoder) == tuple(afferents) else None
 
 
-def n_per_taxel(encoder: EncoderSpec) -> int:
-    """The number of an encoder's afferents under a taxel.
+def n_afferents(encoder: EncoderSpec, n_taxels: int) -> int:
+    """The number of an encoder's afferents under so many taxels.
 
-    >>> n_per_taxel(load("sa1-ra1-lif")), n_per_taxel(load("sa1-ra1-lif-graded"))
-    (2, 5)
+    >>> n_afferents(load("sa1-ra1-lif"), 8), n_afferents(load("sa1-ra1-lif", {"sa1.taxels": [0, 2]}), 8)
+    (16, 10)
     """
-    return len(afferent_names(("",), encoder.model_dump()))
+    return len(afferent_names([""] * n_taxels, encoder.model_dump()))
 
 
 def taxels_of(n_afferents: int, encoder: Mapping[str, Any]) -> int:
     """The number of taxels for a number of afferents, by the encoder's spec as a table; at least one.
 
+    Where all populations have only some taxels and the table does not say of how many, those up to the last one.
+
     >>> taxels_of(16, {}), taxels_of(50, {"sa1": {"grades": [0.5, 1.0, 2.0, 4.0]}})
     (8, 10)
+    >>> taxels_of(10, {"sa1": {"taxels": [0, 2]}}), taxels_of(3, {"sa1": {"taxels": [0, 4]}, "ra1": {"taxels": [1]}})
+    (8, 5)
     """
-    return max(1, n_afferents // len(afferent_names(("",), encoder)))
+    if (known := known_taxels(encoder)) is not None:
+        return known
+    kinds = [encoder.get(population.part) or {} for population in populations(encoder)]
+    whole = sum(len(marks(kind)) for kind in kinds if kind.get("taxels") is None)
+    some = [(len(marks(kind)), kind["taxels"]) for kind in kinds if kind.get("taxels") is not None]
+    if whole:
+        return max(1, (n_afferents - sum(n * len(taxels) for n, taxels in some)) // whole)
+    return 1 + max(index for _, taxels in some for index in taxels)
+
+
+def known_taxels(encoder: Mapping[str, Any]) -> int | None:
+    """The number of taxels of an encoder, its spec as a table, whose populations have only some; None if unknown.
+
+    >>> known_taxels({}), known_taxels({"sa1": {"taxels": [0]}, "conditioning": {"offset": [1.0, 2.0]}})
+    (None, 2)
+    """
+    kinds = [encoder.get(population.part) or {} for population in populations(encoder)]
+    if all(kind.get("taxels") is None for kind in kinds):
+        return None
+    how = encoder.get("conditioning") or {}
+    known = [encoder.get("recorded_taxels"), *(how.get(key) for key in ("taxels", "offset", "scale"))]
+    return next((len(values) for values in known if values is not None), None)
 
 
 def load(name: str | Path, overrides: Mapping[str, Any] | None = None) -> EncoderSpec:
@@ -234,7 +267,7 @@ def encode(signal: np.ndarray, sampling_rate_Hz: float, spec: EncoderSpec, state
 
 def _check_encoded(encoded: Any, shape: tuple[int, ...], spec: EncoderSpec) -> None:
     """InputError if what the model of another package gives is no raster of its afferents and a state."""
-    wanted = *shape[:2], n_per_taxel(spec) * shape[2]
+    wanted = *shape[:2], n_afferents(spec, shape[2])
     if not (isinstance(encoded, tuple) and len(encoded) == 2):
         raise plugins.unfit("encoders", spec.model, "does not return spikes and a state")
     spikes = np.asarray(encoded[0])
@@ -303,10 +336,37 @@ def conditioning_of(spec: EncoderSpec, recorded_Hz: float) -> ConditioningSpec:
     return spec.conditioning.model_copy(update={"resample_Hz": None})
 
 
-def recorded_at(spec: EncoderSpec, recorded_Hz: float) -> EncoderSpec:
-    """An encoder as spike trains carry it: with the rate of the recording, if its cost depends on that.
+def recorded_at(spec: EncoderSpec, recorded_Hz: float, channels: Sequence[str]) -> EncoderSpec:
+    """An encoder as spike trains carry it.
 
-    >>> print(recorded_at(load("sa1-ra1-lif"), 93.0).recorded_Hz)
+    With the rate of the recording, if its cost depends on that; with its taxels, if populations have only some.
+
+    >>> print(recorded_at(load("sa1-ra1-lif"), 93.0, ["left", "right"]).recorded_Hz)
     None
     """
+    if isinstance(spec, AfferentSpec) and not spec.has_all_taxels:
+        check_taxels(spec.model_dump(), len(channels))
+        spec = spec.model_copy(update={"recorded_taxels": tuple(channels)})
     return spec.model_copy(update={"recorded_Hz": recorded_Hz}) if is_exact(spec) else spec
+
+
+def of_used(spec: EncoderSpec, n_taxels: int) -> tuple[list[int], EncoderSpec]:
+    """The taxels that an encoder uses, and the encoder for recordings of these alone, which gives the same spikes.
+
+    >>> of_used(load("sa1-ra1-lif", {"sa1.taxels": [2], "ra1.taxels": []}), 4)[0]
+    [2]
+    """
+    return spec.of_used(n_taxels) if isinstance(spec, AfferentSpec) else ([*range(n_taxels)], spec)
+
+
+def with_taxels_of(spec: Any, other: EncoderSpec | None = None) -> Any:
+    """An encoder whose populations have the taxels that those of another one have; without it, all.
+
+    >>> with_taxels_of(load("sa1-ra1-lif"), load("sa1-ra1-lif", {"sa1.taxels": [2]})).sa1.taxels
+    (2,)
+    """
+    if not isinstance(spec, AfferentSpec):
+        return spec
+    chosen = {part: None if other is None else getattr(other, part).taxels for part in POPULATIONS}
+    kinds = {part: getattr(spec, part).model_copy(update={"taxels": its}) for part, its in chosen.items()}
+    return spec.model_copy(update=kinds)

@@ -55,6 +55,8 @@ class Cost:
     sops: synaptic operations of the spiking part; each is also one of the `acs`.
     neuron_updates: updates of its neurons, whose operations, `neuron_macs` and `neuron_comparisons`, are also among the
         `macs` and `comparisons`. They count where a price list has a price of an update.
+    readout_updates: steps of readout neurons that only add up, at which nothing is done without a spike. sops_sent: of
+        the `sops`, those of spikes that its own neurons sent. Both count where a price list has a price of them.
     weights_accesses, states_accesses, buffers_accesses: numbers that are read or written, by memory (see the module).
         Absent, where there are operations: NaN, not counted.
     states_bytes: of `bytes`, those of the state. buffers_bytes: memory for features and spikes on their way.
@@ -80,6 +82,8 @@ class Cost:
     neuron_updates: float = 0
     neuron_macs: float = 0
     neuron_comparisons: float = 0
+    readout_updates: float = 0
+    sops_sent: float = 0
     weights_accesses: float | None = None
     states_accesses: float | None = None
     buffers_accesses: float | None = None
@@ -362,7 +366,7 @@ class Integrator(Layer):
     stretches: of a decision, each with weights of its own: more parameters, and the same operations.
     spikes: that it receives; None: each reaches all its neurons.
     touched: of its neurons and steps, those in which a spike comes: event-driven, only then is it updated. None:
-        clocked.
+        clocked. steps: of a decision, which count where a chip visits a neuron without a leak on each of them.
     """
 
     inputs: int
@@ -373,6 +377,7 @@ class Integrator(Layer):
     stretches: int = 1
     spikes: float | None = None
     touched: float | None = None
+    steps: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -389,7 +394,8 @@ class Integrator(Layer):
         parameters = self.neurons * (self.stretches * self.inputs + 1)
         return with_weights(
             parameters, states, macs=leaking, acs=self.sops, comparisons=most * leaking, sops=self.sops,
-            neuron_updates=leaking, neuron_macs=leaking, neuron_comparisons=most * leaking,
+            neuron_updates=leaking, neuron_macs=leaking, neuron_comparisons=most * leaking, sops_sent=self.sops,
+            readout_updates=0 if leaking else self.neurons * self.steps,
             weights_accesses=self.sops + self.neurons, **changed(1 + most, changes), **_queued(self, spikes),
         )  # fmt: skip
 
@@ -405,6 +411,7 @@ class SpikingLayer(Layer):
     off the membrane before the comparison: two MACs more per neuron and step, and a third state.
     spikes: that come from the layer before; None: each reaches all its neurons, and none comes back. sent: of its own.
     touched: of its neurons and steps, those in which a spike comes: the layer is event-driven. None: clocked.
+    sops_sent: of its `sops`, those of spikes that neurons of the network sent, and not afferents.
 
     Event-driven, a neuron is updated when a spike comes. Then a third state, the step of its last update, says how many
     steps it has missed; its current decays by a power from a table (a product), and its membrane, too (a product, and a
@@ -422,6 +429,7 @@ class SpikingLayer(Layer):
     spikes: float | None = None
     sent: float = 0.0
     touched: float | None = None
+    sops_sent: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -432,7 +440,9 @@ class SpikingLayer(Layer):
         n_among = self.neurons * self.recurrent if isinstance(self.recurrent, bool) else self.recurrent
         weights, spikes = self.neurons * (self.inputs + n_among), _received(self)
         queued = _queued(self, spikes, self.sent if n_among else 0.0)
-        arriving = Cost(acs=self.sops, sops=self.sops, weights_accesses=self.sops, **queued)
+        arriving = Cost(
+            acs=self.sops, sops=self.sops, sops_sent=self.sops_sent, weights_accesses=self.sops, **queued
+        )  # fmt: skip
         adapting = int(self.adapts)
         if self.touched is None:
             updates = self.neurons * self.steps

@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import pandas as pd
-from pydantic import BeforeValidator, Field, field_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from neurotact import plugins, spec
 from neurotact.errors import InputError, nearest
@@ -25,7 +25,7 @@ DIVISION_MACS, EXPONENTIAL_MACS = 2, 4
 """MACs by which a division or root, and an exponential or logarithm, is computed: as many as their FLOPs."""
 
 OPERATIONS = ("macs", "acs", "multiplications", "comparisons", "divisions", "exponentials")
-NEURONS = ("neuron_updates", "neuron_macs", "neuron_comparisons")
+NEURONS = ("neuron_updates", "neuron_macs", "neuron_comparisons", "readout_updates", "sops_sent")
 MEMORIES = ("weights", "states", "buffers")
 """The memories of a chain: what training fixes; what lasts from sample to sample; spikes and features on their way."""
 ACCESSES = tuple(f"{memory}_accesses" for memory in MEMORIES)
@@ -56,6 +56,8 @@ class PriceList(Spec):
     """Of a multiplication whose product is not added."""
     addition_pJ: Price
     """Of an addition or subtraction: what a spike costs."""
+    like: str | None = None
+    """Name of an installed list that has the keys which this one leaves out; what is read is whole, and has none."""
     mac_pJ: Price | None = None
     """Of a multiplication whose product is added; absent: that of both."""
     comparison_pJ: Price | None = None
@@ -73,8 +75,29 @@ class PriceList(Spec):
     """Of a synaptic operation on a chip, with its memory; absent: an addition and its accesses."""
     neuron_update_pJ: Price | None = None
     """Of the update of a neuron on a chip, with its memory; absent: its operations and accesses."""
+    sent_operation_pJ: Price | None = None
+    """Of a synaptic operation of a spike that a neuron of the network sent; absent: that of any."""
+    readout_update_pJ: Price | None = None
+    """Of a step of a readout neuron that only adds up, on a chip that visits all on every step; absent: nothing."""
     event_driven: bool = False
     """Whether neurons are updated when a spike comes, in place of on every step."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _like_another(cls, table: Any) -> Any:
+        if not isinstance(table, Mapping) or table.get("like") is None:
+            return table
+        name = str(table["like"])
+        if name.endswith(".toml") or "/" in name:
+            raise InputError(f"like: must be the name of an installed price list; got {name}")
+        other = price_list(name).model_dump(exclude_none=True, exclude={"name"})
+        return {**other, **{key: value for key, value in table.items() if key != "like"}}
+
+    @model_validator(mode="after")
+    def _operations_have_a_price(self) -> "PriceList":
+        if self.sent_operation_pJ is not None and self.synaptic_operation_pJ is None:
+            raise InputError("sent_operation_pJ: needs a price of the others, synaptic_operation_pJ; add it")
+        return self
 
     @field_validator("memory_pJ")
     @classmethod
@@ -109,6 +132,11 @@ class PriceList(Spec):
             total = total + price * (own.get(kind, 0) - on_chip.get(kind, 0))
         total = total + _or(self.synaptic_operation_pJ, 0) * own.get("sops", 0)
         total = total + _or(self.neuron_update_pJ, 0) * own.get("neuron_updates", 0)
+        if self.sent_operation_pJ is not None:
+            dearer = self.sent_operation_pJ - _or(self.synaptic_operation_pJ, 0)
+            total = total + dearer * own.get("sops_sent", 0)
+        if self.readout_update_pJ is not None:
+            total = total + self.readout_update_pJ * own.get("readout_updates", 0)
         for memory in MEMORIES if self.memory_pJ else ():
             accesses, size = own.get(f"{memory}_accesses", math.nan), own.get(f"{memory}_bytes", 0)
             total = total + accesses * self.access_pJ(size)
@@ -181,7 +209,7 @@ def price_list(name: str | Path | PriceList) -> PriceList:
         return spec.load(PriceList, name, {"name": Path(name).stem})
     if str(name) in _ours():
         plugins.refuse_taken("prices", str(name))
-        return _ours()[str(name)]
+        return _read(str(name))
     if not plugins.has("prices", str(name)):
         raise InputError(f"prices: there is none called '{name}'; {nearest(str(name), names())}")
     return plugins.load("prices", str(name), PriceList).model_copy(update={"name": str(name)})
@@ -193,10 +221,14 @@ def names() -> list[str]:
 
 
 @cache
-def _ours() -> dict[str, PriceList]:
-    """The lists that ship, each read once: a report prices every row by every list."""
-    found = sorted((path.stem for path in spec.shipped(PriceList.folder)), key=lambda name: (name != DEFAULT, name))
-    return {name: spec.load(PriceList, name, {"name": name}) for name in found}
+def _ours() -> list[str]:
+    return sorted((path.stem for path in spec.shipped(PriceList.folder)), key=lambda name: (name != DEFAULT, name))
+
+
+@cache
+def _read(name: str) -> PriceList:
+    """A list that ships, read once: a report prices every row by every list."""
+    return spec.load(PriceList, name, {"name": name})
 
 
 Priced = Annotated[

@@ -12,5 +12,5 @@ Other rooms take:
     under_prices: times, turning
     way_answer: Configuration, WayAnswer, answers
     ways: over_rows, seen
-    wording: energy
+    wording: count, energy
 """

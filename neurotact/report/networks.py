@@ -34,7 +34,7 @@ from neurotact.report.tables import (
     with_pair,
     with_setting,
 )
-from neurotact.report.wording import percent, spread
+from neurotact.report.wording import count, percent, spread
 from neurotact.spec import to_toml
 from neurotact.studies import measures
 from neurotact.studies import study as studies
@@ -327,10 +327,8 @@ def _baselines_table(baselines: pd.DataFrame | None, study: StudySpec, own: floa
             row["dataset"],
             *(f"{100 * row[name]:.1f}" for name in ("accuracy_validation", "accuracy_test")),
             "not rounded" if pd.isna(narrow := row.get(f"accuracy_test{opponents.ROUNDED}")) else f"{100 * narrow:.1f}",
-            *(
-                "not counted" if pd.isna(row[name]) else f"{row[name]:,{form}}"
-                for name, form in (("flops", ".0f"), ("energy_estimate_nJ", ".3g"))
-            ),
+            "not counted" if pd.isna(row["flops"]) else f"{row['flops']:,.0f}",
+            count(row["energy_estimate_nJ"]),
             row["settings"],
         ]
         for row, pair in zip(baselines.to_dict("records"), periods.of_rows(baselines, study), strict=True)
@@ -378,10 +376,7 @@ def _ledger_table(costs: pd.DataFrame | None) -> Table | None:
     if costs is None:
         return None
     shown = costs.drop(columns=["prices", *NEURONS, *(name for name in costs if str(name).endswith("s_bytes"))])
-    rows = [
-        [row[0], *("not counted" if pd.isna(value) else f"{value:,.6g}" for value in row[1:])]
-        for row in shown.itertuples(index=False, name=None)
-    ]
+    rows = [[row[0], *(count(value, 6) for value in row[1:])] for row in shown.itertuples(index=False, name=None)]
     return Table(
         "Operations and energy of each decision",
         ["decision by", *(HEADS[column] for column in shown.columns[1:])],

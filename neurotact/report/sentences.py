@@ -155,7 +155,7 @@ def times(priced: Priced) -> Ratio | None:
     rival = None if priced.comparable is None else priced.comparable.nJ
     if spent is None or rival is None or min(spent, rival) <= 0 or max(spent, rival) / min(spent, rival) < 1.2:
         return None
-    ratio = count(float(f"{max(spent, rival) / min(spent, rival):.2g}"))
+    ratio = count(max(spent, rival) / min(spent, rival), 2)
     return Ratio(f"{ratio} times as much", "as") if spent > rival else Ratio(f"{ratio} times less", "than")
 
 
@@ -280,9 +280,9 @@ def of_width(outcome: OfNetworks, narrow: OfNetworks, own: float | None) -> Iter
     more = [f"and that of {len(lost) - TOLD} others"] if len(lost) > TOLD else []
     said = [f"accuracy on test windows falls ({'; '.join([*lost[:TOLD], *more])})"] if lost else []
     if narrow.kind != outcome.kind:
-        said.append(f"the verdict against baselines so rounded would be '{verdict(narrow)}'")
+        said.append(f"the verdict would be '{verdict(narrow)}'")
     if said:
-        yield f"With 8-bit weights, of classifiers chosen with 32 bits, {'; '.join(said)}."
+        yield f"With 8-bit weights, for which baselines are chosen anew, {'; '.join(said)}."
 
 
 def gaps(outcome: OfNetworks, cause: str) -> Iterator[str]:

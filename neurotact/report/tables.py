@@ -15,12 +15,14 @@ from neurotact.figures.columns import in_unit, quantity
 from neurotact.figures.encoding import Classes
 from neurotact.files import read_json
 from neurotact.networks.definition import recipe
+from neurotact.networks.definition.specs import TrainingSpec
 from neurotact.networks.training import run_folder
 from neurotact.networks.training.cautions import MEMBER
-from neurotact.networks.training.epochs import Epoch, best_of
+from neurotact.networks.training.epochs import Epoch, best_in
 from neurotact.networks.training.run_folder import LOG
 from neurotact.networks.use.ledger import Afferents
 from neurotact.report import periods
+from neurotact.spec import build
 from neurotact.studies import measures
 from neurotact.studies import tables_beside as made
 from neurotact.studies.automatic import TESTED
@@ -88,8 +90,11 @@ def kept_epoch(folder: Path, cell: Cell) -> int:
     """The epoch of the weights of a done cell's network, or of the first of those joined, from its training log."""
     table = first_member(pd.read_csv(cell_folder(folder, cell) / LOG))
     log = [Epoch(*row) for row in table[LOGGED].to_numpy()]
-    keep = "loss" if cell.network is None else recipe.training_of(cell.network).keep
-    return int(best_of(log, keep).epoch)
+    training = TrainingSpec() if cell.network is None else recipe.training_of(cell.network)
+    if training.sparsity:  # the epoch that has it depends on their number, which a recipe chooses
+        saved = read_json(cell_folder(folder, cell) / run_folder.NETWORK)
+        training = build(TrainingSpec, saved["spec"]["training"], source=run_folder.NETWORK)
+    return int(best_in(log, training).epoch)
 
 
 LAST_TRAINING = (

@@ -109,7 +109,7 @@ def times(ratio: float) -> str:
     >>> times(0.0714), times(31.4), times(1234.0)
     ('0.071', '31', '1,200')
     """
-    return count(float(f"{ratio:.2g}"))
+    return count(ratio, 2)
 
 
 def _that_fits(priced: Priced, own: Under) -> Iterator[str]:
@@ -118,7 +118,7 @@ def _that_fits(priced: Priced, own: Under) -> Iterator[str]:
     if rival is None or rival.bytes is None or rival.bytes <= SMALL:
         return
     small = _cheapest([one for one in priced.comparables if one.bytes is not None and one.bytes <= SMALL], own.prices)
-    said = f"{rival.name} holds {count(float(f'{rival.bytes / 1024:.2g}'))} kB"
+    said = f"{rival.name} holds {count(rival.bytes / 1024, 2)} kB"
     if small is None:
         yield f"{said}; none that is not clearly less accurate fits {SMALL // 1024} kB."
     else:

@@ -1,11 +1,16 @@
 """Numbers of an answer as a report writes them."""
 
 import math
+from decimal import Decimal
 from typing import Any, NamedTuple
 
 import pandas as pd
 
 from neurotact.metrics.referee import Verdict
+
+UNITS = ((1e9, "J"), (1e6, "mJ"), (1e3, "µJ"))
+"""Of an energy, in nJ, from the largest; below the last it is in nJ, and in pJ where it has two zeros there."""
+SMALL_nJ = 0.00995
 
 
 class Measure(NamedTuple):
@@ -93,13 +98,13 @@ def percent(share: float) -> str:
     return f"{100 * share:.1f} %"
 
 
-def count(value: float) -> str:
-    """A number of operations: three digits, with commas.
+def count(value: float, digits: int = 3) -> str:
+    """A number of operations, or another: so many digits, with commas and without an exponent.
 
-    >>> count(41234.0), count(7.26)
-    ('41,200', '7.26')
+    >>> count(41234.0), count(7.26), count(1.234e7), count(0.0714, 2)
+    ('41,200', '7.26', '12,300,000', '0.071')
     """
-    return "not counted" if math.isnan(value) else f"{float(f'{value:.3g}'):,.6g}"
+    return "not counted" if math.isnan(value) else f"{Decimal(f'{value:.{digits}g}'):,f}"
 
 
 def milliseconds(value: float) -> str:
@@ -107,12 +112,15 @@ def milliseconds(value: float) -> str:
     >>> milliseconds(420.4), milliseconds(0.25), milliseconds(1055.2)
     ('420 ms', '0.25 ms', '1,055 ms')
     """
-    return f"{round(value) if value >= 100 else float(f'{value:.3g}'):,.6g} ms"
+    return f"{round(value):,} ms" if value >= 100 else f"{count(value)} ms"
 
 
 def energy(nJ: float) -> str:
     """
-    >>> energy(0.812), energy(999.8), energy(12345.0)
-    ('0.812 nJ', '1 µJ', '12.3 µJ')
+    >>> energy(0.812), energy(999.8), energy(12345.0), energy(1.2e6), energy(0.0042)
+    ('0.812 nJ', '1 µJ', '12.3 µJ', '1.2 mJ', '4.2 pJ')
     """
-    return f"{nJ / 1e3:.3g} µJ" if nJ >= 999.5 else f"{nJ:.3g} nJ"
+    size, unit = next((pair for pair in UNITS if nJ >= 0.9995 * pair[0]), (1.0, "nJ"))
+    if 0 < nJ < SMALL_nJ:
+        size, unit = 1e-3, "pJ"
+    return count(nJ) if math.isnan(nJ) else f"{count(nJ / size)} {unit}"

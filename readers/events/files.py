@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from neurotact_parts.readers.events import heidelberg
+from neurotact_parts.readers.events import heidelberg, signed_matrix
 from neurotact_parts.readers.events.spikes import ROW, Events, EventSpec, joined, to_trains
 from neurotact_parts.readers.events.times import event_times, in_order
 
@@ -18,6 +18,7 @@ from neurotact.data.hdf5_input import EVENTS, Declared, opened
 from neurotact.data.readers.clock.units import UNIT_S, Unit, unit_in, without_unit
 from neurotact.data.readers.columns import OF_EVENTS, LayoutSpec, called, read_table
 from neurotact.data.readers.folder import NamingSpec, conditions_of
+from neurotact.data.readers.formats import arrays_in
 from neurotact.data.readers.formats.contents import HDF5, LVM, MATLAB, NPY, NPZ, TDMS, ZIP, check_content
 from neurotact.data.readers.formats.numpy_files import read_array, read_arrays
 from neurotact.data.readers.table.cells import DECIMAL_COMMA, NUMBER, THOUSANDS, columns_of, grouping_of, values_of
@@ -35,6 +36,9 @@ POPULATION, POLARITY = "population", "polarity"
 WRITTEN = ("trial", "afferent", "type", "time_s")
 """Columns of a table of spikes that was written for other programs: it lacks classes, silent trials and lengths."""
 ARCHIVES, TABLES, HDF5_FILES = (".npz", ".npy"), (".csv", ".txt", ".tsv"), (".h5", ".hdf5")
+MATRICES = (".mat",)
+"""Files of `signed_matrix`."""
+OF_TRIALS = (*TABLES, *ARCHIVES, *MATRICES)
 
 
 def read(
@@ -77,6 +81,10 @@ def read(
         with opened(path, EVENTS) as (file, _):
             return heidelberg.spikes_in(Declared(file, path), options)
     events = _of_file(path, options, names)
+    if path.suffix.lower() in MATRICES:
+        raise InputError(
+            f"{path}: is one trial without a class; give a folder that holds a folder of such files per class"
+        )
     if LABEL not in events.conditions:
         raise InputError(
             f"{path}: no column is called label, the class of each trial; name it with `names={{'label': ...}}`"
@@ -106,8 +114,12 @@ def _of_file(path: Path, spec: EventSpec, names: Mapping[str, str]) -> Events:
         if all(array.dtype.names for array in arrays.values()):
             return _structured(arrays, spec, names, path)
         return _of_columns(arrays, spec, names, path)
+    if suffix in MATRICES:
+        matrix = signed_matrix.matrix_of(arrays_in(path), path)
+        events = _of_columns(signed_matrix.events_of(matrix), spec, {**names, LABEL: ""}, path)
+        return events._replace(n_channels=len(matrix) - 1)
     check_content(path, NPY, NPZ, MATLAB, TDMS, LVM)  # their fix is another suffix
-    known = ", ".join((*TABLES, *ARCHIVES, *HDF5_FILES))
+    known = ", ".join((*OF_TRIALS, *HDF5_FILES))
     raise InputError(f"{path}: is not a file of events by its suffix; give one that ends with {known}")
 
 
@@ -161,12 +173,12 @@ def _of_folder(folder: Path, spec: EventSpec, names: Mapping[str, str], naming: 
     """One trial per file; class and conditions come from paths and names, as for a folder of recordings."""
     table = None if naming.table is None else os.path.realpath(naming.table)
     inside = [path for path in below(folder) if table is None or os.path.realpath(path) != table]
-    paths = [path for path in inside if path.suffix.lower() in (*TABLES, *ARCHIVES) and not is_hidden(path.name)]
+    paths = [path for path in inside if path.suffix.lower() in OF_TRIALS and not is_hidden(path.name)]
     ignored = [path for path in inside if path not in paths]
     if not paths:
         for path in ignored:
             check_content(path)
-        raise InputError(f"{folder}: holds no {', '.join((*TABLES, *ARCHIVES))} file; add one")
+        raise InputError(f"{folder}: holds no {', '.join(OF_TRIALS)} file; add one")
     if ignored:
         shown = some([path.relative_to(folder).as_posix() for path in ignored])
         log.warning("%s: %d files are ignored (hidden, or not events): %s", folder, len(ignored), shown)

@@ -53,7 +53,7 @@ class Events(NamedTuple):
     and are not used; other: arrays of another length.
     error_s: of each time; resolutions: as of `EventTimes`. n_back: events that are earlier than the one before them in
     the file; n_wraps: how often its counter began again. has_unit: whether anything but custom says the unit of times
-    that are whole numbers.
+    that are whole numbers. n_channels: how many the file has rows for, with events or without; 0 if it does not say.
     """
 
     time_s: np.ndarray
@@ -69,6 +69,7 @@ class Events(NamedTuple):
     n_back: int = 0
     n_wraps: int = 0
     has_unit: bool = True
+    n_channels: int = 0
 
     @property
     def times(self) -> EventTimes:
@@ -102,7 +103,7 @@ def to_trains(events: Events, spec: EventSpec, source: str) -> SpikeTrains:
     keep = np.ones(len(events.time_s), bool)
     if spec.polarity in ("on", "off") and populations is not None:
         keep = populations.index == (len(populations.names) - 1 if spec.polarity == "on" else 0)
-    channels = _grid(events.channel, spec, source) if events.is_grid else _channels(events.channel, spec, source)
+    channels = _grid(events.channel, spec, source) if events.is_grid else _channels(events, spec, source)
     afferents, units = _afferents(populations if spec.polarity == "separate" else None, channels, source)
     order = np.argsort(events.trial, kind="stable")
     of_trials = np.split(order, np.searchsorted(events.trial[order], np.arange(1, len(events.conditions))))
@@ -212,7 +213,8 @@ def _numbered(population: np.ndarray, spec: EventSpec, source: str) -> _Named:
     return _Named(np.searchsorted(expected, values)[index], names)
 
 
-def _channels(channel: np.ndarray, spec: EventSpec, source: str) -> _Named:
+def _channels(events: Events, spec: EventSpec, source: str) -> _Named:
+    channel = events.channel
     if spec.sensor:
         raise InputError(f"{source}: has channels, not places x and y on a grid; drop `sensor`, or give `n_channels`")
     if channel.dtype.kind not in "iu":
@@ -229,7 +231,8 @@ def _channels(channel: np.ndarray, spec: EventSpec, source: str) -> _Named:
         return _Named(positions[index], wanted)
     if channel.min() < 0:
         raise InputError(f"{source}: channel {channel.min()} is negative; number channels from 0")
-    return _Named(channel.astype(np.int64), channel_names(int(channel.max()) + 1, spec, source))
+    n_found = max(int(channel.max()) + 1, events.n_channels)
+    return _Named(channel.astype(np.int64), channel_names(n_found, spec, source))
 
 
 def channel_names(n_found: int, spec: EventSpec, source: str) -> tuple[str, ...]:
@@ -403,4 +406,5 @@ def joined(parts: Sequence[Events]) -> Events:
         sum(part.n_back for part in parts),
         sum(part.n_wraps for part in parts),
         all(part.has_unit for part in parts),
+        max(part.n_channels for part in parts),
     )

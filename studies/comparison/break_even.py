@@ -42,7 +42,7 @@ def spiking_cost(
             n_inputs, hidden, steps, sops=rate * n_inputs * hidden, recurrent=False, sent=rate * hidden,
             touched=reached(hidden, n_inputs),
         ),
-        Integrator(hidden, n_classes, sops=rate * hidden * n_classes, touched=reached(n_classes, hidden)),
+        Integrator(hidden, n_classes, sops=rate * hidden * n_classes, touched=reached(n_classes, hidden), steps=steps),
     )  # fmt: skip
 
 
@@ -88,7 +88,7 @@ def drawn(found: pd.DataFrame) -> Figure:
     axes.axhspan(*PUBLISHED, color="0.9", label="published, Dampfhoffer et al. 2023")
     for name in found.columns[1:]:
         above = found[found[name] > 0]
-        axes.plot(above["steps"], above[name], "o-", ms=3, label=name)
+        axes.plot(above["steps"], above[name], "o-", ms=3, label=name if len(above) else f"{name}: never")
     axes.set(xscale="log", yscale="log", xlabel="steps of a decision", ylabel="spikes per synapse and decision")
     axes.set_title("Below its line a spiking network costs less than the dense one of its size", fontsize=10)
     axes.legend(fontsize=8, frameon=False)

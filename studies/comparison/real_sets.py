@@ -32,6 +32,7 @@ from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.report import way_answer
 from neurotact.report.way_answer import Configuration, WayAnswer
 from neurotact.report.ways import over_rows
+from neurotact.report.wording import count
 from neurotact.spec import Spec
 from neurotact.studies.way import Arrays, Listed, View, heads
 
@@ -156,14 +157,14 @@ def _answer(found: WayAnswer, name: str, split: str, rows: pd.DataFrame) -> str:
     level = (
         f", one of {len(found.rivals)} that validation cannot tell apart" if is_known and len(found.rivals) > 1 else ""
     )
-    energy = "" if np.isnan(rival.cost) else f", at {100 * network.cost / rival.cost:,.3g} % of its energy"
+    energy = "" if np.isnan(rival.cost) else f", at {count(100 * network.cost / rival.cost)} % of its energy"
     sentence = (
         f"{name}, split by {split}: {said}. {_words(network)}{fronts.afferents_in_words(rows)}; {_words(rival)}{level}"
         f": the network has {abs(gained):.1f} points {verb}{within}{energy}."
     )
     if cheapest is None or cheapest is rival:
         return sentence
-    share = f"{100 * cheapest.cost / network.cost:,.3g} % of the network's energy"
+    share = f"{count(100 * cheapest.cost / network.cost)} % of the network's energy"
     return f"{sentence} The cheapest within the error of the best, {_words(cheapest)}, takes {share}."
 
 

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from neurotact_parts.studies.comparison.skipped import of_run
 
 from neurotact.figures.style import INK, MUTED, Drawn, add_legend, new_panels, printed
+from neurotact.report.wording import count
 from neurotact.studies.way import Arrays, Listed
 
 NOTHING, DEFAULT, CEILING = "nothing", "the default", "trained on it"
@@ -87,9 +88,9 @@ def _lost(row: pd.Series, words: str) -> str:
 def _beside(network: pd.Series, rival: pd.Series) -> str:
     """The best opponent, compared with the network under the same remedies."""
     more = rival["accuracy_test"] - network["accuracy_test"]
-    energy = rival["energy_estimate_nJ"] / network["energy_estimate_nJ"]
+    share = rival["energy_estimate_nJ"] / network["energy_estimate_nJ"]
     verdict = f"{_points(more)} {'more' if more > 0 else 'fewer'}" if more else "as much"
-    spent = "at a cost that is not counted" if pd.isna(energy) else f"at {100 * energy:,.3g} % of the network's energy"
+    spent = "at a cost that is not counted" if pd.isna(share) else f"at {count(100 * share)} % of the network's energy"
     return (
         f"of opponents with the same remedies, the best on validation trials, {rival['classifier']} on "
         f"{rival['input']}, has {_percent(rival['accuracy_test'])}, {verdict}, {spent}"

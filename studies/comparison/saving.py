@@ -28,7 +28,7 @@ from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit import truncated
 from neurotact.networks.exit.patience import ExitChoice
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
-from neurotact.networks.training import tasks, trainer
+from neurotact.networks.training import sparsity, tasks, trainer
 from neurotact.networks.training.epochs import Training, train
 from neurotact.networks.training.tasks import Sides, Task
 from neurotact.networks.use import measuring
@@ -344,11 +344,11 @@ def _pruned(fitted: Fitted, setting: Setting) -> Fitted:
         spec = spec.model_copy(update={"training": training})
     network = RSNN(before.n_inputs, before.n_classes, spec, before.sampling_rate_Hz, backend=before.backend)
     network.load_state_dict(before.state_dict())
-    pruning.prune(network, setting.prune)
+    sparsity.prune(network, setting.prune)
     training = fitted.training
     if setting.train_on:
         order = torch.Generator().manual_seed(fitted.order.initial_seed() + 1)
-        with pruning.pruned_stay_pruned(network):
+        with sparsity.pruned_stay_pruned(network):
             training = train(network, fitted.sides.train, fitted.sides.validation, generator=order)
     return fitted._replace(network=network, training=training)
 

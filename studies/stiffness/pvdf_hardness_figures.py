@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from neurotact.figures.style import INK, MUTED, SERIES, Drawn, add_legend, keep_within, new_figure, printed
 from neurotact.metrics.resampled import resampled_interval
+from neurotact.report.wording import energy
 
 
 def accuracy_and_cost(results: pd.DataFrame) -> Drawn:
@@ -26,7 +27,7 @@ def accuracy_and_cost(results: pd.DataFrame) -> Drawn:
         f"that of each split (grey); the estimated energy of a decision's arithmetic. The most accurate: {words}."
     )
     alt = "; ".join(
-        f"{row['chain']} {row['features']} {100 * row['mean']:.1f} % at {row['energy_estimate_nJ']:.3g} nJ"
+        f"{row['chain']} {row['features']} {100 * row['mean']:.1f} % at {energy(row['energy_estimate_nJ'])}"
         for _, row in means.iterrows()
     )
     return Drawn("accuracy-and-cost", "Accuracy and its cost", draw_accuracy_and_cost(results), caption, alt)

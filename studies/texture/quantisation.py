@@ -19,14 +19,14 @@ from matplotlib.figure import Figure
 from neurotact_parts.exporters.c import fine_tuning, formats, integer
 from neurotact_parts.exporters.c.formats import Formats, Steps
 from neurotact_parts.exporters.c.rounding import Grid
+from neurotact_parts.streams.chain import Chain, chain_of
+from neurotact_parts.streams.streamed import StreamedSpec
 from neurotact_parts.studies.texture.simulator import SIMULATOR
 from pydantic import Field
 
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.splits import SplitSpec, split_touches
 from neurotact.data.windows import WindowSpec
-from neurotact.deploy.chain import Chain, chain_of
-from neurotact.deploy.streamed import StreamedSpec
 from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
 from neurotact.encoders.calibration import BY_CALIBRATION, FITTED, calibrate
 from neurotact.encoders.encoding import encode_recordings

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from neurotact_parts.opponents import minirocket as rocket
@@ -117,13 +117,14 @@ class Narrow:
         return np.arange(len(x)) % 2
 
 
-def rows_of(opponent):
+def rows_of(opponent, is_last=False):
     """The row of an opponent on one feature that tells two classes."""
     labels = np.repeat([0, 1], 15)
     features = labels[:, None] + np.linspace(0, 0.4, 30)[:, None]
     windows = Windows(np.arange(30), np.zeros(30, int), 10)
     sides = tuple(np.arange(30) % 3 == side for side in range(3))
     cuts = opponents.Cuts(windows, 1000.0, sides)
+    cuts = cuts._replace(last=cuts if is_last else None)
     one = opponents.Input("signals", "level", None, features, Cost(), {"one": opponent})
     return next(opponents.rows([one], labels, cuts)), labels, sides
 
@@ -150,6 +151,53 @@ def test_the_rounded_copy_is_judged_on_rounded_inputs_and_where_there_is_none_no
     row, *_ = rows_of(Opponent("Nearest.", lambda: KNeighborsClassifier(1)))
     assert np.isnan([row["accuracy_validation_8bit"], row["accuracy_test_8bit"]]).all()
     assert [*row[opponents.RIGHT]] == ["validation", "test"]
+
+
+class Wrong:
+    """Wrong in the first windows of two classes, as many as it is told; notes each fit."""
+
+    def __init__(self, index, n_wrong, fits):
+        self.index, self.n_wrong, self.fits = index, n_wrong, fits
+
+    def fit(self, x, y):
+        self.fits.append(self.index)
+
+    def predict(self, x):
+        right = (x[:, 0] > 0).astype(int)
+        return np.concatenate([1 - right[: self.n_wrong], right[self.n_wrong :]])
+
+
+def wrong_in(wrong, fits):
+    """An opponent whose candidates are wrong in so many windows, with 32 bits and with 8."""
+    return Opponent(
+        "Wrong.",
+        lambda index: Wrong(index, wrong[index][0], fits),
+        [{"index": index} for index in range(len(wrong))],
+        rounded=lambda one, x, bits: Wrong(one.index, wrong[one.index][1], fits),
+    )
+
+
+@given(st.lists(st.tuples(st.integers(0, 5), st.integers(0, 5)), min_size=1, max_size=6))
+@example([(0, 3), (2, 1), (1, 0), (0, 0)])
+def test_validation_chooses_among_the_same_candidates_with_8_bits(wrong):
+    """The first of the most accurate at each width; none is fitted after both make no error."""
+    fits = []
+    row, *_ = rows_of(wrong_in(wrong, fits))
+    perfect = [n for n in range(1, len(wrong) + 1) if all(0 in best for best in zip(*wrong[:n], strict=True))]
+    tried = wrong[: perfect[0]] if perfect else wrong
+    assert fits == [*range(len(tried))]
+    for width, ours in zip(("", "_8bit"), zip(*tried, strict=True), strict=True):
+        assert row[f"settings{width}"] == f"index {ours.index(min(ours))}"
+        assert row[f"accuracy_validation{width}"] == row[f"accuracy_test{width}"] == pytest.approx(1 - min(ours) / 10)
+
+
+def test_each_choice_is_fitted_again_once_for_the_last_training():
+    fits = []
+    row, *_ = rows_of(wrong_in([(0, 5), (3, 1)], fits), is_last=True)
+    assert fits == [0, 1, 0, 1]
+    assert (row["accuracy_test"], row["accuracy_test_8bit"]) == (1.0, 0.9)
+    rows_of(wrong_in([(0, 0), (3, 1)], fits), is_last=True)
+    assert fits[4:] == [0, 0]
 
 
 def test_all_trees_have_one_step():

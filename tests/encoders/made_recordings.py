@@ -35,7 +35,7 @@ class MadeRecordings(Trials):
         signals = [self.piece(trial, 0, n) for trial, n in enumerate(self.made_lengths)]
         return Recordings(signals, self.sampling_rate_Hz, self.unit, self.conditions, self.channels, self.source)
 
-    def _ordered(self, order) -> "MadeRecordings":
+    def of_taxels(self, order) -> "MadeRecordings":
         raise NotImplementedError
 
     def select(self, keep: np.ndarray) -> "MadeRecordings":

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from levels import examples
 from made_chains import make_chain, offline, told
 from neurotact_parts.encoders.survival.survival import survival_of
+from neurotact_parts.streams.stream import Stream
 
 from neurotact.data import conditioning
 from neurotact.data.recordings import Recordings
-from neurotact.deploy.stream import Stream
 from neurotact.encoders import afferents, encoding
 from neurotact.encoders.afferents import drives
 from neurotact.encoders.calibration import calibrate

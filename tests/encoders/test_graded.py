@@ -22,7 +22,7 @@ from neurotact.encoders.alternatives import compare
 from neurotact.encoders.calibration import calibrate
 from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.encoders.specs import afferent_names, taxels_of
+from neurotact.encoders.specs import afferent_names, n_afferents, taxels_of
 from neurotact.errors import InputError
 
 load = partial(specs.load, AfferentSpec)
@@ -93,7 +93,7 @@ def test_names_are_unique_and_keep_their_populations(taxels, sa1, ra1, opposite)
     encoder = spec(sa1, ra1, opposite=opposite)
     names = afferent_names(taxels, encoder.model_dump())
     n_sa1 = len(taxels) * len(sa1) * (1 + opposite)
-    assert len(set(names)) == len(names) == len(taxels) * encoder.n_per_taxel
+    assert len(set(names)) == len(names) == n_afferents(encoder, len(taxels))
     assert {kind: its.tolist() for kind, its in populations_of(names).items()} == {
         "SA-I": list(range(n_sa1)), "RA-I": list(range(n_sa1, len(names)))
     }  # fmt: skip

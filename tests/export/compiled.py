@@ -10,9 +10,9 @@ from neurotact_parts.exporters.c.boards import Board
 from neurotact_parts.exporters.c.formats import Formats
 from neurotact_parts.exporters.c.proof import Spoken
 from neurotact_parts.exporters.c.proving import expected_in_float, expected_in_integers
+from neurotact_parts.streams.chain import Chain
 from neurotact_parts.studies.stiffness.reader import VOLTS_PER_ADC_COUNT
 
-from neurotact.deploy.chain import Chain
 from neurotact.encoders import specs
 from neurotact.networks.training.ranges import record
 

@@ -10,10 +10,9 @@ import numpy as np
 from neurotact_parts.exporters.c import c_export, proof
 from neurotact_parts.exporters.c.boards import Board
 from neurotact_parts.exporters.c.formats import Formats
-
-from neurotact.deploy.chain import Chain
-from neurotact.deploy.stream import Stream
-from neurotact.deploy.stream_state import Decision, StreamState, Tally, Trace
+from neurotact_parts.streams.chain import Chain
+from neurotact_parts.streams.stream import Stream
+from neurotact_parts.streams.stream_state import Decision, StreamState, Tally, Trace
 
 DRIVER = Path(__file__).parent / "driver.c"
 COUNTED = ("samples", "held", "missing", "gaps", "skipped", "dropped", "decisions")

@@ -13,10 +13,10 @@ from compiled import chosen, compare, compare_on, kinds_of, pressed, spikes_of
 from levels import thinned
 from made_chains import ADAPTING, make_chain, make_encoder, make_signal
 from neurotact_parts.exporters.c import c_export, proof
+from neurotact_parts.streams.chain import chain_of
+from neurotact_parts.streams.stream import Stream
 
 import neurotact as nt
-from neurotact.deploy.chain import chain_of
-from neurotact.deploy.stream import Stream
 from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.training import run_folder

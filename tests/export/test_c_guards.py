@@ -14,11 +14,11 @@ from neurotact_parts.exporters.c import c_export, integer, proof
 from neurotact_parts.exporters.c.boards import BOARDS
 from neurotact_parts.exporters.c.formats import Formats
 from neurotact_parts.exporters.c.proving import expected_in_integers
+from neurotact_parts.streams.chain import LARGEST, Chain
+from neurotact_parts.streams.stream import Stream
+from neurotact_parts.streams.stream_state import StreamState
 
 from neurotact.backend import native
-from neurotact.deploy.chain import LARGEST, Chain
-from neurotact.deploy.stream import Stream
-from neurotact.deploy.stream_state import StreamState
 from neurotact.errors import InputError
 
 needs_compiler = pytest.mark.skipif(proof.missing("cc") is not None, reason=str(proof.missing("cc")))

@@ -14,19 +14,19 @@ from made_chains import READOUTS, make_encoder, make_signal, offline, told, uneq
 from neurotact_parts.exporters.c import c_export, proof
 from neurotact_parts.exporters.nir import compare
 from neurotact_parts.exporters.snntorch import to_snntorch
+from neurotact_parts.streams.chain import Chain, chain_of
+from neurotact_parts.streams.stream import Stream
 
 import neurotact as nt
 from neurotact import plugins
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.data.recordings import Recordings
-from neurotact.deploy.chain import Chain, chain_of
-from neurotact.deploy.stream import Stream
 from neurotact.encoders import afferents, closed_form
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.model import EncoderSpec, usable
 from neurotact.encoders.send_on_delta import SendOnDeltaSpec
-from neurotact.encoders.specs import is_exact, load, n_per_taxel
+from neurotact.encoders.specs import is_exact, load, n_afferents
 from neurotact.errors import InputError
 from neurotact.networks.definition import module
 from neurotact.networks.definition.executors import (
@@ -55,6 +55,7 @@ CONDITIONED = {
 ENCODED = {
     "several grades a taxel": {"sa1.grades": [0.5, 1.0]},
     "SA-I of the falling signal": {"sa1.opposite": True},
+    "afferents under some taxels": {"sa1.taxels": [1]},
     "half-wave rate of change": {"ra1.change": "both"},
     "rise in SA-I": {"sa1.rate_ms": 20.0},
     "membranes in closed form": {"integration": "exact"},
@@ -110,14 +111,14 @@ def parts_with(feature: str) -> tuple[EncoderSpec, nt.RSNN, ExitRule]:
         encoder = encoder.model_copy(update={"conditioning": own})
     if feature == OF_ANOTHER_PACKAGE:
         encoder = MineSpec(threshold=1.0)
-    per_taxel = n_per_taxel(encoder)
+    n_inputs = n_afferents(encoder, TAXELS)
     settings = {"hidden": 6, "forward_weight_scale": 3.0, "recurrent_weight_scale": 0.4, **NETWORKS.get(feature, {})}
     network = nt.RSNN(
-        per_taxel * TAXELS, CLASSES, sampling_rate_Hz=RATE_Hz, generator=torch.Generator().manual_seed(0),
+        n_inputs, CLASSES, sampling_rate_Hz=RATE_Hz, generator=torch.Generator().manual_seed(0),
         dtype=torch.float64 if feature == "double precision" else torch.float32, **settings,
     )  # fmt: skip
     if feature == OTHER:
-        network = module.new(per_taxel * TAXELS, CLASSES, RSNNSpec(hidden=[6, 4]), RATE_Hz)
+        network = module.new(n_inputs, CLASSES, RSNNSpec(hidden=[6, 4]), RATE_Hz)
     else:
         unequal_stretches(network)
     return encoder, network, RULES.get(feature, FULL_WINDOW)

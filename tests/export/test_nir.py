@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 import neurotact as nt
 from neurotact.cli import app
 from neurotact.encoders import afferents
+from neurotact.encoders.specs import n_afferents
 from neurotact.errors import InputError
 from neurotact.networks.exit.rule import ExitRule
 
@@ -151,7 +152,7 @@ def test_lowered_afferents_rest_as_long_as_the_encoder_says(sa, ra, seed, v_rese
             "v_reset_mV": v_reset,
         }
     )
-    signal = make_signal(150, n_taxels=6 // encoder.n_per_taxel, seed=seed).astype(np.float64)[None]
+    signal = make_signal(150, n_taxels=6 // n_afferents(encoder, 1), seed=seed).astype(np.float64)[None]
     raster, _ = afferents.encode(signal, 1000.0, encoder)
     made = graph.of(network(), encoder, lower_refractory=True)
     found = compare.report(network(), made, raster, conditioned=signal, encoder=encoder)

@@ -11,10 +11,10 @@ import numpy as np
 from made_chains import make_signal
 from neurotact_parts.exporters.live.server import Server
 from neurotact_parts.exporters.live.session import Session
+from neurotact_parts.streams.chain import Chain
+from neurotact_parts.streams.sources import Arrived, Faults
 from websockets.sync.client import ClientConnection, connect
 
-from neurotact.deploy.chain import Chain
-from neurotact.deploy.sources import Arrived, Faults
 from neurotact.encoders.specs import afferent_names
 
 PATIENCE_s = 60.0

@@ -11,12 +11,12 @@ from made_chains import make_chain, make_signal
 from neurotact_parts.exporters.live import feeds, messages
 from neurotact_parts.exporters.live.feeds import ByHand, Device, Replay
 from neurotact_parts.exporters.live.finger import Control, Finger
+from neurotact_parts.streams.sources import Faults
 
 import neurotact as nt
 from neurotact.data import hdf5
 from neurotact.data.dataset import Simulator, simulator
 from neurotact.data.recordings import Recordings
-from neurotact.deploy.sources import Faults
 from neurotact.errors import InputError
 
 

@@ -11,9 +11,9 @@ from live_pages import Given, cut, serving, session_of
 from made_chains import make_chain, make_signal, offline
 from neurotact_parts.exporters.live.feeds import ByHand
 from neurotact_parts.exporters.live.server import Server
+from neurotact_parts.streams.sources import Arrived
 
 from neurotact.data.dataset import simulator
-from neurotact.deploy.sources import Arrived
 
 ROWS = """[...document.querySelectorAll('#decisions tbody tr')].map(
     row => ['start', 'index', 'steps', 'spikes', 'hidden'].map(key => Number(row.dataset[key])))"""

@@ -16,8 +16,8 @@ from made_chains import make_chain, make_signal, offline
 from neurotact_parts.exporters.live import messages, scores
 from neurotact_parts.exporters.live.frames import EVENT, Audience, FrameBuilder, Mailbox
 from neurotact_parts.exporters.live.scores import cost_nJ, summary
+from neurotact_parts.streams.sources import Arrived
 
-from neurotact.deploy.sources import Arrived
 from neurotact.encoders import afferents, specs
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError

@@ -4,6 +4,7 @@ import math
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -63,8 +64,57 @@ def test_a_study_takes_a_list_beside_it_and_keeps_it_whole(tmp_path):
 
 def test_the_lists_that_ship_are_read_once(monkeypatch):
     """A report prices every row by every list."""
+    read = [price_list(name) for name in names()]
     monkeypatch.setattr(spec, "load", lambda *_: pytest.fail("a list was read again"))
-    assert [price_list(name).name for name in names()] == names()
+    assert [price_list(name) for name in names()] == read
+    assert [one.name for one in read] == names()
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_list_like_another_has_its_keys_but_for_its_own(name, tmp_path):
+    """Also a copy of a list that ships is whole, and a saved study needs no other list."""
+    other, own = price_list(name), {"addition_pJ": 0.07, "event_driven": True}
+    expected = other.model_copy(update={**own, "name": "unnamed"})
+    assert PriceList(like=name, **own) == expected
+    (shipped,) = [path for path in spec.shipped("prices") if path.stem == name]
+    copied = tmp_path / "copied.toml"
+    copied.write_text(spec.text(shipped))
+    assert price_list(copied) == other.model_copy(update={"name": "copied"})
+    copied.write_text(f'like = "{name}"\n' + spec.to_toml(own))
+    assert price_list(copied) == expected.model_copy(update={"name": "copied"})
+    assert "like" not in price_list(copied).model_dump(exclude_none=True)
+
+
+@pytest.mark.parametrize(
+    ("keys", "complaint"),
+    [
+        ({"like": "memory-45mm"}, "there is none called 'memory-45mm'; did you mean 'memory-45nm'"),
+        ({"like": "./mine.toml"}, "like: must be the name of an installed price list; got ./mine.toml"),
+        ({"like": "memory-45nm", "sent_operation_pJ": 1.0}, "sent_operation_pJ: needs a price of the others"),
+    ],
+)
+def test_what_no_list_can_be_like_is_refused(keys, complaint):
+    with pytest.raises(InputError, match=complaint):
+        PriceList(**keys)
+
+
+COUNTS = st.floats(0, 1e6)
+
+
+@given(st.tuples(*[PRICES] * 4), COUNTS, COUNTS, COUNTS, COUNTS)
+def test_what_a_chip_charges_is_in_place_of_additions(prices, afferents, sent, updates, readout):
+    of_any, of_sent, update, of_readout = prices
+    one = PriceList(
+        source="a test", multiplication_pJ=1.0, addition_pJ=1.0, synaptic_operation_pJ=of_any,
+        sent_operation_pJ=of_sent, neuron_update_pJ=update, readout_update_pJ=of_readout,
+    )  # fmt: skip
+    sops = afferents + sent
+    spent = Cost(acs=sops + 5, sops=sops, sops_sent=sent, neuron_updates=updates, readout_updates=readout)
+    expected = 5 + afferents * of_any + sent * of_sent + updates * update + readout * of_readout
+    assert 1e3 * spent.energy_nJ(one) == pytest.approx(expected)
+    before = pd.DataFrame([{"acs": sops + 5.0, "sops": sops, "neuron_updates": updates}])  # rows of an earlier version
+    known = one.model_copy(update={"sent_operation_pJ": None, "readout_update_pJ": None})
+    assert known.energy_nJ(before.assign(sops_sent=math.nan, readout_updates=math.nan)).notna().all()
 
 
 def test_a_package_with_a_name_of_ours_is_refused(monkeypatch):

@@ -1,7 +1,7 @@
-"""The ledger beside a published one: Lemaire et al., ICONIP 2022 (arXiv 2210.13107), item by item.
+"""The ledger beside published ones: Lemaire et al., ICONIP 2022 (arXiv 2210.13107), item by item; cycles of Xylo.
 
-Its equations are written here anew for fully connected layers, with its line of memory prices: an access to a memory of
-n numbers of 32 bits takes 1.09e-5 * 32 n + 13.2 pJ, an addition 0.1 pJ, a multiplication 3.1 pJ.
+Lemaire's equations are written here anew for fully connected layers, with its line of memory prices: an access to a
+memory of n numbers of 32 bits takes 1.09e-5 * 32 n + 13.2 pJ, an addition 0.1 pJ, a multiplication 3.1 pJ.
 """
 
 import pytest
@@ -10,7 +10,11 @@ from hypothesis import strategies as st
 
 from neurotact.metrics.flops import Dense, SpikingLayer, cost
 from neurotact.metrics.prices import price_list
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.use.ledger import network_cost
 
+CYCLE_PJ = 291e-6 / 6.25e6 * 1e12
+"""Of XyloAudio 2: its power in work by its clock."""
 LIST = price_list("lemaire-2022")
 ADD, MAC = 0.1, 3.2
 sizes = st.integers(8, 400)
@@ -75,3 +79,41 @@ def test_what_a_spiking_layer_differs_by(n_in, n_out, steps, rate_in):
     assert ours["potentials"] / theirs["potentials"] == pytest.approx(
         both * access(2 * n_out) / (each_spike * access(n_out)), rel=1e-3
     )
+
+
+def cycles(n_in: int, hidden: int, n_out: int, shares: tuple[float, float], *, recurrent: bool) -> dict[str, float]:
+    """Cycles of a time step of XyloAudio 2: `cycles_model` of Rockpool 3.1.0, without aliases.
+
+    shares: of inputs and of hidden neurons that spike in a step.
+    """
+    p_in, p_hidden = shares
+    fan_out = hidden if recurrent else 0
+    return {
+        "inputs": n_in * (p_in * hidden * 3.5 + 1),
+        "currents": hidden * (fan_out * 7 * p_hidden + 3),
+        "into the readout": hidden * p_hidden * (1 + 8 * n_out),
+        "hidden neurons": hidden * (19 + 2 * p_hidden + p_hidden),
+        "readout": n_out * 12,
+    }
+
+
+@given(
+    st.integers(1, 16), st.integers(20, 1000), st.integers(1, 8), st.floats(0, 1), st.floats(0, 0.1), st.booleans(),
+    st.integers(1, 500),
+)  # fmt: skip
+def test_a_network_on_xylo_is_within_five_percent(n_in, hidden, n_out, p_in, p_hidden, recurrent, steps):
+    theirs = steps * sum(cycles(n_in, hidden, n_out, (p_in, p_hidden), recurrent=recurrent).values()) * CYCLE_PJ
+    sent = p_hidden * hidden * steps
+    measured = {
+        "sops_input": p_in * n_in * steps * hidden,
+        "sops_recurrent": sent * hidden * recurrent,
+        "sops_readout": sent * n_out,
+    }
+    spec = RSNNSpec(hidden=hidden, model="rsnn" if recurrent else "snn", readout="integrator")
+    ours = network_cost(spec, n_in, n_out, measured, steps=steps, signal_ms=steps)
+    assert 1e3 * ours.energy_nJ(price_list("xylo")) == pytest.approx(theirs, rel=0.05)
+
+
+def test_the_published_worst_case_of_xylo():
+    """16 inputs, 100 hidden neurons and 8 classes, of which all spike in each step, without recurrence."""
+    assert sum(cycles(16, 100, 8, (1.0, 1.0), recurrent=False).values()) == 14_712

@@ -14,7 +14,7 @@ from levels import examples
 from made_chains import READOUTS
 from neurotact_parts.exporters.c import fine_tuning
 from neurotact_parts.exporters.c.formats import Steps
-from neurotact_parts.studies.comparison.pruning import prune, remaining_synops
+from neurotact_parts.studies.comparison.pruning import remaining_synops
 from stopped_trainings import stopped_after
 
 import neurotact as nt
@@ -31,6 +31,7 @@ from neurotact.networks.search.tuning import MedianStop, Proposal, SearchSpec
 from neurotact.networks.training import epoch_checkpoint, epochs, resumable, run_folder, tasks, trainer
 from neurotact.networks.training.ensemble import joined
 from neurotact.networks.training.epochs import Checkpoint, Examples
+from neurotact.networks.training.sparsity import prune
 from neurotact.networks.use.ledger import network_cost
 from neurotact.networks.use.measuring import synops_of
 from neurotact.neurons import Membrane, Reset

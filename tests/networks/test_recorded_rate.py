@@ -8,13 +8,13 @@ import pandas as pd
 import pytest
 from neurotact_parts.encoders.survival.survival import survival_of
 from neurotact_parts.exporters.live.scores import cost_nJ
+from neurotact_parts.streams.chain import chain_of
+from neurotact_parts.streams.stream import Stream
 
 import neurotact as nt
 from neurotact.baselines import opponents
 from neurotact.data.splits import Split
 from neurotact.data.windows import WindowSpec, cut
-from neurotact.deploy.chain import chain_of
-from neurotact.deploy.stream import Stream
 from neurotact.encoders.cost import NOT_COUNTED, encoding_cost
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost
@@ -115,7 +115,7 @@ def test_the_rate_of_a_live_stream_is_that_of_its_samples(trains, recordings, cl
 
 def test_the_rate_reaches_what_survives(recordings, trains):
     found = survival_of(recordings, ENCODER).table.iloc[-1]
-    assert found["energy_nJ_per_s"] == pytest.approx(encoding(trains, CLOCK_Hz).energy_estimate_nJ)
+    assert found["energy_nJ_per_s"] == pytest.approx(encoding(trains, CLOCK_Hz).energy_nJ(MEMORY_45NM))
 
 
 def test_a_report_says_at_which_rates_encoding_runs_or_counts_no_energy(trains):

@@ -11,7 +11,7 @@ from levels import examples
 from made_chains import READOUTS, unequal_stretches
 from neurotact_parts.exporters.c import fine_tuning
 from neurotact_parts.exporters.c.formats import Steps
-from neurotact_parts.studies.comparison.pruning import prune, remaining_synops
+from neurotact_parts.studies.comparison.pruning import remaining_synops
 
 from neurotact import backend as backends
 from neurotact.errors import InputError
@@ -23,6 +23,7 @@ from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.exit.rule import ExitRule
 from neurotact.networks.training import epochs, run_folder
 from neurotact.networks.training.epochs import Examples, train
+from neurotact.networks.training.sparsity import prune
 from neurotact.neurons import Membrane
 from neurotact.spec import build
 

@@ -40,12 +40,12 @@ def outcome(svm, network=0.9):
         (0.90, 0.890, 0.890, []),  # a point, and no more
         (0.90, 0.88, None, ["accuracy on test windows falls (SVM on signals 90.0 % to 88.0 %)."]),
         (0.90, 0.91, 0.85, ["accuracy on test windows falls (1&1 ms with 20 neurons 90.0 % to 85.0 %)."]),
-        (0.80, 0.88, 0.9, ["the verdict against baselines so rounded would be 'No clear difference in accuracy'."]),
+        (0.80, 0.88, 0.9, ["the verdict would be 'No clear difference in accuracy'."]),
     ],
 )
 def test_a_sentence_tells_a_loss_of_more_than_a_point_and_another_verdict(svm, narrow, own, said):
     found = [*sentences.of_width(outcome(svm), outcome(narrow), own)]
-    assert found == [f"With 8-bit weights, of classifiers chosen with 32 bits, {words}" for words in said]
+    assert found == [f"With 8-bit weights, for which baselines are chosen anew, {words}" for words in said]
 
 
 def test_the_table_shows_what_is_not_rounded_and_the_network_beside_it():

@@ -114,7 +114,7 @@ def test_what_eight_bits_cost_baselines_and_network_is_told(run, tmp_path, monke
     trials.assign(right=right).to_csv(folder / "baselines_trials.csv", index=False)
     monkeypatch.setattr(front.answers, "answer", lambda *given: asked.append(given) or answer(*given))
     page = report.write(folder).read_text(encoding="utf-8").replace("\xa0", " ")
-    assert "chosen with 32 bits, accuracy on test windows falls (1&amp;1 ms with 6 neurons" in page
+    assert "baselines are chosen anew, accuracy on test windows falls (1&amp;1 ms with 6 neurons" in page
     assert all(
         words in page for words in (" to 12.5 %; ", " to 0.0 %; ", "with 8-bit weights has 12.5 % on test windows")
     )

@@ -13,13 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from made_chains import make_chain, make_signal, told
+from neurotact_parts.streams import sources
+from neurotact_parts.streams.sources import Arrived, Faults, Frames, Rows, parser_of
+from neurotact_parts.streams.stream import Stream
 
 import neurotact as nt
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
-from neurotact.deploy import sources
-from neurotact.deploy.sources import Arrived, Faults, Frames, Rows, parser_of
-from neurotact.deploy.stream import Stream
 from neurotact.errors import InputError
 
 

@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from made_chains import make_chain, make_signal
+from neurotact_parts.streams import sources, stamped_rows
+from neurotact_parts.streams.sources import Rows, parser_of
+from neurotact_parts.streams.stamped_rows import AHEAD, BEHIND, Faults, StampedRows
+from neurotact_parts.streams.stream import Stream
 
 import neurotact as nt
-from neurotact.deploy import sources, stamped_rows
-from neurotact.deploy.sources import Rows, parser_of
-from neurotact.deploy.stamped_rows import AHEAD, BEHIND, Faults, StampedRows
-from neurotact.deploy.stream import Stream
 from neurotact.errors import InputError
 
 MS = 1e-3

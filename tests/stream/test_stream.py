@@ -7,12 +7,12 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from levels import examples
 from made_chains import ADAPTING, READOUTS, make_chain, make_encoder, make_signal, offline, told
+from neurotact_parts.streams.chain import chain_of
+from neurotact_parts.streams.stream import Stream
 
 import neurotact as nt
 from neurotact.backend import native
 from neurotact.data.dataset import simulator
-from neurotact.deploy.chain import chain_of
-from neurotact.deploy.stream import Stream
 from neurotact.encoders import specs
 from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN

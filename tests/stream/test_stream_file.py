@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from made_chains import ADAPTING, READOUTS, make_chain, make_signal
+from neurotact_parts.streams.stream import Stream
 from safetensors import safe_open
 from test_stream import CONDITIONINGS, MEMBRANES, WINDOWS
 
 from neurotact.backend import native
-from neurotact.deploy.stream import Stream
 from neurotact.errors import InputError
 
 BACKENDS = ["reference", *(["native"] if native else [])]
@@ -103,7 +103,7 @@ def test_a_changed_byte_is_noticed_and_the_stream_stays(saved, at):
 
 @pytest.mark.parametrize("change", ["drop", "add", "shape", "windows"])
 def test_a_state_that_does_not_fit_is_refused_whole(saved, change, tmp_path):
-    from neurotact.deploy import stream_file
+    from neurotact_parts.streams import stream_file
 
     stream, path = saved
     with safe_open(path, "numpy") as file:

@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from made_chains import READOUTS, make_chain, make_encoder, make_signal, offline
+from neurotact_parts.streams.stream import Stream
 
 from neurotact.backend import native
-from neurotact.deploy.stream import Stream
 from neurotact.errors import InputError
 from neurotact.networks.exit.rule import ExitRule
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import torch
 from made_chains import make_signal, offline, told
+from neurotact_parts.streams.chain import Chain, chain_of
+from neurotact_parts.streams.stream import Stream
 
 import neurotact as nt
-from neurotact.deploy.chain import Chain, chain_of
-from neurotact.deploy.stream import Stream
 from neurotact.encoders.model import usable
-from neurotact.encoders.specs import default_of, load, n_per_taxel
+from neurotact.encoders.specs import default_of, load, n_afferents
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import EXECUTORS
 from neurotact.networks.definition.rsnn import RSNN
@@ -33,7 +33,7 @@ def chain_of_model(model: str) -> Chain:
     changes = {"conditioning.baseline": "start", "conditioning.resample_Hz": 1000.0, **LIVELY.get(model, {})}
     encoder = load(default_of(model), changes)
     network = RSNN(
-        2 * n_per_taxel(encoder), 3, sampling_rate_Hz=1000.0, generator=torch.Generator().manual_seed(0), hidden=6,
+        n_afferents(encoder, 2), 3, sampling_rate_Hz=1000.0, generator=torch.Generator().manual_seed(0), hidden=6,
         forward_weight_scale=3.0,
     )  # fmt: skip
     return chain_of((encoder, network), nt.Streamed(sampling_rate_Hz=400.0, length_ms=40))

@@ -2,12 +2,15 @@
 
 from typing import Literal
 
+import numpy as np
 from pydantic import Field, field_validator
 
 from neurotact.data.readers.clock.units import Unit
 from neurotact.spec import Names, Spec, chosen
 
 MOST_AFFERENTS = 65_536
+SIGNED_MATRIX = "a matrix of -1, 0 and 1 with the times of its columns as the last row"
+"""One of the layouts of events, in words."""
 
 
 class EventSpec(Spec):
@@ -48,3 +51,18 @@ class EventSpec(Spec):
         if twice:
             raise ValueError(f"{twice[0]!r} is there twice; give each its own name")
         return names
+
+
+def holds_events(matrix: np.ndarray) -> bool:
+    """Whether a matrix is a `SIGNED_MATRIX`, of which the last row rises.
+
+    >>> holds_events(np.array([[1, 0, 0], [0, -1, 1], [0.1, 0.25, 0.3]]))
+    True
+    >>> holds_events(np.array([[1, 0, 0], [0, -1, 1], [0, 0, 1]])), holds_events(np.array([[1, 2], [0.1, 0.2]]))
+    (False, False)
+    """
+    if matrix.ndim != 2 or matrix.dtype.kind not in "iuf" or min(matrix.shape) < 2:
+        return False
+    *rows, times = matrix
+    is_event = all(np.isin(row, (-1, 0, 1)).all() for row in rows) and any(row.any() for row in rows)
+    return bool(is_event and (np.diff(times) >= 0).all() and not np.isin(times, (-1, 0, 1)).all())

@@ -16,6 +16,7 @@ from neurotact.data.readers.clock.trials import OF_COLUMNS, Read, mended, record
 from neurotact.data.readers.clock.units import Unit, apart, joined, pair_in, unit_in
 from neurotact.data.readers.columns import LayoutSpec, Samples, called, is_text, read_table, samples_of
 from neurotact.data.readers.doubts import Fixes, kinds_of_names
+from neurotact.data.readers.event_spec import SIGNED_MATRIX, holds_events
 from neurotact.data.readers.formats import holding, suffixes, tables_in
 from neurotact.data.readers.formats.contents import content_of
 from neurotact.data.readers.table.cells import NUMBER, as_signal, columns_of
@@ -335,6 +336,10 @@ def _of_arrays(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) ->
     if not chosen:
         raise InputError(f"{path}: holds no array but the time stamps; save the samples too, (time, taxel)")
     signals = {key: as_signal(array, f"{path}, key '{key}'") for key, array in chosen.items()}
+    if key := next((key for key, signal in signals.items() if holds_events(signal) or holds_events(signal.T)), None):
+        raise InputError(
+            f"{path}: '{key}' is {SIGNED_MATRIX}: events, not samples; read it with neurotact import events"
+        )
     if len({signal.shape[0 if layout.transpose else 1] for signal in signals.values()}) > 1:
         held = ", ".join(f"{key} {signal.shape}" for key, signal in signals.items())
         raise InputError(f"{path}: holds arrays of different numbers of taxels ({held[:100]}); name one with `array`")

@@ -133,6 +133,12 @@ FEATURES: dict[str, _Feature] = {
         lambda s: (lif := _lif(s)) is not None and lif.sa1.opposite,
         "train without sa1.opposite",
     ),
+    "afferents under some taxels": _Feature(
+        "encoder",
+        ("taxels", "recorded_taxels"),
+        lambda s: (lif := _lif(s)) is not None and not lif.has_all_taxels,
+        "train without sa1.taxels and ra1.taxels",
+    ),
     "half-wave rate of change": _Feature(
         "encoder",
         ("change",),
@@ -250,6 +256,7 @@ _IN_INTEGERS = {
 _IN_C = {
     **dict.fromkeys(OTHER_MODELS, "C has LIF afferents alone"),
     "half-wave rate of change": "the RA-I of C are driven by rise and fall alike",
+    "afferents under some taxels": "not yet",
     "rise in SA-I": "the SA-I of C are driven by the signal alone",
     "membranes in closed form": "C has no logarithm without a library",
 }

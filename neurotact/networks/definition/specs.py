@@ -99,6 +99,10 @@ class TrainingSpec(Spec):
     readout_dropout: float = Field(default=0.0, ge=0, lt=1)
     """Share of hidden neurons from which an integrator receives nothing in training. They are drawn for each window, or
     for each training step if the integrator leaks or takes a maximum. A readout that counts receives all."""
+    sparsity: float = Field(default=0.0, ge=0, lt=1)
+    """Share of the weights of each matrix that are 0 at the end: the smallest ones, ever more of them from a tenth to
+    two thirds of the epochs (`networks.training.sparsity`); the others then train on. An epoch before is not kept. A
+    weight of 0 is no synapse: it costs no operation."""
     members: int = Field(default=1, ge=1, le=MOST_MEMBERS)
     """Networks that are trained on the same windows from different initial weights, and then joined into one network,
     whose class scores are the means of theirs (`networks.training.ensemble`): a deep ensemble (Lakshminarayanan et

@@ -140,7 +140,7 @@ class _Series:
         own, finished = self._saved(number, network)
         if own is not None and finished is not None:
             network.load_state_dict(finished)
-            done = Training(own.epochs, one.best_of(own.epochs, network.spec.training.keep))
+            done = Training(own.epochs, one.best_in(own.epochs, network.spec.training))
         else:
             done = one.train(
                 network,

@@ -16,7 +16,7 @@ from neurotact.networks.definition.module import ModuleNetwork
 from neurotact.networks.definition.network import Counts, Network
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import Keep, TrainingSpec
-from neurotact.networks.training import losses
+from neurotact.networks.training import losses, sparsity
 from neurotact.notebook import html_of
 
 
@@ -181,13 +181,23 @@ def train(
             raise not_finite(len(log), network.spec.training)
         if progress:
             progress(log[-1])
-        if best_of(log, network.spec.training.keep) is log[-1]:
+        if best_in(log, network.spec.training) is log[-1]:
             best_weights = copied(network.state_dict())
         if keep:
             state = copied(network.state_dict()), best_weights, _state(network, optimiser)
             keep(Checkpoint(tuple(log), *state, generator.get_state()))
     network.load_state_dict(best_weights)
-    return Training(tuple(log), best_of(log, network.spec.training.keep))
+    return Training(tuple(log), best_in(log, network.spec.training))
+
+
+def best_in(log: Sequence[Epoch], spec: TrainingSpec) -> Epoch:
+    """The best epoch of a training; of those that have its final `sparsity`, and before there is one, the last.
+
+    >>> log = [Epoch(n, 0.1, 1.0, 0.1 * n, 1.0) for n in (1, 2, 3)]
+    >>> best_in(log, TrainingSpec(epochs=3)).epoch, best_in(log, TrainingSpec(epochs=3, sparsity=0.5)).epoch
+    (1, 2)
+    """
+    return best_of([epoch for epoch in log if sparsity.is_final(epoch.epoch, spec)] or log[-1:], spec.keep)
 
 
 def best_of(log: Sequence[Epoch], keep: Keep = "loss") -> Epoch:
@@ -221,14 +231,14 @@ def is_over(log: Sequence[Epoch], spec: TrainingSpec) -> bool:
     """
     if not log:
         return False
-    has_ended = len(log) >= spec.epochs or log[-1].epoch - best_of(log, spec.keep).epoch >= spec.patience
+    has_ended = len(log) >= spec.epochs or log[-1].epoch - best_in(log, spec).epoch >= spec.patience
     return has_ended or has_learned(log, spec)
 
 
 def has_learned(log: Sequence[Epoch], spec: TrainingSpec) -> bool:
-    """Whether the last epoch has every window right, with mean losses of at most `target_loss`."""
-    *_, (_, train_loss, train_accuracy, validation_loss, validation_accuracy, _) = log
-    is_low = max(train_loss, validation_loss) <= spec.target_loss
+    """Whether the last epoch has every window right, with mean losses of at most `target_loss`, and its `sparsity`."""
+    *_, (epoch, train_loss, train_accuracy, validation_loss, validation_accuracy, _) = log
+    is_low = max(train_loss, validation_loss) <= spec.target_loss and sparsity.is_final(epoch, spec)
     return spec.target_loss > 0 and is_low and min(train_accuracy, validation_accuracy) == 1
 
 
@@ -316,9 +326,13 @@ class _Rates(NamedTuple):
     first: Sequence[float]
     epochs_before: int
 
+    def after(self, share: float) -> float:
+        """Epochs after this share of the present one."""
+        return self.epochs_before + share
+
     def set(self, optimiser: torch.optim.Optimizer, share: float) -> None:
         """Set the rates of the groups after this share of the epoch."""
-        left = _rate_left(self.spec, self.epochs_before + share)
+        left = _rate_left(self.spec, self.after(share))
         for group, rate in zip(optimiser.param_groups, self.first, strict=True):
             group["lr"] = rate * left
 
@@ -373,8 +387,9 @@ def _pass(
     """Train on every trial once, in this order; `(loss, accuracy)`, of each batch before its step."""
     spec, device = network.spec.training, network.device
     batches, norms, losses, right = order.split(spec.batch), [], [], []
+    ramp, n = sparsity.Ramp.of(spec), len(batches)
     for number, batch in enumerate(batches):
-        rates.set(optimiser, number / len(batches))
+        rates.set(optimiser, number / n)
         # copies whole windows, where indexing with a tensor copies byte by byte: a tenth of the time
         spikes, labels = training.spikes.index_select(0, batch), training.labels[batch].to(device)
         if _disturbs(network):
@@ -386,7 +401,8 @@ def _pass(
         batch_loss.backward()
         _stay_apart(network)
         norms.append(_relative_norm(network))
-        optimiser.step()
+        with ramp.step(network, rates.after(number / n), rates.after((number + 1) / n)):
+            optimiser.step()
         network.bound()
         losses.append(batch_loss.detach())
         right.append((counts.readout.argmax(dim=1) == labels).sum())

@@ -362,10 +362,12 @@ def load_spikes_of(restored: Restored) -> SpikeTrains:
     return load_spikes(path, restored.task)
 
 
-def check_trials(restored: Restored, trains: SpikeTrains) -> None:
-    """Refuse spikes with another split of trials than in training: test trials may be among the training trials."""
+def trained_spikes_of(restored: Restored) -> SpikeTrains:
+    """The same, refused with another split of trials than in training: test trials may be among the training trials."""
+    trains = load_spikes_of(restored)
     if not _has_its_trials(restored, trains):
         raise InputError(
             f"{restored.spikes_path}: no longer contains the trials that the network was trained on; name the file "
             "that does with `spikes`, or train it again"
         )
+    return trains

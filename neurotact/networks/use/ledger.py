@@ -118,18 +118,19 @@ def network_cost(
     readout = (
         Integrator(
             spec.hidden, n_classes, sops=into_readout, leaky_steps=leaky_steps, peak=spec.readout == "max",
-            stretches=spec.readout_stretches, spikes=sent, touched=touched[1],
+            stretches=spec.readout_stretches, spikes=sent, touched=touched[1], steps=steps,
         )
         if spec.integrates
         else SpikingLayer(
-            spec.hidden, n_classes, steps=steps, sops=into_readout, recurrent=False, spikes=sent, touched=touched[1]
+            spec.hidden, n_classes, steps=steps, sops=into_readout, recurrent=False, spikes=sent, touched=touched[1],
+            sops_sent=into_readout,
         )
     )  # fmt: skip
     return cost(
         SpikingLayer(
             n_afferents, spec.hidden, steps=steps, sops=into_hidden, recurrent=spec.fan_among,
             adapts=spec.threshold_adaptation > 0, spikes=arrived, sent=sent,
-            touched=touched[0],
+            touched=touched[0], sops_sent=measured["sops_recurrent"],
         ),
         readout,
         signal_ms=signal_ms,

@@ -524,7 +524,7 @@ def test_a_field_s_name_gives_its_unit_and_names_apply_to_structured_arrays(tmp_
         ("e.jsonl", b'{"t": 0, "x": 1}\n{"t": 1, "x": 2}\n', r"is a file of JSON lines; save it as CSV"),
         ("e.npy", b"PK\x05\x06" + bytes(18), r"is a zip archive; unpack it"),
         ("e.raw", b"% evt 3.0\n% end\n", r"events of a Prophesee camera; convert"),
-        ("e.mat", b"MATLAB 5.0 MAT-file", r"is not a file of events by its suffix; give one that ends with \.csv"),
+        ("e.mat", b"MATLAB 5.0 MAT-file", r"is not a MATLAB file of version 5 or later; save it in MATLAB with -v7"),
     ],
 )
 def test_files_of_other_kinds_are_known_by_their_content(tmp_path, name, begin, message):

@@ -39,3 +39,5 @@ def test_the_figure_has_a_line_for_each_list():
     figure = drawn(table([price_list("memory-45nm"), price_list("loihi")], steps=(1, 5)))
     labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     assert labels[1:] == ["memory-45nm", "loihi"]
+    never = drawn(table([price_list("xylo")], steps=(1, 5))).axes[0].get_legend()
+    assert never.get_texts()[1].get_text() == "xylo: never"

@@ -160,7 +160,8 @@ def test_one_sentence_says_which_way_leaves_least_by_which_lists():
         "Of the ways that keep the accuracy, the least energy is left with a refractory period by mem"
     )
     assert said.endswith(
-        "with fewer taxels by arithmetic-45nm, loihi, memory-45nm-events (60 to 62 %, a refractory period 85 to 90 %)."
+        "with fewer taxels by arithmetic-45nm, loihi, memory-45nm-events, xylo (60 to 62 %, a refractory period 85 to "
+        "90 %)."
     )
     alone = fronts.answers(ways(**{"refractory period": (0.9, 900, 100)}))[-1]
     assert alone.endswith("the next way saves nothing).")

@@ -5,12 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from neurotact_parts.streams.chain import Chain
+from neurotact_parts.streams.running import Running
+from neurotact_parts.streams.windows import Opening
 
 from neurotact.backend import native
 from neurotact.data.conditioning import CAUSAL, Conditioned, Conditioner
-from neurotact.deploy.chain import Chain
-from neurotact.deploy.running import Running
-from neurotact.deploy.windows import Opening
 from neurotact.encoders.afferents import EncoderState
 from neurotact.networks.definition import native as networks
 from neurotact.networks.exit.rule import Leader

@@ -16,6 +16,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from neurotact_parts.streams.stamped_rows import Faults, Placed, StampedRows
+from neurotact_parts.streams.stream import Decision, Stream
+from neurotact_parts.streams.stream_state import Tally
+from neurotact_parts.streams.streamed import SampleSpec
 
 from neurotact.data import hdf5
 from neurotact.data.readers.clock.units import UNIT_S
@@ -23,10 +27,6 @@ from neurotact.data.readers.formats.contents import content_of_bytes
 from neurotact.data.readers.table.cells import COMMENT, FLOAT32_MAX, NOT_FINITE, NUMBER
 from neurotact.data.readers.table.headings import SEPARATOR_LINE, is_unit
 from neurotact.data.recordings import order_by_name
-from neurotact.deploy.stamped_rows import Faults, Placed, StampedRows
-from neurotact.deploy.stream import Decision, Stream
-from neurotact.deploy.stream_state import Tally
-from neurotact.deploy.streamed import SampleSpec
 from neurotact.errors import InputError, optional
 
 READ_BYTES = 1 << 16

@@ -13,15 +13,15 @@ from typing import Any, cast
 
 import numpy as np
 import torch
+from neurotact_parts.streams import running, stream_file
+from neurotact_parts.streams.chain import LARGEST, Chain, chain_of
+from neurotact_parts.streams.native import CompiledStream, Decided, Remembered
+from neurotact_parts.streams.stream_state import Decision, StreamState, Tally, Trace, copied
+from neurotact_parts.streams.streamed import SampleSpec, StreamedSpec
 
 from neurotact.backend import Backend, use_native
 from neurotact.data.conditioning import Conditioner
 from neurotact.data.recordings import order_by_name, unit_factor
-from neurotact.deploy import running, stream_file
-from neurotact.deploy.chain import LARGEST, Chain, chain_of
-from neurotact.deploy.native import CompiledStream, Decided, Remembered
-from neurotact.deploy.stream_state import Decision, StreamState, Tally, Trace, copied
-from neurotact.deploy.streamed import SampleSpec, StreamedSpec
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.model import EncoderSpec
 from neurotact.encoders.specs import conditioning_of, encode, finish, is_exact
@@ -89,7 +89,7 @@ class Stream:
         self._rates_Hz = rate_Hz, self.chain.clock_Hz
         self._classes = self.chain.classes
         self._compiled: CompiledStream | None = None
-        is_plain = isinstance(encoder, AfferentSpec) and encoder.is_plain
+        is_plain = isinstance(encoder, AfferentSpec) and encoder.is_plain and encoder.has_all_taxels
         compilable = self.chain.network.w_in.device.type == "cpu" and is_plain and not is_exact(encoder)
         if use_native(backend, compilable, "a network on the CPU, and plain SA-I and RA-I on a clock"):
             self._compiled = CompiledStream(self.chain, self.conditioner, self._most_samples)

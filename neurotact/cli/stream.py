@@ -4,7 +4,7 @@ import json
 import sys
 from typing import Any
 
-from neurotact.api import deployment as api
+from neurotact.api import tools
 from neurotact.cli.options import Json, calling, option
 from neurotact.cli.words import say
 from neurotact.errors import INTERRUPTED
@@ -12,7 +12,7 @@ from neurotact.progress import printable
 
 
 @calling(
-    api.stream,
+    tools.stream,
     source=option(str, "- (standard input), a device file, serial:/dev/ttyUSB0, FILE.csv or FILE.h5.", "--from"),
     rate=option(str, "Replay a file at its own rate (real) or at full speed (fast)."),
 )
@@ -24,7 +24,7 @@ def stream(given: dict[str, Any], as_json: Json = False) -> None:
     the current windows and starts again. Rows that are not samples count as missing. A clock of time stamps that starts
     again, wraps or errs is followed, which is said once.
     """
-    flow, code = api.stream(**given), 0
+    flow, code = tools.stream(**given), 0
     try:
         for decision in flow.decisions:
             print(_line(decision, as_json=as_json), flush=True)
@@ -34,7 +34,7 @@ def stream(given: dict[str, Any], as_json: Json = False) -> None:
     sys.exit(code)
 
 
-def _line(decision: api.Decision, *, as_json: bool) -> str:
+def _line(decision: Any, *, as_json: bool) -> str:
     if as_json:
         return json.dumps(decision._asdict())
     held = f", {decision.held} steps on repeated values" if decision.held else ""

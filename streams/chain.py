@@ -4,16 +4,16 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple, cast
 
 import numpy as np
+from neurotact_parts.streams.streamed import StreamedSpec
+from neurotact_parts.streams.windows import WindowPlan
 
 from neurotact import plugins
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.recordings import check_sampling_rate
 from neurotact.data.windows import WindowSpec
-from neurotact.deploy.streamed import StreamedSpec
-from neurotact.deploy.windows import WindowPlan
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.model import EncoderSpec, name_in, of_name
-from neurotact.encoders.specs import conditioning_of, n_per_taxel, populations, taxel_names
+from neurotact.encoders.specs import conditioning_of, known_taxels, n_afferents, populations, taxel_names, taxels_of
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import LIF_INSTEAD, Subject, require
 from neurotact.networks.definition.rsnn import RSNN, rsnn_of
@@ -58,7 +58,8 @@ class Chain(NamedTuple):
 
     @property
     def n_taxels(self) -> int:
-        return self.network.n_inputs // n_per_taxel(self.encoder)
+        """Values of a sample, also of taxels that no afferent uses."""
+        return taxels_of(self.network.n_inputs, self.encoder.model_dump())
 
     @property
     def lif(self) -> AfferentSpec:
@@ -129,15 +130,28 @@ def encoder_of(table: Mapping[str, Any], source: object) -> EncoderSpec:
 
 def _check_taxels(encoder: EncoderSpec, network: RSNN) -> None:
     """InputError if the network does not receive the encoder's afferents, or other taxels than it was fitted to."""
-    n_each = n_per_taxel(encoder)
-    if network.n_inputs % n_each:
-        names = [population.name for population in populations(encoder)]
+    table = encoder.model_dump()
+    n_taxels = taxels_of(network.n_inputs, table)
+    names = [population.name for population in populations(encoder)]
+    some = [f"{part}.taxels" for part in ("sa1", "ra1") if (table.get(part) or {}).get("taxels") is not None]
+    if len(some) == len(names) and known_taxels(table) is None:
+        raise InputError(
+            f"encoder: {' and '.join(some)} do not say how many taxels a sample has; give their names as "
+            "recorded_taxels, or the encoder that spikes or a run hold"
+        )
+    n_each = n_afferents(encoder, n_taxels)
+    if n_each != network.n_inputs and some:
+        raise InputError(
+            f"network: receives {network.n_inputs} afferents where {' and '.join(some)} give {n_each}; train it on "
+            "spikes of this encoder"
+        )
+    if n_each != network.n_inputs:
+        n_each = n_afferents(encoder, 1)
         under = f"{n_each}" if n_each > len(names) else " and ".join(f"one {name}" for name in names)
         raise InputError(
             f"network: receives {network.n_inputs} afferents, not {under} under each taxel; train it on spikes of this "
             "encoder"
         )
-    n_taxels = network.n_inputs // n_each
     for key in ("offset", "scale"):
         values = getattr(encoder.conditioning, key)
         if values is not None and len(values) != n_taxels:

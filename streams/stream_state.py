@@ -4,10 +4,10 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from neurotact_parts.streams.running import Running
+from neurotact_parts.streams.windows import Opening
 
 from neurotact.data.conditioning import Conditioned
-from neurotact.deploy.running import Running
-from neurotact.deploy.windows import Opening
 
 
 class Decision(NamedTuple):

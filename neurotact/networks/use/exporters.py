@@ -17,10 +17,10 @@ class Exporter(NamedTuple):
     """A form in which a trained run leaves (entry point group `neurotact.exporters`).
 
     about: what it writes, in one line.
-    export: called as `export(run, out, **options)`, with a run folder or a fitted classifier (`chain.chain_of` makes a
-        chain of either), the path to write, and the options that are given; what it returns `nt.export` returns. An
-        existing path is refused before, unless `export` has the options `force` and refuses itself. If it has `tell`,
-        it is called with the lines to print.
+    export: called as `export(run, out, **options)`, with a run folder or a fitted classifier
+        (`neurotact_parts.streams.chain.chain_of` makes a chain of either), the path to write, and the options that are
+        given; what it returns `nt.export` returns. An existing path is refused before, unless `export` has the options
+        `force` and refuses itself. If it has `tell`, it is called with the lines to print.
     options: what each option of its own is, in one line; its type and default are those of the parameter.
 
     >>> Exporter("The classes, as text.", lambda run, out: Path(out).write_text("felt, silk")).about

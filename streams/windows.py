@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+from neurotact_parts.streams.streamed import StreamedSpec
 
 from neurotact.data.windows import WindowSpec, steps_of
-from neurotact.deploy.streamed import StreamedSpec
 from neurotact.errors import InputError
 
 MOST_AT_ONCE = 64

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 import safetensors.numpy
 import torch
+from neurotact_parts.streams.chain import Chain
+from neurotact_parts.streams.running import Running
+from neurotact_parts.streams.stream_state import StreamState, Tally
+from neurotact_parts.streams.windows import Opening
 from safetensors import SafetensorError, safe_open
 
 from neurotact.data.conditioning import Conditioned
-from neurotact.deploy.chain import Chain
-from neurotact.deploy.running import Running
-from neurotact.deploy.stream_state import StreamState, Tally
-from neurotact.deploy.windows import Opening
 from neurotact.encoders.specs import encode
 from neurotact.errors import InputError
 from neurotact.files import check_new, check_size, existing, read_bytes, whole

@@ -1,0 +1,36 @@
+"""Events as one matrix of -1, 0 and 1: a row per channel and a last row with the time of each column, as ST-MNIST has.
+
+See et al. 2020 (arXiv 2005.04319): -1 is OFF, 1 is ON, and times are not evenly spaced.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from neurotact.data.readers.event_spec import SIGNED_MATRIX, holds_events
+from neurotact.data.readers.formats import Arrays
+from neurotact.errors import InputError
+
+
+def matrix_of(held: Arrays, path: Path) -> np.ndarray:
+    """The only matrix of a file, which holds events; InputError for another file."""
+    shapes: Mapping[str, tuple[int, ...]] = {name: values.shape for name, values in held.arrays.items()}
+    if len(shapes) != 1 or not holds_events(matrix := next(iter(held.arrays.values()))):
+        shown = ", ".join(f"'{name}' of the shape {shape}" for name, shape in [*shapes.items()][:3]) or "no matrix"
+        turned = len(shapes) == 1 and holds_events(next(iter(held.arrays.values())).T)
+        fix = "turn it" if turned else "read signals with neurotact import arrays, or save events as .npz"
+        raise InputError(f"{path}: holds {shown} where {SIGNED_MATRIX} is expected; {fix}")
+    return matrix
+
+
+def events_of(matrix: np.ndarray) -> dict[str, np.ndarray]:
+    """The time in s, channel and polarity of each event of a matrix, in the order of their times.
+
+    >>> matrix = np.array([[1, 0, 0], [0, -1, 1], [0.1, 0.25, 0.3]])
+    >>> {name: values.tolist() for name, values in events_of(matrix).items()}
+    {'time_s': [0.1, 0.25, 0.3], 'channel': [0, 1, 1], 'polarity': [1, -1, 1]}
+    """
+    column, channel = np.nonzero(matrix[:-1].T)
+    polarity = matrix[channel, column].astype(np.int8)
+    return {"time_s": matrix[-1, column].astype(np.float64), "channel": channel, "polarity": polarity}
