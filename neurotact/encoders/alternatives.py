@@ -100,7 +100,7 @@ def _with(
 ) -> Calibration[Any]:
     conditioning = spec.conditioning.model_copy(update={"baseline": baseline, "rectify": polarity == "both"})
     changed = spec.model_copy(update={"conditioning": conditioning})
-    return calibrate(recordings, changed, progress, rule, inverted=polarity == "falling", tell=tell)
+    return calibrate(recordings, changed, progress, rule, inverted=polarity == "falling", tell=tell, steady=True)
 
 
 def _separation(fitted: Calibration[Any], afferent: str) -> float:
