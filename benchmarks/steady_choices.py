@@ -2,9 +2,9 @@
 
     python benchmarks/steady_choices.py [--draws 20] [--calibrations 5] [--sets letters cubes ...]
 
-Of each real set in $NEUROTACT_DATA, and each made-up one (`made_sets`), a thousandth of the trials (one at least) is left out before windows and the
-encoder are chosen, and a thousandth of the spikes before the network is. A line for each choice that was not the same
-in all draws says how often it had which value.
+Of each real set in $NEUROTACT_DATA, and each made-up one (`made_sets`), a thousandth of the trials (one at least) is
+left out before windows and the encoder are chosen, and a thousandth of the spikes before the network is. A line for
+each choice that was not the same in all draws says how often it had which value.
 """
 
 import argparse

@@ -145,8 +145,9 @@ def choose(timing: Timing, given: Mapping[str, Any] = {}, words: Words = ARGUMEN
     """The keys of a window that are not given, and the rule in words.
 
     Windows start where the touch begins. A window is as long as the shortest trial from there on, rounded down to whole
-    ms, but at most 2 s and at least one step. Few trials that are far shorter are left out (`long_enough`). A longer trial has as many windows as fit: at most 4, and at most 4 s
-    together. If the windows of all trials would last more than 4,000 s, a trial has fewer.
+    ms, but at most 2 s and at least one step. Few trials that are far shorter are left out (`long_enough`). A longer
+    trial has as many windows as fit: at most 4, and at most 4 s together. If the windows of all trials would last more
+    than 4,000 s, a trial has fewer.
 
     given: keys of `WindowSpec`, with times as numbers. Raises InputError for a start after the end of a trial.
 

@@ -35,7 +35,7 @@ class WindowSpec(Spec):
 
     Where no length is given to a command or a function, windows are chosen from the trials, without labels, and the
     choice is logged: from the begin of the touch to the end of the shortest trial, at most 2 s each, and up to 4 s of
-    each trial.
+    each trial. Few trials that are far shorter than the others are left out, and named.
 
     >>> WindowSpec(length_ms=100, align="onset")
     Window(length_ms=100.0, align='onset')
@@ -94,8 +94,8 @@ def cut(
 ) -> Windows:
     """The windows that fit into trials of `trial_steps` steps.
 
-    A trial that is shorter than a window has none. InputError where that is so of more than a quarter of them (`IN_PART`),
-    and for too many windows.
+    A trial that is shorter than a window has none. InputError where that is so of more than a quarter of them
+    (`IN_PART`), and for too many windows.
 
     trials: numbers that name the trials; 0, 1, ... when absent.
     onsets: the step of each trial from which `start_ms` counts; 0 when absent. If no window fits after it, the trial's

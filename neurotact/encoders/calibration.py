@@ -113,9 +113,7 @@ class Calibration(Generic[Encoder]):
     @property
     def accuracy_of_both(self) -> float:
         """As `accuracy`, on the rates of SA-I and RA-I."""
-        return cross_validated_accuracy(
-            np.hstack([self.rates, self.rates_ra]), self.labels, self.apart, self.order
-        )
+        return cross_validated_accuracy(np.hstack([self.rates, self.rates_ra]), self.labels, self.apart, self.order)
 
     @property
     def is_apart(self) -> bool:

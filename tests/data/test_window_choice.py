@@ -39,7 +39,9 @@ def test_a_window_fits_into_every_trial(lengths, clock_Hz, touch, shares):
     windows = cut(steps, clock_Hz, WindowSpec(**{**table, **asked}))
     counts = np.bincount(windows.trial, minlength=len(steps))
     assert np.count_nonzero(counts == 0) <= SHORTER * len(steps)
-    assert counts[steps >= windows.n_steps + round(asked.get("start_ms", table.get("start_ms", 0)) * clock_Hz / 1e3)].all()
+    assert counts[
+        steps >= windows.n_steps + round(asked.get("start_ms", table.get("start_ms", 0)) * clock_Hz / 1e3)
+    ].all()
     assert counts.max() <= MOST_PER_TRIAL
     assert windows.n_steps <= np.ceil(asked.get("length_ms", LONGEST_MS) * clock_Hz / 1e3)
 
@@ -118,7 +120,9 @@ def test_a_class_of_short_trials_keeps_windows():
 def test_a_given_window_leaves_few_shorter_trials_out_and_names_them(caplog):
     steps = np.full(40, 3000)
     steps[7] = 500
-    trains = from_rasters([np.zeros((n, 2), bool) for n in steps], 1000.0, "ab", pd.DataFrame({"label": ["a", "b"] * 20}))
+    trains = from_rasters(
+        [np.zeros((n, 2), bool) for n in steps], 1000.0, "ab", pd.DataFrame({"label": ["a", "b"] * 20})
+    )
     assert suited_window(trains, WindowSpec(length_ms=1000, start_ms=0)).length_ms == 1000
     assert caplog.messages == ["1 of 40 trials is shorter than a window and left out: trial 7, 500 ms."]
     steps[[8, 9]] = 600

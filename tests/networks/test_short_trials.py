@@ -1,4 +1,4 @@
-"""A trial that is far shorter than the others: it shortens no window, and is left out and named where windows are cut."""
+"""A trial that is far shorter than the others shortens no window: it is left out, and named."""
 
 import numpy as np
 import pandas as pd
