@@ -8,14 +8,14 @@ import logging
 import math
 import platform
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.util import find_spec
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from neurotact.errors import InputError
-from neurotact.networks.definition.space import SearchSpec, tidy
+from neurotact.networks.definition.space import SearchSpec, Space, tidy
 
 
 class Proposal(NamedTuple):
@@ -120,6 +120,27 @@ class Tuner:
         if self.median_stop:
             self.median_stop.end(trial, epochs, finished=finished)
         return self._open.pop(0).parameters
+
+
+def proposed(space: Space, known: Sequence[tuple[Mapping[str, Any], float]], n: int, seed: int) -> list[dict[str, Any]]:
+    """Points that TPE proposes from results of any origin, at most `n`; none of them is known.
+
+    known: points of the space and their values, the higher the better.
+
+    >>> space = {"hidden": {"_type": "choice", "_value": [20, 30, 50]}}
+    >>> len(proposed(space, [({"hidden": 20}, 0.9), ({"hidden": 30}, 0.8)], 4, seed=0))
+    1
+    """
+    tuner, found = _nni().TpeTuner("maximize", seed, {"n_startup_jobs": 0}), []
+    tuner.update_search_space({key: _ordered(dict(dimension)) for key, dimension in space.items()})
+    tuner.import_data([{"parameter": dict(point), "value": value} for point, value in known])
+    for number in range(n):
+        try:
+            point = tuner.generate_parameters(number)
+        except _nni().NoMoreTrialError:
+            break
+        found.append({key: tidy(space[key], value) for key, value in point.items()})
+    return found
 
 
 @cache

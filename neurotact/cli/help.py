@@ -34,6 +34,7 @@ EXAMPLES = {
     "infer": "neurotact infer run/ spikes.h5 --early-exit",
     "conditions-curve": "neurotact conditions-curve spikes.h5 speed --figure curve.png",
     "sops": "neurotact sops run/ -o sops.csv",
+    "save": "neurotact save run/ -o small/ --at-most-points 1",
     "fine-tune": "neurotact fine-tune run/ -o run-4-bit/ --weight-bits 4",
     "stream": "neurotact stream run/ --from serial:/dev/ttyUSB0",
     "live": "neurotact live run/ --from gratings",

@@ -10,7 +10,7 @@ import typer
 
 from neurotact.api import networks as api
 from neurotact.api import tools
-from neurotact.cli.options import REPLACED, Json, MovedSpikes, calling, flag, option
+from neurotact.cli.options import MOST_SEEDS, REPLACED, Json, MovedSpikes, calling, flag, option
 from neurotact.cli.output import print_json, print_table, show, unless
 from neurotact.cli.words import say
 from neurotact.errors import INTERRUPTED
@@ -123,6 +123,35 @@ def tune(given: dict[str, Any], as_json: Json = False) -> None:
         _print_next(best, given["spikes"])
     for caution in row["cautions"]:
         say(caution)
+
+
+@calling(
+    tools.save_energy,
+    run=Annotated[Path, typer.Argument(help="The folder of a trained network, or a file of recordings.")],
+    trials=option(int, "Trainings in all.", min=1),
+    at_most_points=option(float, "Accuracy on validation windows that may be lost, in points.", min=0, max=100),
+    prices=option(str, "The price list whose energy is saved: a name (`neurotact list`)."),
+    seed=option(int, "Random seed of the search and of the weights.", min=0, max=MOST_SEEDS),
+    recordings=option(Path | None, "The recordings that the run was trained on, if they were moved."),
+    spikes=MovedSpikes,
+)
+def save(given: dict[str, Any], as_json: Json = False) -> None:
+    """Find the network that saves the most energy at the accuracy of a run, by all ways together.
+
+    Refractory periods, clocks, neurons, pruned weights, shorter windows and early exit are tried alone and together, on
+    validation windows. Each point of the front is a run folder in -o, the answer is in -o/1. From a file of recordings
+    the default network is trained first. An interrupted search continues when the same command is given again.
+    """
+    try:
+        answer = tools.save_energy(**given, tell=unless(as_json))
+    except KeyboardInterrupt:
+        say(f"interrupted; the same command continues in {given['folder']}")
+        sys.exit(INTERRUPTED)
+    if as_json:
+        print_json(pd.DataFrame([{key: value for key, value in answer.items() if key != "points"}]))
+    elif answer["best"] is not None:
+        best = given["folder"] / answer["best"]
+        print(f"next: neurotact export {shlex.quote(str(best))} --to c -o chain/")
 
 
 @calling(

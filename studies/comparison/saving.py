@@ -26,9 +26,10 @@ from neurotact.networks.definition import clock, recipe
 from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit import truncated
+from neurotact.networks.exit.patience import ExitChoice
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 from neurotact.networks.training import sparsity, tasks, trainer
-from neurotact.networks.training.epochs import train
+from neurotact.networks.training.epochs import Training, train
 from neurotact.networks.training.tasks import Sides, Task
 from neurotact.networks.use import measuring
 from neurotact.networks.use.ledger import Afferents, network_cost
@@ -49,6 +50,10 @@ class Setting(Spec):
 
     t_ref_ms: tuple[Period, Period] | None = None
     """Refractory periods of RA-I and SA-I; the first one is the dead time of events."""
+    encoder_ms: float | None = Field(default=None, gt=0)
+    """A step of the encoder's clock, on which membranes are computed; by default that of the set."""
+    smoothing: bool = True
+    """Whether the moving average of the conditioning, which runs at the rate of the sensor, stays."""
     step_ms: float | None = Field(default=None, gt=0)
     """A step of the network's clock; by default the recipe chooses it."""
     longest_steps: bool = False
@@ -116,7 +121,8 @@ class Setting(Spec):
 class Bench(NamedTuple):
     """The inputs that all ways share.
 
-    touches: recordings, to be encoded by `encoder`, or spikes if it is None; window: of the set; network: its spec.
+    touches: recordings, to be encoded by `encoder`, or spikes if it is None; window: of the set; network: its spec;
+    task: what else is asked of training, but for its window and its split.
     """
 
     touches: Recordings | SpikeTrains
@@ -125,6 +131,7 @@ class Bench(NamedTuple):
     window: WindowSpec
     network: RSNNSpec
     seeds: tuple[int, int]
+    task: Task = Task()
 
 
 class Cut(NamedTuple):
@@ -137,13 +144,14 @@ class Cut(NamedTuple):
 class Fitted(NamedTuple):
     """A trained network, the spikes and windows that it was trained on, and the random generator of their order.
 
-    was_open: whether training decided if it is recurrent.
+    training: its log. was_open: whether training decided if it is recurrent.
     """
 
     network: RSNN
     trains: SpikeTrains
     sides: Sides
     order: torch.Generator
+    training: Training
     was_open: bool = False
 
 
@@ -151,6 +159,22 @@ def measured(
     bench: Bench, setting: Setting, known: dict[str, Fitted], prices: PriceList = ARITHMETIC_45NM
 ) -> dict[str, Any]:
     """A row of results: accuracies, SOPs, energy and signal of a decision with one setting.
+
+    known: as of `trained`.
+    """
+    fitted = trained(bench, setting, known)
+    rule = FULL_WINDOW if setting.exit_tolerance is None else exit_of(bench, fitted, setting.exit_tolerance).used
+    return row_of(fitted, rule, pruned=setting.prune is not None, prices=prices)
+
+
+def exit_of(bench: Bench, fitted: Fitted, tolerance: float) -> ExitChoice:
+    """The early exit of a network, as the task asks for it to be chosen."""
+    sides, is_steady = fitted.sides, bench.task.exit_choice == "steady"
+    return trainer.exit_of(fitted.network, sides.validation, tolerance, sides.train if is_steady else None)
+
+
+def trained(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> Fitted:
+    """The network of a setting, pruned where it says so.
 
     known: first trainings by their key; a new one is added. With that of `Setting()`, which saves nothing, among them,
     whether a network is recurrent is decided there.
@@ -174,12 +198,7 @@ def measured(
                 warnings.filterwarnings("ignore", MERGES)
             known[name] = fit(own, spec, bench.seeds)._replace(was_open=spec.model == "auto")
     fitted = known[name]
-    if setting.prune is not None:
-        fitted = _pruned(fitted, setting)
-    rule = FULL_WINDOW
-    if setting.exit_tolerance is not None:
-        rule = trainer.exit_of(fitted.network, fitted.sides.validation, setting.exit_tolerance).used
-    return row_of(fitted, rule, pruned=setting.prune is not None, prices=prices)
+    return fitted if setting.prune is None else _pruned(fitted, setting)
 
 
 def row_of(
@@ -221,13 +240,14 @@ def cut(bench: Bench, setting: Setting) -> Cut:
     if setting.taxels < 1:
         training, _ = tasks.examples_of(trains, bench.split.train, window)
         trains = trains.with_afferents(_varying(trains, training.spikes, setting.taxels))
-    return Cut(trains, tasks.sides_of(trains, Task(window=window), bench.split))
+    task = bench.task.model_copy(update={"window": window})
+    return Cut(trains, tasks.sides_of(trains, task, bench.split))
 
 
 def fit(own: Cut, spec: RSNNSpec, seeds: tuple[int, int]) -> Fitted:
     """A network trained on some windows; seeds: of its weights and of their order."""
-    network, _ = trainer.new_trained(own.trains, spec, seeds, own.sides.train, own.sides.validation)
-    return Fitted(rsnn_of("c-integer", network), *own, torch.Generator().manual_seed(seeds[1]))
+    network, training = trainer.new_trained(own.trains, spec, seeds, own.sides.train, own.sides.validation)
+    return Fitted(rsnn_of("c-integer", network), *own, torch.Generator().manual_seed(seeds[1]), training)
 
 
 def changed(spec: RSNNSpec, setting: Setting, seen: recipe.Seen, whole_steps: int) -> RSNNSpec:
@@ -274,7 +294,15 @@ def _encoded(bench: Bench, setting: Setting) -> SpikeTrains:
         periods = zip(("ra1", "sa1"), setting.t_ref_ms, strict=True)
         update = {part: getattr(encoder, part).model_copy(update={"t_ref_ms": period}) for part, period in periods}
         encoder = encoder.model_copy(update=update)
+    if setting.encoder_ms is not None:
+        encoder = _conditioned(encoder, resample_Hz=float(f"{1e3 / setting.encoder_ms:.9g}"))
+    if not setting.smoothing:
+        encoder = _conditioned(encoder, ema_cutoff_Hz=None)
     return encode_recordings(bench.touches, encoder)
+
+
+def _conditioned(encoder: AfferentSpec, **keys: Any) -> AfferentSpec:
+    return encoder.model_copy(update={"conditioning": encoder.conditioning.model_copy(update=keys)})
 
 
 def _varying(trains: SpikeTrains, training: torch.Tensor, share: float) -> list[int]:
@@ -317,11 +345,12 @@ def _pruned(fitted: Fitted, setting: Setting) -> Fitted:
     network = RSNN(before.n_inputs, before.n_classes, spec, before.sampling_rate_Hz, backend=before.backend)
     network.load_state_dict(before.state_dict())
     sparsity.prune(network, setting.prune)
+    training = fitted.training
     if setting.train_on:
         order = torch.Generator().manual_seed(fitted.order.initial_seed() + 1)
         with sparsity.pruned_stay_pruned(network):
-            train(network, fitted.sides.train, fitted.sides.validation, generator=order)
-    return fitted._replace(network=network)
+            training = train(network, fitted.sides.train, fitted.sides.validation, generator=order)
+    return fitted._replace(network=network, training=training)
 
 
 def _cost(fitted: Fitted, measured: Mapping[str, float], decided: torch.Tensor, *, event_driven: bool) -> Cost:

@@ -1,0 +1,135 @@
+"""What a search found: the points to use, chosen on validation alone, and how they do on test windows."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from neurotact_parts.networks.saving.proposals import Asked, Mean, candidates, confirmed, key_of
+from neurotact_parts.networks.saving.trial import EARLY, WHOLE, Trial
+from neurotact_parts.networks.saving.ways import Way
+from scipy.stats import norm
+
+from neurotact.metrics.decision import is_within
+from neurotact.metrics.fronts import pareto_front
+
+CONFIDENCE = 0.95
+DIFFERING = {
+    "encoder_ms": "encoder's clock {:g} ms", "network_ms": "clock {:g} ms", "afferents": "{} afferents",
+    "hidden": "{} hidden", "window_ms": "window {:g} ms",
+}  # fmt: skip
+"""What may differ in a network, in words."""
+
+
+class Chosen(NamedTuple):
+    """A point to use. mean: over its trainings; trial: the one whose network is used; how: it decides."""
+
+    how: str
+    mean: Mean
+    trial: Trial
+
+    @property
+    def energy(self) -> float:
+        return self.mean.energy
+
+
+class Found(NamedTuple):
+    """The points to use, the answer first if there is one; base: the run, which saves nothing."""
+
+    base: Chosen
+    points: list[Chosen]
+    answer: Chosen | None
+
+
+def found(trials: Sequence[Trial], asked: Asked) -> Found:
+    """The answer is the cheapest point that keeps the accuracy; beside it, the other points of the front.
+
+    Only points that were trained again count, where any was. Of the trainings of a point the one with the highest
+    validation accuracy is used, the first of equal ones.
+    """
+    every = confirmed(trials, asked)
+    base = _chosen(WHOLE, every[key_of({}), WHOLE], trials[0])
+    again = {key: mean for key, mean in every.items() if len(mean.trials) > 1 and key[0]}
+    tried = again or {key: mean for key, mean in every.items() if key[0]}
+    on_front = pareto_front(
+        *(np.array([getattr(one, name) for one in tried.values()]) for name in ("energy", "accuracy"))
+    )
+    front = [(key, mean) for (key, mean), is_on in zip(tried.items(), on_front, strict=True) if is_on]
+    points = sorted((_chosen(how, mean) for (_, how), mean in front), key=lambda one: one.energy)
+    kept = [one for one in points if keeps(one.mean, base.mean, asked) and one.energy < base.energy]
+    answer = kept[0] if kept else None
+    return Found(base, [*kept[:1], *(one for one in points if one is not answer)], answer)
+
+
+def keeps(mean: Mean, base: Mean, asked: Asked) -> bool:
+    """Whether a point keeps the accuracy: its mean is at most the allowed loss below that of the run."""
+    return bool(is_within(mean.accuracy, base.accuracy, asked.loss))
+
+
+def _chosen(how: str, mean: Mean, trial: Trial | None = None) -> Chosen:
+    def accuracy(one: Trial) -> float:
+        return one.decided[how]["validation_accuracy"] if how in one.decided else -math.inf
+
+    return Chosen(how, mean, trial or max(mean.trials, key=lambda one: (accuracy(one), -one.id)))
+
+
+def interval(lost: np.ndarray) -> tuple[float, float, float]:
+    """A mean loss of independent trials and its 95 % interval (Bonett and Price 2012, one trial added each way).
+
+    >>> [round(value, 3) for value in interval(np.array([0.0] * 98))]
+    [0.0, -0.028, 0.028]
+    """
+    n, mean = len(lost), float(lost.mean())
+    centre = lost.sum() / (n + 2)
+    error = math.sqrt((((lost**2).sum() + 2) / (n + 2) - centre**2) / (n + 2))
+    half = float(norm.ppf((1 + CONFIDENCE) / 2)) * error
+    return mean, centre - half, centre + half
+
+
+def table(trials: Sequence[Trial], ways: Mapping[str, Way], names: Sequence[str]) -> pd.DataFrame:
+    """A row for each trial in each way in which it decides: setting, accuracies, SOPs, energies, ms.
+
+    names: of the price lists. Costs and choices are of validation windows; columns of `test_...` are told alone.
+    """
+    rows = []
+    for one in candidates(trials):
+        trial, decided = one.trial, one.trial.decided[one.how]
+        amounts = {name: _amount(ways[name], trial.point.get(name, 0)) for name in ways}
+        rows.append({"trial": trial.id, "training": trial.member, "decides": one.how, **amounts, **decided})
+    for trial in trials:
+        if trial.error:
+            amounts = {name: _amount(ways[name], trial.point.get(name, 0)) for name in ways}
+            rows.append({"trial": trial.id, "training": trial.member, **amounts, "error": trial.error})
+    listed = pd.DataFrame(rows)
+    return listed.rename(
+        columns={f"{before}{name}": f"{before}{name}_nJ" for name in names for before in ("", "test_")}
+    )
+
+
+def _amount(way: Way, index: int) -> Any:
+    """An amount of a way in a cell; empty where it saves nothing."""
+    amount = way.amounts[index]
+    return next(iter(amount.values())) if amount else ""
+
+
+def in_words(about: Mapping[str, Any], base: Mapping[str, Any], how: str) -> str:
+    """What differs in a network from that of the run.
+
+    >>> run = {"sa1": 1.0, "ra1": 1.0, "hidden": 50, "recurrent": False, "weights": 9, "of_weights": 9}
+    >>> in_words({**run, "sa1": 10.0, "ra1": 10.0, "hidden": 20, "weights": 3}, run, EARLY)
+    't_ref 10 & 10 ms, 20 hidden, 67 % pruned, early exit'
+    """
+    parts = []
+    if any(about.get(part) != base.get(part) for part in ("ra1", "sa1")):
+        parts.append(f"t_ref {about['ra1']:g} & {about['sa1']:g} ms")
+    for key, called in DIFFERING.items():
+        if about.get(key) != base.get(key):
+            parts.append(called.format(about[key]))
+    if about.get("smoothed") != base.get("smoothed"):
+        parts.append("no moving average")
+    if about["recurrent"] != base["recurrent"]:
+        parts.append("not recurrent")
+    if about["weights"] < about["of_weights"]:
+        parts.append(f"{100 * (1 - about['weights'] / about['of_weights']):.0f} % pruned")
+    return ", ".join([*parts, *([EARLY] if how == EARLY else [])]) or "nothing changed"

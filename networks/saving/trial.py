@@ -1,0 +1,147 @@
+"""One trial of a search for savings: a network trained with a setting, what it decides and what a decision costs."""
+
+import json
+import os
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pandas as pd
+from neurotact_parts.networks.saving.start import Start, start_of
+from neurotact_parts.networks.saving.ways import Point, setting_of, ways_of
+from neurotact_parts.studies.comparison import by_list
+from neurotact_parts.studies.comparison.saving import Fitted, Setting, exit_of, row_of, trained
+
+from neurotact import files
+from neurotact.errors import InputError
+from neurotact.networks.definition import seeds
+from neurotact.networks.exit.rule import FULL_WINDOW
+
+WHOLE, EARLY = "whole window", "early exit"
+COSTS = ("sops_total", "signal_ms")
+"""Costs of a decision beside its energy by each price list."""
+
+
+class Source(NamedTuple):
+    """Where a search starts, as worker processes read it."""
+
+    run: Path
+    spikes: Path | None
+    recordings: Path | None
+    seed: int
+
+    def start(self) -> Start:
+        return start_of(self.run, self.seed, spikes=self.spikes, recordings=self.recordings)
+
+
+class Job(NamedTuple):
+    """A trial to do. member: 1 is the search's; others have weights and an order of windows of their own."""
+
+    id: int
+    point: Point
+    member: int = 1
+
+
+class Trial(NamedTuple):
+    """A line of the journal.
+
+    decided: by how a network decides (`WHOLE`, `EARLY` where early exit is used), its accuracies, and the means of what
+    a decision costs on validation windows (the energy in nJ by each price list, under its name), and on test windows
+    under `test_...`. right: by the same, the share of the windows of each validation trial that are right, in the order
+    of the trials. about: what the network is, for words. error: why nothing could be trained; then all else is empty.
+    """
+
+    id: int
+    point: Point
+    member: int
+    decided: dict[str, dict[str, float]] = {}
+    right: dict[str, list[float]] = {}
+    about: dict[str, Any] = {}
+    error: str = ""
+
+    def line(self) -> str:
+        return json.dumps(files.without_nan(self._asdict())) + "\n"
+
+
+def read(path: Path) -> list[Trial]:
+    """The trials of a journal; an incomplete last line is removed from the file, and its trial is done again."""
+    lines = files.read_bytes(path).splitlines(keepends=True) if path.is_file() else []
+    found: list[Trial] = []
+    for number, line in enumerate(lines):
+        try:
+            if not line.endswith(b"\n"):
+                raise ValueError("it is incomplete")
+            found.append(Trial(**json.loads(line)))
+        except (ValueError, TypeError) as error:
+            if number + 1 < len(lines):
+                raise InputError(f"{path}: line {number + 1} is damaged ({error}); remove the folder") from error
+            os.truncate(path, sum(map(len, lines[:-1])))
+    return found
+
+
+def tried(job: Job, start: Start) -> Trial:
+    """Train and measure; the point that saves nothing is the run itself, unless its weights are to be others."""
+    try:
+        fitted, pruned = fitted_of(job, start)
+        decided, right = {}, {}
+        for name, rule in _rules(start, fitted):
+            decided[name], right[name] = _measured(fitted, rule, pruned=pruned)
+        return Trial(job.id, job.point, job.member, decided, right, _about(fitted))
+    except InputError as error:
+        return Trial(job.id, job.point, job.member, error=str(error))
+
+
+def fitted_of(job: Job, start: Start) -> tuple[Fitted, bool]:
+    """The network of a trial, and whether weights were pruned."""
+    bench = start.bench._replace(seeds=seeds.of_member(start.bench.seeds, job.member))
+    setting = setting_of(job.point, ways_of(start), start)
+    if job.member > 1 and setting == Setting():  # the same once more, where that of the run is known
+        setting = setting.model_copy(update={"rate_penalty": start.base.network.spec.training.rate_penalty})
+    return trained(bench, setting, start.known), setting.prune is not None
+
+
+def _rules(start: Start, fitted: Fitted) -> list[tuple[str, Any]]:
+    used = exit_of(start.bench, fitted, start.bench.task.exit_tolerance).used
+    return [(WHOLE, FULL_WINDOW), *([] if used.never else [(EARLY, used)])]
+
+
+def _measured(fitted: Fitted, rule: Any, *, pruned: bool) -> tuple[dict[str, float], list[float]]:
+    sides, costs = fitted.sides, {}
+    for before, side in (("", sides.validation), ("test_", sides.test)):
+        row = row_of(fitted._replace(sides=sides._replace(test=side)), rule, pruned=pruned)
+        costs |= {f"{before}{name}": row[name] for name in COSTS}
+        energies = by_list.energies(pd.DataFrame([row])).iloc[0]
+        costs |= {f"{before}{name}": float(value) for name, value in energies.items()}
+        costs[f"{before or 'validation_'}accuracy"] = row["accuracy_test"]
+    validation = sides.validation
+    labels = fitted.network.infer(validation.spikes, rule).labels.cpu()
+    assert validation.of is not None
+    by_trial = pd.Series((labels == validation.labels).double().numpy()).groupby(validation.of.numpy()).mean()
+    return costs, by_trial.tolist()
+
+
+def _about(fitted: Fitted) -> dict[str, Any]:
+    spec, network, trains = fitted.network.spec, fitted.network, fitted.trains
+    periods = {part: trains.encoder[part]["t_ref_ms"] for part in ("ra1", "sa1") if part in trains.encoder}
+    return {
+        **periods,
+        "smoothed": (trains.encoder.get("conditioning") or {}).get("ema_cutoff_Hz") is not None,
+        "encoder_ms": 1e3 / trains.sampling_rate_Hz,
+        "network_ms": spec.own_step_ms or 1e3 / trains.sampling_rate_Hz,
+        "hidden": spec.hidden,
+        "recurrent": spec.recurrent,
+        "afferents": len(trains.afferents),
+        "weights": sum(int(weights.count_nonzero()) for weights in network.weights),
+        "of_weights": sum(weights.numel() for weights in network.weights),
+        "window_ms": 1e3 * fitted.sides.test.spikes.shape[1] / trains.sampling_rate_Hz,
+    }
+
+
+@lru_cache(maxsize=1)
+def _start(source: Source) -> Start:
+    return source.start()
+
+
+def in_worker(job: tuple[Job, Source]) -> Trial:
+    """`tried`, in a process that reads the run once."""
+    return tried(job[0], _start(job[1]))
