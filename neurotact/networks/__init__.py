@@ -13,20 +13,21 @@ Other rooms take:
     definition.space: SearchSpec, check, load_space
     definition.specs: BUILT_IN, RSNNSpec, TrainingSpec, given_keys, part_of
     definition.surrogate: FastSigmoid, arctan, fast_sigmoid
-    exit.patience: exits, in_words, is_tolerated, oracle_exit, upper_bound
+    exit.patience: ExitChoice, exits, in_words, is_tolerated, oracle_exit, upper_bound
     exit.rule: ExitRule, FULL_WINDOW, Leader
     exit.truncated: SimulatedWindows, judged, simulate_windows
     training.balancing: Balance, SETTINGS, columns_of, note
     training.cautions: FEW_PER_CLASS, MEMBER, calibrated, copies, few_test_trials, not_learned, together, training
     training.cross_validation: Repeated, TABLE, line, run, tasks_of, trained_in
-    training.epochs: Epoch, Examples, Training, best_of, evaluate, train
+    training.epochs: Epoch, Examples, Training, best_in, best_of, evaluate, train
     training.losses: cross_entropy, hinge
     training.model_selection: SEEN, Tried, again, are_unranked, best_of, candidates, right_seen, trainings
     training.outcome: outcome_of, summary_of
     training.ranges: Ranges, evenly, record, record_states
     training.resumable: Interrupted, RESULT, check_place, clear, line_of, run, saved_in
-    training.run_folder: LOG, NETWORK, Restored, WEIGHTS, check_trials, files_of, load_network, load_spikes_of,
-        restore, save, save_network, shapes_of, test_trials
+    training.run_folder: LOG, NETWORK, Restored, WEIGHTS, files_of, load_network, load_spikes_of, restore, save,
+        save_network, shapes_of, test_trials, trained_spikes_of
+    training.sparsity: prune, pruned_stay_pruned
     training.tasks: Sides, Task, examples_of, held_out, kind_of_copies, load_spikes, of_file, path_of, seen,
         seen_trials, sides_of, task_of, trials_of, with_every_condition, with_suited_window
     training.trainer: Trained, exit_of, finished, fit, new_trained
