@@ -2,9 +2,9 @@
 
     python benchmarks/steady_choices.py [--draws 20] [--calibrations 5] [--sets letters cubes ...]
 
-Of each real set in $NEUROTACT_DATA, a thousandth of the trials (one at least) is left out before windows and the
-encoder are chosen, and a thousandth of the spikes before the network is. A line for each choice that was not the same
-in all draws says how often it had which value.
+Of each real set in $NEUROTACT_DATA, and each made-up one (`made_sets`), a thousandth of the trials (one at least) is
+left out before windows and the encoder are chosen, and a thousandth of the spikes before the network is. A line for
+each choice that was not the same in all draws says how often it had which value.
 """
 
 import argparse
@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import torch
+from made_sets import SETS
+from made_sets import touches as touches_of
 from neurotact_parts.studies.braille.reader import read as read_letters
 
 from neurotact import spec
@@ -44,6 +46,8 @@ KEYS = ("model", "step_ms", "readout_stretches", "tau_mem_ms", "training.epochs"
 
 def recordings_of(name: str) -> Recordings:
     """The recordings of a set."""
+    if name in SETS:
+        return touches_of(SETS[name])
     if name == "icub":
         arrays = np.load(DATA / "icub-slide" / "icub.npz")
         signals = [signal.astype(np.float32) for signal in arrays["signals"]]
@@ -98,7 +102,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
     parser.add_argument("--draws", type=int, default=20)
     parser.add_argument("--calibrations", type=int, default=5)
-    parser.add_argument("--sets", nargs="+", default=["letters", *READ, "icub"])
+    parser.add_argument("--sets", nargs="+", default=["letters", *READ, "icub", *SETS])
     asked = parser.parse_args()
     for name in asked.sets:
         rng = np.random.default_rng(0)

@@ -48,7 +48,8 @@ class SnnTorchNetwork(nn.Module):
         step; with `peak`, the value is the largest over time.
     per_bin: steps of the input in one of the network: spikes are put into bins first, and rasters have one step a bin.
     stretches, w_stretch: of an integrator with weights of its own in each stretch of a window, what it adds to those of
-        `fc_out`, `(K, hidden, class)`.
+        `fc_out`, `(K, heard, class)`.
+    direct: whether an integrator hears the input spikes, too, behind those of the hidden neurons.
     late: steps by which layers respond late: 0 for `immediate`, 2 for `eq4` and `delayed`.
     recurrent_delay: additional delay of recurrent spikes, in steps.
     """
@@ -68,13 +69,14 @@ class SnnTorchNetwork(nn.Module):
         per_bin: int = 1,
         stretches: Stretches | None = None,
         w_stretch: nn.Parameter | None = None,
+        direct: bool = False,
     ) -> None:
         super().__init__()
         self.time_first = time_first
         self.fc_in, self.hidden, self.fc_out, self.readout = fc_in, hidden, fc_out, readout
         self.level, self.decay, self.peak = level, decay, peak
         self.late, self.recurrent_delay = late, recurrent_delay
-        self.per_bin, self.stretches, self.w_stretch = per_bin, stretches, w_stretch
+        self.per_bin, self.stretches, self.w_stretch, self.direct = per_bin, stretches, w_stretch, direct
 
     def forward(self, spikes: Tensor) -> tuple[Tensor, Tensor]:
         """`hidden` `(trial, time, hidden)` and `readout` `(trial, time, class)` spikes, from a state of zero.
@@ -97,13 +99,17 @@ class SnnTorchNetwork(nn.Module):
     def _run(self, spikes: Tensor) -> tuple[Tensor, Tensor]:
         # Layers receive `(trial, 1, ...)`, and the same tensor objects that other layers return: snnTorch's export to
         # NIR finds the connections by them, and sees one shape.
-        hidden_spikes = self._hidden(clock.binned(spikes, self.per_bin).float())
+        arriving = clock.binned(spikes, self.per_bin).float()
+        hidden_spikes = self._hidden(arriving)
         hidden = torch.cat(hidden_spikes, dim=1)
         if self.readout is None:
             assert self.level is not None
-            gained = torch.cat([self.fc_out(step) for step in hidden_spikes], dim=1)
+            heard = hidden_spikes
+            if self.direct:
+                heard = [torch.cat(both, dim=2) for both in zip(heard, arriving.split(1, dim=1), strict=True)]
+            gained = torch.cat([self.fc_out(step) for step in heard], dim=1)
             if self.stretches is not None and self.w_stretch is not None:
-                gained = gained + self.stretches.gains(hidden, self.w_stretch)
+                gained = gained + self.stretches.gains(torch.cat(heard, dim=1), self.w_stretch)
             return hidden, torch.stack([*Integration(self.level, self.decay, self.peak).over(gained)], dim=1)
         zero = hidden.new_zeros(len(hidden), 1, self.fc_out.out_features)
         syn, mem, readout = zero, zero, [zero] * self.late
@@ -166,7 +172,7 @@ def to_snntorch(source: Fitted | Network, *, time_first: bool = False) -> SnnTor
     exported = SnnTorchNetwork(
         _linear(factors[0] * network.w_in), hidden, fc_out, readout, late, network.spec.recurrent_delay_steps, level,
         network.readout_decay, integration is not None and integration.peak, time_first, network.steps_per_bin,
-        network.stretches, w_stretch,
+        network.stretches, w_stretch, network.spec.hears_afferents,
     )  # fmt: skip
     return exported.to(network.w_in.device)
 

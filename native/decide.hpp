@@ -96,14 +96,15 @@ private:
     }
 };
 
-// A readout that adds up a bias and the weights of every hidden spike, in float64
+// A readout that adds up a bias and the weights of every spike that it hears, in float64
 // (neurotact/networks/definition/readouts.py). `sums` are its values; one that leaks has y beside them.
 template <class T>
 class IntegratingReadout {
 public:
     using Value = double;
     IntegratingReadout(const Net<T>& net, const ForwardTables<T>&, Carver& carver)
-        : weights(net.w_out), bias(net.bias), hidden(net.sizes.hidden), classes(net.sizes.classes), how(net.integration),
+        : weights(net.w_out), bias(net.bias), heard(net.sizes.hidden + net.integration.direct * net.sizes.inputs),
+          classes(net.sizes.classes), how(net.integration),
           gained(carver.take<double>(classes)), y(carver.take<double>(classes)) {}
     static Value* counts_of(const Decisions& to) { return to.sums; }
     bool leaks() const { return how.leaks; }
@@ -119,7 +120,7 @@ public:
     NT_INLINE bool step(const uint32_t* rows, int n_rows, int64_t now, Value* sums) {
         if (n_rows == 0 && !how.leaks) return false;
         const T* table = weights;
-        if (how.stretches > 1) table += how.stretch_of(now) * hidden * classes;
+        if (how.stretches > 1) table += how.stretch_of(now) * heard * classes;
         for (int c = 0; c < classes; c++) gained[c] = 0;
         for (int e = 0; e < n_rows; e++) {
             const T* row = table + (int64_t)rows[e] * classes;
@@ -137,7 +138,7 @@ public:
 private:
     const T* weights;
     const double* bias;
-    const int hidden, classes;
+    const int heard, classes;  // heard: hidden neurons and, on a path past them, afferents
     const Integration how;
     double *gained, *y;
 
@@ -154,13 +155,13 @@ struct InferState {
     T *current, *membrane;
     T* adaptation;  // null where thresholds do not adapt
     SpikeHistory spikes;
-    uint32_t* rows;
+    uint32_t *rows, *sent;
     Readout readout;
 
     InferState(const Net<T>& net, const ForwardTables<T>& tables, Carver& carver)
         : current(carver.take<T>(tables.hidden.pitch)), membrane(carver.take<T>(tables.hidden.pitch)),
           adaptation(net.adaptation.on ? carver.take<T>(tables.hidden.pitch) : nullptr),
-          spikes(net.sizes.hidden, carver), rows(carver.take<uint32_t>(net.sizes.inputs + net.sizes.hidden)),
+          spikes(net.sizes.hidden, carver), rows(carver.take<uint32_t>(net.sizes.inputs + net.sizes.hidden)), sent(rows),
           readout(net, tables, carver) {}
     void start(const Net<T>& net, const ForwardTables<T>& tables, Value* counts) {
         std::memset(current, 0, tables.hidden.pitch * sizeof(T));
@@ -170,10 +171,11 @@ struct InferState {
         readout.start(counts);
     }
     // Step `now` of a window, from 0, from the afferents that spike, of which the first `n_rows` of `rows` are the
-    // numbers; how many hidden neurons spike. Adapts: whether their thresholds do.
+    // numbers; how many hidden neurons spike, whose numbers `sent` then are. Adapts: whether their thresholds do.
     template <bool Adapts>
     NT_INLINE int step(const Net<T>& net, const ForwardTables<T>& tables, int n_rows, int64_t now, Leader<Value>& leader) {
         const int64_t hid_words = words(net.sizes.hidden);
+        const int n_past = net.integration.direct ? n_rows : 0;
         if (net.w_rec)
             n_rows = list_rows(spikes.recurrent(net.neuron.recurrent_delay), hid_words, net.sizes.inputs, rows, n_rows);
         const LayerState<T> state{current, membrane, current, membrane, nullptr};
@@ -183,11 +185,13 @@ struct InferState {
         else
             advance_layer<T>(net.neuron, tables.hidden, {tables.table, rows, n_rows, 0}, state, spikes.next);
         const uint64_t* emitted = net.neuron.emits_at_once() ? spikes.next : spikes.now;
-        n_rows = list_rows(emitted, hid_words, 0, rows, 0);
+        for (int e = 0; e < n_past; e++) rows[e] += net.sizes.hidden;
+        n_rows = list_rows(emitted, hid_words, 0, rows, n_past);
         const bool moved = readout.step(rows, n_rows, now, leader.sums);
         leader.after(moved, moved || readout.leaks());
         spikes.step();
-        return n_rows;
+        sent = rows + n_past;
+        return n_rows - n_past;
     }
 };
 

@@ -53,6 +53,7 @@ struct Integration {
     bool leaks, peak;  // peak: leaks too
     double decay;
     int64_t stretches = 1, stretch_steps = 1;
+    bool direct = false;  // w_out has rows for the afferents, too, behind those of the hidden neurons
     constexpr int64_t stretch_of(int64_t step) const {
         const int64_t k = stretches > 1 ? step / stretch_steps : 0;
         return k < stretches ? k : stretches - 1;
@@ -71,7 +72,7 @@ struct Net {
     const T *w_in, *w_rec, *w_out;
     Dynamics<T> hidden, readout;
     Adaptation<T> adaptation;  // of the hidden layer
-    const double* bias;  // (class) of an integrator, which adds up w_out of every hidden spike; else null
+    const double* bias;  // (class) of an integrator, which adds up w_out of every spike that it hears; else null
     Integration integration;
     int threads;
 };

@@ -113,17 +113,18 @@ void add_network(nb::module_& m) {
     m.def("make_shape",
           [](int inputs, int hidden, int classes, int membrane, int reset, int recurrent_delay, double adaptation,
              double adaptation_decay, double scale, double readout_scale, bool is_double, bool recurrent, bool per_neuron, bool keep_currents, bool with_inputs,
-             bool with_raster, bool leaks, bool peak, double decay, int64_t stretches, int64_t stretch_steps) -> Shape {
+             bool with_raster, bool leaks, bool peak, double decay, int64_t stretches, int64_t stretch_steps,
+             bool direct) -> Shape {
               const Sizes sizes{0, 0, inputs, hidden, classes};
               const Neuron neuron{Membrane(membrane), Reset(reset), recurrent_delay};
               const Layout layout = layout_of(sizes, neuron, is_double, adaptation > 0,
                                                with_inputs || with_raster || per_neuron);
               return {sizes, neuron, scale, readout_scale, adaptation, adaptation_decay, is_double, recurrent,
-                      per_neuron, keep_currents, layout, {leaks, peak, decay, stretches, stretch_steps}};
+                      per_neuron, keep_currents, layout, {leaks, peak, decay, stretches, stretch_steps, direct}};
           },
           nb::kw_only(), "inputs"_a, "hidden"_a, "classes"_a, "membrane"_a, "reset"_a, "recurrent_delay"_a,
           "adaptation"_a, "adaptation_decay"_a, "scale"_a, "readout_scale"_a, "is_double"_a, "recurrent"_a, "per_neuron"_a, "keep_currents"_a, "with_inputs"_a,
-          "with_raster"_a, "leaks"_a, "peak"_a, "decay"_a, "stretches"_a = 1, "stretch_steps"_a = 1);
+          "with_raster"_a, "leaks"_a, "peak"_a, "decay"_a, "stretches"_a = 1, "stretch_steps"_a = 1, "direct"_a = false);
     m.def("tape_bytes", &tape_bytes, NT_WINDOW_NAMES);
     m.def("new_tape", &new_tape, NT_WINDOW_NAMES);
     m.def("forward",
@@ -237,8 +238,9 @@ public:
            Address offset, Address scale, int64_t most_samples, int64_t most_decisions)
         : plan(from), most(most_samples), decided(most_decisions), last(from.taxels) {
         const Sizes& n = shape.sizes;
+        const int64_t n_heard = n.hidden + shape.integration.direct * n.inputs;
         const int64_t sizes[] = {(int64_t)n.inputs * n.hidden, of.w_rec ? (int64_t)n.hidden * n.hidden : 0,
-                                 shape.integration.stretches * n.hidden * n.classes, 2, 2, 2};
+                                 shape.integration.stretches * n_heard * n.classes, 2, 2, 2};
         const Address from_where[] = {of.w_in, of.w_rec, of.w_out, of.alpha, of.beta, of.threshold};
         const float* to[6];
         for (int i = 0; i < 6; i++) to[i] = kept(from_where[i], sizes[i]);

@@ -198,7 +198,7 @@ struct Streaming {
             const int n_sent = is_due ? advance(plan, window) : 0;
             if (trace && i == 0) {
                 trace->window[trace->steps - 1] = window.numbers[0];
-                mark(window.net.rows, n_sent, trace->hidden + (trace->steps - 1) * words(plan.net.sizes.hidden));
+                mark(window.net.sent, n_sent, trace->hidden + (trace->steps - 1) * words(plan.net.sizes.hidden));
             }
             window.numbers[4] += n_sent;
             if (is_over || (is_due && window.leader.exits(plan.rule))) {

@@ -1,1 +1,1 @@
-"""Specs of spiking networks, and the spaces of searches."""
+"""Specs of spiking networks, a network of several layers, and the search of hyperparameters with its spaces."""

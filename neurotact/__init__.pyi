@@ -13,7 +13,6 @@ from .api.networks import save_network as save_network
 from .api.networks import sops as sops
 from .api.networks import summarise as summarise
 from .api.networks import train as train
-from .api.networks import tune as tune
 from .api.recordings import describe as describe
 from .api.recordings import fetch as fetch
 from .api.recordings import load as load
@@ -59,6 +58,7 @@ from .api.tools import to_neo as to_neo
 from .api.tools import to_nir as to_nir
 from .api.tools import to_nwb as to_nwb
 from .api.tools import to_snntorch as to_snntorch
+from .api.tools import tune as tune
 from .api.tools import what_survives as what_survives
 from .data.dataset import Reader as Reader
 from .data.dataset import Simulator as Simulator

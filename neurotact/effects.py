@@ -106,6 +106,17 @@ NEEDS = (
     _Need(
         "readout_stretch_ms training.stretch_rate", "readout_stretches", _more_than_one, "with readout_stretches = 1"
     ),
+    _Need(
+        "model membrane reset tau_mem_ms tau_syn_ms threshold_adaptation tau_adaptation_ms surrogate surrogate_scale "
+        "recurrent_weight_scale recurrent_delay_steps recurrent_blocks forward_weight_scale input_deviation learn "
+        "training.loss training.batch training.epochs training.patience training.target_loss training.optimiser "
+        "training.learning_rate training.relative_learning_rate training.schedule training.keep training.stretch_rate "
+        "training.betas training.weight_decay training.rate_penalty training.population_penalty "
+        "training.input_dropout training.input_jitter_ms training.readout_dropout",
+        "hidden",
+        bool,
+        "without a hidden layer (hidden = 0), since weights are fitted by logistic regression",
+    ),
     _Need("forward_weight_scale", "keeps_scale", bool, "with input_deviation, to which all weights are scaled"),
     _Need("training.betas", "has_betas", bool, "with a training.optimiser that has none"),
     _Need("training.weight_decay", "has_weight_decay", bool, "with a training.optimiser that has none"),

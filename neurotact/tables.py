@@ -91,12 +91,12 @@ def natural(text: str) -> list[tuple[int, int, str]]:
 
 
 def sized(hidden: float) -> str:
-    """The size of a network in a few words; 0 hidden neurons: it does not count them.
+    """The size of a network in a few words; 0: it has no hidden layer, or does not count its neurons.
 
     >>> sized(30), sized(0)
-    ('N = 30', 'N not counted')
+    ('N = 30', 'N = 0')
     """
-    return f"N = {hidden:.15g}" if hidden else "N not counted"
+    return f"N = {hidden:.15g}"
 
 
 def means_over(table: pd.DataFrame, by: Sequence[str], measures: Iterable[str], counted: str) -> pd.DataFrame:

@@ -67,7 +67,8 @@ def _computed(network: RSNN, state: Running) -> Running:
     hidden_spikes = _spiking(spikes)
     readout = state.readout
     if readout is None:
-        increments = network.gained(spikes, -(-state.steps // network.steps_per_bin) - 1)
+        heard = network.heard(spikes, torch.from_numpy(state.waiting)[None])
+        increments = network.gained(heard, -(-state.steps // network.steps_per_bin) - 1)
     else:
         readout_spikes, readout = _layer(network, 1, network.w_out, hidden_spikes, None, hidden_spikes, readout)
         increments = readout_spikes.to(torch.int64)

@@ -44,9 +44,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture(scope="module", autouse=True)
 def _small_opponents() -> Iterator[None]:
     """Trainings and searches end in forests and in MiniRocket, which take longer here than they do."""
+    from neurotact_parts.networks.search import search_tables
     from neurotact_parts.opponents import minirocket, scikit_learn
-
-    from neurotact.networks.search import search_tables
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(scikit_learn, "TREES", 10)

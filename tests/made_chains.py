@@ -47,7 +47,9 @@ def make_chain(
     """readout: of `READOUTS`; afferents: as for `make_encoder`."""
     encoder = make_encoder(afferents, **conditioning)
     settings = {"hidden": 6, "forward_weight_scale": 3.0, **READOUTS[readout], **network}
-    if settings.get("model") == "snn":
+    if not settings["hidden"]:
+        settings.pop("forward_weight_scale")
+    elif settings.get("model") == "snn":
         settings.pop("recurrent_delay_steps", None)
     else:
         settings.setdefault("recurrent_weight_scale", 0.4)

@@ -26,8 +26,8 @@ from neurotact.cli import COMMANDS
 from neurotact.data import spikes as spike_trains
 from neurotact.data.dataset import simulator
 from neurotact.encoders.model import usable
+from neurotact.networks.definition.space import SearchSpec
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.search.tuning import SearchSpec
 from neurotact.studies import measures
 from neurotact.studies.claims import Claim
 from neurotact.studies.study import StudySpec

@@ -16,8 +16,8 @@ from neurotact.data.recordings import Recordings
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.specs import afferent_names
 from neurotact.networks.definition import module
+from neurotact.networks.definition import space as spaces
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.search import tuning
 from neurotact.studies import loading, study
 
 ROOT = Path(__file__).parents[1]
@@ -56,8 +56,8 @@ def test_a_network_builds_and_runs(name):
 
 @pytest.mark.parametrize("name", of_kind["networks/spaces"])
 def test_a_search_space_suits_the_network(name):
-    space = tuning.SearchSpec(space=tuning.load_space(name)).space
-    tuning.check(space, spec.load(RSNNSpec, "rsnn"), source=name)
+    space = spaces.SearchSpec(space=spaces.load_space(name)).space
+    spaces.check(space, spec.load(RSNNSpec, "rsnn"), source=name)
 
 
 @pytest.fixture(scope="module")

@@ -18,6 +18,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
+from neurotact_parts.networks.search import tuning
 
 from neurotact import plugins, spec
 from neurotact.data import dataset, hdf5
@@ -28,10 +29,10 @@ from neurotact.encoders.model import name_in, of_name
 from neurotact.errors import InputError
 from neurotact.metrics.prices import PriceList
 from neurotact.networks.definition import recipe
+from neurotact.networks.definition import space as spaces
 from neurotact.networks.definition.recipe import Seen
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.search import tuning
 from neurotact.studies import loading, runner, study
 
 WRONG = [
@@ -176,9 +177,9 @@ def use_network(name: Path, given: Mapping[str, Any], _: Path) -> None:
 
 def use_space(name: Path, given: Mapping[str, Any], _: Path) -> None:
     """As tune."""
-    table = {"space": tuning.load_space(str(name)), "trials": 2}
-    asked = spec.build(tuning.SearchSpec, spec.override(table, given), source=str(name))
-    tuning.check(asked.space, spec.load(RSNNSpec, "rsnn"), source=str(name))
+    table = {"space": spaces.load_space(str(name)), "trials": 2}
+    asked = spec.build(spaces.SearchSpec, spec.override(table, given), source=str(name))
+    spaces.check(asked.space, spec.load(RSNNSpec, "rsnn"), source=str(name))
     tuning.Tuner(asked).ask()
 
 

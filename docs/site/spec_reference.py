@@ -13,8 +13,8 @@ from neurotact.data.conditioning import ConditioningSpec
 from neurotact.data.dataset import simulator
 from neurotact.encoders.model import usable
 from neurotact.figures import columns
+from neurotact.networks.definition.space import SearchSpec
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.search.tuning import SearchSpec
 from neurotact.spec import Spec, to_toml
 from neurotact.studies import measures
 from neurotact.studies.claims import Claim

@@ -18,7 +18,7 @@ from neurotact_parts.streams.chain import Chain
 
 from neurotact import files
 from neurotact.baselines.opponent import Sides, best_of, joined, load
-from neurotact.baselines.opponents import BINS, gru_steps, pieces_of
+from neurotact.baselines.opponents import BINS, MOST_SAMPLES, gru_steps, pieces_of
 from neurotact.data import encoded_from
 from neurotact.data.splits import Split
 from neurotact.errors import InputError
@@ -44,7 +44,8 @@ DECISIONS = 20
 """Test windows that are run, about: all of some trials, spread evenly."""
 ASKED = ("kNN",)
 """Opponents of no study, which are measured, too."""
-SLOW, FEW = ("GRU",), 4
+ROCKET = "MiniRocket"
+SLOW, FEW = ("GRU", ROCKET), 4
 """Opponents on sequences, which take seconds to emulate, and the windows of them that are run."""
 ROOM = 0.9
 """The share of the emulated machine's memory that a program may take, beside the harness and the stack."""
@@ -54,7 +55,8 @@ class Program(NamedTuple):
     """C in a folder, what it is given, `(sample, taxel)` of each trial, and what is expected of it.
 
     windows: the trial of each, and its samples: the first and that after the last. decided: the class of each in
-    Python; none where the program decides nothing. flags: for the compiler.
+    Python; none where the program decides nothing. flags: for the compiler. fits_only: it runs long, and is only run
+    for a chip that has room for it.
     """
 
     what: str
@@ -65,6 +67,7 @@ class Program(NamedTuple):
     windows: list[tuple[int, int, int]]
     decided: np.ndarray
     flags: tuple[str, ...] = ()
+    fits_only: bool = False
 
 
 class Windows(NamedTuple):
@@ -198,26 +201,28 @@ def _opponents(
     n_samples = cut.samples.shape[1]
     of_side = [np.isin(cut.trial, side) for side in split]
     given = [raw.samples(window) for window in cut.samples[np.isin(cut.trial, chosen)]]
-    n_steps = gru_steps(restored.task.window.length_ms, n_samples)
-    flat, sequences = (
-        Standard.of(cut.samples[of_side[0]], n_bins, is_sequence=is_sequence)
-        for n_bins, is_sequence in ((min(BINS, n_samples), False), (n_steps, True))
-    )
-    names = {**dict.fromkeys([*joined("features", "quick"), *ASKED], flat), **dict.fromkeys(SLOW, sequences)}
-    for name, standard in names.items():
+    n_gru = gru_steps(restored.task.window.length_ms, n_samples)
+    most = {"features": BINS, "sequences": n_gru, "signals": MOST_SAMPLES}
+    for name in (*joined("features", "quick"), *ASKED, *SLOW):
+        opponent = load(name)
+        n_bins = min(most[opponent.takes], n_samples)
+        if n_bins < opponent.least_steps:
+            continue
+        standard = Standard.of(cut.samples[of_side[0]], n_bins, is_sequence=opponent.takes != "features")
         run = given[:: -(-len(given) // FEW)] if name in SLOW else given
         inputs = (standard.input(cut.samples[side]) for side in of_side)
         sides = Sides(*inputs, *(cut.labels[side] for side in of_side))
-        best = best_of(load(name), sides, 0)
+        best = best_of(opponent, sides, 0)
         if type(best.fitted).__name__ not in opponents.DECISIONS:
             continue
         folder, accuracy = out / name.replace(" ", "-"), float((best.fitted.predict(sides.test) == sides.y_test).mean())
         opponents.write(best.fitted, standard, raw, restored.classes, n_samples, folder, name=NAME)
-        n_bins, n_taxels = standard.mean.shape
+        n_taxels = standard.mean.shape[1]
         made = cost(Averaging(n_samples, n_bins, n_taxels), Standardise(n_bins * n_taxels))
         decided = best.fitted.predict(standard.input(np.stack(run) * raw.lsb + raw.zero))
         windows = [(i, 0, n_samples) for i in range(len(run))]
-        yield Program(name, folder, accuracy, best.spent(made)["flops"], run, windows, decided)
+        spent = best.spent(made)["flops"]
+        yield Program(name, folder, accuracy, spent, run, windows, decided, fits_only=name == ROCKET)
 
 
 def _ledger(restored: run_folder.Restored, trains: Any) -> tuple[tuple[float, float], float]:
@@ -269,16 +274,20 @@ def _row(program: Program, name: str) -> dict[str, Any]:
     board = board._replace(flags=(*board.flags, *program.flags))
     size, chip = proof.footprint(program.folder, NAME, board, optimise="-O2"), board.chip
     fits = size.flash <= chip.flash and size.ram + size.stack <= chip.ram
+    counted = _counted(program, board, size, fits)
     return {
-        "what": program.what, "processor": board.processor, **_counted(program, board, size), "flash_bytes": size.flash,
+        "what": program.what, "processor": board.processor, **counted, "flash_bytes": size.flash,
         "ram_bytes": size.ram, "stack_bytes": size.stack, "chip": chip.name, "fits": fits,
         "accuracy_test": program.accuracy, "ledger_flops": program.flops,
     }  # fmt: skip
 
 
-def _counted(program: Program, board: Board, size: proof.Footprint) -> dict[str, Any]:
-    """Instructions of a decision, and how many decisions are those of Python; none where the board has no room."""
-    if size.flash > ROOM * board.flash or size.ram > ROOM * board.ram:
+def _counted(program: Program, board: Board, size: proof.Footprint, fits: bool) -> dict[str, Any]:
+    """Instructions of a decision, and how many decisions are those of Python; none where there is no room.
+
+    fits: whether a chip has room, which is smaller than the board.
+    """
+    if size.flash > ROOM * board.flash or size.ram > ROOM * board.ram or (program.fits_only and not fits):
         return {"instructions": np.nan, "decisions": 0, "as_in_python": 0}
     said, ticks = proof.on_board(program.folder, NAME, program.trials, board, counting=True)
     spent = [ticks.of[trial][first:last].sum() for trial, first, last in program.windows]

@@ -103,6 +103,7 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         "afferent_type": unsigned(network.n_inputs), "neuron_type": unsigned(spec.hidden),
         "class_type": unsigned(network.n_classes),
         "integrator": integrator, "adapts": network.adaptation is not None, "recurrent": spec.recurrent,
+        "direct": spec.hears_afferents,
         "membrane_kind": spec.membrane, "reset": spec.reset,
         "delay": spec.recurrent and spec.recurrent_delay_steps,
         "bin": network.steps_per_bin,
@@ -140,14 +141,16 @@ def _in_float(chain: Chain) -> dict[str, Any]:
     sa1, ra1 = encoder.neuron(encoder.sa1, chain.clock_Hz), encoder.neuron(encoder.ra1, chain.clock_Hz)
     alpha, beta, threshold = (np.asarray(p.detach()) for p in (network.alpha, network.beta, network.threshold))
     matrices = {"w_in": network.w_in, "w_rec": network.w_rec, "w_out": network.readout_weights}
-    tables = [_floats(key, matrix.detach().numpy()) for key, matrix in matrices.items() if matrix is not None]
+    present = {key: matrix for key, matrix in matrices.items() if matrix is not None and matrix.numel()}
+    tables = [_floats(key, matrix.detach().numpy()) for key, matrix in present.items()]
     offset, scale = conditioning.offset is not None, conditioning.scale is not None
     for key, values in (("offset", conditioning.offset), ("scale", conditioning.scale)):
         tables += [] if values is None else [_floats(key, np.array(values, np.float32))]
     integration = network.integration
     if network.bias is not None:
         tables.append(_table("bias", "double", [float(b).hex() for b in network.bias.detach().double()]))
-    layers = [_float_layer(chain, index, alpha, beta, threshold) for index in (0, 1)]
+    indices = [*([0] if network.spec.hidden else []), *([1] if network.bias is None else [])]
+    layers = [_float_layer(chain, index, alpha, beta, threshold) for index in indices]
     smoothing, smoothing_keep = _ema_weights(conditioner.smoothing)
     baseline_weight, baseline_keep = _ema_weights(conditioner.following)
     return {
@@ -164,7 +167,7 @@ def _in_float(chain: Chain) -> dict[str, Any]:
         "rate": float(chain.sampling_rate_Hz).hex(), "clock": float(chain.clock_Hz).hex(),
         "offset": offset, "scale": scale, "sign": False, "plain": True, "leak": literal(sa1.decay),
         "v_rest": literal(sa1.v_rest_mV),
-        "tables": tables, "layers": layers[: 1 if network.bias is not None else 2],
+        "tables": tables, "layers": layers,
         "threshold_out": literal(threshold[1]),
     }  # fmt: skip
 
@@ -207,7 +210,7 @@ def _float_layer(chain: Chain, index: int, alpha: np.ndarray, beta: np.ndarray, 
 
 def _in_integers(chain: Chain, formats: Formats) -> dict[str, Any]:
     front, raw, hidden, readout = formats.front, formats.raw, formats.hidden, formats.readout
-    tables = [_integers("w_in", hidden.w, "int8_t")]
+    tables = [_integers("w_in", hidden.w, "int8_t")] if hidden.w.size else []
     tables += [] if hidden.v is None else [_integers("w_rec", hidden.v, "int8_t")]
     tables.append(_integers("w_out", readout.w, "int8_t"))
     levels = {kind.name: kind for kind in front.kinds}  # SA-I of the falling signal have those of the rising one
@@ -219,7 +222,7 @@ def _in_integers(chain: Chain, formats: Formats) -> dict[str, Any]:
     tables += [_integers("sign", front.sign, "int8_t")] if has_sign else []
     if isinstance(readout, Integrator):
         tables.append(_integers("bias", readout.bias, "int32_t"))
-    layers = [_integer_layer(chain, 0, hidden)]
+    layers = [_integer_layer(chain, 0, hidden)] if hidden.w.size else []
     layers += [] if isinstance(readout, Integrator) else [_integer_layer(chain, 1, readout)]
     stride = front.stride or (0, 0)
     return {
@@ -286,7 +289,7 @@ def _layer(chain: Chain, index: int) -> dict[str, Any]:
 ABOUT = {
     "w_in": "Weights from afferents to hidden neurons, one row per afferent.",
     "w_rec": "Weights from hidden neurons to hidden neurons, one row per presynaptic neuron.",
-    "w_out": "Weights from hidden neurons to classes, one row per hidden neuron (of each stretch of a window).",
+    "w_out": "Weights to classes, one row per hidden neuron, then per afferent if it hears them (of each stretch).",
     "bias": "Initial values of the readout.",
     "offset": "Subtracted from each taxel's signal.",
     "scale": "Divisors of each taxel's signal.",

@@ -146,9 +146,9 @@ def decay_bits(state_bits: int) -> int:
 
 
 class Integrator(NamedTuple):
-    """A readout that integrates: weights `(hidden, class)` and initial values, in one unit.
+    """A readout that integrates: weights `(heard, class)` and initial values, in one unit.
 
-    stretches: of a window, if each has weights of its own; w is then `(K, hidden, class)`.
+    stretches: of a window, if each has weights of its own; w is then `(K, heard, class)`.
     """
 
     unit: float
@@ -157,7 +157,7 @@ class Integrator(NamedTuple):
     stretches: Stretches | None = None
 
     def at(self, step: int) -> np.ndarray:
-        """The weights in a step of the network, `(hidden, class)`."""
+        """The weights in a step of the network, `(heard, class)`."""
         return self.w if self.stretches is None else self.w[self.stretches.of_step(step)]
 
 
@@ -392,7 +392,7 @@ def _unit_and_steps(
     weights: Sequence[np.ndarray], top: int, least_unit: float, most_shift: int
 ) -> tuple[float, list[float]]:
     """The unit of a layer's states, and the step of each matrix: the unit times a power of two, from its largest."""
-    sizes = [float(np.abs(matrix).max()) for matrix in weights]
+    sizes = [float(np.abs(matrix).max(initial=0)) for matrix in weights]
     largest = max((max(sizes) or 1.0) / top, least_unit)
     unit = largest / 2 ** _shift(largest, least_unit, most_shift)
     shifts = [max(0, math.ceil(math.log2(max(size, 1e-300) / (top * unit)) - 1e-9)) for size in sizes]

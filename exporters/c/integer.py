@@ -172,7 +172,8 @@ def infer(
         inputs = windows[:, t].astype(np.int64)
         spikes, state = _step(hidden, neuron, inputs, state)
         if isinstance(readout, Integrator):
-            increments = spikes @ readout.at(t)
+            heard = np.concatenate([spikes, inputs], axis=1)  # the afferents, too, where there are weights for them
+            increments = heard[:, : readout.w.shape[-2]] @ readout.at(t)
         else:
             increments, out = _step(readout, neuron, spikes, out)
         decided.steps[running] = min((t + 1) * steps_per_bin, length)

@@ -77,6 +77,12 @@ class Means(NamedTuple):
         """The largest sums whose feature is not above the given ones."""
         return np.floor((features - self.shift) / self.scale + self.centre)
 
+    def taxels(self, n_taxels: int) -> "Means":
+        """Those of the taxels, where all time bins have the same; else of all features."""
+        parts = [part.reshape(-1, n_taxels) for part in self]
+        alike = all((part == part[0]).all() for part in parts)
+        return Means(*(part[0] for part in parts)) if alike else self
+
     @property
     def tables(self) -> list[Table]:
         about = "Of features: subtracted from the sums of samples, their factors, and then added."
@@ -122,12 +128,14 @@ def write(
         raise InputError(f"windows: have {n_samples} samples, of which a sum may exceed 32 bits; shorten them")
     means = Means.of(standard, raw, ends)
     decision = DECISIONS[kind](fitted, means)
+    shared = means.taxels(n_taxels) if decision.kind == "minirocket" else means
     context = {
         "title": f"{kind} on the means of {n_bins} time bins: {n_taxels} taxels, {len(classes)} classes.",
         "version": __version__, "name": name, "macro": name.upper(), "n_taxels": n_taxels, "ends": ends.tolist(),
         "class_names": [text(one) for one in classes], "class_type": unsigned(len(classes)),
         "kind": decision.kind, "score": decision.score or unsigned(len(classes)), "sizes": decision.sizes,
-        "tables": [*([] if decision.kind == "trees" else means.tables), *decision.tables],
+        "tables": [*([] if decision.kind == "trees" else shared.tables), *decision.tables],
+        "n_scales": len(shared.scale),
         "spiking": False, "resampled": False, "afferent_type": "uint8_t", "neuron_type": "uint8_t",
     }  # fmt: skip
     folder.mkdir(parents=True, exist_ok=True)
@@ -153,10 +161,16 @@ def _elm(fitted: Any, means: Means) -> Decision:
 
 
 def _outputs(weights: np.ndarray, bias: np.ndarray) -> list[Table]:
-    """Tables of an output per class; the first of two that share one is always 0."""
-    if len(weights) == 1:
-        weights, bias = np.concatenate([0 * weights, weights]), np.concatenate([0 * bias, bias])
+    """Tables of an output per class."""
+    weights, bias = _of_classes(weights, bias)
     return [_real("Of the classes, one row each.", "weights", weights), _real("", "bias", bias)]
+
+
+def _of_classes(weights: np.ndarray, bias: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """An output per class; the first of two that share one is always 0."""
+    if len(weights) > 1:
+        return weights, bias
+    return np.concatenate([0 * weights, weights]), np.concatenate([0 * bias, bias])
 
 
 def _machines(fitted: Any, means: Means) -> Decision:
@@ -221,6 +235,30 @@ def _gru(fitted: Any, means: Means) -> Decision:
     return Decision("gru", "float", {"HIDDEN": fitted.hidden}, [*tables, *outputs])
 
 
+def _minirocket(fitted: Any, means: Means) -> Decision:
+    """Counts of values above biases, whose lengths and standardisation the weights take in.
+
+    The 84 kernels are three of nine places in their order; every other convolution is padded.
+    """
+    convolutions, (scaler, ridge) = fitted.transform_.convolutions_, fitted.ridge_
+    n_steps = fitted.transform_.n_steps_
+    lengths = [n_steps if one.padded else n_steps - 8 * one.dilation for one in convolutions]
+    n_biases = [len(one.biases) for one in convolutions]
+    dilations = {one.dilation: n for one, n in zip(convolutions, n_biases, strict=True)}
+    places, weights = np.array([*dilations.items()]), np.atleast_2d(ridge.coef_) / scaler.scale_
+    of_counts, bias = _of_classes(weights / np.repeat(lengths, n_biases), ridge.intercept_ - weights @ scaler.mean_)
+    n_channels = np.array([len(one.channels) for one in convolutions])
+    channels = np.concatenate([one.channels for one in convolutions])
+    tables = [
+        _whole("Dilations, and how many biases a convolution has there.", "dilations", places, "int32_t"),
+        _whole("How many taxels each convolution adds up, and which.", "n_taxels", n_channels, "uint8_t"),
+        _whole("", "taxels", channels, unsigned(fitted.transform_.n_channels_)),
+        _real("Biases of the features.", "biases", np.concatenate([one.biases for one in convolutions])),
+        _real("Of the counts of values above a bias, a row each.", "weights", of_counts.T), _real("", "bias", bias),
+    ]  # fmt: skip
+    return Decision("minirocket", "float", {"DILATIONS": len(dilations), "MOST_BIASES": max(n_biases)}, tables)
+
+
 DECISIONS: dict[str, Callable[[Any, Means], Decision]] = {
     "Pipeline": _linear,
     "SVC": _machines,
@@ -228,6 +266,7 @@ DECISIONS: dict[str, Callable[[Any, Means], Decision]] = {
     "ExtraTreesClassifier": _trees,
     "KNeighborsClassifier": _neighbours,
     "PooledGRUClassifier": _gru,
+    "MiniRocketClassifier": _minirocket,
 }
 """By the class of the estimator; a pipeline is a scaler and a logistic regression."""
 

@@ -73,7 +73,7 @@ def report(
     written = of(graph, "graph")
     if network.integration is not None and written is not None and written.form == "exact":
         readout = torch.stack([*network.integration.detach().over(simulated.readout.detach())], dim=1).numpy()
-    reference = {"hidden": simulated.hidden.numpy(), "readout": readout}
+    reference = {**({"hidden": simulated.hidden.numpy()} if network.spec.hidden else {}), "readout": readout}
     inputs = np.asarray(spikes, np.float64)
     if conditioned is not None:
         assert encoder is not None

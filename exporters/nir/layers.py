@@ -78,18 +78,23 @@ def of_network(network: RSNN, clock: Clock, *, plain: bool = False) -> Layered:
     plain: each layer as only CubaLIF and Linear, which snnTorch and Norse load; see `differences` for what is lost.
     """
     hidden, n_hidden = Neuron.of(network, 0, plain=plain), network.spec.hidden
-    nodes: dict[str, Any] = {"w_in": linear(_array(network.w_in))}
+    past: dict[str, Any] = {}
+    if network.spec.hears_afferents:
+        past = {"w_direct": linear(_array(network.w_out[n_hidden:])), **_integrator(network, clock)}
+    if not n_hidden:
+        return past, _chained(["input", "w_direct", "sum", "level", "output"])
+    nodes: dict[str, Any] = {"w_in": linear(_array(network.w_in)), **past}
     edges: Edges = []
     if hidden.late:
         nodes["late"] = clock.delay(hidden.late, network.n_inputs)
     nodes["hidden"] = _hidden(network, hidden, clock, plain=plain)
-    nodes["w_out"] = linear(_array(network.w_out))
+    nodes["w_out"] = linear(_array(network.w_out[:n_hidden]))
     if network.bias is not None:
         path = ["input", *(["late"] if hidden.late else []), "w_in", "hidden", "w_out"]
         if not plain:
             nodes |= _integrator(network, clock)
             path += ["sum", "level"]
-        return nodes, _chained([*path, "output"])
+        return nodes, _chained([*path, "output"]) + (_chained(["input", "w_direct", "sum"]) if past else [])
     readout = Neuron.of(network, 1, plain=plain)
     if readout.late:
         nodes["late_out"] = clock.delay(readout.late, n_hidden)

@@ -29,7 +29,7 @@ class Note(Spec):
     discretisation: str = DISCRETISATION
     network: dict[str, Any]
     unused: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    """alpha, beta and threshold of an integrator's readout, which it does not use."""
+    """alpha, beta and threshold of an integrator's readout, which it does not use; without hidden neurons, of both."""
     bias: tuple[float, ...] | None = None
     """Initial values of an integrator."""
     classes: tuple[str, ...]

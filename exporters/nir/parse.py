@@ -94,18 +94,25 @@ def _from_neurotact(graph: Any, written: Note, source: str, backend: Backend) ->
         )
     spec = build(RSNNSpec, written.network, source=f"{source}, network")
     nodes, _ = flat(graph)
-    dtype = torch.float64 if nodes["w_in"].weight.dtype == np.float64 else torch.float32
-    n_inputs, n_classes = nodes["w_in"].weight.shape[1], nodes["w_out"].weight.shape[0]
-    if (spec.hidden, n_classes) != (nodes["w_in"].weight.shape[0], len(written.classes)):
+    into, *out = (
+        nodes[name].weight.T
+        for name, is_there in (("w_in", spec.hidden), ("w_out", spec.hidden), ("w_direct", spec.hears_afferents))
+        if is_there
+    )
+    if not spec.hidden:
+        into, out = into[:, :0], [into]
+    dtype = torch.float64 if into.dtype == np.float64 else torch.float32
+    n_inputs, n_classes = into.shape[0], out[0].shape[1]
+    if (spec.hidden, n_classes) != (into.shape[1], len(written.classes)):
         raise InputError(f"{source}: its weights do not match its note; write it again")
     clock = Clock(written.dt_s)
     hidden, readout = _dynamics(nodes, "hidden", clock, spec), _dynamics(nodes, "readout", clock, spec)
     values = {
-        "w_in": nodes["w_in"].weight.T, "w_out": nodes["w_out"].weight.T,
+        "w_in": into, "w_out": np.concatenate(out),
         **({"w_rec": nodes["hidden/w_rec"].weight.T} if spec.recurrent else {}),
         **({"bias": nodes["level"].bias} if spec.integrates else {}),
         **{
-            name: np.array([a, b if b is not None else c])
+            name: np.array([a if a is not None else c, b if b is not None else c])
             for name, a, b, c in zip(("alpha", "beta", "threshold"), hidden, readout, written.unused, strict=True)
         },
     }  # fmt: skip
@@ -122,8 +129,8 @@ def _from_neurotact(graph: Any, written: Note, source: str, backend: Backend) ->
 
 
 def _dynamics(nodes: dict[str, Any], layer: str, clock: Clock, spec: RSNNSpec) -> tuple[Any, Any, Any]:
-    """alpha, beta and threshold of a layer; None for an integrator."""
-    if layer == "readout" and spec.integrates:
+    """alpha, beta and threshold of a layer; None for an integrator, and without a hidden layer."""
+    if spec.integrates if layer == "readout" else not spec.hidden:
         return None, None, None
     parts = {name.rsplit("/", 1)[-1] if "/" in name else "lif": node for name, node in nodes.items()
              if name == layer or name.startswith(f"{layer}/")}  # fmt: skip

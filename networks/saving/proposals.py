@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from neurotact_parts.networks.saving.trial import WHOLE, Job, Trial
 from neurotact_parts.networks.saving.ways import Point, Way
+from neurotact_parts.networks.search import tuning
 
 from neurotact.metrics.decision import is_within
-from neurotact.networks.search import tuning
 
 BATCH = 4
 """Trials that are proposed together."""

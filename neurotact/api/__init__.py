@@ -6,7 +6,7 @@ line calls these functions alone, so that both do the same with the same default
 Other rooms take:
 
     encoding: calibrate, encode, encode_file, plot_raster, save_raster
-    networks: infer, load_network, result, save_network, sops, summarise, train, tune
+    networks: infer, load_network, result, save_network, sops, summarise, train
     recordings: ARRAY_NAMES, EVENT_NAMES, describe, fetch, load, load_recordings, load_spikes, read, read_arrays,
         read_events, read_folder, read_raster, read_table, save, simulate
     settings: Events, Layout, Naming, Onset, Search, Split, Window

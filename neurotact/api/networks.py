@@ -1,4 +1,4 @@
-"""Networks: train one, search one, decide with one, count what it costs."""
+"""Networks: train one, decide with one, count what it costs."""
 
 from pathlib import Path
 from typing import Any
@@ -20,28 +20,20 @@ from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Splits, check_each
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
-from neurotact.data.window_choice import ARGUMENTS
 from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
-from neurotact.figures.search import save_found
 from neurotact.metrics import synops
 from neurotact.metrics.prices import DEFAULT, PriceList, price_list
-from neurotact.networks.definition import recipe
 from neurotact.networks.definition.native import device_of
 from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.specs import RSNNSpec, given_keys
-from neurotact.networks.search import journal, search_tables
-from neurotact.networks.search import search as searching
-from neurotact.networks.search.tuning import SearchSpec
 from neurotact.networks.training import cautions, cross_validation, resumable, run_folder, tasks
 from neurotact.networks.training.balancing import Balance
 from neurotact.networks.training.cross_validation import trained_in as trained_in
 from neurotact.networks.training.outcome import summary_of
 from neurotact.networks.training.resumable import Interrupted as Interrupted
-from neurotact.networks.training.tasks import Task
 from neurotact.networks.use import fitted, inference, ledger
 from neurotact.networks.use.fitted import Fitted
-from neurotact.progress import track
 from neurotact.spec import takes_specs
 from neurotact.tables import write_table
 
@@ -101,9 +93,9 @@ def train(
     >>> 0 <= found["low"] <= found["accuracy_test"] <= found["high"] <= 1
     True
     """
-    trains, task = _task("train", spikes, window, split, exit_tolerance, where, leave_out)
+    trains, task = tasks.of_file("train", spikes, window, split, exit_tolerance, where, leave_out)
     kind = tasks.kind_of_copies(trains, augmentation, tell)
-    task = spec.build(Task, {**task.model_dump(), "augmentation": kind, "balance": balance}, source="train")
+    task = spec.build(tasks.Task, {**task.model_dump(), "augmentation": kind, "balance": balance}, source="train")
     path, spikes = Path(folder), Path(spikes)
     what, given = spec.resolve(RSNNSpec, network, settings), given_keys(network, settings)
     device_of(device)
@@ -121,17 +113,6 @@ def train(
         for line in (*done.lines(), resumable.saved_in(path)):
             tell(line)
     return result(path)
-
-
-def _task(
-    source: str, spikes: str | Path, window: WindowSpec, split: Splits, exit_tolerance: float = 0.01,
-    where: Conditions | None = None, leave_out: LeftOut = None,
-) -> tuple[SpikeTrains, Task]:  # fmt: skip
-    """The spike trains of a file and what a network does with them, with windows that suit them."""
-    path = tasks.path_of(spikes)
-    task = tasks.task_of(source, window, split, exit_tolerance, where, leave_out)
-    trains = tasks.load_spikes(path, task, tell=True)
-    return trains, tasks.with_suited_window(task, trains, ARGUMENTS)
 
 
 def _of_repeated(
@@ -161,65 +142,6 @@ def result(run: str | Path) -> dict[str, Any]:
     ['accuracy_test', 'accuracy_validation', 'baseline']
     """
     return summary_of(files.read_json(Path(run) / resumable.RESULT))
-
-
-@takes_specs
-def tune(
-    spikes: str | Path,
-    folder: str | Path,
-    network: str | Path | RSNNSpec = "default",
-    settings: Settings | None = None,
-    *,
-    search: SearchSpec = SearchSpec(),
-    window: WindowSpec = WindowSpec(),
-    where: Conditions | None = None,
-    leave_out: LeftOut = None,
-    split: Splits = Splits(),
-    exit_tolerance: float = 0.01,
-    workers: int | None = None,
-    resume: bool = False,
-    tell: Tell = silent,
-) -> pd.DataFrame:
-    """Search a network's hyperparameters on validation windows, as `neurotact tune` does: one row per trial.
-
-    search: how many networks are trained, what is searched for and how; the first one is the network as given. The best
-        has the highest value and, of equal ones, the fewest SOPs.
-    window, split, where, leave_out, exit_tolerance: as for `train`; of folds one is tested.
-    workers: processes that train them (2; 1 trains in this one, also in a script without
-        `if __name__ == "__main__"`).
-    The journal, tables, figure, `best.toml` and the best network, `best`, are saved in `folder`; given the same folder
-    again, the search continues there. resume: with more `trials` than before, too, as if all had been asked for at
-    once. tell: called with what the command prints.
-    Raises InputError for an unknown space, for a folder with another search, and as `train` does.
-
-    >>> space = {"hidden": {"_type": "choice", "_value": [2, 3, 4]}}
-    >>> search, window = nt.Search(space=space, trials=2), nt.Window(length_ms=50)
-    >>> settings = {"training.epochs": 1}
-    >>> found = nt.tune("spikes.h5", "search", "rsnn", settings, search=search, window=window, workers=1)
-    >>> len(found)
-    2
-    """
-    split.check_single("tune")
-    trains, task = _task("tune", spikes, window, split, exit_tolerance, where, leave_out)
-    path, spikes = Path(folder), Path(spikes)
-    what, given = spec.resolve(RSNNSpec, network, settings), given_keys(network, settings)
-    asked = searching.asked(search, what, trains, task, given)
-    problem = searching.problem_of(trains, asked, what, task)
-    for line in recipe.joined_cost(what):
-        tell(f"of each trial: {line}")
-    with files.locked(path):
-        with searching.runner(problem, spikes, workers or 2) as run, track("tune", search.trials) as advance:
-            tried, timing = searching.search(problem, path, run, advance, resume=resume)
-        save_found(problem, tried, path)
-        outcome = searching.save_best(problem, spikes, path, tried)
-    best = journal.best_of(tried)
-    tell(f"trial {best.id} of {len(tried)} is the best; {timing.seconds:.1f} s, proposals {timing.proposals:.1f} s")
-    if problem.search.first is not None:
-        tell(journal.beside_given(tried))
-    saved = f"its settings: {path / 'best.toml'}; every trial: {path / 'trials.csv'}; figure: {path / 'search.png'}"
-    for line in (*outcome.lines(), saved, resumable.saved_in(path / "best")):
-        tell(line)
-    return search_tables.trials_table(tried)
 
 
 def infer(

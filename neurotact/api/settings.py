@@ -6,7 +6,7 @@ from neurotact.data.readers.event_spec import EventSpec
 from neurotact.data.readers.folder import NamingSpec
 from neurotact.data.splits import Splits
 from neurotact.data.windows import WindowSpec
-from neurotact.networks.search.tuning import SearchSpec
+from neurotact.networks.definition.space import SearchSpec
 
-Layout, Naming, Onset, Search, Split, Window = LayoutSpec, NamingSpec, OnsetSpec, SearchSpec, Splits, WindowSpec
-Events = EventSpec
+Events, Layout, Naming, Onset = EventSpec, LayoutSpec, NamingSpec, OnsetSpec
+Search, Split, Window = SearchSpec, Splits, WindowSpec

@@ -7,7 +7,7 @@ from neurotact import plugins
 TOOLS = (
     "Decision", "Flow", "Samples", "Stream", "Streamed", "check_chip", "conditions_curve", "fine_tune", "from_neo",
     "from_nir", "from_snntorch", "live", "plot_survival", "read_nwb", "save_energy", "stream", "to_neo", "to_nir",
-    "to_nwb", "to_snntorch", "what_survives",
+    "to_nwb", "to_snntorch", "tune", "what_survives",
 )  # fmt: skip
 
 

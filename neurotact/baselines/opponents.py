@@ -135,8 +135,8 @@ def _listed(names: Sequence[str]) -> str:
 def without_slow() -> str:
     """The warning of a first look whose opponents are `quick`."""
     return (
-        f"{_listed(SLOW)}, strong opponents on many sets, are not fitted in this first look; run the whole study for a "
-        "verdict"
+        f"a first look fits fewer networks, and no {_listed(SLOW)}, strong opponents on many sets: a difference that "
+        "is clear here need not be clear in the whole study, nor its sign the same; run the whole study for a verdict"
     )
 
 

@@ -99,7 +99,7 @@ def conditions_curve(given: dict[str, Any]) -> None:
 
 
 @calling(
-    api.tune,
+    tools.tune,
     network=option(str, "Name or path of the network spec that the space changes."),
     split="split_seed stratify test_where group order folds fold",
     resume=flag("--resume", "Continue a search of fewer trials, up to --trials; start one if there is none."),
@@ -111,7 +111,7 @@ def tune(given: dict[str, Any], as_json: Json = False) -> None:
     interrupted search continues when the same command is given again; with --resume it may ask for more trials.
     """
     try:
-        api.tune(**given, tell=unless(as_json))
+        tools.tune(**given, tell=unless(as_json))
     except KeyboardInterrupt:
         say(f"interrupted; the same command continues in {given['folder']}")
         sys.exit(INTERRUPTED)

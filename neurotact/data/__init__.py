@@ -51,7 +51,7 @@ Other rooms take:
     window_choice: ARGUMENTS, FOUND, LATE, RESTS, Timing, Words, choose, left_after, on_late_onsets, suited_window,
         timing_of
     windowed: Origin, SpikeArray, WindowedSpikes, in_order, windows
-    windows: LONGEST_STEPS, WindowSpec, Windows, check_fit, cut, steps_of, whole_steps
+    windows: LONGEST_STEPS, WindowSpec, Windows, check_fit, cut, left_out, steps_of, whole_steps
 """
 
 import lazy_loader

@@ -4,7 +4,7 @@ import numpy as np
 
 from neurotact.data.recordings import Trials
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.windows import Windows
+from neurotact.data.windows import Windows, long_enough
 
 BINS, MOST_TRIALS, MOST_VALUES = 50, 500, 20_000_000
 """Bins of the shortest trial in which the touch is looked for; the most trials, evenly spaced, and their most values in
@@ -39,8 +39,10 @@ def common_onset_s(trials: Trials) -> float:
     >>> common_onset_s(Recordings(signals, 100.0, "mV", pd.DataFrame({"label": ["a", "b"] * 10})))
     0.6
     """
-    edges = _edges(int(trials.lengths.min()))
-    chosen = _sample(len(trials), 2 * trials.n_channels)
+    lengths = np.asarray(trials.lengths)
+    kept = np.flatnonzero(long_enough(1e3 * lengths / trials.sampling_rate_Hz, trials.labels))
+    edges = _edges(int(lengths[kept].min()))
+    chosen = kept[_sample(len(kept), 2 * trials.n_channels)].tolist()
     features = np.empty((len(chosen), len(edges) - 1, 2, trials.n_channels), np.float32)
     reference = _features(trials, chosen[0], edges)[0]  # a large offset, squared, would hide small differences
     for row, trial in enumerate(chosen):
@@ -93,12 +95,14 @@ def common_spike_onset_s(spikes: SpikeTrains) -> float:
     0.1
     """
     n_afferents = len(spikes.afferents)
-    shortest = int(spikes.trial_steps.min()) if len(spikes) else 0
+    durations_ms = 1e3 * np.asarray(spikes.trial_steps) / spikes.sampling_rate_Hz
+    kept = np.flatnonzero(long_enough(durations_ms, spikes.labels)) if len(spikes) else np.zeros(0, np.int64)
+    shortest = int(spikes.trial_steps[kept].min()) if len(spikes) else 0
     if not (shortest and n_afferents):
         return 0.0
     edges = _edges(shortest)
-    chosen = _sample(len(spikes), n_afferents)
-    windows = Windows(np.array(chosen), np.zeros(len(chosen), np.int64), shortest)
+    chosen = kept[_sample(len(kept), n_afferents)]
+    windows = Windows(chosen, np.zeros(len(chosen), np.int64), shortest)
     counts = spikes.binned(windows, np.array(edges))
     rates = (counts / np.diff(edges)[:, None]).astype(np.float32)[:, :, None]
     return _begin(rates, edges) / spikes.sampling_rate_Hz

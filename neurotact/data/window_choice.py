@@ -9,13 +9,11 @@ import numpy as np
 from neurotact.data.contact import OnsetSpec
 from neurotact.data.onset import common_spike_onset_s, evenly
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.windows import WindowSpec, check_fit, whole_steps
+from neurotact.data.windows import LONGEST_MS, WindowSpec, check_fit, left_out, long_enough, whole_steps
 from neurotact.errors import InputError
 
 log = logging.getLogger("neurotact")
 
-LONGEST_MS = 2000.0
-"""Maximum length of a window: longer trials are cut into several."""
 MOST_PER_TRIAL, MOST_OF_TRIAL_MS, MOST_MS = 4, 4000.0, 4e6
 """Maximum number of windows of one trial, their total length, and that of all trials: more windows take time and add
 little information."""
@@ -37,13 +35,14 @@ class Timing(NamedTuple):
     """When trials end and when their touch begins.
 
     durations_s: of each trial, `(trial,)`; from_onset: from its onset of contact on. clock_Hz: steps per second of the
-    windows. touch_s: from the start of the trials.
+    windows. touch_s: from the start of the trials. classes: of the trials, none of which may be lost; None if unknown.
     """
 
     durations_s: np.ndarray
     clock_Hz: float
     touch_s: float = 0.0
     from_onset: bool = False
+    classes: np.ndarray | None = None
 
 
 class Words(NamedTuple):
@@ -89,8 +88,9 @@ def suited_window(spikes: SpikeTrains, window: WindowSpec, words: Words = ARGUME
         if not PLACES & {*known}:
             notes += on_late_onsets(spikes, timing, window.model_copy(update=table), words)
     else:
-        check_fit(spikes.trial_steps, spikes.sampling_rate_Hz, window)
-        table, notes = {}, [] if PLACES & {*known} else [*_on_rest(timing_of(spikes), window, words)]
+        fits = check_fit(spikes.trial_steps, spikes.sampling_rate_Hz, window)
+        notes = [f"{line}." for line in left_out(fits, 1e3 * spikes.trial_steps / spikes.sampling_rate_Hz)]
+        table, notes = {}, notes if PLACES & {*known} else [*notes, *_on_rest(timing_of(spikes), window, words)]
     for note in notes:
         log.warning("%s", note)
     return window.model_copy(update={**table, **known})
@@ -105,9 +105,10 @@ def timing_of(spikes: SpikeTrains, window: WindowSpec = WindowSpec()) -> Timing:
     clock_Hz = spikes.sampling_rate_Hz
     begins = spikes.begins(window, np.arange(len(spikes)))
     if begins is not None:
-        return Timing(left_after(spikes.trial_steps, begins) / clock_Hz, clock_Hz, from_onset=True)
+        left_s = left_after(spikes.trial_steps, begins) / clock_Hz
+        return Timing(left_s, clock_Hz, from_onset=True, classes=spikes.labels)
     touch_s = common_spike_onset_s(spikes) if spikes.touch_s is None else spikes.touch_s
-    return Timing(spikes.trial_steps / clock_Hz, clock_Hz, touch_s)
+    return Timing(spikes.trial_steps / clock_Hz, clock_Hz, touch_s, classes=spikes.labels)
 
 
 def left_after(durations: np.ndarray, onsets: np.ndarray) -> np.ndarray:
@@ -144,8 +145,9 @@ def choose(timing: Timing, given: Mapping[str, Any] = {}, words: Words = ARGUMEN
     """The keys of a window that are not given, and the rule in words.
 
     Windows start where the touch begins. A window is as long as the shortest trial from there on, rounded down to whole
-    ms, but at most 2 s and at least one step. A longer trial has as many windows as fit: at most 4, and at most 4 s
-    together. If the windows of all trials would last more than 4,000 s, a trial has fewer.
+    ms, but at most 2 s and at least one step. Few trials that are far shorter are left out (`long_enough`). A longer
+    trial has as many windows as fit: at most 4, and at most 4 s together. If the windows of all trials would last more
+    than 4,000 s, a trial has fewer.
 
     given: keys of `WindowSpec`, with times as numbers. Raises InputError for a start after the end of a trial.
 
@@ -155,7 +157,8 @@ def choose(timing: Timing, given: Mapping[str, Any] = {}, words: Words = ARGUMEN
     {'length_ms': 2000.0, 'per_trial': 2, 'start_ms': 400.0}
     """
     start_ms = _start_ms(timing, given)
-    room_ms = _room_ms(timing, start_ms)
+    every_ms, kept = _room_ms(timing, start_ms, given)
+    room_ms = every_ms[kept]
     shortest_ms, longest_ms = float(room_ms.min()), float(room_ms.max())
     whole_ms = max(float(np.floor(shortest_ms + 1e-6)), 1e3 / timing.clock_Hz)
     length_ms = float(given.get("length_ms", min(LONGEST_MS, whole_ms)))
@@ -175,6 +178,7 @@ def choose(timing: Timing, given: Mapping[str, Any] = {}, words: Words = ARGUMEN
         why = f"the shortest trial, {shortest_ms:.0f} ms{later}"
     up_to = f"up to {per_trial} windows per trial" if per_trial > 1 else "one window per trial"
     notes = [f"Window: {length_ms:g} ms ({why}), {up_to}; change it with {words.length}."]
+    notes += [f"{line}; to use them, shorten {words.length}." for line in left_out(kept, 1e3 * timing.durations_s)]
     if start_ms > 0 and not PLACES & {*given}:
         table["start_ms"] = start_ms
         notes.append(
@@ -183,28 +187,35 @@ def choose(timing: Timing, given: Mapping[str, Any] = {}, words: Words = ARGUMEN
         )
     hop_ms = given.get("hop_ms", length_ms)
     covered_ms = length_ms + (per_trial - 1) * min(hop_ms, length_ms)
-    return table, [*notes, *_on_coverage(room_ms, start_ms, covered_ms, given, words)]
+    return table, [*notes, *_on_coverage(every_ms, kept, start_ms, covered_ms, given, words)]
 
 
 def _start_ms(timing: Timing, given: Mapping[str, Any]) -> float:
     """The start of the windows in whole ms, such that a given length fits into the shortest trial."""
     if PLACES & {*given}:
         return float(given.get("start_ms", 0.0))
-    left_ms = 1e3 * float(timing.durations_s.min()) - _on_clock(given.get("length_ms", 0.0), timing)
+    left_ms = _shortest_ms(timing) - _on_clock(given.get("length_ms", 0.0), timing)
     return float(np.floor(max(0.0, min(1e3 * timing.touch_s, left_ms))))
 
 
-def _room_ms(timing: Timing, start_ms: float) -> np.ndarray:
-    """The time of each trial from the step of `start_ms` on, `(trial,)`."""
+def _shortest_ms(timing: Timing) -> float:
+    """The shortest trial but for those that are left out."""
+    durations_ms = 1e3 * timing.durations_s
+    return float(durations_ms[long_enough(durations_ms, timing.classes)].min())
+
+
+def _room_ms(timing: Timing, start_ms: float, given: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """The time of each trial from the step of `start_ms` on, and which trials have windows, `(trial,)` each."""
     room_ms = 1e3 * timing.durations_s - _on_clock(start_ms, timing)
-    shortest = int(room_ms.argmin())
+    kept = np.ones(len(room_ms), bool) if "length_ms" in given else long_enough(room_ms, timing.classes)
+    shortest = int(np.where(kept, room_ms, np.inf).argmin())
     if room_ms[shortest] * timing.clock_Hz < 1e3 * (1 - 1e-6):
         lasts_ms = 1e3 * timing.durations_s[shortest]
         raise InputError(
             f"window.start_ms: trial {shortest} lasts {lasts_ms:,.0f} ms, so no window can start at {start_ms:g} ms; "
             "start earlier, or leave that trial out"
         )
-    return room_ms
+    return room_ms, kept
 
 
 def _on_clock(time_ms: float, timing: Timing) -> float:
@@ -213,15 +224,21 @@ def _on_clock(time_ms: float, timing: Timing) -> float:
 
 
 def _on_coverage(
-    room_ms: np.ndarray, start_ms: float, covered_ms: float, given: Mapping[str, Any], words: Words
+    every_ms: np.ndarray,
+    kept: np.ndarray,
+    start_ms: float,
+    covered_ms: float,
+    given: Mapping[str, Any],
+    words: Words,
 ) -> Iterator[str]:
     """The note on a trial that makes all windows short, or on windows that use little of the trials.
 
-    room_ms: of each trial from `start_ms` on, `(trial,)`. covered_ms: of a trial by its windows.
+    every_ms: of each trial from `start_ms` on, and which have windows, `(trial,)`. covered_ms: of a trial.
     """
     if "length_ms" in given:
         return
-    shortest_ms, median_ms = float(room_ms.min()), float(np.median(room_ms))
+    room_ms = np.where(kept, every_ms, np.inf)
+    shortest_ms, median_ms = float(room_ms.min()), float(np.median(every_ms[kept]))
     if shortest_ms < min(SHORT * median_ms, LONGEST_MS):
         yield (
             f"Trial {int(room_ms.argmin())} lasts {shortest_ms + start_ms:,.0f} ms, the median trial "
@@ -244,7 +261,7 @@ def _on_coverage(
 def _on_rest(timing: Timing, window: WindowSpec, words: Words) -> Iterator[str]:
     """The note on windows that end before the touch begins."""
     touch_ms = float(np.floor(1e3 * timing.touch_s))
-    fits = touch_ms + window.length_ms <= 1e3 * float(timing.durations_s.min())
+    fits = touch_ms + window.length_ms <= _shortest_ms(timing)
     if window.length_ms <= touch_ms and fits:
         yield (
             f"The touch seems to begin {touch_ms:g} ms after the start of a trial, and windows before it hold only "

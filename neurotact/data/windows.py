@@ -1,6 +1,7 @@
 """Windows of trials, with the trial of each."""
 
 import logging
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -9,7 +10,7 @@ from pydantic import Field
 
 from neurotact import effects
 from neurotact.data.contact import OnsetSpec
-from neurotact.errors import InputError
+from neurotact.errors import InputError, some
 from neurotact.files import check_size
 from neurotact.spec import Spec, chosen
 
@@ -21,6 +22,12 @@ LONGEST_STEPS = 2**40
 BYTES_PER_WINDOW = 40
 """Memory per window while they are cut."""
 SHORTEST_STEP_MS, SHORTEST_TOUCH_MS = 1.0, 5.0
+LONGEST_MS = 2000.0
+"""Maximum length of a window that is chosen: longer trials are cut into several."""
+SHORTER, OF_CLASS = 0.05, 0.2
+"""Share of the trials, and of those of a class, that are left out at most since they are shorter than a window."""
+IN_PART = 0.25
+"""As `SHORTER`, of a part of the trials, such as those of a test: there it is only what chance may put together."""
 
 
 class WindowSpec(Spec):
@@ -28,7 +35,7 @@ class WindowSpec(Spec):
 
     Where no length is given to a command or a function, windows are chosen from the trials, without labels, and the
     choice is logged: from the begin of the touch to the end of the shortest trial, at most 2 s each, and up to 4 s of
-    each trial.
+    each trial. Few trials that are far shorter than the others are left out, and named.
 
     >>> WindowSpec(length_ms=100, align="onset")
     Window(length_ms=100.0, align='onset')
@@ -85,7 +92,10 @@ def cut(
     trials: np.ndarray | None = None,
     onsets: np.ndarray | None = None,
 ) -> Windows:
-    """The windows that fit into trials of `trial_steps` steps; InputError when a trial holds none, or too many.
+    """The windows that fit into trials of `trial_steps` steps.
+
+    A trial that is shorter than a window has none. InputError where that is so of more than a quarter of them
+    (`IN_PART`), and for too many windows.
 
     trials: numbers that name the trials; 0, 1, ... when absent.
     onsets: the step of each trial from which `start_ms` counts; 0 when absent. If no window fits after it, the trial's
@@ -98,9 +108,11 @@ def cut(
     [2, 5, 4]
     """
     trials = np.arange(len(trial_steps)) if trials is None else trials
-    check_fit(trial_steps, sampling_rate_Hz, spec, trials)
+    fits = check_fit(trial_steps, sampling_rate_Hz, spec, trials, most=IN_PART)
+    trial_steps, trials = np.asarray(trial_steps)[fits], trials[fits]
+    onsets = None if onsets is None else onsets[fits]
     length, first, hop = steps_of(spec, sampling_rate_Hz)
-    last = np.asarray(trial_steps) - length
+    last = trial_steps - length
     begin = np.full(len(last), first) if onsets is None else np.minimum(first + onsets, last)
     fitting = (last - begin) // hop + 1
     if spec.per_trial is not None:
@@ -113,20 +125,76 @@ def cut(
 
 
 def check_fit(
-    trial_steps: np.ndarray, sampling_rate_Hz: float, spec: WindowSpec, trials: np.ndarray | None = None
-) -> None:
-    """InputError if a window does not fit into each trial of `trial_steps` steps; trials: as for `cut`.
+    trial_steps: np.ndarray,
+    sampling_rate_Hz: float,
+    spec: WindowSpec,
+    trials: np.ndarray | None = None,
+    most: float = SHORTER,
+) -> np.ndarray:
+    """Which trials of `trial_steps` are as long as a window, `(trial,)`; trials: as for `cut`.
 
-    >>> check_fit(np.array([2000]), 1000.0, WindowSpec(length_ms=2000))
+    Raises InputError if more than the share `most` of them are shorter.
+
+    >>> check_fit(np.array([2000]), 1000.0, WindowSpec(length_ms=2000)).tolist()
+    [True]
     """
     length, first, _ = steps_of(spec, sampling_rate_Hz)
-    shortest = int(np.argmin(trial_steps)) if len(trial_steps) else 0
-    if len(trial_steps) and trial_steps[shortest] < first + length:
+    fits = np.asarray(trial_steps) >= first + length
+    if np.count_nonzero(~fits) > most * len(fits):
+        shortest = int(np.argmin(trial_steps))
         steps = trial_steps[shortest]
         raise InputError(
             f"window: trial {shortest if trials is None else trials[shortest]} lasts {steps / sampling_rate_Hz:.3f} s, "
             f"less than the {(spec.start_ms + spec.length_ms) / 1e3:.3f} s of start_ms + length_ms; shorten the window"
         )
+    return fits
+
+
+def long_enough(durations_ms: np.ndarray, classes: np.ndarray | None = None) -> np.ndarray:
+    """Which trials windows of one length are cut from, `(trial,)`: those that then give the most signal in all.
+
+    The shortest trial decides the length, up to `LONGEST_MS`. Trials are left out, the shortest ones first, if windows
+    as long as the next one times the number of trials that are left is more; but no more than `SHORTER` of all, and
+    `OF_CLASS` of a class. So a short trial shortens no other window, and trials of similar lengths all stay.
+
+    classes: of the trials, so that none is lost.
+
+    >>> long_enough(np.array([100.0, *[800.0] * 40])).tolist().index(True)
+    1
+    >>> long_enough(np.linspace(800, 1200, 40)).all(), long_enough(np.array([100.0, 800.0, 800.0])).all()
+    (True, True)
+    """
+    order = np.argsort(durations_ms, kind="stable")
+    if classes is None:
+        classes = np.zeros(len(order), np.int64)
+    names, of = np.unique(classes, return_inverse=True)
+    spare = OF_CLASS * np.bincount(of) if len(names) > 1 else np.full(1, np.inf)
+    n_left_out, most = 0, -np.inf
+    for n, trial in enumerate(order[: 1 + int(SHORTER * len(order) + 1e-9)].tolist()):
+        in_all = (len(order) - n) * min(float(durations_ms[trial]), LONGEST_MS)
+        if in_all > most * (1 + 1e-9 * np.sign(most)):
+            n_left_out, most = n, in_all
+        spare[of[trial]] -= 1
+        if spare[of[trial]] < -1e-9:
+            break
+    kept = np.ones(len(order), bool)
+    kept[order[:n_left_out]] = False
+    return kept
+
+
+def left_out(fits: np.ndarray, durations_ms: np.ndarray) -> Iterator[str]:
+    """The note on trials that are shorter than a window; nothing without any.
+
+    fits: of each trial, as of `check_fit`. durations_ms: `(trial,)`.
+
+    >>> print(*left_out(np.array([True, False, True]), np.array([800.0, 100.0, 900.0])))
+    1 of 3 trials is shorter than a window and left out: trial 1, 100 ms
+    """
+    short = np.flatnonzero(~fits)
+    if len(short):
+        which = some([f"trial {trial}, {durations_ms[trial]:,.0f} ms" for trial in short.tolist()], 3)
+        verb = "is" if len(short) == 1 else "are"
+        yield f"{len(short)} of {len(fits)} trials {verb} shorter than a window and left out: {which}"
 
 
 def steps_of(spec: WindowSpec, sampling_rate_Hz: float) -> tuple[int, int, int]:

@@ -12,6 +12,7 @@ from neurotact.encoders.calibration import Calibration, calibrate
 from neurotact.encoders.gain_search import CalibrationRule, Progress
 from neurotact.encoders.model import DrivenSpec, EncoderSpec
 from neurotact.errors import InputError
+from neurotact.metrics.decision import Decision
 
 BASELINES: tuple[Baseline, ...] = ("none", "start", "high-pass", "mean")
 Polarity = Literal["rising", "falling", "both"]
@@ -27,7 +28,7 @@ COARSE = {"candidates": 12, "step": 1.25**2, "trials_per_class": 24, "shuffles":
 
 
 class _Compared(NamedTuple):
-    """Each alternative, the best first, and the calibration of the one that was chosen.
+    """Each alternative, the most accurate first, and the calibration of the one that was chosen.
 
     table: baseline, polarity, accuracy (`Calibration.accuracy`), separation_sa and separation_ra (bit, at the chosen
     gains), acausal (whether windows contain information from later samples), chosen, and why_not (empty if it could be
@@ -49,10 +50,11 @@ def compare(
     progress: Progress | None = None,
     rule: CalibrationRule = CalibrationRule(),
 ) -> _Compared:
-    """Calibrate with each baseline and polarity, and in full with the best causal one.
+    """Calibrate with each baseline and polarity, and in full with the causal one that is chosen.
 
-    The best is the one with the highest accuracy of logistic regression on the SA-I rates of training trials (ties: the
-    better separation by ISIs). RA-I responds to changes of either sign, so polarity does not affect it.
+    The table begins with the highest accuracy of logistic regression on the SA-I rates of training trials (ties: the
+    better separation by ISIs). The first causal one, in the order of `BASELINES` and `POLARITIES`, within one standard
+    error of the best is chosen. RA-I responds to changes of either sign, so polarity does not affect it.
     Raises InputError if no alternative can be calibrated, and for an encoder with both polarities.
     """
     if not isinstance(spec, DrivenSpec):
@@ -60,13 +62,13 @@ def compare(
     if spec.is_signed:
         raise InputError("compare: chooses a polarity, and this encoder has both (sa1.opposite); leave one of them out")
     coarse = rule.model_copy(update=COARSE)
-    rows = []
+    rows, n_trials = [], 0
     for baseline, polarity in product(BASELINES, POLARITIES):
         row = {"baseline": baseline, "polarity": polarity, "acausal": baseline in ACAUSAL, "why_not": ""}
         counted = _Counted(progress, f"{baseline}, {polarity}")
         try:
             fitted = _with(recordings, spec, baseline, polarity, counted.advance, coarse, tell=False)
-            row["accuracy"] = fitted.accuracy
+            row["accuracy"], n_trials = fitted.accuracy, len(fitted.labels)
             row |= {f"separation_{kind}": _separation(fitted, name) for kind, name in (("sa", "SA-I"), ("ra", "RA-I"))}
         except InputError as error:
             row |= {
@@ -82,7 +84,10 @@ def compare(
     causal = table[~table["acausal"] & table["separation_sa"].notna()]
     if causal.empty:
         raise InputError(str(table["why_not"].iloc[0]) or "recordings: no causal baseline can be calibrated")
-    best = causal.index[0]
+    names = {(baseline, polarity): row for row, baseline, polarity in causal[["baseline", "polarity"]].itertuples()}
+    accuracy = {names[one]: causal.accuracy[names[one]] for one in product(BASELINES, POLARITIES) if one in names}
+    found = Decision.of_shares("conditioning.baseline", accuracy, n_trials)
+    best = causal.index[0] if causal.accuracy.isna().all() else found.chosen
     table["chosen"] = table.index == best
     first = table.loc[best]
     return _Compared(table, _with(recordings, spec, first["baseline"], first["polarity"], progress, rule))
@@ -100,7 +105,7 @@ def _with(
 ) -> Calibration[Any]:
     conditioning = spec.conditioning.model_copy(update={"baseline": baseline, "rectify": polarity == "both"})
     changed = spec.model_copy(update={"conditioning": conditioning})
-    return calibrate(recordings, changed, progress, rule, inverted=polarity == "falling", tell=tell)
+    return calibrate(recordings, changed, progress, rule, inverted=polarity == "falling", tell=tell, steady=True)
 
 
 def _separation(fitted: Calibration[Any], afferent: str) -> float:

@@ -23,7 +23,7 @@ from neurotact.data.spool import Spool
 from neurotact.data.window_choice import RESTS
 from neurotact.encoders import firing
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.excerpts import Excerpts, cut, draw, liveliest, standardise
+from neurotact.encoders.excerpts import Excerpts, cut, draw, liveliest, numbers_of, standardise
 from neurotact.encoders.gain_search import (
     CalibrationRule,
     Progress,
@@ -89,6 +89,7 @@ class Calibration(Generic[Encoder]):
     labels: the classes, `(trial,)`.
     notes: the changes of the spec, and warnings.
     apart: what `accuracy` tests by the trials of other values, `(trial,)`, or None.
+    order: random numbers of the trials, `(trial,)`, by which `accuracy` deals them into folds, or None.
     """
 
     encoder: Encoder
@@ -99,6 +100,7 @@ class Calibration(Generic[Encoder]):
     labels: np.ndarray
     notes: tuple[str, ...]
     apart: np.ndarray | None = None
+    order: np.ndarray | None = None
 
     @property
     def accuracy(self) -> float:
@@ -106,12 +108,12 @@ class Calibration(Generic[Encoder]):
 
         NaN if a class has one trial.
         """
-        return cross_validated_accuracy(self.rates, self.labels, self.apart)
+        return cross_validated_accuracy(self.rates, self.labels, self.apart, self.order)
 
     @property
     def accuracy_of_both(self) -> float:
         """As `accuracy`, on the rates of SA-I and RA-I."""
-        return cross_validated_accuracy(np.hstack([self.rates, self.rates_ra]), self.labels, self.apart)
+        return cross_validated_accuracy(np.hstack([self.rates, self.rates_ra]), self.labels, self.apart, self.order)
 
     @property
     def is_apart(self) -> bool:
@@ -128,6 +130,7 @@ def calibrate(
     inverted: bool = False,
     apart: tuple[str, ...] = (),
     tell: bool = True,
+    steady: bool = False,
 ) -> Calibration[Encoder]:
     """Fit standardisation and gains of `spec` on recorded training trials of any unit and rate.
 
@@ -146,6 +149,7 @@ def calibrate(
     inverted: SA-I is driven by the signal's fall instead of its rise: the scales are negative.
     apart: conditions that the test leaves out; `Calibration.accuracy` tests each of their values by the others.
     tell: log the notes, too.
+    steady: trials and their excerpts are drawn by what is in them, so that one that is left out moves no other.
     Raises InputError for less than two classes, for constant signals, and if every gain that gives spikes
     puts too many ISIs at the refractory floor.
 
@@ -170,9 +174,11 @@ def calibrate(
     rule = suited_rule(spec, rule, len(recordings.classes))
     rng = np.random.default_rng(rule.seed)
     conditioning, notes = _suited(spec.conditioning, recordings, exact=is_exact(spec))
-    drawn = recordings.select(draw(recordings.labels, rule.trials_per_class, rng))
+    numbers = numbers_of(recordings, rule.seed)
+    chosen = draw(recordings.labels, rule.trials_per_class, rng, numbers if steady else None)
+    drawn, numbers = recordings.select(chosen), numbers[chosen]
     how = conditioning_of(spec.model_copy(update={"conditioning": conditioning}), recordings.sampling_rate_Hz)
-    excerpts = cut(drawn, how, rule.excerpt_s, rng)
+    excerpts = cut(drawn, how, rule.excerpt_s, rng, numbers if steady else None)
     # Where the signal below zero drives afferents, too, the mean is the zero.
     rest_sd = 0.0 if _is_signed(spec) else REST_SD
     scaling = fit_scaling(drawn, excerpts, conditioning.baseline, inverted=inverted, rest_sd=rest_sd)
@@ -218,7 +224,7 @@ def calibrate(
         first, others = np.hstack([first, others]), first[:, :0]
     groups = drawn.conditions[list(apart)].astype(str).agg(", ".join, axis=1).to_numpy() if apart else None
     turned_to = with_taxels_of(turned_to, asked)
-    return Calibration(turned_to, table, isi, first, others, conditioned.labels, tuple(notes), groups)
+    return Calibration(turned_to, table, isi, first, others, conditioned.labels, tuple(notes), groups, numbers)
 
 
 def calibrate_causally(
@@ -239,7 +245,8 @@ def calibrate_causally(
     removes drift between touches, and a high-pass drift within one. The first one whose `Calibration.accuracy` is
     within one standard error of the highest is chosen. ISI distributions, which choose the gains, cannot decide this:
     they are finer if an afferent fires less, whatever the baseline removes. RA-I responds to changes, which a baseline
-    hardly affects.
+    hardly affects. Trials, excerpts and folds are drawn by what is in each trial (`calibrate`, steady): drawn anew for
+    one trial less, they would move an accuracy by most of its standard error, and with it the choice.
 
     choose_ema: also choose the moving average, after the baseline and the polarity, which are chosen with its own: its
         own cut-off, `WIDER` times that, or none. The first one whose `Calibration.accuracy_of_both` is within one
@@ -262,7 +269,7 @@ def calibrate_causally(
     cutoffs_Hz = _cutoffs(own_Hz, recordings.sampling_rate_Hz) if choose_ema else [own_Hz]
 
     def fit(tried: Encoder) -> Calibration[Encoder]:
-        return calibrate(recordings, tried, progress, rule, apart=apart, tell=False)
+        return calibrate(recordings, tried, progress, rule, apart=apart, tell=False, steady=True)
 
     best, on_baseline = _of_baselines(fit, spec, cutoffs_Hz)
     notes: tuple[str, ...] = (on_baseline,)

@@ -1,5 +1,10 @@
-"""The stretches of training trials for the fit of gains: drawn at random, conditioned as for an encoder."""
+"""The stretches of training trials for the fit of gains: drawn at random, conditioned as for an encoder.
 
+Where choices hang on them, they are drawn by numbers of the trials themselves (`numbers_of`): a trial that is left out
+then changes no other's, and not every accuracy by as much as its standard error.
+"""
+
+import zlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
@@ -8,6 +13,9 @@ import numpy as np
 from neurotact.data.conditioning import ConditioningSpec, condition_pieces, sampled_length, standardised
 from neurotact.data.recordings import Trials
 from neurotact.data.spool import Spool
+
+LOOKED_AT = 256
+"""Samples at the beginning, in the middle and at the end of a trial that give its number."""
 
 
 @dataclass(frozen=True)
@@ -29,14 +37,44 @@ class Excerpts:
         return self.signals[0].shape[1]
 
 
-def draw(labels: np.ndarray, per_class: int, rng: np.random.Generator) -> np.ndarray:
-    """At most `per_class` trials of each class, at random; sorted indices."""
-    trials = (rng.permutation(np.flatnonzero(labels == label))[:per_class] for label in np.unique(labels))
-    return np.sort(np.concatenate(list(trials)))
+def numbers_of(recordings: Trials, seed: int) -> np.ndarray:
+    """A random number of each trial, `(trial,)` from 0 to 1: of its samples and the seed, whatever the other trials.
+
+    >>> import pandas as pd
+    >>> from neurotact.data.recordings import Recordings
+    >>> touched = np.random.default_rng(0).normal(size=(3, 50, 2)).astype(np.float32)
+    >>> every = Recordings(touched, 100.0, "mV", pd.DataFrame({"label": list("aab")}))
+    >>> numbers_of(every, 1)[1:].tolist() == numbers_of(every.select([1, 2]), 1).tolist()
+    True
+    """
+    numbers = np.empty(len(recordings))
+    for trial, n_samples in enumerate(recordings.lengths.tolist()):
+        digest = seed
+        for first in (0, n_samples // 2, max(0, n_samples - LOOKED_AT)):
+            piece = recordings.piece(trial, first, min(n_samples, first + LOOKED_AT))
+            digest = zlib.crc32(np.ascontiguousarray(piece, np.float32).tobytes(), digest)
+        numbers[trial] = np.random.default_rng([seed, digest]).random()
+    return numbers
 
 
-def cut(recordings: Trials, conditioning: ConditioningSpec, longest_s: float, rng: np.random.Generator) -> Spool:
-    """A stretch of each trial, at a random time up to its last sample.
+def draw(labels: np.ndarray, per_class: int, rng: np.random.Generator, numbers: np.ndarray | None = None) -> np.ndarray:
+    """At most `per_class` trials of each class, at random or those of the smallest `numbers`; sorted indices."""
+    of_each = (np.flatnonzero(labels == label) for label in np.unique(labels))
+    if numbers is None:
+        trials = [rng.permutation(own)[:per_class] for own in of_each]
+    else:
+        trials = [own[np.argsort(numbers[own], kind="stable")][:per_class] for own in of_each]
+    return np.sort(np.concatenate(trials))
+
+
+def cut(
+    recordings: Trials,
+    conditioning: ConditioningSpec,
+    longest_s: float,
+    rng: np.random.Generator,
+    numbers: np.ndarray | None = None,
+) -> Spool:
+    """A stretch of each trial, at a random time up to its last sample, or at that of its number.
 
     The trial is conditioned before it is cut, as for an encoder.
     """
@@ -47,7 +85,8 @@ def cut(recordings: Trials, conditioning: ConditioningSpec, longest_s: float, rn
         for trial, n_samples in enumerate(recordings.lengths.tolist()):
             n_steps = sampled_length(n_samples, rate_Hz, clock_Hz)
             length = min(n_steps, max(1, round(longest_s * clock_Hz)))
-            start = int(rng.integers(n_steps - length + 1))
+            n_starts = n_steps - length + 1
+            start = int(rng.integers(n_starts) if numbers is None else numbers[trial] * n_starts)
             yield _stretch(condition_pieces(recordings, trial, how), start, start + length)
 
     return Spool(stretches())

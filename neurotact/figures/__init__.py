@@ -9,8 +9,6 @@ Other rooms take:
     labels: label_points
     networks: Published, draw_accuracy_and_sops, draw_confusion, draw_trade_off, draw_training
     raster: PALETTE, draw_raster, existing_trial, write_events, write_raster
-    search: save_found
-    searches: draw_best_so_far, draw_winners, gains, winners
     style: Drawn, INK, MUTED, PAIR_AXIS, PAIR_TITLE, PALE, RA, SA, SERIES, SYMBOLS, TOTAL, add_legend, bars,
         keep_within, name_ticks, new_figure, new_panels, printed, save, sequence, series_style
 """

@@ -367,6 +367,8 @@ class Integrator(Layer):
     spikes: that it receives; None: each reaches all its neurons.
     touched: of its neurons and steps, those in which a spike comes: event-driven, only then is it updated. None:
         clocked. steps: of a decision, which count where a chip visits a neuron without a leak on each of them.
+    beside: those of its inputs that another layer hears, too, and their spikes, which `spikes` leaves out: they stand
+        in the queue of that layer and are read once more.
     """
 
     inputs: int
@@ -378,6 +380,7 @@ class Integrator(Layer):
     spikes: float | None = None
     touched: float | None = None
     steps: float = 0.0
+    beside: tuple[int, float] = (0, 0.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -396,7 +399,8 @@ class Integrator(Layer):
             parameters, states, macs=leaking, acs=self.sops, comparisons=most * leaking, sops=self.sops,
             neuron_updates=leaking, neuron_macs=leaking, neuron_comparisons=most * leaking, sops_sent=self.sops,
             readout_updates=0 if leaking else self.neurons * self.steps,
-            weights_accesses=self.sops + self.neurons, **changed(1 + most, changes), **_queued(self, spikes),
+            weights_accesses=self.sops + self.neurons, **changed(1 + most, changes),
+            **_queued(self.inputs - self.beside[0], spikes, self.beside[1]),
         )  # fmt: skip
 
 
@@ -439,7 +443,7 @@ class SpikingLayer(Layer):
     def cost(self) -> Cost:
         n_among = self.neurons * self.recurrent if isinstance(self.recurrent, bool) else self.recurrent
         weights, spikes = self.neurons * (self.inputs + n_among), _received(self)
-        queued = _queued(self, spikes, self.sent if n_among else 0.0)
+        queued = _queued(self.inputs, spikes, self.sent if n_among else 0.0)
         arriving = Cost(
             acs=self.sops, sops=self.sops, sops_sent=self.sops_sent, weights_accesses=self.sops, **queued
         )  # fmt: skip
@@ -460,9 +464,9 @@ def _received(layer: Integrator | SpikingLayer) -> float:
     return layer.sops / layer.neurons if layer.spikes is None else layer.spikes
 
 
-def _queued(layer: Integrator | SpikingLayer, spikes: float, back: float = 0.0) -> dict[str, float]:
-    """Each spike is written to the queue of its step by its sender and read by its receiver, or once more, back."""
-    return {"buffers_accesses": 2 * spikes + back, "buffers_bytes": BYTES * layer.inputs}
+def _queued(inputs: int, spikes: float, again: float) -> dict[str, float]:
+    """Each spike is written to the queue of its step by its sender and read by its receiver; some are read again."""
+    return {"buffers_accesses": 2 * spikes + again, "buffers_bytes": BYTES * inputs}
 
 
 def _updates(updates: float, **each: float) -> Cost:

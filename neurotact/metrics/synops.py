@@ -38,7 +38,7 @@ COLUMNS = (
 class Synops(NamedTuple):
     """SOPs of each window, `(window,)` int64.
 
-    input: input to hidden; recurrent: hidden to hidden; readout: hidden to readout.
+    input: input to hidden; recurrent: hidden to hidden; readout: hidden to readout, and input to readout.
     total: all three; total_feedforward: without the recurrent ones.
     """
 
@@ -82,6 +82,8 @@ class _NetworkSpec(Protocol):
     def hidden(self) -> int: ...
     @property
     def fan_among(self) -> int: ...
+    @property
+    def hears_afferents(self) -> bool: ...
 
 
 class _Network(Protocol):
@@ -111,22 +113,29 @@ def of_network(network: _Network, input_spikes: np.ndarray, hidden_spikes: np.nd
     """SOPs of trials on a network: `synops` with its own sizes and its own recurrence.
 
     >>> from types import SimpleNamespace
-    >>> feed_forward = SimpleNamespace(spec=SimpleNamespace(hidden=30, fan_among=0), n_classes=8)
-    >>> of_network(feed_forward, np.array([10]), np.array([4])).total.tolist()
+    >>> spec = SimpleNamespace(hidden=30, fan_among=0, hears_afferents=False)
+    >>> of_network(SimpleNamespace(spec=spec, n_classes=8), np.array([10]), np.array([4])).total.tolist()
     [332]
     """
-    spec = network.spec
-    return synops(input_spikes, hidden_spikes, spec.hidden, network.n_classes, recurrent=spec.fan_among)
+    spec, n = network.spec, network.n_classes
+    return synops(input_spikes, hidden_spikes, spec.hidden, n, recurrent=spec.fan_among, direct=spec.hears_afferents)
 
 
 def synops(
-    input_spikes: np.ndarray, hidden_spikes: np.ndarray, n_hidden: int, n_readout: int, *, recurrent: bool | int
+    input_spikes: np.ndarray,
+    hidden_spikes: np.ndarray,
+    n_hidden: int,
+    n_readout: int,
+    *,
+    recurrent: bool | int,
+    direct: bool = False,
 ) -> Synops:
     """SOPs of windows, from what their input and hidden layers sent (texture paper, Eqs. 8 and 9).
 
     input_spikes, hidden_spikes: spikes of each window, summed over neurons and simulated steps, `(window,)`.
     n_hidden, n_readout: neurons that an input spike and a hidden spike reach.
     recurrent: whether a hidden spike also reaches all hidden neurons, or how many of them it reaches.
+    direct: whether an input spike also reaches the readout; such operations are those of the readout.
     Raises InputError for counts that are negative, not whole or of two shapes.
 
     >>> synops(np.array([10]), np.array([4]), n_hidden=30, n_readout=8, recurrent=True).total.tolist()
@@ -137,10 +146,10 @@ def synops(
     sent, hidden = (_counts(v, what) for v, what in ((input_spikes, "input"), (hidden_spikes, "hidden")))
     if sent.shape != hidden.shape:
         raise InputError(f"synops: input spikes of {sent.size} windows but hidden spikes of {hidden.size}")
-    if n_hidden < 1 or n_readout < 1:
+    if n_hidden < (not direct) or n_readout < 1:
         raise InputError(f"synops: a network has at least one neuron a layer; got {n_hidden} and {n_readout}")
     n_among = n_hidden * recurrent if isinstance(recurrent, bool) else recurrent
-    return Synops.of(n_hidden * sent, n_among * hidden, n_readout * hidden)
+    return Synops.of(n_hidden * sent, n_among * hidden, n_readout * (hidden + direct * sent))
 
 
 def table_of(

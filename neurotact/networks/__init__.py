@@ -10,16 +10,12 @@ Other rooms take:
     definition.recipe: Seen, chosen_for, described, joined_cost, resolve, training_of, void_keys
     definition.rsnn: FEED_FORWARD, RECURRENT, RSNN, rsnn_of
     definition.seeds: of_start
+    definition.space: SearchSpec, check, load_space
     definition.specs: BUILT_IN, RSNNSpec, TrainingSpec, given_keys, part_of
     definition.surrogate: FastSigmoid, arctan, fast_sigmoid
-    exit.patience: exits, in_words, is_tolerated, oracle_exit, upper_bound
+    exit.patience: ExitChoice, exits, in_words, is_tolerated, oracle_exit, upper_bound
     exit.rule: ExitRule, FULL_WINDOW, Leader
     exit.truncated: SimulatedWindows, judged, simulate_windows
-    search.journal: FINISHED, STOPPED, Trial, beside_given, best_of
-    search.search: Problem, asked, here, problem_of, runner, save_best, search, train_best
-    search.search_tables: Importance, as_cell, by_rank, front_table, importance, trials_table, value_words,
-        write_tables
-    search.tuning: SearchSpec, check, load_space
     training.balancing: Balance, SETTINGS, columns_of, note
     training.cautions: FEW_PER_CLASS, MEMBER, calibrated, copies, few_test_trials, not_learned, together, training
     training.cross_validation: Repeated, TABLE, line, run, tasks_of, trained_in
@@ -32,8 +28,8 @@ Other rooms take:
     training.run_folder: LOG, NETWORK, Restored, WEIGHTS, files_of, load_network, load_spikes_of, restore, save,
         save_network, shapes_of, test_trials, trained_spikes_of
     training.sparsity: prune, pruned_stay_pruned
-    training.tasks: Sides, Task, examples_of, held_out, kind_of_copies, load_spikes, path_of, seen, seen_trials,
-        sides_of, task_of, trials_of, with_every_condition, with_suited_window
+    training.tasks: Sides, Task, examples_of, held_out, kind_of_copies, load_spikes, of_file, path_of, seen,
+        seen_trials, sides_of, task_of, trials_of, with_every_condition, with_suited_window
     training.trainer: Trained, exit_of, finished, fit, new_trained
     use.classifier: SpikingClassifier
     use.exporters: Exporter, export, exporter, usable

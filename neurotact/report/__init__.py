@@ -6,7 +6,7 @@ Other rooms take:
     first_screen: table_of_configurations
     networks: Steps, write
     page: ANSWER, PAGE, Table, if_there, write
-    periods: in_ms
+    periods: head, in_ms
     report: write
     tables: first_spikes, with_pair
     under_prices: times, turning

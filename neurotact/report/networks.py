@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from neurotact import plugins
 from neurotact.baselines import opponents
 from neurotact.data.spikes import SpikeTrains
 from neurotact.encoders.cost import NOT_COUNTED
@@ -19,7 +20,7 @@ from neurotact.metrics.prices import NEURONS
 from neurotact.networks.use import ledger
 from neurotact.networks.use.ledger import Afferents
 from neurotact.progress import say
-from neurotact.report import details, encoder_choice, front, page, periods, robustness, search
+from neurotact.report import details, encoder_choice, front, page, periods, robustness
 from neurotact.report.encoding_drawings import encoding_drawings, name_classes, names_of
 from neurotact.report.extra_drawings import extra_drawings
 from neurotact.report.front import Front
@@ -116,7 +117,7 @@ def write(
     classes = name_classes(encoding, trains.conditions if trains else None)
     course = steps(results, every, done) if steps else Steps(len(every))
     extra = extra_tables(study, folder)
-    trials = search.trials_table(folder, done, results)
+    searches = plugins.load_function("tools", "searches_of")(study, folder, done, results) if study.search else None
     beside = tables_beside(study, folder)
     baselines, remedies = beside.get("baselines"), extra.get(robustness.REMEDIES)
     beside |= {name: extra[name] for name in (robustness.REMEDIES, encoder_choice.RECONSTRUCTION) if name in extra}
@@ -136,7 +137,9 @@ def write(
     costs = _ledger(study, results, baselines, afferents, n_classes)
     left = {**course.tables}
     left |= {"encoders": encoder_choice.as_table(every_encoder)} if every_encoder else {}
-    _write_tables(folder, study.title, results, swept, trials, costs, left)
+    _write_tables(folder, study.title, results, swept, costs, left)
+    if searches is not None and len(searches.trials):
+        write_table(searches.trials.drop(columns=NAMES), folder / "searches.csv")
     test_trials = {one.setting: one.answer.trials.test for one in fronts}
     rows, of_rows = course.chosen or (results, done)
     levels = front.levels(fronts)
@@ -151,7 +154,7 @@ def write(
             course.drawings,
             encoding_drawings(study, trains, encoding, classes),
             network_drawings(study, folder, of_rows, rows, classes, levels, test_trials),
-            search.drawings(trials, study.search) if study.search else (),
+            searches.drawings if searches else (),
             extra_drawings(study, results, extra, classes),
         ),
         downloads=DOWNLOADS | {f"{one.table}.csv": one.download for one in measures.requested(study.measures).values()},
@@ -170,7 +173,7 @@ def write(
         networks=networks_table(results.join(spent), study),
         network_heads=[*network_columns(study).values()],
         means=means_table(results.join(spent), study),
-        searches=search.table(trials, results, study),
+        searches=searches.table if searches else None,
         conditions=[
             *robustness.tables(study, remedies, shown.answer.rows, shown.answer.best),
             *robustness.class_table(shown.classes, shown.answer.best),
@@ -180,7 +183,7 @@ def write(
         ledger_about=f"{ledger.ABOUT} {study.prices.in_words()}",
         pair_word=periods.head(study),
         page=page.parts(
-            _page_data(folder, done, results, spent, trials, classes, fronts, trains)
+            _page_data(folder, done, results, spent, searches, classes, fronts, trains)
             | {"best": best, "pairWord": periods.head(study), "populations": names_of(study)},
             page.NETWORKS,
         ),
@@ -215,15 +218,12 @@ def _write_tables(
     title: str,
     results: pd.DataFrame,
     swept: list[str],
-    trials: pd.DataFrame,
     costs: pd.DataFrame | None,
     left: Mapping[str, pd.DataFrame],
 ) -> None:
     """The page's downloads besides the tables of the run."""
     write_table(results.drop(columns=NAMES), folder / "results.json")
     details.write_sops(details.sops_table(results, swept), folder, title)
-    if len(trials):
-        write_table(trials.drop(columns=NAMES), folder / search.TRIALS)
     if costs is not None:
         write_table(costs, folder / "ledger.csv")
     for name, table in left.items():
@@ -235,7 +235,7 @@ def _page_data(
     done: list[Cell],
     results: pd.DataFrame,
     spent: pd.DataFrame,
-    trials: pd.DataFrame,
+    searches: Any,
     classes: Classes,
     fronts: Sequence[Front],
     trains: SpikeTrains | None,
@@ -243,7 +243,8 @@ def _page_data(
     """The data of the page's script."""
     of_cells = details.cell_details(folder, done, classes)
     all_details = of_cells if len(of_cells) == len(results) else [{} for _ in range(len(results))]
-    all_details = [{**detail, "search": search.of_cell(trials, index)} for index, detail in enumerate(all_details)]
+    shown = [searches.of_cell(index) if searches else None for index in range(len(all_details))]
+    all_details = [{**detail, "search": one} for detail, one in zip(all_details, shown, strict=True)]
     drawn = {one.setting: front.as_json(one) for one in fronts}
     step_ms = None if trains is None else 1e3 / trains.sampling_rate_Hz
     return {**details.page_data(results, spent, all_details, classes), "fronts": drawn, "stepMs": step_ms}

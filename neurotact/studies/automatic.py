@@ -195,7 +195,7 @@ def _from_onset(
     if n_late <= LATE * len(begin_s):
         return None
     left_s = left_after(recorded.timing.durations_s, begin_s)
-    timing = Timing(left_s, recorded.timing.clock_Hz, from_onset=True)
+    timing = Timing(left_s, recorded.timing.clock_Hz, from_onset=True, classes=recorded.timing.classes)
     table, notes = window(timing, {**given, f"{WINDOW}per_trial": 1})
     note = (
         f"Windows start at the onset of contact: touches begin at different times, in {n_late} of {len(begin_s)} "
@@ -342,7 +342,7 @@ def look(
         rarest = int(stored.conditions[LABEL].iloc[distinct].value_counts().min())
         touch_s = common_onset_s(stored)
         begin_s = onsets_s(stored, RESTS * touch_s) if onsets else None
-        timing = Timing(np.array(n_steps) / on_Hz, on_Hz, touch_s)
+        timing = Timing(np.array(n_steps) / on_Hz, on_Hz, touch_s, classes=stored.labels)
         return Recorded(timing, rate_Hz, rarest, stored.conditions, begin_s, len(chosen))
 
 

@@ -5,14 +5,13 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
 
+from neurotact import plugins
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
-from neurotact.files import DRAFT, scratch, whole, without_nan, write_json
+from neurotact.files import scratch, whole, without_nan, write_json
 from neurotact.metrics import paired
 from neurotact.networks.definition import recipe
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.search import journal, search, search_tables
-from neurotact.networks.search.search_tables import as_cell
 from neurotact.networks.training import model_selection, run_folder, tasks, trainer
 from neurotact.networks.training.epochs import Epoch
 from neurotact.networks.training.model_selection import Tried
@@ -31,6 +30,15 @@ RIGHT_SEEN = "right_seen"
 """Of a result: the share of correct windows of each trial that tests the conditions of training."""
 SEARCH = "search"
 """The folder of a cell's search."""
+
+
+class Searched(NamedTuple):
+    """The best network of a cell's search, its columns of results.csv, and the files of the search."""
+
+    fitted: trainer.Trained
+    sides: tasks.Sides
+    row: dict[str, Any]
+    files: Files
 
 
 def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None, tells: bool = False) -> Files:
@@ -54,7 +62,7 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None, tells: b
         fitted, sides = trainer.fit(trains, spec, task, cell.seeds, progress=progress)
         return _files_of(cell, trains, fitted, sides, perf_counter() - began)
     with scratch() as empty:
-        searched = _search(cell, cell.network, trains, task, kept or empty)
+        searched = plugins.load_function("tools", "search_cell")(cell, trains, task, kept or empty)
     last = model_selection.again(trains, Tried(task, searched.fitted, searched.sides), cell.seeds)
     return _files_of(cell, trains, last.fitted, last.sides, perf_counter() - began, searched, last)
 
@@ -124,7 +132,7 @@ def _files_of(
     fitted: trainer.Trained,
     sides: tasks.Sides,
     seconds: float,
-    searched: "_Searched | None" = None,
+    searched: Searched | None = None,
     last: Tried | None = None,
     remedies: Sequence[dict[str, Any]] = (),
 ) -> Files:
@@ -188,31 +196,3 @@ def _tables(cell: Cell, fitted: trainer.Trained, sides: tasks.Sides, trains: Spi
     if cell.test_every_condition:
         tables["conditions"] = by_condition(fitted.network, trains, task)
     return {"tables": tables} if tables else {}
-
-
-class _Searched(NamedTuple):
-    """The best network of a cell's search, its columns of results.csv, and the files of the search."""
-
-    fitted: trainer.Trained
-    sides: tasks.Sides
-    row: dict[str, Any]
-    files: Files
-
-
-def _search(cell: Cell, network: RSNNSpec, trains: SpikeTrains, task: Task, kept: Path) -> _Searched:
-    """Search the hyperparameters of the cell's network on its validation trials, then train the best network again.
-
-    The random seed of the search depends on the cell's content: cells that differ only in their seed search separately.
-    """
-    assert cell.search is not None
-    spec = cell.search.model_copy(update={"seed": cell.seeds[0]})
-    problem = search.problem_of(trains, spec, network, task)
-    target = kept / SEARCH
-    trials, _ = search.search(problem, target, search.here(trains, task))
-    search_tables.write_tables(problem, target, trials)
-    best = journal.best_of(trials)
-    fitted, sides = search.train_best(problem, trains, best)
-    row = {"trial": best.id, **{f"network.{key}": as_cell(value) for key, value in best.parameters.items()}}
-    written = (path for path in sorted(target.iterdir()) if not path.name.startswith(DRAFT))
-    left = {f"{SEARCH}/{path.name}": path.read_bytes() for path in written}
-    return _Searched(fitted, sides, row, left)

@@ -85,14 +85,14 @@ def encoded_part(recordings: Recordings, cell: Cell) -> Recordings:
 
 
 def _check_windows(recordings: Recordings, cells: Iterable[Cell]) -> None:
-    """InputError if a window is longer than the shortest trial, before anything is calibrated or encoded."""
-    rate_Hz, shortest = recordings.sampling_rate_Hz, int(recordings.lengths.argmin())
+    """InputError if a window is longer than too many trials, before anything is calibrated or encoded."""
+    rate_Hz, lengths = recordings.sampling_rate_Hz, recordings.lengths.tolist()
     for cell in cells:
         if cell.network is not None:
             own_Hz = (cell.calibrate or cell.encoder).conditioning.resample_Hz
             clock_Hz = own_Hz or (rate_Hz if cell.calibrate is None else max(rate_Hz, CLOCK_HZ))
-            n_steps = conditioned_length(int(recordings.lengths[shortest]), rate_Hz, clock_Hz)
-            check_fit(np.array([n_steps]), clock_Hz, cell.window, np.array([shortest]))
+            n_steps = np.array([conditioned_length(n_samples, rate_Hz, clock_Hz) for n_samples in lengths])
+            check_fit(n_steps, clock_Hz, cell.window)
 
 
 def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recordings, content: str) -> None:

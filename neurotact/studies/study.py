@@ -26,10 +26,10 @@ from neurotact.encoders.specs import is_exact, pays_exact
 from neurotact.errors import InputError, nearest
 from neurotact.metrics.prices import MEMORY_45NM, PriceList, price_list
 from neurotact.networks.definition import recipe
+from neurotact.networks.definition import space as spaces
 from neurotact.networks.definition.seeds import of_start
+from neurotact.networks.definition.space import SearchSpec
 from neurotact.networks.definition.specs import BUILT_IN, RSNNSpec, part_of
-from neurotact.networks.search import tuning
-from neurotact.networks.search.tuning import SearchSpec
 from neurotact.networks.training import balancing
 from neurotact.networks.training.balancing import Balance
 from neurotact.spec import Spec
@@ -298,7 +298,7 @@ def resolve(
     table = automatic.with_file(table, data, path)
     search = table.get("search", {})
     if isinstance(search, dict) and isinstance(search.get("space"), str):
-        search["space"] = tuning.load_space(str(_relative_to(path, search["space"])))
+        search["space"] = spaces.load_space(str(_relative_to(path, search["space"])))
     if overrides or named or quick:
         table.pop("as_shipped", None)
     table |= {"as_shipped": True} if is_shipped else {}
@@ -310,7 +310,7 @@ def resolve(
     decided = {*specs.leaves(overrides), *sweeps.keys(study.sweep)}
     study = study.model_copy(update={choice: False for choice, key in CHOICES.items() if key in decided})
     if study.search is not None and study.network is not None:
-        tuning.check(study.search.space, study.network, source=f"search.space of {path}")
+        spaces.check(study.search.space, study.network, source=f"search.space of {path}")
     if study.dataset.simulate is not None:
         model = simulator(study.dataset.simulate).model
         specs.build(model, study.dataset.parameters, source=f"dataset.parameters of {path}")

@@ -25,8 +25,10 @@ def remaining_synops(network: RSNN, spikes: Tensor) -> Synops:
     device = network.w_in.device
     hidden = torch.cat([network(part.to(device)).hidden for part in spikes.split(BATCH)])
     inputs = spikes.sum(dim=1, dtype=torch.int64)
+    heard = network.heard(hidden, inputs.to(device)).round().long().cpu().numpy()
     readout = network.readout_weights.reshape(-1, *network.w_out.shape).ne(0).any(dim=0)
     into, out = (weights.detach().count_nonzero(dim=1).cpu().numpy() for weights in (network.w_in, readout))
-    recurrent = 0 * out if network.w_rec is None else network.w_rec.detach().count_nonzero(dim=1).cpu().numpy()
+    among = torch.zeros_like(network.w_in[:1].T) if network.w_rec is None else network.w_rec
+    recurrent = among.detach().count_nonzero(dim=1).cpu().numpy()
     received, sent = inputs.cpu().numpy(), hidden.round().long().cpu().numpy()
-    return Synops.of(received @ into, sent @ recurrent, sent @ out)
+    return Synops.of(received @ into, sent @ recurrent, heard @ out)

@@ -280,7 +280,7 @@ def changed(spec: RSNNSpec, setting: Setting, seen: recipe.Seen, whole_steps: in
     spec = recipe.resolve(spec.model_copy(update={"step_ms": whole.step_ms}), seen)
     least_ms = spec.own_step_ms or 1e3 / seen.sampling_rate_Hz
     update: dict[str, Any] = {
-        "hidden": max(1, round(setting.hidden * spec.hidden)),
+        "hidden": max(min(1, spec.hidden), round(setting.hidden * spec.hidden)),
         "tau_mem_ms": max(least_ms, setting.time_constants * spec.tau_mem_ms),
         "tau_syn_ms": max(least_ms, setting.time_constants * spec.tau_syn_ms),
         "model": whole.model if setting.recurrence else "snn",

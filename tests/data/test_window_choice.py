@@ -1,5 +1,6 @@
 """Windows that are not given: they begin with the touch and fit into every trial."""
 
+import dataclasses
 import logging
 
 import numpy as np
@@ -20,7 +21,7 @@ from neurotact.data.window_choice import (
     suited_window,
     timing_of,
 )
-from neurotact.data.windows import WindowSpec, cut
+from neurotact.data.windows import OF_CLASS, SHORTER, WindowSpec, check_fit, cut, long_enough
 from neurotact.errors import InputError
 
 
@@ -37,7 +38,10 @@ def test_a_window_fits_into_every_trial(lengths, clock_Hz, touch, shares):
     table, _ = choose(Timing(steps / clock_Hz, clock_Hz, touch * shortest_ms / 1e3), asked)
     windows = cut(steps, clock_Hz, WindowSpec(**{**table, **asked}))
     counts = np.bincount(windows.trial, minlength=len(steps))
-    assert counts.min() >= 1
+    assert np.count_nonzero(counts == 0) <= SHORTER * len(steps)
+    assert counts[
+        steps >= windows.n_steps + round(asked.get("start_ms", table.get("start_ms", 0)) * clock_Hz / 1e3)
+    ].all()
     assert counts.max() <= MOST_PER_TRIAL
     assert windows.n_steps <= np.ceil(asked.get("length_ms", LONGEST_MS) * clock_Hz / 1e3)
 
@@ -59,6 +63,71 @@ def test_windows_start_with_the_touch_unless_a_start_is_given():
         assert not [note for note in notes if "Windows start" in note]
     _, notes = choose(Timing(np.full(20, 5.0), 100.0, touch_s=0.5), {"per_trial": 1})
     assert notes[-1].startswith("Only 2,000 ms of the median trial, 4,500 ms from there on, are used;")
+
+
+@given(st.integers(25, 300), st.floats(0.5, 3.0), st.data())
+def test_leaving_out_one_trial_hardly_changes_the_window(n, usual_s, data):
+    """Trials within a twentieth of one another, and some far shorter ones: as many as the rule leaves out, or more."""
+    rng, limit = np.random.default_rng(data.draw(st.integers(0, 99))), int(SHORTER * (n - 1))
+    n_short = data.draw(st.sampled_from([*range(limit), limit + 2, limit + 3]))
+    durations_s = usual_s * rng.uniform(1, 1.05, n)
+    durations_s[:n_short] = usual_s * data.draw(st.floats(0.05, 0.5))
+    every = choose(Timing(durations_s, 1000.0))[0]["length_ms"]
+    fewer = choose(Timing(np.delete(durations_s, data.draw(st.integers(0, n - 1))), 1000.0))[0]["length_ms"]
+    assert fewer == pytest.approx(every, rel=0.06, abs=1)
+    assert (every >= min(1e3 * usual_s, LONGEST_MS) - 1) == (n_short <= limit)
+
+
+def test_few_short_trials_are_left_out_and_named_once():
+    durations_s = np.full(200, 1.5)
+    durations_s[17] = 0.1
+    table, notes = choose(Timing(durations_s, 1000.0))
+    assert table == {"length_ms": 1500.0, "per_trial": 1}
+    (named,) = [note for note in notes if "trial 17" in note]
+    assert named == (
+        "1 of 200 trials is shorter than a window and left out: trial 17, 100 ms; to use them, shorten `length_ms`."
+    )
+    windows = cut((1000 * durations_s).astype(int), 1000.0, WindowSpec(**table))
+    assert windows.trial.tolist() == [*range(17), *range(18, 200)]
+
+
+@given(st.integers(1, 60), st.integers(1, 60), st.integers(0, 6))
+def test_no_class_loses_more_than_its_share_to_a_longer_window(n_first, n_other, n_short):
+    classes = np.repeat([0, 1], [n_first, n_other])
+    durations_ms = np.full(n_first + n_other, 1000.0)
+    durations_ms[: min(n_short, n_first)] = 100.0
+    kept = long_enough(durations_ms, classes)
+    assert np.count_nonzero(~kept[classes == 0]) <= OF_CLASS * n_first
+    assert np.count_nonzero(~kept) <= SHORTER * len(kept)
+    may_go = min(n_short, n_first) <= min(OF_CLASS * n_first, SHORTER * len(kept))
+    assert durations_ms[kept].min() == (1000 if may_go else 100)
+
+
+def test_a_class_of_short_trials_keeps_windows():
+    trains = late_touches(n_trials=60)
+    brief = dataclasses.replace(
+        trains, trial_steps=np.where(np.arange(60) == 3, 400, trains.trial_steps),
+        steps=[*trains.steps[:3], trains.steps[3][:0], *trains.steps[4:]],
+        units=[*trains.units[:3], trains.units[3][:0], *trains.units[4:]],
+    )  # fmt: skip
+    assert timing_of(brief).touch_s == pytest.approx(timing_of(trains).touch_s, abs=0.06)
+    assert suited_window(brief, WindowSpec()).length_ms == 2000
+    assert 3 not in nt.windows(brief).groups
+    rare = dataclasses.replace(brief, conditions=pd.DataFrame({"label": ["felt"] * 3 + ["silk"] + ["felt"] * 56}))
+    assert suited_window(rare, WindowSpec()).length_ms <= 400
+
+
+def test_a_given_window_leaves_few_shorter_trials_out_and_names_them(caplog):
+    steps = np.full(40, 3000)
+    steps[7] = 500
+    trains = from_rasters(
+        [np.zeros((n, 2), bool) for n in steps], 1000.0, "ab", pd.DataFrame({"label": ["a", "b"] * 20})
+    )
+    assert suited_window(trains, WindowSpec(length_ms=1000, start_ms=0)).length_ms == 1000
+    assert caplog.messages == ["1 of 40 trials is shorter than a window and left out: trial 7, 500 ms."]
+    steps[[8, 9]] = 600
+    with pytest.raises(InputError, match=r"trial 7 lasts 0\.500 s, less than the 1\.000 s"):
+        check_fit(steps, 1000.0, WindowSpec(length_ms=1000))
 
 
 def test_many_trials_have_fewer_windows_each():

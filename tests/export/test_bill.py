@@ -28,6 +28,7 @@ SETTINGS = {
     "extra trees": {"n_estimators": 12, "min_samples_leaf": 2, "random_state": 0},
     "kNN": {"n_neighbors": 3},
     "GRU": {"hidden": 12, "epochs": 40, "learning_rate": 0.02, "random_state": 0},
+    "MiniRocket": {"features": 2 * 84, "random_state": 0},
 }
 RAW = Raw(2e-4, 1.8)
 """Samples of a sensor with a large level, whose sums in float would lose what tells the classes apart."""
@@ -41,9 +42,11 @@ def made(name: str, n_classes: int, n_samples: int = 23, n_bins: int = 5):
     samples = 1.8 + 3e-3 * (course[:, :, None] + rng.normal(size=(60, n_samples, 2)))
     given = RAW.samples(samples)
     signals = given * RAW.lsb + RAW.zero
-    standard = Standard.of(signals[:40], n_bins, is_sequence=name == "GRU")
+    opponent = load(name)
+    n_bins = n_samples if opponent.takes == "signals" else n_bins
+    standard = Standard.of(signals[:40], n_bins, is_sequence=opponent.takes != "features")
     inputs = standard.input(signals)
-    fitted = load(name).build(**SETTINGS[name]).fit(inputs[:40], labels[:40])
+    fitted = opponent.build(**SETTINGS[name]).fit(inputs[:40], labels[:40])
     classes = [f"P{k}" for k in range(n_classes)]
     return (fitted, standard, RAW, classes, n_samples), list(given), fitted.predict(inputs)
 

@@ -32,8 +32,10 @@ from neurotact.networks.definition import module
 from neurotact.networks.definition.executors import (
     EXECUTORS,
     FEATURES,
+    NO_LAYER,
     OF_ANOTHER_PACKAGE,
     OTHER,
+    PAST,
     SETTINGS,
     Subject,
     require,
@@ -82,6 +84,8 @@ NETWORKS = {
     "readout that leaks": READOUTS["leaky"],
     "readout max": READOUTS["max"],
     "readout of stretches": READOUTS["stretches"],
+    NO_LAYER: {**READOUTS["integrator"], "hidden": 0},
+    PAST: {**READOUTS["integrator"], "direct": True},
 }
 RULES = {
     "exit by patience": ExitRule(5, from_first_spike=True),
@@ -112,7 +116,8 @@ def parts_with(feature: str) -> tuple[EncoderSpec, nt.RSNN, ExitRule]:
     if feature == OF_ANOTHER_PACKAGE:
         encoder = MineSpec(threshold=1.0)
     n_inputs = n_afferents(encoder, TAXELS)
-    settings = {"hidden": 6, "forward_weight_scale": 3.0, "recurrent_weight_scale": 0.4, **NETWORKS.get(feature, {})}
+    scales = {} if feature == NO_LAYER else {"forward_weight_scale": 3.0, "recurrent_weight_scale": 0.4}
+    settings = {"hidden": 6, **scales, **NETWORKS.get(feature, {})}
     network = nt.RSNN(
         n_inputs, CLASSES, sampling_rate_Hz=RATE_Hz, generator=torch.Generator().manual_seed(0),
         dtype=torch.float64 if feature == "double precision" else torch.float32, **settings,
@@ -146,7 +151,7 @@ def in_native(feature: str) -> None:
     for backend in ("native", "reference"):
         network.backend = backend
         found.append(network.infer(windows(network.n_inputs), rule))
-    assert found[0].hidden_spikes.sum() > 0
+    assert (found[0].hidden_spikes.sum() > 0) == (feature != NO_LAYER)
     for ours, theirs in zip(found[0][:4], found[1][:4], strict=True):
         assert torch.equal(ours, theirs)
 

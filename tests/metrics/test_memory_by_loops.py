@@ -182,7 +182,9 @@ class Network:
     """A network of CUBA-LIF neurons and an integrator, in plain loops over rasters, with its memory."""
 
     def __init__(self, spikes: np.ndarray, hidden: np.ndarray, into: np.ndarray, among: np.ndarray, out: np.ndarray):
+        """`out` has rows for the afferents behind those of the hidden neurons where the readout hears them."""
         self.spikes, self.hidden, self.into, self.among, self.out = spikes, hidden, into, among, out
+        self.heard = np.concatenate([hidden, spikes], axis=1)[:, : len(out)]
 
     def sources(self, step: int, neuron: int) -> int:
         """Spikes that reach a neuron in a step."""
@@ -198,7 +200,8 @@ class Network:
         last = n_steps - 1
         for step in range(n_steps):
             for sent in self.spikes[step]:
-                memory.touch("buffers", 2 * int(sent))  # by the encoder, then by the layer
+                readers = (n_hidden > 0) + (self.heard.shape[1] > n_hidden)
+                memory.touch("buffers", (1 + readers) * int(sent))  # by the encoder, then by who hears it
             for sent in self.hidden[step]:
                 memory.touch("buffers", (2 + bool(self.among.size)) * int(sent))  # and once more by its own layer
             for neuron in range(n_hidden):
@@ -211,7 +214,7 @@ class Network:
                     memory.touch("states", 2 * (3 if event_driven else 2))
                     memory.touch("weights", 3 if event_driven else 0)
             for weights in self.out.T:
-                heard = int(self.hidden[step] @ weights)
+                heard = int(self.heard[step] @ weights)
                 memory.touch("weights", heard)
                 counts["sops"] += heard
                 counts["heard"] += heard > 0
@@ -227,22 +230,27 @@ class Network:
 
 
 @given(
-    st.integers(0, 2**32 - 1), st.integers(1, 6), st.integers(1, 4), st.integers(1, 4), st.booleans(), st.booleans(),
-    st.booleans(),
+    st.integers(0, 2**32 - 1), st.integers(1, 6), st.integers(1, 4), st.integers(0, 4), st.booleans(), st.booleans(),
+    st.booleans(), st.booleans(),
 )  # fmt: skip
-def test_a_network_by_loops_over_its_rasters(seed, n_steps, n_in, n_hidden, recurrent, event_driven, pruned):
+def test_a_network_by_loops_over_its_rasters(seed, n_steps, n_in, n_hidden, recurrent, event_driven, pruned, direct):
     """Recurrent and not, clocked and event-driven, pruned; the readout's sums change where its spikes come.
+
+    Without a hidden layer, or past it, the readout hears the afferents.
 
     A pruned weight is not read, but a spike is sent whether or not a weight is there for it.
     """
     rng = np.random.default_rng(seed)
     spikes, hidden = (rng.integers(0, 2, (n_steps, n)) for n in (n_in, n_hidden))
-    shapes = ((n_in, n_hidden), (n_hidden, n_hidden), (n_hidden, 3))
+    recurrent, hears = recurrent and n_hidden > 0, direct or not n_hidden
+    shapes = ((n_in, n_hidden), (n_hidden, n_hidden), (n_hidden + hears * n_in, 3))
     into, among, out = (rng.integers(0, 2, shape) if pruned else np.ones(shape, int) for shape in shapes)
     among = among if recurrent else np.zeros((0, 0), int)
-    memory, counts = Network(spikes, hidden, into, among, out).run(event_driven)
-    spec = RSNNSpec(hidden=n_hidden, model="rsnn" if recurrent else "snn", readout="integrator")
-    sops = {"input": (spikes @ into).sum(), "readout": (hidden @ out).sum()}
+    loops = Network(spikes, hidden, into, among, out)
+    memory, counts = loops.run(event_driven)
+    past = {"direct": True} if direct else {}
+    spec = RSNNSpec(hidden=n_hidden, model="rsnn" if recurrent else "snn", readout="integrator", **past)
+    sops = {"input": (spikes @ into).sum(), "readout": (loops.heard @ out).sum()}
     sops["recurrent"] = (hidden @ among).sum() if recurrent else 0
     measured = {
         **{f"sops_{name}": int(n) for name, n in sops.items()},
@@ -256,6 +264,7 @@ def test_a_network_by_loops_over_its_rasters(seed, n_steps, n_in, n_hidden, recu
     memory.touch("states", 2 * int(changes))
     assert memory.equals(found)
     assert found.neuron_updates == counts["updates"]
+    assert found.buffers_bytes == 4 * (n_in + n_hidden)  # a queue for the spikes of each layer
 
 
 @given(
@@ -291,20 +300,21 @@ def test_joined_networks_stretches_and_a_slow_clock_by_loops(seed, n_steps, n_in
     assert found.weights_bytes == 4 * weights + tables
 
 
-def test_what_a_spike_reaches_is_counted_on_the_weights_that_are_there():
+@pytest.mark.parametrize("keys", [{"hidden": 5}, {"hidden": 5, "direct": True}, {"hidden": 0}])
+def test_what_a_spike_reaches_is_counted_on_the_weights_that_are_there(keys):
     torch.manual_seed(0)
-    network = RSNN(4, 3, RSNNSpec(hidden=5, model="rsnn"), 1000.0)
+    network = RSNN(4, 3, RSNNSpec(readout="integrator", **keys), 1000.0)
     with torch.no_grad():
         network.w_in[:, ::2] = 0
-        assert network.w_rec is not None
-        network.w_rec[1:, 0] = 0
+        if network.w_rec is not None:
+            network.w_rec[1:, 0] = 0
         network.w_out[:3, 1] = 0
     spikes = (torch.rand(6, 20, 4) < 0.2).float()
-    hidden = (torch.rand(6, 20, 5) < 0.2).float()
+    hidden = (torch.rand(6, 20, keys["hidden"]) < 0.2).float()
     found = network.touched(spikes, hidden)
     for window in range(6):
         into = (network.w_in.detach() != 0).numpy()
-        among = (network.w_rec.detach() != 0).numpy()
+        among = np.zeros((0, 0)) if network.w_rec is None else (network.w_rec.detach() != 0).numpy()
         out = (network.w_out.detach() != 0).numpy()
         loops = Network(spikes[window].numpy().astype(int), hidden[window].numpy().astype(int), into, among, out)
         counts = loops.run(True)[1]

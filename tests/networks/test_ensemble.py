@@ -14,6 +14,8 @@ from levels import examples
 from made_chains import READOUTS
 from neurotact_parts.exporters.c import fine_tuning
 from neurotact_parts.exporters.c.formats import Steps
+from neurotact_parts.networks.search import search
+from neurotact_parts.networks.search.tuning import MedianStop, Proposal
 from neurotact_parts.studies.comparison.pruning import remaining_synops
 from stopped_trainings import stopped_after
 
@@ -24,10 +26,9 @@ from neurotact.data.spikes import from_rasters
 from neurotact.errors import InputError
 from neurotact.networks.definition import recipe, seeds
 from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.space import SearchSpec
 from neurotact.networks.definition.specs import MOST_HIDDEN, RSNNSpec
 from neurotact.networks.exit.rule import ExitRule
-from neurotact.networks.search import search
-from neurotact.networks.search.tuning import MedianStop, Proposal, SearchSpec
 from neurotact.networks.training import epoch_checkpoint, epochs, resumable, run_folder, tasks, trainer
 from neurotact.networks.training.ensemble import joined
 from neurotact.networks.training.epochs import Checkpoint, Examples

@@ -17,6 +17,7 @@ from neurotact_parts.studies.braille.reader import read as read_letters
 from neurotact import spec as specs
 from neurotact.data.windows import Windows
 from neurotact.networks.definition import clock, recipe
+from neurotact.networks.definition import space as spaces
 from neurotact.networks.definition.recipe import (
     Seen,
     choices,
@@ -28,7 +29,6 @@ from neurotact.networks.definition.recipe import (
 )
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.search import tuning
 from neurotact.networks.training.trainer import begin
 from neurotact.neurons import CubaLIF
 
@@ -250,8 +250,8 @@ def test_a_space_holds_what_is_chosen_and_nothing_that_a_network_cannot_have(see
     hidden = max(1, hidden // 3) if effort == "best" else hidden
     asked = RSNNSpec(recipe="default", hidden=hidden, effort=effort)
     space = recipe.space(asked, seen)
-    tuning.check(space, asked, source="space")
-    chosen = tuning.values_of(recipe.first_of(asked, seen), space)
+    spaces.check(space, asked, source="space")
+    chosen = spaces.values_of(recipe.first_of(asked, seen), space)
     assert {*chosen} == {*space}
     assert all(chosen[key] in dimension["_value"] for key, dimension in space.items())
     assert all(len(dimension["_value"]) > 1 for dimension in space.values() if hidden > 1)

@@ -8,6 +8,8 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.networks.search import search
+from neurotact_parts.networks.search.tuning import Proposal
 from stopped_trainings import stopped_after
 
 from neurotact import InputError, SpikingClassifier
@@ -16,9 +18,8 @@ from neurotact.data.spikes import from_rasters
 from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
 from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.space import SearchSpec
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.search import search
-from neurotact.networks.search.tuning import Proposal, SearchSpec
 from neurotact.networks.training import (
     cautions,
     comparison,

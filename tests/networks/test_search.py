@@ -16,19 +16,21 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from in_process import typed
+from neurotact_parts.networks.search import search, search_tables
+from neurotact_parts.networks.search.figure import draw_search
+from neurotact_parts.networks.search.journal import FAILED, FINISHED, JOURNAL, STOPPED, Trial, best_of, read_journal
+from neurotact_parts.networks.search.tuning import Proposal
 
 from neurotact import cli, spec
 from neurotact.data import hdf5
 from neurotact.data.dataset import load_recordings
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
-from neurotact.figures.search import draw_search
 from neurotact.files import read_json, write_json
 from neurotact.networks.definition import recipe
+from neurotact.networks.definition import space as spaces
+from neurotact.networks.definition.space import SearchSpec, load_space
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.search import search, search_tables, tuning
-from neurotact.networks.search.journal import FAILED, FINISHED, JOURNAL, STOPPED, Trial, best_of, read_journal
-from neurotact.networks.search.tuning import Proposal, SearchSpec, load_space
 from neurotact.networks.training import epochs, run_folder, tasks
 from neurotact.networks.training.epochs import Epoch, Training
 from neurotact.networks.training.tasks import Task
@@ -454,7 +456,7 @@ def test_without_a_space_the_choices_of_the_recipe_are_searched(trains):
     network = spec.load(RSNNSpec, "default", {"hidden": 10, "tau_syn_ms": 3.0})
     asked = search.asked(SearchSpec(trials=2), network, trains, task)
     assert asked.space == recipe.space(network, tasks.seen(trains, task))
-    assert asked.first == tuning.values_of(recipe.first_of(network, tasks.seen(trains, task)), asked.space)
+    assert asked.first == spaces.values_of(recipe.first_of(network, tasks.seen(trains, task)), asked.space)
     assert search.asked(SearchSpec(), NETWORK, trains, task).space == load_space("texture")
     assert search.asked(SearchSpec(space=SPACE, tuner="grid"), NETWORK, trains, task).first is None
     first = {next(iter(SPACE)): 7}

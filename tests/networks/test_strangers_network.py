@@ -7,6 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from neurotact_parts.networks.search.journal import Trial, beside_given
+from neurotact_parts.networks.search.search import _is_consistent
 from neurotact_parts.studies.texture.shortened import cut_short, exit_curve
 from test_plugins import package  # noqa: F401
 
@@ -19,12 +21,10 @@ from neurotact.metrics import synops
 from neurotact.metrics.fronts import pareto_front
 from neurotact.networks.definition import module
 from neurotact.networks.definition.recipe import has_key
+from neurotact.networks.definition.space import SearchSpec
 from neurotact.networks.definition.specs import RSNNSpec, void_keys
 from neurotact.networks.exit.rule import ExitRule
 from neurotact.networks.exit.truncated import simulate_windows
-from neurotact.networks.search.journal import Trial, beside_given
-from neurotact.networks.search.search import _is_consistent
-from neurotact.networks.search.tuning import SearchSpec
 from neurotact.networks.training import epoch_checkpoint
 from neurotact.networks.training.comparison import costs
 from neurotact.networks.training.epochs import Examples, train

@@ -7,13 +7,15 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.networks.search import tuning
+from neurotact_parts.networks.search.tuning import MedianStop, Tuner
 
 import neurotact
 from neurotact import spec as specs
 from neurotact.errors import InputError
+from neurotact.networks.definition import space as spaces
+from neurotact.networks.definition.space import SearchSpec
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.search import tuning
-from neurotact.networks.search.tuning import MedianStop, SearchSpec, Tuner
 
 PACKAGE = Path(neurotact.__file__).parent
 SPACE = {
@@ -61,7 +63,7 @@ def test_seeds_differ(tuner):
 @pytest.mark.parametrize("tuner", TUNERS)
 def test_every_proposal_is_a_network(tuner):
     for trial in play(searching(tuner=tuner, batch=5), 12):
-        assert tuning.apply(RSNNSpec(), trial.parameters, "test").hidden == trial.parameters["hidden"]
+        assert spaces.apply(RSNNSpec(), trial.parameters, "test").hidden == trial.parameters["hidden"]
         assert isinstance(trial.parameters["hidden"], int)
 
 
@@ -199,8 +201,8 @@ def test_the_rule_goes_to_another_process():
 
 
 def test_the_texture_space_is_the_published_one_in_real_time():
-    space = tuning.load_space("texture")
-    tuning.check(space, specs.load(RSNNSpec, "rsnn"), "texture")
+    space = spaces.load_space("texture")
+    spaces.check(space, specs.load(RSNNSpec, "rsnn"), "texture")
     assert space["hidden"]["_value"] == [20, 30, 40, 50]
     assert [2 * tau for tau in space["tau_mem_ms"]["_value"]] == [10, 20, 30, 40, 100, 200, 300, 400]
     assert [2 * tau for tau in space["tau_syn_ms"]["_value"]] == [10, 20, 30, 40, 100, 200, 300]
@@ -212,7 +214,7 @@ def test_the_texture_space_is_the_published_one_in_real_time():
 
 def test_a_space_that_does_not_ship_is_named_with_the_nearest():
     with pytest.raises(InputError, match=r"texure: there is no such spec .* did you mean 'texture'"):
-        tuning.load_space("texure")
+        spaces.load_space("texure")
 
 
 @pytest.mark.parametrize(
@@ -272,7 +274,7 @@ def test_a_space_of_another_form_is_refused(space, message):
 )
 def test_what_a_network_cannot_have_is_refused_before_anything_runs(space, message):
     with pytest.raises(InputError) as refusal:
-        tuning.check(space, RSNNSpec(), "mine.toml")
+        spaces.check(space, RSNNSpec(), "mine.toml")
     assert message in str(refusal.value)
 
 

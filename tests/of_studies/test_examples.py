@@ -10,9 +10,10 @@ import pytest
 import neurotact as nt
 
 PACKAGES = tuple(
-    f"neurotact_parts.{room}" for room in ("encoders", "exporters", "opponents", "readers", "streams", "studies")
+    f"neurotact_parts.{room}"
+    for room in ("encoders", "exporters", "networks", "opponents", "readers", "streams", "studies")
 )
-AS_TYPED = ("neurotact_parts.exporters", "neurotact_parts.readers", "neurotact_parts.streams")
+AS_TYPED = tuple(f"neurotact_parts.{room}" for room in ("exporters", "networks.search", "readers", "streams"))
 """Where examples name files as a user does."""
 NEEDS = {"neo_blocks": "neo", "nwb": "pynwb", "nwb_output": "pynwb"}
 """Optional packages that the examples of a module need."""

@@ -5,14 +5,13 @@ import json
 import pandas as pd
 import pytest
 from made_run import grating_conditions, make_run
+from neurotact_parts.networks.search import search_tables, searches_figures
+from neurotact_parts.networks.search import searches as report_search
+from neurotact_parts.networks.search.journal import Trial
 from test_report import Page, make_study
 
-from neurotact.figures import searches as searches_figures
-from neurotact.networks.search import search_tables
-from neurotact.networks.search.journal import Trial
-from neurotact.networks.search.tuning import SearchSpec
+from neurotact.networks.definition.space import SearchSpec
 from neurotact.report import networks
-from neurotact.report import search as report_search
 from neurotact.studies import study
 from neurotact.studies.cell import SEARCH
 from neurotact.studies.store import cell_folder

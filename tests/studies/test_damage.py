@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from in_process import studies_here
+from neurotact_parts.networks.search import journal
 from toy import bring
 
 from neurotact import files
@@ -22,7 +23,6 @@ from neurotact.data import hdf5
 from neurotact.data.dataset import load_recordings
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
-from neurotact.networks.search import journal
 from neurotact.spec import shipped
 from neurotact.studies import loading, runner, store, study, way
 

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from levels import thinned
+from neurotact_parts.networks.search import journal
 
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
@@ -19,7 +20,6 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import split_conditions
 from neurotact.encoders import calibration
 from neurotact.encoders.gain_search import CalibrationRule
-from neurotact.networks.search import journal
 from neurotact.networks.training import trainer
 from neurotact.networks.training.tasks import Task
 from neurotact.networks.use import measuring

@@ -86,6 +86,7 @@ def _has_grades(subject: Subject) -> bool:
 
 CHAIN = ("conditioning", "encoder", "network", "readout", "exit")
 OTHER = "network of another model"
+NO_LAYER, PAST = "no hidden layer", "path past the hidden layer"
 CAUSAL_INSTEAD = "encode and train with conditioning.baseline start, high-pass or none"
 LIF_INSTEAD = "encode and train with sa1-ra1-lif"
 OUR_MODELS = {name: of_name(name) for name in names() if plugins.is_ours("encoders", name) and name != "lif"}
@@ -161,6 +162,12 @@ FEATURES: dict[str, _Feature] = {
     OTHER: _Feature(
         "network", ("model",), lambda s: s.network.spec.own is not None, "train with model = 'rsnn' or 'snn'"
     ),
+    NO_LAYER: _Feature(
+        "network",
+        ("hidden",),
+        lambda s: s.network.spec.own is None and not s.network.spec.hidden,
+        "train with hidden neurons, as in hidden = 20",
+    ),
     "clock of the network": _Feature(
         "network", ("step_ms",), lambda s: s.network.steps_per_bin > 1, "train with step_ms = 'encoder'"
     ),
@@ -171,7 +178,7 @@ FEATURES: dict[str, _Feature] = {
         "export the network alone, on whose own clock spikes then arrive, or train with step_ms = 'encoder'",
     ),
     "recurrence": _Feature(
-        "network", ("model", "recurrent_weight_scale"), _of_spec("model", "rsnn"), "train with model = 'snn'"
+        "network", ("model", "recurrent_weight_scale"), lambda s: s.network.spec.recurrent, "train with model = 'snn'"
     ),
     "recurrence in blocks": _Feature(
         "network",
@@ -228,6 +235,12 @@ FEATURES: dict[str, _Feature] = {
         ("readout_stretches", "readout_stretch_ms"),
         lambda s: s.network.stretches is not None,
         "train with readout_stretches = 1",
+    ),
+    PAST: _Feature(
+        "readout",
+        ("direct",),
+        lambda s: s.network.spec.hears_afferents and s.network.spec.hidden > 0,
+        "train with direct = false",
     ),
     "exit by patience": _Feature("exit", (), lambda s: s.rule.patience is not None, "decide at the end of a window"),
 }
@@ -288,12 +301,18 @@ EXECUTORS: dict[str, _Executor] = {
         ("encoder", "network", "readout"),
         {**_NOT_IN_NIR, "readout max": "it has no node for a maximum over time, except in the plain form"},
     ),
-    "nir-plain": _Executor("plain NIR", ("encoder", "network", "readout"), _NOT_IN_NIR, is_equal=False),
+    "nir-plain": _Executor(
+        "plain NIR",
+        ("encoder", "network", "readout"),
+        {**_NOT_IN_NIR, **dict.fromkeys((NO_LAYER, PAST), "its form is a chain of two layers of neurons")},
+        is_equal=False,
+    ),
     "snntorch": _Executor(
         "snnTorch",
         ("network", "readout"),
         {
             **_ONE_LAYER,
+            NO_LAYER: "it exchanges layers of its neurons",
             "reset hard": "its neurons have only 'zero' and 'subtract'",
             "adaptive thresholds": "its Synaptic has fixed thresholds",
             "double precision": "its spikes are float32",

@@ -172,7 +172,7 @@ def rsnn_infer(spikes: Tensor, network: Network, rule: ExitRule) -> tuple[Tensor
     integrates = level is not None
     binary = native.infer(
         _shape_of(network, keep_currents=False, with_inputs=False), trials=n_trials, steps=n_steps,
-        **_spikes_at(spikes, weights), **_parameters(weights, dynamics), bias=_at(level, n_classes),
+        **_spikes_at(spikes, weights), **_parameters(weights, dynamics, network.spec), bias=_at(level, n_classes),
         **exits_at(rule),
         labels=labels.data_ptr(), steps_run=steps.data_ptr(),
         input_spikes=input_spikes.data_ptr(), hidden_spikes=hidden_spikes.data_ptr(),
@@ -290,7 +290,7 @@ def _shape_of(network: Network, *, keep_currents: bool, with_inputs: bool) -> An
         spec.surrogate_scale, spec.readout_surrogate_scale or spec.surrogate_scale, decay, peak,
         is_double=network.w_in.dtype is torch.float64, recurrent=network.w_rec is not None, per_neuron=False,
         keep_currents=keep_currents, with_inputs=with_inputs, with_raster=False,
-        stretches=network.stretches,
+        stretches=network.stretches, direct=spec.hears_afferents,
     )  # fmt: skip
 
 
@@ -310,7 +310,7 @@ def shape_of(network: Network) -> Any:
 def addresses_of(network: Network, readout_weights: Tensor) -> dict[str, int]:
     """Addresses of weights and dynamics, valid while the network and its `readout_weights` exist and do not change."""
     dynamics = (network.alpha.detach(), network.beta.detach(), network.threshold.detach())
-    return _parameters(_weights(network, readout_weights), dynamics)
+    return _parameters(_weights(network, readout_weights), dynamics, network.spec)
 
 
 @lru_cache(maxsize=256)
@@ -349,16 +349,20 @@ def _spikes_at(spikes: Tensor, weights: Weights) -> dict[str, int]:
     }  # fmt: skip
 
 
-def _parameters(weights: Weights, dynamics: tuple[Tensor, ...]) -> dict[str, int]:
-    """Addresses of weights and dynamics; shapes are checked against `w_in` and `w_out`."""
+def _parameters(weights: Weights, dynamics: tuple[Tensor, ...], spec: RSNNSpec | None = None) -> dict[str, int]:
+    """Addresses of weights and dynamics; shapes are checked against `w_in` and `w_out`.
+
+    spec: of a network whose readout may hear the afferents, too; None: it hears the hidden neurons alone.
+    """
     w_in, w_rec, w_out = weights
     n_inputs, n_hidden = w_in.shape
+    n_heard = n_hidden if spec is None else spec.heard(n_inputs)
     # A network has one value per layer; a single layer has one for all its neurons, or one per neuron.
     n_values = 2 if w_out is not None else 1 if len(dynamics[0]) == 1 else n_hidden
     alpha, beta, threshold = (_at(values, n_values) for values in dynamics)
     return {
         "w_in": _at(w_in, n_inputs, n_hidden), "w_rec": _at(w_rec, n_hidden, n_hidden),
-        "w_out": 0 if w_out is None else _at(w_out, *w_out.shape[:-2], n_hidden, w_out.shape[-1]),
+        "w_out": 0 if w_out is None else _at(w_out, *w_out.shape[:-2], n_heard, w_out.shape[-1]),
         "alpha": alpha, "beta": beta, "threshold": threshold,
     }  # fmt: skip
 

@@ -32,7 +32,8 @@ class Layer(NamedTuple):
 class Model(NamedTuple):
     """All that a network computes with: layers, weights, and the integration of a readout that does not spike.
 
-    stretches: of its window, if the integrator has weights of its own in each; w_out is then `(K, hidden, class)`.
+    stretches: of its window, if the integrator has weights of its own in each; w_out is then `(K, heard, class)`.
+    direct: whether the integrator hears the input spikes, too, through rows of w_out behind those of hidden neurons.
     """
 
     hidden: Layer
@@ -42,31 +43,34 @@ class Model(NamedTuple):
     w_out: Tensor
     integration: Integration | None
     stretches: Stretches | None = None
+    direct: bool = False
 
 
 def counts(model: Model, spikes: Tensor, factors: Tensor | None = None) -> tuple[Tensor, Tensor]:
     """Readout counts or values `(trial, class)` and hidden counts `(trial, hidden)` over a window.
 
-    factors: of the input from each hidden neuron to an integrator that leaks, `(hidden,)`, or that has stretches,
-        `(trial, hidden)`; by default all 1.
+    factors: of the input from each neuron to an integrator that leaks, `(heard,)`, or `(trial, heard)` if it has
+        stretches or hears the input; by default all 1.
     """
     sent, _ = cuba_lif_layer(spikes.to(model.w_in.dtype), model.w_in, model.w_rec, **model.hidden._asdict())
     hidden, integration = sent.sum(dim=-2), model.integration
     if integration is None:
         decided, _ = cuba_lif_layer(sent, model.w_out, None, **model.readout._asdict())
         return decided.sum(dim=-2), hidden
+    heard = torch.cat([sent, spikes.to(sent)], dim=-1) if model.direct else sent
     if model.stretches is not None:
-        values = stretched(model.stretches, model.stretches.counts(sent), model.w_out, factors) + integration.level
+        values = stretched(model.stretches, model.stretches.counts(heard), model.w_out, factors) + integration.level
     elif integration.leaks:
         w_out = model.w_out if factors is None else model.w_out * factors[..., None]
-        values = integration.of(sent.double() @ w_out.double())
+        values = integration.of(heard.double() @ w_out.double())
     else:
-        values = hidden.double() @ model.w_out.double() + integration.level
+        counted = heard.sum(dim=-2) if factors is None else heard.sum(dim=-2) * factors
+        values = counted.double() @ model.w_out.double() + integration.level
     return values.to(model.w_out.dtype), hidden
 
 
 def stretched(stretches: Stretches, counts: Tensor, w_out: Tensor, factors: Tensor | None) -> Tensor:
-    """What hidden spikes in each stretch, `(trial, K, hidden)`, add to the classes, `(trial, class)` float64."""
+    """What spikes that are heard in each stretch, `(trial, K, heard)`, add to the classes, `(trial, class)` float64."""
     counts = counts if factors is None else counts * factors[..., None, :]
     return stretches.sums(counts.double(), w_out.double())
 
@@ -99,6 +103,8 @@ def cuba_lif_layer(
     shape = x.shape[:-2]
     if state is None:
         state = cuba_lif_start(shape, w.shape[-1], w)
+    if not w.shape[-1]:
+        return x.new_zeros(*shape, x.shape[-2], 0), state
     transmitted = []
     # unbind, not indexing: its gradient is one stack; an index per step would cost steps squared.
     for arriving in (x if ordered else x @ w).unbind(dim=-2):

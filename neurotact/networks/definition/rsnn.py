@@ -54,9 +54,11 @@ class RSNN(Network):
     """`n_inputs` afferents, `spec.hidden` hidden neurons, `n_classes` readout neurons.
 
     Weights are `(presynaptic, postsynaptic)`: `w_in`, `w_rec`, `w_out`; a feed-forward network's `w_rec` is None.
+    An integrator that hears the afferents, too (`spec.direct`, `spec.hidden = 0`), has a row of `w_out` for each of
+    them behind those of the hidden neurons.
     `alpha`, `beta` and `threshold` hold one value for the hidden layer and one for the readout, which an integrator
     does not use. An integrator has a `bias` `(class,)`; it is None if the readout spikes. With `readout_stretches` K
-    above 1 its weights are `w_out` + `w_stretch`, the latter `(K, hidden, class)`, else None. Input spikes are
+    above 1 its weights are `w_out` + `w_stretch`, the latter `(K, heard, class)`, else None. Input spikes are
     `(trial, time, afferent)` of any type with the values 0 and 1, `sampling_rate_Hz` steps a second; with
     `spec.step_ms` the network puts them into bins, and is computed once a bin (`clock`). `backend` chooses the
     implementation (see `native.use_native`).
@@ -130,11 +132,12 @@ class RSNN(Network):
             self.w_rec = normal(spec.hidden, spec.hidden, recurrent / math.sqrt(spec.fan_among))
             if spec.recurrent_blocks > 1:
                 self.w_rec.data.mul_(self.within_blocks())
-        self.w_out = normal(spec.hidden, n_classes, forward / math.sqrt(spec.hidden))
+        n_heard = spec.heard(n_inputs)
+        self.w_out = normal(n_heard, n_classes, forward / math.sqrt(n_heard))
         self.stretches = _stretches_of(spec, self.clock_Hz)
         self.w_stretch: nn.Parameter | None = None
         if self.stretches is not None:
-            shape = (self.stretches.number, spec.hidden, n_classes)
+            shape = (self.stretches.number, n_heard, n_classes)
             self.w_stretch = nn.Parameter(torch.zeros(shape, dtype=dtype))
         self.bias = nn.Parameter(torch.zeros(n_classes, dtype=dtype)) if spec.integrates else None
         self.alpha = self._dynamics("alpha", decay_per_step(spec.tau_syn_ms, self.clock_Hz), dtype)
@@ -148,6 +151,7 @@ class RSNN(Network):
         blocks = self.spec.recurrent_blocks
         within = f" in {blocks} blocks" if blocks > 1 else ""
         kind = f"recurrent{within}" if self.spec.recurrent else "feed-forward"
+        kind += ", and a path past them" if self.spec.direct and self.spec.hidden else ""
         absent = 0 if self.w_rec is None else self.spec.hidden * (self.spec.hidden - self.spec.fan_among)
         n_weights = sum(weights.numel() for weights in self.weights) - absent
         adapts = ""
@@ -155,6 +159,9 @@ class RSNN(Network):
             adapts = (
                 f"threshold_adaptation {self.spec.threshold_adaptation:g} over {self.spec.tau_adaptation_ms:g} ms, "
             )
+        if not self.spec.hidden:
+            sizes = f"{self.n_inputs} afferents, no hidden layer, {self.n_classes} classes"
+            return f"RSNN({sizes}, clock {self.clock_Hz:g} Hz, {n_weights:,} weights)"
         return (
             f"RSNN({self.n_inputs} afferents, {self.spec.hidden} hidden ({kind}), {self.n_classes} classes, "
             f"clock {self.clock_Hz:g} Hz, tau_mem {self.spec.tau_mem_ms:g} ms, "
@@ -178,7 +185,7 @@ class RSNN(Network):
 
     @property
     def readout_weights(self) -> Tensor:
-        """The weights from hidden neurons to classes, `(hidden, class)`, or of each stretch, `(K, hidden, class)`."""
+        """The weights of what the readout hears, `(heard, class)`, or of each stretch, `(K, heard, class)`."""
         return self.w_out if self.w_stretch is None else self.w_out + self.w_stretch
 
     @property
@@ -212,7 +219,8 @@ class RSNN(Network):
     def model(self) -> reference.Model:
         """All that this network computes with."""
         layers = self.layer(0), self.layer(1)
-        return reference.Model(*layers, self.w_in, self.w_rec, self.readout_weights, self.integration, self.stretches)
+        weights, how = (self.w_in, self.w_rec, self.readout_weights), (self.integration, self.stretches)
+        return reference.Model(*layers, *weights, *how, self.spec.hears_afferents)
 
     @property
     def integration(self) -> Integration | None:
@@ -235,8 +243,8 @@ class RSNN(Network):
     def forward(self, spikes: Tensor, factors: Tensor | None = None) -> Counts | Tensor:
         """What `returns` says of the whole window, for training: spike counts, or a tensor.
 
-        factors: of the input from each hidden neuron to an integrator that leaks, `(hidden,)`, or that has
-            stretches, `(trial, hidden)`; by default all 1.
+        factors: of the input from each neuron to an integrator that leaks, `(heard,)`, or that has stretches,
+            `(trial, heard)`; by default all 1.
         """
         if self.returns == "spikes":
             return self.simulate(spikes).readout
@@ -267,18 +275,29 @@ class RSNN(Network):
         if integration is None:
             return Counts(*native.rsnn_counts(spikes, self))
         if self.stretches is not None:
-            hidden = self._hidden_counts(spikes, self.stretches)
-            values = reference.stretched(self.stretches, hidden, self.readout_weights, factors) + integration.level
+            hidden, heard = self._counted(spikes, self.stretches)
+            values = reference.stretched(self.stretches, heard, self.readout_weights, factors) + integration.level
             return Counts(values.to(hidden), hidden.sum(dim=1))
         if not integration.leaks:
-            hidden = self._hidden_counts(spikes)
-            return Counts(self.sums(hidden), hidden)
+            hidden, heard = self._counted(spikes)
+            return Counts(self.sums(heard if factors is None else heard * factors), hidden)
         w_out = self.w_out if factors is None else self.w_out * factors[:, None]
         values, hidden = native.rsnn_counts(spikes, self, w_out)
         return Counts(values + integration.level.to(values), hidden)
 
+    def heard(self, hidden: Tensor, spikes: Tensor) -> Tensor:
+        """What the readout hears, `(..., heard)`: spikes of hidden neurons and, where it hears them, of afferents."""
+        return torch.cat([hidden, spikes.to(hidden)], dim=-1) if self.spec.hears_afferents else hidden
+
+    def _counted(self, spikes: Tensor, stretches: Stretches | None = None) -> tuple[Tensor, Tensor]:
+        """Counts of hidden spikes and of what the readout hears, of windows or of each stretch of them."""
+        hidden = self._hidden_counts(spikes, stretches)
+        if not self.spec.hears_afferents:
+            return hidden, hidden
+        return hidden, self.heard(hidden, spikes.sum(dim=1) if stretches is None else stretches.counts(spikes))
+
     def _hidden_counts(self, spikes: Tensor, stretches: Stretches | None = None) -> Tensor:
-        if self._native():
+        if self._native() and self.spec.hidden:
             dynamics = (self.alpha[0], self.beta[0], self.threshold[0])
             scale = self.spec.surrogate_scale
             return native.layer(
@@ -288,23 +307,25 @@ class RSNN(Network):
         sent, _ = self._layer(spikes.to(self.w_in.dtype), self.w_in, self.w_rec, 0, False)
         return sent.sum(dim=1) if stretches is None else stretches.counts(sent)
 
-    def sums(self, hidden: Tensor) -> Tensor:
-        """The values of an integrator without a leak at the end of a window, from the hidden neurons' counts."""
+    def sums(self, heard: Tensor) -> Tensor:
+        """The values of an integrator without a leak at the end of a window, from the counts of what it hears."""
         assert self.bias is not None
-        return (self.added(hidden) + self.bias.to(torch.float64)).to(self.w_out.dtype)
+        return (self.added(heard) + self.bias.to(torch.float64)).to(self.w_out.dtype)
 
     def simulate(self, spikes: Tensor, *, ordered: bool = False) -> Rasters:
         """Every spike of every neuron; differentiable. `ordered`: by the reference, adding in the kernels' order."""
         return self._simulate(self.binned(spikes), ordered)
 
     def _simulate(self, spikes: Tensor, ordered: bool = False) -> Rasters:
-        if not ordered and self._native():
+        if not ordered and self._native() and self.spec.hidden:
             hidden = self._native_layer(spikes, self.w_in, self.w_rec, 0)
             spiking = self.bias is None
-            return Rasters(hidden, self._native_layer(hidden, self.w_out, None, 1) if spiking else self.added(hidden))
+            if not spiking:
+                return Rasters(hidden, self.added(self.heard(hidden, spikes)))
+            return Rasters(hidden, self._native_layer(hidden, self.w_out, None, 1))
         hidden, _ = self._layer(spikes.to(self.w_in.dtype), self.w_in, self.w_rec, 0, ordered)
         if self.bias is not None:
-            return Rasters(hidden, self.added(hidden))
+            return Rasters(hidden, self.added(self.heard(hidden, spikes)))
         readout, _ = self._layer(hidden, self.w_out, None, 1, ordered)
         return Rasters(hidden, readout)
 
@@ -320,22 +341,22 @@ class RSNN(Network):
             later = self.neuron.recurrent_delay_steps + (self.neuron.membrane == "immediate")
             back = hidden.float() @ (self.w_rec.detach().cpu() != 0).float()
             arriving[:, 1 + later :] += back[:, : max(0, back.shape[1] - 1 - later)]
-        heard = hidden.float() @ out
+        heard = self.heard(hidden.float(), spikes) @ out
         return torch.stack([(arriving > 0).sum(dim=2), (heard > 0).sum(dim=2)], dim=2)
 
-    def added(self, hidden: Tensor) -> Tensor:
-        """The input of an integrator from hidden spikes in each step of a window, `(trial, time, class)`.
+    def added(self, heard: Tensor) -> Tensor:
+        """The input of an integrator from what it hears in each step of a window, `(trial, time, class)`.
 
-        Without stretches also from their counts, `(..., class)`.
+        Without stretches also from counts, `(..., class)`.
         """
         if self.stretches is not None:
-            return self.stretches.gains(hidden.double(), self.readout_weights.double())
-        return hidden.double() @ self.w_out.double()
+            return self.stretches.gains(heard.double(), self.readout_weights.double())
+        return heard.double() @ self.w_out.double()
 
-    def gained(self, hidden: Tensor, step: int) -> Tensor:
-        """The input of an integrator from the hidden spikes `(..., hidden)` of one step of a window, `(..., class)`."""
+    def gained(self, heard: Tensor, step: int) -> Tensor:
+        """The input of an integrator from what it hears, `(..., heard)`, in one step of a window, `(..., class)`."""
         weights = self.readout_weights
-        return hidden.double() @ (weights if self.stretches is None else weights[self.stretches.of_step(step)]).double()
+        return heard.double() @ (weights if self.stretches is None else weights[self.stretches.of_step(step)]).double()
 
     def _infer(self, spikes: Tensor, rule: ExitRule) -> Inference:
         if self._native():
@@ -352,11 +373,12 @@ class RSNN(Network):
         n_trials, n_steps, _ = spikes.shape
         steps = torch.full((n_trials,), n_steps, device=spikes.device)
         if rule.never and not integration.leaks and self.stretches is None:
-            hidden = self._hidden_counts(spikes)
-            sums = self.added(hidden) + integration.level
+            hidden, heard = self._counted(spikes)
+            sums = self.added(heard) + integration.level
             n_input, n_hidden = (part.sum(dim=1).to(torch.int64) for part in (spikes.flatten(1), hidden))
             return Inference(sums.argmax(dim=1), steps, n_input, n_hidden, sums)
-        return decided(spikes, Simulated(self._simulate(spikes)), rule, integration)
+        found = decided(spikes, Simulated(self._simulate(spikes)), rule, integration)
+        return found if self.spec.hidden else found._replace(hidden_spikes=torch.zeros_like(found.steps))
 
     def _infer_by_steps(self, spikes: Tensor, rule: ExitRule) -> Inference:
         n_trials, n_steps, _ = spikes.shape
@@ -424,11 +446,13 @@ def _say_once(what: str) -> None:
 
 def rsnn_of(executor: str, network: Network) -> RSNN:
     """A network that an executor, or a `chip`, takes at all; InputError for one that is no RSNN."""
-    if isinstance(network, RSNN):
+    is_rsnn = isinstance(network, RSNN)
+    if is_rsnn and not (executor == "chip" and network.spec.hears_afferents):
         return network
     if executor == "chip":
-        instead = executors.FEATURES[executors.OTHER].instead
-        raise InputError(f"{executors.OTHER}: limits of chips are known for one hidden layer; {instead}")
+        lacked = executors.OTHER if not is_rsnn else executors.PAST if network.spec.hidden else executors.NO_LAYER
+        instead = executors.FEATURES[lacked].instead
+        raise InputError(f"{lacked}: limits of chips are known for one hidden layer; {instead}")
     raise executors.refusal(executor, executors.OTHER)
 
 

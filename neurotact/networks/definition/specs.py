@@ -162,8 +162,11 @@ class RSNNSpec(Spec):
     trained, and recurrence stays if it classifies more validation windows correctly, by more than the standard error;
     a trained network is one of the two. Another name: a network of several layers (`layered`), or of another package
     (`docs/plugins.md`), with keys of its own beside step_ms, recipe and training."""
-    hidden: int = Field(default=30, ge=1, le=MOST_HIDDEN)
-    """Neurons in the hidden layer. A list, such as [20, 10]: of several layers (`model = "layered"`)."""
+    hidden: int = Field(default=30, ge=0, le=MOST_HIDDEN)
+    """Neurons in the hidden layer. 0: none; the integrator hears the afferents and is fitted as logistic regression.
+    A list, such as [20, 10]: of several layers (`model = "layered"`)."""
+    direct: bool = False
+    """Whether an integrator also hears the afferents themselves, past the hidden layer. Without one it always does."""
     step_ms: Annotated[float, Field(gt=0)] | Literal["encoder"] | None = None
     """Step of the network's clock, a whole number of steps of the encoder's clock. Input spikes are put into bins of
     this length; several of one afferent in a bin are one. `encoder`, or absent without a recipe: the encoder's step."""
@@ -289,7 +292,20 @@ class RSNNSpec(Spec):
     @property
     def recurrent(self) -> bool:
         """Whether hidden neurons are connected to one another, or may be after training."""
-        return self.model != "snn" and self.own is None
+        return self.model != "snn" and self.own is None and self.hidden > 0
+
+    @property
+    def hears_afferents(self) -> bool:
+        """Whether input spikes reach the readout directly."""
+        return self.own is None and (self.direct or not self.hidden)
+
+    def heard(self, n_inputs: int) -> int:
+        """Neurons whose spikes reach the readout: the hidden ones, then the afferents where it hears them.
+
+        >>> [spec.heard(16) for spec in (RSNNSpec(hidden=5), RSNNSpec(hidden=5, readout="integrator", direct=True))]
+        [5, 21]
+        """
+        return self.hidden + n_inputs * self.hears_afferents
 
     @property
     def fan_among(self) -> int:
@@ -307,7 +323,7 @@ class RSNNSpec(Spec):
         >>> [RSNNSpec(recipe="default", effort=effort).n_members for effort in ("quick", "best")]
         [1, 3]
         """
-        return BEST_MEMBERS if self.effort == "best" else self.training.members
+        return BEST_MEMBERS if self.effort == "best" and self.hidden else self.training.members
 
     @property
     def n_trainings(self) -> int:
@@ -352,6 +368,20 @@ class RSNNSpec(Spec):
     def _leak_has_a_readout(self) -> "RSNNSpec":
         if self.readout_tau_ms is not None and self.readout == "count" and self.recipe is None:
             raise ValueError("readout_tau_ms needs readout = 'integrator' or 'max'; set that, or drop the key")
+        return self
+
+    @model_validator(mode="after")
+    def _afferents_have_a_sum(self) -> "RSNNSpec":
+        if not self.hears_afferents:
+            return self
+        what = "direct = true" if self.direct else "hidden = 0"
+        if not (self.direct or self.hidden) and "direct" in self.model_fields_set:
+            raise ValueError("direct = false leaves a network with hidden = 0 nothing to hear; drop it, or set hidden")
+        if not self.hidden and self.training.members > 1:
+            raise ValueError("training.members: networks with hidden = 0 are all the same; set 1, or hidden")
+        chooses = self.recipe is not None and "readout" not in self.model_fields_set
+        if self.readout_tau_ms is not None or not (chooses or self.readout == "integrator"):
+            raise ValueError(f"{what} needs readout = 'integrator' without readout_tau_ms; set that, or change {what}")
         return self
 
     @model_validator(mode="after")
@@ -415,6 +445,7 @@ class RSNNSpec(Spec):
             table = {**{key: value for key, value in table.items() if key in COMMON}, **own}
         if self.recipe is None:
             unused = {"effort"} | (set() if self.threshold_adaptation else {"tau_adaptation_ms"})
+            unused |= set() if self.direct else {"direct"}
             return {key: value for key, value in table.items() if key not in unused}  # which no spec may name then
         names = {*self.model_fields_set, *own} - {"training"}
         given = {key: value for key, value in table.items() if key in names}
@@ -452,6 +483,7 @@ def void_keys(spec: RSNNSpec) -> dict[str, str]:
         keeps_scale=not scales_all,
         has_others=not is_relative or spec.integrates or bool(spec.learn),
         readout_stretches=spec.readout_stretches,
+        hidden=spec.hidden,
         has_betas=optimisers.takes(spec.training.optimiser, "betas"),
         has_weight_decay=optimisers.takes(spec.training.optimiser, "weight_decay"),
     )

@@ -48,8 +48,8 @@ def worse_than_baseline(
     if comparison.verdict == "worse":
         is_rsnn = spec.own is None
         is_larger_possible = is_rsnn and spec.hidden <= MOST_HIDDEN // 2 and "hidden" not in searched
-        larger = 2 * spec.hidden // members
-        can_join = spec.readout == "integrator" and not spec.learn and BEST_MEMBERS * spec.hidden <= MOST_HIDDEN
+        larger = 2 * spec.hidden // members or 50
+        can_join = spec.readout == "integrator" and not spec.learn and 0 < BEST_MEMBERS * spec.hidden <= MOST_HIDDEN
         joins = command == "train" and members == 1 and spec.input_deviation is not None and can_join
         last = {"train": "`nt.tune`", "tune": "more trials (`trials`)", "fine-tune": "`nt.tune`"}[command]
         remedies = [

@@ -216,12 +216,12 @@ def joined(networks: Sequence[RSNN]) -> RSNN:
     ).to(first.w_in.device)  # fmt: skip
     whole.spike = first.spike
     parts = {name: [network.state_dict()[name] for network in networks] for name in first.state_dict()}
-    whole.load_state_dict({name: _joined_parameter(name, tensors) for name, tensors in parts.items()})
+    whole.load_state_dict({name: _joined_parameter(name, tensors, spec.hidden) for name, tensors in parts.items()})
     return whole
 
 
-def _joined_parameter(name: str, parts: Sequence[Tensor]) -> Tensor:
-    """A parameter of the joined network."""
+def _joined_parameter(name: str, parts: Sequence[Tensor], n_hidden: int) -> Tensor:
+    """A parameter of the joined network; n_hidden: neurons of one, behind which its readout may hear the afferents."""
     if name in SHARED:
         return parts[0]
     if name == "w_in":
@@ -230,7 +230,8 @@ def _joined_parameter(name: str, parts: Sequence[Tensor]) -> Tensor:
         return torch.block_diag(*parts)
     if name == "bias":
         return torch.stack([*parts]).mean(dim=0)
-    return torch.cat([*parts], dim=-2) / len(parts)  # of the readout: (..., hidden, class)
+    past = torch.stack([part[..., n_hidden:, :] for part in parts]).sum(dim=0)
+    return torch.cat([*(part[..., :n_hidden, :] for part in parts), past], dim=-2) / len(parts)  # (..., heard, class)
 
 
 def _check_alike(networks: Sequence[RSNN]) -> None:

@@ -440,8 +440,8 @@ def _counts_with_dropout(network: Network, spikes: Tensor, generator: torch.Gene
     dropout = network.spec.training.readout_dropout
     if not dropout or network.bias is None:
         return network.counts(spikes)
-    if network.stretches is not None:
-        factors = partly_heard(torch.ones(len(spikes), network.spec.hidden), dropout, generator).to(network.w_out)
+    if network.stretches is not None or network.spec.hears_afferents:
+        factors = partly_heard(torch.ones(len(spikes), len(network.w_out)), dropout, generator).to(network.w_out)
         return network.counts(spikes, factors)
     if network.leaks:
         factors = partly_heard(torch.ones(network.spec.hidden), dropout, generator).to(network.w_out)

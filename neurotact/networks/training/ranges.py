@@ -72,7 +72,8 @@ def record_states(network: RSNN, rasters: Tensor) -> tuple[float, float]:
                 state=states[index],
             )  # fmt: skip
             state = states[index]
-            largest[index] = max(largest[index], float(state.current.abs().max()), float(state.membrane.abs().max()))
+            values = torch.stack([state.current, state.membrane]).abs()
+            largest[index] = max(largest[index], float(values.max())) if values.numel() else 0.0
     return largest[0], largest[1]
 
 

@@ -152,8 +152,9 @@ def shapes_of(spec: RSNNSpec, n_inputs: int, n_classes: int) -> dict[str, tuple[
     recurrent = {"w_rec": (spec.hidden, spec.hidden)} if spec.recurrent else {}
     bias = {"bias": (n_classes,)} if spec.integrates else {}
     dynamics = dict.fromkeys(("alpha", "beta", "threshold"), (2,))
-    stretch = {"w_stretch": (k, spec.hidden, n_classes)} if (k := spec.readout_stretches) > 1 else {}
-    readout = {"w_out": (spec.hidden, n_classes), **stretch, **bias}
+    heard = spec.heard(n_inputs)
+    stretch = {"w_stretch": (k, heard, n_classes)} if (k := spec.readout_stretches) > 1 else {}
+    readout = {"w_out": (heard, n_classes), **stretch, **bias}
     return {"w_in": (n_inputs, spec.hidden), **recurrent, **readout, **dynamics}
 
 

@@ -16,7 +16,7 @@ from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split, Splits, SplitSpec, hold_out, split_touches, turns_of
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_trials, values_in_words
-from neurotact.data.window_choice import Words, suited_window
+from neurotact.data.window_choice import ARGUMENTS, Words, suited_window
 from neurotact.data.windows import Windows, WindowSpec
 from neurotact.errors import InputError
 from neurotact.networks.definition import recipe
@@ -90,6 +90,17 @@ def task_of(
     choice = TrialChoice.of(where, leave_out)._asdict()
     table = {"window": window, "split": split.one, "stratify": split.stratify, "exit_tolerance": exit_tolerance}
     return build(Task, {**table, **choice, "exit_choice": "steady"}, source=source)
+
+
+def of_file(
+    source: str, spikes: str | Path, window: WindowSpec, split: Splits, exit_tolerance: float = 0.01,
+    where: Any = None, leave_out: Any = None,
+) -> tuple[SpikeTrains, Task]:  # fmt: skip
+    """The spike trains of a file and the task of `task_of` on them, with windows that suit them."""
+    path = path_of(spikes)
+    task = task_of(source, window, split, exit_tolerance, where, leave_out)
+    trains = load_spikes(path, task, tell=True)
+    return trains, with_suited_window(task, trains, ARGUMENTS)
 
 
 def path_of(spikes: object) -> Path:

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.spikes import SpikeTrains
+from neurotact.data.windows import left_out
 from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.networks.training.provenance import Provenance, first_difference
@@ -46,6 +47,9 @@ def infer(
     trials = _tested(trains, known) if test_only else np.arange(len(trains))
     warn_of_onsets(trains.select(trials), restored.task.window)
     examples, windows = examples_of(trains, trials, restored.task.window)
+    fits = ~np.isin(np.arange(len(trains)), np.setdiff1d(trials, windows.trial))
+    for line in left_out(fits, 1e3 * trains.trial_steps / trains.sampling_rate_Hz):
+        warnings.warn(line, stacklevel=2)
     network, held = restored.network, restored.held
     if early_exit and held is not None and held.is_refused:
         say(f"early exit is not used, whole windows decide: {held.in_words}")

@@ -33,6 +33,8 @@ STRETCHES = "readout_stretches"
 """Column of results: stretches of a window with readout weights of their own."""
 BLOCKS = "recurrent_blocks"
 """Column of results: blocks of hidden neurons within which recurrent synapses exist; absent where all have one."""
+DIRECT = "direct"
+"""Column of results: 1 where the readout hears the afferents past a hidden layer; absent or empty where it does not."""
 KIND = "afferents"
 """Column of the rows of a study: which afferents made the spikes of the network."""
 AMONG = "among"
@@ -111,14 +113,15 @@ def network_cost(
     touched = [measured.get(name) for name in TOUCHED] if event_driven else [None, None]
     if event_driven and any(map(pd.isna, touched)):
         return NotCounted(signal_ms=signal_ms)
-    arrived = measured.get(SPIKES[0], measured["sops_input"] / spec.hidden)
-    sent = measured.get(SPIKES[1], measured["sops_readout"] / n_classes)
+    arrived, sent = _spikes_of(spec, n_classes, measured)
     into_hidden, into_readout = measured["sops_input"] + measured["sops_recurrent"], measured["sops_readout"]
     leaky_steps = 0.0 if spec.readout_leak_ms is None else steps
     readout = (
         Integrator(
-            spec.hidden, n_classes, sops=into_readout, leaky_steps=leaky_steps, peak=spec.readout == "max",
-            stretches=spec.readout_stretches, spikes=sent, touched=touched[1], steps=steps,
+            spec.heard(n_afferents), n_classes, sops=into_readout, leaky_steps=leaky_steps,
+            peak=spec.readout == "max", stretches=spec.readout_stretches, touched=touched[1], steps=steps,
+            spikes=sent if spec.hidden else arrived,
+            beside=(n_afferents, arrived) if spec.hidden and spec.direct else (0, 0.0),
         )
         if spec.integrates
         else SpikingLayer(
@@ -126,6 +129,8 @@ def network_cost(
             sops_sent=into_readout,
         )
     )  # fmt: skip
+    if not spec.hidden:
+        return cost(readout, signal_ms=signal_ms)
     return cost(
         SpikingLayer(
             n_afferents, spec.hidden, steps=steps, sops=into_hidden, recurrent=spec.fan_among,
@@ -135,6 +140,17 @@ def network_cost(
         readout,
         signal_ms=signal_ms,
     )  # fmt: skip
+
+
+def _spikes_of(spec: RSNNSpec, n_classes: int, measured: Mapping[str, Any]) -> tuple[float, float]:
+    """Spikes of afferents and of hidden neurons: measured or, where all weights are there, from the operations."""
+    if SPIKES[0] in measured and SPIKES[1] in measured:
+        return measured[SPIKES[0]], measured[SPIKES[1]]
+    heard = measured["sops_readout"] / n_classes
+    if not spec.hidden:
+        return heard, 0.0
+    arrived = measured["sops_input"] / spec.hidden
+    return arrived, heard - arrived if spec.direct else heard
 
 
 def is_counted(spec: RSNNSpec) -> bool:
@@ -199,7 +215,8 @@ def decision_ledger(
         return ledger_table([("network", one) for one in spent], prices)
     if why := no_cost(made_by.encoder):
         warnings.warn(why, stacklevel=3)
-    n_spikes = measured["sops_input"] / spec.hidden if spec.own is None else measured["input_spikes"]
+    has_layer = spec.own is None and spec.hidden
+    n_spikes = measured["sops_input"] / spec.hidden if has_layer else measured["input_spikes"]
     encoding = made_by.cost(steps, n_spikes)
     whole = [("network", one) for one in spent] + [("both", encoding + one) for one in spent]
     return ledger_table([("encoder", encoding), *whole], prices)
@@ -245,7 +262,7 @@ def study_ledger(
         warnings.warn(f"the cost of {n} network{'s' * (n > 1)} is not counted; {GIVES_COST}", stacklevel=2)
         results = results[counted]
     results = results.assign(**{AMONG: results["sops_recurrent"] > 0})
-    alike = [KIND, AMONG, *(name for name in (STEPS_PER_BIN, STRETCHES, BLOCKS, OWN_KEYS) if name in results)]
+    alike = [KIND, AMONG, *(name for name in (STEPS_PER_BIN, STRETCHES, BLOCKS, DIRECT, OWN_KEYS) if name in results)]
     measures = [*(MEASURED if OWN_KEYS in results else SOPS), "window_steps"]
     measures += [name for name in ("input_spikes", *TOUCHED) if name in results]
     means = means_over(results, [*by, *alike], measures, "seeds")
@@ -301,7 +318,10 @@ def row_cost(
     if model == "auto":  # decided in training: hidden neurons that are connected have operations among them
         model = "rsnn" if row["sops_recurrent"] > 0 else "snn"
     stretches = round(row.get(STRETCHES, 1))
-    of_rsnn = {"hidden": int(row["hidden"]), "model": model, STRETCHES: stretches, BLOCKS: _blocks_of(row)}
+    of_rsnn = {
+        "hidden": int(row["hidden"]), "model": model, STRETCHES: stretches, BLOCKS: _blocks_of(row),
+        "direct": row.get(DIRECT) == 1,
+    }  # fmt: skip
     own = chosen.model_copy(update={"step_ms": step_ms, **(of_rsnn if spec.own is None else {})})
     before = "exit_" if early else ""
     measured = {name: row[f"{before}{name}"] for name in (SOPS if spec.own is None else MEASURED)}

@@ -57,7 +57,8 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
         **touched(windows, network.steps_per_bin),
         **{f"exit_{name}": value for name, value in touched(windows, network.steps_per_bin, early.steps).items()},
         **_oracle(network, windows),
-        **({} if network.spec.own is None else _of_own(network.spec.own_keys, full, early)),
+        **({} if network.spec.own is None else {OWN_KEYS: network.spec.own_keys}),
+        **(_arriving(full, early) if network.spec.own is not None or not network.spec.hidden else {}),
         "window_steps": test.spikes.shape[1],
         "steps_per_bin": network.steps_per_bin,
         "readout_stretches": network.spec.readout_stretches,
@@ -65,6 +66,7 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
         **({} if (n := trained.training.n_members) == 1 else {"members": n}),
         **({} if (gain := trained.training.recurrence_gain) is None else {"recurrence_gain": gain}),
         **({} if (blocks := network.spec.recurrent_blocks) == 1 else {"recurrent_blocks": blocks}),
+        **({"direct": 1} if network.spec.direct and network.spec.hidden else {}),
     }
     matrix = confusion_matrix(test.labels, full.labels.cpu(), labels=range(network.n_classes))
     right, exit_right = ((result.labels.cpu() == test.labels).tolist() for result in (full, early))
@@ -72,10 +74,10 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
     return found if held is None else {**found, "exit_losses": {**held.losses}}
 
 
-def _of_own(keys: str, full: Inference, early: Inference) -> dict[str, Any]:
-    """Of a network with keys of its own: these, and the mean spikes into it, since its layers are its own matter."""
+def _arriving(full: Inference, early: Inference) -> dict[str, float]:
+    """The mean spikes into a network, where operations do not tell them: its first layer is its own matter, or none."""
     pairs = (("input_spikes", full), ("exit_input_spikes", early))
-    return {OWN_KEYS: keys, **{name: float(one.input_spikes.double().mean()) for name, one in pairs}}
+    return {name: float(one.input_spikes.double().mean()) for name, one in pairs}
 
 
 def exit_accuracy(trained: Trained, validation: Examples) -> float:

@@ -7,15 +7,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from neurotact_parts.networks.search.journal import FINISHED, Trial, best_of
+from neurotact_parts.networks.search.search import Problem
 from sklearn.ensemble import RandomForestRegressor
 from sklearn.inspection import permutation_importance
 
 from neurotact import files, spec
 from neurotact.metrics.fronts import pareto_front
+from neurotact.networks.definition.space import SearchSpec
 from neurotact.networks.definition.specs import void_keys
-from neurotact.networks.search.journal import FINISHED, Trial, best_of
-from neurotact.networks.search.search import Problem
-from neurotact.networks.search.tuning import SearchSpec
 from neurotact.tables import write_table
 
 

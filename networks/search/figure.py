@@ -8,12 +8,12 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from neurotact_parts.networks.search import search_tables
+from neurotact_parts.networks.search.journal import Trial
+from neurotact_parts.networks.search.search import Problem
+from neurotact_parts.networks.search.search_tables import Importance
 
 from neurotact.figures.style import INK, MUTED, add_legend, keep_within, new_figure, printed, save
-from neurotact.networks.search import search_tables
-from neurotact.networks.search.journal import Trial
-from neurotact.networks.search.search import Problem
-from neurotact.networks.search.search_tables import Importance
 
 FINISHED, STOPPED, FAILED = "#0072B2", "#E69F00", "#D55E00"
 

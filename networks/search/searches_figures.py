@@ -10,10 +10,10 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, PercentFormatter
+from neurotact_parts.networks.search.figure import best_so_far
+from neurotact_parts.networks.search.search_tables import by_rank
 
-from neurotact.figures.search import best_so_far
 from neurotact.figures.style import INK, PALE, add_legend, name_ticks, new_panels, printed, series_style
-from neurotact.networks.search.search_tables import by_rank
 
 COLUMNS = 3
 MOST_BARS = 12

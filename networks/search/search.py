@@ -18,16 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-
-from neurotact import effects, files, workers
-from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import check_stratify
-from neurotact.errors import InputError
-from neurotact.networks.definition import recipe, seeds
-from neurotact.networks.definition.network import Network
-from neurotact.networks.definition.specs import RSNNSpec, void_keys
-from neurotact.networks.search import tuning
-from neurotact.networks.search.journal import (
+from neurotact_parts.networks.search.journal import (
     FAILED,
     FINISHED,
     JOURNAL,
@@ -38,7 +29,17 @@ from neurotact.networks.search.journal import (
     read_journal,
     value_of,
 )
-from neurotact.networks.search.tuning import MedianStop, Proposal, SearchSpec, Tuner
+from neurotact_parts.networks.search.tuning import MedianStop, Proposal, Tuner
+
+from neurotact import effects, files, workers
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import check_stratify
+from neurotact.errors import InputError
+from neurotact.networks.definition import recipe, seeds
+from neurotact.networks.definition import space as spaces
+from neurotact.networks.definition.network import Network
+from neurotact.networks.definition.space import SearchSpec
+from neurotact.networks.definition.specs import RSNNSpec, void_keys
 from neurotact.networks.training import ensemble, model_selection, run_folder, tasks, trainer
 from neurotact.networks.training.ensemble import joined
 from neurotact.networks.training.epochs import Epoch
@@ -63,7 +64,7 @@ class Problem(Spec):
     gone = {"device": "cpu"}
 
     def network_of(self, parameters: Mapping[str, Any]) -> RSNNSpec:
-        return tuning.apply(self.network, parameters, source="search.space")
+        return spaces.apply(self.network, parameters, source="search.space")
 
     def seeds_of(self, trial: Proposal) -> tuple[int, int]:
         """Seeds of a trial's initial weights and order of windows, drawn from its number and its content."""
@@ -101,16 +102,16 @@ def asked(
     """
     check_stratify(trains.conditions, task.stratify, task.split)
     seen = tasks.seen(trains, task)
-    usual = {} if search.space else recipe.space(network, seen) if network.recipe else tuning.load_space("texture")
+    usual = {} if search.space else recipe.space(network, seen) if network.recipe else spaces.load_space("texture")
     built = SearchSpec(**{**search.model_dump(exclude_unset=True), "space": search.space or usual})
     if not DECIDING & {*built.space}:
         effects.check_keys(given, [void_keys(recipe.resolve(network, seen))], "network")
-    tuning.check(built.space, network, source="search.space")
+    spaces.check(built.space, network, source="search.space")
     if built.tuner == "grid" or built.first is not None:
         return built
     keeps_auto = "auto" in built.space.get("model", {}).get("_value", ())
     first = recipe.resolve(network, seen) if keeps_auto else recipe.first_of(network, seen)
-    return built.model_copy(update={"first": tuning.values_of(first, built.space)})
+    return built.model_copy(update={"first": spaces.values_of(first, built.space)})
 
 
 def problem_of(trains: SpikeTrains, search: SearchSpec, network: RSNNSpec, task: Task) -> Problem:
@@ -118,7 +119,7 @@ def problem_of(trains: SpikeTrains, search: SearchSpec, network: RSNNSpec, task:
 
     Raises InputError if the space does not suit the network, or if the training trials have fewer than two classes.
     """
-    tuning.check(search.space, network, source="search.space")
+    spaces.check(search.space, network, source="search.space")
     tasks.trials_of(trains, task)
     tasks.warn_of_onsets(trains, task.window)
     return Problem(search=search, network=network, task=task, spikes_sha256=_sha256(trains))

@@ -2,15 +2,15 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
+from neurotact_parts.networks.search import searches_figures
+from neurotact_parts.networks.search.journal import FINISHED, STOPPED
+from neurotact_parts.networks.search.search_tables import by_rank
 
-from neurotact.figures import searches as searches_figures
 from neurotact.figures.style import Drawn
-from neurotact.networks.search.journal import FINISHED, STOPPED
-from neurotact.networks.search.search_tables import by_rank
-from neurotact.networks.search.tuning import SearchSpec
+from neurotact.networks.definition.space import SearchSpec
 from neurotact.report import periods
 from neurotact.report.page import Table
 from neurotact.studies.cell import SEARCH
@@ -18,9 +18,27 @@ from neurotact.studies.store import cell_folder
 from neurotact.studies.study import Cell, StudySpec
 from neurotact.tables import read_table
 
-TRIALS = "searches.csv"
 NAMED = ("dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed")
 """Columns that name a cell in each row of its trials."""
+
+
+class Searches(NamedTuple):
+    """What a report shows of the searches of a study, whose trials are a table as of `trials_table`."""
+
+    trials: pd.DataFrame
+    table: Table | None
+    drawings: Iterator[Drawn]
+
+    def of_cell(self, index: int) -> dict[str, Any] | None:
+        """As `of_cell`."""
+        return of_cell(self.trials, index)
+
+
+def searches_of(study: StudySpec, folder: Path, done: list[Cell], results: pd.DataFrame) -> Searches:
+    """The searches of the done cells of a study, whose rows `results` has in the same order."""
+    assert study.search is not None
+    trials = trials_table(folder, done, results)
+    return Searches(trials, table(trials, results, study), drawings(trials, study.search))
 
 
 def trials_table(folder: Path, done: list[Cell], results: pd.DataFrame) -> pd.DataFrame:

@@ -1,1 +1,0 @@
-"""Hyperparameter search: proposals, the journal, what a search tells."""
