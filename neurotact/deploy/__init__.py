@@ -11,6 +11,7 @@ Other rooms take:
 
     chain: Chain, LARGEST, build_encoder, chain_of, encoder_of
     exporters: Exporter, export, exporter, usable
+    native: columns_of, numbers_of
     sources: Arrived, at_its_rate, decide, kind_of, live, parser_of, recorded, trouble_of, waiting
     stream: Stream
     stream_state: Decision, Trace
