@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from made_chains import make_chain, make_encoder, make_signal, offline, told
-from neurotact_parts.studies.comparison.needed_afferents import columns_of, encoder_without, need_of, ranked
+from neurotact_parts.studies.comparison.needed_afferents import columns_of, encoder_without, need_of, pairs_of, ranked
 
 import neurotact as nt
 from neurotact.backend import native
@@ -26,6 +26,7 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.firing import complaints
 from neurotact.encoders.specs import afferent_names, is_exact, load, taxel_names, taxels_of
 from neurotact.errors import InputError
+from neurotact.metrics.prices import price_list
 from neurotact.networks.exit.rule import ExitRule
 
 TAXELS = 11  # more than a group of the compiled stream, so that a whole group may be left out
@@ -312,3 +313,30 @@ def test_pairs_are_ranked_by_weights_and_by_the_spread_of_their_spikes():
     for afferent, found in enumerate(need_of(spikes, [network.w_in.detach()])):
         spread = sum(np.var(windows[:, a:b, afferent].sum(axis=1)) for a, b in pairwise(ends))
         assert found == pytest.approx(3 * float(network.w_in[afferent, 0].detach()) ** 2 * spread)
+
+
+def test_pairs_are_ranked_by_what_they_save_where_energy_is_priced():
+    """The rank is that of taking away, one after the other, the pair or the taxel with the least need per energy."""
+    rng = np.random.default_rng(1)
+    encoder = make_encoder(ema_cutoff_Hz=30.0, baseline="start")
+    spikes = torch.from_numpy((rng.random((9, 40, 8)) < rng.random(8)).astype(np.uint8))
+    network, prices = nt.RSNN(8, 2, sampling_rate_Hz=1000.0, hidden=3), price_list("memory-45nm")
+    need = dict(zip(pairs_of(encoder, 8), need_of(spikes, [network.w_in.detach()]).tolist(), strict=True))
+
+    def energy(keep) -> float:
+        table = encoder_without(encoder, keep).model_dump(mode="json", exclude_none=True) if keep else None
+        return encoding_cost(4, 40, 40.0, table, spikes=0.0).energy_nJ(prices) if table else 0.0
+
+    left, gone = {*need}, []
+    while left:
+        ways = [{pair} for pair in left] + [{p for p in left if p.taxel == taxel} for taxel in range(4)]
+        ways = [way for way in ways if way]
+        worth = [sum(need[pair] for pair in way) / (energy(left) - energy(left - way)) for way in ways]
+        gone.append(ways[int(np.argmin(worth))])
+        left -= gone[-1]
+    order = ranked(network, spikes, encoder, prices=prices)
+    for way in gone:
+        assert {*order[len(order) - len(way) :]} == way
+        del order[len(order) - len(way) :]
+    assert any(len(way) == 2 for way in gone)
+    assert order == []
