@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from made_chains import make_chain, make_encoder, make_signal, offline, told
+from neurotact_parts.streams.chain import chain_of
+from neurotact_parts.streams.stream import Stream
 from neurotact_parts.studies.comparison.needed_afferents import columns_of, encoder_without, need_of, pairs_of, ranked
 
 import neurotact as nt
 from neurotact.backend import native
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
-from neurotact.deploy.chain import chain_of
-from neurotact.deploy.stream import Stream
 from neurotact.encoders import afferents, closed_form, encoding
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.calibration import CalibrationRule, calibrate
