@@ -39,7 +39,7 @@ def test_by_hand():
 
 
 def test_what_is_read_and_written_by_hand():
-    """Of states, of what is stored, and of the buffer of spikes and features; none is left out by a list with memory."""
+    """Of states, of what is stored, and of the buffer of spikes and features; a list with memory prices all."""
     counted = [layer.cost() for layer in EVERY]
     assert [(c.states_accesses, c.weights_accesses, c.buffers_accesses) for c in counted] == [
         (20, 0, 10 + 2),  # a count a spike
