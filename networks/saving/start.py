@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from neurotact_parts.studies.comparison.needed_afferents import ranked
 from neurotact_parts.studies.comparison.saving import Bench, Cut, Fitted, Setting
 
 from neurotact.data import encoded_from
@@ -48,15 +49,15 @@ def start_of(run: Path, seed: int = 0, *, spikes: Path | None = None, recordings
     """
     restored = run_folder.restore(run, spikes=spikes)
     network = _plain(restored.network)
-    trains = run_folder.load_spikes_of(restored)
-    run_folder.check_trials(restored, trains)
+    trains = run_folder.trained_spikes_of(restored)
     task, path = restored.task, restored.spikes_path
     assert path is not None  # of a folder
     touches, encoder = _touches(path, trains, recordings)
     split = tasks.trials_of(trains, task)
     whole = Cut(trains, tasks.sides_of(trains, task, split))
     spec = asked(network.spec, recipe.Seen.of(whole.sides.train.spikes, trains.sampling_rate_Hz))
-    bench = Bench(touches, encoder, split, task.window, spec, seeds.of_start(seed, task.split), task)
+    ranking = () if encoder is None else tuple(ranked(network, whole.sides.train.spikes, encoder))
+    bench = Bench(touches, encoder, split, task.window, spec, seeds.of_start(seed, task.split), task, ranking)
     order = torch.Generator().manual_seed(bench.seeds[1])
     return Start(restored, bench, Fitted(network, *whole, order, Training((), Epoch(0, *(math.nan,) * 4))))
 

@@ -97,7 +97,7 @@ def fitted_of(job: Job, start: Start) -> tuple[Fitted, bool]:
     setting = setting_of(job.point, ways_of(start), start)
     if job.member > 1 and setting == Setting():  # the same once more, where that of the run is known
         setting = setting.model_copy(update={"rate_penalty": start.base.network.spec.training.rate_penalty})
-    return trained(bench, setting, start.known), setting.prune is not None
+    return trained(bench, setting, start.known), setting.is_sparse
 
 
 def _rules(start: Start, fitted: Fitted) -> list[tuple[str, Any]]:

@@ -14,6 +14,7 @@ SLOWER_ENCODER, SLOWER_NETWORK = (2, 5, 10), (2, 4)
 """Factors on the steps of the encoder's clock and of the network's."""
 FEWEST_STEPS = 10
 """Steps of a window that a slower clock leaves, at least."""
+AFFERENTS = (0.75, 0.5, 0.35)
 SHARES = {"hidden": (0.6, 0.4, 0.2, 0.1), "window": (0.75, 0.5)}
 RATE_PENALTIES = (0.01, 0.03, 0.1)
 PRUNED = (0.5, 0.75, 0.9)
@@ -84,6 +85,7 @@ def _of_afferents(bench: Bench) -> Iterator[Way]:
         own = getattr(encoder, part).t_ref_ms
         periods = sorted({_whole(period, step_ms) for period in T_REF_MS if period < bench.window.length_ms / 4})
         yield _way(f"t_ref of {called}", part, *(period for period in periods if period > own), middle=2)
+    yield _way("afferents", "afferents", *AFFERENTS)
     if encoder.integration == "clock":
         slower = (_whole(step_ms * factor, step_ms) for factor in SLOWER_ENCODER)
         yield _way("encoder's clock", "encoder_ms", *_fitting(slower, bench))
@@ -98,8 +100,7 @@ def _of_network(start: Start) -> Iterator[Way]:
     yield _way("network's clock", "step_ms", *_fitting(slower, start.bench))
     for key, shares in SHARES.items():
         yield _way({"hidden": "hidden neurons", "window": "window"}[key], key, *shares)
-    pruned = ({"prune": share, "train_on": True} for share in PRUNED)
-    yield Way("pruning", ({}, *pruned), 2)
+    yield _way("pruning", "sparsity", *PRUNED, middle=2)
     own = start.base.network.spec.training.rate_penalty
     yield _way("rate penalty", "rate_penalty", *(value for value in RATE_PENALTIES if value > own), middle=2)
 

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from neurotact_parts.studies.comparison import by_list, pruning
 from neurotact_parts.studies.comparison.dead_time import with_dead_time
+from neurotact_parts.studies.comparison.needed_afferents import Pair, encoder_without
 from pydantic import Field, model_validator
 
 from neurotact.data.recordings import Recordings
@@ -65,6 +66,8 @@ class Setting(Spec):
     """`threshold_adaptation`: the rise of a hidden neuron's threshold at each of its spikes."""
     time_constants: float = Field(default=1.0, gt=0)
     """Factor of the network's time constants."""
+    afferents: Share = 1.0
+    """Share of the afferents, by taxel and population: those that the bench ranks first. Of recordings alone."""
     taxels: Share = 1.0
     """Share of the taxels: those with the largest variance of spikes per training window."""
     window: Share = 1.0
@@ -72,6 +75,8 @@ class Setting(Spec):
     hidden: Share = 1.0
     """Share of the hidden neurons."""
     recurrence: bool = True
+    sparsity: float = Field(default=0.0, ge=0, lt=1)
+    """`training.sparsity`: the share of the weights that are pruned little by little in training."""
     prune: float | None = Field(default=None, gt=0, lt=1)
     """Share of the weights of each matrix, the smallest ones, that are set to 0 after training."""
     train_on: bool = False
@@ -85,6 +90,11 @@ class Setting(Spec):
         if self.train_on and self.prune is None:
             raise ValueError("train_on trains a pruned network further; give prune, too")
         return self
+
+    @property
+    def is_sparse(self) -> bool:
+        """Whether weights are pruned, in training or after it."""
+        return self.prune is not None or self.sparsity > 0
 
     @model_validator(mode="after")
     def _has_one_clock(self) -> "Setting":
@@ -122,7 +132,8 @@ class Bench(NamedTuple):
     """The inputs that all ways share.
 
     touches: recordings, to be encoded by `encoder`, or spikes if it is None; window: of the set; network: its spec;
-    task: what else is asked of training, but for its window and its split.
+    task: what else is asked of training, but for its window and its split. ranking: the afferents by taxel and
+    population, those first that are needed most.
     """
 
     touches: Recordings | SpikeTrains
@@ -132,6 +143,7 @@ class Bench(NamedTuple):
     network: RSNNSpec
     seeds: tuple[int, int]
     task: Task = Task()
+    ranking: tuple[Pair, ...] = ()
 
 
 class Cut(NamedTuple):
@@ -164,7 +176,7 @@ def measured(
     """
     fitted = trained(bench, setting, known)
     rule = FULL_WINDOW if setting.exit_tolerance is None else exit_of(bench, fitted, setting.exit_tolerance).used
-    return row_of(fitted, rule, pruned=setting.prune is not None, prices=prices)
+    return row_of(fitted, rule, pruned=setting.is_sparse, prices=prices)
 
 
 def exit_of(bench: Bench, fitted: Fitted, tolerance: float) -> ExitChoice:
@@ -277,8 +289,8 @@ def changed(spec: RSNNSpec, setting: Setting, seen: recipe.Seen, whole_steps: in
     if setting.adaptation:
         update["threshold_adaptation"] = setting.adaptation
     table = {**spec.model_dump(mode="json"), **update}
-    if setting.rate_penalty is not None:
-        table["training"] = {**table["training"], "rate_penalty": setting.rate_penalty}
+    training = {"rate_penalty": setting.rate_penalty, "sparsity": setting.sparsity or None}
+    table["training"] |= {key: value for key, value in training.items() if value is not None}
     return build(RSNNSpec, table, source="a way to save")
 
 
@@ -296,6 +308,8 @@ def _encoded(bench: Bench, setting: Setting) -> SpikeTrains:
         encoder = encoder.model_copy(update=update)
     if setting.encoder_ms is not None:
         encoder = _conditioned(encoder, resample_Hz=float(f"{1e3 / setting.encoder_ms:.9g}"))
+    if setting.afferents < 1:
+        encoder = encoder_without(encoder, bench.ranking[: n_kept(len(bench.ranking), setting.afferents)])
     if not setting.smoothing:
         encoder = _conditioned(encoder, ema_cutoff_Hz=None)
     return encode_recordings(bench.touches, encoder)
