@@ -120,9 +120,14 @@ def test_only_taxels_that_are_used_are_conditioned(baseline, monkeypatch):
     assert seen == [("t3", "t9") if baseline == "start" else NAMES]  # a mean adds in another order
 
 
-@given(encoders(), st.sampled_from([None, 4]), st.sampled_from(["auto", "reference"]), st.booleans())
+@given(
+    encoders(),
+    st.sampled_from([None, 4]),
+    st.sampled_from(["auto", "reference"]),
+    st.sampled_from([None, "auto", "reference"]),
+)
 @examples(25)
-def test_a_stream_decides_as_encode_and_infer_do(pair, patience, backend, saved):
+def test_a_stream_decides_as_encode_and_infer_do(pair, patience, backend, after):
     _, some = pair
     how = some.conditioning
     if how.baseline == "mean":
@@ -139,8 +144,8 @@ def test_a_stream_decides_as_encode_and_infer_do(pair, patience, backend, saved)
     _, expected = offline(chain, signal)
     stream = Stream(chain, backend=backend)
     found = stream.push(signal[:61])
-    if saved:
-        state, stream = stream.state(), Stream(chain, backend="reference")
+    if after is not None:
+        state, stream = stream.state(), Stream(chain, backend=after)
         stream.restore(state)
     found += [*stream.push(signal[61:]), *stream.finish()]
     assert told(found)[: len(expected)] == expected
@@ -192,10 +197,12 @@ def by_loops(encoder: AfferentSpec, n_taxels: int, steps: int) -> dict[str, floa
     return counted
 
 
-@given(encoders(), st.integers(1, 40))
+ONSETS = make_encoder({"sa1.taxels": [0, 1], "ra1.taxels": [1, 2], "sa1.rate_ms": 20.0})
+
+
+@given(st.just(ONSETS) | encoders().map(lambda pair: pair[1]), st.integers(1, 40))
 @examples(40)
-def test_only_what_is_computed_costs(pair, steps):
-    _, some = pair
+def test_only_what_is_computed_costs(some, steps):
     table = some.model_dump(mode="json") | {"conditioning": {}, "integration": "clock"}
     made = encoding_cost(TAXELS, steps, float(steps), table)
     expected = by_loops(some, TAXELS, steps)
