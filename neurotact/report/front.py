@@ -440,7 +440,9 @@ class _OfRun(NamedTuple):
         chosen = self.done[representative(self.rows, choice.network)]
         file, each = self.study.dataset.file, min(self._trials_of_classes(), default=0)
         place = cell_folder(self.folder, chosen)
-        places = period_choice.Places(self.folder, place, Path(file) if file else None, exact=is_exact(chosen.encoder))
+        may_fold = self.study.split == SplitSpec() and not split_columns(self.study) and each >= automatic.FOLDS
+        recordings, exact = Path(file) if file else None, is_exact(chosen.encoder)
+        places = period_choice.Places(self.folder, place, recordings, exact=exact, may_fold=may_fold)
         sure = period_choice.Sure(sides.trials.test, len(cells), choice.network.seeds, each)
         said = period_choice.in_words(choice, sure, periods.populations(self.study), sample_ms)
         return said, period_choice.next_step(choice, sure, places)

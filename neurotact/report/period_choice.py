@@ -27,6 +27,7 @@ from neurotact.metrics.resampled import (
 from neurotact.report import periods
 from neurotact.report.answer import Network, OfNetworks, Trials
 from neurotact.report.wording import milliseconds, percent
+from neurotact.studies.automatic import FOLDS
 from neurotact.tables import NETWORK
 
 Kind = Literal["use", "none", "unclear"]
@@ -70,13 +71,15 @@ class Sure(NamedTuple):
 class Places(NamedTuple):
     """Names of a run that commands need: its folder, that of the chosen network, the recordings.
 
-    exact: whether membranes are in closed form, which C does not compute. seeds: the axis of the sweep may be changed.
+    exact: whether membranes are in closed form, which C does not compute. may_fold: whether the split is a random one
+    without folds, of classes that are large enough for them.
     """
 
     run: Path
     cell: Path
     recordings: Path | None = None
     exact: bool = False
+    may_fold: bool = False
 
 
 class PeriodChoice(NamedTuple):
@@ -321,6 +324,11 @@ def next_step(choice: PeriodChoice, sure: Sure, places: Places) -> tuple[str, li
             return "For C, train it with membranes on a clock:", [again]
         use = _command("stream", cell, "--from", places.recordings)
         return "Use it on samples as they come; for C, train it with membranes on a clock:", [use, again]
+    if places.may_fold:
+        return (
+            f"Test each trial once, in {FOLDS} folds, each from another start of the weights:",
+            [_command("study", "run", study, "--folds", FOLDS, "-o", _beside(run, "folds"))],
+        )
     if choice.fix == "seeds":
         seeds = f"sweep.seed={[*range(SEEDS)]}"
         return (

@@ -58,7 +58,9 @@ class Run:
             self.rows[name] = [self.right[row][side].mean() for row in self.rows.index]
         found = answer(networks, [], 0.25, trials, chosen=period_choice.chosen(networks, trials))
         compared = Comparison(self.rows, self._right, self.splits, (3 * self.n, self.n, float(self.n)))
-        return found, period_choice.choose(found, compared)
+        choice = period_choice.choose(found, compared)
+        assert choice is not None
+        return found, choice
 
     def _right(self, row: int) -> dict[str, float]:
         return {str(trial): right for trial, right in enumerate(self.right[row][1])}
@@ -139,7 +141,9 @@ EQUAL = Evidence(Interval(0.4, 0.35, 0.47), Interval(0.12, 0.09, 0.15), Interval
 
 def choose(networks, evidence=EQUAL, untold="", trials=Trials(400, 400)):
     found = answer(networks, [], 0.25, trials, chosen=period_choice.chosen(networks, trials))
-    return period_choice.choose(found, lambda one, other: evidence, untold)
+    choice = period_choice.choose(found, lambda one, other: evidence, untold)
+    assert choice is not None
+    return choice
 
 
 def test_two_populations_with_two_periods_are_both_named():
@@ -192,11 +196,11 @@ def test_a_longer_period_that_loses_nothing_on_test_trials_is_not_said_not_to_pa
     assert choose(networks, EQUAL._replace(lost=Interval(0.2, 0.15, 0.25))).kind == "none"
 
 
-@given(st.text("ab c'&$", min_size=1, max_size=5), st.booleans())
-def test_commands_name_their_paths_whole_and_quoted(name, exact):
+@given(st.text("ab c'&$", min_size=1, max_size=5), st.booleans(), st.booleans())
+def test_commands_name_their_paths_whole_and_quoted(name, exact, may_fold):
     networks = [decided("1&1", 20, 0.95, 100), decided("10&10", 20, 0.95, 60)]
     run = Path("/runs") / name / "mine"
-    places = Places(run, run / "cells" / "x", run.with_name("a.h5"), exact)
+    places = Places(run, run / "cells" / "x", run.with_name("a.h5"), exact, may_fold)
     choices = [
         choose(networks),
         choose(networks, untold="none"),
