@@ -2,8 +2,9 @@
 
     python benchmarks/quick_and_whole.py runs/quick-and-whole -o docs/data [--sets fabrics clear ...]
 
-Each set, real ones in $NEUROTACT_DATA among them, is run twice: as a first look, and whole, but with the pairs of the
-first look (`REDUCED`), on at most `MOST` trials, evenly spaced within each class. Finished studies are not run again.
+Each set, real ones in $NEUROTACT_DATA among them, is run twice: as a first look, and whole, but with the pairs and the
+one split of the first look and three seeds (`REDUCED`), on at most `MOST` trials, evenly spaced within each class.
+Finished studies are not run again.
 Writes quick-and-whole.csv, a row per set, and prints how often what is said differs.
 """
 
@@ -23,7 +24,11 @@ from neurotact.data.trial_choice import fewer_trials
 from neurotact.files import read_json
 
 PAIRS = [[1, 1], [5, 5], [10, 10]]
-REDUCED = {"sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": PAIRS, "sweep.network.hidden": [20, 50]}
+REDUCED = {
+    "sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": PAIRS,
+    "sweep.network.hidden": [20, 50],
+    "sweep.seed": [0, 1, 2],
+}
 MOST = 240
 REAL = (*READ, "icub", "gratings")
 MADE = ("clear", "unclear", "nothing", "few", "slow", "fast")

@@ -192,6 +192,7 @@ struct StreamPlan {
     int32_t sa_silent, ra_silent;
     const float* gains;                  // of the afferents under a taxel: SA-I (below 0: of the falling signal), RA-I
     int n_slow, n_rapid;                 // their numbers
+    const int32_t* numbers;              // (gain, taxel): the afferent's, -1 for none; null: all are there, in this order
     int64_t length, start, hop, quiet;   // of windows, in steps; hop 0: at a contact
     int64_t bin;                         // steps of the encoder's clock in one of the network's
     int at_once;                         // windows that overlap at most

@@ -234,9 +234,9 @@ constexpr float kLargest = 1e20f;  // of a sample (streams/chain.py)
 // A chain that takes samples; it copies what it is made of, and its memory does not change from then on.
 class Stream {
 public:
-    Stream(const StreamPlan& from, const std::vector<float>& gains, const Shape& shape, const Parameters& of, Address bias,
-           Address offset, Address scale, int64_t most_samples, int64_t most_decisions)
-        : plan(from), most(most_samples), decided(most_decisions), last(from.taxels) {
+    Stream(const StreamPlan& from, const std::vector<float>& gains, const std::vector<int32_t>& numbers, const Shape& shape,
+           const Parameters& of, Address bias, Address offset, Address scale, int64_t most_samples, int64_t most_decisions)
+        : plan(from), most(most_samples), decided(most_decisions), last(from.taxels), of_afferents(numbers) {
         const Sizes& n = shape.sizes;
         const int64_t n_heard = n.hidden + shape.integration.direct * n.inputs;
         const int64_t sizes[] = {(int64_t)n.inputs * n.hidden, of.w_rec ? (int64_t)n.hidden * n.hidden : 0,
@@ -247,6 +247,7 @@ public:
         plan.offset = kept(offset, offset ? plan.taxels : 0);
         plan.scale = kept(scale, scale ? plan.taxels : 0);
         plan.gains = kept(Address(gains.data()), gains.size());
+        plan.numbers = of_afferents.empty() ? nullptr : of_afferents.data();
         if (bias) biases.assign(at<const double>(bias), at<const double>(bias) + n.classes);
         const Parameters own{Address(to[0]), Address(to[1]), Address(to[2]), Address(to[3]), Address(to[4]), Address(to[5])};
         Shape of_floats = shape;
@@ -349,6 +350,7 @@ private:
     StreamPlan plan;
     std::vector<std::vector<float>> floats;
     std::vector<double> biases;
+    const std::vector<int32_t> of_afferents;
     int64_t most, taken = 0;
     std::vector<Decided> decided;
     std::vector<float> last;
@@ -368,12 +370,15 @@ void add_stream(nb::module_& m) {
              [](Stream* self, const Shape& shape, int taxels, double factor, bool smooth, double smooth_new,
                 double smooth_kept, bool resampled, double samples_per_step, int baseline, int64_t start_steps,
                 double base_new, double base_kept, Address offset, Address scale, bool rectify,
-                const std::vector<float>& sa_gains, const std::vector<float>& ra_gains, double decay, double v_rest, double v_reset, double v_threshold, int sa_silent,
+                const std::vector<float>& sa_gains, const std::vector<float>& ra_gains,
+                const std::vector<int32_t>& numbers, double decay, double v_rest, double v_reset, double v_threshold, int sa_silent,
                 int ra_silent, int64_t length, int64_t start, int64_t hop, int64_t quiet, int64_t bin, int at_once,
                 int64_t patience, bool from_first_spike, double margin, NT_PARAMETERS, Address bias, int64_t most_samples,
                 int64_t most_decisions) {
                  const int n_slow = int(sa_gains.size()), n_rapid = int(ra_gains.size());
-                 const bool fits = shape.sizes.inputs == (n_slow + n_rapid) * taxels;
+                 const int64_t places = int64_t(n_slow + n_rapid) * taxels, none = std::count(numbers.begin(), numbers.end(), -1);
+                 bool fits = shape.sizes.inputs == places - none && (numbers.empty() || places == (int64_t)numbers.size());
+                 for (const int32_t number : numbers) fits = fits && number >= -1 && number < shape.sizes.inputs;
                  if (shape.is_double || !fits || taxels < 1 || at_once < 1 || length < 1 || bin < 1)
                      throw std::invalid_argument("stream: needs a network in float32 with an input for each afferent");
                  std::vector<float> gains(sa_gains);
@@ -382,14 +387,14 @@ void add_stream(nb::module_& m) {
                                        float(smooth_kept), samples_per_step, Baseline(baseline), start_steps,
                                        float(base_new), float(base_kept), nullptr, nullptr, float(decay),
                                        float(v_rest), float(v_reset), float(v_threshold), sa_silent, ra_silent,
-                                       nullptr, n_slow, n_rapid, length, start, hop, quiet, bin, at_once,
+                                       nullptr, n_slow, n_rapid, nullptr, length, start, hop, quiet, bin, at_once,
                                        {patience, from_first_spike, margin}, {}};
-                 new (self) Stream(plan, gains, shape, {w_in, w_rec, w_out, alpha, beta, threshold}, bias, offset, scale,
+                 new (self) Stream(plan, gains, numbers, shape, {w_in, w_rec, w_out, alpha, beta, threshold}, bias, offset, scale,
                                    most_samples, most_decisions);
              },
              "shape"_a, nb::kw_only(), "taxels"_a, "factor"_a, "smooth"_a, "smooth_new"_a, "smooth_kept"_a, "resampled"_a,
              "samples_per_step"_a, "baseline"_a, "start_steps"_a, "base_new"_a, "base_kept"_a, "offset"_a, "scale"_a,
-             "rectify"_a, "sa_gains"_a, "ra_gains"_a, "decay"_a, "v_rest"_a, "v_reset"_a, "v_threshold"_a, "sa_silent"_a,
+             "rectify"_a, "sa_gains"_a, "ra_gains"_a, "numbers"_a = std::vector<int32_t>{}, "decay"_a, "v_rest"_a, "v_reset"_a, "v_threshold"_a, "sa_silent"_a,
              "ra_silent"_a, "length"_a, "start"_a, "hop"_a, "quiet"_a, "bin"_a, "at_once"_a, "patience"_a,
              "from_first_spike"_a, "margin"_a, NT_PARAMETERS_NAMES, "bias"_a, "most_samples"_a, "most_decisions"_a)
         .def("push",

@@ -53,6 +53,7 @@ struct Streaming {
     int kinds;                                           // afferents under a taxel
     Constants<T>* constants;                             // (kind)
     Population<T>* populations;                          // (group of taxels, kind)
+    bool* is_empty;                                      // (group of taxels, kind): there is no such afferent
     T *smoothed, *before, *level, *last, *signal;        // (taxel), padded to whole groups
     double* total;
     int64_t* order;                                      // windows under way, the oldest first
@@ -62,7 +63,7 @@ struct Streaming {
     Streaming(const StreamPlan& plan, Carver& carver)
         : tables(plan.net, carver), groups((plan.taxels + kLanes - 1) / kLanes),
           kinds(plan.n_slow + plan.n_rapid), constants(carver.take<Constants<T>>(kinds)),
-          populations(carver.take<Population<T>>(groups * kinds)),
+          populations(carver.take<Population<T>>(groups * kinds)), is_empty(carver.take<bool>(groups * kinds)),
           smoothed(carver.take<T>(groups * kLanes)), before(carver.take<T>(groups * kLanes)),
           level(carver.take<T>(groups * kLanes)), last(carver.take<T>(groups * kLanes)),
           signal(carver.take<T>(groups * kLanes)), total(carver.take<double>(groups * kLanes)),
@@ -83,6 +84,13 @@ struct Streaming {
                                         fill(plan.v_reset),  fill(plan.v_threshold), {}};
             constants[k].silent_steps += k < plan.n_slow ? plan.sa_silent : plan.ra_silent;
         }
+        for (int k = 0; k < kinds; k++)
+            for (int g = 0; g < groups; g++) {
+                bool empty = plan.numbers != nullptr;
+                for (int i = g * kLanes; empty && i < (g + 1) * kLanes && i < plan.taxels; i++)
+                    empty = plan.numbers[k * plan.taxels + i] < 0;
+                is_empty[g * kinds + k] = empty;
+            }
         begin(plan);
         for (int i = 0; i < plan.at_once; i++) start_window(plan, *windows[i]);
     }
@@ -145,23 +153,27 @@ struct Streaming {
             const int first = k * plan.taxels;
             int n_fired = 0;
             for (int g = 0; g < groups; g++) {
+                if (is_empty[g * kinds + k]) continue;
                 V now, earlier;
                 std::memcpy(&now, signal + g * kLanes, sizeof now);
                 std::memcpy(&earlier, last + g * kLanes, sizeof earlier);
                 const V drive = constants[k].gain * (k < plan.n_slow ? now : change_of<T>(now, earlier));
                 const uint64_t fired = lif_step(populations[g * kinds + k], drive, constants[k]);
-                n_fired = list(fired, g * kLanes, first, plan.taxels, arriving + first, n_fired);
+                n_fired = list(plan, fired, g * kLanes, first, arriving + first, n_fired);
             }
             for (int e = 0; e < n_fired; e++) arriving[n++] = arriving[first + e];
         }
         std::memcpy(last, signal, groups * kLanes * sizeof(T));
         return n;
     }
-    // The taxels of a group whose byte is 1; those that only fill up the last group are left out.
-    static NT_INLINE int list(uint64_t fired, int first, int offset, int taxels, uint32_t* to, int n) {
+    // Of the taxels of a group whose byte is 1, the afferents; without those of taxels that only fill up the last group,
+    // or have none of this kind.
+    static NT_INLINE int list(const StreamPlan& plan, uint64_t fired, int first, int offset, uint32_t* to, int n) {
         for (; fired; fired &= fired - 1) {
             const int taxel = first + lowest(fired) / 8;
-            if (taxel < taxels) to[n++] = (uint32_t)(offset + taxel);
+            if (taxel >= plan.taxels) break;
+            const int32_t number = plan.numbers ? plan.numbers[offset + taxel] : offset + taxel;
+            if (number >= 0) to[n++] = (uint32_t)number;
         }
         return n;
     }

@@ -13,7 +13,15 @@ from neurotact.data.recordings import check_sampling_rate
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.model import EncoderSpec, name_in, of_name
-from neurotact.encoders.specs import conditioning_of, known_taxels, n_afferents, populations, taxel_names, taxels_of
+from neurotact.encoders.specs import (
+    conditioning_of,
+    known_taxels,
+    n_afferents,
+    of_used,
+    populations,
+    taxel_names,
+    taxels_of,
+)
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import LIF_INSTEAD, Subject, require
 from neurotact.networks.definition.rsnn import RSNN, rsnn_of
@@ -60,6 +68,12 @@ class Chain(NamedTuple):
     def n_taxels(self) -> int:
         """Values of a sample, also of taxels that no afferent uses."""
         return taxels_of(self.network.n_inputs, self.encoder.model_dump())
+
+    def of_used(self) -> tuple[list[int], "Chain"]:
+        """The taxels that an afferent uses, and the chain for samples of these alone, which decides the same."""
+        columns, encoder = of_used(self.encoder, self.n_taxels)
+        taxels = self.taxels and tuple(self.taxels[column] for column in columns)
+        return columns, self._replace(encoder=encoder, taxels=taxels)
 
     @property
     def lif(self) -> AfferentSpec:

@@ -1,6 +1,7 @@
 """The compiled step of a stream; its computation is defined in `stream.py` and the functions called there."""
 
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -43,7 +44,7 @@ class Layout(NamedTuple):
         stream = [
             *((name, "i8") for name in counters),
             *((name, "f4", taxels) for name in ("smoothed", "level", "last")),
-            ("total", "f8", taxels), ("afferents", neurons, (groups, network.n_inputs // chain.n_taxels)),
+            ("total", "f8", taxels), ("afferents", neurons, (groups, len(columns_of(chain)))),
         ]  # fmt: skip
         layer = [("current", "f4", n), ("membrane", "f4", n), ("spikes", *_words(n)), ("spikes_before", *_words(n))]
         layer += [("adaptation", "f4", n)] if network.adaptation is not None else []
@@ -56,6 +57,22 @@ class Layout(NamedTuple):
             *((name, "i8") for name in STANDING), ("heard", "?"),
         ]  # fmt: skip
         return cls(np.dtype(stream), np.dtype(window))
+
+
+def columns_of(chain: Chain) -> list[list[int]]:
+    """The taxels of each kind of afferent that is there: one of each gain of SA-I, then of RA-I."""
+    kinds = zip(chain.lif.columns(chain.n_taxels), (chain.lif.sa1, chain.lif.ra1), strict=True)
+    return [taxels for taxels, kind in kinds if taxels for _ in kind.gains]
+
+
+def numbers_of(columns: list[list[int]], n_taxels: int) -> np.ndarray:
+    """The number of each afferent, `(kind, taxel)`, -1 where there is none, for the taxels of each kind.
+
+    >>> numbers_of([[0, 1], [1]], 2).tolist()
+    [[0, 1], [-1, 2]]
+    """
+    is_there = np.array([np.isin(np.arange(n_taxels), taxels) for taxels in columns])
+    return np.where(is_there, is_there.ravel().cumsum().reshape(is_there.shape) - 1, -1)
 
 
 class Remembered(NamedTuple):
@@ -81,7 +98,13 @@ class CompiledStream:
         network, encoder, plan = chain.network, chain.lif, chain.windows
         spec, n_taxels = conditioner.how, chain.n_taxels
         sa1, ra1 = (encoder.neuron(kind, chain.clock_Hz) for kind in (encoder.sa1, encoder.ra1))
-        gains = encoder.gains_at(chain.clock_Hz)
+        self._columns = columns_of(chain)
+        gains = [
+            [*its] if taxels else []
+            for its, taxels in zip(encoder.gains_at(chain.clock_Hz), encoder.columns(n_taxels), strict=True)
+        ]
+        is_whole = encoder.has_all_taxels  # then the place of an afferent is its number
+        numbers = {} if is_whole else {"numbers": numbers_of(self._columns, n_taxels).ravel().tolist()}
         smoothing, level = conditioner.smoothing, conditioner.following or 0.0
         standard = (spec.offset or (0.0,) * n_taxels, spec.scale or (1.0,) * n_taxels)
         offset, scale = (np.array(values, np.float32) for values in standard)
@@ -96,12 +119,12 @@ class CompiledStream:
             baseline=BASELINES[spec.baseline], start_steps=conditioner.n_start,
             base_new=level, base_kept=1.0 - level,
             offset=offset.ctypes.data if is_standard else 0, scale=scale.ctypes.data if is_standard else 0,
-            rectify=spec.rectify, sa_gains=[*gains[0]], ra_gains=[*gains[1]],
+            rectify=spec.rectify, sa_gains=gains[0], ra_gains=gains[1],
             decay=sa1.decay, v_rest=sa1.v_rest_mV, v_reset=sa1.v_reset_mV, v_threshold=sa1.v_threshold_mV,
             sa_silent=sa1.refractory_steps, ra_silent=ra1.refractory_steps, length=plan.length, start=plan.start,
             hop=plan.hop, quiet=plan.quiet, bin=network.steps_per_bin, at_once=plan.at_once,
             **networks.exits_at(chain.rule.in_bins(network.steps_per_bin)),
-            **networks.addresses_of(network, readout_weights),
+            **networks.addresses_of(network, readout_weights), **numbers,
             bias=0 if bias is None else bias.ctypes.data, most_samples=most_samples,
             most_decisions=self._most_steps + plan.at_once + 1,
         )  # fmt: skip
@@ -160,8 +183,9 @@ class CompiledStream:
             if values is not None:
                 found[name][:n] = values
         for name, values in zip(("membrane", "silent"), self._populations(encoder), strict=True):
-            lanes = np.zeros((len(values), self._n_lanes), values.dtype)
-            lanes[:, :n] = values
+            lanes = np.zeros((len(values), self._n_lanes), values[0].dtype)
+            for row, taxels, its in zip(lanes, self._columns, values, strict=True):
+                row[taxels] = its
             found["afferents"][name] = lanes.reshape(len(values), -1, LANES).swapaxes(0, 1)
         for window, into in zip(state.windows, windows, strict=True):
             _fill(window, into)
@@ -172,15 +196,16 @@ class CompiledStream:
         """Taxels, filled up to whole groups."""
         return -(-self.chain.n_taxels // LANES) * LANES
 
-    def _populations(self, encoder: EncoderState | None) -> tuple[np.ndarray, np.ndarray]:
-        """Membranes and refractory steps of each kind of afferent, `(kind, taxel)`."""
-        n, lif = self.chain.n_taxels, self.chain.lif
-        sa1, ra1 = (encoder.sa1, encoder.ra1) if encoder is not None else (
-            lif_start(lif.neuron(kind, self.chain.clock_Hz), (1, n * len(kind.gains)), np.dtype(np.float32))
-            for kind in (lif.sa1, lif.ra1)
-        )  # fmt: skip
-        membrane, silent = (np.concatenate(parts, axis=1).reshape(-1, n) for parts in zip(sa1, ra1, strict=True))
-        return membrane, silent
+    def _populations(self, encoder: EncoderState | None) -> Iterator[list[np.ndarray]]:
+        """Membranes and refractory steps of each kind of afferent, `(taxel,)` each."""
+        ends = np.cumsum([len(taxels) for taxels in self._columns])
+        if encoder is None:  # both populations start alike
+            lif = self.chain.lif
+            whole = lif_start(lif.neuron(lif.sa1, self.chain.clock_Hz), (1, ends[-1]), np.dtype(np.float32))
+        else:
+            whole = (np.concatenate(parts, axis=1) for parts in zip(encoder.sa1, encoder.ra1, strict=True))
+        for values in whole:
+            yield np.split(values[0], ends[:-1])
 
     def _taxels(self, values: np.ndarray) -> np.ndarray:
         return values[..., : self.chain.n_taxels].copy()
@@ -205,14 +230,13 @@ class CompiledStream:
     def _encoder(self, found: np.void) -> EncoderState | None:
         if not found["steps"]:
             return None
-        membrane, silent = (
-            self._taxels(found["afferents"][name].swapaxes(0, 1).reshape(-1, self._n_lanes))
-            for name in ("membrane", "silent")
-        )
-        n_slow = len(self.chain.lif.sa1.gains)
+        lif, parts = self.chain.lif, []
+        for name in ("membrane", "silent"):
+            lanes = found["afferents"][name].swapaxes(0, 1).reshape(-1, self._n_lanes)
+            parts.append(np.concatenate([row[its] for row, its in zip(lanes, self._columns, strict=True)])[None])
+        n_slow = len(lif.sa1.gains) * len(lif.columns(self.chain.n_taxels)[0])
         sa1, ra1 = (
-            LIFState(membrane[kinds].reshape(1, -1), silent[kinds].reshape(1, -1))
-            for kinds in (slice(n_slow), slice(n_slow, None))
+            LIFState(*(part[:, block].copy() for part in parts)) for block in (slice(n_slow), slice(n_slow, None))
         )
         return EncoderState(sa1, ra1, self._taxels(found["last"])[None])
 

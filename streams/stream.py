@@ -22,7 +22,7 @@ from neurotact_parts.streams.streamed import SampleSpec, StreamedSpec
 from neurotact.backend import Backend, use_native
 from neurotact.data.conditioning import Conditioner
 from neurotact.data.recordings import order_by_name, unit_factor
-from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
 from neurotact.encoders.model import EncoderSpec
 from neurotact.encoders.specs import conditioning_of, encode, finish, is_exact
 from neurotact.errors import InputError
@@ -30,6 +30,13 @@ from neurotact.metrics import synops
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.exit.rule import ExitRule
 from neurotact.networks.use.fitted import Fitted
+
+
+def _fixed(encoder: EncoderSpec) -> tuple[object, ...]:
+    """What a running stream cannot change."""
+    taxels = [getattr(getattr(encoder, part, None), "taxels", None) for part in POPULATIONS]
+    return encoder.conditioning, encoder.unit, encoder.model, is_exact(encoder), taxels
+
 
 MOST_STEPS_AT_ONCE = 10_000
 """Of the encoder's clock: longer blocks are processed in parts, so that a fine clock needs no more memory."""
@@ -72,8 +79,10 @@ class Stream:
             raise InputError("streamed: is an argument of chain_of; give it there")
         # An estimator is of an untyped class, of which a type checker thinks that it may be a Chain, too.
         self.chain = cast(Chain, source) if isinstance(source, Chain) else chain_of(source, streamed)
+        columns, self._used = self.chain.of_used()
+        self._columns = None if self._used.encoder is self.chain.encoder else columns
         self._options: dict[str, Any] = {"unit": unit, "hold_ms": hold_ms, "backend": backend, "watch": watch}
-        encoder, rate_Hz = self.chain.encoder, self.chain.sampling_rate_Hz
+        encoder, rate_Hz = self._used.encoder, self.chain.sampling_rate_Hz
         factor = unit_factor(unit or encoder.unit, encoder.unit, "samples")
         self.conditioner = Conditioner(rate_Hz, conditioning_of(encoder, rate_Hz), factor=factor)
         if not 0 <= hold_ms < 1e9:
@@ -89,10 +98,10 @@ class Stream:
         self._rates_Hz = rate_Hz, self.chain.clock_Hz
         self._classes = self.chain.classes
         self._compiled: CompiledStream | None = None
-        is_plain = isinstance(encoder, AfferentSpec) and encoder.is_plain and encoder.has_all_taxels
+        is_plain = isinstance(encoder, AfferentSpec) and encoder.is_plain
         compilable = self.chain.network.w_in.device.type == "cpu" and is_plain and not is_exact(encoder)
         if use_native(backend, compilable, "a network on the CPU, and plain SA-I and RA-I on a clock"):
-            self._compiled = CompiledStream(self.chain, self.conditioner, self._most_samples)
+            self._compiled = CompiledStream(self._used, self.conditioner, self._most_samples)
         self._watch = watch
         if watch is not None and self._compiled is not None:
             self._compiled.watch()
@@ -112,7 +121,8 @@ class Stream:
         if (columns := getattr(samples, "columns", None)) is not None:
             order = order_by_name([*map(str, columns)], self.chain.taxels, "samples", "column")
             samples = np.asarray(samples, np.float32)[:, slice(None) if order is None else order]
-        decided = self._take(samples)  # which checks for itself, in a fraction of the time of `_checked`
+        # Which checks for itself, in a fraction of the time of `_checked`.
+        decided = self._take(samples) if self._columns is None else None
         if decided is None:
             samples = self._checked(samples)
             decided = self._take(samples)
@@ -160,7 +170,7 @@ class Stream:
         decisions = self._encode(signal, held=False) if len(signal) else []
         state = self._state
         if state.encoder is not None:
-            rest = finish(self.chain.signal_Hz, self.chain.encoder, state.encoder)
+            rest = finish(self.chain.signal_Hz, self._used.encoder, state.encoder)
             decisions += [] if rest is None else self._decide(rest[0], held=False)
         state.tally.unfinished += len(state.windows)
         state.bad_in_a_row = 0
@@ -179,7 +189,7 @@ class Stream:
     def restore(self, state: StreamState) -> None:
         """Continue from a state of a stream of the same chain."""
         n_taxels = None if state.good is None else len(state.good)
-        if n_taxels not in (None, self.chain.n_taxels) or state.opening.plan != self.chain.windows:
+        if n_taxels not in (None, self._used.n_taxels) or state.opening.plan != self.chain.windows:
             raise InputError("state: belongs to a stream of another chain; restore one of this chain")
         self._set_state(copied(state))
 
@@ -192,11 +202,9 @@ class Stream:
         InputError for another conditioning or model: the values so far would have another meaning.
         """
         own = self.chain.encoder
-        if encoder is not None and (encoder.conditioning, encoder.unit, encoder.model, is_exact(encoder)) != (
-            own.conditioning, own.unit, own.model, is_exact(own),
-        ):  # fmt: skip
+        if encoder is not None and _fixed(encoder) != _fixed(own):
             raise InputError(
-                "encoder: has another conditioning, unit or model; a running stream can change only afferents"
+                "encoder: has another conditioning, unit, model or taxels; a running stream can change only afferents"
             )
         chain = self.chain._replace(encoder=encoder or self.chain.encoder, rule=rule or self.chain.rule)
         stream = Stream(chain, **self._options)
@@ -205,11 +213,11 @@ class Stream:
 
     def save(self, path: str | Path, *, force: bool = False) -> None:
         """Save the whole state; an existing file is refused unless `force`."""
-        stream_file.save(self.chain, self.state(), path, force=force)
+        stream_file.save(self._used, self.state(), path, force=force)
 
     def load(self, path: str | Path) -> None:
         """Continue from a file that `save` wrote; InputError if it is damaged or of another chain."""
-        self.restore(stream_file.load(self.chain, path))
+        self.restore(stream_file.load(self._used, path))
 
     def decide(self, blocks: Iterable[np.ndarray]) -> Iterator[Decision]:
         """Decisions of a sequence of blocks, and of its end."""
@@ -257,7 +265,7 @@ class Stream:
                 f"samples: have shape {samples.shape} where (sample, {self.chain.n_taxels}) is expected; give the "
                 "taxels that the network was trained on"
             )
-        return samples
+        return samples if self._columns is None else np.ascontiguousarray(samples[:, self._columns])
 
     def _push_one(self, sample: np.ndarray, is_good: np.ndarray) -> list[Decision]:
         state = self._state
@@ -308,7 +316,7 @@ class Stream:
         return decisions
 
     def _encode(self, signal: np.ndarray, *, held: bool) -> list[Decision]:
-        state, chain = self._state, self.chain
+        state, chain = self._state, self._used
         spikes, state.encoder = encode(signal[None], chain.signal_Hz, chain.encoder, state.encoder)
         return self._decide(spikes[0], held=held)
 

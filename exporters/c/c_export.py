@@ -13,6 +13,7 @@ import numpy as np
 from neurotact_parts.exporters.c import formats as whole
 from neurotact_parts.exporters.c.formats import Formats, Integrator
 from neurotact_parts.streams.chain import LARGEST, Chain
+from neurotact_parts.streams.native import columns_of, numbers_of
 
 from neurotact import __version__, files
 from neurotact.data.conditioning import HALF, Conditioner
@@ -80,6 +81,7 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
     """The variables of the templates."""
     require("c-float" if formats is None else "c-integer", chain.subject)
     network, plan, encoder = chain.network, chain.windows, chain.lif
+    columns, used = chain.of_used()
     spec, conditioning = network.spec, encoder.conditioning
     n_taxels, integrator = chain.n_taxels, network.bias is not None
     if max(plan.length, plan.start, plan.hop, plan.quiet) > MOST_STEPS:
@@ -113,8 +115,25 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         "patience": chain.rule.in_bins(network.steps_per_bin).patience, "from_first_spike": chain.rule.from_first_spike,
         "resampled": chain.sampling_rate_Hz != chain.clock_Hz, "baseline": conditioning.baseline,
         "rectify": conditioning.rectify,
-        **(_in_float(chain) if formats is None else _in_integers(chain, formats)),
+        "columns": columns if len(columns) < n_taxels else [], "taxel_type": unsigned(n_taxels),
+        **_with_numbers(_in_float(used) if formats is None else _in_integers(used, formats), used),
     }  # fmt: skip
+
+
+def _with_numbers(context: dict[str, Any], used: Chain) -> dict[str, Any]:
+    """The variables with the number of each kind's afferent under taxel `i`, and a table of them where some have none.
+
+    used: the chain of the taxels that an afferent uses.
+    """
+    each = numbers_of(columns_of(used), used.n_taxels)
+    for index, (kind, numbers) in enumerate(zip(context["kinds"], each, strict=True)):
+        kind["table"] = f"number_{index}" if (numbers < 0).any() else ""
+        kind["number"] = f"{kind['table']}[i]" if kind["table"] else f"{numbers[0]} + i" if index else "i"
+        if kind["table"]:
+            lines = [*wrapped(map(str, numbers.tolist()))]
+            about = f"numbers of the {kind['about']}, -1 where a taxel has none"
+            context["tables"].append(Table(about, "int16_t", kind["table"], len(numbers), lines))
+    return {**context, "moves": any("change" in kind["target"] for kind in context["kinds"])}
 
 
 def paths(folder: Path, name: str) -> list[Path]:
@@ -176,10 +195,11 @@ def _float_kinds(chain: Chain) -> Iterator[dict[str, Any]]:
     """The afferents under each taxel: what drives them, their levels and refractory steps, and words for them."""
     encoder, clock_Hz = chain.lif, chain.clock_Hz
     drives = ("sa1", "felt"), ("ra1", "magnitude(change)")
-    for (part, drive), gains in zip(drives, encoder.gains_at(clock_Hz), strict=True):
+    columns = encoder.columns(chain.n_taxels)
+    for (part, drive), gains, taxels in zip(drives, encoder.gains_at(clock_Hz), columns, strict=True):
         kind = getattr(encoder, part)
         neuron = encoder.neuron(kind, clock_Hz)
-        for gain, about in zip(gains, _words(kind, part), strict=True):
+        for gain, about in zip(gains, _words(kind, part), strict=True) if taxels else ():
             yield {
                 "about": about, "target": f"{literal(neuron.v_rest_mV)} + {literal(gain)} * {drive}",
                 "threshold": literal(neuron.v_threshold_mV), "reset": literal(neuron.v_reset_mV),
@@ -246,7 +266,8 @@ def _in_integers(chain: Chain, formats: Formats) -> dict[str, Any]:
 def _integer_kinds(chain: Chain, front: whole.FrontEnd) -> list[dict[str, Any]]:
     """As `_float_kinds`."""
     drives = {"signal": "felt", "falling": "-felt", "change": "change < 0 ? -change : change"}
-    words = _words(chain.lif.sa1, "sa1") + _words(chain.lif.ra1, "ra1")
+    kinds = zip(("sa1", "ra1"), chain.lif.columns(chain.n_taxels), strict=True)
+    words = [word for part, taxels in kinds if taxels for word in _words(getattr(chain.lif, part), part)]
     return [
         {
             "about": about, "target": drives[kind.drive], "threshold": f"threshold_{kind.name}[i]",

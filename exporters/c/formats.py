@@ -81,6 +81,7 @@ class Afferents(NamedTuple):
 
     name: of its levels: `sa1` or `ra1`, with a number from the second grade on. drive: what the afferent receives.
     threshold, reset: `(taxel,)`, in units of 2^-FRACTION of a raw step. silent: refractory steps.
+    taxels: those that have one, of the taxels that are used.
     """
 
     name: str
@@ -88,6 +89,7 @@ class Afferents(NamedTuple):
     threshold: np.ndarray
     reset: np.ndarray
     silent: int
+    taxels: list[int]
 
 
 class FrontEnd(NamedTuple):
@@ -99,6 +101,7 @@ class FrontEnd(NamedTuple):
     offset: `(taxel,)`, in units of 2^-FRACTION of a raw step.
     sign: of each taxel's scale, `(taxel,)`; -1 for a signal that falls on contact. Thresholds contain its magnitude.
     leak: of all afferents. kinds: the afferents under each taxel, SA-I first.
+    columns: the taxels that are used, of those of a sample; all else is of these alone.
     """
 
     smoothing: Weight | None
@@ -111,6 +114,7 @@ class FrontEnd(NamedTuple):
     rectify: bool
     leak: Weight
     kinds: tuple[Afferents, ...]
+    columns: list[int]
 
 
 class Layer(NamedTuple):
@@ -292,6 +296,7 @@ def _is_fine(chain: Chain, raw: Raw) -> bool:
 
 def _front_end(chain: Chain, raw: Raw) -> FrontEnd:
     require("c-integer", chain.subject)
+    columns, chain = chain.of_used()
     encoder, clock_Hz = chain.lif, chain.clock_Hz
     conditioning = encoder.conditioning
     conditioner = Conditioner(chain.sampling_rate_Hz, chain.encoder.conditioning)
@@ -317,19 +322,23 @@ def _front_end(chain: Chain, raw: Raw) -> FrontEnd:
         rectify=conditioning.rectify,
         leak=Weight.of(1.0 - encoder.neuron(encoder.sa1, clock_Hz).decay),
         kinds=tuple(_kinds(encoder, clock_Hz, np.abs(scale) * fine)),
+        columns=columns,
     )
 
 
 def _kinds(encoder: AfferentSpec, clock_Hz: float, fine: np.ndarray) -> Iterator[Afferents]:
     """The afferents under each taxel; fine: units of the integers in one of the standardised signal, `(taxel,)`."""
-    for part, gains in zip(("sa1", "ra1"), encoder.gains_at(clock_Hz), strict=True):
+    columns = encoder.columns(len(fine))
+    for part, gains, taxels in zip(("sa1", "ra1"), encoder.gains_at(clock_Hz), columns, strict=True):
         kind = getattr(encoder, part)
         neuron = encoder.neuron(kind, clock_Hz)
-        for index, gain in enumerate(gains):
+        for index, gain in enumerate(gains if taxels else ()):
             grade = index % len(kind.grades)
             drive = "change" if part == "ra1" else "signal" if gain > 0 else "falling"
             levels = _levels(neuron, abs(gain), fine)
-            yield Afferents(part if grade == 0 else f"{part}_{grade + 1}", drive, *levels, neuron.refractory_steps)
+            yield Afferents(
+                part if grade == 0 else f"{part}_{grade + 1}", drive, *levels, neuron.refractory_steps, taxels
+            )
 
 
 def _levels(neuron: LIF, gain: float, fine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -58,28 +58,28 @@ def follow(state: np.ndarray, target: np.ndarray, weight: Weight) -> np.ndarray:
 def encode(raw: np.ndarray, front: FrontEnd, lengths: np.ndarray | None = None) -> np.ndarray:
     """Spikes of raw samples, `(trial, time, taxel)` int16 to `(trial, step, afferent)` uint8.
 
-    Afferents: those of each of `FrontEnd.kinds`, of every taxel.
+    Afferents: those of each of `FrontEnd.kinds`.
     lengths: samples of each trial, `(trial,)`, where shorter trials are padded; all when None. After its last sample a
     trial holds it, as resampling does until the trial ends; steps after that end are to be cut (`n_steps`).
     """
-    raw = np.asarray(raw, np.int64)
+    raw = np.asarray(raw, np.int64)[..., front.columns]
     n_trials, n_samples, n_taxels = raw.shape
     lengths = np.full(n_trials, n_samples) if lengths is None else lengths
     rest = np.zeros((n_trials, n_taxels), np.int64)
-    states = [[rest, rest]] * len(front.kinds)
+    states = [[rest[:, kind.taxels]] * 2 for kind in front.kinds]
     rows, before = [], None
     for signal in _conditioned(raw, front, lengths):
         change = np.abs(signal - (signal if before is None else before))
         before = signal
         drives = {"signal": signal, "falling": -signal, "change": change}
         stepped = [
-            _afferent(drives[kind.drive], state, front.leak, kind)
+            _afferent(drives[kind.drive][:, kind.taxels], state, front.leak, kind)
             for state, kind in zip(states, front.kinds, strict=True)
         ]
         rows.append(np.concatenate([fired for fired, _ in stepped], axis=1))
         states = [state for _, state in stepped]
     if not rows:
-        return np.zeros((n_trials, 0, len(front.kinds) * n_taxels), np.uint8)
+        return np.zeros((n_trials, 0, sum(len(kind.taxels) for kind in front.kinds)), np.uint8)
     return np.stack(rows, axis=1).astype(np.uint8)
 
 
@@ -87,10 +87,11 @@ def _afferent(
     target: np.ndarray, state: list[np.ndarray], leak: Weight, kind: Afferents
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     membrane, remaining = state
+    reset, threshold = kind.reset[kind.taxels], kind.threshold[kind.taxels]
     is_active = remaining == 0
-    membrane = np.where(is_active, follow(membrane, target, leak), kind.reset)
-    fired = is_active & (membrane >= kind.threshold)
-    return fired, [np.where(fired, kind.reset, membrane), np.where(fired, kind.silent, np.maximum(remaining - 1, 0))]
+    membrane = np.where(is_active, follow(membrane, target, leak), reset)
+    fired = is_active & (membrane >= threshold)
+    return fired, [np.where(fired, reset, membrane), np.where(fired, kind.silent, np.maximum(remaining - 1, 0))]
 
 
 def _conditioned(raw: np.ndarray, front: FrontEnd, lengths: np.ndarray) -> Iterator[np.ndarray]:

@@ -77,18 +77,18 @@ class Means(NamedTuple):
         """The largest sums whose feature is not above the given ones."""
         return np.floor((features - self.shift) / self.scale + self.centre)
 
-    def taxels(self, n_taxels: int) -> "Means":
+    def of_taxels(self, n_taxels: int) -> "Means":
         """Those of the taxels, where all time bins have the same; else of all features."""
         parts = [part.reshape(-1, n_taxels) for part in self]
         alike = all((part == part[0]).all() for part in parts)
         return Means(*(part[0] for part in parts)) if alike else self
 
-    @property
-    def tables(self) -> list[Table]:
+    def tables(self, kind: str = "float") -> list[Table]:
+        """Of this type of C."""
         about = "Of features: subtracted from the sums of samples, their factors, and then added."
         return [
-            _whole(about, "centre", self.centre, "int32_t"), _real("", "scale", self.scale),
-            _real("", "shift", self.shift),
+            _whole(about, "centre", self.centre, "int32_t"), _real("", "scale", self.scale, kind),
+            _real("", "shift", self.shift, kind),
         ]  # fmt: skip
 
 
@@ -128,18 +128,22 @@ def write(
         raise InputError(f"windows: have {n_samples} samples, of which a sum may exceed 32 bits; shorten them")
     means = Means.of(standard, raw, ends)
     decision = DECISIONS[kind](fitted, means)
-    shared = means.taxels(n_taxels) if decision.kind == "minirocket" else means
+    if decision.kind == "minirocket":  # whose comparisons need the last bit of its input
+        means = means.of_taxels(n_taxels)
     context = {
         "title": f"{kind} on the means of {n_bins} time bins: {n_taxels} taxels, {len(classes)} classes.",
         "version": __version__, "name": name, "macro": name.upper(), "n_taxels": n_taxels, "ends": ends.tolist(),
         "class_names": [text(one) for one in classes], "class_type": unsigned(len(classes)),
         "kind": decision.kind, "score": decision.score or unsigned(len(classes)), "sizes": decision.sizes,
-        "tables": [*([] if decision.kind == "trees" else shared.tables), *decision.tables],
-        "n_scales": len(shared.scale),
+        "tables": [*_standardising(means, decision.kind), *decision.tables], "n_scales": len(means.scale),
         "spiking": False, "resampled": False, "afferent_type": "uint8_t", "neuron_type": "uint8_t",
     }  # fmt: skip
     folder.mkdir(parents=True, exist_ok=True)
     return c_export.rendered(context, folder, name, parts)
+
+
+def _standardising(means: Means, kind: str) -> list[Table]:
+    return [] if kind == "trees" else means.tables("double" if kind == "minirocket" else "float")
 
 
 def _linear(fitted: Any, means: Means) -> Decision:
@@ -271,8 +275,9 @@ DECISIONS: dict[str, Callable[[Any, Means], Decision]] = {
 """By the class of the estimator; a pipeline is a scaler and a logistic regression."""
 
 
-def _real(about: str, name: str, values: np.ndarray) -> Table:
-    return _table(about, name, (literal(value) for value in values.ravel()), values.size, "float")
+def _real(about: str, name: str, values: np.ndarray, kind: str = "float") -> Table:
+    text = literal if kind == "float" else repr
+    return _table(about, name, (text(float(value)) for value in values.ravel()), values.size, kind)
 
 
 def _whole(about: str, name: str, values: np.ndarray, kind: str) -> Table:

@@ -78,7 +78,12 @@ def _print_answer(folder: Path, as_json: bool) -> None:
         print(as_typed(answer["among"]))
     for one in [] if answer.get("among") else answer["answers"]:
         before = f"{one['dataset']}: " if one["dataset"] and len(answer["answers"]) > 1 else ""
-        for sentence in (f"{before}{one['headline']}", *one["details"]):
+        period, after = one.get("period"), one.get("next", {"words": "", "commands": []})
+        for sentence in (f"{before}{one['headline']}", *filter(None, [period, after["words"]])):
+            print(as_typed(sentence))
+        for command in after["commands"]:
+            print(f"  {command}")
+        for sentence in one["details"]:
             print(as_typed(sentence))
     for table in answer.get("tables", []):
         print(table["caption"])

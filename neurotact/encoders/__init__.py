@@ -13,7 +13,7 @@ Other rooms take:
     send_on_delta: MODEL
     sensitivity: sensitivities_of, value_of
     specs: afferent_names, conditioning_of, default_of, encode, finish, is_exact, known_taxels, load, n_afferents,
-        pays_exact, period_keys, populations, resolve, t_ref_pair_ms, taxel_names, taxels_of, with_t_ref,
+        of_used, pays_exact, period_keys, populations, resolve, t_ref_pair_ms, taxel_names, taxels_of, with_t_ref,
         with_t_refs
     transformer: SpikeEncoder
 """

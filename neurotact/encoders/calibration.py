@@ -194,7 +194,12 @@ def calibrate(
             "after the other"
         )
     conditioned = Excerpts(
-        Spool(standardised), drawn.labels, drawn.classes, how.clock_Hz(recordings.sampling_rate_Hz), _source(recordings)
+        Spool(standardised),
+        drawn.labels,
+        drawn.classes,
+        how.clock_Hz(recordings.sampling_rate_Hz),
+        _source(recordings),
+        numbers if steady else None,
     )
 
     searched = part_of(conditioned, rule)
@@ -253,7 +258,8 @@ def calibrate_causally(
         standard error of the highest is chosen, so that a sensor of vibrations above the cut-off keeps them. Without
         the polarity that suits, a wider one may seem better only for want of it.
     choose_opposite: also choose whether SA-I of the falling signal are added (`sa1.opposite`): if without them
-        `Calibration.accuracy_of_both` is more than one standard error below, and they do not fire at rest (`resting`).
+        `Calibration.accuracy_of_both` is more than one standard error below, with the best baseline of those with which
+        they do not fire at rest.
         Only of LIF afferents without them.
     choose_grades: with `apart`, also choose whether several SA-I of different thresholds are under each taxel
         (`sa1.grades`): by the same rule, or, where training trials have one value of the conditions, without a
@@ -275,7 +281,10 @@ def calibrate_causally(
     notes: tuple[str, ...] = (on_baseline,)
     if choose_opposite and (signed := with_opposite(spec)) is not None:
         with contextlib.suppress(InputError):  # no gain suits the falling signal: the encoder stays as it is
-            both, on_its_baseline = _of_baselines(fit, signed, cutoffs_Hz)
+            rises = best.encoder
+            both, on_its_baseline = _of_baselines(
+                fit, signed, cutoffs_Hz, refused=lambda tried: _wakes(recordings, rises, tried)
+            )
             best, notes = _of_polarities(recordings, (best, both), notes, on_its_baseline)
     if len(cutoffs_Hz) > 1:
         best, on_ema = _of_cutoffs(fit, best, _refit(spec, best.encoder), cutoffs_Hz)
@@ -294,15 +303,22 @@ def calibrate_causally(
 
 
 def _of_baselines(
-    fit: Callable[[Encoder], Calibration[Encoder]], spec: Encoder, cutoffs_Hz: Iterable[float | None]
+    fit: Callable[[Encoder], Calibration[Encoder]],
+    spec: Encoder,
+    cutoffs_Hz: Iterable[float | None],
+    refused: Callable[[Encoder], bool] = lambda tried: False,
 ) -> tuple[Calibration[Encoder], str]:
-    """The calibration with the best baseline of `PAST`, and the note on it, at the first cut-off that has one."""
+    """The calibration with the best baseline of `PAST`, and the note on it, at the first cut-off that has one.
+
+    refused: what may not be chosen beside one that may, however accurate it is.
+    """
     errors: list[InputError] = []
     for cutoff_Hz in cutoffs_Hz:
         tried: dict[Baseline, Encoder] = {base: _with(spec, base, cutoff_Hz) for base in PAST}
         calibrated, failed = _each(fit, tried)
         if calibrated:
-            accuracy: dict[Baseline, float] = {baseline: one.accuracy for baseline, one in calibrated.items()}
+            allowed = {baseline: one for baseline, one in calibrated.items() if not refused(one.encoder)} or calibrated
+            accuracy: dict[Baseline, float] = {baseline: one.accuracy for baseline, one in allowed.items()}
             accuracy |= dict.fromkeys(failed, np.nan)
             found = Decision.of_shares("conditioning.baseline", accuracy, len(next(iter(calibrated.values())).labels))
             return calibrated[found.chosen], _on_baseline(found, spec)

@@ -23,7 +23,7 @@ class Excerpts:
     """Conditioned excerpts of the trials for the fit of gains.
 
     signals: `(time, taxel)` each, as the encoder takes them, at `sampling_rate_Hz`.
-    labels: class index of each.
+    labels: class index of each. numbers: of the trials, by which what follows is drawn (`numbers_of`); None: at random.
     """
 
     signals: Spool
@@ -31,6 +31,7 @@ class Excerpts:
     classes: tuple[str, ...]
     sampling_rate_Hz: float
     source: str
+    numbers: np.ndarray | None = None
 
     @property
     def n_channels(self) -> int:
@@ -65,6 +66,16 @@ def draw(labels: np.ndarray, per_class: int, rng: np.random.Generator, numbers: 
     else:
         trials = [own[np.argsort(numbers[own], kind="stable")][:per_class] for own in of_each]
     return np.sort(np.concatenate(trials))
+
+
+def permuted(labels: np.ndarray, n: int, rng: np.random.Generator, numbers: np.ndarray | None = None) -> np.ndarray:
+    """Random permutations of labels, `(permutation, trial)`; by `numbers`, one trial less changes few other labels."""
+    if numbers is None:
+        return np.stack([rng.permutation(labels) for _ in range(n)])
+    places = np.stack([np.random.default_rng(int(number * 2**53)).random(n) for number in numbers]).argsort(axis=0)
+    found = np.empty((n, len(labels)), labels.dtype)
+    np.put_along_axis(found, places.T, np.sort(labels)[None], axis=1)
+    return found
 
 
 def cut(

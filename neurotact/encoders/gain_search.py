@@ -17,7 +17,7 @@ from neurotact.data.spikes import populations_of
 from neurotact.data.spool import Spool
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import side_by_side
-from neurotact.encoders.excerpts import Excerpts, draw, liveliest
+from neurotact.encoders.excerpts import Excerpts, draw, liveliest, permuted
 from neurotact.encoders.model import DrivenSpec, EncoderSpec, of_name
 from neurotact.encoders.sensitivity import Sensitivity, adjusted, sensitivities_of, value_of
 from neurotact.encoders.specs import afferent_names, encode
@@ -104,13 +104,15 @@ def part_of(excerpts: Excerpts, rule: CalibrationRule) -> Excerpts:
     signals, labels, n_taxels = excerpts.signals, excerpts.labels, excerpts.n_channels
     is_wide = n_taxels > rule.searched_taxels and rule.spikes_per_s is None
     n_trials = rule.searched // (rule.searched_taxels if is_wide else n_taxels)
-    kept = draw(labels, max(2, n_trials // len(excerpts.classes)), np.random.default_rng([rule.seed, SEARCHED]))
+    rng, numbers = np.random.default_rng([rule.seed, SEARCHED]), excerpts.numbers
+    kept = draw(labels, max(2, n_trials // len(excerpts.classes)), rng, numbers)
     if len(kept) == len(labels) and not is_wide:
         return excerpts
     chosen = slice(None)
     if is_wide:
         chosen = liveliest((signals[trial] for trial in kept.tolist()), rule.searched_taxels)
-    return replace(excerpts, signals=Spool(signals[trial][:, chosen] for trial in kept.tolist()), labels=labels[kept])
+    part = Spool(signals[trial][:, chosen] for trial in kept.tolist())
+    return replace(excerpts, signals=part, labels=labels[kept], numbers=None if numbers is None else numbers[kept])
 
 
 def rates_of(
@@ -155,7 +157,7 @@ def search(
     """The spikes of each population at each candidate gain."""
     n_seconds = np.array(excerpts.signals.lengths) / excerpts.sampling_rate_Hz
     labels = excerpts.labels
-    labellings = [labels, *(rng.permutation(labels) for _ in range(rule.shuffles))]
+    labellings = [labels, *permuted(labels, rule.shuffles, rng, excerpts.numbers)]
     sensitivities = sensitivities_of(spec)
     edges = [_edges(excerpts, spec, sensitivity) for sensitivity in sensitivities]
     rows, isi, rates = [], [], {}

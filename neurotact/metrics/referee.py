@@ -13,9 +13,12 @@ from scipy.stats import fisher_exact
 from neurotact.errors import InputError
 from neurotact.metrics.decision import is_within
 from neurotact.metrics.paired import LEVEL, Paired, compare_by_trial, sign_test
+from neurotact.metrics.shares import standard_error
 
 GAP = 0.01
 """The probability below which an accuracy on test trials is clearly not that of validation trials."""
+ROUNDING = 1e-9
+"""Differences of accuracies that are smaller are those of their last bits."""
 Kind = Literal["better", "worse", "tie"]
 
 
@@ -75,6 +78,51 @@ def cheapest_of(ways: Sequence[Way]) -> int:
     1
     """
     return min(within_error(ways), key=lambda index: (_cost(ways[index]), -ways[index].validation))
+
+
+def may_be_cheapest(ways: Sequence[Way], n_trials: int, noise: Sequence[float]) -> list[int]:
+    """The indices that `cheapest_of` could give with a thousandth of the trials left out, at least one, or other noise.
+
+    n_trials: independent validation trials. noise: of each way, one standard error of its accuracy by other causes,
+    such as the start of its weights. With one index, no thousandth of the trials decides: whatever is left out, another
+    index alone is never found.
+
+    >>> ways = [Way(1.0, 0.014, 5.0), Way(0.99, 0.017, 3.0), Way(0.96, 0.02, 1.0)]
+    >>> may_be_cheapest(ways, 97, [0.001] * 3), may_be_cheapest(ways, 97, [0.01] * 3)
+    ([1], [0, 1])
+    """
+    at, first = range(len(ways)), best_of(ways)
+    out = max(1, math.ceil(n_trials / 1000))
+    kept = max(1, n_trials - out)
+    shares = [_rounded(max(0.0, way.validation)) for way in ways]
+    # Trials that are left out were all right, or all wrong.
+    low = [max(0.0, (n_trials * share - out) / kept) for share in shares]
+    high = [min(1.0, n_trials * share / kept) for share in shares]
+    errors = [_errors(ways[i], shares[i], (low[i], high[i]), n_trials, kept) for i in at]
+    may_lead = [i for i in at if high[i] >= max(low)]
+    most = max(errors[i][1] for i in may_lead)
+
+    def apart(one: int) -> float:
+        return math.hypot(noise[one], noise[first])
+
+    def may_keep(one: int) -> bool:
+        by_trials = all(low[best] - high[one] <= most + ROUNDING for best in at)
+        return by_trials or shares[first] - shares[one] <= errors[first][1] + apart(one) + ROUNDING
+
+    def surely_keeps(one: int) -> bool:
+        by_trials = all(best == one or high[best] - low[one] <= errors[best][0] + ROUNDING for best in may_lead)
+        lost = shares[first] - shares[one]
+        return by_trials and (lost <= ROUNDING or lost <= errors[first][0] - apart(one) + ROUNDING)
+
+    sure = [i for i in at if surely_keeps(i)]
+    return [i for i in at if may_keep(i) and not any(_cost(ways[other]) < _cost(ways[i]) for other in sure)]
+
+
+def _errors(way: Way, share: float, ends: tuple[float, float], n_trials: int, kept: int) -> tuple[float, float]:
+    """The least and the largest error of a way whose accuracy lies between `ends`, on `kept` of its trials."""
+    error = 0.0 if math.isnan(way.error) else way.error
+    every = [error * standard_error(end, kept) / standard_error(share, n_trials) for end in (share, *ends)]
+    return min(every), max(every)
 
 
 def level_with_best(ways: Sequence[Way]) -> list[int]:

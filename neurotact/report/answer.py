@@ -189,6 +189,7 @@ class Answer(NamedTuple, Generic[R, Other]):
     test can show; None where it is that of so many trials. doubts: what else the reader must know, in sentences. NaN is
     what is not known.
 
+    is_chosen: whether one network was chosen for its refractory period: then it is both best and cheapest.
     Of networks alone: interval: 95 % interval of the test accuracy of the best one, as it is used. trials: of both
     sides. priced: the energy of the best network, and of the cheapest one if that is another. prices: the name of the
     list by which energies are.
@@ -214,6 +215,7 @@ class Answer(NamedTuple, Generic[R, Other]):
     trials: Trials = Trials(0, 0)
     priced: tuple[Priced, ...] = ()
     prices: str = ""
+    is_chosen: bool = False
 
     @property
     def shown(self) -> R:
@@ -297,11 +299,13 @@ def answer(
     trials: Trials,
     compare: Compare = lambda network, baseline: None,
     prices: str = "",
+    chosen: Network | None = None,
 ) -> OfNetworks:
     """Choose on validation trials, judge on test trials.
 
     networks: at least one. prices: the name of the list of energies. compare: without single trials, the two shares are
-    compared as those of different trials.
+    compared as those of different trials. chosen: the network that the whole answer is of; without it, those that the
+    referee finds best and cheapest.
 
     >>> whole = Decision(0.9, 1000.0, 500.0, 80.0, None)
     >>> networks = [Network("1&1", 50, 3, 0.95, whole, None),
@@ -312,6 +316,7 @@ def answer(
     """
     ways = [network.way(trials) for network in networks]
     best, cheapest = networks[referee.best_of(ways)], networks[referee.cheapest_of(ways)]
+    best, cheapest = (best, cheapest) if chosen is None else (chosen, chosen)
 
     def compared(network: Network, baseline: Baseline) -> Paired:
         found = compare(network, baseline)
@@ -333,6 +338,7 @@ def answer(
         trials=trials,
         priced=tuple(_priced(one, baselines, guess, compared) for one in dict.fromkeys((best, cheapest))),
         prices=prices,
+        is_chosen=chosen is not None,
     )
 
 

@@ -116,12 +116,13 @@ def chosen(outcome: OfNetworks) -> str:
     return f"{network}, chosen on validation trials{told}."
 
 
-def table(outcome: OfNetworks, period: str = "t_ref") -> Table:
+def table(outcome: OfNetworks, period: str = "t_ref", sample_ms: float = 0.0) -> Table:
     """Every network and baseline that a sentence names, and the best of each pair and kind on validation trials.
 
-    period: what the refractory periods are of (`periods.head`).
+    period: what the refractory periods are of (`periods.head`). sample_ms: between samples of the sensor.
     """
-    rows = [[f"{row.name}{row.mark}", *_in_words(row, outcome.trials)] for row in _network_rows(outcome)]
+    every = [*_network_rows(outcome)]
+    rows = [[f"{row.name}{_marks(row, sample_ms)}", *_in_words(row, outcome.trials)] for row in every]
     for baseline in _baselines_shown(outcome):
         note = ": cheapest on signals that is not clearly less accurate"
         name = f"{baseline.name}{note if baseline is outcome.comparable else ''}"
@@ -132,10 +133,13 @@ def table(outcome: OfNetworks, period: str = "t_ref") -> Table:
     rows.append(["guessing", percent(outcome.guess), *[""] * (len(HEADS) - 2)])
     trainings = max(network.seeds for network in outcome.rows)
     over = f", of {trainings} trainings each" if trainings > 1 else ""
+    choice = "the least energy within one standard error of the best accuracy on validation trials"
+    if not outcome.is_chosen:
+        choice = "accuracy on validation trials, then the least energy"
+    sample = f" A sample lasts {milliseconds(sample_ms)}." if any(_is_short(row, sample_ms) for row in every) else ""
     caption = (
-        f"Means over {outcome.trials.test} test trials{over}; energy is an estimate. Choices: "
-        "accuracy on validation trials, then the least energy, both on whole windows. Of each refractory period, or "
-        "pair, the best network is shown."
+        f"Means over {outcome.trials.test} test trials{over}; energy is an estimate. Choices: {choice}, both on whole "
+        f"windows. Of each refractory period, or pair, the best network is shown.{sample}"
     )
     return Table(caption, [f"{period}, neurons", *HEADS[1:]], rows, n_heads=1)
 
@@ -147,11 +151,24 @@ def _network_rows(outcome: OfNetworks) -> Iterator[_Row]:
         told = [network for network in dict.fromkeys((outcome.best, outcome.cheapest)) if network in own]
         for one in told or [own[referee.best_of([network.way(outcome.trials) for network in own])]]:
             said = mark(is_best=one == outcome.best, is_cheapest=one == outcome.cheapest)
+            if outcome.is_chosen:
+                said = ": chosen" if one == outcome.best else ""
             is_early = one.exits and one == outcome.best  # the cheapest is that on whole windows
             name = f"{periods.in_ms(pair)}, {one.hidden}"
             yield _Row(name, one, one.whole, "" if is_early else said)
             if one.early is not None:
                 yield _Row(f"{name}, early exit", one, one.early, said if is_early else "")
+
+
+def _is_short(row: _Row, sample_ms: float) -> bool:
+    return periods.is_short(row.network.pair, sample_ms)
+
+
+def _marks(row: _Row, sample_ms: float) -> str:
+    """That a row was chosen, and that a refractory period of it is shorter than a sample."""
+    if not _is_short(row, sample_ms):
+        return row.mark
+    return f"{row.mark}{' and' if row.mark else ':'} shorter than a sample"
 
 
 def mark(*, is_best: bool, is_cheapest: bool, best: str = "best on validation") -> str:

@@ -16,6 +16,7 @@ from neurotact.data.splits import SplitSpec, turns_of, validation_note
 from neurotact.data.trial_choice import values_in_words
 from neurotact.data.window_choice import on_late_onsets, timing_of
 from neurotact.encoders.cost import no_cost
+from neurotact.encoders.specs import is_exact
 from neurotact.errors import InputError
 from neurotact.metrics import paired, starts
 from neurotact.metrics.paired import Paired
@@ -26,7 +27,7 @@ from neurotact.networks.training.run_folder import LOG
 from neurotact.networks.use import ledger
 from neurotact.networks.use.ledger import Afferents
 from neurotact.report import answer as answers
-from neurotact.report import first_screen, periods, robustness, sentences, under_prices
+from neurotact.report import first_screen, period_choice, periods, robustness, sentences, under_prices
 from neurotact.report.answer import Answer, Baseline, Decision, Network, OfNetworks, Trials
 from neurotact.report.page import Figure, Table
 from neurotact.report.wording import energy
@@ -61,8 +62,9 @@ class Front(NamedTuple):
     """The first screen of one answer, of a data set, task or rule.
 
     figures: of the row that is shown. details: the answer in words, after the headline. tables: every row that a
-    sentence names. chosen: which network the figures are of. untold: what validation cannot choose; both are empty if
-    there is nothing to say. Of networks alone: sides; split: that of the first training, one of several where a study
+    sentence names. chosen: which network the figures are of. untold: what validation cannot choose. period: which
+    refractory period, what it saves and costs; next: what to do then, and commands. All are empty if there is nothing
+    to say. Of networks alone: sides; split: that of the first training, one of several where a study
     sweeps it; cells: for each network the row of `results.csv` that stands for it; lost: the losses of accuracy;
     classes: of `robustness.by_class`, for the best network.
     """
@@ -79,6 +81,8 @@ class Front(NamedTuple):
     cells: Sequence[int] = ()
     lost: Sequence[str] = ()
     classes: pd.DataFrame = pd.DataFrame()
+    period: str = ""
+    next: tuple[str, Sequence[str]] = ("", ())
 
     @property
     def headline(self) -> str:
@@ -105,6 +109,8 @@ class Front(NamedTuple):
             "kind": self.answer.kind,
             "headline": self.headline,
             "short": sentences.verdict(self.answer),
+            "period": self.period,
+            "next": {"words": self.next[0], "commands": [*self.next[1]]},
             "figures": [figure._asdict() for figure in self.figures],
             "chosen": self.chosen,
             "details": [*self.details],
@@ -367,13 +373,15 @@ def fronts(
             networks = [with_exit_bound(one, folder, cells_of(done, rows, one), tolerance) for one in networks]
         baselines = baselines_of(study, tables, rows.iloc[0].to_dict())
         compare = _comparing(study, folder, done, rows, tables)
-        answer = answers.answer(networks, baselines, guess, sides.trials, compare, study.prices.name)
+        by_encoder = "encoder" in rows  # then another sentence compares their periods
+        found = None if by_encoder else period_choice.chosen(networks, sides.trials)
+        answer = answers.answer(networks, baselines, guess, sides.trials, compare, study.prices.name, found)
         compare = _comparing(study, folder, done, rows, narrow_tables)
         baselines = baselines_of(study, narrow_tables, rows.iloc[0].to_dict())
-        narrow = answers.answer(networks, baselines, guess, sides.trials, compare)
+        narrow = answers.answer(networks, baselines, guess, sides.trials, compare, chosen=found)
         splits = [cell.split for cell in first_of_splits]
         lost = [*sentences.gaps(answer, likely_cause(splits))]
-        if "encoder" not in rows:  # else the table of encoders tells it
+        if not by_encoder:  # else the table of encoders tells it
             lost += sentences.where_lost(answer)
         cheapest = robustness.of_network(rows, answer.cheapest).index
         made_by = [one for index in cheapest if index < len(afferents) and (one := afferents[index]) is not None]
@@ -385,24 +393,76 @@ def fronts(
             *sentences.details(answer),
             *_of_encoding(answer, made_by, study),
             *under_prices.sentences(answer),
-            *sentences.of_refractory_periods(answer),
             *_of_processor(folder),
             *sentences.of_width(answer, narrow, in_integers(tables, str(setting), answer.best)),
         ]
+        sample_ms = next((1e3 / one.recorded_Hz for one in afferents if one and one.recorded_Hz), 0.0)
+        represented = [representative(rows, network) for network in networks]
+        period, then = "", ("", ())
+        if found is not None:
+            run = _OfRun(study, folder, done, rows, trains)
+            period, then = run.period(answer, sides, first_of_splits, unranked, sample_ms)
         yield Front(
             str(setting),
             answer,
             first_screen.figures(answer),
             words,
-            [first_screen.table(answer, periods.head(study)), *filter(None, [under_prices.table(answer)])],
+            [first_screen.table(answer, periods.head(study), sample_ms), *filter(None, [under_prices.table(answer)])],
             first_screen.chosen(answer),
             unranked,
             sides,
             splits[0],
-            [representative(rows, network) for network in networks],
+            represented,
             lost,
             classes,
+            period,
+            then,
         )
+
+
+class _OfRun(NamedTuple):
+    """What the sentence on refractory periods asks of a run. rows: of one data set, whose index counts `done`."""
+
+    study: StudySpec
+    folder: Path
+    done: Sequence[Cell]
+    rows: pd.DataFrame
+    trains: SpikeTrains | None
+
+    def period(
+        self, answer: OfNetworks, sides: Sides, cells: Sequence[Cell], untold: str, sample_ms: float
+    ) -> tuple[str, tuple[str, Sequence[str]]]:
+        """The sentence, and what to do next, in words and commands; cells: one per split."""
+        compared = period_choice.Comparison(self.rows, self._right, split_columns(self.study), self._sizes(cells[0]))
+        choice = period_choice.choose(answer, compared, untold, self.study.early_exit.tolerance)
+        if choice is None:
+            return "", ("", ())
+        chosen = self.done[representative(self.rows, choice.network)]
+        file, each = self.study.dataset.file, min(self._trials_of_classes(), default=0)
+        place = cell_folder(self.folder, chosen)
+        may_fold = self.study.split == SplitSpec() and not split_columns(self.study) and each >= automatic.FOLDS
+        recordings, exact = Path(file) if file else None, is_exact(chosen.encoder)
+        places = period_choice.Places(self.folder, place, recordings, exact=exact, may_fold=may_fold)
+        sure = period_choice.Sure(sides.trials.test, len(cells), choice.network.seeds, each)
+        said = period_choice.in_words(choice, sure, periods.populations(self.study), sample_ms)
+        return said, period_choice.next_step(choice, sure, places)
+
+    def _right(self, index: int) -> dict[str, float] | None:
+        return result_of(self.folder, self.done[index]).get("right") if index < len(self.done) else None
+
+    def _trials_of_classes(self) -> Iterable[int]:
+        if self.trains is None:
+            return ()
+        return Counter(self.trains.labels[np.unique(copies_of(self.trains).first)].tolist()).values()
+
+    def _sizes(self, cell: Cell) -> tuple[int, int, float]:
+        """Training and test trials of a split; as many of both where they are unknown, which is cautious."""
+        try:
+            found = None if self.trains is None else tasks.trials_of(self.trains, task_of(cell))
+        except InputError:  # spikes of other trials
+            found = None
+        n_test = 1 if found is None else max(1, len(found.test))
+        return (n_test if found is None else len(found.train)), n_test, float(n_test)
 
 
 def cells_of(done: Sequence[Cell], rows: pd.DataFrame, network: Network) -> list[Cell]:

@@ -40,10 +40,21 @@ def head(study: StudySpec) -> str:
     >>> head(resolve("refractory-period"))
     't_ref RA-I & SA-I'
     """
-    if sweeps.values(study.sweep, "encoder") or len(period_keys(study.encoder.model)) < 2:
-        return "t_ref"
+    names = () if sweeps.values(study.sweep, "encoder") else populations(study)
+    return f"t_ref {' & '.join(names)}" if names else "t_ref"
+
+
+def populations(study: StudySpec) -> tuple[str, ...]:
+    """What the numbers of `in_words` are of; empty where the encoder has one period for whole taxels, or none.
+
+    >>> from neurotact.studies.study import resolve
+    >>> populations(resolve("refractory-period"))
+    ('RA-I', 'SA-I')
+    """
+    if len(period_keys(study.encoder.model)) < 2:
+        return ()
     first, second = (population.name for population in of_name(study.encoder.model).populations[:2])
-    return f"t_ref {second} & {first}"
+    return second, first
 
 
 def axis(study: StudySpec) -> str:
@@ -82,3 +93,12 @@ def sizes(pair: str) -> tuple[float, ...]:
     ((1.0, 10.0), ())
     """
     return () if pair == NONE else tuple(map(float, pair.split("&")))
+
+
+def is_short(pair: str, sample_ms: float) -> bool:
+    """Whether a refractory period of `in_words` is shorter than a sample of the sensor.
+
+    >>> is_short("1&10", 6.7), is_short("7&7", 6.7), is_short(NONE, 6.7)
+    (True, False, False)
+    """
+    return any(size < sample_ms for size in sizes(pair))

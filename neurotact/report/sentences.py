@@ -9,7 +9,6 @@ from scipy.stats import binom
 from neurotact.metrics import power, referee, starts
 from neurotact.metrics.shares import wilson_interval
 from neurotact.networks.exit import patience
-from neurotact.report import periods
 from neurotact.report.answer import Answer, Baseline, Decision, Network, OfNetworks, Priced
 from neurotact.report.way_answer import Configuration, WayAnswer
 from neurotact.report.wording import chance_of, count, energy, milliseconds, p_of, percent
@@ -87,7 +86,8 @@ def evidence(outcome: Answer[Any, Any]) -> str:
 def _of_best(outcome: OfNetworks) -> str:
     """The accuracy of the best network with its interval."""
     best, (low, high) = outcome.best, outcome.interval
-    network = f"the best network{', with early exit,' if best.exits else ''} is right in {percent(best.accuracy)}"
+    network = f"the {'chosen' if outcome.is_chosen else 'best'} network{', with early exit,' if best.exits else ''}"
+    network += f" is right in {percent(best.accuracy)}"
     return f"{network} of the test windows (95 % interval {100 * low:.0f} to {100 * high:.0f} %{_other(best)})"
 
 
@@ -179,7 +179,8 @@ def details(outcome: Answer[Any, Any]) -> Iterator[str]:
     """What the cheapest within the error saves and costs, and what is in doubt; nothing if guessing may do as well."""
     if not outcome.is_above_chance:
         return
-    yield from _of_cheapest(outcome)
+    if not outcome.is_chosen:
+        yield from _of_cheapest(outcome)
     for each in outcome.priced:
         yield from _early(each.network, outcome)
     for each in outcome.priced:
@@ -251,21 +252,6 @@ def _with_price(one: Baseline) -> str:
     """A baseline with its energy and its accuracy on test windows."""
     spent = "an energy that is not counted" if one.nJ is None else energy(one.nJ)
     return f"{one.name} at {spent} and {percent(one.accuracy)} on test windows"
-
-
-def of_refractory_periods(outcome: OfNetworks) -> Iterator[str]:
-    """What the refractory periods of the cheapest network save, against the shortest ones of the run.
-
-    The other network is chosen by the referee among those with the shortest periods. Nothing if these are the same.
-    """
-    shortest = min((network.pair for network in outcome.rows), key=lambda pair: sum(periods.sizes(pair)))
-    if not outcome.is_above_chance or outcome.cheapest.pair == shortest:
-        return
-    with_shortest = [network for network in outcome.rows if network.pair == shortest]
-    other = with_shortest[referee.cheapest_of([network.way(outcome.trials) for network in with_shortest])]
-    on = ", on whole windows" if other.exits or outcome.cheapest.exits else ""
-    changed = _changed(other.whole, outcome.cheapest.whole, outcome)
-    yield f"Refractory periods of {outcome.cheapest.pair} ms in place of {shortest} ms: {changed}{on}."
 
 
 def of_width(outcome: OfNetworks, narrow: OfNetworks, own: float | None) -> Iterator[str]:

@@ -31,6 +31,7 @@ from neurotact.errors import InputError
 from neurotact.networks.training import balancing
 from neurotact.spec import Spec, build, override, read, unsaved
 from neurotact.studies import sweeps
+from neurotact.studies.calibration_keys import is_period
 
 AUTO = "auto"
 SMALL = 1000
@@ -53,11 +54,14 @@ OPEN = (INTEGRATION, MEMBRANE)
 LONGEST_MS, OF_WINDOW = 50.0, 20.0
 """Of an afferent's membrane: its longest time constant, and how many of them a window lasts."""
 SWEPT, TESTED = "sweep.", "split.test_where."
-FEWER: dict[str, list[Any]] = {
-    "network.hidden": [50],
-    "encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [5, 5], [10, 10]],
-}
-"""What is swept where each network is trained with several kinds of varied copies."""
+FEWER: dict[str, list[Any]] = {"network.hidden": [50]}
+"""What is swept where each network is trained with several kinds of varied copies; of periods those `_equal`."""
+EQUAL = "auto equal"
+"""In place of refractory periods: those of "auto" that are the same for both populations."""
+USUAL_MS = (5.0, 10.0)
+"""Refractory periods that follow a step of the clock, of a sensor whose samples last no longer than the first."""
+PARTS = {20.0: 4, 10.0: 2, 5.0: 1}
+"""For a slower one, parts of a sample that the next period lasts, by how many ms a sample lasts more than."""
 MANY = 2000
 """Trials from which on each has one varied copy of a kind: with three, encoding and opponents take hours."""
 CHOICE = ("dataset.where", "dataset.leave_out")
@@ -88,6 +92,69 @@ def table_of(path: Path) -> dict[str, Any]:
     """The table of a study file, which may be one that a run saved."""
     table = read(path)
     return unsaved(table, f"{path}: is a study", "run the study by its name") if "schema" in table else table
+
+
+def is_period_axis(axis: str) -> bool:
+    """Whether an axis of a sweep is of refractory periods alone."""
+    return all(map(is_period, axis.split(sweeps.JOIN)))
+
+
+def _equal(values: Sequence[Any]) -> list[Any]:
+    """Of values of an axis, those whose numbers are the same."""
+    return [value for value in values if not isinstance(value, list) or len({*value}) == 1]
+
+
+def closed_periods(sweep: Any) -> dict[str, str]:
+    """The axes of refractory periods that a sweep leaves open, which get a default in `sweep`, and by which word."""
+    left = {}
+    for axis, value in sweep.items() if isinstance(sweep, dict) else ():
+        if value in (AUTO, EQUAL) and is_period_axis(axis):
+            left[axis], sweep[axis] = value, periods_of(axis, value, USUAL_MS[0])
+    return left
+
+
+def periods_of(axis: str, word: str, sample_ms: float, step_ms: float = 1.0) -> list[Any]:
+    """The refractory periods that are tried for a sensor: whole steps of the clock, the shortest one step.
+
+    A step, 5 and 10 ms. For a sensor of less than 200 Hz a step and then a sample, two and four; a half, one and two
+    where a sample lasts more than 10 ms; a quarter, a half and one above 20 ms. Those shorter than a sample save
+    spikes, too, and lose the least. Pairs of both populations are of the three shortest, the first no longer than the
+    second, and the longest with itself.
+
+    >>> [periods_of("encoder.t_ref_ms", "auto", 1e3 / rate_Hz) for rate_Hz in (1000.0, 150.0, 35.6)]
+    [[1.0, 5.0, 10.0], [1.0, 7.0, 14.0, 27.0], [1.0, 8.0, 15.0, 29.0]]
+    """
+    parts = _parts(sample_ms)
+    longer = [times * sample_ms / parts for times in (1, 2, 4)] if parts else USUAL_MS
+    every = [step_ms, *(step_ms * float(np.ceil(round(one / step_ms, 6))) for one in longer)]
+    n = len(axis.split(sweeps.JOIN))
+    if n == 1:
+        return every
+    mixed = [] if word == EQUAL else [(a, b) for b in every[:3] for a in every[:3] if a < b]
+    return [[a, *[b] * (n - 1)] for a, b in sorted([*mixed, *zip(every, every, strict=True)], key=lambda ab: ab[::-1])]
+
+
+def _parts(sample_ms: float) -> int:
+    """Parts of a sample that the second shortest period lasts; 0 for the usual periods."""
+    return next((parts for more_ms, parts in PARTS.items() if sample_ms > more_ms), 0)
+
+
+def of_periods(sample_ms: float, step_ms: float = 1.0) -> list[str]:
+    """The note on refractory periods that follow the sensor's rate; none where they are the usual ones.
+
+    >>> print(*of_periods(1e3 / 150))
+    Refractory periods: 1, 7, 14, 27 ms: a step of the clock; then 1, 2 and 4 samples of 6.67 ms. Shorter than a sample, which lowers rates of spikes alone: 1 ms.
+    """  # noqa: E501
+    if not (parts := _parts(sample_ms)):
+        return []
+    every = periods_of("encoder.t_ref_ms", AUTO, sample_ms, step_ms)
+    short = ", ".join(f"{one:g}" for one in every if one < sample_ms)
+    first, second, third = (f"{times / parts:g}" for times in (1, 2, 4))
+    return [
+        f"Refractory periods: {', '.join(f'{one:g}' for one in every)} ms: a step of the clock; then {first}, {second} "
+        f"and {third} samples of {sample_ms:.3g} ms. Shorter than a sample, which lowers rates of spikes alone: "
+        f"{short} ms."
+    ]
 
 
 def closed(table: dict[str, Any]) -> tuple[dict[str, Any], set[str]]:
@@ -219,7 +286,8 @@ def _for_remedies(
     if augmentation.kind == NONE:
         return table, []
     sweep, fewer = {**table["sweep"]}, []
-    for key, values in FEWER.items():
+    own = {key: _equal(values) for key, values in sweep.items() if is_period_axis(key) and _equal(values)}
+    for key, values in {**FEWER, **own}.items():
         if key in sweep and len(sweep[key]) > len(values) and f"{SWEPT}{key}" not in given:
             sweep[key], fewer = values, [*fewer, key]
     names = " and ".join(columns)

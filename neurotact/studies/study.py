@@ -293,6 +293,7 @@ def resolve(
     _with_own_periods(table)
     overrides = _with_own_width(table, overrides, overridden)
     _with_every_encoder(table["sweep"])
+    open_periods = automatic.closed_periods(table["sweep"])
     values = {key: value for key, value in overrides.items() if key not in axes}
     table = specs.override(table, sweeps.unswept(table["sweep"], values, path))
     table = automatic.with_file(table, data, path)
@@ -303,8 +304,9 @@ def resolve(
         table.pop("as_shipped", None)
     table |= {"as_shipped": True} if is_shipped else {}
     study = specs.build(StudySpec, table, source=str(path))
-    if left:
-        study = specs.build(StudySpec, _with_auto_values(table, study, left, overrides, path), source=str(path))
+    if left or open_periods:
+        table = _with_auto_values(table, study, left, open_periods, overrides, path)
+        study = specs.build(StudySpec, table, source=str(path))
     note = automatic.note_of(study.dataset.choice)
     study = study if note in (None, *study.notes) else study.model_copy(update={"notes": (note, *study.notes)})
     decided = {*specs.leaves(overrides), *sweeps.keys(study.sweep)}
@@ -328,14 +330,15 @@ def _with_own_periods(table: dict[str, Any]) -> None:
     sweep, encoder = table["sweep"], table.get("encoder")
     pairs = sweep.get(PAIR) if isinstance(sweep, dict) else None
     model = encoder.get("model", "lif") if isinstance(encoder, dict) else "lif"
-    if not isinstance(pairs, list) or not plugins.has("encoders", model):
+    if pairs is None or not plugins.has("encoders", model):
         return
     keys = [f"{calibration_keys.ENCODER}{key}" for key in encoders.period_keys(model)]
     if set(PAIR.split(sweeps.JOIN)) <= set(keys):
         return
     axes = {key: values for key, values in sweep.items() if key != PAIR}
     if len(keys) == 1:
-        table["sweep"] = {keys[0]: list(dict.fromkeys(max(pair) for pair in pairs)), **axes}
+        is_open = isinstance(pairs, str)
+        table["sweep"] = {keys[0]: pairs if is_open else list(dict.fromkeys(max(pair) for pair in pairs)), **axes}
     elif len(keys) > 1:
         table["sweep"] = {sweeps.JOIN.join(reversed(keys)): pairs, **axes}
     else:
@@ -374,11 +377,17 @@ def _with_every_encoder(sweep: Any) -> None:
 
 
 def _with_auto_values(
-    table: dict[str, Any], study: StudySpec, left: Set[str], given: Mapping[str, Any], path: Path
+    table: dict[str, Any],
+    study: StudySpec,
+    left: Set[str],
+    open_periods: Mapping[str, str],
+    given: Mapping[str, Any],
+    path: Path,
 ) -> dict[str, Any]:
     """The table of a study with its open values, which are `left`, chosen for its recordings, and notes of the rules.
 
-    study: built from the table, with a default in place of each open value. given: as of `automatic.suit`.
+    study: built from the table, with a default in place of each open value. open_periods: of
+    `automatic.closed_periods`. given: as of `automatic.suit`.
     """
     if study.dataset.file is None:
         raise InputError(
@@ -388,8 +397,12 @@ def _with_auto_values(
     uses_onsets = "window" in left and bool(automatic.untrained_conditions(table))
     choice, at_most = study.dataset.choice, study.dataset.at_most
     recorded = automatic.look(expand(study.dataset.file), clock_Hz, choice, at_most=at_most, onsets=uses_onsets)
+    sample_ms, step_ms = (1e3 / rate_Hz for rate_Hz in (recorded.sampling_rate_Hz, recorded.timing.clock_Hz))
+    rates = max(step_ms, sample_ms), step_ms
+    chosen = {axis: automatic.periods_of(axis, word, *rates) for axis, word in open_periods.items()}
+    table = {**table, "sweep": {**table["sweep"], **chosen}}
     table, notes = automatic.suit(table, recorded, left, given, split=study.split)
-    notes = [*automatic.of_fewer(recorded), *notes]
+    notes = [*automatic.of_fewer(recorded), *notes, *(automatic.of_periods(*rates) if open_periods else ())]
     exact = is_exact(study.encoder)
     periods = filter(calibration_keys.is_period, sweeps.keys(study.sweep))
     swept = [value for key in periods for value in sweeps.values(study.sweep, key)]

@@ -5,7 +5,7 @@ For searches over ways to save: `ranked` orders pairs of a population and a taxe
 nothing need be encoded again.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -14,12 +14,15 @@ import torch
 from numpy.typing import ArrayLike
 
 from neurotact.encoders.afferents import POPULATIONS, AfferentSpec, marks, under
+from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.specs import taxels_of
 from neurotact.errors import InputError
+from neurotact.metrics.prices import PriceList
 from neurotact.networks.definition.rsnn import RSNN
 
 STRETCHES = 10
 """Parts of a window in each of which spikes are counted."""
+TINY = float(np.finfo(np.float64).tiny)
 
 
 class Pair(NamedTuple):
@@ -65,12 +68,22 @@ def need_of(spikes: torch.Tensor, weights: Sequence[ArrayLike]) -> np.ndarray:
 
 
 def ranked(
-    network: RSNN, spikes: torch.Tensor, encoder: AfferentSpec, weights: Sequence[ArrayLike] | None = None
+    network: RSNN,
+    spikes: torch.Tensor,
+    encoder: AfferentSpec,
+    weights: Sequence[ArrayLike] | None = None,
+    *,
+    prices: PriceList | None = None,
+    recorded_Hz: float | None = None,
 ) -> list[Pair]:
     """The pairs of an encoder, those first that a network needs most (`need_of`, added over grades and polarities).
 
     spikes: of training windows, `(window, time, afferent)`. weights: all matrices that the afferents drive; None:
     those to the hidden layer.
+
+    prices: divide need by the energy that a pair costs. A taxel is conditioned once for all its afferents, so that an
+    afferent beside another one is cheaper, and a taxel that goes whole saves more. recorded_Hz: samples of the
+    recordings per second, where the encoder resamples.
 
     >>> from neurotact.encoders.specs import load
     >>> network = RSNN(2, 3, sampling_rate_Hz=1000.0, hidden=4)
@@ -81,7 +94,46 @@ def ranked(
     need: dict[Pair, float] = {}
     for pair, its in zip(pairs_of(encoder, spikes.shape[2]), need_of(spikes, weights).tolist(), strict=True):
         need[pair] = need.get(pair, 0.0) + its
-    return sorted(need, key=lambda pair: -need[pair])
+    order = sorted(need, key=lambda pair: -need[pair])
+    if prices is None:
+        return order
+    value = _per_energy(order, need, _energies(network, spikes, encoder, prices, recorded_Hz))
+    return sorted(order, key=lambda pair: -value[pair])
+
+
+def _energies(
+    network: RSNN, spikes: torch.Tensor, encoder: AfferentSpec, prices: PriceList, recorded_Hz: float | None
+) -> Callable[[Collection[Pair]], float]:
+    """The energy of an encoder with some pairs alone, over a window, in nJ."""
+    n_windows, steps, n_afferents = spikes.shape
+    n_taxels = taxels_of(n_afferents, encoder.model_dump())
+    sent, pairs = spikes.sum(dim=(0, 1), dtype=torch.float64) / n_windows, pairs_of(encoder, n_afferents)
+
+    def energy_nJ(keep: Collection[Pair]) -> float:  # noqa: N802
+        table = encoder_without(encoder, keep).model_dump(mode="json", exclude_none=True)
+        fired = float(sum(its for pair, its in zip(pairs, sent, strict=True) if pair in keep))
+        signal_ms = 1e3 * steps / network.sampling_rate_Hz
+        made = encoding_cost(n_taxels, steps, signal_ms, table, recorded_Hz=recorded_Hz, spikes=fired)
+        return made.energy_nJ(prices)
+
+    return energy_nJ
+
+
+def _per_energy(
+    order: Sequence[Pair], need: Mapping[Pair, float], energy_nJ: Callable[[Collection[Pair]], float]
+) -> dict[Pair, float]:
+    """The need of each pair per energy that it saves when the least worthy go first, one of a taxel or all of it."""
+    value: dict[Pair, float] = {}
+    for taxel in {pair.taxel for pair in order}:
+        left = {pair for pair in order if pair.taxel == taxel}
+        while left:
+            ways = [{pair} for pair in left] + ([left] if len(left) > 1 else [])
+            saved = [energy_nJ(left) - (energy_nJ(left - way) if left - way else 0.0) for way in ways]
+            worth = [sum(need[pair] for pair in way) / max(its, TINY) for way, its in zip(ways, saved, strict=True)]
+            least = int(np.argmin(worth))
+            value |= dict.fromkeys(ways[least], worth[least])
+            left = left - ways[least]
+    return value
 
 
 def encoder_without(encoder: AfferentSpec, keep: Collection[tuple[str, int]]) -> AfferentSpec:

@@ -1,13 +1,14 @@
 """The costs of the features of `spike_features` and the distances of `spike_distances`, as layers of the ledger.
 
 Each counts the operations per spike and those at the window's end, from measured spikes (means need not be
-whole). References of distances are stored as spike times, and filtered or compared when a trial arrives.
+whole). References of distances are stored as spike times, and filtered or compared when a trial arrives. Spikes are
+read from a buffer, features written to one; counts, sums, times and traces are states.
 """
 
 from dataclasses import dataclass
 
 from neurotact.errors import InputError
-from neurotact.metrics.flops import BYTES, Cost, Layer
+from neurotact.metrics.flops import BYTES, Cost, Layer, passed
 
 
 @dataclass(frozen=True)
@@ -22,13 +23,19 @@ class _OfSpikes(Layer):
         if not self.spikes >= 0:
             raise InputError(f"{type(self).__name__}.spikes: must be >= 0; got {self.spikes}")
 
+    def kept(self, states: float, changes: float, made: float) -> dict[str, float]:
+        """The memory of so many states, which are read or written so often, and of the spikes and features."""
+        held = int(BYTES * states)
+        return {"bytes": held, "states_bytes": held, "states_accesses": changes, **passed(self.spikes, made)}
+
 
 @dataclass(frozen=True)
 class Rates(_OfSpikes):
     """Average rates: a count per spike; a product per afferent."""
 
     def cost(self) -> Cost:
-        return Cost(acs=self.spikes, multiplications=self.afferents, bytes=BYTES * self.afferents)
+        n = self.afferents
+        return Cost(acs=self.spikes, multiplications=n, **self.kept(n, 2 * self.spikes, n))
 
 
 @dataclass(frozen=True)
@@ -45,8 +52,9 @@ class Intervals(_OfSpikes):
         squares = self.spikes * self.variation
         divisions = self.afferents * (3 if self.variation else 1)
         macs = squares + self.afferents * self.variation
-        kept = self.afferents * (3 + self.variation)  # last spike, count, sum, sum of squares
-        return Cost(macs=macs, acs=2 * self.spikes, divisions=divisions, bytes=BYTES * kept)
+        each = 3 + self.variation  # last spike, count, sum, sum of squares, which a spike changes
+        kept = self.kept(self.afferents * each, 2 * each * self.spikes, self.afferents)
+        return Cost(macs=macs, acs=2 * self.spikes, divisions=divisions, **kept)
 
 
 @dataclass(frozen=True)
@@ -57,8 +65,8 @@ class BinFanoFactors(_OfSpikes):
 
     def cost(self) -> Cost:
         n = self.afferents
-        macs, stored = n * (self.bins + 1), 3 * BYTES * n
-        return Cost(macs=macs, acs=self.spikes, multiplications=n, divisions=n, bytes=stored)
+        kept = self.kept(3 * n, 2 * self.spikes + 4 * n * self.bins, n)  # a bin's count, and the sums that it adds to
+        return Cost(macs=n * (self.bins + 1), acs=self.spikes, multiplications=n, divisions=n, **kept)
 
 
 @dataclass(frozen=True)
@@ -68,8 +76,9 @@ class CoOccurrences(_OfSpikes):
     pairs: float = 0.0
 
     def cost(self) -> Cost:
-        kept = self.afferents * (self.afferents + 1) / 2 + self.spikes
-        return Cost(acs=2 * self.pairs, comparisons=self.pairs, bytes=int(BYTES * kept))
+        counts = self.afferents * (self.afferents + 1) / 2
+        kept = self.kept(counts + self.spikes, 3 * self.pairs + self.spikes, counts)  # each time is written once
+        return Cost(acs=2 * self.pairs, comparisons=self.pairs, **kept)
 
 
 @dataclass(frozen=True)
@@ -80,8 +89,9 @@ class DelayedTraces(_OfSpikes):
     delays: int = 1
 
     def cost(self) -> Cost:
-        kept = self.afferents * (1 + self.delays)
-        return Cost(acs=self.spikes, multiplications=self.afferents * self.steps, bytes=BYTES * kept)
+        n, decays = self.afferents, self.afferents * self.steps
+        kept = self.kept(n * (1 + self.delays), 2 * (decays + self.spikes), n * self.delays)
+        return Cost(acs=self.spikes, multiplications=decays, **kept)
 
 
 @dataclass(frozen=True)
@@ -92,7 +102,8 @@ class GreyImages(_OfSpikes):
 
     def cost(self) -> Cost:
         pixels = self.afferents * self.columns
-        return Cost(acs=self.spikes, multiplications=pixels, comparisons=pixels, bytes=pixels)
+        kept = {**self.kept(pixels / BYTES, 2 * self.spikes, pixels), "buffers_bytes": pixels}  # a byte each
+        return Cost(acs=self.spikes, multiplications=pixels, comparisons=pixels, **kept)
 
 
 @dataclass(frozen=True)
@@ -108,14 +119,16 @@ class VanRossum(_OfSpikes):
     reference_spikes: float = 0.0
 
     def cost(self) -> Cost:
-        traces = self.afferents * self.steps
+        traces, stored = self.afferents * self.steps, self.reference_spikes + self.references
+        moved = self.kept(traces, 2 * 2 * traces + self.reference_spikes, self.references)
         return Cost(
+            **{**moved, "bytes": int(BYTES * (stored + traces))},
+            weights_accesses=stored,
             macs=2 * traces,
             acs=self.reference_spikes + 2 * self.references,
             multiplications=self.references,
             divisions=self.references,
             parameters=int(self.reference_spikes) + self.references,
-            bytes=int(BYTES * (self.reference_spikes + self.references + traces)),
         )
 
 
@@ -132,11 +145,13 @@ class VictorPurpura(_OfSpikes):
     pairs: float = 0.0
 
     def cost(self) -> Cost:
+        moved = self.kept(2 * self.spikes, 3 * self.pairs, self.references)  # a sum of the last row, and a time
         return Cost(
+            **{**moved, "bytes": int(BYTES * (self.reference_spikes + 2 * self.spikes))},
+            weights_accesses=self.reference_spikes,
             acs=3 * self.pairs + self.afferents * self.references,
             comparisons=3 * self.pairs,
             parameters=int(self.reference_spikes),
-            bytes=int(BYTES * (self.reference_spikes + 2 * self.spikes)),
         )
 
 
@@ -148,4 +163,4 @@ class NearestOf(Layer):
     neighbours: int = 1
 
     def cost(self) -> Cost:
-        return Cost(comparisons=self.references * self.neighbours)
+        return Cost(comparisons=self.references * self.neighbours, **passed(self.references, self.neighbours))

@@ -179,6 +179,7 @@ def wrong_in(wrong, fits):
 
 @given(st.lists(st.tuples(st.integers(0, 5), st.integers(0, 5)), min_size=1, max_size=6))
 @example([(0, 3), (2, 1), (1, 0), (0, 0)])
+@example([(1, 2), (1, 2)])
 def test_validation_chooses_among_the_same_candidates_with_8_bits(wrong):
     """The first of the most accurate at each width; none is fitted after both make no error."""
     fits = []

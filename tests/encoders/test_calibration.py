@@ -35,7 +35,7 @@ from neurotact.encoders.calibration import (
     with_opposite,
 )
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.encoders.excerpts import Excerpts, cut, draw, liveliest, numbers_of
+from neurotact.encoders.excerpts import Excerpts, cut, draw, liveliest, numbers_of, permuted
 from neurotact.encoders.gain_search import CalibrationRule
 from neurotact.errors import InputError
 from neurotact.figures.calibration import draw_calibration
@@ -458,11 +458,32 @@ def test_a_baseline_that_cannot_be_calibrated_is_named_beside_the_others():
     def fit(spec):
         if spec.conditioning.baseline == "none":
             raise InputError("no gain suits")
-        return SimpleNamespace(accuracy={"start": 0.5, "high-pass": 0.8}[spec.conditioning.baseline], labels=range(100))
+        accuracy = {"start": 0.5, "high-pass": 0.8}[spec.conditioning.baseline]
+        return SimpleNamespace(accuracy=accuracy, labels=range(100), encoder=spec)
 
     chosen, note = _of_baselines(fit, SPEC, [30.0])  # pyright: ignore
     assert chosen.accuracy == 0.8
     assert "'start' 50 %, 'high-pass' 80 %, 'none' failed; to choose otherwise, set conditioning.baseline" in note
+    for refused, accuracy in ((("high-pass",), 0.5), (("start",), 0.8), (("start", "high-pass"), 0.8)):
+        chosen, _ = _of_baselines(
+            fit,  # pyright: ignore
+            SPEC,
+            [30.0],
+            refused=lambda tried, refused=refused: tried.conditioning.baseline in refused,
+        )
+        assert chosen.accuracy == accuracy
+
+
+def test_the_baseline_of_a_falling_signal_is_one_with_which_it_rests():
+    """Of all baselines the most accurate may wake the afferents at rest; the next one is as good as none for them."""
+    rule = RULE.model_copy(update={"excerpt_s": 2.0, "trials_per_class": 16})
+    touches = falling((3.0, 20.0))
+    first = calibrate_causally(touches, SPEC, rule=rule, choose_opposite=True)
+    used = first.encoder.conditioning.baseline
+    with patch("neurotact.encoders.calibration._wakes", lambda _, without, tried: tried.conditioning.baseline == used):
+        other = calibrate_causally(touches, SPEC, rule=rule, choose_opposite=True)
+    assert first.encoder.sa1.opposite
+    assert (other.encoder.sa1.opposite, other.encoder.conditioning.baseline != used) == (True, True)
 
 
 def test_the_baseline_that_is_chosen_is_fitted_as_if_it_had_been_given():
@@ -491,6 +512,17 @@ def test_a_trial_that_is_left_out_changes_no_other_draw(seed, per_class, left_ou
         np.testing.assert_array_equal(excerpt, excerpts[int(trial)])
 
 
+@given(st.integers(0, 99), st.lists(st.integers(2, 14), min_size=2, max_size=4), st.data())
+def test_a_trial_that_is_left_out_changes_few_permuted_labels(seed, sizes, data):
+    labels, rng = np.repeat(np.arange(len(sizes)), sizes), np.random.default_rng(seed)
+    numbers, one = rng.random(len(labels)), data.draw(st.integers(0, len(labels) - 1))
+    every = permuted(labels, 3, rng, numbers)
+    fewer = permuted(np.delete(labels, one), 3, rng, np.delete(numbers, one))
+    assert (np.sort(every, axis=1) == labels).all()
+    assert ((np.delete(every, one, axis=1) != fewer).sum(axis=1) <= len(sizes)).all()
+    assert len({tuple(row) for row in permuted(np.arange(30), 3, rng, rng.random(30))}) == 3
+
+
 @given(st.lists(st.integers(2, 14), min_size=2, max_size=4), st.data())
 def test_a_trial_that_is_left_out_moves_few_others_to_another_fold(sizes, data):
     labels = np.repeat(np.arange(len(sizes)), sizes)
@@ -509,14 +541,13 @@ def test_a_trial_that_is_left_out_moves_few_others_to_another_fold(sizes, data):
 
 
 def test_choices_do_not_hang_on_the_order_of_the_trials():
-    """Excerpts are parts of trials, drawn by their samples; gains are those of a rate, which need no permutations."""
-    rule = RULE.model_copy(update={"spikes_per_s": 30.0, "candidates": 8, "trials_per_class": 6})
+    """Excerpts are parts of trials, and gains are searched on some of them: all are drawn by the trials' samples."""
+    rule = RULE.model_copy(update={"trials_per_class": 7, "searched": 24})
     recordings = pressed((0.0, 12.0), drift=20.0)
-    found, other = (
-        calibrate_causally(one, SPEC, rule=rule, choose_ema=True)
-        for one in (recordings, recordings.select(np.arange(len(recordings))[::-1]))
-    )
+    backwards = recordings.select(np.arange(len(recordings))[::-1])
+    found, other = (calibrate_causally(one, SPEC, rule=rule, choose_ema=True) for one in (recordings, backwards))
     assert [note for note in other.notes if "accuracy" in note] == [note for note in found.notes if "accuracy" in note]
+    assert other.encoder.sa1 == found.encoder.sa1
     assert (other.accuracy, other.accuracy_of_both) == (found.accuracy, found.accuracy_of_both)
 
 

@@ -11,6 +11,7 @@ from made_chains import make_run
 from neurotact_parts.exporters.c import bill, boards, opponents, proof
 from neurotact_parts.exporters.c.formats import Raw
 from neurotact_parts.exporters.c.opponents import Standard
+from neurotact_parts.opponents import minirocket
 from sklearn.linear_model import Ridge
 from sklearn.neighbors import KNeighborsClassifier
 
@@ -30,6 +31,7 @@ SETTINGS = {
     "GRU": {"hidden": 12, "epochs": 40, "learning_rate": 0.02, "random_state": 0},
     "MiniRocket": {"features": 2 * 84, "random_state": 0},
 }
+ROCKET = bill.ROCKET
 RAW = Raw(2e-4, 1.8)
 """Samples of a sensor with a large level, whose sums in float would lose what tells the classes apart."""
 
@@ -43,7 +45,6 @@ def made(name: str, n_classes: int, n_samples: int = 23, n_bins: int = 5):
     given = RAW.samples(samples)
     signals = given * RAW.lsb + RAW.zero
     opponent = load(name)
-    n_bins = n_samples if opponent.takes == "signals" else n_bins
     standard = Standard.of(signals[:40], n_bins, is_sequence=opponent.takes != "features")
     inputs = standard.input(signals)
     fitted = opponent.build(**SETTINGS[name]).fit(inputs[:40], labels[:40])
@@ -53,9 +54,12 @@ def made(name: str, n_classes: int, n_samples: int = 23, n_bins: int = 5):
 
 @needs_compiler
 @pytest.mark.parametrize("n_classes", [2, 5])
-@pytest.mark.parametrize("name", SETTINGS)
-def test_an_opponent_in_c_decides_as_in_python(name, n_classes, tmp_path):
-    parts, given, expected = made(name, n_classes)
+@pytest.mark.parametrize(
+    ("name", "n_bins"), [*((name, 5) for name in SETTINGS if name != ROCKET), (ROCKET, 23), (ROCKET, 11)]
+)
+def test_an_opponent_in_c_decides_as_in_python(name, n_bins, n_classes, tmp_path):
+    """Of 23 samples in 11 time bins, the bins differ in length."""
+    parts, given, expected = made(name, n_classes, n_bins=n_bins)
     opponents.write(*parts, tmp_path)
     windows = [np.concatenate(given[:7]), *given[7:]]  # windows follow each other
     said = proof.on_host(tmp_path, "touch", windows, flags=proof.SANITIZERS)
@@ -117,11 +121,12 @@ def test_instructions_grow_with_the_model_also_beyond_a_timer_of_24_bits(tmp_pat
 @needs_board
 def test_a_bill_of_a_run_has_each_on_both_processors(tmp_path, monkeypatch):
     monkeypatch.setattr(bill, "joined", lambda takes, level: ["logistic regression"])
-    monkeypatch.setattr(bill, "SLOW", ())
+    monkeypatch.setattr(bill, "SLOW", (ROCKET,))
+    monkeypatch.setattr(minirocket, "FEATURES", 84)
     run, told = make_run(tmp_path, 30) / "run", []
     table = nt.export(run, tmp_path / "bill", "bill", tell=told.append)
     counted = table.set_index(["what", "processor"])
-    every = [bill.INTEGERS, bill.ENCODING, bill.FLOATS, "logistic regression", "kNN"]
+    every = [bill.INTEGERS, bill.ENCODING, bill.FLOATS, "logistic regression", "kNN", ROCKET]
     assert [*counted.index.unique("what")] == every
     assert (table["as_in_python"] == table["decisions"]).all()
     assert (table.loc[table["what"] != bill.ENCODING, "decisions"] > 2).all()
@@ -146,6 +151,12 @@ def test_a_program_that_no_machine_holds_is_not_run(tmp_path, monkeypatch):
     assert bill._row(program, "cortex-m4")["as_in_python"] == 60
     begun = program._replace(windows=[(0, 0, 3)], decided=np.array([]))
     assert bill._row(begun, "cortex-m4")["instructions"] < 3 * 100  # three samples are added up, nothing is decided
+    narrow = boards.ROOMY["cortex-m4"]._replace(chip=boards.ROOMY["cortex-m4"].chip._replace(flash=2048))
+    monkeypatch.setitem(boards.ROOMY, "cortex-m4", narrow)
+    row = bill._row(program, "cortex-m4")
+    assert row["instructions"] > 0
+    assert not row["fits"]
+    assert np.isnan(bill._row(program._replace(fits_only=True), "cortex-m4")["instructions"])
     small = boards.ROOMY["cortex-m4"]._replace(flash=2048)
     monkeypatch.setitem(boards.ROOMY, "cortex-m4", small._replace(chip=small.chip._replace(flash=2048)))
     row = bill._row(program, "cortex-m4")

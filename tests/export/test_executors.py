@@ -10,7 +10,7 @@ import pytest
 import torch
 from compiled import chosen
 from compiled import compare as compare_in_c
-from made_chains import READOUTS, make_encoder, make_signal, offline, told, unequal_stretches
+from made_chains import READOUTS, make_chain, make_encoder, make_signal, offline, told, unequal_stretches
 from neurotact_parts.exporters.c import c_export, proof
 from neurotact_parts.exporters.nir import compare
 from neurotact_parts.exporters.snntorch import to_snntorch
@@ -57,7 +57,7 @@ CONDITIONED = {
 ENCODED = {
     "several grades a taxel": {"sa1.grades": [0.5, 1.0]},
     "SA-I of the falling signal": {"sa1.opposite": True},
-    "afferents under some taxels": {"sa1.taxels": [1]},
+    "afferents under some taxels": {"sa1.taxels": [1], "sa1.grades": [0.5, 1.0], "recorded_taxels": ["a", "b"]},
     "half-wave rate of change": {"ra1.change": "both"},
     "rise in SA-I": {"sa1.rate_ms": 20.0},
     "membranes in closed form": {"integration": "exact"},
@@ -247,6 +247,27 @@ def test_what_the_table_calls_equal_spikes_as_the_reference(executor, feature, t
     if executor == "nir":
         pytest.importorskip("nir")
     executed(executor, feature, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("integer", [False, True])
+@pytest.mark.parametrize(
+    "chosen_taxels",
+    [{"sa1.taxels": [], "ra1.taxels": [3]}, {"sa1.taxels": [1, 4], "ra1.taxels": []},
+     {"sa1.taxels": [4], "ra1.taxels": [1, 3], "sa1.opposite": True}],
+)  # fmt: skip
+def test_c_does_not_look_at_taxels_that_no_afferent_uses(chosen_taxels, integer, tmp_path):
+    if proof.missing("cc"):
+        pytest.skip("there is no C compiler")
+    how = {"baseline": "start", "ema_cutoff_Hz": 60.0, "offset": [0.1, 0.2, 0.3, 0.4, 0.5], "scale": [1, -2, 1, 3, 2]}
+    chain = make_chain(
+        {**how, "resample_Hz": 1000.0}, rate_Hz=400.0, n_taxels=5,
+        afferents={**chosen_taxels, "recorded_taxels": [*"abcde"]},
+    )  # fmt: skip
+    formats = chosen(chain, [make_signal(150, 5, seed=k) for k in range(2)]) if integer else None
+    difference, expected = compare_in_c(chain, tmp_path / "c", formats, n=2, flags=("-O0",))
+    assert difference is None
+    assert expected[0].decisions
 
 
 @pytest.mark.parametrize(("executor", "feature"), list(pairs(refused=True)))

@@ -5,7 +5,7 @@ memory of n numbers of 32 bits takes 1.09e-5 * 32 n + 13.2 pJ, an addition 0.1 p
 """
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from neurotact.metrics.flops import Dense, SpikingLayer, cost
@@ -101,6 +101,7 @@ def cycles(n_in: int, hidden: int, n_out: int, shares: tuple[float, float], *, r
     st.integers(1, 16), st.integers(20, 1000), st.integers(1, 8), st.floats(0, 1), st.floats(0, 0.1), st.booleans(),
     st.integers(1, 500),
 )  # fmt: skip
+@example(16, 20, 8, 0.0, 0.0, False, 100)
 def test_a_network_on_xylo_is_within_five_percent(n_in, hidden, n_out, p_in, p_hidden, recurrent, steps):
     theirs = steps * sum(cycles(n_in, hidden, n_out, (p_in, p_hidden), recurrent=recurrent).values()) * CYCLE_PJ
     sent = p_hidden * hidden * steps

@@ -350,7 +350,7 @@ def test_what_it_cannot_take_is_refused_in_one_sentence(X, y, words):
         SpikingClassifier(sampling_rate_Hz=1000.0).fit(X, y)
 
 
-@pytest.mark.parametrize(("name", "value"), [("hidden", 0), ("epochs", "many"), ("settings", {"hiden": 3})])
+@pytest.mark.parametrize(("name", "value"), [("hidden", -1), ("epochs", "many"), ("settings", {"hiden": 3})])
 def test_a_wrong_parameter_is_named(name, value):
     X, y = touches()
     with pytest.raises(InputError, match="hidden" if name != "epochs" else "epochs"):

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from made_chains import READOUTS, make_chain, make_signal, offline, told, unequal_stretches
-from neurotact.deploy.stream import Stream
 from neurotact_parts.exporters.snntorch import to_snntorch
+from neurotact_parts.streams.stream import Stream
 from neurotact_parts.studies.comparison.pruning import prune, remaining_synops
 
 from neurotact import backend as backends

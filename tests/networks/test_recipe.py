@@ -459,7 +459,7 @@ FREE: dict[str, object] = {
     "training.population_penalty": 0.7, "training.temperature": 0.7, "training.stretch_rate": 0.7,
     "training.relative_learning_rate": 0.7, "training.schedule": "constant", "training.keep": "loss",
     "training.input_dropout": 0.7, "training.input_jitter_ms": 0.7, "training.readout_dropout": 0.7,
-    "training.members": 2,
+    "training.members": 2, "direct": True,
 }  # fmt: skip
 """A value of each key that no rule reads."""
 

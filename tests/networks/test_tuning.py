@@ -264,7 +264,7 @@ def test_a_space_of_another_form_is_refused(space, message):
     [
         ({"hiden": {"_type": "choice", "_value": [20]}}, "hiden: unknown key; did you mean 'hidden'?"),
         ({"training.bach": {"_type": "choice", "_value": [20]}}, "training.bach: unknown key; did you mean 'batch'?"),
-        ({"hidden": {"_type": "choice", "_value": [20, 0]}}, "hidden: must be >= 1; got 0"),
+        ({"hidden": {"_type": "choice", "_value": [20, -1]}}, "hidden: must be >= 0; got -1"),
         ({"membrane": {"_type": "choice", "_value": ["eq4", "leaky"]}}, "membrane: must be 'eq4'"),
         ({"tau_mem_ms": {"_type": "uniform", "_value": [-5, 5]}}, "tau_mem_ms: must be > 0; got -5"),
         ({"hidden": {"_type": "uniform", "_value": [20, 50]}}, "search whole numbers with quniform and q = 1"),

@@ -236,19 +236,6 @@ def test_what_is_the_cheapest_within_the_error_costs_less_in_its_row(networks, b
 
 
 @of_tables
-def test_refractory_periods_are_compared_on_whole_windows(networks, baselines, trials, guess):
-    found = answer(networks, baselines, guess, trials)
-    for told in sentences.of_refractory_periods(found):
-        after, before = re.search(r"SOPs \(([\d,]+) against ([\d,]+)\)", told).groups()
-        assert float(after) == found.cheapest.whole.sops
-        assert f"{wording.percent(found.cheapest.whole.accuracy)}" in told
-        others = [one for one in networks if one.pair == "1&1" and one.whole.sops == float(before)]
-        assert others
-        assert found.cheapest.pair == "5&5"
-        assert ("on whole windows" in told) >= found.cheapest.exits
-
-
-@of_tables
 def test_a_gap_between_validation_and_test_is_of_whole_windows(networks, baselines, trials, guess):
     found = answer(networks, [], guess, trials)
     for told in sentences.gaps(found, "few trials"):

@@ -538,7 +538,11 @@ def test_the_first_screen_answers(written):
         assert all(row["whole"]["ms"] == 750.0 and row["early"]["ms"] == 550.0 for row in rows)
         best = one["networks"][one["best"]]
         assert best["low"] < best["whole"]["accuracy"] < best["high"]
-        assert best["validation"] == max(network["validation"] for network in one["networks"])
+        assert one["best"] == one["cheapest"]
+        assert max(network["validation"] for network in one["networks"]) - best["validation"] < 0.1
+        assert one["period"].replace("\xa0", " ") in text.replace("\xa0", " ")
+        assert one["next"]["words"] in text
+        assert all(command in text for command in one["next"]["commands"])
     assert page.text.index("Explore the networks") > page.text.index(answer["answers"][0]["short"][:20])
 
 

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from neurotact.report.wording import count, energy, milliseconds
@@ -12,6 +12,7 @@ IN_NJ = {"pJ": 1e-3, "nJ": 1.0, "µJ": 1e3, "mJ": 1e6, "J": 1e9}
 
 
 @given(st.floats(-6, 13))
+@example(math.log10(999.7))
 def test_an_energy_of_any_size_has_its_unit_and_no_exponent(exponent):
     number, unit = energy(10**exponent).split()
     assert "e" not in number

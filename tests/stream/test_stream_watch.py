@@ -111,5 +111,5 @@ def test_a_stream_that_changes_leaves_the_other_as_it_was(backend):
 
 def test_another_conditioning_is_no_change_that_a_running_stream_takes():
     stream = Stream(make_chain({}))
-    with pytest.raises(InputError, match="another conditioning, unit or model"):
+    with pytest.raises(InputError, match="another conditioning, unit, model or taxels"):
         stream.changed(encoder=make_encoder(baseline="start"))

@@ -57,7 +57,7 @@ def test_a_running_stream_changes_only_the_keys_of_its_model():
     stream = Stream(chain_of_model("send-on-delta"))
     stream.push(make_signal(40))
     other = load("step-forward", {"conditioning.baseline": "start", "conditioning.resample_Hz": 1000.0})
-    with pytest.raises(InputError, match="unit or model"):
+    with pytest.raises(InputError, match="unit, model or taxels"):
         stream.changed(encoder=other)
     wider = stream.changed(encoder=stream.chain.encoder.model_copy(update={"threshold": 1e6}))
     assert sum(decision.input_spikes for decision in wider.push(np.cumsum(make_signal(400), axis=0))[1:]) == 0

@@ -1,6 +1,7 @@
 """What a study takes from the recordings that it is given: window, seeds, clock, and what it refuses."""
 
 import re
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -80,11 +81,43 @@ def test_the_shipped_study_takes_any_recordings(tmp_path):
     assert what.dataset.file == str(path)
     assert what.window == WindowSpec(length_ms=2000.0, per_trial=1)
     assert what.sweep["seed"] == [0]
-    assert len(what.notes) == 4
+    assert len(what.notes) == 5
     changed = loading.resolve("own-recordings", {"window.length_ms": 300.0, "sweep.seed": [5]}, data=path)
     assert changed.window == WindowSpec(length_ms=300.0, per_trial=4)
     assert changed.sweep["seed"] == [5]
     assert not any(note.startswith("Seeds") for note in changed.notes)
+
+
+@given(st.floats(1, 5000))
+def test_refractory_periods_follow_the_rate_of_the_sensor(rate_Hz):
+    sample_ms, axis = 1e3 / rate_Hz, study.PAIR
+    tried, alone = (automatic.periods_of(axis, word, max(1.0, sample_ms)) for word in ("auto", "auto equal"))
+    every = [one for one, other in alone if one == other]
+    assert alone == [pair for pair in tried if len({*pair}) == 1] == [[one, one] for one in every]
+    assert every == automatic.periods_of("encoder.t_ref_ms", "auto", max(1.0, sample_ms))
+    assert every[0] == 1.0
+    assert all(a < b and b % 1 == 0 for a, b in pairwise(every))
+    if sample_ms <= 5:
+        assert tried == [[1, 1], [1, 5], [5, 5], [1, 10], [5, 10], [10, 10]]
+        assert not automatic.of_periods(sample_ms)
+    else:
+        assert any(sample_ms <= one < sample_ms + 1.001 for one in every)
+        (note,) = automatic.of_periods(sample_ms)
+        short = [f"{one:g}" for one in every if one < sample_ms]
+        assert note.endswith(f": {', '.join(short)} ms.")
+
+
+@pytest.mark.parametrize(("rate_Hz", "longest"), [(1000.0, 10), (150.0, 27), (35.6, 29)])
+def test_the_study_tries_periods_of_its_sensor_and_given_ones_stay(tmp_path, rate_Hz, longest):
+    path, axis = save(tmp_path / "touches.h5", [300] * 12, rate_Hz), study.PAIR
+    whole, quick = (loading.resolve("own-recordings", quick=is_quick, data=path).sweep[axis] for is_quick in (0, 1))
+    assert quick == [pair for pair in whole if pair[0] == pair[1]]
+    assert whole[-1] == [longest, longest]
+    taxels = loading.resolve("own-recordings", {"encoder": "send-on-delta"}, data=path).sweep
+    assert taxels["encoder.t_ref_ms"] == [pair[0] for pair in quick]
+    given = loading.resolve("own-recordings", {f"sweep.{axis}": [[3, 2]]}, quick=True, data=path)
+    assert given.sweep[axis] == [[3, 2]]
+    assert not any(note.startswith("Refractory") for note in given.notes)
 
 
 @pytest.mark.parametrize(

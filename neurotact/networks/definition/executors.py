@@ -269,7 +269,6 @@ _IN_INTEGERS = {
 _IN_C = {
     **dict.fromkeys(OTHER_MODELS, "C has LIF afferents alone"),
     "half-wave rate of change": "the RA-I of C are driven by rise and fall alike",
-    "afferents under some taxels": "not yet",
     "rise in SA-I": "the SA-I of C are driven by the signal alone",
     "membranes in closed form": "C has no logarithm without a library",
 }

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from neurotact import spec as specs
+from neurotact.errors import InputError
 from neurotact.networks.definition import clock
 from neurotact.networks.definition.module import ModuleNetwork
 from neurotact.networks.definition.network import Network
@@ -39,7 +40,8 @@ LONGEST_STEPS_MS, STEPS, FEWEST_BINS = (5.0, 20.0), 100, 30
 """Of the network's clock: bounds of its longest step, which is a hundredth of the window; fewest steps of a window."""
 MERGED = 0.005
 """Share of the spikes that may be close enough for the network's clock to merge: a rare pair does not decide it."""
-STRETCHES = 4
+STRETCHES, FITTED_STRETCHES = 4, 32
+"""Of the readout, behind a hidden layer and without one, where they are fitted with a penalty."""
 RECURRENT_STEPS, RECURRENT_MS = 300, 1500.0
 """Where recurrence is tried: the most steps of the network, and the longest window."""
 FEW, ENOUGH = 4.0, 6.0
@@ -146,6 +148,11 @@ class _Chosen:
     def __init__(self, given: Mapping[str, Any]) -> None:
         self.given, self.made = specs.leaves(given), list[_Choice]()
 
+    @property
+    def has_layer(self) -> bool:
+        """Whether the network has hidden neurons."""
+        return self.given.get("hidden") != 0
+
     def take(self, key: str, value: Any, why: str) -> Any:
         """Add a choice. The value of its key, which is the given one if there is one."""
         self.made.append(_Choice(key, value, why))
@@ -164,6 +171,8 @@ def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[_Choice]
     per_bin = _choose_model(chosen, seen)
     bins = math.ceil(seen.steps / per_bin)
     _choose_readout(chosen, seen, bins, per_bin)
+    if not chosen.has_layer:  # nor neurons, nor a training by gradients
+        return chosen.made
     step_ms = 1e3 / seen.sampling_rate_Hz
     tau_ms = _short(max(seen.steps * step_ms / 20, per_bin * step_ms))
     for key in ("tau_mem_ms", "tau_syn_ms"):
@@ -178,6 +187,9 @@ def _choose_model(chosen: _Chosen, seen: Seen) -> int:
     """Choose recurrence and the clock; the encoder's steps in one of the network's."""
     rate_Hz, given = seen.sampling_rate_Hz, chosen.given
     per_bin = clock.steps_per_bin(given["step_ms"], rate_Hz) if "step_ms" in given else seen.steps_per_bin
+    if not chosen.has_layer:
+        chosen.take("step_ms", _exact(seen.steps_per_bin, rate_Hz), _why_step(seen))
+        return per_bin
     model = chosen.take(
         "model",
         "auto" if seen.must_remember else "snn",
@@ -208,21 +220,26 @@ def _why_step(seen: Seen) -> str:
 def _choose_readout(chosen: _Chosen, seen: Seen, bins: int, per_bin: int) -> None:
     """Choose the readout, its stretches, and how fast they learn where spikes are hardly enough for them."""
     given = chosen.given
-    readout = chosen.take("readout", "integrator", "it adds up hidden spikes and does not spike")
+    heard = "hidden spikes" if chosen.has_layer else "spikes"
+    readout = chosen.take("readout", "integrator", f"it adds up {heard} and does not spike")
     adds_up = readout == "integrator" and given.get("readout_tau_ms") is None
     fit = STRETCHES if adds_up and seen.few < 1 and bins >= STRETCHES else 1
+    if not chosen.has_layer:
+        fit = math.ceil(bins / math.ceil(bins / FITTED_STRETCHES))
     if adds_up and (own_ms := given.get("readout_stretch_ms")) is not None:
         fit = max(1, min(MOST_STRETCHES, math.ceil(_short(1e3 * seen.steps / seen.sampling_rate_Hz / own_ms))))
     stretches = chosen.take(
         "readout_stretches",
         fit,
-        f"weights differ between {STRETCHES} stretches of the window, unless afferents send too few spikes",
+        f"weights differ between {STRETCHES} stretches of the window, unless afferents send too few spikes"
+        if chosen.has_layer
+        else f"weights differ between at most {FITTED_STRETCHES} stretches of the window",
     )
     if stretches == 1:
         return
     stretch_ms = _exact(math.ceil(bins / stretches) * per_bin, seen.sampling_rate_Hz)
     chosen.take("readout_stretch_ms", stretch_ms, "a stretch of equal length")
-    if 0 < seen.few < 1 and not {"readout_stretches", "readout_stretch_ms"} & given.keys():
+    if 0 < seen.few < 1 and chosen.has_layer and not {"readout_stretches", "readout_stretch_ms"} & given.keys():
         rate = _short((1 - seen.few) * TrainingSpec.model_fields["stretch_rate"].default)
         chosen.take("training.stretch_rate", rate, "of stretches, for which spikes are hardly enough")
 
@@ -272,11 +289,14 @@ def space(spec: RSNNSpec, seen: Seen) -> dict[str, dict[str, Any]]:
     """A search space around the choices of the recipe: for each key, the chosen value and others beside it.
 
     spec: gives the size, around which others are tried. Keys that it gives are not searched, but for `hidden`.
+    Raises InputError without a hidden layer.
 
     >>> space(RSNNSpec(recipe="default", hidden=50), Seen(900, 1000, 1000.0, 50.0))["hidden"]
     {'_type': 'choice', '_value': [20, 30, 50, 80]}
     """
     chosen, given = resolve(spec, seen), spec.model_dump(mode="json")
+    if chosen.own is None and not chosen.hidden:
+        raise InputError("hidden: 0 leaves nothing to search: training fits the weights and their penalty; train it")
     step_ms, most = 1e3 / seen.sampling_rate_Hz, MOST_HIDDEN // chosen.n_members
     own = chosen if chosen.own is None else chosen.own
 

@@ -21,6 +21,7 @@ from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import epochs as one
+from neurotact.networks.training import linear
 from neurotact.networks.training.epochs import Checkpoint, Epoch, Examples, Training
 
 New = Callable[[RSNNSpec, tuple[int, int]], tuple[Network, torch.Generator]]
@@ -141,6 +142,9 @@ class _Series:
         if own is not None and finished is not None:
             network.load_state_dict(finished)
             done = Training(own.epochs, one.best_in(own.epochs, network.spec.training))
+        elif isinstance(network, RSNN) and not network.spec.hidden:
+            sides = self.training, self.validation
+            done = linear.train(network, *sides, progress=self._progress, member=number)
         else:
             done = one.train(
                 network,

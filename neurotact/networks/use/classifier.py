@@ -183,7 +183,7 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
             names = None if origin is None else origin.afferents
             validation_side = _validation(validation, classes, spikes.shape[1:], names)
         spec = recipe.chosen_for(self.spec(), train_side.spikes, rate_Hz)
-        effects.check_keys(given_keys(self.network, self.settings), [void_keys(spec)], "SpikingClassifier")
+        effects.check_keys(given_keys(self.network, self._given()), [void_keys(spec)], "SpikingClassifier")
 
         def new(spec: RSNNSpec, seeds: tuple[int, int]) -> tuple[Network, torch.Generator]:
             weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
@@ -204,12 +204,16 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
 
     def spec(self) -> RSNNSpec:
         """The network spec that the parameters describe; `network_.spec` has the choices of a recipe."""
+        return resolve(RSNNSpec, self.network, self._given())
+
+    def _given(self) -> dict[str, Any]:
+        """The keys of the spec that the parameters give."""
         given = {name: getattr(self, name) for name in ("hidden", "tau_mem_ms", "tau_syn_ms")}
         given |= {f"training.{name}": getattr(self, name) for name in TRAINING}
         if self.recurrent is not None:
             given["model"] = "rsnn" if self.recurrent else "snn"
         chosen = {key: value for key, value in given.items() if value is not None}
-        return resolve(RSNNSpec, self.network, {**chosen, **checked_settings(self.settings)})
+        return {**chosen, **checked_settings(self.settings)}
 
     def predict(self, X: ArrayLike) -> np.ndarray:
         """Class of each window over its full length, `(window,)`."""

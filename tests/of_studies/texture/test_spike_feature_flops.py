@@ -5,6 +5,7 @@ from neurotact_parts.studies.texture import spike_feature_flops as layers
 
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Layer, cost
+from neurotact.metrics.prices import price_list
 
 EVERY = [
     layers.Rates(2, 10),
@@ -35,6 +36,25 @@ def test_by_hand():
     assert [(c.multiplications, c.divisions) for c in counted] == [
         (2, 0), (0, 6), (2, 2), (0, 0), (200, 0), (8, 0), (3, 3), (0, 0), (0, 0)
     ]  # fmt: skip
+
+
+def test_what_is_read_and_written_by_hand():
+    """Of states, of what is stored, and of the buffer of spikes and features; a list with memory prices all."""
+    counted = [layer.cost() for layer in EVERY]
+    assert [(c.states_accesses, c.weights_accesses, c.buffers_accesses) for c in counted] == [
+        (20, 0, 10 + 2),  # a count a spike
+        (80, 0, 10 + 2),  # last spike, count, sum and sum of squares a spike
+        (20 + 40, 0, 10 + 2),  # a count a spike; it and a sum of squares in 10 bins
+        (14 + 7 + 10, 0, 10 + 3),  # a count a pair, the time of the other spike; each time is written
+        (400 + 20, 0, 10 + 6),  # a trace a step and afferent; a spike
+        (20, 0, 10 + 8),
+        (800 + 30, 30 + 3, 10 + 3),  # both filters; a trace a reference spike; references and their norms
+        (450, 30, 10 + 3),  # a sum and a time a pair
+        (0, 0, 5 + 3),
+    ]
+    assert [c.states_bytes for c in counted] == [8, 32, 24, 52, 32, 8, 800, 80, 0]
+    assert [c.weights_bytes for c in counted] == [0, 0, 0, 0, 0, 0, 132, 120, 0]
+    assert all(c.energy_nJ(price_list("memory-45nm")) > c.energy_nJ() for c in counted)
 
 
 def test_the_mean_alone_is_cheaper_than_mean_and_variation():

@@ -1,0 +1,433 @@
+"""Which refractory period: one answer, with what it saves, what it costs, how sure that is, and what to do next.
+
+Validation trials alone choose, by the rule of `metrics.referee`: the cheapest network within one standard error of the
+best. It is compared with the shortest period that was tried, at the same size. A period is named only if a few trials
+left out, or other starts of the weights, would choose it too, and if no row of the run speaks against it; else the
+answer is that these recordings cannot tell.
+"""
+
+import math
+import shlex
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.stats import t
+
+from neurotact.metrics import power, referee
+from neurotact.metrics.resampled import (
+    DIFFERENCES,
+    LEAST_SPLITS,
+    Interval,
+    compare_over_splits,
+    resampled_interval,
+)
+from neurotact.report import periods
+from neurotact.report.answer import Network, OfNetworks, Trials
+from neurotact.report.wording import milliseconds, percent
+from neurotact.studies.automatic import FOLDS
+from neurotact.tables import NETWORK
+
+Kind = Literal["use", "none", "unclear"]
+ANY = (-math.inf, math.inf)
+"""What the mean of any numbers can be."""
+INDEPENDENT = 10**12
+"""Training examples beside which values are as independent ones: the corrected t test is then Student's."""
+SEEDS = 5
+"""Starts of the weights from which on more of them tell little."""
+MINUS = "\u2212"
+
+
+class Evidence(NamedTuple):
+    """What a network saves beside another one of the same size, and what it costs, all as shares.
+
+    sops, nJ: what it saves, with the interval over trainings; nJ is None where it is not counted. lost: of the accuracy
+    on test trials. seen: of that on validation trials, and whether splits show that to be clear.
+    """
+
+    sops: Interval
+    nJ: Interval | None
+    lost: Interval
+    seen: tuple[float, bool] = (0.0, False)
+
+    @property
+    def saves(self) -> bool:
+        """Whether it takes clearly less energy, or else fewer SOPs: the whole interval, where there is one."""
+        saved = self.nJ or self.sops
+        return saved.mean > 0 and not saved.low <= 0
+
+
+class Sure(NamedTuple):
+    """What the numbers are of: test trials, splits, trainings of each network, recorded trials of each class."""
+
+    test: int
+    splits: int
+    trainings: int
+    each: int
+
+
+class Places(NamedTuple):
+    """Names of a run that commands need: its folder, that of the chosen network, the recordings.
+
+    exact: whether membranes are in closed form, which C does not compute. may_fold: whether the split is a random one
+    without folds, of classes that are large enough for them.
+    """
+
+    run: Path
+    cell: Path
+    recordings: Path | None = None
+    exact: bool = False
+    may_fold: bool = False
+
+
+class PeriodChoice(NamedTuple):
+    """The refractory period of one answer.
+
+    network: the chosen one. other: what it is compared with: the shortest period at its size; where the shortest is
+    chosen, the best longer one. larger: the best network of the shortest period where that has another size, with its
+    evidence. why: what is in doubt; empty if nothing is. fix: which remedy, of `unclear`.
+    """
+
+    kind: Kind
+    network: Network
+    other: Network
+    evidence: Evidence
+    larger: tuple[Network, Evidence] | None = None
+    why: str = ""
+    fix: Literal["", "trials", "seeds"] = ""
+
+    @property
+    def longer(self) -> Network:
+        """Of the two that are compared, the one with the longer period."""
+        return max(self.network, self.other, key=_length)
+
+
+def _length(network: Network) -> float:
+    return sum(periods.sizes(network.pair))
+
+
+def chosen(networks: Sequence[Network], trials: Trials) -> Network | None:
+    """The network that validation chooses; None where no two refractory periods were tried.
+
+    >>> from neurotact.report.answer import Decision
+    >>> two = [Network(pair, 20, 3, 0.9, Decision(0.9, sops, 500.0, 80.0, None), None)
+    ...        for pair, sops in (("1&1", 1000.0), ("5&5", 700.0))]
+    >>> chosen(two, Trials(40, 40)).pair, chosen(two[:1], Trials(40, 40))
+    ('5&5', None)
+    """
+    found = networks[referee.cheapest_of([network.way(trials) for network in networks])]
+    pairs = {one.pair for one in networks if one.hidden == found.hidden} - {periods.NONE}
+    shortest = min((one.pair for one in networks), key=lambda pair: sum(periods.sizes(pair)))
+    return found if len(pairs) > 1 and shortest in pairs else None
+
+
+def noise_of(network: Network, trials: Trials) -> float:
+    """One standard error of a mean over starts of the weights; with a single start, that of other validation trials."""
+    apart = network.way(trials).error if network.apart is None else network.apart.deviation
+    return apart / math.sqrt(max(1, network.seeds))
+
+
+def choose(
+    outcome: OfNetworks,
+    compared: Callable[[Network, Network], Evidence],
+    untold: str = "",
+    tolerance: float = 0.01,
+) -> PeriodChoice | None:
+    """What may be said of the period that validation chose, `outcome.best`; None where nothing was to choose.
+
+    compared: a network beside another one. untold: why validation cannot choose for the test; empty if it can.
+    tolerance: a clear loss on test trials that speaks against no period.
+    """
+    found = chosen(outcome.rows, outcome.trials)
+    if found is None:
+        return None
+    shortest = min((one.pair for one in outcome.rows), key=lambda pair: sum(periods.sizes(pair)))
+    peers = [one for one in outcome.rows if one.hidden == found.hidden and one.pair != found.pair]
+    longer = [one for one in peers if one.pair != shortest]
+    is_longer = found.pair != shortest
+    other = next((one for one in peers if one.pair == shortest), None) if is_longer else None
+    other = other or longer[referee.best_of([one.way(outcome.trials) for one in longer])]
+    evidence = compared(found, other) if is_longer else compared(other, found)
+    alone = [one for one in outcome.rows if one.pair == shortest]
+    best = alone[referee.best_of([one.way(outcome.trials) for one in alone])]
+    larger = (best, compared(found, best)) if is_longer and best.hidden != found.hidden else None
+    against = [evidence] if is_longer else [compared(one, found) for one in longer]
+    why, fix = _in_doubt(outcome, found, evidence, against, untold, tolerance)
+    kind = "unclear" if why else "use" if is_longer else "none"
+    return PeriodChoice(kind, found, other, evidence, larger, why, fix)
+
+
+def _in_doubt(
+    outcome: OfNetworks,
+    found: Network,
+    evidence: Evidence,
+    against: Sequence[Evidence],
+    untold: str,
+    tolerance: float,
+) -> tuple[str, Literal["", "trials", "seeds"]]:
+    """Why no period is named, and what would help; empty where one is. against: of each longer one, if none is used."""
+    if untold:
+        return untold[:1].lower() + untold[1:], "trials"
+    if not outcome.is_above_chance:
+        return "no network is clearly better than guessing", "trials"
+    ways, noise = ([of(one, outcome.trials) for one in outcome.rows] for of in (Network.way, noise_of))
+    may_be = referee.may_be_cheapest(ways, outcome.trials.validation, noise)
+    others = {outcome.rows[index].pair: None for index in may_be if outcome.rows[index].pair != found.pair}
+    if others:
+        *first, last = [pair if len({*periods.sizes(pair)}) > 1 else pair.partition("&")[0] for pair in others]
+        named = f"{', '.join(first)} or {last} ms" if first else f"{last} ms"
+        fix = "seeds" if found.starts < SEEDS and found.seeds < SEEDS else "trials"
+        return f"a few other validation trials, or other starts of the weights, would choose {named}", fix
+    if math.isnan(evidence.lost.high):
+        return "from so few test trials the error of that is not known", "trials"
+    if _length(found) > min(map(_length, outcome.rows)):
+        return _against_longer(evidence, tolerance)
+    if any(one.saves and one.lost.mean <= 0 for one in against):
+        return "on test trials a longer one saves and loses nothing", "trials"
+    if evidence.lost.high - evidence.lost.low > 2 * power.WEAK:
+        return "so few test trials leave open differences of ten points", "trials"
+    return "", ""
+
+
+def _against_longer(evidence: Evidence, tolerance: float) -> tuple[str, Literal["", "trials", "seeds"]]:
+    """As `_in_doubt`, for a period that validation prefers to the shortest."""
+    (lost_seen, is_clear), lost = evidence.seen, evidence.lost
+    if is_clear and lost_seen > tolerance:
+        return "although within the error of the best, it is clearly less accurate on validation trials", "trials"
+    if lost.low > 0 and lost.mean > tolerance:
+        return "test trials show a clear loss, which validation trials did not", "trials"
+    if not evidence.saves:
+        return "trainings differ by more than it saves", "seeds"
+    if lost.high > power.WEAK:
+        return "so few test trials leave open a loss of more than ten points", "trials"
+    return "", ""
+
+
+def in_words(choice: PeriodChoice, sure: Sure, populations: Sequence[str] = (), sample_ms: float = 0.0) -> str:
+    """The one sentence on refractory periods.
+
+    populations: names of those that the two numbers of a pair are of; none for an encoder whose taxels have one dead
+    time. sample_ms: between samples of the sensor.
+    """
+
+    def named(network: Network) -> str:
+        return f"{_period(network.pair, populations)}{_short(network.pair, sample_ms)}"
+
+    def other_named(network: Network) -> str:
+        is_said = periods.is_short(longer.pair, sample_ms)
+        return f"{_period(network.pair, populations)}{'' if is_said else _short(network.pair, sample_ms)}"
+
+    what = "t_ref" if populations else "a dead time (t_ref)"
+    network, other, longer = choice.network, choice.other, choice.longer
+    size = f" with {network.hidden} neurons" if network.hidden else ""
+    between = _basis(sure)
+    if choice.kind == "use":
+        against = f"against {other_named(other)}{size and f', both{size}'}"
+        more = _beside_larger(choice, populations)
+        return f"Use {what} of {named(network)}: it {_gain(choice.evidence)}, {against}{more}; {between}."
+    if choice.kind == "none":
+        return (
+            f"No refractory period pays on these recordings: the best longer one, {named(longer)}, "
+            f"{_gain(choice.evidence)}, against {other_named(network)}{size and f', both{size}'}; {between}."
+        )
+    prefers, base = ", which validation prefers,", other if longer is network else network
+    leans, against = (prefers, "") if longer is network else ("", prefers.removesuffix(","))
+    gain = f"{named(longer)}{leans} {_gain(choice.evidence)}"
+    said = f"{gain}, against {other_named(base)}{against}{size and f', both{size}'}"
+    return f"These recordings cannot tell which refractory period to use: {said}, but {choice.why}; {between}."
+
+
+def _basis(sure: Sure) -> str:
+    """How many trials, splits and trainings the numbers are of."""
+    trials = f"{sure.test} test trial{'' if sure.test == 1 else 's'}"
+    splits = "one split" if sure.splits == 1 else f"{sure.splits} splits"
+    each = "one training each" if sure.trainings == 1 else f"{sure.trainings} trainings each"
+    return f"{trials} of {splits}, {each}"
+
+
+def _period(pair: str, populations: Sequence[str]) -> str:
+    """
+    >>> _period("10&10", ("RA-I", "SA-I")), _period("10&5", ("RA-I", "SA-I")), _period("5", ())
+    ('10 ms', '10 ms for RA-I and 5 ms for SA-I', '5 ms')
+    """
+    sizes = periods.sizes(pair)
+    if len(set(sizes)) < 2 or len(populations) < len(sizes):
+        return f"{sizes[0]:g} ms" if len(set(sizes)) == 1 else periods.in_ms(pair)
+    return " and ".join(f"{size:g} ms for {name}" for size, name in zip(sizes, populations, strict=False))
+
+
+def _short(pair: str, sample_ms: float) -> str:
+    return f" (shorter than a sample of {milliseconds(sample_ms)})" if periods.is_short(pair, sample_ms) else ""
+
+
+def _gain(evidence: Evidence) -> str:
+    """What is saved, and for how many points."""
+    saved = _saved(evidence.sops, "SOPs", "of the SOPs")
+    if evidence.nJ is not None:
+        energy = _saved(evidence.nJ, "energy", "of the energy")
+        same = saved.split(" ", 1)[0] == energy.split(" ", 1)[0]
+        saved = f"{saved} and {energy.split(' ', 1)[1] if same else energy}"
+    return f"{saved} {_for(evidence.lost)}"
+
+
+def _saved(saved: Interval, what: str, of: str) -> str:
+    """
+    >>> _saved(Interval(0.41, 0.35, 0.47), "SOPs", "of the SOPs"), _saved(_alone(-0.02), "SOPs", "of the SOPs")
+    ('saves 41 % of the SOPs (35 to 47)', 'takes 2 % more SOPs')
+    """
+    sign = 1 if saved.mean >= 0 else -1
+    ends = sorted((sign * saved.low, sign * saved.high))
+    within = "" if math.isnan(saved.low) else f" ({' to '.join(_number(100 * end, 0) for end in ends)})"
+    share = percent(abs(saved.mean)) if abs(saved.mean) < 0.095 else f"{100 * abs(saved.mean):.0f} %"
+    share = share.replace(".0 %", " %")
+    return f"saves {share} {of}{within}" if sign > 0 else f"takes {share} more {what}{within}"
+
+
+def _for(lost: Interval) -> str:
+    """
+    >>> _for(Interval(0.004, -0.006, 0.014)), _for(Interval(-0.02, -0.03, -0.01))
+    ('for 0.4 points (\u22120.6 to 1.4)', 'and gains 2.0 points (1.0 to 3.0)')
+    """
+    sign = 1 if round(1000 * lost.mean) >= 0 else -1
+    ends = sorted((sign * lost.low, sign * lost.high))
+    within = "" if math.isnan(lost.low) else f" ({' to '.join(_number(100 * end, 1) for end in ends)})"
+    points = f"{_number(100 * abs(lost.mean), 1)} points"
+    return f"{'for' if sign > 0 else 'and gains'} {points}{within}"
+
+
+def _number(value: float, digits: int) -> str:
+    said = f"{value:.{digits}f}"
+    return said.replace("-", MINUS) if float(said) else said.lstrip("-")
+
+
+def _beside_larger(choice: PeriodChoice, populations: Sequence[str]) -> str:
+    """The best network of the shortest period, where it has another size; empty if it has the same."""
+    if choice.larger is None:
+        return ""
+    best, evidence = choice.larger
+    size = f"{best.hidden} neurons" if best.hidden else "another size"
+    return f"; against the best with {_period(best.pair, populations)}, of {size}, it {_gain(evidence)}"
+
+
+def next_step(choice: PeriodChoice, sure: Sure, places: Places) -> tuple[str, list[str]]:
+    """What to do next, in words, and the commands that do it, which run as they stand."""
+    run, cell = places.run.absolute(), places.cell.absolute()
+    study = run / "study.toml"
+    if choice.kind != "unclear":
+        if not places.exact:
+            recorded = [] if places.recordings is None else ["--recordings", places.recordings]
+            return "Take it along, as C:", [_command("export", cell, "--to", "c", *recorded, "-o", run / "c")]
+        again = _command("study", "run", study, "--set", "encoder.integration=clock", "-o", _beside(run, "clock"))
+        if places.recordings is None:
+            return "For C, train it with membranes on a clock:", [again]
+        use = _command("stream", cell, "--from", places.recordings)
+        return "Use it on samples as they come; for C, train it with membranes on a clock:", [use, again]
+    if places.may_fold:
+        return (
+            f"Test each trial once, in {FOLDS} folds, each from another start of the weights:",
+            [_command("study", "run", study, "--folds", FOLDS, "-o", _beside(run, "folds"))],
+        )
+    if choice.fix == "seeds":
+        seeds = f"sweep.seed={[*range(SEEDS)]}"
+        return (
+            f"Train {SEEDS} networks of each kind, from other starts of the weights:",
+            [_command("study", "run", study, "--set", seeds, "-o", _beside(run, "seeds"))],
+        )
+    needed = trials_needed(choice, sure)
+    return (
+        f"Record more: about {needed} trials per class, of {sure.each} now; then, with the file imported again:",
+        [_command("study", "run", study, "-o", _beside(run, "more"))],
+    )
+
+
+def _beside(run: Path, name: str) -> Path:
+    return run.with_name(f"{run.name}-{name}")
+
+
+def _command(*words: object) -> str:
+    return shlex.join(["neurotact", *map(str, words)])
+
+
+def trials_needed(choice: PeriodChoice, sure: Sure) -> int:
+    """Recorded trials per class that make the interval of the loss as narrow as a verdict needs; at least twice those.
+
+    Half of it must fit between the loss and `power.WEAK`; it shrinks with the root of the trials.
+    """
+    lost = choice.evidence.lost
+    half = 0.0 if math.isnan(lost.low) else (lost.high - lost.low) / 2
+    room = max(power.WEAK / 2, power.WEAK - abs(lost.mean))
+    return math.ceil(max(1, sure.each) * max(2.0, (half / room) ** 2))
+
+
+class Comparison(NamedTuple):
+    """Compares networks by the rows of `results.csv`, which have the columns of `front.costs_of`.
+
+    right: of a row, by its index, the share of right windows of each test trial. splits: columns that tell splits
+    apart. sides: training and test examples of a split, and its test trials.
+    """
+
+    rows: pd.DataFrame
+    right: Callable[[int], dict[str, float] | None]
+    splits: Sequence[str]
+    sides: tuple[int, int, float]
+
+    def __call__(self, one: Network, other: Network) -> Evidence:
+        """What `one` saves and costs beside `other`; both are trained from the same starts on the same splits."""
+        by = [*self.splits, "seed"]
+        both = self._of(one).merge(self._of(other), on=by, suffixes=("", " of other"))
+        costs = [self._saved(both, "whole_sops"), self._saved(both, "whole_nJ")]
+        # Without pairs, means alone are compared.
+        sops = costs[0] or _alone(1 - one.whole.sops / other.whole.sops if other.whole.sops > 0 else 0.0)
+        lost, seen = other.whole.accuracy - one.whole.accuracy, other.validation - one.validation
+        if self._n_splits(both) < LEAST_SPLITS:
+            return Evidence(sops, costs[1], self._over_trials(one, other, both, lost), (seen, False))
+        lost_in = self._of_splits(both, "accuracy_test")
+        found = resampled_interval(lost_in, *self.sides[:2], DIFFERENCES, self.sides[2])
+        clear = compare_over_splits(self._of_splits(both, "accuracy_validation"), *self.sides).is_clear
+        return Evidence(sops, costs[1], found, (seen, clear))
+
+    def _of(self, network: Network) -> pd.DataFrame:
+        own = self.rows[(self.rows[NETWORK[1]] == network.pair) & (self.rows[NETWORK[2]] == network.hidden)]
+        return own.assign(row=own.index)
+
+    def _n_splits(self, both: pd.DataFrame) -> int:
+        return len(both[[*self.splits]].drop_duplicates()) if self.splits else 1
+
+    def _of_splits(self, both: pd.DataFrame, column: str) -> np.ndarray:
+        """What the first one loses in each split, mean over its seeds."""
+        return (both[f"{column} of other"] - both[column]).groupby([both[key] for key in self.splits]).mean().to_numpy()
+
+    def _saved(self, both: pd.DataFrame, column: str) -> Interval | None:
+        """The share that is saved, with the interval over trainings; None where it is not counted."""
+        before, after = (both[name].to_numpy(float) for name in (f"{column} of other", column))
+        known = np.isfinite(before) & np.isfinite(after) & (before > 0)
+        if not known.any() or not known.all():
+            return None
+        saved = 1 - after / before
+        if self._n_splits(both) < LEAST_SPLITS:
+            return resampled_interval(saved, INDEPENDENT, 1, ANY)
+        in_splits = pd.Series(saved).groupby([both[key] for key in self.splits]).mean()
+        return resampled_interval(in_splits.to_numpy(), *self.sides[:2], ANY)
+
+    def _over_trials(self, one: Network, other: Network, both: pd.DataFrame, lost: float) -> Interval:
+        """The loss on single test trials, with that of other starts where known; no ends if trials are unknown."""
+        pairs = [tuple(map(self.right, pair)) for pair in zip(both["row"], both["row of other"], strict=True)]
+        if not pairs or any(right is None for pair in pairs for right in pair):
+            return _alone(lost)
+        by_trial = [pd.DataFrame(list(side)).mean() for side in zip(*pairs, strict=True)]
+        apart = (by_trial[1] - by_trial[0]).dropna()
+        if len(apart) < LEAST_SPLITS:
+            return _alone(lost)
+        found = resampled_interval(apart.to_numpy(), INDEPENDENT, 1, DIFFERENCES)
+        starts = 0.0
+        if one.apart is not None:
+            starts = float(t.ppf(0.975, one.apart.freedom)) * one.apart.deviation * math.sqrt(2 / max(1, one.seeds))
+        half = math.hypot(found.high - found.mean, starts), math.hypot(found.mean - found.low, starts)
+        return Interval(lost, max(-1.0, lost - half[1]), min(1.0, lost + half[0]))
+
+
+def _alone(mean: float) -> Interval:
+    """A mean without an interval."""
+    return Interval(mean, math.nan, math.nan)

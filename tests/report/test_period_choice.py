@@ -1,0 +1,224 @@
+"""One refractory period is named: what the sentence says is what the rows say, and no single trial decides it."""
+
+import itertools
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from neurotact.metrics.referee import Way, cheapest_of, may_be_cheapest
+from neurotact.metrics.resampled import Interval
+from neurotact.metrics.shares import standard_error
+from neurotact.metrics.starts import Spread
+from neurotact.report import first_screen, period_choice
+from neurotact.report.answer import Decision, Network, Trials, answer
+from neurotact.report.period_choice import Comparison, Evidence, Places, Sure
+
+PAIRS = ("1&1", "5&5", "10&10")
+SURE = Sure(test=100, splits=1, trainings=3, each=40)
+
+
+class Run:
+    """A made-up run: for each pair, size and seed which validation and test trials are right, and the costs."""
+
+    def __init__(self, seed: int, n: int = 60, apart: float = 0.06, seeds: int = 3, splits: int = 1) -> None:
+        draw = np.random.default_rng(seed)
+        hard = draw.random((2, splits, n))
+        kinds = itertools.product(PAIRS, draw.choice([20, 50], draw.integers(1, 3), replace=False).tolist())
+        level, self.right, rows = draw.uniform(0.6, 1.0), {}, []
+        for pair, hidden in kinds:
+            skill, cost = level + draw.normal(0, apart), hidden * (1 - 0.04 * float(pair.partition("&")[0]))
+            for split, start in itertools.product(range(splits), range(seeds)):
+                right = (hard[:, split] + draw.normal(0, 0.02, (2, n)) < skill).astype(float)
+                self.right[len(rows)] = right
+                sops = cost * draw.uniform(98, 102)
+                rows.append({"pair": pair, "hidden": hidden, "seed": start, "split.fold": split,
+                             "whole_sops": sops, "whole_nJ": sops / 80 + 10})  # fmt: skip
+        self.rows, self.n, self.splits = pd.DataFrame(rows), n, ("split.fold",) if splits > 1 else ()
+
+    def networks(self, without: int | None = None) -> list[Network]:
+        """Without one validation trial."""
+        kept = [index for index in range(self.n) if index != without]
+        found = []
+        for (pair, hidden), own in self.rows.groupby(["pair", "hidden"], sort=False):
+            validation, test = (np.mean([self.right[row][side] for row in own.index], axis=0) for side in (0, 1))
+            spent = Decision(float(test.mean()), *own[["whole_sops"]].mean(), 500.0, 80.0, own["whole_nJ"].mean())
+            found.append(Network(pair, hidden, len(own), float(validation[kept].mean()), spent, None, starts=len(own)))
+        return found
+
+    def choice(self, without: int | None = None):
+        n_validation = self.n - (without is not None)
+        networks, trials = self.networks(without), Trials(n_validation, self.n)
+        for side, name in enumerate(("accuracy_validation", "accuracy_test")):
+            self.rows[name] = [self.right[row][side].mean() for row in self.rows.index]
+        found = answer(networks, [], 0.25, trials, chosen=period_choice.chosen(networks, trials))
+        compared = Comparison(self.rows, self._right, self.splits, (3 * self.n, self.n, float(self.n)))
+        choice = period_choice.choose(found, compared)
+        assert choice is not None
+        return found, choice
+
+    def _right(self, row: int) -> dict[str, float]:
+        return {str(trial): right for trial, right in enumerate(self.right[row][1])}
+
+
+RUNS = st.builds(Run, st.integers(0, 2**32), st.sampled_from([30, 60, 200]), st.sampled_from([0.0, 0.02, 0.1]),
+                 st.sampled_from([1, 3]), st.sampled_from([1, 2, 4]))  # fmt: skip
+
+
+@given(RUNS)
+def test_the_sentence_says_what_the_rows_say(run):
+    found, choice = run.choice()
+    said = period_choice.in_words(choice, SURE, ("RA-I", "SA-I"))
+    at = {(one.pair, one.hidden): one for one in found.rows}
+    shortest = at["1&1", choice.network.hidden]
+    (marked,) = [row[0] for row in first_screen.table(found).rows if ": chosen" in row[0]]
+    assert marked == f"{choice.network.pair} ms, {choice.network.hidden}: chosen"
+    assert found.best == found.cheapest == choice.network
+    longer = choice.longer
+    saved, lost = 1 - longer.whole.sops / shortest.whole.sops, shortest.whole.accuracy - longer.whole.accuracy
+    assert f"saves {100 * saved:.0f} % of the SOPs" in said or saved < 0.095
+    points = re.search(r"(for|and gains) ([\d.]+) points", said)
+    assert float(points[2]) == pytest.approx(100 * abs(lost), abs=0.051)
+    assert (points[1] == "for") == (lost > -0.0005)
+    assert said.startswith(
+        {
+            "use": f"Use t_ref of {longer.pair.partition('&')[0]} ms: it saves",
+            "none": "No refractory period pays",
+            "unclear": "These recordings cannot tell",
+        }[choice.kind]
+    )
+    evidence = choice.evidence
+    assert evidence.lost.low <= lost <= evidence.lost.high
+    if choice.kind == "use":
+        assert choice.network == longer != shortest
+        assert longer.whole.nJ < shortest.whole.nJ
+        assert evidence.lost.high <= 0.1
+        assert not (evidence.lost.low > 0 and lost > 0.01)
+    if choice.kind == "none":
+        assert choice.network == shortest
+        better = [one for one in found.rows if one.hidden == shortest.hidden and one.pair != "1&1"]
+        assert all(one.whole.accuracy < shortest.whole.accuracy for one in better if one.whole.nJ < shortest.whole.nJ)
+    assert choice.why in said
+    assert (choice.kind == "unclear") == bool(choice.why) == bool(choice.fix)
+
+
+@given(st.integers(0, 2**32), st.sampled_from([25, 60]), st.sampled_from([0.0, 0.03]), st.sampled_from([1, 3]))
+def test_one_trial_less_never_names_another_period(seed, n, apart, seeds):
+    run = Run(seed, n, apart, seeds)
+    _, choice = run.choice()
+    for trial in range(0, n, 12):
+        _, other = run.choice(without=trial)
+        named = {(one.kind, one.network.pair) for one in (choice, other) if one.kind != "unclear"}
+        assert len(named) <= 1
+
+
+@given(st.integers(0, 2**32), st.integers(5, 200), st.integers(2, 6), st.sampled_from([0.0, 0.03, 0.1]))
+def test_what_one_trial_less_would_choose_is_among_what_may_be_cheapest(seed, n, n_ways, apart):
+    draw = np.random.default_rng(seed)
+    right = (draw.random((n, 1)) < draw.uniform(0.6, 1.0) + draw.normal(0, apart, n_ways)).astype(float)
+    costs = draw.permutation(n_ways).tolist()
+
+    def ways(kept: np.ndarray) -> list[Way]:
+        return [Way(share, standard_error(share, len(kept)), cost)
+                for share, cost in zip(kept.mean(axis=0).tolist(), costs, strict=True)]  # fmt: skip
+
+    may_be = may_be_cheapest(ways(right), n, [0.0] * n_ways)
+    assert {cheapest_of(ways(np.delete(right, trial, axis=0))) for trial in range(n)} <= {*may_be}
+    assert {cheapest_of(ways(right))} <= {*may_be} <= {*may_be_cheapest(ways(right), n, [0.05] * n_ways)} | {*may_be}
+
+
+def decided(pair: str, hidden: int, validation: float, nJ: float, accuracy: float = 0.95) -> Network:
+    return Network(pair, hidden, 1, validation, Decision(accuracy, 10 * nJ, 500.0, 80.0, nJ), None)
+
+
+EQUAL = Evidence(Interval(0.4, 0.35, 0.47), Interval(0.12, 0.09, 0.15), Interval(0.004, -0.006, 0.014))
+
+
+def choose(networks, evidence=EQUAL, untold="", trials=Trials(400, 400)):
+    found = answer(networks, [], 0.25, trials, chosen=period_choice.chosen(networks, trials))
+    choice = period_choice.choose(found, lambda one, other: evidence, untold)
+    assert choice is not None
+    return choice
+
+
+def test_two_populations_with_two_periods_are_both_named():
+    networks = [decided("1&1", 20, 0.95, 100), decided("10&5", 20, 0.95, 60)]
+    said = period_choice.in_words(choose(networks), SURE, ("RA-I", "SA-I"), 6.7)
+    assert said == (
+        "Use t_ref of 10 ms for RA-I and 5 ms for SA-I (shorter than a sample of 6.7 ms): it saves 40 % of the SOPs "
+        "(35 to 47) and 12 % of the energy (9 to 15) for 0.4 points (\u22120.6 to 1.4), against 1 ms, both with 20 "
+        "neurons; 100 test trials of one split, 3 trainings each."
+    )
+    assert period_choice.in_words(choose([decided("1", 20, 0.95, 100), decided("5", 20, 0.95, 60)]), SURE).startswith(
+        "Use a dead time (t_ref) of 5 ms: it saves"
+    )
+
+
+def test_another_size_of_the_best_with_the_shortest_period_is_told_too():
+    three = [("1&1", 20, 0.94, 100), ("1&1", 50, 0.951, 300), ("10&10", 20, 0.95, 60)]
+    networks = [decided(*one)._replace(starts=3, seeds=3, apart=Spread(0.005, 6)) for one in three]
+    said = period_choice.in_words(choose(networks), SURE, ("RA-I", "SA-I"))
+    assert "against 1 ms, both with 20 neurons; against the best with 1 ms, of 50 neurons, it saves 40 %" in said
+
+
+def test_nothing_is_said_without_two_periods():
+    assert period_choice.chosen([decided("5&5", 20, 0.9, 9), decided("5&5", 50, 0.9, 9)], Trials(40, 40)) is None
+    assert period_choice.chosen([decided("-", 20, 0.9, 9)], Trials(40, 40)) is None
+
+
+@pytest.mark.parametrize(
+    ("evidence", "untold", "trials", "why"),
+    [
+        (EQUAL, "Validation has no other speed", Trials(400, 400), "validation has no other speed"),
+        (EQUAL, "", Trials(400, 1), "no network is clearly better than guessing"),
+        (EQUAL._replace(lost=Interval(0.05, 0.02, 0.08)), "", Trials(400, 400), "a clear loss"),
+        (EQUAL._replace(lost=Interval(0.0, -0.11, 0.11)), "", Trials(400, 400), "more than ten points"),
+        (EQUAL._replace(nJ=Interval(0.1, -0.1, 0.3)), "", Trials(400, 400), "trainings differ"),
+        (EQUAL._replace(seen=(0.02, True)), "", Trials(400, 400), "on validation trials"),
+        (EQUAL._replace(lost=Interval(0.0, np.nan, np.nan)), "", Trials(400, 400), "is not known"),
+    ],
+)
+def test_what_speaks_against_a_period_is_told_in_its_place(evidence, untold, trials, why):
+    networks = [decided("1&1", 20, 0.95, 100), decided("10&10", 20, 0.95, 60)]
+    choice = choose(networks, evidence, untold, trials)
+    assert choice.kind == "unclear"
+    assert why in period_choice.in_words(choice, SURE)
+
+
+def test_a_longer_period_that_loses_nothing_on_test_trials_is_not_said_not_to_pay():
+    networks = [decided("1&1", 20, 0.95, 100), decided("10&10", 20, 0.7, 60)]
+    assert choose(networks, EQUAL._replace(lost=Interval(-0.01, -0.03, 0.01))).kind == "unclear"
+    assert choose(networks, EQUAL._replace(lost=Interval(0.2, 0.15, 0.25))).kind == "none"
+
+
+@given(st.text("ab c'&$", min_size=1, max_size=5), st.booleans(), st.booleans())
+def test_commands_name_their_paths_whole_and_quoted(name, exact, may_fold):
+    networks = [decided("1&1", 20, 0.95, 100), decided("10&10", 20, 0.95, 60)]
+    run = Path("/runs") / name / "mine"
+    places = Places(run, run / "cells" / "x", run.with_name("a.h5"), exact, may_fold)
+    choices = [
+        choose(networks),
+        choose(networks, untold="none"),
+        choose(networks, EQUAL._replace(nJ=Interval(0, 0, 0))),
+    ]
+    for choice in choices:
+        words, commands = period_choice.next_step(choice, SURE, places)
+        assert words.endswith(":")
+        for command in commands:
+            head, *rest = shlex.split(command)
+            assert head == "neurotact"
+            assert [one for one in rest if str(run.parent) in one]
+            out = rest[rest.index("-o") + 1] if "-o" in rest else None
+            assert out is None or Path(out) not in (run, places.cell)
+
+
+def test_twice_the_trials_are_asked_for_at_least_and_more_for_a_wide_interval():
+    wide = choose([decided("1&1", 20, 0.95, 100), decided("10&10", 20, 0.95, 60)],
+                  EQUAL._replace(lost=Interval(0.02, -0.22, 0.26)))  # fmt: skip
+    assert period_choice.trials_needed(wide, SURE) == 360
+    assert period_choice.trials_needed(wide._replace(evidence=EQUAL), SURE) == 80
