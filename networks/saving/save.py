@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from neurotact_parts.networks.saving import choice, figure
 from neurotact_parts.networks.saving import folder as points
 from neurotact_parts.networks.saving.proposals import Asked
@@ -23,6 +24,9 @@ from neurotact.progress import Tell, track, untold
 from neurotact.tables import write_table
 
 ANSWER, FRONT, FIGURE = "answer.json", "front.csv", "front.png"
+STUDY, OF_SETTING = "study.toml", ("t_ref_ra_ms", "t_ref_sa_ms", "hidden")
+JUDGED = ("accuracy_validation", "sops_total")
+"""Columns of a cell of a study: what its setting is, and by which settings are compared."""
 FIRST, SPIKES, ENCODER = "run", "spikes.h5", "encoder.toml"
 """What is made of recordings, in the folder: the default network, its spikes, the calibrated encoder."""
 
@@ -40,13 +44,13 @@ def save_energy(
     workers: int | None = None,
     tell: Tell = untold,
 ) -> dict[str, Any]:
-    """Search all ways to save together, from the run folder `run` or a file of recordings: `neurotact save`.
+    """Search all ways to save together, from a run folder, recordings or a study: `neurotact save`.
 
     Refractory periods, the encoder's clock and its moving average, the network's clock, hidden neurons, recurrence,
     pruned weights, spikes, the window and early exit are tried alone and together. Validation windows alone choose.
     `folder` gets the points of the front as run folders `1`, `2`, ..., the first of which is the answer; `front.csv`
     with every trial, `front.png`, and `answer.json`, whose content is returned. Of recordings, or of events, the
-    default network is trained first, in `folder/run`.
+    default network is trained first, in `folder/run`; of a study such as own-recordings its best network is taken.
 
     trials: trainings in all. at_most_points: of accuracy on validation windows that may be lost. prices: the name of
         the price list whose energy is saved. seed: of the search and of weights.
@@ -71,7 +75,9 @@ def save_energy(
     with files.locked(out):
         _check_place(out)
         files.sweep(out)
-        if source.is_file():
+        if (source / STUDY).is_file():
+            source = best_of_study(source, tell)
+        elif source.is_file():
             source, spikes = _trained_on(source, out, seed, tell)
         where = Source(source, _path(spikes), _path(recordings), seed)
         start, asked = where.start(), Asked(trials, at_most_points / 100, chosen, seed)
@@ -117,6 +123,26 @@ def _trained_on(path: Path, out: Path, seed: int, tell: Tell) -> tuple[Path, Pat
     if not (out / FIRST / resumable.RESULT).is_file():
         nt.train(spikes, out / FIRST, seed=seed, resume=True, tell=tell)
     return out / FIRST, None
+
+
+def best_of_study(folder: Path, tell: Tell) -> Path:
+    """The run folder of the best network of a study of networks, which its cells are.
+
+    Best by the mean validation accuracy over seeds and splits, of equal ones with the fewest SOPs; of these trainings
+    the first in the order of their folders.
+    """
+    rows = []
+    for path in sorted((folder / "cells").glob(f"*/{resumable.RESULT}")):
+        row = files.read_json(path).get("row", {}) if (path.parent / run_folder.NETWORK).is_file() else {}
+        rows.append({"cell": path.parent, **{key: row.get(key) for key in (*OF_SETTING, *JUDGED)}})
+    table = pd.DataFrame(rows, columns=["cell", *OF_SETTING, *JUDGED])
+    if table.empty or table["accuracy_validation"].isna().all():
+        raise InputError(f"{folder}: holds no trained network; give a study of networks, such as own-recordings")
+    means = table.groupby(list(OF_SETTING), dropna=False)[[*JUDGED]].mean()
+    of_setting = means.sort_values([*JUDGED], ascending=[False, True], kind="stable").index[0]
+    best = table.set_index(list(OF_SETTING)).loc[[of_setting]]["cell"].iloc[0]
+    tell(f"{best}: the network with the highest validation accuracy of {folder}, from which the search starts")
+    return best
 
 
 def _problem(source: Path, start: Start, asked: Asked) -> dict[str, Any]:

@@ -127,7 +127,9 @@ def tune(given: dict[str, Any], as_json: Json = False) -> None:
 
 @calling(
     tools.save_energy,
-    run=Annotated[Path, typer.Argument(help="The folder of a trained network, or a file of recordings.")],
+    run=Annotated[
+        Path, typer.Argument(help="The folder of a trained network or of a study of some, or a file of recordings.")
+    ],
     trials=option(int, "Trainings in all.", min=1),
     at_most_points=option(float, "Accuracy on validation windows that may be lost, in points.", min=0, max=100),
     prices=option(str, "The price list whose energy is saved: a name (`neurotact list`)."),

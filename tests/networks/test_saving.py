@@ -272,3 +272,18 @@ def test_recordings_are_enough(run, tmp_path):
     assert len(answer["points"]) <= 1
     again = nt.save_energy(run.parent / "skin.h5", tmp_path / "out", trials=1, workers=1)
     assert again["answer"] == answer["answer"]
+
+
+def test_a_study_gives_its_best_setting_in_its_first_seed(tmp_path):
+    cells = {"a": (1, 0.8, 10.0), "b": (5, 0.9, 30.0), "c": (5, 0.8, 30.0), "d": (1, 0.9, 20.0), "e": (9, 0.85, 40.0)}
+    for name, (period, accuracy, sops) in cells.items():
+        (tmp_path / "cells" / name).mkdir(parents=True)
+        row = {"t_ref_ra_ms": period, "t_ref_sa_ms": 1, "hidden": 9, "accuracy_validation": accuracy, "sops_total": sops}
+        (tmp_path / "cells" / name / "result.json").write_text(json.dumps({"row": row}))
+        (tmp_path / "cells" / name / "network.json").write_text("{}")
+    told = []
+    assert save.best_of_study(tmp_path, told.append).name == "a"  # all are equal, and it has the fewest SOPs
+    (tmp_path / "cells" / "d" / "network.json").unlink()
+    assert save.best_of_study(tmp_path, told.append).name == "b"
+    with pytest.raises(InputError, match="no trained network"):
+        save.best_of_study(tmp_path / "cells", told.append)
