@@ -9,7 +9,7 @@ from levels import examples
 from made_chains import READOUTS, make_chain, make_signal, offline, told, unequal_stretches
 from neurotact_parts.exporters.snntorch import to_snntorch
 from neurotact_parts.streams.stream import Stream
-from neurotact_parts.studies.comparison.pruning import prune, remaining_synops
+from neurotact_parts.studies.comparison.pruning import remaining_synops
 
 from neurotact import backend as backends
 from neurotact.errors import InputError
@@ -18,6 +18,7 @@ from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 from neurotact.networks.training import ensemble, run_folder
 from neurotact.networks.training.epochs import Examples, train
+from neurotact.networks.training.sparsity import prune
 
 native_only = pytest.mark.skipif(backends.native is None, reason="no kernels")
 each_backend = pytest.mark.parametrize("backend", ["reference", pytest.param("native", marks=native_only)])

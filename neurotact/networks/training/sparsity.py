@@ -116,7 +116,7 @@ def pruned_stay_pruned(network: Network) -> Iterator[None]:
 def _named(network: Network) -> dict[str, nn.Parameter]:
     """The matrices of weights by name, also where they are parametrised."""
     named = ((name.removeprefix("parametrizations."), p) for name, p in network.named_parameters())
-    return {name.removesuffix(".original"): p for name, p in named if p.ndim > 1}
+    return {name.removesuffix(".original"): p for name, p in named if p.ndim > 1 and p.numel()}
 
 
 def _synapses(network: Network) -> dict[str, list[nn.Parameter]]:
