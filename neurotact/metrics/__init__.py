@@ -11,10 +11,10 @@ Other rooms take:
     isi_distributions: bin_edges, separation, shares_of
     linear: cross_validated_accuracy, linear
     paired: Paired, by_trial, compare, compare_by_trial, compare_shares
-    power: can_beat_guessing, in_words, is_too_weak
+    power: WEAK, can_beat_guessing, in_words, is_too_weak
     prices: ACCESSES, ARITHMETIC_45NM, DEFAULT, MEMORY_45NM, NEURONS, PRICED, PriceList, Priced, names, price_list
     referee: GAP, Verdict, Way, best_of, cheapest_of, holm, is_gap, judge, least_difference, level_with_best,
-        within_error
+        may_be_cheapest, within_error
     resampled: DIFFERENCES, Interval, LEAST_SPLITS, SHARES, compare_over_splits, least_difference_over_splits,
         resampled_error, resampled_interval, resampled_p, sizes_of
     savings: Savings, savings, worse_than_another

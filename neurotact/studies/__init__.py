@@ -2,7 +2,7 @@
 
 Other rooms take:
 
-    automatic: TESTED, WORDS
+    automatic: FOLDS, TESTED, WORDS
     cell: RIGHT_SEEN, SEARCH, task_of
     encoding_tables: TOUCH, periods, read_encoding
     loading: Study, choice_changes, engine_of, resolve
