@@ -6,15 +6,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from neurotact_parts.networks.saving.proposals import Asked, Mean, candidates, confirmed, key_of
+from neurotact_parts.networks.saving.proposals import Asked, Mean, candidates, judged, keeps, key_of
 from neurotact_parts.networks.saving.trial import EARLY, WHOLE, Trial
 from neurotact_parts.networks.saving.ways import Way
 from scipy.stats import norm
 
-from neurotact.metrics.decision import is_within
 from neurotact.metrics.fronts import pareto_front
 
 CONFIDENCE = 0.95
+MOST_POINTS = 5
+"""Run folders that are written, at most."""
 DIFFERING = {
     "encoder_ms": "encoder's clock {:g} ms", "network_ms": "clock {:g} ms", "afferents": "{} afferents",
     "hidden": "{} hidden", "window_ms": "window {:g} ms",
@@ -23,55 +24,41 @@ DIFFERING = {
 
 
 class Chosen(NamedTuple):
-    """A point to use. mean: over its trainings; trial: the one whose network is used; how: it decides."""
+    """A point to use. mean: over the trainings that judged it; trial: that of the search, whose network is used."""
 
     how: str
     mean: Mean
     trial: Trial
 
-    @property
-    def energy(self) -> float:
-        return self.mean.energy
-
 
 class Found(NamedTuple):
-    """The points to use, the answer first if there is one; base: the run, which saves nothing."""
+    """The points to use, the answer first if there is one; base: the run, which saves nothing.
+
+    was_judged: whether points were trained again, with other weights and validation trials, before they were chosen.
+    """
 
     base: Chosen
     points: list[Chosen]
     answer: Chosen | None
+    was_judged: bool
 
 
 def found(trials: Sequence[Trial], asked: Asked) -> Found:
-    """The answer is the cheapest point that keeps the accuracy; beside it, the other points of the front.
-
-    Only points that were trained again count, where any was. Of the trainings of a point the one with the highest
-    validation accuracy is used, the first of equal ones.
-    """
-    every = confirmed(trials, asked)
-    base = _chosen(WHOLE, every[key_of({}), WHOLE], trials[0])
-    again = {key: mean for key, mean in every.items() if len(mean.trials) > 1 and key[0]}
-    tried = again or {key: mean for key, mean in every.items() if key[0]}
-    on_front = pareto_front(
-        *(np.array([getattr(one, name) for one in tried.values()]) for name in ("energy", "accuracy"))
-    )
-    front = [(key, mean) for (key, mean), is_on in zip(tried.items(), on_front, strict=True) if is_on]
-    points = sorted((_chosen(how, mean) for (_, how), mean in front), key=lambda one: one.energy)
-    kept = [one for one in points if keeps(one.mean, base.mean, asked) and one.energy < base.energy]
-    answer = kept[0] if kept else None
-    return Found(base, [*kept[:1], *(one for one in points if one is not answer)], answer)
-
-
-def keeps(mean: Mean, base: Mean, asked: Asked) -> bool:
-    """Whether a point keeps the accuracy: its mean is at most the allowed loss below that of the run."""
-    return bool(is_within(mean.accuracy, base.accuracy, asked.loss))
-
-
-def _chosen(how: str, mean: Mean, trial: Trial | None = None) -> Chosen:
-    def accuracy(one: Trial) -> float:
-        return one.decided[how]["validation_accuracy"] if how in one.decided else -math.inf
-
-    return Chosen(how, mean, trial or max(mean.trials, key=lambda one: (accuracy(one), -one.id)))
+    """The answer is the cheapest point that keeps the accuracy; beside it, the other points of the front."""
+    every, searched = judged(trials, asked), {key_of(trial.point): trial for trial in trials if trial.member == 1}
+    base = Chosen(WHOLE, every[key_of({}), WHOLE], trials[0])
+    tried = {key: mean for key, mean in every.items() if key[0] and mean.energy < base.mean.energy}
+    on_front = pareto_front(*(np.array([getattr(one, of) for one in tried.values()]) for of in ("energy", "accuracy")))
+    points = [
+        Chosen(how, mean, searched[point])
+        for ((point, how), mean), is_on in zip(tried.items(), on_front, strict=True)
+        if is_on
+    ]
+    points.sort(key=lambda one: one.mean.energy)
+    answer = next((one for one in points if keeps(one.mean, base.mean, asked)), None)
+    first = [] if answer is None else [answer]
+    others = [one for one in points if one is not answer]
+    return Found(base, [*first, *others][:MOST_POINTS], answer, any(trial.member > 1 for trial in trials))
 
 
 def interval(lost: np.ndarray) -> tuple[float, float, float]:
@@ -110,15 +97,15 @@ def table(trials: Sequence[Trial], ways: Mapping[str, Way], names: Sequence[str]
 def _amount(way: Way, index: int) -> Any:
     """An amount of a way in a cell; empty where it saves nothing."""
     amount = way.amounts[index]
-    return next(iter(amount.values())) if amount else ""
+    return " ".join([f"{next(iter(amount.values()))}", *[*amount][1:]]) if amount else ""
 
 
 def in_words(about: Mapping[str, Any], base: Mapping[str, Any], how: str) -> str:
     """What differs in a network from that of the run.
 
-    >>> run = {"sa1": 1.0, "ra1": 1.0, "hidden": 50, "recurrent": False, "weights": 9, "of_weights": 9}
-    >>> in_words({**run, "sa1": 10.0, "ra1": 10.0, "hidden": 20, "weights": 3}, run, EARLY)
-    't_ref 10 & 10 ms, 20 hidden, 67 % pruned, early exit'
+    >>> run = {"sa1": 1.0, "ra1": 1.0, "hidden": 50, "recurrent": False, "sparsity": 0.0}
+    >>> in_words({**run, "sa1": 10.0, "ra1": 10.0, "hidden": 20, "sparsity": 0.75}, run, EARLY)
+    't_ref 10 & 10 ms, 20 hidden, 75 % pruned, early exit'
     """
     parts = []
     if any(about.get(part) != base.get(part) for part in ("ra1", "sa1")):
@@ -128,8 +115,10 @@ def in_words(about: Mapping[str, Any], base: Mapping[str, Any], how: str) -> str
             parts.append(called.format(about[key]))
     if about.get("smoothed") != base.get("smoothed"):
         parts.append("no moving average")
+    if about.get("direct") != base.get("direct"):
+        parts.append("direct")
     if about["recurrent"] != base["recurrent"]:
         parts.append("not recurrent")
-    if about["weights"] < about["of_weights"]:
-        parts.append(f"{100 * (1 - about['weights'] / about['of_weights']):.0f} % pruned")
+    if about["sparsity"] != base["sparsity"]:
+        parts.append(f"{100 * about['sparsity']:g} % pruned")
     return ", ".join([*parts, *([EARLY] if how == EARLY else [])]) or "nothing changed"

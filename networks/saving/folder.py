@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from neurotact_parts.networks.saving.choice import Chosen, Found, in_words, interval
-from neurotact_parts.networks.saving.proposals import Asked
+from neurotact_parts.networks.saving.proposals import Asked, keeps
 from neurotact_parts.networks.saving.start import Start
 from neurotact_parts.networks.saving.trial import EARLY, Job, fitted_of
 from neurotact_parts.studies.comparison.saving import Fitted
@@ -91,6 +91,7 @@ def _tested(base: dict[int, float], mine: dict[int, float]) -> dict[str, float]:
 
 def _row(point: Chosen, found: Found, asked: Asked) -> dict[str, Any]:
     """A point in numbers, beside the run; costs are means over validation windows, of the network that is used."""
+    lost = interval(found.base.mean.right - point.mean.right)
     base, mine = found.base.trial.decided[found.base.how], point.trial.decided[point.how]
     left = {
         name: mine[name] / base[name] if base[name] else float("nan")
@@ -100,10 +101,11 @@ def _row(point: Chosen, found: Found, asked: Asked) -> dict[str, Any]:
     return {
         "setting": in_words(point.trial.about, found.base.trial.about, point.how),
         "decides": point.how,
-        "trainings": len(point.mean.trials),
         "accuracy_validation": point.mean.accuracy,
         "accuracy_validation_run": found.base.mean.accuracy,
-        "keeps": point is found.answer or bool(point.mean.accuracy >= found.base.mean.accuracy - asked.loss),
+        "was_judged": found.was_judged,
+        "keeps": keeps(point.mean, found.base.mean, asked),
+        **dict(zip(("lost_validation", "lost_validation_low", "lost_validation_high"), lost, strict=True)),
         "left": left,
         "costs": {name: mine[name] for name in left},
         "costs_run": {name: base[name] for name in left},

@@ -6,7 +6,7 @@ proposes what an uninterrupted one would, and the number of worker processes cha
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from neurotact_parts.networks.saving.trial import WHOLE, Job, Trial
@@ -22,9 +22,13 @@ HALVING = (0.01, 0.03, 0.003)
 LEAST_SAVED = 0.02
 """A way alone that saves less energy and fewer SOPs than this share is not joined with others."""
 MEMBERS = (2, 3)
-"""Trainings of a point that is to be used, beside the first: with weights and an order of windows of their own."""
-FINALISTS = 4
+"""Trainings of a point that is to be used, beside the first: with weights and validation trials of their own."""
+FINALISTS = 5
 """Points that are trained again, at most."""
+
+
+Key = tuple[tuple[str, int], ...]
+"""A point to compare by: its ways that save, and how much."""
 
 
 class Candidate(NamedTuple):
@@ -39,11 +43,6 @@ class Candidate(NamedTuple):
 
     def energy(self, prices: str) -> float:
         return self.trial.decided[self.how][prices]
-
-    @property
-    def key(self) -> tuple[Any, ...]:
-        """The point, and how it decides."""
-        return (*sorted(self.trial.point.items()), self.how)
 
 
 class Asked(NamedTuple):
@@ -82,12 +81,12 @@ def next_batch(trials: Sequence[Trial], ways: Mapping[str, Way], asked: Asked) -
     return jobs or _again(trials, asked)
 
 
-def key_of(point: Point) -> tuple[Any, ...]:
+def key_of(point: Point) -> Key:
     """A point to compare by: without ways of which nothing is used."""
     return tuple(sorted((name, amount) for name, amount in point.items() if amount))
 
 
-def _new(points: Sequence[Point], known: set[tuple[Any, ...]]) -> list[Point]:
+def _new(points: Sequence[Point], known: set[Key]) -> list[Point]:
     found = {key_of(point): dict(key_of(point)) for point in points}
     return [point for key, point in found.items() if key not in known]
 
@@ -142,57 +141,79 @@ def candidates(trials: Sequence[Trial]) -> list[Candidate]:
 
 
 def _again(trials: Sequence[Trial], asked: Asked) -> list[Job]:
-    """The run itself and the next finalist, trained again, until one holds and no training is left."""
+    """The run itself and one finalist after the other, trained again."""
     done = {(key_of(trial.point), trial.member) for trial in trials}
     left = asked.n_again - sum(trial.member > 1 for trial in trials)
-    wanted = [dict(key_of({}))] if (key_of({}), MEMBERS[0]) not in done else []
-    wanted += [dict(point) for point in finalists(trials, asked) if (point, MEMBERS[0]) not in done]
-    jobs = [(point, member) for point in wanted[:2] for member in MEMBERS][:left]
+    wanted = [] if (key_of({}), MEMBERS[0]) in done else [key_of({})]
+    finalist = next_finalist(trials, asked)
+    wanted += [] if finalist is None else [finalist]
+    jobs = [(dict(point), member) for point in wanted for member in MEMBERS][:left]
     return [Job(len(trials) + number, point, member) for number, (point, member) in enumerate(jobs)]
 
 
-def finalists(trials: Sequence[Trial], asked: Asked) -> list[tuple[Any, ...]]:
-    """The points that are worth to be trained again, the cheapest first, of those that have kept the accuracy so far.
+def next_finalist(trials: Sequence[Trial], asked: Asked) -> Key | None:
+    """The next point to train again, of those that kept the accuracy in the search, by their energy.
 
-    Of points that were trained again the mean counts.
+    The cheapest first; then the middle one between the dearest that lost too much and the cheapest that held, or the
+    run: the more a network costs, the more it keeps.
     """
-    found = confirmed(trials, asked)
-    base = found[key_of({}), WHOLE]
-    keeps = [
+    searched, again = (means(part, asked) for part in _parted(trials))
+    base = searched[key_of({}), WHOLE]
+    order = sorted(
         (one.energy, key)
-        for (key, _), one in found.items()
-        if key and is_within(one.accuracy, base.accuracy, asked.loss)
-    ]
-    keeps = [(energy, key) for energy, key in sorted(keeps) if energy < base.energy]
-    return list(dict.fromkeys(key for _, key in keeps))
+        for key, one in searched.items()
+        if one.energy < base.energy and key[0] and keeps(one, base, asked)
+    )
+    kept = list(dict.fromkeys(key[0] for _, key in order))
+    low, high = -1, len(kept)
+    for place, point in enumerate(kept):
+        if any(key[0] == point for key in again):
+            holds = any(keeps(one, again[key_of({}), WHOLE], asked) for key, one in again.items() if key[0] == point)
+            low, high = (low, min(high, place)) if holds else (max(low, place), high)
+    between = range(low + 1, high)
+    return kept[between[0 if low < 0 else len(between) // 2]] if len(between) else None
+
+
+def _parted(trials: Sequence[Trial]) -> tuple[list[Trial], list[Trial]]:
+    """The trials of the search, and those that were trained again."""
+    return [trial for trial in trials if trial.member == 1], [trial for trial in trials if trial.member > 1]
 
 
 class Mean(NamedTuple):
-    """A point as it decides: means over its trainings. right: of each validation trial, over trainings."""
+    """A point as it decides: means over trainings. right: of each validation trial, training by training."""
 
     accuracy: float
     energy: float
-    sops: float
     right: np.ndarray
-    trials: tuple[Trial, ...]
 
 
-def confirmed(trials: Sequence[Trial], asked: Asked) -> dict[tuple[tuple[Any, ...], str], Mean]:
-    """Each point in each way in which it decides.
-
-    The first training of a point that was chosen is the luckiest of many: where there are others, these count alone.
-    """
-    groups: dict[tuple[tuple[Any, ...], str], list[Candidate]] = {}
+def means(trials: Sequence[Trial], asked: Asked) -> dict[tuple[Key, str], Mean]:
+    """Each point in each way in which it decides."""
+    groups: dict[tuple[Key, str], list[Candidate]] = {}
     for one in candidates(trials):
         groups.setdefault((key_of(one.trial.point), one.how), []).append(one)
-    found = {}
-    for key, every in groups.items():
-        again = [one for one in every if one.trial.member > 1] or every
-        found[key] = Mean(
-            float(np.mean([one.accuracy for one in again])),
-            float(np.mean([one.energy(asked.prices) for one in again])),
-            float(np.mean([one.trial.decided[one.how]["sops_total"] for one in again])),
-            np.mean([one.trial.right[one.how] for one in again], axis=0),
-            tuple(one.trial for one in every),
+    return {
+        key: Mean(
+            float(np.mean([one.accuracy for one in every])),
+            float(np.mean([one.energy(asked.prices) for one in every])),
+            np.concatenate([one.trial.right[one.how] for one in every]),
         )
-    return found
+        for key, every in groups.items()
+    }
+
+
+def judged(trials: Sequence[Trial], asked: Asked) -> dict[tuple[Key, str], Mean]:
+    """The points that may be used, by trainings that did not choose them, with the run; all where none was repeated.
+
+    What a search chose is the luckiest of many on the trials that chose it; others tell what it keeps.
+    """
+    searched, again = (means(part, asked) for part in _parted(trials))
+    found = again if len({key for key, _ in again}) > 1 else searched
+    n = {key: len(one.right) for key, one in found.items()}
+    # early exit that only some trainings use is not compared
+    return {key: one for key, one in found.items() if n[key] == max(n.values()) and key in searched}
+
+
+def keeps(one: Mean, base: Mean, asked: Asked) -> bool:
+    """Whether a point keeps the accuracy: its mean is at most the allowed loss below that of the run."""
+    return bool(is_within(one.accuracy, base.accuracy, asked.loss))

@@ -59,7 +59,9 @@ def start_of(run: Path, seed: int = 0, *, spikes: Path | None = None, recordings
     ranking = () if encoder is None else tuple(ranked(network, whole.sides.train.spikes, encoder))
     bench = Bench(touches, encoder, split, task.window, spec, seeds.of_start(seed, task.split), task, ranking)
     order = torch.Generator().manual_seed(bench.seeds[1])
-    return Start(restored, bench, Fitted(network, *whole, order, Training((), Epoch(0, *(math.nan,) * 4))))
+    return Start(
+        restored, bench, Fitted(network, *whole, order, Training((), Epoch(0, math.nan, math.nan, math.nan, math.nan)))
+    )
 
 
 def _plain(network: Network) -> RSNN:

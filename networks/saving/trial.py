@@ -6,6 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import pandas as pd
 from neurotact_parts.networks.saving.start import Start, start_of
 from neurotact_parts.networks.saving.ways import Point, setting_of, ways_of
@@ -13,9 +14,11 @@ from neurotact_parts.studies.comparison import by_list
 from neurotact_parts.studies.comparison.saving import Fitted, Setting, exit_of, row_of, trained
 
 from neurotact import files
+from neurotact.data.splits import Split
 from neurotact.errors import InputError
 from neurotact.networks.definition import seeds
 from neurotact.networks.exit.rule import FULL_WINDOW
+from neurotact.networks.training import tasks
 
 WHOLE, EARLY = "whole window", "early exit"
 COSTS = ("sops_total", "signal_ms")
@@ -35,7 +38,7 @@ class Source(NamedTuple):
 
 
 class Job(NamedTuple):
-    """A trial to do. member: 1 is the search's; others have weights and an order of windows of their own."""
+    """A trial to do. member: 1 is the search's; others have weights and validation trials of their own."""
 
     id: int
     point: Point
@@ -93,11 +96,34 @@ def tried(job: Job, start: Start) -> Trial:
 
 def fitted_of(job: Job, start: Start) -> tuple[Fitted, bool]:
     """The network of a trial, and whether weights were pruned."""
-    bench = start.bench._replace(seeds=seeds.of_member(start.bench.seeds, job.member))
+    bench = start.bench
+    if job.member > 1:
+        own = seeds.of_member(bench.seeds, job.member)
+        bench = bench._replace(seeds=own, split=other_validation(start, job.member))
     setting = setting_of(job.point, ways_of(start), start)
     if job.member > 1 and setting == Setting():  # the same once more, where that of the run is known
         setting = setting.model_copy(update={"rate_penalty": start.base.network.spec.training.rate_penalty})
     return trained(bench, setting, start.known), setting.is_sparse
+
+
+def other_validation(start: Start, member: int) -> Split:
+    """The split with other validation trials, drawn from those of training; test trials stay aside.
+
+    Each member has its own. The split itself where it is by groups or by conditions, or where a class has too few.
+    """
+    split, task = start.bench.split, start.bench.task
+    if task.split.group or task.split.test_where or task.split.order:
+        return split
+    left, drawn = split.train, split.validation
+    try:
+        for number in range(2, member + 1):
+            share = len(split.validation) / len(left)
+            drawn = tasks.held_out(start.base.trains, left, share, start.bench.seeds[0] + number)
+            left = np.setdiff1d(left, drawn)
+    except InputError:
+        return split
+    train = np.setdiff1d(np.union1d(split.train, split.validation), drawn)
+    return split._replace(train=train, validation=np.sort(drawn))
 
 
 def _rules(start: Start, fitted: Fitted) -> list[tuple[str, Any]]:
@@ -129,10 +155,11 @@ def _about(fitted: Fitted) -> dict[str, Any]:
         "encoder_ms": 1e3 / trains.sampling_rate_Hz,
         "network_ms": spec.own_step_ms or 1e3 / trains.sampling_rate_Hz,
         "hidden": spec.hidden,
+        "direct": spec.direct,
         "recurrent": spec.recurrent,
         "afferents": len(trains.afferents),
         "weights": sum(int(weights.count_nonzero()) for weights in network.weights),
-        "of_weights": sum(weights.numel() for weights in network.weights),
+        "sparsity": spec.training.sparsity,
         "window_ms": 1e3 * fitted.sides.test.spikes.shape[1] / trains.sampling_rate_Hz,
     }
 

@@ -15,7 +15,8 @@ SLOWER_ENCODER, SLOWER_NETWORK = (2, 5, 10), (2, 4)
 FEWEST_STEPS = 10
 """Steps of a window that a slower clock leaves, at least."""
 AFFERENTS = (0.75, 0.5, 0.35)
-SHARES = {"hidden": (0.6, 0.4, 0.2, 0.1), "window": (0.75, 0.5)}
+HIDDEN = (0.6, 0.4, 0.2, 0.1)
+WINDOWS = (0.75, 0.5)
 RATE_PENALTIES = (0.01, 0.03, 0.1)
 PRUNED = (0.5, 0.75, 0.9)
 Point = dict[str, int]
@@ -98,8 +99,13 @@ def _of_network(start: Start) -> Iterator[Way]:
     own_ms = start.base.network.spec.own_step_ms or 1e3 / start.base.trains.sampling_rate_Hz
     slower = (own_ms * factor for factor in SLOWER_NETWORK)
     yield _way("network's clock", "step_ms", *_fitting(slower, start.bench))
-    for key, shares in SHARES.items():
-        yield _way({"hidden": "hidden neurons", "window": "window"}[key], key, *shares)
+    yield _way("window", "window", *WINDOWS)
+    spec, fewer = start.base.network.spec, [{"hidden": share} for share in HIDDEN]
+    if spec.integrates and spec.readout_tau_ms is None:  # what a readout without a hidden layer needs
+        fewer += [] if spec.direct else [{"hidden": HIDDEN[-1], "direct": True}]
+        fewer.append({"hidden": 0.0, "recurrence": False} if spec.recurrent else {"hidden": 0.0})
+    if spec.hidden:
+        yield Way("hidden neurons", ({}, *fewer), 2)
     yield _way("pruning", "sparsity", *PRUNED, middle=2)
     own = start.base.network.spec.training.rate_penalty
     yield _way("rate penalty", "rate_penalty", *(value for value in RATE_PENALTIES if value > own), middle=2)

@@ -72,8 +72,10 @@ class Setting(Spec):
     """Share of the taxels: those with the largest variance of spikes per training window."""
     window: Share = 1.0
     """Share of the window's length, from its start."""
-    hidden: Share = 1.0
-    """Share of the hidden neurons."""
+    hidden: float = Field(default=1.0, ge=0, le=1)
+    """Share of the hidden neurons; 0: no hidden layer."""
+    direct: bool = False
+    """Whether the readout hears the afferents, too, past the hidden layer."""
     recurrence: bool = True
     sparsity: float = Field(default=0.0, ge=0, lt=1)
     """`training.sparsity`: the share of the weights that are pruned little by little in training."""
@@ -222,7 +224,8 @@ def row_of(
     row = measuring.means(inferred, network, test, {})
     spikes = {name: float(getattr(inferred, name).double().mean()) for name in ("input_spikes", "hidden_spikes")}
     if pruned:
-        remaining = pruning.remaining_synops(network, test.spikes)._asdict()
+        decided = None if rule.never else inferred.steps
+        remaining = pruning.remaining_synops(network, test.spikes, decided)._asdict()
         row |= {f"sops_{part}": float(values.mean()) for part, values in remaining.items()}
     touched = measuring.touched(truncated.simulate_windows(network, test), network.steps_per_bin, inferred.steps)
     spent, by_events = (
@@ -280,14 +283,16 @@ def changed(spec: RSNNSpec, setting: Setting, seen: recipe.Seen, whole_steps: in
     spec = recipe.resolve(spec.model_copy(update={"step_ms": whole.step_ms}), seen)
     least_ms = spec.own_step_ms or 1e3 / seen.sampling_rate_Hz
     update: dict[str, Any] = {
-        "hidden": max(min(1, spec.hidden), round(setting.hidden * spec.hidden)),
+        "hidden": max(min(1, spec.hidden) if setting.hidden else 0, round(setting.hidden * spec.hidden)),
         "tau_mem_ms": max(least_ms, setting.time_constants * spec.tau_mem_ms),
         "tau_syn_ms": max(least_ms, setting.time_constants * spec.tau_syn_ms),
-        "model": whole.model if setting.recurrence else "snn",
+        "model": whole.model if setting.recurrence and setting.hidden else "snn",
         "surrogate_scale": whole.surrogate_scale,
     }
     if setting.adaptation:
         update["threshold_adaptation"] = setting.adaptation
+    if setting.direct:
+        update["direct"] = True
     table = {**spec.model_dump(mode="json"), **update}
     training = {"rate_penalty": setting.rate_penalty, "sparsity": setting.sparsity or None}
     table["training"] |= {key: value for key, value in training.items() if value is not None}

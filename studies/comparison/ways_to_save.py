@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from neurotact_parts.studies.comparison import fronts, own_set, sets
+from neurotact_parts.studies.comparison import fronts, own_set, sets, together
 from neurotact_parts.studies.comparison.fronts import NOTHING
 from neurotact_parts.studies.comparison.saving import Bench, Fitted, Setting, measured, n_kept, taxels_of
 from neurotact_parts.studies.comparison.saving_figures import draw_costs, draw_fronts
@@ -31,6 +31,8 @@ class Parameters(Spec):
     data: WaysData
     ways: dict[str, tuple[Setting, ...]]
     """The settings of each way, besides `nothing saved`."""
+    together: bool = False
+    """Try all ways together, too, and these without each of them (`together.py`)."""
     network: RSNNSpec = RSNNSpec(recipe="default", hidden=50)
     seed: int = Field(default=0, ge=0)
     """Random seed of the split, the weights and the order of training."""
@@ -41,6 +43,8 @@ class Parameters(Spec):
     def _leaves_the_name_of_nothing(self) -> "Parameters":
         if NOTHING in self.ways:
             raise ValueError(f"ways: '{NOTHING}' is the network that all ways are compared with; use another name")
+        if taken := [way for way in self.ways if way.startswith(together.TOGETHER)]:
+            raise ValueError(f"ways: '{taken[0]}' begins as what joins all ways; use another name")
         return self
 
 
@@ -80,6 +84,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     shared = {"afferents": computed_at(parameters.data, arrays), "prices": parameters.prices.name, SKIPPED: ""}
     known: dict[str, Fitted] = {}
     rows: list[dict[str, Any]] = []
+    done: list[tuple[str, Setting]] = []
     tried = list(_differing(bench, parameters.ways, step_ms(parameters.data, arrays)))
     for index, (way, setting) in enumerate(tried):
         name, used = named(setting, is_events=bench.encoder is None), setting
@@ -91,6 +96,13 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
         rows.append({"way": way, "setting": name, **measured(bench, used, known, parameters.prices), **shared})
         needed = {Setting().first_training(), *(later.first_training() for _, later in tried[index + 1 :])}
         known = {name: fitted for name, fitted in known.items() if name in needed}  # windows use much memory
+        done.append((way, used))
+    if parameters.together:
+
+        def measure(setting: Setting) -> dict[str, Any]:
+            return {**measured(bench, setting, {**known}, parameters.prices), **shared}
+
+        rows += together.rows_of(done, rows, measure, lambda one: named(one, is_events=bench.encoder is None))
     tested = _tested(bench, known[Setting().first_training()])
     return [{**row, **tested} for row in rows]
 
@@ -160,22 +172,25 @@ def _times_in_words(setting: Setting, *, is_events: bool) -> list[str]:
 
 def answers(results: pd.DataFrame) -> list[str]:
     """Two sentences for each set with results: what it costs to save half of the SOPs, and half of the energy."""
-    return fronts.answers(of_run(results))
+    rows = of_run(results)
+    return [*fronts.answers(together.alone(rows)), *together.answers(rows)]
 
 
 def cautions(results: pd.DataFrame) -> list[str]:
     """What limits the answers of a run, one line each with the remedy."""
-    return fronts.cautions(of_run(results))
+    return fronts.cautions(together.alone(of_run(results)))
 
 
 def tables(results: pd.DataFrame) -> dict[str, tuple[Listed, ...]]:
     """Of each set with results its Pareto front, and what it costs in each way to save half."""
-    return fronts.tables(of_run(results))
+    rows = of_run(results)
+    of_each = {name: tuple(together.listed(part)) for name, part in rows.groupby("set", sort=False)}
+    return {name: (*tables, *of_each[name]) for name, tables in fronts.tables(together.shown(rows)).items()}
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
     """Accuracy over SOPs and over energy, a panel per set and a line per way; for a single set also over time."""
-    shown = of_run(results)
+    shown = together.shown(of_run(results))
     if shown.empty:
         return
     joined = (

@@ -87,6 +87,8 @@ def prune(network: Network, share: float) -> None:
     if not 0 <= share <= 1:
         raise InputError(f"share: is a share of the weights, from 0 to 1; got {share}")
     for name, (shared, *own) in _synapses(network).items():
+        if not shared.numel():  # without a hidden layer
+            continue
         magnitudes = (shared + own[0]).square().mean(dim=0).sqrt() if own else shared.abs()
         n_other = 0
         if name == "w_rec" and isinstance(network, RSNN):
