@@ -3,7 +3,7 @@
 Other rooms take:
 
     automatic: FOLDS, TESTED, WORDS
-    cell: RIGHT_SEEN, SEARCH, task_of
+    cell: RIGHT_SEEN, SEARCH, Searched, task_of
     encoding_tables: TOUCH, periods, read_encoding
     loading: Study, choice_changes, engine_of, resolve
     measures: INTEGERS, Measure, requested
