@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import torch
-from neurotact_parts.studies.comparison import by_list, pruning
+from neurotact_parts.studies.comparison import by_list
 from neurotact_parts.studies.comparison.dead_time import with_dead_time
 from pydantic import Field, model_validator
 
@@ -179,20 +179,15 @@ def measured(
     rule = FULL_WINDOW
     if setting.exit_tolerance is not None:
         rule = trainer.exit_of(fitted.network, fitted.sides.validation, setting.exit_tolerance).used
-    return row_of(fitted, rule, pruned=setting.prune is not None, prices=prices)
+    return row_of(fitted, rule, prices=prices)
 
 
-def row_of(
-    fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, pruned: bool = False, prices: PriceList = ARITHMETIC_45NM
-) -> dict[str, Any]:
-    """Accuracies, SOPs, energy and what is counted of a decision; of a pruned network, of the remaining weights."""
+def row_of(fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, prices: PriceList = ARITHMETIC_45NM) -> dict[str, Any]:
+    """Accuracies, SOPs, energy and what is counted of a decision."""
     network, (train, validation, test) = fitted.network, fitted.sides
     inferred = network.infer(test.spikes, rule)
     row = measuring.means(inferred, network, test, {})
     spikes = {name: float(getattr(inferred, name).double().mean()) for name in ("input_spikes", "hidden_spikes")}
-    if pruned:
-        remaining = pruning.remaining_synops(network, test.spikes)._asdict()
-        row |= {f"sops_{part}": float(values.mean()) for part, values in remaining.items()}
     touched = measuring.touched(truncated.simulate_windows(network, test), network.steps_per_bin, inferred.steps)
     spent, by_events = (
         _cost(fitted, {**row, **spikes, **touched}, inferred.steps, event_driven=event_driven)

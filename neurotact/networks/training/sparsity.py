@@ -7,6 +7,7 @@ train on. A weight that is 0 stays 0: zeros are the mask, which a checkpoint the
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from typing import Any, NamedTuple
 
 import torch
@@ -66,18 +67,14 @@ class Ramp(NamedTuple):
             prune(network, share)
 
 
-def is_final(epoch: int, spec: TrainingSpec) -> bool:
-    """Whether a network has its final share of zeros after this epoch."""
-    return epoch >= Ramp.of(spec).end
-
-
 @torch.no_grad()
 def prune(network: Network, share: float) -> None:
     """Set a share of each weight matrix to 0, the smallest magnitudes first (Han et al. 2015, NeurIPS).
 
-    Among equal magnitudes, lower indices go first; biases are not pruned, and below a share of 1 a weight stays. A
-    synapse with a weight in each of `readout_stretches` has the magnitude of their root mean square. Of recurrent
-    weights the share is of those within `recurrent_blocks`. Raises InputError for a share outside 0 to 1.
+    Among equal magnitudes, lower indices go first; biases stay, and below a share of 1 a weight does. Of a synapse with
+    a weight in each of `readout_stretches` the root mean square counts; of recurrent weights the share is of those
+    within `recurrent_blocks`. The spec's `sparsity` is then at least the share, so that only what is left is counted.
+    Raises InputError for a share outside 0 to 1.
 
     >>> net = RSNN(2, 2, hidden=4, sampling_rate_Hz=1000.0, generator=torch.Generator().manual_seed(0))
     >>> prune(net, 0.75)
@@ -97,33 +94,40 @@ def prune(network: Network, share: float) -> None:
         pruned = magnitudes.flatten().argsort(stable=True)[: n_other + min(round(share * n), n - (share < 1))]
         for weights in (shared, *own):
             weights.view(-1, shared.numel())[:, pruned] = 0.0
+    if share > network.spec.training.sparsity:
+        _declare(network, share)
 
 
 @contextmanager
 def pruned_stay_pruned(network: Network) -> Iterator[None]:
-    """In this context, weights that are 0 have no gradient: an optimiser that starts here leaves them at 0."""
-    handles: list[Any] = []
-    for weights in _named(network).values():
+    """In this context the zeros of a pruned network have no gradient, and a training, which leaves them at 0, may keep
+    any epoch.
+    """
+    handles, share = list[Any](), network.spec.training.sparsity
+    for weights in chain(*_synapses(network).values()) if share else ():
         remains = weights.detach() != 0
         handles.append(weights.register_hook(lambda gradient, remains=remains: gradient * remains))
+    _declare(network, 0.0)
     try:
         yield
     finally:
+        _declare(network, share)
         for handle in handles:
             handle.remove()
 
 
-def _named(network: Network) -> dict[str, nn.Parameter]:
-    """The matrices of weights by name, also where they are parametrised."""
-    named = ((name.removeprefix("parametrizations."), p) for name, p in network.named_parameters())
-    return {name.removesuffix(".original"): p for name, p in named if p.ndim > 1}
+def _declare(network: Network, share: float) -> None:
+    training = network.spec.training.model_copy(update={"sparsity": share})
+    network.spec = network.spec.model_copy(update={"training": training})
 
 
 def _synapses(network: Network) -> dict[str, list[nn.Parameter]]:
-    """The matrices of weights by the name of the first; those of the same synapses together."""
-    named = _named(network)
-    same = {first: [named.pop(second)] for first, second in SHARED.items() if second in named}
-    return {name: [weights, *same.get(name, [])] for name, weights in named.items()}
+    """The matrices of weights by name, also where they are parametrised; those of the same synapses together."""
+    named = ((name.removeprefix("parametrizations."), p) for name, p in network.named_parameters())
+    found = {name.removesuffix(".original"): [p] for name, p in named if p.ndim > 1}
+    for shared in SHARED.keys() & found.keys():
+        found[shared] += found.pop(SHARED[shared], [])
+    return found
 
 
 def _absent(weights: Sequence[Tensor]) -> Tensor:

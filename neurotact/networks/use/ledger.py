@@ -7,6 +7,7 @@ import json
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import pandas as pd
@@ -15,7 +16,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.encoders.cost import NOT_COUNTED, encoding_cost, is_countable, no_cost
 from neurotact.encoders.specs import taxels_of
 from neurotact.errors import InputError
-from neurotact.metrics.flops import Cost, Integrator, NotCounted, SpikingLayer, cost, ledger_table
+from neurotact.metrics.flops import SYNAPSES, Cost, Integrator, NotCounted, SpikingLayer, cost, ledger_table
 from neurotact.metrics.prices import ACCESSES, ARITHMETIC_45NM, PriceList
 from neurotact.networks.definition import module, recipe
 from neurotact.networks.definition.specs import RSNNSpec
@@ -91,7 +92,7 @@ def network_cost(
 
     spec: of the network: its hidden neurons, recurrence and readout count.
     measured: mean SOPs of the projections, with the names of `SOPS`; and of `TOUCHED`, where it is event-driven; and
-        of `SPIKES`, where SOPs do not tell them, since weights were pruned.
+        of `SPIKES` and `SYNAPSES`, where SOPs do not tell them, since weights were pruned.
     steps, signal_ms: of a decision, a mean under early exit; steps are of the encoder's clock, of which a network with
         a `step_ms` computes one in several.
     event_driven: neurons are updated when a spike comes, in place of on every step; NaN where the steps with a spike
@@ -111,6 +112,7 @@ def network_cost(
     touched = [measured.get(name) for name in TOUCHED] if event_driven else [None, None]
     if event_driven and any(map(pd.isna, touched)):
         return NotCounted(signal_ms=signal_ms)
+    into, among, out = (_known(measured.get(name)) for name in SYNAPSES)
     arrived = measured.get(SPIKES[0], measured["sops_input"] / spec.hidden)
     sent = measured.get(SPIKES[1], measured["sops_readout"] / n_classes)
     into_hidden, into_readout = measured["sops_input"] + measured["sops_recurrent"], measured["sops_readout"]
@@ -118,22 +120,28 @@ def network_cost(
     readout = (
         Integrator(
             spec.hidden, n_classes, sops=into_readout, leaky_steps=leaky_steps, peak=spec.readout == "max",
-            stretches=spec.readout_stretches, spikes=sent, touched=touched[1],
+            stretches=spec.readout_stretches, spikes=sent, touched=touched[1], synapses=out,
         )
         if spec.integrates
         else SpikingLayer(
-            spec.hidden, n_classes, steps=steps, sops=into_readout, recurrent=False, spikes=sent, touched=touched[1]
+            spec.hidden, n_classes, steps=steps, sops=into_readout, recurrent=False, spikes=sent, touched=touched[1],
+            synapses=(out, None),
         )
     )  # fmt: skip
     return cost(
         SpikingLayer(
             n_afferents, spec.hidden, steps=steps, sops=into_hidden, recurrent=spec.fan_among,
             adapts=spec.threshold_adaptation > 0, spikes=arrived, sent=sent,
-            touched=touched[0],
+            touched=touched[0], synapses=(into, among),
         ),
         readout,
         signal_ms=signal_ms,
     )  # fmt: skip
+
+
+def _known(value: Any) -> float | None:
+    """A number that was measured, or None: in a table with rows that have it, other rows hold NaN."""
+    return None if pd.isna(value) else value
 
 
 def is_counted(spec: RSNNSpec) -> bool:
@@ -175,14 +183,15 @@ def decision_ledger(
     encoder: Mapping[str, Any] | None,
     recorded_Hz: float | None = None,
     prices: PriceList = ARITHMETIC_45NM,
+    synapses: Mapping[str, int] = MappingProxyType({}),
 ) -> pd.DataFrame:
     """The ledger of one trained network: encoder, network and both, from the `all` row of a SOP summary.
 
     summary: of `metrics.synops.summary`. spec: as for `network_cost`; encoder, recorded_Hz: as for `encoding_cost`;
     where the encoder is None, the network alone counts; so it does, with a warning, where a rate is missing. NaN, with
-    a warning, where the encoder declares no cost.
+    a warning, where the encoder declares no cost. synapses: `Network.synapses`.
     """
-    measured = summary.iloc[-1]
+    measured = {**summary.iloc[-1], **synapses}
     steps = float(measured["steps"])
     signal_ms = 1e3 * steps / rate_Hz
     spent = []
@@ -198,7 +207,8 @@ def decision_ledger(
         return ledger_table([("network", one) for one in spent], prices)
     if why := no_cost(made_by.encoder):
         warnings.warn(why, stacklevel=3)
-    n_spikes = measured["sops_input"] / spec.hidden if spec.own is None else measured["input_spikes"]
+    is_told = spec.own is None and not synapses  # by SOPs
+    n_spikes = measured["sops_input"] / spec.hidden if is_told else measured["input_spikes"]
     encoding = made_by.cost(steps, n_spikes)
     whole = [("network", one) for one in spent] + [("both", encoding + one) for one in spent]
     return ledger_table([("encoder", encoding), *whole], prices)
@@ -246,7 +256,7 @@ def study_ledger(
     results = results.assign(**{AMONG: results["sops_recurrent"] > 0})
     alike = [KIND, AMONG, *(name for name in (STEPS_PER_BIN, STRETCHES, BLOCKS, OWN_KEYS) if name in results)]
     measures = [*(MEASURED if OWN_KEYS in results else SOPS), "window_steps"]
-    measures += [name for name in ("input_spikes", *TOUCHED) if name in results]
+    measures += [name for name in (*SPIKES, *SYNAPSES, *TOUCHED) if name in results]
     means = means_over(results, [*by, *alike], measures, "seeds")
     for _, parts in means.groupby(by, sort=False, dropna=False):
         first, spent = parts.iloc[0], []
@@ -305,6 +315,8 @@ def row_cost(
     before = "exit_" if early else ""
     measured = {name: row[f"{before}{name}"] for name in (SOPS if spec.own is None else MEASURED)}
     measured |= {name: row.get(f"{before}{name}") for name in TOUCHED}
+    if _known(row.get(SYNAPSES[0])) is not None:
+        measured |= {name: row[name] for name in SYNAPSES} | {name: row[f"{before}{name}"] for name in SPIKES}
     how = {"steps": steps, "signal_ms": signal_ms, "event_driven": event_driven}
     network = network_cost(own, afferents.n, n_classes, measured, **how)
     if not encoding:

@@ -1,7 +1,7 @@
 """Results of a trained network on its test windows, also under each condition: accuracy, SOPs, early exit."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -58,6 +58,7 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
         **{f"exit_{name}": value for name, value in touched(windows, network.steps_per_bin, early.steps).items()},
         **_oracle(network, windows),
         **({} if network.spec.own is None else _of_own(network.spec.own_keys, full, early)),
+        **(network.synapses and {**network.synapses, **_spikes("", full), **_spikes("exit_", early)}),
         "window_steps": test.spikes.shape[1],
         "steps_per_bin": network.steps_per_bin,
         "readout_stretches": network.spec.readout_stretches,
@@ -74,8 +75,13 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
 
 def _of_own(keys: str, full: Inference, early: Inference) -> dict[str, Any]:
     """Of a network with keys of its own: these, and the mean spikes into it, since its layers are its own matter."""
-    pairs = (("input_spikes", full), ("exit_input_spikes", early))
-    return {OWN_KEYS: keys, **{name: float(one.input_spikes.double().mean()) for name, one in pairs}}
+    of_input = SPIKES[:1]
+    return {OWN_KEYS: keys, **_spikes("", full, of_input), **_spikes("exit_", early, of_input)}
+
+
+def _spikes(before: str, decided: Inference, names: Sequence[str] = SPIKES) -> dict[str, float]:
+    """Means of spikes of decisions, as columns."""
+    return {f"{before}{name}": float(getattr(decided, name).double().mean()) for name in names}
 
 
 def exit_accuracy(trained: Trained, validation: Examples) -> float:
