@@ -220,3 +220,14 @@ def test_a_dense_training_prunes_nothing(monkeypatch):
 def test_a_network_without_weights_is_refused(share):
     with pytest.raises(ValueError, match="sparsity"):
         TrainingSpec(sparsity=share)
+
+
+@given(st.sampled_from([0.0, 0.5]), st.integers(1, 30), st.sampled_from(["cosine", "constant"]))
+def test_a_rate_that_falls_does_so_once_pruning_has_ended(share, n_epochs, schedule):
+    spec = TrainingSpec(epochs=n_epochs, sparsity=share, schedule=schedule)
+    end = Ramp.of(spec).end
+    left = [epochs._rate_left(spec, float(epoch)) for epoch in range(n_epochs + 1)]
+    assert left[: end + 1] == [1.0] * (end + 1)
+    if schedule == "cosine" and end < n_epochs:
+        assert left[-1] == pytest.approx(0)
+        assert sorted(left, reverse=True) == left

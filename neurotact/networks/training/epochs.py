@@ -282,7 +282,10 @@ def _rate_left(spec: TrainingSpec, epochs: float) -> float:
     >>> _rate_left(TrainingSpec(epochs=10), 5.0), round(_rate_left(TrainingSpec(epochs=10, schedule="cosine"), 5.0), 9)
     (1.0, 0.5)
     """
-    return 0.5 * (1 + math.cos(math.pi * epochs / spec.epochs)) if spec.schedule == "cosine" else 1.0
+    if spec.schedule != "cosine":
+        return 1.0
+    begin = sparsity.Ramp.of(spec).end  # what is left learns while weights go; of a dense network 0
+    return 0.5 * (1 + math.cos(math.pi * max(0.0, epochs - begin) / max(1, spec.epochs - begin)))
 
 
 def _groups(network: Network) -> list[dict[str, Any]]:
