@@ -86,7 +86,8 @@ class TrainingSpec(Spec):
     """The optimiser's rate of each weight matrix in units of the standard deviation of its initial weights. It replaces
     `learning_rate`, which then applies only to biases and learned dynamics."""
     schedule: Literal["constant", "cosine"] = "constant"
-    """cosine: the rates fall to 0 over all epochs, step by step, along half a cosine."""
+    """cosine: the rates fall to 0 over all epochs, step by step, along half a cosine; with `sparsity` over those after
+    pruning has ended."""
 
     keep: Keep = "loss"
     """The epoch whose weights are used, and from which patience counts: the one of the lowest validation loss
