@@ -148,14 +148,14 @@ class Layered(nn.Module):
     def counted(self, spikes: Tensor) -> Counted:
         """Scores, the spikes of all hidden neurons, and each spike as an operation at every neuron that it reaches."""
         sent = self._sent(spikes)
-        first, *others = self.layers
-        sops = {"input": _operations(spikes, first.w), "readout": _operations(sent[-1], self.readout.w)}
-        sops["between"] = sum(
-            (_operations(*pair) for pair in zip(sent, (layer.w for layer in others), strict=False)),
-            start=torch.zeros_like(sops["input"]),
-        )
-        if self.keys.recurrent:
-            sops["recurrent"] = sum(_operations(one, layer.v) for one, layer in zip(sent, self.layers, strict=True))
+        layers = [layer for layer in self.layers if isinstance(layer, _Layer)]
+        sops = {"input": _operations(spikes, layers[0].w), "readout": _operations(sent[-1], self.readout.w)}
+        sops["between"] = torch.zeros_like(sops["input"])
+        for one, layer, following in zip(sent, layers, (*layers[1:], None), strict=True):
+            if following is not None:
+                sops["between"] += _operations(one, following.w)
+            if layer.v is not None:
+                sops["recurrent"] = sops.get("recurrent", 0) + _operations(one, layer.v)
         return Counted(self._scores(sent[-1]), torch.cat(sent, dim=2), sops)
 
     def cost(self, measured: Mapping[str, float], steps: float, signal_ms: float) -> Cost:

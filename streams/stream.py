@@ -379,7 +379,7 @@ class Stream:
         if not decided:
             return []
         self._state.tally.decisions += len(decided)
-        return [self._decision(*row) for row in decided]
+        return [self._decision(*row[:7], bool(row[7]), *row[8:]) for row in decided]
 
     def _decision(
         self, window: int, start: int, steps: int, index: int, inputs: int, hidden: int, held: int, is_heard: bool,
