@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples, thinned
 from made_chains import ADAPTING, make_chain, make_signal, offline, told
-from neurotact.deploy.chain import Chain
-from neurotact.deploy.stream import Stream
 from neurotact_parts.exporters.c import c_export, proof
 from neurotact_parts.exporters.c.matrices import matrices_of
 from neurotact_parts.exporters.live import scores
+from neurotact_parts.streams.chain import Chain
+from neurotact_parts.streams.stream import Stream
 
 from neurotact.backend import native
 from neurotact.errors import InputError
