@@ -106,6 +106,8 @@ class RSNN(Network):
         if spec.model not in get_args(Model):
             what = "'auto' is decided in training" if spec.model == "auto" else f"RSNN is no '{spec.model}'"
             raise InputError(f"model: {what}; give 'rsnn' or 'snn', or train with `nt.train`")
+        if spec.direct == "auto":
+            raise InputError("direct: 'auto' is decided in training; give true or false, or train with `nt.train`")
         effects.check_keys(leaves(keys), [void_keys(spec)], "RSNN")
         one_of("returns", returns, get_args(Returns))
         if returns == "spikes" and spec.integrates:
