@@ -255,12 +255,11 @@ def fitted_stretches(bins: int) -> int:
 
 
 def without_layer(network: RSNN, n_steps: int) -> RSNNSpec:
-    """The network without a hidden layer for windows of so many steps of the encoder, on the clock of another network."""
+    """The network without a hidden layer for windows of so many steps of the encoder, on the clock of another one."""
     per_bin = network.steps_per_bin
     stretches = fitted_stretches(bins := math.ceil(n_steps / per_bin))
-    return network.spec.without_layer(
-        stretches, _exact(math.ceil(bins / stretches) * per_bin, network.sampling_rate_Hz)
-    )
+    stretch_ms = _exact(math.ceil(bins / stretches) * per_bin, network.sampling_rate_Hz)
+    return network.spec.without_layer(stretches, stretch_ms)
 
 
 def _choose_length(chosen: _Chosen, seen: Seen) -> None:
