@@ -62,6 +62,15 @@ def _stretches_of(spec: RSNNSpec, clock_Hz: float) -> Stretches | None:
     )
 
 
+def _check_decided(spec: RSNNSpec) -> None:
+    """InputError for a spec of another network, or of one that training decides on."""
+    if spec.model not in get_args(Model):
+        what = "'auto' is decided in training" if spec.model == "auto" else f"RSNN is no '{spec.model}'"
+        raise InputError(f"model: {what}; give 'rsnn' or 'snn', or train with `nt.train`")
+    if spec.direct == "auto":
+        raise InputError("direct: 'auto' is decided in training; give true or false, or train with `nt.train`")
+
+
 class RSNN(Network):
     """`n_inputs` afferents, `spec.hidden` hidden neurons, `n_classes` readout neurons.
 
@@ -115,9 +124,7 @@ class RSNN(Network):
             at_least(name, number, 1, whole=True)
         table = {} if spec is None else spec.model_dump(mode="json")
         self.spec = spec = build(RSNNSpec, override(table, keys), source="RSNN") if keys or spec is None else spec
-        if spec.model not in get_args(Model):
-            what = "'auto' is decided in training" if spec.model == "auto" else f"RSNN is no '{spec.model}'"
-            raise InputError(f"model: {what}; give 'rsnn' or 'snn', or train with `nt.train`")
+        _check_decided(spec)
         effects.check_keys(leaves(keys), [void_keys(spec)], "RSNN")
         one_of("returns", returns, get_args(Returns))
         if returns == "spikes" and spec.integrates:

@@ -63,11 +63,14 @@ class Training:
     network that is kept; if several were joined, of the joined network.
     recurrence_gain: with `model = "auto"`, the validation accuracy with recurrence minus that without; None if it was
         not tried.
+    layer_gain: with `direct = "auto"`, the validation accuracy with a hidden layer minus that without; None if it was
+        not tried.
     """
 
     epochs: tuple[Epoch, ...]
     best: Epoch
     recurrence_gain: float | None = None
+    layer_gain: float | None = None
 
     @property
     def n_members(self) -> int:

@@ -66,6 +66,7 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
         "epochs": len(trained.training.epochs),
         **({} if (n := trained.training.n_members) == 1 else {"members": n}),
         **({} if (gain := trained.training.recurrence_gain) is None else {"recurrence_gain": gain}),
+        **({} if (gain := trained.training.layer_gain) is None else {"layer_gain": gain}),
         **({} if (blocks := network.spec.recurrent_blocks) == 1 else {"recurrent_blocks": blocks}),
         **({"direct": 1} if network.spec.direct and network.spec.hidden else {}),
     }
