@@ -477,6 +477,24 @@ WAYS = {
             {"--spikes": MOVED},
         )
     ],
+    "save": [
+        Way(
+            "save in/run -o t --trials 4",
+            {
+                "-o": "-o other",
+                "--trials": "--trials 2",
+                "--at-most-points": "--at-most-points 60",
+                "--prices": "--prices arithmetic-45nm",
+                "--seed": "--seed 4",
+                "--json": "--json",
+            },
+            tested={
+                "--workers": "tests/networks/test_saving.py",
+                "--recordings": "tests/networks/test_saving.py",
+                "--spikes": MOVED,
+            },
+        )
+    ],
     "stream": [
         Way(
             "stream in/run --from in/touch.h5",

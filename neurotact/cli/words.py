@@ -32,6 +32,7 @@ COMMANDS = {
     "export_nir": "export --to nir",
     "to_nir": "export --to nir",
     "check_chip": "export",
+    "save_energy": "save",
 }
 """Commands that are not called as their function; that of `read_x` is `import x`."""
 

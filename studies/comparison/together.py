@@ -107,7 +107,7 @@ def answers(results: pd.DataFrame) -> list[str]:
     for name, rows in results.groupby("set", sort=False):
         base, mine = rows[rows["way"] == NOTHING], rows[rows["way"] == TOGETHER]
         if len(mine) and len(base):
-            said = f"all ways together {_words(mine, base)}; the network that saves nothing has all of both."
+            said = f"all ways together {_words(mine, base)}."
             found.append(f"{name}: {said}" if several else f"{said[0].upper()}{said[1:]}")
     return found
 
