@@ -98,7 +98,9 @@ def _xylo(chain: Asked) -> Iterator[Finding]:
     for name, tau_ms in (("current", spec.tau_syn_ms), ("membrane", spec.tau_mem_ms)):
         yield _shift(name, tau_ms, network.clock_Hz)
     yield from _weights(network, 8)
+    there = network.synapses  # of a pruned network
     fan_out = spec.fan_among + network.n_classes
+    fan_out = math.ceil(sum([*there.values()][1:]) / spec.hidden) if there else fan_out
     yield _at_most("fan-out of a hidden neuron, on average", fan_out, 32, "prune the recurrent weights")
     yield _front_end("on a microcontroller next to the chip: the first half of the C export")
     yield _exit(chain.rule, "the microcontroller that reads the output spikes counts them and resets the chip")

@@ -199,11 +199,12 @@ struct StreamPlan {
     ExitRule rule;
     Net<float> net;
     StreamTrace* trace = nullptr;        // null: nothing is written down
+    const float* fans = nullptr;         // synapses of each afferent, then of each hidden neuron; null: all exist
 };
 
 // What was decided of a window; see streams/stream.py, Decision.
 struct Decided {
-    int64_t window, start, steps, label, input_spikes, hidden_spikes, held, heard;
+    int64_t window, start, steps, label, input_spikes, hidden_spikes, held, heard, sops;  // sops: where `fans` are given
 };
 
 // Called with each part of a stream's state, in the order of its type (streams/native.py).

@@ -235,7 +235,8 @@ constexpr float kLargest = 1e20f;  // of a sample (streams/chain.py)
 class Stream {
 public:
     Stream(const StreamPlan& from, const std::vector<float>& gains, const std::vector<int32_t>& numbers, const Shape& shape,
-           const Parameters& of, Address bias, Address offset, Address scale, int64_t most_samples, int64_t most_decisions)
+           const Parameters& of, Address bias, Address offset, Address scale, Address fans, int64_t most_samples,
+           int64_t most_decisions)
         : plan(from), most(most_samples), decided(most_decisions), last(from.taxels), of_afferents(numbers) {
         const Sizes& n = shape.sizes;
         const int64_t n_heard = n.hidden + shape.integration.direct * n.inputs;
@@ -246,6 +247,7 @@ public:
         for (int i = 0; i < 6; i++) to[i] = kept(from_where[i], sizes[i]);
         plan.offset = kept(offset, offset ? plan.taxels : 0);
         plan.scale = kept(scale, scale ? plan.taxels : 0);
+        plan.fans = kept(fans, fans ? n.inputs + n.hidden : 0);
         plan.gains = kept(Address(gains.data()), gains.size());
         plan.numbers = of_afferents.empty() ? nullptr : of_afferents.data();
         if (bias) biases.assign(at<const double>(bias), at<const double>(bias) + n.classes);
@@ -267,8 +269,12 @@ public:
         nb::list found;
         for (int64_t i = 0; i < n_decided; i++) {
             const Decided& d = decided[i];
-            found.append(nb::make_tuple(d.window, d.start, d.steps, d.label, d.input_spikes, d.hidden_spikes, d.held,
-                                        d.heard != 0));
+            if (plan.fans)
+                found.append(nb::make_tuple(d.window, d.start, d.steps, d.label, d.input_spikes, d.hidden_spikes, d.held,
+                                            d.heard != 0, d.sops));
+            else
+                found.append(nb::make_tuple(d.window, d.start, d.steps, d.label, d.input_spikes, d.hidden_spikes, d.held,
+                                            d.heard != 0));
         }
         return found;
     }
@@ -374,7 +380,7 @@ void add_stream(nb::module_& m) {
                 const std::vector<int32_t>& numbers, double decay, double v_rest, double v_reset, double v_threshold, int sa_silent,
                 int ra_silent, int64_t length, int64_t start, int64_t hop, int64_t quiet, int64_t bin, int at_once,
                 int64_t patience, bool from_first_spike, double margin, NT_PARAMETERS, Address bias, int64_t most_samples,
-                int64_t most_decisions) {
+                int64_t most_decisions, Address fans) {
                  const int n_slow = int(sa_gains.size()), n_rapid = int(ra_gains.size());
                  const int64_t places = int64_t(n_slow + n_rapid) * taxels, none = std::count(numbers.begin(), numbers.end(), -1);
                  bool fits = shape.sizes.inputs == places - none && (numbers.empty() || places == (int64_t)numbers.size());
@@ -390,13 +396,14 @@ void add_stream(nb::module_& m) {
                                        nullptr, n_slow, n_rapid, nullptr, length, start, hop, quiet, bin, at_once,
                                        {patience, from_first_spike, margin}, {}};
                  new (self) Stream(plan, gains, numbers, shape, {w_in, w_rec, w_out, alpha, beta, threshold}, bias, offset, scale,
-                                   most_samples, most_decisions);
+                                   fans, most_samples, most_decisions);
              },
              "shape"_a, nb::kw_only(), "taxels"_a, "factor"_a, "smooth"_a, "smooth_new"_a, "smooth_kept"_a, "resampled"_a,
              "samples_per_step"_a, "baseline"_a, "start_steps"_a, "base_new"_a, "base_kept"_a, "offset"_a, "scale"_a,
              "rectify"_a, "sa_gains"_a, "ra_gains"_a, "numbers"_a = std::vector<int32_t>{}, "decay"_a, "v_rest"_a, "v_reset"_a, "v_threshold"_a, "sa_silent"_a,
              "ra_silent"_a, "length"_a, "start"_a, "hop"_a, "quiet"_a, "bin"_a, "at_once"_a, "patience"_a,
-             "from_first_spike"_a, "margin"_a, NT_PARAMETERS_NAMES, "bias"_a, "most_samples"_a, "most_decisions"_a)
+             "from_first_spike"_a, "margin"_a, NT_PARAMETERS_NAMES, "bias"_a, "most_samples"_a, "most_decisions"_a,
+             "fans"_a = Address(0))
         .def("push",
              [](Stream& self, const Samples& samples, bool held) {
                  if ((int64_t)samples.shape(1) != self.taxels()) throw std::invalid_argument("samples: another width");

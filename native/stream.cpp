@@ -21,7 +21,7 @@ struct Window {
     uint64_t* waiting;  // input spikes since the network's last step, as bits
     typename Readout::Value* counts;
     Leader<typename Readout::Value> leader;
-    int64_t numbers[6];  // window, start, steps, input spikes, hidden spikes, steps on repeated samples
+    int64_t numbers[7];  // window, start, steps, input spikes, hidden spikes, steps on repeated samples, operations
 
     Window(const Net<T>& of, const ForwardTables<T>& tables, Carver& carver)
         : net(of, tables, carver), waiting(carver.take<uint64_t>(words(of.sizes.inputs))),
@@ -215,7 +215,7 @@ struct Streaming {
             window.numbers[4] += n_sent;
             if (is_over || (is_due && window.leader.exits(plan.rule))) {
                 const int64_t* n = window.numbers;
-                to[n_decided++] = {n[0], n[1], n[2], window.leader.index, n[3], n[4], n[5], window.leader.heard};
+                to[n_decided++] = {n[0], n[1], n[2], window.leader.index, n[3], n[4], n[5], window.leader.heard, n[6]};
             } else {
                 std::swap(order[left++], order[i]);
             }
@@ -230,8 +230,18 @@ struct Streaming {
         const int n_rows = list_rows(window.waiting, n_words, 0, window.net.rows, 0);
         std::memset(window.waiting, 0, n_words * sizeof(uint64_t));
         const int64_t now = (window.numbers[2] + plan.bin - 1) / plan.bin - 1;
-        return plan.net.adaptation.on ? window.net.template step<true>(plan.net, tables, n_rows, now, window.leader)
-                                      : window.net.template step<false>(plan.net, tables, n_rows, now, window.leader);
+        if (plan.fans) window.numbers[6] += operations(plan.fans, window.net.rows, n_rows);
+        const int n_sent = plan.net.adaptation.on
+                               ? window.net.template step<true>(plan.net, tables, n_rows, now, window.leader)
+                               : window.net.template step<false>(plan.net, tables, n_rows, now, window.leader);
+        if (plan.fans) window.numbers[6] += operations(plan.fans + plan.net.sizes.inputs, window.net.rows, n_sent);
+        return n_sent;
+    }
+    // One at each synapse of the neurons that spike.
+    static NT_INLINE int64_t operations(const float* fans, const uint32_t* rows, int n) {
+        int64_t total = 0;
+        for (int e = 0; e < n; e++) total += (int64_t)fans[rows[e]];
+        return total;
     }
 
     // A step's afferents, and room for what the oldest window makes of them.
@@ -296,7 +306,7 @@ struct Streaming {
         for (int64_t i = 0; i < at.under_way; i++) {
             Window<Readout>& window = *windows[order[i]];
             const Sizes& n = plan.net.sizes;
-            part(window.numbers, sizeof window.numbers);
+            part(window.numbers, (plan.fans ? 7 : 6) * sizeof(int64_t));
             part(window.waiting, words(n.inputs) * sizeof(uint64_t));
             part(window.net.current, n.hidden * sizeof(T));
             part(window.net.membrane, n.hidden * sizeof(T));

@@ -148,13 +148,14 @@ class Layered(nn.Module):
     def counted(self, spikes: Tensor) -> Counted:
         """Scores, the spikes of all hidden neurons, and each spike as an operation at every neuron that it reaches."""
         sent = self._sent(spikes)
-        totals = [one.detach().sum(dim=2).double() for one in (spikes, *sent)]
-        widths, n_classes = self.keys.hidden, self.sizes.n_classes
-        sops = {"input": widths[0] * totals[0], "readout": n_classes * totals[-1]}
-        for width, total, next_width in zip(widths, totals[1:], (*widths[1:], 0), strict=True):
-            sops["between"] = sops.get("between", 0) + next_width * total
-            if self.keys.recurrent:
-                sops["recurrent"] = sops.get("recurrent", 0) + width * total
+        layers = [layer for layer in self.layers if isinstance(layer, _Layer)]
+        sops = {"input": _operations(spikes, layers[0].w), "readout": _operations(sent[-1], self.readout.w)}
+        sops["between"] = torch.zeros_like(sops["input"])
+        for one, layer, following in zip(sent, layers, (*layers[1:], None), strict=True):
+            if following is not None:
+                sops["between"] += _operations(one, following.w)
+            if layer.v is not None:
+                sops["recurrent"] = sops.get("recurrent", 0) + _operations(one, layer.v)
         return Counted(self._scores(sent[-1]), torch.cat(sent, dim=2), sops)
 
     def cost(self, measured: Mapping[str, float], steps: float, signal_ms: float) -> Cost:
@@ -213,6 +214,11 @@ class Layered(nn.Module):
 
     def _scores(self, sent: Tensor) -> Tensor:
         return self.readout(sent) if self.level is None else sent.double() @ self.readout.w.double()
+
+
+def _operations(spikes: Tensor, weights: Tensor) -> Tensor:
+    """Operations of spikes in each step, `(batch, time)` float64: one for each of their weights that are not 0."""
+    return spikes.detach().double() @ (weights.detach() != 0).sum(dim=1).double()
 
 
 LAYERED = NetworkPart(

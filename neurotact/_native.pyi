@@ -3,7 +3,7 @@
 from numpy import ndarray
 from torch import Tensor
 
-Decided = tuple[int, int, int, int, int, int, int, bool]
+Decided = tuple[int, int, int, int, int, int, int, bool] | tuple[int, int, int, int, int, int, int, bool, int]
 
 class Shape:
     """Sizes, neuron and layout of a network, made once and used for every call."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from neurotact_parts.streams.chain import Chain
-from neurotact_parts.streams.running import Running
+from neurotact_parts.streams.running import Running, fans_of
 from neurotact_parts.streams.windows import Opening
 
 from neurotact.backend import native
@@ -19,9 +19,10 @@ from neurotact.neurons import CubaLIFState, LIFState, lif_start
 
 BASELINES = {"none": 0, "start": 2, "high-pass": 4}
 """By the numbers of the compiled stream."""
-Decided = tuple[int, int, int, int, int, int, int, bool]
-"""A decided window: its number, start, steps, label, input spikes, hidden spikes, held, heard."""
-NUMBERS = ("window", "start", "steps", "input_spikes", "hidden_spikes", "held")
+Decided = tuple[int, int, int, int, int, int, int, bool] | tuple[int, int, int, int, int, int, int, bool, int]
+"""A decided window: its number, start, steps, label, input spikes, hidden spikes, held, heard; and the operations of a
+pruned network, as in `NUMBERS`."""
+NUMBERS = ("window", "start", "steps", "input_spikes", "hidden_spikes", "held", "sops")
 STANDING = ("index", "standing", "standing_since_spike")
 LANES = 8
 """Number of taxels that are computed together; arrays are padded to a multiple of it."""
@@ -49,8 +50,9 @@ class Layout(NamedTuple):
         layer = [("current", "f4", n), ("membrane", "f4", n), ("spikes", *_words(n)), ("spikes_before", *_words(n))]
         layer += [("adaptation", "f4", n)] if network.adaptation is not None else []
         readout = [("current", "f4", n_classes), ("membrane", "f4", n_classes), ("spikes", *_words(n_classes))]
+        numbers = NUMBERS if network.synapses else NUMBERS[:-1]
         window = [
-            *((name, "i8") for name in NUMBERS), ("waiting", *_words(network.n_inputs)), ("hidden", np.dtype(layer)),
+            *((name, "i8") for name in numbers), ("waiting", *_words(network.n_inputs)), ("hidden", np.dtype(layer)),
             *([("readout", np.dtype(readout))] if spiking else []),
             *([("leaky", "f8", n_classes)] if network.leaks else []),
             ("counts", "i8" if spiking else "f8", n_classes),
@@ -111,6 +113,7 @@ class CompiledStream:
         is_standard = spec.offset is not None or spec.scale is not None
         bias = None if network.bias is None else network.bias.detach().double().numpy()
         readout_weights = network.readout_weights.detach()  # the stream copies what lies at the addresses
+        fans = None if (counted := fans_of(network)) is None else np.concatenate(counted).astype(np.float32)
         self._stream = native.Stream(  # pyright: ignore[reportOptionalMemberAccess]
             networks.shape_of(network), taxels=n_taxels, factor=float(conditioner.factor),
             smooth=smoothing is not None, smooth_new=smoothing or 0.0, smooth_kept=1.0 - (smoothing or 0.0),
@@ -126,7 +129,7 @@ class CompiledStream:
             **networks.exits_at(chain.rule.in_bins(network.steps_per_bin)),
             **networks.addresses_of(network, readout_weights), **numbers,
             bias=0 if bias is None else bias.ctypes.data, most_samples=most_samples,
-            most_decisions=self._most_steps + plan.at_once + 1,
+            most_decisions=self._most_steps + plan.at_once + 1, **({} if fans is None else {"fans": fans.ctypes.data}),
         )  # fmt: skip
         self.push = self._stream.push
         """The decisions of samples `(sample, taxel)` float32; None, without any effect, if one is not valid."""
@@ -249,13 +252,13 @@ class CompiledStream:
         leaky = _row(found["leaky"]) if "leaky" in names else None
         leader = Leader(_row(found["counts"]), heard=torch.tensor([bool(found["heard"])]), leaky=leaky, **standing)
         waiting = _unpacked(found["waiting"], network.n_inputs).astype(bool)
-        numbers = {name: int(found[name]) for name in NUMBERS}
+        numbers = {name: int(found[name]) for name in NUMBERS if name in names}
         return Running(hidden=hidden, readout=readout, leader=leader, waiting=waiting, **numbers)
 
 
 def _fill(window: Running, into: np.void) -> None:
     """Write a window into a record of `Layout.window`."""
-    for name in NUMBERS:
+    for name in {*NUMBERS} & {*(into.dtype.names or ())}:
         into[name] = getattr(window, name)
     into["waiting"] = _packed(window.waiting, into["waiting"])
     for name in {"hidden", "readout"} & {*(into.dtype.names or ())}:

@@ -16,6 +16,7 @@ class Running(NamedTuple):
 
     window: its number. start: its first step. readout: None for an integrator.
     waiting: afferents that have spiked since the network's last step, `(afferent,)` bool.
+    sops: operations so far, of a pruned network; else 0.
     """
 
     window: int
@@ -28,6 +29,7 @@ class Running(NamedTuple):
     input_spikes: int = 0
     hidden_spikes: int = 0
     held: int = 0
+    sops: int = 0
 
 
 def begin(network: RSNN, window: int, start: int) -> Running:
@@ -38,16 +40,28 @@ def begin(network: RSNN, window: int, start: int) -> Running:
     return Running(window, start, 0, hidden, readout, leader, np.zeros(network.n_inputs, bool))
 
 
-def step(network: RSNN, arriving: np.ndarray, state: Running, length: int) -> Running:
+def step(
+    network: RSNN, arriving: np.ndarray, state: Running, length: int, fans: tuple[np.ndarray, np.ndarray] | None = None
+) -> Running:
     """One step of the encoder's clock; `arriving` contains the numbers of the afferents that spike.
 
-    length: of the window. The network is computed at the end of each of its own steps, and at the end of the window.
+    length: of the window. fans: `fans_of` the network. The network is computed at the end of each of its own steps, and
+    at the end of the window.
     """
     waiting = state.waiting.copy()
     waiting[arriving] = True
     n_new = int(waiting.sum() - state.waiting.sum())
     state = state._replace(steps=state.steps + 1, waiting=waiting, input_spikes=state.input_spikes + n_new)
-    return _computed(network, state) if is_due(network, state, length) else state
+    return _computed(network, state, fans) if is_due(network, state, length) else state
+
+
+def fans_of(network: RSNN) -> tuple[np.ndarray, np.ndarray] | None:
+    """Synapses of each afferent and of each hidden neuron, of a pruned network; else None."""
+    if not network.synapses:
+        return None
+    into, among, out = (fan.numpy() for fan in network.fans)
+    of_hidden, of_afferents = out[: len(among)], out[len(among) :]
+    return into + of_afferents if len(of_afferents) else into, among + of_hidden
 
 
 def is_due(network: RSNN, state: Running, length: int) -> bool:
@@ -55,7 +69,7 @@ def is_due(network: RSNN, state: Running, length: int) -> bool:
     return state.steps >= length or state.steps % network.steps_per_bin == 0
 
 
-def _computed(network: RSNN, state: Running) -> Running:
+def _computed(network: RSNN, state: Running, fans: tuple[np.ndarray, np.ndarray] | None) -> Running:
     """The state after a step of the network, from the spikes that wait.
 
     The current adds decay, then inputs, then recurrence in ascending order, as the native kernels and the `ordered`
@@ -65,6 +79,7 @@ def _computed(network: RSNN, state: Running) -> Running:
     arriving = np.flatnonzero(state.waiting)
     spikes, hidden = _layer(network, 0, network.w_in, arriving, network.w_rec, recurrent, state.hidden)
     hidden_spikes = _spiking(spikes)
+    sops = 0 if fans is None else int(fans[0][arriving].sum() + fans[1][hidden_spikes].sum())
     readout = state.readout
     if readout is None:
         heard = network.heard(spikes, torch.from_numpy(state.waiting)[None])
@@ -78,6 +93,7 @@ def _computed(network: RSNN, state: Running) -> Running:
         leader=state.leader.after(increments, network.integration),
         waiting=np.zeros_like(state.waiting),
         hidden_spikes=state.hidden_spikes + len(hidden_spikes),
+        sops=state.sops + sops,
     )
 
 

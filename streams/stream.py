@@ -94,7 +94,7 @@ class Stream:
         self._state = StreamState(self.chain.windows.begin())
         # Synaptic operations are linear in the spikes: the cost of one input spike, and of one hidden spike.
         costs = synops.of_network(self.chain.network, np.array([1, 0]), np.array([0, 1])).total
-        self._sops = tuple(int(cost) for cost in costs)
+        self._sops, self._fans = tuple(int(cost) for cost in costs), running.fans_of(self.chain.network)
         self._rates_Hz = rate_Hz, self.chain.clock_Hz
         self._classes = self.chain.classes
         self._compiled: CompiledStream | None = None
@@ -348,14 +348,14 @@ class Stream:
             state.n_windows += 1
         decisions, still_open = [], []
         for window in windows:
-            after = running.step(chain.network, inputs, window, length)
+            after = running.step(chain.network, inputs, window, length, self._fans)
             after = after._replace(held=after.held + 1) if held else after
             if running.has_decided(chain.network, after, chain.rule, length):
                 leader = after.leader
                 decisions.append(
                     self._decision(
                         after.window, after.start, after.steps, int(leader.index[0]), after.input_spikes,
-                        after.hidden_spikes, after.held, bool(leader.heard[0]),
+                        after.hidden_spikes, after.held, bool(leader.heard[0]), after.sops,
                     )
                 )  # fmt: skip
             else:
@@ -379,13 +379,15 @@ class Stream:
         if not decided:
             return []
         self._state.tally.decisions += len(decided)
-        return [self._decision(*row) for row in decided]
+        return [self._decision(*row[:7], bool(row[7]), *row[8:]) for row in decided]
 
     def _decision(
-        self, window: int, start: int, steps: int, index: int, inputs: int, hidden: int, held: int, is_heard: bool
-    ) -> Decision:
+        self, window: int, start: int, steps: int, index: int, inputs: int, hidden: int, held: int, is_heard: bool,
+        sops: int = 0,
+    ) -> Decision:  # fmt: skip
+        """sops: of a pruned network; others have the same number a spike."""
         rate_Hz, clock_Hz = self._rates_Hz
         time_s = self._state.origin / rate_Hz + (start + steps) / clock_Hz
-        sops = self._sops[0] * inputs + self._sops[1] * hidden
+        sops = self._sops[0] * inputs + self._sops[1] * hidden if self._fans is None else sops
         label, ms = self._classes[index], 1e3 * steps / clock_Hz
         return Decision(window, time_s, start, label, index, steps, ms, inputs, hidden, sops, held, is_heard)

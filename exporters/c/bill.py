@@ -231,7 +231,7 @@ def _ledger(restored: run_folder.Restored, trains: Any) -> tuple[tuple[float, fl
     network, made_by = restored.network, Afferents.of(trains)
     found = ledger.decision_ledger(
         network.spec, made_by.n, network.n_classes, made_by.rate_Hz, means, encoder=made_by.encoder or None,
-        recorded_Hz=made_by.recorded_Hz,
+        recorded_Hz=made_by.recorded_Hz, synapses=network.synapses,
     ).set_index("name")["flops"]  # fmt: skip
     return (found.get("both", np.nan), found.get("encoder", np.nan)), float(means.iloc[-1]["accuracy"])
 

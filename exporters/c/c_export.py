@@ -4,7 +4,7 @@ The float variant gives the same spikes as `stream`, the integer variant the sam
 """
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ import jinja2
 import numpy as np
 from neurotact_parts.exporters.c import formats as whole
 from neurotact_parts.exporters.c.formats import Formats, Integrator
+from neurotact_parts.exporters.c.matrices import Matrix, matrices_of
 from neurotact_parts.streams.chain import LARGEST, Chain
 from neurotact_parts.streams.native import columns_of, numbers_of
 
@@ -88,9 +89,13 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         raise InputError("windows: are longer than 2^31 - 1 steps; shorten them")
     if plan.length * max(network.n_inputs, spec.hidden) > MOST_COUNT:
         raise InputError("windows: their spikes may exceed a counter of 32 bits; shorten them")
+    if plan.length * sum(network.synapses.values()) > MOST_COUNT:
+        raise InputError("windows: their synaptic operations may exceed a counter of 32 bits; shorten them")
+    matrices = matrices_of(network, 4 if formats is None else 1)
     n_start = Conditioner(chain.sampling_rate_Hz, conditioning).n_start
     if n_start > MOST_STEPS:
         raise InputError("conditioning.start_ms: is longer than 2^31 - 1 steps; shorten it")
+    heard = "(HIDDEN + AFFERENTS)" if spec.hears_afferents else "HIDDEN"
     per_sample = max(1, int(np.ceil(chain.clock_Hz / chain.sampling_rate_Hz)))
     return {
         "title": title_of(chain, formats), "version": __version__, "name": name, "macro": name.upper(),
@@ -116,7 +121,9 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         "resampled": chain.sampling_rate_Hz != chain.clock_Hz, "baseline": conditioning.baseline,
         "rectify": conditioning.rectify,
         "columns": columns if len(columns) < n_taxels else [], "taxel_type": unsigned(n_taxels),
-        **_with_numbers(_in_float(used) if formats is None else _in_integers(used, formats), used),
+        "pruned": bool(network.synapses), "sparse": [name for name, matrix in matrices.items() if matrix.sparse],
+        "weights_out": int(network.fans[2].sum()) if matrices["w_out"].sparse else f"({heard} * CLASSES)",
+        **_with_numbers(_in_float(used, matrices) if formats is None else _in_integers(used, formats, matrices), used),
     }  # fmt: skip
 
 
@@ -153,15 +160,19 @@ def title_of(chain: Chain, formats: Formats | None) -> str:
     return f"A chain from touch to decision: {chain.n_taxels} taxels, {sizes} neurons, {kind}."
 
 
-def _in_float(chain: Chain) -> dict[str, Any]:
+def _in_float(chain: Chain, kept: Mapping[str, Matrix]) -> dict[str, Any]:
     encoder, network = chain.lif, chain.network
     conditioning = encoder.conditioning
     conditioner = Conditioner(chain.sampling_rate_Hz, chain.encoder.conditioning)
     sa1, ra1 = encoder.neuron(encoder.sa1, chain.clock_Hz), encoder.neuron(encoder.ra1, chain.clock_Hz)
     alpha, beta, threshold = (np.asarray(p.detach()) for p in (network.alpha, network.beta, network.threshold))
     matrices = {"w_in": network.w_in, "w_rec": network.w_rec, "w_out": network.readout_weights}
-    present = {key: matrix for key, matrix in matrices.items() if matrix is not None and matrix.numel()}
-    tables = [_floats(key, matrix.detach().numpy()) for key, matrix in present.items()]
+    tables = [
+        table
+        for key, matrix in matrices.items()
+        if key in kept
+        for table in (_floats(key, kept[key].weights(matrix.detach().numpy())), *_indices(key, kept[key]))
+    ]
     offset, scale = conditioning.offset is not None, conditioning.scale is not None
     for key, values in (("offset", conditioning.offset), ("scale", conditioning.scale)):
         tables += [] if values is None else [_floats(key, np.array(values, np.float32))]
@@ -228,11 +239,15 @@ def _float_layer(chain: Chain, index: int, alpha: np.ndarray, beta: np.ndarray, 
     return layer | {"adapts": True, "strength": literal(strength), "adaptation_decay": literal(decay)}
 
 
-def _in_integers(chain: Chain, formats: Formats) -> dict[str, Any]:
+def _in_integers(chain: Chain, formats: Formats, kept: Mapping[str, Matrix]) -> dict[str, Any]:
     front, raw, hidden, readout = formats.front, formats.raw, formats.hidden, formats.readout
-    tables = [_integers("w_in", hidden.w, "int8_t")] if hidden.w.size else []
-    tables += [] if hidden.v is None else [_integers("w_rec", hidden.v, "int8_t")]
-    tables.append(_integers("w_out", readout.w, "int8_t"))
+    matrices = {"w_in": hidden.w, "w_rec": hidden.v, "w_out": readout.w}
+    tables = [
+        table
+        for key, matrix in matrices.items()
+        if key in kept
+        for table in (_integers(key, kept[key].weights(matrix), "int8_t"), *_indices(key, kept[key]))
+    ]
     levels = {kind.name: kind for kind in front.kinds}  # SA-I of the falling signal have those of the rising one
     for what in ("threshold", "reset"):
         tables += [_integers(f"{what}_{name}", getattr(kind, what), "int32_t") for name, kind in levels.items()]
@@ -311,6 +326,9 @@ ABOUT = {
     "w_in": "Weights from afferents to hidden neurons, one row per afferent.",
     "w_rec": "Weights from hidden neurons to hidden neurons, one row per presynaptic neuron.",
     "w_out": "Weights to classes, one row per hidden neuron, then per afferent if it hears them (of each stretch).",
+    "to": "Neurons that these weights reach: only synapses that are left.",
+    "row": "First weight of each row, and the end of the last.",
+    "fan": "Synapses of each row, which synaptic operations count.",
     "bias": "Initial values of the readout.",
     "offset": "Subtracted from each taxel's signal.",
     "scale": "Divisors of each taxel's signal.",
@@ -324,7 +342,13 @@ ABOUT = {
 
 
 def _table(name: str, kind: str, values: Sequence[str]) -> Table:
-    return Table(ABOUT[re.sub(r"(?<=1)_\d+$", "", name)], kind, name, len(values), list(wrapped(values)))
+    about = ABOUT.get(name.rpartition("_")[2]) or ABOUT[re.sub(r"(?<=1)_\d+$", "", name)]
+    return Table(about, kind, name, len(values), list(wrapped(values)))
+
+
+def _indices(name: str, matrix: Matrix) -> Iterator[Table]:
+    for key, values in matrix.indices(name).items():
+        yield _integers(key, values, unsigned(int(values.max())))
 
 
 def _integers(name: str, values: np.ndarray, kind: str) -> Table:

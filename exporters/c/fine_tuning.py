@@ -85,14 +85,13 @@ def train_rounded(
 
     grids: by name of the weights (`grids_of`); weights without a grid are not rounded. generator: orders the windows.
     The network's own training settings are used, with learning rates that fall to 0 over `epochs`. Epoch 0 is rounding
-    alone; it is the result if no epoch is better on the validation windows. Weights that are 0 before rounding stay 0.
+    alone; it is the result if no epoch is better on the validation windows. Pruned weights stay 0.
     """
     settings = network.spec.training
     if settings.keep == "both":  # training accuracy is that of disturbed windows, except in epoch 0
         settings = settings.model_copy(update={"keep": "accuracy"})
     if epochs:
-        # Pruning has ended: every epoch may be kept, and what is 0 stays 0.
-        update = {"epochs": epochs, "patience": epochs, "schedule": "cosine", "sparsity": 0.0}
+        update = {"epochs": epochs, "patience": epochs, "schedule": "cosine"}
         network.spec = network.spec.model_copy(update={"training": settings.model_copy(update=update)})
     with seen_rounded(network, grids), pruned_stay_pruned(network):
         rounded = Epoch(0, *evaluate(network, training), *evaluate(network, validation))
@@ -103,8 +102,6 @@ def train_rounded(
         best = best_of(log, settings.keep)
         if best is rounded:
             network.load_state_dict(before)
-    trained = network.spec.training.model_copy(update={"sparsity": settings.sparsity})
-    network.spec = network.spec.model_copy(update={"training": trained})
     return Training(tuple(log), best)
 
 

@@ -29,8 +29,8 @@ class Spoken(NamedTuple):
     """The output of a chain for one trial.
 
     afferents: numbers of the afferents that spiked, one tuple per step. hidden: the same for the hidden neurons of each
-    window. decisions: window, start step, steps, input spikes, hidden spikes, whether the readout changed, and label,
-    in the order of windows.
+    window. decisions: window, start step, steps, input spikes, hidden spikes, of a pruned network synaptic operations,
+    whether the readout changed, and label, in the order of windows.
     """
 
     afferents: list[tuple[int, ...]]
@@ -216,6 +216,7 @@ def _packed(trials: Sequence[np.ndarray]) -> bytes:
 
 def _parsed(output: bytes, name: str, folder: Path) -> tuple[list[Spoken], Ticks]:
     afferent, neuron = (_size_of(kind, name, folder) for kind in ("afferents", "neurons"))
+    row = struct.Struct("<8I" if _counts_sops(name, folder) else "<7I")
     trials, offset = [], 0
     ticks: list[list[int]] = [[]]
     afferents: list[tuple[int, ...]] = []
@@ -231,8 +232,8 @@ def _parsed(output: bytes, name: str, folder: Path) -> tuple[list[Spoken], Ticks
             numbers, offset = _numbers(output, offset + 4, neuron)
             hidden.setdefault(window, []).append(numbers)
         elif tag == b"D":
-            decisions.append(struct.unpack_from("<7I", output, offset))
-            offset += 28
+            decisions.append(row.unpack_from(output, offset))
+            offset += row.size
         elif tag == b"E":
             trials.append(Spoken(afferents, hidden, sorted(decisions)))
             afferents, hidden, decisions = [], {}, []
@@ -260,6 +261,11 @@ def _size_of(what: str, name: str, folder: Path) -> int:
     return next((size for size, kind in kinds if f"const {kind} *{what}," in header), 1)
 
 
+def _counts_sops(name: str, folder: Path) -> bool:
+    """Whether a decision has its synaptic operations, by the header: that of a pruned network."""
+    return "uint32_t sops;" in (folder / f"{name}.h").read_text()
+
+
 def _call(command: list[str], folder: Path, data: bytes = b"") -> bytes:
     try:
         done = subprocess.run(command, cwd=folder, input=data, capture_output=True, timeout=LONGEST_S, check=False)
@@ -277,15 +283,16 @@ def spoken_of(
     """The output of a twin for a trial, in the format of a chain in C.
 
     rasters: afferents `(step, afferent)`; starts: of windows; hidden: `(window, bin, hidden)`; decided: label, steps,
-    input spikes, hidden spikes and whether the readout changed, of each window. steps_per_bin: steps in a bin.
+    input spikes, hidden spikes, of a pruned network operations, and whether the readout changed, of each window.
+    steps_per_bin: steps in a bin.
     """
     rows = [tuple(np.flatnonzero(row).tolist()) for row in rasters]
     windows = {}
     decisions = []
     for window, (start, raster, row) in enumerate(zip(starts.tolist(), hidden, decided.tolist(), strict=True)):
-        label, steps, input_spikes, hidden_spikes, is_heard = row
+        label, steps, *counted = row
         windows[window] = [tuple(np.flatnonzero(step).tolist()) for step in raster[: -(-steps // steps_per_bin)]]
-        decisions.append((window, start, steps, input_spikes, hidden_spikes, is_heard, label))
+        decisions.append((window, start, steps, *counted, label))
     return Spoken(rows, windows, decisions)
 
 

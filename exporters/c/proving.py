@@ -101,8 +101,10 @@ def expected_in_integers(chain: Chain, formats: Formats, trials: Sequence[np.nda
         for raster, n_samples in zip(rasters, lengths.tolist(), strict=True)
     ]
     cut, n = [_windows(chain, raster) for raster in spikes], chain.network.steps_per_bin
-    made = integer.infer(np.concatenate([windows for _, windows in cut]), formats, chain.network.neuron, chain.rule, n)
-    decided = np.stack([made.labels, made.steps, made.input_spikes, made.hidden_spikes, made.heard], axis=1)
+    windows = np.concatenate([windows for _, windows in cut])
+    made = integer.infer(windows, formats, chain.network.neuron, chain.rule, n)
+    spent = _sops(chain, windows, made.hidden, made.steps)
+    decided = np.stack([made.labels, made.steps, made.input_spikes, made.hidden_spikes, *spent, made.heard], axis=1)
     ends = np.cumsum([len(starts) for starts, _ in cut])[:-1]
     parts = zip(spikes, cut, np.split(made.hidden, ends), np.split(decided, ends), strict=True)
     return [spoken_of(raster, starts, hidden, rows, n) for raster, (starts, _), hidden, rows in parts]
@@ -119,8 +121,18 @@ def expected_in_float(chain: Chain, trial: np.ndarray) -> Spoken:
     n = chain.network.steps_per_bin
     is_simulated = torch.arange(hidden.shape[1]) * n < made.steps[:, None]
     fired = ((readout != 0).any(dim=2) & is_simulated).any(dim=1).long()
-    decided = torch.stack([made.labels, made.steps, made.input_spikes, made.hidden_spikes, fired], dim=1)
-    return spoken_of(raster, starts, hidden.numpy(), decided.numpy(), n)
+    spent = _sops(chain, windows, hidden.numpy(), made.steps.numpy())
+    decided = np.stack([made.labels, made.steps, made.input_spikes, made.hidden_spikes, *spent, fired], axis=1)
+    return spoken_of(raster, starts, hidden.numpy(), decided, n)
+
+
+def _sops(chain: Chain, windows: np.ndarray, hidden: np.ndarray, steps: np.ndarray) -> list[np.ndarray]:
+    """Synaptic operations of windows until their decisions, `(window,)`, of a pruned network alone."""
+    if not chain.network.synapses:
+        return []
+    inputs, n_bins = chain.network.binned(torch.from_numpy(windows)), -(-steps // chain.network.steps_per_bin)
+    spent = chain.network.sops_until(inputs, torch.from_numpy(hidden), torch.from_numpy(n_bins))
+    return [spent.sum(dim=1).numpy()]
 
 
 def _windows(chain: Chain, raster: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

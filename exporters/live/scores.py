@@ -10,6 +10,7 @@ from neurotact_parts.streams.stream_state import Decision
 
 from neurotact.encoders.cost import encoding_cost
 from neurotact.metrics import synops
+from neurotact.metrics.flops import SYNAPSES
 from neurotact.metrics.prices import MEMORY_45NM
 from neurotact.metrics.synops import TEST, TRAINING, UNKNOWN, UNSEEN, VALIDATION
 from neurotact.networks.use.ledger import SOPS, network_cost
@@ -56,8 +57,13 @@ class Scored(NamedTuple):
 
 def cost_nJ(chain: Chain, decision: Decision) -> float:  # noqa: N802
     """An estimate of the energy of a decision by the default price list, as in the cost ledger."""
-    costs = synops.of_network(chain.network, np.array([decision.input_spikes]), np.array([decision.hidden_spikes]))
-    measured: dict[str, Any] = {name: int(part[0]) for name, part in zip(SOPS, costs[:3], strict=True)}
+    measured: dict[str, Any] = {"input_spikes": decision.input_spikes, "hidden_spikes": decision.hidden_spikes}
+    costs = synops.of_network(chain.network, *(np.array([n]) for n in measured.values()))
+    measured |= {name: int(part[0]) for name, part in zip(SOPS, costs[:3], strict=True)}
+    if there := chain.network.synapses:  # a decision tells all operations: those of the readout are the mean of spikes
+        into_readout = decision.hidden_spikes * there[SYNAPSES[-1]] / chain.network.spec.hidden
+        into_readout = min(into_readout, decision.sops)
+        measured |= there | dict(zip(SOPS, (decision.sops - into_readout, 0, into_readout), strict=True))
     network = network_cost(
         chain.network.spec, chain.network.n_inputs, chain.network.n_classes, measured,
         steps=decision.steps, signal_ms=decision.ms,

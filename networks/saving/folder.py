@@ -33,7 +33,7 @@ def write(found: Found, start: Start, asked: Asked, folder: Path) -> list[dict[s
     for number, point in enumerate(found.points, 1):
         place = folder / str(number)
         with workers.one_thread():  # as in the search, to be the same network to the last bit
-            fitted, _ = fitted_of(Job(point.trial.id, point.trial.point, point.trial.member), start)
+            fitted = fitted_of(Job(point.trial.id, point.trial.point, point.trial.member), start)
         task = start.bench.task.model_copy(update={"window": window_of(fitted, start)})
         done = trainer.finished(fitted.network, fitted.training, fitted.sides, task)
         _save(done, fitted, task, _spikes_of(fitted, folder, spikes), start, place)

@@ -85,17 +85,17 @@ def read(path: Path) -> list[Trial]:
 def tried(job: Job, start: Start) -> Trial:
     """Train and measure; the point that saves nothing is the run itself, unless its weights are to be others."""
     try:
-        fitted, pruned = fitted_of(job, start)
+        fitted = fitted_of(job, start)
         decided, right = {}, {}
         for name, rule in _rules(start, fitted):
-            decided[name], right[name] = _measured(fitted, rule, pruned=pruned)
+            decided[name], right[name] = _measured(fitted, rule)
         return Trial(job.id, job.point, job.member, decided, right, _about(fitted))
     except InputError as error:
         return Trial(job.id, job.point, job.member, error=str(error))
 
 
-def fitted_of(job: Job, start: Start) -> tuple[Fitted, bool]:
-    """The network of a trial, and whether weights were pruned."""
+def fitted_of(job: Job, start: Start) -> Fitted:
+    """The network of a trial."""
     bench = start.bench
     if job.member > 1:
         own = seeds.of_member(bench.seeds, job.member)
@@ -103,7 +103,7 @@ def fitted_of(job: Job, start: Start) -> tuple[Fitted, bool]:
     setting = setting_of(job.point, ways_of(start), start)
     if job.member > 1 and setting == Setting():  # the same once more, where that of the run is known
         setting = setting.model_copy(update={"rate_penalty": start.base.network.spec.training.rate_penalty})
-    return trained(bench, setting, start.known), setting.is_sparse
+    return trained(bench, setting, start.known)
 
 
 def other_validation(start: Start, member: int) -> Split:
@@ -131,10 +131,10 @@ def _rules(start: Start, fitted: Fitted) -> list[tuple[str, Any]]:
     return [(WHOLE, FULL_WINDOW), *([] if used.never else [(EARLY, used)])]
 
 
-def _measured(fitted: Fitted, rule: Any, *, pruned: bool) -> tuple[dict[str, float], list[float]]:
+def _measured(fitted: Fitted, rule: Any) -> tuple[dict[str, float], list[float]]:
     sides, costs = fitted.sides, {}
     for before, side in (("", sides.validation), ("test_", sides.test)):
-        row = row_of(fitted._replace(sides=sides._replace(test=side)), rule, pruned=pruned)
+        row = row_of(fitted._replace(sides=sides._replace(test=side)), rule)
         costs |= {f"{before}{name}": row[name] for name in COSTS}
         energies = by_list.energies(pd.DataFrame([row])).iloc[0]
         costs |= {f"{before}{name}": float(value) for name, value in energies.items()}

@@ -238,7 +238,7 @@ def sops(
     tell(f"saved in {out}, a row per window")
     network = restored.network
     sizes = len(trains.afferents), network.n_classes
-    made_by = {"encoder": trains.encoder or None, "recorded_Hz": trains.recorded_Hz}
+    made_by = {"encoder": trains.encoder or None, "recorded_Hz": trains.recorded_Hz, "synapses": network.synapses}
     costs = ledger.decision_ledger(network.spec, *sizes, trains.sampling_rate_Hz, means, **made_by, prices=priced)
     shown = costs[COSTS].astype(object)
     tell(shown.where(shown.notna(), "not counted"))

@@ -258,8 +258,8 @@ def calibrate_causally(
         standard error of the highest is chosen, so that a sensor of vibrations above the cut-off keeps them. Without
         the polarity that suits, a wider one may seem better only for want of it.
     choose_opposite: also choose whether SA-I of the falling signal are added (`sa1.opposite`): if without them
-        `Calibration.accuracy_of_both` is more than one standard error below, with the best baseline of those with which
-        they do not fire at rest.
+        `Calibration.accuracy_of_both` is more than one standard error below, with the best baseline by that accuracy of
+        those with which they do not fire at rest.
         Only of LIF afferents without them.
     choose_grades: with `apart`, also choose whether several SA-I of different thresholds are under each taxel
         (`sa1.grades`): by the same rule, or, where training trials have one value of the conditions, without a
@@ -283,7 +283,7 @@ def calibrate_causally(
         with contextlib.suppress(InputError):  # no gain suits the falling signal: the encoder stays as it is
             rises = best.encoder
             both, on_its_baseline = _of_baselines(
-                fit, signed, cutoffs_Hz, refused=lambda tried: _wakes(recordings, rises, tried)
+                fit, signed, cutoffs_Hz, by_both=True, refused=lambda tried: _wakes(recordings, rises, tried)
             )
             best, notes = _of_polarities(recordings, (best, both), notes, on_its_baseline)
     if len(cutoffs_Hz) > 1:
@@ -306,11 +306,14 @@ def _of_baselines(
     fit: Callable[[Encoder], Calibration[Encoder]],
     spec: Encoder,
     cutoffs_Hz: Iterable[float | None],
+    *,
+    by_both: bool = False,
     refused: Callable[[Encoder], bool] = lambda tried: False,
 ) -> tuple[Calibration[Encoder], str]:
     """The calibration with the best baseline of `PAST`, and the note on it, at the first cut-off that has one.
 
-    refused: what may not be chosen beside one that may, however accurate it is.
+    by_both: by the accuracy of both populations, as polarities are chosen: by another one, a baseline that is chosen by
+    a hair decides the polarity. refused: what may not be chosen beside one that may, however accurate it is.
     """
     errors: list[InputError] = []
     for cutoff_Hz in cutoffs_Hz:
@@ -318,10 +321,12 @@ def _of_baselines(
         calibrated, failed = _each(fit, tried)
         if calibrated:
             allowed = {baseline: one for baseline, one in calibrated.items() if not refused(one.encoder)} or calibrated
-            accuracy: dict[Baseline, float] = {baseline: one.accuracy for baseline, one in allowed.items()}
+            accuracy: dict[Baseline, float] = {
+                baseline: one.accuracy_of_both if by_both else one.accuracy for baseline, one in allowed.items()
+            }
             accuracy |= dict.fromkeys(failed, np.nan)
             found = Decision.of_shares("conditioning.baseline", accuracy, len(next(iter(calibrated.values())).labels))
-            return calibrated[found.chosen], _on_baseline(found, spec)
+            return calibrated[found.chosen], _on_baseline(found, spec, 1 + by_both)
         errors.append(failed[PAST[-1]])
     raise errors[0]
 
@@ -439,14 +444,14 @@ def _wakes(recordings: Trials, without: EncoderSpec, signed: EncoderSpec) -> boo
     return after > before + MORE_RESTLESS
 
 
-def _on_baseline(found: Decision[Baseline], spec: EncoderSpec) -> str:
-    """The note on the baseline, with the accuracy of each."""
+def _on_baseline(found: Decision[Baseline], spec: EncoderSpec, n_populations: int) -> str:
+    """The note on the baseline, with the accuracy of each, by the spikes of so many populations."""
     if np.isnan(found.merits[found.chosen]):
         return (
             f"conditioning.baseline = '{found.chosen}' is chosen without a comparison: a class has one training trial, "
             "so none can be held out for testing; add trials of it, or set conditioning.baseline"
         )
-    return found.note(_measured(spec, 1), KEPT if found.chosen == PAST[0] else "")
+    return found.note(_measured(spec, n_populations), KEPT if found.chosen == PAST[0] else "")
 
 
 def _measured(spec: EncoderSpec, most: int) -> str:

@@ -5,8 +5,8 @@ Other rooms take:
     decision: Decision, is_within, otherwise
     firing: firing_of, touch_spikes, windowed_spikes
     flops: ACTIVATIONS, BYTES, Cost, Dense, FLOPS, Integrator, LEDGER_COLUMNS, Layer, Moments, MovingAverage,
-        NearestPoints, NotCounted, SIGMOID, SpikingLayer, Standardise, TANH, changed, cost, in_registers,
-        ledger_table, passed, with_weights
+        NearestPoints, NotCounted, SIGMOID, SYNAPSES, SpikingLayer, Standardise, TANH, changed, cost, in_registers,
+        index_bytes, ledger_table, passed, with_weights
     fronts: pareto_front
     isi_distributions: bin_edges, separation, shares_of
     linear: cross_validated_accuracy, linear

@@ -37,6 +37,8 @@ OTHERS = ("multiplications", "comparisons", "divisions", "exponentials")
 Activation = Literal["linear", "hard_limit", "relu", "sigmoid", "tanh", "softmax"]
 BYTES = 4
 """Of a weight or a state variable, in single precision."""
+SYNAPSES = ("synapses_input", "synapses_recurrent", "synapses_readout")
+"""Numbers of synapses by projection, of a network that was pruned."""
 
 
 LEDGER_COLUMNS = (
@@ -231,6 +233,32 @@ def with_weights(parameters: float, state: float = 0, *, bytes_a_parameter: floa
     return Cost(parameters=parameters, bytes=stored, states_bytes=BYTES * state, **counted)
 
 
+def stored(rows: int, columns: int, synapses: float | None = None, values: int = 1) -> Cost:
+    """The weights of a matrix, or of the synapses in it that exist (None: all), with several values each.
+
+    Where it takes less memory, a synapse has its column beside its values, and a row the place where it begins: an
+    index takes the bytes that count up to its largest value.
+
+    >>> [stored(100, 50, n).bytes for n in (None, 5000, 4500, 1000)]
+    [20000, 20000, 20000, 5202]
+    """
+    whole = rows * columns
+    n = whole if synapses is None else synapses
+    if n >= whole:
+        return with_weights(values * whole)
+    sparse = n * (BYTES * values + index_bytes(columns - 1)) + (rows + 1) * index_bytes(n)
+    return Cost(parameters=values * n, bytes=min(BYTES * values * whole, sparse))
+
+
+def index_bytes(largest: float) -> int:
+    """Bytes of a whole number from 0 to the largest one: 1, 2 or 4.
+
+    >>> [index_bytes(largest) for largest in (255, 256, 65536)]
+    [1, 2, 4]
+    """
+    return 1 if largest < 2**8 else 2 if largest < 2**16 else 4
+
+
 def in_registers(**operations: float) -> Cost:
     """Operations on numbers that are at hand and stay there.
 
@@ -369,6 +397,7 @@ class Integrator(Layer):
         clocked. steps: of a decision, which count where a chip visits a neuron without a leak on each of them.
     beside: those of its inputs that another layer hears, too, and their spikes, which `spikes` leaves out: they stand
         in the queue of that layer and are read once more.
+    synapses: those that exist, each with a weight in every stretch; None: all.
     """
 
     inputs: int
@@ -381,6 +410,7 @@ class Integrator(Layer):
     touched: float | None = None
     steps: float = 0.0
     beside: tuple[int, float] = (0, 0.0)
+    synapses: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -394,9 +424,9 @@ class Integrator(Layer):
             leaking = min(leaking, self.touched)
         changes = self.touched or leaking or self.sops
         most = int(self.peak)
-        parameters = self.neurons * (self.stretches * self.inputs + 1)
-        return with_weights(
-            parameters, states, macs=leaking, acs=self.sops, comparisons=most * leaking, sops=self.sops,
+        weights = stored(self.inputs, self.neurons, self.synapses, self.stretches)
+        return weights + with_weights(
+            self.neurons, states, macs=leaking, acs=self.sops, comparisons=most * leaking, sops=self.sops,
             neuron_updates=leaking, neuron_macs=leaking, neuron_comparisons=most * leaking, sops_sent=self.sops,
             readout_updates=0 if leaking else self.neurons * self.steps,
             weights_accesses=self.sops + self.neurons, **changed(1 + most, changes),
@@ -416,6 +446,7 @@ class SpikingLayer(Layer):
     spikes: that come from the layer before; None: each reaches all its neurons, and none comes back. sent: of its own.
     touched: of its neurons and steps, those in which a spike comes: the layer is event-driven. None: clocked.
     sops_sent: of its `sops`, those of spikes that neurons of the network sent, and not afferents.
+    synapses: those that exist, from its inputs and among its neurons; None: all.
 
     Event-driven, a neuron is updated when a spike comes. Then a third state, the step of its last update, says how many
     steps it has missed; its current decays by a power from a table (a product), and its membrane, too (a product, and a
@@ -434,6 +465,7 @@ class SpikingLayer(Layer):
     sent: float = 0.0
     touched: float | None = None
     sops_sent: float = 0.0
+    synapses: tuple[float | None, float | None] = (None, None)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -442,7 +474,9 @@ class SpikingLayer(Layer):
 
     def cost(self) -> Cost:
         n_among = self.neurons * self.recurrent if isinstance(self.recurrent, bool) else self.recurrent
-        weights, spikes = self.neurons * (self.inputs + n_among), _received(self)
+        into, among = self.synapses
+        weights = stored(self.inputs, self.neurons, into) + stored(self.neurons, n_among, among)
+        spikes = _received(self)
         queued = _queued(self.inputs, spikes, self.sent if n_among else 0.0)
         arriving = Cost(
             acs=self.sops, sops=self.sops, sops_sent=self.sops_sent, weights_accesses=self.sops, **queued
@@ -451,13 +485,14 @@ class SpikingLayer(Layer):
         if self.touched is None:
             updates = self.neurons * self.steps
             own = _updates(updates, macs=2 + 2 * adapting, comparisons=1) + Cost(**changed(2 + adapting, updates))
-            return arriving + own + with_weights(weights, (2 + adapting) * self.neurons)
+            return arriving + own + weights + with_weights(0, (2 + adapting) * self.neurons)
         made_good = _updates(self.touched, macs=2 + 2 * adapting, multiplications=2 + adapting, comparisons=2)
         tables, searched = 3 + adapting, self.sent * math.ceil(math.log2(max(2.0, self.steps)))
         found = in_registers(macs=1, multiplications=1, comparisons=1).times(searched)
         moved = Cost(weights_accesses=tables * self.touched + 2 * searched, **changed(3 + adapting, self.touched))
         constants = Cost(bytes=BYTES * tables * math.ceil(self.steps))
-        return arriving + made_good + found + moved + constants + with_weights(weights, (3 + adapting) * self.neurons)
+        fixed = weights + with_weights(0, (3 + adapting) * self.neurons)
+        return arriving + made_good + found + moved + constants + fixed
 
 
 def _received(layer: Integrator | SpikingLayer) -> float:

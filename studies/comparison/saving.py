@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import torch
-from neurotact_parts.studies.comparison import by_list, pruning
+from neurotact_parts.studies.comparison import by_list
 from neurotact_parts.studies.comparison.dead_time import with_dead_time
 from neurotact_parts.studies.comparison.needed_afferents import Pair, encoder_without
 from pydantic import Field, model_validator
@@ -93,11 +93,6 @@ class Setting(Spec):
             raise ValueError("train_on trains a pruned network further; give prune, too")
         return self
 
-    @property
-    def is_sparse(self) -> bool:
-        """Whether weights are pruned, in training or after it."""
-        return self.prune is not None or self.sparsity > 0
-
     @model_validator(mode="after")
     def _has_one_clock(self) -> "Setting":
         if self.longest_steps and self.step_ms is not None:
@@ -178,7 +173,7 @@ def measured(
     """
     fitted = trained(bench, setting, known)
     rule = FULL_WINDOW if setting.exit_tolerance is None else exit_of(bench, fitted, setting.exit_tolerance).used
-    return row_of(fitted, rule, pruned=setting.is_sparse, prices=prices)
+    return row_of(fitted, rule, prices=prices)
 
 
 def exit_of(bench: Bench, fitted: Fitted, tolerance: float) -> ExitChoice:
@@ -215,18 +210,12 @@ def trained(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> Fitted:
     return fitted if setting.prune is None else _pruned(fitted, setting)
 
 
-def row_of(
-    fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, pruned: bool = False, prices: PriceList = ARITHMETIC_45NM
-) -> dict[str, Any]:
-    """Accuracies, SOPs, energy and what is counted of a decision; of a pruned network, of the remaining weights."""
+def row_of(fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, prices: PriceList = ARITHMETIC_45NM) -> dict[str, Any]:
+    """Accuracies, SOPs, energy and what is counted of a decision."""
     network, (train, validation, test) = fitted.network, fitted.sides
     inferred = network.infer(test.spikes, rule)
     row = measuring.means(inferred, network, test, {})
     spikes = {name: float(getattr(inferred, name).double().mean()) for name in ("input_spikes", "hidden_spikes")}
-    if pruned:
-        decided = None if rule.never else inferred.steps
-        remaining = pruning.remaining_synops(network, test.spikes, decided)._asdict()
-        row |= {f"sops_{part}": float(values.mean()) for part, values in remaining.items()}
     touched = measuring.touched(truncated.simulate_windows(network, test), network.steps_per_bin, inferred.steps)
     spent, by_events = (
         _cost(fitted, {**row, **spikes, **touched}, inferred.steps, event_driven=event_driven)

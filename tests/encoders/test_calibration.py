@@ -459,7 +459,7 @@ def test_a_baseline_that_cannot_be_calibrated_is_named_beside_the_others():
         if spec.conditioning.baseline == "none":
             raise InputError("no gain suits")
         accuracy = {"start": 0.5, "high-pass": 0.8}[spec.conditioning.baseline]
-        return SimpleNamespace(accuracy=accuracy, labels=range(100), encoder=spec)
+        return SimpleNamespace(accuracy=accuracy, accuracy_of_both=1 - accuracy, labels=range(100), encoder=spec)
 
     chosen, note = _of_baselines(fit, SPEC, [30.0])  # pyright: ignore
     assert chosen.accuracy == 0.8
@@ -472,6 +472,9 @@ def test_a_baseline_that_cannot_be_calibrated_is_named_beside_the_others():
             refused=lambda tried, refused=refused: tried.conditioning.baseline in refused,
         )
         assert chosen.accuracy == accuracy
+    chosen, note = _of_baselines(fit, SPEC, [30.0], by_both=True)  # pyright: ignore
+    assert chosen.accuracy == 0.5
+    assert "on the SA-I and RA-I rates of the training trials: 'start' 50 %, 'high-pass' 20 %" in note
 
 
 def test_the_baseline_of_a_falling_signal_is_one_with_which_it_rests():

@@ -16,7 +16,6 @@ from neurotact_parts.exporters.c import fine_tuning
 from neurotact_parts.exporters.c.formats import Steps
 from neurotact_parts.networks.search import search
 from neurotact_parts.networks.search.tuning import MedianStop, Proposal
-from neurotact_parts.studies.comparison.pruning import remaining_synops
 from stopped_trainings import stopped_after
 
 import neurotact as nt
@@ -123,8 +122,10 @@ def test_a_joined_network_exits_where_the_mean_of_its_members_would(seed, drawn,
 def test_only_synapses_that_exist_are_counted(model):
     members = [network(k, model=model) for k in range(3)]
     whole, window = joined(members), spikes()
-    remaining = remaining_synops(whole, window)
-    assert remaining.total.tolist() == synops_of(whole.infer(window), whole).total.tolist()
+    received, sent = window.sum(dim=(0, 1)), whole.simulate(window).hidden.sum(dim=(0, 1))
+    by_hand = received.double() @ (whole.w_in != 0).sum(dim=1).double()
+    by_hand += sum(sent.double() @ (w != 0).sum(dim=1).double() for w in whole.weights[1:])
+    assert synops_of(whole.infer(window), whole).total.sum() == by_hand.item()
     sops = {f"sops_{name}": 10 for name in ("input", "recurrent", "readout")}
     cost, *each = [network_cost(net.spec, N_IN, N_CLASSES, sops, steps=40, signal_ms=40) for net in [whole, *members]]
     parameters = 15 * N_IN + 15 * N_CLASSES + N_CLASSES + (3 * 5 * 5 if model == "rsnn" else 0)

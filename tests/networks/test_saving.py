@@ -134,7 +134,7 @@ def test_the_same_training_again_is_the_run(run):
     """The recipe's choices are found again, so what a way changes is that way alone."""
     start = start_of(run)
     start = start._replace(bench=start.bench._replace(seeds=(3, 4)))
-    plain, other = (trial.fitted_of(Job(1, point), start)[0].network for point in ({}, {"rate penalty": 1}))
+    plain, other = (trial.fitted_of(Job(1, point), start).network for point in ({}, {"rate penalty": 1}))
     assert start.bench.network.recipe == "default"
     assert other.spec.tau_mem_ms == plain.spec.tau_mem_ms
     assert other.spec.step_ms == plain.spec.step_ms

@@ -11,7 +11,6 @@ from levels import examples
 from made_chains import READOUTS, unequal_stretches
 from neurotact_parts.exporters.c import fine_tuning
 from neurotact_parts.exporters.c.formats import Steps
-from neurotact_parts.studies.comparison.pruning import remaining_synops
 
 from neurotact import backend as backends
 from neurotact.errors import InputError
@@ -24,6 +23,7 @@ from neurotact.networks.exit.rule import ExitRule
 from neurotact.networks.training import epochs, run_folder
 from neurotact.networks.training.epochs import Examples, train
 from neurotact.networks.training.sparsity import prune
+from neurotact.networks.use.measuring import synops_of
 from neurotact.neurons import Membrane
 from neurotact.spec import build
 
@@ -187,7 +187,7 @@ def test_a_pruned_synapse_has_no_weight_in_any_stretch():
     assert kept.all(dim=0).equal(kept.any(dim=0))
     assert int(kept[0].sum()) == 9
     assert before[kept[0]].min() >= before[~kept[0]].max()
-    spent = remaining_synops(net, spikes())
+    spent = synops_of(net.infer(spikes()), net)
     assert (spent.readout == (net(spikes()).hidden @ kept[0].sum(dim=1).float()).detach().numpy()).all()
 
 

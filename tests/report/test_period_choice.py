@@ -117,19 +117,20 @@ def test_one_trial_less_never_names_another_period(seed, n, apart, seeds):
         assert len(named) <= 1
 
 
-@given(st.integers(0, 2**32), st.integers(5, 200), st.integers(2, 6), st.sampled_from([0.0, 0.03, 0.1]))
+@given(st.integers(0, 2**32), st.integers(5, 60), st.integers(2, 5), st.sampled_from([0.03, 0.1, 0.2]))
 def test_what_one_trial_less_would_choose_is_among_what_may_be_cheapest(seed, n, n_ways, apart):
     draw = np.random.default_rng(seed)
-    right = (draw.random((n, 1)) < draw.uniform(0.6, 1.0) + draw.normal(0, apart, n_ways)).astype(float)
-    costs = draw.permutation(n_ways).tolist()
 
-    def ways(kept: np.ndarray) -> list[Way]:
+    def ways(kept: np.ndarray, costs: list[int]) -> list[Way]:
         return [Way(share, standard_error(share, len(kept)), cost)
                 for share, cost in zip(kept.mean(axis=0).tolist(), costs, strict=True)]  # fmt: skip
 
-    may_be = may_be_cheapest(ways(right), n, [0.0] * n_ways)
-    assert {cheapest_of(ways(np.delete(right, trial, axis=0))) for trial in range(n)} <= {*may_be}
-    assert {cheapest_of(ways(right))} <= {*may_be} <= {*may_be_cheapest(ways(right), n, [0.05] * n_ways)} | {*may_be}
+    for _ in range(20):
+        right = (draw.random((n, n_ways)) < draw.uniform(0.6, 1.0) + draw.normal(0, apart, n_ways)).astype(float)
+        costs = draw.permutation(n_ways).tolist()
+        may_be = may_be_cheapest(ways(right, costs), n, [0.0] * n_ways)
+        left = [cheapest_of(ways(np.delete(right, trial, axis=0), costs)) for trial in range(n)]
+        assert {cheapest_of(ways(right, costs)), *left} <= {*may_be}
 
 
 def decided(pair: str, hidden: int, validation: float, nJ: float, accuracy: float = 0.95) -> Network:

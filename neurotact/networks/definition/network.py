@@ -134,6 +134,11 @@ class Network(nn.Module):
             found.sops = inference.sops  # pyright: ignore[reportAttributeAccessIssue]
         return found
 
+    @property
+    def synapses(self) -> dict[str, int]:
+        """Synapses of each projection, by the names of `flops.SYNAPSES`, of a pruned network, else empty."""
+        return {}
+
     def operations(self, input_spikes: np.ndarray, hidden_spikes: np.ndarray, sops: np.ndarray | None) -> Synops:
         """The synaptic operations of decisions, from what `Inference` says of them; NaN if they are not counted."""
         return synops.of_network(self, input_spikes, hidden_spikes)

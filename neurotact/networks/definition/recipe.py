@@ -188,6 +188,7 @@ def _choose_model(chosen: _Chosen, seen: Seen) -> int:
     rate_Hz, given = seen.sampling_rate_Hz, chosen.given
     per_bin = clock.steps_per_bin(given["step_ms"], rate_Hz) if "step_ms" in given else seen.steps_per_bin
     if not chosen.has_layer:
+        chosen.take("model", "snn", "no recurrence without hidden neurons")
         chosen.take("step_ms", _exact(seen.steps_per_bin, rate_Hz), _why_step(seen))
         return per_bin
     model = chosen.take(
@@ -225,7 +226,7 @@ def _choose_readout(chosen: _Chosen, seen: Seen, bins: int, per_bin: int) -> Non
     adds_up = readout == "integrator" and given.get("readout_tau_ms") is None
     fit = STRETCHES if adds_up and seen.few < 1 and bins >= STRETCHES else 1
     if not chosen.has_layer:
-        fit = math.ceil(bins / math.ceil(bins / FITTED_STRETCHES))
+        fit = fitted_stretches(bins)
     if adds_up and (own_ms := given.get("readout_stretch_ms")) is not None:
         fit = max(1, min(MOST_STRETCHES, math.ceil(_short(1e3 * seen.steps / seen.sampling_rate_Hz / own_ms))))
     stretches = chosen.take(
@@ -242,6 +243,23 @@ def _choose_readout(chosen: _Chosen, seen: Seen, bins: int, per_bin: int) -> Non
     if 0 < seen.few < 1 and chosen.has_layer and not {"readout_stretches", "readout_stretch_ms"} & given.keys():
         rate = _short((1 - seen.few) * TrainingSpec.model_fields["stretch_rate"].default)
         chosen.take("training.stretch_rate", rate, "of stretches, for which spikes are hardly enough")
+
+
+def fitted_stretches(bins: int) -> int:
+    """Stretches of equal length of a network without a hidden layer, in a window of so many steps of its clock.
+
+    >>> fitted_stretches(1000), fitted_stretches(20)
+    (32, 20)
+    """
+    return math.ceil(bins / math.ceil(bins / FITTED_STRETCHES))
+
+
+def without_layer(network: RSNN, n_steps: int) -> RSNNSpec:
+    """The network without a hidden layer for windows of so many steps of the encoder, on the clock of another one."""
+    per_bin = network.steps_per_bin
+    stretches = fitted_stretches(bins := math.ceil(n_steps / per_bin))
+    stretch_ms = _exact(math.ceil(bins / stretches) * per_bin, network.sampling_rate_Hz)
+    return network.spec.without_layer(stretches, stretch_ms)
 
 
 def _choose_length(chosen: _Chosen, seen: Seen) -> None:
@@ -361,6 +379,7 @@ def first_of(spec: RSNNSpec, seen: Seen) -> RSNNSpec:
     'rsnn'
     """
     chosen = resolve(spec, seen)
+    chosen = chosen.model_copy(update={"direct": False}) if chosen.direct == "auto" else chosen
     return chosen.of_model("rsnn") if chosen.model == "auto" else chosen
 
 

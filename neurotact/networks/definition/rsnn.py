@@ -11,6 +11,7 @@ import math
 from functools import cache
 from typing import Any, Literal, get_args
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -19,8 +20,19 @@ from neurotact.backend import Backend
 from neurotact.checks import at_least, one_of
 from neurotact.data.recordings import check_sampling_rate
 from neurotact.errors import InputError
+from neurotact.metrics.flops import SYNAPSES
+from neurotact.metrics.synops import Synops
 from neurotact.networks.definition import clock, executors, native, reference
-from neurotact.networks.definition.network import RASTER_VALUES, Counts, Inference, Network, Rasters, Simulated, decided
+from neurotact.networks.definition.network import (
+    RASTER_VALUES,
+    CountedInference,
+    Counts,
+    Inference,
+    Network,
+    Rasters,
+    Simulated,
+    decided,
+)
 from neurotact.networks.definition.parts import NetworkPart, Sizes
 from neurotact.networks.definition.readouts import Integration, Stretches
 from neurotact.networks.definition.specs import Model, RSNNSpec, void_keys
@@ -48,6 +60,15 @@ def _stretches_of(spec: RSNNSpec, clock_Hz: float) -> Stretches | None:
     return Stretches(
         spec.readout_stretches, clock.steps_per_bin(spec.readout_stretch_ms, clock_Hz, "readout_stretch_ms")
     )
+
+
+def _check_decided(spec: RSNNSpec) -> None:
+    """InputError for a spec of another network, or of one that training decides on."""
+    if spec.model not in get_args(Model):
+        what = "'auto' is decided in training" if spec.model == "auto" else f"RSNN is no '{spec.model}'"
+        raise InputError(f"model: {what}; give 'rsnn' or 'snn', or train with `nt.train`")
+    if spec.direct == "auto":
+        raise InputError("direct: 'auto' is decided in training; give true or false, or train with `nt.train`")
 
 
 class RSNN(Network):
@@ -103,9 +124,7 @@ class RSNN(Network):
             at_least(name, number, 1, whole=True)
         table = {} if spec is None else spec.model_dump(mode="json")
         self.spec = spec = build(RSNNSpec, override(table, keys), source="RSNN") if keys or spec is None else spec
-        if spec.model not in get_args(Model):
-            what = "'auto' is decided in training" if spec.model == "auto" else f"RSNN is no '{spec.model}'"
-            raise InputError(f"model: {what}; give 'rsnn' or 'snn', or train with `nt.train`")
+        _check_decided(spec)
         effects.check_keys(leaves(keys), [void_keys(spec)], "RSNN")
         one_of("returns", returns, get_args(Returns))
         if returns == "spikes" and spec.integrates:
@@ -172,6 +191,29 @@ class RSNN(Network):
     def weights(self) -> list[nn.Parameter]:
         """The weight matrices: input, recurrent (if any), readout, and its deviations (if any)."""
         return [weights for weights in (self.w_in, self.w_rec, self.w_out, self.w_stretch) if weights is not None]
+
+    @property
+    def present(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Whether there is a synapse, which is one whose weight is not 0, in any stretch: `(presynaptic,
+        postsynaptic)` bool, into, among and out of hidden neurons, on the CPU.
+        """
+        among = self.w_out.new_zeros(self.spec.hidden, 0) if self.w_rec is None else self.w_rec
+        out = self.readout_weights if self.stretches is None else self.readout_weights.abs().sum(dim=0)
+        into, among, out = (weights.detach().cpu() != 0 for weights in (self.w_in, among, out))
+        return into, among, out
+
+    @property
+    def fans(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Synapses into hidden neurons `(afferent,)`, among them `(hidden,)`, and of what the readout hears, int64."""
+        into, among, out = (there.sum(dim=1) for there in self.present)
+        return into, among, out
+
+    @property
+    def synapses(self) -> dict[str, int]:
+        """Synapses of each projection, of a pruned network (`training.sparsity`): only these count; else empty."""
+        if not self.spec.training.sparsity:
+            return {}
+        return dict(zip(SYNAPSES, (int(fan.sum()) for fan in self.fans), strict=True))
 
     def within_blocks(self) -> Tensor:
         """Which recurrent synapses exist, `(hidden, hidden)` bool.
@@ -316,6 +358,23 @@ class RSNN(Network):
         """Every spike of every neuron; differentiable. `ordered`: by the reference, adding in the kernels' order."""
         return self._simulate(self.binned(spikes), ordered)
 
+    def simulated(self, spikes: Tensor) -> Simulated:
+        """`simulate`, with the operations of a pruned network."""
+        spikes = self.binned(spikes)
+        rasters = self._simulate(spikes)
+        return Simulated(rasters, self._sops(spikes, rasters.hidden) if self.synapses else None)
+
+    def operations(self, input_spikes: np.ndarray, hidden_spikes: np.ndarray, sops: np.ndarray | None) -> Synops:
+        """As of `Network`; of a pruned one, by projection."""
+        return super().operations(input_spikes, hidden_spikes, None) if sops is None else Synops.of(*sops.T)
+
+    def _sops(self, spikes: Tensor, hidden: Tensor) -> Tensor:
+        """Operations by projection in each step, `(trial, bin, 3)` int64; a spike is one at each of its synapses."""
+        into, among, out = (fan.to(hidden.device).double() for fan in self.fans)
+        hidden = hidden.detach().double()
+        heard = self.heard(hidden, spikes.double())
+        return torch.stack([spikes.double() @ into, hidden @ among, heard @ out], dim=2).round().long()
+
     def _simulate(self, spikes: Tensor, ordered: bool = False) -> Rasters:
         if not ordered and self._native() and self.spec.hidden:
             hidden = self._native_layer(spikes, self.w_in, self.w_rec, 0)
@@ -334,12 +393,11 @@ class RSNN(Network):
 
         spikes: `binned`; hidden: spikes of a window `(trial, time, hidden)`. An event-driven network updates these.
         """
-        out = self.readout_weights if self.stretches is None else self.readout_weights.abs().sum(dim=0)
-        into, out = ((weights.detach().cpu() != 0).float() for weights in (self.w_in, out))
+        into, among, out = (there.float() for there in self.present)
         arriving = spikes.float() @ into
         if self.w_rec is not None:
             later = self.neuron.recurrent_delay_steps + (self.neuron.membrane == "immediate")
-            back = hidden.float() @ (self.w_rec.detach().cpu() != 0).float()
+            back = hidden.float() @ among
             arriving[:, 1 + later :] += back[:, : max(0, back.shape[1] - 1 - later)]
         heard = self.heard(hidden.float(), spikes) @ out
         return torch.stack([(arriving > 0).sum(dim=2), (heard > 0).sum(dim=2)], dim=2)
@@ -359,11 +417,31 @@ class RSNN(Network):
         return heard.double() @ (weights if self.stretches is None else weights[self.stretches.of_step(step)]).double()
 
     def _infer(self, spikes: Tensor, rule: ExitRule) -> Inference:
+        found = self._decided(spikes, rule)
+        if not self.synapses:
+            return found
+        counted = CountedInference(*found)
+        at_once = self._at_once(spikes)
+        parts = zip(spikes.split(at_once), found.steps.split(at_once), strict=True)
+        counted.sops = torch.cat([self.sops_until(part, self._simulate(part).hidden, n) for part, n in parts])
+        return counted
+
+    def sops_until(self, spikes: Tensor, hidden: Tensor, steps: Tensor) -> Tensor:
+        """Operations by projection `(trial, 3)` in so many steps of each trial, from its spikes in every step."""
+        sops = self._sops(spikes, hidden)
+        ran = torch.arange(sops.shape[1], device=steps.device) < steps[:, None]
+        return (sops * ran[..., None].to(sops.device)).sum(dim=1)
+
+    def _at_once(self, spikes: Tensor) -> int:
+        """Trials whose rasters fit in memory together."""
+        n_values = spikes.shape[1] * (self.n_inputs + self.spec.hidden + self.n_classes)
+        return max(1, RASTER_VALUES // max(1, n_values))
+
+    def _decided(self, spikes: Tensor, rule: ExitRule) -> Inference:
         if self._native():
             return Inference(*native.rsnn_infer(spikes, self, rule))
         if (integration := self.integration) is not None:
-            n_values = spikes.shape[1] * (self.n_inputs + self.spec.hidden + self.n_classes)
-            parts = spikes.split(max(1, RASTER_VALUES // max(1, n_values)))
+            parts = spikes.split(self._at_once(spikes))
             inferences = (self._infer_sums(part, rule, integration) for part in parts)
             return Inference(*map(torch.cat, zip(*inferences, strict=True)))
         return self._infer_by_steps(spikes, rule)

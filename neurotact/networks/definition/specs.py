@@ -86,7 +86,8 @@ class TrainingSpec(Spec):
     """The optimiser's rate of each weight matrix in units of the standard deviation of its initial weights. It replaces
     `learning_rate`, which then applies only to biases and learned dynamics."""
     schedule: Literal["constant", "cosine"] = "constant"
-    """cosine: the rates fall to 0 over all epochs, step by step, along half a cosine."""
+    """cosine: the rates fall to 0 over all epochs, step by step, along half a cosine; with `sparsity` over those after
+    pruning has ended."""
 
     keep: Keep = "loss"
     """The epoch whose weights are used, and from which patience counts: the one of the lowest validation loss
@@ -165,8 +166,11 @@ class RSNNSpec(Spec):
     hidden: int = Field(default=30, ge=0, le=MOST_HIDDEN)
     """Neurons in the hidden layer. 0: none; the integrator hears the afferents and is fitted as logistic regression.
     A list, such as [20, 10]: of several layers (`model = "layered"`)."""
-    direct: bool = False
-    """Whether an integrator also hears the afferents themselves, past the hidden layer. Without one it always does."""
+    direct: bool | Literal["auto"] = False
+    """Whether an integrator also hears the afferents themselves, past the hidden layer. Without one it always does.
+    auto: networks are tried from the smallest up: without a hidden layer, with it (`model`), with a path past it. Each
+    step stays if it classifies more validation windows correctly, by more than the standard error; a trained network is
+    one of them."""
     step_ms: Annotated[float, Field(gt=0)] | Literal["encoder"] | None = None
     """Step of the network's clock, a whole number of steps of the encoder's clock. Input spikes are put into bins of
     this length; several of one afferent in a bin are one. `encoder`, or absent without a recipe: the encoder's step."""
@@ -297,7 +301,7 @@ class RSNNSpec(Spec):
     @property
     def hears_afferents(self) -> bool:
         """Whether input spikes reach the readout directly."""
-        return self.own is None and (self.direct or not self.hidden)
+        return self.own is None and (self.direct is True or not self.hidden)
 
     def heard(self, n_inputs: int) -> int:
         """Neurons whose spikes reach the readout: the hidden ones, then the afferents where it hears them.
@@ -332,7 +336,7 @@ class RSNNSpec(Spec):
         >>> RSNNSpec().n_trainings, RSNNSpec(model="auto", recipe="default", effort="best").n_trainings
         (1, 4)
         """
-        return self.n_members + (self.model == "auto")
+        return self.n_members + (self.model == "auto") + (self.direct == "auto")
 
     def of_model(self, model: Model) -> "RSNNSpec":
         """The same network with this model in place of its own; one without recurrence has no keys of recurrence.
@@ -344,6 +348,21 @@ class RSNNSpec(Spec):
         fields = type(self).model_fields
         unused = effects.voids(model=model).keys() & self.model_fields_set
         return self.model_copy(update={"model": model, **{key: fields[key].default for key in unused}})
+
+    def without_layer(self, stretches: int, stretch_ms: float) -> "RSNNSpec":
+        """The network on the same clock that has no hidden layer, with so many stretches.
+
+        >>> RSNNSpec(readout="integrator", direct="auto").without_layer(8, 25.0).readout_stretches
+        8
+        """
+        table = {
+            "model": "snn",
+            "hidden": 0,
+            "readout": "integrator",
+            "training": {"temperature": self.training.temperature},
+        }
+        own = {"readout_stretches": stretches, "readout_stretch_ms": stretch_ms} if stretches > 1 else {}
+        return specs.build(type(self), {**table, **own, "step_ms": self.step_ms}, source="hidden = 0")
 
     @property
     def joined_hidden(self) -> int:
@@ -372,9 +391,11 @@ class RSNNSpec(Spec):
 
     @model_validator(mode="after")
     def _afferents_have_a_sum(self) -> "RSNNSpec":
-        if not self.hears_afferents:
+        if not (self.hears_afferents or self.direct):
             return self
-        what = "direct = true" if self.direct else "hidden = 0"
+        what = f"direct = {json.dumps(self.direct)}" if self.direct else "hidden = 0"
+        if self.direct == "auto" and not self.hidden:
+            raise ValueError("direct = 'auto' tries hidden neurons, too; set hidden above 0, or drop direct")
         if not (self.direct or self.hidden) and "direct" in self.model_fields_set:
             raise ValueError("direct = false leaves a network with hidden = 0 nothing to hear; drop it, or set hidden")
         if not self.hidden and self.training.members > 1:

@@ -9,14 +9,14 @@ without members gives. A checkpoint holds the weights of the networks that are f
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from neurotact.errors import InputError
 from neurotact.metrics.decision import is_within
-from neurotact.networks.definition import seeds
+from neurotact.networks.definition import recipe, seeds
 from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
@@ -47,12 +47,24 @@ def train(
     """
     series, gain = _Series(training, validation, progress, start, keep), None
     alone = spec.model_copy(update={"training": spec.training.model_copy(update={"members": 1})})
+    smallest, layer_gain = None, None
+    if spec.direct == "auto":
+        alone = alone.model_copy(update={"direct": False})
+        smallest = _without_layer(new, alone, first, training, validation)
+        if smallest.right.all():  # nothing is left to gain
+            return smallest.network, smallest.training
     if spec.model == "auto":
         member, own, gain = _with_recurrence_if_it_gains(series, new, alone, first)
     else:
         member, own = series.train(*new(alone, first))
+    if smallest is not None:
+        right = series.right_of(member)
+        layer_gain = float(right.double().mean() - smallest.right.double().mean())
+        if not pays(smallest.right, right):
+            return smallest.network, replace(smallest.training, layer_gain=layer_gain)
+        member, own = _with_path_if_it_gains(series, new, (member, own), first, right)
     if (n := spec.training.members) == 1:
-        return member, Training(series.numbered(), own.best._replace(member=1), gain)
+        return member, Training(series.numbered(), own.best._replace(member=1), gain, layer_gain)
     members = [member]
     for number in range(2, n + 1):
         another, _ = series.train(*new(member.spec, seeds.of_member(first, number)))
@@ -61,7 +73,38 @@ def train(
     fitted = one.judge(whole, training.binned(whole))
     judged = one.judge(whole, validation.binned(whole))
     best = Epoch(series.log[-1].epoch, *fitted, *judged, one.JOINED)
-    return whole, Training(series.numbered(), best, gain)
+    return whole, Training(series.numbered(), best, gain, layer_gain)
+
+
+class _Smallest(NamedTuple):
+    """A network without a hidden layer, its log, and whether it has each validation window right."""
+
+    network: Network
+    training: Training
+    right: Tensor
+
+
+def _without_layer(
+    new: New, spec: RSNNSpec, first: tuple[int, int], training: Examples, validation: Examples
+) -> _Smallest:
+    """The network without a hidden layer; it is fitted anew where a training goes on, since that takes seconds."""
+    model = spec.of_model("snn") if spec.model == "auto" else spec
+    layered, _ = new(model, first)
+    assert isinstance(layered, RSNN)
+    network, _ = new(recipe.without_layer(layered, training.spikes.shape[1]), first)
+    assert isinstance(network, RSNN)
+    done = linear.train(network, training, validation)
+    return _Smallest(network, done, one.right_of(network, validation.binned(network)))
+
+
+def _with_path_if_it_gains(
+    series: "_Series", new: New, before: tuple[Network, Training], first: tuple[int, int], right: Tensor
+) -> tuple[Network, Training]:
+    """The network with a path past its hidden layer, if that gains; right: what it has right without."""
+    past, own = series.train(*new(before[0].spec.model_copy(update={"direct": True}), first))
+    is_better = pays(right, series.right_of(past))
+    series.dropped.add((before[1] if is_better else own).best.member)
+    return (past, own) if is_better else before
 
 
 def _with_recurrence_if_it_gains(
@@ -80,13 +123,12 @@ def _with_recurrence_if_it_gains(
     except InputError as error:
         warnings.warn(f"{error}; the network without recurrence stays", stacklevel=2)
         return plain, own, None
-    without = one.right_of(plain, series.validation.binned(plain))
-    with_it = one.right_of(recurrent, series.validation.binned(recurrent))
+    without, with_it = series.right_of(plain), series.right_of(recurrent)
     gain = float(with_it.double().mean() - without.double().mean())
     if pays(without, with_it):
-        series.dropped = own.best.member
+        series.dropped.add(own.best.member)
         return recurrent, its_own, gain
-    series.dropped = its_own.best.member
+    series.dropped.add(its_own.best.member)
     return plain, own, gain
 
 
@@ -121,7 +163,7 @@ def spec_of(network: Network, n_members: int) -> RSNNSpec:
 class _Series:
     """Trainings one after another, each of which is resumed from a checkpoint or is finished in it.
 
-    log: the epochs of all trainings so far. dropped: the number of the one whose network is not kept.
+    log: the epochs of all trainings so far. dropped: the numbers of those whose networks are not kept.
     """
 
     def __init__(
@@ -132,7 +174,7 @@ class _Series:
         start: Checkpoint | None,
         keep: Callable[[Checkpoint], None] | None,
     ) -> None:
-        self.training, self.validation, self.log, self.dropped = training, validation, list[Epoch](), 0
+        self.training, self.validation, self.log, self.dropped = training, validation, list[Epoch](), set[int]()
         self._progress, self._start, self._keep, self._networks = progress, start, keep, list[Network]()
 
     def train(self, network: Network, order: torch.Generator) -> tuple[Network, Training]:
@@ -160,6 +202,10 @@ class _Series:
         self._networks.append(network)
         return network, done
 
+    def right_of(self, network: Network) -> Tensor:
+        """Whether a network classifies each validation window correctly."""
+        return one.right_of(network, self.validation.binned(network))
+
     def _saved(self, number: int, network: Network) -> tuple[Checkpoint | None, Mapping[str, Tensor] | None]:
         """The part of the checkpoint with the epochs of a network, and its weights if it is finished.
 
@@ -175,8 +221,8 @@ class _Series:
 
     def numbered(self) -> tuple[Epoch, ...]:
         """The log, in which those networks are numbered that are kept; a network that is not has `NOT_KEPT`."""
-        kept = sorted({epoch.member for epoch in self.log} - {self.dropped})
-        numbers = {self.dropped: one.NOT_KEPT} | {member: number for number, member in enumerate(kept, 1)}
+        kept = sorted({epoch.member for epoch in self.log} - self.dropped)
+        numbers = dict.fromkeys(self.dropped, one.NOT_KEPT) | {member: number for number, member in enumerate(kept, 1)}
         return tuple(epoch._replace(member=numbers[epoch.member]) for epoch in self.log)
 
     def _with_earlier(self) -> Callable[[Checkpoint], None] | None:

@@ -109,12 +109,16 @@ def _read(path: Path) -> dict[str, Tensor]:
 
 
 def _expected(net: Net, n_epochs: int, n_finished: int, found: Mapping[str, Tensor]) -> Expected:
-    """found: the tensors of the file; with `model = "auto"`, they tell which networks are recurrent."""
+    """found: the tensors of the file; they tell which networks are recurrent, or have a path past the hidden layer."""
 
     def state(part: str) -> Expected:
-        if net.spec.model != "auto":
-            return net.state()
-        return net._replace(spec=net.spec.of_model("rsnn" if f"{part}.w_rec" in found else "snn")).state()
+        spec = net.spec
+        if spec.model == "auto":
+            spec = spec.of_model("rsnn" if f"{part}.w_rec" in found else "snn")
+        if spec.direct == "auto":
+            w_out = found.get(f"{part}.w_out", torch.empty(0))
+            spec = spec.model_copy(update={"direct": len(w_out) > spec.hidden})
+        return net._replace(spec=spec).state()
 
     fixed = net.fixed()
     adam = {

@@ -63,11 +63,14 @@ class Training:
     network that is kept; if several were joined, of the joined network.
     recurrence_gain: with `model = "auto"`, the validation accuracy with recurrence minus that without; None if it was
         not tried.
+    layer_gain: with `direct = "auto"`, the validation accuracy with a hidden layer minus that without; None if it was
+        not tried.
     """
 
     epochs: tuple[Epoch, ...]
     best: Epoch
     recurrence_gain: float | None = None
+    layer_gain: float | None = None
 
     @property
     def n_members(self) -> int:
@@ -197,7 +200,8 @@ def best_in(log: Sequence[Epoch], spec: TrainingSpec) -> Epoch:
     >>> best_in(log, TrainingSpec(epochs=3)).epoch, best_in(log, TrainingSpec(epochs=3, sparsity=0.5)).epoch
     (1, 2)
     """
-    return best_of([epoch for epoch in log if sparsity.is_final(epoch.epoch, spec)] or log[-1:], spec.keep)
+    first = sparsity.Ramp.of(spec).end
+    return best_of([epoch for epoch in log if epoch.epoch >= first] or log[-1:], spec.keep)
 
 
 def best_of(log: Sequence[Epoch], keep: Keep = "loss") -> Epoch:
@@ -238,7 +242,7 @@ def is_over(log: Sequence[Epoch], spec: TrainingSpec) -> bool:
 def has_learned(log: Sequence[Epoch], spec: TrainingSpec) -> bool:
     """Whether the last epoch has every window right, with mean losses of at most `target_loss`, and its `sparsity`."""
     *_, (epoch, train_loss, train_accuracy, validation_loss, validation_accuracy, _) = log
-    is_low = max(train_loss, validation_loss) <= spec.target_loss and sparsity.is_final(epoch, spec)
+    is_low = max(train_loss, validation_loss) <= spec.target_loss and epoch >= sparsity.Ramp.of(spec).end
     return spec.target_loss > 0 and is_low and min(train_accuracy, validation_accuracy) == 1
 
 
@@ -281,7 +285,10 @@ def _rate_left(spec: TrainingSpec, epochs: float) -> float:
     >>> _rate_left(TrainingSpec(epochs=10), 5.0), round(_rate_left(TrainingSpec(epochs=10, schedule="cosine"), 5.0), 9)
     (1.0, 0.5)
     """
-    return 0.5 * (1 + math.cos(math.pi * epochs / spec.epochs)) if spec.schedule == "cosine" else 1.0
+    if spec.schedule != "cosine":
+        return 1.0
+    begin = sparsity.Ramp.of(spec).end  # what is left learns while weights go; of a dense network 0
+    return 0.5 * (1 + math.cos(math.pi * max(0.0, epochs - begin) / max(1, spec.epochs - begin)))
 
 
 def _groups(network: Network) -> list[dict[str, Any]]:

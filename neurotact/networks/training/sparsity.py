@@ -1,16 +1,17 @@
 """Magnitude pruning: the smallest weights become 0, and their synapses need no operation.
 
-Gradual pruning in training (Zhu and Gupta 2017, arXiv 1710.01878): the share of weights that are 0 rises fast at first,
-while many weights are redundant, and slowly at the end: `s (1 - (1 - x)^3)`, x from 0 to 1. The remaining weights then
-train on. A weight that is 0 stays 0: zeros are the mask, which a checkpoint therefore holds.
+Gradual pruning in training (Zhu and Gupta 2017, arXiv 1710.01878): the share of zeros rises fast at first, and slowly
+at the end: `s (1 - (1 - x)^3)`, x from 0 to 1; then the remaining weights train on. A weight that is 0 stays 0: zeros
+are the mask, which a checkpoint therefore holds.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import chain
 from typing import Any, NamedTuple
 
 import torch
-from torch import Tensor, nn
+from torch import nn
 
 from neurotact.errors import InputError
 from neurotact.networks.definition.network import Network
@@ -19,8 +20,6 @@ from neurotact.networks.definition.specs import TrainingSpec
 
 BEGIN, END = 0.1, 2 / 3
 """Shares of the epochs after which pruning begins, and has ended."""
-SHARED = {"w_out": "w_stretch"}
-"""Parameters that are weights of the same synapses: shared ones, and deviations in each stretch."""
 
 
 class Ramp(NamedTuple):
@@ -43,11 +42,7 @@ class Ramp(NamedTuple):
         return cls(spec.sparsity, min(round(BEGIN * spec.epochs), end - 1), end)
 
     def after(self, epochs: float) -> float:
-        """The share after so many epochs.
-
-        >>> [Ramp(0.8, 2, 4).after(epochs) for epochs in (2, 3, 4, 9)]
-        [0.0, 0.7000000000000001, 0.8, 0.8]
-        """
+        """The share after so many epochs."""
         if epochs <= self.begin or not self.final:
             return 0.0
         left = max(0.0, (self.end - epochs) / (self.end - self.begin))
@@ -56,28 +51,24 @@ class Ramp(NamedTuple):
     @contextmanager
     def step(self, network: Network, before: float, after: float) -> Iterator[None]:
         """In this context an optimiser takes a step, the one from `before` to `after`, in epochs."""
-        absent = [(w, _absent(w)) for w in _synapses(network).values()] if self.after(before) else []
+        found = _synapses(network).values() if self.after(before) else ()
+        absent = [(shared == 0) & (own[0] == 0).all(dim=0) if own else shared == 0 for shared, *own in found]
         yield
         with torch.no_grad():  # the running mean of a gradient moves weights that have none
-            for weights, gone in absent:
+            for weights, gone in zip(found, absent, strict=True):
                 for part in weights:
                     part.masked_fill_(gone, 0.0)
         if share := self.after(after):
             prune(network, share)
 
 
-def is_final(epoch: int, spec: TrainingSpec) -> bool:
-    """Whether a network has its final share of zeros after this epoch."""
-    return epoch >= Ramp.of(spec).end
-
-
 @torch.no_grad()
 def prune(network: Network, share: float) -> None:
     """Set a share of each weight matrix to 0, the smallest magnitudes first (Han et al. 2015, NeurIPS).
 
-    Among equal magnitudes, lower indices go first; biases are not pruned, and below a share of 1 a weight stays. A
-    synapse with a weight in each of `readout_stretches` has the magnitude of their root mean square. Of recurrent
-    weights the share is of those within `recurrent_blocks`. Raises InputError for a share outside 0 to 1.
+    Of equal magnitudes lower indices go first; biases stay. Of a synapse with weights in `readout_stretches` the root
+    mean square counts; of recurrent weights the share is of those within `recurrent_blocks`. The spec's `sparsity`
+    is then at least the share: only what is left is counted. Raises InputError for a share outside 0 to 1.
 
     >>> net = RSNN(2, 2, hidden=4, sampling_rate_Hz=1000.0, generator=torch.Generator().manual_seed(0))
     >>> prune(net, 0.75)
@@ -89,46 +80,42 @@ def prune(network: Network, share: float) -> None:
     for name, (shared, *own) in _synapses(network).items():
         if not shared.numel():  # without a hidden layer
             continue
-        magnitudes = (shared + own[0]).square().mean(dim=0).sqrt() if own else shared.abs()
-        n_other = 0
+        magnitudes, n = (shared + own[0]).square().mean(dim=0).sqrt() if own else shared.abs(), shared.numel()
         if name == "w_rec" and isinstance(network, RSNN):
-            within = network.within_blocks()
-            n_other = int((~within).sum())
-            magnitudes = magnitudes.where(within, -1.0)
-        n = shared.numel() - n_other
-        pruned = magnitudes.flatten().argsort(stable=True)[: n_other + min(round(share * n), n - (share < 1))]
-        for weights in (shared, *own):
-            weights.view(-1, shared.numel())[:, pruned] = 0.0
+            magnitudes, n = magnitudes.where(within := network.within_blocks(), -1.0), int(within.sum())
+        n_pruned = shared.numel() - n + min(round(share * n), n - (share < 1))
+        pruned = magnitudes.flatten().argsort(stable=True)[:n_pruned]
+        for part in (shared, *own):
+            part.view(-1, shared.numel())[:, pruned] = 0.0
+    if share > network.spec.training.sparsity:
+        _declare(network, share)
 
 
 @contextmanager
 def pruned_stay_pruned(network: Network) -> Iterator[None]:
-    """In this context, weights that are 0 have no gradient: an optimiser that starts here leaves them at 0."""
-    handles: list[Any] = []
-    for weights in _named(network).values():
+    """In this context zeros of a pruned network have no gradient: a training leaves them and may keep any epoch."""
+    handles, share = list[Any](), network.spec.training.sparsity
+    for weights in chain(*_synapses(network).values()) if share else ():
         remains = weights.detach() != 0
         handles.append(weights.register_hook(lambda gradient, remains=remains: gradient * remains))
+    _declare(network, 0.0)
     try:
         yield
     finally:
+        _declare(network, share)
         for handle in handles:
             handle.remove()
 
 
-def _named(network: Network) -> dict[str, nn.Parameter]:
-    """The matrices of weights by name, also where they are parametrised."""
-    named = ((name.removeprefix("parametrizations."), p) for name, p in network.named_parameters())
-    return {name.removesuffix(".original"): p for name, p in named if p.ndim > 1}
+def _declare(network: Network, share: float) -> None:
+    training = network.spec.training.model_copy(update={"sparsity": share})
+    network.spec = network.spec.model_copy(update={"training": training})
 
 
 def _synapses(network: Network) -> dict[str, list[nn.Parameter]]:
-    """The matrices of weights by the name of the first; those of the same synapses together."""
-    named = _named(network)
-    same = {first: [named.pop(second)] for first, second in SHARED.items() if second in named}
-    return {name: [weights, *same.get(name, [])] for name, weights in named.items()}
-
-
-def _absent(weights: Sequence[Tensor]) -> Tensor:
-    """Synapses without a weight, `(presynaptic, postsynaptic)` bool."""
-    shared, *own = (weight.detach() == 0 for weight in weights)
-    return shared & own[0].all(dim=0) if own else shared
+    """The matrices of weights by name, also where they are parametrised; those of the same synapses together."""
+    named = ((name.removeprefix("parametrizations."), p) for name, p in network.named_parameters())
+    found = {name.removesuffix(".original"): [p] for name, p in named if p.ndim > 1}
+    if "w_stretch" in found:  # deviations of the readout's weights in each stretch
+        found["w_out"] += found.pop("w_stretch")
+    return found

@@ -252,7 +252,7 @@ class SpikingClassifier(ClassifierMixin, NestedSettings):
         decided = self.decide(X, early_exit=early_exit).drop(columns="predicted").mean()
         origin = self.origin_
         made_by = {"encoder": None if origin is None else origin.encoder, "recorded_Hz": origin and origin.recorded_Hz}
-        made_by["prices"] = priced
+        made_by |= {"prices": priced, "synapses": self.network_.synapses}
         sizes = self.n_features_in_, len(self.classes_)
         means = decided.to_frame().T
         return ledger.decision_ledger(self.network_.spec, *sizes, self.sampling_rate_Hz_, means, **made_by)

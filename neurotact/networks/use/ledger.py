@@ -7,6 +7,7 @@ import json
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import pandas as pd
@@ -15,7 +16,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.encoders.cost import NOT_COUNTED, encoding_cost, is_countable, no_cost
 from neurotact.encoders.specs import taxels_of
 from neurotact.errors import InputError
-from neurotact.metrics.flops import Cost, Integrator, NotCounted, SpikingLayer, cost, ledger_table
+from neurotact.metrics.flops import SYNAPSES, Cost, Integrator, NotCounted, SpikingLayer, cost, ledger_table
 from neurotact.metrics.prices import ACCESSES, ARITHMETIC_45NM, PriceList
 from neurotact.networks.definition import module, recipe
 from neurotact.networks.definition.specs import RSNNSpec
@@ -93,7 +94,7 @@ def network_cost(
 
     spec: of the network: its hidden neurons, recurrence and readout count.
     measured: mean SOPs of the projections, with the names of `SOPS`; and of `TOUCHED`, where it is event-driven; and
-        of `SPIKES`, where SOPs do not tell them, since weights were pruned.
+        of `SPIKES` and `SYNAPSES`, where SOPs do not tell them, since weights were pruned.
     steps, signal_ms: of a decision, a mean under early exit; steps are of the encoder's clock, of which a network with
         a `step_ms` computes one in several.
     event_driven: neurons are updated when a spike comes, in place of on every step; NaN where the steps with a spike
@@ -114,19 +115,21 @@ def network_cost(
     if event_driven and any(map(pd.isna, touched)):
         return NotCounted(signal_ms=signal_ms)
     arrived, sent = _spikes_of(spec, n_classes, measured)
+    into, among, out = (_known(measured.get(name)) for name in SYNAPSES)
     into_hidden, into_readout = measured["sops_input"] + measured["sops_recurrent"], measured["sops_readout"]
     leaky_steps = 0.0 if spec.readout_leak_ms is None else steps
     readout = (
         Integrator(
             spec.heard(n_afferents), n_classes, sops=into_readout, leaky_steps=leaky_steps,
             peak=spec.readout == "max", stretches=spec.readout_stretches, touched=touched[1], steps=steps,
+            synapses=out,
             spikes=sent if spec.hidden else arrived,
             beside=(n_afferents, arrived) if spec.hidden and spec.direct else (0, 0.0),
         )
         if spec.integrates
         else SpikingLayer(
             spec.hidden, n_classes, steps=steps, sops=into_readout, recurrent=False, spikes=sent, touched=touched[1],
-            sops_sent=into_readout,
+            sops_sent=into_readout, synapses=(out, None),
         )
     )  # fmt: skip
     if not spec.hidden:
@@ -135,7 +138,7 @@ def network_cost(
         SpikingLayer(
             n_afferents, spec.hidden, steps=steps, sops=into_hidden, recurrent=spec.fan_among,
             adapts=spec.threshold_adaptation > 0, spikes=arrived, sent=sent,
-            touched=touched[0], sops_sent=measured["sops_recurrent"],
+            touched=touched[0], sops_sent=measured["sops_recurrent"], synapses=(into, among),
         ),
         readout,
         signal_ms=signal_ms,
@@ -151,6 +154,11 @@ def _spikes_of(spec: RSNNSpec, n_classes: int, measured: Mapping[str, Any]) -> t
         return heard, 0.0
     arrived = measured["sops_input"] / spec.hidden
     return arrived, heard - arrived if spec.direct else heard
+
+
+def _known(value: Any) -> float | None:
+    """A number that was measured, or None: in a table with rows that have it, other rows hold NaN."""
+    return None if pd.isna(value) else value
 
 
 def is_counted(spec: RSNNSpec) -> bool:
@@ -192,14 +200,15 @@ def decision_ledger(
     encoder: Mapping[str, Any] | None,
     recorded_Hz: float | None = None,
     prices: PriceList = ARITHMETIC_45NM,
+    synapses: Mapping[str, int] = MappingProxyType({}),
 ) -> pd.DataFrame:
     """The ledger of one trained network: encoder, network and both, from the `all` row of a SOP summary.
 
     summary: of `metrics.synops.summary`. spec: as for `network_cost`; encoder, recorded_Hz: as for `encoding_cost`;
     where the encoder is None, the network alone counts; so it does, with a warning, where a rate is missing. NaN, with
-    a warning, where the encoder declares no cost.
+    a warning, where the encoder declares no cost. synapses: `Network.synapses`.
     """
-    measured = summary.iloc[-1]
+    measured = {**summary.iloc[-1], **synapses}
     steps = float(measured["steps"])
     signal_ms = 1e3 * steps / rate_Hz
     spent = []
@@ -215,8 +224,8 @@ def decision_ledger(
         return ledger_table([("network", one) for one in spent], prices)
     if why := no_cost(made_by.encoder):
         warnings.warn(why, stacklevel=3)
-    has_layer = spec.own is None and spec.hidden
-    n_spikes = measured["sops_input"] / spec.hidden if has_layer else measured["input_spikes"]
+    is_told = spec.own is None and spec.hidden and not synapses  # by SOPs
+    n_spikes = measured["sops_input"] / spec.hidden if is_told else measured["input_spikes"]
     encoding = made_by.cost(steps, n_spikes)
     whole = [("network", one) for one in spent] + [("both", encoding + one) for one in spent]
     return ledger_table([("encoder", encoding), *whole], prices)
@@ -264,7 +273,7 @@ def study_ledger(
     results = results.assign(**{AMONG: results["sops_recurrent"] > 0})
     alike = [KIND, AMONG, *(name for name in (STEPS_PER_BIN, STRETCHES, BLOCKS, DIRECT, OWN_KEYS) if name in results)]
     measures = [*(MEASURED if OWN_KEYS in results else SOPS), "window_steps"]
-    measures += [name for name in ("input_spikes", *TOUCHED) if name in results]
+    measures += [name for name in (*SPIKES, *SYNAPSES, *TOUCHED) if name in results]
     means = means_over(results, [*by, *alike], measures, "seeds")
     for _, parts in means.groupby(by, sort=False, dropna=False):
         first, spent = parts.iloc[0], []
@@ -326,6 +335,8 @@ def row_cost(
     before = "exit_" if early else ""
     measured = {name: row[f"{before}{name}"] for name in (SOPS if spec.own is None else MEASURED)}
     measured |= {name: row.get(f"{before}{name}") for name in TOUCHED}
+    if _known(row.get(SYNAPSES[0])) is not None:
+        measured |= {name: row[name] for name in SYNAPSES} | {name: row[f"{before}{name}"] for name in SPIKES}
     how = {"steps": steps, "signal_ms": signal_ms, "event_driven": event_driven}
     network = network_cost(own, afferents.n, n_classes, measured, **how)
     if not encoding:

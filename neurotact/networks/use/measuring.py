@@ -1,7 +1,7 @@
 """Results of a trained network on its test windows, also under each condition: accuracy, SOPs, early exit."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -59,12 +59,14 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
         **_oracle(network, windows),
         **({} if network.spec.own is None else {OWN_KEYS: network.spec.own_keys}),
         **(_arriving(full, early) if network.spec.own is not None or not network.spec.hidden else {}),
+        **(network.synapses and {**network.synapses, **_spikes("", full), **_spikes("exit_", early)}),
         "window_steps": test.spikes.shape[1],
         "steps_per_bin": network.steps_per_bin,
         "readout_stretches": network.spec.readout_stretches,
         "epochs": len(trained.training.epochs),
         **({} if (n := trained.training.n_members) == 1 else {"members": n}),
         **({} if (gain := trained.training.recurrence_gain) is None else {"recurrence_gain": gain}),
+        **({} if (gain := trained.training.layer_gain) is None else {"layer_gain": gain}),
         **({} if (blocks := network.spec.recurrent_blocks) == 1 else {"recurrent_blocks": blocks}),
         **({"direct": 1} if network.spec.direct and network.spec.hidden else {}),
     }
@@ -76,8 +78,12 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
 
 def _arriving(full: Inference, early: Inference) -> dict[str, float]:
     """The mean spikes into a network, where operations do not tell them: its first layer is its own matter, or none."""
-    pairs = (("input_spikes", full), ("exit_input_spikes", early))
-    return {name: float(one.input_spikes.double().mean()) for name, one in pairs}
+    return {**_spikes("", full, SPIKES[:1]), **_spikes("exit_", early, SPIKES[:1])}
+
+
+def _spikes(before: str, decided: Inference, names: Sequence[str] = SPIKES) -> dict[str, float]:
+    """Means of spikes of decisions, as columns."""
+    return {f"{before}{name}": float(getattr(decided, name).double().mean()) for name in names}
 
 
 def exit_accuracy(trained: Trained, validation: Examples) -> float:

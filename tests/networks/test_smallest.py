@@ -14,7 +14,7 @@ from neurotact.networks.definition import recipe
 from neurotact.networks.definition.recipe import Seen
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.training import ensemble, linear, ranges
+from neurotact.networks.training import ensemble, epoch_checkpoint, linear, ranges
 from neurotact.networks.training.epochs import Examples
 
 
@@ -126,7 +126,7 @@ def test_the_recipe_chooses_only_what_a_fit_has():
     seen = Seen(900, 1000, 1000.0, 50.0)
     spec = RSNNSpec(recipe="default", hidden=0)
     assert [choice.key for choice in recipe.choices(seen, spec.model_dump(mode="json"))] == [
-        "step_ms", "readout", "readout_stretches", "readout_stretch_ms",
+        "model", "step_ms", "readout", "readout_stretches", "readout_stretch_ms",
     ]  # fmt: skip
     assert recipe.resolve(spec, seen).readout_stretches == linear_stretches(1000)
     with pytest.raises(InputError, match="nothing to search"):
@@ -136,3 +136,69 @@ def test_the_recipe_chooses_only_what_a_fit_has():
 def linear_stretches(bins: int) -> int:
     """Of equal length, at most 32."""
     return max(n for n in range(1, 33) if -(-bins // -(-bins // n)) == n)
+
+
+def either_alone(seed: int, n: int = 160) -> Examples:
+    """Two classes: one of the two afferents is busy, or both or none, which no sum of their spikes can tell."""
+    generator = torch.Generator().manual_seed(seed)
+    busy = torch.stack([torch.arange(n) % 2, torch.arange(n) // 2 % 2], dim=1)
+    rates = torch.where(busy.bool(), 0.6, 0.03)[:, None].expand(n, 40, 2)
+    return Examples((torch.rand(rates.shape, generator=generator) < rates).to(torch.uint8), busy.sum(dim=1) % 2)
+
+
+LADDER = {
+    "model": "snn", "hidden": 8, "readout": "integrator", "direct": "auto", "input_deviation": 1.0,
+    "training": {"epochs": 12, "batch": 20, "relative_learning_rate": 0.1, "keep": "both"},
+}  # fmt: skip
+
+
+def from_the_smallest(seen: Examples, held: Examples, table: dict | None = None, **options):
+    def new(spec, seeds):
+        weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
+        net = RSNN(2, int(seen.labels.max()) + 1, spec, 1000.0, generator=weights)
+        recipe.start(net, seen.spikes, weights)
+        return net, order
+
+    return ensemble.train(new, RSNNSpec.model_validate({**LADDER, **(table or {})}), (0, 1), seen, held, **options)
+
+
+@pytest.mark.parametrize("model", ["snn", "auto"])
+def test_the_smallest_network_stays_where_it_has_all_and_a_layer_comes_where_it_gains(model):
+    net, training = from_the_smallest(timed(0), timed(1), {"model": model})
+    assert (net.spec.hidden, training.layer_gain) == (0, None)
+    net, training = from_the_smallest(either_alone(0), either_alone(1), {"model": model})
+    assert net.spec.hidden == 8
+    assert training.layer_gain is not None
+    assert training.layer_gain > 0.2
+    assert net.spec.direct is not False or {epoch.member for epoch in training.epochs} >= {0, 1}
+
+
+def test_a_layer_that_gains_within_its_error_is_not_kept(monkeypatch):
+    seen, held = either_alone(0), either_alone(1)
+    monkeypatch.setattr(ensemble, "pays", lambda without, with_it: False)
+    net, training = from_the_smallest(seen, held)
+    assert net.spec.hidden == 0
+    assert training.layer_gain is not None
+    assert len(training.epochs) == len(linear.INVERSE_PENALTIES)
+
+
+@pytest.mark.parametrize("path_pays", [False, True])
+def test_a_training_from_the_smallest_goes_on_from_each_checkpoint(path_pays, monkeypatch, tmp_path):
+    seen, held, kept = either_alone(0), either_alone(1), []
+    order = [True, path_pays]  # the layer pays, and then the path past it or not
+    asked: list[int] = []
+
+    def pays(without, with_it) -> bool:
+        asked.append(0)
+        return order[len(asked) - 1]
+
+    monkeypatch.setattr(ensemble, "pays", pays)
+    whole, training = from_the_smallest(seen, held, keep=kept.append)
+    assert whole.spec.direct is path_pays
+    net = epoch_checkpoint.Net(RSNNSpec.model_validate(LADDER), 2, 2)
+    for place in (3, len(kept) - 2):
+        epoch_checkpoint.save(kept[place], tmp_path / "last", "it")
+        asked.clear()
+        again, its = from_the_smallest(seen, held, start=epoch_checkpoint.load(tmp_path / "last", net, "it"))
+        assert its == training
+        assert all(torch.equal(a, b) for a, b in zip(whole.parameters(), again.parameters(), strict=True))
