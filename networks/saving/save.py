@@ -1,5 +1,6 @@
 """`neurotact save`: the network of a run, or of recordings, with as little energy as its accuracy allows."""
 
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -93,7 +94,7 @@ def save_energy(
         rows = points.write(found, start, asked, out)
         write_table(table, out / FRONT)
         save_figure(figure.draw_front(table, rows, chosen), out / FIGURE)
-        answer = _answer(found, rows, asked, source)
+        answer = _answer(found, rows, asked, source, start, out)
         files.write_json(out / ANSWER, files.without_nan(answer))
     for line in (answer["answer"], *_lines(rows, asked, out)):
         tell(line)
@@ -155,7 +156,17 @@ def _problem(source: Path, start: Start, asked: Asked) -> dict[str, Any]:
     }
 
 
-def _answer(found: choice.Found, rows: list[dict[str, Any]], asked: Asked, source: Path) -> dict[str, Any]:
+def _next(best: Path, start: Start) -> str:
+    """What to do with the best point: export it as C, unless its membranes are in closed form or it hears events."""
+    encoder = start.bench.encoder
+    if encoder is not None and encoder.integration == "clock":
+        return shlex.join(["neurotact", "export", str(best), "--to", "c", "-o", "chain/"])
+    return shlex.join(["neurotact", "infer", str(best), str(run_folder.restore(best).spikes_path)])
+
+
+def _answer(
+    found: choice.Found, rows: list[dict[str, Any]], asked: Asked, source: Path, start: Start, out: Path
+) -> dict[str, Any]:
     """The content of `answer.json`."""
     first = rows[0] if found.answer is not None else None
     return {
@@ -164,6 +175,7 @@ def _answer(found: choice.Found, rows: list[dict[str, Any]], asked: Asked, sourc
         "at_most_points": 100 * asked.loss,
         "prices": asked.prices,
         "best": None if first is None else first["folder"],
+        "next": "" if first is None else _next(out / first["folder"], start),
         "points": rows,
     }
 

@@ -152,8 +152,7 @@ def save(given: dict[str, Any], as_json: Json = False) -> None:
     if as_json:
         print_json(pd.DataFrame([{key: value for key, value in answer.items() if key != "points"}]))
     elif answer["best"] is not None:
-        best = given["folder"] / answer["best"]
-        print(f"next: neurotact export {shlex.quote(str(best))} --to c -o chain/")
+        print(f"next: {answer['next']}")
 
 
 @calling(

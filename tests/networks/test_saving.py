@@ -88,6 +88,7 @@ def test_the_run_is_trial_0_and_what_is_left_is_beside_it(saved, run):
     assert first["left"][LIST] < 1
     assert json.loads((folder / "answer.json").read_text())["answer"] == answer["answer"] == told[0]
     assert (folder / "front.png").is_file()
+    assert answer["next"] == f"neurotact export {folder / '1'} --to c -o chain/"
 
 
 @pytest.mark.thorough
@@ -278,7 +279,13 @@ def test_a_study_gives_its_best_setting_in_its_first_seed(tmp_path):
     cells = {"a": (1, 0.8, 10.0), "b": (5, 0.9, 30.0), "c": (5, 0.8, 30.0), "d": (1, 0.9, 20.0), "e": (9, 0.85, 40.0)}
     for name, (period, accuracy, sops) in cells.items():
         (tmp_path / "cells" / name).mkdir(parents=True)
-        row = {"t_ref_ra_ms": period, "t_ref_sa_ms": 1, "hidden": 9, "accuracy_validation": accuracy, "sops_total": sops}
+        row = {
+            "t_ref_ra_ms": period,
+            "t_ref_sa_ms": 1,
+            "hidden": 9,
+            "accuracy_validation": accuracy,
+            "sops_total": sops,
+        }
         (tmp_path / "cells" / name / "result.json").write_text(json.dumps({"row": row}))
         (tmp_path / "cells" / name / "network.json").write_text("{}")
     told = []
