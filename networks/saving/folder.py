@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from neurotact_parts.exporters.c.measured import in_integers
 from neurotact_parts.networks.saving.choice import Chosen, Found, in_words, interval
 from neurotact_parts.networks.saving.proposals import Asked, keeps
 from neurotact_parts.networks.saving.start import Start
@@ -39,7 +40,12 @@ def write(found: Found, start: Start, asked: Asked, folder: Path) -> list[dict[s
         _save(done, fitted, task, _spikes_of(fitted, folder, spikes), start, place)
         rule = done.held.used if point.how == EARLY and done.held is not None else FULL_WINDOW
         rows.append(
-            {"folder": str(number), **_row(point, found, asked), **_tested(rights, _right(fitted, rule, start))}
+            {
+                "folder": str(number),
+                **_row(point, found, asked),
+                **_tested(rights, _right(fitted, rule, start)),
+                "integers": in_integers(fitted.network, fitted.sides)[0],
+            }
         )
     return rows
 

@@ -1,6 +1,7 @@
 """`neurotact save`: the network of a run, or of recordings, with as little energy as its accuracy allows."""
 
 import shlex
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -177,7 +178,19 @@ def _answer(
         "best": None if first is None else first["folder"],
         "next": "" if first is None else _next(out / first["folder"], start),
         "points": rows,
+        "cautions": [*_cautions(found, start)],
     }
+
+
+def _cautions(found: choice.Found, start: Start) -> Iterator[str]:
+    """What limits the answer, one line each."""
+    if start.bench.task.split.test_where:
+        yield (
+            "validation trials are of the conditions of training, and those of the test are not: what an untrained "
+            "condition loses did not choose; look at `lost_test`"
+        )
+    if not found.was_judged:
+        yield "no point was trained again, so that the luckiest of all may have been chosen; give more `trials`"
 
 
 def _sentence(row: dict[str, Any] | None, asked: Asked) -> str:

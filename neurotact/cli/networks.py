@@ -150,9 +150,11 @@ def save(given: dict[str, Any], as_json: Json = False) -> None:
         say(f"interrupted; the same command continues in {given['folder']}")
         sys.exit(INTERRUPTED)
     if as_json:
-        print_json(pd.DataFrame([{key: value for key, value in answer.items() if key != "points"}]))
+        print_json(pd.DataFrame([{key: value for key, value in answer.items() if key not in ("points", "cautions")}]))
     elif answer["best"] is not None:
         print(f"next: {answer['next']}")
+    for caution in answer["cautions"]:
+        say(caution)
 
 
 @calling(

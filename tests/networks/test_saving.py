@@ -275,6 +275,17 @@ def test_recordings_are_enough(run, tmp_path):
     assert again["answer"] == answer["answer"]
 
 
+def test_a_search_says_what_limits_its_answer(saved, run):
+    _folder, answer, _ = saved
+    assert answer["cautions"] == []
+    assert answer["points"][0]["integers"]["accuracy_test_8bit"] >= 0
+    start = start_of(run)
+    split = start.bench.task.split.model_copy(update={"test_where": {"day": 1}})
+    elsewhere = start._replace(bench=start.bench._replace(task=start.bench.task.model_copy(update={"split": split})))
+    result = found([done(0, {}, 0.9, 100.0), done(1, {"a": 1}, 0.9, 10.0)], ASKED)
+    assert [line.split()[0] for line in save._cautions(result, elsewhere)] == ["validation", "no"]
+
+
 def test_a_study_gives_its_best_setting_in_its_first_seed(tmp_path):
     cells = {"a": (1, 0.8, 10.0), "b": (5, 0.9, 30.0), "c": (5, 0.8, 30.0), "d": (1, 0.9, 20.0), "e": (9, 0.85, 40.0)}
     for name, (period, accuracy, sops) in cells.items():
