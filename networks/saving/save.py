@@ -1,6 +1,5 @@
 """`neurotact save`: the network of a run, or of recordings, with as little energy as its accuracy allows."""
 
-import shlex
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from neurotact import files
 from neurotact.data import hdf5
 from neurotact.errors import InputError
 from neurotact.figures.style import save as save_figure
-from neurotact.metrics.prices import DEFAULT, names, price_list
+from neurotact.metrics.prices import DEFAULT, PriceList, names, price_list
 from neurotact.networks.training import resumable, run_folder
 from neurotact.networks.use.fitted import check_folder
 from neurotact.progress import Tell, track, untold
@@ -39,7 +38,7 @@ def save_energy(
     *,
     trials: int = 40,
     at_most_points: float = 1.0,
-    prices: str = DEFAULT,
+    prices: str | Path | PriceList = DEFAULT,
     seed: int = 0,
     recordings: str | Path | None = None,
     spikes: str | Path | None = None,
@@ -71,8 +70,9 @@ def save_energy(
         raise InputError(f"trials: must be 1 or more; got {trials}")
     if not 0 <= at_most_points <= 100:
         raise InputError(f"at_most_points: must be from 0 to 100; got {at_most_points:g}")
-    chosen, source, out = price_list(prices).name, Path(run), Path(folder)
-    if chosen not in names():
+    listed, source, out = price_list(prices), Path(run), Path(folder)
+    chosen = listed.name
+    if chosen not in names() or price_list(chosen) != listed:
         raise InputError(f"prices: a search knows the lists that are installed; name one of {', '.join(names())}")
     with files.locked(out):
         _check_place(out)
@@ -95,7 +95,7 @@ def save_energy(
         rows = points.write(found, start, asked, out)
         write_table(table, out / FRONT)
         save_figure(figure.draw_front(table, rows, chosen), out / FIGURE)
-        answer = _answer(found, rows, asked, source, start, out)
+        answer = _answer(found, rows, asked, source, start)
         files.write_json(out / ANSWER, files.without_nan(answer))
     for line in (answer["answer"], *_lines(rows, asked, out)):
         tell(line)
@@ -157,16 +157,14 @@ def _problem(source: Path, start: Start, asked: Asked) -> dict[str, Any]:
     }
 
 
-def _next(best: Path, start: Start) -> str:
-    """What to do with the best point: export it as C, unless its membranes are in closed form or it hears events."""
+def _next(start: Start) -> str:
+    """The command for the best point: C, unless its membranes are in closed form or it hears events."""
     encoder = start.bench.encoder
-    if encoder is not None and encoder.integration == "clock":
-        return shlex.join(["neurotact", "export", str(best), "--to", "c", "-o", "chain/"])
-    return shlex.join(["neurotact", "infer", str(best), str(run_folder.restore(best).spikes_path)])
+    return "export" if encoder is not None and encoder.integration == "clock" else "infer"
 
 
 def _answer(
-    found: choice.Found, rows: list[dict[str, Any]], asked: Asked, source: Path, start: Start, out: Path
+    found: choice.Found, rows: list[dict[str, Any]], asked: Asked, source: Path, start: Start
 ) -> dict[str, Any]:
     """The content of `answer.json`."""
     first = rows[0] if found.answer is not None else None
@@ -176,7 +174,7 @@ def _answer(
         "at_most_points": 100 * asked.loss,
         "prices": asked.prices,
         "best": None if first is None else first["folder"],
-        "next": "" if first is None else _next(out / first["folder"], start),
+        "next": "" if first is None else _next(start),
         "points": rows,
         "cautions": [*_cautions(found, start)],
     }

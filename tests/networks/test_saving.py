@@ -88,7 +88,8 @@ def test_the_run_is_trial_0_and_what_is_left_is_beside_it(saved, run):
     assert first["left"][LIST] < 1
     assert json.loads((folder / "answer.json").read_text())["answer"] == answer["answer"] == told[0]
     assert (folder / "front.png").is_file()
-    assert answer["next"] == f"neurotact export {folder / '1'} --to c -o chain/"
+    assert answer["next"] == "export"
+    assert (folder / answer["points"][0]["spikes"]).is_file()
 
 
 @pytest.mark.thorough
