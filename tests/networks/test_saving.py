@@ -241,6 +241,7 @@ def test_what_was_judged_by_others_decides_and_the_cheapest_that_keeps_is_the_an
     assert key_of(result.answer.trial.point) == (("a", 2),)
     assert [one.trial.id for one in result.points] == [2, 1]
     assert result.was_judged
+    assert found(trials, ASKED._replace(loss=0.2)).answer.trial.id == 1  # pyright: ignore[reportOptionalMemberAccess]
     assert found(trials[:4], ASKED).answer.trial.id == 1  # pyright: ignore[reportOptionalMemberAccess]
     lossy = [*trials[:4], done(4, {}, 0.9, 100.0, 2), done(5, {"a": 1}, 0.7, 10.0, 2)]
     assert found(lossy, ASKED).answer is None
