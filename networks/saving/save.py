@@ -1,5 +1,6 @@
 """`neurotact save`: the network of a run, or of recordings, with as little energy as its accuracy allows."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from neurotact import files
 from neurotact.data import hdf5
 from neurotact.errors import InputError
 from neurotact.figures.style import save as save_figure
-from neurotact.metrics.prices import DEFAULT, names, price_list
+from neurotact.metrics.prices import DEFAULT, PriceList, names, price_list
 from neurotact.networks.training import resumable, run_folder
 from neurotact.networks.use.fitted import check_folder
 from neurotact.progress import Tell, track, untold
@@ -37,7 +38,7 @@ def save_energy(
     *,
     trials: int = 40,
     at_most_points: float = 1.0,
-    prices: str = DEFAULT,
+    prices: str | Path | PriceList = DEFAULT,
     seed: int = 0,
     recordings: str | Path | None = None,
     spikes: str | Path | None = None,
@@ -69,8 +70,9 @@ def save_energy(
         raise InputError(f"trials: must be 1 or more; got {trials}")
     if not 0 <= at_most_points <= 100:
         raise InputError(f"at_most_points: must be from 0 to 100; got {at_most_points:g}")
-    chosen, source, out = price_list(prices).name, Path(run), Path(folder)
-    if chosen not in names():
+    listed, source, out = price_list(prices), Path(run), Path(folder)
+    chosen = listed.name
+    if chosen not in names() or price_list(chosen) != listed:
         raise InputError(f"prices: a search knows the lists that are installed; name one of {', '.join(names())}")
     with files.locked(out):
         _check_place(out)
@@ -93,7 +95,7 @@ def save_energy(
         rows = points.write(found, start, asked, out)
         write_table(table, out / FRONT)
         save_figure(figure.draw_front(table, rows, chosen), out / FIGURE)
-        answer = _answer(found, rows, asked, source)
+        answer = _answer(found, rows, asked, source, start)
         files.write_json(out / ANSWER, files.without_nan(answer))
     for line in (answer["answer"], *_lines(rows, asked, out)):
         tell(line)
@@ -155,7 +157,15 @@ def _problem(source: Path, start: Start, asked: Asked) -> dict[str, Any]:
     }
 
 
-def _answer(found: choice.Found, rows: list[dict[str, Any]], asked: Asked, source: Path) -> dict[str, Any]:
+def _next(start: Start) -> str:
+    """The command for the best point: C, unless its membranes are in closed form or it hears events."""
+    encoder = start.bench.encoder
+    return "export" if encoder is not None and encoder.integration == "clock" else "infer"
+
+
+def _answer(
+    found: choice.Found, rows: list[dict[str, Any]], asked: Asked, source: Path, start: Start
+) -> dict[str, Any]:
     """The content of `answer.json`."""
     first = rows[0] if found.answer is not None else None
     return {
@@ -164,8 +174,21 @@ def _answer(found: choice.Found, rows: list[dict[str, Any]], asked: Asked, sourc
         "at_most_points": 100 * asked.loss,
         "prices": asked.prices,
         "best": None if first is None else first["folder"],
+        "next": "" if first is None else _next(start),
         "points": rows,
+        "cautions": [*_cautions(found, start)],
     }
+
+
+def _cautions(found: choice.Found, start: Start) -> Iterator[str]:
+    """What limits the answer, one line each."""
+    if start.bench.task.split.test_where:
+        yield (
+            "validation trials are of the conditions of training, and those of the test are not: what an untrained "
+            "condition loses did not choose; look at `lost_test`"
+        )
+    if not found.was_judged:
+        yield "no point was trained again, so that the luckiest of all may have been chosen; give more `trials`"
 
 
 def _sentence(row: dict[str, Any] | None, asked: Asked) -> str:

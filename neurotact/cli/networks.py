@@ -150,10 +150,13 @@ def save(given: dict[str, Any], as_json: Json = False) -> None:
         say(f"interrupted; the same command continues in {given['folder']}")
         sys.exit(INTERRUPTED)
     if as_json:
-        print_json(pd.DataFrame([{key: value for key, value in answer.items() if key != "points"}]))
+        print_json(pd.DataFrame([{key: value for key, value in answer.items() if key not in ("points", "cautions")}]))
     elif answer["best"] is not None:
-        best = given["folder"] / answer["best"]
-        print(f"next: neurotact export {shlex.quote(str(best))} --to c -o chain/")
+        best, spikes = (shlex.quote(str(given["folder"] / answer["points"][0][of])) for of in ("folder", "spikes"))
+        after = f"export {best} --to c -o chain/" if answer["next"] == "export" else f"infer {best} {spikes}"
+        print(f"next: neurotact {after}")
+    for caution in answer["cautions"]:
+        say(caution)
 
 
 @calling(

@@ -316,9 +316,11 @@ def next_step(choice: PeriodChoice, sure: Sure, places: Places) -> tuple[str, li
     run, cell = places.run.absolute(), places.cell.absolute()
     study = run / "study.toml"
     if choice.kind != "unclear":
+        recorded = [] if places.recordings is None else ["--recordings", places.recordings]
+        save = _command("save", cell, *recorded, "-o", _beside(run, "saved"))
         if not places.exact:
-            recorded = [] if places.recordings is None else ["--recordings", places.recordings]
-            return "Take it along, as C:", [_command("export", cell, "--to", "c", *recorded, "-o", run / "c")]
+            export = _command("export", cell, "--to", "c", *recorded, "-o", run / "c")
+            return "Let all ways to save be tried together, or take it along as it is, as C:", [save, export]
         again = _command("study", "run", study, "--set", "encoder.integration=clock", "-o", _beside(run, "clock"))
         if places.recordings is None:
             return "For C, train it with membranes on a clock:", [again]

@@ -277,6 +277,7 @@ def test_a_given_start_needs_no_note_on_onsets(caplog):
 
 def test_trials_longer_than_a_window_are_all_kept():
     assert long_enough(np.array([2100.0, *[9000.0] * 40])).all()
+    assert long_enough(np.linspace(800, 1200, 40)).all()  # of similar lengths, too
 
 
 def test_a_short_recording_hides_no_begin_of_the_touch(tmp_path):
