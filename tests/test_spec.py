@@ -268,7 +268,7 @@ def test_a_recurrent_delay_is_no_step_or_one(value):
 def test_a_spec_is_written_whole_and_read_back_equal(spec):
     written = spec.model_dump(mode="json")
     # Neither may be named in a spec without adaptation or without a recipe.
-    assert {*RSNNSpec.model_fields} - {*written} <= {"tau_adaptation_ms", "effort"}
+    assert {*RSNNSpec.model_fields} - {*written} <= {"tau_adaptation_ms", "effort", "direct"}
     assert build(RSNNSpec, written, "my.toml") == spec
 
 
