@@ -103,7 +103,11 @@ def _events(file: Path) -> np.ndarray:
 def _samples(path: str | Path, name: str, ending: str) -> tuple[list[Path], pd.DataFrame]:
     """The files of every sample, and what their names say."""
     given = existing(Path(path), "folder")
-    places = (place for place in (given, given / name, given / ARCHIVE / name) if place.name == name)
+    places = (
+        place
+        for place in (given, given / name, given / ARCHIVE / name, given / ARCHIVE / ARCHIVE / name)
+        if place.name == name
+    )
     folder = next((place for place in places if place.is_dir()), None)
     if folder is None:
         raise InputError(f"{given}: holds no folder {name}; give the folder of the unpacked archive, '{ARCHIVE}'")
