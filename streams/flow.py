@@ -46,7 +46,8 @@ def stream(
     """Decide samples as they arrive from a pipe, a device or a file, as `neurotact stream` does; see also `Stream`.
 
     run: a run folder that `train` wrote, or a fitted `SpikingClassifier` or a pipeline that ends in one.
-    source: "-" (standard input), a device file, "serial:/dev/ttyUSB0", FILE.csv, or FILE.h5, whose rate and unit count.
+    source: "-" (standard input), a device file, "serial:/dev/ttyUSB0", "udp:PORT", "lsl:NAME" (a stream of the Lab
+        Streaming Layer), FILE.csv, or FILE.h5, whose rate and unit count.
     rate: "fast", or "real" for a file at its own rate.
     samples: how samples are read, such as `nt.Samples(format="int16", lsb=0.1)`.
     streamed: the rate, the windows and their decisions, such as `nt.Streamed(hop_ms=20)`; the rest is as in training.

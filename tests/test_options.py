@@ -672,7 +672,10 @@ SAME = {
         "simulate gratings",
     ),
     **dict.fromkeys((f"import {name}" for name in ("fabricslide", "pvdf-hardness", "touch-modality")), "encode"),
-    **dict.fromkeys(("import braille-letters", "import st-mnist"), "import events"),
+    **dict.fromkeys((f"import {name}" for name in ("cost", "stemnist-pressure", "cluster-haptic-texture")), "encode"),
+    **dict.fromkeys(
+        (f"import {name}" for name in ("braille-letters", "st-mnist", "stemnist", "vt-snn")), "import events"
+    ),
 }
 """Commands of plug-ins, whose options are those of one function, or work as those of another command."""
 

@@ -13,7 +13,7 @@ from neurotact.progress import printable
 
 @calling(
     tools.stream,
-    source=option(str, "- (standard input), a device file, serial:/dev/ttyUSB0, FILE.csv or FILE.h5.", "--from"),
+    source=option(str, "-, a device file, serial:/dev/ttyUSB0, udp:PORT, lsl:NAME, FILE.csv or FILE.h5.", "--from"),
     rate=option(str, "Replay a file at its own rate (real) or at full speed (fast)."),
 )
 def stream(given: dict[str, Any], as_json: Json = False) -> None:
