@@ -182,6 +182,32 @@ def test_the_smallest_network_stays_where_it_has_all_and_a_layer_comes_where_it_
     assert net.spec.direct is not False or is_all or {epoch.member for epoch in training.epochs} >= {0, 1}
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("made", [timed, either_alone])
+@pytest.mark.parametrize("epochs", [1, 30])
+def test_the_default_network_is_never_below_its_own_linear_readout(made, seed, epochs):
+    """Beyond chance, whether a layer has learned or not: the smallest stays unless a larger one clearly gains."""
+    seen, held = made(seed, 120), made(seed + 10, 120)
+    table = {"recipe": "default", "training": {"epochs": epochs, "patience": epochs}}
+    spec = recipe.chosen_for(RSNNSpec.model_validate(table), seen.spikes, 1000.0)
+    assert (spec.hidden, spec.direct) == (50, "auto")
+
+    def new(spec, seeds):
+        weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
+        net = RSNN(2, int(seen.labels.max()) + 1, spec, 1000.0, generator=weights)
+        recipe.start(net, seen.spikes, weights)
+        return net, order
+
+    net, training = ensemble.train(new, spec, (0, 1), seen, held)
+    readout = fitted(seen, held)
+    ours, its = (net.infer(held.spikes).labels == held.labels, readout.infer(held.spikes).labels == held.labels)
+    assert not ensemble.pays(ours, its)
+    assert ours.double().mean() >= its.double().mean()
+    assert training.best.validation_accuracy == accuracy(net, held)
+    assert training.smallest_accuracy == accuracy(readout, held)
+    assert (net.spec.hidden > 0) == bool(training.layer_gain is not None and ensemble.pays(its, ours))
+
+
 def test_a_layer_that_gains_within_its_error_is_not_kept(monkeypatch):
     seen, held = either_alone(0), either_alone(1)
     monkeypatch.setattr(ensemble, "pays", lambda without, with_it: False)
