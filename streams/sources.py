@@ -414,8 +414,8 @@ def decide(stream: Stream, source: Iterable[Arrived]) -> Iterator[Decision]:
 def _receiving(path: str, parser: Any, faults: Faults, baud: int) -> Iterator[Callable[[float], bytes | None]]:
     """A function that waits for so many seconds at most: what arrived, None if nothing did, no bytes at the end."""
     if isinstance(parser, Received):
-        with lab_streaming.inlet(path, parser.n_taxels, parser.rate_Hz, parser.taxels) as receive:
-            yield receive
+        with lab_streaming.inlet(path, parser.n_taxels, parser.rate_Hz, parser.taxels) as received:
+            yield received
         return
     with _opened(path, baud) as descriptor:
 
