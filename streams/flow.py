@@ -1,13 +1,15 @@
 """Decisions of a run on samples from a pipe, a device or a file: `nt.stream`, and the command of that name."""
 
 import logging
+import math
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 from neurotact_parts.streams import sources
-from neurotact_parts.streams.chain import chain_of
+from neurotact_parts.streams.chain import Chain, chain_of
+from neurotact_parts.streams.events import Channels, afferents_of
 from neurotact_parts.streams.stream import Stream
 from neurotact_parts.streams.stream_state import Decision
 from neurotact_parts.streams.streamed import SampleSpec, StreamedSpec
@@ -15,10 +17,19 @@ from neurotact_parts.streams.streamed import SampleSpec, StreamedSpec
 from neurotact import effects
 from neurotact.data import hdf5
 from neurotact.errors import InputError
+from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
+from neurotact.progress import say
 from neurotact.spec import takes_specs
 
 log = logging.getLogger("neurotact")
+
+SAID = {
+    "late": "an event is of a step of the network's clock that is over; such events are not used",
+    "doubled": "events share a step of the network's clock and a channel with another, and are one spike with it",
+    "unknown": "an event is of a channel that the network does not have; such events are not used",
+}
+"""Counts of events that are said when they begin."""
 
 
 class Flow(NamedTuple):
@@ -45,8 +56,11 @@ def stream(
 ) -> Flow:
     """Decide samples as they arrive from a pipe, a device or a file, as `neurotact stream` does; see also `Stream`.
 
+    A network that was trained on the events of a sensor takes rows of time, channel and, where there is one, polarity.
+
     run: a run folder that `train` wrote, or a fitted `SpikingClassifier` or a pipeline that ends in one.
-    source: "-" (standard input), a device file, "serial:/dev/ttyUSB0", FILE.csv, or FILE.h5, whose rate and unit count.
+    source: "-" (standard input), a device file, "serial:/dev/ttyUSB0", "tcp:HOST:PORT", FILE.csv, or FILE.h5, whose
+        rate and unit count.
     rate: "fast", or "real" for a file at its own rate.
     samples: how samples are read, such as `nt.Samples(format="int16", lsb=0.1)`.
     streamed: the rate, the windows and their decisions, such as `nt.Streamed(hop_ms=20)`; the rest is as in training.
@@ -61,7 +75,11 @@ def stream(
         raise InputError(f"`rate={rate!r}`: is unknown; choose one of fast, real")
     began, source = time.perf_counter(), str(source)
     kind = sources.kind_of(source)
-    effects.check(source=kind, **samples.given(), **streamed.given())
+    restored = fitted.restore(run)
+    takes_events = restored.encoder == {}
+    effects.check(source=kind, takes_events=takes_events, **samples.given(), **streamed.given())
+    if takes_events:
+        return _of_events(chain_of(restored, streamed), source, kind, rate, samples)
     unit = samples.unit
     if kind == "recordings":
         with hdf5.open_recordings(source) as stored:
@@ -69,7 +87,7 @@ def stream(
                 streamed.model_copy(update={"sampling_rate_Hz": stored.sampling_rate_Hz}),
                 unit or stored.unit,
             )
-    chain = chain_of(run, streamed)
+    chain = chain_of(restored, streamed)
     if streamed.sampling_rate_Hz is None and chain.sampling_rate_Hz != chain.clock_Hz:
         log.warning(
             "samples are taken to come at %g Hz, as the recordings of the training; `sampling_rate_Hz` changes it",
@@ -91,3 +109,32 @@ def stream(
         return f"{tally.samples} samples, {tally.decisions} decisions, {took}"
 
     return Flow(sources.decide(flow, arrived), summary)
+
+
+def _of_events(chain: Chain, source: str, kind: str, rate: str, samples: SampleSpec) -> Flow:
+    """As `stream`, of a network that takes the events of a sensor."""
+    if kind == "recordings" or rate == "real":
+        what = (
+            f"`source={source!r}`: holds samples" if kind == "recordings" else "`rate='real'`: is the rate of samples"
+        )
+        raise InputError(f"{what}, but the network takes events; give these as rows of text, as fast as they come")
+    began, flow, faults = time.perf_counter(), Stream(chain), sources.Faults()
+    channels = Channels(afferents_of(chain), samples.polarity)
+    joins = source.startswith(sources.SERIAL)
+    parser = sources.EventRows(source, channels, faults, samples.time_unit, samples.origin, joins=joins)
+
+    def decisions() -> Iterator[Decision]:
+        said: set[str] = set()
+        for arrived in sources.live(source, parser, faults, math.inf, baud=samples.baud):
+            yield from sources.decide(flow, [arrived])
+            for fault, what in SAID.items():
+                if getattr(flow.tally, fault) and fault not in said:
+                    said.add(fault)
+                    say(f"{source}: {what} (said once; the counts come at the end)")
+
+    def summary() -> str:
+        tally, trouble = flow.tally, sources.trouble_of(flow.tally, faults)
+        took = f"in {time.perf_counter() - began:.1f} s; {trouble or 'every event was used'}"
+        return f"{tally.events} events, {tally.decisions} decisions, {took}"
+
+    return Flow(decisions(), summary)

@@ -13,7 +13,9 @@ from neurotact.progress import printable
 
 @calling(
     tools.stream,
-    source=option(str, "- (standard input), a device file, serial:/dev/ttyUSB0, FILE.csv or FILE.h5.", "--from"),
+    source=option(
+        str, "- (standard input), a device file, serial:/dev/ttyUSB0, tcp:HOST:PORT, FILE.csv or FILE.h5.", "--from"
+    ),
     rate=option(str, "Replay a file at its own rate (real) or at full speed (fast)."),
 )
 def stream(given: dict[str, Any], as_json: Json = False) -> None:
@@ -23,6 +25,7 @@ def stream(given: dict[str, Any], as_json: Json = False) -> None:
     A value that is missing, NaN or infinite is replaced by the last one for --hold-ms and counted; a longer gap drops
     the current windows and starts again. Rows that are not samples count as missing. A clock of time stamps that starts
     again, wraps or errs is followed, which is said once.
+    A network that was trained on the events of a sensor takes rows of time, channel and, where there is one, polarity.
     """
     flow, code = tools.stream(**given), 0
     try:
