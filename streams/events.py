@@ -25,6 +25,8 @@ MOST_CELLS = 1_000_000
 TOLERANCE = 1e-9
 """Of a step: a time so little before the beginning of one is at it."""
 EPS = 4 * float(np.finfo(float).eps)
+Origin = Literal["zero", "first"]
+"""Where the times of events begin, as at import: at zero, or with the first event."""
 Polarity = Literal["merge", "on", "off"]
 """What import made of polarities, if afferents have none: both are one, or only one of them is used."""
 

@@ -9,13 +9,14 @@ from typing import NamedTuple
 
 from neurotact_parts.streams import sources
 from neurotact_parts.streams.chain import Chain, chain_of
-from neurotact_parts.streams.events import Channels, afferents_of
+from neurotact_parts.streams.events import Channels, Origin, Polarity, afferents_of
 from neurotact_parts.streams.stream import Stream
 from neurotact_parts.streams.stream_state import Decision
 from neurotact_parts.streams.streamed import SampleSpec, StreamedSpec
 
 from neurotact import effects
 from neurotact.data import hdf5
+from neurotact.data.readers.clock.units import Unit
 from neurotact.errors import InputError
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
@@ -51,6 +52,9 @@ def stream(
     source: str | Path = "-",
     *,
     rate: str = "fast",
+    time_unit: Unit | None = None,
+    origin: Origin = "zero",
+    polarity: Polarity | None = None,
     samples: SampleSpec = SampleSpec(),
     streamed: StreamedSpec = StreamedSpec(),
 ) -> Flow:
@@ -62,6 +66,9 @@ def stream(
     source: "-" (standard input), a device file, "serial:/dev/ttyUSB0", "tcp:HOST:PORT", FILE.csv, or FILE.h5, whose
         rate and unit count.
     rate: "fast", or "real" for a file at its own rate.
+    time_unit, origin, polarity: of events alone. The unit of their times; None: that of the column's name (time_us),
+        else s. Whether the stream begins at time "zero" or with the "first" event. What import made of polarities where
+        afferents have none: "merge", "on" or "off".
     samples: how samples are read, such as `nt.Samples(format="int16", lsb=0.1)`.
     streamed: the rate, the windows and their decisions, such as `nt.Streamed(hop_ms=20)`; the rest is as in training.
     Raises InputError for a source that cannot be read, and for a chain that cannot run sample by sample.
@@ -77,9 +84,16 @@ def stream(
     kind = sources.kind_of(source)
     restored = fitted.restore(run)
     takes_events = restored.encoder == {}
-    effects.check(source=kind, takes_events=takes_events, **samples.given(), **streamed.given())
+    effects.check(
+        source=kind, takes_events=takes_events, time_unit=time_unit, origin=None if origin == "zero" else origin,
+        polarity=polarity, **samples.given(), **streamed.given(),
+    )  # fmt: skip
     if takes_events:
-        return _of_events(chain_of(restored, streamed), source, kind, rate, samples)
+        _check_source(source, kind, rate)
+        chain, faults = chain_of(restored, streamed), sources.Faults()
+        channels, joins = Channels(afferents_of(chain), polarity), source.startswith(sources.SERIAL)
+        rows = sources.EventRows(source, channels, faults, time_unit, origin, joins=joins)
+        return _of_events(chain, sources.live(source, rows, faults, math.inf, baud=samples.baud), source, faults)
     unit = samples.unit
     if kind == "recordings":
         with hdf5.open_recordings(source) as stored:
@@ -111,26 +125,26 @@ def stream(
     return Flow(sources.decide(flow, arrived), summary)
 
 
-def _of_events(chain: Chain, source: str, kind: str, rate: str, samples: SampleSpec) -> Flow:
-    """As `stream`, of a network that takes the events of a sensor."""
-    if kind == "recordings" or rate == "real":
-        what = (
-            f"`source={source!r}`: holds samples" if kind == "recordings" else "`rate='real'`: is the rate of samples"
+def _check_source(source: str, kind: str, rate: str) -> None:
+    """InputError for a source that holds samples, and for the rate of samples."""
+    if kind == "recordings":
+        raise InputError(f"{source}: holds samples, but the network takes events; give these as rows of text")
+    if rate == "real":
+        raise InputError(
+            "`rate='real'`: is for samples, but the network takes events, at their own times; leave it out"
         )
-        raise InputError(f"{what}, but the network takes events; give these as rows of text, as fast as they come")
-    began, flow, faults = time.perf_counter(), Stream(chain), sources.Faults()
-    channels = Channels(afferents_of(chain), samples.polarity)
-    joins = source.startswith(sources.SERIAL)
-    parser = sources.EventRows(source, channels, faults, samples.time_unit, samples.origin, joins=joins)
+
+
+def _of_events(chain: Chain, arrived: Iterator[sources.Arrived], source: str, faults: sources.Faults) -> Flow:
+    """As `stream`, of a network that takes the events of a sensor."""
+    began, flow = time.perf_counter(), Stream(chain)
 
     def decisions() -> Iterator[Decision]:
-        said: set[str] = set()
-        for arrived in sources.live(source, parser, faults, math.inf, baud=samples.baud):
-            yield from sources.decide(flow, [arrived])
-            for fault, what in SAID.items():
-                if getattr(flow.tally, fault) and fault not in said:
-                    said.add(fault)
-                    say(f"{source}: {what} (said once; the counts come at the end)")
+        unsaid = dict(SAID)
+        for one in arrived:
+            yield from sources.decide(flow, [one])
+            for fault in [name for name in unsaid if getattr(flow.tally, name)]:
+                say(f"{source}: {unsaid.pop(fault)} (said once; the counts come at the end)")
 
     def summary() -> str:
         tally, trouble = flow.tally, sources.trouble_of(flow.tally, faults)

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from neurotact_parts.streams.events import LEFT_OUT, Channels, EventClock, Moment
+from neurotact_parts.streams.events import LEFT_OUT, Channels, EventClock, Moment, Origin
 from neurotact_parts.streams.stamped_rows import Faults, Placed, StampedRows
 from neurotact_parts.streams.stream import Decision, Stream
 from neurotact_parts.streams.stream_state import Tally
@@ -228,7 +228,7 @@ class EventRows(Lines):
         channels: Channels,
         faults: Faults,
         unit: Unit | None = None,
-        origin: str = "zero",
+        origin: Origin = "zero",
         *,
         joins: bool = False,
     ) -> None:

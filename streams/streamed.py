@@ -62,12 +62,6 @@ class SampleSpec(Spec):
     """A missing value repeats the last one for this long at most; longer is a gap."""
     stall_s: float = Field(default=1.0, ge=1e-3)
     """A pipe without input for this long counts as a gap."""
-    time_unit: Unit | None = None
-    """Of a network of events: unit of their times, when absent that of the column's name (time_us), else s."""
-    origin: Literal["zero", "first"] = "zero"
-    """Of a network of events: the stream begins at time zero, or with its first event."""
-    polarity: Literal["merge", "on", "off"] | None = None
-    """Of a network of events whose afferents have no polarity: what import made of it."""
 
     def check_given(self) -> None:
         """Refuse what the format does not use."""

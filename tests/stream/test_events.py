@@ -1,14 +1,17 @@
 """A chain without an encoder: events of a sensor, in any order in a step and in any pieces, decide as `infer`."""
 
 import json
+import socket
 import subprocess
 import sys
+import threading
 
 import numpy as np
 import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from in_process import typed
 from made_chains import make_encoder, told
 from neurotact_parts.streams.chain import Chain, chain_of
 from neurotact_parts.streams.events import MOST_CELLS, Channels
@@ -175,49 +178,136 @@ def run(tmp_path_factory):
         for time_us in np.sort(rng.choice(60_000, n, replace=False)).tolist():
             rows.append(f"{trial},{label},{time_us},{rng.integers(0, 3)},{rng.integers(0, 2)}")
     (folder / "events.csv").write_text("\n".join(["trial,label,time_us,channel,polarity", *rows, ""]))
-    for words in (
-        (
-            "import",
-            "events",
-            folder / "events.csv",
-            "-o",
-            folder / "spikes.h5",
-            "--duration-ms",
-            "60",
-            "--merge-events",
-        ),
-        ("train", folder / "spikes.h5", "-o", folder / "run", "--window-ms", "60", "--set", "training.epochs=2"),
-    ):
-        subprocess.run([sys.executable, "-m", "neurotact", *map(str, words)], check=True, capture_output=True)
+    events = nt.Events(duration_ms=60, merge_events=True)
+    hdf5.save_spikes(nt.read_events(folder / "events.csv", events=events), folder / "spikes.h5")
+    nt.train(folder / "spikes.h5", folder / "run", settings={"training.epochs": 2}, window=nt.Window(length_ms=60))
     return folder
 
 
-def events_of(folder, trial: int) -> list[str]:
+def rows_of(folder, trial: int) -> list[str]:
+    """Time, channel and polarity of each event of a trial."""
     rows = [line.split(",") for line in (folder / "events.csv").read_text().splitlines()[1:]]
     return [",".join(row[2:]) for row in rows if row[0] == str(trial)]
 
 
-def decided(folder, rows: list[str], *words: str, source: str = "-") -> tuple[int, list[dict], str]:
-    """The code, the decisions and the last line of `neurotact stream` on these rows."""
-    command = [sys.executable, "-m", "neurotact", "stream", str(folder / "run"), "--json", "--from", source, *words]
-    done = subprocess.run(command, input="\n".join([*rows, ""]), capture_output=True, text=True, check=False)
-    return done.returncode, [json.loads(line) for line in done.stdout.splitlines()], done.stderr
+def streamed(folder, rows: list[str], *words: str) -> tuple[int, list[dict], str]:
+    """The code, the decisions and what `neurotact stream` says of a file of these rows."""
+    (folder / "given.csv").write_text("\n".join([*rows, ""]))
+    done = typed("stream", folder / "run", "--json", "--from", folder / "given.csv", *words)
+    return done.code, [json.loads(line) for line in done.out.splitlines()], done.err
+
+
+def test_a_file_of_events_decides_as_infer(run):
+    expected = nt.infer(run / "run", run / "spikes.h5", early_exit=True)
+    for trial in (0, 1, 2):
+        rows, row = rows_of(run, trial), expected.iloc[trial]
+        shifted = [
+            f"{10**15 + int(time)};{other.replace(',', ';')}" for time, other in (each.split(",", 1) for each in rows)
+        ]
+        first = int(rows[0].split(",")[0]) // 1000 * 1000
+        for text, words in (
+            (["time_us,channel,polarity", *rows], ()),
+            (rows, ("--time-unit", "us")),
+            (
+                [
+                    "p,n,ts_us,id",
+                    *(f"{p},0,{time},{channel}" for time, channel, p in (each.split(",") for each in rows)),
+                ],
+                (),
+            ),
+            ([f"{10**15 + first}", *shifted], ("--time-unit", "us", "--origin", "first")),
+        ):
+            code, (decision,), said = streamed(run, text, *words)
+            assert code == 0
+            assert "every event was used" in said or "doubled" in said
+            if "--origin" not in words or not first:
+                found = tuple(decision[key] for key in ("label", "steps", "input_spikes", "hidden_spikes", "sops"))
+                assert found == tuple(row[["predicted", "steps", "input_spikes", "hidden_spikes", "sops_total"]])
+
+
+def test_faults_of_a_source_are_counted_and_said_once(run):
+    rows = rows_of(run, 0)
+    faulty = [*rows[:9], "x,1,1", "0,1,1", "1,0,1", "9" * 20 + ",1,1", f"{rows[8].split(',')[0]},9,9", "5,1,1,1", "7,"]
+    code, decisions, said = streamed(run, [*faulty, rows[8]], "--time-unit", "us")
+    assert (code, len(decisions)) == (0, 1)
+    assert (
+        said.count("is over")
+        == said.count("share a step")
+        == said.count("does not have")
+        == said.count("fit no other")
+        == 1
+    )
+    assert "late 2, doubled 1, unknown 1, bad rows 3, time stamps ignored 1" in said
+    restarted = [*rows, *(f"{-(10**7) + 1000 * i},0,0" for i in range(40))]
+    code, decisions, said = streamed(run, restarted, "--time-unit", "us")
+    assert "the clock has started again" in said
+    assert "clock restarts 1" in said
+    assert "time stamps ignored 19" in said
+    wrapped = [f"{(2**32 - 9_000 + 1000 * i) % 2**32},0,0" for i in range(60)]
+    _, decisions, said = streamed(run, wrapped, "--time-unit", "us", "--origin", "first")
+    assert "clock wraps 1" in said
+    assert [each["input_spikes"] for each in decisions] == [60] or decisions[0]["steps"] < 60
+
+
+@pytest.mark.parametrize(
+    ("rows", "words", "message"),
+    [
+        (["time,where", "1,2"], (), "names no column of time and channel"),
+        (["felt"], (), "names no column"),
+        ([], (), "has no event"),
+        (["1700000000,1,1"], (), "--origin"),
+        (["-1,1,1"], (), "--origin"),
+        (["0.001,0,1"], ("--polarity", "on"), "OFF, ON"),
+        (["0.001,0,1"], ("--lsb", "2"), "--lsb"),
+        (["0.001,0,1"], ("--stall-s", "2"), "takes the events of a sensor"),
+        (["0.001,0,1"], ("--rate", "real"), "is for samples"),
+    ],
+)
+def test_what_is_no_stream_of_events_is_refused(run, rows, words, message):
+    code, decisions, said = streamed(run, rows, *words)
+    assert (code, decisions) == (2, [])
+    assert message in said
+
+
+def test_a_socket_and_a_pipe_give_what_a_file_gives(run):
+    rows = ["time_us,channel,polarity", *rows_of(run, 3)]
+    _, expected, _ = streamed(run, rows)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve() -> None:
+            with server.accept()[0] as connection:
+                for row in rows:
+                    connection.sendall(f"{row}\n".encode())
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        found = [*nt.stream(run / "run", f"tcp:127.0.0.1:{server.getsockname()[1]}").decisions]
+        thread.join()
+    assert [decision._asdict() for decision in found] == expected
+    with pytest.raises(InputError, match="no address"):
+        next(nt.stream(run / "run", "tcp:localhost").decisions)
 
 
 @pytest.mark.thorough
-def test_a_pipe_of_events_decides_as_infer_and_its_faults_are_counted_and_said_once(run):
-    expected = nt.infer(run / "run", run / "spikes.h5", early_exit=True)
-    for trial in (0, 1):
-        rows = events_of(run, trial)
-        code, (decision,), said = decided(run, ["time_us,channel,polarity", *rows])
-        assert code == 0
-        row = expected.iloc[trial]
-        assert (decision["label"], decision["steps"], decision["input_spikes"], decision["hidden_spikes"]) == (
-            row["predicted"], row["steps"], row["input_spikes"], row["hidden_spikes"],
-        )  # fmt: skip
-        faulty = [*rows[:9], rows[8], "x,1,1", "70000", "20,1,1", rows[9].replace(",", "0000000000000,", 1), "21,9,9"]
-        code, _, said = decided(run, faulty, "--time-unit", "us")
-        assert code == 0
-        assert said.count("is over") == said.count("share a step") == said.count("does not have") == 1
-        assert "late 1, doubled" in said
-        assert "unknown 1, bad rows 1, time stamps ignored 1" in said
+def test_a_pipe_gives_each_decision_as_soon_as_time_passes_its_window(run):
+    command = [
+        sys.executable,
+        "-m",
+        "neurotact",
+        "stream",
+        str(run / "run"),
+        "--json",
+        "--from",
+        "-",
+        "--time-unit",
+        "ms",
+    ]
+    with subprocess.Popen(
+        [*command, "--full-window"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as pipe:
+        assert pipe.stdin is not None
+        assert pipe.stdout is not None
+        print("1,0,1\n1,2,0\n60", file=pipe.stdin, flush=True)
+        assert json.loads(pipe.stdout.readline())["input_spikes"] == 2
+        print("130", file=pipe.stdin, flush=True)
+        assert json.loads(pipe.stdout.readline())["start_step"] == 60
