@@ -91,7 +91,7 @@ NEEDS = (
         "format unit time_column lsb zero hold_ms stall_s sampling_rate_Hz",
         "takes_events",
         _is_absent,
-        "with a network that takes the events of a sensor, whose rows are time, channel and polarity",
+        "with a network that takes the events of a sensor, not samples",
     ),
     _Need("time_unit origin polarity", "takes_events", bool, "with a network that takes samples, not events"),
     _Need("baud", "source", _is_in("serial port"), "without a serial port, as in `source='serial:/dev/ttyUSB0'`"),
