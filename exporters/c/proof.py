@@ -212,7 +212,7 @@ def _packed(trials: Sequence[np.ndarray]) -> bytes:
     parts = [struct.pack("<I", len(trials))]
     for trial in trials:
         if trial.dtype not in (np.int16, np.float32, np.uint32):
-            raise InputError(f"trials: must be int16, float32, or uint32 for events; got {trial.dtype}")
+            raise InputError(f"trials: must be int16 or float32, or uint32 of events; got {trial.dtype}")
         parts += [struct.pack("<I", len(trial)), np.ascontiguousarray(trial).tobytes()]
     return b"".join(parts)
 

@@ -12,12 +12,11 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from in_process import typed
-from made_chains import make_encoder, told
+from made_chains import events_of_trial, make_encoder, make_event_run, told
 from neurotact_parts.streams.chain import Chain, chain_of
 from neurotact_parts.streams.events import MOST_CELLS, Channels
 
 import neurotact as nt
-from neurotact.data import hdf5
 from neurotact.errors import InputError
 from neurotact.networks.exit.rule import ExitRule
 
@@ -170,24 +169,8 @@ def test_each_kind_of_chain_refuses_the_input_of_the_other():
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """A network trained on the events of a sensor: `events.csv`, `spikes.h5` and `run` in a folder."""
-    folder = tmp_path_factory.mktemp("sensor")
-    rng, rows = np.random.default_rng(0), []
-    for trial in range(24):
-        label, n = ("felt", "silk")[trial % 2], (30, 45)[trial % 2]
-        for time_us in np.sort(rng.choice(60_000, n, replace=False)).tolist():
-            rows.append(f"{trial},{label},{time_us},{rng.integers(0, 3)},{rng.integers(0, 2)}")
-    (folder / "events.csv").write_text("\n".join(["trial,label,time_us,channel,polarity", *rows, ""]))
-    events = nt.Events(duration_ms=60, merge_events=True)
-    hdf5.save_spikes(nt.read_events(folder / "events.csv", events=events), folder / "spikes.h5")
-    nt.train(folder / "spikes.h5", folder / "run", settings={"training.epochs": 2}, window=nt.Window(length_ms=60))
-    return folder
-
-
-def rows_of(folder, trial: int) -> list[str]:
-    """Time, channel and polarity of each event of a trial."""
-    rows = [line.split(",") for line in (folder / "events.csv").read_text().splitlines()[1:]]
-    return [",".join(row[2:]) for row in rows if row[0] == str(trial)]
+    """A network trained on the events of a sensor."""
+    return make_event_run(tmp_path_factory.mktemp("sensor"))
 
 
 def streamed(folder, rows: list[str], *words: str) -> tuple[int, list[dict], str]:
@@ -200,7 +183,7 @@ def streamed(folder, rows: list[str], *words: str) -> tuple[int, list[dict], str
 def test_a_file_of_events_decides_as_infer(run):
     expected = nt.infer(run / "run", run / "spikes.h5", early_exit=True)
     for trial in (0, 1, 2):
-        rows, row = rows_of(run, trial), expected.iloc[trial]
+        rows, row = events_of_trial(run, trial), expected.iloc[trial]
         shifted = [
             f"{10**15 + int(time)};{other.replace(',', ';')}" for time, other in (each.split(",", 1) for each in rows)
         ]
@@ -226,7 +209,7 @@ def test_a_file_of_events_decides_as_infer(run):
 
 
 def test_faults_of_a_source_are_counted_and_said_once(run):
-    rows = rows_of(run, 0)
+    rows = events_of_trial(run, 0)
     faulty = [*rows[:9], "x,1,1", "0,1,1", "1,0,1", "9" * 20 + ",1,1", f"{rows[8].split(',')[0]},9,9", "5,1,1,1", "7,"]
     code, decisions, said = streamed(run, [*faulty, rows[8]], "--time-unit", "us")
     assert (code, len(decisions)) == (0, 1)
@@ -270,7 +253,7 @@ def test_what_is_no_stream_of_events_is_refused(run, rows, words, message):
 
 
 def test_a_socket_and_a_pipe_give_what_a_file_gives(run):
-    rows = ["time_us,channel,polarity", *rows_of(run, 3)]
+    rows = ["time_us,channel,polarity", *events_of_trial(run, 3)]
     _, expected, _ = streamed(run, rows)
     with socket.create_server(("127.0.0.1", 0)) as server:
 
