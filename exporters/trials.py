@@ -12,7 +12,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.networks.training import run_folder, tasks
-from neurotact.networks.training.ranges import evenly
+from neurotact.networks.training.ranges import OF_EVENTS, evenly
 
 
 class Recorded(NamedTuple):
@@ -32,8 +32,11 @@ class Recorded(NamedTuple):
 def recorded(restored: run_folder.Restored, recordings: Recordings | str | Path | None = None) -> Recorded:
     """The signals of a run's training and test trials, in the encoder's unit.
 
+    A network that takes the events of a sensor has them as signals, 0 or 1 in each step of its clock.
     Raises InputError if the run's spikes were not encoded from these recordings.
     """
+    if restored.encoder == {}:
+        return _of_events(restored, recordings)
     if not restored.spikes:
         return _given(restored, recordings)
     if isinstance(recordings, Recordings):
@@ -49,6 +52,23 @@ def recorded(restored: run_folder.Restored, recordings: Recordings | str | Path 
         parts = [list(stored.select(side).loaded().to_unit(unit).signals) for side in sides]
         labels, windows = trains.labels[split.test], tasks.sides_of(trains, restored.task).train.spikes
         return Recorded(parts[0], parts[1], labels, stored.sampling_rate_Hz, windows)
+
+
+def _of_events(restored: run_folder.Restored, recordings: object) -> Recorded:
+    """The same of a network that takes the events of a sensor."""
+    if recordings is not None:
+        raise InputError("recordings: the network takes the events of a sensor; leave them out")
+    if not restored.spikes:
+        raise InputError("run: was fitted in memory, to events that it did not keep; train it from a file of spikes")
+    trains = run_folder.trained_spikes_of(restored)
+    split = tasks.trials_of(trains, restored.task)
+    rasters = []
+    for trial in trains.select(split.test).trials():
+        raster = np.zeros((trial.n_steps, len(trains.afferents)), np.float32)
+        raster[trial.steps, trial.units] = 1
+        rasters.append(raster)
+    windows = tasks.sides_of(trains, restored.task).train.spikes
+    return Recorded(list(OF_EVENTS), rasters, trains.labels[split.test], trains.sampling_rate_Hz, windows)
 
 
 def _given(restored: run_folder.Restored, recordings: Recordings | str | Path | None) -> Recorded:

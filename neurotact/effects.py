@@ -89,6 +89,13 @@ NEEDS = (
     # stream, live
     _Need("format lsb zero time_column", "source", SAMPLES, "with this `source`, which has a format of its own"),
     _Need("sampling_rate_Hz", "source", LIVE, "with this `source`, which has a sampling rate of its own"),
+    _Need(
+        "format unit time_column lsb zero hold_ms stall_s sampling_rate_Hz",
+        "takes_events",
+        _is_absent,
+        "with a network that takes the events of a sensor, not samples",
+    ),
+    _Need("time_unit origin polarity", "takes_events", bool, "with a network that takes samples, not events"),
     _Need("baud", "source", _is_in("serial port"), "without a serial port, as in `source='serial:/dev/ttyUSB0'`"),
     _Need("stall_s", "source", _is_in("pipe", "serial port", "LSL stream"), "with this `source`, which is never late"),
     _Need("speed", "source", _is_in("recordings", "simulation"), "with a device, whose samples come at their own rate"),

@@ -1,4 +1,8 @@
-"""The deployed chain: an encoder with causal conditioning, a network and its exit rule."""
+"""The deployed chain: an encoder with causal conditioning, a network and its exit rule.
+
+The network of a sensor that sends events has no encoder: events are its spikes, and a step of its clock is a sample of
+0 and 1 for each afferent. `PASSING` stands where an encoder would, so that all that runs a chain runs it.
+"""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple, cast
@@ -38,12 +42,19 @@ LARGEST_FACTOR = 1e6
 MOST_SAMPLES_A_STEP = 1_000_000
 """Samples for each step of the encoder's clock; more are a wrong rate, of which a counter would overflow."""
 
+PASSING = AfferentSpec.model_validate({
+    "v_rest_mV": 0, "v_reset_mV": 0, "v_threshold_mV": 0.5, "tau_mem_ms": 1e-9,
+    "sa1": {"gain": 1, "t_ref_ms": 0}, "ra1": {"gain": 1, "taxels": []},
+})  # fmt: skip
+"""In place of an encoder: neurons without memory that give each spike as it is."""
+
 
 class Chain(NamedTuple):
     """Conditioning and encoder, network, exit rule and windows.
 
     sampling_rate_Hz: of the input samples; equals the network's clock unless the encoder resamples.
-    taxels: their names in the order of the network's training; None if unknown.
+    taxels: their names in the order of the network's training; None if unknown. Of events, the names of the afferents.
+    takes_events: whether the network takes the events of a sensor; the encoder is then `PASSING`, and no part of it.
     """
 
     encoder: EncoderSpec
@@ -53,6 +64,7 @@ class Chain(NamedTuple):
     windows: WindowPlan
     sampling_rate_Hz: float
     taxels: tuple[str, ...] | None = None
+    takes_events: bool = False
 
     @property
     def clock_Hz(self) -> float:  # noqa: N802
@@ -87,7 +99,7 @@ class Chain(NamedTuple):
     @property
     def subject(self) -> Subject:
         """What the table of executors judges."""
-        return Subject(self.encoder, self.network, self.rule)
+        return Subject(None if self.takes_events else self.encoder, self.network, self.rule)
 
 
 @takes_specs
@@ -103,16 +115,19 @@ def chain_of(source: Fitted | Restored | tuple[EncoderSpec, RSNN], streamed: Str
     taxels: tuple[str, ...] | None = None
     if isinstance(source, Restored) or not isinstance(source, tuple):
         restored = cast(Restored, source) if isinstance(source, Restored) else fitted.restore(source)
-        encoder, classes = build_encoder(restored), restored.classes
+        encoder, classes = front_of(restored), restored.classes
         network = rsnn_of("stream", restored.network)
         rule = restored.exits(not streamed.full_window)
         recorded_Hz, trained = restored.recorded_Hz, restored.task.window
-        if restored.afferents is not None:
+        if encoder is None:
+            taxels = restored.afferents
+        elif restored.afferents is not None:
             taxels = taxel_names(restored.afferents, restored.encoder or {})
     else:
         encoder, given = source
         network = rsnn_of("stream", given)
     require("stream", Subject(encoder, network, rule))
+    takes_events, encoder = encoder is None, encoder or PASSING
     _check_taxels(encoder, network)
     clock_Hz = network.sampling_rate_Hz
     windows = WindowPlan.of(clock_Hz, streamed, trained)
@@ -121,7 +136,15 @@ def chain_of(source: Fitted | Restored | tuple[EncoderSpec, RSNN], streamed: Str
     rate_Hz = _input_rate(encoder, clock_Hz, sampling_rate_Hz)
     _check_range(encoder, conditioning_of(encoder, rate_Hz).clock_Hz(rate_Hz))
     classes = classes or tuple(str(index) for index in range(network.n_classes))
-    return Chain(encoder, network.cpu(), rule, classes, windows, rate_Hz, taxels)
+    return Chain(encoder, network.cpu(), rule, classes, windows, rate_Hz, taxels, takes_events)
+
+
+def front_of(restored: Restored) -> EncoderSpec | None:
+    """The encoder that a network was trained with; None if it was trained on the events of a sensor.
+
+    InputError where it is not known which.
+    """
+    return None if restored.encoder == {} else build_encoder(restored)
 
 
 def build_encoder(restored: Restored) -> EncoderSpec:

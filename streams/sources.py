@@ -13,19 +13,22 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from decimal import Decimal
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from neurotact_parts.streams import lab_streaming
 from neurotact_parts.streams.lab_streaming import LSL
+from neurotact_parts.streams.events import LEFT_OUT, Channels, EventClock, Moment, Origin
 from neurotact_parts.streams.stamped_rows import Faults, Placed, StampedRows
 from neurotact_parts.streams.stream import Decision, Stream
 from neurotact_parts.streams.stream_state import Tally
 from neurotact_parts.streams.streamed import SampleSpec
 
 from neurotact.data import hdf5
-from neurotact.data.readers.clock.units import UNIT_S
+from neurotact.data.readers.clock.units import UNIT_S, Unit, unit_in, without_unit
+from neurotact.data.readers.columns import called
 from neurotact.data.readers.formats.contents import content_of_bytes
 from neurotact.data.readers.table.cells import COMMENT, FLOAT32_MAX, NOT_FINITE, NUMBER
 from neurotact.data.readers.table.headings import SEPARATOR_LINE, is_unit
@@ -36,10 +39,9 @@ READ_BYTES = 1 << 16
 LONGEST_ROW = 1 << 20
 DATAGRAM_BYTES = 1 << 20
 """Of datagrams that wait until they are read."""
-SERIAL = "serial:"
-"""Prefix of the device of a serial port."""
-UDP = "udp:"
-"""Prefix of a port for datagrams, on this machine or, as in udp:0.0.0.0:9000, of another address."""
+SERIAL, TCP, UDP = "serial:", "tcp:", "udp:"
+"""Prefixes of the device of a serial port; of the address of a server, as in tcp:localhost:5000; of a port for
+datagrams, on this machine or, as in udp:0.0.0.0:9000, of another address."""
 LATE_S = 0.01
 """A block is late if its delay exceeds this and its own duration."""
 HOPELESS_S = 0.5
@@ -56,6 +58,7 @@ class Arrived(NamedTuple):
 
     stalled: an unknown number of samples is missing: none came for long, or the clock of their stamps started again.
     trial: number of the trial in its file; None if the source is not a file of recordings.
+    events: of a sensor that sends them, in place of samples.
     """
 
     samples: np.ndarray | None = None
@@ -63,16 +66,54 @@ class Arrived(NamedTuple):
     stalled: bool = False
     end: bool = False
     trial: int | None = None
+    events: "Events | None" = None
 
 
-class Rows:
+class Events(NamedTuple):
+    """Events of a sensor: of each its time in s, and the number of its afferent, or why it has none."""
+
+    time_s: list[float]
+    units: list[int]
+
+
+class Lines:
+    """Bytes to lines of text, without blank ones and comments.
+
+    joins: the source was already running; text before the first end of a line may be incomplete, and is ignored.
+    """
+
+    def __init__(self, where: str, faults: Faults, *, joins: bool = False) -> None:
+        self.where, self.faults, self.joins = where, faults, joins
+        self.left, self.line, self.has_names = b"", 0, False
+        self.n_good = 0
+
+    def lines(self, text: bytes) -> Iterator[str]:
+        """The lines that these bytes complete."""
+        if not self.line and not self.left and not self.joins:
+            _check_begins_as_text(text, self.where)
+        if self.joins:
+            _, ended, text = text.partition(b"\n")
+            self.joins = not ended
+        *lines, self.left = (self.left + text).split(b"\n")
+        if len(self.left) > LONGEST_ROW:
+            raise InputError(
+                f"{self.where}: line {self.line + 1} does not end within {LONGEST_ROW:,} bytes; give rows of text"
+            )
+        for whole in lines:
+            self.line += 1
+            line = whole.decode("utf-8", errors="replace").removeprefix(MARK if self.line == 1 else "").strip()
+            if line and not COMMENT.match(line) and (self.has_names or not SEPARATOR_LINE.fullmatch(line)):
+                yield line
+
+
+class Rows(Lines):
     """Text to samples, one row each: values separated by commas, semicolons, tabs or spaces.
 
     time_unit_s: of a first column that contains the time, for instance 0.001; None without one. With it, lost and
     repeated rows are found, by the rule of `stamped_rows`.
     taxels: names of the taxels, in the order of the samples to give. A first line with these names in another order
         tells that of the columns; one with other names is refused. None: the columns are in order.
-    joins: the source was already running; text before the first end of a line may be incomplete, and is ignored.
+    joins: as of `Lines`.
 
     >>> rows = Rows("-", 2, 1000.0, Faults())
     >>> [arrived.samples.tolist() for arrived in rows.take(b"left,right\\n1,2\\n3,nan\\n")]
@@ -90,25 +131,13 @@ class Rows:
         taxels: tuple[str, ...] | None = None,
         joins: bool = False,
     ) -> None:
-        self.where, self.n_taxels, self.faults, self.joins = where, n_taxels, faults, joins
-        self.taxels, self.order = taxels, None
+        super().__init__(where, faults, joins=joins)
+        self.n_taxels, self.taxels, self.order = n_taxels, taxels, None
         self.stamped = None if time_unit_s is None else StampedRows(where, rate_Hz, time_unit_s, faults)
-        self.left, self.line, self.has_names = b"", 0, False
-        self.n_good = 0
 
     def take(self, text: bytes) -> Iterator[Arrived]:
         """The samples that these bytes complete."""
-        if not self.line and not self.left and not self.joins:
-            _check_begins_as_text(text, self.where)
-        if self.joins:
-            _, ended, text = text.partition(b"\n")
-            self.joins = not ended
-        *lines, self.left = (self.left + text).split(b"\n")
-        if len(self.left) > LONGEST_ROW:
-            raise InputError(
-                f"{self.where}: line {self.line + 1} does not end within {LONGEST_ROW:,} bytes; give rows of text"
-            )
-        yield from _blocks(placed for line in lines for placed in self._row(line))
+        yield from _blocks(placed for line in self.lines(text) for placed in self._row(line))
 
     def rest(self) -> Iterator[Arrived]:
         """When the source has ended: the samples that were held back because of their time stamps."""
@@ -121,12 +150,8 @@ class Rows:
         if not self.n_good:
             raise InputError(f"{self.where}: has no sample; give {self.n_taxels} values per row")
 
-    def _row(self, line: bytes) -> Iterator[Placed]:
+    def _row(self, text: str) -> Iterator[Placed]:
         """The rows that a line completes; a line that is not a sample stands for a missing one."""
-        self.line += 1
-        text = line.decode("utf-8", errors="replace").removeprefix(MARK if self.line == 1 else "").strip()
-        if not text or COMMENT.match(text) or (not self.has_names and SEPARATOR_LINE.fullmatch(text)):
-            return
         cells = SEPARATOR.split(text)
         expected = self.n_taxels + (self.stamped is not None)
         values = [_value(cell) for cell in cells]
@@ -191,6 +216,94 @@ def _samples(block: list[list[float]]) -> np.ndarray:
         return np.array(block, np.float32)
 
 
+class EventRows(Lines):
+    """Text to events, one row each: time, channel and, where there is one, polarity; a time alone advances the clock.
+
+    channels: of the network. unit: of the times; that of the column's name, as in `time_us`, or seconds when None.
+    origin: as at import. Columns are in this order, or as a first line names them.
+
+    >>> rows = EventRows("-", Channels(["a", "b"]), Faults())
+    >>> [arrived.events for arrived in rows.take(b"time_ms,channel\\n1,a\\n2.5,1\\n4\\n")]
+    [Events(time_s=[0.001, 0.0025, 0.004], units=[0, 1, -2])]
+    """
+
+    def __init__(
+        self,
+        where: str,
+        channels: Channels,
+        faults: Faults,
+        unit: Unit | None = None,
+        origin: Origin = "zero",
+        *,
+        joins: bool = False,
+    ) -> None:
+        super().__init__(where, faults, joins=joins)
+        self.channels, self.unit, self.from_first = channels, unit, origin == "first"
+        self.places: list[int | None] = [0, 1, 2]
+        self.clock: EventClock | None = None
+
+    def take(self, text: bytes) -> Iterator[Arrived]:
+        """The events that these bytes complete."""
+        events = Events([], [])
+        for line in self.lines(text):
+            found = self._event(line)
+            if found is None:
+                continue
+            placed, unit = found
+            if placed.restarts:
+                yield Arrived(events=events)
+                yield Arrived(stalled=True)
+                events = Events([], [])
+            if placed.time_s is not None:
+                events.time_s.append(placed.time_s)
+                events.units.append(unit)
+        if events.time_s:
+            yield Arrived(events=events)
+
+    def rest(self) -> Iterator[Arrived]:
+        """No event is held back."""
+        yield from ()
+
+    def finish(self) -> None:
+        """The source has ended: a row without its end may lack digits, and is ignored."""
+        self.faults.cut_off += bool(self.left.strip())
+        if not self.n_good:
+            raise InputError(
+                f"{self.where}: has no event; give rows of time, channel and, where there is one, polarity"
+            )
+
+    def _event(self, text: str) -> tuple[Moment, int] | None:
+        cells = [cell.strip("\"'") for cell in SEPARATOR.split(text)]
+        if not self.n_good and not self.has_names and not NUMBER.fullmatch(cells[0]):
+            self.has_names = True
+            self._take_names(cells)
+            return None
+        time, channel, polarity = (cells[i] if i is not None and i < len(cells) else "" for i in self.places)
+        if not NUMBER.fullmatch(time) or (len(cells) > 1 and not channel) or len(cells) > max(3, self.n_columns):
+            self.faults.bad_rows += 1
+            return None
+        self.n_good += 1
+        if self.clock is None:
+            self.clock = EventClock(self.where, UNIT_S[self.unit or "s"], self.from_first, self.faults)
+        unit = self.channels.number(channel, polarity or None) if channel else LEFT_OUT
+        return self.clock.at(Decimal(time)), unit
+
+    n_columns = 3
+
+    def _take_names(self, names: list[str]) -> None:
+        """The columns of time, channel and polarity by their names, as at import."""
+        plain = [without_unit(name.lower()) for name in names]
+        found = {what: called(plain, f"event {what}") for what in ("time", "channel", "population")}
+        if found["time"] is None or found["channel"] is None:
+            raise InputError(
+                f"{self.where}: line {self.line} names no column of time and channel ({', '.join(names)[:60]}); give "
+                "rows of time, channel and, where there is one, polarity"
+            )
+        self.places = [None if name is None else plain.index(name) for name in found.values()]
+        self.n_columns = len(names)
+        self.unit = self.unit or unit_in(names[plain.index(found["time"])])
+
+
 class Frames:
     """Bytes to samples: little-endian `float32` or `int16`, one value per taxel; an int16 x means `zero + lsb x`."""
 
@@ -247,7 +360,7 @@ def _is_recorded(path: str) -> bool:
 
 
 def kind_of(path: str) -> str:
-    """What a source is, by its name: recordings, a serial port, an LSL stream, a file, or a pipe (also a port for UDP).
+    """What a source is, by its name: recordings, a serial port, an LSL stream, a file, or a pipe (also a socket).
 
     >>> kind_of("touches.h5"), kind_of("-"), kind_of("serial:/dev/ttyUSB0"), kind_of("lsl:Skin"), kind_of("udp:9000")
     ('recordings', 'pipe', 'serial port', 'LSL stream', 'pipe')
@@ -258,6 +371,8 @@ def kind_of(path: str) -> str:
         return "serial port"
     if path.startswith(LSL):
         return "LSL stream"
+    if path.startswith(TCP):
+        return "pipe"
     return "file" if os.path.isfile(path) else "pipe"
 
 
@@ -292,7 +407,7 @@ def parser_of(
 
 def live(
     path: str,
-    parser: Rows | Frames,
+    parser: Rows | Frames | EventRows,
     faults: Faults,
     stall_s: float,
     *,
@@ -300,7 +415,7 @@ def live(
     baud: int = SampleSpec().baud,
 ) -> Iterator[Arrived]:
     """A pipe, a device file or a file, read as data arrive; `-` is standard input, `serial:/dev/...` a serial port,
-    `udp:PORT` a port for datagrams, `lsl:NAME` a stream of the Lab Streaming Layer.
+    `tcp:HOST:PORT` a server, `udp:PORT` a port for datagrams, `lsl:NAME` a stream of the Lab Streaming Layer.
 
     stall_s: seconds without a byte after which the source stalls; later samples follow a gap of unknown length.
     tick_s: after this time without data, `Arrived()` is yielded, so that the caller can do other work.
@@ -406,7 +521,10 @@ def decide(stream: Stream, source: Iterable[Arrived]) -> Iterator[Decision]:
             yield from stream.missing(arrived.missing)
         if arrived.stalled:
             stream.gap()
+        if arrived.events is not None:
+            yield from stream.push_numbered(*arrived.events)
         if arrived.end:
+            yield from stream.flush() if stream.chain.takes_events else ()
             yield from stream.finish()
 
 
@@ -450,6 +568,10 @@ def _opened(path: str, baud: int) -> Iterator[int]:
         with _datagram_port(path) as port:
             yield port.fileno()
         return
+    if path.startswith(TCP):
+        with _connection(path) as connection:
+            yield connection.fileno()
+        return
     try:
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NOCTTY", 0))
     except OSError as error:
@@ -472,6 +594,18 @@ def _datagram_port(path: str) -> socket.socket:
         port.close()
         raise InputError(f"{path}: cannot be opened ({error.strerror or error}); give another port") from error
     return port
+
+
+def _connection(path: str) -> socket.socket:
+    host, _, port = path.removeprefix(TCP).rpartition(":")
+    if not (host and port.isdecimal() and int(port) < 2**16):
+        raise InputError(f"{path}: is no address; give a host and a port, as in tcp:localhost:5000")
+    try:
+        return socket.create_connection((host.strip("[]"), int(port)))
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be reached ({error.strerror or error}); check the server and its port"
+        ) from error
 
 
 def _serial_port(path: str, baud: int) -> Any:

@@ -19,7 +19,7 @@ than samples come, as of a wrong unit, are refused after the first `FIRST_ROWS`.
 
 import math
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -45,6 +45,26 @@ FIRST_ROWS, FIRST_STEPS, MOST_FIRST = 500, 20, 50_000
 """Number of rows, and of times at which their stamp changed, that show the rate; without them it stays unknown."""
 WRONG_RATE = 2.5
 """Factor by which the rate of the first stamps may differ from that of the samples: rows may be lost or repeated."""
+
+
+def counters_of(unit_s: float) -> list[float]:
+    """The lengths of usual counters, in stamps of this unit."""
+    return [2.0**16, 2.0**32, *(seconds / unit_s for seconds in COUNTERS_S)]
+
+
+def wrap_of(stamp: float, last: float, counters: Sequence[float], near: float) -> float:
+    """The length of the counter, if it has wrapped between the last stamp and this one, `near` at most; else 0.
+
+    >>> wrap_of(3.0, 65_534.0, counters_of(1e-6), 1e6), wrap_of(3.0, 7.0, counters_of(1e-6), 1e6)
+    (65536.0, 0.0)
+    """
+    for length in counters:
+        is_next = stamp < last and 0 < stamp + length - last <= min(near, length / 8)
+        is_unsigned = last < length and stamp >= 0
+        is_signed = last < length / 2 and stamp >= -length / 2
+        if is_next and (is_unsigned or is_signed):
+            return length
+    return 0.0
 
 
 @dataclass
@@ -115,7 +135,7 @@ Placed(values=[10], lost=1, restarts=False)]
         self._per_unit = rate_Hz * unit_s
         self._near = max(NEAR_S * rate_Hz, NEAR_ROWS) / self._per_unit
         self._most_held = max(MOST_HELD, min(int(rate_Hz), 100 * MOST_HELD))
-        self._counters = [2.0**16, 2.0**32, *(seconds / unit_s for seconds in COUNTERS_S)]
+        self._counters = counters_of(unit_s)
         self._said: set[str] = set()
         self._first: list[float] | None = []
         self._n_steps = 0
@@ -165,13 +185,7 @@ Placed(values=[10], lost=1, restarts=False)]
 
     def _wrap(self, stamp: float) -> float:
         """The length of the counter, if it has wrapped between the last row and this stamp; else 0."""
-        for length in self._counters:
-            is_next = stamp < self._last and 0 < stamp + length - self._last <= min(self._near, length / 8)
-            is_unsigned = self._last < length and stamp >= 0
-            is_signed = self._last < length / 2 and stamp >= -length / 2
-            if is_next and (is_unsigned or is_signed):
-                return length
-        return 0.0
+        return wrap_of(stamp, self._last, self._counters, self._near)
 
     def _use(self, row: Stamped, lost: int) -> Iterator[Placed]:
         """A row whose stamp is believed, and before it those held back for which it leaves room."""

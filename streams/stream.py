@@ -15,6 +15,15 @@ import numpy as np
 import torch
 from neurotact_parts.streams import running, stream_file
 from neurotact_parts.streams.chain import LARGEST, Chain, chain_of
+from neurotact_parts.streams.events import (
+    LEFT_OUT,
+    UNKNOWN,
+    Channels,
+    afferents_of,
+    rows_until,
+    sorted_events,
+    steps_at,
+)
 from neurotact_parts.streams.native import CompiledStream, Decided, Remembered
 from neurotact_parts.streams.stream_state import Decision, StreamState, Tally, Trace, copied
 from neurotact_parts.streams.streamed import SampleSpec, StreamedSpec
@@ -38,6 +47,9 @@ def _fixed(encoder: EncoderSpec) -> tuple[object, ...]:
     return encoder.conditioning, encoder.unit, encoder.model, is_exact(encoder), taxels
 
 
+OF_EVENTS = "stream: the network takes the events of a sensor, not {}; give them to push_events, and time to advance"
+MOST_AHEAD_S = 86_400.0
+"""Seconds from one event to the next."""
 MOST_STEPS_AT_ONCE = 10_000
 """Of the encoder's clock: longer blocks are processed in parts, so that a fine clock needs no more memory."""
 
@@ -57,6 +69,9 @@ class Stream:
     Decisions equal those of `encode` and `infer` on the whole trial, spike for spike, for any blocks.
     InputError for an encoder with a baseline of the whole trial, and for samples with another number of taxels.
 
+    A network that was trained on the events of a sensor takes these, with `push_events`, `advance` and `flush`, and no
+    samples; its encoder is None in a pair.
+
     >>> from neurotact.encoders import specs
     >>> encoder = specs.load("sa1-ra1-lif", {"conditioning.baseline": "start"})
     >>> network = RSNN(16, 2, hidden=4, sampling_rate_Hz=2000.0)
@@ -67,7 +82,7 @@ class Stream:
 
     def __init__(
         self,
-        source: Fitted | Chain | tuple[EncoderSpec, RSNN],
+        source: Fitted | Chain | tuple[EncoderSpec | None, RSNN],
         *,
         streamed: StreamedSpec = StreamedSpec(),
         unit: str | None = None,
@@ -102,6 +117,9 @@ class Stream:
         compilable = self.chain.network.w_in.device.type == "cpu" and is_plain and not is_exact(encoder)
         if use_native(backend, compilable, "a network on the CPU, and plain SA-I and RA-I on a clock"):
             self._compiled = CompiledStream(self._used, self.conditioner, self._most_samples)
+        self._channels: Channels | None = None
+        if self.chain.takes_events:
+            self._channels = Channels(afferents_of(self.chain))
         self._watch = watch
         if watch is not None and self._compiled is not None:
             self._compiled.watch()
@@ -118,6 +136,8 @@ class Stream:
         samples: `(sample, taxel)`, or `(taxel,)` for one, in the given unit; NaN for a missing value. A table of pandas
             is taken by the names of its columns, where the chain knows those of its taxels.
         """
+        if self._channels is not None:
+            raise InputError(OF_EVENTS.format("samples"))
         if (columns := getattr(samples, "columns", None)) is not None:
             order = order_by_name([*map(str, columns)], self.chain.taxels, "samples", "column")
             samples = np.asarray(samples, np.float32)[:, slice(None) if order is None else order]
@@ -139,8 +159,89 @@ class Stream:
             decisions += self._push_one(sample, good)
         return decisions
 
+    def push_events(self, time_s: Any, channel: Any, polarity: Any = None) -> list[Decision]:
+        """Decisions of the steps that these events of a sensor end, each of which ends the steps before its own.
+
+        time_s: of each event, since the stream began, its last gap or the end of its last trial, `(event,)` or one.
+        channel: numbers from 0 or names, as at import. polarity: or population, where afferents have one; without it, a
+            channel is an afferent's number or whole name.
+        Events may come in any order within a step; those of an afferent in one step are one spike. The counts of those
+        that are late, doubled or of an unknown channel are in `tally`.
+
+        >>> stream = Stream((None, RSNN(3, 2, hidden=4, sampling_rate_Hz=1000.0)), streamed=StreamedSpec(length_ms=5))
+        >>> stream.push_events([0.0004, 0.0001, 0.0021], [2, 0, 7])
+        []
+        >>> [decision.input_spikes for decision in stream.advance(0.005)], stream.tally.unknown
+        ([2], 1)
+        """
+        others = None if polarity is None else np.atleast_1d(polarity)
+        return self.push_numbered(time_s, self._of_events("events").numbers(np.atleast_1d(channel), others))
+
+    def push_numbered(self, time_s: Any, units: Any) -> list[Decision]:
+        """The same of the numbers of afferents, `UNKNOWN` or `LEFT_OUT` for an event that is of none."""
+        self._of_events("events")
+        steps, units = steps_at(time_s, self.chain.clock_Hz), np.asarray(units, np.int64)
+        if len(units) != len(steps):
+            raise InputError(f"channel: has {len(units)} values for {len(steps)} times; give one of each event")
+        self._state.tally.events += int((units != LEFT_OUT).sum())
+        self._state.tally.unknown += int((units == UNKNOWN).sum())
+        return self._take_events(steps, units)
+
+    def advance(self, time_s: float) -> list[Decision]:
+        """Decisions of the steps that are over at a time, though no event has come."""
+        self._of_events("a time")
+        return self._take_events(steps_at(time_s, self.chain.clock_Hz)[:1], np.array([UNKNOWN]))
+
+    def flush(self) -> list[Decision]:
+        """Decisions of the step under way and of open windows, which end without another event."""
+        self._of_events("a flush")
+        decisions = self._end_step()
+        self._copy_state()
+        state, length = self._state, self.chain.windows.length
+        left = max((length - window.steps for window in state.windows), default=0)
+        return decisions + self._take_events(np.array([state.event_step + left]), np.array([UNKNOWN]))
+
+    def _of_events(self, what: str) -> Channels:
+        if self._channels is None:
+            raise InputError(f"stream: has an encoder, which takes samples and not {what}; give samples to push")
+        return self._channels
+
+    def _take_events(self, steps: np.ndarray, units: np.ndarray) -> list[Decision]:
+        state = self._state
+        waiting = np.zeros(self.chain.n_taxels, bool) if state.waiting is None else state.waiting
+        if len(steps) and np.diff(steps, prepend=state.event_step).max() > MOST_AHEAD_S * self.chain.clock_Hz:
+            raise InputError("time_s: an event is more than a day after the one before it; give times in s")
+        events = sorted_events(steps, units, state.event_step, waiting)
+        state.tally.late += events.late
+        state.tally.doubled += events.doubled
+        end = max(state.event_step, int(steps.max(initial=0)))
+        decisions = self._push_rows(rows_until(events, state.event_step, end, waiting))
+        waiting = waiting.copy() if end == state.event_step else np.zeros_like(waiting)
+        waiting[events.units[events.steps == end]] = True
+        self._state.event_step, self._state.waiting = end, waiting
+        return decisions
+
+    def _end_step(self) -> list[Decision]:
+        """End the step under way, if it has events."""
+        state = self._state
+        if state.waiting is None or not state.waiting.any():
+            return []
+        return self._take_events(np.array([state.event_step + 1]), np.array([UNKNOWN]))
+
+    def _push_rows(self, blocks: Iterable[np.ndarray]) -> list[Decision]:
+        """Steps of events, `(step, afferent)` float32 of 0 and 1."""
+        decisions: list[Decision] = []
+        for rows in blocks:
+            self._count_samples()
+            self._state.tally.samples += len(rows)
+            self._state.good = rows[-1].copy()
+            decisions += self._condition(rows, held=False)
+        return decisions
+
     def missing(self, n_samples: int) -> list[Decision]:
         """The source lost `n_samples`: up to `hold_ms` of them are replaced by the last one, more are a gap."""
+        if self._channels is not None:
+            raise InputError(OF_EVENTS.format("missing samples"))
         if n_samples < 0:
             raise InputError(f"missing: counts samples; got {n_samples}")
         self._count_samples()
@@ -164,7 +265,14 @@ class Stream:
         """End the trial: process the step that resampling delayed, then restart; the counts continue.
 
         A window that the trial's end cuts off is decided if it exited before, and is otherwise counted as unfinished.
+        Of events, the step under way ends; `flush` before lets open windows end.
         """
+        if self._channels is not None:
+            ended = self._end_step()
+            self._copy_state()
+            self._state.tally.unfinished += len(self._state.windows)
+            self._restart()
+            return ended
         self._copy_state()
         signal, _ = self.conditioner.finish(self._state.conditioned)
         decisions = self._encode(signal, held=False) if len(signal) else []

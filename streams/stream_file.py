@@ -36,7 +36,7 @@ def fingerprint(chain: Chain) -> str:
         "encoder": chain.encoder.model_dump(mode="json"), "network": chain.network.spec.model_dump(mode="json"),
         "rule": asdict(chain.rule),
         "windows": asdict(chain.windows), "classes": chain.classes,
-        "rates": [chain.sampling_rate_Hz, chain.clock_Hz],
+        "rates": [chain.sampling_rate_Hz, chain.clock_Hz], **({"takes_events": True} if chain.takes_events else {}),
     }  # fmt: skip
     digest = hashlib.sha256(json.dumps(table, sort_keys=True).encode())
     for name, tensor in sorted(chain.network.state_dict().items()):
@@ -96,6 +96,8 @@ def _parts(chain: Chain, state: StreamState) -> tuple[dict[str, Any], Arrays]:
     arrays: Arrays = {}
     if state.good is not None:
         arrays["good"] = state.good
+    if state.waiting is not None:
+        arrays["waiting"] = state.waiting
     for name in ("smoothed", "held"):
         if (values := getattr(done, name)) is not None:
             arrays[f"conditioned.{name}"] = values
@@ -118,6 +120,7 @@ def _parts(chain: Chain, state: StreamState) -> tuple[dict[str, Any], Arrays]:
         "n_samples": done.n_samples, "n_steps": done.n_steps, "n_carried": done.carried and done.carried[1],
         "opening": [opening.step, opening.silent, opening.free_at], "windows": windows, "n_windows": state.n_windows,
         "bad_in_a_row": state.bad_in_a_row, "origin": state.origin, "tally": asdict(state.tally), "encoder": counters,
+        "event_step": state.event_step,
     }  # fmt: skip
     return table, arrays
 
@@ -181,6 +184,7 @@ def _state(chain: Chain, table: dict[str, Any], arrays: Arrays) -> StreamState:
         Opening(chain.windows, *(int(number) for number in table["opening"])), conditioned, encoder, windows,
         int(table["n_windows"]), maybe("good", (n,)), int(table["bad_in_a_row"]), int(table["origin"]),
         Tally(**{key: int(value) for key, value in table["tally"].items()}),
+        int(table.get("event_step", 0)), maybe("waiting", (n,), np.bool_),
     )  # fmt: skip
     if remaining:
         raise ValueError(f"'{next(iter(remaining))}' is unknown")

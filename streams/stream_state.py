@@ -61,6 +61,8 @@ class Tally:
     samples: processed, without missing ones; held: samples with a repeated value; missing: samples that did not arrive;
     gaps: how often the chain restarted; skipped: samples before the first valid one, or inside a gap;
     dropped: windows that a gap cut off; decisions; unfinished: windows that a trial's end cut off.
+    events: of a sensor that sends them, and of these late: of a step that was over; doubled: one spike with another of
+    their step and channel; unknown: of no channel of the network. A sample is then a step.
     """
 
     samples: int = 0
@@ -71,16 +73,23 @@ class Tally:
     dropped: int = 0
     decisions: int = 0
     unfinished: int = 0
+    events: int = 0
+    late: int = 0
+    doubled: int = 0
+    unknown: int = 0
 
     def trouble(self) -> str:
-        """The counts that are not zero, except samples and decisions, in words; empty without errors."""
+        """The counts of errors that are not zero, in words; empty without errors."""
         counted = ((count.name, getattr(self, count.name)) for count in fields(self))
-        return ", ".join(f"{name} {n}" for name, n in counted if n and name not in ("samples", "decisions"))
+        return ", ".join(f"{name} {n}" for name, n in counted if n and name not in ("samples", "events", "decisions"))
 
 
 @dataclass
 class StreamState:
-    """The whole state of a stream: `Stream.state` returns it, `Stream.restore` sets it."""
+    """The whole state of a stream: `Stream.state` returns it, `Stream.restore` sets it.
+
+    event_step: the step under way, of events. waiting: the afferents with an event in it, `(afferent,)` bool.
+    """
 
     opening: Opening
     conditioned: Conditioned = field(default_factory=Conditioned)
@@ -91,6 +100,8 @@ class StreamState:
     bad_in_a_row: int = 0
     origin: int = 0
     tally: Tally = field(default_factory=Tally)
+    event_step: int = 0
+    waiting: np.ndarray | None = None
 
 
 def copied(state: StreamState) -> StreamState:

@@ -86,6 +86,31 @@ def make_run(folder: Path, n_trials: int = 12, channels: tuple[str, ...] | None 
     return folder
 
 
+def make_event_run(folder: Path, **settings) -> Path:
+    """In the folder: `events.csv`, events of a sensor in us; `spikes.h5`, as imported; `run`, of two epochs."""
+    rng, rows = np.random.default_rng(0), []
+    for trial in range(24):
+        label, n = ("felt", "silk")[trial % 2], (30, 45)[trial % 2]
+        for time_us in np.sort(rng.choice(60_000, n, replace=False)).tolist():
+            rows.append(f"{trial},{label},{time_us},{rng.integers(0, 3)},{rng.integers(0, 2)}")
+    (folder / "events.csv").write_text("\n".join(["trial,label,time_us,channel,polarity", *rows, ""]))
+    events = nt.Events(duration_ms=60, merge_events=True)
+    hdf5.save_spikes(nt.read_events(folder / "events.csv", events=events), folder / "spikes.h5")
+    nt.train(
+        folder / "spikes.h5",
+        folder / "run",
+        settings={"training.epochs": 2, **settings},
+        window=nt.Window(length_ms=60),
+    )
+    return folder
+
+
+def events_of_trial(folder: Path, trial: int) -> list[str]:
+    """Time, channel and polarity of each event of a trial of `make_event_run`."""
+    rows = [line.split(",") for line in (folder / "events.csv").read_text().splitlines()[1:]]
+    return [",".join(row[2:]) for row in rows if row[0] == str(trial)]
+
+
 def make_signal(n_samples: int, n_taxels: int = 2, seed: int = 0) -> np.ndarray:
     """Touches as slow bumps with noise, in mV."""
     rng = np.random.default_rng(seed)

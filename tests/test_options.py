@@ -500,7 +500,9 @@ WAYS = {
             "stream in/run --from in/touch.h5",
             STREAM | {"--json": "--json"},
             FRAMES | {"--quiet-ms": "--quiet-ms 50", "--hop-ms": "--hop-ms 20 --contact"},
-            EXITS | {"--rate": "tests/stream/test_stream_cli.py"},
+            EXITS
+            | {"--rate": "tests/stream/test_stream_cli.py"}
+            | dict.fromkeys(("--time-unit", "--origin", "--polarity"), "tests/stream/test_events.py"),
         ),
         Way(
             "stream in/run --from in/samples.csv",
@@ -521,6 +523,10 @@ WAYS = {
             "stream in/run --from serial:/dev/none",
             {"--from": "--from in/touch.h5"},
             tested={"--baud": "tests/stream/test_sources.py"},
+        ),
+        Way(
+            "stream in/run --from in/samples.csv",
+            refused={"--time-unit": "--time-unit us", "--origin": "--origin first", "--polarity": "--polarity on"},
         ),
         Way("stream in/slow-run --from in/samples.csv", {"--sampling-rate-Hz": "--sampling-rate-Hz 450"}),
     ],

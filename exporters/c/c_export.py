@@ -1,5 +1,7 @@
 """A chain as C99: one header, one source, an example and a README; in float or in integers.
 
+Of the network of a sensor that sends events, from an event to a decision.
+
 The float variant gives the same spikes as `stream`, the integer variant the same as `integer`.
 """
 
@@ -14,12 +16,13 @@ from neurotact_parts.exporters.c import formats as whole
 from neurotact_parts.exporters.c.formats import Formats, Integrator
 from neurotact_parts.exporters.c.matrices import Matrix, matrices_of
 from neurotact_parts.streams.chain import LARGEST, Chain
+from neurotact_parts.streams.events import afferents_of
 from neurotact_parts.streams.native import columns_of, numbers_of
 
 from neurotact import __version__, files
 from neurotact.data.conditioning import HALF, Conditioner
 from neurotact.encoders.afferents import AfferentType, marks
-from neurotact.errors import InputError
+from neurotact.errors import InputError, some
 from neurotact.networks.definition.executors import require
 from neurotact.progress import printable
 
@@ -72,8 +75,9 @@ def rendered(context: dict[str, Any], folder: Path, name: str, parts: Sequence[t
     )
     written = []
     for template, file in parts:
-        path = folder / file.format(name)
-        files.write_text(path, environment.get_template(f"{template}.jinja").render(context))
+        path, own = folder / file.format(name), f"events_{template}.jinja"
+        chosen = [own, f"{template}.jinja"] if context["events"] else f"{template}.jinja"
+        files.write_text(path, environment.get_or_select_template(chosen).render(context))
         written.append(path)
     return written
 
@@ -98,6 +102,8 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
     heard = "(HIDDEN + AFFERENTS)" if spec.hears_afferents else "HIDDEN"
     per_sample = max(1, int(np.ceil(chain.clock_Hz / chain.sampling_rate_Hz)))
     return {
+        "events": chain.takes_events, "step_ms": f"{1e3 / chain.clock_Hz:g}", "step_us": f"{1e6 / chain.clock_Hz:.0f}",
+        "afferents": printable(some(list(afferents_of(chain)), 12)),
         "title": title_of(chain, formats), "version": __version__, "name": name, "macro": name.upper(),
         "spiking": True, "integer": formats is not None, "unit": _in_comment(encoder.unit),
         "sampling_rate_Hz": f"{chain.sampling_rate_Hz:g}",
@@ -157,6 +163,8 @@ def title_of(chain: Chain, formats: Formats | None) -> str:
     spec = chain.network.spec
     kind = "float" if formats is None else f"{formats.weight_bits}-bit weights, {formats.state_bits}-bit states"
     sizes = f"{chain.network.n_inputs}-{spec.hidden}-{chain.network.n_classes}"
+    if chain.takes_events:
+        return f"A chain from events to decision: {sizes} neurons, {kind}."
     return f"A chain from touch to decision: {chain.n_taxels} taxels, {sizes} neurons, {kind}."
 
 
@@ -249,6 +257,7 @@ def _in_integers(chain: Chain, formats: Formats, kept: Mapping[str, Matrix]) -> 
         for table in (_integers(key, kept[key].weights(matrix), "int8_t"), *_indices(key, kept[key]))
     ]
     levels = {kind.name: kind for kind in front.kinds}  # SA-I of the falling signal have those of the rising one
+    levels = {} if chain.takes_events else levels
     for what in ("threshold", "reset"):
         tables += [_integers(f"{what}_{name}", getattr(kind, what), "int32_t") for name, kind in levels.items()]
     has_offset = bool(front.offset.any())

@@ -53,6 +53,8 @@ def export_c(
 ) -> Exported:
     """Write the chain in the run folder `run` as C99, from a raw sample to a decision, as `neurotact export` does.
 
+    Of a network that takes the events of a sensor, from an event to a decision.
+
     run: the folder, or a fitted `SpikingClassifier` or a pipeline that ends in one.
     variant: "integer", whose formats are chosen from the ranges that training saved in the folder, or "float".
     recordings, spikes: that the run was trained on, where they moved since, for `prove` or for a run without ranges;
@@ -71,6 +73,7 @@ def export_c(
     ['README.md', 'example.c', 'touch.c', 'touch.h']
     """
     effects.check(
+        takes_events=fitted.restore(run).encoder == {}, **streamed.given(),
         variant=variant, weight_bits=weight_bits, state_bits=state_bits, lsb=lsb,
         ranges=variant == "integer" or prove, recordings=recordings, spikes=spikes,
     )  # fmt: skip
@@ -110,7 +113,8 @@ def prepared(
     restored = fitted.restore(run, spikes=spikes)
     if not integer:
         return Exported(chain_of(restored, streamed), None)
-    if recordings is None and spikes is None and restored.spikes:
+    is_known = restored.ranges is not None or restored.encoder != {}  # of events, spikes alone give the ranges
+    if recordings is None and spikes is None and restored.spikes and is_known:
         chain, ranges = chain_of(restored, streamed), restored.ranges
         if ranges is None:
             raise InputError(

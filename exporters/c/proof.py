@@ -142,7 +142,10 @@ def footprint(folder: Path, name: str, board: Board, *, optimise: str = "-Os") -
     chain, whole = folder / f"{name}.o", folder / f"{name}-whole.o"
     flags = [*WARNINGS, *board.flags, optimise, "-ffreestanding"]
     _call(["arm-none-eabi-gcc", *flags, "-fstack-usage", "-c", f"{name}.c", "-o", chain.name], folder)
-    roots = [f"-Wl,-u,{name}_push,-u,{name}_reset,-u,state,-e,{name}_push", "-Wl,--gc-sections"]
+    takes_events = f"{name}_advance(" in (folder / f"{name}.h").read_text()
+    entries = [f"{name}_event", f"{name}_advance"] if takes_events else [f"{name}_push"]
+    kept = ",".join(f"-u,{entry}" for entry in (*entries, f"{name}_reset", "state"))
+    roots = [f"-Wl,{kept},-e,{entries[0]}", "-Wl,--gc-sections"]
     stub = folder / "stub.c"
     files.write_text(
         stub,
@@ -208,8 +211,8 @@ def _watched(name: str) -> list[str]:
 def _packed(trials: Sequence[np.ndarray]) -> bytes:
     parts = [struct.pack("<I", len(trials))]
     for trial in trials:
-        if trial.dtype not in (np.int16, np.float32):
-            raise InputError(f"trials: must be int16 or float32; got {trial.dtype}")
+        if trial.dtype not in (np.int16, np.float32, np.uint32):
+            raise InputError(f"trials: must be int16 or float32, or uint32 of events; got {trial.dtype}")
         parts += [struct.pack("<I", len(trial)), np.ascontiguousarray(trial).tobytes()]
     return b"".join(parts)
 

@@ -26,6 +26,10 @@ COUNTED = 5
 """Number of trials on which instructions are counted; the counts are the same each time."""
 
 
+ALONE = 2**32 - 1
+"""In place of a channel: a time without an event."""
+
+
 class Trials(NamedTuple):
     """The input of a chain in C, and its expected output.
 
@@ -83,10 +87,27 @@ def twin_of(
 ) -> Trials:
     """These trials `(sample, taxel)` as input of a chain in C, and the output of its twin; the rest as of `Trials`."""
     signals = [np.asarray(signal, np.float32) for signal in recorded]
+    given = signals if formats is None else [formats.raw.samples(signal) for signal in signals]
     if formats is None:
-        return Trials(signals, [expected_in_float(chain, signal) for signal in signals], labels, learned)
-    given = [formats.raw.samples(signal) for signal in signals]
-    return Trials(given, expected_in_integers(chain, formats, given), labels, learned)
+        expected = [expected_in_float(chain, signal) for signal in signals]
+    else:
+        expected = expected_in_integers(chain, formats, given)
+    return Trials([*map(events_in, signals)] if chain.takes_events else given, expected, labels, learned)
+
+
+def events_in(raster: np.ndarray) -> np.ndarray:
+    """The events of a trial of spikes `(step, afferent)` as the input of C: times in steps and channels, uint32.
+
+    Each step ends with a row of its time alone.
+
+    >>> events_in(np.array([[0, 1], [0, 0]])).tolist()
+    [[0, 1], [1, 4294967295], [2, 4294967295]]
+    """
+    steps, units = np.nonzero(raster)
+    ends = np.arange(1, len(raster) + 1)
+    times, channels = np.append(steps, ends), np.append(units, np.full(len(ends), ALONE))
+    order = np.lexsort((channels != ALONE, times))  # an end before the events of the step that begins there
+    return np.stack([times, channels], axis=1)[order].astype(np.uint32)
 
 
 def expected_in_integers(chain: Chain, formats: Formats, trials: Sequence[np.ndarray]) -> list[Spoken]:
@@ -160,10 +181,13 @@ def _emulated(folder: Path, trials: Trials, board: Board, chain: Chain, n_trials
     yield f"{name}, flash", f"{size.flash} bytes"
     yield f"{name}, RAM", f"{size.ram} bytes, and at most {size.stack} of stack"
     _, ticks = proof.on_board(folder, NAME, trials.given[:COUNTED], board, counting=True)
-    mean = ticks.total / ticks.samples
-    yield f"{name}, instructions per sample", f"{mean:.0f}, at most {ticks.most}"
+    each = "step" if chain.takes_events else "sample"
+    n_each = sum(len(one.afferents) for one in trials.expected[:COUNTED]) if chain.takes_events else ticks.samples
+    mean = ticks.total / n_each
+    most = "" if chain.takes_events else f", at most {ticks.most}"
+    yield f"{name}, instructions per {each}", f"{mean:.0f}{most}"
     ms = 1e3 * mean * board.cycles_per_instruction / chip.clock_Hz
-    yield f"{name}, ms per sample on {chip.name} (estimate)", f"{ms:.3f} of {1e3 / chain.sampling_rate_Hz:.3f}"
+    yield f"{name}, ms per {each} on {chip.name} (estimate)", f"{ms:.3f} of {1e3 / chain.sampling_rate_Hz:.3f}"
     samples = np.mean([row[2] for trial in trials.expected for row in trial.decisions]) * chain.sampling_rate_Hz
     energy_uJ = 1e3 * ms * 1e-3 * chip.watts * samples / chain.clock_Hz * 1e3
     yield f"{name}, energy per decision on {chip.name} (estimate)", f"{energy_uJ:.0f} µJ"

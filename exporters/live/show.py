@@ -60,6 +60,10 @@ def live(
     >>> nt.live("run", "gratings")  # doctest: +SKIP
     http://127.0.0.1:40321/...  (press Ctrl-C to stop)
     """
+    if fitted.restore(run).encoder == {}:
+        raise InputError(
+            f"{fitted.name_of(run)}: takes the events of a sensor, of which the page has no view; use neurotact stream"
+        )
     server = _server_module()
     source, feed = str(source), None
     kind = "simulation" if plugins.has("simulators", source) else kind_of(source)

@@ -11,7 +11,7 @@ import pandas as pd
 from neurotact_parts.exporters.nir import compare, execute, file, graph, note, parse
 from neurotact_parts.exporters.nir.parse import FromNIR
 from neurotact_parts.exporters.trials import recorded
-from neurotact_parts.streams.chain import build_encoder
+from neurotact_parts.streams.chain import front_of
 
 from neurotact import effects
 from neurotact.backend import Backend
@@ -44,7 +44,7 @@ def to_nir(
     """The graph of a network, or of an encoder and a network, in the Neuromorphic Intermediate Representation.
 
     source: a run folder that `train` wrote, or a fitted `SpikingClassifier` or pipeline (its encoder included unless
-        `network_only`), a network, or an encoder and a network.
+        `network_only`, if it has one), a network, or an encoder and a network.
     path: a file to write (HDF5); an existing one is refused unless `force`.
     plain: only CubaLIF and Linear, which snnTorch and Norse load; exact for membrane `immediate` with reset `hard`.
         For any other, the graph's note contains the differences. lower_refractory: afferents' refractory periods as
@@ -66,7 +66,7 @@ def to_nir(
         restored = fitted.restore(source)
         network = rsnn_of("nir-plain" if plain else "nir", restored.network)
         rule, classes = restored.exits(), restored.classes
-        encoder = build_encoder(restored) if restored.encoder is not None else None
+        encoder = front_of(restored) if restored.encoder is not None else None
     encoder = None if network_only else encoder
     require("nir-plain" if plain else "nir", Subject(encoder, network))
     assert encoder is None or isinstance(encoder, AfferentSpec)  # `require` refuses the others
@@ -166,10 +166,10 @@ def proved(
     A simulator that cannot run the graph is reported, with the reason.
     """
     restored = fitted.restore(run, spikes=spikes)
-    encoder = build_encoder(restored)
+    encoder = front_of(restored)
     network = rsnn_of("nir-plain", restored.network)
     require("nir-plain", Subject(encoder, network))
-    assert isinstance(encoder, AfferentSpec)  # `require` refuses the others
+    assert encoder is None or isinstance(encoder, AfferentSpec)  # `require` refuses the others
     written = note.of(made, "graph")
     has_afferents = written is not None and written.encoder is not None
     known = recorded(restored, recordings)
@@ -177,9 +177,8 @@ def proved(
     tables: list[pd.DataFrame] = []
     for simulator in compare.SIMULATORS:
         for trial, signal in enumerate(signals):
-            conditioned = compare.conditioned_trial(signal, encoder, rate_Hz)
-            raster = afferents.encode(conditioned, restored.network.sampling_rate_Hz, encoder)[0]
-            more = {"conditioned": conditioned, "encoder": encoder} if has_afferents else {}
+            raster, more = _spikes_of(signal, encoder, rate_Hz, network.sampling_rate_Hz)
+            more = more if has_afferents else {}
             try:
                 table = compare.report(network, made, raster, (simulator,), **more)
             except InputError as error:
@@ -188,6 +187,16 @@ def proved(
             table["first_trial"] = table["first_trial"].where(table["first_trial"].isna(), trial)
             tables.append(table)
     return _joined(tables)
+
+
+def _spikes_of(
+    signal: np.ndarray, encoder: AfferentSpec | None, rate_Hz: float, clock_Hz: float
+) -> tuple[np.ndarray, dict[str, Any]]:
+    """The spikes of a trial, `(1, step, afferent)`, and what the comparison of afferents needs; events as given."""
+    if encoder is None:
+        return signal[None], {}
+    conditioned = compare.conditioned_trial(signal, encoder, rate_Hz)
+    return afferents.encode(conditioned, clock_Hz, encoder)[0], {"conditioned": conditioned, "encoder": encoder}
 
 
 def _joined(tables: list[pd.DataFrame]) -> pd.DataFrame:

@@ -2,19 +2,29 @@
 
 import json
 import sys
-from typing import Any
+from typing import Any, Literal
 
 from neurotact.api import tools
 from neurotact.cli.options import Json, calling, option
 from neurotact.cli.words import say
+from neurotact.data.readers.clock.units import Unit
 from neurotact.errors import INTERRUPTED
 from neurotact.progress import printable
 
 
 @calling(
     tools.stream,
-    source=option(str, "-, a device file, serial:/dev/ttyUSB0, udp:PORT, lsl:NAME, FILE.csv or FILE.h5.", "--from"),
+    source=option(
+        str,
+        "- (standard input), a device file, serial:/dev/ttyUSB0, tcp:HOST:PORT, udp:PORT, lsl:NAME, FILE.csv or FILE.h5.",
+        "--from",
+    ),
     rate=option(str, "Replay a file at its own rate (real) or at full speed (fast)."),
+    time_unit=option(Unit | None, "Of events: unit of their times.", show_default="of the column's name, else s"),
+    origin=option(Literal["zero", "first"], "Of events: begin at time zero or with the first event."),
+    polarity=option(
+        Literal["merge", "on", "off"] | None, "Of events, if afferents have no polarity: what import made of theirs."
+    ),
 )
 def stream(given: dict[str, Any], as_json: Json = False) -> None:
     """Classify samples as they arrive, from a pipe, a device or a file.
@@ -23,6 +33,7 @@ def stream(given: dict[str, Any], as_json: Json = False) -> None:
     A value that is missing, NaN or infinite is replaced by the last one for --hold-ms and counted; a longer gap drops
     the current windows and starts again. Rows that are not samples count as missing. A clock of time stamps that starts
     again, wraps or errs is followed, which is said once.
+    A network that was trained on the events of a sensor takes rows of time, channel and, where there is one, polarity.
     """
     flow, code = tools.stream(**given), 0
     try:

@@ -9,7 +9,7 @@ from neurotact_parts.exporters.c import c_export, formats, proof
 from neurotact_parts.exporters.c.boards import Board
 from neurotact_parts.exporters.c.formats import Formats
 from neurotact_parts.exporters.c.proof import Spoken
-from neurotact_parts.exporters.c.proving import expected_in_float, expected_in_integers
+from neurotact_parts.exporters.c.proving import twin_of
 from neurotact_parts.streams.chain import Chain
 from neurotact_parts.studies.stiffness.reader import VOLTS_PER_ADC_COUNT
 
@@ -30,9 +30,16 @@ def raster_of(chain: Chain, signal: np.ndarray) -> np.ndarray:
     return specs.encode(signal[None], chain.clock_Hz, chain.encoder)[0][0]
 
 
+def given_to(chain: Chain, n_samples: int, seed: int = 0) -> np.ndarray:
+    """A trial of a made signal, or of the spikes of a network that takes events."""
+    if chain.takes_events:
+        return (np.random.default_rng(seed).random((n_samples, chain.n_taxels)) < 0.3).astype(np.float32)
+    return make_signal(n_samples, chain.n_taxels, seed=seed)
+
+
 def compare(chain: Chain, folder: Path, formats_: Formats | None, *, flags=("-O1",), n: int = 3, n_samples: int = 150):
     """The first difference between C and its twin over some made trials, and what the twin said."""
-    signals = [make_signal(n_samples - 7 * k, chain.n_taxels, seed=k) for k in range(n)]
+    signals = [given_to(chain, n_samples - 7 * k, seed=k) for k in range(n)]
     return compare_on(signals, chain, folder, formats_, flags=flags)
 
 
@@ -48,11 +55,7 @@ def compare_on(
     """The same over these trials; on a board in the emulator, if one is given."""
     folder.mkdir(exist_ok=True, parents=True)
     c_export.write(chain, folder, formats_, name="skin", parts=c_export.HARNESS)
-    if formats_ is None:
-        trials, expected = signals, [expected_in_float(chain, signal) for signal in signals]
-    else:
-        trials = [formats_.raw.samples(signal) for signal in signals]
-        expected = expected_in_integers(chain, formats_, trials)
+    trials, expected, *_ = twin_of(chain, formats_, signals, np.zeros(len(signals), int), None)
     if board is None:
         said = proof.on_host(folder, "skin", trials, flags=flags)
     else:

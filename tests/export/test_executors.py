@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from compiled import chosen
+from compiled import chosen, given_to
 from compiled import compare as compare_in_c
 from made_chains import READOUTS, make_chain, make_encoder, make_signal, offline, told, unequal_stretches
 from neurotact_parts.exporters.c import c_export, proof
@@ -30,6 +30,7 @@ from neurotact.encoders.specs import is_exact, load, n_afferents
 from neurotact.errors import InputError
 from neurotact.networks.definition import module
 from neurotact.networks.definition.executors import (
+    EVENTS,
     EXECUTORS,
     FEATURES,
     NO_LAYER,
@@ -105,7 +106,7 @@ def _a_model_of_another_package(monkeypatch):
     monkeypatch.setitem(plugins._found("encoders"), "mine", [point])
 
 
-def parts_with(feature: str) -> tuple[EncoderSpec, nt.RSNN, ExitRule]:
+def parts_with(feature: str) -> tuple[EncoderSpec | None, nt.RSNN, ExitRule]:
     """A small chain that has the feature, and spikes enough to decide."""
     encoder = make_encoder(ENCODED.get(feature), **CONDITIONED.get(feature, {"baseline": "start"}))
     models = {row.title: model for model, row in MODELS.items() if model != "lif"}
@@ -116,6 +117,7 @@ def parts_with(feature: str) -> tuple[EncoderSpec, nt.RSNN, ExitRule]:
     if feature == OF_ANOTHER_PACKAGE:
         encoder = MineSpec(threshold=1.0)
     n_inputs = n_afferents(encoder, TAXELS)
+    encoder = None if feature == EVENTS else encoder
     scales = {} if feature == NO_LAYER else {"forward_weight_scale": 3.0, "recurrent_weight_scale": 0.4}
     settings = {"hidden": 6, **scales, **NETWORKS.get(feature, {})}
     network = nt.RSNN(
@@ -131,7 +133,9 @@ def parts_with(feature: str) -> tuple[EncoderSpec, nt.RSNN, ExitRule]:
 
 def chain_with(feature: str) -> Chain:
     encoder, network, rule = parts_with(feature)
-    given_Hz = 400.0 if feature in ("resampling", "membranes in closed form") else RATE_Hz
+    given_Hz = (
+        None if feature == EVENTS else 400.0 if feature in ("resampling", "membranes in closed form") else RATE_Hz
+    )
     return chain_of((encoder, network), nt.Streamed(sampling_rate_Hz=given_Hz, length_ms=40))._replace(rule=rule)
 
 
@@ -158,17 +162,22 @@ def in_native(feature: str) -> None:
 
 def in_a_stream(feature: str) -> None:
     chain = chain_with(feature)
-    signal = make_signal(150, TAXELS)
+    signal = given_to(chain, 150)
     for backend in ("auto", "reference"):
         _, expected = offline(chain, signal)
-        decided = told(Stream(chain, backend=backend).decide([signal]))
+        stream = Stream(chain, backend=backend)
+        if chain.takes_events:
+            steps, units = np.nonzero(signal)
+            decided = told([*stream.push_events(steps / RATE_Hz, units), *stream.advance(0.15)])
+        else:
+            decided = told(stream.decide([signal]))
         assert expected
         assert decided[: len(expected)] == expected
 
 
 def in_c(feature: str, tmp_path, *, integer: bool) -> None:
     chain = chain_with(feature)
-    formats = chosen(chain, [make_signal(150, TAXELS, seed=k) for k in range(2)]) if integer else None
+    formats = chosen(chain, [given_to(chain, 150, seed=k) for k in range(2)]) if integer else None
     difference, expected = compare_in_c(chain, tmp_path / "c", formats, n=1, flags=("-O0",))
     assert difference is None
     assert expected[0].decisions
@@ -179,6 +188,11 @@ def in_nir(feature: str) -> None:
     if feature == "clock of the network":
         binned = network.binned(windows(network.n_inputs)).numpy()
         found = compare.report(network.on_own_clock(), nt.to_nir(network), binned)
+        assert found["differing"].tolist() == [0] * len(found)
+        return
+    if feature == EVENTS:
+        spikes = windows(network.n_inputs).numpy()
+        found = compare.report(network, nt.to_nir((encoder, network)), spikes)
         assert found["differing"].tolist() == [0] * len(found)
         return
     graph = nt.to_nir((encoder, network), lower_refractory=True)
@@ -289,9 +303,10 @@ def test_what_the_table_refuses_is_refused_with_its_reason(executor, feature, tm
 def test_a_feature_is_seen_where_it_is_and_the_reference_runs_it(feature):
     encoder, network, rule = parts_with(feature)
     assert FEATURES[feature].present(Subject(encoder, network, rule))
-    signal = Recordings([make_signal(80, TAXELS)], RATE_Hz, "mV", pd.DataFrame({"label": ["a"]}))
-    trains = encode_recordings(replace(signal, unit=encoder.unit), encoder)
-    assert trains.trial_steps[0] > 0
+    if encoder is not None:
+        signal = Recordings([make_signal(80, TAXELS)], RATE_Hz, "mV", pd.DataFrame({"label": ["a"]}))
+        trains = encode_recordings(replace(signal, unit=encoder.unit), encoder)
+        assert trains.trial_steps[0] > 0
     network.backend = "reference"
     assert len(network.infer(windows(network.n_inputs), rule).labels) == 4
 

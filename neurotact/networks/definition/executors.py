@@ -85,7 +85,7 @@ def _has_grades(subject: Subject) -> bool:
 
 
 CHAIN = ("conditioning", "encoder", "network", "readout", "exit")
-OTHER = "network of another model"
+EVENTS, OTHER = "events of a sensor", "network of another model"
 NO_LAYER, PAST = "no hidden layer", "path past the hidden layer"
 CAUSAL_INSTEAD = "encode and train with conditioning.baseline start, high-pass or none"
 LIF_INSTEAD = "encode and train with sa1-ra1-lif"
@@ -159,6 +159,7 @@ FEATURES: dict[str, _Feature] = {
         "stream it, or train with integration = 'clock'",
     ),
     **OTHER_MODELS,
+    EVENTS: _Feature("encoder", (), lambda s: s.encoder is None, LIF_INSTEAD),
     OTHER: _Feature(
         "network", ("model",), lambda s: s.network.spec.own is not None, "train with model = 'rsnn' or 'snn'"
     ),

@@ -23,6 +23,9 @@ MOST_TRIALS = 256
 WINDOWS = 256
 """Maximum number of windows whose states are recorded."""
 
+OF_EVENTS = (np.array([0.0, 1.0]),)
+"""The samples of a network that takes the events of a sensor: whether there is one in a step."""
+
 
 class Ranges(NamedTuple):
     """Recorded ranges: extremes of the samples, and the largest |I| or |U| of the hidden layer and of the readout.
@@ -87,12 +90,14 @@ def recorded(
 ) -> Ranges | None:
     """Ranges over training windows, and over the recordings of training trials; None where these are not found.
 
-    None, too, for a network that is no RSNN, which nothing writes in integers.
+    None, too, for a network that is no RSNN, which nothing writes in integers. Events are samples of 0 and 1.
 
     spikes: the file of the spike trains, which names the recordings.
     """
     if not isinstance(network, RSNN):
         return None
+    if not trains.encoder:
+        return record(network, windows, OF_EVENTS)
     try:
         path, rows = encoded_from.find(spikes, trains, evenly(trials))
         with encoded_from.opened(path, trains) as stored:
