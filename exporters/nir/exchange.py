@@ -11,6 +11,7 @@ import pandas as pd
 from neurotact_parts.exporters.nir import compare, execute, file, graph, note, parse
 from neurotact_parts.exporters.nir.parse import FromNIR
 from neurotact_parts.exporters.trials import recorded
+from neurotact_parts.networks.graph import OwnReset
 from neurotact_parts.streams.chain import build_encoder
 
 from neurotact import effects
@@ -89,15 +90,20 @@ def from_nir(
     *,
     dt_s: float | None = None,
     sampling_rate_Hz: float | None = None,
+    reset: OwnReset = "to-value",
     backend: Backend = "auto",
 ) -> FromNIR:
     """The network in a NIR file or graph; from neurotact's own files also the encoder, the exit rule and the classes.
 
+    A graph of Linear, CubaLIF (recurrent or not), Linear, CubaLIF without biases, with one time constant a layer, is an
+    `RSNN`. Any other one of weights, delays and neurons is a network of the model `graph` (`networks/graph.py`), which
+    the reference runs: with biases, constants of each neuron, any number of layers, graphs within graphs.
+
     dt_s: seconds per step, for files without it (snnTorch's have 1e-4). sampling_rate_Hz: of the network, if a step in
     another program's file means another time than `dt_s`; None: 1 / dt_s. Either is refused if it differs from what the
     file states.
-    Raises InputError for files that are damaged or hostile, for graphs that are not Linear, CubaLIF (recurrent or not),
-    Linear, CubaLIF, and for features that neurotact's networks do not have.
+    reset: `subtract` for a network of another program that was trained with that reset: files can only say a value.
+    Raises InputError for files that are damaged or hostile, and for nodes that neurotact's networks do not have.
 
     >>> net = RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0)
     >>> from_nir(to_nir(net)).network.n_inputs
@@ -107,7 +113,7 @@ def from_nir(
         raise InputError(f"sampling_rate_Hz: must be a positive number; got {sampling_rate_Hz}")
     is_file = isinstance(source, (str, Path))
     content = file.read(source) if is_file else source
-    return parse.parsed(content, dt_s, str(source) if is_file else "graph", sampling_rate_Hz, backend)
+    return parse.parsed(content, dt_s, str(source) if is_file else "graph", sampling_rate_Hz, backend, reset)
 
 
 def export_nir(

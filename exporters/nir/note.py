@@ -12,6 +12,9 @@ from neurotact.networks.exit.rule import ExitRule
 from neurotact.spec import Spec, build
 
 KEY = "neurotact"
+REFRACTORY = "refractory_time"
+"""The metadata of neurons that are silent after a spike, in s for each: the name that NIR's developers propose for a
+parameter (github.com/neuromorphs/NIR/issues/138)."""
 DISCRETISATION = "forward Euler in steps of dt_s; a cycle without a Delay comes back in the next step"
 
 
