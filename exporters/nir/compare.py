@@ -18,6 +18,7 @@ from neurotact_parts.networks.graph import order
 from neurotact.data.conditioning import Conditioner
 from neurotact.encoders import afferents
 from neurotact.errors import InputError, nearest, optional
+from neurotact.networks.definition.readouts import Stretches
 from neurotact.networks.definition.rsnn import RSNN
 
 COLUMNS = (
@@ -86,10 +87,19 @@ def report(
         if name not in SIMULATORS:
             raise InputError(f"simulator: '{name}' is unknown; {nearest(name, [*SIMULATORS])}")
         layers = SIMULATORS[name](graph, inputs, list(reference))
+        if written is not None and written.form == "plain" and network.stretches is not None:
+            layers["readout"] = _of_stretches(layers["readout"], network.stretches)
         if network.bias is not None:
             layers["readout"] = _settled(layers["readout"], reference["readout"])
         others[name] = layers
     return first_differences(reference, others)
+
+
+def _of_stretches(output: np.ndarray, stretches: Stretches) -> np.ndarray:
+    """Of the outputs for each stretch, `(trial, time, K class)`, in each step those of its stretch."""
+    n_steps = output.shape[1]
+    apart = output.reshape(*output.shape[:2], stretches.number, -1)
+    return apart[:, np.arange(n_steps), stretches.of_steps(n_steps).numpy()]
 
 
 def conditioned_trial(signal: np.ndarray, encoder: afferents.AfferentSpec, rate_Hz: float) -> np.ndarray:

@@ -16,9 +16,11 @@ from neurotact_parts.exporters.nir.nodes import Clock
 from neurotact_parts.exporters.nir.note import REFRACTORY, Note
 from neurotact_parts.exporters.snntorch import tau_ms
 from neurotact_parts.networks.graph import GraphNetwork, OwnReset
+from neurotact_parts.streams.chain import encoder_of
 
 from neurotact.backend import Backend
 from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.model import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.networks.definition import module
 from neurotact.networks.definition.network import Network
@@ -37,7 +39,7 @@ class FromNIR(NamedTuple):
     """The content of a NIR file: a network; in files of neurotact also the encoder, the exit rule and the classes."""
 
     network: Network
-    encoder: AfferentSpec | None
+    encoder: EncoderSpec | None
     rule: ExitRule
     classes: tuple[str, ...]
 
@@ -119,6 +121,7 @@ def _from_neurotact(graph: Any, written: Note, source: str, backend: Backend) ->
         "w_in": into, "w_out": np.concatenate(out),
         **({"w_rec": nodes["hidden/w_rec"].weight.T} if spec.recurrent else {}),
         **({"bias": nodes["level"].bias} if spec.integrates else {}),
+        **({"w_stretch": _stretches(nodes, spec.readout_stretches)} if spec.readout_stretches > 1 else {}),
         **{
             name: np.array([a if a is not None else c, b if b is not None else c])
             for name, a, b, c in zip(("alpha", "beta", "threshold"), hidden, readout, written.unused, strict=True)
@@ -133,7 +136,27 @@ def _from_neurotact(graph: Any, written: Note, source: str, backend: Backend) ->
         lower_refractory=written.lowered,
     )  # fmt: skip
     _check_same(graph, again, source)
-    return FromNIR(network, encoder, written.rule, written.classes)
+    whole = encoder if written.encoder_outside is None else encoder_of(written.encoder_outside, source)
+    return FromNIR(_on_input_clock(network, written), whole, written.rule, written.classes)
+
+
+def _on_input_clock(network: RSNN, written: Note) -> RSNN:
+    """The network for spikes that it puts into bins itself, if a file was written of such a one."""
+    if written.step_ms is None or written.input_Hz is None:
+        return network
+    spec = network.spec.model_copy(update={"step_ms": written.step_ms})
+    binning = RSNN(
+        network.n_inputs, network.n_classes, spec, written.input_Hz, backend=network.backend,
+        generator=torch.Generator(), dtype=network.dtype,
+    )  # fmt: skip
+    binning.load_state_dict(network.state_dict())
+    return binning
+
+
+def _stretches(nodes: dict[str, Any], k: int) -> np.ndarray:
+    """The weights of each stretch, `(K, heard, class)`."""
+    parts = [name for name in ("stretched", "stretched_direct") if f"{name}/w0" in nodes]
+    return np.stack([np.concatenate([nodes[f"{name}/w{i}"].weight.T for name in parts]) for i in range(k)])
 
 
 def _dynamics(nodes: dict[str, Any], layer: str, clock: Clock, spec: RSNNSpec) -> tuple[Any, Any, Any]:
