@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from neurotact_parts.streams import lab_streaming
-from neurotact_parts.streams.lab_streaming import LSL
 from neurotact_parts.streams.events import LEFT_OUT, Channels, EventClock, Moment, Origin
+from neurotact_parts.streams.lab_streaming import LSL
 from neurotact_parts.streams.stamped_rows import Faults, Placed, StampedRows
 from neurotact_parts.streams.stream import Decision, Stream
 from neurotact_parts.streams.stream_state import Tally

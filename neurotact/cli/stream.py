@@ -16,7 +16,7 @@ from neurotact.progress import printable
     tools.stream,
     source=option(
         str,
-        "- (standard input), a device file, serial:/dev/ttyUSB0, tcp:HOST:PORT, udp:PORT, lsl:NAME, FILE.csv or FILE.h5.",
+        "- (standard input), a device, serial:/dev/ttyUSB0, tcp:HOST:PORT, udp:PORT, lsl:NAME, FILE.csv or FILE.h5.",
         "--from",
     ),
     rate=option(str, "Replay a file at its own rate (real) or at full speed (fast)."),

@@ -4,8 +4,10 @@ Other rooms take:
 
     definition.clock: apart, binned, spread
     definition.executors: FEATURES, LIF_INSTEAD, Subject, lacking, require
+    definition.module: ModuleNetwork, new
     definition.native: addresses_of, device_of, exits_at, shape_of
     definition.network: Network
+    definition.parts: Sizes
     definition.readouts: Integration, Stretches
     definition.recipe: Seen, chosen_for, described, joined_cost, resolve, training_of, void_keys
     definition.rsnn: FEED_FORWARD, RECURRENT, RSNN, rsnn_of
