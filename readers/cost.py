@@ -40,7 +40,7 @@ def read(path: str | Path) -> Recordings:
     file = existing(given / FILE, "file") if given.is_dir() else given
     parts, n_bytes = [], 0
     try:
-        with pd.read_csv(file, chunksize=ROWS, skipinitialspace=True) as chunks:
+        with pd.read_csv(file, chunksize=ROWS) as chunks:
             for chunk in chunks:
                 parts.append(_whole_numbers(chunk.rename(columns=str.strip), file))
                 n_bytes += 2 * parts[-1].nbytes  # these, and the signals

@@ -1,10 +1,10 @@
 """VT-SNN: containers lifted, and an object that rotates or not, by two NeuTouch fingers (Taunyazov et al. 2020).
 
-Event-Driven Visual-Tactile Sensing and Learning for Robots, Robotics: Science and Systems 2020; the layout is that which
-the authors' scripts in github.com/clear-nus/VT_SNN prepare. Recorded: `aces_recordings/<name>_<n>.tact`, a row per
-event of polarity (1 is ON), cell, seconds and nanoseconds, and `traj_start_ends/<name>_<n>.startend`, the times of the
-robot's motions in s. Prepared: `tact.pt`, a tensor (sample, taxel, ON and OFF, step) of 0 and 1, and
-`train_80_20_1.txt` and `test_80_20_1.txt`, rows of sample and class. The images of the set are not read.
+Event-Driven Visual-Tactile Sensing and Learning for Robots, Robotics: Science and Systems 2020; the layout is that of
+the authors' scripts in github.com/clear-nus/VT_SNN. Recorded: `aces_recordings/<name>_<n>.tact`, a row per event of
+polarity (1 is ON), cell, seconds and nanoseconds, and `traj_start_ends/<name>_<n>.startend`, the times of the robot's
+motions in s. Prepared: `tact.pt`, a tensor (sample, taxel, ON and OFF, step) of 0 and 1, and `train_80_20_1.txt` and
+`test_80_20_1.txt`, rows of sample and class. The images of the set are not read.
 """
 
 import logging
