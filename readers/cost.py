@@ -68,6 +68,8 @@ def read(path: str | Path) -> Recordings:
 def _whole_numbers(chunk: pd.DataFrame, file: Path) -> np.ndarray:
     """The columns in their order, as int16; their ranges are checked."""
     columns = (*TOUCH, "frame", *CHANNELS)
+    if not isinstance(chunk.index, pd.RangeIndex):
+        raise InputError(f"{file}: a row has more values than the first line names; get the published file again")
     if {*chunk.columns} != {*columns} or len(chunk.columns) != len(columns):
         other = next((name for name in chunk.columns if name not in columns), None)
         what = f"has a column '{other[:40]}'" if other else f"has {len(chunk.columns)} columns"

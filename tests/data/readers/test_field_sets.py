@@ -94,6 +94,14 @@ def test_events_that_are_not_of_stemnist_are_refused(tmp_path, made, said):
         nt.read("stemnist", stemnist_set(tmp_path, **made))
 
 
+@pytest.mark.parametrize("step_ms", [0.0, -1.0, float("nan")])
+def test_a_step_that_is_no_time_is_refused(tmp_path, step_ms):
+    prepared(tmp_path, torch.zeros(3, 78, 2, 10))
+    for name, folder in (("stemnist", stemnist_set(tmp_path)), ("vt-snn", tmp_path)):
+        with pytest.raises(InputError, match="step_ms: must be"):
+            nt.read(name, folder, step_ms=step_ms)
+
+
 @pytest.mark.parametrize("frames", [np.zeros((241, 16, 16), np.uint8), np.zeros((240, 16, 16), np.int16)])
 def test_pressure_that_is_not_of_stemnist_is_refused(tmp_path, frames):
     with pytest.raises(InputError, match="is not 240 frames of 16 x 16 bytes"):
@@ -191,6 +199,8 @@ def test_trials_of_slip_are_short(tmp_path):
         ({"rows": "1 81 1500000000 0\n"}, "cell 1 to 80"),
         ({"rows": "1 0 1500000000 0\n"}, "cell 1 to 80"),
         ({"rows": "1 1 1500000000 1000000000\n"}, "seconds and nanoseconds"),
+        ({"rows": "1 1 99999999999999999999999 0\n"}, "seconds and nanoseconds"),
+        ({"rows": "1 1.5 1500000000 0\n"}, "is not polarity 0 or 1"),
         ({"rows": "1 1 1500000000\n"}, "line 1 has 3 columns where 4"),
         ({"times": "1499999990.0"}, "not one row of the times of motions"),
         ({"names": ("107-a_pepsi_bottle_01", "107-f_pepsi_bottle_01")}, "is not named <name>_<n>.tact"),
@@ -237,6 +247,7 @@ def test_a_prepared_tensor_has_the_classes_of_its_split(tmp_path):
     ("values", "rows", "said"),
     [
         (torch.zeros(3, 78, 10), "1\t1\n", r"holds tact \(3, 78, 10\), not one tensor"),
+        (torch.zeros(3, 78, 2, 0), "1\t1\n", "not one tensor of 0 and 1"),
         (torch.zeros(3, 2, 78, 10), "1\t1\n", "not one tensor of 0 and 1"),
         (torch.full((3, 78, 2, 10), 2.0), "1\t1\n", "not one tensor of 0 and 1"),
         (torch.zeros(3, 78, 2, 10), "1\t2\n", "name no class of 2 or 20 for each of the 3 samples"),
@@ -312,6 +323,10 @@ def test_touches_of_cost_beyond_the_memory_are_refused(tmp_path, monkeypatch):
         nt.read("cost", cost_file(tmp_path, cost_table(((1, 1, 1, 4000),))))
     (tmp_path / cost.FILE).write_bytes(b"\xff\xfe\0\1")
     with pytest.raises(InputError, match="is no table of numbers"):
+        nt.read("cost", tmp_path)
+    lines = cost_table().to_csv(index=False).replace("\n", ",1,1\n").splitlines()
+    (tmp_path / cost.FILE).write_text("\n".join([lines[0].removesuffix(",1,1"), *lines[1:]]))
+    with pytest.raises(InputError, match="a row has more values than the first line names"):
         nt.read("cost", tmp_path)
 
 
