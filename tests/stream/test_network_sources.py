@@ -209,6 +209,11 @@ def test_a_stream_of_lsl_that_is_absent_and_a_missing_package_are_one_sentence(m
         next(lsl())
 
 
+def test_a_stream_of_lsl_is_no_text():
+    with pytest.raises(InputError, match="lsl:Skin: sends samples, not rows of text"):
+        next(sources.live("lsl:Skin", sources.Rows("lsl:Skin", 2, 1000.0, Faults()), Faults(), 1.0))
+
+
 def test_pylsl_without_its_library_is_one_sentence(monkeypatch, tmp_path):
     (tmp_path / "pylsl.py").write_text("raise RuntimeError('LSL binary library file was not found. Please ...')")
     monkeypatch.delitem(sys.modules, "pylsl", raising=False)
