@@ -40,7 +40,7 @@ def read(path: str | Path) -> Recordings:
     file = existing(given / FILE, "file") if given.is_dir() else given
     parts, n_bytes = [], 0
     try:
-        with pd.read_csv(file, chunksize=ROWS, skipinitialspace=True) as chunks:
+        with pd.read_csv(file, chunksize=ROWS) as chunks:
             for chunk in chunks:
                 parts.append(_whole_numbers(chunk.rename(columns=str.strip), file))
                 n_bytes += 2 * parts[-1].nbytes  # these, and the signals
@@ -68,6 +68,8 @@ def read(path: str | Path) -> Recordings:
 def _whole_numbers(chunk: pd.DataFrame, file: Path) -> np.ndarray:
     """The columns in their order, as int16; their ranges are checked."""
     columns = (*TOUCH, "frame", *CHANNELS)
+    if not isinstance(chunk.index, pd.RangeIndex):
+        raise InputError(f"{file}: a row has more values than the first line names; get the published file again")
     if {*chunk.columns} != {*columns} or len(chunk.columns) != len(columns):
         other = next((name for name in chunk.columns if name not in columns), None)
         what = f"has a column '{other[:40]}'" if other else f"has {len(chunk.columns)} columns"

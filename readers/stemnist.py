@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from neurotact_parts.readers.events.spikes import BYTES_PER_EVENT, trains_with_ends
+from neurotact_parts.readers.events.spikes import BYTES_PER_EVENT, EventSpec, trains_with_ends
 from neurotact_parts.readers.events.times import EventTimes, event_times
 
 from neurotact.data.dataset import Reader
@@ -41,6 +41,7 @@ def read(path: str | Path, step_ms: float = STEP_MS) -> SpikeTrains:
     Afferents are the OFF events of each taxel, then the ON events. Conditions: label, person, repetition, file.
     Raises InputError for files that are named or filled in another way.
     """
+    rate_Hz = 1e3 / EventSpec(step_ms=step_ms).step_ms
     files, conditions = _samples(path, SPIKES, "_spikes")
     events, n_bytes = [], 0
     for file in files:
@@ -51,7 +52,7 @@ def read(path: str | Path, step_ms: float = STEP_MS) -> SpikeTrains:
         check_size(path, n_bytes)
     ends = EventTimes(np.full(len(files), LENGTH_S), np.zeros(len(files)))
     return trains_with_ends(
-        events, ends, 1e3 / step_ms, AFFERENTS, conditions, str(path),
+        events, ends, rate_Hz, AFFERENTS, conditions, str(path),
         merge_events=True, fix=f"get the files again with {AGAIN}", told=([], []), source=SOURCE,
     )  # fmt: skip
 

@@ -1,10 +1,10 @@
 """VT-SNN: containers lifted, and an object that rotates or not, by two NeuTouch fingers (Taunyazov et al. 2020).
 
-Event-Driven Visual-Tactile Sensing and Learning for Robots, Robotics: Science and Systems 2020; the layout is that which
-the authors' scripts in github.com/clear-nus/VT_SNN prepare. Recorded: `aces_recordings/<name>_<n>.tact`, a row per
-event of polarity (1 is ON), cell, seconds and nanoseconds, and `traj_start_ends/<name>_<n>.startend`, the times of the
-robot's motions in s. Prepared: `tact.pt`, a tensor (sample, taxel, ON and OFF, step) of 0 and 1, and
-`train_80_20_1.txt` and `test_80_20_1.txt`, rows of sample and class. The images of the set are not read.
+Event-Driven Visual-Tactile Sensing and Learning for Robots, Robotics: Science and Systems 2020; the layout is that of
+the authors' scripts in github.com/clear-nus/VT_SNN. Recorded: `aces_recordings/<name>_<n>.tact`, a row per event of
+polarity (1 is ON), cell, seconds and nanoseconds, and `traj_start_ends/<name>_<n>.startend`, the times of the robot's
+motions in s. Prepared: `tact.pt`, a tensor (sample, taxel, ON and OFF, step) of 0 and 1, and `train_80_20_1.txt` and
+`test_80_20_1.txt`, rows of sample and class. The images of the set are not read.
 """
 
 import logging
@@ -88,9 +88,11 @@ def read(path: str | Path, step_ms: float = STEP_MS) -> SpikeTrains:
 def _events(file: Path, length_s: float) -> tuple[EventTimes, np.ndarray, np.ndarray]:
     """Times since reaching and afferents of the events of a trial, and of all in the file which are among them."""
     columns = ("polarity", "cell", "seconds", "nanoseconds")
-    polarity, cell, seconds, rest = numbers(read_text(file), file, separator=" ", names=columns).astype(np.int64).T
-    if not (np.isin(polarity, (0, 1)) & (cell >= 1) & (cell <= CELLS[-1]) & (rest >= 0) & (rest < 10**9)).all():
+    rows = numbers(read_text(file), file, separator=" ", names=columns)
+    fits = (rows >= (0, 1, 0, 0)) & (rows <= (1, CELLS[-1], 2**32, 10**9 - 1)) & (rows == np.floor(rows))
+    if not fits.all():
         raise InputError(f"{file}: a row is not polarity 0 or 1, cell 1 to 80, seconds and nanoseconds; get it again")
+    polarity, cell, seconds, rest = rows.astype(np.int64).T
     motions = file.parent.parent / MOTIONS / f"{file.stem}.startend"
     times = numbers(read_text(existing(motions, "file")), motions, separator=" ")
     if len(times) != 1 or times.shape[1] <= REACHES:
@@ -103,10 +105,16 @@ def _events(file: Path, length_s: float) -> tuple[EventTimes, np.ndarray, np.nda
 
 def _prepared(folder: Path, step_ms: float) -> SpikeTrains:
     """The spikes of the prepared tensor, and the classes and sides of the first published split."""
-    file = folder / PREPARED
+    file, rate_Hz = folder / PREPARED, 1e3 / EventSpec(step_ms=step_ms).step_ms
     held = arrays_in(file).arrays
     values = next(iter(held.values()))
-    if len(held) != 1 or values.ndim != 4 or values.shape[1:3] != (len(CELLS), 2) or not np.isin(values, (0, 1)).all():
+    if (
+        len(held) != 1
+        or values.ndim != 4
+        or not values.size
+        or values.shape[1:3] != (len(CELLS), 2)
+        or not np.isin(values, (0, 1)).all()
+    ):
         shown = ", ".join(f"{name} {array.shape}" for name, array in held.items())[:80]
         raise InputError(
             f"{file}: holds {shown}, not one tensor of 0 and 1, (sample, {len(CELLS)}, 2, step); get it again"
@@ -125,7 +133,7 @@ def _prepared(folder: Path, step_ms: float) -> SpikeTrains:
         )
     conditions = pd.DataFrame({LABEL: [classes[int(number)] for number in samples[LABEL]], "split": samples["split"]})
     rasters = [np.concatenate([sample[:, 1], sample[:, 0]]).T for sample in values]
-    return from_rasters(rasters, 1e3 / step_ms, AFFERENTS, conditions, source=SOURCE)
+    return from_rasters(rasters, rate_Hz, AFFERENTS, conditions, source=SOURCE)
 
 
 READER = Reader(

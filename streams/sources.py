@@ -531,7 +531,9 @@ def decide(stream: Stream, source: Iterable[Arrived]) -> Iterator[Decision]:
 @contextmanager
 def _receiving(path: str, parser: Any, faults: Faults, baud: int) -> Iterator[Callable[[float], bytes | None]]:
     """A function that waits for so many seconds at most: what arrived, None if nothing did, no bytes at the end."""
-    if isinstance(parser, Received):
+    if path.startswith(LSL):
+        if not isinstance(parser, Received):
+            raise InputError(f"{path}: sends samples, not rows of text; give a source of these, such as udp:9000")
         with lab_streaming.inlet(path, parser.n_taxels, parser.rate_Hz, parser.taxels) as received:
             yield received
         return

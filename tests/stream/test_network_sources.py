@@ -63,7 +63,7 @@ def test_each_datagram_holds_whole_frames(format):
 
 
 def test_an_address_without_a_port_is_refused():
-    for path in ("udp:", "udp:x", "udp:65536", "udp:9000:", "udp:-1"):
+    for path in ("udp:", "udp:x", "udp:65536", "udp:9000:", "udp:-1", "udp:\u0663\u0663"):
         with pytest.raises(InputError, match="is no port for datagrams; give its number, as in udp:9000"):
             next(sources.live(path, parser_of(nt.Samples(), path, 2, 1000.0, Faults()), Faults(), 1.0))
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
@@ -71,6 +71,19 @@ def test_an_address_without_a_port_is_refused():
         path = f"udp:127.0.0.1:{taken.getsockname()[1]}"
         with pytest.raises(InputError, match=r"cannot be opened \(.*\); give another port"):
             next(sources.live(path, parser_of(nt.Samples(), path, 2, 1000.0, Faults()), Faults(), 1.0))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux has 127.0.0.2")
+def test_only_the_address_that_is_given_is_heard():
+    for host, heard in (("", []), ("0.0.0.0:", [[5.0, 6.0]])):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            sender.bind(("127.0.0.1", 0))
+            faults, path = Faults(), f"udp:{host}{sender.getsockname()[1] ^ 1}"
+            source = sources.live(path, parser_of(nt.Samples(), path, 2, 1000.0, faults), faults, 5.0, tick_s=0.01)
+            next(source)
+            for address, datagram in (("127.0.0.2", b"5,6"), ("127.0.0.1", b"1,2"), ("127.0.0.1", b"")):
+                sender.sendto(datagram, (address, int(path.rpartition(":")[2])))
+            assert samples_of(source) == [*heard, [1.0, 2.0]]
 
 
 # Lab Streaming Layer
@@ -194,6 +207,11 @@ def test_a_stream_of_lsl_that_is_absent_and_a_missing_package_are_one_sentence(m
     monkeypatch.setitem(sys.modules, "pylsl", None)
     with pytest.raises(InputError, match=r"lsl:Skin: needs pylsl; pip install 'neurotact\[lsl\]'"):
         next(lsl())
+
+
+def test_a_stream_of_lsl_is_no_text():
+    with pytest.raises(InputError, match="lsl:Skin: sends samples, not rows of text"):
+        next(sources.live("lsl:Skin", sources.Rows("lsl:Skin", 2, 1000.0, Faults()), Faults(), 1.0))
 
 
 def test_pylsl_without_its_library_is_one_sentence(monkeypatch, tmp_path):

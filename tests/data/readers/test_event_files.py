@@ -634,6 +634,12 @@ def test_fields_of_a_structure_tensors_and_parquet_are_columns(tmp_path, write, 
         nt.read_events(tmp_path / "felt" / f"touch.{suffix}")
 
 
+def test_a_structure_may_hold_all_trials_and_their_classes(tmp_path):
+    labels = np.array(["felt", "felt", "silk"], object)
+    _structure(tmp_path / "all.mat", {"ts": [1, 2, 1], "x": [0, 1, 0], "trial": [0, 0, 1], "label": labels})
+    assert nt.read_events(tmp_path / "all.mat").conditions["label"].tolist() == ["felt", "silk"]
+
+
 def test_a_structure_without_times_is_refused(tmp_path):
     (tmp_path / "felt").mkdir()
     _structure(tmp_path / "felt" / "touch.mat", {"x": [0, 2, 1], "y": [1, 0, 1]})

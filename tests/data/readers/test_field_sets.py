@@ -10,6 +10,7 @@ import torch
 from neurotact_parts.readers import cost, stemnist, vt_snn
 
 import neurotact as nt
+from neurotact.data.hdf5_input import Declared
 from neurotact.errors import InputError
 
 RNG = np.random.default_rng(1)
@@ -22,7 +23,7 @@ def _spikes(trains: nt.SpikeTrains, trial: int) -> list[tuple[int, str]]:
 
 # STEMNIST
 
-EVENTS = [(0.0, 1, 1), (0.1, 1, -1), (119 / 120, 256, -1), (2.0, 2, 1)]
+EVENTS = [(0.0, 1, 1), (1 / 120, 1, 1), (0.1, 1, -1), (119 / 120, 256, -1), (2.0, 2, 1)]
 KINDS = np.dtype([("timestamp", "f8"), ("taxel_id", "i4"), ("polarity", "i1")])
 
 
@@ -43,7 +44,13 @@ def stemnist_set(folder: Path, events=EVENTS, kinds=KINDS, pressure=None, **attr
 
 def test_events_of_stemnist_are_on_the_clock_of_the_skin(tmp_path):
     trains = nt.read("stemnist", stemnist_set(tmp_path))
-    assert _spikes(trains, 1) == [(0, "ON taxel1"), (12, "OFF taxel1"), (119, "OFF taxel256"), (239, "ON taxel2")]
+    assert _spikes(trains, 1) == [
+        (0, "ON taxel1"),
+        (1, "ON taxel1"),
+        (12, "OFF taxel1"),
+        (119, "OFF taxel256"),
+        (239, "ON taxel2"),
+    ]
     assert trains.trial_steps.tolist() == [240, 240]
     assert trains.sampling_rate_Hz == pytest.approx(120.0, abs=1e-9)
     assert len(trains.afferents) == 512
@@ -51,13 +58,15 @@ def test_events_of_stemnist_are_on_the_clock_of_the_skin(tmp_path):
         "label": ["7", "A"], "person": ["LG", "AT"], "repetition": [2, 1],
         "file": ["7/LG_7_2_spikes.h5", "A/AT_A_1_spikes.h5"],
     }  # fmt: skip
-    slow = nt.read("stemnist", tmp_path / stemnist.ARCHIVE / stemnist.SPIKES, step_ms=25.0)
+    slow = nt.read("stemnist", tmp_path / stemnist.ARCHIVE / stemnist.SPIKES, step_ms=25.0)  # two are one spike
     assert _spikes(slow, 0)[1:] == [(4, "OFF taxel1"), (39, "OFF taxel256"), (79, "ON taxel2")]
 
 
 def test_pressure_of_stemnist_is_a_taxel_per_column(tmp_path):
     frames = np.arange(240)[:, None, None] % 7 + np.arange(256).reshape(16, 16) % 200
+    hidden = tmp_path / stemnist.ARCHIVE / stemnist.ARCHIVE / stemnist.PRESSURE / "._AT_A_1.h5"
     unpacked = stemnist_set(tmp_path / stemnist.ARCHIVE, pressure=frames.astype(np.uint8))  # as fetch leaves it
+    hidden.write_bytes(b"of a Mac")
     touches = nt.read("stemnist-pressure", unpacked.parent)
     assert touches.channels[17] == "r1c1"
     assert (touches.sampling_rate_Hz, touches.unit, touches.signals[0].shape) == (120.0, "count", (240, 256))
@@ -69,9 +78,10 @@ def test_pressure_of_stemnist_is_a_taxel_per_column(tmp_path):
     ("made", "said"),
     [
         ({"events": [(0.0, 257, 1)]}, "event 0 is not of taxel 1 to 256"),
-        ({"events": [*EVENTS, (0.0, 0, 1)]}, "event 4 is not of taxel 1"),
+        ({"events": [*EVENTS, (0.0, 0, 1)]}, "event 5 is not of taxel 1"),
         ({"events": [(0.0, 1, 0)]}, "polarity -1 or 1"),
         ({"events": [(2.1, 1, 1)]}, "0 to 2 s"),
+        ({"events": [(-0.1, 1, 1)]}, "0 to 2 s"),
         ({"events": [(float("nan"), 1, 1)]}, "event 0 is not"),
         ({"sampling_rate": 100}, "its sampling_rate is 100, not 120"),
         ({"duration": 3.0}, "its duration is 3.0, not 2"),
@@ -82,6 +92,14 @@ def test_pressure_of_stemnist_is_a_taxel_per_column(tmp_path):
 def test_events_that_are_not_of_stemnist_are_refused(tmp_path, made, said):
     with pytest.raises(InputError, match=said):
         nt.read("stemnist", stemnist_set(tmp_path, **made))
+
+
+@pytest.mark.parametrize("step_ms", [0.0, -1.0, float("nan")])
+def test_a_step_that_is_no_time_is_refused(tmp_path, step_ms):
+    prepared(tmp_path, torch.zeros(3, 78, 2, 10))
+    for name, folder in (("stemnist", stemnist_set(tmp_path)), ("vt-snn", tmp_path)):
+        with pytest.raises(InputError, match="step_ms: must be"):
+            nt.read(name, folder, step_ms=step_ms)
 
 
 @pytest.mark.parametrize("frames", [np.zeros((241, 16, 16), np.uint8), np.zeros((240, 16, 16), np.int16)])
@@ -119,9 +137,23 @@ def test_pressure_of_all_is_refused_by_its_size_before_it_is_read(tmp_path, monk
         nt.read("stemnist-pressure", tmp_path)
 
 
+def test_events_of_all_are_refused_by_their_number(tmp_path, monkeypatch):
+    many = [(step / 120, taxel, 1) for step in range(240) for taxel in range(1, 26)]
+    monkeypatch.setenv("NEUROTACT_MAX_MB", "1")
+    with pytest.raises(InputError, match="Dataset: holds 1 MB, more than the limit of 1 MB"):
+        nt.read("stemnist", stemnist_set(tmp_path, many) / stemnist.ARCHIVE)
+    with h5py.File(tmp_path / "large.h5", "w") as file:
+        file["spikes"] = np.zeros(100_000, KINDS)
+        with pytest.raises(InputError, match="set NEUROTACT_MAX_MB"):
+            Declared(file, tmp_path / "large.h5").records("spikes", stemnist.FIELDS)
+
+
 # VT-SNN
 
-ROWS = "1 1 1500000000 500000000\n0 18 1500000001 0\n1 17 1500000001 0\n1 80 1500000009 0\n1 2 1499999999 0\n"
+ROWS = (
+    "1 1 1500000000 500000000\n1 1 1500000000 501000000\n0 18 1500000001 0\n1 17 1500000001 0\n1 80 1500000009 0\n"
+    "1 2 1499999999 0\n"
+)
 TIMES = "1499999990.0 1500000000.5 1500000001.0 1500000002.0 1500000003.0 1500000004.0"
 
 
@@ -134,10 +166,15 @@ def vt_snn_set(folder: Path, names=("107-a_pepsi_bottle_01", "110-e_coffee_can_0
     return folder
 
 
-def test_a_recorded_trial_begins_when_the_robot_reaches(tmp_path):
-    trains = nt.read("vt-snn", vt_snn_set(tmp_path))
+def test_a_recorded_trial_begins_when_the_robot_reaches(tmp_path, monkeypatch, caplog):
+    sizes = []
+    monkeypatch.setattr(vt_snn, "check_size", lambda where, n_bytes: sizes.append(n_bytes))
+    (vt_snn_set(tmp_path) / vt_snn.RECORDED / "._107-a_pepsi_bottle_01.tact").write_bytes(b"hidden")
+    trains = nt.read("vt-snn", tmp_path)
+    assert sizes == [4 * 16, 8 * 16]  # of events that are in the trial
+    assert "6 of 14 events are left out: of cells 17 and 49, or not in the 8.5 s" in caplog.text
     assert _spikes(trains, 0) == [(0, "ON cell1"), (25, "OFF cell18"), (75, "ON cell3")]
-    assert _spikes(nt.read("vt-snn", tmp_path, step_ms=1.0), 1)[1:] == [(500, "OFF cell18"), (1500, "ON cell4")]
+    assert _spikes(nt.read("vt-snn", tmp_path, step_ms=1.0), 1)[2:] == [(500, "OFF cell18"), (1500, "ON cell4")]
     assert trains.trial_steps.tolist() == [425, 425]
     assert len(trains.afferents) == 156
     assert trains.conditions.drop(columns="file").to_dict("list") == {
@@ -162,6 +199,8 @@ def test_trials_of_slip_are_short(tmp_path):
         ({"rows": "1 81 1500000000 0\n"}, "cell 1 to 80"),
         ({"rows": "1 0 1500000000 0\n"}, "cell 1 to 80"),
         ({"rows": "1 1 1500000000 1000000000\n"}, "seconds and nanoseconds"),
+        ({"rows": "1 1 99999999999999999999999 0\n"}, "seconds and nanoseconds"),
+        ({"rows": "1 1.5 1500000000 0\n"}, "is not polarity 0 or 1"),
         ({"rows": "1 1 1500000000\n"}, "line 1 has 3 columns where 4"),
         ({"times": "1499999990.0"}, "not one row of the times of motions"),
         ({"names": ("107-a_pepsi_bottle_01", "107-f_pepsi_bottle_01")}, "is not named <name>_<n>.tact"),
@@ -208,6 +247,7 @@ def test_a_prepared_tensor_has_the_classes_of_its_split(tmp_path):
     ("values", "rows", "said"),
     [
         (torch.zeros(3, 78, 10), "1\t1\n", r"holds tact \(3, 78, 10\), not one tensor"),
+        (torch.zeros(3, 78, 2, 0), "1\t1\n", "not one tensor of 0 and 1"),
         (torch.zeros(3, 2, 78, 10), "1\t1\n", "not one tensor of 0 and 1"),
         (torch.full((3, 78, 2, 10), 2.0), "1\t1\n", "not one tensor of 0 and 1"),
         (torch.zeros(3, 78, 2, 10), "1\t2\n", "name no class of 2 or 20 for each of the 3 samples"),
@@ -257,6 +297,7 @@ def test_a_touch_of_cost_is_its_frames(tmp_path, monkeypatch, at_once, ending):
     [
         (lambda table: table.drop(columns="ch64"), "has 67 columns where subject, variant"),
         (lambda table: table.rename(columns={"variant": "variation"}), "has a column 'variation' where"),
+        (lambda table: table.assign(**{"ch1 ": 1}), "has 69 columns where"),
         (lambda table: table.assign(more=1), "has a column 'more' where"),
         (lambda table: table.assign(ch5=1024), "line 2, ch5 is 1024, not a whole number from 0 to 1023"),
         (lambda table: table.assign(ch5=-1), "line 2, ch5 is -1"),
@@ -282,6 +323,10 @@ def test_touches_of_cost_beyond_the_memory_are_refused(tmp_path, monkeypatch):
         nt.read("cost", cost_file(tmp_path, cost_table(((1, 1, 1, 4000),))))
     (tmp_path / cost.FILE).write_bytes(b"\xff\xfe\0\1")
     with pytest.raises(InputError, match="is no table of numbers"):
+        nt.read("cost", tmp_path)
+    lines = cost_table().to_csv(index=False).replace("\n", ",1,1\n").splitlines()
+    (tmp_path / cost.FILE).write_text("\n".join([lines[0].removesuffix(",1,1"), *lines[1:]]))
+    with pytest.raises(InputError, match="a row has more values than the first line names"):
         nt.read("cost", tmp_path)
 
 
@@ -311,6 +356,7 @@ def texture_set(folder: Path, columns=("X", "Y", "Z"), names=SLIDES, suffix=".cs
 def test_slides_of_the_cluster_textures_are_on_one_clock(tmp_path, suffix, inside):
     if suffix == ".parquet":
         pytest.importorskip("pyarrow", reason="no pyarrow; pip install 'neurotact[parquet]'")
+    texture_set(tmp_path, ("force",), sensor="force")
     slides = nt.read("cluster-haptic-texture", texture_set(tmp_path, suffix=suffix) / inside)
     assert (slides.channels, slides.unit) == (("X", "Y", "Z"), "g")
     assert slides.sampling_rate_Hz == pytest.approx(1 / 0.000115, rel=0.01)
