@@ -37,7 +37,7 @@ Other rooms take:
     use.inference: infer
     use.ledger: ABOUT, Afferents, SOPS, decision_ledger, input_spikes, is_row_counted, network_cost, row_cost,
         study_ledger
-    use.measuring: accuracy_of, by_condition, mean_sops, means, measure, synops_of, touched
+    use.measuring: OWN_KEYS, accuracy_of, by_condition, mean_sops, means, measure, synops_of, touched
 """
 
 import lazy_loader
