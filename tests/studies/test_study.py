@@ -72,7 +72,7 @@ def test_only_the_encoder_decides_which_spike_trains_a_cell_needs():
     [
         ({"network.hiden": 3}, "network.hiden: unknown key; did you mean 'hidden'?"),
         ({"encoder.tau_mem_ms": -1}, "encoder.tau_mem_ms: must be > 0; got -1"),
-        ({"sweep.network.hidden": [20, 0]}, "network.hidden: must be >= 1; got 0"),
+        ({"sweep.network.hidden": [20, -1]}, "network.hidden: must be >= 0; got -1"),
         ({"sweep.dataset": ["v3"]}, "'v3' is not a subset"),
         ({"sweep.seed": []}, "sweep of 'seed' has no value"),
         ({"sweep.seed": [-1]}, "sweep.seed must be whole numbers >= 0"),
