@@ -233,7 +233,8 @@ class EventRows(Lines):
         joins: bool = False,
     ) -> None:
         super().__init__(where, faults, joins=joins)
-        self.channels, self.unit, self.from_first = channels, unit, origin == "first"
+        self.channels, self.from_first = channels, origin == "first"
+        self.unit: Unit | None = unit
         self.places: list[int | None] = [0, 1, 2]
         self.clock: EventClock | None = None
 
@@ -279,7 +280,9 @@ class EventRows(Lines):
             return None
         self.n_good += 1
         if self.clock is None:
-            self.clock = EventClock(self.where, UNIT_S[self.unit or "s"], self.from_first, self.faults)
+            self.clock = EventClock(
+                self.where, 1.0 if self.unit is None else UNIT_S[self.unit], self.from_first, self.faults
+            )
         unit = self.channels.number(channel, polarity or None) if channel else LEFT_OUT
         return self.clock.at(Decimal(time)), unit
 

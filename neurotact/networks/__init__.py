@@ -23,7 +23,7 @@ Other rooms take:
     training.losses: cross_entropy, hinge
     training.model_selection: SEEN, Tried, again, are_unranked, best_of, candidates, right_seen, trainings
     training.outcome: outcome_of, summary_of
-    training.ranges: Ranges, evenly, record, record_states
+    training.ranges: OF_EVENTS, Ranges, evenly, record, record_states
     training.resumable: Interrupted, RESULT, check_place, clear, line_of, run, saved_in
     training.run_folder: LOG, NETWORK, Restored, WEIGHTS, files_of, load_network, load_spikes_of, restore, save,
         save_network, shapes_of, test_trials, trained_spikes_of
