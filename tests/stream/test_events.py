@@ -127,6 +127,14 @@ def test_silence_ends_windows_and_a_trial_begins_the_clock_again():
     assert nt.Stream(large).push_events([0.032, 0.033], [7, 8])[0].input_spikes == 1
 
 
+@pytest.mark.parametrize("clock_Hz", [0.5, 50.0, 30_000.0, 1e6])
+def test_every_clock_takes_each_event_once(clock_Hz):
+    network = nt.RSNN(N, 2, hidden=2, sampling_rate_Hz=clock_Hz)
+    stream = nt.Stream((None, network), streamed=nt.Streamed(length_ms=10e3 / clock_Hz))
+    (decision,) = stream.push_events(np.arange(11) / clock_Hz, np.arange(11) % N)
+    assert (decision.input_spikes, stream.tally.doubled, stream.tally.late) == (10, 0, 0)
+
+
 def test_channels_are_found_by_numbers_names_and_populations():
     channels = Channels(AFFERENTS)
     assert [channels.number(*event) for event in (("b", "ON"), ("1", 1), (1, "0"), ("a", "-1"), (3,), ("ON a",))] == [
