@@ -58,7 +58,9 @@ class _Need(NamedTuple):
 
 OR_GIVE = "give that, or leave it out"
 SAMPLES = _is_in("pipe", "serial port", "file")
-"""Kinds of sources of which samples are read as text or bytes; the others are recordings and a simulation."""
+"""Kinds of sources of which samples are read as text or bytes; the others are recordings, a simulation and LSL."""
+LIVE = _is_in("pipe", "serial port", "file", "LSL stream")
+"""Kinds of sources whose sampling rate may differ from that of the training."""
 
 NEEDS = (
     # windows and split
@@ -86,7 +88,7 @@ NEEDS = (
     _Need("recordings spikes", "ranges", bool, "where no recordings are read: only integers and `prove` need them"),
     # stream, live
     _Need("format lsb zero time_column", "source", SAMPLES, "with this `source`, which has a format of its own"),
-    _Need("sampling_rate_Hz", "source", SAMPLES, "with this `source`, which has a sampling rate of its own"),
+    _Need("sampling_rate_Hz", "source", LIVE, "with this `source`, which has a sampling rate of its own"),
     _Need(
         "format unit time_column lsb zero hold_ms stall_s sampling_rate_Hz",
         "takes_events",
@@ -95,7 +97,7 @@ NEEDS = (
     ),
     _Need("time_unit origin polarity", "takes_events", bool, "with a network that takes samples, not events"),
     _Need("baud", "source", _is_in("serial port"), "without a serial port, as in `source='serial:/dev/ttyUSB0'`"),
-    _Need("stall_s", "source", _is_in("pipe", "serial port"), "with this `source`, which is never late"),
+    _Need("stall_s", "source", _is_in("pipe", "serial port", "LSL stream"), "with this `source`, which is never late"),
     _Need("speed", "source", _is_in("recordings", "simulation"), "with a device, whose samples come at their own rate"),
     _Need("settings", "source", _is_in("simulation"), "without a simulated finger, as in `source='gratings'`"),
     _Need("loop shuffle", "source", _is_in("recordings"), "without recordings, as in `source='FILE.h5'`"),

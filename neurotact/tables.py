@@ -91,12 +91,21 @@ def natural(text: str) -> list[tuple[int, int, str]]:
 
 
 def sized(hidden: float) -> str:
-    """The size of a network in a few words; 0: it has no hidden layer, or does not count its neurons.
+    """The size of a network, short; 0: it has no hidden layer, or does not count its neurons (`in_words_of_size`).
 
     >>> sized(30), sized(0)
     ('N = 30', 'N = 0')
     """
     return f"N = {hidden:.15g}"
+
+
+def in_words_of_size(hidden: float, own_keys: object = None) -> str:
+    """The size of a network where there is space; own_keys: of one that is a part, which may not count its neurons.
+
+    >>> in_words_of_size(30), in_words_of_size(0), in_words_of_size(0, '{"model": "mine"}')
+    ('N = 30', 'no hidden layer', 'N = 0')
+    """
+    return sized(hidden) if hidden or isinstance(own_keys, str) else "no hidden layer"
 
 
 def means_over(table: pd.DataFrame, by: Sequence[str], measures: Iterable[str], counted: str) -> pd.DataFrame:

@@ -63,8 +63,8 @@ def stream(
     A network that was trained on the events of a sensor takes rows of time, channel and, where there is one, polarity.
 
     run: a run folder that `train` wrote, or a fitted `SpikingClassifier` or a pipeline that ends in one.
-    source: "-" (standard input), a device file, "serial:/dev/ttyUSB0", "tcp:HOST:PORT", FILE.csv, or FILE.h5, whose
-        rate and unit count.
+    source: "-" (standard input), a device file, "serial:/dev/ttyUSB0", "tcp:HOST:PORT", "udp:PORT", "lsl:NAME" (a
+        stream of the Lab Streaming Layer), FILE.csv, or FILE.h5, whose rate and unit count.
     rate: "fast", or "real" for a file at its own rate.
     time_unit, origin, polarity: of events alone. The unit of their times; None: that of the column's name (time_us),
         else s. Whether the stream begins at time "zero" or with the "first" event. What import made of polarities where
@@ -127,7 +127,7 @@ def stream(
 
 def _check_source(source: str, kind: str, rate: str) -> None:
     """InputError for a source that holds samples, and for the rate of samples."""
-    if kind == "recordings":
+    if kind in ("recordings", "LSL stream"):
         raise InputError(f"{source}: holds samples, but the network takes events; give these as rows of text")
     if rate == "real":
         raise InputError(

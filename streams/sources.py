@@ -18,7 +18,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from neurotact_parts.streams import lab_streaming
 from neurotact_parts.streams.events import LEFT_OUT, Channels, EventClock, Moment, Origin
+from neurotact_parts.streams.lab_streaming import LSL
 from neurotact_parts.streams.stamped_rows import Faults, Placed, StampedRows
 from neurotact_parts.streams.stream import Decision, Stream
 from neurotact_parts.streams.stream_state import Tally
@@ -35,8 +37,11 @@ from neurotact.errors import InputError, optional
 
 READ_BYTES = 1 << 16
 LONGEST_ROW = 1 << 20
-SERIAL, TCP = "serial:", "tcp:"
-"""Prefixes of the device of a serial port, and of the address of a server, as in tcp:localhost:5000."""
+DATAGRAM_BYTES = 1 << 20
+"""Of datagrams that wait until they are read."""
+SERIAL, TCP, UDP = "serial:", "tcp:", "udp:"
+"""Prefixes of the device of a serial port; of the address of a server, as in tcp:localhost:5000; of a port for
+datagrams, on this machine or, as in udp:0.0.0.0:9000, of another address."""
 LATE_S = 0.01
 """A block is late if its delay exceeds this and its own duration."""
 HOPELESS_S = 0.5
@@ -338,6 +343,16 @@ class Frames:
             raise InputError(f"{self.where}: has no sample; give frames of {self.n_taxels} {self.kind.name} values")
 
 
+class Received(Frames):
+    """Frames of float32 that a library receives. rate_Hz, taxels: what is expected of the stream."""
+
+    def __init__(
+        self, where: str, n_taxels: int, rate_Hz: float, faults: Faults, taxels: tuple[str, ...] | None = None
+    ) -> None:
+        super().__init__(where, n_taxels, "float32", faults)
+        self.rate_Hz, self.taxels = rate_Hz, taxels
+
+
 def _is_recorded(path: str) -> bool:
     """Whether a source is a file of recordings, by its name.
 
@@ -348,15 +363,17 @@ def _is_recorded(path: str) -> bool:
 
 
 def kind_of(path: str) -> str:
-    """What a source is, by its name: recordings, a serial port, a file, or a pipe (standard input, a device, a socket).
+    """What a source is, by its name: recordings, a serial port, an LSL stream, a file, or a pipe (also a socket).
 
-    >>> kind_of("touches.h5"), kind_of("-"), kind_of("serial:/dev/ttyUSB0")
-    ('recordings', 'pipe', 'serial port')
+    >>> kind_of("touches.h5"), kind_of("-"), kind_of("serial:/dev/ttyUSB0"), kind_of("lsl:Skin"), kind_of("udp:9000")
+    ('recordings', 'pipe', 'serial port', 'LSL stream', 'pipe')
     """
     if _is_recorded(path):
         return "recordings"
     if path.startswith(SERIAL):
         return "serial port"
+    if path.startswith(LSL):
+        return "LSL stream"
     if path.startswith(TCP):
         return "pipe"
     return "file" if os.path.isfile(path) else "pipe"
@@ -375,11 +392,16 @@ def parser_of(
     faults: Faults,
     taxels: tuple[str, ...] | None = None,
 ) -> Rows | Frames:
-    """The parser of text or bytes; InputError for digits of which a signal is not finite. taxels: as for `Rows`."""
+    """The parser of text or bytes, or of what a library receives. taxels: as for `Rows`.
+
+    Raises InputError for digits of which a signal is not finite.
+    """
     if not abs(samples.lsb) * 2**15 + abs(samples.zero) <= FLOAT32_MAX:
         raise InputError(
             f"`lsb={samples.lsb:g}`, `zero={samples.zero:g}`: zero + lsb * x is beyond float32; give smaller numbers"
         )
+    if where.startswith(LSL):
+        return Received(where, n_taxels, rate_Hz, faults, taxels)
     if samples.format != "csv":
         return Frames(where, n_taxels, samples.format, faults, samples.lsb, samples.zero)
     unit_s = None if samples.time_column is None else UNIT_S[samples.time_column]
@@ -395,7 +417,8 @@ def live(
     tick_s: float | None = None,
     baud: int = SampleSpec().baud,
 ) -> Iterator[Arrived]:
-    """A pipe, a device or a file, read as data arrive: `-` is standard input; `serial:/dev/...` and `tcp:HOST:PORT`.
+    """A pipe, a device file or a file, read as data arrive; `-` is standard input, `serial:/dev/...` a serial port,
+    `tcp:HOST:PORT` a server, `udp:PORT` a port for datagrams, `lsl:NAME` a stream of the Lab Streaming Layer.
 
     stall_s: seconds without a byte after which the source stalls; later samples follow a gap of unknown length.
     tick_s: after this time without data, `Arrived()` is yielded, so that the caller can do other work.
@@ -403,20 +426,19 @@ def live(
     """
     if not stall_s > 0:
         raise InputError(f"stall_s: must be a time above 0 s; got {stall_s:g}")
-    with _opened(path, baud) as descriptor:
+    with _receiving(path, parser, faults, baud) as receive:
         is_stalled, received_s = False, time.monotonic()
         while True:
             left_s = None if is_stalled else max(0.0, received_s + stall_s - time.monotonic())
             wait_s = min(limit_s for limit_s in (left_s, tick_s, LONGEST_WAIT_S) if limit_s is not None)
-            ready, _, _ = select.select([descriptor], [], [], wait_s)
-            if not ready:
+            data = receive(wait_s)
+            if data is None:
                 stalls = not is_stalled and time.monotonic() - received_s >= stall_s
                 is_stalled |= stalls
                 faults.stalls += stalls
                 if stalls or tick_s is not None:
                     yield Arrived(stalled=stalls)
                 continue
-            data = _read(path, descriptor)
             is_stalled, received_s = False, time.monotonic()
             if not data:
                 break
@@ -510,12 +532,43 @@ def decide(stream: Stream, source: Iterable[Arrived]) -> Iterator[Decision]:
 
 
 @contextmanager
+def _receiving(path: str, parser: Any, faults: Faults, baud: int) -> Iterator[Callable[[float], bytes | None]]:
+    """A function that waits for so many seconds at most: what arrived, None if nothing did, no bytes at the end."""
+    if isinstance(parser, Received):
+        with lab_streaming.inlet(path, parser.n_taxels, parser.rate_Hz, parser.taxels) as received:
+            yield received
+        return
+    with _opened(path, baud) as descriptor:
+
+        def receive(wait_s: float) -> bytes | None:
+            if not select.select([descriptor], [], [], wait_s)[0]:
+                return None
+            data = _read(path, descriptor)
+            return _of_datagram(data, parser, faults) if path.startswith(UDP) else data
+
+        yield receive
+
+
+def _of_datagram(data: bytes, parser: Any, faults: Faults) -> bytes | None:
+    """Whole rows or frames: what one datagram lacks is not in the next. An empty datagram ends the source."""
+    if not isinstance(parser, Frames):
+        return data + b"\n" if data else data
+    n_over = len(data) % (parser.kind.itemsize * parser.n_taxels)
+    faults.bad_rows += bool(n_over)
+    return None if data and len(data) == n_over else data[: len(data) - n_over]
+
+
+@contextmanager
 def _opened(path: str, baud: int) -> Iterator[int]:
     if path == "-":
         yield sys.stdin.fileno()
         return
     if path.startswith(SERIAL):
         with _serial_port(path, baud) as port:
+            yield port.fileno()
+        return
+    if path.startswith(UDP):
+        with _datagram_port(path) as port:
             yield port.fileno()
         return
     if path.startswith(TCP):
@@ -532,9 +585,23 @@ def _opened(path: str, baud: int) -> Iterator[int]:
         os.close(descriptor)
 
 
+def _datagram_port(path: str) -> socket.socket:
+    host, _, number = path.removeprefix(UDP).rpartition(":")
+    if not (number.isdecimal() and number.isascii() and int(number) < 2**16):
+        raise InputError(f"{path}: is no port for datagrams; give its number, as in udp:9000")
+    port = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, DATAGRAM_BYTES)
+        port.bind((host.strip("[]") or "127.0.0.1", int(number)))
+    except OSError as error:
+        port.close()
+        raise InputError(f"{path}: cannot be opened ({error.strerror or error}); give another port") from error
+    return port
+
+
 def _connection(path: str) -> socket.socket:
     host, _, port = path.removeprefix(TCP).rpartition(":")
-    if not (host and port.isdecimal() and int(port) < 2**16):
+    if not (host and port.isdecimal() and port.isascii() and int(port) < 2**16):
         raise InputError(f"{path}: is no address; give a host and a port, as in tcp:localhost:5000")
     try:
         return socket.create_connection((host.strip("[]"), int(port)))

@@ -959,7 +959,8 @@ def test_recordings_of_other_trials_are_not_drawn(refused, made, tmp_path):
         (("--device", "tpu9"), ("--device tpu9: torch cannot use it here", "try cpu")),
         (("--device", "cuda:99"), ("--device cuda:99: torch cannot use it here", "try cpu")),
         (("--set", "hiden=5"), ("hiden: unknown key; did you mean 'hidden'?", "default.toml")),
-        (("--set", "hidden=0"), ("hidden: must be >= 1; got 0", "default.toml")),
+        (("--set", "hidden=-1"), ("hidden: must be >= 0; got -1", "default.toml")),
+        (("--set", "hidden=0", "--set", "readout=count"), ("hidden = 0 needs readout = 'integrator'", "default.toml")),
         (("--set", "reset=none"), ("reset: must be 'zero', 'subtract' or 'hard'; got 'none'",)),
     ],
 )  # fmt: skip
@@ -1020,7 +1021,7 @@ def test_a_damaged_network_is_named(refused, made, tmp_path, name):
     [
         ("network.hiden=5", "network.hiden: unknown key; did you mean 'hidden'?"),
         ("encoder.sa1.gain=-1", "encoder.sa1.gain: must be > 0; got -1"),
-        ("network.hidden=0", "network.hidden: must be >= 1; got 0"),
+        ("network.hidden=-1", "network.hidden: must be >= 0; got -1"),
         ("network=5", "network: must be a table; got 5"),
         ("seed=-1", "sweep.seed must be whole numbers >= 0"),
         ("dataset=v3", "'v3' is not a subset"),

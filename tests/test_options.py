@@ -678,7 +678,10 @@ SAME = {
         "simulate gratings",
     ),
     **dict.fromkeys((f"import {name}" for name in ("fabricslide", "pvdf-hardness", "touch-modality")), "encode"),
-    **dict.fromkeys(("import braille-letters", "import st-mnist"), "import events"),
+    **dict.fromkeys((f"import {name}" for name in ("cost", "stemnist-pressure", "cluster-haptic-texture")), "encode"),
+    **dict.fromkeys(
+        (f"import {name}" for name in ("braille-letters", "st-mnist", "stemnist", "vt-snn")), "import events"
+    ),
 }
 """Commands of plug-ins, whose options are those of one function, or work as those of another command."""
 
@@ -905,6 +908,7 @@ ELSEWHERE = {
     ),
     **dict.fromkeys(("to_nwb.session_start", "to_nwb.about"), NWB),
     **dict.fromkeys(("from_nir.dt_s", "from_nir.sampling_rate_Hz"), "tests/export/test_nir.py"),
+    "from_nir.reset": "tests/export/test_nir_graphs.py",
     **dict.fromkeys(("from_snntorch.sampling_rate_Hz", "from_snntorch.backend"), SNNTORCH),
     **dict.fromkeys((f"from_neo.{key}" for key in ("step_ms", "label", "merge_events", "unobserved", "where")), NEO),
 }  # fmt: skip

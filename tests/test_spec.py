@@ -61,8 +61,8 @@ def test_a_spec_made_in_python_complains_as_its_file_does():
     table = load(AfferentSpec, "sa1-ra1-lif").model_dump()
     with pytest.raises(InputError, match=r"^sa1\.t_reff_ms: unknown key; did you mean 't_ref_ms'\? \(AfferentSpec\)$"):
         AfferentSpec(**{**table, "sa1": {"gain": 1.0, "t_reff_ms": 5}})
-    with pytest.raises(InputError, match=r"^hidden: must be >= 1; got 0 \(RSNNSpec\)$"):
-        RSNNSpec(hidden=0)
+    with pytest.raises(InputError, match=r"^hidden: must be >= 0; got -1 \(RSNNSpec\)$"):
+        RSNNSpec(hidden=-1)
 
 
 @given(TABLES)
@@ -249,7 +249,7 @@ def test_a_value_that_is_no_positive_number_is_refused_by_key_and_file(key, valu
 @given(value=BAD_NUMBERS | NO_NUMBERS | st.sampled_from([0, -1, 1.5]))
 def test_a_value_that_is_no_count_is_refused_by_key_and_file(key, value):
     if (key, value) != ("hidden", [1.0]):  # a list of layers
-        assert refusal(RSNNSpec, override({}, {key: value})).startswith(key)
+        assert refusal(RSNNSpec, override({}, {key: value})).startswith((key, "spec: hidden = 0 needs"))
 
 
 @pytest.mark.parametrize("key", ["membrane", "reset"])
@@ -267,8 +267,8 @@ def test_a_recurrent_delay_is_no_step_or_one(value):
 @pytest.mark.parametrize("spec", [RSNNSpec(), RSNNSpec(recurrent_delay_steps=1), RSNNSpec(threshold_adaptation=0.5)])
 def test_a_spec_is_written_whole_and_read_back_equal(spec):
     written = spec.model_dump(mode="json")
-    # Neither may be named in a spec without adaptation or without a recipe.
-    assert {*RSNNSpec.model_fields} - {*written} <= {"tau_adaptation_ms", "effort"}
+    # Neither may be named in a spec without adaptation, without a recipe, or without what hears afferents.
+    assert {*RSNNSpec.model_fields} - {*written} <= {"tau_adaptation_ms", "effort", "direct"}
     assert build(RSNNSpec, written, "my.toml") == spec
 
 

@@ -47,8 +47,8 @@ def live(
     """Show a running chain on a local page with sliders, as `neurotact live` does, until Ctrl-C.
 
     run: a run folder that `train` wrote, or a fitted `SpikingClassifier` or a pipeline that ends in one.
-    source: FILE.h5, "-" (standard input), a device file, "serial:/dev/ttyUSB0", FILE.csv, or a simulated finger,
-        "gratings", that the page moves; settings: changes of its spec.
+    source: FILE.h5, "-" (standard input), a device file, "serial:/dev/ttyUSB0", "udp:PORT", "lsl:NAME", FILE.csv, or
+        a simulated finger, "gratings", that the page moves; settings: changes of its spec.
     speed: of a replay or of the finger, 1 if None. loop: repeat recordings from the start.
     shuffle: replay their trials in a random order; files often hold one class after the other.
     save_to: folder for encoders that the page saves. port: of the page; 0 chooses a free one.

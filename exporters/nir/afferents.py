@@ -2,7 +2,8 @@
 
 The graph receives `(2 taxel)` values per step: the conditioned signal of each taxel, then its absolute change per ms.
 NIR has no node for a magnitude, a moving baseline or a filter that starts at its first sample, so conditioning is not
-part of the graph. Membranes are in mV above rest. NIR's neurons have no refractory period; lowered, it consists of
+part of the graph. Membranes are in mV above rest. NIR's neurons have no refractory period; it is metadata of their node
+(`note.REFRACTORY`). Lowered, it consists of
 `Threshold`, `Delay` and `Scale`: `silent[t]` is 1 during the refractory steps, from the step after a spike. It forces
 the membrane to fire, which resets it, and removes those spikes.
 """
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from neurotact_parts.exporters.nir.nodes import FORCE, Clock, Edges, graph, linear, nir, scale, threshold
+from neurotact_parts.exporters.nir.note import REFRACTORY
 from scipy.linalg import block_diag
 
 from neurotact.encoders.afferents import AfferentSpec
@@ -36,9 +38,11 @@ def of_encoder(
         for its, kind in zip(columns, (encoder.sa1, encoder.ra1), strict=True)
     ]
     nodes: dict[str, Any] = {"gain": linear(block_diag(*blocks).T), "afferents": lif}
+    silent = np.repeat([sa1.refractory_steps, ra1.refractory_steps], n_each)
     if lower_refractory:
-        silent = np.repeat([sa1.refractory_steps, ra1.refractory_steps], n_each)
         nodes["afferents"] = _refractory(lif, silent, clock)
+    elif silent.any():
+        lif.metadata[REFRACTORY] = silent * clock.dt_s
     return nodes, [("input", "gain"), ("gain", "afferents")]
 
 

@@ -10,12 +10,15 @@ import numpy as np
 import pandas as pd
 import torch
 from neurotact_parts.exporters.nir import graph as writing
+from neurotact_parts.exporters.nir import nodes
 from neurotact_parts.exporters.nir.execute import Interpreter
 from neurotact_parts.exporters.nir.note import Note, of
+from neurotact_parts.networks.graph import order
 
 from neurotact.data.conditioning import Conditioner
 from neurotact.encoders import afferents
 from neurotact.errors import InputError, nearest, optional
+from neurotact.networks.definition.readouts import Stretches
 from neurotact.networks.definition.rsnn import RSNN
 
 COLUMNS = (
@@ -84,10 +87,19 @@ def report(
         if name not in SIMULATORS:
             raise InputError(f"simulator: '{name}' is unknown; {nearest(name, [*SIMULATORS])}")
         layers = SIMULATORS[name](graph, inputs, list(reference))
+        if written is not None and written.form == "plain" and network.stretches is not None:
+            layers["readout"] = _of_stretches(layers["readout"], network.stretches)
         if network.bias is not None:
             layers["readout"] = _settled(layers["readout"], reference["readout"])
         others[name] = layers
     return first_differences(reference, others)
+
+
+def _of_stretches(output: np.ndarray, stretches: Stretches) -> np.ndarray:
+    """Of the outputs for each stretch, `(trial, time, K class)`, in each step those of its stretch."""
+    n_steps = output.shape[1]
+    apart = output.reshape(*output.shape[:2], stretches.number, -1)
+    return apart[:, np.arange(n_steps), stretches.of_steps(n_steps).numpy()]
 
 
 def conditioned_trial(signal: np.ndarray, encoder: afferents.AfferentSpec, rate_Hz: float) -> np.ndarray:
@@ -114,8 +126,32 @@ def _by_snntorch(graph: Any, inputs: np.ndarray, layers: Sequence[str]) -> dict[
     if written is not None and not np.isclose(written.dt_s, STEP_OF_SNNTORCH_S):
         raise InputError("snntorch: uses steps of 1e-4 s for any file; write it with `dt_s=1e-4`")
     with redirect_stdout(StringIO()):  # it prints its progress
-        model = loader.import_from_nir(graph)
+        model = loader.import_from_nir(arranged(graph))
     return _stepped(model, inputs, layers)
+
+
+def arranged(graph: Any) -> Any:
+    """The same network as snnTorch 1.0.0 loads it: nodes in the order of computation, recurrences as inner graphs.
+
+    It fails for an inner graph before the nodes that lead to it, and connects a flat recurrence wrongly, with the input
+    through the recurrent weights.
+    """
+    own, edges = dict(graph.nodes), list(dict.fromkeys(graph.edges))
+    is_inner = {"Input", "Output"} <= {type(node).__name__ for node in own.values()} and len(own) == 4
+    for back in [name for name, node in own.items() if hasattr(node, "weight")]:
+        before, after = [a for a, b in edges if b == back], [b for a, b in edges if a == back]
+        if len(before) == 1 and before == after and hasattr(own[before[0]], "v_threshold") and not is_inner:
+            edges = [edge for edge in edges if back not in edge]
+            own[before[0]] = _recurrent(own[before[0]], own.pop(back))
+    sequence = order([*own], edges, [])
+    inner = {name: arranged(node) if hasattr(node, "nodes") else node for name, node in own.items()}
+    return type(graph)({name: inner[name] for name in sequence}, edges, graph.metadata)
+
+
+def _recurrent(neurons: Any, weights: Any) -> Any:
+    n = len(neurons.v_threshold)
+    edges = [("input", "lif"), ("lif", "w_rec"), ("w_rec", "lif"), ("lif", "output")]
+    return nodes.graph({"lif": neurons, "w_rec": weights}, edges, n, n)
 
 
 def _by_norse(graph: Any, inputs: np.ndarray, layers: Sequence[str]) -> dict[str, np.ndarray]:

@@ -2,15 +2,17 @@
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import torch
 from neurotact_parts.exporters.nir import compare, execute, file, graph, note, parse
 from neurotact_parts.exporters.nir.parse import FromNIR
-from neurotact_parts.exporters.trials import recorded
+from neurotact_parts.exporters.trials import Recorded, recorded
+from neurotact_parts.networks.graph import OwnReset
 from neurotact_parts.streams.chain import front_of
 
 from neurotact import effects
@@ -18,9 +20,10 @@ from neurotact.backend import Backend
 from neurotact.data.recordings import Recordings
 from neurotact.encoders import afferents
 from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.model import EncoderSpec
 from neurotact.errors import InputError
-from neurotact.networks.definition.executors import Subject, require
+from neurotact.networks.definition.executors import Subject, left_outside, require
 from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.exit.rule import FULL_WINDOW
 from neurotact.networks.use import fitted
@@ -49,9 +52,11 @@ def to_nir(
     plain: only CubaLIF and Linear, which snnTorch and Norse load; exact for membrane `immediate` with reset `hard`.
         For any other, the graph's note contains the differences. lower_refractory: afferents' refractory periods as
         nodes; by default they are only in the note, since NIR's neurons have none.
-    A network with a `step_ms` is exported alone, and takes spikes in bins of that length, `network.binned`.
+    What a graph cannot hold stays outside, as a warning and the graph's note say: conditioning, early exit, encoders
+    other than LIF afferents, and of a network with a `step_ms` the encoder and the bins: the graph takes spikes in bins
+    of that length, `network.binned`.
     dt_s: seconds per step; None: 1 / clock. snnTorch requires 1e-4: time constants are scaled with it.
-    Raises InputError for what a graph cannot represent: decays of 1, encoders other than LIF afferents.
+    Raises InputError for what a graph cannot represent: decays of 1, thresholds that adapt.
 
     >>> net = RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0)
     >>> sorted(to_nir(net).nodes)  # doctest: +SKIP
@@ -67,9 +72,15 @@ def to_nir(
         network = rsnn_of("nir-plain" if plain else "nir", restored.network)
         rule, classes = restored.exits(), restored.classes
         encoder = front_of(restored) if restored.encoder is not None else None
-    encoder = None if network_only else encoder
-    require("nir-plain" if plain else "nir", Subject(encoder, network))
-    assert encoder is None or isinstance(encoder, AfferentSpec)  # `require` refuses the others
+    form = "nir-plain" if plain else "nir"
+    outside = graph.Outside()
+    if encoder is not None:
+        why = "as asked" if network_only else left_outside(form, Subject(encoder, network))
+        encoder, outside = (encoder, outside) if why is None else (None, graph.Outside(encoder, why))
+    if network.steps_per_bin > 1:
+        outside = outside._replace(step_ms=1e3 / network.clock_Hz, input_Hz=network.sampling_rate_Hz)
+    require(form, Subject(encoder, network))
+    assert encoder is None or isinstance(encoder, AfferentSpec)  # others are left outside
     exported = graph.of(
         network.on_own_clock(),
         encoder,
@@ -78,7 +89,10 @@ def to_nir(
         dt_s=dt_s,
         plain=plain,
         lower_refractory=lower_refractory,
+        outside=outside,
     )
+    if lines := outside.lines(encoder, rule):
+        log.warning("%s: outside the graph stay %s", "graph" if path is None else path, "; ".join(lines))
     if path is not None:
         file.write(exported, path, force=force)
     return exported
@@ -89,15 +103,20 @@ def from_nir(
     *,
     dt_s: float | None = None,
     sampling_rate_Hz: float | None = None,
+    reset: OwnReset = "to-value",
     backend: Backend = "auto",
 ) -> FromNIR:
     """The network in a NIR file or graph; from neurotact's own files also the encoder, the exit rule and the classes.
 
+    A graph of Linear, CubaLIF (recurrent or not), Linear, CubaLIF without biases, with one time constant a layer, is an
+    `RSNN`. Any other one of weights, delays and neurons is a network of the model `graph` (`networks/graph.py`), which
+    the reference runs: with biases, constants of each neuron, any number of layers, graphs within graphs.
+
     dt_s: seconds per step, for files without it (snnTorch's have 1e-4). sampling_rate_Hz: of the network, if a step in
     another program's file means another time than `dt_s`; None: 1 / dt_s. Either is refused if it differs from what the
     file states.
-    Raises InputError for files that are damaged or hostile, for graphs that are not Linear, CubaLIF (recurrent or not),
-    Linear, CubaLIF, and for features that neurotact's networks do not have.
+    reset: `subtract` for a network of another program that was trained with that reset: files can only say a value.
+    Raises InputError for files that are damaged or hostile, and for nodes that neurotact's networks do not have.
 
     >>> net = RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0)
     >>> from_nir(to_nir(net)).network.n_inputs
@@ -107,7 +126,7 @@ def from_nir(
         raise InputError(f"sampling_rate_Hz: must be a positive number; got {sampling_rate_Hz}")
     is_file = isinstance(source, (str, Path))
     content = file.read(source) if is_file else source
-    return parse.parsed(content, dt_s, str(source) if is_file else "graph", sampling_rate_Hz, backend)
+    return parse.parsed(content, dt_s, str(source) if is_file else "graph", sampling_rate_Hz, backend, reset)
 
 
 def export_nir(
@@ -168,19 +187,14 @@ def proved(
     restored = fitted.restore(run, spikes=spikes)
     encoder = front_of(restored)
     network = rsnn_of("nir-plain", restored.network)
-    require("nir-plain", Subject(encoder, network))
-    assert encoder is None or isinstance(encoder, AfferentSpec)  # `require` refuses the others
     written = note.of(made, "graph")
-    has_afferents = written is not None and written.encoder is not None
     known = recorded(restored, recordings)
-    rate_Hz, signals = known.sampling_rate_Hz, known.test[:n_trials]
+    inputs = list(_inputs(known, encoder, network, n_trials, with_afferents=bool(written and written.encoder)))
     tables: list[pd.DataFrame] = []
     for simulator in compare.SIMULATORS:
-        for trial, signal in enumerate(signals):
-            raster, more = _spikes_of(signal, encoder, rate_Hz, network.sampling_rate_Hz)
-            more = more if has_afferents else {}
+        for trial, (raster, more) in enumerate(inputs):
             try:
-                table = compare.report(network, made, raster, (simulator,), **more)
+                table = compare.report(network.on_own_clock(), made, raster, (simulator,), **more)
             except InputError as error:
                 say(f"{simulator} is skipped: {error}")
                 break
@@ -189,14 +203,24 @@ def proved(
     return _joined(tables)
 
 
-def _spikes_of(
-    signal: np.ndarray, encoder: AfferentSpec | None, rate_Hz: float, clock_Hz: float
-) -> tuple[np.ndarray, dict[str, Any]]:
-    """The spikes of a trial, `(1, step, afferent)`, and what the comparison of afferents needs; events as given."""
-    if encoder is None:
-        return signal[None], {}
-    conditioned = compare.conditioned_trial(signal, encoder, rate_Hz)
-    return afferents.encode(conditioned, clock_Hz, encoder)[0], {"conditioned": conditioned, "encoder": encoder}
+def _inputs(
+    known: Recorded, encoder: EncoderSpec | None, network: RSNN, n_trials: int, *, with_afferents: bool
+) -> Iterator[tuple[np.ndarray, dict[str, Any]]]:
+    """Of some test trials, spikes as the network computes them, and the rest that `compare.report` takes."""
+    for signal in known.test[:n_trials]:
+        if with_afferents:
+            assert isinstance(encoder, AfferentSpec)
+            conditioned = compare.conditioned_trial(signal, encoder, known.sampling_rate_Hz)
+            raster = afferents.encode(conditioned, network.sampling_rate_Hz, encoder)[0]
+            yield raster, {"conditioned": conditioned, "encoder": encoder}
+        elif encoder is None:  # events as given
+            yield network.binned(torch.from_numpy(signal[None])).numpy(), {}
+        else:
+            one = Recordings([signal], known.sampling_rate_Hz, encoder.unit, pd.DataFrame({"label": ["test"]}))
+            trains = encode_recordings(one, encoder)
+            raster = torch.zeros(1, int(trains.trial_steps[0]), len(trains.afferents), dtype=torch.uint8)
+            raster[0, trains.steps[0], trains.units[0]] = 1
+            yield network.binned(raster).numpy(), {}
 
 
 def _joined(tables: list[pd.DataFrame]) -> pd.DataFrame:

@@ -1,21 +1,26 @@
-"""A small interpreter of NIR graphs, step by step, independent of every simulator.
+"""NIR graphs as networks of `networks/graph.py`, and an interpreter of them in float64, independent of every simulator.
 
-Float64 and forward Euler, as in `nodes`. A `Delay` returns its input after its own time, and zeros before. An edge that
-closes a cycle without a `Delay` returns the output of its node one step before.
+A `Delay` returns its input after its own time, and zeros before.
 """
 
-from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+import torch
+from neurotact_parts.networks.graph import SPIKING, Graph, GraphNetwork, Kind
 
 from neurotact.errors import InputError
+from neurotact.networks.definition.parts import Sizes
 
 LONGEST = 100_000
 """Maximum number of steps of a `Delay`."""
-Step = Callable[[np.ndarray], np.ndarray]
+KINDS: tuple[str, ...] = Kind.__args__
+"""The supported nodes."""
+ROUNDED = 1e-6
+"""Relative difference of a factor from 1 that comes from values written in float32."""
 Flat = tuple[dict[str, Any], list[tuple[str, str]]]
+Values = dict[str, np.ndarray]
 
 
 def flat(graph: Any, prefix: str = "") -> Flat:
@@ -45,174 +50,136 @@ def _end(nodes: dict[str, Any], name: str, kind: str) -> str:
     return ends[0]
 
 
-class Interpreter:
-    """A graph that is ready to run, on a clock of `dt_s` seconds per step.
+def joined(nodes: dict[str, Any], edges: list[tuple[str, str]]) -> Flat:
+    """A flat graph without the ends of inner graphs, which only pass on what they get."""
+    inner = {name for name, node in nodes.items() if "/" in name and type(node).__name__ in ("Input", "Output")}
+    for end in inner:
+        before, after = [a for a, b in edges if b == end], [b for a, b in edges if a == end]
+        edges = [edge for edge in edges if end not in edge] + [(a, b) for a in before for b in after]
+    return {name: node for name, node in nodes.items() if name not in inner}, edges
+
+
+def keys_of(nodes: dict[str, Any], edges: list[tuple[str, str]], dt_s: float) -> tuple[Graph, dict[str, Values]]:
+    """A flat graph as the keys of a network and the values of each node, on a clock of `dt_s` seconds per step.
 
     InputError for an unknown node, a delay that is not a whole number of steps, and sizes that do not fit.
     """
+    for name, node in nodes.items():
+        if type(node).__name__ not in KINDS:
+            raise InputError(f"graph: '{name}' is a {type(node).__name__}, which is not interpreted")
+    widths = {name: (_width(node.input_type), _width(node.output_type)) for name, node in nodes.items()}
+    for a, b in edges:
+        if widths[a][1] != widths[b][0]:
+            raise InputError(f"graph: '{b}' takes {widths[b][0]} values and receives {widths[a][1]}")
+    keys = Graph(
+        names=tuple(nodes), kinds=tuple(type(node).__name__ for node in nodes.values()),  # pyright: ignore
+        widths=tuple(widths.values()), edges=tuple(dict.fromkeys(edges)),
+    )  # fmt: skip
+    return keys, {name: _VALUES[type(node).__name__](node, dt_s, name) for name, node in nodes.items()}
+
+
+def load(network: GraphNetwork, values: dict[str, Values]) -> None:
+    """Set the values of the nodes of a network."""
+    for name, node in network.of_name.items():
+        for key, value in values[name].items():
+            own = getattr(node, key)
+            given = torch.from_numpy(np.array(np.broadcast_to(value, own.shape)))
+            own.data = given if key == "steps" else given.to(own.dtype)
+
+
+class Interpreter:
+    """A graph that is ready to run, on a clock of `dt_s` seconds per step; errors as of `keys_of`."""
 
     def __init__(self, graph: Any, dt_s: float) -> None:
-        self.nodes, self.edges = flat(graph)
-        self.dt_s = dt_s
-        for name, node in self.nodes.items():
-            if type(node).__name__ not in KINDS:
-                raise InputError(f"graph: '{name}' is a {type(node).__name__}, which is not interpreted")
-        self.inputs = {name: [a for a, b in self.edges if b == name] for name in self.nodes}
-        self.delays = {name: self._steps_of(name) for name in self.nodes if type(self.nodes[name]).__name__ == "Delay"}
-        self.order = self._order()
+        self.nodes, edges = flat(graph)
+        keys, values = keys_of(self.nodes, edges, dt_s)
+        self.network = GraphNetwork(keys, Sizes(1, 1, 1.0, 1.0)).double()
+        load(self.network, values)
 
+    @torch.no_grad()
     def run(self, signal: np.ndarray, record: Sequence[str] = ("output",)) -> dict[str, np.ndarray]:
         """The outputs of nodes, `(trial, time, value)` each, for an input `(trial, time, value)` of float.
 
         record: names of nodes; an inner graph's own name means its output.
         """
-        n_trials, n_steps, _ = signal.shape
         recorded = {name: name if name in self.nodes else _end(self.nodes, name, "Output") for name in record}
-        before: dict[str, np.ndarray] = {}
-        histories = {
-            name: deque([np.zeros((n_trials, len(steps)))] * int(steps.max()), maxlen=int(steps.max()))
-            for name, steps in self.delays.items()
-        }  # fmt: skip
-        state: dict[str, Step] = {
-            name: KINDS[type(node).__name__](node, self.dt_s, n_trials) for name, node in self.nodes.items()
-            if name not in self.delays
-        }  # fmt: skip
-        outputs: dict[str, list[np.ndarray]] = {name: [] for name in recorded}
-        for t in range(n_steps):
-            now = {name: _delayed_output(histories[name], steps) for name, steps in self.delays.items()}
-            for name in self.order:
-                inputs = [now.get(a, before.get(a)) for a in self.inputs[name]] or [signal[:, t]]
-                now[name] = state[name](_sum(inputs, n_trials, self.nodes[name], name))
-            for name in self.delays:
-                inputs = [now[a] for a in self.inputs[name]]
-                histories[name].append(_sum(inputs, n_trials, self.nodes[name], name))
-            for name, node in recorded.items():
-                outputs[name].append(now[node])
-            before = now
-        shape = {name: _width(self.nodes[node]) for name, node in recorded.items()}
-        return {
-            name: np.stack(rows, axis=1) if rows else np.zeros((n_trials, 0, shape[name]))
-            for name, rows in outputs.items()
+        found = self.network.run(torch.from_numpy(np.asarray(signal, np.float64)), [*recorded.values()])
+        return {name: found[node].numpy() for name, node in recorded.items()}
+
+
+def _width(type_: dict[str, Any]) -> int:
+    return int(np.prod(next(iter(type_.values()))))
+
+
+# --- the values of nodes ----------------------------------------------------------------------------
+
+
+def _none(node: Any, dt_s: float, name: str) -> Values:
+    return {}
+
+
+def _weights(node: Any, dt_s: float, name: str) -> Values:
+    if np.ndim(node.weight) != 2:
+        raise InputError(f"graph: the weights of '{name}' are not a matrix, which is not supported")
+    weight = {"weight": np.asarray(node.weight, np.float64)}
+    return weight | ({"bias": np.asarray(node.bias, np.float64)} if hasattr(node, "bias") else {})
+
+
+def _steps(node: Any, dt_s: float, name: str) -> Values:
+    steps = np.asarray(node.delay, np.float64).ravel() / dt_s
+    whole = np.rint(steps)
+    if not (np.isfinite(steps).all() and (np.abs(steps - whole) < 1e-6).all() and (whole >= 1).all()):
+        raise InputError(f"graph: the delay of '{name}' is not a whole number of {dt_s:g} s steps, from 1 on")
+    if (whole > LONGEST).any():
+        raise InputError(f"graph: the delay of '{name}' is {whole.max():g} steps; at most {LONGEST:,} are possible")
+    return {"steps": whole.astype(np.int64)}
+
+
+def neurons(node: Any, dt_s: float, name: str) -> Values:
+    """Constants per step. Factors of a spiking neuron's input are merged into its thresholds, as in snnTorch."""
+    given = {
+        key: np.asarray(value, np.float64).ravel()
+        for key in ("tau", "tau_syn", "tau_mem", "r", "w_in", "v_leak", "v_threshold", "v_reset")
+        if (value := getattr(node, key, None)) is not None
+    }
+    adds = not {"tau", "tau_mem"} & given.keys()
+    rate = dt_s if adds else dt_s / given["tau" if "tau" in given else "tau_mem"]
+    values = {
+        "beta": np.ones_like(given["r"]) if adds else 1.0 - rate,
+        "leaked": np.zeros_like(given["r"]) if adds else rate * given["v_leak"],
+        "h": _rounded(given["r"] * rate),
+    }
+    if "tau_syn" in given:
+        values |= {
+            "alpha": 1.0 - dt_s / given["tau_syn"],
+            "g": _rounded(given["w_in"] * (dt_s / given["tau_syn"])),
         }
-
-    def _steps_of(self, name: str) -> np.ndarray:
-        steps = np.asarray(self.nodes[name].delay, np.float64) / self.dt_s
-        whole = np.rint(steps)
-        if not (np.isfinite(steps).all() and (np.abs(steps - whole) < 1e-6).all() and (whole >= 1).all()):
-            raise InputError(f"graph: the delay of '{name}' is not a whole number of {self.dt_s:g} s steps, from 1 on")
-        if (whole > LONGEST).any():
-            raise InputError(f"graph: the delay of '{name}' is {whole.max():g} steps; at most {LONGEST:,} are possible")
-        return whole.astype(np.int64)
-
-    def _order(self) -> list[str]:
-        """Nodes in the order of computation in a step: depth first from the inputs, with cycles cut."""
-        following = {name: [b for a, b in self.edges if a == name] for name in self.nodes}
-        begins = [name for name in self.nodes if not self.inputs[name]] + [*self.delays]
-        seen: set[str] = set()
-        finished: list[str] = []
-        for begin in begins:
-            stack: list[tuple[str, Iterable[str]]] = []
-            if begin not in seen:
-                seen.add(begin)
-                stack.append((begin, iter(following[begin])))
-            while stack:
-                name, rest = stack[-1]
-                after = next((key for key in rest if key not in seen and key not in self.delays), None)
-                if after is None:
-                    stack.pop()
-                    finished.append(name)
-                else:
-                    seen.add(after)
-                    stack.append((after, iter(following[after])))
-        return [name for name in reversed(finished) if name not in self.delays]
+    for key in {"alpha", "beta"} & values.keys():
+        if not ((values[key] > -CLOSE) & (values[key] <= 1)).all():
+            raise InputError(f"graph: '{name}' has a time constant below the step of {dt_s:g} s; give another dt_s")
+        values[key] = values[key].clip(min=0.0)
+    if type(node).__name__ not in SPIKING:
+        return values
+    factor = values["h"] * values.get("g", 1.0)
+    factor = factor if (factor > 0).all() else np.ones_like(factor)
+    if (factor != 1).any():
+        values |= {key: np.ones_like(factor) for key in {"g", "h"} & values.keys()}
+        values["leaked"] = values["leaked"] / factor
+    return values | {"threshold": given["v_threshold"] / factor, "v_reset": given["v_reset"] / factor}
 
 
-def _delayed_output(history: Sequence[np.ndarray], steps: np.ndarray) -> np.ndarray:
-    """The present output of a delay of `steps`, one for each value; `history` ends with the last step."""
-    now = np.empty_like(history[-1])
-    for n in np.unique(steps):
-        now[:, steps == n] = history[-n][:, steps == n]
-    return now
+CLOSE = 1e-9
+"""What rounding may take a decay below 0."""
 
 
-def _sum(inputs: Sequence[np.ndarray | None], n_trials: int, node: Any, name: str) -> np.ndarray:
-    width = int(np.prod(next(iter(node.input_type.values()))))
-    total = np.zeros((n_trials, width))
-    for values in inputs:
-        if values is None:  # a cycle, before its first step
-            continue
-        if values.shape[1] != width:
-            raise InputError(f"graph: '{name}' takes {width} values and receives {values.shape[1]}")
-        total = total + values
-    return total
+def _rounded(factor: np.ndarray) -> np.ndarray:
+    """A factor, as 1 where it differs by what float32 rounds."""
+    return np.where(np.abs(factor - 1.0) < ROUNDED, 1.0, factor)
 
 
-def _width(node: Any) -> int:
-    return int(np.prod(next(iter(node.output_type.values()))))
-
-
-def _same(node: Any, dt_s: float, n_trials: int) -> Step:
-    return lambda x: x
-
-
-def _linear(node: Any, dt_s: float, n_trials: int) -> Step:
-    weight = np.asarray(node.weight, np.float64).T
-    bias = np.asarray(getattr(node, "bias", 0.0), np.float64)
-    return lambda x: x @ weight + bias
-
-
-def _scale(node: Any, dt_s: float, n_trials: int) -> Step:
-    return lambda x: x * node.scale
-
-
-def _threshold(node: Any, dt_s: float, n_trials: int) -> Step:
-    return lambda x: (x > node.threshold).astype(np.float64)
-
-
-class _Leaky:
-    """`v += dt/tau (v_leak - v + r x)`; with a threshold, spikes, and v_reset after them."""
-
-    def __init__(
-        self, dt_s: float, tau: np.ndarray, r: np.ndarray, v_leak: np.ndarray, n_trials: int, node: Any = None
-    ):
-        self.decay = 1.0 - dt_s / np.asarray(tau, np.float64)
-        self.gain = dt_s / np.asarray(tau, np.float64) * np.asarray(r, np.float64)
-        self.leaked = dt_s / np.asarray(tau, np.float64) * np.asarray(v_leak, np.float64)
-        self.v = np.zeros((n_trials, len(self.decay)))
-        self.node = node
-
-    def __call__(self, x: np.ndarray) -> np.ndarray:
-        self.v = self.decay * self.v + self.leaked + self.gain * x
-        if self.node is None:
-            return self.v
-        fired = self.v > self.node.v_threshold
-        self.v = np.where(fired, self.node.v_reset, self.v)
-        return fired.astype(np.float64)
-
-
-def _leak(node: Any, dt_s: float, n_trials: int) -> Step:
-    spiking = node if hasattr(node, "v_threshold") else None
-    return _Leaky(dt_s, node.tau, node.r, node.v_leak, n_trials, spiking)
-
-
-def _current_based(node: Any, dt_s: float, n_trials: int) -> Step:
-    synapse = _Leaky(dt_s, node.tau_syn, node.w_in, np.zeros_like(node.tau_syn), n_trials)
-    spiking = node if hasattr(node, "v_threshold") else None
-    membrane = _Leaky(dt_s, node.tau_mem, node.r, node.v_leak, n_trials, spiking)
-    return lambda x: membrane(synapse(x))
-
-
-def _integrate(node: Any, dt_s: float, n_trials: int) -> Step:
-    r = np.asarray(node.r, np.float64)
-    spiking = node if hasattr(node, "v_threshold") else None
-    adder = _Leaky(dt_s, np.full(r.shape, np.inf), r, np.zeros(r.shape), n_trials, spiking)
-    adder.gain = dt_s * r
-    return adder
-
-
-KINDS: dict[str, Callable[[Any, float, int], Step]] = {
-    "Input": _same, "Output": _same, "Linear": _linear, "Affine": _linear, "Scale": _scale, "Threshold": _threshold,
-    "Delay": _same, "LI": _leak, "LIF": _leak, "CubaLI": _current_based, "CubaLIF": _current_based, "I": _integrate,
-    "IF": _integrate,
+_VALUES: dict[str, Callable[[Any, float, str], Values]] = {
+    **dict.fromkeys(KINDS, neurons), **dict.fromkeys(("Input", "Output"), _none),
+    **dict.fromkeys(("Linear", "Affine"), _weights), "Delay": _steps,
+    "Scale": lambda node, dt_s, name: {"factor": np.asarray(node.scale, np.float64)},
+    "Threshold": lambda node, dt_s, name: {"threshold": np.asarray(node.threshold, np.float64)},
 }  # fmt: skip
-"""The supported nodes."""

@@ -1,5 +1,7 @@
 """NIR files (HDF5): written completely, and read after a check of every declared size, link and type."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +21,26 @@ DEEPEST = 3
 
 
 def write(graph: Any, path: str | Path, *, force: bool = False) -> None:
-    """Write a graph; an existing file is refused unless `force`."""
+    """Write a graph; an existing file is refused unless `force`.
+
+    Its nodes keep their order, without which snnTorch's import fails for graphs within a graph.
+    """
     files.check_new(path, force=force)
     with files.whole(path) as draft:
-        with Output(draft) as output:
+        with Output(draft) as output, _in_order():
             nir().write(output, graph)
         output.check()
+
+
+@contextmanager
+def _in_order() -> Iterator[None]:
+    """Let new HDF5 groups keep the order of what is put into them."""
+    config = h5py.get_config()
+    before, config.track_order = config.track_order, True
+    try:
+        yield
+    finally:
+        config.track_order = before
 
 
 def read(path: str | Path) -> Any:

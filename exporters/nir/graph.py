@@ -1,6 +1,6 @@
 """A network, with or without its encoder, as one NIR graph."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from neurotact_parts.exporters.nir import afferents, layers
@@ -8,10 +8,39 @@ from neurotact_parts.exporters.nir.nodes import Clock, graph
 from neurotact_parts.exporters.nir.note import Note
 
 from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.model import EncoderSpec
 from neurotact.encoders.specs import n_afferents, taxels_of
 from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+
+
+class Outside(NamedTuple):
+    """What of a chain a graph does not hold.
+
+    encoder: its encoder, if the graph begins with spikes, and `why`. step_ms: of the bins that the graph receives, of
+    spikes on a clock of `input_Hz`; None: it receives spikes as they are.
+    """
+
+    encoder: EncoderSpec | None = None
+    why: str = ""
+    step_ms: float | None = None
+    input_Hz: float | None = None
+
+    def lines(self, encoder: AfferentSpec | None, rule: ExitRule) -> list[str]:
+        """What stays outside, in words, with an `encoder` in the graph or none."""
+        lines = (
+            [] if encoder is None else ["conditioning: the graph takes the conditioned signal and its rate of change"]
+        )
+        if self.encoder is not None:
+            lines.append(f"the encoder ({self.why}): the graph takes its spikes")
+        if self.step_ms is not None:
+            lines.append(
+                f"bins of the clock: the graph takes spikes in bins of {self.step_ms:g} ms, at most one in each"
+            )
+        if not rule.never:
+            lines.append("early exit: the graph computes whole windows")
+        return lines
 
 
 def of(
@@ -23,8 +52,11 @@ def of(
     dt_s: float | None = None,
     plain: bool = False,
     lower_refractory: bool = False,
+    outside: Outside = Outside(),
 ) -> Any:
     """The graph, from afferents' spikes or, with an encoder, from their signals, to the readout.
+
+    network: on its own clock. outside: what of its chain the graph does not hold.
 
     dt_s: seconds per step in the file; None: 1 / clock. snnTorch uses 1e-4 for any file.
     plain, lower_refractory: see `layers` and `afferents`.
@@ -46,6 +78,8 @@ def of(
         edges = links + [("afferents" if a == "input" else a, b) for a, b in edges]
         nodes = {**front, **nodes}
         silent = {key: encoder.neuron(getattr(encoder, key), rate_Hz).refractory_steps for key in ("sa1", "ra1")}
+    elif lower_refractory and outside.encoder is not None:
+        raise InputError(f"lower_refractory: the encoder stays outside the graph ({outside.why}); leave it out")
     elif lower_refractory:
         raise InputError("lower_refractory: the graph has no afferents; export it with its encoder")
     note = Note(
@@ -62,8 +96,13 @@ def of(
         lowered=lower_refractory,
         exit_patience=rule.patience,
         exit_from_first_spike=rule.from_first_spike,
+        outside=tuple(outside.lines(encoder, rule)),
+        encoder_outside=None if outside.encoder is None else outside.encoder.model_dump(mode="json", exclude_none=True),
+        step_ms=outside.step_ms,
+        input_Hz=outside.input_Hz,
     )
-    return graph(nodes, edges, n_inputs, network.n_classes, note.metadata())
+    wide = network.stretches.number if plain and network.stretches is not None else 1
+    return graph(nodes, edges, n_inputs, wide * network.n_classes, note.metadata())
 
 
 def _differences(network: RSNN, silent: dict[str, int] | None, *, plain: bool, lowered: bool) -> list[str]:

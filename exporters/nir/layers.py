@@ -5,6 +5,7 @@ NIR's CubaLIF computes membrane `immediate` with reset `hard`, step by step. Oth
 - `delayed` and `eq4` are the same neuron with its input two steps later (see `exporters.snntorch`), `eq4` with its
   current times beta: a `Delay` before every layer and in the recurrence.
 - reset `subtract`: a leaky integrator and a `Threshold`, whose spike returns one step later, times -threshold.
+- a readout of stretches: a counter of steps, and thresholds that let spikes pass to the weights of the present stretch.
 - reset `zero`: a spike returns one step later with a force that makes the membrane fire again, for any input. This
   resets it to zero once more, and a `Threshold` removes the second spike.
 
@@ -78,23 +79,24 @@ def of_network(network: RSNN, clock: Clock, *, plain: bool = False) -> Layered:
     plain: each layer as only CubaLIF and Linear, which snnTorch and Norse load; see `differences` for what is lost.
     """
     hidden, n_hidden = Neuron.of(network, 0, plain=plain), network.spec.hidden
-    past: dict[str, Any] = {}
-    if network.spec.hears_afferents:
-        past = {"w_direct": linear(_array(network.w_out[n_hidden:])), **_integrator(network, clock)}
+    past, beside = _past(network, clock)
     if not n_hidden:
-        return past, _chained(["input", "w_direct", "sum", "level", "output"])
+        return past, beside + _chained(["sum", "level", "output"])
     nodes: dict[str, Any] = {"w_in": linear(_array(network.w_in)), **past}
-    edges: Edges = []
     if hidden.late:
         nodes["late"] = clock.delay(hidden.late, network.n_inputs)
     nodes["hidden"] = _hidden(network, hidden, clock, plain=plain)
-    nodes["w_out"] = linear(_array(network.w_out[:n_hidden]))
+    nodes["w_out"] = linear(_w_out(network, plain=plain))
+    path = ["input", *(["late"] if hidden.late else []), "w_in", "hidden"]
     if network.bias is not None:
-        path = ["input", *(["late"] if hidden.late else []), "w_in", "hidden", "w_out"]
+        path += ["w_out"]
         if not plain:
             nodes |= _integrator(network, clock)
             path += ["sum", "level"]
-        return nodes, _chained([*path, "output"]) + (_chained(["input", "w_direct", "sum"]) if past else [])
+        if network.w_stretch is not None and not plain:
+            nodes["stretched"] = _stretched(network, network.w_stretch[:, :n_hidden], clock)
+            beside += _chained(["hidden", "stretched", "sum"])
+        return nodes, _chained([*path, "output"]) + beside
     readout = Neuron.of(network, 1, plain=plain)
     if readout.late:
         nodes["late_out"] = clock.delay(readout.late, n_hidden)
@@ -105,8 +107,27 @@ def of_network(network: RSNN, clock: Clock, *, plain: bool = False) -> Layered:
         )
     else:
         nodes["readout"] = parts["lif"]
-    edges += _chained(["input", *(["late"] if hidden.late else []), "w_in", "hidden"])
-    return nodes, edges + _chained(["hidden", *(["late_out"] if readout.late else []), "w_out", "readout", "output"])
+    return nodes, _chained([*path, *(["late_out"] if readout.late else []), "w_out", "readout", "output"])
+
+
+def _past(network: RSNN, clock: Clock) -> Layered:
+    """What leads input spikes past the hidden layer into an integrator; nothing where it does not hear them."""
+    if not network.spec.hears_afferents:
+        return {}, []
+    n_hidden, edges = network.spec.hidden, _chained(["input", "w_direct", "sum"])
+    nodes: dict[str, Any] = {"w_direct": linear(_array(network.w_out[n_hidden:])), **_integrator(network, clock)}
+    if network.w_stretch is not None:
+        nodes["stretched_direct"] = _stretched(network, network.w_stretch[:, n_hidden:], clock)
+        edges += _chained(["input", "stretched_direct", "sum"])
+    return nodes, edges
+
+
+def _w_out(network: RSNN, *, plain: bool) -> np.ndarray:
+    """Weights from hidden neurons `(hidden, class)`; plain, and of stretches: `(hidden, K class)`."""
+    n_hidden = network.spec.hidden
+    if plain and network.w_stretch is not None:
+        return _array(network.readout_weights[:, :n_hidden].transpose(0, 1).flatten(1))
+    return _array(network.w_out[:n_hidden])
 
 
 def _hidden(network: RSNN, neuron: Neuron, clock: Clock, *, plain: bool) -> Any:
@@ -138,6 +159,31 @@ def _integrator(network: RSNN, clock: Clock) -> dict[str, Any]:
     return {"sum": adder, "level": nir().Affine(weight=np.eye(len(bias)), bias=bias)}
 
 
+def _stretched(network: RSNN, weights: torch.Tensor, clock: Clock) -> Any:
+    """What spikes add through the weights of the present stretch, `(K, heard, class)`.
+
+    `steps` counts to t + 1. A stretch k is `open` where `begun` and not `ended`: there alone spikes pass to `w<k>`.
+    """
+    how = network.stretches
+    assert how is not None
+    k, n, n_classes = weights.shape
+    begins = how.steps * np.arange(k) + 0.5
+    nodes: dict[str, Any] = {
+        "one": nir().Affine(weight=np.zeros((k, n)), bias=np.ones(k)),
+        "steps": clock.adder(k),
+        "begun": nir().Threshold(threshold=begins),
+        "ended": nir().Threshold(threshold=np.append(begins[1:], FORCE)),
+        "not": scale(-1.0, k),
+    }
+    edges = _chained(["input", "one", "steps", "begun"]) + _chained(["steps", "ended", "not"])
+    for index in range(k):
+        names = gate, is_open, w = f"gate{index}", f"open{index}", f"w{index}"
+        parts = linear(np.eye(k)[:, [index]] * np.ones(n)), threshold(1.5, n), linear(_array(weights[index]))
+        nodes |= dict(zip(names, parts, strict=True))
+        edges += [("begun", gate), ("not", gate), (gate, is_open), ("input", is_open), (is_open, w), (w, "output")]
+    return graph(nodes, edges, n, n_classes)
+
+
 def differences(network: RSNN) -> list[str]:
     """The differences between the plain form and the network, in words; empty if there are none."""
     spec, lines = network.spec, []
@@ -150,6 +196,12 @@ def differences(network: RSNN) -> list[str]:
         lines.append(f"membrane {spec.membrane} is written as immediate: each layer responds two steps earlier{back}")
     if spec.recurrent and spec.recurrent_delay_steps:
         lines.append("the recurrent delay of one step is left out")
+    if network.stretches is not None:
+        k, steps = network.stretches
+        lines.append(
+            f"the output has the increments of all classes for each of {k} stretches of {steps} steps, stretch by "
+            "stretch: take in each step those of its stretch"
+        )
     if network.bias is not None:
         leak_ms = spec.readout_leak_ms
         decays = "" if leak_ms is None else f" with a decay of {leak_ms:g} ms"

@@ -12,6 +12,9 @@ from neurotact.networks.exit.rule import ExitRule
 from neurotact.spec import Spec, build
 
 KEY = "neurotact"
+REFRACTORY = "refractory_time"
+"""The metadata of neurons that are silent after a spike, in s for each: the name that NIR's developers propose for a
+parameter (github.com/neuromorphs/NIR/issues/138)."""
 DISCRETISATION = "forward Euler in steps of dt_s; a cycle without a Delay comes back in the next step"
 
 
@@ -42,6 +45,14 @@ class Note(Spec):
     exit_patience: int | None = Field(default=None, ge=1)
     """Early exit: decide when the same class has led for more steps than this, counted from the first readout spike;
     NIR does not define it."""
+    outside: tuple[str, ...] = ()
+    """What of the chain the graph does not hold, in words."""
+    encoder_outside: dict[str, Any] | None = None
+    """Of a graph that begins with spikes: the encoder that makes them."""
+    step_ms: float | None = Field(default=None, gt=0)
+    """Of a graph that receives spikes in bins: their length."""
+    input_Hz: float | None = Field(default=None, gt=0)
+    """Of such a graph: steps per second of the spikes that are put into bins."""
     gone = {"exit_margin": None}
     exit_from_first_spike: bool = True
     neurotact: str = __version__

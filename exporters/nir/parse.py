@@ -4,26 +4,33 @@ A graph of neurotact is marked in its metadata. The network is built from the no
 again, and both graphs are compared node by node: metadata never override the nodes.
 """
 
+import logging
 import math
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from neurotact_parts.exporters.nir import note
-from neurotact_parts.exporters.nir.execute import flat
+from neurotact_parts.exporters.nir.execute import flat, joined, keys_of, load, neurons
 from neurotact_parts.exporters.nir.nodes import Clock
-from neurotact_parts.exporters.nir.note import Note
+from neurotact_parts.exporters.nir.note import REFRACTORY, Note
 from neurotact_parts.exporters.snntorch import tau_ms
+from neurotact_parts.networks.graph import GraphNetwork, OwnReset
+from neurotact_parts.streams.chain import encoder_of
 
 from neurotact.backend import Backend
 from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.model import EncoderSpec
 from neurotact.errors import InputError
+from neurotact.networks.definition import module
+from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.rule import ExitRule
 from neurotact.networks.training.run_folder import shapes_of
 from neurotact.spec import build
 
+log = logging.getLogger("neurotact")
 CLOSE = 1e-9
 """Relative tolerance, for rounding, between a value in a file of neurotact and the value that it writes again."""
 
@@ -31,8 +38,8 @@ CLOSE = 1e-9
 class FromNIR(NamedTuple):
     """The content of a NIR file: a network; in files of neurotact also the encoder, the exit rule and the classes."""
 
-    network: RSNN
-    encoder: AfferentSpec | None
+    network: Network
+    encoder: EncoderSpec | None
     rule: ExitRule
     classes: tuple[str, ...]
 
@@ -43,6 +50,7 @@ def parsed(
     source: str,
     sampling_rate_Hz: float | None = None,
     backend: Backend = "auto",
+    reset: OwnReset = "to-value",
 ) -> FromNIR:
     """The network of a graph; `dt_s`: its step, if its metadata have none. `source`: for messages."""
     try:
@@ -50,9 +58,11 @@ def parsed(
         if written is not None:
             _check_stated("dt_s", dt_s, written.dt_s, source)
             _check_stated("sampling_rate_Hz", sampling_rate_Hz, written.sampling_rate_Hz, source)
+            if reset != "to-value":
+                raise InputError(f"reset: {source} states that of its network; leave reset out")
             return _from_neurotact(graph, written, source, backend)
         step_s = _step(graph, dt_s, source)
-        network = _from_other(graph, step_s, sampling_rate_Hz or 1.0 / step_s, source, backend)
+        network = _from_other(graph, step_s, sampling_rate_Hz or 1.0 / step_s, source, backend, reset)
     except (KeyError, AttributeError, IndexError, TypeError, ValueError, OverflowError) as error:
         if isinstance(error, InputError):
             raise
@@ -111,6 +121,7 @@ def _from_neurotact(graph: Any, written: Note, source: str, backend: Backend) ->
         "w_in": into, "w_out": np.concatenate(out),
         **({"w_rec": nodes["hidden/w_rec"].weight.T} if spec.recurrent else {}),
         **({"bias": nodes["level"].bias} if spec.integrates else {}),
+        **({"w_stretch": _stretches(nodes, spec.readout_stretches)} if spec.readout_stretches > 1 else {}),
         **{
             name: np.array([a if a is not None else c, b if b is not None else c])
             for name, a, b, c in zip(("alpha", "beta", "threshold"), hidden, readout, written.unused, strict=True)
@@ -125,7 +136,27 @@ def _from_neurotact(graph: Any, written: Note, source: str, backend: Backend) ->
         lower_refractory=written.lowered,
     )  # fmt: skip
     _check_same(graph, again, source)
-    return FromNIR(network, encoder, written.rule, written.classes)
+    whole = encoder if written.encoder_outside is None else encoder_of(written.encoder_outside, source)
+    return FromNIR(_on_input_clock(network, written), whole, written.rule, written.classes)
+
+
+def _on_input_clock(network: RSNN, written: Note) -> RSNN:
+    """The network for spikes that it puts into bins itself, if a file was written of such a one."""
+    if written.step_ms is None or written.input_Hz is None:
+        return network
+    spec = network.spec.model_copy(update={"step_ms": written.step_ms})
+    binning = RSNN(
+        network.n_inputs, network.n_classes, spec, written.input_Hz, backend=network.backend,
+        generator=torch.Generator(), dtype=network.dtype,
+    )  # fmt: skip
+    binning.load_state_dict(network.state_dict())
+    return binning
+
+
+def _stretches(nodes: dict[str, Any], k: int) -> np.ndarray:
+    """The weights of each stretch, `(K, heard, class)`."""
+    parts = [name for name in ("stretched", "stretched_direct") if f"{name}/w0" in nodes]
+    return np.stack([np.concatenate([nodes[f"{name}/w{i}"].weight.T for name in parts]) for i in range(k)])
 
 
 def _dynamics(nodes: dict[str, Any], layer: str, clock: Clock, spec: RSNNSpec) -> tuple[Any, Any, Any]:
@@ -170,27 +201,65 @@ def _is_same(value: Any, other: Any) -> bool:
 # --- others' ----------------------------------------------------------------------------------------
 
 
-def _from_other(graph: Any, dt_s: float, rate_Hz: float, source: str, backend: Backend) -> RSNN:
-    """Input, Linear, CubaLIF (or a graph of it with a recurrent Linear), Linear, CubaLIF, Output."""
-    nodes, edges = flat(graph)
+def _from_other(graph: Any, dt_s: float, rate_Hz: float, source: str, backend: Backend, reset: OwnReset) -> Network:
+    """An RSNN of Linear, CubaLIF (or a graph of it with a recurrent Linear), Linear, CubaLIF; else a `GraphNetwork`."""
+    nodes, edges = joined(*flat(graph))
+    _check_whole(nodes, source)
+    try:
+        if reset == "to-value":
+            return _as_rsnn(nodes, edges, dt_s, rate_Hz, source, backend)
+    except _UnlikeError as why:
+        log.info("%s: is read as a network of model 'graph': %s", source, why)
+    keys, values = keys_of(nodes, edges, dt_s)
+    if not all(np.isfinite(value).all() for those in values.values() for value in those.values()):
+        raise InputError(f"{source}: has values that are not finite")
+    table = {"model": "graph", **keys.model_dump(mode="json", exclude_defaults=True), "reset": reset}
+    spec = build(RSNNSpec, table, source=source)
+    (begin,), (end,) = (keys.of_kind(kind) for kind in ("Input", "Output"))
+    sizes = keys.widths[keys.names.index(begin)][0], keys.widths[keys.names.index(end)][1]
+    network = module.new(*sizes, spec, rate_Hz, backend=backend)
+    assert isinstance(network, module.ModuleNetwork)
+    assert isinstance(network.module, GraphNetwork)
+    load(network.module, values)
+    return network
+
+
+def _check_whole(nodes: dict[str, Any], source: str) -> None:
+    """Refuse a graph without one input and one output, and what metadata say that would be lost."""
+    for kind in ("Input", "Output"):
+        n = sum(type(node).__name__ == kind for node in nodes.values())
+        if n != 1:
+            raise InputError(f"{source}: has {n} {kind} nodes; a network has one")
+    for name, node in nodes.items():
+        if np.any((getattr(node, "metadata", None) or {}).get(REFRACTORY, 0)):
+            raise InputError(
+                f"{source}: '{name}' has a {REFRACTORY} in its metadata, which the nodes do not have; take it out, or "
+                "write it as nodes (`lower_refractory`)"
+            )
+
+
+class _UnlikeError(Exception):
+    """Why a graph is no RSNN."""
+
+
+def _as_rsnn(
+    nodes: dict[str, Any], edges: list[tuple[str, str]], dt_s: float, rate_Hz: float, source: str, backend: Backend
+) -> RSNN:
     endpoints = {name for name, node in nodes.items() if type(node).__name__ in ("Input", "Output")}
-    path = _path(nodes, edges, endpoints, source)
+    path = _path(nodes, edges, endpoints)
     if len(path.chain) != 4:
-        kinds = ", ".join(type(nodes[name]).__name__ for name in path.chain)
-        raise InputError(f"{source}: must be Linear, CubaLIF, Linear, CubaLIF; found {kinds or 'nothing'}")
+        raise _UnlikeError(f"its chain has {len(path.chain)} nodes, not Linear, CubaLIF, Linear, CubaLIF")
     fc_in, hidden, fc_out, readout = (nodes[name] for name in path.chain)
     recurrent = None if path.recurrent is None else nodes[path.recurrent]
-    layers = [_layer(node, name, dt_s, source) for name, node in zip(path.chain[1::2], (hidden, readout), strict=True)]
-    w_in, w_out = (
-        _weights(node, source) * layer.scale[:, None] for node, layer in zip((fc_in, fc_out), layers, strict=True)
-    )
+    layers = [_layer(node, name, dt_s) for name, node in zip(path.chain[1::2], (hidden, readout), strict=True)]
+    w_in, w_out = (_weights(node) * layer.scale[:, None] for node, layer in zip((fc_in, fc_out), layers, strict=True))
     values = {
         "w_in": w_in.T, "w_out": w_out.T,
         "alpha": np.array([layer.alpha for layer in layers]), "beta": np.array([layer.beta for layer in layers]),
         "threshold": np.ones(2),
     }  # fmt: skip
     if recurrent is not None:
-        values["w_rec"] = (_weights(recurrent, source) * layers[0].scale[:, None]).T
+        values["w_rec"] = (_weights(recurrent) * layers[0].scale[:, None]).T
     spec = build(
         RSNNSpec,
         {
@@ -208,11 +277,11 @@ class _Path(NamedTuple):
     recurrent: str | None
 
 
-def _path(nodes: dict[str, Any], edges: list[tuple[str, str]], endpoints: set[str], source: str) -> _Path:
+def _path(nodes: dict[str, Any], edges: list[tuple[str, str]], endpoints: set[str]) -> _Path:
     """The computing nodes from input to output, and the recurrent one of the first neurons."""
     following: dict[str, list[str]] = {name: [b for a, b in edges if a == name] for name in nodes}
     node, chain, recurrent = (
-        next(name for name in nodes if type(nodes[name]).__name__ == "Input" and "/" not in name),
+        next(name for name in nodes if type(nodes[name]).__name__ == "Input"),
         [],
         None,
     )
@@ -222,18 +291,18 @@ def _path(nodes: dict[str, Any], edges: list[tuple[str, str]], endpoints: set[st
         if back and recurrent is None and type(nodes[node]).__name__ == "CubaLIF":
             recurrent = back[0]
             if following[recurrent] != [node]:
-                raise InputError(f"{source}: '{recurrent}' leads to more than one node, which is not a recurrence")
+                raise _UnlikeError(f"'{recurrent}' leads to more than one node")
         after = [key for key in after if key != recurrent]
         if not after:
             break
         if len(after) != 1 or len(chain) > 8:
-            raise InputError(f"{source}: '{node}' leads to {len(after)} nodes where a chain of layers is expected")
+            raise _UnlikeError(f"'{node}' leads to {len(after)} nodes")
         node = after[0]
         chain += [] if node in endpoints else [node]
     if len(nodes) != len(chain) + len(endpoints) + (recurrent is not None):
-        raise InputError(f"{source}: has nodes outside its chain of layers")
+        raise _UnlikeError("it has nodes outside its chain of layers")
     if recurrent is not None and recurrent in chain[2:]:
-        raise InputError(f"{source}: the readout is recurrent, which is not supported")
+        raise _UnlikeError("its readout is recurrent")
     return _Path(chain, recurrent)
 
 
@@ -243,34 +312,27 @@ class _Layer(NamedTuple):
     scale: np.ndarray
 
 
-def _layer(node: Any, name: str, dt_s: float, source: str) -> _Layer:
+def _layer(node: Any, name: str, dt_s: float) -> _Layer:
     """Decays, and the factor of the weights into each neuron that makes its threshold 1."""
     if type(node).__name__ != "CubaLIF":
-        raise InputError(f"{source}: '{name}' is a {type(node).__name__} where a CubaLIF is expected")
-    values = {
-        key: np.asarray(getattr(node, key), np.float64).ravel()
-        for key in ("tau_syn", "tau_mem", "r", "w_in", "v_threshold", "v_leak", "v_reset")
-    }
-    for key in ("v_leak", "v_reset"):
+        raise _UnlikeError(f"'{name}' is a {type(node).__name__}")
+    values = neurons(node, dt_s, name)
+    for key in ("leaked", "v_reset"):
         if values[key].any():
-            raise InputError(f"{source}: '{name}' has a {key} other than 0, which is not supported")
-    for key in ("tau_syn", "tau_mem"):
+            raise _UnlikeError(f"'{name}' has a v_leak or a v_reset other than 0")
+    for key in ("alpha", "beta"):
         if (values[key] != values[key][0]).any():
-            raise InputError(f"{source}: '{name}' has a different {key} for each neuron; neurotact's layers have one")
-    if not all((values[key] > 0).all() for key in ("tau_syn", "tau_mem", "v_threshold")):
-        raise InputError(f"{source}: '{name}' has a time constant or threshold that is not positive")
-    alpha, beta = (1.0 - dt_s / values[key][0] for key in ("tau_syn", "tau_mem"))
-    if min(alpha, beta) < -1e-9:
-        raise InputError(f"{source}: '{name}' has a time constant below the step of {dt_s:g} s; give another dt_s")
-    scale = dt_s / values["tau_syn"] * values["w_in"] * dt_s / values["tau_mem"] * values["r"] / values["v_threshold"]
-    return _Layer(max(alpha, 0.0), max(beta, 0.0), scale)
+            raise _UnlikeError(f"'{name}' has a different {key} for each neuron")
+    if not (values["threshold"] > 0).all() or (values["g"] != 1).any() or (values["h"] != 1).any():
+        raise _UnlikeError(f"'{name}' has a threshold or a weight that is not positive")
+    return _Layer(values["alpha"][0], values["beta"][0], 1.0 / values["threshold"])
 
 
-def _weights(node: Any, source: str) -> np.ndarray:
+def _weights(node: Any) -> np.ndarray:
     if type(node).__name__ not in ("Linear", "Affine") or node.weight.ndim != 2:
-        raise InputError(f"{source}: has a {type(node).__name__} where a Linear is expected")
+        raise _UnlikeError(f"it has a {type(node).__name__} where a Linear is expected")
     if np.any(getattr(node, "bias", 0)):
-        raise InputError(f"{source}: a projection has a bias that is not zero, which is not supported")
+        raise _UnlikeError("a projection has a bias")
     return np.asarray(node.weight, np.float64)
 
 

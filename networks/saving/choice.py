@@ -71,7 +71,7 @@ def interval(lost: np.ndarray) -> tuple[float, float, float]:
     centre = lost.sum() / (n + 2)
     error = math.sqrt((((lost**2).sum() + 2) / (n + 2) - centre**2) / (n + 2))
     half = float(norm.ppf((1 + CONFIDENCE) / 2)) * error
-    return mean, centre - half, centre + half
+    return mean, float(centre - half), float(centre + half)
 
 
 def table(trials: Sequence[Trial], ways: Mapping[str, Way], names: Sequence[str]) -> pd.DataFrame:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from neurotact_parts.exporters.c.measured import in_integers
 from neurotact_parts.networks.saving.choice import Chosen, Found, in_words, interval
 from neurotact_parts.networks.saving.proposals import Asked, keeps
 from neurotact_parts.networks.saving.start import Start
@@ -36,10 +37,17 @@ def write(found: Found, start: Start, asked: Asked, folder: Path) -> list[dict[s
             fitted = fitted_of(Job(point.trial.id, point.trial.point, point.trial.member), start)
         task = start.bench.task.model_copy(update={"window": window_of(fitted, start)})
         done = trainer.finished(fitted.network, fitted.training, fitted.sides, task)
-        _save(done, fitted, task, _spikes_of(fitted, folder, spikes), start, place)
+        path = _spikes_of(fitted, folder, spikes)
+        _save(done, fitted, task, path, start, place)
         rule = done.held.used if point.how == EARLY and done.held is not None else FULL_WINDOW
         rows.append(
-            {"folder": str(number), **_row(point, found, asked), **_tested(rights, _right(fitted, rule, start))}
+            {
+                "folder": str(number),
+                "spikes": path.name,
+                **_row(point, found, asked),
+                **_tested(rights, _right(fitted, rule, start)),
+                "integers": in_integers(fitted.network, fitted.sides)[0],
+            }
         )
     return rows
 

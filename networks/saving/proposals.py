@@ -126,7 +126,7 @@ def _by_tpe(first: Sequence[Trial], ways: Mapping[str, Way], asked: Asked) -> li
     """Points of NNI's TPE, which knows all trials by a trade-off of accuracy and energy."""
     base, n = Candidate(first[0], WHOLE), len(first)
     halving = HALVING[n // BATCH % len(HALVING)]
-    space = {name: {"_type": "randint", "_value": [0, len(way.amounts)]} for name, way in ways.items()}
+    space = {name: {"_type": "choice", "_value": [*range(len(way.amounts))]} for name, way in ways.items()}
     known = []
     for trial in first:
         if not trial.error:

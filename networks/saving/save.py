@@ -1,8 +1,10 @@
 """`neurotact save`: the network of a run, or of recordings, with as little energy as its accuracy allows."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from neurotact_parts.networks.saving import choice, figure
 from neurotact_parts.networks.saving import folder as points
 from neurotact_parts.networks.saving.proposals import Asked
@@ -16,13 +18,16 @@ from neurotact import files
 from neurotact.data import hdf5
 from neurotact.errors import InputError
 from neurotact.figures.style import save as save_figure
-from neurotact.metrics.prices import DEFAULT, names, price_list
+from neurotact.metrics.prices import DEFAULT, PriceList, names, price_list
 from neurotact.networks.training import resumable, run_folder
 from neurotact.networks.use.fitted import check_folder
 from neurotact.progress import Tell, track, untold
 from neurotact.tables import write_table
 
 ANSWER, FRONT, FIGURE = "answer.json", "front.csv", "front.png"
+STUDY, OF_SETTING = "study.toml", ("t_ref_ra_ms", "t_ref_sa_ms", "hidden")
+JUDGED = ("accuracy_validation", "sops_total")
+"""Columns of a cell of a study: what its setting is, and by which settings are compared."""
 FIRST, SPIKES, ENCODER = "run", "spikes.h5", "encoder.toml"
 """What is made of recordings, in the folder: the default network, its spikes, the calibrated encoder."""
 
@@ -33,20 +38,20 @@ def save_energy(
     *,
     trials: int = 40,
     at_most_points: float = 1.0,
-    prices: str = DEFAULT,
+    prices: str | Path | PriceList = DEFAULT,
     seed: int = 0,
     recordings: str | Path | None = None,
     spikes: str | Path | None = None,
     workers: int | None = None,
     tell: Tell = untold,
 ) -> dict[str, Any]:
-    """Search all ways to save together, from the run folder `run` or a file of recordings: `neurotact save`.
+    """Search all ways to save together, from a run folder, recordings or a study: `neurotact save`.
 
     Refractory periods, the encoder's clock and its moving average, the network's clock, hidden neurons, recurrence,
     pruned weights, spikes, the window and early exit are tried alone and together. Validation windows alone choose.
     `folder` gets the points of the front as run folders `1`, `2`, ..., the first of which is the answer; `front.csv`
     with every trial, `front.png`, and `answer.json`, whose content is returned. Of recordings, or of events, the
-    default network is trained first, in `folder/run`.
+    default network is trained first, in `folder/run`; of a study such as own-recordings its best network is taken.
 
     trials: trainings in all. at_most_points: of accuracy on validation windows that may be lost. prices: the name of
         the price list whose energy is saved. seed: of the search and of weights.
@@ -65,13 +70,16 @@ def save_energy(
         raise InputError(f"trials: must be 1 or more; got {trials}")
     if not 0 <= at_most_points <= 100:
         raise InputError(f"at_most_points: must be from 0 to 100; got {at_most_points:g}")
-    chosen, source, out = price_list(prices).name, Path(run), Path(folder)
-    if chosen not in names():
+    listed, source, out = price_list(prices), Path(run), Path(folder)
+    chosen = listed.name
+    if chosen not in names() or price_list(chosen) != listed:
         raise InputError(f"prices: a search knows the lists that are installed; name one of {', '.join(names())}")
     with files.locked(out):
         _check_place(out)
         files.sweep(out)
-        if source.is_file():
+        if (source / STUDY).is_file():
+            source = best_of_study(source, tell)
+        elif source.is_file():
             source, spikes = _trained_on(source, out, seed, tell)
         where = Source(source, _path(spikes), _path(recordings), seed)
         start, asked = where.start(), Asked(trials, at_most_points / 100, chosen, seed)
@@ -87,7 +95,7 @@ def save_energy(
         rows = points.write(found, start, asked, out)
         write_table(table, out / FRONT)
         save_figure(figure.draw_front(table, rows, chosen), out / FIGURE)
-        answer = _answer(found, rows, asked, source)
+        answer = _answer(found, rows, asked, source, start)
         files.write_json(out / ANSWER, files.without_nan(answer))
     for line in (answer["answer"], *_lines(rows, asked, out)):
         tell(line)
@@ -119,6 +127,26 @@ def _trained_on(path: Path, out: Path, seed: int, tell: Tell) -> tuple[Path, Pat
     return out / FIRST, None
 
 
+def best_of_study(folder: Path, tell: Tell) -> Path:
+    """The run folder of the best network of a study of networks, which its cells are.
+
+    Best by the mean validation accuracy over seeds and splits, of equal ones with the fewest SOPs; of these trainings
+    the first in the order of their folders.
+    """
+    rows = []
+    for path in sorted((folder / "cells").glob(f"*/{resumable.RESULT}")):
+        row = files.read_json(path).get("row", {}) if (path.parent / run_folder.NETWORK).is_file() else {}
+        rows.append({"cell": path.parent, **{key: row.get(key) for key in (*OF_SETTING, *JUDGED)}})
+    table = pd.DataFrame(rows, columns=["cell", *OF_SETTING, *JUDGED])
+    if table.empty or table["accuracy_validation"].isna().all():
+        raise InputError(f"{folder}: holds no trained network; give a study of networks, such as own-recordings")
+    means = table.groupby(list(OF_SETTING), dropna=False)[[*JUDGED]].mean()
+    of_setting = means.sort_values([*JUDGED], ascending=[False, True], kind="stable").index[0]
+    best = table.set_index(list(OF_SETTING)).loc[[of_setting]]["cell"].iloc[0]
+    tell(f"{best}: the network with the highest validation accuracy of {folder}, from which the search starts")
+    return best
+
+
 def _problem(source: Path, start: Start, asked: Asked) -> dict[str, Any]:
     """What decides the journal, without the paths of files."""
     return {
@@ -129,7 +157,15 @@ def _problem(source: Path, start: Start, asked: Asked) -> dict[str, Any]:
     }
 
 
-def _answer(found: choice.Found, rows: list[dict[str, Any]], asked: Asked, source: Path) -> dict[str, Any]:
+def _next(start: Start) -> str:
+    """The command for the best point: C, unless its membranes are in closed form or it hears events."""
+    encoder = start.bench.encoder
+    return "export" if encoder is not None and encoder.integration == "clock" else "infer"
+
+
+def _answer(
+    found: choice.Found, rows: list[dict[str, Any]], asked: Asked, source: Path, start: Start
+) -> dict[str, Any]:
     """The content of `answer.json`."""
     first = rows[0] if found.answer is not None else None
     return {
@@ -138,8 +174,21 @@ def _answer(found: choice.Found, rows: list[dict[str, Any]], asked: Asked, sourc
         "at_most_points": 100 * asked.loss,
         "prices": asked.prices,
         "best": None if first is None else first["folder"],
+        "next": "" if first is None else _next(start),
         "points": rows,
+        "cautions": [*_cautions(found, start)],
     }
+
+
+def _cautions(found: choice.Found, start: Start) -> Iterator[str]:
+    """What limits the answer, one line each."""
+    if start.bench.task.split.test_where:
+        yield (
+            "validation trials are of the conditions of training, and those of the test are not: what an untrained "
+            "condition loses did not choose; look at `lost_test`"
+        )
+    if not found.was_judged:
+        yield "no point was trained again, so that the luckiest of all may have been chosen; give more `trials`"
 
 
 def _sentence(row: dict[str, Any] | None, asked: Asked) -> str:

@@ -99,7 +99,10 @@ def asked(spec: RSNNSpec, seen: recipe.Seen) -> RSNNSpec:
     ('default', 20, 7.0, False)
     """
     table = spec.model_dump(mode="json", exclude_none=True)
-    known, chosen = leaves(table), {choice.key: choice.value for choice in recipe.choices(seen)}
+    known, chosen = (
+        leaves(table),
+        {choice.key: choice.value for choice in recipe.choices(seen, {"hidden": spec.hidden})},
+    )
     own = {key for key, value in chosen.items() if known.get(key) == value}
     if not own >= TAUGHT:
         return spec

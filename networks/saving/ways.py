@@ -107,8 +107,9 @@ def _of_network(start: Start) -> Iterator[Way]:
     if spec.hidden:
         yield Way("hidden neurons", ({}, *fewer), 2)
     yield _way("pruning", "sparsity", *PRUNED, middle=2)
-    own = start.base.network.spec.training.rate_penalty
-    yield _way("rate penalty", "rate_penalty", *(value for value in RATE_PENALTIES if value > own), middle=2)
+    if spec.hidden:
+        own = spec.training.rate_penalty
+        yield _way("rate penalty", "rate_penalty", *(value for value in RATE_PENALTIES if value > own), middle=2)
 
 
 def _fitting(steps_ms: Iterator[float], bench: Bench) -> list[float]:

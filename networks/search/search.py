@@ -283,7 +283,10 @@ def _train(job: Job, trains: SpikeTrains, sides: Sides, epochs: list[float]) -> 
     except _StopTrialError:
         assert member is not None
         return joined([member] * spec.n_members), epochs[-1], STOPPED
-    return network, training.best.validation_accuracy, FINISHED
+    accuracy = training.best.validation_accuracy
+    if accuracy not in epochs:  # of a smaller network, which has none of the epochs that were watched
+        epochs.append(accuracy)
+    return network, accuracy, FINISHED
 
 
 def _take(known: list[Trial], batch: Sequence[Proposal], problem: Problem, folder: Path) -> list[Trial]:

@@ -122,16 +122,21 @@ class Tuner:
         return self._open.pop(0).parameters
 
 
+FEW_RESULTS = {"n_startup_jobs": 0, "prior_weight": 0.2, "gamma": 0.5, "n_ei_candidates": 1}
+"""NNI's arguments of TPE in `proposed`. Of several candidates it would take the least known value of each key."""
+
+
 def proposed(space: Space, known: Sequence[tuple[Mapping[str, Any], float]], n: int, seed: int) -> list[dict[str, Any]]:
     """Points that TPE proposes from results of any origin, at most `n`; none of them is known.
 
-    known: points of the space and their values, the higher the better.
+    known: points of the space and their values, the higher the better. Each key has, at random, a value of the best
+    points or, more rarely, any other: of many keys a proposal changes few, as little can be learned from few results.
 
     >>> space = {"hidden": {"_type": "choice", "_value": [20, 30, 50]}}
     >>> len(proposed(space, [({"hidden": 20}, 0.9), ({"hidden": 30}, 0.8)], 4, seed=0))
     1
     """
-    tuner, found = _nni().TpeTuner("maximize", seed, {"n_startup_jobs": 0}), []
+    tuner, found = _nni().TpeTuner("maximize", seed, FEW_RESULTS), []
     tuner.update_search_space({key: _ordered(dict(dimension)) for key, dimension in space.items()})
     tuner.import_data([{"parameter": dict(point), "value": value} for point, value in known])
     for number in range(n):

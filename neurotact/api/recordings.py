@@ -258,7 +258,8 @@ def fetch(name: str | None = None, out: str | Path | None = None, *, show: Tell 
     with track("fetch", max(1, len(public.missing(name, folder)))) as advance:
         n_files = public.fetch(name, folder, advance)
     n_there = len(public.registry_of(name)) - n_files
-    show(f"{folder}: {n_files} files downloaded, {n_there} existed; neurotact import {about.reader} reads them")
+    command = f"import {about.reader}" if about.reader else "train"
+    show(f"{folder}: {n_files} files downloaded, {n_there} existed; neurotact {command} reads them")
 
 
 def describe(file: str | Path, *, all: bool = False, show: Tell = print) -> None:

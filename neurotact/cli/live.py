@@ -14,7 +14,7 @@ MOST_PORTS = 65_535
 @calling(
     tools.live,
     source=option(
-        str, "FILE.h5, - (standard input), a device file, serial:/dev/ttyUSB0, FILE.csv, or gratings.", "--from"
+        str, "FILE.h5, -, a device file, serial:/dev/ttyUSB0, udp:PORT, lsl:NAME, FILE.csv, or gratings.", "--from"
     ),
     speed=option(
         float | None, "Speed of a replay or of the simulated finger; 1 is real time.",

@@ -127,7 +127,9 @@ def tune(given: dict[str, Any], as_json: Json = False) -> None:
 
 @calling(
     tools.save_energy,
-    run=Annotated[Path, typer.Argument(help="The folder of a trained network, or a file of recordings.")],
+    run=Annotated[
+        Path, typer.Argument(help="The folder of a trained network or of a study of some, or a file of recordings.")
+    ],
     trials=option(int, "Trainings in all.", min=1),
     at_most_points=option(float, "Accuracy on validation windows that may be lost, in points.", min=0, max=100),
     prices=option(str, "The price list whose energy is saved: a name (`neurotact list`)."),
@@ -148,10 +150,13 @@ def save(given: dict[str, Any], as_json: Json = False) -> None:
         say(f"interrupted; the same command continues in {given['folder']}")
         sys.exit(INTERRUPTED)
     if as_json:
-        print_json(pd.DataFrame([{key: value for key, value in answer.items() if key != "points"}]))
+        print_json(pd.DataFrame([{key: value for key, value in answer.items() if key not in ("points", "cautions")}]))
     elif answer["best"] is not None:
-        best = given["folder"] / answer["best"]
-        print(f"next: neurotact export {shlex.quote(str(best))} --to c -o chain/")
+        best, spikes = (shlex.quote(str(given["folder"] / answer["points"][0][of])) for of in ("folder", "spikes"))
+        after = f"export {best} --to c -o chain/" if answer["next"] == "export" else f"infer {best} {spikes}"
+        print(f"next: neurotact {after}")
+    for caution in answer["cautions"]:
+        say(caution)
 
 
 @calling(

@@ -14,7 +14,9 @@ from neurotact.progress import printable
 @calling(
     tools.stream,
     source=option(
-        str, "- (standard input), a device file, serial:/dev/ttyUSB0, tcp:HOST:PORT, FILE.csv or FILE.h5.", "--from"
+        str,
+        "- (standard input), a device, serial:/dev/ttyUSB0, tcp:HOST:PORT, udp:PORT, lsl:NAME, FILE.csv or FILE.h5.",
+        "--from",
     ),
     rate=option(str, "Replay a file at its own rate (real) or at full speed (fast)."),
     time_unit=option(

@@ -29,7 +29,7 @@ Other rooms take:
     readers.doubts: Fixes
     readers.event_spec: EventSpec, MOST_AFFERENTS, SIGNED_MATRIX, holds_events
     readers.folder: NamingSpec, conditions_of, read
-    readers.formats: Arrays, Cells, Format, arrays_in
+    readers.formats: Arrays, Cells, Format, arrays_in, tables_in
     readers.formats.contents: FLAC, HDF5, LVM, MATLAB, MCAP, NPY, NPZ, PARQUET, ROS_BAG, SOUND, SQLITE, TDMS, TORCH,
         ZIP, check_content, content_of, content_of_bytes, damaged_as
     readers.formats.numpy_files: read_array, read_arrays
@@ -42,7 +42,7 @@ Other rooms take:
     recordings: LABEL, Recordings, Trials, check_channels, check_conditions, check_import, check_named_classes,
         check_sampling_rate, class_indices, class_names, default_channels, order_by_name, select_conditions,
         unit_factor
-    spikes: SpikeTrains, TrialSpikes, Variations, from_trials, populations_of, spikes_of
+    spikes: SpikeTrains, TrialSpikes, Variations, from_rasters, from_trials, populations_of, spikes_of
     splits: Split, SplitSpec, Splits, check_each, check_stratify, combination, each_left_out, hold_out,
         hold_out_groups, split_conditions, split_touches, split_trials, training_touches, turns_of, validation_note,
         values_to_leave_out

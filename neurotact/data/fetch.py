@@ -1,17 +1,21 @@
 """Public tactile data sets: description, licence and download.
 
 A set is downloaded if its files and their hashes are known; for the others, manual steps are printed. Files that
-exist and are undamaged are not downloaded again.
+exist and are undamaged are not downloaded again. Archives are unpacked beside themselves.
 """
 
+import gzip
 import hashlib
 import logging
+import shutil
+import tempfile
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 from neurotact.errors import InputError, nearest, optional
+from neurotact.files import DRAFT, whole
 
 REGISTRY = Path(__file__).parent / "registry"
 
@@ -20,8 +24,9 @@ class _PublicSet(NamedTuple):
     """A public data set.
 
     about, licence, size, citation, page: printed. reader: the `neurotact import` command that reads it; empty
-    if there is none. base_url: of the files in the registry of its name; None if it is downloaded by hand, as `by_hand`
-    says. folder: where the files are below the set's own folder. opens: the file that the reader takes.
+    if there is none. base_url: of the files in the registry of its name, which may be a DOI at Zenodo or figshare; None
+    if it is downloaded by hand, as `by_hand` says. folder: where the files are below the set's own folder. opens: the
+    file that the reader takes.
     """
 
     about: str
@@ -51,15 +56,15 @@ def public_set(name: str) -> _PublicSet:
 
 
 def registry_of(name: str) -> dict[str, str]:
-    """The files of a set and their hashes (`sha256:...`), as pooch takes them; empty if they are unknown."""
+    """The files of a set and their hashes (`sha256:...`, `md5:...`), as pooch takes them; empty if they are unknown."""
     path = REGISTRY / f"{name}.txt"
     if not path.is_file():
         return {}
-    return dict(line.split() for line in path.read_text(encoding="utf-8").splitlines())
+    return dict(line.rsplit(" ", 1) for line in path.read_text(encoding="utf-8").splitlines())
 
 
 def missing(name: str, folder: Path) -> list[str]:
-    """The files of a set that are not in `folder`, or are damaged there."""
+    """The files of a set that are not in `folder`, are damaged there, or are not unpacked."""
     target = folder / public_set(name).folder
     return [file for file, known in registry_of(name).items() if not _is_whole(target / file, known)]
 
@@ -93,19 +98,42 @@ def _by_hand(name: str, folder: Path) -> str:
 
 
 def _download(name: str, url: str, file: str, target: Path, folder: Path) -> None:
-    """One file, whole or not at all: pooch loads it beside its place, checks the hash and renames it."""
+    """One file, whole or not at all: pooch loads it beside its place, checks the hash and renames it; then unpacked."""
     pooch = optional("pooch", "fetch: the package pooch is not installed; pip install pooch")
     pooch.get_logger().setLevel(logging.ERROR)
     try:
         pooch.retrieve(url, registry_of(name)[file], fname=file, path=target)
-    except ValueError as error:
-        raise InputError(
-            f"{name}: {url} is not the published file (its hash differs); {_by_hand(name, folder)}"
-        ) from error
-    except OSError as error:  # raised by requests and by the disk
-        why = (str(error).splitlines() or [type(error).__name__])[0][:120]
-        raise InputError(f"{name}: {url} cannot be downloaded ({why}); {_by_hand(name, folder)}") from error
+        _unpack(target / file)
+    except (OSError, ValueError, KeyError) as error:  # of requests and the disk, of pooch, of a record of another form
+        if isinstance(error, ValueError) and "does not match" in str(error):
+            what = "is not the published file (its hash differs)"
+        else:
+            what = f"cannot be downloaded ({(str(error).splitlines() or [type(error).__name__])[0][:120]})"
+        raise InputError(f"{name}: {url} {what}; {_by_hand(name, folder)}") from error
+
+
+def _unpack(path: Path) -> None:
+    """What an archive holds beside it, whole or not at all, in a folder or a file of its name."""
+    unpacked = _unpacked(path)
+    if path.suffix == ".gz":
+        with gzip.open(path) as packed, whole(unpacked) as draft, draft.open("wb") as plain:
+            shutil.copyfileobj(packed, plain)
+    elif unpacked != path:
+        with tempfile.TemporaryDirectory(prefix=DRAFT, dir=path.parent) as draft:
+            shutil.unpack_archive(path, Path(draft) / unpacked.name)
+            shutil.rmtree(unpacked, ignore_errors=True)
+            (Path(draft) / unpacked.name).rename(unpacked)
+
+
+def _unpacked(path: Path) -> Path:
+    """Where the content of a file is once it is unpacked; the file itself if it is no archive."""
+    return path.with_suffix("") if path.suffix in (".gz", ".zip") else path
 
 
 def _is_whole(path: Path, known: str) -> bool:
-    return path.is_file() and f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}" == known
+    """Whether a file is there with this hash, and its content if it is an archive."""
+    if not path.is_file() or not _unpacked(path).exists():
+        return False
+    algorithm, _, digest = known.partition(":")
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, algorithm).hexdigest() == digest

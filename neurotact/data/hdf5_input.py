@@ -10,7 +10,7 @@ import json
 import math
 import os
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -296,6 +296,15 @@ class Declared:
                 f"{self.path}: {n_trials} trials but {len(dataset)} rows of conditions in {name}; write it again"
             )
         return self.texts(name) if dataset.dtype.kind in "OS" else self.numbers(name, "iufb")
+
+    def records(self, name: str, fields: Sequence[str]) -> np.ndarray:
+        """A dataset of records, each of a number in every one of these fields, `(record,)`."""
+        dataset = self._dataset(name, "V", 1)
+        held = dataset.dtype.fields or {}
+        if [*held] != [*fields] or any(its[0].kind not in "iuf" for its in held.values()):
+            raise TypeError(f"{name} does not hold records of the numbers {', '.join(fields)}")
+        self._reserve(dataset.size * dataset.dtype.itemsize)
+        return dataset[()]
 
     def holds(self, name: str) -> bool:
         """Whether this file itself has an object of that name."""

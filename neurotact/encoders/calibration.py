@@ -320,10 +320,8 @@ def _of_baselines(
         tried: dict[Baseline, Encoder] = {base: _with(spec, base, cutoff_Hz) for base in PAST}
         calibrated, failed = _each(fit, tried)
         if calibrated:
-            allowed = {baseline: one for baseline, one in calibrated.items() if not refused(one.encoder)} or calibrated
-            accuracy: dict[Baseline, float] = {
-                baseline: one.accuracy_of_both if by_both else one.accuracy for baseline, one in allowed.items()
-            }
+            allowed = {base: one for base, one in calibrated.items() if not refused(one.encoder)} or calibrated
+            accuracy = {base: one.accuracy_of_both if by_both else one.accuracy for base, one in allowed.items()}
             accuracy |= dict.fromkeys(failed, np.nan)
             found = Decision.of_shares("conditioning.baseline", accuracy, len(next(iter(calibrated.values())).labels))
             return calibrated[found.chosen], _on_baseline(found, spec, 1 + by_both)

@@ -21,7 +21,7 @@ Other rooms take:
     shares: standard_error, wilson_interval
     signal_flops: Averaging, BaselineRemoval, Interpolation, Rectification, ScaledSteps, StandardisedSteps
     spike_trains: Events, Intervals, Spikes, check_rate, events_of_raster, isis_ms, rates_Hz, spike_counts
-    starts: ONE, Spread, interval, spread
+    starts: FITTED, ONE, Spread, interval, spread
     synops: SIDE, SIDES, Synops, TEST, TRAINING, UNKNOWN, UNSEEN, VALIDATION, in_words, not_counted, of_network,
         summary, summary_markdown, table_of
 """

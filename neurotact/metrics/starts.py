@@ -11,6 +11,8 @@ from neurotact.metrics.shares import wilson_interval
 
 ONE = "one start of the weights: others may differ"
 """What is said of an interval that knows a single start."""
+FITTED = "without a hidden layer, every start of the weights leads to this network"
+"""What is said in place of it where one fit of the weights is the best."""
 
 
 class Spread(NamedTuple):

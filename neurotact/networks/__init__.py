@@ -3,9 +3,11 @@
 Other rooms take:
 
     definition.clock: apart, binned, spread
-    definition.executors: FEATURES, LIF_INSTEAD, Subject, lacking, require
+    definition.executors: FEATURES, LIF_INSTEAD, Subject, lacking, left_outside, require
+    definition.module: ModuleNetwork, new
     definition.native: addresses_of, device_of, exits_at, shape_of
     definition.network: Network
+    definition.parts: Sizes
     definition.readouts: Integration, Stretches
     definition.recipe: Seen, chosen_for, described, joined_cost, resolve, training_of, void_keys
     definition.rsnn: FEED_FORWARD, RECURRENT, RSNN, rsnn_of
@@ -37,7 +39,7 @@ Other rooms take:
     use.inference: infer
     use.ledger: ABOUT, Afferents, SOPS, decision_ledger, input_spikes, is_row_counted, network_cost, row_cost,
         study_ledger
-    use.measuring: accuracy_of, by_condition, mean_sops, means, measure, synops_of, touched
+    use.measuring: OWN_KEYS, accuracy_of, by_condition, mean_sops, means, measure, synops_of, touched
 """
 
 import lazy_loader

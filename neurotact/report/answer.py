@@ -65,7 +65,8 @@ class Network(NamedTuple):
     exit_bound: upper bound of the accuracy that early exit loses, on validation trials that did not choose it; None if
     unknown. tolerance: how much may be lost.
     starts: seeds of one split, the fewest of any. apart, apart_early: how far both accuracies lie apart between starts;
-    None if no network of the data set has two starts on a split.
+    None if no network of the data set has two starts on a split, and of one that has a single solution.
+    is_part: whether it is no RSNN, so that hidden = 0 may also say that its neurons are not counted.
     """
 
     pair: str
@@ -79,11 +80,28 @@ class Network(NamedTuple):
     starts: int = 1
     apart: Spread | None = None
     apart_early: Spread | None = None
+    is_part: bool = False
+
+    @property
+    def is_fitted(self) -> bool:
+        """Whether it has no hidden layer: then one fit of its weights is the best, wherever it starts."""
+        return not (self.hidden or self.is_part)
+
+    @property
+    def size(self) -> str:
+        """Its hidden neurons in words; empty where they are not counted."""
+        return "no hidden layer" if self.is_fitted else f"{self.hidden} neurons" if self.hidden else ""
+
+    @property
+    def with_size(self) -> str:
+        """The same after a noun, with a space before it."""
+        return " without a hidden layer" if self.is_fitted else self.size and f" with {self.size}"
 
     @property
     def name(self) -> str:
-        size = f"{self.hidden} neurons" if self.hidden else "the network"
-        return size if self.pair == periods.NONE else f"{self.pair} ms with {size}"
+        if self.pair == periods.NONE:
+            return self.size or "the network"
+        return f"{self.pair} ms{self.with_size or ' with the network'}"
 
     @property
     def saves(self) -> bool:

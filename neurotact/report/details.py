@@ -21,6 +21,7 @@ from neurotact.networks.training import run_folder, tasks
 from neurotact.networks.training.cautions import MEMBER
 from neurotact.networks.training.epochs import Examples
 from neurotact.networks.training.run_folder import LOG, Restored
+from neurotact.networks.use.measuring import OWN_KEYS
 from neurotact.report import front
 from neurotact.report.periods import named
 from neurotact.report.tables import (
@@ -34,7 +35,7 @@ from neurotact.report.tables import (
 )
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import SPLIT, Cell
-from neurotact.tables import records, sized, write_table
+from neurotact.tables import in_words_of_size, records, write_table
 
 MOST_EVENTS = 1_000_000
 """Spikes drawn in one page, distributed evenly over its cells: about four bytes each."""
@@ -105,7 +106,8 @@ def cell_name(row: pd.Series) -> str:
     """
     keys = [str(key) for key in row.index if str(key).startswith(SPLIT)]
     split = "".join(f", {in_words_of_split(key)} {in_unit(key, row[key])}" for key in keys)
-    return f"{row['setting']}, {named(row['pair'])}, {sized(row['hidden'])}, seed {row['seed']}{split}"
+    size = in_words_of_size(row["hidden"], row.get(OWN_KEYS))
+    return f"{row['setting']}, {named(row['pair'])}, {size}, seed {row['seed']}{split}"
 
 
 def page_data(

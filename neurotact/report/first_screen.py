@@ -154,7 +154,7 @@ def _network_rows(outcome: OfNetworks) -> Iterator[_Row]:
             if outcome.is_chosen:
                 said = ": chosen" if one == outcome.best else ""
             is_early = one.exits and one == outcome.best  # the cheapest is that on whole windows
-            name = f"{periods.in_ms(pair)}, {one.hidden}"
+            name = f"{periods.in_ms(pair)}, {one.size if one.is_fitted else one.hidden}"
             yield _Row(name, one, one.whole, "" if is_early else said)
             if one.early is not None:
                 yield _Row(f"{name}, early exit", one, one.early, said if is_early else "")

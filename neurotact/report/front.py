@@ -26,6 +26,7 @@ from neurotact.networks.training import cautions, tasks
 from neurotact.networks.training.run_folder import LOG
 from neurotact.networks.use import ledger
 from neurotact.networks.use.ledger import Afferents
+from neurotact.networks.use.measuring import OWN_KEYS
 from neurotact.report import answer as answers
 from neurotact.report import first_screen, period_choice, periods, robustness, sentences, under_prices
 from neurotact.report.answer import Answer, Baseline, Decision, Network, OfNetworks, Trials
@@ -36,7 +37,7 @@ from neurotact.studies.cell import task_of
 from neurotact.studies.measures import INTEGERS
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import LENGTH, Cell, StudySpec, by_split, encoder_columns, split_columns, value_at
-from neurotact.tables import NETWORK, means_over, sized
+from neurotact.tables import NETWORK, means_over
 
 COSTS = ("sops", "ms", "spikes", "nJ")
 BY = "nJ by "
@@ -182,12 +183,15 @@ def networks_of(results: pd.DataFrame, splits: Sequence[str] = ()) -> list[Netwo
     measures = ["accuracy_validation", "accuracy_test", "exit_accuracy"]
     measures += [f"{kind}_{cost}" for kind in KINDS for cost in COSTS]
     measures += [name for name in results if f"_{BY}" in str(name)]
-    same = [group for _, group in results.groupby([*NETWORK, *splits], sort=False, dropna=False)]
+    are_parts = results[OWN_KEYS].notna() if OWN_KEYS in results else results["hidden"] < 0
+    of_parts = {*results[are_parts][NETWORK].itertuples(index=False, name=None)}
+    drawn = results[are_parts | (results["hidden"] > 0)]  # weights begin at random
+    same = [group for _, group in drawn.groupby([*NETWORK, *splits], sort=False, dropna=False)]
     apart, apart_early = (
         starts.spread(group[name].dropna().tolist() for group in same) for name in ("accuracy_test", "exit_accuracy")
     )
     fewest = results.groupby([*NETWORK, *splits], dropna=False).size().groupby(level=NETWORK).min()
-    return [
+    found = [
         Network(
             str(row["pair"]),
             int(row["hidden"]),
@@ -198,9 +202,11 @@ def networks_of(results: pd.DataFrame, splits: Sequence[str] = ()) -> list[Netwo
             starts=int(fewest[tuple(row[key] for key in NETWORK)]),
             apart=apart,
             apart_early=apart_early,
+            is_part=tuple(row[key] for key in NETWORK) in of_parts,
         )
         for row in means_over(results.infer_objects(), NETWORK, measures, "seeds").to_dict("records")
     ]
+    return [one._replace(apart=None, apart_early=None) if one.is_fitted else one for one in found]
 
 
 def _decision(row: Mapping[str, Any], kind: str) -> Any:
@@ -232,7 +238,7 @@ def as_json(front: Front) -> dict[str, Any]:
     drawn = []
     for network, cell in zip(front.answer.rows, front.cells, strict=True):
         low, high = answers.interval_of(network, network.used, front.answer.trials)
-        name = f"{periods.in_ms(network.pair)}, {sized(network.hidden)}"
+        name = f"{periods.in_ms(network.pair)}, {network.size or 'N = 0'}"
         more = {"low": low, "high": high, "used": USED[network.exits], "cell": cell, "name": name}
         entry = {key: value for key, value in network._asdict().items() if not key.startswith("apart")} | more
         drawn.append(entry | {kind: _as_json(getattr(network, kind)) for kind in KINDS})

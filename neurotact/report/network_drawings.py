@@ -12,6 +12,7 @@ from neurotact.figures.encoding import Classes
 from neurotact.figures.networks import Published
 from neurotact.figures.style import Drawn
 from neurotact.metrics.fronts import pareto_front
+from neurotact.networks.use.measuring import OWN_KEYS
 from neurotact.report import periods
 from neurotact.report.tables import (
     LAST_TRAINING,
@@ -194,6 +195,8 @@ def _best_network(folder: Path, done: list[Cell], results: pd.DataFrame, classes
             f"the first of the {row['members']} networks that were joined" if "members" in row else "the same network"
         )
         caption = f"Training of {whose} ({what}). It has the weights of epoch {kept} (dotted line)."
+        is_fitted = not (row["hidden"] or OWN_KEYS in row)
+        caption += " Without a hidden layer, an epoch is a fit with one penalty." if is_fitted else ""
         caption += f" {LAST_TRAINING}" if is_last_training(folder, done[best]) else ""
         yield Drawn("training", "Training", figure, caption, caption)
 

@@ -124,7 +124,12 @@ def chosen(networks: Sequence[Network], trials: Trials) -> Network | None:
 
 
 def noise_of(network: Network, trials: Trials) -> float:
-    """One standard error of a mean over starts of the weights; with a single start, that of other validation trials."""
+    """One standard error of a mean over starts of the weights; with a single start, that of other validation trials.
+
+    A network without a hidden layer is the same from every start.
+    """
+    if network.is_fitted:
+        return 0.0
     apart = network.way(trials).error if network.apart is None else network.apart.deviation
     return apart / math.sqrt(max(1, network.seeds))
 
@@ -174,16 +179,21 @@ def _in_doubt(
         return "no network is clearly better than guessing", "trials"
     ways, noise = ([of(one, outcome.trials) for one in outcome.rows] for of in (Network.way, noise_of))
     may_be = referee.may_be_cheapest(ways, outcome.trials.validation, noise)
-    others = {outcome.rows[index].pair: None for index in may_be if outcome.rows[index].pair != found.pair}
+    rivals = [outcome.rows[index] for index in may_be if outcome.rows[index].pair != found.pair]
+    others = dict.fromkeys(one.pair for one in rivals)
     if others:
         *first, last = [pair if len({*periods.sizes(pair)}) > 1 else pair.partition("&")[0] for pair in others]
         named = f"{', '.join(first)} or {last} ms" if first else f"{last} ms"
-        fix = "seeds" if found.starts < SEEDS and found.seeds < SEEDS else "trials"
+        if found.is_fitted and all(one.is_fitted for one in rivals):
+            return f"a few other validation trials would choose {named}", "trials"
+        trained = next(one for one in (found, *rivals) if not one.is_fitted)
+        fix = "seeds" if trained.starts < SEEDS and trained.seeds < SEEDS else "trials"
         return f"a few other validation trials, or other starts of the weights, would choose {named}", fix
     if math.isnan(evidence.lost.high):
         return "from so few test trials the error of that is not known", "trials"
     if _length(found) > min(map(_length, outcome.rows)):
-        return _against_longer(evidence, tolerance)
+        why, fix = _against_longer(evidence, tolerance)
+        return why, "trials" if fix == "seeds" and found.is_fitted else fix
     if any(one.saves and one.lost.mean <= 0 for one in against):
         return "on test trials a longer one saves and loses nothing", "trials"
     if evidence.lost.high - evidence.lost.low > 2 * power.WEAK:
@@ -221,7 +231,7 @@ def in_words(choice: PeriodChoice, sure: Sure, populations: Sequence[str] = (), 
 
     what = "t_ref" if populations else "a dead time (t_ref)"
     network, other, longer = choice.network, choice.other, choice.longer
-    size = f" with {network.hidden} neurons" if network.hidden else ""
+    size = network.with_size
     between = _basis(sure)
     if choice.kind == "use":
         against = f"against {other_named(other)}{size and f', both{size}'}"
@@ -307,8 +317,8 @@ def _beside_larger(choice: PeriodChoice, populations: Sequence[str]) -> str:
     if choice.larger is None:
         return ""
     best, evidence = choice.larger
-    size = f"{best.hidden} neurons" if best.hidden else "another size"
-    return f"; against the best with {_period(best.pair, populations)}, of {size}, it {_gain(evidence)}"
+    size = best.with_size.strip() if best.is_fitted else f"of {best.size or 'another size'}"
+    return f"; against the best with {_period(best.pair, populations)}, {size}, it {_gain(evidence)}"
 
 
 def next_step(choice: PeriodChoice, sure: Sure, places: Places) -> tuple[str, list[str]]:
@@ -316,9 +326,11 @@ def next_step(choice: PeriodChoice, sure: Sure, places: Places) -> tuple[str, li
     run, cell = places.run.absolute(), places.cell.absolute()
     study = run / "study.toml"
     if choice.kind != "unclear":
+        recorded = [] if places.recordings is None else ["--recordings", places.recordings]
+        save = _command("save", cell, *recorded, "-o", _beside(run, "saved"))
         if not places.exact:
-            recorded = [] if places.recordings is None else ["--recordings", places.recordings]
-            return "Take it along, as C:", [_command("export", cell, "--to", "c", *recorded, "-o", run / "c")]
+            export = _command("export", cell, "--to", "c", *recorded, "-o", run / "c")
+            return "Let all ways to save be tried together, or take it along as it is, as C:", [save, export]
         again = _command("study", "run", study, "--set", "encoder.integration=clock", "-o", _beside(run, "clock"))
         if places.recordings is None:
             return "For C, train it with membranes on a clock:", [again]

@@ -328,6 +328,8 @@ def where_lost(outcome: OfNetworks) -> Iterator[str]:
 def of_starts(outcome: OfNetworks) -> str:
     """What the interval of the headline knows of other starts of the weights."""
     best = outcome.best
+    if best.is_fitted:
+        return f"{starts.FITTED[:1].upper()}{starts.FITTED[1:]}: the 95 % interval is that of other trials."
     apart = best.apart_early if best.exits else best.apart
     if apart is None:
         each = ", of each split" if best.seeds > best.starts else ""

@@ -18,7 +18,7 @@ from neurotact.data.hdf5_input import EVENTS, Declared, opened
 from neurotact.data.readers.clock.units import UNIT_S, Unit, unit_in, without_unit
 from neurotact.data.readers.columns import OF_EVENTS, LayoutSpec, called, read_table
 from neurotact.data.readers.folder import NamingSpec, conditions_of
-from neurotact.data.readers.formats import arrays_in
+from neurotact.data.readers.formats import arrays_in, tables_in
 from neurotact.data.readers.formats.contents import HDF5, LVM, MATLAB, NPY, NPZ, TDMS, ZIP, check_content
 from neurotact.data.readers.formats.numpy_files import read_array, read_arrays
 from neurotact.data.readers.table.cells import DECIMAL_COMMA, NUMBER, THOUSANDS, columns_of, grouping_of, values_of
@@ -35,10 +35,10 @@ POPULATION, POLARITY = "population", "polarity"
 """The population, and its other name, of which a sensor with polarities has two."""
 WRITTEN = ("trial", "afferent", "type", "time_s")
 """Columns of a table of spikes that was written for other programs: it lacks classes, silent trials and lengths."""
-ARCHIVES, TABLES, HDF5_FILES = (".npz", ".npy"), (".csv", ".txt", ".tsv"), (".h5", ".hdf5")
-MATRICES = (".mat",)
-"""Files of `signed_matrix`."""
-OF_TRIALS = (*TABLES, *ARCHIVES, *MATRICES)
+ARCHIVES, TABLES, HDF5_FILES = (".npz", ".npy"), (".csv", ".txt", ".tsv", ".parquet"), (".h5", ".hdf5")
+MATLAB_FILES, TENSORS = (".mat",), (".pt", ".pth")
+"""Files of vectors, of MATLAB also of `signed_matrix`."""
+OF_TRIALS = (*TABLES, *ARCHIVES, *MATLAB_FILES, *TENSORS)
 
 
 def read(
@@ -81,7 +81,7 @@ def read(
         with opened(path, EVENTS) as (file, _):
             return heidelberg.spikes_in(Declared(file, path), options)
     events = _of_file(path, options, names)
-    if path.suffix.lower() in MATRICES:
+    if path.suffix.lower() in MATLAB_FILES and LABEL not in events.conditions:
         raise InputError(
             f"{path}: is one trial without a class; give a folder that holds a folder of such files per class"
         )
@@ -114,8 +114,14 @@ def _of_file(path: Path, spec: EventSpec, names: Mapping[str, str]) -> Events:
         if all(array.dtype.names for array in arrays.values()):
             return _structured(arrays, spec, names, path)
         return _of_columns(arrays, spec, names, path)
-    if suffix in MATRICES:
-        matrix = signed_matrix.matrix_of(arrays_in(path), path)
+    if suffix in (*MATLAB_FILES, *TENSORS):
+        held = arrays_in(path)
+        columns = {
+            name.rpartition("/")[2]: values for name, values in held.arrays.items()
+        }  # of a structure, its fields
+        if suffix in TENSORS or (len(columns) > 1 and _place("time", columns, names, path) is not None):
+            return _of_columns(columns, spec, names, path)
+        matrix = signed_matrix.matrix_of(held, path)
         events = _of_columns(signed_matrix.events_of(matrix), spec, {**names, LABEL: ""}, path)
         return events._replace(n_channels=len(matrix) - 1)
     check_content(path, NPY, NPZ, MATLAB, TDMS, LVM)  # their fix is another suffix
@@ -125,6 +131,8 @@ def _of_file(path: Path, spec: EventSpec, names: Mapping[str, str]) -> Events:
 
 def _columns(path: Path, names: Mapping[str, str]) -> dict[str, np.ndarray]:
     """The columns of a table; InputError, which says so, for the table of another command and for rows of a raster."""
+    if path.suffix.lower() == ".parquet":
+        return columns_of(tables_in(path)[""])
     try:
         columns = columns_of(named_table(path))
     except InputError:

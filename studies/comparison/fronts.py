@@ -310,7 +310,7 @@ def _cautions_of(rows: pd.DataFrame) -> Iterator[str]:
     base = rows[rows["way"] == NOTHING]
     if base.empty:
         return
-    learned = _not_learned(base)
+    learned = not_learned(base)
     if learned:
         windows = "`settings={'window.length_ms': ..., 'window.align': 'onset'}`"
         yield f"{learned}; give more trials, or windows that contain the touch ({windows})"
@@ -328,7 +328,7 @@ def _cautions_of(rows: pd.DataFrame) -> Iterator[str]:
         )
 
 
-def _not_learned(base: pd.DataFrame) -> str:
+def not_learned(base: pd.DataFrame) -> str:
     """A statement that the network that saves nothing is no better than guessing; empty if it is better."""
     if "test_trials" not in base or base["test_trials"].isna().any():
         return ""
@@ -402,7 +402,7 @@ def _unfit(rows: pd.DataFrame) -> str:
     base = rows[rows["way"] == NOTHING]
     if base.empty:
         return "nothing to compare with, since no network without savings was trained."
-    if unlearned := _not_learned(base):
+    if unlearned := not_learned(base):
         return f"nothing was learned, so no saving means anything: {unlearned}."
     return ""
 

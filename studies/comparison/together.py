@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import pandas as pd
-from neurotact_parts.studies.comparison.fronts import COSTS, ENERGY, NOTHING, SOPS, interval_of
+from neurotact_parts.studies.comparison.fronts import COSTS, ENERGY, NOTHING, SOPS, interval_of, not_learned
 from neurotact_parts.studies.comparison.saving import Setting
 
 from neurotact.metrics.decision import is_within
@@ -102,11 +102,11 @@ def shown(results: pd.DataFrame) -> pd.DataFrame:
 
 
 def answers(results: pd.DataFrame) -> list[str]:
-    """A sentence for each set: what all ways together cost and save."""
+    """A sentence for each set: what all ways together cost and save; none where nothing was learned."""
     several, found = results["set"].nunique() > 1, []
     for name, rows in results.groupby("set", sort=False):
         base, mine = rows[rows["way"] == NOTHING], rows[rows["way"] == TOGETHER]
-        if len(mine) and len(base):
+        if len(mine) and len(base) and not not_learned(base):
             said = f"all ways together {_words(mine, base)}."
             found.append(f"{name}: {said}" if several else f"{said[0].upper()}{said[1:]}")
     return found

@@ -1,12 +1,16 @@
 """Public sets: downloaded whole with their hashes, or said what to do; never half a file, never another one."""
 
+import gzip
 import hashlib
+import json
 import threading
+import zipfile
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
+from neurotact import plugins
 from neurotact.data import fetch
 from neurotact.errors import InputError
 
@@ -84,3 +88,65 @@ def test_the_registry_holds_the_published_files():
 def test_an_unknown_set_names_the_nearest():
     with pytest.raises(InputError, match="no set 'fabric-slide'; did you mean 'fabricslide'"):
         fetch.public_set("fabric-slide")
+
+
+@pytest.fixture
+def published(tmp_path, monkeypatch):
+    """A record at Zenodo with two archives and their hashes, served here: its folder, and the entry of each file."""
+    pooch = pytest.importorskip("pooch")
+    place = tmp_path / "served"
+    (place / "api").mkdir(parents=True)
+    with zipfile.ZipFile(place / "a set.zip", "w") as archive:
+        archive.writestr("a set/one.h5", b"1")
+    (place / "two.h5.gz").write_bytes(gzip.compress(b"2"))
+    names = ("a set.zip", "two.h5.gz")
+    known = {name: f"md5:{hashlib.md5((place / name).read_bytes()).hexdigest()}" for name in names}
+    monkeypatch.setattr(fetch, "registry_of", lambda name: known)
+    monkeypatch.setattr(pooch.downloaders, "doi_to_url", lambda doi, **_: f"https://zenodo.org/records/{doi[-8:]}")
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(place))) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        url = f"http://127.0.0.1:{server.server_port}/"
+        monkeypatch.setattr(pooch.downloaders.ZenodoRepository, "base_api_url", f"{url}api")
+        entries = [{"key": name, "checksum": known[name], "links": {"self": url + name}} for name in names]
+        (place / "api/19469535").write_text(json.dumps({"files": entries}))
+        yield place
+        server.shutdown()
+
+
+def test_a_doi_is_followed_and_what_it_leads_to_is_unpacked(published, tmp_path):
+    into = tmp_path / "stemnist"
+    assert fetch.fetch("stemnist", into) == 2
+    assert (into / "a set/a set/one.h5").read_bytes() == b"1"
+    assert (into / "two.h5").read_bytes() == b"2"
+    assert sorted(path.name for path in into.iterdir()) == ["a set", "a set.zip", "two.h5", "two.h5.gz"]
+    assert fetch.fetch("stemnist", into) == 0
+    (into / "two.h5").unlink()
+    assert fetch.missing("stemnist", into) == ["two.h5.gz"]
+    (into / "a set.zip").write_bytes(b"cut")
+    assert fetch.fetch("stemnist", into) == 2
+    assert (into / "two.h5").read_bytes() == b"2"
+
+
+def test_an_archive_whose_hash_differs_is_not_unpacked(published, tmp_path):
+    (published / "two.h5.gz").write_bytes(gzip.compress(b"3"))
+    with pytest.raises(InputError, match=r"two\.h5\.gz is not the published file \(its hash differs\); download"):
+        fetch.fetch("stemnist", tmp_path / "into")
+    assert not [*(tmp_path / "into").glob("two*")]
+
+
+@pytest.mark.parametrize("record", ['{"files": []}', '{"message": "it is gone"}', "no record"])
+def test_a_record_that_lacks_the_file_is_said(published, tmp_path, record):
+    (published / "api/19469535").write_text(record)
+    with pytest.raises(InputError, match=r"a set\.zip cannot be downloaded .*; download 'STEMNIST Dataset\.zip'"):
+        fetch.fetch("stemnist", tmp_path / "into")
+
+
+@pytest.mark.parametrize("name", ["stemnist", "shd"])
+def test_the_hashes_of_archives_are_known(name):
+    known = fetch.registry_of(name)
+    assert all(file.endswith((".zip", ".gz")) and len(digest) == 36 for file, digest in known.items())
+    assert all(digest.startswith("md5:") for digest in known.values())
+
+
+def test_every_set_is_read_by_a_reader_that_exists():
+    assert {about.reader for about in fetch.SETS.values()} <= {"", *plugins.names("readers")}

@@ -23,6 +23,7 @@ from neurotact.data.window_choice import (
 )
 from neurotact.data.windows import OF_CLASS, SHORTER, WindowSpec, check_fit, cut, long_enough
 from neurotact.errors import InputError
+from neurotact.studies import automatic
 
 
 @given(
@@ -272,3 +273,24 @@ def test_a_given_start_needs_no_note_on_onsets(caplog):
     with caplog.at_level(logging.WARNING, logger="neurotact"):
         suited_window(pressed(rng, rng.integers(400, 2500, 60), 0), WindowSpec(start_ms=0.0))
     assert not [line for line in caplog.messages if line.startswith("Touches begin")]
+
+
+def test_trials_longer_than_a_window_are_all_kept():
+    assert long_enough(np.array([2100.0, *[9000.0] * 40])).all()
+    assert long_enough(np.linspace(800, 1200, 40)).all()  # of similar lengths, too
+
+
+def test_a_short_recording_hides_no_begin_of_the_touch(tmp_path):
+    rng = np.random.default_rng(0)
+    signals = [rng.normal(0, 0.1, (400, 2)) for _ in range(40)]
+    for signal in signals:
+        signal[120:] += rng.normal(0, 5, 2)
+    names = pd.DataFrame({"label": ["felt", "silk"] * 20})
+    every = nt.Recordings(signals, 200.0, "mV", names)
+    brief = nt.Recordings([signals[0][:30], *signals[1:]], 200.0, "mV", names)
+    assert common_onset_s(brief) == common_onset_s(every) == 0.6
+    nt.save(brief, tmp_path / "touches.h5")
+    timing = automatic.look(tmp_path / "touches.h5").timing
+    assert timing.classes is not None
+    assert timing.classes.tolist() == brief.labels.tolist()
+    assert automatic.window(timing)[0] == {"length_ms": 1400.0, "per_trial": 1, "start_ms": 600.0}

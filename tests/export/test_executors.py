@@ -12,7 +12,7 @@ from compiled import chosen, given_to
 from compiled import compare as compare_in_c
 from made_chains import READOUTS, make_chain, make_encoder, make_signal, offline, told, unequal_stretches
 from neurotact_parts.exporters.c import c_export, proof
-from neurotact_parts.exporters.nir import compare
+from neurotact_parts.exporters.nir import compare, note
 from neurotact_parts.exporters.snntorch import to_snntorch
 from neurotact_parts.streams.chain import Chain, chain_of
 from neurotact_parts.streams.stream import Stream
@@ -250,7 +250,12 @@ def pairs(*, refused: bool):
         marks = [pytest.mark.slow] if name.startswith("c-") and not refused else []
         for feature, how in FEATURES.items():
             lacks = feature in executor.lacks
-            if lacks == refused and how.part in executor.parts and (refused or executor.is_equal):
+            if (
+                feature not in executor.leaves
+                and lacks == refused
+                and how.part in executor.parts
+                and (refused or executor.is_equal)
+            ):
                 yield pytest.param(name, feature, marks=marks)
 
 
@@ -261,6 +266,29 @@ def test_what_the_table_calls_equal_spikes_as_the_reference(executor, feature, t
     if executor == "nir":
         pytest.importorskip("nir")
     executed(executor, feature, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("executor", "feature"), [(name, feature) for name, executor in EXECUTORS.items() for feature in executor.leaves]
+)
+def test_what_stays_outside_is_said_and_the_rest_spikes_as_the_reference(executor, feature, caplog):
+    pytest.importorskip("nir")
+    encoder, network, _ = parts_with(feature)
+    graph = nt.to_nir((encoder, network), plain=executor == "nir-plain")
+    why = f"the encoder ({feature}: {EXECUTORS[executor].what} does not run it: {EXECUTORS[executor].leaves[feature]})"
+    assert [record.message.count(why) for record in caplog.records] == [1]
+    said = note.of(graph, "graph")
+    assert said is not None
+    assert said.outside[0].startswith(why)
+    assert "afferents" not in graph.nodes
+    if executor == "nir":
+        binned = network.binned(windows(network.n_inputs)).numpy()
+        found = compare.report(network.on_own_clock(), graph, binned)
+        assert found["differing"].tolist() == [0] * len(found)
+        back = nt.from_nir(graph)
+        assert back.network.steps_per_bin == network.steps_per_bin
+        assert back.network.sampling_rate_Hz == network.sampling_rate_Hz
+        assert feature == OF_ANOTHER_PACKAGE or back.encoder == encoder
 
 
 @pytest.mark.slow
@@ -320,5 +348,6 @@ def test_every_key_of_a_spec_is_in_the_table():
 
 def test_what_an_executor_lacks_is_a_feature_of_a_part_that_it_runs():
     for name, executor in EXECUTORS.items():
-        for feature in executor.lacks:
+        for feature in (*executor.lacks, *executor.leaves):
             assert FEATURES[feature].part in executor.parts, (name, feature)
+        assert executor.lacks.keys().isdisjoint(executor.leaves)

@@ -136,12 +136,23 @@ def test_it_is_exchanged():
     assert nt.check_chip(pipe, "loihi2").columns[0] == "what"
 
 
-def test_what_nir_cannot_hold_is_named(pipe):
+def test_a_default_network_goes_to_nir_and_what_stays_outside_is_said_once(pipe, tmp_path, caplog):
+    X, _ = touches()
+    path = tmp_path / "pipe.nir"
     pytest.importorskip("nir")
-    with pytest.raises(nt.InputError, match="clock slower than its encoder's: NIR does not run it"):
-        nt.to_nir(pipe)
-    with pytest.raises(nt.InputError, match="readout of stretches: NIR does not run it"):
-        nt.to_nir(pipe, network_only=True)
+    nt.to_nir(pipe, path)
+    (said,) = [record.getMessage() for record in caplog.records]
+    for what in (
+        "the encoder (clock slower than its encoder's",
+        "bins of the clock: the graph takes spikes in bins of 4 ms",
+    ):
+        assert what in said
+    again = nt.from_nir(path)
+    assert again.encoder == pipe[0].encoder
+    network = fitted.restore(pipe).network
+    assert (again.network.spec, again.network.sampling_rate_Hz) == (network.spec, RATE_HZ)
+    found = again.network.infer(torch.from_numpy(np.asarray(pipe[:-1].transform(X)))).labels.numpy()
+    assert (pipe[-1].classes_[found] == pipe.predict(X)).all()
 
 
 def test_the_best_of_a_search_is_taken(pipe):

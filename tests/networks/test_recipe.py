@@ -239,7 +239,7 @@ def test_a_slower_clock_that_is_asked_for_says_what_it_merges():
 
 
 def test_the_default_network_has_the_recipe_and_little_else():
-    assert specs.load(RSNNSpec, "default").model_dump(mode="json") == {"recipe": "default", "hidden": 50}
+    assert specs.load(RSNNSpec, "default").model_dump(mode="json") == {"recipe": "default"}
 
 
 # --- the search space around the choices ------------------------------------------------------------------
@@ -413,7 +413,7 @@ def test_a_rare_pair_of_spikes_is_merged_and_counted_once():
     assert not any("input spikes (" in line for line in recipe.described(RSNNSpec(recipe="default", step_ms=1.0), at))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        network = begin(events, 2, DEFAULT, 1000.0, torch.Generator().manual_seed(0))
+        network = begin(events, 2, RSNNSpec(recipe="default", hidden=50), 1000.0, torch.Generator().manual_seed(0))
     assert network.steps_per_bin == 10
     events[:, 1] = 1  # one in a hundred is none that is rare
     assert Seen.of(events, 1000.0).apart == 1
@@ -452,11 +452,12 @@ FREE: dict[str, object] = {
     "hidden": 12, "membrane": "delayed", "reset": "hard", "recurrent_delay_steps": 1, "tau_mem_ms": 7.0,
     "tau_syn_ms": 7.0, "threshold_adaptation": 0.3, "surrogate": "arctan", "surrogate_scale": 7.0,
     "readout_surrogate_scale": 7.0,
-    "forward_weight_scale": 7.0, "recurrent_weight_scale": 0.7, "recurrent_blocks": 3, "learn": ["alpha"],
+    "forward_weight_scale": 7.0, "recurrent_weight_scale": 0.7, "recurrent_blocks": 5, "learn": ["alpha"],
     "input_deviation": 0.7, "training.optimiser": "Adamax", "training.betas": [0.8, 0.99],
     "training.weight_decay": 0.7, "training.loss": "hinge",
     "training.learning_rate": 0.7, "training.patience": 7, "training.target_loss": 0.7, "training.rate_penalty": 0.7,
-    "training.population_penalty": 0.7, "training.temperature": 0.7, "training.stretch_rate": 0.7,
+    "training.population_penalty": 0.7, "training.temperature": 0.7, "training.sparsity": 0.7,
+    "training.stretch_rate": 0.7,
     "training.relative_learning_rate": 0.7, "training.schedule": "constant", "training.keep": "loss",
     "training.input_dropout": 0.7, "training.input_jitter_ms": 0.7, "training.readout_dropout": 0.7,
     "training.members": 2, "direct": True,
@@ -474,6 +475,7 @@ def test_every_key_that_is_given_is_what_the_rules_see():
         assert key == "effort" or found[key] == value, key
         differing = {name for name in found.keys() | chosen.keys() if found.get(name) != chosen.get(name)}
         own = {key, "tau_adaptation_ms"} if key == "threshold_adaptation" else {key}
+        own |= {"direct"}  # of which the next test is
         assert differing - own == followers, key
 
 
@@ -481,7 +483,19 @@ def test_every_key_that_is_given_is_what_the_rules_see():
 def test_to_give_what_is_chosen_changes_nothing(given_seen, keys):
     chosen = chosen_at(given_seen)
     keys -= {"readout_stretches", "readout_stretch_ms"}  # given stretches learn at the usual rate
+    keys |= {"direct"}  # any key of hidden neurons says that these are wanted
     assert chosen_at(given_seen, **{key: chosen[key] for key in keys}) == chosen
+
+
+OF_NEURONS = ["hidden", "model", "tau_mem_ms", "surrogate_scale", "threshold_adaptation", "learn"]
+
+
+@pytest.mark.parametrize("key", ["", "training.epochs", "step_ms", *OF_NEURONS, "readout", "readout_tau_ms"])
+def test_smaller_networks_are_tried_unless_hidden_neurons_are_asked_for(key):
+    given_key = {key: {**GIVEN, **{name: (value, set()) for name, value in FREE.items()}}[key][0]} if key else {}
+    found = chosen_at(Seen(900, 1000, 1000.0, 50.0), **given_key)
+    assert found["hidden"] == given_key.get("hidden", 50)
+    assert found.get("direct") == (None if key in (*OF_NEURONS, "readout", "readout_tau_ms") else "auto")
 
 
 @pytest.mark.parametrize(("model", "scale"), [("snn", 10.0), ("rsnn", 20.0), ("auto", 20.0)])

@@ -88,6 +88,8 @@ def test_the_run_is_trial_0_and_what_is_left_is_beside_it(saved, run):
     assert first["left"][LIST] < 1
     assert json.loads((folder / "answer.json").read_text())["answer"] == answer["answer"] == told[0]
     assert (folder / "front.png").is_file()
+    assert answer["next"] == "export"
+    assert (folder / answer["points"][0]["spikes"]).is_file()
 
 
 @pytest.mark.thorough
@@ -239,6 +241,7 @@ def test_what_was_judged_by_others_decides_and_the_cheapest_that_keeps_is_the_an
     assert key_of(result.answer.trial.point) == (("a", 2),)
     assert [one.trial.id for one in result.points] == [2, 1]
     assert result.was_judged
+    assert found(trials, ASKED._replace(loss=0.2)).answer.trial.id == 1  # pyright: ignore[reportOptionalMemberAccess]
     assert found(trials[:4], ASKED).answer.trial.id == 1  # pyright: ignore[reportOptionalMemberAccess]
     lossy = [*trials[:4], done(4, {}, 0.9, 100.0, 2), done(5, {"a": 1}, 0.7, 10.0, 2)]
     assert found(lossy, ASKED).answer is None
@@ -272,3 +275,35 @@ def test_recordings_are_enough(run, tmp_path):
     assert len(answer["points"]) <= 1
     again = nt.save_energy(run.parent / "skin.h5", tmp_path / "out", trials=1, workers=1)
     assert again["answer"] == answer["answer"]
+
+
+def test_a_search_says_what_limits_its_answer(saved, run):
+    _folder, answer, _ = saved
+    assert answer["cautions"] == []
+    assert answer["points"][0]["integers"]["accuracy_test_8bit"] >= 0
+    start = start_of(run)
+    split = start.bench.task.split.model_copy(update={"test_where": {"day": 1}})
+    elsewhere = start._replace(bench=start.bench._replace(task=start.bench.task.model_copy(update={"split": split})))
+    result = found([done(0, {}, 0.9, 100.0), done(1, {"a": 1}, 0.9, 10.0)], ASKED)
+    assert [line.split()[0] for line in save._cautions(result, elsewhere)] == ["validation", "no"]
+
+
+def test_a_study_gives_its_best_setting_in_its_first_seed(tmp_path):
+    cells = {"a": (1, 0.8, 10.0), "b": (5, 0.9, 30.0), "c": (5, 0.8, 30.0), "d": (1, 0.9, 20.0), "e": (9, 0.85, 40.0)}
+    for name, (period, accuracy, sops) in cells.items():
+        (tmp_path / "cells" / name).mkdir(parents=True)
+        row = {
+            "t_ref_ra_ms": period,
+            "t_ref_sa_ms": 1,
+            "hidden": 9,
+            "accuracy_validation": accuracy,
+            "sops_total": sops,
+        }
+        (tmp_path / "cells" / name / "result.json").write_text(json.dumps({"row": row}))
+        (tmp_path / "cells" / name / "network.json").write_text("{}")
+    told = []
+    assert save.best_of_study(tmp_path, told.append).name == "a"  # all are equal, and it has the fewest SOPs
+    (tmp_path / "cells" / "d" / "network.json").unlink()
+    assert save.best_of_study(tmp_path, told.append).name == "b"
+    with pytest.raises(InputError, match="no trained network"):
+        save.best_of_study(tmp_path / "cells", told.append)

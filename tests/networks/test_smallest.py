@@ -14,7 +14,14 @@ from neurotact.networks.definition import recipe
 from neurotact.networks.definition.recipe import Seen
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.training import ensemble, epoch_checkpoint, linear, ranges
+from neurotact.networks.training import (
+    ensemble,
+    epoch_checkpoint,
+    epochs,
+    linear,
+    ranges,
+    sparsity,
+)
 from neurotact.networks.training.epochs import Examples
 
 
@@ -165,12 +172,40 @@ def from_the_smallest(seen: Examples, held: Examples, table: dict | None = None,
 @pytest.mark.parametrize("model", ["snn", "auto"])
 def test_the_smallest_network_stays_where_it_has_all_and_a_layer_comes_where_it_gains(model):
     net, training = from_the_smallest(timed(0), timed(1), {"model": model})
-    assert (net.spec.hidden, training.layer_gain) == (0, None)
+    assert (net.spec.hidden, training.smallest_accuracy, training.layer_gain) == (0, 1.0, None)
     net, training = from_the_smallest(either_alone(0), either_alone(1), {"model": model})
     assert net.spec.hidden == 8
     assert training.layer_gain is not None
     assert training.layer_gain > 0.2
-    assert net.spec.direct is not False or {epoch.member for epoch in training.epochs} >= {0, 1}
+    is_all = training.best.validation_accuracy == 1
+    assert (training.path_gain is None) == is_all
+    assert net.spec.direct is not False or is_all or {epoch.member for epoch in training.epochs} >= {0, 1}
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("made", [timed, either_alone])
+@pytest.mark.parametrize("epochs", [1, 30])
+def test_the_default_network_is_never_below_its_own_linear_readout(made, seed, epochs):
+    """Beyond chance, whether a layer has learned or not: the smallest stays unless a larger one clearly gains."""
+    seen, held = made(seed, 120), made(seed + 10, 120)
+    table = {"recipe": "default", "training": {"epochs": epochs, "patience": epochs}}
+    spec = recipe.chosen_for(RSNNSpec.model_validate(table), seen.spikes, 1000.0)
+    assert (spec.hidden, spec.direct) == (50, "auto")
+
+    def new(spec, seeds):
+        weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
+        net = RSNN(2, int(seen.labels.max()) + 1, spec, 1000.0, generator=weights)
+        recipe.start(net, seen.spikes, weights)
+        return net, order
+
+    net, training = ensemble.train(new, spec, (0, 1), seen, held)
+    readout = fitted(seen, held)
+    ours, its = (net.infer(held.spikes).labels == held.labels, readout.infer(held.spikes).labels == held.labels)
+    assert not ensemble.pays(ours, its)
+    assert ours.double().mean() >= its.double().mean()
+    assert training.best.validation_accuracy == accuracy(net, held)
+    assert training.smallest_accuracy == accuracy(readout, held)
+    assert (net.spec.hidden > 0) == bool(training.layer_gain is not None and ensemble.pays(its, ours))
 
 
 def test_a_layer_that_gains_within_its_error_is_not_kept(monkeypatch):
@@ -185,6 +220,7 @@ def test_a_layer_that_gains_within_its_error_is_not_kept(monkeypatch):
 @pytest.mark.parametrize("path_pays", [False, True])
 def test_a_training_from_the_smallest_goes_on_from_each_checkpoint(path_pays, monkeypatch, tmp_path):
     seen, held, kept = either_alone(0), either_alone(1), []
+    held.labels[:4] = 1 - held.labels[:4]  # no network has all
     order = [True, path_pays]  # the layer pays, and then the path past it or not
     asked: list[int] = []
 
@@ -195,6 +231,7 @@ def test_a_training_from_the_smallest_goes_on_from_each_checkpoint(path_pays, mo
     monkeypatch.setattr(ensemble, "pays", pays)
     whole, training = from_the_smallest(seen, held, keep=kept.append)
     assert whole.spec.direct is path_pays
+    assert None not in (training.smallest_accuracy, training.layer_gain, training.path_gain)
     net = epoch_checkpoint.Net(RSNNSpec.model_validate(LADDER), 2, 2)
     for place in (3, len(kept) - 2):
         epoch_checkpoint.save(kept[place], tmp_path / "last", "it")
@@ -202,3 +239,27 @@ def test_a_training_from_the_smallest_goes_on_from_each_checkpoint(path_pays, mo
         again, its = from_the_smallest(seen, held, start=epoch_checkpoint.load(tmp_path / "last", net, "it"))
         assert its == training
         assert all(torch.equal(a, b) for a, b in zip(whole.parameters(), again.parameters(), strict=True))
+
+
+@pytest.mark.parametrize("n_classes", [2, 4])
+@pytest.mark.parametrize("stretches", [1, 32])
+def test_a_pruned_one_has_its_zeros_and_what_is_left_is_fitted_again(n_classes, stretches):
+    seen, held = timed(0, n_classes=n_classes), timed(1, n_classes=n_classes)
+    noise = (torch.rand(160, 160, 6, generator=torch.Generator().manual_seed(0)) < 0.1).to(torch.uint8)
+    seen, held = (Examples(torch.cat([side.spikes, noise], dim=2), side.labels) for side in (seen, held))
+    whole = fitted(seen, held, readout_stretches=stretches)
+    keys = {"readout_stretches": stretches, "training": {"sparsity": 0.75}}
+    spec = recipe.chosen_for(RSNNSpec(recipe="default", hidden=0, **keys), seen.spikes, 1000.0)
+    net = RSNN(8, n_classes, spec, 1000.0)
+    done = linear.train(net, seen, held)
+    assert int((net.w_out == 0).sum()) == round(0.75 * 8 * n_classes)
+    assert sum(net.synapses.values()) == net.w_out.numel() - round(0.75 * 8 * n_classes)
+    sparsity.prune(whole, 0.75)
+    assert done.best == done.epochs[-1]
+    assert done.best.train_loss < epochs.judge(whole, seen.binned(whole))[0]
+    assert len(done.epochs) == 1 + len(linear.INVERSE_PENALTIES)
+
+
+def test_the_smallest_of_a_ladder_is_pruned_as_asked():
+    net, _ = from_the_smallest(timed(0), timed(1), {"training": {**LADDER["training"], "sparsity": 0.5}})
+    assert (net.spec.hidden, net.spec.training.sparsity, int((net.w_out == 0).sum())) == (0, 0.5, 4)

@@ -13,7 +13,9 @@ PACKAGES = tuple(
     f"neurotact_parts.{room}"
     for room in ("encoders", "exporters", "networks", "opponents", "readers", "streams", "studies")
 )
-AS_TYPED = tuple(f"neurotact_parts.{room}" for room in ("exporters", "networks.search", "readers", "streams"))
+AS_TYPED = tuple(
+    f"neurotact_parts.{room}" for room in ("exporters", "networks.saving", "networks.search", "readers", "streams")
+)
 """Where examples name files as a user does."""
 NEEDS = {"neo_blocks": "neo", "nwb": "pynwb", "nwb_output": "pynwb"}
 """Optional packages that the examples of a module need."""

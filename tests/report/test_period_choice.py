@@ -167,6 +167,36 @@ def test_another_size_of_the_best_with_the_shortest_period_is_told_too():
     assert "against 1 ms, both with 20 neurons; against the best with 1 ms, of 50 neurons, it saves 40 %" in said
 
 
+def test_a_network_without_a_hidden_layer_is_compared_with_such_a_one_and_named_so():
+    rows = [("1&1", 0, 0.95, 100), ("10&10", 0, 0.95, 60), ("1&1", 20, 0.951, 300), ("10&10", 20, 0.95, 200)]
+    known = {"starts": 3, "seeds": 3, "apart": Spread(0.005, 6)}
+    smallest, other, *_ = networks = [decided(*one)._replace(**known if one[1] else {}) for one in rows]
+    choice = choose(networks)
+    assert (choice.network, choice.other) == (other, smallest)
+    said = period_choice.in_words(choice, SURE, ("RA-I", "SA-I"))
+    assert "against 1 ms, both without a hidden layer; against the best with 1 ms, of 20 neurons, it saves" in said
+    larger = period_choice.in_words(choice._replace(larger=(smallest, EQUAL)), SURE, ("RA-I", "SA-I"))
+    assert "against the best with 1 ms, without a hidden layer, it saves" in larger
+    assert (other.name, other._replace(pair="-").name) == ("10&10 ms without a hidden layer", "no hidden layer")
+    part = other._replace(is_part=True)  # whose neurons are not counted
+    assert (part.name, part._replace(pair="-").name) == ("10&10 ms with the network", "the network")
+
+
+def test_no_start_of_the_weights_is_blamed_or_asked_for_where_there_is_one_fit():
+    few = Trials(40, 400)
+    fits = [decided("1&1", 0, 0.95, 100), decided("10&10", 0, 0.95, 60), decided("5&5", 0, 0.97, 80)]
+    choice = choose(fits, trials=few)
+    assert (choice.kind, choice.fix) == ("unclear", "trials")
+    assert choice.why.startswith("a few other validation trials would choose ")
+    assert [period_choice.noise_of(one, few) for one in fits] == [0.0] * 3
+    choice = choose([one._replace(hidden=20) for one in fits], trials=few)
+    assert (choice.kind, choice.fix) == ("unclear", "seeds")
+    assert "or other starts of the weights, would choose " in choice.why
+    unsure = EQUAL._replace(nJ=None, sops=Interval(0.1, -0.1, 0.3))
+    sure = [decided("1&1", 0, 0.95, 100), decided("10&10", 0, 0.95, 60)]
+    assert choose(sure, unsure).fix == "trials"
+
+
 def test_nothing_is_said_without_two_periods():
     assert period_choice.chosen([decided("5&5", 20, 0.9, 9), decided("5&5", 50, 0.9, 9)], Trials(40, 40)) is None
     assert period_choice.chosen([decided("-", 20, 0.9, 9)], Trials(40, 40)) is None

@@ -12,6 +12,7 @@ from test_report import make_study
 
 from neurotact.metrics import starts
 from neurotact.metrics.shares import wilson_interval
+from neurotact.networks.use.measuring import OWN_KEYS
 from neurotact.report import answer as answers
 from neurotact.report import front, networks, sentences
 from neurotact.report.answer import Trials
@@ -48,6 +49,22 @@ def test_where_starts_differ_the_interval_holds_them(accuracies):
         assert found.interval == (low, high)
         assert starts.ONE not in sentences.of_starts(found)
         assert f"{100 * apart.deviation:.1f} points apart" in sentences.of_starts(found)
+
+
+@given(st.lists(SHARES, min_size=1, max_size=3), st.booleans())
+def test_a_network_without_a_hidden_layer_has_one_start_and_lends_its_spread_to_none(accuracies, is_part):
+    others = rows(accuracies)
+    fits = others[others["hidden"] == 1].assign(hidden=0, accuracy_test=0.5)
+    fits = fits.assign(**({OWN_KEYS: '{"model": "mine"}'} if is_part else {}))
+    first, *rest = front.networks_of(pd.concat([fits, others], ignore_index=True), ["split.fold"])
+    apart = starts.spread([*accuracies, *([[0.5] * len(fits)] if is_part else [])])
+    assert all(one.apart == apart for one in rest)
+    assert first.apart == (apart if is_part else None)
+    assert (first.size, first.is_part) == ("" if is_part else "no hidden layer", is_part)
+    said = sentences.of_starts(answers.answer([first], [], 0.1, TRIALS))
+    assert (starts.FITTED[1:] in said) != is_part
+    if not is_part:
+        assert answers.interval_of(first, first.whole, TRIALS) == wilson_interval(0.5, TRIALS.test)
 
 
 @given(st.lists(SHARES, min_size=1, max_size=3))

@@ -275,8 +275,12 @@ def test_a_socket_and_a_pipe_give_what_a_file_gives(run):
         found = [*nt.stream(run / "run", f"tcp:127.0.0.1:{server.getsockname()[1]}").decisions]
         thread.join()
     assert [decision._asdict() for decision in found] == expected
-    with pytest.raises(InputError, match="no address"):
-        next(nt.stream(run / "run", "tcp:localhost").decisions)
+    for address in ("tcp:localhost", "tcp:localhost:70000", "tcp::80"):
+        with pytest.raises(InputError, match="no address"):
+            next(nt.stream(run / "run", address).decisions)
+    for held in ("touches.h5", "lsl:Skin"):
+        with pytest.raises(InputError, match="holds samples"):
+            nt.stream(run / "run", held)
 
 
 @pytest.mark.thorough

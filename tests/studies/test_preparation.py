@@ -186,7 +186,8 @@ def test_a_window_longer_than_the_shortest_trial_is_refused_before_calibration(
 ):
     """The second skin is calibrated on a clock of 1 kHz, on which its 200 samples are 2 s."""
     table = pd.DataFrame({"label": ["felt", "silk"] * 20, "force_N": [3, 3, 6, 6] * 10})
-    signals = [np.ones((n, 2)) for n in [700] * 25 + [round(0.2 * rate_Hz) if rate_Hz == 2000.0 else 200] + [700] * 14]
+    short = round(0.2 * rate_Hz) if rate_Hz == 2000.0 else 200
+    signals = [np.ones((n, 2)) for n in [700] * 24 + [short] * 4 + [700] * 12]  # more than 5 %
     touches = Recordings(signals, rate_Hz, "mV", table)
     changes = {
         "calibrate": True, "window.start_ms": 0, "dataset.stratify": ["force_N"],
@@ -201,7 +202,7 @@ def test_a_window_longer_than_the_shortest_trial_is_refused_before_calibration(
         raise AssertionError("calibration began")
 
     monkeypatch.setattr(preparation, "calibration_for", calibrated)
-    refused = f"trial 25 lasts {(length_ms - 1) / 1e3:.3f} s, less than the {length_ms / 1e3:.3f} s"
+    refused = f"trial 24 lasts {(length_ms - 1) / 1e3:.3f} s, less than the {length_ms / 1e3:.3f} s"
     with pytest.raises(InputError, match=refused):
         preparation.prepare(tmp_path / "longer", what, [*study.cells(what)])
     fitting = study.resolve("refractory-period", {**changes, "window.length_ms": length_ms - 1})

@@ -5,7 +5,8 @@ decisions, or refuses a feature with the sentence of this table. Tests, refusals
 it, so that a new feature is entered here and nowhere else.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import torch
@@ -51,13 +52,15 @@ class _Executor(NamedTuple):
     """A program that executes chains.
 
     what: its name in sentences. parts: the parts of a chain that it executes; the others come before or after it.
-    lacks: for each feature that it refuses, the reason. is_equal: whether it spikes as the reference does; otherwise
-    what it writes names the differences.
+    lacks: for each feature that it refuses, the reason. leaves: for each feature without whose part it executes the
+    rest of the chain, the reason. is_equal: whether it spikes as the reference does; otherwise what it writes names the
+    differences.
     """
 
     what: str
     parts: tuple[str, ...]
     lacks: Mapping[str, str]
+    leaves: Mapping[str, str] = MappingProxyType({})
     is_equal: bool = True
 
 
@@ -273,15 +276,13 @@ _IN_C = {
     "rise in SA-I": "the SA-I of C are driven by the signal alone",
     "membranes in closed form": "C has no logarithm without a library",
 }
-_NOT_IN_NIR = {
-    **_ONE_LAYER,
+_NOT_IN_NIR = {**_ONE_LAYER, "adaptive thresholds": "it has no neuron whose threshold adapts"}
+_OUTSIDE_NIR = {
     "clock slower than its encoder's": "it has no node that puts spikes into bins",
     "half-wave rate of change": "its graph rectifies the rate of change",
     "rise in SA-I": "its graph drives SA-I by the signal alone",
     "membranes in closed form": "its neurons step on a clock",
-    **dict.fromkeys(OTHER_MODELS, "it has no nodes for them; the network alone can be exported"),
-    "adaptive thresholds": "it has no neuron whose threshold adapts",
-    "readout of stretches": "it has no weights that change with time",
+    **dict.fromkeys(OTHER_MODELS, "it has no nodes for them"),
 }
 EXECUTORS: dict[str, _Executor] = {
     "reference": _Executor("the reference", CHAIN, {}),
@@ -300,11 +301,13 @@ EXECUTORS: dict[str, _Executor] = {
         "NIR",
         ("encoder", "network", "readout"),
         {**_NOT_IN_NIR, "readout max": "it has no node for a maximum over time, except in the plain form"},
+        _OUTSIDE_NIR,
     ),
     "nir-plain": _Executor(
         "plain NIR",
         ("encoder", "network", "readout"),
         {**_NOT_IN_NIR, **dict.fromkeys((NO_LAYER, PAST), "its form is a chain of two layers of neurons")},
+        _OUTSIDE_NIR,
         is_equal=False,
     ),
     "snntorch": _Executor(
@@ -338,17 +341,36 @@ def require(executor: str, subject: Subject) -> None:
 
 def refusal(executor: str, name: str) -> InputError:
     """The error for a feature that an executor lacks."""
-    entry = EXECUTORS[executor]
-    return InputError(f"{name}: {entry.what} does not run it: {entry.lacks[name]}; {FEATURES[name].instead}")
+    return InputError(f"{_why(executor, name, EXECUTORS[executor].lacks)}; {FEATURES[name].instead}")
 
 
 def lacking(executor: str, subject: Subject) -> str | None:
     """The first feature of a subject that an executor lacks; None if it runs all."""
-    return next((name for name in EXECUTORS[executor].lacks if FEATURES[name].present(subject)), None)
+    return _first(EXECUTORS[executor].lacks, subject)
+
+
+def left_outside(executor: str, subject: Subject) -> str | None:
+    """The first feature for which an executor leaves the encoder outside, and the reason; None if it runs it.
+
+    >>> from neurotact.networks.definition.rsnn import RSNN
+    >>> network = RSNN(2, 3, sampling_rate_Hz=1000.0, hidden=4, step_ms=5.0)
+    >>> left_outside("nir", Subject(AfferentSpec(), network))
+    "clock slower than its encoder's: NIR does not run it: it has no node that puts spikes into bins"
+    """
+    name = _first(EXECUTORS[executor].leaves, subject)
+    return None if name is None else _why(executor, name, EXECUTORS[executor].leaves)
+
+
+def _first(names: Iterable[str], subject: Subject) -> str | None:
+    return next((name for name in names if FEATURES[name].present(subject)), None)
+
+
+def _why(executor: str, name: str, reasons: Mapping[str, str]) -> str:
+    return f"{name}: {EXECUTORS[executor].what} does not run it: {reasons[name]}"
 
 
 def table() -> list[tuple[str, ...]]:
-    """Rows for the page: a feature, its part, and for each executor `equal`, `differs`, `outside` or why not.
+    """Rows for the page: a feature, its part, and for each executor `equal`, `differs`, `outside`, or why not.
 
     >>> table()[0][:3]
     ('moving average', 'conditioning', 'equal')
@@ -362,6 +384,8 @@ def table() -> list[tuple[str, ...]]:
 def _cell(executor: _Executor, name: str, feature: _Feature) -> str:
     if name in executor.lacks:
         return f"no: {executor.lacks[name]}"
+    if name in executor.leaves:
+        return f"outside, with the encoder: {executor.leaves[name]}"
     if feature.part not in executor.parts:
         return "outside"
     return "equal" if executor.is_equal else "differs"

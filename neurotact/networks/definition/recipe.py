@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from neurotact import effects
 from neurotact import spec as specs
 from neurotact.errors import InputError
 from neurotact.networks.definition import clock
@@ -21,6 +22,7 @@ from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import (
     BEST_MEMBERS,
+    BUILT_IN,
     COMMON,
     MOST_HIDDEN,
     MOST_STRETCHES,
@@ -40,8 +42,8 @@ LONGEST_STEPS_MS, STEPS, FEWEST_BINS = (5.0, 20.0), 100, 30
 """Of the network's clock: bounds of its longest step, which is a hundredth of the window; fewest steps of a window."""
 MERGED = 0.005
 """Share of the spikes that may be close enough for the network's clock to merge: a rare pair does not decide it."""
-STRETCHES, FITTED_STRETCHES = 4, 32
-"""Of the readout, behind a hidden layer and without one, where they are fitted with a penalty."""
+HIDDEN, STRETCHES, FITTED_STRETCHES = 50, 4, 32
+"""Hidden neurons; stretches of the readout, behind them and without them, where they are fitted with a penalty."""
 RECURRENT_STEPS, RECURRENT_MS = 300, 1500.0
 """Where recurrence is tried: the most steps of the network, and the longest window."""
 FEW, ENOUGH = 4.0, 6.0
@@ -168,6 +170,7 @@ def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[_Choice]
     50.0
     """
     chosen = _Chosen(given or {})
+    _choose_size(chosen)
     per_bin = _choose_model(chosen, seen)
     bins = math.ceil(seen.steps / per_bin)
     _choose_readout(chosen, seen, bins, per_bin)
@@ -181,6 +184,18 @@ def choices(seen: Seen, given: Mapping[str, Any] | None = None) -> list[_Choice]
     _choose_length(chosen, seen)
     _choose_training(chosen, seen)
     return chosen.made
+
+
+def _choose_size(chosen: _Chosen) -> None:
+    """Choose the hidden neurons, and whether smaller networks are tried: where no key of a hidden layer is given."""
+    given = chosen.given
+    of_layer = {key for key in effects.voids(hidden=0) if not key.startswith("training.")}
+    if "hidden" in given or given.get("model", "auto") not in BUILT_IN:
+        return
+    chosen.take("hidden", HIDDEN, "neurons, where a hidden layer stays")
+    adds_up = given.get("readout", "integrator") == "integrator" and given.get("readout_tau_ms") is None
+    if adds_up and not of_layer & given.keys():
+        chosen.take("direct", "auto", "the smallest network that no larger one clearly beats on validation windows")
 
 
 def _choose_model(chosen: _Chosen, seen: Seen) -> int:
@@ -431,7 +446,7 @@ def described(spec: RSNNSpec, seen: Seen) -> Iterator[str]:
     n_merged = seen.merging[per_bin - 1] if per_bin <= len(seen.merging) else 0
     if 0 < n_merged <= MERGED * seen.n_spikes:
         yield clock.in_words(n_merged, seen.n_spikes)
-    yield from joined_cost(spec)
+    yield from joined_cost(resolve(spec, seen))
 
 
 def joined_cost(spec: RSNNSpec) -> Iterator[str]:

@@ -359,7 +359,7 @@ class RSNNSpec(Spec):
             "model": "snn",
             "hidden": 0,
             "readout": "integrator",
-            "training": {"temperature": self.training.temperature},
+            "training": {key: getattr(self.training, key) for key in ("temperature", "sparsity")},
         }
         own = {"readout_stretches": stretches, "readout_stretch_ms": stretch_ms} if stretches > 1 else {}
         return specs.build(type(self), {**table, **own, "step_ms": self.step_ms}, source="hidden = 0")

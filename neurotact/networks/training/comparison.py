@@ -8,7 +8,7 @@ from sklearn.preprocessing import StandardScaler
 
 from neurotact.baselines import opponent
 from neurotact.baselines.features import counted
-from neurotact.metrics import power, referee
+from neurotact.metrics import power, referee, starts
 from neurotact.metrics.decision import otherwise
 from neurotact.metrics.paired import by_trial, compare_by_trial
 from neurotact.metrics.referee import Verdict, Way
@@ -19,8 +19,6 @@ from neurotact.progress import say
 
 BINS = 10
 """Time bins of a window, in which spikes are counted."""
-ONE_START = "one start of the weights: others may differ"
-"""What is said of an interval that knows a single start."""
 
 
 class Comparison(NamedTuple):
@@ -136,8 +134,8 @@ def _inputs(sides: Sides, n_bins: int) -> opponent.Sides:
     return opponent.Sides(*map(scaler.transform, features), *(side.labels.numpy() for side in sides))
 
 
-def lines(against: Comparison) -> tuple[str, str]:
-    """The accuracy, and what it is compared with, in words."""
+def lines(against: Comparison, start: str = starts.ONE) -> tuple[str, str]:
+    """The accuracy, and what it is compared with, in words; start: what is said of the start of the weights."""
     accuracy, low, high, chance, commonest, baseline, rival = (
         f"{100 * share:.1f} %"
         for share in (
@@ -152,7 +150,7 @@ def lines(against: Comparison) -> tuple[str, str]:
         "tie": power.in_words(tie) if power.is_too_weak(tie) else "no clear difference",
     }[against.verdict]
     return (
-        f"accuracy {accuracy} (95 % interval {low} to {high}, {against.trials} test trials); {ONE_START}",
+        f"accuracy {accuracy} (95 % interval {low} to {high}, {against.trials} test trials); {start}",
         f"baselines: chance {chance}, always the commonest class {commonest}, best on the same spikes: "
         f"{against.baseline} {baseline}; {verdict}",
     )
@@ -181,14 +179,16 @@ def costs(row: Mapping[str, Any], step_ms: float) -> str:
 
 
 def recurrence(row: Mapping[str, Any]) -> list[str]:
-    """What recurrence gained on validation windows, and whether it stays, in words; nothing where it was not tried.
+    """What was tried beside the network that stays, what it gained on validation windows, and why it stopped, in words.
+
+    Nothing where nothing else was tried.
 
     >>> print(*recurrence({"recurrence_gain": 0.005, "sops_recurrent": 0.0}))
     hidden neurons: without recurrence; with it, validation accuracy changes by +0.5 points, within the standard error; to choose otherwise, set model
     """  # noqa: E501
     lines = []
-    if (gain := row.get("layer_gain")) is not None:
-        lines = [f"{_of_layer(row, 100 * gain)}; {otherwise('hidden and direct')}"]
+    if row.get("smallest_accuracy") is not None:
+        lines = [f"{_from_the_smallest(row)}; {otherwise('hidden')}"]
     if (gain := row.get("recurrence_gain")) is None:
         return lines
     if row["sops_recurrent"] > 0:
@@ -199,17 +199,34 @@ def recurrence(row: Mapping[str, Any]) -> list[str]:
     return [*lines, f"hidden neurons: {words}; {otherwise('model')}"]
 
 
-def _of_layer(row: Mapping[str, Any], points: float) -> str:
-    """What a hidden layer gained on validation windows, in words.
+def _from_the_smallest(row: Mapping[str, Any]) -> str:
+    """Which of the networks from the smallest up stays, and why no larger one, in words.
 
-    >>> _of_layer({"sops_input": 0.0}, 0.5)
-    'no hidden layer; with one, validation accuracy changes by +0.5 points, within the standard error'
-    """
-    if row["sops_input"] > 0:
-        past = ", with a path past it" if row.get("direct") else ""
-        return f"a hidden layer{past}; validation accuracy gains {points:.1f} points by it"
-    within = ", within the standard error" if points > 0 else ""
-    return f"no hidden layer; with one, validation accuracy changes by {points:+.1f} points{within}"
+    >>> _from_the_smallest({"smallest_accuracy": 1.0, "sops_input": 0.0})
+    'all validation windows are right without a hidden layer; nothing larger was tried'
+    >>> _from_the_smallest({"smallest_accuracy": 0.9, "layer_gain": 0.005, "sops_input": 0.0})
+    'no hidden layer: 90.0 % of the validation windows are right without one; with it +0.5 points, within the standard error; nothing larger was tried'
+    >>> _from_the_smallest({"smallest_accuracy": 0.9, "layer_gain": 0.1, "sops_input": 9.0})
+    'a hidden layer: 90.0 % of the validation windows are right without it; with it +10.0 points, and all are right; nothing larger was tried'
+    """  # noqa: E501
+    nothing = "nothing larger was tried"
+    share, gain, path = row["smallest_accuracy"], row.get("layer_gain"), row.get("path_gain")
+    if gain is None:
+        return f"all validation windows are right without a hidden layer; {nothing}"
+    without = f"{100 * share:.1f} % of the validation windows are right without"
+    if not row["sops_input"] > 0:
+        return f"no hidden layer: {without} one; with it {_points(gain)}; {nothing}"
+    layer = f"{without} it; with it {100 * gain:+.1f} points"
+    if path is None:
+        return f"a hidden layer: {layer}, and all are right; {nothing}"
+    if row.get("direct"):
+        return f"a hidden layer and a path past it: {layer}; with the path {100 * path:+.1f} points more"
+    return f"a hidden layer: {layer}; with a path past it {_points(path)}"
+
+
+def _points(gain: float) -> str:
+    """A gain that is too small, in points."""
+    return f"{100 * gain:+.1f} points{', within the standard error' if gain > 0 else ''}"
 
 
 def confused(matrix: Sequence[Sequence[int]], classes: Sequence[str], most: int = 3) -> str:

@@ -45,26 +45,30 @@ def train(
     progress, start, keep: as for `epochs.train`.
     Raises InputError as that does.
     """
-    series, gain = _Series(training, validation, progress, start, keep), None
+    series, gains = _Series(training, validation, progress, start, keep), dict[str, float]()
     alone = spec.model_copy(update={"training": spec.training.model_copy(update={"members": 1})})
-    smallest, layer_gain = None, None
+    smallest = None
     if spec.direct == "auto":
         alone = alone.model_copy(update={"direct": False})
         smallest = _without_layer(new, alone, first, training, validation)
+        gains["smallest_accuracy"] = float(smallest.right.double().mean())
         if smallest.right.all():  # nothing is left to gain
-            return smallest.network, smallest.training
+            return smallest.network, replace(smallest.training, **gains)
     if spec.model == "auto":
         member, own, gain = _with_recurrence_if_it_gains(series, new, alone, first)
+        gains |= {} if gain is None else {"recurrence_gain": gain}
     else:
         member, own = series.train(*new(alone, first))
     if smallest is not None:
         right = series.right_of(member)
-        layer_gain = float(right.double().mean() - smallest.right.double().mean())
+        gains["layer_gain"] = _gain(smallest.right, right)
         if not pays(smallest.right, right):
-            return smallest.network, replace(smallest.training, layer_gain=layer_gain)
-        member, own = _with_path_if_it_gains(series, new, (member, own), first, right)
+            gains.pop("recurrence_gain", None)  # of a layer that does not stay
+            return smallest.network, replace(smallest.training, **gains)
+        if not right.all():
+            member, own, gains["path_gain"] = _with_path_if_it_gains(series, new, (member, own), first, right)
     if (n := spec.training.members) == 1:
-        return member, Training(series.numbered(), own.best._replace(member=1), gain, layer_gain)
+        return member, Training(series.numbered(), own.best._replace(member=1), **gains)
     members = [member]
     for number in range(2, n + 1):
         another, _ = series.train(*new(member.spec, seeds.of_member(first, number)))
@@ -73,7 +77,7 @@ def train(
     fitted = one.judge(whole, training.binned(whole))
     judged = one.judge(whole, validation.binned(whole))
     best = Epoch(series.log[-1].epoch, *fitted, *judged, one.JOINED)
-    return whole, Training(series.numbered(), best, gain, layer_gain)
+    return whole, Training(series.numbered(), best, **gains)
 
 
 class _Smallest(NamedTuple):
@@ -99,12 +103,13 @@ def _without_layer(
 
 def _with_path_if_it_gains(
     series: "_Series", new: New, before: tuple[Network, Training], first: tuple[int, int], right: Tensor
-) -> tuple[Network, Training]:
-    """The network with a path past its hidden layer, if that gains; right: what it has right without."""
+) -> tuple[Network, Training, float]:
+    """The network with a path past its hidden layer, if that gains, and what it gains; right: as it is without."""
     past, own = series.train(*new(before[0].spec.model_copy(update={"direct": True}), first))
-    is_better = pays(right, series.right_of(past))
+    with_path = series.right_of(past)
+    is_better = pays(right, with_path)
     series.dropped.add((before[1] if is_better else own).best.member)
-    return (past, own) if is_better else before
+    return *((past, own) if is_better else before), _gain(right, with_path)
 
 
 def _with_recurrence_if_it_gains(
@@ -124,7 +129,7 @@ def _with_recurrence_if_it_gains(
         warnings.warn(f"{error}; the network without recurrence stays", stacklevel=2)
         return plain, own, None
     without, with_it = series.right_of(plain), series.right_of(recurrent)
-    gain = float(with_it.double().mean() - without.double().mean())
+    gain = _gain(without, with_it)
     if pays(without, with_it):
         series.dropped.add(own.best.member)
         return recurrent, its_own, gain
@@ -132,8 +137,13 @@ def _with_recurrence_if_it_gains(
     return plain, own, gain
 
 
+def _gain(without: Tensor, with_it: Tensor) -> float:
+    """The validation accuracy that a part of a network gains; both as for `pays`."""
+    return float(with_it.double().mean() - without.double().mean())
+
+
 def pays(without: Tensor, with_it: Tensor) -> bool:
-    """Whether recurrence gains more than the standard error of its gain, from the windows that it decides otherwise.
+    """Whether a part of a network gains more than the standard error of its gain, from the windows decided otherwise.
 
     without, with_it: whether each validation window is classified correctly, `(window,)`. Of `n` windows that only one
     of the two has right, chance alone favours either by the root of `n` (McNemar 1947, doi 10.1007/BF02295996).

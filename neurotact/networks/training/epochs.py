@@ -55,6 +55,10 @@ class Epoch(NamedTuple):
     member: int = 1
 
 
+GAINS = ("recurrence_gain", "smallest_accuracy", "layer_gain", "path_gain")
+"""Columns of results: what was tried in training, as of `Training`; absent where it was not."""
+
+
 @dataclass(frozen=True)
 class Training:
     """The result of a training: its log, and the epoch whose weights the network now has.
@@ -63,14 +67,18 @@ class Training:
     network that is kept; if several were joined, of the joined network.
     recurrence_gain: with `model = "auto"`, the validation accuracy with recurrence minus that without; None if it was
         not tried.
-    layer_gain: with `direct = "auto"`, the validation accuracy with a hidden layer minus that without; None if it was
-        not tried.
+    smallest_accuracy: with `direct = "auto"`, the validation accuracy without a hidden layer; None if that was not
+        tried.
+    layer_gain, path_gain: the validation accuracy with a hidden layer minus that without, and that with the path past
+        it minus that with the layer alone; None if it was not tried.
     """
 
     epochs: tuple[Epoch, ...]
     best: Epoch
     recurrence_gain: float | None = None
+    smallest_accuracy: float | None = None
     layer_gain: float | None = None
+    path_gain: float | None = None
 
     @property
     def n_members(self) -> int:

@@ -8,6 +8,8 @@ their times do. So the weight of a stretch is the sum of one for the whole windo
 on, and all of these are penalised alike: what coarse weights can say costs least, since they receive most spikes. On
 900 windows of seven fabrics, 32 stretches have 95.4 % so, 4 stretches with a single weight each 93.3 % and 40 of them
 78.9 %.
+
+With `training.sparsity` the smallest synapses are pruned after that, and what is left is fitted again.
 """
 
 import warnings
@@ -17,10 +19,11 @@ import numpy as np
 import torch
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import LogisticRegression
+from torch.nn.functional import cross_entropy
 
 from neurotact.networks.definition.readouts import Stretches
 from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.training import epochs
+from neurotact.networks.training import epochs, sparsity
 from neurotact.networks.training.epochs import Epoch, Examples, Training
 
 INVERSE_PENALTIES = (0.001, 0.01, 0.1, 1.0, 10.0)
@@ -40,7 +43,8 @@ def train(
 ) -> Training:
     """Fit the weights of a network with `hidden = 0` in place; an epoch of the log is a penalty.
 
-    The one with the highest validation accuracy stays, of equally accurate ones that with the lowest loss.
+    The one with the highest validation accuracy stays, of equally accurate ones that with the lowest loss; the last
+    epoch of a pruned network is that of what is left.
 
     >>> from neurotact.networks.definition.specs import RSNNSpec
     >>> net = RSNN(2, 2, RSNNSpec(hidden=0, readout="integrator"), 1000.0)
@@ -70,7 +74,38 @@ def train(
             progress(log[-1])
     best = epochs.best_of(log, "accuracy")
     network.load_state_dict(states[best.epoch - 1])
+    if share := network.spec.training.sparsity:
+        sparsity.prune(network, share)
+        _fit_what_is_left(network, fitted, summed, training, INVERSE_PENALTIES[best.epoch - 1])
+        _set(network, fitted, levels / spread, center)
+        best = Epoch(len(log) + 1, *epochs.judge(network, training), *epochs.judge(network, validation), member)
+        log.append(best)
     return Training(tuple(log), best)
+
+
+def _fit_what_is_left(
+    network: RSNN, fitted: LogisticRegression, summed: np.ndarray, training: Examples, penalty: float
+) -> None:
+    """Fit a regression anew with the synapses of a pruned network, in place; summed: its inputs, `(window, input)`."""
+    remains = (network.w_out.cpu() != 0)[:, fitted.classes_].repeat(summed.shape[1] // network.n_inputs, 1)
+    inputs, labels = (
+        torch.from_numpy(summed),
+        torch.from_numpy(np.searchsorted(fitted.classes_, training.labels.numpy())),
+    )
+    slopes = torch.zeros(remains.shape, dtype=torch.float64, requires_grad=True)
+    level = torch.zeros(len(fitted.classes_), dtype=torch.float64, requires_grad=True)
+    each = penalty * (torch.ones(len(labels)) if training.weights is None else training.weights).double()
+    optimiser = torch.optim.LBFGS([slopes, level], max_iter=MOST_ITERATIONS, line_search_fn="strong_wolfe")
+
+    def loss() -> torch.Tensor:
+        optimiser.zero_grad()
+        losses = cross_entropy(inputs @ (slopes * remains) + level, labels, reduction="none")
+        total = losses @ each + slopes.square().sum() / 2
+        total.backward()
+        return total
+
+    optimiser.step(loss)
+    fitted.coef_, fitted.intercept_ = slopes.detach().T.numpy(), level.detach().numpy()
 
 
 def _counts(network: RSNN, examples: Examples) -> np.ndarray:

@@ -20,7 +20,7 @@ from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.patience import ExitChoice
 from neurotact.networks.exit.rule import ExitRule
-from neurotact.networks.training import ensemble, tasks, trainer
+from neurotact.networks.training import ensemble, epochs, tasks, trainer
 from neurotact.networks.training.epochs import Examples
 from neurotact.networks.training.tasks import Sides, Task
 from neurotact.networks.training.trainer import Trained
@@ -40,7 +40,10 @@ class Choice(Spec):
     exit_losses: dict[int, float] = {}
     """By validation trial, as of `ExitChoice`; a choice of an earlier version has none."""
     recurrence_gain: float | None = Field(default=None, ge=-1, le=1)
-    """Of validation accuracy; None if recurrence was not tried (`epochs.Training`)."""
+    smallest_accuracy: float | None = Field(default=None, ge=0, le=1)
+    layer_gain: float | None = Field(default=None, ge=-1, le=1)
+    path_gain: float | None = Field(default=None, ge=-1, le=1)
+    """Of validation accuracy; None if it was not tried (`epochs.Training`)."""
 
     @classmethod
     def of(cls, fitted: Trained, validation: Examples) -> "Choice":
@@ -51,7 +54,7 @@ class Choice(Spec):
             accuracy_validation=fitted.training.best.validation_accuracy,
             exit_accuracy_validation=measuring.exit_accuracy(fitted, validation),
             exit_losses={} if fitted.held is None else dict(fitted.held.losses),
-            recurrence_gain=fitted.training.recurrence_gain,
+            **{name: getattr(fitted.training, name) for name in epochs.GAINS},
         )
 
     @property
@@ -65,7 +68,7 @@ class Choice(Spec):
 
     def row(self) -> dict[str, float]:
         """The columns of results by which networks are compared: their accuracies at a condition not trained on."""
-        columns = {"accuracy_validation", "exit_accuracy_validation", "recurrence_gain"}
+        columns = {"accuracy_validation", "exit_accuracy_validation", *epochs.GAINS}
         return self.model_dump(include=columns, exclude_none=True)
 
 

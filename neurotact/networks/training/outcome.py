@@ -8,6 +8,7 @@ from neurotact.data.conditioning import acausal_note
 from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
+from neurotact.metrics import starts
 from neurotact.networks.training import cautions, comparison, tasks
 from neurotact.networks.training.comparison import Comparison, Trials, compare
 from neurotact.networks.training.model_selection import Choice
@@ -32,6 +33,8 @@ class Outcome(NamedTuple):
     cautions: list[str]
     step_ms: float
     acausal: str | None
+    start: str = starts.ONE
+    """What is said of the start of the weights."""
 
     def as_json(self) -> dict[str, Any]:
         """The content of `result.json`."""
@@ -48,7 +51,7 @@ class Outcome(NamedTuple):
         confused = comparison.confused(self.confusion, self.classes)
         recurrence = comparison.recurrence(self.row)
         return [
-            *comparison.lines(self.compared),
+            *comparison.lines(self.compared, self.start),
             costs,
             *recurrence,
             confused,
@@ -105,6 +108,7 @@ def outcome_of(
         ],
         1e3 / trains.sampling_rate_Hz,
         acausal_note(trains.encoder),
+        starts.FITTED if fitted.network.spec.own is None and not fitted.network.spec.hidden else starts.ONE,
     )
 
 

@@ -22,7 +22,7 @@ from neurotact.networks.definition import module, recipe
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.use.measuring import OWN_KEYS, SPIKES, TOUCHED
 from neurotact.spec import build, digest
-from neurotact.tables import NETWORK, means_over, sized
+from neurotact.tables import NETWORK, in_words_of_size, means_over
 
 SOPS = ("sops_input", "sops_recurrent", "sops_readout")
 MEASURED = (*SOPS, "sops_total", "sops_total_feedforward")
@@ -287,8 +287,8 @@ def study_ledger(
             made_by = of_kind[row[KIND]]
             one = row_cost(spec, row, made_by, n_classes=n_classes, event_driven=prices.event_driven)
             spent.append((one, row["seeds"]))
-        name = f"spiking: {first['setting']}, t_ref {first['pair']} ms, {sized(first['hidden'])}"
-        rows.append((name, _mean(spent)))
+        size = in_words_of_size(first["hidden"], first.get(OWN_KEYS))
+        rows.append((f"spiking: {first['setting']}, t_ref {first['pair']} ms, {size}", _mean(spent)))
     return ledger_table(rows, prices)
 
 

@@ -16,7 +16,7 @@ from neurotact.metrics import synops
 from neurotact.networks.definition.network import CountedInference, Inference, Network
 from neurotact.networks.exit import truncated
 from neurotact.networks.exit.patience import oracle_exit
-from neurotact.networks.training.epochs import Examples
+from neurotact.networks.training.epochs import GAINS, Examples
 from neurotact.networks.training.tasks import Sides, Task, examples_of
 from neurotact.networks.training.trainer import Trained
 from neurotact.tables import records
@@ -65,8 +65,7 @@ def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray
         "readout_stretches": network.spec.readout_stretches,
         "epochs": len(trained.training.epochs),
         **({} if (n := trained.training.n_members) == 1 else {"members": n}),
-        **({} if (gain := trained.training.recurrence_gain) is None else {"recurrence_gain": gain}),
-        **({} if (gain := trained.training.layer_gain) is None else {"layer_gain": gain}),
+        **{name: gain for name in GAINS if (gain := getattr(trained.training, name)) is not None},
         **({} if (blocks := network.spec.recurrent_blocks) == 1 else {"recurrent_blocks": blocks}),
         **({"direct": 1} if network.spec.direct and network.spec.hidden else {}),
     }

@@ -8,6 +8,8 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
+import scipy.io
+import torch
 from as_specs import of_events, of_folder
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -603,3 +605,37 @@ def test_trials_that_are_numbered_in_floats_have_their_conditions(tmp_path):
     for numbers in ([0, 1, 1], [0.0, 1.0, 1.0]):
         np.savez(tmp_path / "e.npz", trial=numbers, **of_trials)
         assert nt.read_events(tmp_path / "e.npz").conditions["label"].tolist() == ["a", "b"]
+
+
+def _structure(path: Path, columns: dict) -> None:
+    scipy.io.savemat(path, {"td_data": {name: np.asarray(values) for name, values in columns.items()}})
+
+
+def _tensors(path: Path, columns: dict) -> None:
+    torch.save({name: torch.from_numpy(np.asarray(values)) for name, values in columns.items()}, path)
+
+
+def _parquet(path: Path, columns: dict) -> None:
+    pytest.importorskip("pyarrow", reason="no pyarrow; pip install 'neurotact[parquet]'")
+    pd.DataFrame(columns).to_parquet(path)
+
+
+@pytest.mark.parametrize(("write", "suffix"), [(_structure, "mat"), (_tensors, "pt"), (_parquet, "parquet")])
+def test_fields_of_a_structure_tensors_and_parquet_are_columns(tmp_path, write, suffix):
+    for number, label in enumerate(("felt", "silk")):
+        (tmp_path / label).mkdir()
+        columns = {"x": [0, 2, 1], "y": [1, 0, 1], "p": [1, -1, 1], "ts": [1000, 2000, 5000 + 1000 * number]}
+        write(tmp_path / label / f"touch.{suffix}", columns)
+    trains = nt.read_events(tmp_path)
+    named = [(int(step), trains.afferents[unit]) for step, unit in zip(trains.steps[1], trains.units[1], strict=True)]
+    assert named == [(1, "ON x0y1"), (2, "OFF x2y0"), (6, "ON x1y1")]
+    assert trains.conditions["label"].tolist() == ["felt", "silk"]
+    with pytest.raises(InputError, match=r"called label|without a class"):
+        nt.read_events(tmp_path / "felt" / f"touch.{suffix}")
+
+
+def test_a_structure_without_times_is_refused(tmp_path):
+    (tmp_path / "felt").mkdir()
+    _structure(tmp_path / "felt" / "touch.mat", {"x": [0, 2, 1], "y": [1, 0, 1]})
+    with pytest.raises(InputError, match=r"holds 'td_data/x' of the shape \(3,\)"):
+        nt.read_events(tmp_path)
