@@ -44,7 +44,7 @@ class Finding(NamedTuple):
 
 
 class Asked(NamedTuple):
-    """The input of a check: a network, its encoder as a table, and its exit rule."""
+    """The input of a check: a network, its encoder as a table, empty if a sensor sends events, and its exit rule."""
 
     network: RSNN
     encoder: Mapping[str, Any] | None
@@ -102,7 +102,7 @@ def _xylo(chain: Asked) -> Iterator[Finding]:
     fan_out = spec.fan_among + network.n_classes
     fan_out = math.ceil(sum([*there.values()][1:]) / spec.hidden) if there else fan_out
     yield _at_most("fan-out of a hidden neuron, on average", fan_out, 32, "prune the recurrent weights")
-    yield _front_end("on a microcontroller next to the chip: the first half of the C export")
+    yield from _front_end(chain, "on a microcontroller next to the chip: the first half of the C export")
     yield _exit(chain.rule, "the microcontroller that reads the output spikes counts them and resets the chip")
 
 
@@ -136,7 +136,7 @@ def _loihi(chain: Asked) -> Iterator[Finding]:
         yield Finding(f"decay of the {name}", f"{steps:.1f} steps", "12 bits, to within 5 %", change <= 0.05, cost)
     yield from _weights(network, 8)
     yield from _refractory(chain, 64)
-    yield _front_end("SA-I and RA-I as Loihi neurons with graded input, or on the embedded processor")
+    yield from _front_end(chain, "SA-I and RA-I as Loihi neurons with graded input, or on the embedded processor")
     yield _exit(chain.rule, "a counter on the embedded processor, which also ends the run; it reads spikes every step")
 
 
@@ -144,12 +144,13 @@ def _spinnaker(chain: Asked) -> Iterator[Finding]:
     network, spec = chain.network, chain.network.spec
     weights = sum(weights.numel() for weights in network.weights)
     states = 4 * (spec.hidden + network.n_classes) + (spec.hidden if network.adaptation is not None else 0)
-    states += 2 * network.n_inputs  # membranes and refractory counters of the afferents
+    states += 0 if chain.encoder == {} else 2 * network.n_inputs  # membranes, refractory counters of the afferents
     n_bytes = 4 * weights + 4 * states + 8192
     yield _at_most("bytes of one processor", n_bytes, PROCESSOR_BYTES, "8-bit weights, or several processors")
     lacked = None
     if chain.encoder is not None:
-        lacked = lacking("c-float", Subject(encoder_of(chain.encoder, "run"), network, chain.rule))
+        encoder = encoder_of(chain.encoder, "run") if chain.encoder else None
+        lacked = lacking("c-float", Subject(encoder, network, chain.rule))
     cost = "" if lacked is None else FEATURES[lacked].instead
     here = "what C has" if lacked is None else lacked
     yield Finding("conditioning and afferents", here, "what the C export has", lacked is None, cost)
@@ -208,8 +209,9 @@ def _refractory(chain: Asked, most: int) -> Iterator[Finding]:
         yield _at_most(f"refractory steps of {part}", steps, most, "a slower clock, or afferents outside the chip")
 
 
-def _front_end(cost: str) -> Finding:
-    return Finding("conditioning and afferents", "analog signals", "spikes", False, cost)
+def _front_end(chain: Asked, cost: str) -> Iterator[Finding]:
+    if chain.encoder != {}:
+        yield Finding("conditioning and afferents", "analog signals", "spikes", False, cost)
 
 
 def _exit(rule: ExitRule, cost: str) -> Finding:

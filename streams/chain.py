@@ -44,7 +44,7 @@ MOST_SAMPLES_A_STEP = 1_000_000
 
 PASSING = AfferentSpec.model_validate({
     "v_rest_mV": 0, "v_reset_mV": 0, "v_threshold_mV": 0.5, "tau_mem_ms": 1e-9,
-    "sa1": {"gain": 1, "t_ref_ms": 0}, "ra1": {"gain": 1, "taxels": []},
+    "sa1": {"gain": 1, "t_ref_ms": 0}, "ra1": {"gain": 1, "t_ref_ms": 0, "taxels": []},
 })  # fmt: skip
 """In place of an encoder: neurons without memory that give each spike as it is."""
 

@@ -6,7 +6,7 @@ of a step that is over is late, and is not used. Import looks at a whole file an
 times; a stream cannot, so the step should be a whole number of the sensor's units of time.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from typing import Any, Literal, NamedTuple
 
@@ -70,13 +70,12 @@ class Channels:
             self._known[key] = self._number(*(part.strip() if isinstance(part, str) else part for part in key))
         return self._known[key]
 
-    def numbers(self, channels: Iterable[Any], populations: Iterable[Any] | None) -> np.ndarray:
+    def numbers(self, channels: np.ndarray, populations: np.ndarray | None) -> np.ndarray:
         """The same of many events, `(event,)` int64."""
-        channels = np.asarray(channels).tolist()
-        others = [None] * len(channels) if populations is None else np.asarray(populations).tolist()
+        others = [None] * len(channels) if populations is None else populations.tolist()
         if len(others) != len(channels):
             raise InputError(f"polarity: has {len(others)} values for {len(channels)} events; give one of each")
-        return np.array([self.number(*event) for event in zip(channels, others, strict=True)], np.int64)
+        return np.array([self.number(*event) for event in zip(channels.tolist(), others, strict=True)], np.int64)
 
     def _number(self, channel: Any, population: Any) -> int:
         if population is None or population == "":

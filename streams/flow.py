@@ -127,7 +127,7 @@ def stream(
 
 def _check_source(source: str, kind: str, rate: str) -> None:
     """InputError for a source that holds samples, and for the rate of samples."""
-    if kind == "recordings":
+    if kind in ("recordings", "LSL stream"):
         raise InputError(f"{source}: holds samples, but the network takes events; give these as rows of text")
     if rate == "real":
         raise InputError(

@@ -238,7 +238,8 @@ class EventRows(Lines):
         joins: bool = False,
     ) -> None:
         super().__init__(where, faults, joins=joins)
-        self.channels, self.unit, self.from_first = channels, unit, origin == "first"
+        self.channels, self.from_first = channels, origin == "first"
+        self.unit: Unit | None = unit
         self.places: list[int | None] = [0, 1, 2]
         self.clock: EventClock | None = None
 
@@ -284,7 +285,9 @@ class EventRows(Lines):
             return None
         self.n_good += 1
         if self.clock is None:
-            self.clock = EventClock(self.where, UNIT_S[self.unit or "s"], self.from_first, self.faults)
+            self.clock = EventClock(
+                self.where, 1.0 if self.unit is None else UNIT_S[self.unit], self.from_first, self.faults
+            )
         unit = self.channels.number(channel, polarity or None) if channel else LEFT_OUT
         return self.clock.at(Decimal(time)), unit
 
@@ -600,7 +603,7 @@ def _datagram_port(path: str) -> socket.socket:
 
 def _connection(path: str) -> socket.socket:
     host, _, port = path.removeprefix(TCP).rpartition(":")
-    if not (host and port.isdecimal() and int(port) < 2**16):
+    if not (host and port.isdecimal() and port.isascii() and int(port) < 2**16):
         raise InputError(f"{path}: is no address; give a host and a port, as in tcp:localhost:5000")
     try:
         return socket.create_connection((host.strip("[]"), int(port)))

@@ -86,6 +86,9 @@ def make_run(folder: Path, n_trials: int = 12, channels: tuple[str, ...] | None 
     return folder
 
 
+SMALL = {"training.epochs": 2, "hidden": 12, "model": "rsnn", "direct": False}
+
+
 def make_event_run(folder: Path, **settings) -> Path:
     """In the folder: `events.csv`, events of a sensor in us; `spikes.h5`, as imported; `run`, of two epochs."""
     rng, rows = np.random.default_rng(0), []
@@ -99,7 +102,7 @@ def make_event_run(folder: Path, **settings) -> Path:
     nt.train(
         folder / "spikes.h5",
         folder / "run",
-        settings={"training.epochs": 2, **settings},
+        settings={**SMALL, **settings},
         window=nt.Window(length_ms=60),
     )
     return folder

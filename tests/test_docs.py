@@ -45,7 +45,10 @@ SMALLER = {
     "README.md": {"trials=10": "trials=2, duration_s=0.5", "random_state=0)": "epochs=2, random_state=0)"},
     "docs/compliance-simulator.md": {"trials=10": "trials=1"},
     "docs/contact-materials-simulator.md": {"trials=2": "trials=1"},
-    "docs/devices.md": {'nt.Stream("run")': "nt.Stream(chain, streamed=nt.Streamed(length_ms=5))"},
+    "docs/devices.md": {
+        'nt.Stream("run")': "nt.Stream(chain, streamed=nt.Streamed(length_ms=5))",
+        'nt.Stream("run-on-events")': "nt.Stream((None, nt.RSNN(4, 2, hidden=4, sampling_rate_Hz=1000.0)))",
+    },
     "docs/gratings-simulator.md": {"trials=10": "trials=1, duration_s=0.3"},
     "docs/splits.md": {'"run", split': '"run", settings={"training.epochs": 1}, split'},
     "docs/stiffness-simulator.md": {"grasps=5": "grasps=1"},

@@ -502,7 +502,7 @@ WAYS = {
             FRAMES | {"--quiet-ms": "--quiet-ms 50", "--hop-ms": "--hop-ms 20 --contact"},
             EXITS
             | {"--rate": "tests/stream/test_stream_cli.py"}
-            | dict.fromkeys(("--time-unit", "--origin", "--polarity"), "tests/stream/test_events.py"),
+            | dict.fromkeys(("--time-unit", "--origin", "--polarity"), "tests/stream/test_event_streams.py"),
         ),
         Way(
             "stream in/run --from in/samples.csv",

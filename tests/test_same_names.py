@@ -19,6 +19,7 @@ TWO_THINGS = {
     "length_ms": "of a stream as in training when absent",
     "lsb": "of samples a factor; of an export found from the range of the recordings",
     "name": "of a data set, of the functions in C, of the column of an NWB file with the names of units",
+    "polarity": "of an import what is made of it; of a stream what import made, if afferents have none",
     "progress": "a simulator makes trials of which the caller does not know the number",
     "recordings": "in memory, in a file, or either, as the function takes the other inputs",
     "seed": "of `fine_tune` None: one that is given is refused where nothing is trained",

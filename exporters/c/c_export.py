@@ -76,8 +76,8 @@ def rendered(context: dict[str, Any], folder: Path, name: str, parts: Sequence[t
     written = []
     for template, file in parts:
         path, own = folder / file.format(name), f"events_{template}.jinja"
-        chosen = [own, f"{template}.jinja"] if context["events"] else f"{template}.jinja"
-        files.write_text(path, environment.get_or_select_template(chosen).render(context))
+        chosen = own if context["events"] and own in environment.list_templates() else f"{template}.jinja"
+        files.write_text(path, environment.get_template(chosen).render(context))
         written.append(path)
     return written
 

@@ -7,7 +7,6 @@ from typing import Any, Literal
 from neurotact.api import tools
 from neurotact.cli.options import Json, calling, option
 from neurotact.cli.words import say
-from neurotact.data.readers.clock.units import Unit
 from neurotact.errors import INTERRUPTED
 from neurotact.progress import printable
 
@@ -20,7 +19,11 @@ from neurotact.progress import printable
         "--from",
     ),
     rate=option(str, "Replay a file at its own rate (real) or at full speed (fast)."),
-    time_unit=option(Unit | None, "Of events: unit of their times.", show_default="of the column's name, else s"),
+    time_unit=option(
+        Literal["s", "ms", "us", "ns"] | None,
+        "Of events: unit of their times.",
+        show_default="of the column's name, else s",
+    ),
     origin=option(Literal["zero", "first"], "Of events: begin at time zero or with the first event."),
     polarity=option(
         Literal["merge", "on", "off"] | None, "Of events, if afferents have no polarity: what import made of theirs."

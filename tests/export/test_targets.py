@@ -100,3 +100,12 @@ def test_spinnaker_runs_the_afferents_that_c_has():
 def test_an_unknown_chip_is_refused():
     with pytest.raises(InputError, match="did you mean 'spinnaker2'"):
         broken("spinnaker")
+
+
+@pytest.mark.parametrize("target", chips.CHECKS)
+def test_events_of_a_sensor_need_no_front_end(target):
+    network = RSNN(16, 8, hidden=30, sampling_rate_Hz=2000.0)
+    named = [chips.compare(network, encoder, FULL_WINDOW, target)["what"].tolist() for encoder in (None, {})]
+    front = "conditioning and afferents"
+    assert named[1] == [what for what in named[0] if what != front or target == "spinnaker2"]
+    assert chips.compare(network, {}, FULL_WINDOW, target).set_index("what")["fits"].get(front, True)

@@ -257,3 +257,17 @@ def test_a_mean_with_what_is_not_counted_is_not_counted():
     mean = ledger._mean([(Cost(macs=3, bytes=4, signal_ms=50), 1), (NotCounted(signal_ms=100), 1)])
     assert np.isnan([mean.macs, mean.bytes, mean.energy_estimate_nJ]).all()
     assert mean.signal_ms == 75
+
+
+def test_events_of_a_sensor_cost_no_encoding():
+    table = pd.DataFrame(
+        [{"steps": 60, "sops_input": 90.0, "sops_recurrent": 0.0, "sops_readout": 12.0, "sops_total": 102.0}]
+    )
+    spent = [
+        ledger.decision_ledger(RSNNSpec(hidden=3), 2, 4, 2000.0, table, encoder=encoder)
+        for encoder in (None, {}, SMOOTHED)
+    ]
+    assert spent[0].equals(spent[1])
+    assert [list(each["name"]) for each in spent[1:]] == [["network"], ["encoder", "network", "both"]]
+    assert Afferents(16, {}, 2000.0).cost(60) == Cost()
+    assert Afferents(16, SMOOTHED, 2000.0).cost(60) != Cost()

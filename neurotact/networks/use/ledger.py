@@ -75,7 +75,12 @@ class Afferents(NamedTuple):
         return averaged and self.recorded_Hz not in (None, self.rate_Hz)
 
     def cost(self, steps: float, spikes: float | None = None) -> Cost:
-        """The cost of conditioning and encoding; steps, spikes: of a decision. InputError where it is not known."""
+        """The cost of conditioning and encoding, none of a sensor's events; steps, spikes: of a decision.
+
+        InputError where it is not known.
+        """
+        if not self.encoder:
+            return Cost()
         n_taxels, signal_ms = taxels_of(self.n, self.encoder), 1e3 * steps / self.rate_Hz
         return encoding_cost(n_taxels, steps, signal_ms, self.encoder, recorded_Hz=self.recorded_Hz, spikes=spikes)
 
@@ -205,8 +210,9 @@ def decision_ledger(
     """The ledger of one trained network: encoder, network and both, from the `all` row of a SOP summary.
 
     summary: of `metrics.synops.summary`. spec: as for `network_cost`; encoder, recorded_Hz: as for `encoding_cost`;
-    where the encoder is None, the network alone counts; so it does, with a warning, where a rate is missing. NaN, with
-    a warning, where the encoder declares no cost. synapses: `Network.synapses`.
+    where the encoder is None, or empty as of the events of a sensor, the network alone counts; so it does, with a
+    warning, where a rate is missing. NaN, with a warning, where the encoder declares no cost. synapses:
+    `Network.synapses`.
     """
     measured = {**summary.iloc[-1], **synapses}
     steps = float(measured["steps"])
@@ -217,7 +223,7 @@ def decision_ledger(
         spent.append(network_cost(spec, n_afferents, n_classes, measured, **how))
     else:
         warnings.warn(f"the cost of the network '{spec.model}' is not counted; {GIVES_COST}", stacklevel=3)
-    made_by = None if encoder is None else Afferents(n_afferents, encoder, rate_Hz, recorded_Hz)
+    made_by = Afferents(n_afferents, encoder, rate_Hz, recorded_Hz) if encoder else None
     if made_by is None or not made_by.is_countable:
         if made_by is not None:
             warnings.warn(f"the ledger has the network alone: {NOT_COUNTED}", stacklevel=3)

@@ -127,6 +127,14 @@ def test_silence_ends_windows_and_a_trial_begins_the_clock_again():
     assert nt.Stream(large).push_events([0.032, 0.033], [7, 8])[0].input_spikes == 1
 
 
+@pytest.mark.parametrize("clock_Hz", [0.5, 50.0, 30_000.0, 1e6])
+def test_every_clock_takes_each_event_once(clock_Hz):
+    network = nt.RSNN(N, 2, hidden=2, sampling_rate_Hz=clock_Hz)
+    stream = nt.Stream((None, network), streamed=nt.Streamed(length_ms=10e3 / clock_Hz))
+    (decision,) = stream.push_events(np.arange(11) / clock_Hz, np.arange(11) % N)
+    assert (decision.input_spikes, stream.tally.doubled, stream.tally.late) == (10, 0, 0)
+
+
 def test_channels_are_found_by_numbers_names_and_populations():
     channels = Channels(AFFERENTS)
     assert [channels.number(*event) for event in (("b", "ON"), ("1", 1), (1, "0"), ("a", "-1"), (3,), ("ON a",))] == [
@@ -267,8 +275,12 @@ def test_a_socket_and_a_pipe_give_what_a_file_gives(run):
         found = [*nt.stream(run / "run", f"tcp:127.0.0.1:{server.getsockname()[1]}").decisions]
         thread.join()
     assert [decision._asdict() for decision in found] == expected
-    with pytest.raises(InputError, match="no address"):
-        next(nt.stream(run / "run", "tcp:localhost").decisions)
+    for address in ("tcp:localhost", "tcp:localhost:70000", "tcp::80"):
+        with pytest.raises(InputError, match="no address"):
+            next(nt.stream(run / "run", address).decisions)
+    for held in ("touches.h5", "lsl:Skin"):
+        with pytest.raises(InputError, match="holds samples"):
+            nt.stream(run / "run", held)
 
 
 @pytest.mark.thorough
