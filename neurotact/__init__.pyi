@@ -48,6 +48,7 @@ from .api.tools import conditions_curve as conditions_curve
 from .api.tools import fine_tune as fine_tune
 from .api.tools import from_neo as from_neo
 from .api.tools import from_nir as from_nir
+from .api.tools import from_nir_data as from_nir_data
 from .api.tools import from_snntorch as from_snntorch
 from .api.tools import live as live
 from .api.tools import plot_survival as plot_survival
@@ -56,6 +57,7 @@ from .api.tools import save_energy as save_energy
 from .api.tools import stream as stream
 from .api.tools import to_neo as to_neo
 from .api.tools import to_nir as to_nir
+from .api.tools import to_nir_data as to_nir_data
 from .api.tools import to_nwb as to_nwb
 from .api.tools import to_snntorch as to_snntorch
 from .api.tools import tune as tune

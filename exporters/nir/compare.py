@@ -10,14 +10,13 @@ import numpy as np
 import pandas as pd
 import torch
 from neurotact_parts.exporters.nir import graph as writing
-from neurotact_parts.exporters.nir import nodes
-from neurotact_parts.exporters.nir.execute import Interpreter
+from neurotact_parts.exporters.nir.execute import Interpreter, arranged
 from neurotact_parts.exporters.nir.note import Note, of
-from neurotact_parts.networks.graph import order
 
 from neurotact.data.conditioning import Conditioner
 from neurotact.encoders import afferents
 from neurotact.errors import InputError, nearest, optional
+from neurotact.networks.definition.module import ModuleNetwork
 from neurotact.networks.definition.readouts import Stretches
 from neurotact.networks.definition.rsnn import RSNN
 
@@ -57,7 +56,7 @@ def first_differences(reference: Layers, others: Mapping[str, Layers]) -> pd.Dat
 
 @torch.no_grad()
 def report(
-    network: RSNN,
+    network: RSNN | ModuleNetwork,
     graph: Any,
     spikes: np.ndarray,
     simulators: Sequence[str] = ("graph",),
@@ -71,12 +70,15 @@ def report(
         `(trial, time, taxel)`, which `encoder` encodes as `spikes`.
     simulators: "graph" (the interpreter), "snntorch", "norse"; the last two load only the plain form.
     """
-    simulated = network.simulate(torch.from_numpy(np.ascontiguousarray(spikes)))
-    readout = simulated.readout.numpy()
     written = of(graph, "graph")
-    if network.integration is not None and written is not None and written.form == "exact":
-        readout = torch.stack([*network.integration.detach().over(simulated.readout.detach())], dim=1).numpy()
-    reference = {**({"hidden": simulated.hidden.numpy()} if network.spec.hidden else {}), "readout": readout}
+    simulated = network.simulate(torch.from_numpy(np.ascontiguousarray(spikes)))
+    readout, integration = simulated.readout.detach().numpy(), network.integration
+    rsnn = network if isinstance(network, RSNN) else None
+    adds = isinstance(network, RSNN) or getattr(network.module, "level", None) is not None
+    if integration is not None and adds and written is not None and written.form == "exact":
+        readout = torch.stack([*integration.detach().over(simulated.readout.detach())], dim=1).numpy()
+    reference = {"hidden": simulated.hidden.numpy()} if rsnn is not None and rsnn.spec.hidden else {}
+    reference |= {"readout": readout}
     inputs = np.asarray(spikes, np.float64)
     if conditioned is not None:
         assert encoder is not None
@@ -87,9 +89,9 @@ def report(
         if name not in SIMULATORS:
             raise InputError(f"simulator: '{name}' is unknown; {nearest(name, [*SIMULATORS])}")
         layers = SIMULATORS[name](graph, inputs, list(reference))
-        if written is not None and written.form == "plain" and network.stretches is not None:
-            layers["readout"] = _of_stretches(layers["readout"], network.stretches)
-        if network.bias is not None:
+        if rsnn is not None and written is not None and written.form == "plain" and rsnn.stretches is not None:
+            layers["readout"] = _of_stretches(layers["readout"], rsnn.stretches)
+        if integration is not None and adds:
             layers["readout"] = _settled(layers["readout"], reference["readout"])
         others[name] = layers
     return first_differences(reference, others)
@@ -128,30 +130,6 @@ def _by_snntorch(graph: Any, inputs: np.ndarray, layers: Sequence[str]) -> dict[
     with redirect_stdout(StringIO()):  # it prints its progress
         model = loader.import_from_nir(arranged(graph))
     return _stepped(model, inputs, layers)
-
-
-def arranged(graph: Any) -> Any:
-    """The same network as snnTorch 1.0.0 loads it: nodes in the order of computation, recurrences as inner graphs.
-
-    It fails for an inner graph before the nodes that lead to it, and connects a flat recurrence wrongly, with the input
-    through the recurrent weights.
-    """
-    own, edges = dict(graph.nodes), list(dict.fromkeys(graph.edges))
-    is_inner = {"Input", "Output"} <= {type(node).__name__ for node in own.values()} and len(own) == 4
-    for back in [name for name, node in own.items() if hasattr(node, "weight")]:
-        before, after = [a for a, b in edges if b == back], [b for a, b in edges if a == back]
-        if len(before) == 1 and before == after and hasattr(own[before[0]], "v_threshold") and not is_inner:
-            edges = [edge for edge in edges if back not in edge]
-            own[before[0]] = _recurrent(own[before[0]], own.pop(back))
-    sequence = order([*own], edges, [])
-    inner = {name: arranged(node) if hasattr(node, "nodes") else node for name, node in own.items()}
-    return type(graph)({name: inner[name] for name in sequence}, edges, graph.metadata)
-
-
-def _recurrent(neurons: Any, weights: Any) -> Any:
-    n = len(neurons.v_threshold)
-    edges = [("input", "lif"), ("lif", "w_rec"), ("w_rec", "lif"), ("lif", "output")]
-    return nodes.graph({"lif": neurons, "w_rec": weights}, edges, n, n)
 
 
 def _by_norse(graph: Any, inputs: np.ndarray, layers: Sequence[str]) -> dict[str, np.ndarray]:

@@ -24,7 +24,9 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.model import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import Subject, left_outside, require
-from neurotact.networks.definition.rsnn import RSNN, rsnn_of
+from neurotact.networks.definition.module import ModuleNetwork
+from neurotact.networks.definition.network import Network
+from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.exit.rule import FULL_WINDOW
 from neurotact.networks.use import fitted
 from neurotact.networks.use.exporters import Exporter
@@ -35,7 +37,7 @@ log = logging.getLogger("neurotact")
 
 
 def to_nir(
-    source: Fitted | RSNN | tuple[EncoderSpec, RSNN],
+    source: Fitted | RSNN | ModuleNetwork | tuple[EncoderSpec, RSNN | ModuleNetwork],
     path: str | Path | None = None,
     *,
     plain: bool = False,
@@ -63,13 +65,13 @@ def to_nir(
     ['hidden', 'input', 'late', 'late_out', 'output', 'readout', 'w_in', 'w_out']
     """
     rule, classes = FULL_WINDOW, None
-    if isinstance(source, RSNN):
+    if isinstance(source, (RSNN, ModuleNetwork)):
         encoder, network = None, source
     elif isinstance(source, tuple):
         encoder, network = source
     else:
         restored = fitted.restore(source)
-        network = rsnn_of("nir-plain" if plain else "nir", restored.network)
+        network = restored.network
         rule, classes = restored.exits(), restored.classes
         encoder = front_of(restored) if restored.encoder is not None else None
     form = "nir-plain" if plain else "nir"
@@ -80,6 +82,7 @@ def to_nir(
     if network.steps_per_bin > 1:
         outside = outside._replace(step_ms=1e3 / network.clock_Hz, input_Hz=network.sampling_rate_Hz)
     require(form, Subject(encoder, network))
+    assert isinstance(network, (RSNN, ModuleNetwork))  # as all networks are
     assert encoder is None or isinstance(encoder, AfferentSpec)  # others are left outside
     exported = graph.of(
         network.on_own_clock(),
@@ -186,7 +189,8 @@ def proved(
     """
     restored = fitted.restore(run, spikes=spikes)
     encoder = front_of(restored)
-    network = rsnn_of("nir-plain", restored.network)
+    network = restored.network
+    assert isinstance(network, (RSNN, ModuleNetwork))  # as `to_nir` has taken it
     written = note.of(made, "graph")
     known = recorded(restored, recordings)
     inputs = list(_inputs(known, encoder, network, n_trials, with_afferents=bool(written and written.encoder)))
@@ -204,7 +208,7 @@ def proved(
 
 
 def _inputs(
-    known: Recorded, encoder: EncoderSpec | None, network: RSNN, n_trials: int, *, with_afferents: bool
+    known: Recorded, encoder: EncoderSpec | None, network: Network, n_trials: int, *, with_afferents: bool
 ) -> Iterator[tuple[np.ndarray, dict[str, Any]]]:
     """Of some test trials, spikes as the network computes them, and the rest that `compare.report` takes."""
     for signal in known.test[:n_trials]:

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 import torch
-from neurotact_parts.networks.graph import SPIKING, Graph, GraphNetwork, Kind
+from neurotact_parts.exporters.nir.nodes import graph as graph_of
+from neurotact_parts.networks.graph import SPIKING, Graph, GraphNetwork, Kind, order
 
 from neurotact.errors import InputError
 from neurotact.networks.definition.parts import Sizes
@@ -67,7 +68,7 @@ def keys_of(nodes: dict[str, Any], edges: list[tuple[str, str]], dt_s: float) ->
     for name, node in nodes.items():
         if type(node).__name__ not in KINDS:
             raise InputError(f"graph: '{name}' is a {type(node).__name__}, which is not interpreted")
-    widths = {name: (_width(node.input_type), _width(node.output_type)) for name, node in nodes.items()}
+    widths = {name: (width(node.input_type), width(node.output_type)) for name, node in nodes.items()}
     for a, b in edges:
         if widths[a][1] != widths[b][0]:
             raise InputError(f"graph: '{b}' takes {widths[b][0]} values and receives {widths[a][1]}")
@@ -83,8 +84,36 @@ def load(network: GraphNetwork, values: dict[str, Values]) -> None:
     for name, node in network.of_name.items():
         for key, value in values[name].items():
             own = getattr(node, key)
-            given = torch.from_numpy(np.array(np.broadcast_to(value, own.shape)))
-            own.data = given if key == "steps" else given.to(own.dtype)
+            own.data = tensor(value, own)
+
+
+def tensor(value: np.ndarray, like: torch.Tensor) -> torch.Tensor:
+    """Values in the shape and type of a tensor."""
+    return torch.from_numpy(np.array(np.broadcast_to(value, like.shape))).to(like.dtype)
+
+
+def arranged(graph: Any) -> Any:
+    """The same network as snnTorch 1.0.0 loads it: nodes in the order of computation, recurrences as inner graphs.
+
+    It fails for an inner graph before the nodes that lead to it, and connects a flat recurrence wrongly, with the input
+    through the recurrent weights.
+    """
+    own, edges = dict(graph.nodes), list(dict.fromkeys(graph.edges))
+    is_inner = {"Input", "Output"} <= {type(node).__name__ for node in own.values()} and len(own) == 4
+    for back in [name for name, node in own.items() if hasattr(node, "weight")]:
+        before, after = [a for a, b in edges if b == back], [b for a, b in edges if a == back]
+        if len(before) == 1 and before == after and hasattr(own[before[0]], "v_threshold") and not is_inner:
+            edges = [edge for edge in edges if back not in edge]
+            own[before[0]] = _recurrent(own[before[0]], own.pop(back))
+    sequence = order([*own], edges, [])
+    inner = {name: arranged(node) if hasattr(node, "nodes") else node for name, node in own.items()}
+    return type(graph)({name: inner[name] for name in sequence}, edges, graph.metadata)
+
+
+def _recurrent(neurons: Any, weights: Any) -> Any:
+    n = len(neurons.v_threshold)
+    edges = [("input", "lif"), ("lif", "w_rec"), ("w_rec", "lif"), ("lif", "output")]
+    return graph_of({"lif": neurons, "w_rec": weights}, edges, n, n)
 
 
 class Interpreter:
@@ -107,7 +136,8 @@ class Interpreter:
         return {name: found[node].numpy() for name, node in recorded.items()}
 
 
-def _width(type_: dict[str, Any]) -> int:
+def width(type_: dict[str, Any]) -> int:
+    """Values of a node's input or output."""
     return int(np.prod(next(iter(type_.values()))))
 
 

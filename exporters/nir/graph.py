@@ -3,7 +3,7 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from neurotact_parts.exporters.nir import afferents, layers
+from neurotact_parts.exporters.nir import afferents, layers, modules
 from neurotact_parts.exporters.nir.nodes import Clock, graph
 from neurotact_parts.exporters.nir.note import Note
 
@@ -11,6 +11,7 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.model import EncoderSpec
 from neurotact.encoders.specs import n_afferents, taxels_of
 from neurotact.errors import InputError
+from neurotact.networks.definition.module import ModuleNetwork
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
 
@@ -44,7 +45,7 @@ class Outside(NamedTuple):
 
 
 def of(
-    network: RSNN,
+    network: RSNN | ModuleNetwork,
     encoder: AfferentSpec | None = None,
     *,
     rule: ExitRule = FULL_WINDOW,
@@ -67,7 +68,10 @@ def of(
         raise InputError(f"dt_s: must be a positive number of seconds; got {clock.dt_s:g}")
     if plain and lower_refractory:
         raise InputError("plain: has no node for a refractory period; leave out either it or lower_refractory")
-    nodes, edges = layers.of_network(network, clock, plain=plain)
+    if is_rsnn := isinstance(network, RSNN):
+        nodes, edges = layers.of_network(network, clock, plain=plain)
+    else:
+        nodes, edges = modules.of_module(network, clock)
     n_inputs, silent = network.n_inputs, None
     if encoder is not None:
         n_taxels = taxels_of(n_inputs, encoder.model_dump())
@@ -88,8 +92,7 @@ def of(
         form="plain" if plain else "exact",
         differences=tuple(_differences(network, silent, plain=plain, lowered=lower_refractory)),
         network=network.spec.model_dump(mode="json"),
-        unused=tuple(float(values[1].detach()) for values in (network.alpha, network.beta, network.threshold)),  # pyright: ignore
-        bias=None if network.bias is None else tuple(network.bias.detach().tolist()),
+        **(_of_readout(network) if is_rsnn else {}),
         classes=classes or tuple(str(index) for index in range(network.n_classes)),
         encoder=None if encoder is None else encoder.model_dump(mode="json", exclude_none=True),
         refractory_steps=silent,
@@ -101,12 +104,22 @@ def of(
         step_ms=outside.step_ms,
         input_Hz=outside.input_Hz,
     )
-    wide = network.stretches.number if plain and network.stretches is not None else 1
+    wide = network.stretches.number if plain and is_rsnn and network.stretches is not None else 1
     return graph(nodes, edges, n_inputs, wide * network.n_classes, note.metadata())
 
 
-def _differences(network: RSNN, silent: dict[str, int] | None, *, plain: bool, lowered: bool) -> list[str]:
-    lines = layers.differences(network) if plain else []
+def _of_readout(network: RSNN) -> dict[str, Any]:
+    """What a note says of the readout of an RSNN."""
+    return {
+        "unused": tuple(float(values[1].detach()) for values in (network.alpha, network.beta, network.threshold)),
+        "bias": None if network.bias is None else tuple(network.bias.detach().tolist()),
+    }
+
+
+def _differences(
+    network: RSNN | ModuleNetwork, silent: dict[str, int] | None, *, plain: bool, lowered: bool
+) -> list[str]:
+    lines = layers.differences(network) if plain and isinstance(network, RSNN) else []
     if silent is not None and not lowered and any(silent.values()):
         steps = " and ".join(f"{n} steps of {name}" for name, n in silent.items())
         lines.append(f"afferents have no refractory period ({steps}); `lower_refractory=True` adds them as nodes")

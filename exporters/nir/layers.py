@@ -21,29 +21,52 @@ import torch
 from neurotact_parts.exporters.nir.nodes import FORCE, Clock, Edges, graph, linear, nir, scale, threshold
 
 from neurotact.networks.definition.rsnn import RSNN
+from neurotact.neurons import CubaLIF
 
 Layered = tuple[dict[str, Any], Edges]
+
+
+Values = float | np.ndarray
+"""One for all neurons, or one of each."""
 
 
 class Neuron(NamedTuple):
     """A layer's decays and threshold, its kind of reset, the delay of its input in steps, and the input's scale."""
 
-    alpha: float
-    beta: float
-    threshold: float
+    alpha: Values
+    beta: Values
+    threshold: Values
     reset: str
     late: int
-    scale: float
+    scale: Values
 
     @staticmethod
     def of(network: RSNN, layer: int, *, plain: bool) -> "Neuron":
         """The neuron of the hidden layer (0) or of the readout (1); plain: as in CubaLIF."""
         alpha, beta, level = (float(part[layer].detach()) for part in (network.alpha, network.beta, network.threshold))
-        spec = network.spec
-        late = 0 if plain or spec.membrane == "immediate" else 2
-        return Neuron(
-            alpha, beta, level, "hard" if plain else spec.reset, late, beta if spec.membrane == "eq4" else 1.0
-        )
+        how = CubaLIF("immediate", "hard") if plain else network.neuron
+        return Neuron.new(alpha, beta, level, how)._replace(scale=beta if network.spec.membrane == "eq4" else 1.0)
+
+    @staticmethod
+    def new(alpha: Values, beta: Values, level: Values, how: CubaLIF) -> "Neuron":
+        """The neurons of these constants per step."""
+        late = 0 if how.membrane == "immediate" else 2
+        return Neuron(alpha, beta, level, how.reset, late, beta if how.membrane == "eq4" else 1.0)
+
+    @staticmethod
+    def constants(nodes: dict[str, Any], layer: str, clock: Clock, reset: str) -> dict[str, np.ndarray]:
+        """alpha, beta and threshold of each neuron of a layer, from the flat nodes that were made of them."""
+        parts = {name.rsplit("/", 1)[-1] if "/" in name else "lif": node for name, node in nodes.items()
+                 if name == layer or name.startswith(f"{layer}/")}  # fmt: skip
+        if reset == "hard":
+            lif = parts["lif"]
+            taus, level = (lif.tau_syn, lif.tau_mem), lif.v_threshold
+        else:
+            membrane = parts["membrane"]
+            taus = parts["synapse"].tau, membrane.tau
+            level = membrane.v_threshold if reset == "zero" else parts["spike"].threshold
+        alpha, beta = (1 - clock.dt_s / np.asarray(tau, np.float64) for tau in taus)
+        return {"alpha": alpha, "beta": beta, "threshold": np.asarray(level, np.float64)}
 
     def nodes(self, clock: Clock, n: int) -> tuple[dict[str, Any], Edges, str, str]:
         """Nodes and edges of `n` neurons, the node that receives the input and the node that spikes."""
@@ -81,11 +104,13 @@ def of_network(network: RSNN, clock: Clock, *, plain: bool = False) -> Layered:
     hidden, n_hidden = Neuron.of(network, 0, plain=plain), network.spec.hidden
     past, beside = _past(network, clock)
     if not n_hidden:
-        return past, beside + _chained(["sum", "level", "output"])
-    nodes: dict[str, Any] = {"w_in": linear(_array(network.w_in)), **past}
+        return past, beside + chained(["sum", "level", "output"])
+    nodes: dict[str, Any] = {"w_in": linear(array(network.w_in)), **past}
     if hidden.late:
         nodes["late"] = clock.delay(hidden.late, network.n_inputs)
-    nodes["hidden"] = _hidden(network, hidden, clock, plain=plain)
+    w_rec = None if network.w_rec is None else array(network.w_rec)
+    delay = network.spec.recurrent_delay_steps
+    nodes["hidden"] = layer_of(hidden, clock, n_hidden, w_rec, delay, plain=plain)
     nodes["w_out"] = linear(_w_out(network, plain=plain))
     path = ["input", *(["late"] if hidden.late else []), "w_in", "hidden"]
     if network.bias is not None:
@@ -95,30 +120,24 @@ def of_network(network: RSNN, clock: Clock, *, plain: bool = False) -> Layered:
             path += ["sum", "level"]
         if network.w_stretch is not None and not plain:
             nodes["stretched"] = _stretched(network, network.w_stretch[:, :n_hidden], clock)
-            beside += _chained(["hidden", "stretched", "sum"])
-        return nodes, _chained([*path, "output"]) + beside
+            beside += chained(["hidden", "stretched", "sum"])
+        return nodes, chained([*path, "output"]) + beside
     readout = Neuron.of(network, 1, plain=plain)
     if readout.late:
         nodes["late_out"] = clock.delay(readout.late, n_hidden)
-    parts, inner, receives, spikes = readout.nodes(clock, network.n_classes)
-    if inner:
-        nodes["readout"] = graph(
-            parts, [("input", receives), *inner, (spikes, "output")], network.n_classes, network.n_classes
-        )
-    else:
-        nodes["readout"] = parts["lif"]
-    return nodes, _chained([*path, *(["late_out"] if readout.late else []), "w_out", "readout", "output"])
+    nodes["readout"] = layer_of(readout, clock, network.n_classes, None, 0)
+    return nodes, chained([*path, *(["late_out"] if readout.late else []), "w_out", "readout", "output"])
 
 
 def _past(network: RSNN, clock: Clock) -> Layered:
     """What leads input spikes past the hidden layer into an integrator; nothing where it does not hear them."""
     if not network.spec.hears_afferents:
         return {}, []
-    n_hidden, edges = network.spec.hidden, _chained(["input", "w_direct", "sum"])
-    nodes: dict[str, Any] = {"w_direct": linear(_array(network.w_out[n_hidden:])), **_integrator(network, clock)}
+    n_hidden, edges = network.spec.hidden, chained(["input", "w_direct", "sum"])
+    nodes: dict[str, Any] = {"w_direct": linear(array(network.w_out[n_hidden:])), **_integrator(network, clock)}
     if network.w_stretch is not None:
         nodes["stretched_direct"] = _stretched(network, network.w_stretch[:, n_hidden:], clock)
-        edges += _chained(["input", "stretched_direct", "sum"])
+        edges += chained(["input", "stretched_direct", "sum"])
     return nodes, edges
 
 
@@ -126,25 +145,23 @@ def _w_out(network: RSNN, *, plain: bool) -> np.ndarray:
     """Weights from hidden neurons `(hidden, class)`; plain, and of stretches: `(hidden, K class)`."""
     n_hidden = network.spec.hidden
     if plain and network.w_stretch is not None:
-        return _array(network.readout_weights[:, :n_hidden].transpose(0, 1).flatten(1))
-    return _array(network.w_out[:n_hidden])
+        return array(network.readout_weights[:, :n_hidden].transpose(0, 1).flatten(1))
+    return array(network.w_out[:n_hidden])
 
 
-def _hidden(network: RSNN, neuron: Neuron, clock: Clock, *, plain: bool) -> Any:
-    """The hidden layer: one node, or a graph if it is recurrent or lowered."""
-    n = network.spec.hidden
+def layer_of(neuron: Neuron, clock: Clock, n: int, w_rec: np.ndarray | None, delay: int, *, plain: bool = False) -> Any:
+    """A layer: one node, or a graph if it is recurrent (`w_rec`, with a further `delay` in steps) or lowered."""
     nodes, edges, receives, spikes = neuron.nodes(clock, n)
     edges = [("input", receives), *edges]
-    if network.w_rec is not None:
-        nodes["w_rec"] = linear(_array(network.w_rec))
-        spec = network.spec
+    if w_rec is not None:
+        nodes["w_rec"] = linear(w_rec)
         # Simulators support a cycle of one step; a longer one, or a lowered neuron, has its own delay.
-        steps = 1 if plain else max(1, neuron.late) + spec.recurrent_delay_steps
+        steps = 1 if plain else max(1, neuron.late) + delay
         feedback = [spikes, "w_rec", receives]
         if steps > 1 or neuron.reset != "hard":
             nodes["back"] = clock.delay(steps, n)
             feedback.insert(1, "back")
-        edges += _chained(feedback)
+        edges += chained(feedback)
     elif not edges[1:]:
         return nodes["lif"]
     return graph(nodes, [*edges, (spikes, "output")], n, n)
@@ -154,7 +171,7 @@ def _integrator(network: RSNN, clock: Clock) -> dict[str, Any]:
     how = network.integration
     assert network.bias is not None
     assert how is not None
-    bias = _array(network.bias)
+    bias = array(network.bias)
     adder = clock.leak(float(how.decay), len(bias), "readout_tau_ms") if how.leaks else clock.adder(len(bias))
     return {"sum": adder, "level": nir().Affine(weight=np.eye(len(bias)), bias=bias)}
 
@@ -175,10 +192,10 @@ def _stretched(network: RSNN, weights: torch.Tensor, clock: Clock) -> Any:
         "ended": nir().Threshold(threshold=np.append(begins[1:], FORCE)),
         "not": scale(-1.0, k),
     }
-    edges = _chained(["input", "one", "steps", "begun"]) + _chained(["steps", "ended", "not"])
+    edges = chained(["input", "one", "steps", "begun"]) + chained(["steps", "ended", "not"])
     for index in range(k):
         names = gate, is_open, w = f"gate{index}", f"open{index}", f"w{index}"
-        parts = linear(np.eye(k)[:, [index]] * np.ones(n)), threshold(1.5, n), linear(_array(weights[index]))
+        parts = linear(np.eye(k)[:, [index]] * np.ones(n)), threshold(1.5, n), linear(array(weights[index]))
         nodes |= dict(zip(names, parts, strict=True))
         edges += [("begun", gate), ("not", gate), (gate, is_open), ("input", is_open), (is_open, w), (w, "output")]
     return graph(nodes, edges, n, n_classes)
@@ -212,9 +229,11 @@ def differences(network: RSNN) -> list[str]:
     return lines
 
 
-def _chained(names: list[str]) -> Edges:
+def chained(names: list[str]) -> Edges:
+    """Edges from each node to the next."""
     return list(pairwise(names))
 
 
-def _array(values: torch.Tensor) -> np.ndarray:
+def array(values: torch.Tensor) -> np.ndarray:
+    """Values as NumPy's."""
     return values.detach().cpu().numpy()

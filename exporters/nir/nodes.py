@@ -29,21 +29,23 @@ class Clock:
 
     dt_s: float
 
-    def tau(self, decay: float, name: str) -> float:
-        """The time constant for which an Euler step multiplies by `decay`."""
-        if not 0 <= decay < 1:
-            raise InputError(f"{name}: is {decay:g}, and NIR's time constants represent only decays from 0 to below 1")
+    def tau(self, decay: Any, name: str) -> Any:
+        """The time constant for which an Euler step multiplies by `decay`; of an array, of each."""
+        within = (np.asarray(decay) >= 0) & (np.asarray(decay) < 1)
+        if not within.all():
+            wrong = float(np.atleast_1d(decay)[~np.atleast_1d(within)][0])
+            raise InputError(f"{name}: is {wrong:g}, and NIR's time constants represent only decays from 0 to below 1")
         return self.dt_s / (1.0 - decay)
 
     def delay(self, steps: np.ndarray | int, n: int) -> Any:
         return nir().Delay(delay=np.broadcast_to(np.asarray(steps, np.float64), n) * self.dt_s)
 
-    def leak(self, decay: float, n: int, name: str, scale: float = 1.0) -> Any:
+    def leak(self, decay: Any, n: int, name: str, scale: Any = 1.0) -> Any:
         """A leaky integrator: `v <- decay v + scale x`."""
         tau = self.tau(decay, name)
         return nir().LI(tau=_all(tau, n), r=_all(scale * tau / self.dt_s, n), v_leak=np.zeros(n))
 
-    def lif(self, decay: float, threshold: float, n: int, name: str) -> Any:
+    def lif(self, decay: Any, threshold: Any, n: int, name: str) -> Any:
         """A membrane: `v <- decay v + x`, which spikes above its threshold and is then 0."""
         tau = self.tau(decay, name)
         return nir().LIF(
@@ -51,7 +53,7 @@ class Clock:
             v_reset=np.zeros(n),
         )  # fmt: skip
 
-    def cuba(self, alpha: float, beta: float, threshold: float, n: int, scale: float = 1.0) -> Any:
+    def cuba(self, alpha: Any, beta: Any, threshold: Any, n: int, scale: Any = 1.0) -> Any:
         """`I <- alpha I + scale x`, `U <- beta U + I`, which spikes above its threshold and is then 0."""
         tau_syn, tau_mem = self.tau(alpha, "alpha"), self.tau(beta, "beta")
         return nir().CubaLIF(
@@ -69,12 +71,12 @@ def linear(weight: np.ndarray) -> Any:
     return nir().Linear(weight=np.ascontiguousarray(weight.T))
 
 
-def threshold(level: float, n: int) -> Any:
+def threshold(level: Any, n: int) -> Any:
     """One where the input exceeds `level`, else zero."""
     return nir().Threshold(threshold=_all(level, n))
 
 
-def scale(factor: float, n: int) -> Any:
+def scale(factor: Any, n: int) -> Any:
     """The input times `factor`."""
     return nir().Scale(scale=_all(factor, n))
 
@@ -86,5 +88,5 @@ def graph(nodes: dict[str, Any], edges: Edges, n_in: int, n_out: int, metadata: 
     return package.NIRGraph({"input": begin, **nodes, "output": end}, edges, metadata or {})
 
 
-def _all(value: float, n: int) -> np.ndarray:
+def _all(value: Any, n: int) -> np.ndarray:
     return np.full(n, value, np.float64)

@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from neurotact_parts.exporters.nir import note
-from neurotact_parts.exporters.nir.execute import flat, joined, keys_of, load, neurons
+from neurotact_parts.exporters.nir import modules, note
+from neurotact_parts.exporters.nir.execute import flat, joined, keys_of, load, neurons, width
+from neurotact_parts.exporters.nir.layers import Neuron
 from neurotact_parts.exporters.nir.nodes import Clock
 from neurotact_parts.exporters.nir.note import REFRACTORY, Note
 from neurotact_parts.exporters.snntorch import tau_ms
@@ -103,7 +104,45 @@ def _from_neurotact(graph: Any, written: Note, source: str, backend: Backend) ->
             "a file without `plain`, or remove the note 'neurotact' from its metadata to read the plain network"
         )
     spec = build(RSNNSpec, written.network, source=f"{source}, network")
-    nodes, _ = flat(graph)
+    checked = True
+    if spec.own is not None:
+        network, checked = _module_of(graph, spec, written, source, backend)
+    else:
+        network = _rsnn_of(flat(graph)[0], spec, written, source, backend)
+    encoder = None
+    if written.encoder is not None:
+        encoder = build(AfferentSpec, written.encoder, source=f"{source}, encoder")
+    if checked:
+        again = writing.of(
+            network, encoder, rule=written.rule, classes=written.classes, dt_s=written.dt_s,
+            lower_refractory=written.lowered,
+        )  # fmt: skip
+        _check_same(graph, again, source)
+    whole = encoder if written.encoder_outside is None else encoder_of(written.encoder_outside, source)
+    return FromNIR(_on_input_clock(network, written), whole, written.rule, written.classes)
+
+
+def _module_of(
+    graph: Any, spec: RSNNSpec, written: Note, source: str, backend: Backend
+) -> tuple[module.ModuleNetwork, bool]:
+    """A network of several layers or of a graph, and whether it can differ from its file."""
+    nodes, edges = flat(graph)
+    is_double = any(node.weight.dtype == np.float64 for node in nodes.values() if hasattr(node, "weight"))
+    dtype = torch.float64 if is_double else torch.float32
+    if spec.model == "graph":
+        if written.encoder is not None:
+            raise InputError(f"{source}: a network of model 'graph' behind afferents is not read; export it alone")
+        return _as_graph(
+            *joined(nodes, edges), written.dt_s, written.sampling_rate_Hz, source, backend, dtype=dtype
+        ), False
+    n_inputs, n_classes = width(nodes["w0"].input_type), width(nodes["output"].input_type)
+    network = module.new(n_inputs, n_classes, spec, written.sampling_rate_Hz, backend=backend, dtype=dtype)
+    assert isinstance(network, module.ModuleNetwork)
+    modules.load(network, nodes, written.dt_s)
+    return network, True
+
+
+def _rsnn_of(nodes: dict[str, Any], spec: RSNNSpec, written: Note, source: str, backend: Backend) -> RSNN:
     into, *out = (
         nodes[name].weight.T
         for name, is_there in (("w_in", spec.hidden), ("w_out", spec.hidden), ("w_direct", spec.hears_afferents))
@@ -127,28 +166,16 @@ def _from_neurotact(graph: Any, written: Note, source: str, backend: Backend) ->
             for name, a, b, c in zip(("alpha", "beta", "threshold"), hidden, readout, written.unused, strict=True)
         },
     }  # fmt: skip
-    network = _network(spec, n_inputs, n_classes, written.sampling_rate_Hz, values, dtype, backend, source)
-    encoder = None
-    if written.encoder is not None:
-        encoder = build(AfferentSpec, written.encoder, source=f"{source}, encoder")
-    again = writing.of(
-        network, encoder, rule=written.rule, classes=written.classes, dt_s=written.dt_s,
-        lower_refractory=written.lowered,
-    )  # fmt: skip
-    _check_same(graph, again, source)
-    whole = encoder if written.encoder_outside is None else encoder_of(written.encoder_outside, source)
-    return FromNIR(_on_input_clock(network, written), whole, written.rule, written.classes)
+    return _network(spec, n_inputs, n_classes, written.sampling_rate_Hz, values, dtype, backend, source)
 
 
-def _on_input_clock(network: RSNN, written: Note) -> RSNN:
+def _on_input_clock(network: Network, written: Note) -> Network:
     """The network for spikes that it puts into bins itself, if a file was written of such a one."""
     if written.step_ms is None or written.input_Hz is None:
         return network
     spec = network.spec.model_copy(update={"step_ms": written.step_ms})
-    binning = RSNN(
-        network.n_inputs, network.n_classes, spec, written.input_Hz, backend=network.backend,
-        generator=torch.Generator(), dtype=network.dtype,
-    )  # fmt: skip
+    sizes, how = (network.n_inputs, network.n_classes), {"backend": network.backend, "dtype": network.dtype}
+    binning = module.new(*sizes, spec, written.input_Hz, **how, generator=torch.Generator())
     binning.load_state_dict(network.state_dict())
     return binning
 
@@ -163,15 +190,8 @@ def _dynamics(nodes: dict[str, Any], layer: str, clock: Clock, spec: RSNNSpec) -
     """alpha, beta and threshold of a layer; None for an integrator, and without a hidden layer."""
     if spec.integrates if layer == "readout" else not spec.hidden:
         return None, None, None
-    parts = {name.rsplit("/", 1)[-1] if "/" in name else "lif": node for name, node in nodes.items()
-             if name == layer or name.startswith(f"{layer}/")}  # fmt: skip
-    if spec.reset == "hard":
-        lif = parts["lif"]
-        alpha, beta = (1 - clock.dt_s / float(tau[0]) for tau in (lif.tau_syn, lif.tau_mem))
-        return alpha, beta, float(lif.v_threshold[0])
-    synapse, membrane = parts["synapse"], parts["membrane"]
-    level = membrane.v_threshold if spec.reset == "zero" else parts["spike"].threshold
-    return 1 - clock.dt_s / float(synapse.tau[0]), 1 - clock.dt_s / float(membrane.tau[0]), float(level[0])
+    alpha, beta, level = (float(each[0]) for each in Neuron.constants(nodes, layer, clock, spec.reset).values())
+    return alpha, beta, level
 
 
 def _check_same(graph: Any, rewritten: Any, source: str) -> None:
@@ -210,6 +230,13 @@ def _from_other(graph: Any, dt_s: float, rate_Hz: float, source: str, backend: B
             return _as_rsnn(nodes, edges, dt_s, rate_Hz, source, backend)
     except _UnlikeError as why:
         log.info("%s: is read as a network of model 'graph': %s", source, why)
+    return _as_graph(nodes, edges, dt_s, rate_Hz, source, backend, reset)
+
+
+def _as_graph(
+    nodes: dict[str, Any], edges: list[tuple[str, str]], dt_s: float, rate_Hz: float, source: str, backend: Backend,
+    reset: OwnReset = "to-value", dtype: torch.dtype = torch.float32,
+) -> module.ModuleNetwork:  # fmt: skip
     keys, values = keys_of(nodes, edges, dt_s)
     if not all(np.isfinite(value).all() for those in values.values() for value in those.values()):
         raise InputError(f"{source}: has values that are not finite")
@@ -217,7 +244,7 @@ def _from_other(graph: Any, dt_s: float, rate_Hz: float, source: str, backend: B
     spec = build(RSNNSpec, table, source=source)
     (begin,), (end,) = (keys.of_kind(kind) for kind in ("Input", "Output"))
     sizes = keys.widths[keys.names.index(begin)][0], keys.widths[keys.names.index(end)][1]
-    network = module.new(*sizes, spec, rate_Hz, backend=backend)
+    network = module.new(*sizes, spec, rate_Hz, backend=backend, dtype=dtype)
     assert isinstance(network, module.ModuleNetwork)
     assert isinstance(network.module, GraphNetwork)
     load(network.module, values)

@@ -33,6 +33,7 @@ from neurotact.networks.definition.executors import (
     EVENTS,
     EXECUTORS,
     FEATURES,
+    LAYERS,
     NO_LAYER,
     OF_ANOTHER_PACKAGE,
     OTHER,
@@ -41,8 +42,10 @@ from neurotact.networks.definition.executors import (
     Subject,
     require,
 )
+from neurotact.networks.definition.parts import NetworkPart
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.spec import Spec
 
 MODELS = usable()
 TAXELS, CLASSES, RATE_Hz = 2, 3, 1000.0
@@ -79,6 +82,7 @@ NETWORKS = {
     "learned constants": {"learn": ["alpha", "beta", "threshold"]},
     "another surrogate": {"surrogate": "arctan"},
     OTHER: {},
+    LAYERS: {},
     "double precision": {},
     "readout count": READOUTS["count"],
     "readout integrator": READOUTS["integrator"],
@@ -100,10 +104,19 @@ class MineSpec(SendOnDeltaSpec):
 MINE = MODELS["send-on-delta"]._replace(spec=MineSpec)
 
 
+class NoKeys(Spec):
+    """Of a network without any."""
+
+
+STRANGER = NetworkPart("weights alone", NoKeys, lambda keys, sizes: torch.nn.Linear(sizes.n_inputs, sizes.n_classes))
+
+
 @pytest.fixture(autouse=True)
-def _a_model_of_another_package(monkeypatch):
+def _models_of_another_package(monkeypatch):
     point = EntryPoint("mine", f"{__name__}:MINE", "neurotact.encoders")
     monkeypatch.setitem(plugins._found("encoders"), "mine", [point])
+    point = EntryPoint("stranger", f"{__name__}:STRANGER", "neurotact.networks")
+    monkeypatch.setitem(plugins._found("networks"), "stranger", [point])
 
 
 def parts_with(feature: str) -> tuple[EncoderSpec | None, nt.RSNN, ExitRule]:
@@ -124,8 +137,9 @@ def parts_with(feature: str) -> tuple[EncoderSpec | None, nt.RSNN, ExitRule]:
         n_inputs, CLASSES, sampling_rate_Hz=RATE_Hz, generator=torch.Generator().manual_seed(0),
         dtype=torch.float64 if feature == "double precision" else torch.float32, **settings,
     )  # fmt: skip
-    if feature == OTHER:
-        network = module.new(n_inputs, CLASSES, RSNNSpec(hidden=[6, 4]), RATE_Hz)
+    if feature in (OTHER, LAYERS):
+        spec = RSNNSpec(hidden=[6, 4]) if feature == LAYERS else RSNNSpec(model="stranger")
+        network = module.new(n_inputs, CLASSES, spec, RATE_Hz, generator=torch.Generator().manual_seed(0))
     else:
         unequal_stretches(network)
     return encoder, network, RULES.get(feature, FULL_WINDOW)
@@ -155,9 +169,9 @@ def in_native(feature: str) -> None:
     for backend in ("native", "reference"):
         network.backend = backend
         found.append(network.infer(windows(network.n_inputs), rule))
-    assert (found[0].hidden_spikes.sum() > 0) == (feature != NO_LAYER)
+    assert (found[0].hidden_spikes.sum() > 0) == (feature not in (NO_LAYER, OTHER))  # a stranger counts none
     for ours, theirs in zip(found[0][:4], found[1][:4], strict=True):
-        assert torch.equal(ours, theirs)
+        torch.testing.assert_close(ours, theirs, rtol=0, atol=0, equal_nan=True)
 
 
 def in_a_stream(feature: str) -> None:

@@ -11,12 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from neurotact_parts.exporters.nir import compare
-from neurotact_parts.exporters.nir.execute import Interpreter
+from neurotact_parts.exporters.nir.execute import Interpreter, arranged
 from neurotact_parts.networks.graph import order
 
 import neurotact as nt
 from neurotact.errors import InputError
+from neurotact.networks.definition import module
 from neurotact.networks.definition.module import ModuleNetwork
+from neurotact.networks.definition.specs import RSNNSpec
 
 nir = pytest.importorskip("nir")
 DT_S = compare.STEP_OF_SNNTORCH_S
@@ -28,11 +30,11 @@ def raster(density: float, n_trials: int, n_steps: int, n: int, seed: int = 0) -
 
 
 @torch.no_grad()
-def by_snntorch(graph, spikes: torch.Tensor, *, subtracts: bool = False) -> torch.Tensor:
+def by_snntorch(graph, spikes: torch.Tensor, *, subtracts: bool = False, as_it_is: bool = False) -> torch.Tensor:
     """The output of snnTorch's import; subtracts: with its other reset, which its import never sets."""
     loader, snntorch = pytest.importorskip("snntorch.import_nir"), pytest.importorskip("snntorch")
     with redirect_stdout(StringIO()):
-        model = loader.import_from_nir(compare.arranged(graph))
+        model = loader.import_from_nir(graph if as_it_is else arranged(graph))
     for neurons in model.modules() if subtracts else ():
         if isinstance(neurons, snntorch.Synaptic):
             neurons.reset_mechanism, neurons.state_function = "subtract", neurons._base_sub
@@ -210,3 +212,91 @@ def test_a_file_of_ours_states_its_reset():
     ours = nt.to_nir(nt.RSNN(4, 2, hidden=3, sampling_rate_Hz=1000.0))
     with pytest.raises(InputError, match="reset: graph states that of its network; leave reset out"):
         nt.from_nir(ours, reset="subtract")
+
+
+# --- written by neurotact ---------------------------------------------------------------------------
+
+
+def same(a, b) -> bool:
+    there, back = a.state_dict(), b.state_dict()
+    return [*there] == [*back] and all(torch.equal(there[name], back[name]) for name in there)
+
+
+@given(
+    hidden=st.sampled_from([[5], [6, 4], [3, 5, 4]]), bias=st.booleans(), recurrent=st.booleans(),
+    membrane=st.sampled_from(["eq4", "delayed", "immediate"]), reset=st.sampled_from(["zero", "subtract", "hard"]),
+    spread=st.sampled_from([0.0, 0.4]), readout=st.sampled_from(["count", "integrator"]), delay=st.integers(0, 1),
+    seed=st.integers(0, 99), step_ms=st.sampled_from([None, 3.0]),
+)  # fmt: skip
+@examples(40)
+def test_several_layers_are_written_and_come_back_to_the_last_bit(
+    tmp_path, hidden, bias, recurrent, membrane, reset, spread, readout, delay, seed, step_ms
+):
+    keys = {
+        "model": "layered", "hidden": hidden, "bias": bias, "recurrent": recurrent, "membrane": membrane,
+        "reset": reset, "tau_spread": spread, "readout": readout, "recurrent_delay_steps": delay, "step_ms": step_ms,
+        "forward_weight_scale": 3.0, "recurrent_weight_scale": 0.4, "learn": ["threshold"],
+    }  # fmt: skip
+    network = module.new(
+        4, 3, RSNNSpec.model_validate(keys), 1000.0, generator=torch.Generator().manual_seed(seed), dtype=torch.float64
+    )
+    drawn = torch.Generator().manual_seed(seed)
+    for name, value in network.named_parameters():
+        if name.endswith((".bias", ".level")):
+            value.data.normal_(generator=drawn)
+        if name.endswith("threshold") and "layers" in name:
+            value.data.uniform_(0.5, 1.5, generator=drawn)
+    path = tmp_path / "layers.nir"
+    nt.to_nir(network, path, force=True)
+    spikes = raster(0.3, 3, 60, 4, seed)
+    found = compare.report(network.on_own_clock(), nir.read(path), network.binned(spikes).numpy())
+    assert found["differing"].tolist() == [0], found.to_string()
+    assert found["spikes"].sum() > 0
+    back = nt.from_nir(path).network
+    assert (back.spec, back.sampling_rate_Hz, back.steps_per_bin) == (network.spec, 1000.0, network.steps_per_bin)
+    assert same(network, back)
+
+
+@given(seed=st.integers(0, 999), bias=st.booleans(), each=st.booleans(), nested=st.booleans())
+@examples(20)
+def test_a_graph_of_others_is_written_again(tmp_path, seed, bias, each, nested):
+    network = nt.from_nir(made(seed, bias=bias, each=each, nested=nested), dt_s=DT_S).network
+    nt.to_nir(network, tmp_path / "again.nir", dt_s=DT_S, force=True)
+    spikes = raster(0.3, 3, 60, 5, seed)
+    expected = network.simulate(spikes).readout.detach().float()
+    assert torch.equal(by_us(tmp_path / "again.nir", spikes), expected)
+    assert torch.equal(by_snntorch(nir.read(tmp_path / "again.nir"), spikes, as_it_is=True), expected)
+
+
+def test_every_node_is_written_again():
+    """A graph of all nodes that networks have, through a network and back."""
+    n, rng = 3, np.random.default_rng(0)
+    some = {name: rng.uniform(1.5, 4.0, n) * DT_S for name in ("tau", "tau_mem", "tau_syn")}
+    rest = {"r": rng.uniform(1, 3, n), "v_leak": rng.normal(size=n) * 0.1}
+    spiking = {"v_threshold": np.full(n, 0.4), "v_reset": np.array([0.0, -0.5, 0.1])}
+    cuba = {"tau_mem": some["tau_mem"], "tau_syn": some["tau_syn"], "w_in": rng.uniform(1, 2, n)}
+    nodes = [
+        weights(rng, n, n, bias=True), nir.CubaLIF(**cuba, **rest, **spiking), nir.Delay(np.array([1, 3, 2]) * DT_S),
+        nir.Scale(np.array([1.0, 2.0, -1.0])), nir.LIF(tau=some["tau"], **rest, **spiking),
+        weights(rng, n, n, bias=False),
+        nir.IF(r=rest["r"] / DT_S, **spiking), nir.CubaLI(**cuba, **rest), nir.Threshold(np.array([0.01, 0.0, 0.02])),
+        nir.LI(tau=some["tau"], **rest), nir.I(r=rest["r"] / DT_S),
+    ]  # fmt: skip
+    graph = nir.NIRGraph.from_list(*nodes)
+    network = nt.from_nir(graph, dt_s=DT_S).network.double()
+    again = nt.to_nir(network, dt_s=DT_S)
+    spikes = raster(0.5, 4, 80, n)
+    expected = Interpreter(graph, DT_S).run(spikes.numpy())["output"]
+    assert expected.any(axis=(0, 1)).all()
+    np.testing.assert_allclose(Interpreter(again, DT_S).run(spikes.numpy())["output"], expected, rtol=1e-6, atol=1e-6)
+    assert sorted(type(node).__name__ for node in again.nodes.values()) == sorted(
+        type(node).__name__ for node in graph.nodes.values()
+    )
+
+
+def test_what_a_graph_cannot_say_is_refused():
+    network = nt.from_nir(made(1), dt_s=DT_S, reset="subtract").network
+    with pytest.raises(InputError, match="reset: NIR's neurons are reset to a value"):
+        nt.to_nir(network)
+    with pytest.raises(InputError, match="several layers, or a graph: plain NIR does not run it"):
+        nt.to_nir(network, plain=True)

@@ -89,6 +89,7 @@ def _has_grades(subject: Subject) -> bool:
 
 CHAIN = ("conditioning", "encoder", "network", "readout", "exit")
 EVENTS, OTHER = "events of a sensor", "network of another model"
+LAYERS, IN_NODES = "several layers, or a graph", ("layered", "graph")
 NO_LAYER, PAST = "no hidden layer", "path past the hidden layer"
 CAUSAL_INSTEAD = "encode and train with conditioning.baseline start, high-pass or none"
 LIF_INSTEAD = "encode and train with sa1-ra1-lif"
@@ -163,8 +164,12 @@ FEATURES: dict[str, _Feature] = {
     ),
     **OTHER_MODELS,
     EVENTS: _Feature("encoder", (), lambda s: s.encoder is None, LIF_INSTEAD),
+    LAYERS: _Feature("network", ("model",), _of_spec("model", *IN_NODES), "train with model = 'rsnn' or 'snn'"),
     OTHER: _Feature(
-        "network", ("model",), lambda s: s.network.spec.own is not None, "train with model = 'rsnn' or 'snn'"
+        "network",
+        ("model",),
+        lambda s: s.network.spec.own is not None and s.network.spec.model not in IN_NODES,
+        "train with model = 'rsnn' or 'snn'",
     ),
     NO_LAYER: _Feature(
         "network",
@@ -257,7 +262,7 @@ SETTINGS = frozenset({
 })  # fmt: skip
 """Keys of specs of networks, LIF afferents and conditioning that are sizes, constants or how a network is trained."""
 
-_ONE_LAYER = {OTHER: "it has one hidden layer of CUBA-LIF neurons"}
+_ONE_LAYER = dict.fromkeys((LAYERS, OTHER), "it has one hidden layer of CUBA-LIF neurons")
 _STREAMED = {
     **_ONE_LAYER,
     **{model.title: model.not_streamed for model in OUR_MODELS.values() if model.not_streamed},
@@ -276,7 +281,10 @@ _IN_C = {
     "rise in SA-I": "the SA-I of C are driven by the signal alone",
     "membranes in closed form": "C has no logarithm without a library",
 }
-_NOT_IN_NIR = {**_ONE_LAYER, "adaptive thresholds": "it has no neuron whose threshold adapts"}
+_NOT_IN_NIR = {
+    OTHER: "it has nodes for the networks of neurotact",
+    "adaptive thresholds": "it has no neuron whose threshold adapts",
+}
 _OUTSIDE_NIR = {
     "clock slower than its encoder's": "it has no node that puts spikes into bins",
     "half-wave rate of change": "its graph rectifies the rate of change",
@@ -306,7 +314,7 @@ EXECUTORS: dict[str, _Executor] = {
     "nir-plain": _Executor(
         "plain NIR",
         ("encoder", "network", "readout"),
-        {**_NOT_IN_NIR, **dict.fromkeys((NO_LAYER, PAST), "its form is a chain of two layers of neurons")},
+        {**_NOT_IN_NIR, **dict.fromkeys((LAYERS, NO_LAYER, PAST), "its form is a chain of two layers of neurons")},
         _OUTSIDE_NIR,
         is_equal=False,
     ),
@@ -352,9 +360,10 @@ def lacking(executor: str, subject: Subject) -> str | None:
 def left_outside(executor: str, subject: Subject) -> str | None:
     """The first feature for which an executor leaves the encoder outside, and the reason; None if it runs it.
 
+    >>> from neurotact.encoders.specs import load
     >>> from neurotact.networks.definition.rsnn import RSNN
     >>> network = RSNN(2, 3, sampling_rate_Hz=1000.0, hidden=4, step_ms=5.0)
-    >>> left_outside("nir", Subject(AfferentSpec(), network))
+    >>> left_outside("nir", Subject(load("sa1-ra1-lif"), network))
     "clock slower than its encoder's: NIR does not run it: it has no node that puts spikes into bins"
     """
     name = _first(EXECUTORS[executor].leaves, subject)

@@ -114,6 +114,11 @@ class ModuleNetwork(Network):
             return Integration(torch.zeros(self.n_classes, dtype=torch.float64, device=self.device))
         return Integration(level.double())
 
+    def on_own_clock(self) -> "ModuleNetwork":
+        """The same network for spikes that are `binned`, with the same module."""
+        spec = self.spec.model_copy(update={"step_ms": None})
+        return ModuleNetwork(self.module, spec, self._sizes._replace(sampling_rate_Hz=self.clock_Hz))
+
     def counts(self, spikes: Tensor) -> Counts:
         """The sums of the scores of windows whose spikes are `binned`, and the hidden spikes if they are counted."""
         self.module.eval()

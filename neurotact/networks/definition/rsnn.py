@@ -528,10 +528,15 @@ def rsnn_of(executor: str, network: Network) -> RSNN:
     if is_rsnn and not (executor == "chip" and network.spec.hears_afferents):
         return network
     if executor == "chip":
-        lacked = executors.OTHER if not is_rsnn else executors.PAST if network.spec.hidden else executors.NO_LAYER
+        lacked = _model_of(network) if not is_rsnn else executors.PAST if network.spec.hidden else executors.NO_LAYER
         instead = executors.FEATURES[lacked].instead
         raise InputError(f"{lacked}: limits of chips are known for one hidden layer; {instead}")
-    raise executors.refusal(executor, executors.OTHER)
+    raise executors.refusal(executor, _model_of(network))
+
+
+def _model_of(network: Network) -> str:
+    """The feature of a network that is no RSNN."""
+    return executors.LAYERS if network.spec.model in executors.IN_NODES else executors.OTHER
 
 
 def _of_part(spec: RSNNSpec, sizes: Sizes) -> RSNN:
