@@ -89,6 +89,8 @@ def save_energy(
             raise InputError(f"{run}: there is nothing to save; each of its ways is at its least already")
         with track("save", 1 + trials) as advance:
             tried = search(start, where, ways, asked, out, workers or 2, advance)
+        if len(tried) > 1 and all(trial.error for trial in tried if trial.point):
+            raise InputError(f"{run}: no setting could be trained; the first one says: {tried[1].error}")
         found = choice.found(tried, asked)
         table = choice.table(tried, ways, names())
         points.clear(out, (ANSWER, FRONT, FIGURE))

@@ -10,6 +10,7 @@ from neurotact_parts.studies.comparison.needed_afferents import ranked
 from neurotact_parts.studies.comparison.saving import Bench, Cut, Fitted, Setting
 
 from neurotact.data import encoded_from
+from neurotact.data.augmentation import NONE
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.encoders.afferents import AfferentSpec
@@ -44,13 +45,18 @@ class Start(NamedTuple):
 def start_of(run: Path, seed: int = 0, *, spikes: Path | None = None, recordings: Path | None = None) -> Start:
     """What a search needs of a run folder; `spikes` and `recordings` where these were moved since.
 
-    Raises InputError for a network of another kind, for spikes that are no longer those of the run, and where the
-    recordings are not found.
+    Raises InputError for a network of another kind, for one that was trained on varied copies, for spikes that are no
+    longer those of the run, and where the recordings are not found.
     """
     restored = run_folder.restore(run, spikes=spikes)
     network = _plain(restored.network)
     trains = run_folder.trained_spikes_of(restored)
     task, path = restored.task, restored.spikes_path
+    if task.augmentation != NONE:
+        raise InputError(
+            f"{run}: was trained on varied copies ('{task.augmentation}'), which no search for savings makes; train it "
+            "without them (augmentation = none), and search from there"
+        )
     assert path is not None  # of a folder
     touches, encoder = _touches(path, trains, recordings)
     split = tasks.trials_of(trains, task)

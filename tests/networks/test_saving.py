@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +16,10 @@ from neurotact_parts.networks.saving.proposals import WHOLE, Asked, key_of, next
 from neurotact_parts.networks.saving.start import start_of
 from neurotact_parts.networks.saving.trial import Job, Trial, other_validation, tried
 from neurotact_parts.networks.saving.ways import Way, setting_of, ways_of
+from neurotact_parts.studies.comparison.saving import Setting
 
 import neurotact as nt
+from neurotact import files
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.encoders.encoding import encode_recordings
@@ -65,7 +68,6 @@ def test_a_point_is_a_run_folder_that_decides_as_the_search_said(saved):
         ).iloc[-1]
         early = point["decides"] == trial.EARLY
         assert early or row["accuracy"] == pytest.approx(point["accuracy_test"])
-        assert len(nt.result(folder / point["folder"])["cautions"]) >= 0
         nt.export(folder / point["folder"], folder / f"chain-{point['folder']}", "c", variant="float")
 
 
@@ -120,6 +122,32 @@ def test_another_search_is_refused_in_its_folder(saved, run, tmp_path):
 def test_what_cannot_be_is_refused(run, tmp_path, keys, match):
     with pytest.raises(InputError, match=match):
         nt.save_energy(run, tmp_path / "out", **keys)
+
+
+def test_a_run_of_varied_copies_is_refused(run, tmp_path):
+    """No trial could be trained, as the windows of a search are cut without copies."""
+    copied = tmp_path / "run"
+    shutil.copytree(run, copied)
+    path = copied / run_folder.NETWORK
+    table = files.read_json(path)
+    assert table["extra"]["task"]["augmentation"] == "none"
+    table["extra"]["task"]["augmentation"] = "shift"
+    files.write_json(path, table)
+    with pytest.raises(InputError, match="was trained on varied copies"):
+        nt.save_energy(copied, tmp_path / "small", trials=2, workers=1, spikes=run.parent / "spikes.h5")
+
+
+def test_what_all_trials_fail_for_is_said(run, tmp_path, monkeypatch):
+    trained = trial.trained
+
+    def fails(bench, setting, known):
+        if setting != Setting():
+            raise InputError("spikes: are gone")
+        return trained(bench, setting, known)
+
+    monkeypatch.setattr(trial, "trained", fails)
+    with pytest.raises(InputError, match="no setting could be trained; the first one says: spikes: are gone"):
+        nt.save_energy(run, tmp_path / "small", trials=3, workers=1)
 
 
 def test_recordings_that_are_not_there_are_named(run, tmp_path):
