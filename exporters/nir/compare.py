@@ -142,7 +142,7 @@ def _by_norse(graph: Any, inputs: np.ndarray, layers: Sequence[str]) -> dict[str
 
 def _loadable(graph: Any, simulator: str) -> Note | None:
     kinds = {type(node).__name__ for node in graph.nodes.values()}
-    unknown = kinds - {"Input", "Output", "Linear", "CubaLIF", "LIF", "NIRGraph"}
+    unknown = kinds - {"Input", "Output", "Linear", "Affine", "CubaLIF", "LIF", "NIRGraph"}
     if unknown:
         raise InputError(f"{simulator}: has no {sorted(unknown)[0]}; write the plain form, `plain=True`")
     return of(graph, "graph")

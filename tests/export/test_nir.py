@@ -11,7 +11,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
-from made_chains import make_encoder, make_signal
+from made_chains import READOUTS, make_encoder, make_signal, unequal_stretches
 from neurotact_parts.exporters.nir import compare, graph, note
 from neurotact_parts.exporters.nir.execute import Interpreter, flat
 from neurotact_parts.exporters.nir.nodes import Clock
@@ -37,6 +37,7 @@ def network(seed=0, dtype=torch.float64, **keys) -> nt.RSNN:
     )  # fmt: skip
     if made.bias is not None:
         made.bias.data = torch.linspace(-1, 1, 3, dtype=dtype)
+    unequal_stretches(made)
     return made
 
 
@@ -48,23 +49,28 @@ def spikes(n_trials=3, n_steps=60, seed=0) -> np.ndarray:
     membrane=st.sampled_from(MEMBRANES),
     reset=st.sampled_from(RESETS),
     delay=st.integers(0, 1),
-    readout=st.sampled_from(["count", "integrator", "leaky"]),
+    readout=st.sampled_from(["count", "integrator", "leaky", "stretches"]),
     model=st.sampled_from(["rsnn", "snn"]),
+    past=st.sampled_from([{}, {"direct": True}, {"hidden": 0}]),
     seed=st.integers(0, 99),
     dt_s=st.sampled_from([None, 1e-4, 0.37]),
 )
 @examples(60)
 def test_a_graph_spikes_as_its_network_and_reads_back_to_the_last_bit(
-    tmp_path, membrane, reset, delay, readout, model, seed, dt_s
+    tmp_path, membrane, reset, delay, readout, model, past, seed, dt_s
 ):
-    kind = {"readout": "integrator", "readout_tau_ms": 9.0} if readout == "leaky" else {"readout": readout}
-    delayed = {"recurrent_delay_steps": delay} if model == "rsnn" else {}
-    net = network(seed, membrane=membrane, reset=reset, model=model, **delayed, **kind)
+    past = past if readout in ("integrator", "stretches") else {}
+    keys = {"membrane": membrane, "reset": reset, "model": model, **READOUTS[readout], **past}
+    if past.get("hidden") == 0:
+        keys = {**READOUTS[readout], **past, "forward_weight_scale": 1.0, "recurrent_weight_scale": 0.1}
+    elif model == "rsnn":
+        keys["recurrent_delay_steps"] = delay
+    net = network(seed, **keys)
     path = tmp_path / "net.nir"
     nt.to_nir(net, path, dt_s=dt_s, force=True)
     written = nir.read(path)
     found = compare.report(net, written, spikes(seed=seed))
-    assert found["differing"].tolist() == [0, 0], found.to_string()
+    assert found["differing"].tolist() == [0] * (1 + (net.spec.hidden > 0)), found.to_string()
     back = nt.from_nir(path).network
     assert back.spec == net.spec
     assert back.sampling_rate_Hz == net.sampling_rate_Hz
@@ -162,7 +168,7 @@ def test_lowered_afferents_rest_as_long_as_the_encoder_says(sa, ra, seed, v_rese
     assert (without["differing"].iloc[0] == 0) >= (sa == ra == 0)
 
 
-def test_a_refractory_period_that_is_not_lowered_stands_in_the_note_and_makes_a_difference():
+def test_a_refractory_period_that_is_not_lowered_stands_in_the_note_and_makes_a_difference(tmp_path):
     encoder, signal = make_encoder(), np.full((1, 80, 3), 9.0)
     raster, _ = afferents.encode(signal, 1000.0, encoder)
     made = nt.to_nir((encoder, network()))
@@ -170,6 +176,11 @@ def test_a_refractory_period_that_is_not_lowered_stands_in_the_note_and_makes_a_
     assert said is not None
     assert (said.refractory_steps, said.lowered) == ({"sa1": 2, "ra1": 1}, False)
     assert "refractory" in said.differences[0]
+    assert made.nodes["afferents"].metadata["refractory_time"].tolist() == [2e-3] * 3 + [1e-3] * 3
+    assert "refractory_time" not in str(flat(graph.of(network(), encoder, lower_refractory=True))[0])
+    nt.to_nir((encoder, network()), tmp_path / "fivefold.nir", dt_s=5e-3)
+    stated = nir.read(tmp_path / "fivefold.nir").nodes["afferents"].metadata["refractory_time"]
+    assert stated.tolist() == [1e-2] * 3 + [5e-3] * 3
     row = compare.report(network(), made, raster, conditioned=signal, encoder=encoder).iloc[0]
     # Without its rest a neuron fires again too soon: two steps before the second spike of the encoder.
     second = np.flatnonzero(raster[0, :, 0])[1]
@@ -204,10 +215,12 @@ def of_simulators(net: nt.RSNN, made, names) -> "compare.pd.DataFrame":
 
 @pytest.mark.parametrize("model", ["rsnn", "snn"])
 @pytest.mark.parametrize(("simulator", "module"), [("snntorch", "nirtorch"), ("norse", "norse")])
-def test_others_load_an_immediate_network_and_spike_as_it_does(simulator, module, model):
+@pytest.mark.parametrize("readout", ["count", "stretches"])
+def test_others_load_an_immediate_network_and_spike_as_it_does(tmp_path, simulator, module, model, readout):
     pytest.importorskip(module)
-    net = network(membrane="immediate", reset="hard", model=model, dtype=torch.float32)
-    found = of_simulators(net, nt.to_nir(net, dt_s=1e-4), (simulator,))
+    net = network(membrane="immediate", reset="hard", model=model, dtype=torch.float32, **READOUTS[readout])
+    nt.to_nir(net, tmp_path / "net.nir", dt_s=1e-4, plain=readout == "stretches")
+    found = of_simulators(net, nir.read(tmp_path / "net.nir"), (simulator,))
     assert found["spikes"].min() > 100
     assert found["differing"].tolist() == [0, 0]
 
@@ -478,7 +491,7 @@ def test_a_node_without_a_meaning_is_named():
 # --- command line -----------------------------------------------------------------------------------
 
 
-def test_the_command_exports_proves_and_says_what_differs(tmp_path):
+def test_the_command_exports_proves_and_says_what_differs(tmp_path, caplog):
     encoder = make_encoder(baseline="start")
     recordings = nt.simulate("gratings", trials=1, duration_s=0.15)
     nt.save(recordings, tmp_path / "gratings.h5")
@@ -497,6 +510,18 @@ def test_the_command_exports_proves_and_says_what_differs(tmp_path):
         assert done.exit_code == 0, done.output
         return done.output
 
+    nt.train(tmp_path / "spikes.h5", tmp_path / "default", settings={"hidden": 6, "training.epochs": 1})
+    words = ["export", str(tmp_path / "default"), "--to", "nir", "--recordings", str(tmp_path / "gratings.h5")]
+    done = CliRunner().invoke(app, [*words, "-o", str(tmp_path / "c.nir"), "--prove", "1"])
+    assert done.exit_code == 0, done.output
+    outside = "the encoder (clock slower than its encoder's"
+    assert [outside in record.getMessage() for record in caplog.records].count(True) == 1
+    for layer in ("hidden", "readout"):
+        assert f"graph, {layer}: equal" in done.stdout
+    assert outside in json.loads(nir.read(tmp_path / "c.nir").metadata["neurotact"])["outside"][0]
+    done = CliRunner().invoke(app, [*words[:4], "-o", str(tmp_path / "d.nir"), "--lower-refractory"])
+    assert str(done.exception).startswith(f"lower_refractory: the encoder stays outside the graph ({outside[13:]}")
+    assert not (tmp_path / "d.nir").exists()
     lowered = said(
         "-o",
         str(tmp_path / "a.nir"),

@@ -83,6 +83,9 @@ def test_a_published_network_with_biases_decides_and_counts(braille):
     spikes = raster(0.2, 3, 60, 12)
     has_biases = "bias_zero" in braille[1].name
     assert isinstance(network, ModuleNetwork if has_biases else nt.RSNN)
+    if has_biases:  # factors that only float32 keeps from 1 are 1, as snnTorch takes them
+        values = dict(network.named_parameters())
+        assert all((value == 1).all() for name, value in values.items() if name.endswith((".g", ".h", ".threshold")))
     found = network.infer(spikes)
     simulated = network.simulate(spikes)
     assert torch.equal(found.readout, simulated.readout.sum(dim=1).to(found.readout))
