@@ -11,6 +11,7 @@ from neurotact_parts.streams.stream import Stream
 
 import neurotact as nt
 from neurotact.errors import InputError
+from neurotact.networks.training import run_folder
 
 pytestmark = pytest.mark.skipif(proof.missing("cc") is not None, reason="there is no C compiler")
 STEP_us = 1000
@@ -72,7 +73,9 @@ def test_the_example_counts_what_a_stream_counts_and_a_clock_may_wrap(run, start
     rng, stream = np.random.default_rng(0), Stream(run / "run", streamed=nt.Streamed(length_ms=20, hop_ms=7))
     times = np.sort(rng.integers(0, 90_000, 200))
     times[rng.random(200) < 0.2] -= 3_000
+    times[::9] -= times[::9] % STEP_us  # at the beginning of a step
     rows = [*zip(times.clip(0).tolist(), rng.integers(0, 8, 200).tolist(), strict=True), (100_000, -1)]
+    rows[100:100] = [(rows[99][0] - 5_000, -1)]  # a time that is over
     decisions = []
     for time_us, channel in rows:
         decisions += stream.push_events(1e-6 * time_us, channel) if channel >= 0 else stream.advance(1e-6 * time_us)
@@ -88,6 +91,7 @@ def test_the_example_counts_what_a_stream_counts_and_a_clock_may_wrap(run, start
 
 def test_an_export_needs_no_recordings_and_takes_none(run, tmp_path):
     lines: list[object] = []
+    assert run_folder.restore(run / "run").ranges is not None
     nt.export_c(run / "run", tmp_path / "c", prove=2, tell=lines.append)
     assert "every spike and decision equal" in str(lines[-1])
     assert "OFF channel0, OFF channel1, OFF channel2, ON channel0" in (tmp_path / "c" / "README.md").read_text()

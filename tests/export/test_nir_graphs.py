@@ -83,9 +83,6 @@ def test_a_published_network_with_biases_decides_and_counts(braille):
     spikes = raster(0.2, 3, 60, 12)
     has_biases = "bias_zero" in braille[1].name
     assert isinstance(network, ModuleNetwork if has_biases else nt.RSNN)
-    if has_biases:  # factors that only float32 keeps from 1 are 1, as snnTorch takes them
-        values = dict(network.named_parameters())
-        assert all((value == 1).all() for name, value in values.items() if name.endswith((".g", ".h", ".threshold")))
     found = network.infer(spikes)
     simulated = network.simulate(spikes)
     assert torch.equal(found.readout, simulated.readout.sum(dim=1).to(found.readout))
@@ -175,6 +172,15 @@ def test_a_scale_of_all_inputs_goes_into_the_threshold_as_in_snntorch():
     expected = by_snntorch(graph, spikes)
     assert expected.any()
     assert torch.equal(by_us(graph, spikes), expected)
+
+
+def test_factors_that_only_float32_keeps_from_1_are_1_as_in_snntorch():
+    graph = made(1, (4, 3), recurrent=False)
+    for key in ("r", "w_in"):
+        setattr(graph.nodes["layer0"], key, getattr(graph.nodes["layer0"], key) * (1 + 2e-7))
+    values = dict(nt.from_nir(graph, dt_s=DT_S).network.named_parameters())
+    (threshold,) = (value for name, value in values.items() if name.endswith(".threshold"))
+    assert threshold.tolist() == [np.float32(0.8)] * 3
 
 
 @pytest.mark.parametrize(

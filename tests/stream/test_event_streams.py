@@ -111,7 +111,14 @@ def test_a_state_holds_the_step_under_way(tmp_path):
     whole.push_events([0.0031, 0.0052, *rest[0]], [1, 2, *rest[1]])
     assert other.push_events(*rest) == []
     assert other.tally == whole.tally
-    assert other.flush() == whole.flush() != []
+    found = other.flush()
+    assert found == whole.flush()
+    steps, units = np.array([3, 5, 5, 5, 7]), np.array([1, 2, 2, 3, 0])
+    assert told(found) == inferred(chain, steps, units, LENGTH)
+    one_by_one = nt.Stream(chain)
+    for step, unit in zip(steps, units, strict=True):
+        one_by_one.push_events(step * STEP_s, unit)
+    assert told(one_by_one.flush()) == told(found)
 
 
 def test_silence_ends_windows_and_a_trial_begins_the_clock_again():
@@ -120,6 +127,8 @@ def test_silence_ends_windows_and_a_trial_begins_the_clock_again():
     stream.push_events([0.051], ["ON a"])
     assert stream.finish() == []
     assert stream.tally.unfinished == 1
+    stream.push_events([(LENGTH - 0.5) * STEP_s], ["ON a"])
+    assert [d.input_spikes for d in stream.finish()] == [1]
     assert told(stream.push_events([0.001], [1]) + stream.flush()) == inferred(
         chain, np.array([1]), np.array([1]), LENGTH
     )
@@ -233,6 +242,9 @@ def test_faults_of_a_source_are_counted_and_said_once(run):
     code, decisions, said = streamed(run, restarted, "--time-unit", "us")
     assert "the clock has started again" in said
     assert "clock restarts 1" in said
+    assert "gaps 1" in said
+    assert f"{len(restarted)} events" not in streamed(run, [*rows, "61000"], "--time-unit", "us")[2]
+    assert f"{len(rows)} events" in streamed(run, [*rows, "61000"], "--time-unit", "us")[2]
     assert "time stamps ignored 19" in said
     wrapped = [f"{(2**32 - 9_000 + 1000 * i) % 2**32},0,0" for i in range(60)]
     _, decisions, said = streamed(run, wrapped, "--time-unit", "us", "--origin", "first")
