@@ -262,8 +262,9 @@ def append(path: str | Path, text: str) -> None:
 
 def read_json(path: str | Path) -> Any:
     """Read a JSON file; InputError names the file when it is absent or not JSON."""
+    content = read_bytes(path)
     try:
-        return json.loads(read_bytes(path).decode("utf-8-sig"))
+        return json.loads(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is not valid JSON ({error}); restore the file or remove it") from error
 

@@ -25,7 +25,8 @@ def firing_of(trains: SpikeTrains, events: Events, trial_of: np.ndarray, columns
         chosen = np.isin(trial_of, group.index.to_numpy())
         row: dict[str, Any] = group.iloc[0][list(columns)].to_dict()
         for kind, is_kind in (("sa", trains.is_sa), ("ra", ~trains.is_sa)):
-            row[f"spikes_{kind}_per_s"] = rates[chosen][:, is_kind].sum(axis=1).mean()
+            spikes = rates[chosen][:, is_kind].sum(axis=1)
+            row[f"spikes_{kind}_per_s"] = spikes.mean() if len(spikes) else float("nan")
             these = isis.isi_ms[chosen[isis.trial] & is_kind[isis.afferent]]
             row[f"isi_{kind}_ms"] = these.mean() if len(these) else float("nan")
         total = row["spikes_total_per_s"] = row["spikes_sa_per_s"] + row["spikes_ra_per_s"]

@@ -216,7 +216,10 @@ def _decision(row: Mapping[str, Any], kind: str) -> Any:
         return None
     sops, ms, spikes, energy_nJ = (row[f"{kind}_{cost}"] for cost in COSTS)
     before = f"{kind}_{BY}"
-    by_list = [(name.removeprefix(before), row[name]) for name in row if str(name).startswith(before)]
+    spreads = {f"{name}_sd" for name in row}
+    by_list = [
+        (name.removeprefix(before), row[name]) for name in row if str(name).startswith(before) and name not in spreads
+    ]
     return Decision(accuracy, sops, ms, spikes, None if pd.isna(energy_nJ) else float(energy_nJ), _counted(by_list))
 
 

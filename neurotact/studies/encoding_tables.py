@@ -36,18 +36,20 @@ def encoding_table(trains: SpikeTrains, cell: Cell, by: Iterable[str]) -> pd.Dat
     In a study that sweeps its windows, the table describes the cell's own windows, as `stretch` says.
     """
     columns = [LABEL, *by]
-    touch = firing.touch_spikes(trains, cell.window.start_ms)
-    whole = np.arange(len(trains))
+    # A trial that ends before its window would begin is left out, as `cut` leaves it out.
+    begun = np.flatnonzero(trains.trial_steps > round(cell.window.start_ms * 1e-3 * trains.sampling_rate_Hz))
+    felt = trains.select(begun) if len(begun) else trains
+    touch, whole = firing.touch_spikes(felt, cell.window.start_ms), np.arange(len(felt))
     if cell.network is None:
         stretch = f"from {cell.window.start_ms:g} ms to the trial's end"
-        table = firing.firing_of(trains, touch, whole, columns)
+        table = firing.firing_of(felt, touch, whole, columns)
     else:
         windows = trains.cut(cell.window)
         stretch = f"windows of {cell.window.length_ms:g} ms from {cell.window.start_ms:g} ms on"
         table = firing.firing_of(trains, firing.windowed_spikes(trains, windows), windows.trial, columns)
         if cell.encoded_ms is None:
-            of_touch = firing.firing_of(trains, touch, whole, columns).drop(columns=columns).add_prefix(TOUCH)
-            table = table.join(of_touch)
+            of_touch = firing.firing_of(felt, touch, whole, columns).set_index(columns).add_prefix(TOUCH)
+            table = table.join(of_touch, on=columns)
     table.insert(len(columns), "stretch", stretch)
     for column_index, (column, t_ref_ms) in enumerate(periods(cell).items()):
         table.insert(column_index, column, t_ref_ms)

@@ -71,10 +71,11 @@ def unswept(sweep: dict[str, Any], overrides: Mapping[str, Any], path: Path) -> 
     for key, value in overrides.items():
         joint = [axis for axis in sweep if JOIN in axis and key in axis.split(JOIN)]
         if joint:
-            point = json.dumps([value] * len(joint[0].split(JOIN)))
+            each = value if isinstance(value, list) and value else [value]
+            points = json.dumps([[one] * len(joint[0].split(JOIN)) for one in each])
             raise InputError(
                 f"`settings`: {key} is swept as '{joint[0]}'; give their values, as in "
-                f"`settings={{'{SWEEP}{joint[0]}': [{point}]}}`"
+                f"`settings={{'{SWEEP}{joint[0]}': {points}}}`"
             )
         if key.startswith(SWEEP):
             sweep[key.removeprefix(SWEEP)] = value

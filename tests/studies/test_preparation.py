@@ -70,6 +70,20 @@ def test_rates_and_intervals_are_of_the_classified_windows():
     assert (row["spikes_ra_per_s"], row["sa_share"]) == (0.0, 1.0)
 
 
+def test_a_trial_that_ends_before_its_window_begins_changes_no_row_of_the_others():
+    """Windows leave it out; so do the spikes of the touch, also where it is the only one of its class and condition."""
+    long = np.zeros((100, 2), np.uint8)
+    long[[5, 12, 40], 0] = 1
+    rasters = [long[:8], *[long] * 20, long[:8], *[long] * 20]
+    table = pd.DataFrame({"label": ["felt"] * 21 + ["silk"] * 21, "force_N": [1, *[3] * 20, 3, *[3] * 20]})
+    trains = from_rasters(rasters, 1000.0, ("SA-I a", "RA-I a"), table)
+    cell = cell_of(window=WindowSpec(length_ms=20, start_ms=10, per_trial=1))
+    rows = encoding_table(trains, cell, ["force_N"]).set_index(["label", "force_N"])
+    assert rows.loc[("silk", 3), "touch_spikes_sa_per_s"] == pytest.approx(2 / 0.090)
+    assert rows.loc[("felt", 3), "touch_spikes_sa_per_s"] == pytest.approx(2 / 0.090)
+    assert np.isnan(rows.loc[("felt", 1), "touch_spikes_sa_per_s"])
+
+
 def test_windows_that_overlap_each_count_their_spikes():
     cell = cell_of(window=WindowSpec(length_ms=20, hop_ms=10))
     (row,) = encoding_table(one_train([15], n_steps=40), cell, []).to_dict("records")

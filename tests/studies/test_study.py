@@ -77,6 +77,7 @@ def test_only_the_encoder_decides_which_spike_trains_a_cell_needs():
         ({"sweep.seed": []}, "sweep of 'seed' has no value"),
         ({"sweep.seed": [-1]}, "sweep.seed must be whole numbers >= 0"),
         ({"encoder.sa1.t_ref_ms": 5}, "is swept as 'encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms'"),
+        ({"encoder.sa1.t_ref_ms": [1, 5]}, "encoder.sa1.t_ref_ms': [[1, 1], [5, 5]]}`"),
         ({"dataset.simulate": "rocks"}, "dataset.simulate: there is no such simulation; known: compliance"),
         ({"dataset.file": "x.h5"}, "give one of simulate, read, file and arrays"),
     ],
