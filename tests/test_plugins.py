@@ -387,7 +387,7 @@ def touches(tmp_path):
 
 @pytest.mark.filterwarnings("default:encoding is not counted")
 def test_an_encoder_of_another_package_is_encoded_calibrated_and_trained_on(
-    package, monkeypatch, capsys, tmp_path, touches
+    package, monkeypatch, capsys, tmp_path, touches, caplog
 ):
     package(LEVEL, ENCODER)
     assert load("level", {"threshold": 2}).threshold == 2
@@ -409,8 +409,8 @@ def test_an_encoder_of_another_package_is_encoded_calibrated_and_trained_on(
         nt.Stream(run, streamed=nt.Streamed(sampling_rate_Hz=1000.0))
     with pytest.raises(InputError, match="afferents of another package: a stream"):
         nt.export_c(run, tmp_path / "c", variant="float")
-    with pytest.raises(InputError, match="afferents of another package: NIR does not run it: it has no nodes"):
-        nt.export_nir(run, tmp_path / "chain.nir")
+    nt.export_nir(run, tmp_path / "chain.nir")
+    assert "the encoder (afferents of another package: NIR does not run it: it has no nodes" in caplog.text
 
 
 def test_an_encoder_is_found_where_the_list_of_parts_was_read_before_its_package_came(package):

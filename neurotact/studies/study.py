@@ -346,6 +346,12 @@ def _with_own_periods(table: dict[str, Any]) -> None:
         log.warning("sweep: %s afferents have no refractory period; the sweep of pairs is left out", model)
 
 
+def _of_a_layer(key: str, values: Any) -> Any:
+    """Swept numbers of hidden neurons without 0, which stands for no hidden layer; other values as they are."""
+    is_width = key.removeprefix(sweeps.SWEEP) == HIDDEN and isinstance(values, list)
+    return [value for value in values if value != 0] if is_width else values
+
+
 def _with_own_width(table: dict[str, Any], overrides: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
     """Leave out the hidden neurons that the study sets or sweeps, in `table`, where its network has no such key.
 
@@ -355,8 +361,11 @@ def _with_own_width(table: dict[str, Any], overrides: Mapping[str, Any], given: 
     named = network.get("model", "rsnn") if isinstance(network, dict) else "rsnn"
     model = overrides.get("network.model", named)
     is_part = isinstance(model, str) and model not in BUILT_IN and plugins.has("networks", model)
-    if not is_part or "hidden" in part_of(model).keys.model_fields or own & {*specs.leaves(given)}:
+    if not is_part or own & {*specs.leaves(given)}:
         return dict(overrides)
+    if "hidden" in part_of(model).keys.model_fields:  # which no such network has none of
+        table["sweep"] = {key: _of_a_layer(key, values) for key, values in table["sweep"].items()}
+        return {key: _of_a_layer(key, values) for key, values in overrides.items()}
     if isinstance(network, dict) and model != named:  # the study's network has them
         network.pop("hidden", None)
     if table["sweep"].pop(HIDDEN, None) is not None or own & {*overrides}:

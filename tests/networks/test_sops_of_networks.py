@@ -97,7 +97,13 @@ def test_every_way_of_counting_agrees_with_paper(model):
 
 def fitted(network, patience):
     training = SimpleNamespace(
-        best=SimpleNamespace(validation_accuracy=1.0), epochs=[], n_members=1, recurrence_gain=None, layer_gain=None
+        best=SimpleNamespace(validation_accuracy=1.0),
+        epochs=[],
+        n_members=1,
+        recurrence_gain=None,
+        smallest_accuracy=None,
+        layer_gain=None,
+        path_gain=None,
     )
     return trainer.Trained(network, training, ExitRule(patience, from_first_spike=True))  # pyright: ignore
 
