@@ -177,7 +177,8 @@ def _in_doubt(
         return untold[:1].lower() + untold[1:], "trials"
     if not outcome.is_above_chance:
         return "no network is clearly better than guessing", "trials"
-    ways, noise = ([of(one, outcome.trials) for one in outcome.rows] for of in (Network.way, noise_of))
+    ways = [one.way(outcome.trials) for one in outcome.rows]
+    noise = [noise_of(one, outcome.trials) for one in outcome.rows]
     may_be = referee.may_be_cheapest(ways, outcome.trials.validation, noise)
     rivals = [outcome.rows[index] for index in may_be if outcome.rows[index].pair != found.pair]
     others = dict.fromkeys(one.pair for one in rivals)
