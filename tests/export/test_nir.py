@@ -30,10 +30,10 @@ MEMBRANES, RESETS = ("eq4", "delayed", "immediate"), ("zero", "subtract", "hard"
 
 
 def network(seed=0, dtype=torch.float64, **keys) -> nt.RSNN:
-    recurrence = {} if keys.get("model") == "snn" else {"recurrent_weight_scale": 0.4}
+    scales = {"forward_weight_scale": 3.0} | ({} if keys.get("model") == "snn" else {"recurrent_weight_scale": 0.4})
     made = nt.RSNN(
         6, 3, sampling_rate_Hz=1000.0, generator=torch.Generator().manual_seed(seed), dtype=dtype,
-        **{"hidden": 7, "forward_weight_scale": 3.0, **recurrence, **keys},
+        **{"hidden": 7, **(scales if keys.get("hidden") != 0 else {}), **keys},
     )  # fmt: skip
     if made.bias is not None:
         made.bias.data = torch.linspace(-1, 1, 3, dtype=dtype)
@@ -62,7 +62,7 @@ def test_a_graph_spikes_as_its_network_and_reads_back_to_the_last_bit(
     past = past if readout in ("integrator", "stretches") else {}
     keys = {"membrane": membrane, "reset": reset, "model": model, **READOUTS[readout], **past}
     if past.get("hidden") == 0:
-        keys = {**READOUTS[readout], **past, "forward_weight_scale": 1.0, "recurrent_weight_scale": 0.1}
+        keys = {**READOUTS[readout], **past}
     elif model == "rsnn":
         keys["recurrent_delay_steps"] = delay
     net = network(seed, **keys)

@@ -98,7 +98,7 @@ def cycles(n_in: int, hidden: int, n_out: int, shares: tuple[float, float], *, r
 
 
 @given(
-    st.integers(1, 16), st.integers(20, 1000), st.integers(1, 8), st.floats(0, 1), st.floats(0, 0.1), st.booleans(),
+    st.integers(1, 16), st.integers(20, 1000), st.integers(1, 8), st.floats(0, 1), st.floats(0, 0.08), st.booleans(),
     st.integers(1, 500),
 )  # fmt: skip
 @example(16, 20, 8, 0.0, 0.0, False, 100)

@@ -112,12 +112,12 @@ def test_what_eight_bits_cost_baselines_and_network_is_told(run, tmp_path, monke
         read_table(folder / name).assign(accuracy_test_8bit=wrong).to_csv(folder / name, index=False)
     right = trials["right"].where(trials["side"] != "test_8bit", 0.0)
     trials.assign(right=right).to_csv(folder / "baselines_trials.csv", index=False)
-    monkeypatch.setattr(front.answers, "answer", lambda *given: asked.append(given) or answer(*given))
+    monkeypatch.setattr(front.answers, "answer", lambda *given, **more: asked.append(given) or answer(*given, **more))
     page = report.write(folder).read_text(encoding="utf-8").replace("\xa0", " ")
     assert "baselines are chosen anew, accuracy on test windows falls (1&amp;1 ms with 6 neurons" in page
     assert all(
         words in page for words in (" to 12.5 %; ", " to 0.0 %; ", "with 8-bit weights has 12.5 % on test windows")
     )
-    (networks, before, _, _, compare, _), (_, after, _, _, compare_rounded) = asked
+    (networks, before, _, _, compare, *_), (_, after, _, _, compare_rounded, *_) = asked
     assert {one.accuracy for one in after} == {0.0} != {one.accuracy for one in before}
     assert compare(networks[0], before[0]) != compare_rounded(networks[0], after[0])

@@ -139,7 +139,7 @@ def test_a_folder_at_work_is_refused_to_every_writer_and_free_after_a_kill(held,
         lambda: runner.run(runner.load(folder), folder),
         lambda: runner.write_tables(folder),
         lambda: api.train(spikes, folder, window=nt.Window(length_ms=50)),
-        lambda: api.tune(spikes, folder, window=nt.Window(length_ms=50, per_trial=1)),
+        lambda: nt.tune(spikes, folder, window=nt.Window(length_ms=50, per_trial=1)),
         lambda: cross_validation.run(spikes, folder, RSNNSpec(), {}),
     ):
         with pytest.raises(InputError, match=said):
