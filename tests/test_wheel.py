@@ -68,8 +68,9 @@ raster spikes.h5 -o spikes.nwb
 import nwb spikes.nwb -o nwb.h5
 export run --to nir -o run.nir
 """
-APART = ("live",)
-"""Commands with a test of their own."""
+SETS = ("cluster-haptic-texture", "cost", "st-mnist", "stemnist", "stemnist-pressure", "vt-snn")
+APART = ("live", "save", *(f"import {name}" for name in SETS))
+"""Commands with tests of their own."""
 DRIVER = """
 import shlex, sys
 
