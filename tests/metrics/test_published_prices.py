@@ -103,7 +103,7 @@ def cycles(n_in: int, hidden: int, n_out: int, shares: tuple[float, float], *, r
 )  # fmt: skip
 @example(16, 20, 8, 0.0, 0.0, False, 100)
 def test_a_network_on_xylo_is_near_its_cycles(n_in, hidden, n_out, p_in, p_hidden, recurrent, steps):
-    """Within 5 %; a recurrent one within 7.5 %: an operation of a hidden spike takes 7.5 cycles, theirs 7 among neurons."""
+    """Within 5 %, with recurrence 7.5 %: an operation of a hidden spike takes 7.5 cycles, theirs 7 among neurons."""
     theirs = steps * sum(cycles(n_in, hidden, n_out, (p_in, p_hidden), recurrent=recurrent).values()) * CYCLE_PJ
     sent = p_hidden * hidden * steps
     measured = {
