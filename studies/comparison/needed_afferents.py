@@ -71,16 +71,13 @@ def ranked(
     network: RSNN,
     spikes: torch.Tensor,
     encoder: AfferentSpec,
-    weights: Sequence[ArrayLike] | None = None,
     *,
     prices: PriceList | None = None,
     recorded_Hz: float | None = None,
 ) -> list[Pair]:
     """The pairs of an encoder, those first that a network needs most (`need_of`, added over grades and polarities).
 
-    spikes: of training windows, `(window, time, afferent)`. weights: all matrices that the afferents drive; None:
-    those to the hidden layer.
-
+    spikes: of training windows, `(window, time, afferent)`.
     prices: divide need by the energy that a pair costs. A taxel is conditioned once for all its afferents, so that an
     afferent beside another one is cheaper, and a taxel that goes whole saves more. recorded_Hz: samples of the
     recordings per second, where the encoder resamples.
@@ -90,8 +87,7 @@ def ranked(
     >>> ranked(network, torch.tensor([[[0, 1]], [[0, 0]]]), load("sa1-ra1-lif"))
     [Pair(part='ra1', taxel=0), Pair(part='sa1', taxel=0)]
     """
-    weights = [network.w_in.detach().cpu()] if weights is None else weights
-    need: dict[Pair, float] = {}
+    weights, need = _driven(network), dict[Pair, float]()
     for pair, its in zip(pairs_of(encoder, spikes.shape[2]), need_of(spikes, weights).tolist(), strict=True):
         need[pair] = need.get(pair, 0.0) + its
     order = sorted(need, key=lambda pair: -need[pair])
@@ -99,6 +95,13 @@ def ranked(
         return order
     value = _per_energy(order, need, _energies(network, spikes, encoder, prices, recorded_Hz))
     return sorted(order, key=lambda pair: -value[pair])
+
+
+def _driven(network: RSNN) -> list[torch.Tensor]:
+    """The weights out of afferents, `(afferent, neuron)`: to the hidden layer, and to a readout that hears them."""
+    into, out = network.w_in.detach().cpu(), network.readout_weights.detach().cpu()
+    heard = out.reshape(-1, *out.shape[-2:])[:, network.spec.hidden :] if network.spec.hears_afferents else ()
+    return [into, *heard]
 
 
 def _energies(

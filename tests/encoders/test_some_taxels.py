@@ -322,6 +322,18 @@ def test_pairs_are_ranked_by_weights_and_by_the_spread_of_their_spikes():
         assert found == pytest.approx(3 * float(network.w_in[afferent, 0].detach()) ** 2 * spread)
 
 
+@pytest.mark.parametrize("keys", [{"hidden": 0}, {"hidden": 3, "direct": True}])
+def test_pairs_are_ranked_by_the_weights_to_a_readout_that_hears_them(keys):
+    network = nt.RSNN(4, 2, sampling_rate_Hz=1000.0, readout="integrator", **keys)
+    with torch.no_grad():
+        network.w_in.zero_()
+        network.w_out[-4:] = torch.tensor([[1.0], [3.0], [0.1], [2.0]])
+    spikes = torch.zeros(6, 20, 4, dtype=torch.uint8)
+    spikes[:3, ::2] = 1
+    order = ranked(network, spikes, load("sa1-ra1-lif"))
+    assert [*order] == [("sa1", 1), ("ra1", 1), ("sa1", 0), ("ra1", 0)]
+
+
 def test_pairs_are_ranked_by_what_they_save_where_energy_is_priced():
     """The rank is that of taking away, one after the other, the pair or the taxel with the least need per energy."""
     rng = np.random.default_rng(1)
