@@ -190,6 +190,7 @@ def networks_of(results: pd.DataFrame, splits: Sequence[str] = ()) -> list[Netwo
     apart, apart_early = (
         starts.spread(group[name].dropna().tolist() for group in same) for name in ("accuracy_test", "exit_accuracy")
     )
+    means = means_over(results.infer_objects(), NETWORK, measures, "seeds")
     fewest = results.groupby([*NETWORK, *splits], dropna=False).size().groupby(level=NETWORK).min()
     found = [
         Network(
@@ -204,7 +205,7 @@ def networks_of(results: pd.DataFrame, splits: Sequence[str] = ()) -> list[Netwo
             apart_early=apart_early,
             is_part=tuple(row[key] for key in NETWORK) in of_parts,
         )
-        for row in means_over(results.infer_objects(), NETWORK, measures, "seeds").to_dict("records")
+        for row in means[[*NETWORK, "seeds", *measures]].to_dict("records")
     ]
     return [one._replace(apart=None, apart_early=None) if one.is_fitted else one for one in found]
 
@@ -216,10 +217,7 @@ def _decision(row: Mapping[str, Any], kind: str) -> Any:
         return None
     sops, ms, spikes, energy_nJ = (row[f"{kind}_{cost}"] for cost in COSTS)
     before = f"{kind}_{BY}"
-    spreads = {f"{name}_sd" for name in row}
-    by_list = [
-        (name.removeprefix(before), row[name]) for name in row if str(name).startswith(before) and name not in spreads
-    ]
+    by_list = [(name.removeprefix(before), row[name]) for name in row if str(name).startswith(before)]
     return Decision(accuracy, sops, ms, spikes, None if pd.isna(energy_nJ) else float(energy_nJ), _counted(by_list))
 
 

@@ -84,6 +84,12 @@ def test_starts_are_counted_on_the_split_that_has_the_fewest_and_spread_within_s
     assert network.starts == 5
 
 
+def test_the_energy_by_a_list_is_a_mean_over_starts_and_its_spread_is_no_list():
+    table = rows([[0.9, 0.8]]).assign(**{"whole_nJ by mine": [2.0, 4.0], "early_nJ by mine": [1.0, 2.0]})
+    (network,) = front.networks_of(table)
+    assert (network.whole.by_list, network.early.by_list) == ((("mine", 3.0),), (("mine", 1.5),))
+
+
 def test_an_interval_of_early_exit_is_of_its_own_spread():
     own = rows([[0.9, 0.9]]).assign(exit_accuracy=[0.7, 0.9])
     (network,) = front.networks_of(own)
