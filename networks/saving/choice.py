@@ -79,16 +79,16 @@ def table(trials: Sequence[Trial], ways: Mapping[str, Way], names: Sequence[str]
 
     names: of the price lists. Costs and choices are of validation windows; columns of `test_...` are told alone.
     """
-    rows = []
-    for one in candidates(trials):
-        trial, decided = one.trial, one.trial.decided[one.how]
-        amounts = {name: _amount(ways[name], trial.point.get(name, 0)) for name in ways}
-        rows.append({"trial": trial.id, "training": trial.member, "decides": one.how, **amounts, **decided})
-    for trial in trials:
-        if trial.error:
-            amounts = {name: _amount(ways[name], trial.point.get(name, 0)) for name in ways}
-            rows.append({"trial": trial.id, "training": trial.member, **amounts, "error": trial.error})
-    listed = pd.DataFrame(rows)
+
+    def setting(trial: Trial) -> dict[str, Any]:
+        return {name: _amount(way, trial.point.get(name, 0)) for name, way in ways.items()}
+
+    listed = pd.DataFrame([
+        *({"trial": one.trial.id, "training": one.trial.member, "decides": one.how, **setting(one.trial),
+           **one.trial.decided[one.how]} for one in candidates(trials)),
+        *({"trial": trial.id, "training": trial.member, **setting(trial), "error": trial.error}
+          for trial in trials if trial.error),
+    ])  # fmt: skip
     return listed.rename(
         columns={f"{before}{name}": f"{before}{name}_nJ" for name in names for before in ("", "test_")}
     )

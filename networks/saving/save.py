@@ -80,7 +80,7 @@ def save_energy(
         if (source / STUDY).is_file():
             source = best_of_study(source, tell)
         elif source.is_file():
-            source, spikes = _trained_on(source, out, seed, tell)
+            source, spikes = _trained_on(source, out, seed, tell), None
         where = Source(source, _path(spikes), _path(recordings), seed)
         start, asked = where.start(), Asked(trials, at_most_points / 100, chosen, seed)
         claim(out, _problem(source, start, asked))
@@ -115,8 +115,8 @@ def _check_place(out: Path) -> None:
         raise InputError(f"{out}: is not empty and holds no search for savings; choose another folder")
 
 
-def _trained_on(path: Path, out: Path, seed: int, tell: Tell) -> tuple[Path, Path | None]:
-    """The default network of a file of recordings, or of spikes; what is there of an interrupted call is used."""
+def _trained_on(path: Path, out: Path, seed: int, tell: Tell) -> Path:
+    """The default network of a file of recordings, or of spikes; it goes on where an earlier call was interrupted."""
     if hdf5.kind_of(path) == "recordings":
         spikes = out / SPIKES
         if not spikes.is_file():
@@ -126,7 +126,7 @@ def _trained_on(path: Path, out: Path, seed: int, tell: Tell) -> tuple[Path, Pat
         spikes = path
     if not (out / FIRST / resumable.RESULT).is_file():
         nt.train(spikes, out / FIRST, seed=seed, resume=True, tell=tell)
-    return out / FIRST, None
+    return out / FIRST
 
 
 def best_of_study(folder: Path, tell: Tell) -> Path:

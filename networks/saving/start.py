@@ -22,7 +22,6 @@ from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import run_folder, tasks
 from neurotact.networks.training.epochs import Epoch, Training
-from neurotact.networks.training.run_folder import Restored
 from neurotact.spec import build, leaves, override
 
 TAUGHT = {"training.relative_learning_rate", "training.schedule", "training.keep"}
@@ -32,7 +31,6 @@ TAUGHT = {"training.relative_learning_rate", "training.schedule", "training.keep
 class Start(NamedTuple):
     """A trained run: what all trials share, and the run itself as one that saves nothing."""
 
-    restored: Restored
     bench: Bench
     base: Fitted
 
@@ -65,9 +63,8 @@ def start_of(run: Path, seed: int = 0, *, spikes: Path | None = None, recordings
     ranking = () if encoder is None else tuple(ranked(network, whole.sides.train.spikes, encoder))
     bench = Bench(touches, encoder, split, task.window, spec, seeds.of_start(seed, task.split), task, ranking)
     order = torch.Generator().manual_seed(bench.seeds[1])
-    return Start(
-        restored, bench, Fitted(network, *whole, order, Training((), Epoch(0, math.nan, math.nan, math.nan, math.nan)))
-    )
+    untold = Training((), Epoch(0, math.nan, math.nan, math.nan, math.nan))
+    return Start(bench, Fitted(network, *whole, order, untold))
 
 
 def _plain(network: Network) -> RSNN:
@@ -105,10 +102,8 @@ def asked(spec: RSNNSpec, seen: recipe.Seen) -> RSNNSpec:
     ('default', 20, 7.0, False)
     """
     table = spec.model_dump(mode="json", exclude_none=True)
-    known, chosen = (
-        leaves(table),
-        {choice.key: choice.value for choice in recipe.choices(seen, {"hidden": spec.hidden})},
-    )
+    known = leaves(table)
+    chosen = {choice.key: choice.value for choice in recipe.choices(seen, {"hidden": spec.hidden})}
     own = {key for key, value in chosen.items() if known.get(key) == value}
     if not own >= TAUGHT:
         return spec

@@ -16,6 +16,7 @@ from neurotact_parts.studies.comparison.saving import Fitted, Setting, exit_of, 
 from neurotact import files
 from neurotact.data.splits import Split
 from neurotact.errors import InputError
+from neurotact.metrics.paired import by_trial
 from neurotact.networks.definition import seeds
 from neurotact.networks.exit.rule import FULL_WINDOW
 from neurotact.networks.training import tasks
@@ -142,8 +143,7 @@ def _measured(fitted: Fitted, rule: Any) -> tuple[dict[str, float], list[float]]
     validation = sides.validation
     labels = fitted.network.infer(validation.spikes, rule).labels.cpu()
     assert validation.of is not None
-    by_trial = pd.Series((labels == validation.labels).double().numpy()).groupby(validation.of.numpy()).mean()
-    return costs, by_trial.tolist()
+    return costs, [*by_trial(validation.of.numpy(), (labels == validation.labels).numpy()).values()]
 
 
 def _about(fitted: Fitted) -> dict[str, Any]:
