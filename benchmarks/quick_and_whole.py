@@ -51,7 +51,7 @@ def of_set(name: str) -> Recordings:
 
 
 def answer_of(name: str, folder: Path, *, quick: bool) -> dict[str, Any]:
-    """The answer of a study of a set, which is run unless it is there."""
+    """The answer of a study of a set; the study is run first if it was not run before."""
     data, run = folder / f"{name}.h5", folder / f"{name}-{'quick' if quick else 'whole'}"
     if not (run / "answer.json").is_file():
         nt.save(of_set(name), data, force=True)

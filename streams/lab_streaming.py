@@ -31,7 +31,7 @@ def inlet(
     """
     try:
         pylsl = optional("pylsl", f"{path}: needs pylsl; pip install 'neurotact[lsl]'")
-    except RuntimeError as error:  # pylsl is there without its library
+    except RuntimeError as error:  # pylsl is installed, and the library that it needs is not
         raise InputError(
             f"{path}: pylsl cannot be used ({str(error).partition('.')[0][:80]}); install liblsl"
         ) from error

@@ -62,7 +62,7 @@ class Layout(NamedTuple):
 
 
 def columns_of(chain: Chain) -> list[list[int]]:
-    """The taxels of each kind of afferent that is there: one of each gain of SA-I, then of RA-I."""
+    """The taxels of each kind of afferent that the chain has: a kind for each gain of SA-I, then of RA-I."""
     kinds = zip(chain.lif.columns(chain.n_taxels), (chain.lif.sa1, chain.lif.ra1), strict=True)
     return [taxels for taxels, kind in kinds if taxels for _ in kind.gains]
 

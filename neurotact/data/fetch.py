@@ -131,7 +131,7 @@ def _unpacked(path: Path) -> Path:
 
 
 def _is_whole(path: Path, known: str) -> bool:
-    """Whether a file is there with this hash, and its content if it is an archive."""
+    """Whether a file exists with this hash and, of an archive, whether its content exists, too."""
     if not path.is_file() or not _unpacked(path).exists():
         return False
     algorithm, _, digest = known.partition(":")

@@ -363,7 +363,7 @@ def _with_own_width(table: dict[str, Any], overrides: Mapping[str, Any], given: 
     is_part = isinstance(model, str) and model not in BUILT_IN and plugins.has("networks", model)
     if not is_part or own & {*specs.leaves(given)}:
         return dict(overrides)
-    if "hidden" in part_of(model).keys.model_fields:  # which no such network has none of
+    if "hidden" in part_of(model).keys.model_fields:  # each of its layers has a neuron or more
         table["sweep"] = {key: _of_a_layer(key, values) for key, values in table["sweep"].items()}
         return {key: _of_a_layer(key, values) for key, values in overrides.items()}
     if isinstance(network, dict) and model != named:  # the study's network has them

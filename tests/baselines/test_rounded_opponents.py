@@ -154,7 +154,7 @@ def test_the_rounded_copy_is_judged_on_rounded_inputs_and_where_there_is_none_no
 
 
 class Wrong:
-    """Wrong in the first windows of two classes, as many as it is told; notes each fit."""
+    """A classifier that is wrong in the first windows of two classes, in a given number of them; it notes each fit."""
 
     def __init__(self, index, n_wrong, fits):
         self.index, self.n_wrong, self.fits = index, n_wrong, fits
