@@ -133,3 +133,8 @@ def test_every_import_refuses_counts_that_lose_digits(tmp_path, kind):
         np.savez(tmp_path / "a.npz", X=counts.reshape(2, 20, 2), y=[*"ab"])
     with pytest.raises(InputError, match=r"of which float32 keeps 268435\d\d\d; subtract an offset"):
         readers[kind]()
+
+
+def test_half_floats_hold_no_number_that_is_too_long_and_warn_of_none():
+    """The limit is beyond their range; a warning is an error here."""
+    assert lost_digits(np.array([[1.5, 65504.0]], np.float16)) == ""

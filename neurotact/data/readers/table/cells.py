@@ -514,7 +514,7 @@ def lost_digits(values: np.ndarray) -> str:
     >>> lost_digits(np.array([2**24, 2**24 + 2])), lost_digits(np.array([2**24 + 1]))[:44]
     ('', 'holds 16777217, of which float32 keeps 16777')
     """
-    if values.dtype.kind not in "iuf" or not len(values) or np.abs(values).max() <= WHOLE_IN_FLOAT32:
+    if values.dtype.kind not in "iuf" or not len(values) or float(np.abs(values).max()) <= WHOLE_IN_FLOAT32:
         return ""
     lost = values.astype(np.float32).astype(np.float64) != values
     if not lost.any() or (values.dtype.kind == "f" and not (values == np.rint(values)).all()):
