@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 from neurotact_parts.networks.saving import choice, figure
 from neurotact_parts.networks.saving import folder as points
 from neurotact_parts.networks.saving.proposals import Asked
@@ -25,9 +24,7 @@ from neurotact.progress import Tell, track, untold
 from neurotact.tables import write_table
 
 ANSWER, FRONT, FIGURE = "answer.json", "front.csv", "front.png"
-STUDY, OF_SETTING = "study.toml", ("t_ref_ra_ms", "t_ref_sa_ms", "hidden")
-JUDGED = ("accuracy_validation", "sops_total")
-"""Columns of a cell of a study: what its setting is, and by which settings are compared."""
+STUDY = "study.toml"
 FIRST, SPIKES, ENCODER = "run", "spikes.h5", "encoder.toml"
 """What is made of recordings, in the folder: the default network, its spikes, the calibrated encoder."""
 
@@ -130,22 +127,18 @@ def _trained_on(path: Path, out: Path, seed: int, tell: Tell) -> Path:
 
 
 def best_of_study(folder: Path, tell: Tell) -> Path:
-    """The run folder of the best network of a study of networks, which its cells are.
-
-    Best by the mean validation accuracy over seeds and splits, of equal ones with the fewest SOPs; of these trainings
-    the first in the order of their folders.
-    """
-    rows = []
-    for path in sorted((folder / "cells").glob(f"*/{resumable.RESULT}")):
-        row = files.read_json(path).get("row", {}) if (path.parent / run_folder.NETWORK).is_file() else {}
-        rows.append({"cell": path.parent, **{key: row.get(key) for key in (*OF_SETTING, *JUDGED)}})
-    table = pd.DataFrame(rows, columns=["cell", *OF_SETTING, *JUDGED])
-    if table.empty or table["accuracy_validation"].isna().all():
-        raise InputError(f"{folder}: holds no trained network; give a study of networks, such as own-recordings")
-    means = table.groupby(list(OF_SETTING), dropna=False)[[*JUDGED]].mean()
-    of_setting = means.sort_values([*JUDGED], ascending=[False, True], kind="stable").index[0]
-    best = table.set_index(list(OF_SETTING)).loc[[of_setting]]["cell"].iloc[0]
-    tell(f"{best}: the network with the highest validation accuracy of {folder}, from which the search starts")
+    """The run folder of the best network of a study on validation trials, as its report names it."""
+    report = folder / ANSWER
+    answers = files.read_json(report).get("answers", []) if report.is_file() else []
+    names = [one["leader"] for one in answers if one.get("leader")]
+    if not names:
+        raise InputError(
+            f"{folder}: its report names no network; run `neurotact study run {folder / STUDY}` to its end"
+        )
+    best = folder / "cells" / names[0]
+    if not (best / run_folder.NETWORK).is_file():
+        raise InputError(f"{best}: holds no network; give the folder of a study that holds its cells")
+    tell(f"{best}: the best network of {folder} on validation trials, from which the search starts")
     return best
 
 

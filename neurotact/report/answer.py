@@ -207,7 +207,8 @@ class Answer(NamedTuple, Generic[R, Other]):
     test can show; None where it is that of so many trials. doubts: what else the reader must know, in sentences. NaN is
     what is not known.
 
-    is_chosen: whether one network was chosen for its refractory period: then it is both best and cheapest.
+    is_chosen: whether one network was chosen for its refractory period: then it is both best and cheapest, and `ahead`
+    is the one that the referee finds best, if that is another, with its own verdict.
     Of networks alone: interval: 95 % interval of the test accuracy of the best one, as it is used. trials: of both
     sides. priced: the energy of the best network, and of the cheapest one if that is another. prices: the name of the
     list by which energies are.
@@ -234,6 +235,17 @@ class Answer(NamedTuple, Generic[R, Other]):
     priced: tuple[Priced, ...] = ()
     prices: str = ""
     is_chosen: bool = False
+    ahead: tuple[R, Verdict | None] | None = None
+
+    @property
+    def called(self) -> str:
+        """The network that the answer is of, in a word."""
+        return "chosen" if self.is_chosen else "best"
+
+    @property
+    def leader(self) -> R:
+        """The best row on validation trials, whatever it costs."""
+        return self.ahead[0] if self.ahead else self.best
 
     @property
     def shown(self) -> R:
@@ -333,14 +345,18 @@ def answer(
     ('better', '5&5')
     """
     ways = [network.way(trials) for network in networks]
-    best, cheapest = networks[referee.best_of(ways)], networks[referee.cheapest_of(ways)]
-    best, cheapest = (best, cheapest) if chosen is None else (chosen, chosen)
+    leader, cheapest = networks[referee.best_of(ways)], networks[referee.cheapest_of(ways)]
+    best, cheapest = (leader, cheapest) if chosen is None else (chosen, chosen)
 
     def compared(network: Network, baseline: Baseline) -> Paired:
         found = compare(network, baseline)
         return found or compare_shares(network.accuracy, baseline.accuracy, trials.test)
 
     baseline, rivals = opponents_of(baselines, [one.way(trials) for one in baselines])
+
+    def judged(network: Network) -> Verdict | None:
+        return referee.judge([compared(network, rival) for rival in rivals]) if rivals else None
+
     return Answer(
         tuple(networks),
         best,
@@ -350,13 +366,14 @@ def answer(
         tuple(baselines),
         baseline,
         rivals,
-        referee.judge([compared(best, rival) for rival in rivals]) if rivals else None,
+        judged(best),
         guess,
         interval=interval_of(best, best.used, trials),
         trials=trials,
         priced=tuple(_priced(one, baselines, guess, compared) for one in dict.fromkeys((best, cheapest))),
         prices=prices,
         is_chosen=chosen is not None,
+        ahead=None if leader is best else (leader, judged(leader)),
     )
 
 

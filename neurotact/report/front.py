@@ -67,7 +67,8 @@ class Front(NamedTuple):
     refractory period, what it saves and costs; next: what to do then, and commands. All are empty if there is nothing
     to say. Of networks alone: sides; split: that of the first training, one of several where a study
     sweeps it; cells: for each network the row of `results.csv` that stands for it; lost: the losses of accuracy;
-    classes: of `robustness.by_class`, for the best network.
+    classes: of `robustness.by_class`, for the best network; leader: the name of the folder of the best one on
+    validation trials, whatever it costs.
     """
 
     setting: str
@@ -84,6 +85,7 @@ class Front(NamedTuple):
     classes: pd.DataFrame = pd.DataFrame()
     period: str = ""
     next: tuple[str, Sequence[str]] = ("", ())
+    leader: str = ""
 
     @property
     def headline(self) -> str:
@@ -114,6 +116,7 @@ class Front(NamedTuple):
             "next": {"words": self.next[0], "commands": [*self.next[1]]},
             "figures": [figure._asdict() for figure in self.figures],
             "chosen": self.chosen,
+            "leader": self.leader,
             "details": [*self.details],
         }
 
@@ -424,6 +427,7 @@ def fronts(
             classes,
             period,
             then,
+            cell_folder(folder, done[represented[networks.index(answer.leader)]]).name,
         )
 
 

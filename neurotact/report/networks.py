@@ -341,7 +341,7 @@ def _baselines_table(baselines: pd.DataFrame | None, study: StudySpec, own: floa
     ]  # fmt: skip
     caption = "Classifiers without spikes in their decision, on the same windows and the same split"
     if own is not None:
-        caption += f"; the best network with 8-bit weights has {percent(own)} on test windows"
+        caption += f"; the network of the answer with 8-bit weights has {percent(own)} on test windows"
     return Table(caption, heads, rows, n_heads=2)
 
 

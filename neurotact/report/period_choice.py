@@ -189,7 +189,8 @@ def _in_doubt(
             return f"a few other validation trials would choose {named}", "trials"
         trained = next(one for one in (found, *rivals) if not one.is_fitted)
         fix = "seeds" if trained.starts < SEEDS and trained.seeds < SEEDS else "trials"
-        return f"a few other validation trials, or other starts of the weights, would choose {named}", fix
+        whose = " of networks with a hidden layer" if found.is_fitted else ""
+        return f"a few other validation trials, or other starts of the weights{whose}, would choose {named}", fix
     if math.isnan(evidence.lost.high):
         return "from so few test trials the error of that is not known", "trials"
     if _length(found) > min(map(_length, outcome.rows)):

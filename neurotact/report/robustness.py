@@ -143,7 +143,7 @@ def class_table(classes: pd.DataFrame, best: Network) -> list[Table]:
         for label in sorted(set(classes["label"]))
     ]
     caption = (
-        f"Each class by the best network, {best.name}: share of whole windows that are right, in %, and the number of "
+        f"Each class by {best.name}, of the answer: share of whole windows that are right, in %, and the number of "
         "trials."
     )
     return [Table(caption, ["class", *conditions], rows, 1)]
@@ -171,7 +171,7 @@ def tables(study: StudySpec, table: pd.DataFrame | None, networks: Sequence[Netw
         rows.append([str(condition), *map(_share, shares), kinds])
     shown = [
         Table(
-            f"The best network, {best.name}, at each untrained condition: whole windows. At trained conditions: on "
+            f"{best.name}, of the answer, at each untrained condition: whole windows. At trained conditions: on "
             "trials that were kept for this test. The copies are chosen at a condition that validation leaves out; the "
             "last training has this condition, too.",
             [*heads, "copies"],

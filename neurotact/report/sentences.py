@@ -33,11 +33,17 @@ def verdict(outcome: Answer[Any, Any]) -> str:
         "unclear": lambda _: "Not clearly better than guessing",
         "no baseline": lambda _: alone if outcome.trials.test else "",
         "untested": lambda _: f"Not tested, since {outcome.untested}",
-        "worse": lambda _: "Spiking costs accuracy",
+        "worse": _worse,
         "tie": lambda _: f"No clear difference in accuracy{_at_energy(outcome)}",
         "better": lambda _: "Spiking is more accurate",
         "too few trials": _too_few,
     }[outcome.kind](outcome)
+
+
+def _worse(outcome: Answer[Any, Any]) -> str:
+    """Whether it is spiking that costs accuracy, or what the chosen network saves."""
+    spares = outcome.ahead is not None and outcome.ahead[1] is not None and outcome.ahead[1].kind != "worse"
+    return "Saving costs accuracy, spiking shows no clear loss" if spares else "Spiking costs accuracy"
 
 
 def _too_few(outcome: Answer[Any, Any]) -> str:
@@ -86,18 +92,14 @@ def evidence(outcome: Answer[Any, Any]) -> str:
 def _of_best(outcome: OfNetworks) -> str:
     """The accuracy of the best network with its interval."""
     best, (low, high) = outcome.best, outcome.interval
-    network = f"the {'chosen' if outcome.is_chosen else 'best'} network{', with early exit,' if best.exits else ''}"
+    network = f"the {outcome.called} network{', with early exit,' if best.exits else ''}"
     network += f" is right in {percent(best.accuracy)}"
     return f"{network} of the test windows (95 % interval {100 * low:.0f} to {100 * high:.0f} %{_other(best)})"
 
 
 def _other(network: Network) -> str:
-    """The accuracy of the other way to decide, after that of the one that is used; empty if there is no other."""
-    if network.early is None or not network.saves:
-        return ""
-    if network.exits:
-        return f"; on whole windows {percent(network.whole.accuracy)}"
-    return f"; with early exit, which is not used, {percent(network.early.accuracy)}"
+    """The accuracy on whole windows, after that with early exit; empty where early exit is not used."""
+    return f"; on whole windows {percent(network.whole.accuracy)}" if network.exits else ""
 
 
 def _rivals(outcome: Answer[Any, Any], has: str, have: str) -> str:
@@ -179,8 +181,7 @@ def details(outcome: Answer[Any, Any]) -> Iterator[str]:
     """What the cheapest within the error saves and costs, and what is in doubt; nothing if guessing may do as well."""
     if not outcome.is_above_chance:
         return
-    if not outcome.is_chosen:
-        yield from _of_cheapest(outcome)
+    yield from _of_leader(outcome) if outcome.is_chosen else _of_cheapest(outcome)
     for each in outcome.priced:
         yield from _early(each.network, outcome)
     for each in outcome.priced:
@@ -190,6 +191,18 @@ def details(outcome: Answer[Any, Any]) -> Iterator[str]:
         names = " and of ".join(dict.fromkeys(one.name.partition(" on ")[0] for one in uncounted))
         yield f"The cost of {names} is not counted, so that no sentence on energy compares with it."
     yield from outcome.doubts
+
+
+def _of_leader(outcome: OfNetworks) -> Iterator[str]:
+    """What the chosen network saves and loses beside the best one on validation trials."""
+    if outcome.ahead is None:
+        return
+    leader, best = outcome.leader, outcome.best
+    yield (
+        f"{leader.name} is the best network on validation trials, with {percent(leader.accuracy)} on test windows; "
+        f"{best.name}, the cheapest within its error ({100 * leader.way(outcome.trials).error:.1f} points), has "
+        f"{_changed(leader.whole, best.whole, outcome)}."
+    )
 
 
 def _of_cheapest(outcome: Answer[Any, Any]) -> Iterator[str]:
@@ -279,7 +292,7 @@ def gaps(outcome: OfNetworks, cause: str) -> Iterator[str]:
     """
     level = referee.GAP if outcome.is_above_chance else referee.LEVEL
     network = outcome.best
-    sides = [("the best network", network.validation, network.whole.accuracy)]
+    sides = [(f"the {outcome.called} network", network.validation, network.whole.accuracy)]
     if outcome.baseline is not None:
         sides.append((outcome.baseline.name, outcome.baseline.validation, outcome.baseline.accuracy))
     apart = [
@@ -295,10 +308,11 @@ def gaps(outcome: OfNetworks, cause: str) -> Iterator[str]:
 
 
 def where_lost(outcome: OfNetworks) -> Iterator[str]:
-    """If spiking costs accuracy: the loss of the encoding, the loss of the network, and remedies.
+    """If spiking costs accuracy: the loss of the encoding, of the network, and of what is saved, and remedies.
 
     The same windows are classified from the signals and from the afferents' spikes, by the classifiers chosen on
-    validation trials, and by the network. A loss of one test trial or less is not reported.
+    validation trials, by the best network on these, and by the chosen one. A loss of one test trial or less is not
+    reported.
 
     >>> from neurotact.report.answer import Trials, answer
     >>> network = Network("1&1", 20, 1, 0.6, Decision(0.5, 1000.0, 500.0, 80.0, None), None)
@@ -310,8 +324,8 @@ def where_lost(outcome: OfNetworks) -> Iterator[str]:
     if outcome.verdict is None or outcome.verdict.kind != "worse" or not all(groups):
         return
     of_signals, of_spikes = (group[referee.best_of([one.way(outcome.trials) for one in group])] for group in groups)
-    used = outcome.best.accuracy
-    encoding, network = of_signals.accuracy - of_spikes.accuracy, of_spikes.accuracy - used
+    used, leader = outcome.best.accuracy, outcome.leader.accuracy
+    encoding, network = of_signals.accuracy - of_spikes.accuracy, of_spikes.accuracy - leader
     lost = {
         f"the encoding loses {100 * encoding:.1f} points ({percent(of_signals.accuracy)} by {of_signals.name}, "
         f"{percent(of_spikes.accuracy)} by {of_spikes.name}); look at `nt.calibrate(..., compare=True)`, at other "
@@ -319,8 +333,10 @@ def where_lost(outcome: OfNetworks) -> Iterator[str]:
         "(`settings={'encoder.tau_mem_ms': ...}`: 10 sends more spikes than 50) and at more afferents per taxel "
         "(`settings={'encoder': 'sa1-ra1-lif-graded'}`)": encoding,
         f"the network loses {100 * network:.1f} points ({percent(of_spikes.accuracy)} by {of_spikes.name}, "
-        f"{percent(used)} by the best network); record more trials, or run the "
-        "whole study if this is a quick one": network,
+        f"{percent(leader)} by the best network on validation trials); record more trials, or run the whole study if "
+        "this is a quick one": network,
+        f"the saving loses {100 * (leader - used):.1f} points ({percent(leader)} by {outcome.leader.name}, "
+        f"{percent(used)} by {outcome.best.name}); use {outcome.leader.name}": leader - used,
     }
     yield from (words for words, loss in lost.items() if loss > 1 / outcome.trials.test)
 
@@ -349,16 +365,15 @@ def _early(network: Network, outcome: OfNetworks) -> Iterator[str]:
     if not network.saves:
         yield f"Early exit saves nothing here: {name} decides at the end of the window, after {milliseconds(whole.ms)}."
         return
-    verb = "decides" if network.exits else "would decide"
-    said = (
-        f"With early exit {name} {verb} after {milliseconds(early.ms)} of {milliseconds(whole.ms)} on average: "
-        f"{_changed(whole, early, outcome)}."
-    )
-    if network.exit_bound is None:
-        yield f"{said} Whole windows are used: validation trials do not tell what early exit may lose."
+    bound = network.exit_bound
+    known = "what it may lose is not known" if bound is None else patience.in_words(bound, network.tolerance)
+    if not network.exits:
+        yield f"Early exit{'' if name == 'it' else f' of {name}'} is not used: {known}."
         return
-    used = "It is used" if network.exits else "Whole windows are used"
-    yield f"{said} {used}: {patience.in_words(network.exit_bound, network.tolerance)}."
+    yield (
+        f"With early exit {name} decides after {milliseconds(early.ms)} of {milliseconds(whole.ms)} on average: "
+        f"{_changed(whole, early, outcome)}; {known}."
+    )
 
 
 def _changed(before: Decision, after: Decision, outcome: OfNetworks) -> str:

@@ -316,22 +316,16 @@ def test_a_search_says_what_limits_its_answer(saved, run):
     assert [line.split()[0] for line in save._cautions(result, elsewhere)] == ["validation", "no"]
 
 
-def test_a_study_gives_its_best_setting_in_its_first_seed(tmp_path):
-    cells = {"a": (1, 0.8, 10.0), "b": (5, 0.9, 30.0), "c": (5, 0.8, 30.0), "d": (1, 0.9, 20.0), "e": (9, 0.85, 40.0)}
-    for name, (period, accuracy, sops) in cells.items():
-        (tmp_path / "cells" / name).mkdir(parents=True)
-        row = {
-            "t_ref_ra_ms": period,
-            "t_ref_sa_ms": 1,
-            "hidden": 9,
-            "accuracy_validation": accuracy,
-            "sops_total": sops,
-        }
-        (tmp_path / "cells" / name / "result.json").write_text(json.dumps({"row": row}))
-        (tmp_path / "cells" / name / "network.json").write_text("{}")
+def test_a_study_gives_the_network_that_its_report_names(tmp_path):
     told = []
-    assert save.best_of_study(tmp_path, told.append).name == "a"  # all are equal, and it has the fewest SOPs
-    (tmp_path / "cells" / "d" / "network.json").unlink()
+    with pytest.raises(InputError, match="its report names no network; run `neurotact study run"):
+        save.best_of_study(tmp_path, told.append)
+    (tmp_path / "answer.json").write_text(json.dumps({"answers": [{"leader": ""}, {"leader": "b"}]}))
+    (tmp_path / "cells" / "b").mkdir(parents=True)
+    with pytest.raises(InputError, match="b: holds no network"):
+        save.best_of_study(tmp_path, told.append)
+    (tmp_path / "cells" / "b" / "network.json").write_text("{}")
     assert save.best_of_study(tmp_path, told.append).name == "b"
-    with pytest.raises(InputError, match="no trained network"):
-        save.best_of_study(tmp_path / "cells", told.append)
+    assert told == [
+        f"{tmp_path / 'cells' / 'b'}: the best network of {tmp_path} on validation trials, from which the search starts"
+    ]

@@ -104,6 +104,31 @@ def test_the_network_is_judged_beside_the_baseline_and_guessing(accuracy, rival,
 
 
 @pytest.mark.parametrize(
+    ("accuracy", "short", "loses"),
+    [
+        (0.97, "Saving costs accuracy, spiking shows no clear loss", ["the encoding", "the saving"]),
+        (0.88, "Spiking costs accuracy", ["the encoding", "the network", "the saving"]),
+    ],
+)
+def test_of_a_chosen_network_it_is_told_whether_spiking_or_saving_costs_accuracy(accuracy, short, loses):
+    best = network("1&1", validation=0.99, accuracy=accuracy, sops=1000.0)
+    cheap = network("5&5", validation=0.98, accuracy=0.8, sops=400.0)
+    rivals = [Baseline("SVM on signals", 0.99, 0.99, 12.0), Baseline("SVM on spikes (counts)", 0.99, 0.96, 12.0)]
+    found = answer([best, cheap], rivals, 0.25, TRIALS, chosen=cheap)
+    assert (found.best, found.leader, found.called) == (cheap, best, "chosen")
+    assert sentences.verdict(found) == short
+    assert [" ".join(line.split()[:2]) for line in sentences.where_lost(found)] == loses
+    first = next(details(found))
+    assert first.startswith(f"1&1 ms with 50 neurons is the best network on validation trials, with {100 * accuracy}")
+    assert "5&5 ms with 50 neurons, the cheapest within its error (" in first
+    assert "has 60 % fewer SOPs (400 against 1,000), and test accuracy falls by" in first
+    same = answer([best, cheap], rivals, 0.25, TRIALS, chosen=best)
+    assert same.ahead is None
+    assert same.called == "chosen"
+    assert "is the best network on validation trials" not in " ".join(details(same))
+
+
+@pytest.mark.parametrize(
     ("paired", "kind", "words"),
     [
         (Paired(-0.02, 0.03, 100), "worse", "SVM, 92.0 % (100 test trials, p = 0.03)."),
@@ -131,7 +156,7 @@ def test_an_early_exit_that_never_exits_is_told_so(ms, sops, saves):
     early = Decision(0.9, sops, ms, 80.0, None)
     said = " ".join(details(answer([network(early=early)], [], 0.25, TRIALS)))
     assert ("Early exit saves nothing here: it decides at the end of the window, after 1,000 ms." in said) != saves
-    assert ("With early exit it would decide" in said) == saves
+    assert ("Early exit is not used: what it may lose is not known." in said) == saves
 
 
 def test_early_exit_and_energy_are_told_of_the_cheapest():
@@ -157,14 +182,13 @@ def test_early_exit_and_energy_are_told_of_the_cheapest():
 def test_whole_windows_are_used_where_validation_does_not_bound_the_loss_of_early_exit(accuracy):
     """Whatever it loses on test trials, nothing included."""
     early = Decision(accuracy, 500.0, 420.0, 40.0, 200.0)
-    for bound, words in ((None, "do not tell what early exit may lose."), (0.2, "a loss of at most 20 points (95 % b")):
+    for bound, words in ((None, "what it may lose is not known."), (0.2, "it may lose up to 20 points, of which 1 is")):
         spiking = network(early=early, nJ=390.0)._replace(exit_bound=bound)
         found = answer([spiking], [], 0.25, TRIALS)
         assert found.best.used == found.best.whole
-        (about,) = (one for one in details(found) if "Whole windows are used: validation trials" in one)
+        (about,) = (one for one in details(found) if one.startswith("Early exit is not used: "))
         assert words in about
-        assert f"with early exit, which is not used, {100 * accuracy:.1f} %" in headline(found)
-        assert "with early exit, is right" not in headline(found)
+        assert "early exit" not in headline(found)
 
 
 def test_energy_is_not_told_where_it_is_about_equal_or_unknown():
@@ -204,8 +228,9 @@ def test_what_is_lost_is_divided_between_encoding_and_network():
 
 def test_more_operations_are_not_called_fewer():
     early = Decision(0.9, 1100.0, 990.0, 40.0, None)
-    assert "10 % more SOPs" in " ".join(details(answer([network(early=early)], [], 0.25, TRIALS)))
-    silent = network(sops=0.0, early=Decision(0.9, 0.0, 1.0, 0.0, None))
+    spiking = network(early=early)._replace(exit_bound=0.0)
+    assert "10 % more SOPs" in " ".join(details(answer([spiking], [], 0.25, TRIALS)))
+    silent = network(sops=0.0, early=Decision(0.9, 0.0, 1.0, 0.0, None))._replace(exit_bound=0.0)
     assert "0 % fewer SOPs" in " ".join(details(answer([silent], [], 0.25, TRIALS)))
 
 

@@ -323,9 +323,9 @@ def in_words(bound: float, tolerance: float) -> str:
     """What is known of the loss.
 
     >>> in_words(0.095, 0.01)
-    'validation trials that did not choose it show a loss of at most 9.5 points (95 % bound), and 1 may be lost'
+    'it may lose up to 9.5 points, of which 1 is allowed (95 % bound from validation trials that did not choose it)'
     """
     return (
-        f"validation trials that did not choose it show a loss of at most {100 * bound:.2g} points "
-        f"({100 * CONFIDENCE:.0f} % bound), and {100 * tolerance:.3g} may be lost"
+        f"it may lose up to {100 * bound:.2g} points, of which {100 * tolerance:.3g} is allowed "
+        f"({100 * CONFIDENCE:.0f} % bound from validation trials that did not choose it)"
     )

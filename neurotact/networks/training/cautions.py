@@ -136,7 +136,7 @@ def exit_not_used(choice: ExitChoice | None) -> Iterator[str]:
 
     >>> from neurotact.networks.exit.rule import ExitRule
     >>> print(*exit_not_used(ExitChoice(ExitRule(20), dict.fromkeys(range(20), 0.0), 0.01)))
-    early exit is not used: validation trials that did not choose it show a loss of at most 14 points (95 % bound), and 1 may be lost; record more trials, or accept a larger loss (`exit_tolerance`)
+    early exit is not used: it may lose up to 14 points, of which 1 is allowed (95 % bound from validation trials that did not choose it); record more trials, or accept a larger loss (`exit_tolerance`)
     """  # noqa: E501
     if choice is not None and choice.is_refused:
         yield (
