@@ -228,6 +228,14 @@ def test_what_is_chosen_is_told_line_by_line():
     assert list(recipe.described(RSNNSpec(), at)) == []
 
 
+def test_of_a_network_that_was_kept_what_has_an_effect_is_told_as_it_has_it():
+    at = Seen(900, 1000, 1000.0, 50.0)
+    kept = recipe.resolve(DEFAULT, at).model_copy(update={"hidden": 0, "direct": False, "readout_stretches": 8})
+    told = [line.partition(" (")[0] for line in recipe.described(DEFAULT, at, kept)]
+    assert {"hidden = 0", "readout_stretches = 8"} <= {*told}
+    assert not any(line.startswith(("training.", "tau_mem_ms", "surrogate")) for line in told)
+
+
 def test_a_slower_clock_that_is_asked_for_says_what_it_merges():
     spikes = torch.zeros(4, 400, 2, dtype=torch.uint8)
     spikes[:, ::4] = 1

@@ -431,17 +431,21 @@ def training_of(spec: RSNNSpec) -> TrainingSpec:
     return resolve(spec, Seen(1, 1, 1000.0, 1.0)).training
 
 
-def described(spec: RSNNSpec, seen: Seen) -> Iterator[str]:
+def described(spec: RSNNSpec, seen: Seen, kept: RSNNSpec | None = None) -> Iterator[str]:
     """The choices of a spec's recipe, one line per key, without given keys; then what the clock merges, `joined_cost`.
 
+    kept: the spec of the network that was kept; keys without effect in it are left out.
     What is more than the clock of a recipe merges is not among them: the network warns of it where it begins.
     """
     if spec.recipe is not None:
         given = spec.model_dump(mode="json")
-        known = specs.leaves(given)
+        known, void = specs.leaves(given), {} if kept is None else of_network(kept)
+        own = {} if kept is None else specs.leaves(kept.model_dump(mode="json"))
         for choice in choices(seen, given):
-            if choice.key not in known and has_key(spec, choice.key):
-                yield f"{choice.key} = {choice.value} ({choice.why})"
+            if choice.key not in known and has_key(spec, choice.key) and choice.key not in void:
+                value = own.get(choice.key, choice.value)
+                why = choice.why if value == choice.value else "as the network that was kept has it"
+                yield f"{choice.key} = {value} ({why})"
     per_bin = clock.steps_per_bin(resolve(spec, seen).step_ms, seen.sampling_rate_Hz)
     n_merged = seen.merging[per_bin - 1] if per_bin <= len(seen.merging) else 0
     if 0 < n_merged <= MERGED * seen.n_spikes:

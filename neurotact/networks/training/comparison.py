@@ -205,20 +205,19 @@ def _from_the_smallest(row: Mapping[str, Any]) -> str:
     >>> _from_the_smallest({"smallest_accuracy": 1.0, "sops_input": 0.0})
     'all validation windows are right without a hidden layer; nothing larger was tried'
     >>> _from_the_smallest({"smallest_accuracy": 0.9, "layer_gain": 0.005, "sops_input": 0.0})
-    'no hidden layer: 90.0 % of the validation windows are right without one; with it +0.5 points, within the standard error; nothing larger was tried'
+    'no hidden layer: 90.0 % of the validation windows are right without one; with it +0.5 points, within the standard error'
     >>> _from_the_smallest({"smallest_accuracy": 0.9, "layer_gain": 0.1, "sops_input": 9.0})
-    'a hidden layer: 90.0 % of the validation windows are right without it; with it +10.0 points, and all are right; nothing larger was tried'
+    'a hidden layer: 90.0 % of the validation windows are right without it; with it +10.0 points, and all are right; no path past it was tried'
     """  # noqa: E501
-    nothing = "nothing larger was tried"
     share, gain, path = row["smallest_accuracy"], row.get("layer_gain"), row.get("path_gain")
     if gain is None:
-        return f"all validation windows are right without a hidden layer; {nothing}"
+        return f"all validation windows are right without a hidden layer; nothing larger was tried"
     without = f"{100 * share:.1f} % of the validation windows are right without"
     if not row["sops_input"] > 0:
-        return f"no hidden layer: {without} one; with it {_points(gain)}; {nothing}"
+        return f"no hidden layer: {without} one; with it {_points(gain)}"
     layer = f"{without} it; with it {100 * gain:+.1f} points"
     if path is None:
-        return f"a hidden layer: {layer}, and all are right; {nothing}"
+        return f"a hidden layer: {layer}, and all are right; no path past it was tried"
     if row.get("direct"):
         return f"a hidden layer and a path past it: {layer}; with the path {100 * path:+.1f} points more"
     return f"a hidden layer: {layer}; with a path past it {_points(path)}"

@@ -121,14 +121,18 @@ def run(
         last = tasks.with_every_condition(trains, task)
         if task.split.test_where:
             tell(validation_note(trains.conditions, task.split, again=last is not None))
-        for line in (*tasks.balance_note(trains, task), *recipe.described(network, seen)):
+        for line in tasks.balance_note(trains, task):
             tell(line)
         run_of = _Run(trains, request, spikes, folder)
         if last is None:
-            return run_of.only(start)
-        if choice is None:
-            choice, start = run_of.choice(start), None
-        return run_of.last(last, choice, start)
+            outcome = run_of.only(start)
+        else:
+            if choice is None:
+                choice, start = run_of.choice(start), None
+            outcome = run_of.last(last, choice, start)
+        for line in recipe.described(network, seen, run_folder.load_network(folder)[0].spec):
+            tell(line)
+        return outcome
 
 
 class _Run:
