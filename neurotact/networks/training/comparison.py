@@ -211,7 +211,7 @@ def _from_the_smallest(row: Mapping[str, Any]) -> str:
     """  # noqa: E501
     share, gain, path = row["smallest_accuracy"], row.get("layer_gain"), row.get("path_gain")
     if gain is None:
-        return f"all validation windows are right without a hidden layer; nothing larger was tried"
+        return "all validation windows are right without a hidden layer; nothing larger was tried"
     without = f"{100 * share:.1f} % of the validation windows are right without"
     if not row["sops_input"] > 0:
         return f"no hidden layer: {without} one; with it {_points(gain)}"
