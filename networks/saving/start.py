@@ -25,7 +25,9 @@ from neurotact.networks.training.epochs import Epoch, Training
 from neurotact.spec import build, leaves, override
 
 TAUGHT = {"training.relative_learning_rate", "training.schedule", "training.keep"}
-"""Keys by which the default recipe is recognised in a network that was trained with it."""
+FITTED = {"readout", "readout_stretches", "readout_stretch_ms"}
+"""Keys by which the default recipe is recognised in a network that was trained with it; in one without a hidden layer.
+"""
 
 
 class Start(NamedTuple):
@@ -100,12 +102,15 @@ def asked(spec: RSNNSpec, seen: recipe.Seen) -> RSNNSpec:
     >>> again = asked(recipe.resolve(RSNNSpec(recipe="default", hidden=20, tau_mem_ms=7.0), windows), windows)
     >>> again.recipe, again.hidden, again.tau_mem_ms, "tau_syn_ms" in again.model_dump(mode="json")
     ('default', 20, 7.0, False)
+    >>> alone = asked(recipe.resolve(RSNNSpec(recipe="default", hidden=0), windows), windows)
+    >>> alone.recipe, alone.hidden, "readout_stretch_ms" in alone.model_dump(mode="json", exclude_none=True)
+    ('default', 0, False)
     """
     table = spec.model_dump(mode="json", exclude_none=True)
     known = leaves(table)
     chosen = {choice.key: choice.value for choice in recipe.choices(seen, {"hidden": spec.hidden})}
     own = {key for key, value in chosen.items() if known.get(key) == value}
-    if not own >= TAUGHT:
+    if not own >= (TAUGHT if spec.hidden else FITTED):
         return spec
     given = override({}, {key: value for key, value in known.items() if key not in own | {"model"}})
     return build(RSNNSpec, {**given, "recipe": "default"}, source="the network of the run")

@@ -10,12 +10,12 @@ from neurotact.encoders.afferents import AfferentSpec
 
 T_REF_MS = (2.0, 5.0, 10.0, 20.0, 50.0)
 """Refractory periods that are tried, where they are longer than the run's own and whole steps of the clock."""
-SLOWER_ENCODER, SLOWER_NETWORK = (2, 5, 10), (2, 4)
+SLOWER_ENCODER, SLOWER_NETWORK = (2, 5, 10), (1.5, 2, 4)
 """Factors on the steps of the encoder's clock and of the network's."""
 FEWEST_STEPS = 10
 """Steps of a window that a slower clock leaves, at least."""
 AFFERENTS = (0.75, 0.5, 0.35)
-HIDDEN = (0.6, 0.4, 0.2, 0.1)
+HIDDEN = (0.8, 0.6, 0.4, 0.2, 0.1)
 WINDOWS = (0.75, 0.5)
 RATE_PENALTIES = (0.01, 0.03, 0.1)
 PRUNED = (0.5, 0.75, 0.9)
@@ -96,16 +96,19 @@ def _of_afferents(bench: Bench) -> Iterator[Way]:
 
 def _of_network(start: Start) -> Iterator[Way]:
     """The network's clock, its windows, its neurons, its weights and its spikes."""
-    own_ms = start.base.network.spec.own_step_ms or 1e3 / start.base.trains.sampling_rate_Hz
-    slower = (own_ms * factor for factor in SLOWER_NETWORK)
-    yield _way("network's clock", "step_ms", *_fitting(slower, start.bench))
+    encoder_ms = 1e3 / start.base.trains.sampling_rate_Hz
+    own_ms = start.base.network.spec.own_step_ms or encoder_ms
+    slower = dict.fromkeys(_whole(own_ms * factor, encoder_ms) for factor in SLOWER_NETWORK)
+    slower.pop(own_ms, None)
+    steps = _fitting(iter(slower), start.bench)
+    yield _way("network's clock", "step_ms", *steps, middle=len(steps) - 1 if len(steps) > 1 else 1)
     yield _way("window", "window", *WINDOWS)
     spec, fewer = start.base.network.spec, [{"hidden": share} for share in HIDDEN]
     if spec.integrates and spec.readout_tau_ms is None:  # what a readout without a hidden layer needs
         fewer += [] if spec.direct else [{"hidden": HIDDEN[-1], "direct": True}]
         fewer.append({"hidden": 0.0, "recurrence": False} if spec.recurrent else {"hidden": 0.0})
     if spec.hidden:
-        yield Way("hidden neurons", ({}, *fewer), 2)
+        yield Way("hidden neurons", ({}, *fewer), 3)
     yield _way("pruning", "sparsity", *PRUNED, middle=2)
     if spec.hidden:
         own = spec.training.rate_penalty
