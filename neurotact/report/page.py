@@ -33,6 +33,7 @@ PROTOCOL = ("marks.js", "plotly.js", "state.js", "table.js", "protocol.js")
 
 _END = re.compile(r"(?<=[;.]) ")
 _SETTINGS = re.compile(r"`settings=(\{[^`]*\})`")
+_SPLIT = re.compile(r"`split=nt\.Split\((\w+)=(\w+)\)`")
 
 
 class Table(NamedTuple):
@@ -179,7 +180,10 @@ def typed(text: str, option: str) -> str:
 
     >>> typed("try `settings={'window.length_ms': ..., 'window.align': 'onset'}`", "with")
     'try `with window.length_ms=... with window.align=onset`'
+    >>> typed("test every trial with `split=nt.Split(folds=5)`", "with")
+    'test every trial with `--folds 5`'
     """
+    text = _SPLIT.sub(r"`--\1 \2`", text)
     return _SETTINGS.sub(lambda match: _as_typed(match[1], option) or match[0], text).replace(" %", "\u00a0%")
 
 

@@ -69,12 +69,12 @@ def unswept(sweep: dict[str, Any], overrides: Mapping[str, Any], path: Path) -> 
         raise InputError(f"sweep: must be a table; got {sweep!r} ({path})")
     others = {}
     for key, value in overrides.items():
-        joint = [axis for axis in sweep if JOIN in axis and key in axis.split(JOIN)]
+        joint = [axis for axis in sweep if JOIN in axis and key.removeprefix(SWEEP) in axis.split(JOIN)]
         if joint:
             each = value if isinstance(value, list) and value else [value]
             points = json.dumps([[one] * len(joint[0].split(JOIN)) for one in each])
             raise InputError(
-                f"`settings`: {key} is swept as '{joint[0]}'; give their values, as in "
+                f"`settings`: {key.removeprefix(SWEEP)} is swept as '{joint[0]}'; give their values, as in "
                 f"`settings={{'{SWEEP}{joint[0]}': {points}}}`"
             )
         if key.startswith(SWEEP):

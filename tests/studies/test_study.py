@@ -76,6 +76,7 @@ def test_only_the_encoder_decides_which_spike_trains_a_cell_needs():
         ({"sweep.dataset": ["v3"]}, "'v3' is not a subset"),
         ({"sweep.seed": []}, "sweep of 'seed' has no value"),
         ({"sweep.seed": [-1]}, "sweep.seed must be whole numbers >= 0"),
+        ({"sweep.encoder.sa1.t_ref_ms": [5]}, "sa1.t_ref_ms is swept as"),
         ({"encoder.sa1.t_ref_ms": 5}, "is swept as 'encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms'"),
         ({"encoder.sa1.t_ref_ms": [1, 5]}, "encoder.sa1.t_ref_ms': [[1, 1], [5, 5]]}`"),
         ({"dataset.simulate": "rocks"}, "dataset.simulate: there is no such simulation; known: compliance"),
