@@ -68,6 +68,9 @@ def save_energy(
     if not 0 <= at_most_points <= 100:
         raise InputError(f"at_most_points: must be from 0 to 100; got {at_most_points:g}")
     listed, source, out = price_list(prices), Path(run), Path(folder)
+    for name, moved in {"recordings": recordings, "spikes": spikes}.items():
+        if moved is not None and source.is_file():
+            raise InputError(f"`{name}`: has no effect with a file, which is read itself; leave it out")
     chosen = listed.name
     if chosen not in names() or price_list(chosen) != listed:
         raise InputError(f"prices: a search knows the lists that are installed; name one of {', '.join(names())}")
@@ -77,7 +80,7 @@ def save_energy(
         if (source / STUDY).is_file():
             source = best_of_study(source, tell)
         elif source.is_file():
-            source, spikes = _trained_on(source, out, seed, tell), None
+            source = _trained_on(source, out, seed, tell)
         where = Source(source, _path(spikes), _path(recordings), seed)
         start, asked = where.start(), Asked(trials, at_most_points / 100, chosen, seed)
         claim(out, _problem(source, start, asked))

@@ -303,6 +303,9 @@ def test_recordings_are_enough(run, tmp_path):
     assert len(answer["points"]) <= 1
     again = nt.save_energy(run.parent / "skin.h5", tmp_path / "out", trials=1, workers=1)
     assert again["answer"] == answer["answer"]
+    for key in ("recordings", "spikes"):
+        with pytest.raises(InputError, match=f"`{key}`: has no effect with a file"):
+            nt.save_energy(run.parent / "skin.h5", tmp_path / "other", **{key: run.parent / "skin.h5"})
 
 
 def test_a_search_says_what_limits_its_answer(saved, run):
