@@ -72,7 +72,7 @@ def sentences(outcome: OfNetworks) -> Iterator[str]:
     own = found[0]
     if found[1:]:
         by_name = {one.prices: one for one in found}
-        yield turning({name: one.ratio for name, one in by_name.items()}, lambda name: _ratio(by_name[name]))
+        yield turning({name: one.ratio for name, one in by_name.items()}, lambda name: _ratio(by_name[name].ratio, by_name[name].rival))
     yield from _that_fits(outcome.priced[0], own)
 
 
@@ -98,9 +98,12 @@ def _listed(words: Sequence[str]) -> str:
     return " and ".join([", ".join(words[:-1]), words[-1]] if words[1:] else words)
 
 
-def _ratio(one: Under) -> str:
-    assert one.rival is not None
-    return f"{times(one.ratio)} times the energy of {one.rival.short}"
+def _ratio(ratio: float, rival: Baseline | None) -> str:
+    """What a network takes beside a rival, in words."""
+    assert rival is not None
+    if ratio < 1:
+        return f"{times(1 / ratio)} times less energy than {rival.short}"
+    return f"{times(ratio)} times the energy of {rival.short}"
 
 
 def times(ratio: float) -> str:
@@ -125,7 +128,7 @@ def _that_fits(priced: Priced, own: Under) -> Iterator[str]:
         spent = dict(small.by_list)[own.prices]
         yield (
             f"{said}; the cheapest that fits {SMALL // 1024} kB is {small.name} at {energy(spent)} and "
-            f"{percent(small.accuracy)}, of which the network takes {times(own.against(small))} times the energy."
+            f"{percent(small.accuracy)}: the network takes {_ratio(own.against(small), small)}."
         )
 
 

@@ -41,7 +41,9 @@ def test_a_list_is_named_if_and_only_if_it_turns_or_changes_the_ratio(ours, riva
         is_changed = not 1 / 3 <= ratio / first <= 3
         assert (f"{name} (" in turned) == is_turned
         assert (f"{name} (" in said) == (is_turned or is_changed)
-    assert said.startswith(f"By own the network takes {under_prices.times(first)} times the energy of r0 on signals")
+    more, less = (f"{under_prices.times(one)} times" for one in (first, 1 / first))
+    own = f"{less} less energy than" if first < 1 else f"{more} the energy of"
+    assert said.startswith(f"By own the network takes {own} r0 on signals")
     assert ("it takes less" in said) == (bool(turned) and first >= 1)
     assert ("it takes more" in said) == (bool(turned) and first < 1)
     assert ("none of 2 other lists" in said) == ("b (" not in said and "c (" not in said)
@@ -52,7 +54,7 @@ def test_a_rival_that_holds_much_names_the_cheapest_that_fits():
     said = [*under_prices.sentences(found)][-1]
     assert said == (
         "r0 on signals (means) holds 3,900 kB; the cheapest that fits 64 kB is r1 on signals (means) at 5 nJ and 90.0 "
-        "%, of which the network takes 2 times the energy."
+        "%: the network takes 2 times the energy of r1 on signals."
     )
     none = outcome((10.0,) * 3, (1.0,) * 3, sizes=(4e6,))
     assert [*under_prices.sentences(none)][-1].endswith("none that is not clearly less accurate fits 64 kB.")
