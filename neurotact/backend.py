@@ -1,6 +1,7 @@
 """Which implementation runs: the compiled kernels where they exist and apply, else the reference; torch's settings."""
 
 import os
+import sys
 import warnings
 from typing import Literal, get_args
 
@@ -27,6 +28,14 @@ def hold_torch_to_avx2() -> None:
     """
     if native is not None and native.widest_isa() == "avx512":
         os.environ.setdefault(TORCH_INSTRUCTIONS, "avx2")
+
+
+def n_threads() -> int:
+    """Threads of a kernel: torch's where it is loaded; else $OMP_NUM_THREADS or one per core, as torch would begin."""
+    if "torch" in sys.modules:
+        return sys.modules["torch"].get_num_threads()
+    given = os.environ.get("OMP_NUM_THREADS", "")
+    return max(1, int(given)) if given.isdecimal() else os.cpu_count() or 1
 
 
 def use_native(backend: Backend, applies: bool, needs: str) -> bool:
