@@ -18,6 +18,8 @@ UNSUITED = {
     "SparseAdam": "it needs sparse gradients, and those of a network are dense",
 }
 """Optimisers of torch that cannot train a network here, and why."""
+SWITCHED = ("add_param_group", "load_state_dict", "state_dict", "step", "zero_grad")
+"""Methods that torch wraps in switches of its compiler."""
 
 
 @cache
@@ -64,14 +66,28 @@ def takes(name: str, option: str) -> bool:
     return option in inspect.signature(getattr(optim, name)).parameters
 
 
+@cache
+def kind_of(name: str) -> type[torch.optim.Optimizer]:
+    """An optimiser of torch without the switches of torch's compiler, which they import: a second in each process.
+
+    Its steps are the same to the last bit.
+
+    >>> kind_of("Adam").__mro__[1]
+    <class 'torch.optim.adam.Adam'>
+    """
+    from torch import no_grad, optim
+
+    whole = getattr(optim, name)
+    bare = {each: inspect.unwrap(getattr(whole, each)) for each in SWITCHED}
+    return type(name, (whole,), {**bare, "step": no_grad()(bare["step"])})
+
+
 def make(name: str, groups: Sequence[Mapping[str, Any]], **options: Any) -> torch.optim.Optimizer:
     """An optimiser of groups of parameters; it gets those options that it has. InputError if it refuses them."""
-    from torch import optim
-
     known = {key: value for key, value in options.items() if takes(name, key)}
     fused = {"fused": True} if name == "Adam" else {}
     try:
-        return getattr(optim, name)([*map(dict, groups)], **known, **fused)
+        return kind_of(name)([*map(dict, groups)], **known, **fused)
     except ValueError as error:  # such as Muon, of a bias
         raise InputError(f"training.optimiser: {name} does not train this network ({error}); take another") from error
 
