@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from multiprocessing import get_context, parent_process
 from multiprocessing.context import BaseContext
 from pathlib import Path
@@ -27,7 +27,7 @@ from typing import Any
 import torch
 
 import neurotact
-from neurotact.backend import native
+from neurotact.backend import THREADS, native
 from neurotact.errors import InputError
 from neurotact.interrupt import deferred
 from neurotact.progress import say
@@ -41,7 +41,7 @@ ATTEMPTS = 3
 DYING_S = 0.2
 """Seconds to wait for the end of a server of processes that was killed: until then no process can be started."""
 PACKAGE = __name__.partition(".")[0]
-SAFE_PATH, PATH, THREADS = "PYTHONSAFEPATH", "PYTHONPATH", "OMP_NUM_THREADS"
+SAFE_PATH, PATH = "PYTHONSAFEPATH", "PYTHONPATH"
 HINTS = {"SIGKILL": "if its memory ran out, use fewer processes", "SIGBUS": "if a disk of it is full, free some"}
 """What may be behind a signal that ended a process."""
 
@@ -241,11 +241,16 @@ def _fault_of_a_start() -> str:
     return "" if done.returncode == 0 else (done.stderr.strip().splitlines() or [f"code {done.returncode}"])[-1]
 
 
-@contextmanager
-def one_thread() -> Iterator[None]:
+def one_thread() -> AbstractContextManager[None]:
     """Within it torch uses one thread, as worker processes do, so that results are the same to the last bit."""
+    return threads(1)
+
+
+@contextmanager
+def threads(n: int) -> Iterator[None]:
+    """Within it torch uses `n` threads."""
     before = torch.get_num_threads()
-    torch.set_num_threads(1)
+    torch.set_num_threads(n)
     try:
         yield
     finally:

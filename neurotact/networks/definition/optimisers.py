@@ -67,8 +67,8 @@ def takes(name: str, option: str) -> bool:
 
 
 @cache
-def kind_of(name: str) -> type[torch.optim.Optimizer]:
-    """An optimiser of torch without the switches of torch's compiler, which they import: a second in each process.
+def kind_of(name: str) -> Any:
+    """The class of an optimiser of torch, without the switches of its compiler: their import takes a second.
 
     Its steps are the same to the last bit.
 
