@@ -40,7 +40,10 @@ RunAsDone = Callable[[Task, Sequence[Any]], Iterator[tuple[int, Any]]]
 ATTEMPTS = 3
 DYING_S = 0.2
 """Seconds to wait for the end of a server of processes that was killed: until then no process can be started."""
-PACKAGE = __name__.partition(".")[0]
+ROOMS = ("neurotact.", "neurotact_parts.")
+UNUSED = ("neurotact.api.", "neurotact.cli.")
+"""Modules that no job calls, and which put off the loading of those that jobs do."""
+_preloaded: list[str] = []
 SAFE_PATH, PATH = "PYTHONSAFEPATH", "PYTHONPATH"
 HINTS = {"SIGKILL": "if its memory ran out, use fewer processes", "SIGBUS": "if a disk of it is full, free some"}
 """What may be behind a signal that ended a process."""
@@ -131,8 +134,14 @@ def _context() -> BaseContext:
     if sys.platform != "linux":
         return get_context("spawn")
     context = get_context("forkserver")
-    context.set_forkserver_preload([name for name in sys.modules if name.partition(".")[0] == PACKAGE])
+    loaded = [name for name in sys.modules if name.startswith(ROOMS) and not name.startswith(UNUSED)]
+    context.set_forkserver_preload([*loaded, *_preloaded])
     return context
+
+
+def preload(modules: Sequence[str]) -> None:
+    """Let processes that start from now on have these modules, too: they are loaded once, in the server."""
+    _preloaded.extend(module for module in modules if module not in _preloaded)
 
 
 def in_a_process(task: Callable[..., Any], *arguments: Any) -> Any:

@@ -7,6 +7,7 @@ Other rooms take:
     definition.module: ModuleNetwork, new
     definition.native: addresses_of, device_of, exits_at, shape_of
     definition.network: Network
+    definition.optimisers: kind_of
     definition.parts: Sizes
     definition.readouts: Integration, Stretches
     definition.recipe: Seen, chosen_for, described, joined_cost, resolve, training_of, void_keys
