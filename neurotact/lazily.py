@@ -46,7 +46,7 @@ class _LateLoader(Loader):
         try:
             self.loader.exec_module(module)
         except BaseException:
-            sys.modules.pop(spec.name, None)
+            self.has_begun = False  # the next use tries again
             raise
         module.__loader__, module.__class__ = self.loader, ModuleType
 

@@ -93,6 +93,28 @@ assert not [finder for finder in sys.meta_path if "neurotact.lazily" in str(type
     subprocess.run([sys.executable, "-c", script], cwd=tmp_path, check=True)
 
 
+def test_a_module_that_fails_to_load_fails_where_it_is_used_and_is_tried_again(tmp_path):
+    script = """
+import pathlib
+import neurotact
+from neurotact.lazily import lazily
+neurotact.__path__.append(".")
+pathlib.Path("made.py").write_text("import no_such_module")
+with lazily():
+    from neurotact import made
+for _ in range(2):
+    try:
+        made.value
+    except ModuleNotFoundError as error:
+        assert error.name == "no_such_module"
+    else:
+        raise AssertionError
+pathlib.Path("made.py").write_text("value = 5  # of another length")
+assert made.value == 5
+"""
+    subprocess.run([sys.executable, "-B", "-c", script], cwd=tmp_path, check=True)
+
+
 def test_threads_that_use_a_module_at_once_wait_for_it(tmp_path):
     script = """
 import threading

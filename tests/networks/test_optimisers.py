@@ -61,6 +61,7 @@ def test_no_training_loads_the_compiler_of_torch(tmp_path):
     script = """
 import sys
 import numpy as np
+import torch
 import neurotact as nt
 from neurotact.networks.definition import optimisers
 from neurotact_parts.opponents.pooled_gru import PooledGRUClassifier
@@ -70,6 +71,8 @@ nt.SpikingClassifier(network="rsnn", settings={"hidden": 5, "training.epochs": 2
 PooledGRUClassifier(epochs=1).fit(X.astype(np.float32), y)
 for name in optimisers.names():
     optimisers.state_shapes(name, (2, 3))
+adam = optimisers.make("Adam", [{"params": [torch.zeros(2, requires_grad=True)]}])
+adam.load_state_dict(adam.state_dict())
 print([name for name in sys.modules if name.partition(".")[0] == "sympy" or name.startswith("torch._dynamo")])
 """
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
