@@ -7,16 +7,19 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
-import pandas as pd
-from neurotact_parts.streams.chain import encoder_of
-
 from neurotact.errors import InputError, nearest
-from neurotact.networks.definition.executors import FEATURES, Subject, lacking
-from neurotact.networks.definition.rsnn import RSNN, rsnn_of
-from neurotact.networks.exit.rule import ExitRule
-from neurotact.networks.use import fitted
-from neurotact.networks.use.fitted import Fitted
+from neurotact.lazily import lazily
 from neurotact.progress import Tell, untold
+
+with lazily():
+    import pandas as pd
+    from neurotact_parts.streams import chain as chains
+
+    from neurotact.networks.definition import executors
+    from neurotact.networks.definition import rsnn as recurrent
+    from neurotact.networks.exit import rule as exit_rule
+    from neurotact.networks.use import fitted
+
 
 SOURCES = {
     "xyloaudio2": "rockpool.ai/devices/xylo-overview.html (16 inputs, 1000 hidden and 8 output neurons, 8-bit "
@@ -46,12 +49,14 @@ class Finding(NamedTuple):
 class Asked(NamedTuple):
     """The input of a check: a network, its encoder as a table, empty if a sensor sends events, and its exit rule."""
 
-    network: RSNN
+    network: "recurrent.RSNN"
     encoder: Mapping[str, Any] | None
-    rule: ExitRule
+    rule: "exit_rule.ExitRule"
 
 
-def compare(network: RSNN, encoder: Mapping[str, Any] | None, rule: ExitRule, target: str) -> pd.DataFrame:
+def compare(
+    network: "recurrent.RSNN", encoder: Mapping[str, Any] | None, rule: "exit_rule.ExitRule", target: str
+) -> "pd.DataFrame":
     """One row per limit of a chip: what, here, limit, fits, and the cost of making it fit; empty if it fits.
 
     >>> found = compare(RSNN(16, 8, hidden=30, sampling_rate_Hz=2000.0), None, ExitRule(), "xyloaudio2")
@@ -149,9 +154,9 @@ def _spinnaker(chain: Asked) -> Iterator[Finding]:
     yield _at_most("bytes of one processor", n_bytes, PROCESSOR_BYTES, "8-bit weights, or several processors")
     lacked = None
     if chain.encoder is not None:
-        encoder = encoder_of(chain.encoder, "run") if chain.encoder else None
-        lacked = lacking("c-float", Subject(encoder, network, chain.rule))
-    cost = "" if lacked is None else FEATURES[lacked].instead
+        encoder = chains.encoder_of(chain.encoder, "run") if chain.encoder else None
+        lacked = executors.lacking("c-float", executors.Subject(encoder, network, chain.rule))
+    cost = "" if lacked is None else executors.FEATURES[lacked].instead
     here = "what C has" if lacked is None else lacked
     yield Finding("conditioning and afferents", here, "what the C export has", lacked is None, cost)
 
@@ -167,7 +172,7 @@ def _is(what: str, here: str, limit: str, cost: str) -> Finding:
     return Finding(what, here, limit, here == limit, cost)
 
 
-def _fixed_thresholds(network: RSNN, cost: str) -> Finding:
+def _fixed_thresholds(network: "recurrent.RSNN", cost: str) -> Finding:
     return _is("threshold adaptation", f"{network.spec.threshold_adaptation:g}", "0", cost)
 
 
@@ -187,7 +192,7 @@ def _shift(name: str, tau_ms: float, clock_Hz: float) -> Finding:
     )
 
 
-def _weights(network: RSNN, bits: int) -> Iterator[Finding]:
+def _weights(network: "recurrent.RSNN", bits: int) -> Iterator[Finding]:
     """Each projection in `bits`, with its own step: the largest weight fills the bits."""
     for name, w in (("input", network.w_in), ("recurrent", network.w_rec), ("readout", network.w_out)):
         if w is None:
@@ -214,15 +219,15 @@ def _front_end(chain: Asked, cost: str) -> Iterator[Finding]:
         yield Finding("conditioning and afferents", "analog signals", "spikes", False, cost)
 
 
-def _exit(rule: ExitRule, cost: str) -> Finding:
+def _exit(rule: "exit_rule.ExitRule", cost: str) -> Finding:
     return Finding("early exit", _exit_words(rule), "whole windows", rule.never, cost)
 
 
-def _exit_words(rule: ExitRule) -> str:
+def _exit_words(rule: "exit_rule.ExitRule") -> str:
     return "none" if rule.patience is None else f"patience {rule.patience} steps"
 
 
-def check_chip(run: Fitted, check: str, *, tell: Tell = untold) -> pd.DataFrame:
+def check_chip(run: "fitted.Fitted", check: str, *, tell: Tell = untold) -> "pd.DataFrame":
     """The limits of a chip ("xyloaudio2", "loihi2", "spinnaker2") for the network of a run.
 
     run: as of `export_c`.
@@ -233,7 +238,7 @@ def check_chip(run: Fitted, check: str, *, tell: Tell = untold) -> pd.DataFrame:
     ['what', 'here', 'limit', 'fits', 'cost']
     """
     restored = fitted.restore(run)
-    findings = compare(rsnn_of("chip", restored.network), restored.encoder, restored.exits(), check)
+    findings = compare(recurrent.rsnn_of("chip", restored.network), restored.encoder, restored.exits(), check)
     tell(title(check))
     for row in findings.itertuples(index=False):
         parts = filter(None, (f"{'fits' if row.fits else 'NOT'}  {row.what}: {row.here}", row.limit, row.cost))

@@ -19,8 +19,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from neurotact.networks.definition.parts import Counted, NetworkPart, Sizes
-from neurotact.networks.definition.surrogate import FAST_SIGMOID, spike_function
-from neurotact.neurons import decay_per_step
+from neurotact.networks.definition.surrogate import spike_function
+from neurotact.neurons import FAST_SIGMOID, decay_per_step
 from neurotact.spec import Spec
 
 Kind = Literal[

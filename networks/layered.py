@@ -21,8 +21,8 @@ from neurotact.metrics.flops import Cost, Integrator, SpikingLayer, cost
 from neurotact.networks.definition import native, recipe, reference
 from neurotact.networks.definition.parts import Counted, NetworkPart, Sizes
 from neurotact.networks.definition.specs import MOST_HIDDEN
-from neurotact.networks.definition.surrogate import FAST_SIGMOID, FastSigmoid, spike_function
-from neurotact.neurons import CubaLIF, Membrane, Reset, decay_per_step
+from neurotact.networks.definition.surrogate import FastSigmoid, spike_function
+from neurotact.neurons import FAST_SIGMOID, CubaLIF, Membrane, Reset, decay_per_step
 from neurotact.spec import Spec
 
 MOST_LAYERS = 8

@@ -1,6 +1,8 @@
 """Which implementation runs: the compiled kernels where they exist and apply, else the reference; torch's settings."""
 
+import math
 import os
+import sys
 import warnings
 from typing import Literal, get_args
 
@@ -15,6 +17,11 @@ except ImportError:
 
 TORCH_INSTRUCTIONS = "ATEN_CPU_CAPABILITY"
 """The environment variable that selects torch's instruction set."""
+THREADS = "OMP_NUM_THREADS"
+"""The environment variable that sets the number of threads."""
+SMALL = 2**15
+"""Hidden neurons x windows of a batch below which a second thread gains at most a third; beside another process, where
+threads wait for one another, it costs up to 27 times."""
 _said_so = False
 
 
@@ -27,6 +34,20 @@ def hold_torch_to_avx2() -> None:
     """
     if native is not None and native.widest_isa() == "avx512":
         os.environ.setdefault(TORCH_INSTRUCTIONS, "avx2")
+
+
+def n_threads(size: float = math.inf) -> int:
+    """Threads for work of some size: one below `SMALL`, unless the user has chosen a number; it changes no result.
+
+    size: hidden neurons x windows in a batch. The user chooses by $OMP_NUM_THREADS, or by `torch.set_num_threads` with
+    another number than torch begins with: one for each core, or for each two that share one.
+    """
+    cores = {os.cpu_count() or 1, len(getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))(0))}
+    given, torch = os.environ.get(THREADS, ""), sys.modules.get("torch")
+    # Without torch, which takes a second to import: what it would begin with.
+    n = torch.get_num_threads() if torch else int(given) if given.isdecimal() else min(cores)
+    is_chosen = bool(given) or n not in {*cores, *(each // 2 for each in cores)}
+    return 1 if size < SMALL and not is_chosen else max(1, n)
 
 
 def use_native(backend: Backend, applies: bool, needs: str) -> bool:

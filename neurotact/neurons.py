@@ -4,17 +4,20 @@ Afferents are leaky integrate-and-fire neurons stepped on numpy arrays; the neur
 neurons stepped on torch tensors. Texture paper, Eqs. 1, 4, 5 and 6. Those of special encoders stand beside these.
 """
 
+from __future__ import annotations
+
 import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, get_args
+from typing import TYPE_CHECKING, Literal, NamedTuple, Union, get_args
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from neurotact.errors import InputError, nearest
+
+if TYPE_CHECKING:  # encoders need no torch
+    from torch import Tensor
 
 # --- afferent LIF -----------------------------------------------------------------------------------
 
@@ -187,8 +190,10 @@ def exact_lif_interval(
 
 Membrane = Literal["eq4", "delayed", "immediate"]
 Reset = Literal["zero", "subtract", "hard"]
-Decay = Tensor | float
-SpikeFunction = Callable[[Tensor], Tensor]
+Decay = Union["Tensor", float]
+SpikeFunction = Callable[["Tensor"], "Tensor"]
+FAST_SIGMOID = "fast-sigmoid"
+"""The surrogate gradient that the compiled kernels have."""
 
 
 class CubaLIFState(NamedTuple):
@@ -271,9 +276,7 @@ class CubaLIF:
 
 def cuba_lif_start(trials: int | Sequence[int], n_neurons: int, like: Tensor) -> CubaLIFState:
     """The zero state, with the float type and device of `like`; trials: their number, or `(network, trial)`."""
-    zero = torch.zeros(
-        *([trials] if isinstance(trials, int) else trials), n_neurons, dtype=like.dtype, device=like.device
-    )
+    zero = like.new_zeros((*([trials] if isinstance(trials, int) else trials), n_neurons))
     return CubaLIFState(zero, zero, zero, zero, zero)
 
 
@@ -339,4 +342,4 @@ def cuba_lif_step(
 
 
 def _detached(value: Decay) -> Decay:
-    return value.detach() if isinstance(value, Tensor) else value
+    return value if isinstance(value, (int, float)) else value.detach()

@@ -44,6 +44,15 @@ def in_order(group: Group) -> list[str]:
     return sorted(_found(group), key=lambda name: not is_ours(group, name))
 
 
+def modules(group: Group) -> list[str]:
+    """The modules of our parts of a group, sorted; nothing is imported.
+
+    >>> modules("opponents")[0]
+    'neurotact_parts.opponents.elm'
+    """
+    return sorted({_found(group)[name][0].module for name in names(group) if is_ours(group, name)})
+
+
 def of_others(group: Group) -> dict[str, str]:
     """The names of the parts of other packages, sorted, with the package that brings each; nothing is imported.
 

@@ -14,7 +14,7 @@ import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import date, time
 from functools import lru_cache, wraps
-from inspect import signature
+from inspect import Parameter, signature
 from pathlib import Path
 from typing import (
     TYPE_CHECKING,
@@ -198,9 +198,14 @@ def chosen(how: str) -> dict[str, Any]:
     return {"chosen": how}
 
 
-def specs_of(function: Callable[..., Any], *, eval_str: bool = False) -> dict[str, type[Spec]]:
-    """The parameters of a function that are specs of their own, such as `window`; eval_str: as of `signature`."""
-    kinds = {name: each.annotation for name, each in signature(function, eval_str=eval_str).parameters.items()}
+def specs_of(function: Callable[..., Any]) -> dict[str, type[Spec]]:
+    """The parameters of a function that are specs of their own, such as `window`."""
+    return specs_in(signature(function).parameters)
+
+
+def specs_in(parameters: Mapping[str, Parameter]) -> dict[str, type[Spec]]:
+    """Those of these parameters that are specs of their own."""
+    kinds = {name: each.annotation for name, each in parameters.items()}
     return {name: kind for name, kind in kinds.items() if isinstance(kind, type) and issubclass(kind, Spec)}
 
 

@@ -4,16 +4,21 @@ A class may have any name. In a .csv, a text that a spreadsheet would run as a f
 `read_table` removes again; in a .md, markup is escaped.
 """
 
+from __future__ import annotations
+
 import json
 import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from neurotact.errors import InputError
 from neurotact.files import existing, whole
+from neurotact.lazily import lazily
+
+with lazily():
+    import pandas as pd
+
 
 SUFFIXES = (".csv", ".json", ".md")
 NETWORK = ["setting", "pair", "hidden"]

@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from multiprocessing import get_context, parent_process
 from multiprocessing.context import BaseContext
 from pathlib import Path
@@ -27,7 +27,7 @@ from typing import Any
 import torch
 
 import neurotact
-from neurotact.backend import native
+from neurotact.backend import THREADS, native
 from neurotact.errors import InputError
 from neurotact.interrupt import deferred
 from neurotact.progress import say
@@ -40,8 +40,11 @@ RunAsDone = Callable[[Task, Sequence[Any]], Iterator[tuple[int, Any]]]
 ATTEMPTS = 3
 DYING_S = 0.2
 """Seconds to wait for the end of a server of processes that was killed: until then no process can be started."""
-PACKAGE = __name__.partition(".")[0]
-SAFE_PATH, PATH, THREADS = "PYTHONSAFEPATH", "PYTHONPATH", "OMP_NUM_THREADS"
+ROOMS = ("neurotact.", "neurotact_parts.")
+UNUSED = ("neurotact.api.", "neurotact.cli.")
+"""Modules that no job calls, and which put off the loading of those that jobs do."""
+_preloaded: list[str] = []
+SAFE_PATH, PATH = "PYTHONSAFEPATH", "PYTHONPATH"
 HINTS = {"SIGKILL": "if its memory ran out, use fewer processes", "SIGBUS": "if a disk of it is full, free some"}
 """What may be behind a signal that ended a process."""
 
@@ -131,8 +134,14 @@ def _context() -> BaseContext:
     if sys.platform != "linux":
         return get_context("spawn")
     context = get_context("forkserver")
-    context.set_forkserver_preload([name for name in sys.modules if name.partition(".")[0] == PACKAGE])
+    loaded = [name for name in sys.modules if name.startswith(ROOMS) and not name.startswith(UNUSED)]
+    context.set_forkserver_preload([*loaded, *_preloaded])
     return context
+
+
+def preload(modules: Sequence[str]) -> None:
+    """Let processes that start from now on have these modules, too: they are loaded once, in the server."""
+    _preloaded.extend(module for module in modules if module not in _preloaded)
 
 
 def in_a_process(task: Callable[..., Any], *arguments: Any) -> Any:
@@ -241,11 +250,16 @@ def _fault_of_a_start() -> str:
     return "" if done.returncode == 0 else (done.stderr.strip().splitlines() or [f"code {done.returncode}"])[-1]
 
 
-@contextmanager
-def one_thread() -> Iterator[None]:
+def one_thread() -> AbstractContextManager[None]:
     """Within it torch uses one thread, as worker processes do, so that results are the same to the last bit."""
+    return threads(1)
+
+
+@contextmanager
+def threads(n: int) -> Iterator[None]:
+    """Within it torch uses `n` threads."""
     before = torch.get_num_threads()
-    torch.set_num_threads(1)
+    torch.set_num_threads(n)
     try:
         yield
     finally:

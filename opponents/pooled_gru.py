@@ -18,6 +18,7 @@ from neurotact.baselines.opponent import Opponent
 from neurotact.checks import at_least, fraction, sequences, trial_labels
 from neurotact.errors import InputError
 from neurotact.metrics.flops import SIGMOID, TANH, Cost, Dense, Layer, changed, in_registers, passed, with_weights
+from neurotact.networks.definition.optimisers import kind_of
 
 GRU_HIDDEN = (64, 128)
 BATCHES, MOST_BATCH, LEAST_BATCH = 16, 64, 8
@@ -108,7 +109,7 @@ class PooledGRUClassifier(ClassifierMixin, BaseEstimator):
     def _train(
         self, signals: Tensor, labels: Tensor, held: tuple[Tensor, Tensor] | None, batch: int, per_epoch: int
     ) -> None:
-        optimiser = torch.optim.AdamW(self.network_.parameters(), lr=self.learning_rate, weight_decay=self.weight_decay)
+        optimiser = kind_of("AdamW")(self.network_.parameters(), lr=self.learning_rate, weight_decay=self.weight_decay)
         rates = torch.optim.lr_scheduler.OneCycleLR(
             optimiser, self.learning_rate, epochs=self.epochs_, steps_per_epoch=per_epoch
         )

@@ -5,15 +5,21 @@ Doi 10.1145/2663204.2663242; 4TU.ResearchData 10.4121/uuid:5ef62345-3b3e-479c-8e
 and ch1 to ch64 (0 to 1023), 135 frames in a second.
 """
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from neurotact.data.dataset import Reader
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.errors import InputError
 from neurotact.files import check_size, existing
+from neurotact.lazily import lazily
+
+with lazily():
+    import pandas as pd
+
 
 SOURCE = "CoST (doi 10.4121/uuid:5ef62345-3b3e-479c-8e1d-c922748c9b29)"
 FILE = "CoST.csv"

@@ -4,6 +4,8 @@ The layout is that of the NWB schema (doi 10.7554/eLife.78362): `units`, tables 
 as HDF5, dataset by dataset, so that declared sizes are checked before reading. Its schema is ignored.
 """
 
+from __future__ import annotations
+
 import json
 import logging
 import math
@@ -13,7 +15,6 @@ from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
-import pandas as pd
 from neurotact_parts.readers.events.observed import Unobserved, observed_trials, touching, within
 from neurotact_parts.readers.events.spikes import BYTES_PER_EVENT, MOST_AFFERENTS, trains_with_ends
 from neurotact_parts.readers.events.times import SLACK, EventTimes, event_times
@@ -33,8 +34,13 @@ from neurotact.data.trial_choice import EVERY, TrialChoice, Where, Words
 from neurotact.data.windows import LONGEST_STEPS
 from neurotact.errors import InputError
 from neurotact.files import check_size
+from neurotact.lazily import lazily
 from neurotact.repeated_warnings import in_few_lines
 from neurotact.spec import Spec, build
+
+with lazily():
+    import pandas as pd
+
 
 log = logging.getLogger("neurotact")
 
@@ -267,7 +273,7 @@ class _Trials(NamedTuple):
     digests: list[str]
     touches: list[str]
 
-    def chosen(self, keep: np.ndarray) -> "_Trials":
+    def chosen(self, keep: np.ndarray) -> _Trials:
         """The trials of which `keep`, `(trial,)`, is true."""
         told = ([name for name, kept in zip(text, keep, strict=False) if kept] for text in (self.digests, self.touches))
         return _Trials(self.start_s[keep], self.stop_s[keep], self.conditions[keep].reset_index(drop=True), *told)

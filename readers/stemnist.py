@@ -6,13 +6,14 @@ per sample, `<person>_<character>_<n>_spikes.h5`: `spikes`, records of `timestam
 of 16 x 16 bytes. Both have 120 frames in a second and last 2 s.
 """
 
+from __future__ import annotations
+
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from neurotact_parts.readers.events.spikes import BYTES_PER_EVENT, EventSpec, trains_with_ends
 from neurotact_parts.readers.events.times import EventTimes, event_times
 
@@ -22,6 +23,11 @@ from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 from neurotact.files import check_size, existing, is_hidden
+from neurotact.lazily import lazily
+
+with lazily():
+    import pandas as pd
+
 
 SOURCE = "STEMNIST (doi 10.5281/zenodo.19469535)"
 ARCHIVE, SPIKES, PRESSURE = "STEMNIST Dataset", "ProcessedSpikes", "RawCharacters"

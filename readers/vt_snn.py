@@ -7,11 +7,12 @@ motions in s. Prepared: `tact.pt`, a tensor (sample, taxel, ON and OFF, step) of
 `test_80_20_1.txt`, rows of sample and class. The images of the set are not read.
 """
 
+from __future__ import annotations
+
 import logging
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from neurotact_parts.readers.events.spikes import EventSpec, TrialEvents, trains_of
 from neurotact_parts.readers.events.times import EventTimes, event_times
 
@@ -23,6 +24,11 @@ from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains, from_rasters
 from neurotact.errors import InputError
 from neurotact.files import check_size, existing, is_hidden
+from neurotact.lazily import lazily
+
+with lazily():
+    import pandas as pd
+
 
 log = logging.getLogger("neurotact")
 

@@ -7,21 +7,23 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from neurotact_parts.streams import sources
-from neurotact_parts.streams.chain import Chain, chain_of
-from neurotact_parts.streams.events import Channels, Origin, Polarity, afferents_of
-from neurotact_parts.streams.stream import Stream
-from neurotact_parts.streams.stream_state import Decision
 from neurotact_parts.streams.streamed import SampleSpec, StreamedSpec
 
 from neurotact import effects
 from neurotact.data import hdf5
 from neurotact.data.readers.clock.units import Unit
 from neurotact.errors import InputError
-from neurotact.networks.use import fitted
-from neurotact.networks.use.fitted import Fitted
+from neurotact.lazily import lazily
 from neurotact.progress import say
 from neurotact.spec import takes_specs
+
+with lazily():
+    from neurotact_parts.streams import chain as chains
+    from neurotact_parts.streams import events, sources, stream_state
+    from neurotact_parts.streams import stream as streaming
+
+    from neurotact.networks.use import fitted
+
 
 log = logging.getLogger("neurotact")
 
@@ -42,19 +44,19 @@ class Flow(NamedTuple):
     True
     """
 
-    decisions: Iterator[Decision]
+    decisions: "Iterator[stream_state.Decision]"
     summary: Callable[[], str]
 
 
 @takes_specs
 def stream(
-    run: Fitted,
+    run: "fitted.Fitted",
     source: str | Path = "-",
     *,
     rate: str = "fast",
     time_unit: Unit | None = None,
-    origin: Origin = "zero",
-    polarity: Polarity | None = None,
+    origin: "events.Origin" = "zero",
+    polarity: "events.Polarity | None" = None,
     samples: SampleSpec = SampleSpec(),
     streamed: StreamedSpec = StreamedSpec(),
 ) -> Flow:
@@ -90,8 +92,8 @@ def stream(
     )  # fmt: skip
     if takes_events:
         _check_source(source, kind, rate)
-        chain, faults = chain_of(restored, streamed), sources.Faults()
-        channels, joins = Channels(afferents_of(chain), polarity), source.startswith(sources.SERIAL)
+        chain, faults = chains.chain_of(restored, streamed), sources.Faults()
+        channels, joins = events.Channels(events.afferents_of(chain), polarity), source.startswith(sources.SERIAL)
         rows = sources.EventRows(source, channels, faults, time_unit, origin, joins=joins)
         return _of_events(chain, sources.live(source, rows, faults, math.inf, baud=samples.baud), source, faults)
     unit = samples.unit
@@ -101,13 +103,13 @@ def stream(
                 streamed.model_copy(update={"sampling_rate_Hz": stored.sampling_rate_Hz}),
                 unit or stored.unit,
             )
-    chain = chain_of(restored, streamed)
+    chain = chains.chain_of(restored, streamed)
     if streamed.sampling_rate_Hz is None and chain.sampling_rate_Hz != chain.clock_Hz:
         log.warning(
             "samples are taken to come at %g Hz, as the recordings of the training; `sampling_rate_Hz` changes it",
             chain.sampling_rate_Hz,
         )
-    flow, faults = Stream(chain, unit=unit, hold_ms=samples.hold_ms), sources.Faults()
+    flow, faults = streaming.Stream(chain, unit=unit, hold_ms=samples.hold_ms), sources.Faults()
     block = max(1, round(0.01 * chain.sampling_rate_Hz))
     if kind == "recordings":
         arrived = sources.recorded(Path(source), chain.n_taxels, block, taxels=chain.taxels)
@@ -135,11 +137,13 @@ def _check_source(source: str, kind: str, rate: str) -> None:
         )
 
 
-def _of_events(chain: Chain, arrived: Iterator[sources.Arrived], source: str, faults: sources.Faults) -> Flow:
+def _of_events(
+    chain: "chains.Chain", arrived: "Iterator[sources.Arrived]", source: str, faults: "sources.Faults"
+) -> Flow:
     """As `stream`, of a network that takes the events of a sensor."""
-    began, flow = time.perf_counter(), Stream(chain)
+    began, flow = time.perf_counter(), streaming.Stream(chain)
 
-    def decisions() -> Iterator[Decision]:
+    def decisions() -> "Iterator[stream_state.Decision]":
         unsaid = dict(SAID)
         for one in arrived:
             yield from sources.decide(flow, [one])

@@ -5,9 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from neurotact import files, spec
 from neurotact.data.spikes import SpikeTrains
@@ -15,16 +12,20 @@ from neurotact.data.splits import Split, Splits, SplitSpec, values_to_leave_out
 from neurotact.data.window_choice import ARGUMENTS
 from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
-from neurotact.figures.style import MUTED, add_legend, new_figure, printed, series_style
-from neurotact.figures.style import save as save_figure
+from neurotact.lazily import lazily
 from neurotact.networks.definition import seeds
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.training import model_selection, tasks, trainer
-from neurotact.networks.training.tasks import Task
-from neurotact.networks.use import measuring
 from neurotact.progress import Tell, track, untold
 from neurotact.spec import takes_specs
 from neurotact.tables import write_table
+
+with lazily():
+    import pandas as pd
+
+    from neurotact.figures import style
+    from neurotact.networks.training import model_selection, tasks, trainer
+    from neurotact.networks.use import measuring
+
 
 MOST_TESTED = 4
 """Values of a condition that are tested at most, evenly spaced."""
@@ -44,7 +45,7 @@ def _evenly(values: Sequence[Any], n: int) -> list[Any]:
     return [values[int(position)] for position in np.round(places)]
 
 
-def plan(conditions: pd.DataFrame, column: str) -> list[tuple[Any, list[Any]]]:
+def plan(conditions: "pd.DataFrame", column: str) -> list[tuple[Any, list[Any]]]:
     """The trainings: the value that is tested, and those that are trained on.
 
     Every number of values occurs with every tested one. Raises InputError for fewer than three values.
@@ -62,7 +63,9 @@ def plan(conditions: pd.DataFrame, column: str) -> list[tuple[Any, list[Any]]]:
     return [(value, _evenly(others[value], n)) for value in tested for n in range(1, len(values))]
 
 
-def curve(trains: SpikeTrains, spec: RSNNSpec, task: Task, column: str, seed: int = 0) -> Iterator[dict[str, Any]]:
+def curve(
+    trains: SpikeTrains, spec: RSNNSpec, task: "tasks.Task", column: str, seed: int = 0
+) -> Iterator[dict[str, Any]]:
     """A row for each training of the plan: tested, trained (how many values), accuracy_seen, accuracy_test, sops_total.
 
     task: its split is not used: test trials are all of the tested value, and training has as many trials whatever the
@@ -105,7 +108,7 @@ def _some(rng: np.random.Generator, pool: np.ndarray, labels: np.ndarray, values
     return np.concatenate(parts)
 
 
-def means(table: pd.DataFrame) -> pd.DataFrame:
+def means(table: "pd.DataFrame") -> "pd.DataFrame":
     """Means over the tested values, one row for each number of trained ones; `least` is the worst tested value."""
     groups = table.groupby("trained", sort=True)
     mean = groups[["accuracy_seen", "accuracy_test", "sops_total"]].mean()
@@ -113,7 +116,7 @@ def means(table: pd.DataFrame) -> pd.DataFrame:
     return mean.reset_index()
 
 
-def advice(table: pd.DataFrame, column: str) -> str:
+def advice(table: "pd.DataFrame", column: str) -> str:
     """What the curve says, and whether to record more values, in two sentences.
 
     >>> rows = {"trained": [1, 2], "accuracy_seen": 0.98, "accuracy_test": [0.6, 0.9], "sops_total": 1e3, "tested": 5}
@@ -157,7 +160,7 @@ def conditions_curve(
     figure: str | Path | None = None,
     force: bool = False,
     tell: Tell = untold,
-) -> pd.DataFrame:
+) -> "pd.DataFrame":
     """How many values of a condition must be recorded: accuracy at an untrained one over the number of trained ones.
 
     A network is trained on one, two, ... of the other values and tested on all trials of one; up to four values are
@@ -194,7 +197,7 @@ def conditions_curve(
     if out is not None:
         write_table(table, Path(out))
     if figure is not None:
-        save_figure(_drawn(table, column), Path(figure))
+        style.save(style.printed(_drawn)(table, column), Path(figure))
     tell(means(table))
     tell(advice(table, column))
     for file in outputs:
@@ -202,24 +205,25 @@ def conditions_curve(
     return table
 
 
-@printed
-def _drawn(table: pd.DataFrame, column: str) -> Figure:
+def _drawn(table: "pd.DataFrame", column: str) -> "style.Figure":
     """Accuracy of each tested value over the number of trained ones, their mean, and that at trained values."""
-    figure = new_figure(3.2, 5.2)
+    from matplotlib.ticker import MaxNLocator
+
+    figure = style.new_figure(3.2, 5.2)
     axes = figure.add_subplot()
     for tested, rows in table.groupby("tested", sort=False):
-        axes.plot(rows["trained"], 100 * rows["accuracy_test"], color=MUTED, linewidth=0.8, alpha=0.8)
+        axes.plot(rows["trained"], 100 * rows["accuracy_test"], color=style.MUTED, linewidth=0.8, alpha=0.8)
         axes.annotate(
             f"{tested:g}" if isinstance(tested, (int, float)) else str(tested),
             (rows["trained"].iloc[-1], 100 * rows["accuracy_test"].iloc[-1]),
-            xytext=(4, 0), textcoords="offset points", va="center", fontsize=7, color=MUTED,
+            xytext=(4, 0), textcoords="offset points", va="center", fontsize=7, color=style.MUTED,
         )  # fmt: skip
     means = table.groupby("trained")[["accuracy_test", "accuracy_seen"]].mean()
-    axes.plot(means.index, 100 * means["accuracy_test"], label="untrained values, mean", **series_style(0))
-    axes.plot(means.index, 100 * means["accuracy_seen"], label="trained values", **series_style(1))
+    axes.plot(means.index, 100 * means["accuracy_test"], label="untrained values, mean", **style.series_style(0))
+    axes.plot(means.index, 100 * means["accuracy_seen"], label="trained values", **style.series_style(1))
     axes.set_xlabel(f"trained values of {column}")
     axes.set_ylabel("test accuracy (%)")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylim(0, 103)
-    add_legend(figure, [axes], 2)
+    style.add_legend(figure, [axes], 2)
     return figure

@@ -18,7 +18,7 @@ BESIDE = sorted(path for room in ROOMS for path in (PACKAGE.parent / room).rglob
 """Modules of the packages beside the framework."""
 FLOORS = (
     ("errors",),
-    ("interrupt", "effects", "classes"),
+    ("interrupt", "effects", "classes", "lazily"),
     ("files", "progress", "backend", "notebook", "repeated_warnings"),
     ("spec", "effects", "neurons", "tables", "checks", "plugins", "workers", "versions"),
     ("data",),
@@ -51,7 +51,7 @@ OPTIONS_ALLOWED = {
     "neurotact/report/period_choice.py": "gives whole commands, to be typed as they stand",
 }
 
-OF_CLI = {"api", "errors", "files", "interrupt", "plugins", "progress", "spec", "tables"}
+OF_CLI = {"api", "errors", "files", "interrupt", "lazily", "plugins", "progress", "spec", "tables"}
 """What the command line may import besides its own modules: the API, and how options are read and results printed."""
 OF_CLI_ALONE = {
     "export": {"effects"},  # `export` refuses options beside a check of chips

@@ -64,7 +64,7 @@ def public() -> Iterator[Option]:
 
 
 def options(function: Any) -> Iterator[Option]:
-    for name, each in inspect.signature(function).parameters.items():
+    for name, each in inspect.signature(function, eval_str=True).parameters.items():
         if each.default is not each.empty:
             yield Option(name, each.default, types(each.annotation))
 

@@ -185,3 +185,32 @@ def test_what_a_new_process_cannot_import_is_said(monkeypatch):
 
 def _server(_: int) -> tuple[int, int]:
     return os.getppid(), len([*Path(f"/proc/{os.getppid()}/task").iterdir()])
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere each worker is spawned")
+def test_processes_of_a_study_begin_with_the_opponents_loaded(tmp_path):
+    """The server loads them once, in place of each process; and it stays a process of one thread, which can fork."""
+    script = """
+import sys
+from test_workers import _knows
+from neurotact import plugins, workers
+from neurotact.studies.executors import processes
+
+def main():
+    names = plugins.modules("opponents")
+    assert not {*names} & {*sys.modules}
+    with processes(2), workers.pool(2) as run:
+        for known, n_threads in run(_knows, [names] * 2):
+            assert (known, n_threads) == (names, 1)
+
+if __name__ == "__main__":
+    main()
+"""
+    (tmp_path / "script.py").write_text(script)
+    paths = os.pathsep.join([str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])])
+    subprocess.run([sys.executable, "script.py"], cwd=tmp_path, check=True, env={**os.environ, "PYTHONPATH": paths})
+
+
+def _knows(names: list[str]) -> tuple[list[str], int]:
+    """Which of these modules the process has, and the threads of its server."""
+    return [name for name in names if name in sys.modules], _server(0)[1]

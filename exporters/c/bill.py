@@ -4,34 +4,39 @@ Instructions are counted from the first sample of a window to the decision, feat
 RAM are those of the sections that a linker keeps, with the functions of the compiler's library.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
-from neurotact_parts.exporters.c import boards, c_export, export, opponents, proof, proving
+from neurotact_parts.exporters.c import boards, proof
 from neurotact_parts.exporters.c.boards import Board
-from neurotact_parts.exporters.c.formats import Raw
-from neurotact_parts.exporters.c.opponents import Standard
-from neurotact_parts.streams.chain import Chain
 
 from neurotact import files
-from neurotact.baselines.opponent import Sides, best_of, joined, load
-from neurotact.baselines.opponents import BINS, MOST_SAMPLES, gru_steps, pieces_of
 from neurotact.data import encoded_from
 from neurotact.data.splits import Split
 from neurotact.errors import InputError
+from neurotact.lazily import lazily
 from neurotact.metrics import synops
 from neurotact.metrics.flops import Standardise, cost
 from neurotact.metrics.signal_flops import Averaging
-from neurotact.networks.training import run_folder, tasks
-from neurotact.networks.use import fitted, inference, ledger
 from neurotact.networks.use.exporters import Exporter
-from neurotact.networks.use.fitted import Fitted
-from neurotact.networks.use.ledger import Afferents
 from neurotact.progress import Tell, untold
-from neurotact.report.wording import count
+
+with lazily():
+    import pandas as pd
+    from neurotact_parts.exporters import trials as test_trials
+    from neurotact_parts.exporters.c import c_export, export, formats, opponents, proving
+    from neurotact_parts.streams import chain as chains
+
+    from neurotact.baselines import opponent as classifiers
+    from neurotact.baselines import opponents as baselines
+    from neurotact.networks.training import run_folder, tasks
+    from neurotact.networks.use import fitted, inference, ledger
+    from neurotact.report import wording
+
 
 NAME = "touch"
 TOOLS = ("arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm")
@@ -79,7 +84,7 @@ class Windows(NamedTuple):
 
 
 def bill(
-    run: Fitted,
+    run: fitted.Fitted,
     out: str | Path,
     *,
     recordings: str | Path | None = None,
@@ -149,9 +154,9 @@ def summary(table: pd.DataFrame) -> Iterator[str]:
         order = known["instructions"].corr(known["ledger_flops"], method="spearman")
         each = known["instructions"] / known["ledger_flops"]
         yield (
-            f"On an emulated {processor} the network in integers takes {count(ratio)} times the instructions of "
-            f"{cheapest}, the cheapest opponent; rank correlation with the ledger's FLOPs {order:.2f}, "
-            f"{count(each.min(), 2)} to {count(each.max())} instructions per FLOP."
+            f"On an emulated {processor} the network in integers takes {wording.count(ratio)} times the instructions "
+            f"of {cheapest}, the cheapest opponent; rank correlation with the ledger's FLOPs {order:.2f}, "
+            f"{wording.count(each.min(), 2)} to {wording.count(each.max())} instructions per FLOP."
         )
 
 
@@ -178,7 +183,7 @@ def _chains(
     """The chain in integers and in float, and its afferents alone; trials: of the test trials."""
     chain = whole.chain
     (network, encoder), accuracy = _ledger(restored, trains)
-    recorded = export.recorded(restored, recordings)
+    recorded = test_trials.recorded(restored, recordings)
     signals = [recorded.test[trial] for trial in trials]
     for what, formats in ((INTEGERS, whole.formats), (FLOATS, None)):
         folder = out / what.replace(", ", "-")
@@ -193,7 +198,7 @@ def _chains(
 
 
 def _opponents(
-    restored: run_folder.Restored, trains: Any, split: Split, chosen: np.ndarray, out: Path, raw: Raw,
+    restored: run_folder.Restored, trains: Any, split: Split, chosen: np.ndarray, out: Path, raw: formats.Raw,
     recordings: str | Path | None,
 ) -> Iterator[Program]:  # fmt: skip
     """The opponents, fitted on the windows of the network; chosen: the trials whose windows are run."""
@@ -201,18 +206,18 @@ def _opponents(
     n_samples = cut.samples.shape[1]
     of_side = [np.isin(cut.trial, side) for side in split]
     given = [raw.samples(window) for window in cut.samples[np.isin(cut.trial, chosen)]]
-    n_gru = gru_steps(restored.task.window.length_ms, n_samples)
-    most = {"features": BINS, "sequences": n_gru, "signals": MOST_SAMPLES}
-    for name in (*joined("features", "quick"), *ASKED, *SLOW):
-        opponent = load(name)
+    n_gru = baselines.gru_steps(restored.task.window.length_ms, n_samples)
+    most = {"features": baselines.BINS, "sequences": n_gru, "signals": baselines.MOST_SAMPLES}
+    for name in (*classifiers.joined("features", "quick"), *ASKED, *SLOW):
+        opponent = classifiers.load(name)
         n_bins = min(most[opponent.takes], n_samples)
         if n_bins < opponent.least_steps:
             continue
-        standard = Standard.of(cut.samples[of_side[0]], n_bins, is_sequence=opponent.takes != "features")
+        standard = opponents.Standard.of(cut.samples[of_side[0]], n_bins, is_sequence=opponent.takes != "features")
         run = given[:: -(-len(given) // FEW)] if name in SLOW else given
         inputs = (standard.input(cut.samples[side]) for side in of_side)
-        sides = Sides(*inputs, *(cut.labels[side] for side in of_side))
-        best = best_of(opponent, sides, 0)
+        sides = classifiers.Sides(*inputs, *(cut.labels[side] for side in of_side))
+        best = classifiers.best_of(opponent, sides, 0)
         if type(best.fitted).__name__ not in opponents.DECISIONS:
             continue
         folder, accuracy = out / name.replace(" ", "-"), float((best.fitted.predict(sides.test) == sides.y_test).mean())
@@ -228,7 +233,7 @@ def _opponents(
 def _ledger(restored: run_folder.Restored, trains: Any) -> tuple[tuple[float, float], float]:
     """FLOPs of the whole chain and of its encoder, means over test windows, and the accuracy there."""
     means = synops.summary(inference.infer(restored, trains, early_exit=True, test_only=True))
-    network, made_by = restored.network, Afferents.of(trains)
+    network, made_by = restored.network, ledger.Afferents.of(trains)
     found = ledger.decision_ledger(
         network.spec, made_by.n, network.n_classes, made_by.rate_Hz, means, encoder=made_by.encoder or None,
         recorded_Hz=made_by.recorded_Hz, synapses=network.synapses,
@@ -243,14 +248,16 @@ def _windows(restored: run_folder.Restored, trains: Any, recordings: str | Path 
     with encoded_from.opened(path, trains) as stored:
         recorded = stored.select(rows).loaded().to_unit(str((restored.encoder or {}).get("unit", "mV")))
     windows = trains.cut(restored.task.window, np.arange(len(trains)))
-    pieces = [*pieces_of(recorded, windows, trains.sampling_rate_Hz)]
+    pieces = [*baselines.pieces_of(recorded, windows, trains.sampling_rate_Hz)]
     shortest = min(map(len, pieces))
     known = np.array([restored.classes.index(name) for name in trains.classes])
     samples = np.stack([piece[:shortest] for piece in pieces])
     return Windows(samples, known[trains.labels[windows.trial]], windows.trial)
 
 
-def _of_chain(chain: Chain, trials: proving.Trials) -> tuple[list[np.ndarray], list[tuple[int, int, int]], np.ndarray]:
+def _of_chain(
+    chain: chains.Chain, trials: proving.Trials
+) -> tuple[list[np.ndarray], list[tuple[int, int, int]], np.ndarray]:
     """Trials up to the end of the last window that was learned, the samples of these windows, and what is decided."""
     per_step = chain.sampling_rate_Hz / chain.clock_Hz
     given, windows, decided = [], [], []

@@ -4,22 +4,25 @@ import logging
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from neurotact_parts.exporters.c import c_export, fine_tuning, formats, proving
-from neurotact_parts.exporters.c.formats import Formats, Steps
-from neurotact_parts.exporters.trials import recorded
-from neurotact_parts.streams.chain import Chain, chain_of
 from neurotact_parts.streams.streamed import StreamedSpec
 
 from neurotact import effects, files
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
-from neurotact.networks.training import run_folder
-from neurotact.networks.training.ranges import record
-from neurotact.networks.use import fitted
+from neurotact.lazily import lazily
 from neurotact.networks.use.exporters import Exporter
-from neurotact.networks.use.fitted import Fitted
 from neurotact.progress import Tell, untold
 from neurotact.spec import takes_specs
+
+with lazily():
+    from neurotact_parts.exporters import trials as test_trials
+    from neurotact_parts.exporters.c import c_export, fine_tuning, formats, proving
+    from neurotact_parts.streams import chain as chains
+
+    from neurotact.networks.training import ranges as state_ranges
+    from neurotact.networks.training import run_folder
+    from neurotact.networks.use import fitted
+
 
 WEIGHT_BITS = 8
 """Default of a network that was not fine-tuned for other bits."""
@@ -30,13 +33,13 @@ log = logging.getLogger("neurotact")
 class Exported(NamedTuple):
     """A chain, and its formats if it computes in integers."""
 
-    chain: Chain
-    formats: Formats | None
+    chain: "chains.Chain"
+    formats: "formats.Formats | None"
 
 
 @takes_specs
 def export_c(
-    run: Fitted,
+    run: "fitted.Fitted",
     folder: str | Path,
     *,
     variant: Literal["integer", "float"] = "integer",
@@ -93,7 +96,7 @@ def export_c(
 
 
 def prepared(
-    run: Fitted,
+    run: "fitted.Fitted",
     *,
     integer: bool = True,
     recordings: Recordings | str | Path | None = None,
@@ -112,25 +115,25 @@ def prepared(
     """
     restored = fitted.restore(run, spikes=spikes)
     if not integer:
-        return Exported(chain_of(restored, streamed), None)
+        return Exported(chains.chain_of(restored, streamed), None)
     is_known = restored.ranges is not None or restored.encoder != {}  # of events, spikes alone give the ranges
     if recordings is None and spikes is None and restored.spikes and is_known:
-        chain, ranges = chain_of(restored, streamed), restored.ranges
+        chain, ranges = chains.chain_of(restored, streamed), restored.ranges
         if ranges is None:
             raise InputError(
                 f"{run}: does not hold the ranges of its samples, since their recordings were not found in training; "
                 "name them with `recordings`, or train it again beside them"
             )
     else:
-        known = recorded(restored, recordings)
+        known = test_trials.recorded(restored, recordings)
         if streamed.sampling_rate_Hz is None and _resamples(restored):
             streamed = streamed.model_copy(update={"sampling_rate_Hz": known.sampling_rate_Hz})
-        chain = chain_of(restored, streamed)
-        ranges = record(chain.network, known.windows, known.training)
+        chain = chains.chain_of(restored, streamed)
+        ranges = state_ranges.record(chain.network, known.windows, known.training)
     return Exported(chain, formats.choose(chain, ranges, lsb=lsb, **_bits_and_steps(restored, weight_bits, state_bits)))
 
 
-def _bits_and_steps(restored: run_folder.Restored, weight_bits: int | None, state_bits: int | None) -> dict[str, Any]:
+def _bits_and_steps(restored: "run_folder.Restored", weight_bits: int | None, state_bits: int | None) -> dict[str, Any]:
     """Bits and steps of the weights and bits of the states, as given or as in the fine-tuning of the run.
 
     With other weight bits, or with fewer state bits, the weights are rounded again.
@@ -140,10 +143,10 @@ def _bits_and_steps(restored: run_folder.Restored, weight_bits: int | None, stat
         return {"weight_bits": weight_bits or WEIGHT_BITS, "state_bits": state_bits}
     bits = {"weight_bits": weight_bits or tuned.weight_bits, "state_bits": state_bits or tuned.state_bits}
     same_grid = bits["weight_bits"] == tuned.weight_bits and bits["state_bits"] >= tuned.state_bits
-    return {**bits, "steps": Steps(*tuned.steps) if same_grid else None}
+    return {**bits, "steps": formats.Steps(*tuned.steps) if same_grid else None}
 
 
-def _resamples(restored: run_folder.Restored) -> bool:
+def _resamples(restored: "run_folder.Restored") -> bool:
     return ((restored.encoder or {}).get("conditioning") or {}).get("resample_Hz") is not None
 
 

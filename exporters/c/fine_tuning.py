@@ -6,32 +6,35 @@ for the original network, and are constant. The gradients of the rounded weights
 States and decays are not rounded during training. Test windows are not used.
 """
 
+from __future__ import annotations
+
 import copy
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import torch
-from neurotact_parts.exporters.c import formats
-from neurotact_parts.exporters.c.formats import Layers, Steps
-from neurotact_parts.exporters.c.rounding import Grid, seen_rounded
 from pydantic import Field, PositiveFloat
 
 from neurotact import effects, files
 from neurotact.data.windows import steps_of
 from neurotact.errors import InputError
-from neurotact.networks.definition.rsnn import RSNN, rsnn_of
-from neurotact.networks.training import resumable, run_folder, tasks, trainer
-from neurotact.networks.training.epochs import Epoch, Examples, Training, best_of, evaluate, train
-from neurotact.networks.training.outcome import outcome_of, summary_of
-from neurotact.networks.training.ranges import record_states
-from neurotact.networks.training.run_folder import Restored
-from neurotact.networks.training.sparsity import pruned_stay_pruned
-from neurotact.networks.training.tasks import Sides
-from neurotact.networks.use.fitted import check_folder
+from neurotact.lazily import lazily
 from neurotact.progress import Tell, track, untold
 from neurotact.spec import Spec, build
+
+if TYPE_CHECKING:
+    import torch
+
+with lazily():
+    from neurotact_parts.exporters.c import formats, rounding
+
+    from neurotact.networks.definition import rsnn
+    from neurotact.networks.training import epochs as trainings
+    from neurotact.networks.training import outcome as outcomes
+    from neurotact.networks.training import ranges, resumable, run_folder, sparsity, tasks, trainer
+    from neurotact.networks.use import fitted
+
 
 EPOCHS = 10
 KEY = "fine_tuned"
@@ -52,14 +55,14 @@ class FineTuned(Spec):
     seed: int = Field(ge=0)
 
 
-def tuned_of(restored: Restored) -> FineTuned | None:
+def tuned_of(restored: run_folder.Restored) -> FineTuned | None:
     """The fine-tuning that is saved with a network; None if it was not fine-tuned."""
     if restored.fine_tuned is None:
         return None
     return build(FineTuned, restored.fine_tuned, source=f"{run_folder.NETWORK}, {KEY}")
 
 
-def grids_of(network: RSNN, steps: Steps, weight_bits: int) -> dict[str, Grid]:
+def grids_of(network: rsnn.RSNN, steps: formats.Steps, weight_bits: int) -> dict[str, rounding.Grid]:
     """The possible values of each matrix of weights; an integrator's bias has the steps of its weights, and 32 bits.
 
     Raises InputError for a network with `readout_stretches`: the sum of two weights on a grid may be too large for it.
@@ -67,20 +70,20 @@ def grids_of(network: RSNN, steps: Steps, weight_bits: int) -> dict[str, Grid]:
     if network.stretches is not None:
         raise InputError("readout_stretches: fine-tuning rounds one readout; fine-tune with 0 epochs, or train with 1")
     most = 2 ** (weight_bits - 1) - 1
-    grids = {name: Grid(step, most) for name, step in steps._asdict().items() if step is not None}
-    return grids if network.bias is None else {**grids, "bias": Grid(steps.w_out, formats.LARGEST)}
+    grids = {name: rounding.Grid(step, most) for name, step in steps._asdict().items() if step is not None}
+    return grids if network.bias is None else {**grids, "bias": rounding.Grid(steps.w_out, formats.LARGEST)}
 
 
 def train_rounded(
-    network: RSNN,
-    training: Examples,
-    validation: Examples,
-    grids: dict[str, Grid],
+    network: rsnn.RSNN,
+    training: trainings.Examples,
+    validation: trainings.Examples,
+    grids: dict[str, rounding.Grid],
     *,
     generator: torch.Generator,
     epochs: int = EPOCHS,
-    progress: Callable[[Epoch], None] | None = None,
-) -> Training:
+    progress: Callable[[trainings.Epoch], None] | None = None,
+) -> trainings.Training:
     """Continue the training of a network in place, with weights rounded to their grids; it ends with rounded weights.
 
     grids: by name of the weights (`grids_of`); weights without a grid are not rounded. generator: orders the windows.
@@ -93,16 +96,16 @@ def train_rounded(
     if epochs:
         update = {"epochs": epochs, "patience": epochs, "schedule": "cosine"}
         network.spec = network.spec.model_copy(update={"training": settings.model_copy(update=update)})
-    with seen_rounded(network, grids), pruned_stay_pruned(network):
-        rounded = Epoch(0, *evaluate(network, training), *evaluate(network, validation))
+    with rounding.seen_rounded(network, grids), sparsity.pruned_stay_pruned(network):
+        rounded = trainings.Epoch(0, *trainings.evaluate(network, training), *trainings.evaluate(network, validation))
         before = copy.deepcopy(network.state_dict())
         log = [rounded]
         if epochs:
-            log += train(network, training, validation, generator=generator, progress=progress).epochs
-        best = best_of(log, settings.keep)
+            log += trainings.train(network, training, validation, generator=generator, progress=progress).epochs
+        best = trainings.best_of(log, settings.keep)
         if best is rounded:
             network.load_state_dict(before)
-    return Training(tuple(log), best)
+    return trainings.Training(tuple(log), best)
 
 
 def fine_tune(
@@ -129,7 +132,7 @@ def fine_tune(
     >>> nt.fine_tune("run", "few-bits", weight_bits=4, epochs=1)["accuracy_test"] >= 0
     True
     """
-    check_folder(run, "fine_tune", "which it trains on from the spikes of that")
+    fitted.check_folder(run, "fine_tune", "which it trains on from the spikes of that")
     effects.check(epochs=epochs, seed=seed)
     source, folder, seed = Path(run), Path(folder), seed or 0
     if not 0 <= epochs <= 100_000:
@@ -150,7 +153,7 @@ def fine_tune(
             network=os.path.relpath(source, folder), weights_sha256=digest, weight_bits=weight_bits,
             state_bits=layers.hidden.state_bits, steps=layers.steps, epochs=epochs, seed=seed,
         )  # fmt: skip
-        outcome = outcome_of(done, sides, trains, restored.task, "fine-tune")
+        outcome = outcomes.outcome_of(done, sides, trains, restored.task, "fine-tune")
         resumable.clear(folder)
         more = {KEY: about.model_dump(mode="json")}
         run_folder.save(done, folder, trains, restored.spikes_path, restored.task, more=more)
@@ -162,25 +165,27 @@ def fine_tune(
     )
     for line in (*outcome.lines(), tuned, resumable.saved_in(folder)):
         tell(line)
-    return summary_of(files.read_json(folder / resumable.RESULT))
+    return outcomes.summary_of(files.read_json(folder / resumable.RESULT))
 
 
-def layers_of(restored: Restored, sides: Sides, **options: Any) -> Layers:
+def layers_of(restored: run_folder.Restored, sides: tasks.Sides, **options: Any) -> formats.Layers:
     """The network in integers, as an export chooses them; options as for `formats.layers_of`."""
-    network = rsnn_of("c-integer", restored.network)
+    network = rsnn.rsnn_of("c-integer", restored.network)
     n_steps, _, _ = steps_of(restored.task.window, network.sampling_rate_Hz)
-    seen = record_states(network, sides.train.spikes)
+    seen = ranges.record_states(network, sides.train.spikes)
     return formats.layers_of(network, seen, n_steps=n_steps, **options)
 
 
 def _trained_on(
-    restored: Restored, sides: Sides, layers: Layers, weight_bits: int, epochs: int, seed: int
+    restored: run_folder.Restored, sides: tasks.Sides, layers: formats.Layers, weight_bits: int, epochs: int, seed: int
 ) -> trainer.Trained:
-    network, steps = rsnn_of("c-integer", restored.network), layers.steps
+    from torch import Generator
+
+    network, steps = rsnn.rsnn_of("c-integer", restored.network), layers.steps
     with track("fine-tune", epochs) as advance:
         training = train_rounded(
             network, sides.train, sides.validation, grids_of(network, steps, weight_bits),
-            generator=torch.Generator().manual_seed(seed), epochs=epochs,
+            generator=Generator().manual_seed(seed), epochs=epochs,
             progress=lambda epoch: advance(1, resumable.line_of(epoch)),
         )  # fmt: skip
     # Refuse what an export refuses, before anything is saved.

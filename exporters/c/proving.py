@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 import torch
-from neurotact_parts.exporters.c import boards, c_export, export, integer, proof
+from neurotact_parts.exporters import trials as test_trials
+from neurotact_parts.exporters.c import boards, c_export, integer, proof
 from neurotact_parts.exporters.c.boards import Board
 from neurotact_parts.exporters.c.formats import Formats
 from neurotact_parts.exporters.c.proof import Spoken, spoken_of
@@ -78,7 +79,7 @@ def trials_of(
 ) -> Trials:
     """Test trials of a run as input of a chain in C, and the output of its twin."""
     restored = fitted.restore(run, spikes=spikes)
-    recorded = export.recorded(restored, recordings)
+    recorded = test_trials.recorded(restored, recordings)
     return twin_of(chain, formats, recorded.test[:n_trials], recorded.labels, restored.task.window.per_trial)
 
 

@@ -6,11 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from neurotact_parts.exporters.live.feeds import ByHand, Device, Feed, Replay
 from neurotact_parts.exporters.live.messages import FASTEST, SLOWEST
-from neurotact_parts.exporters.live.session import Session
-from neurotact_parts.streams.chain import Chain, chain_of
-from neurotact_parts.streams.sources import kind_of, trouble_of
 from neurotact_parts.streams.streamed import SampleSpec, StreamedSpec
 
 from neurotact import effects, plugins
@@ -20,18 +16,26 @@ from neurotact.data.digests import recorded_digest
 from neurotact.data.recordings import default_channels
 from neurotact.encoders.specs import afferent_names
 from neurotact.errors import InputError
+from neurotact.lazily import lazily
 from neurotact.metrics.synops import SIDES, UNKNOWN
-from neurotact.networks.use import fitted
-from neurotact.networks.use.fitted import Fitted
 from neurotact.progress import Tell
 from neurotact.spec import checked_settings, takes_specs
+
+with lazily():
+    from neurotact_parts.exporters.live import feeds
+    from neurotact_parts.exporters.live import session as sessions
+    from neurotact_parts.streams import chain as chains
+    from neurotact_parts.streams import sources
+
+    from neurotact.networks.use import fitted
+
 
 log = logging.getLogger("neurotact")
 
 
 @takes_specs
 def live(
-    run: Fitted,
+    run: "fitted.Fitted",
     source: str | Path,
     *,
     speed: float | None = None,
@@ -66,21 +70,21 @@ def live(
         )
     server = _server_module()
     source, feed = str(source), None
-    kind = "simulation" if plugins.has("simulators", source) else kind_of(source)
+    kind = "simulation" if plugins.has("simulators", source) else sources.kind_of(source)
     given = {**samples.given(), **streamed.given()}
     effects.check(source=kind, speed=speed, loop=loop, shuffle=shuffle, settings=settings, **given)
     feed = _feed_at_its_rate(kind, source, 1.0 if speed is None else speed, loop, shuffle, settings)
     if feed is not None:
         streamed = streamed.model_copy(update={"sampling_rate_Hz": feed.sampling_rate_Hz})
-    chain = chain_of(run, streamed)
+    chain = chains.chain_of(run, streamed)
     if feed is None:
         taxels = chain.taxels or default_channels(chain.n_taxels)
-        feed = Device(source, samples, taxels, chain.sampling_rate_Hz, chain.encoder.unit)
-    if isinstance(feed, Replay):
+        feed = feeds.Device(source, samples, taxels, chain.sampling_rate_Hz, chain.encoder.unit)
+    if isinstance(feed, feeds.Replay):
         feed.give_in_order(chain.taxels)
     feed.unit = samples.unit or feed.unit
-    sides = sides_of(run, feed) if isinstance(feed, Replay) else []
-    session = Session(
+    sides = sides_of(run, feed) if isinstance(feed, feeds.Replay) else []
+    session = sessions.Session(
         chain, feed, run=fitted.name_of(run), afferents=_afferents(run, chain, feed), sides=sides,
         save_to=None if save_to is None else Path(save_to), hold_ms=samples.hold_ms,
     )  # fmt: skip
@@ -92,7 +96,7 @@ def live(
     if session.failure is not None and not session.stream.tally.samples:
         raise session.failure
     tally = session.stream.tally
-    trouble = trouble_of(tally, session.faults)
+    trouble = sources.trouble_of(tally, session.faults)
     return f"{tally.samples} samples, {tally.decisions} decisions; {trouble or 'every sample was used unchanged'}"
 
 
@@ -103,13 +107,13 @@ def _feed_at_its_rate(
     if not SLOWEST <= speed <= FASTEST:
         raise InputError(f"`speed={speed!r}`: must be from {SLOWEST:g} to {FASTEST:g}")
     if kind == "recordings":
-        return Replay(source, speed, loops=loop, shuffled=shuffle)
+        return feeds.Replay(source, speed, loops=loop, shuffled=shuffle)
     if kind == "simulation":
-        return ByHand(source, simulator(source), checked_settings(settings), speed)
+        return feeds.ByHand(source, simulator(source), checked_settings(settings), speed)
     return None
 
 
-def _ended(session: Session, stop: Callable[[], None]) -> None:
+def _ended(session: "sessions.Session", stop: Callable[[], None]) -> None:
     """Raise if nothing could be read, or the thread failed: there is nothing to show."""
     if session.fault is not None or (session.failure is not None and not session.stream.tally.samples):
         stop()
@@ -117,7 +121,7 @@ def _ended(session: Session, stop: Callable[[], None]) -> None:
         log.warning("%s", session.failure)
 
 
-def sides_of(run: Fitted, feed: Replay) -> list[str]:
+def sides_of(run: "fitted.Fitted", feed: "feeds.Replay") -> list[str]:
     """The side of the network's split that each trial was on, as for `neurotact infer`; logs how many on each."""
     known = fitted.restore(run).provenance
     with hdf5.open_recordings(feed.name) as stored:
@@ -131,7 +135,7 @@ def sides_of(run: Fitted, feed: Replay) -> list[str]:
     return sides
 
 
-def _afferents(run: Fitted, chain: Chain, feed: Feed) -> tuple[str, ...]:
+def _afferents(run: "fitted.Fitted", chain: "chains.Chain", feed: "feeds.Feed") -> tuple[str, ...]:
     """The taxel names from the network's training, or those of the source."""
     provenance = fitted.restore(run).provenance
     known = None if provenance is None else provenance.afferents

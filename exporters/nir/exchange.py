@@ -1,5 +1,7 @@
 """Exchange with NIR, for users: `nt.to_nir`, `nt.from_nir`, and the proof of an export."""
 
+from __future__ import annotations
+
 import logging
 import math
 from collections.abc import Callable, Iterator
@@ -7,13 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
-import torch
-from neurotact_parts.exporters.nir import compare, execute, file, graph, note, parse
-from neurotact_parts.exporters.nir.parse import FromNIR
-from neurotact_parts.exporters.trials import Recorded, recorded
-from neurotact_parts.networks.graph import OwnReset
-from neurotact_parts.streams.chain import front_of
 
 from neurotact import effects
 from neurotact.backend import Backend
@@ -23,21 +18,28 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.model import EncoderSpec
 from neurotact.errors import InputError
-from neurotact.networks.definition.executors import Subject, left_outside, require
-from neurotact.networks.definition.module import ModuleNetwork
-from neurotact.networks.definition.network import Network
-from neurotact.networks.definition.rsnn import RSNN
-from neurotact.networks.exit.rule import FULL_WINDOW
-from neurotact.networks.use import fitted
+from neurotact.lazily import lazily
 from neurotact.networks.use.exporters import Exporter
-from neurotact.networks.use.fitted import Fitted
 from neurotact.progress import Tell, untold
+
+with lazily():
+    import pandas as pd
+    from neurotact_parts.exporters import trials as test_trials
+    from neurotact_parts.exporters.nir import compare, execute, file, graph, note, parse
+    from neurotact_parts.networks import graph as graphs
+    from neurotact_parts.streams import chain as chains
+
+    from neurotact.networks.definition import executors, module, rsnn
+    from neurotact.networks.definition import network as definition
+    from neurotact.networks.exit import rule as exit_rule
+    from neurotact.networks.use import fitted
+
 
 log = logging.getLogger("neurotact")
 
 
 def to_nir(
-    source: Fitted | RSNN | ModuleNetwork | tuple[EncoderSpec, RSNN | ModuleNetwork],
+    source: fitted.Fitted | rsnn.RSNN | module.ModuleNetwork | tuple[EncoderSpec, rsnn.RSNN | module.ModuleNetwork],
     path: str | Path | None = None,
     *,
     plain: bool = False,
@@ -64,8 +66,8 @@ def to_nir(
     >>> sorted(to_nir(net).nodes)  # doctest: +SKIP
     ['hidden', 'input', 'late', 'late_out', 'output', 'readout', 'w_in', 'w_out']
     """
-    rule, classes = FULL_WINDOW, None
-    if isinstance(source, (RSNN, ModuleNetwork)):
+    rule, classes = exit_rule.FULL_WINDOW, None
+    if isinstance(source, (rsnn.RSNN, module.ModuleNetwork)):
         encoder, network = None, source
     elif isinstance(source, tuple):
         encoder, network = source
@@ -73,16 +75,16 @@ def to_nir(
         restored = fitted.restore(source)
         network = restored.network
         rule, classes = restored.exits(), restored.classes
-        encoder = front_of(restored) if restored.encoder is not None else None
+        encoder = chains.front_of(restored) if restored.encoder is not None else None
     form = "nir-plain" if plain else "nir"
     outside = graph.Outside()
     if encoder is not None:
-        why = "as asked" if network_only else left_outside(form, Subject(encoder, network))
+        why = "as asked" if network_only else executors.left_outside(form, executors.Subject(encoder, network))
         encoder, outside = (encoder, outside) if why is None else (None, graph.Outside(encoder, why))
     if network.steps_per_bin > 1:
         outside = outside._replace(step_ms=1e3 / network.clock_Hz, input_Hz=network.sampling_rate_Hz)
-    require(form, Subject(encoder, network))
-    assert isinstance(network, (RSNN, ModuleNetwork))  # as all networks are
+    executors.require(form, executors.Subject(encoder, network))
+    assert isinstance(network, (rsnn.RSNN, module.ModuleNetwork))  # as all networks are
     assert encoder is None or isinstance(encoder, AfferentSpec)  # others are left outside
     exported = graph.of(
         network.on_own_clock(),
@@ -106,9 +108,9 @@ def from_nir(
     *,
     dt_s: float | None = None,
     sampling_rate_Hz: float | None = None,
-    reset: OwnReset = "to-value",
+    reset: graphs.OwnReset = "to-value",
     backend: Backend = "auto",
-) -> FromNIR:
+) -> parse.FromNIR:
     """The network in a NIR file or graph; from neurotact's own files also the encoder, the exit rule and the classes.
 
     A graph of Linear, CubaLIF (recurrent or not), Linear, CubaLIF without biases, with one time constant a layer, is an
@@ -133,7 +135,7 @@ def from_nir(
 
 
 def export_nir(
-    run: Fitted,
+    run: fitted.Fitted,
     path: str | Path,
     *,
     plain: bool = False,
@@ -175,7 +177,7 @@ def export_nir(
 
 
 def proved(
-    run: Fitted,
+    run: fitted.Fitted,
     made: Any,
     n_trials: int,
     recordings: Recordings | str | Path | None = None,
@@ -188,11 +190,11 @@ def proved(
     A simulator that cannot run the graph is reported, with the reason.
     """
     restored = fitted.restore(run, spikes=spikes)
-    encoder = front_of(restored)
+    encoder = chains.front_of(restored)
     network = restored.network
-    assert isinstance(network, (RSNN, ModuleNetwork))  # as `to_nir` has taken it
+    assert isinstance(network, (rsnn.RSNN, module.ModuleNetwork))  # as `to_nir` has taken it
     written = note.of(made, "graph")
-    known = recorded(restored, recordings)
+    known = test_trials.recorded(restored, recordings)
     inputs = list(_inputs(known, encoder, network, n_trials, with_afferents=bool(written and written.encoder)))
     tables: list[pd.DataFrame] = []
     for simulator in compare.SIMULATORS:
@@ -208,9 +210,16 @@ def proved(
 
 
 def _inputs(
-    known: Recorded, encoder: EncoderSpec | None, network: Network, n_trials: int, *, with_afferents: bool
+    known: test_trials.Recorded,
+    encoder: EncoderSpec | None,
+    network: definition.Network,
+    n_trials: int,
+    *,
+    with_afferents: bool,
 ) -> Iterator[tuple[np.ndarray, dict[str, Any]]]:
     """Of some test trials, spikes as the network computes them, and the rest that `compare.report` takes."""
+    import torch
+
     for signal in known.test[:n_trials]:
         if with_afferents:
             assert isinstance(encoder, AfferentSpec)

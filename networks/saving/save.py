@@ -4,24 +4,27 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from neurotact_parts.networks.saving import choice, figure
-from neurotact_parts.networks.saving import folder as points
-from neurotact_parts.networks.saving.proposals import Asked
-from neurotact_parts.networks.saving.search import claim, search
-from neurotact_parts.networks.saving.start import Start
-from neurotact_parts.networks.saving.trial import Source
-from neurotact_parts.networks.saving.ways import ways_of
-
 import neurotact as nt
 from neurotact import files
 from neurotact.data import hdf5
 from neurotact.errors import InputError
-from neurotact.figures.style import save as save_figure
+from neurotact.lazily import lazily
 from neurotact.metrics.prices import DEFAULT, PriceList, names, price_list
-from neurotact.networks.training import resumable, run_folder
-from neurotact.networks.use.fitted import check_folder
 from neurotact.progress import Tell, track, untold
 from neurotact.tables import write_table
+
+with lazily():
+    from neurotact_parts.networks.saving import choice, figure, proposals
+    from neurotact_parts.networks.saving import folder as points
+    from neurotact_parts.networks.saving import search as searching
+    from neurotact_parts.networks.saving import start as starting
+    from neurotact_parts.networks.saving import trial as trying
+    from neurotact_parts.networks.saving import ways as known_ways
+
+    from neurotact.figures import style
+    from neurotact.networks.training import resumable, run_folder
+    from neurotact.networks.use import fitted
+
 
 ANSWER, FRONT, FIGURE = "answer.json", "front.csv", "front.png"
 STUDY = "study.toml"
@@ -62,7 +65,7 @@ def save_energy(
     >>> sorted(found)[:2], Path("small/front.csv").is_file()
     (['answer', 'at_most_points'], True)
     """
-    check_folder(run, "save_energy", "or a file of recordings, from which it trains")
+    fitted.check_folder(run, "save_energy", "or a file of recordings, from which it trains")
     if trials < 1:
         raise InputError(f"trials: must be 1 or more; got {trials}")
     if not 0 <= at_most_points <= 100:
@@ -81,14 +84,14 @@ def save_energy(
             source = best_of_study(source, tell)
         elif source.is_file():
             source = _trained_on(source, out, seed, tell)
-        where = Source(source, _path(spikes), _path(recordings), seed)
-        start, asked = where.start(), Asked(trials, at_most_points / 100, chosen, seed)
-        claim(out, _problem(source, start, asked))
-        ways = ways_of(start)
+        where = trying.Source(source, _path(spikes), _path(recordings), seed)
+        start, asked = where.start(), proposals.Asked(trials, at_most_points / 100, chosen, seed)
+        searching.claim(out, _problem(source, start, asked))
+        ways = known_ways.ways_of(start)
         if not ways:
             raise InputError(f"{run}: there is nothing to save; each of its ways is at its least already")
         with track("save", 1 + trials) as advance:
-            tried = search(start, where, ways, asked, out, workers or 2, advance)
+            tried = searching.search(start, where, ways, asked, out, workers or 2, advance)
         if len(tried) > 1 and all(trial.error for trial in tried if trial.point):
             raise InputError(f"{run}: no setting could be trained; the first one says: {tried[1].error}")
         found = choice.found(tried, asked)
@@ -96,7 +99,7 @@ def save_energy(
         points.clear(out, (ANSWER, FRONT, FIGURE))
         rows = points.write(found, start, asked, out)
         write_table(table, out / FRONT)
-        save_figure(figure.draw_front(table, rows, chosen), out / FIGURE)
+        style.save(figure.draw_front(table, rows, chosen), out / FIGURE)
         answer = _answer(found, rows, asked, source, start)
         files.write_json(out / ANSWER, files.without_nan(answer))
     for line in (answer["answer"], *_lines(rows, asked, out)):
@@ -145,7 +148,7 @@ def best_of_study(folder: Path, tell: Tell) -> Path:
     return best
 
 
-def _problem(source: Path, start: Start, asked: Asked) -> dict[str, Any]:
+def _problem(source: Path, start: "starting.Start", asked: "proposals.Asked") -> dict[str, Any]:
     """What decides the journal, without the paths of files."""
     return {
         "weights_sha256": files.sha256(source / run_folder.WEIGHTS),
@@ -155,14 +158,14 @@ def _problem(source: Path, start: Start, asked: Asked) -> dict[str, Any]:
     }
 
 
-def _next(start: Start) -> str:
+def _next(start: "starting.Start") -> str:
     """The command for the best point: C, unless its membranes are in closed form or it hears events."""
     encoder = start.bench.encoder
     return "export" if encoder is not None and encoder.integration == "clock" else "infer"
 
 
 def _answer(
-    found: choice.Found, rows: list[dict[str, Any]], asked: Asked, source: Path, start: Start
+    found: "choice.Found", rows: list[dict[str, Any]], asked: "proposals.Asked", source: Path, start: "starting.Start"
 ) -> dict[str, Any]:
     """The content of `answer.json`."""
     first = rows[0] if found.answer is not None else None
@@ -178,7 +181,7 @@ def _answer(
     }
 
 
-def _cautions(found: choice.Found, start: Start) -> Iterator[str]:
+def _cautions(found: "choice.Found", start: "starting.Start") -> Iterator[str]:
     """What limits the answer, one line each."""
     if start.bench.task.split.test_where:
         yield (
@@ -189,7 +192,7 @@ def _cautions(found: choice.Found, start: Start) -> Iterator[str]:
         yield "no point was trained again, so that the luckiest of all may have been chosen; give more `trials`"
 
 
-def _sentence(row: dict[str, Any] | None, asked: Asked) -> str:
+def _sentence(row: dict[str, Any] | None, asked: "proposals.Asked") -> str:
     if row is None:
         return f"No setting that was tried saves energy and loses at most {100 * asked.loss:g} points of accuracy"
     lost, low, high = (100 * row[name] for name in ("lost_test", "lost_test_low", "lost_test_high"))
@@ -211,7 +214,7 @@ def _fewer(saved: float, less: str, more: str) -> str:
     return f"{abs(saved):.0f} % {less if saved >= 0 else more}"
 
 
-def _lines(rows: list[dict[str, Any]], asked: Asked, out: Path) -> list[str]:
+def _lines(rows: list[dict[str, Any]], asked: "proposals.Asked", out: Path) -> list[str]:
     """What was found, a line per run folder."""
     return [
         f"{out / row['folder']}: {_sentence(row, asked)}; validation accuracy {100 * row['accuracy_validation']:.1f} % "

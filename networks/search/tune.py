@@ -4,20 +4,24 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-from neurotact_parts.networks.search import journal, search_tables
-from neurotact_parts.networks.search import search as search_loop
-from neurotact_parts.networks.search.figure import save_found
+from neurotact_parts.networks.search import journal
 
 from neurotact import files, spec
 from neurotact.data.splits import Splits
 from neurotact.data.windows import WindowSpec
-from neurotact.networks.definition import recipe
+from neurotact.lazily import lazily
 from neurotact.networks.definition.space import SearchSpec
 from neurotact.networks.definition.specs import RSNNSpec, given_keys
-from neurotact.networks.training import resumable, tasks
 from neurotact.progress import Tell, track, untold
 from neurotact.spec import takes_specs
+
+with lazily():
+    import pandas as pd
+    from neurotact_parts.networks.search import figure, search_tables
+    from neurotact_parts.networks.search import search as search_loop
+
+    from neurotact.networks.definition import recipe
+    from neurotact.networks.training import resumable, tasks
 
 
 @takes_specs
@@ -36,7 +40,7 @@ def tune(
     workers: int | None = None,
     resume: bool = False,
     tell: Tell = untold,
-) -> pd.DataFrame:
+) -> "pd.DataFrame":
     """Search a network's hyperparameters on validation windows, as `neurotact tune` does: one row per trial.
 
     search: how many networks are trained, what is searched for and how; the first one is the network as given. The best
@@ -67,7 +71,7 @@ def tune(
     with files.locked(path):
         with search_loop.runner(problem, spikes, workers or 2) as run, track("tune", search.trials) as advance:
             tried, timing = search_loop.search(problem, path, run, advance, resume=resume)
-        save_found(problem, tried, path)
+        figure.save_found(problem, tried, path)
         outcome = search_loop.save_best(problem, spikes, path, tried)
     best = journal.best_of(tried)
     tell(f"trial {best.id} of {len(tried)} is the best; {timing.seconds:.1f} s, proposals {timing.proposals:.1f} s")

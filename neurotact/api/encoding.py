@@ -8,7 +8,6 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from neurotact import effects, files, spec
 from neurotact.api import tools
@@ -21,19 +20,22 @@ from neurotact.data.recordings import Recordings, Trials
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Splits, check_stratify, training_touches
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
-from neurotact.encoders import alternatives, calibration, firing, specs
+from neurotact.encoders import firing, specs
 from neurotact.encoders.encoding import Encoded, encode_recordings
 from neurotact.encoders.encoding import encode_file as write_encoded
-from neurotact.encoders.gain_search import CalibrationRule
 from neurotact.encoders.model import DrivenSpec, EncoderSpec
 from neurotact.encoders.sensitivity import sensitivities_of, value_of
 from neurotact.errors import InputError
-from neurotact.figures import raster
-from neurotact.figures.calibration import draw_calibration
-from neurotact.figures.style import save as save_figure
+from neurotact.lazily import lazily
 from neurotact.progress import Advance, track
 from neurotact.progress import silent as silently
 from neurotact.spec import takes_specs
+
+with lazily():
+    from neurotact.encoders import alternatives, calibration, gain_search
+    from neurotact.figures import calibration as calibration_figure
+    from neurotact.figures import raster, style
+
 
 log = logging.getLogger("neurotact")
 
@@ -174,7 +176,7 @@ def calibrate(
     _check_outputs([Path(file) for file in (out, figure, survives) if file], force, _paths(recordings, encoder))
     split.check_single("calibrate")
     start = specs.resolve(encoder, settings)
-    rule = CalibrationRule()
+    rule = gain_search.CalibrationRule()
     fit, times = calibration.calibration_for(start, settings or {}, apart=tuple(split.test_where))
     if compare:
         spec.refuse(settings or {}, alternatives.COMPARED)
@@ -198,7 +200,12 @@ def calibrate(
         thresholds = [
             sensitivity.name for sensitivity in sensitivities_of(calibrated.encoder) if sensitivity.is_threshold
         ]
-        save_figure(draw_calibration(calibrated.table, calibrated.isi, _units(calibrated.encoder), thresholds), figure)
+        style.save(
+            calibration_figure.draw_calibration(
+                calibrated.table, calibrated.isi, _units(calibrated.encoder), thresholds
+            ),
+            figure,
+        )
     if compared is not None:
         tell(compared.table[COMPARED])
     gains = ", ".join(
@@ -207,7 +214,7 @@ def calibrate(
     )
     tell(f"{out or 'encoder'}: {gains}, from {trials} in {perf_counter() - began:.1f} s")
     if survives and left is not None:
-        save_figure(tools.plot_survival(left), survives)
+        style.save(tools.plot_survival(left), survives)
         tell(f"{survives}: {left}")
     if complaint := firing.complaint_at_rest(at_rest, rest_ms, calibrated.encoder.conditioning.baseline):
         log.warning("%s: %s", source, complaint)
@@ -221,7 +228,7 @@ def plot_raster(
     *,
     start_s: float | None = None,
     stop_s: float | None = None,
-) -> Figure:
+) -> "raster.Figure":
     """The spikes of one trial as a matplotlib figure, under the signals of `recordings` where they are given.
 
     trial: the first if None. start_s, stop_s: the part that is drawn; the whole trial if None.

@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from neurotact import effects, files, spec
 from neurotact.api.arguments import (
     Conditions,
@@ -22,20 +20,21 @@ from neurotact.data.splits import Splits, check_each
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
+from neurotact.lazily import lazily
 from neurotact.metrics import synops
 from neurotact.metrics.prices import DEFAULT, PriceList, price_list
-from neurotact.networks.definition.native import device_of
-from neurotact.networks.definition.network import Network
 from neurotact.networks.definition.specs import RSNNSpec, given_keys
-from neurotact.networks.training import cautions, cross_validation, resumable, run_folder, tasks
-from neurotact.networks.training.balancing import Balance
-from neurotact.networks.training.cross_validation import trained_in as trained_in
-from neurotact.networks.training.outcome import summary_of
-from neurotact.networks.training.resumable import Interrupted as Interrupted
-from neurotact.networks.use import fitted, inference, ledger
-from neurotact.networks.use.fitted import Fitted
 from neurotact.spec import takes_specs
 from neurotact.tables import write_table
+
+with lazily():
+    import pandas as pd
+
+    from neurotact.networks.definition import native
+    from neurotact.networks.definition import network as definition
+    from neurotact.networks.training import balancing, cautions, cross_validation, outcome, resumable, run_folder, tasks
+    from neurotact.networks.use import fitted, inference, ledger
+
 
 REPEATED = ["folder", "accuracy_validation", "accuracy_test", "baseline", "sops_total", "exit_steps"]
 COSTS = ["name", "macs", "acs", "parameters", "signal_ms", "energy_estimate_nJ", "prices"]
@@ -54,7 +53,7 @@ def train(
     leave_out: LeftOut = None,
     split: Splits = Splits(),
     augmentation: str | None = None,
-    balance: Balance = "none",
+    balance: "balancing.Balance" = "none",
     exit_tolerance: float = 0.01,
     seed: int = 0,
     device: str = "cpu",
@@ -98,7 +97,7 @@ def train(
     task = spec.build(tasks.Task, {**task.model_dump(), "augmentation": kind, "balance": balance}, source="train")
     path, spikes = Path(folder), Path(spikes)
     what, given = spec.resolve(RSNNSpec, network, settings), given_keys(network, settings)
-    device_of(device)
+    native.device_of(device)
     options = {"given": given, "seed": seed, "device": device, "force": force, "resume": resume, "tell": tell}
     if split.is_in_turn:
         splits = cross_validation.tasks_of(task, split, trains.conditions)
@@ -116,7 +115,7 @@ def train(
 
 
 def _of_repeated(
-    repeats: cross_validation.Repeated, folder: Path, trains: SpikeTrains, split: Splits, tell: Tell
+    repeats: "cross_validation.Repeated", folder: Path, trains: SpikeTrains, split: Splits, tell: Tell
 ) -> dict[str, Any]:
     """What several trainings came to."""
     turns = {"leave_out_each": [*split.leave_out_each], "folds": split.every_fold and split.folds}
@@ -141,11 +140,11 @@ def result(run: str | Path) -> dict[str, Any]:
     >>> sorted(nt.result("run"))[:3]
     ['accuracy_test', 'accuracy_validation', 'baseline']
     """
-    return summary_of(files.read_json(Path(run) / resumable.RESULT))
+    return outcome.summary_of(files.read_json(Path(run) / resumable.RESULT))
 
 
 def infer(
-    run: Fitted,
+    run: "fitted.Fitted",
     spikes: SpikeTrains | str | Path,
     *,
     early_exit: bool = False,
@@ -157,7 +156,7 @@ def infer(
     out: str | Path | None = None,
     force: bool = False,
     tell: Tell = silent,
-) -> pd.DataFrame:
+) -> "pd.DataFrame":
     """Decide every window of spike trains, or of a file of them, with the network in the run folder `run`.
 
     run: the folder, or a fitted `SpikingClassifier` or a pipeline that ends in one, whose windows are cut as those that
@@ -179,7 +178,7 @@ def infer(
     if out:
         of_run = [] if fitted.is_in_memory(run) else run_folder.files_of(str(run))
         files.check_new(out, force=force, inputs=[*of_run, *([spikes] if is_file else [])])
-    restored = fitted.restore(run, device=str(device_of(device)))
+    restored = fitted.restore(run, device=str(native.device_of(device)))
     if test_only and fitted.is_in_memory(run):
         raise InputError("test_only: an estimator does not know its test trials; give the spikes of these alone")
     trains = hdf5.load_spikes(spikes) if is_file else spikes
@@ -209,7 +208,7 @@ def sops(
     prices: str | Path | PriceList = DEFAULT,
     force: bool = False,
     tell: Tell = silent,
-) -> pd.DataFrame:
+) -> "pd.DataFrame":
     """Write the synaptic operations of each test window of a run to `out` (.csv, .json, .md); returns the rows.
 
     spikes: that the run was trained on, where they moved since. early_exit: count with early exit. prices: name or
@@ -245,7 +244,7 @@ def sops(
     return table
 
 
-def summarise(decisions: pd.DataFrame) -> pd.DataFrame:
+def summarise(decisions: "pd.DataFrame") -> "pd.DataFrame":
     """Means of what `infer` or `sops` returned, for each side and class, and for `all` windows of a side.
 
     Columns: side, label, windows (how many), accuracy, and the means of steps, spikes and SOPs.
@@ -257,19 +256,19 @@ def summarise(decisions: pd.DataFrame) -> pd.DataFrame:
     return synops.summary(decisions)
 
 
-def save_network(network: Network, folder: str | Path, *, force: bool = False) -> None:
+def save_network(network: "definition.Network", folder: str | Path, *, force: bool = False) -> None:
     """Save a network as safetensors and JSON in `folder`; an existing network is refused unless `force`.
 
     >>> nt.save_network(nt.RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0), "network")
     >>> sorted(path.name for path in Path("network").iterdir())
     ['network.json', 'weights.safetensors']
     """
-    check_instance("network", network, Network, "a SpikingClassifier has one in network_")
+    check_instance("network", network, definition.Network, "a SpikingClassifier has one in network_")
     files.check_new(Path(folder) / run_folder.NETWORK, force=force)
     run_folder.save_network(network, folder)
 
 
-def load_network(folder: str | Path) -> Network:
+def load_network(folder: str | Path) -> "definition.Network":
     """The network in a folder that `save_network`, `train` or the command line wrote.
 
     >>> nt.load_network("run").n_inputs

@@ -4,8 +4,6 @@ import logging
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from neurotact import files, spec, tables
 from neurotact.api.arguments import Conditions, LeftOut, Settings
 from neurotact.data import hdf5
@@ -13,11 +11,16 @@ from neurotact.data.splits import Splits, SplitSpec, each_left_out
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
-from neurotact.report import report
-from neurotact.report.page import ANSWER, PAGE
+from neurotact.lazily import lazily
 from neurotact.spec import takes_specs
-from neurotact.studies import loading, runner, store
 from neurotact.studies.sweeps import JOIN
+
+with lazily():
+    import pandas as pd
+
+    from neurotact.report import page, report
+    from neurotact.studies import loading, runner, store
+
 
 log = logging.getLogger("neurotact")
 
@@ -36,7 +39,7 @@ def run_study(
     split: Splits = Splits(),
     workers: int | None = None,
     scheduler: str | None = None,
-) -> pd.DataFrame:
+) -> "pd.DataFrame":
     """Run a study, shipped or your own, in `folder`; its results, one row per trained network.
 
     settings: changes of the study, dotted keys that name the part first: `{"network.hidden": 40}`.
@@ -64,7 +67,7 @@ def run_study(
     return _run(study, Path(folder), workers, scheduler)
 
 
-def resume_study(folder: str | Path, *, workers: int | None = None, scheduler: str | None = None) -> pd.DataFrame:
+def resume_study(folder: str | Path, *, workers: int | None = None, scheduler: str | None = None) -> "pd.DataFrame":
     """Go on with the study in `folder`, as `neurotact study resume` does; arguments and results as of `run_study`.
 
     >>> results = nt.resume_study("mine", workers=4)  # doctest: +SKIP
@@ -72,7 +75,7 @@ def resume_study(folder: str | Path, *, workers: int | None = None, scheduler: s
     return _run(runner.load(Path(folder)), Path(folder), workers, scheduler)
 
 
-def report_study(folder: str | Path) -> pd.DataFrame:
+def report_study(folder: str | Path) -> "pd.DataFrame":
     """Write the tables, figures and `report.html` of a study from what is done; its results.
 
     >>> results = nt.report_study("mine")  # doctest: +SKIP
@@ -92,9 +95,9 @@ def study_answer(folder: str | Path) -> dict[str, Any]:
     >>> nt.study_answer("no-study-yet")["answers"]
     []
     """
-    path = Path(folder) / ANSWER
+    path = Path(folder) / page.ANSWER
     answer = files.read_json(path) if path.is_file() else {"answers": [], "cautions": []}
-    return answer | {"report": str(Path(folder) / PAGE)}
+    return answer | {"report": str(Path(folder) / page.PAGE)}
 
 
 def is_begun(folder: str | Path) -> bool:
@@ -102,12 +105,12 @@ def is_begun(folder: str | Path) -> bool:
     return (Path(folder) / runner.STUDY).is_file()
 
 
-def _run(study: loading.Study, folder: Path, workers: int | None, scheduler: str | None) -> pd.DataFrame:
+def _run(study: "loading.Study", folder: Path, workers: int | None, scheduler: str | None) -> "pd.DataFrame":
     runner.run(study, folder, workers, scheduler)
     return _reported(folder)
 
 
-def _reported(folder: Path) -> pd.DataFrame:
+def _reported(folder: Path) -> "pd.DataFrame":
     """Write the figures and the page from the tables of a study; its results."""
     with store.timed(folder, "report", again=False):
         report.write(folder)

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
 
-import pandas as pd
 import typer
 
 from neurotact.api import deployment as api
@@ -28,8 +27,12 @@ from neurotact.cli.output import print_json, show, unless
 from neurotact.cli.words import say
 from neurotact.effects import NoEffectError, is_given
 from neurotact.errors import InputError
+from neurotact.lazily import lazily
 from neurotact.plugins import names
 from neurotact.spec import Spec
+
+with lazily():
+    import pandas as pd
 
 
 @calling(

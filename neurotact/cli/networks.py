@@ -5,7 +5,6 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import pandas as pd
 import typer
 
 from neurotact.api import networks as api
@@ -14,6 +13,11 @@ from neurotact.cli.options import MOST_SEEDS, REPLACED, Json, MovedSpikes, calli
 from neurotact.cli.output import print_json, print_table, show, unless
 from neurotact.cli.words import say
 from neurotact.errors import INTERRUPTED
+from neurotact.lazily import lazily
+
+with lazily():
+    import pandas as pd
+
 
 COPIES = option(
     str | None,
@@ -52,7 +56,7 @@ def train_command(given: dict[str, Any], as_json: Json = False) -> None:
     """
     try:
         row = api.train(**given, tell=unless(as_json))
-    except api.Interrupted as interrupted:
+    except api.resumable.Interrupted as interrupted:
         say(_how_to_go_on(given["folder"], interrupted.epochs))
         sys.exit(INTERRUPTED)
     splits = row.pop("splits", None)
@@ -73,7 +77,7 @@ def _print_next(run: Path, spikes: Path) -> None:
 
 def _how_to_go_on(folder: Path, epochs: int) -> str:
     """The message of an interrupted training, or of one of several, with the command that continues it."""
-    if epochs == 0 and not api.trained_in(folder):
+    if epochs == 0 and not api.cross_validation.trained_in(folder):
         return "interrupted before the first epoch was over; nothing is saved"
     words = [word for word in sys.argv[1:] if word not in ("--force", "--resume")]
     after = f"after epoch {epochs}" if epochs else "before the first epoch was over; earlier trainings are saved"
@@ -185,12 +189,12 @@ def sops(given: dict[str, Any], as_json: Json = False) -> None:
     _print_sides(api.sops(**given, tell=told.append), told, as_json=as_json)
 
 
-def _in_words(column: pd.Series) -> pd.Series:
+def _in_words(column: "pd.Series") -> "pd.Series":
     """A column of a summary, which says what is not counted."""
     return column.astype(object).where(column.notna(), "not counted") if column.isna().any() else column
 
 
-def _print_sides(table: pd.DataFrame, told: list[Any], *, as_json: bool) -> None:
+def _print_sides(table: "pd.DataFrame", told: list[Any], *, as_json: bool) -> None:
     """The means of decisions, one table per side, and what else was told; as JSON, one table."""
     means = api.summarise(table)
     if as_json:

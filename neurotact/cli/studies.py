@@ -6,7 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
-import pandas as pd
 import typer
 
 from neurotact.api import studies as api
@@ -16,6 +15,11 @@ from neurotact.cli.options import Json, StudyFolder, calling, flag, option
 from neurotact.cli.output import print_table
 from neurotact.cli.words import as_typed, say
 from neurotact.errors import INTERRUPTED
+from neurotact.lazily import lazily
+
+with lazily():
+    import pandas as pd
+
 
 WIDE = 110
 """Characters of a line of a table, at least: its rows are read across."""

@@ -10,7 +10,6 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import AfterValidator, Field
-from scipy.signal import lfilter
 
 from neurotact.data.recordings import Recordings, Trials, unit_factor
 from neurotact.errors import InputError
@@ -404,6 +403,8 @@ def ema(signal: np.ndarray, coefficient: float, before: np.ndarray | None = None
     >>> ema(np.array([[0.0], [1.0], [1.0]]), 0.5).ravel().tolist()
     [0.0, 0.5, 0.75]
     """
+    from scipy.signal import lfilter
+
     carried = signal[..., :1, :] if before is None else before[..., None, :]
     kind = signal.dtype.type
     b, a = np.array([coefficient], kind), np.array([1.0, coefficient - 1.0], kind)

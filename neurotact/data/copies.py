@@ -6,20 +6,24 @@ trains are copies if their recordings are, or if so many spikes are equal that i
 change, or has hardly a spike, is a copy of nothing: rest looks alike each time.
 """
 
+from __future__ import annotations
+
 import hashlib
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from neurotact.data import conditioning
 from neurotact.data.conditioning import pieces
 from neurotact.data.digests import again, spike_digests
 from neurotact.data.recordings import Trials
 from neurotact.data.spikes import SpikeTrains, TrialSpikes
+from neurotact.lazily import lazily
+
+with lazily():
+    import pandas as pd
+
 
 FILE = "file"
 """The condition that names the file of a trial."""
@@ -137,6 +141,9 @@ def joined(*groupings: np.ndarray) -> np.ndarray:
     >>> joined(np.array([0, 1, 1, 3]), np.array(["ann", "ann", "bob", "cem"])).tolist()
     [0, 0, 0, 3]
     """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     n_trials = n_nodes = len(groupings[0])
     links = []
     for grouping in groupings:

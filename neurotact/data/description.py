@@ -1,10 +1,16 @@
 """The content of a file of recordings or spikes, as tables for people: conditions, taxels, afferents."""
 
+from __future__ import annotations
+
 import numpy as np
-import pandas as pd
 
 from neurotact.data.recordings import Trials
 from neurotact.data.spikes import SpikeTrains
+from neurotact.lazily import lazily
+
+with lazily():
+    import pandas as pd
+
 
 MOST_VALUES = 12
 """Values of a condition to list; if there are more, only their number is shown."""

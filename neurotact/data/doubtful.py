@@ -6,6 +6,8 @@ windows of a few changes, those with certain hashes are compared, which are the 
 Each sample is hashed once.
 """
 
+from __future__ import annotations
+
 import logging
 from collections import Counter
 from collections.abc import Iterator
@@ -13,13 +15,17 @@ from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from neurotact.data.conditioning import pieces
 from neurotact.data.copies import Copies, copies_of, mixed, name_of
 from neurotact.data.recordings import LABEL, Recordings, Trials, class_names
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError, some
+from neurotact.lazily import lazily
+
+with lazily():
+    import pandas as pd
+
 
 NAMED = 3
 """Copies that a line names; the others are counted."""

@@ -5,6 +5,8 @@ Spike trains: the layout of the Spiking Heidelberg Digits (`spikes/times` in s, 
 `conditions/<column>`, `trial_steps`. Everything else is in the file's attributes.
 """
 
+from __future__ import annotations
+
 import json
 import logging
 import os
@@ -17,7 +19,6 @@ from typing import Any, Self
 
 import h5py
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
 from neurotact import plugins
@@ -37,6 +38,11 @@ from neurotact.data.recordings import (
 from neurotact.data.spikes import SpikeTrains, TrialSpikes, Variations
 from neurotact.errors import InputError
 from neurotact.files import check_size, whole
+from neurotact.lazily import lazily
+
+with lazily():
+    import pandas as pd
+
 
 log = logging.getLogger("neurotact")
 

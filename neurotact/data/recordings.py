@@ -1,5 +1,7 @@
 """Recordings: trials of taxel signals, with their sampling rate, unit and conditions."""
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -8,12 +10,16 @@ from numbers import Real
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
 from neurotact.classes import NO_CLASSES, measurement_in
 from neurotact.errors import InputError, closest, nearest
+from neurotact.lazily import lazily
 from neurotact.notebook import html_of
+
+with lazily():
+    import pandas as pd
+
 
 LABEL = "label"
 NOUNS = ("trial", "condition")
@@ -60,7 +66,7 @@ class Trials(ABC):
         """The samples from `start` to before `stop` of one trial, `(time, channel)` float32."""
 
     @abstractmethod
-    def loaded(self) -> "Recordings":
+    def loaded(self) -> Recordings:
         """The same trials in memory."""
 
     @abstractmethod
@@ -161,7 +167,7 @@ class Recordings(Trials):
     def piece(self, trial: int, start: int, stop: int) -> np.ndarray:
         return self.signals[trial][start:stop]
 
-    def loaded(self) -> "Recordings":
+    def loaded(self) -> Recordings:
         return self
 
     def select(self, keep: ArrayLike) -> Self:
@@ -199,7 +205,7 @@ class Recordings(Trials):
             f"{seconds:.1f} s at {self.sampling_rate_Hz:g} Hz, in {self.unit}"
         )
 
-    def to_unit(self, unit: str) -> "Recordings":
+    def to_unit(self, unit: str) -> Recordings:
         """The same signals in another unit; only volts and millivolts convert, others are refused."""
         if unit == self.unit:
             return self

@@ -1,12 +1,13 @@
 """Spike trains of trials, as events; on disk in the layout of the Spiking Heidelberg Digits."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
 from neurotact.data.contact import OnsetSpec, onset_of
@@ -21,7 +22,11 @@ from neurotact.data.recordings import (
 from neurotact.data.windows import LONGEST_STEPS, Windows, WindowSpec, cut
 from neurotact.errors import InputError
 from neurotact.files import check_size, room_bytes
+from neurotact.lazily import lazily
 from neurotact.notebook import html_of
+
+with lazily():
+    import pandas as pd
 
 
 class TrialSpikes(NamedTuple):
@@ -57,7 +62,7 @@ class Variations(NamedTuple):
     of: the trial that each is a copy of, `(copy,)` int64. kind: what varies, `(copy,)`.
     """
 
-    trains: "SpikeTrains"
+    trains: SpikeTrains
     of: np.ndarray
     kind: np.ndarray
 
@@ -65,7 +70,7 @@ class Variations(NamedTuple):
         """The copies of one kind of some trials."""
         return np.flatnonzero(np.isin(self.of, trials) & (self.kind == kind))
 
-    def select(self, trials: np.ndarray) -> "Variations":
+    def select(self, trials: np.ndarray) -> Variations:
         """The copies of some trials, which are then counted as in `trials`."""
         rows = np.flatnonzero(np.isin(self.of, trials))
         ordered = np.argsort(trials, kind="stable")
@@ -193,7 +198,7 @@ class SpikeTrains:
         digests, touches = (names or [""] * len(self) for names in (self.trial_digests, self.trial_touches))
         yield from map(TrialSpikes, self.steps, self.units, self.trial_steps.tolist(), digests, touches)
 
-    def select(self, keep: ArrayLike) -> "SpikeTrains":
+    def select(self, keep: ArrayLike) -> SpikeTrains:
         """The trials where the boolean `keep` is true, or the trials that an index array names."""
         index = chosen(keep, len(self))
         return replace(
@@ -207,7 +212,7 @@ class SpikeTrains:
             variations=None if self.variations is None else self.variations.select(index),
         )
 
-    def with_afferents(self, kept: Sequence[int]) -> "SpikeTrains":
+    def with_afferents(self, kept: Sequence[int]) -> SpikeTrains:
         """The spikes of some afferents alone, in ascending order.
 
         >>> trains = from_rasters(np.ones((1, 2, 3), np.uint8), 2000.0, ("a", "b", "c"), pd.DataFrame({"label": ["x"]}))
@@ -224,7 +229,7 @@ class SpikeTrains:
             afferents=tuple(self.afferents[index] for index in kept),
         )
 
-    def with_variations(self) -> "SpikeTrains":
+    def with_variations(self) -> SpikeTrains:
         """All trials, then all copies, as trials."""
         if self.variations is None:
             return self
@@ -279,7 +284,7 @@ class SpikeTrains:
             )
         return f"window.align: {'; '.join(parts)}" if parts else None
 
-    def until(self, *windows: WindowSpec) -> "SpikeTrains":
+    def until(self, *windows: WindowSpec) -> SpikeTrains:
         """These trials, and their copies, without the spikes after the last of these windows; all lengths stay.
 
         >>> trains = from_rasters(np.ones((1, 9, 1)), 1000.0, ("SA-I a",), pd.DataFrame({"label": ["felt"]}))

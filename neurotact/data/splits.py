@@ -7,6 +7,8 @@ Validation trials of trained conditions say nothing of an untrained one: on pres
 ten classifiers were equal on such trials and from 33 to 65 % right on test trials.
 """
 
+from __future__ import annotations
+
 import logging
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -14,9 +16,7 @@ from itertools import count, product
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 from pydantic import Field, model_validator
-from sklearn.model_selection import StratifiedGroupKFold, StratifiedKFold, train_test_split
 
 from neurotact import effects
 from neurotact.data.copies import copies_of, joined, name_of
@@ -24,7 +24,12 @@ from neurotact.data.recordings import LABEL, Trials, select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.trial_choice import Where, trials_with, values_in_words
 from neurotact.errors import InputError, nearest, some
+from neurotact.lazily import lazily
 from neurotact.spec import OneOrMore, Spec
+
+with lazily():
+    import pandas as pd
+
 
 log = logging.getLogger("neurotact")
 
@@ -78,13 +83,13 @@ class SplitSpec(Spec):
     """The fold that is tested, from 0."""
 
     @model_validator(mode="after")
-    def _leaves_training_trials(self) -> "SplitSpec":
+    def _leaves_training_trials(self) -> SplitSpec:
         if self.validation + self.test >= 1:
             raise ValueError("validation + test must be below 1, so that trials are left for training")
         return self
 
     @model_validator(mode="after")
-    def _is_one_way_to_choose_test_trials(self) -> "SplitSpec":
+    def _is_one_way_to_choose_test_trials(self) -> SplitSpec:
         ways = [name for name in ("test_where", "order", "folds") if getattr(self, name)]
         if len(ways) > 1:
             raise ValueError(f"{ways[0]} and {ways[1]} both select the test trials; give one of them")
@@ -119,7 +124,7 @@ class Splits(SplitSpec):
     """Number of random splits, one network each; their seeds count upwards from `split.seed`."""
 
     @model_validator(mode="after")
-    def _has_one_turn(self) -> "Splits":
+    def _has_one_turn(self) -> Splits:
         for other in ("order", "folds"):
             if self.leave_out_each and getattr(self, other):
                 raise ValueError(f"`leave_out_each` and `{other}` both select the test trials; give one of them")
@@ -289,6 +294,8 @@ def split_trials(labels: np.ndarray, spec: SplitSpec, first: np.ndarray | None =
 
 def _drawn(labels: np.ndarray, spec: SplitSpec) -> Split | None:
     """Trials drawn at random within each class; None if a class would not be on every side."""
+    from sklearn.model_selection import train_test_split
+
     n_classes, n_trials = len(np.unique(labels)), len(labels)
     n_test, n_validation = (max(n_classes, round(n_trials * share)) for share in (spec.test, spec.validation))
     try:
@@ -391,7 +398,7 @@ def _with_copies(first: np.ndarray, labels: np.ndarray, divided: Callable[[np.nd
     return sides
 
 
-def _divided(trials: "_Trials", test: np.ndarray | None, held: np.ndarray | None, aside: np.ndarray) -> Split:
+def _divided(trials: _Trials, test: np.ndarray | None, held: np.ndarray | None, aside: np.ndarray) -> Split:
     """The split of trials by group, by condition or by folds.
 
     test: the trials that a condition chooses. held: which trials validation leaves out, `(trial,)`, if none is drawn.
@@ -492,6 +499,8 @@ def hold_out(labels: np.ndarray, share: float, seed: int | np.random.RandomState
     >>> hold_out(np.repeat(["felt", "silk"], 6), 0.2, 0, np.arange(12) // 2 * 2).tolist()
     [0, 1, 8, 9]
     """
+    from sklearn.model_selection import train_test_split
+
     distinct = np.unique(first)
     values, counts = np.unique(labels[distinct], return_counts=True)
     n_held = max(len(values), round(share * len(distinct)))
@@ -552,6 +561,8 @@ class _Trials(NamedTuple):
             )
 
     def _random_share(self, trials: np.ndarray, share: float, seed: int) -> np.ndarray:
+        from sklearn.model_selection import train_test_split
+
         strata = self.strata[trials]
         values, counts = np.unique(strata, return_counts=True)
         self.check_trained(trials)
@@ -567,6 +578,8 @@ class _Trials(NamedTuple):
         return np.sort(chosen)
 
     def _folds_of(self, trials: np.ndarray, n_folds: int, seed: int) -> list[np.ndarray]:
+        from sklearn.model_selection import StratifiedGroupKFold, StratifiedKFold
+
         kind = StratifiedKFold if self.groups is None else StratifiedGroupKFold
         folds = kind(n_folds, shuffle=True, random_state=seed)
         groups = None if self.groups is None else self.groups[trials]

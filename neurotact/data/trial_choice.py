@@ -1,17 +1,23 @@
 """The choice of trials by their conditions: those to keep (`where`) and those to leave out."""
 
+from __future__ import annotations
+
 import logging
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import count
 from typing import Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
-import pandas as pd
 from pydantic import BeforeValidator
 
 from neurotact.data.recordings import LABEL, NOUNS, Trials, select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
+from neurotact.lazily import lazily
+
+with lazily():
+    import pandas as pd
+
 
 log = logging.getLogger("neurotact")
 
@@ -71,7 +77,7 @@ class TrialChoice(NamedTuple):
     leave_out: Mapping[str, Any] = {}
 
     @classmethod
-    def of(cls, where: Any = None, leave_out: Any = None) -> "TrialChoice":
+    def of(cls, where: Any = None, leave_out: Any = None) -> TrialChoice:
         """The choice that two arguments of a call describe; None is none. InputError for values of another kind.
 
         >>> TrialChoice.of({"speed": np.int64(300)}, "rest")
@@ -95,22 +101,22 @@ class TrialChoice(NamedTuple):
         parts = [values_in_words(self.where)] if self.where else []
         return " ".join([*parts, *([f"without {values_in_words(self.leave_out)}"] if self.leave_out else [])])
 
-    def among(self, columns: Collection[str]) -> "TrialChoice":
+    def among(self, columns: Collection[str]) -> TrialChoice:
         """The part of the choice that these conditions decide."""
         return self._part(lambda name: name in columns)
 
-    def beyond(self, columns: Collection[str]) -> "TrialChoice":
+    def beyond(self, columns: Collection[str]) -> TrialChoice:
         """The part of the choice that these conditions leave open; both parts together are the choice."""
         return self._part(lambda name: name not in columns)
 
-    def with_label(self, name: str) -> "TrialChoice":
+    def with_label(self, name: str) -> TrialChoice:
         """The choice with the class in place of the column `name` of a file, which is the class."""
         return TrialChoice(*({LABEL if key == name else key: value for key, value in part.items()} for part in self))
 
-    def _part(self, is_in: Any) -> "TrialChoice":
+    def _part(self, is_in: Any) -> TrialChoice:
         return TrialChoice(*({name: value for name, value in part.items() if is_in(name)} for part in self))
 
-    def keeps(self, conditions: pd.DataFrame, source: str, words: "Words | None" = None) -> np.ndarray:
+    def keeps(self, conditions: pd.DataFrame, source: str, words: Words | None = None) -> np.ndarray:
         """Which trials are kept, `(trial,)` boolean.
 
         words: of messages; those of trials when None. Raises InputError for a condition or a value that no trial has,
@@ -132,7 +138,7 @@ class TrialChoice(NamedTuple):
             )
         return keep
 
-    def say(self, keep: np.ndarray, source: str, words: "Words | None" = None) -> None:
+    def say(self, keep: np.ndarray, source: str, words: Words | None = None) -> None:
         """Say how many trials are kept."""
         noun = (words or TRIALS).nouns[0]
         log.warning("%s: %d of %d %ss are kept: %s", source, keep.sum(), len(keep), noun, self)

@@ -1,5 +1,7 @@
 """From recordings to spike trains: unit, conditioning and afferents of one encoder spec."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -7,7 +9,6 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-import pandas as pd
 
 from neurotact.data import hdf5
 from neurotact.data.augmentation import AugmentationSpec, check_taxels, order_of, varied_copies
@@ -30,6 +31,11 @@ from neurotact.encoders.specs import (
     recorded_at,
 )
 from neurotact.errors import InputError
+from neurotact.lazily import lazily
+
+with lazily():
+    import pandas as pd
+
 
 Progress = Callable[[int], None]
 TrialsT = TypeVar("TrialsT", bound=Trials)

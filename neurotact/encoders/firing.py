@@ -3,11 +3,12 @@
 Spikes at rest, before contact, cost operations and carry no information.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator
 
 import numpy as np
-import pandas as pd
 
 from neurotact.data.conditioning import Baseline, condition_pieces
 from neurotact.data.contact import REST_MS as REST_MS
@@ -26,7 +27,12 @@ from neurotact.encoders.specs import (
     taxels_of,
 )
 from neurotact.errors import InputError, some
+from neurotact.lazily import lazily
 from neurotact.spec import Spec
+
+with lazily():
+    import pandas as pd
+
 
 SATURATED = 0.9
 """Share of the highest rate that a refractory period allows; above it, the rate no longer follows the drive."""

@@ -3,9 +3,8 @@
 import math
 
 import numpy as np
-import torch
 
-from neurotact.backend import native
+from neurotact.backend import n_threads, native
 from neurotact.errors import InputError
 from neurotact.neurons import LIF, ExactLIF, ExactLIFState, LIFState
 
@@ -55,7 +54,7 @@ def encode(
         sa_silent=sa1.refractory_steps, ra_silent=ra1.refractory_steps,
         sa_membrane=_at(membranes[0]), ra_membrane=_at(membranes[1]), last=_at(latest),
         sa_silent_left=_at(silent[0]), ra_silent_left=_at(silent[1]), has_last=last is not None,
-        spikes=_at(out), threads=torch.get_num_threads(),
+        spikes=_at(out), threads=n_threads(),
     )  # fmt: skip
     following = tuple(LIFState(*parts) for parts in zip(membranes, silent, strict=True))
     return out, (following[0], following[1]), last if n_steps == 0 else latest
@@ -91,7 +90,7 @@ def encode_exact(
         v_reset=v_reset, v_threshold=v_threshold, sample_ms=1e3 / rate_Hz, steps_per_ms=1e-3 * clock_Hz,
         steps_per_sample=clock_Hz / rate_Hz, samples_before=samples_before, first_step=first_step,
         membrane=_at(membrane), refractory_ms=_at(refractory), spikes=_at(spikes),
-        threads=max(1, min(torch.get_num_threads(), n_trials // TRIALS_OF_A_THREAD)),
+        threads=max(1, min(n_threads(), n_trials // TRIALS_OF_A_THREAD)),
     )  # fmt: skip
     return ExactLIFState(membrane, refractory)
 

@@ -18,16 +18,21 @@ What moves is counted by the memory that holds it, in numbers (a price list says
 - sums that run while a layer works are in registers, and cost nothing.
 """
 
+from __future__ import annotations
+
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Literal
 
-import pandas as pd
-
 from neurotact.errors import InputError
+from neurotact.lazily import lazily
 from neurotact.metrics.prices import ACCESSES, ARITHMETIC_45NM, NEURONS, PRICED, PriceList
+
+with lazily():
+    import pandas as pd
+
 
 FLOPS = {"macs": 2, "acs": 1, "multiplications": 1, "comparisons": 1, "divisions": 4, "exponentials": 8}
 """FLOPs of an operation of each kind: the weights behind the stiffness paper's Tables I and II."""
@@ -106,12 +111,12 @@ class Cost:
         """Of `bytes`, those of the parameters."""
         return self.bytes - self.states_bytes
 
-    def __add__(self, other: "Cost") -> "Cost":
+    def __add__(self, other: Cost) -> Cost:
         summed = {f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(self)}
         kind = NotCounted if isinstance(self, NotCounted) or isinstance(other, NotCounted) else Cost
         return kind(**{**summed, "signal_ms": max(self.signal_ms, other.signal_ms)})
 
-    def times(self, n: float) -> "Cost":
+    def times(self, n: float) -> Cost:
         """Its operations and accesses `n` times, with what it stores and the signal that it waits for once.
 
         >>> thrice = Cost(macs=2, acs=1, sops=1, parameters=5).times(3)

@@ -4,6 +4,8 @@ Ours are the files in `prices/`; another package adds one by an entry point of t
 (`docs/plugins.md`).
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
 from functools import cache
@@ -11,12 +13,16 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-import pandas as pd
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from neurotact import plugins, spec
 from neurotact.errors import InputError, nearest
+from neurotact.lazily import lazily
 from neurotact.spec import Spec
+
+with lazily():
+    import pandas as pd
+
 
 Price = Annotated[float, Field(ge=0, le=1e9)]
 DEFAULT = "memory-45nm"
@@ -94,7 +100,7 @@ class PriceList(Spec):
         return {**other, **{key: value for key, value in table.items() if key != "like"}}
 
     @model_validator(mode="after")
-    def _operations_have_a_price(self) -> "PriceList":
+    def _operations_have_a_price(self) -> PriceList:
         if self.sent_operation_pJ is not None and self.synaptic_operation_pJ is None:
             raise InputError("sent_operation_pJ: needs a price of the others, synaptic_operation_pJ; add it")
         return self

@@ -6,15 +6,21 @@ A spike counts whole in the step that sends it, also where it comes back to the 
 the membrane `immediate`, with a recurrent delay) and the window has ended by then.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
-import pandas as pd
 
 from neurotact.errors import InputError
+from neurotact.lazily import lazily
 from neurotact.notebook import html_of
 from neurotact.tables import escaped, to_markdown
+
+with lazily():
+    import pandas as pd
+
 
 SIDE = "side"
 """The column of a report that says where a network met each window's trial before, where it has one."""
@@ -49,7 +55,7 @@ class Synops(NamedTuple):
     total_feedforward: np.ndarray
 
     @classmethod
-    def of(cls, into_hidden: np.ndarray, among_hidden: np.ndarray, into_readout: np.ndarray) -> "Synops":
+    def of(cls, into_hidden: np.ndarray, among_hidden: np.ndarray, into_readout: np.ndarray) -> Synops:
         """With both totals."""
         feedforward = into_hidden + into_readout
         return cls(into_hidden, among_hidden, into_readout, feedforward + among_hidden, feedforward)

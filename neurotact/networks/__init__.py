@@ -7,6 +7,7 @@ Other rooms take:
     definition.module: ModuleNetwork, new
     definition.native: addresses_of, device_of, exits_at, shape_of
     definition.network: Network
+    definition.optimisers: kind_of
     definition.parts: Sizes
     definition.readouts: Integration, Stretches
     definition.recipe: Seen, chosen_for, described, joined_cost, resolve, training_of, void_keys
@@ -20,13 +21,13 @@ Other rooms take:
     exit.truncated: SimulatedWindows, judged, simulate_windows
     training.balancing: Balance, SETTINGS, columns_of, note
     training.cautions: FEW_PER_CLASS, MEMBER, calibrated, copies, few_test_trials, not_learned, together, training
-    training.cross_validation: Repeated, TABLE, line, run, tasks_of, trained_in
+    training.cross_validation: TABLE, line, run, tasks_of
     training.epochs: Epoch, Examples, Training, best_in, best_of, evaluate, train
     training.losses: cross_entropy, hinge
     training.model_selection: SEEN, Tried, again, are_unranked, best_of, candidates, right_seen, trainings
     training.outcome: outcome_of, summary_of
     training.ranges: OF_EVENTS, Ranges, evenly, record, record_states
-    training.resumable: Interrupted, RESULT, check_place, clear, line_of, run, saved_in
+    training.resumable: RESULT, check_place, clear, line_of, run, saved_in
     training.run_folder: LOG, NETWORK, Restored, WEIGHTS, files_of, load_network, load_spikes_of, restore, save,
         save_network, shapes_of, test_trials, trained_spikes_of
     training.sparsity: prune, pruned_stay_pruned

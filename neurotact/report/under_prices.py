@@ -72,7 +72,10 @@ def sentences(outcome: OfNetworks) -> Iterator[str]:
     own = found[0]
     if found[1:]:
         by_name = {one.prices: one for one in found}
-        yield turning({name: one.ratio for name, one in by_name.items()}, lambda name: _ratio(by_name[name].ratio, by_name[name].rival))
+        yield turning(
+            {name: one.ratio for name, one in by_name.items()},
+            lambda name: _ratio(by_name[name].ratio, by_name[name].rival),
+        )
     yield from _that_fits(outcome.priced[0], own)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 from neurotact import plugins
 from neurotact.studies.engine import AnyCell, Engine, Files, MapCells
 from neurotact.studies.store import cell_folder
-from neurotact.workers import pool_as_done
+from neurotact.workers import pool_as_done, preload
 
 
 def executor(n_workers: int, scheduler: str | None = None) -> AbstractContextManager[MapCells]:
@@ -27,6 +27,7 @@ def processes(n_workers: int) -> Iterator[MapCells]:
 
     The first cell tells how long its training takes.
     """
+    preload(plugins.modules("opponents"))  # a cell is compared with them
     with pool_as_done(n_workers) as run:
 
         def map_cells(engine: Engine, cells: list[AnyCell], folder: Path) -> Iterator[tuple[AnyCell, Files]]:

@@ -1,5 +1,7 @@
 """Files of events: CSV tables, NumPy arrays, structured x, y, t, p arrays, and HDF5 in the Heidelberg layout."""
 
+from __future__ import annotations
+
 import logging
 import os
 import re
@@ -9,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from neurotact_parts.readers.events import heidelberg, signed_matrix
 from neurotact_parts.readers.events.spikes import ROW, Events, EventSpec, joined, to_trains
 from neurotact_parts.readers.events.times import event_times, in_order
@@ -27,7 +28,12 @@ from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError, nearest, some
 from neurotact.files import below, check_size, existing, is_hidden
+from neurotact.lazily import lazily
 from neurotact.spec import build
+
+with lazily():
+    import pandas as pd
+
 
 log = logging.getLogger("neurotact")
 

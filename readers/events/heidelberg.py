@@ -5,6 +5,8 @@ into `extra/keys` if the file has it. Other datasets of one value per trial in `
 (doi 10.1109/TNNLS.2020.3044364).
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -12,7 +14,6 @@ from typing import Any
 
 import h5py
 import numpy as np
-import pandas as pd
 from neurotact_parts.readers.events.spikes import EventSpec, TrialEvents, channel_names, trains_of
 from neurotact_parts.readers.events.times import event_times, in_order
 
@@ -21,6 +22,10 @@ from neurotact.data.readers.clock.units import UNIT_S
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
+from neurotact.lazily import lazily
+
+with lazily():
+    import pandas as pd
 
 
 def spikes_in(declared: Declared, spec: EventSpec | Mapping[str, Any]) -> SpikeTrains:

@@ -1,12 +1,13 @@
 """Events of any sensor to spikes on a clock: trial, channel, population (such as ON and OFF) and time of each."""
 
+from __future__ import annotations
+
 import logging
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 from neurotact_parts.readers.events.times import (
     FLOAT_ERROR,
     MOST_COMPARED,
@@ -26,6 +27,11 @@ from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
 from neurotact.data.windows import LONGEST_STEPS
 from neurotact.errors import InputError, some
 from neurotact.files import check_size
+from neurotact.lazily import lazily
+
+with lazily():
+    import pandas as pd
+
 
 log = logging.getLogger("neurotact")
 

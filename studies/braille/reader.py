@@ -5,6 +5,8 @@ Published on Zenodo (record 6556273) and at github.com/miskarous/tactile_braille
 a threshold, so the recordings are spikes already: they are only binned to a clock.
 """
 
+from __future__ import annotations
+
 import logging
 import math
 from collections.abc import Iterator, Sequence
@@ -12,7 +14,6 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-import pandas as pd
 from neurotact_parts.readers.events.spikes import on_clock, say_merged
 from neurotact_parts.readers.events.times import event_times, joined_times, rounding_of, steps_of
 from neurotact_parts.studies.braille.plain_objects import read_plain
@@ -22,6 +23,11 @@ from neurotact.data.readers.formats.numpy_files import read_arrays
 from neurotact.data.spikes import SpikeTrains, from_trials
 from neurotact.data.windows import LONGEST_STEPS
 from neurotact.errors import InputError
+from neurotact.lazily import lazily
+
+with lazily():
+    import pandas as pd
+
 
 N_TAXELS = 12
 POLARITIES = ("ON", "OFF")

@@ -5,13 +5,14 @@ are the raw moments of both tactile images over time. Equations, sources, and ou
 docs/compliance-simulator.md.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
-import pandas as pd
 from neurotact_parts.studies.compliance.tactile_moments import NAMES, moment_weights
 from neurotact_parts.studies.compliance.viscoelastic import Bodies, Squeeze, deformation_at, squeeze
 from neurotact_parts.studies.memory import check_room
@@ -19,7 +20,12 @@ from pydantic import Field, model_validator
 
 from neurotact.data.dataset import Simulator
 from neurotact.data.recordings import Recordings
+from neurotact.lazily import lazily
 from neurotact.spec import Spec
+
+with lazily():
+    import pandas as pd
+
 
 SENSORS = ("finger", "palm")
 CHANNELS = tuple(f"{sensor} {name}" for sensor in SENSORS for name in NAMES)
@@ -111,7 +117,7 @@ class ComplianceSpec(Spec):
     """Standard deviation of a whole sensor's gain from exploration to exploration."""
 
     @model_validator(mode="after")
-    def _moves(self) -> "ComplianceSpec":
+    def _moves(self) -> ComplianceSpec:
         if self.peak < 2:
             raise ValueError("sampling_rate_Hz is too low for this speed: fewer than 2 samples before the turn")
         return self

@@ -6,20 +6,25 @@ grows and shrinks with the force according to its elasticity and its losses; the
 Equations, sources and mismatches: docs/contact-materials-simulator.md.
 """
 
+from __future__ import annotations
+
 import zlib
 from collections.abc import Callable
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
-import pandas as pd
 from neurotact_parts.studies.materials.lock_in import lock_in, phase_between
 from neurotact_parts.studies.memory import check_room
 from pydantic import Field, model_validator
-from scipy.signal import lfilter
 
 from neurotact.data.dataset import Simulator
 from neurotact.data.recordings import LABEL, Recordings
+from neurotact.lazily import lazily
 from neurotact.spec import Spec
+
+with lazily():
+    import pandas as pd
+
 
 Positive = Annotated[float, Field(gt=0)]
 Share = Annotated[float, Field(ge=0, lt=0.3)]
@@ -169,7 +174,7 @@ class ContactMaterialsSpec(Spec):
     """Standard deviation of the film's piezoelectric constant over its mean, as from one or two kelvins."""
 
     @model_validator(mode="after")
-    def _fits_together(self) -> "ContactMaterialsSpec":
+    def _fits_together(self) -> ContactMaterialsSpec:
         for name in ("frequencies_Hz", "forces_N"):
             if len(set(getattr(self, name))) != len(getattr(self, name)):
                 raise ValueError(f"{name} holds a value twice; name each condition once")
@@ -470,6 +475,8 @@ def lossy(value: float, loss: float, frequency_Hz: np.ndarray | float) -> np.nda
 
 def _electrical_noise(spec: ContactMaterialsSpec, rng: np.random.Generator) -> np.ndarray:
     """The output without any force, `(time,)` in mV: white noise, mains, pyroelectric drift."""
+    from scipy.signal import lfilter
+
     amplifier, rate_Hz = spec.amplifier, spec.sampling_rate_Hz
     white, steps = rng.standard_normal((2, spec.n_samples))
     mains_Hz = amplifier.mains_Hz * (1.0 + amplifier.jitter_mains * np.clip(rng.standard_normal(), -3.0, 3.0))

@@ -3,13 +3,14 @@
 Published at github.com/cosmiclabunige/Tactile_Heatmaps, folder `dataset`.
 """
 
+from __future__ import annotations
+
 import logging
 import re
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from neurotact.data.dataset import Reader
 from neurotact.data.readers.formats.numpy_files import read_arrays
@@ -18,6 +19,11 @@ from neurotact.data.readers.table.texts import read_text, split_header
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
 from neurotact.files import check_size, existing
+from neurotact.lazily import lazily
+
+with lazily():
+    import pandas as pd
+
 
 SOURCE = "P(VDF-TrFE) hardness (github.com/cosmiclabunige/Tactile_Heatmaps)"
 SAMPLING_RATE_HZ = 2000.0  # inferred from the electronics; the authors do not state it

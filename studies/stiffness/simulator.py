@@ -5,20 +5,25 @@ grasps each, a second of grasp and two of release, at 5 cm/s to 3 % of 35 N. The
 sources and mismatches: docs/stiffness-simulator.md.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 from neurotact_parts.studies.memory import check_room
 from pydantic import Field, model_validator
-from scipy.signal import lfilter
 
 from neurotact.data.dataset import Simulator
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
+from neurotact.lazily import lazily
 from neurotact.spec import Spec
+
+with lazily():
+    import pandas as pd
+
 
 SUBSTEPS = 4
 """Steps of the equation of motion per sample: 0.125 ms at 2 kS/s, a fifth of the fastest time constant."""
@@ -121,7 +126,7 @@ class StiffnessSpec(Spec):
     """Standard deviations of a grasp about its placement."""
 
     @model_validator(mode="after")
-    def _fits_together(self) -> "StiffnessSpec":
+    def _fits_together(self) -> StiffnessSpec:
         if self.n_samples < 1:
             raise ValueError("grasp_s and release_s are shorter than one sample")
         if len(self.taxel_x_mm) != len(self.taxel_y_mm):
@@ -270,6 +275,8 @@ def record(
     spec: StiffnessSpec, grasp: Grasp, contact: Contact, gains: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
     """The recorded signal of one grasp, `(time, taxel)` float32 in mV: the film's response to its load, and noise."""
+    from scipy.signal import lfilter
+
     load = contact.force_N[:, None] * footprint(spec, grasp, contact.indentation_mm)
     decay = np.exp(-2.0 * np.pi * spec.high_pass_Hz / spec.sampling_rate_Hz)
     answer = lfilter([1.0, -1.0], [1.0, -decay], load, axis=0)

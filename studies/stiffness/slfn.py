@@ -23,6 +23,7 @@ from neurotact.data.copies import equal_examples
 from neurotact.data.splits import hold_out
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Dense, Layer
+from neurotact.networks.definition.optimisers import kind_of
 
 Activation = Literal["sigmoid", "relu"]
 Examples = tuple[ArrayLike, ArrayLike]
@@ -204,7 +205,7 @@ def _train(network: SLFNClassifier, problems: list[_Problem]) -> list[_Trained]:
     X, y, X_held, y_held = (torch.stack(t) for t in list(zip(*problems, strict=True))[:4])
     weights = [torch.stack(w) for w in zip(*(_start(p, network.hidden) for p in problems), strict=True)]
     weights = [w.requires_grad_() for w in weights]
-    optimiser = torch.optim.Adam(weights, lr=network.learning_rate, fused=True)
+    optimiser = kind_of("Adam")(weights, lr=network.learning_rate, fused=True)
     best = [w.detach().clone() for w in weights]
     best_accuracy, best_epoch = (
         torch.full((len(problems),), -1.0, dtype=torch.float64),

@@ -4,12 +4,13 @@ Wang, Maiti, Cuadrado et al., Frontiers in Neurorobotics 16:808222 (2022), doi 1
 published at github.com/wngfra/FabricSlide, folder `data/fabric`, MIT licence.
 """
 
+from __future__ import annotations
+
 import logging
 import re
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from neurotact.data.dataset import Reader
 from neurotact.data.readers.table.cells import cells, numbers
@@ -17,6 +18,11 @@ from neurotact.data.readers.table.texts import read_text, split_header
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
 from neurotact.files import check_size, existing
+from neurotact.lazily import lazily
+
+with lazily():
+    import pandas as pd
+
 
 SOURCE = "FabricSlide (doi 10.3389/fnbot.2022.808222)"
 PATTERN = "<Fabric>_F<set-point>_V<speed>mmps_<repetition>.csv"

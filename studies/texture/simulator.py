@@ -6,19 +6,24 @@ anywhere on the plate, as by hand. The signals are *as recorded*: the moving ave
 encoder's conditioning. Equations, sources and mismatches: docs/gratings-simulator.md.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-import pandas as pd
 from neurotact_parts.exporters.live.finger import Control, Finger
 from neurotact_parts.studies.memory import check_room
 from pydantic import Field, model_validator
-from scipy.signal import lfilter
 
 from neurotact.data.dataset import Simulator
 from neurotact.data.recordings import Recordings
+from neurotact.lazily import lazily
 from neurotact.spec import Spec
+
+with lazily():
+    import pandas as pd
+
 
 Positive = Annotated[float, Field(gt=0)]
 
@@ -124,7 +129,7 @@ class GratingsSpec(Spec):
     """Standard deviation of a taxel's gain over its mean, drawn for each trial and taxel."""
 
     @model_validator(mode="after")
-    def _fits_together(self) -> "GratingsSpec":
+    def _fits_together(self) -> GratingsSpec:
         if len(self.taxel_along_mm) != len(self.taxel_gains):
             raise ValueError(
                 f"taxel_along_mm has {len(self.taxel_along_mm)} places but taxel_gains has "
@@ -339,6 +344,8 @@ def _mount(frequency_Hz: np.ndarray, resonance_Hz: float, damping: float) -> np.
 
 def _mount_noise(spec: GratingsSpec, drive: np.ndarray) -> np.ndarray:
     """White `(time, taxel)` noise through the mount's resonance as a digital band-pass, scaled to keep its power."""
+    from scipy.signal import lfilter
+
     angle = 2.0 * np.pi * spec.mount_Hz / spec.sampling_rate_Hz
     width = np.sin(angle) * spec.mount_damping
     b = np.array([width, 0.0, -width]) / (1.0 + width)

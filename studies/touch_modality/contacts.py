@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
-from scipy.signal import lfilter
 
 from neurotact.spec import Spec
 
@@ -185,6 +184,8 @@ def _rubbing(motion: Motion) -> np.ndarray:
 
 def _fading_noise(keep: np.ndarray, white: np.ndarray) -> np.ndarray:
     """x[t] = keep[t] x[t-1] + sqrt(1 - keep[t]^2) white[t], of unit variance throughout, `(time, column)`."""
+    from scipy.signal import lfilter
+
     # In blocks of equal memory the recursion is a filter; speed changes little in 5 ms of human movement.
     level, state = np.empty_like(white), white[0]
     for first in range(0, len(white), 16):

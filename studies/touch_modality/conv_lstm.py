@@ -18,6 +18,7 @@ from torch.nn import functional, init
 from neurotact.checks import at_least, sequences, trial_labels
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost, Layer, changed, with_weights
+from neurotact.networks.definition.optimisers import kind_of
 
 IMAGE_AXES = "trial, time, height, width"
 
@@ -105,7 +106,7 @@ class ConvLSTMClassifier(ProbabilitiesMixin, ClassifierMixin, BaseEstimator):
         return torch.cat(parts).cpu().numpy()
 
     def _train(self, images: Tensor, labels: Tensor, generator: torch.Generator) -> None:
-        optimiser = torch.optim.Adam(self.network_.parameters(), lr=self.learning_rate, eps=1e-7)
+        optimiser = kind_of("Adam")(self.network_.parameters(), lr=self.learning_rate, eps=1e-7)
         for _ in range(self.epochs):
             for batch in torch.randperm(len(labels), generator=generator).split(self.batch):
                 optimiser.zero_grad()

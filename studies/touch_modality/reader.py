@@ -3,11 +3,12 @@
 Published as Mendeley Data dmcdp33ctt, version 2 (University of Genoa, COSMIC lab); used by the touch-modality paper.
 """
 
+from __future__ import annotations
+
 import math
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from neurotact.data.dataset import Reader
 from neurotact.data.readers.table.cells import cells, is_value, numbers
@@ -15,6 +16,11 @@ from neurotact.data.readers.table.texts import read_text
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
 from neurotact.files import check_size, existing
+from neurotact.lazily import lazily
+
+with lazily():
+    import pandas as pd
+
 
 SOURCE = "touch modality (Mendeley Data dmcdp33ctt)"
 SAMPLING_RATE_HZ = 3000.0

@@ -23,6 +23,7 @@ from neurotact.baselines.opponent import Opponent
 from neurotact.checks import at_least, sequences, trial_labels
 from neurotact.errors import InputError
 from neurotact.metrics.flops import SIGMOID, TANH, Cost, Dense, Layer, changed, in_registers, with_weights
+from neurotact.networks.definition.optimisers import kind_of
 
 SIGNAL_AXES = "trial, time, channel"
 
@@ -228,7 +229,7 @@ def _train(network: _RecurrentClassifier, problems: list[_Problem], epochs: Sequ
     layer, dense = _views(weights, shape, kind, first.n_classes)
     weights.grad = torch.zeros_like(weights)
     d_layer, d_dense = _views(weights.grad, shape, kind, first.n_classes)
-    optimiser = torch.optim.Adam([weights.requires_grad_()], lr=network.learning_rate, eps=1e-7, fused=True)
+    optimiser = kind_of("Adam")([weights.requires_grad_()], lr=network.learning_rate, eps=1e-7, fused=True)
     by_size: dict[int, Layers] = {}
     snapshots = {}
     with torch.no_grad():

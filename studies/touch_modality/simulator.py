@@ -6,11 +6,12 @@ fourteen is too light to leave the activity band, as published; no parameter is 
 Equations, sources and omissions: docs/touch-modality-simulator.md.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from typing import Annotated, NamedTuple
 
 import numpy as np
-import pandas as pd
 from neurotact_parts.studies.memory import check_room
 from neurotact_parts.studies.touch_modality.contacts import (
     BrushSpec,
@@ -22,11 +23,15 @@ from neurotact_parts.studies.touch_modality.contacts import (
     touch,
 )
 from pydantic import Field, model_validator
-from scipy.signal import lfilter
 
 from neurotact.data.dataset import Simulator
 from neurotact.data.recordings import Recordings
+from neurotact.lazily import lazily
 from neurotact.spec import Spec
+
+with lazily():
+    import pandas as pd
+
 
 NotNegative = Annotated[float, Field(ge=0)]
 
@@ -109,7 +114,7 @@ class TouchModalitySpec(Spec):
     """Share of the load with tremor, at 8 to 12 Hz."""
 
     @model_validator(mode="after")
-    def _fits_together(self) -> "TouchModalitySpec":
+    def _fits_together(self) -> TouchModalitySpec:
         if abs(sum(self.back_and_forth) - 1.0) > 1e-9 or min(self.back_and_forth) < 0:
             raise ValueError("back_and_forth must hold shares >= 0 that sum to 1")
         if self.low_pass_Hz >= self.sampling_rate_Hz / 2:
@@ -286,6 +291,8 @@ def taxels_mm(spec: TouchModalitySpec) -> np.ndarray:
 
 def _amplify(spec: TouchModalitySpec, drive: np.ndarray, first: int) -> np.ndarray:
     """First-order high-pass and low-pass, each by the bilinear transform; the input is 0 before sample `first`."""
+    from scipy.signal import lfilter
+
     k = np.tan(np.pi * spec.high_pass_Hz / spec.sampling_rate_Hz)
     signal = lfilter([1.0 / (1.0 + k), -1.0 / (1.0 + k)], [1.0, (k - 1.0) / (k + 1.0)], drive[first:], axis=0)
     k = np.tan(np.pi * spec.low_pass_Hz / spec.sampling_rate_Hz)

@@ -120,7 +120,7 @@ def test_instructions_grow_with_the_model_also_beyond_a_timer_of_24_bits(tmp_pat
 
 @needs_board
 def test_a_bill_of_a_run_has_each_on_both_processors(tmp_path, monkeypatch):
-    monkeypatch.setattr(bill, "joined", lambda takes, level: ["logistic regression"])
+    monkeypatch.setattr(bill.classifiers, "joined", lambda takes, level: ["logistic regression"])
     monkeypatch.setattr(bill, "SLOW", (ROCKET,))
     monkeypatch.setattr(minirocket, "FEATURES", 84)
     run, told = make_run(tmp_path, 30) / "run", []

@@ -1,5 +1,7 @@
 """One file of arrays: signals of all trials, the class and the conditions of each; all formats are opened alike."""
 
+from __future__ import annotations
+
 import logging
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -9,7 +11,6 @@ from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
-import pandas as pd
 
 from neurotact.data.hdf5_input import Declared, own_members, reading
 from neurotact.data.readers.columns import GUESSES, called
@@ -21,6 +22,11 @@ from neurotact.data.readers.table.headings import named_table
 from neurotact.data.recordings import LABEL, Recordings, check_import, check_sampling_rate
 from neurotact.errors import InputError, nearest, some
 from neurotact.files import existing
+from neurotact.lazily import lazily
+
+with lazily():
+    import pandas as pd
+
 
 log = logging.getLogger("neurotact")
 

@@ -12,12 +12,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from neurotact.checks import swapped
 from neurotact.data.readers.clock.stamps import GAP, OF_GIVEN_RATE, OF_STAMPS, of_rate
 from neurotact.data.readers.clock.units import FASTEST_HZ
 from neurotact.data.readers.table.cells import LOOKED_AT, NEAR_IN_FLOAT32, has_decimals
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError, some
+from neurotact.lazily import lazily
+
+with lazily():
+    from neurotact import checks
+
 
 log = logging.getLogger("neurotact")
 
@@ -358,7 +362,7 @@ def _of_lengths(recordings: Recordings, axes: str) -> Iterator[str]:
         yield "every trial has one sample, as features without time have, of which no afferent fires; give the signals"
     elif (lengths == 1).any():
         yield f"{(lengths == 1).sum()} of {len(lengths)} trials have one sample; leave them out, or check the trials"
-    if axes and (doubt := swapped(int(np.median(lengths)), recordings.n_channels, "taxel", axes)):
+    if axes and (doubt := checks.swapped(int(np.median(lengths)), recordings.n_channels, "taxel", axes)):
         yield doubt
 
 

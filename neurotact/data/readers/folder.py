@@ -1,5 +1,7 @@
 """A plain folder of recordings: text, arrays or TDMS files, with conditions in sub-folders, file names or a table."""
 
+from __future__ import annotations
+
 import logging
 import os
 import re
@@ -8,7 +10,6 @@ from pathlib import Path, PurePosixPath
 from typing import Annotated, Any
 
 import numpy as np
-import pandas as pd
 from pydantic import BeforeValidator, Field, model_validator
 
 from neurotact.data.readers.arrays import ArrayFile, opened_arrays, said_rates, sampling_rate_of
@@ -24,7 +25,12 @@ from neurotact.data.readers.table.headings import named_table
 from neurotact.data.recordings import LABEL, Recordings, check_import
 from neurotact.errors import InputError, nearest, some
 from neurotact.files import below, check_size, existing, is_hidden
+from neurotact.lazily import lazily
 from neurotact.spec import Names, Spec, build, chosen
+
+with lazily():
+    import pandas as pd
+
 
 log = logging.getLogger("neurotact")
 
@@ -57,7 +63,7 @@ class NamingSpec(Spec):
     """The condition that is the class."""
 
     @model_validator(mode="after")
-    def _names_each_condition_once(self) -> "NamingSpec":
+    def _names_each_condition_once(self) -> NamingSpec:
         if self.pattern is not None and not FIELD.search(self.pattern):
             raise ValueError(f"pattern must hold a name in braces, such as {{label}}; got {self.pattern!r}")
         patterns = [*self.levels, *([] if self.pattern is None else [self.pattern])]

@@ -3,13 +3,14 @@
 Trials are told apart by columns, by the class of each sample, or by a table of annotations.
 """
 
+from __future__ import annotations
+
 import logging
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-import pandas as pd
 from pydantic import model_validator
 
 from neurotact.data.readers.clock.stamps import row_times
@@ -44,7 +45,12 @@ from neurotact.data.recordings import LABEL, Recordings, check_import
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_trials
 from neurotact.errors import InputError, nearest, some
 from neurotact.files import existing
+from neurotact.lazily import lazily
 from neurotact.spec import Names, build
+
+with lazily():
+    import pandas as pd
+
 
 log = logging.getLogger("neurotact")
 
@@ -78,7 +84,7 @@ class _TableSpec(ColumnsSpec):
     """Classes that are no touch, such as `rest`, or conditions of trials that are not read."""
 
     @model_validator(mode="after")
-    def _has_one_source_of_trials(self) -> "_TableSpec":
+    def _has_one_source_of_trials(self) -> _TableSpec:
         if self.annotations is not None and (self.segments or self.trial):
             raise ValueError("`annotations` says where trials begin and end; leave out `segments` and `trial`")
         return self
@@ -124,7 +130,7 @@ class _Trials(NamedTuple):
         changes = np.flatnonzero(values[1:] != values[:-1]) + 1
         return bool((np.searchsorted(changes, self.begin, "right") >= np.searchsorted(changes, self.end)).all())
 
-    def chosen(self, keep: np.ndarray) -> "_Trials":
+    def chosen(self, keep: np.ndarray) -> _Trials:
         """The trials of which `keep`, `(trial,)`, is true."""
         names = [name for name, kept in zip(self.names, keep, strict=True) if kept]
         return _Trials(self.begin[keep], self.end[keep], names, self.conditions[keep].reset_index(drop=True))

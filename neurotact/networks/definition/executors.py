@@ -18,8 +18,8 @@ from neurotact.encoders.model import EncoderSpec, names, of_name
 from neurotact.encoders.specs import is_exact
 from neurotact.errors import InputError
 from neurotact.networks.definition import native
-from neurotact.networks.definition.surrogate import FAST_SIGMOID
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule
+from neurotact.neurons import FAST_SIGMOID
 
 
 class Subject(NamedTuple):

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from neurotact import backend
-from neurotact.backend import Backend, native
+from neurotact.backend import Backend, n_threads, native
 from neurotact.errors import InputError
 from neurotact.networks.definition.readouts import Integration, Stretches
 from neurotact.networks.definition.specs import RSNNSpec
@@ -133,7 +133,7 @@ def _forward(
     binary = native.forward(
         shape, **window, **_spikes_at(spikes, weights), **_parameters(weights, dynamics),
         tape=0 if tape is None else _at(tape, native.tape_bytes(shape, **window)),
-        **outputs, threads=torch.get_num_threads(),
+        **outputs, threads=n_threads(n_trials * weights[0].shape[1]),
     )  # fmt: skip
     if not binary:
         raise InputError(_GRADED)
@@ -151,7 +151,7 @@ def _backward(
     native.backward(
         ctx.shape, **window, **_parameters(weights, dynamics), tape=_at(tape, native.tape_bytes(ctx.shape, **window)),
         **gradients, g_w_in=g_in.data_ptr(), g_w_rec=_at(g_rec), g_spikes=_at(g_spikes),
-        threads=torch.get_num_threads(),
+        threads=n_threads(n_trials * w_in.shape[1]),
     )  # fmt: skip
     return g_spikes, g_in, g_rec
 
@@ -177,7 +177,7 @@ def rsnn_infer(spikes: Tensor, network: Network, rule: ExitRule) -> tuple[Tensor
         labels=labels.data_ptr(), steps_run=steps.data_ptr(),
         input_spikes=input_spikes.data_ptr(), hidden_spikes=hidden_spikes.data_ptr(),
         counts=0 if integrates else readout.data_ptr(), sums=readout.data_ptr() if integrates else 0,
-        threads=torch.get_num_threads(),
+        threads=n_threads(n_trials * weights[0].shape[1]),
     )  # fmt: skip
     if not binary:
         raise InputError(_GRADED)

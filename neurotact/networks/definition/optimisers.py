@@ -1,20 +1,25 @@
 """Optimisers by the names of their classes in `torch.optim`: which ones train a network, their options and state."""
 
+from __future__ import annotations
+
 import inspect
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import Any
-
-import torch
-from torch import Tensor
+from typing import TYPE_CHECKING, Any
 
 from neurotact.errors import InputError, nearest
+
+if TYPE_CHECKING:
+    import torch
+    from torch import Tensor
 
 UNSUITED = {
     "LBFGS": "it computes the loss several times a step, where a training computes it once",
     "SparseAdam": "it needs sparse gradients, and those of a network are dense",
 }
 """Optimisers of torch that cannot train a network here, and why."""
+SWITCHED = ("add_param_group", "load_state_dict", "state_dict", "step", "zero_grad")
+"""Methods that torch wraps in switches of its compiler."""
 
 
 @cache
@@ -24,6 +29,8 @@ def names() -> tuple[str, ...]:
     >>> {"Adam", "AdamW", "SGD"} <= {*names()}, "LBFGS" in names()
     (True, False)
     """
+    import torch
+
     found = {name: cls for name, cls in vars(torch.optim).items() if isinstance(cls, type)}
     base = torch.optim.Optimizer
     own = (name for name, cls in found.items() if issubclass(cls, base) and cls is not base)
@@ -54,7 +61,25 @@ def takes(name: str, option: str) -> bool:
     >>> takes("AdamW", "betas"), takes("SGD", "betas"), takes("Rprop", "weight_decay")
     (True, False, False)
     """
-    return option in inspect.signature(getattr(torch.optim, name)).parameters
+    from torch import optim
+
+    return option in inspect.signature(getattr(optim, name)).parameters
+
+
+@cache
+def kind_of(name: str) -> Any:
+    """The class of an optimiser of torch, without the switches of its compiler: their import takes a second.
+
+    Its steps are the same to the last bit.
+
+    >>> kind_of("Adam").__mro__[1]
+    <class 'torch.optim.adam.Adam'>
+    """
+    from torch import no_grad, optim
+
+    whole = getattr(optim, name)
+    bare = {each: inspect.unwrap(getattr(whole, each)) for each in SWITCHED}
+    return type(name, (whole,), {**bare, "step": no_grad()(bare["step"])})
 
 
 def make(name: str, groups: Sequence[Mapping[str, Any]], **options: Any) -> torch.optim.Optimizer:
@@ -62,7 +87,7 @@ def make(name: str, groups: Sequence[Mapping[str, Any]], **options: Any) -> torc
     known = {key: value for key, value in options.items() if takes(name, key)}
     fused = {"fused": True} if name == "Adam" else {}
     try:
-        return getattr(torch.optim, name)([*map(dict, groups)], **known, **fused)
+        return kind_of(name)([*map(dict, groups)], **known, **fused)
     except ValueError as error:  # such as Muon, of a bias
         raise InputError(f"training.optimiser: {name} does not train this network ({error}); take another") from error
 
@@ -82,6 +107,8 @@ def state_shapes(name: str, shape: tuple[int, ...]) -> dict[str, tuple[int, ...]
     >>> state_shapes("Adamax", (2, 3))
     {'step': (), 'exp_avg': (2, 3), 'exp_inf': (2, 3)}
     """
+    import torch
+
     parameter = torch.zeros(shape, requires_grad=True)
     parameter.grad = torch.zeros(shape)
     optimiser = make(name, [{"params": [parameter]}])

@@ -19,11 +19,15 @@ from pydantic import (
 from neurotact import effects, plugins
 from neurotact import spec as specs
 from neurotact.errors import InputError
+from neurotact.lazily import lazily
 from neurotact.networks.definition import optimisers
-from neurotact.networks.definition.parts import NetworkPart
-from neurotact.networks.definition.surrogate import FAST_SIGMOID, spike_function
-from neurotact.neurons import Membrane, Reset, SpikeFunction
+from neurotact.neurons import FAST_SIGMOID, Membrane, Reset, SpikeFunction
 from neurotact.spec import Spec
+
+with lazily():
+    from neurotact.networks.definition import parts
+    from neurotact.networks.definition import surrogate as surrogates
+
 
 Keep = Literal["loss", "accuracy", "both"]
 Model = Literal["rsnn", "snn"]
@@ -135,9 +139,9 @@ def _of_layers(table: Mapping[str, Any]) -> dict[str, Any]:
     return {**recurrent, **{key: value for key, value in table.items() if key not in unused}, "model": LAYERED}
 
 
-def part_of(model: str) -> NetworkPart:
+def part_of(model: str) -> "parts.NetworkPart":
     """The part that a model names; InputError if it cannot be used."""
-    part = plugins.load("networks", model, NetworkPart)
+    part = plugins.load("networks", model, parts.NetworkPart)
     if not (isinstance(part.keys, type) and issubclass(part.keys, Spec) and callable(part.module)):
         raise plugins.unfit("networks", model, "has keys that are not a Spec, or no module to call")
     taken = [key for key in part.keys.model_fields if key in COMMON] if part.keys is not RSNNSpec else []
@@ -286,7 +290,7 @@ class RSNNSpec(Spec):
     @property
     def spike(self) -> SpikeFunction:
         """What a hidden neuron sends, with its surrogate gradient."""
-        return spike_function(self.surrogate, self.surrogate_scale)
+        return surrogates.spike_function(self.surrogate, self.surrogate_scale)
 
     @property
     def own_step_ms(self) -> float | None:

@@ -12,10 +12,7 @@ import torch
 from torch import Tensor
 
 from neurotact import plugins
-from neurotact.neurons import Decay, SpikeFunction
-
-FAST_SIGMOID = "fast-sigmoid"
-"""The surrogate that the kernels have."""
+from neurotact.neurons import FAST_SIGMOID, Decay, SpikeFunction
 
 
 def spike_function(surrogate: str, scale: float) -> SpikeFunction:

@@ -10,6 +10,8 @@ import pandas as pd
 import torch
 from torch import Tensor
 
+from neurotact import workers
+from neurotact.backend import n_threads
 from neurotact.errors import InputError
 from neurotact.networks.definition import optimisers
 from neurotact.networks.definition.module import ModuleNetwork
@@ -185,8 +187,9 @@ def train(
     while not is_over(log, network.spec.training):
         order = torch.randperm(len(training.labels), generator=generator)
         epoch_rates = _Rates(network.spec.training, rates, len(log))
-        fitted = _pass(network, training, order, optimiser, epoch_rates, generator)
-        judged = judge(network, validation)
+        with workers.threads(n_threads(_size(network))):
+            fitted = _pass(network, training, order, optimiser, epoch_rates, generator)
+            judged = judge(network, validation)
         log.append(Epoch(len(log) + 1, *fitted, *judged, member))
         if not all(p.isfinite().all() for p in network.parameters()):
             raise not_finite(len(log), network.spec.training)
@@ -199,6 +202,12 @@ def train(
             keep(Checkpoint(tuple(log), *state, generator.get_state()))
     network.load_state_dict(best_weights)
     return Training(tuple(log), best_in(log, network.spec.training))
+
+
+def _size(network: Network) -> float:
+    """Hidden neurons x windows of a batch; infinite for a network of another package that does not say how many."""
+    spec = network.spec
+    return math.inf if spec.own is not None and not spec.n_hidden else spec.n_hidden * spec.training.batch
 
 
 def best_in(log: Sequence[Epoch], spec: TrainingSpec) -> Epoch:

@@ -21,6 +21,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import LogisticRegression
 from torch.nn.functional import cross_entropy
 
+from neurotact.networks.definition.optimisers import kind_of
 from neurotact.networks.definition.readouts import Stretches
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.training import epochs, sparsity
@@ -95,7 +96,7 @@ def _fit_what_is_left(
     slopes = torch.zeros(remains.shape, dtype=torch.float64, requires_grad=True)
     level = torch.zeros(len(fitted.classes_), dtype=torch.float64, requires_grad=True)
     each = penalty * (torch.ones(len(labels)) if training.weights is None else training.weights).double()
-    optimiser = torch.optim.LBFGS([slopes, level], max_iter=MOST_ITERATIONS, line_search_fn="strong_wolfe")
+    optimiser = kind_of("LBFGS")([slopes, level], max_iter=MOST_ITERATIONS, line_search_fn="strong_wolfe")
 
     def loss() -> torch.Tensor:
         optimiser.zero_grad()

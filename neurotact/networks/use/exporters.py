@@ -8,9 +8,12 @@ from typing import Any, NamedTuple
 from neurotact import files, plugins
 from neurotact.effects import NoEffectError
 from neurotact.errors import InputError
-from neurotact.networks.use.fitted import Fitted
+from neurotact.lazily import lazily
 from neurotact.progress import Tell, untold
-from neurotact.spec import Spec, refuse_fields, specs_of
+from neurotact.spec import Spec, refuse_fields, specs_in
+
+with lazily():
+    from neurotact.networks.use import fitted
 
 
 class Exporter(NamedTuple):
@@ -34,13 +37,21 @@ class Exporter(NamedTuple):
     @property
     def parameters(self) -> Mapping[str, inspect.Parameter]:
         """Of `export`, after the run and the path."""
-        found = inspect.signature(self.export, eval_str=True).parameters
-        return {name: found[name] for name in [*found][2:]}
+        found, known = (
+            inspect.signature(self.export).parameters,
+            getattr(inspect.unwrap(self.export), "__globals__", {}),
+        )
+        return {
+            param.name: param.replace(annotation=eval(param.annotation, known))
+            if isinstance(param.annotation, str)
+            else param
+            for param in [*found.values()][2:]
+        }
 
     @property
     def specs(self) -> Mapping[str, type[Spec]]:
         """Those of these parameters that are specs, such as `streamed`."""
-        return specs_of(self.export, eval_str=True)
+        return specs_in(self.parameters)
 
 
 def exporter(name: str) -> Exporter:
@@ -55,7 +66,7 @@ def exporter(name: str) -> Exporter:
 
 
 def export(
-    run: Fitted,
+    run: "fitted.Fitted",
     out: str | Path,
     to: str,
     *,

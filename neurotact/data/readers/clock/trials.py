@@ -1,11 +1,12 @@
 """Sampled trials as they were read from text or arrays: their stamps, one clock, the same taxels, what looks wrong."""
 
+from __future__ import annotations
+
 import logging
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from neurotact.data.readers.clock.shared import own_interval
 from neurotact.data.readers.clock.stamps import MOST_DROPPED, Stamps, middle_of, on_clock, rate_of, stamps_of
@@ -15,6 +16,11 @@ from neurotact.data.readers.doubts import Fixes, are_thousandths, check_first_ro
 from neurotact.data.recordings import LABEL, Recordings, check_named_classes
 from neurotact.errors import InputError, some
 from neurotact.files import check_size
+from neurotact.lazily import lazily
+
+with lazily():
+    import pandas as pd
+
 
 log = logging.getLogger("neurotact")
 

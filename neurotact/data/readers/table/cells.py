@@ -1,5 +1,7 @@
 """Delimited text as columns: numbers where all cells are numbers, else texts; a fault is named by line and column."""
 
+from __future__ import annotations
+
 import csv
 import io
 import re
@@ -11,10 +13,14 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from neurotact import files
 from neurotact.errors import InputError, some
+from neurotact.lazily import lazily
+
+with lazily():
+    import pandas as pd
+
 
 SIGNS = ".,'\u2019`\u00b4\u00b7\u02d9_ \u00a0\u2007\u2008\u2009\u200a\u202f\u066c"
 """Signs that separate thousands: points, commas, apostrophes, underscores and blanks of any width."""

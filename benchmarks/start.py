@@ -1,0 +1,55 @@
+"""How long a command takes to begin: processor seconds (user and system, one thread), the least of some runs.
+
+    python benchmarks/start.py --repeats 3
+
+A loaded machine changes them less than seconds on a clock.
+"""
+
+import argparse
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+COMMANDS = (
+    "--help", "list", "show sa1-ra1-lif", "fetch", "train --help", "tune --help", "save --help", "infer --help",
+    "conditions-curve --help", "fine-tune --help", "export --help", "stream --help", "live --help", "calibrate --help",
+    "encode --help", "study run --help", "simulate --help", "import --help", "import table --help",
+    "import table touches.csv --unit mV --time-column t_ms -o touches.h5 --force", "info touches.h5",
+    "encode touches.h5 -o spikes.h5 --force", "info spikes.h5",
+)  # fmt: skip
+TRAINING = """
+import torch
+from neurotact.networks.definition import optimisers
+optimisers.state_shapes("Adam", (2, 3))
+"""
+
+
+def seconds(words: list[str], folder: str) -> float:
+    """Processor seconds of a process and of its children."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    subprocess.run([sys.executable, *words], cwd=folder, check=True, capture_output=True, env=environment)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=3)
+    repeats = range(parser.parse_args().repeats)
+    named = {command: ["-m", "neurotact", *command.split()] for command in COMMANDS}
+    scripts = {"import neurotact": "import neurotact", "import torch": "import torch", "first Adam": TRAINING}
+    named |= {name: ["-c", script] for name, script in scripts.items()}
+    with tempfile.TemporaryDirectory() as folder:
+        rows = [f"{trial},{'ab'[trial % 2]},{row},{trial + row % 7}" for trial in range(12) for row in range(60)]
+        (Path(folder) / "touches.csv").write_text("\n".join(["trial,label,t_ms,p1", *rows]))
+        print("| what | s |\n|---|---|")
+        for name, words in named.items():
+            print(f"| {name} | {min(seconds(words, folder) for _ in repeats):.2f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
