@@ -191,6 +191,25 @@ def test_a_page_of_results_and_the_page_that_it_is_behind_name_each_other(page):
     assert f"../{page.name}" in text_of(page)
 
 
+VERDICTS = {
+    "reproduced": r"yes", "not": r"no$", "without the effect too": r".*without the effect too",
+    "baseline too": r".*baseline too", "fit": r".*fit", "too few rows": r".*too few rows", "not tried": r".*not tried",
+}  # fmt: skip
+"""How the verdict of a claim begins, by the column that counts it."""
+
+
+def test_the_page_of_claims_counts_those_of_their_table():
+    claims = pd.read_csv(ROOT / "docs" / "data" / "texture-claims.csv", dtype=str)
+    lines = text_of(ROOT / "docs" / "texture-claims.md").splitlines()
+    heads, _, *rows = [[cell.strip(" `") for cell in line.strip("|").split("|")] for line in lines if line[:1] == "|"]
+    assert heads == ["study", "claims", *VERDICTS]
+    for study, *counts in rows:
+        told = claims["verdict"][(claims["study"] == study) | (study == "all")]
+        expected = [len(told), *(int(told.str.match(verdict).sum()) for verdict in VERDICTS.values())]
+        assert [int(count) for count in counts] == expected, study
+    assert {study for study, *_ in rows} == {"all", *claims["study"]}
+
+
 def test_what_did_not_help_is_told_with_its_result_and_its_page(site):
     table = pd.read_csv(ROOT / "docs" / "data" / "negatives.csv", dtype=str)
     assert list(table) == ["idea", "set", "result", "where"]
