@@ -1,10 +1,10 @@
 """The claims of the texture paper from finished runs: at the repeated start, in the mean over starts, at random starts.
 
-    python benchmarks/texture_claims.py --at RUN... --over RUN... [--before docs/texture-claims.md] > table.md
+    python benchmarks/texture_claims.py --at RUN... --over RUN... [--before CLAIMS.csv] > docs/data/texture-claims.csv
 
 --at: run folders of the studies at the default start. --over: runs of the same studies that sweep `start_mm`, and of
 start-position; the first one that holds a measure is averaged over starts and seeds before a rule is applied.
---before: a page with the same table, whose column of random starts is copied, and each other column with its verdict
+--before: an earlier table, whose column of random starts is copied, and each other column with its verdict
 where no run here has one. Claims and rules are those of `studies/*.toml` today, found by a run's title.
 A claim that both kinds of run hold is judged by the mean over starts; one on signals, spikes or costs alone does not
 hang on the start. Whether it would hold without the effect is judged in the rows of the mean over starts, or of the
@@ -12,6 +12,8 @@ default start where those are too few or not here.
 """
 
 import argparse
+import csv
+import sys
 import tomllib
 from collections import Counter
 from collections.abc import Iterator
@@ -83,7 +85,8 @@ def read(folder: Path) -> Run:
 
 
 def claims_of(study: str) -> list[Claim]:
-    return [Claim(**claim) for claim in tomllib.loads((STUDIES / f"{study}.toml").read_text()).get("claims", [])]
+    (path,) = STUDIES.rglob(f"{study}.toml")
+    return [Claim(**claim) for claim in tomllib.loads(path.read_text()).get("claims", [])]
 
 
 def averaged(table: pd.DataFrame) -> pd.DataFrame:
@@ -101,14 +104,10 @@ def averaged(table: pd.DataFrame) -> pd.DataFrame:
     return table.groupby(names, sort=False, dropna=False)[list(numbers)].mean().reset_index()
 
 
-def rows_of(page: Path | None) -> dict[tuple[str, str], dict[str, str]]:
-    """The rows of a page's table, by study and claim."""
-    found = {}
-    for line in page.read_text().splitlines() if page else []:
-        cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
-        if len(cells) == len(HEADS) and cells[0].startswith("`"):
-            found[cells[0].strip("`"), cells[1]] = dict(zip(HEADS, cells, strict=True))
-    return found
+def rows_of(earlier: Path | None) -> dict[tuple[str, str], dict[str, str]]:
+    """The rows of an earlier table, by study and claim."""
+    lines = earlier.read_text().splitlines() if earlier else []
+    return {(row["study"], row["claim"]): row for row in csv.DictReader(lines)}
 
 
 def verdict(at: Verdict | None, over: Verdict | None) -> str:
@@ -152,7 +151,7 @@ def rows(at: list[Run], over: list[Run], before: dict[tuple[str, str], dict[str,
             if mean is None and (here is None or earlier.get("mean over starts", "-") != "-"):
                 ours[1], judged = earlier["mean over starts"], verdict_of(earlier, one)
             shown = earlier.get("random start", "-")
-            yield f"`{study}`", claim.name, claim.source, claim.published, *ours, shown, judged
+            yield study, claim.name, claim.source, claim.published, *ours, shown, judged
 
 
 def main() -> None:
@@ -162,11 +161,9 @@ def main() -> None:
     parser.add_argument("--before", type=Path)
     options = parser.parse_args()
     found = list(rows([*map(read, options.at)], [*map(read, options.over)], rows_of(options.before)))
-    print("| " + " | ".join(HEADS) + " |\n|" + "---|" * len(HEADS))
-    for row in found:
-        print("| " + " | ".join(row) + " |")
+    csv.writer(sys.stdout, lineterminator="\n").writerows([HEADS, *found])
     counts = Counter(row[-1].partition(",")[0] for row in found)
-    print(f"\n{len(found)} claims: " + "; ".join(f"{n} {state}" for state, n in counts.most_common()))
+    print(f"{len(found)} claims: " + "; ".join(f"{n} {state}" for state, n in counts.most_common()), file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -180,11 +180,46 @@ def test_a_page_that_guides_has_few_numbers(page):
     assert numbers <= MOST_NUMBERS * words, f"{numbers} numbers in {words} words"
 
 
-@pytest.mark.parametrize("page", sorted((ROOT / "docs" / "results").glob("*.md")), ids=lambda page: page.stem)
+RESULTS = [page for page in sorted((ROOT / "docs" / "results").glob("*.md")) if page.stem != "negatives"]
+"""Each is behind a page of its name; what did not help is of all pages."""
+
+
+@pytest.mark.parametrize("page", RESULTS, ids=lambda page: page.stem)
 def test_a_page_of_results_and_the_page_that_it_is_behind_name_each_other(page):
     guide = page.parents[1] / page.name
     assert f"results/{page.name}" in text_of(guide)
     assert f"../{page.name}" in text_of(page)
+
+
+VERDICTS = {
+    "reproduced": r"yes", "not": r"no$", "without the effect too": r".*without the effect too",
+    "baseline too": r".*baseline too", "fit": r".*fit", "too few rows": r".*too few rows", "not tried": r".*not tried",
+}  # fmt: skip
+"""How the verdict of a claim begins, by the column that counts it."""
+
+
+def test_the_page_of_claims_counts_those_of_their_table():
+    claims = pd.read_csv(ROOT / "docs" / "data" / "texture-claims.csv", dtype=str)
+    lines = text_of(ROOT / "docs" / "texture-claims.md").splitlines()
+    heads, _, *rows = [[cell.strip(" `") for cell in line.strip("|").split("|")] for line in lines if line[:1] == "|"]
+    assert heads == ["study", "claims", *VERDICTS]
+    for study, *counts in rows:
+        told = claims["verdict"][(claims["study"] == study) | (study == "all")]
+        expected = [len(told), *(int(told.str.match(verdict).sum()) for verdict in VERDICTS.values())]
+        assert [int(count) for count in counts] == expected, study
+    assert {study for study, *_ in rows} == {"all", *claims["study"]}
+
+
+def test_what_did_not_help_is_told_with_its_result_and_its_page(site):
+    table = pd.read_csv(ROOT / "docs" / "data" / "negatives.csv", dtype=str)
+    assert list(table) == ["idea", "set", "result", "where"]
+    assert table.notna().all(axis=None)
+    assert not table.duplicated(["idea", "set", "where"]).any()
+    assert {where for where in table["where"] if not (ROOT / "docs" / f"{where}.md").is_file()} == set()
+    rows = [
+        token for token in MarkdownIt().enable("table").parse(site("written").negatives()) if token.type == "tr_open"
+    ]
+    assert len(rows) == 1 + len(table)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)

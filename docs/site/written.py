@@ -1,5 +1,6 @@
-"""Pages whose text stands elsewhere, in a file at the top or in the program, and is put in when the site is built."""
+"""Pages whose text stands elsewhere, in a file or in the program, and is put in when the site is built."""
 
+import csv
 import re
 from collections.abc import Callable
 from functools import partial
@@ -25,10 +26,24 @@ def of_the_top(name: str) -> str:
     return re.sub(r"\]\((?!\w+:|#)(?:docs/)?", lambda found: "](" if "docs/" in found.group() else "](../", text)
 
 
+def negatives() -> str:
+    """The table of what did not help, with a link to the page of each line."""
+    docs = TOP / "docs"
+    with (docs / "data" / "negatives.csv").open(encoding="utf-8", newline="") as lines:
+        rows = [{name: text.replace("|", r"\|") for name, text in row.items()} for row in csv.DictReader(lines)]
+    for row in rows:
+        page = f"{row['where']}.md"
+        row["where"] = f"[{row['where']}](../{page})" if (docs / page).is_file() else row["where"]
+    return "\n".join(
+        ["| idea | set | result | where |", "|---|---|---|---|"] + [f"| {' | '.join(row.values())} |" for row in rows]
+    )
+
+
 WRITTEN: dict[str, Callable[[], str]] = {
     "index": lambda: of_the_top("README.md"),
     "contributing": lambda: of_the_top("CONTRIBUTING.md"),
     "changelog": lambda: of_the_top("CHANGELOG.md"),
+    "results/negatives": negatives,
     "reference/python": python_reference.overview,
     **{f"reference/python/{name}": partial(python_reference.page, name) for name in python_reference.SUBJECTS},
     "reference/command-line": command_line.page,
