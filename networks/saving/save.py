@@ -71,9 +71,7 @@ def save_energy(
     if not 0 <= at_most_points <= 100:
         raise InputError(f"at_most_points: must be from 0 to 100; got {at_most_points:g}")
     listed, source, out = price_list(prices), Path(run), Path(folder)
-    for name, moved in {"recordings": recordings, "spikes": spikes}.items():
-        if moved is not None and source.is_file():
-            raise InputError(f"`{name}`: has no effect with a file, which is read itself; leave it out")
+    _refuse_moved(source, recordings=recordings, spikes=spikes)
     chosen = listed.name
     if chosen not in names() or price_list(chosen) != listed:
         raise InputError(f"prices: a search knows the lists that are installed; name one of {', '.join(names())}")
@@ -105,6 +103,11 @@ def save_energy(
     for line in (answer["answer"], *_lines(rows, asked, out)):
         tell(line)
     return answer
+
+
+def _refuse_moved(source: Path, **moved: Any) -> None:
+    for name in (name for name, given in moved.items() if given is not None and source.is_file()):
+        raise InputError(f"`{name}`: has no effect with a file, which is read itself; leave it out")
 
 
 def _path(path: str | Path | None) -> Path | None:
