@@ -63,9 +63,8 @@ def neurobench(
     Raises InputError for a network that snnTorch cannot hold (`nt.to_snntorch`).
     """
     fitted.check_folder(run, "neurobench", "whose test windows it counts")
-    files.check_new(out, force=force, inputs=[*run_folder.files_of(str(run)), spikes])
     restored = fitted.restore(run, spikes=spikes)
-    files.check_new(out, force=force, inputs=[restored.spikes_path])
+    files.check_new(out, force=force, inputs=[*run_folder.files_of(str(run)), restored.spikes_path])
     network = rsnn_of("snntorch", restored.network)
     trains = run_folder.trained_spikes_of(restored)
     windows = tasks.sides_of(trains, restored.task).test.spikes
@@ -111,7 +110,7 @@ def _counts(network: RSNN, windows: Tensor, late: int) -> Counts:
     n_steps, spiking = spikes.shape[1], network.bias is None
     among = 0.0
     if network.w_rec is not None:
-        returning = hidden[:, : max(0, n_steps - max(1, late) - network.spec.recurrent_delay_steps)]
+        returning = hidden[:, : n_steps - max(1, late) - network.spec.recurrent_delay_steps]
         among = (1 + (network.spec.reset == "zero")) * _operations(returning, network.w_rec)
     heard = network.heard(hidden, spikes)[:, : n_steps - late if spiking else n_steps]
     sent = [layer[:, late:] for layer in ((hidden, readout) if spiking else (hidden,))]

@@ -1,5 +1,6 @@
 """NeuroBench's columns: by loops over single numbers, and as NeuroBench itself counts the network in snnTorch."""
 
+import shutil
 from importlib.util import find_spec
 from typing import Any
 
@@ -10,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from made_chains import make_event_run, make_run
+from neurotact_parts.exporters import neurobench
 from neurotact_parts.exporters.neurobench import columns
 
 import neurotact as nt
@@ -238,11 +240,25 @@ def test_a_run_has_a_row_of_its_test_windows(made, tmp_path):
     assert "computes recurrence twice" in told[1]
 
 
-def test_a_network_without_recurrence_is_told_of_none(tmp_path):
+@pytest.mark.parametrize("settings", [{"model": "snn"}, {"reset": "subtract"}])
+def test_what_is_not_counted_twice_is_not_told_of(tmp_path, settings):
     told = []
-    make_event_run(tmp_path, model="snn")
+    make_event_run(tmp_path, **settings)
     nt.export(tmp_path / "run", tmp_path / "scores.json", "neurobench", tell=told.append)
     assert len(told) == 1
+
+
+def test_our_own_columns_are_of_whole_test_windows(made, tmp_path, monkeypatch):
+    asked, infer = [], neurobench.inference.infer
+    monkeypatch.setattr(neurobench.inference, "infer", lambda *given, **how: asked.append(how) or infer(*given, **how))
+    nt.export(made / "run", tmp_path / "scores.csv", "neurobench")
+    assert asked == [{"early_exit": False, "test_only": True}]
+
+
+def test_the_spikes_of_another_training_are_refused(made, tmp_path):
+    make_run(tmp_path, 12)
+    with pytest.raises(InputError, match=r"spikes\.h5: no longer contains the trials"):
+        nt.export(made / "run", tmp_path / "scores.csv", "neurobench", spikes=tmp_path / "spikes.h5")
 
 
 def test_outputs_that_exist_and_inputs_are_kept(made, tmp_path):
@@ -257,8 +273,10 @@ def test_outputs_that_exist_and_inputs_are_kept(made, tmp_path):
 
 
 def test_spikes_that_moved_are_named(made, tmp_path):
-    (tmp_path / "elsewhere.h5").write_bytes((made / "spikes.h5").read_bytes())
-    moved = nt.export(made / "run", tmp_path / "a.csv", "neurobench", spikes=tmp_path / "elsewhere.h5")
+    shutil.copytree(made / "run", tmp_path / "elsewhere" / "run")  # its spikes are no longer beside it
+    with pytest.raises(InputError, match=r"name them with `spikes`"):
+        nt.export(tmp_path / "elsewhere" / "run", tmp_path / "a.csv", "neurobench")
+    moved = nt.export(tmp_path / "elsewhere" / "run", tmp_path / "a.csv", "neurobench", spikes=made / "spikes.h5")
     assert moved.equals(nt.export(made / "run", tmp_path / "b.csv", "neurobench"))
 
 
