@@ -2,7 +2,8 @@
 
 NeuroBench (github NeuroBench/neurobench, `metrics/static` and `metrics/workload`) counts in networks of torch and
 snnTorch's modules. So these are the numbers of the network that `nt.to_snntorch` makes of the run, here from the spikes
-of the run's own network. They stand beside the SOPs of the ledger, which differ where
+of the run's own network; membranes alone are those of snnTorch. They stand beside the SOPs of the ledger, which differ
+where
 
 - a weight is zero: NeuroBench counts no operation there, the ledger only leaves it out in a pruned network;
 - the window ends: a spike that arrives after it is no operation of NeuroBench's, and one of the ledger's;
@@ -17,18 +18,16 @@ from typing import NamedTuple
 
 import pandas as pd
 import torch
-from neurotact_parts.exporters.snntorch import to_snntorch
-from torch import Tensor
+from neurotact_parts.exporters.snntorch import SnnTorchNetwork, to_snntorch
+from torch import Tensor, nn
 
 from neurotact import files
 from neurotact.metrics import synops
-from neurotact.networks.definition.reference import cuba_lif_layer
 from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.training import run_folder, tasks
 from neurotact.networks.use import fitted, inference
 from neurotact.networks.use.exporters import Exporter
 from neurotact.networks.use.fitted import Fitted
-from neurotact.neurons import cuba_lif_start
 from neurotact.progress import Tell, untold
 from neurotact.tables import write_table
 
@@ -90,7 +89,7 @@ def columns(network: RSNN, windows: Tensor) -> dict[str, float]:
     stored = [*module.parameters(), *module.buffers()]
     weights = [weight for weight in (network.w_in, network.w_rec, network.w_out) if weight is not None]
     zeros = sum(int((weight == 0).sum()) for weight in weights)
-    parts = [_counts(network, part, module.late) for part in windows.split(AT_ONCE)]
+    parts = [_counts(network, module, part) for part in windows.split(AT_ONCE)]
     found = Counts(*map(sum, zip(*parts, strict=True)))  # pyright: ignore[reportArgumentType]
     return {
         "footprint_bytes": sum(value.numel() * value.element_size() for value in stored),
@@ -103,9 +102,9 @@ def columns(network: RSNN, windows: Tensor) -> dict[str, float]:
 
 
 @torch.no_grad()
-def _counts(network: RSNN, windows: Tensor, late: int) -> Counts:
-    """late: steps by which the layers of snnTorch's form respond late; they compute so many steps fewer."""
-    spikes = network.binned(windows)
+def _counts(network: RSNN, module: SnnTorchNetwork, windows: Tensor) -> Counts:
+    """module: the network in snnTorch's neurons, whose layers compute fewer steps by those by which they are late."""
+    spikes, late = network.binned(windows), module.late
     hidden, readout = network.simulate(windows)
     n_steps, spiking = spikes.shape[1], network.bias is None
     among = 0.0
@@ -120,7 +119,7 @@ def _counts(network: RSNN, windows: Tensor, late: int) -> Counts:
         out=_operations(heard, network.w_out),
         active=float(sum(layer.count_nonzero() for layer in sent)),
         outputs=sum(layer.numel() for layer in sent),
-        updates=_updates(network, spikes, late),
+        updates=_updates(module, windows),
     )
 
 
@@ -129,22 +128,24 @@ def _operations(spikes: Tensor, weights: Tensor) -> float:
     return float(spikes.sum(dim=(0, 1)).double() @ (weights != 0).sum(dim=1).double())
 
 
-def _updates(network: RSNN, spikes: Tensor, late: int) -> int:
+def _updates(module: SnnTorchNetwork, windows: Tensor) -> int:
     """How often a membrane changes; in the first step NeuroBench counts every one.
 
-    After k + 1 steps snnTorch's membrane is U[k+1], or U[k+2] where layers respond late: they leave out the first step,
-    which is at rest, and the last one, which nothing sees.
+    Of snnTorch's membranes: whether one that hardly moves changes is a matter of rounding, which is theirs.
     """
-    layers = [(network.w_in, network.w_rec), (network.w_out, None)][: 2 if network.bias is None else 1]
-    states, total = [cuba_lif_start(len(spikes), w.shape[1], w) for w, _ in layers], 0
-    first, n_steps = late // 2, spikes.shape[1] - late // 2
-    for t in range(n_steps):
-        inputs = spikes[:, t : t + 1].to(network.w_in.dtype)
-        for index, (w, v) in enumerate(layers):
-            before, layer = states[index], network.layer(index)._asdict()
-            inputs, states[index] = cuba_lif_layer(inputs, w, v, **layer, state=before)
-            changed = states[index].membrane != before.membrane
-            total += 0 if t < first else changed.numel() if t == first else int(changed.sum())
+    last: dict[nn.Module, Tensor] = {}
+    total = 0
+
+    def count(layer: nn.Module, _: object, found: tuple[Tensor, ...]) -> None:
+        nonlocal total
+        membrane = found[-1]
+        total += int((membrane != last[layer]).sum()) if layer in last else membrane.numel()
+        last[layer] = membrane
+
+    hooks = [layer.register_forward_hook(count) for layer in (module.hidden, module.readout) if layer is not None]
+    module(windows)
+    for hook in hooks:
+        hook.remove()
     return total
 
 

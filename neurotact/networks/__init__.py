@@ -10,7 +10,6 @@ Other rooms take:
     definition.parts: Sizes
     definition.readouts: Integration, Stretches
     definition.recipe: Seen, chosen_for, described, joined_cost, resolve, training_of, void_keys
-    definition.reference: cuba_lif_layer
     definition.rsnn: FEED_FORWARD, RECURRENT, RSNN, rsnn_of
     definition.seeds: of_start
     definition.space: SearchSpec, check, load_space

@@ -202,6 +202,15 @@ def test_the_columns_are_those_of_neurobench(membrane, reset, delay, readout, se
 
 
 @needs_neurobench
+def test_membranes_that_hardly_move_are_rounded_as_there():
+    net = nt.RSNN(N_INPUTS, N_CLASSES, nt.RSNNSpec(hidden=60, readout="integrator", model="snn"), 1000.0)
+    with torch.no_grad():
+        net.w_in.copy_(torch.randn(net.w_in.shape, generator=torch.Generator().manual_seed(0)))
+    x = windows(1, n_windows=20, n_steps=150)
+    assert columns(net, x) == by_neurobench(net, x, len(x))
+
+
+@needs_neurobench
 @pytest.mark.parametrize("make", [make_run, make_event_run])
 def test_the_columns_of_a_run_are_those_of_neurobench(tmp_path, make):
     folder = make(tmp_path)
