@@ -181,7 +181,7 @@ def typed(text: str, option: str) -> str:
     >>> typed("try `settings={'window.length_ms': ..., 'window.align': 'onset'}`", "with")
     'try `with window.length_ms=... with window.align=onset`'
     """
-    text = _SPEC.sub(lambda match: f"`--{match[1]} {match[2]}`", text)
+    text = _SPEC.sub(lambda match: f"{match[0][0]}--{match[1]} {match[2]}{match[0][0]}", text)
     return _SETTINGS.sub(lambda match: _as_typed(match[1], option) or match[0], text).replace(" %", "\u00a0%")
 
 
