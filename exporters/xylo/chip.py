@@ -75,7 +75,8 @@ class ChipLayer(NamedTuple):
             sent = np.clip(membrane // self.threshold, 0, self.most)
             membrane = membrane - sent * self.threshold
             steps.append((sent.astype(np.uint8), current.astype(state), membrane.astype(state)))
-        return Ran(*(np.stack(each, axis=1) for each in zip(*steps, strict=True)), clipped)
+        sent, current, membrane = (np.stack(each, axis=1) for each in zip(*steps, strict=True))
+        return Ran(sent, current, membrane, clipped)
 
 
 class Chip(NamedTuple):

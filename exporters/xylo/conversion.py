@@ -74,8 +74,10 @@ def with_neurons_of_the_chip(network: RSNN) -> RSNN:
     for decays in (made.alpha, made.beta):
         decays.copy_(torch.tensor([1 - 2.0 ** -_dash(float(decay)) for decay in decays]))
     through = own.beta if own.spec.membrane == "eq4" else torch.ones(2)
-    made.threshold *= _gain(made.alpha) * _gain(made.beta) / (_gain(own.alpha) * _gain(own.beta) * through.detach())
-    made.w_out *= (1 - made.readout_decay) / (1 - own.readout_decay) if leak is not None else 1
+    gains = _gain(made.alpha) * _gain(made.beta), _gain(own.alpha) * _gain(own.beta) * through.detach()
+    made.threshold.mul_(gains[0] / gains[1])
+    if leak is not None:
+        made.w_out.mul_((1 - made.readout_decay) / (1 - own.readout_decay))
     return made
 
 

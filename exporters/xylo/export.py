@@ -176,19 +176,18 @@ class _Held(NamedTuple):
 def simulated(chip: Chip, spikes: np.ndarray) -> tuple[Ran, Ran]:
     """`chip.run(spikes)` by XyloSim: the package xylosim, which Rockpool's module of that name calls as well."""
     held = _held(chip)
-    parts = ([], [], []), ([], [], [])
-    for window in with_last_step(spikes):
-        held.layer.reset_all()
-        held.layer.evolve(window.tolist())
-        recorded = (
-            (held.layer.rec_recurrent_spikes, held.layer.rec_i_syn, held.layer.rec_v_mem),
-            (held.layer.rec_out_spikes, held.layer.rec_i_syn_out, held.layer.rec_v_mem_out),
-        )
-        for layer, (sent, *states) in zip(parts, recorded, strict=True):
-            for part, values in zip(layer, (np.array(sent), *(np.array(state).T for state in states)), strict=True):
-                part.append(values)
-    hidden, readout = (Ran(*map(np.stack, layer)) for layer in parts)
-    return hidden, readout
+    recorded = [_recorded(held.layer, window) for window in with_last_step(spikes)]
+    kinds = [np.stack(kind) for kind in zip(*recorded, strict=True)]
+    return Ran(kinds[0], kinds[1], kinds[2]), Ran(kinds[3], kinds[4], kinds[5])
+
+
+def _recorded(layer: Any, window: np.ndarray) -> list[np.ndarray]:
+    """Spikes, currents and membranes of the hidden layer and of the readout for one window `(step, input)`."""
+    layer.reset_all()
+    layer.evolve(window.tolist())
+    hidden = layer.rec_recurrent_spikes, np.transpose(layer.rec_i_syn), np.transpose(layer.rec_v_mem)
+    readout = layer.rec_out_spikes, np.transpose(layer.rec_i_syn_out), np.transpose(layer.rec_v_mem_out)
+    return [np.array(each) for each in (*hidden, *readout)]
 
 
 def _held(chip: Chip) -> _Held:

@@ -1,0 +1,314 @@
+"""XyloAudio 2: our integers are the chip's, by loops over single numbers and by XyloSim; what a conversion keeps."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from levels import examples, thinned
+from made_chains import make_event_run, make_run
+from neurotact_parts.exporters import chips
+from neurotact_parts.exporters.xylo import export
+from neurotact_parts.exporters.xylo.chip import Chip, ChipLayer
+from neurotact_parts.exporters.xylo.conversion import converted, with_neurons_of_the_chip
+
+import neurotact as nt
+from neurotact.errors import InputError
+from neurotact.networks.exit.rule import FULL_WINDOW
+from neurotact.networks.training.run_folder import Restored
+from neurotact.networks.training.tasks import Task
+
+has_xylosim = pytest.mark.skipif(export.find_spec("xylosim") is None, reason=export.ABSENT)
+KINDS = ("spikes", "currents", "membranes")
+RATE_Hz = 1000.0
+
+
+def drawn(seed: int) -> tuple[Chip, np.ndarray]:
+    """A chip with random numbers in all its bits, and input spikes: several a step, and states at their limits."""
+    rng = np.random.default_rng(seed)
+    n_inputs, hidden, classes, steps = rng.integers(1, (9, 13, 5, 30)).tolist()
+    largest, most = (128, 32768) if seed % 3 == 0 else (40, 900)
+
+    def weights(*shape: int) -> np.ndarray:
+        return rng.integers(-largest, largest, shape) * (rng.random(shape) < rng.random())
+
+    def layer(n_before: int, n: int, among: bool, sent: int) -> ChipLayer:
+        shifts, dashes = rng.integers(0, 8, 2).tolist(), rng.integers(1, 16, 2).tolist()
+        recurrent = weights(n, n) if among else None
+        return ChipLayer(weights(n_before, n), recurrent, *shifts, *dashes, rng.integers(1, most, n), sent)
+
+    chip = Chip(layer(n_inputs, hidden, bool(seed % 4), 31), layer(hidden, classes, False, 1))
+    counts = rng.integers(1, 3, (2, steps, n_inputs)) * (rng.random((2, steps, n_inputs)) < rng.random())
+    return chip, counts.astype(np.uint8)
+
+
+def by_single_numbers(chip: Chip, window: np.ndarray) -> list[list[list[tuple[int, int, int]]]]:
+    """What XyloSim's C++ does, line by line: (spikes, current, membrane) of each neuron, step and layer."""
+
+    def clip(x: int) -> int:
+        return max(-32768, min(32767, x))
+
+    def decay(x: int, dash: int) -> int:
+        return x >> dash or (x > 0) - (x < 0)
+
+    layers = [chip.hidden, chip.readout]
+    currents, membranes = ([[0] * len(layer.threshold) for layer in layers] for _ in range(2))
+    sent, told = [0] * len(chip.hidden.threshold), [[], []]
+    for arriving in [*window.tolist(), [0] * window.shape[1]]:
+        projections = [(0, arriving, chip.hidden.weights, chip.hidden.shift)]
+        if chip.hidden.among is not None:
+            projections.append((0, sent, chip.hidden.among, chip.hidden.shift_among))
+        projections.append((1, sent, chip.readout.weights, chip.readout.shift))
+        for layer, spikes, weights, shift in projections:
+            for count, row in zip(spikes, weights.tolist(), strict=True):
+                for _ in range(count):
+                    currents[layer] = [clip(i + (w << shift)) for i, w in zip(currents[layer], row, strict=True)]
+        for k, layer in enumerate(layers):
+            now = []
+            for j, threshold in enumerate(layer.threshold.tolist()):
+                currents[k][j] -= decay(currents[k][j], layer.dash_syn)
+                change = clip(currents[k][j] - decay(membranes[k][j], layer.dash_mem))
+                membranes[k][j] = clip(membranes[k][j] + change)
+                n = 0
+                while membranes[k][j] >= threshold and n < layer.most:
+                    membranes[k][j], n = membranes[k][j] - threshold, n + 1
+                now.append((n, currents[k][j], membranes[k][j]))
+            told[k].append(now)
+        sent = [n for n, _, _ in told[0][-1]]
+    return told
+
+
+@given(st.integers(0, 10**6))
+@examples(60)
+def test_a_chip_is_a_loop_over_single_numbers(seed):
+    chip, spikes = drawn(seed)
+    ours = chip.run(spikes)
+    for window, counts in enumerate(spikes):
+        for ran, expected in zip(ours, by_single_numbers(chip, counts), strict=True):
+            found = np.stack([getattr(ran, kind)[window] for kind in KINDS], axis=-1)
+            assert found.tolist() == np.array(expected).tolist()
+
+
+def test_what_is_drawn_meets_the_limits():
+    ran = [each for seed in range(30) for each in drawn(seed)[0].run(drawn(seed)[1])]
+    assert sum(each.clipped > 0 for each in ran) > 5
+    assert sum((each.spikes == 31).any() for each in ran) > 1
+    assert sum((each.spikes > 0).any() and not each.clipped for each in ran) > 5
+
+
+@has_xylosim
+@given(st.integers(0, 10**6))
+def test_a_chip_is_xylosim(seed):
+    chip, spikes = drawn(seed)
+    told = export.beside_xylosim(chip, spikes)
+    assert all(words.startswith("equal") for words in told.iloc[:, 1]), told.to_string()
+
+
+@pytest.mark.parametrize("limit", [-(2**15), 2**15 - 1])
+def test_states_at_the_limits_are_counted(limit):
+    layer = ChipLayer(np.array([[127 if limit > 0 else -128]]), None, 7, 0, 15, 15, np.array([2**15 - 1]), 0)
+    ran = layer.run(np.ones((1, 4, 1), np.uint8))
+    assert ran.clipped == 3
+    assert ran.membranes.ravel().tolist()[-1] == limit
+
+
+def network(readout="count", n_inputs=4, rate_Hz=RATE_Hz, seed=0, **keys) -> nt.RSNN:
+    generator = torch.Generator().manual_seed(seed)
+    spec = {"hidden": 7, "forward_weight_scale": 3.0, "readout": readout, **keys}
+    return nt.RSNN(n_inputs, 3, sampling_rate_Hz=rate_Hz, generator=generator, dtype=torch.float64, **spec)
+
+
+def windows(n_steps=60, share=0.2, n_inputs=4) -> torch.Tensor:
+    return torch.from_numpy((np.random.default_rng(0).random((8, n_steps, n_inputs)) < share).astype(np.uint8))
+
+
+FITTING = {
+    "membrane": "immediate", "reset": "subtract",
+    "tau_mem_ms": chips.steps_of(4), "tau_syn_ms": chips.steps_of(3),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("readout", ["count", "integrator"])
+def test_a_network_of_the_chips_neurons_is_not_changed(readout):
+    net = network(readout, **FITTING)
+    made, inputs = with_neurons_of_the_chip(net), windows()
+    for ours, theirs in zip(net.infer(inputs), made.infer(inputs), strict=True):
+        torch.testing.assert_close(ours, theirs)
+    assert {"membrane": made.spec.membrane, "reset": made.spec.reset}.items() <= FITTING.items()
+
+
+@given(
+    membrane=st.sampled_from(["eq4", "delayed", "immediate"]),
+    taus=st.tuples(st.floats(1.0, 40.0), st.floats(1.0, 40.0)),
+    above=st.booleans(),
+)
+@examples(30)
+def test_a_constant_rate_reaches_a_converted_threshold_where_it_did(membrane, taus, above):
+    net = network(model="snn", membrane=membrane, tau_mem_ms=taus[0], tau_syn_ms=taus[1], n_inputs=1)
+    alpha, beta = float(net.alpha[0]), float(net.beta[0])
+    gain = (beta if membrane == "eq4" else 1) / (1 - alpha) / (1 - beta)
+    net.w_in.data[:] = (1.02 if above else 0.98) / gain
+    constant = torch.ones(1, 400, 1, dtype=torch.uint8)
+    made = converted(net, constant)
+    spikes = [each.simulate(constant).hidden.sum().item() > 0 for each in (net, made.network)]
+    spikes += [bool(chip.run(constant.numpy())[0].spikes.any()) for chip in (made.fine,)]
+    assert spikes == [above] * 3
+
+
+@given(leak=st.floats(2.0, 60.0), above=st.booleans(), peak=st.booleans())
+@examples(20)
+def test_a_constant_rate_lifts_a_converted_integrator_as_far(leak, above, peak):
+    """One class is lifted by a hidden neuron that always spikes, another by its bias: the larger one wins."""
+    keys = {"readout": "max" if peak else "integrator", "readout_tau_ms": leak, "model": "snn", "hidden": 1}
+    net = network(**keys, n_inputs=1, **FITTING)
+    net.w_in.data[:], net.w_out.data[:] = 50.0, torch.tensor([[1.0, 0.0, 0.0]])
+    lifted = 1 / (1 - net.readout_decay)
+    assert net.bias is not None
+    net.bias.data[1] = lifted / (1.05 if above else 0.95)
+    constant = torch.ones(1, 600, 1, dtype=torch.uint8)
+    made = converted(net, constant)
+    found = [int(each.infer(constant).labels) for each in (net, made.network)]
+    assert found == [0 if above else 1] * 2
+    single = np.minimum(made.fine.run(constant.numpy())[0].spikes, 1)  # the chip's hidden neuron spikes 31 times
+    for chip in (made.fine, made.chip):
+        found = made.labels(chip.readout.run(single), chip)
+        assert found.tolist() == [0 if above else 1]
+
+
+@pytest.mark.parametrize("keys", [{"model": "snn"}, {"model": "snn", "step_ms": 2.0}])
+def test_hidden_neurons_first_spike_as_in_float(keys):
+    """Until its first reset, a neuron on the chip is that of the network, but for its bits."""
+    net, inputs = network(**keys, **FITTING), windows()
+    made, net_inputs = converted(net, inputs), net.binned(inputs).numpy()
+    expected = made.network.simulate(torch.from_numpy(net_inputs)).hidden.numpy() > 0
+    assert expected.any(axis=1).mean() > 0.2
+    fine, rounded = (chip.run(net_inputs)[0].spikes[:, :-1] > 0 for chip in (made.fine, made.chip))
+    assert (fine.argmax(axis=1) == expected.argmax(axis=1)).all()
+    assert (fine.any(axis=1) == expected.any(axis=1)).all()
+    assert (rounded.argmax(axis=1) == expected.argmax(axis=1)).mean() > 0.9
+
+
+@given(seed=st.integers(0, 999), model=st.sampled_from(["snn", "rsnn"]), scale=st.sampled_from([1.0, 1e-3, 20.0]))
+@examples(20)
+def test_weights_and_thresholds_keep_their_ratio_in_the_chips_bits(seed, model, scale):
+    net = network(model=model, seed=seed, **FITTING)
+    if net.w_rec is not None:
+        net.w_rec.data *= scale
+    made = converted(net, windows())
+    hidden, threshold = made.chip.hidden, float(made.network.threshold[0]) * (1 - 2.0**-made.chip.hidden.dash_syn)
+    assert (hidden.dash_syn, hidden.dash_mem, made.chip.readout.dash_syn) == (3, 4, 3)
+    for layer, floats in ((hidden.weights << hidden.shift, net.w_in), (hidden.among, net.w_rec)):
+        if layer is None or floats is None:
+            continue
+        whole = layer << (hidden.shift_among if floats is net.w_rec else 0)
+        shift = hidden.shift_among if floats is net.w_rec else hidden.shift
+        unit = threshold / hidden.threshold
+        error = np.abs(whole * unit - floats.detach().numpy())
+        assert (error <= 0.51 * unit * 2**shift + 0.01 * np.abs(floats.detach().numpy())).all()
+        assert np.abs(whole >> shift).max() <= 127
+    largest = [np.abs(each).max() for each in (hidden.weights, hidden.among) if each is not None]
+    assert max(largest) == 127
+    assert min(largest) >= 127 // 4 or 0 in (hidden.shift, hidden.shift_among)
+    assert (hidden.threshold >= 1).all()
+    assert (hidden.threshold <= 2**15 - 1).all()
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    return make_run(tmp_path_factory.mktemp("chip"))
+
+
+def test_an_export_names_what_it_converts_and_what_that_costs(run, tmp_path):
+    told = []
+    chip = nt.export(run / "run", tmp_path / "chip.json", "xyloaudio2", prove=3, tell=told.append)
+    words = "\n".join(each for each in told if isinstance(each, str))
+    for what in (
+        "membrane: eq4 to immediate",
+        "reset: zero to subtract",
+        "decay of the current: tau",
+        "decay of the mem",
+    ):
+        assert f"  converted: {what}" in words
+    assert "  outside: conditioning and afferents" in words
+    written = json.loads((tmp_path / "chip.json").read_text())
+    assert written == chip.specification
+    assert np.array(written["weights_rec"]).shape == (5, 5)
+    assert [len(written[key]) for key in ("weights_in", "threshold", "threshold_out", "dash_syn")] == [4, 5, 2, 5]
+    with pytest.raises(InputError, match="exists"):
+        nt.export(run / "run", tmp_path / "chip.json", "xyloaudio2")
+    other = nt.export(run / "run", tmp_path / "chip.json", "xyloaudio2", force=True, tell=(again := []).append)
+    assert other.specification == written
+    assert again == told[: len(again)]
+    assert len(again) == len(told) - 2
+
+
+def test_a_proof_runs_the_test_windows(run, tmp_path, monkeypatch):
+    """Of as many trials as are asked for, and on the network's clock."""
+    ran = []
+    monkeypatch.setattr(export, "beside_xylosim", lambda chip, inputs: ran.append(inputs) or "")
+    for prove in (1, 2):
+        nt.export(run / "run", tmp_path / "chip.json", "xyloaudio2", prove=prove, force=True)
+    assert len(ran[1]) == 2 * len(ran[0])
+    trains = nt.load(run / "spikes.h5")
+    whole = [np.zeros((each.n_steps, 4), np.uint8) for each in trains.trials()]
+    for raster, each in zip(whole, trains.trials(), strict=True):
+        raster[each.steps, each.units] = 1
+    assert any((raster[:40] == ran[0][0]).all() for raster in whole)
+
+
+def test_stages_count_what_differs():
+    net, inputs, labels = network(hidden=9, recurrent_weight_scale=2.0), windows(share=0.5), np.arange(8) % 3
+    made = converted(net, inputs)
+    stages = export.in_stages(net, made, inputs, labels)
+    inferred, in_float = (each.infer(inputs) for each in (net, made.network))
+    ran = [chip.run(inputs.numpy()) for chip in (made.fine, made.chip)]
+    found = [inferred.labels, in_float.labels, *(made.labels(ran[k][1], (made.fine, made.chip)[k]) for k in (0, 1))]
+    found = [np.asarray(each) for each in found]
+    assert stages["accuracy_percent"].tolist() == [100 * (each == labels).mean() for each in found]
+    assert stages["differ_from_infer"].tolist() == [(each != found[0]).sum() for each in found]
+    assert stages["differ_from_infer"].max() > 0
+    hidden = [np.asarray(each.hidden_spikes) for each in (inferred, in_float)]
+    hidden += [each[0].spikes[:, :60].sum(axis=(1, 2), dtype=int) for each in ran]
+    assert stages["hidden_spikes"].tolist() == [each.mean() for each in hidden]
+    several = [int((each[0].spikes[:, :60] > 1).sum()) for each in ran]
+    assert stages["several_spikes"].tolist() == [0, 0, *several]
+    assert several[1] > 0
+    assert stages["clipped"].tolist() == [0, 0, 0, ran[1][0].clipped + ran[1][1].clipped]
+
+
+def test_without_xylosim_a_sentence_says_how_to_get_it(monkeypatch):
+    monkeypatch.setattr(export, "find_spec", lambda name: None)
+    told = export.beside_xylosim(*drawn(0))
+    assert told == "XyloSim: skipped: XyloSim is not installed; `pip install xylosim` builds it, with a C++ compiler"
+
+
+@has_xylosim
+@thinned("made", [make_run, make_event_run])
+def test_a_trained_run_is_equal_in_xylosim(tmp_path, made):
+    """Of signals and of the events of a sensor."""
+    told = []
+    nt.export(made(tmp_path) / "run", tmp_path / "chip.json", "xyloaudio2", prove=9, tell=told.append)
+    assert len(told[-2]) == 6
+    assert all(words.startswith("equal") for words in told[-2].iloc[:, 1]), told[-2].to_string()
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"readout": "integrator", "readout_stretches": 3, "readout_stretch_ms": 20.0}, "readout of stretches: .*= 1"),
+        ({"threshold_adaptation": 0.3}, "threshold adaptation: XyloAudio 2 takes 0, not 0.3; train again"),
+        ({"hidden": 1001, "model": "snn"}, "hidden neurons: XyloAudio 2 takes at most 1000, not 1001"),
+        ({"n_inputs": 17}, "inputs: XyloAudio 2 takes at most 16, not 17"),
+        ({"readout": "integrator", "direct": True}, "path past the hidden layer: limits of chips"),
+        ({}, "was fitted in memory"),
+    ],
+)
+def test_what_the_chip_does_not_have_is_refused(tmp_path, monkeypatch, keys, message):
+    task = Task.model_validate({"window": {"length_ms": 60}})
+    restored = Restored(network(**keys), task, FULL_WINDOW, ("a", "b", "c"), (), {}, None)
+    monkeypatch.setattr(export.fitted, "restore", lambda run, spikes: restored)
+    with pytest.raises(InputError, match=message):
+        nt.export("run", tmp_path / "chip.json", "xyloaudio2")
+    assert not [*tmp_path.iterdir()]
