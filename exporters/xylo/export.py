@@ -29,7 +29,7 @@ WINDOWS = 64
 """Training windows on which the chip's states are to stay within their bits."""
 REFUSED = ("inputs", "hidden neurons", "classes", "threshold adaptation")
 CONVERTED = {
-    "membrane": "replaced: what a hidden neuron sends returns earlier",
+    "membrane": "replaced, so that what a hidden neuron sends returns earlier",
     "reset": "replaced",
     "recurrent delay": "left out",
     "readout": "read from the membranes of output neurons, which do not spike; the reader adds the bias",
@@ -41,7 +41,7 @@ ALWAYS = (
     "a neuron takes its threshold off before the decay, not after; a hidden neuron may spike up to 31 times in a step; "
     "the readout receives hidden spikes a step later"
 )
-ABSENT = "XyloSim is not installed; `pip install xylosim` builds it, with a C++ compiler"
+ABSENT = "XyloSim is not installed; install it with: pip install xylosim (which needs a C++ compiler)"
 
 
 def export_xylo(
@@ -96,10 +96,11 @@ def _differences(network: RSNN, restored: run_folder.Restored) -> Iterator[str]:
     for row in chips.compare(network, restored.encoder, restored.exits(), TARGET).itertuples(index=False):
         if row.what in REFUSED and not row.fits:
             raise InputError(f"{row.what}: XyloAudio 2 takes {row.limit}, not {row.here}; {row.cost}")
-        if row.what in CONVERTED and (not row.fits or "decay" in str(row.what)):
-            yield f"  converted: {row.what}: {row.here} to {row.limit}; {CONVERTED[str(row.what)]}"
-        elif not row.fits:
-            yield f"  outside: {row.what}: {row.here}, not {row.limit}; {row.cost}"
+        is_converted = row.what in CONVERTED and (not row.fits or "decay" in str(row.what))
+        if is_converted or not row.fits:
+            how = "converted" if is_converted else "outside"
+            limit = f"{row.what}: {row.here}, on the chip {row.limit}"
+            yield f"  {how}: " + "; ".join(filter(None, (limit, CONVERTED.get(str(row.what)), str(row.cost))))
     yield f"  differs: {ALWAYS}"
 
 
@@ -109,7 +110,7 @@ def beside_xylosim(chip: Chip, inputs: np.ndarray) -> pd.DataFrame | str:
     inputs: spikes on the network's clock, `(window, step, input)`.
     """
     if find_spec("xylosim") is None:
-        return f"XyloSim: skipped: {ABSENT}"
+        return f"not compared with the chip's own simulator: {ABSENT}"
     rows = [
         (f"{layer} {kind}", difference(getattr(theirs, kind), getattr(ours, kind)))
         for layer, ours, theirs in zip(("hidden", "readout"), chip.run(inputs), simulated(chip, inputs), strict=True)
