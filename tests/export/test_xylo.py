@@ -13,7 +13,7 @@ from levels import examples, thinned
 from made_chains import make_event_run, make_run
 from neurotact_parts.exporters import chips
 from neurotact_parts.exporters.xylo import export
-from neurotact_parts.exporters.xylo.chip import Chip, ChipLayer
+from neurotact_parts.exporters.xylo.chip import Chip, ChipLayer, Ran
 from neurotact_parts.exporters.xylo.conversion import converted, with_neurons_of_the_chip
 
 import neurotact as nt
@@ -46,8 +46,8 @@ def drawn(seed: int) -> tuple[Chip, np.ndarray]:
     return chip, counts.astype(np.uint8)
 
 
-def by_single_numbers(chip: Chip, window: np.ndarray) -> list[list[list[tuple[int, int, int]]]]:
-    """What XyloSim's C++ does, line by line: (spikes, current, membrane) of each neuron, step and layer."""
+def by_single_numbers(chip: Chip, window: np.ndarray) -> list[list[list[tuple[int, int, int, bool]]]]:
+    """What XyloSim's C++ does, line by line: (spikes, current, membrane, clipped) of each neuron, step and layer."""
 
     def clip(x: int) -> int:
         return max(-32768, min(32767, x))
@@ -70,15 +70,18 @@ def by_single_numbers(chip: Chip, window: np.ndarray) -> list[list[list[tuple[in
         for k, layer in enumerate(layers):
             now = []
             for j, threshold in enumerate(layer.threshold.tolist()):
+                is_full = currents[k][j] in (-32768, 32767)
                 currents[k][j] -= decay(currents[k][j], layer.dash_syn)
-                change = clip(currents[k][j] - decay(membranes[k][j], layer.dash_mem))
-                membranes[k][j] = clip(membranes[k][j] + change)
+                wanted = currents[k][j] - decay(membranes[k][j], layer.dash_mem)
+                risen = membranes[k][j] + clip(wanted)
+                membranes[k][j] = clip(risen)
+                is_full |= clip(wanted) != wanted or clip(risen) != risen
                 n = 0
                 while membranes[k][j] >= threshold and n < layer.most:
                     membranes[k][j], n = membranes[k][j] - threshold, n + 1
-                now.append((n, currents[k][j], membranes[k][j]))
+                now.append((n, currents[k][j], membranes[k][j], is_full))
             told[k].append(now)
-        sent = [n for n, _, _ in told[0][-1]]
+        sent = [n for n, *_ in told[0][-1]]
     return told
 
 
@@ -86,11 +89,10 @@ def by_single_numbers(chip: Chip, window: np.ndarray) -> list[list[list[tuple[in
 @examples(60)
 def test_a_chip_is_a_loop_over_single_numbers(seed):
     chip, spikes = drawn(seed)
-    ours = chip.run(spikes)
-    for window, counts in enumerate(spikes):
-        for ran, expected in zip(ours, by_single_numbers(chip, counts), strict=True):
-            found = np.stack([getattr(ran, kind)[window] for kind in KINDS], axis=-1)
-            assert found.tolist() == np.array(expected).tolist()
+    expected = [np.array(layer) for layer in zip(*(by_single_numbers(chip, each) for each in spikes), strict=True)]
+    for ran, loop in zip(chip.run(spikes), expected, strict=True):
+        assert np.stack([getattr(ran, kind) for kind in KINDS], axis=-1).tolist() == loop[..., :3].tolist()
+        assert ran.clipped == loop[..., 3].sum()
 
 
 def test_what_is_drawn_meets_the_limits():
@@ -106,14 +108,6 @@ def test_a_chip_is_xylosim(seed):
     chip, spikes = drawn(seed)
     told = export.beside_xylosim(chip, spikes)
     assert all(words.startswith("equal") for words in told.iloc[:, 1]), told.to_string()
-
-
-@pytest.mark.parametrize("limit", [-(2**15), 2**15 - 1])
-def test_states_at_the_limits_are_counted(limit):
-    layer = ChipLayer(np.array([[127 if limit > 0 else -128]]), None, 7, 0, 15, 15, np.array([2**15 - 1]), 0)
-    ran = layer.run(np.ones((1, 4, 1), np.uint8))
-    assert ran.clipped == 3
-    assert ran.membranes.ravel().tolist()[-1] == limit
 
 
 def network(readout="count", n_inputs=4, rate_Hz=RATE_Hz, seed=0, **keys) -> nt.RSNN:
@@ -153,10 +147,22 @@ def test_a_constant_rate_reaches_a_converted_threshold_where_it_did(membrane, ta
     gain = (beta if membrane == "eq4" else 1) / (1 - alpha) / (1 - beta)
     net.w_in.data[:] = (1.02 if above else 0.98) / gain
     constant = torch.ones(1, 400, 1, dtype=torch.uint8)
-    made = converted(net, constant)
+    made = converted(net, constant[:, :20])
     spikes = [each.simulate(constant).hidden.sum().item() > 0 for each in (net, made.network)]
     spikes += [bool(chip.run(constant.numpy())[0].spikes.any()) for chip in (made.fine,)]
     assert spikes == [above] * 3
+
+
+@pytest.mark.parametrize(("readout", "expected"), [("integrator", [1, 2, 0]), ("max", [0, 2, 1])])
+def test_membranes_are_read_at_the_end_or_at_their_largest(readout, expected):
+    """The bias is added in the unit of a weight; below 0 a maximum is 0, as ours begins there."""
+    net = network(readout, model="snn", **FITTING)
+    assert net.bias is not None
+    net.bias.data[:] = net.w_out.detach().abs().max() / 127 * torch.tensor([0.0, 1.0, 1.5])
+    made = converted(net, windows())
+    for chip, bits in ((made.chip, made.chip.readout.shift), (made.fine, 20)):
+        steps = np.array([[[9, 2, 0], [0, 3, 0]], [[0, 0, 0], [0, 0, 0]], [[-9, 9, -9], [-3, -9, -9]]]) * 2**bits
+        assert made.labels(Ran(steps, steps, steps), chip).tolist() == expected
 
 
 @given(leak=st.floats(2.0, 60.0), above=st.booleans(), peak=st.booleans())
@@ -170,7 +176,7 @@ def test_a_constant_rate_lifts_a_converted_integrator_as_far(leak, above, peak):
     assert net.bias is not None
     net.bias.data[1] = lifted / (1.05 if above else 0.95)
     constant = torch.ones(1, 600, 1, dtype=torch.uint8)
-    made = converted(net, constant)
+    made = converted(net, constant[:, :20])
     found = [int(each.infer(constant).labels) for each in (net, made.network)]
     assert found == [0 if above else 1] * 2
     single = np.minimum(made.fine.run(constant.numpy())[0].spikes, 1)  # the chip's hidden neuron spikes 31 times
@@ -235,7 +241,12 @@ def test_an_export_names_what_it_converts_and_what_that_costs(run, tmp_path):
     assert "  outside: conditioning and afferents: analog signals, on the chip spikes; on a microcontroller" in words
     written = json.loads((tmp_path / "chip.json").read_text())
     assert written == chip.specification
+    names = {"weights_in", "weights_rec", "weights_out", "threshold", "threshold_out"}  # as Rockpool has them
+    names |= {f"dash_{state}{end}" for state in ("mem", "syn") for end in ("", "_out")}
+    assert written.keys() == names | {f"weight_shift_{name}" for name in ("in", "rec", "out")}
     assert np.array(written["weights_rec"]).shape == (5, 5)
+    shifts = [written[f"weight_shift_{name}"] for name in ("in", "rec", "out")]
+    assert shifts == [chip.hidden.shift, chip.hidden.shift_among, chip.readout.shift]
     assert [len(written[key]) for key in ("weights_in", "threshold", "threshold_out", "dash_syn")] == [4, 5, 2, 5]
     with pytest.raises(InputError, match="exists"):
         nt.export(run / "run", tmp_path / "chip.json", "xyloaudio2")
