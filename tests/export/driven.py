@@ -47,7 +47,7 @@ class Driven:
         self.averages = context["baseline"] == "start"
         defines = [f"#define {key} {context[value]}" for key, value in TYPES.items()]
         defines += ["#define HEARD"] * self.averages + ["#define POSITION"] * self.has_position
-        defines += ["#define RESAMPLED"] * context["resampled"]
+        defines += ["#define FINISHES"] * context["finishes"]
         (folder / "harness.c").write_text("\n".join([*defines, DRIVER.read_text()]))
         if board is None:
             self.program = proof.built_here(folder, "skin", flags=flags)

@@ -68,7 +68,7 @@ int main(void)
             n = skin_push(&chain, sample, decisions);
         } else if (letter == 'M') {
             n = skin_missing(&chain, decisions);
-#ifdef RESAMPLED
+#ifdef FINISHES
         } else if (letter == 'F') {
             n = skin_finish(&chain, decisions);
 #endif

@@ -271,6 +271,7 @@ _STREAMED = {
     "double precision": "a chain is deployed in float32",
 }
 _IN_INTEGERS = {
+    "membranes in closed form": "its logarithms have no integer form; export it in float32",
     "adaptive thresholds": "they have no integer form; export it in float32",
     "readout that leaks": "a leak has no integer form; export it in float32",
     "readout max": "a leak has no integer form; export it in float32",
@@ -279,7 +280,6 @@ _IN_C = {
     **dict.fromkeys(OTHER_MODELS, "C has LIF afferents alone"),
     "half-wave rate of change": "the RA-I of C are driven by rise and fall alike",
     "rise in SA-I": "the SA-I of C are driven by the signal alone",
-    "membranes in closed form": "C has no logarithm without a library",
 }
 _NOT_IN_NIR = {
     OTHER: "it has nodes for the networks of neurotact",
