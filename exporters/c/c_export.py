@@ -15,16 +15,17 @@ import jinja2
 import numpy as np
 from neurotact_parts.exporters.c import formats as whole
 from neurotact_parts.exporters.c.formats import Formats, Integrator
+from neurotact_parts.exporters.c.integer import CURVES
 from neurotact_parts.exporters.c.matrices import Matrix, matrices_of
 from neurotact_parts.streams.chain import LARGEST, Chain
 from neurotact_parts.streams.events import afferents_of
 from neurotact_parts.streams.native import columns_of, numbers_of
 
 from neurotact import __version__, files
-from neurotact.data.conditioning import HALF, Conditioner
+from neurotact.data.conditioning import HALF
 from neurotact.encoders.afferents import POPULATIONS, AfferentType, marks
 from neurotact.encoders.closed_form import AT_ONCE
-from neurotact.encoders.specs import conditioning_of, is_exact
+from neurotact.encoders.specs import is_exact
 from neurotact.errors import InputError, some
 from neurotact.networks.definition.executors import require
 from neurotact.progress import printable
@@ -99,7 +100,7 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
     if plan.length * sum(network.synapses.values()) > MOST_COUNT:
         raise InputError("windows: their synaptic operations may exceed a counter of 32 bits; shorten them")
     matrices = matrices_of(network, 4 if formats is None else 1)
-    n_start = conditioner_of(chain).n_start
+    n_start = whole.conditioner_of(chain).n_start
     if n_start > MOST_STEPS:
         raise InputError("conditioning.start_ms: is longer than 2^31 - 1 steps; shorten it")
     heard = "(HIDDEN + AFFERENTS)" if spec.hears_afferents else "HIDDEN"
@@ -136,11 +137,6 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         "weights_out": int(network.fans[2].sum()) if matrices["w_out"].sparse else f"({heard} * CLASSES)",
         **_with_numbers(_in_float(used, matrices) if formats is None else _in_integers(used, formats, matrices), used),
     }  # fmt: skip
-
-
-def conditioner_of(chain: Chain) -> Conditioner:
-    """What conditions the samples of a chain."""
-    return Conditioner(chain.sampling_rate_Hz, conditioning_of(chain.encoder, chain.sampling_rate_Hz))
 
 
 def _with_numbers(context: dict[str, Any], used: Chain) -> dict[str, Any]:
@@ -181,7 +177,7 @@ def title_of(chain: Chain, formats: Formats | None) -> str:
 def _in_float(chain: Chain, kept: Mapping[str, Matrix]) -> dict[str, Any]:
     encoder, network = chain.lif, chain.network
     conditioning = encoder.conditioning
-    conditioner, exact = conditioner_of(chain), is_exact(encoder)
+    conditioner, exact = whole.conditioner_of(chain), is_exact(encoder)
     alpha, beta, threshold = (np.asarray(p.detach()) for p in (network.alpha, network.beta, network.threshold))
     matrices = {"w_in": network.w_in, "w_rec": network.w_rec, "w_out": network.readout_weights}
     tables = [
@@ -298,6 +294,8 @@ def _in_integers(chain: Chain, formats: Formats, kept: Mapping[str, Matrix]) -> 
     levels = {} if chain.takes_events else levels
     for what in ("threshold", "reset"):
         tables += [_integers(f"{what}_{name}", getattr(kind, what), "int32_t") for name, kind in levels.items()]
+    if front.closed:
+        tables += [_integers(name, values, "uint32_t") for name, values in zip(("logs", "powers"), CURVES, strict=True)]
     has_offset = bool(front.offset.any())
     tables += [_integers("offset", front.offset, "int32_t")] if has_offset else []
     has_sign = bool((front.sign < 0).any())
@@ -312,7 +310,9 @@ def _in_integers(chain: Chain, formats: Formats, kept: Mapping[str, Matrix]) -> 
         "state": "int16_t" if formats.state_bits <= 16 else "int32_t",
         "count": "int32_t" if isinstance(readout, Integrator) else _count(chain),
         "readout_leak": None, "peak": False,
-        "silent_type": unsigned(max(kind.silent for kind in front.kinds) + 1), "kinds": _integer_kinds(chain, front),
+        "silent_type": "uint32_t" if front.closed else unsigned(max(kind.silent for kind in front.kinds) + 1),
+        "closed": front.closed, "octave": whole.OCTAVE, "tick": whole.TICK, "piece": whole.PIECE,
+        "kinds": _integer_kinds(chain, front),
         "smoothing": front.smoothing, "baseline_weight": front.baseline_weight,
         "baseline_steps": f"{front.baseline_steps}u",
         "stride_whole": stride[0], "stride_part": stride[1], "stride": stride[0] * 2**32 + stride[1],
@@ -383,6 +383,8 @@ ABOUT = {
     "threshold_sa1": "Thresholds of SA-I afferents above rest, divided by their gains.",
     "threshold_ra1": "Thresholds of RA-I afferents above rest, divided by their gains.",
     "reset_sa1": "Reset values of SA-I afferents, in the same unit.",
+    "logs": "Logarithms to the base 2 from 1 to 2, in equal pieces.",
+    "powers": "2^-x for x from 0 to 1, in equal pieces.",
     "reset_ra1": "Reset values of RA-I afferents, in the same unit.",
 }
 """What a table is, by its name; those of the second and later grades have a number after it."""

@@ -9,7 +9,7 @@ import pandas as pd
 import torch
 from neurotact_parts.exporters.c import boards, c_export, export, integer, proof
 from neurotact_parts.exporters.c.boards import Board
-from neurotact_parts.exporters.c.formats import Formats
+from neurotact_parts.exporters.c.formats import Formats, conditioner_of
 from neurotact_parts.exporters.c.proof import Spoken, spoken_of
 from neurotact_parts.streams.chain import Chain
 
@@ -133,7 +133,7 @@ def expected_in_integers(chain: Chain, formats: Formats, trials: Sequence[np.nda
 @torch.no_grad()
 def expected_in_float(chain: Chain, trial: np.ndarray) -> Spoken:
     """The output for a whole trial of samples `(sample, taxel)` float32, in the encoder's unit."""
-    signal = c_export.conditioner_of(chain).whole(trial)
+    signal = conditioner_of(chain).whole(trial)
     raster = specs.encode_whole(signal[None], chain.signal_Hz, chain.lif)[0]
     starts, windows = _windows(chain, raster)
     inputs = torch.from_numpy(windows)

@@ -52,6 +52,9 @@ static void age(void)
     get(&chain.n_samples, 8);
     get(&chain.n_steps, 8);
 #endif
+#ifdef FELT
+    get(&chain.n_felt, 8);
+#endif
 }
 
 int main(void)

@@ -271,7 +271,6 @@ _STREAMED = {
     "double precision": "a chain is deployed in float32",
 }
 _IN_INTEGERS = {
-    "membranes in closed form": "its logarithms have no integer form; export it in float32",
     "adaptive thresholds": "they have no integer form; export it in float32",
     "readout that leaks": "a leak has no integer form; export it in float32",
     "readout max": "a leak has no integer form; export it in float32",
