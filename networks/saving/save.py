@@ -12,6 +12,7 @@ from neurotact_parts.networks.saving.search import claim, search
 from neurotact_parts.networks.saving.start import Start
 from neurotact_parts.networks.saving.trial import Source
 from neurotact_parts.networks.saving.ways import ways_of
+from neurotact_parts.streams.chain import encoder_of
 
 import neurotact as nt
 from neurotact import files
@@ -19,6 +20,7 @@ from neurotact.data import hdf5
 from neurotact.errors import InputError
 from neurotact.figures.style import save as save_figure
 from neurotact.metrics.prices import DEFAULT, PriceList, names, price_list
+from neurotact.networks.definition.executors import Subject, lacking
 from neurotact.networks.training import resumable, run_folder
 from neurotact.networks.use.fitted import check_folder
 from neurotact.progress import Tell, track, untold
@@ -160,9 +162,10 @@ def _problem(source: Path, start: Start, asked: Asked) -> dict[str, Any]:
 
 
 def _next(start: Start) -> str:
-    """The command for the best point: C, unless its membranes are in closed form or it hears events."""
-    encoder = start.bench.encoder
-    return "export" if encoder is not None and encoder.integration == "clock" else "infer"
+    """The command for the best point: C in integers, where it runs the encoder and the network of the run."""
+    table = start.base.trains.encoder
+    encoder = encoder_of(table, "spikes of the run") if table else None
+    return "export" if lacking("c-integer", Subject(encoder, start.base.network)) is None else "infer"
 
 
 def _answer(
