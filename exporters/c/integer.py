@@ -108,10 +108,9 @@ def _encode_closed(raw: np.ndarray, front: FrontEnd, lengths: np.ndarray, closed
         drives, before = _drives(signal, before), signal
         carry, after = divmod(elapsed + closed.stride[1], 2**32)
         within = (elapsed >> (32 - TICK), first, first + closed.stride[0] + carry)
-        lasts = lengths > t if front.stride is None else np.full(n_trials, True)
         for k, kind in enumerate(front.kinds):
             times, states[k] = _interval(drives[kind.drive][:, kind.taxels], states[k], closed, kind)
-            _mark(rows[:, :, ends[k] - len(kind.taxels) : ends[k]], times, within, lasts)
+            _mark(rows[:, :, ends[k] - len(kind.taxels) : ends[k]], times, within, lengths > t)
         elapsed, first = after, within[2]
     return rows[:, : n_steps(n_samples, front)]
 

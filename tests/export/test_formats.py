@@ -178,6 +178,19 @@ def test_trials_in_integers_end_alike_alone_and_beside_longer_ones(rate, conditi
     assert sum(map(len, together[-1].afferents)) > 0
 
 
+def test_a_trial_in_closed_form_has_no_spike_of_a_sample_after_its_end():
+    """A step that is half filled belongs to it, and would hold a spike of the sample that a longer trial has."""
+    afferents = {"integration": "exact", "sa1.t_ref_ms": 1.7, "ra1.t_ref_ms": 1.3}
+    chain = make_chain({"resample_Hz": 1000.0, "scale": (0.01, -0.01)}, rate_Hz=370.0, afferents=afferents)
+    made = formats.choose(chain, Ranges(-10.0, 10.0, 5.0, 5.0))
+    for n in range(1, 30):
+        raw = made.raw.samples(make_signal(n, seed=n))
+        padded = np.concatenate([raw, np.repeat(raw[-1:], 4, axis=0)])
+        alone = integer.encode(raw[None], made.front)
+        together = integer.encode(padded[None], made.front, np.array([n]))[:, : integer.n_steps(n, made.front)]
+        np.testing.assert_array_equal(together, alone)
+
+
 def test_ranges_are_the_largest_values_that_were_seen():
     chain = make_chain({}, seed=1)
     signal = make_signal(100)
