@@ -20,8 +20,10 @@ with lazily():
     from neurotact_parts.networks.saving import start as starting
     from neurotact_parts.networks.saving import trial as trying
     from neurotact_parts.networks.saving import ways as known_ways
+    from neurotact_parts.streams import chain
 
     from neurotact.figures import style
+    from neurotact.networks.definition import executors
     from neurotact.networks.training import resumable, run_folder
     from neurotact.networks.use import fitted
 
@@ -162,9 +164,11 @@ def _problem(source: Path, start: "starting.Start", asked: "proposals.Asked") ->
 
 
 def _next(start: "starting.Start") -> str:
-    """The command for the best point: C, unless its membranes are in closed form or it hears events."""
-    encoder = start.bench.encoder
-    return "export" if encoder is not None and encoder.integration == "clock" else "infer"
+    """The command for the best point: C in integers, where it runs the encoder and the network of the run."""
+    table = start.base.trains.encoder
+    encoder = chain.encoder_of(table, "spikes of the run") if table else None
+    subject = executors.Subject(encoder, start.base.network)
+    return "export" if executors.lacking("c-integer", subject) is None else "infer"
 
 
 def _answer(
