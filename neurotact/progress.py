@@ -1,10 +1,14 @@
 """Progress of long work: a bar on a terminal, plain lines elsewhere."""
 
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import Event, Thread
 from typing import Any
 
 from rich.console import Console
@@ -16,6 +20,8 @@ Advance = Callable[[int, str], None]
 Tell = Callable[[Any], object]
 """Called with what the command of a function prints, a text or a table at a time; `print` is one."""
 SECONDS_BETWEEN_LINES = 10.0
+PARTS, SECONDS_BETWEEN_PARTS = "NEUROTACT_PARTS", 1.0
+"""Names in the environment of worker processes the folder in which each says at which part of its job it is."""
 _shown = ContextVar("shown", default=True)
 
 
@@ -46,10 +52,11 @@ def track(what: str, total: int, *, done: int = 0, at_most: bool = False) -> Ite
     if sys.stderr.isatty():
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
         bound = (TextColumn("at most"),) if at_most else ()
-        left = (*bound, TimeRemainingColumn(), TextColumn("{task.fields[note]}"))
+        left = (*bound, TimeRemainingColumn(), TextColumn("{task.fields[note]} {task.fields[parts]}"))
         with Progress(*columns, *left, console=Console(stderr=True)) as bar:
-            task = bar.add_task(what, total=total, completed=done, note="")
-            yield _stoppable(lambda n, note: bar.update(task, advance=n, note=note))
+            task = bar.add_task(what, total=total, completed=done, note="", parts="")
+            with _watching(lambda parts: bar.update(task, parts=parts), SECONDS_BETWEEN_PARTS):
+                yield _stoppable(lambda n, note: bar.update(task, advance=n, note=note))
         return
     began = last = time.monotonic()
     before = done
@@ -65,7 +72,101 @@ def track(what: str, total: int, *, done: int = 0, at_most: bool = False) -> Ite
             shown = ", ".join(filter(None, (note, f"at most {left}" if left and at_most else left)))
             print(f"{what} {done}/{total}{f'  {shown}' if shown else ''}", file=sys.stderr, flush=True)
 
-    yield _stoppable(advance)
+    def parted(parts: str) -> None:
+        if parts:
+            print(f"{what} {done}/{total}  {parts}", file=sys.stderr, flush=True)
+
+    with _watching(parted, SECONDS_BETWEEN_LINES):
+        yield _stoppable(advance)
+
+
+@contextmanager
+def parts_of_workers() -> Iterator[dict[str, str]]:
+    """Within it `track` also shows what worker processes are at; yields what their environment needs for that."""
+    with TemporaryDirectory(prefix="neurotact-", ignore_cleanup_errors=True) as folder:
+        _folders.append(Path(folder))
+        try:
+            yield {PARTS: folder}
+        finally:
+            _folders.remove(Path(folder))
+
+
+_folders: list[Path] = []
+
+
+@contextmanager
+def _watching(shown: Callable[[str], None], every_s: float) -> Iterator[None]:
+    """Call `shown` with what worker processes are at: after two seconds, then so often, as long as this lasts."""
+    ended = Event()
+
+    def watch() -> None:
+        wait_s = 2 * SECONDS_BETWEEN_PARTS
+        while not ended.wait(wait_s):
+            wait_s = every_s
+            shown(
+                "; ".join(filter(None, map(_content, sorted(path for one in _folders for path in one.glob("*.txt")))))
+            )
+
+    watcher = Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        watcher.join()
+
+
+def _content(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError:  # its worker has just ended the part
+        return ""
+
+
+class _At:
+    """What this process is at; `began` and `first` are of the present part."""
+
+    what, done, first, began, last = "", 0, 0, 0.0, 0.0
+
+
+def at(what: str, done: int = 0, total: int = 0) -> None:
+    """In a worker process: tell the one that waits for it at which part of its job it is, at most once a second.
+
+    An empty `what` ends the part. Elsewhere this does nothing.
+    """
+    folder, now = os.environ.get(PARTS), time.monotonic()
+    if folder is None:
+        return
+    is_new = what != _At.what or done < _At.done
+    if is_new:
+        _At.what, _At.first, _At.began = what, done, now
+    _At.done = done
+    if not is_new and now - _At.last < SECONDS_BETWEEN_PARTS:
+        return
+    _At.last = now
+    path = Path(folder, f"{os.getpid()}.txt")
+    with suppress(OSError):  # progress that cannot be told stops no work
+        if not what:
+            path.unlink(missing_ok=True)
+            return
+        known = _At.first < done < total
+        left = f", {time_left((now - _At.began) / (done - _At.first) * (total - done))}" if known else ""
+        draft = path.with_suffix(".new")
+        draft.write_text(f"{what} {done}/{total}{left}", encoding="utf-8")
+        draft.replace(path)
+
+
+def counting(what: str, total: int) -> Callable[..., None]:
+    """An `Advance` of a part of a job in a worker process (`at`)."""
+    done = 0
+
+    def advance(n: int, note: str = "") -> None:
+        nonlocal done
+        done += n
+        at(what, done, total)
+
+    at(what, 0, total)
+    return advance
 
 
 def _stoppable(advance: Advance) -> Advance:

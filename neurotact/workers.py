@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from multiprocessing import get_context, parent_process
 from multiprocessing.context import BaseContext
 from pathlib import Path
@@ -30,7 +30,7 @@ import neurotact
 from neurotact.backend import THREADS, native
 from neurotact.errors import InputError
 from neurotact.interrupt import deferred
-from neurotact.progress import say
+from neurotact.progress import at, parts_of_workers, say
 
 Task = Callable[[Any], Any]
 Run = Callable[[Task, Sequence[Any]], Iterator[Any]]
@@ -70,15 +70,16 @@ def pool(n_workers: int) -> Iterator[Run]:
 def pool_as_done(n_workers: int) -> Iterator[RunAsDone]:
     """As `pool`, for results in the order of completion."""
     started: list[ProcessPoolExecutor] = []
-    context = _context()
+    context, parts = _context(), ExitStack()
 
     def start() -> ProcessPoolExecutor:
         # Pools of one: a process that dies breaks its pool.
-        given = {**os.environ, THREADS: "1"}
+        given = {**os.environ, THREADS: "1", **told}
         with _safe_path():  # a process that tracks its locks may start, too
             started.append(ProcessPoolExecutor(1, mp_context=context, initializer=_begin, initargs=(given,)))
         return started[-1]
 
+    told = parts.enter_context(parts_of_workers())
     try:
         with _environment({THREADS: "1"}):
             idle: list[ProcessPoolExecutor] = [start() for _ in range(n_workers)]
@@ -90,6 +91,7 @@ def pool_as_done(n_workers: int) -> Iterator[RunAsDone]:
     finally:
         for one in started:
             one.shutdown(wait=True, cancel_futures=True)
+        parts.close()
 
 
 @contextmanager
@@ -209,7 +211,10 @@ def _do(job: tuple[Task, Any, dict[str, str]]) -> Any:
             f"worker processes: {name} is {here.get(name)} there and {expected[name]} here; leave one neurotact on "
             "Python's path and start again"
         )
-    return task(what)
+    try:
+        return task(what)
+    finally:
+        at("")
 
 
 def identity() -> dict[str, str]:

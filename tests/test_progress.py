@@ -2,10 +2,11 @@
 
 import io
 import re
+import time
 
 from in_process import typed
 
-from neurotact import progress
+from neurotact import progress, workers
 
 
 def test_plain_lines_say_how_much_is_left(capsys, monkeypatch):
@@ -68,3 +69,40 @@ def test_a_quiet_command_hides_its_own_progress_alone(capsys, monkeypatch):
     with progress.track("tune", 1) as advance:
         advance(1, "")
     assert capsys.readouterr().err == "tune 1/1\n"
+
+
+def train_for_a_while(times: int) -> None:
+    for done in range(times):
+        progress.at("train", done, times)
+        time.sleep(0.1)
+
+
+def test_what_workers_are_at_is_shown_while_a_job_runs(capsys, monkeypatch):
+    monkeypatch.setattr(progress, "SECONDS_BETWEEN_PARTS", 0.05)
+    monkeypatch.setattr(progress, "SECONDS_BETWEEN_LINES", 0.05)
+    with progress.track("cells", 1) as advance, workers.pool(1) as run:
+        list(run(train_for_a_while, [8]))
+        advance(1, "")
+    *parts, last = capsys.readouterr().err.splitlines()
+    assert parts
+    assert all(re.fullmatch(r"cells 0/1  train \d/8(, \d+ s left)?", line) for line in parts)
+    assert last == "cells 1/1"
+    assert not progress._folders
+
+
+def test_a_process_that_is_no_worker_tells_nobody(monkeypatch, tmp_path):
+    monkeypatch.delenv(progress.PARTS, raising=False)
+    progress.at("train", 1, 2)
+    monkeypatch.setenv(progress.PARTS, str(tmp_path))
+    progress.at("train", 1, 2)
+    (told,) = tmp_path.glob("*.txt")
+    assert told.read_text() == "train 1/2"
+    progress.at("train", 2, 2)
+    assert told.read_text() == "train 1/2"  # within a second
+    advance = progress.counting("encode", 3)
+    assert told.read_text() == "encode 0/3"
+    advance(1)
+    progress.at("")
+    assert not [*tmp_path.iterdir()]
+    monkeypatch.setenv(progress.PARTS, str(tmp_path / "gone"))
+    progress.at("train", 1, 2)

@@ -1,6 +1,7 @@
 """One cell of a study: train a network on spike trains, then measure the cost of its decisions."""
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -18,14 +19,15 @@ from neurotact.networks.training.model_selection import Tried
 from neurotact.networks.training.tasks import Task
 from neurotact.networks.use import measuring
 from neurotact.networks.use.measuring import by_condition
-from neurotact.progress import say
+from neurotact.progress import at, say
 from neurotact.studies import encoding_tables, measures
 from neurotact.studies.engine import Files
 from neurotact.studies.store import RESULT, TIMING, cell_folder
 from neurotact.studies.study import Cell
 
-JUDGED_S, LONG_MIN = 20.0, 5.0
-"""Seconds of a training after which its time is estimated, and the minutes from which on a line is printed."""
+TOLD_S, JUDGED_S, LONG_MIN = 1.0, 20.0, 5.0
+"""Seconds after which a training says how far it is and its time is estimated; minutes from which on a line is printed.
+"""
 RIGHT_SEEN = "right_seen"
 """Of a result: the share of correct windows of each trial that tests the conditions of training."""
 SEARCH = "search"
@@ -55,8 +57,7 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None, tells: b
     task = task_of(cell)
     if cell.search is None:
         spec = cell.network
-        long = LongTraining(lambda: recipe.resolve(spec, tasks.seen(trains, task)))
-        progress = long if tells else None
+        progress = LongTraining(lambda: recipe.resolve(spec, tasks.seen(trains, task)), tells)
         if not _trains_once(cell):
             return _robust(cell, trains, spec, progress)
         fitted, sides = trainer.fit(trains, spec, task, cell.seeds, progress=progress)
@@ -94,13 +95,14 @@ def robustly(
 
 
 class LongTraining:
-    """Called after each epoch; says once if the training takes minutes, and what takes less.
+    """Called after each epoch; says how far the training is and once, if it takes minutes, what takes less.
 
-    network: gives the network, with the choices of its recipe.
+    network: gives the network, with the choices of its recipe. says: whether it is said that minutes pass.
     """
 
-    def __init__(self, network: Callable[[], RSNNSpec]) -> None:
-        self._network = network
+    def __init__(self, network: Callable[[], RSNNSpec], says: bool = True) -> None:
+        self._network = lru_cache(network)
+        self._says = says
         self._began: float | None = None
         self._n_epochs = 0
         self._is_judged = False
@@ -111,11 +113,15 @@ class LongTraining:
             return
         self._n_epochs += 1
         seconds = perf_counter() - self._began
-        if self._is_judged or seconds < JUDGED_S:
+        if seconds < TOLD_S:  # the choices of a recipe take some milliseconds
             return
-        self._is_judged, spec = True, self._network()
+        spec = self._network()
         n, epochs = spec.n_trainings, spec.training.epochs
         most = n * epochs
+        at("train", self._n_epochs, most)
+        if self._is_judged or not self._says or seconds < JUDGED_S:
+            return
+        self._is_judged = True
         minutes = seconds / self._n_epochs * most / 60
         if minutes > LONG_MIN:
             members = f" of {n} trainings" if n > 1 else ""

@@ -24,6 +24,7 @@ from neurotact.encoders.model import EncoderSpec
 from neurotact.encoders.specs import with_t_refs
 from neurotact.errors import InputError
 from neurotact.files import write_json
+from neurotact.progress import counting
 from neurotact.spec import digest
 from neurotact.studies import encoding_tables, measures, store, tables_beside
 from neurotact.studies.cell import task_of
@@ -174,9 +175,12 @@ def encoder_of(
             training = recordings.select(train)
             if cell.split.folds:  # each fold has its own encoder, and its notes name the fold
                 training = replace(training, source=f"{recordings.source}, fold {cell.split.fold}")
-            fit, _ = calibration_for(start, {}, **{choice: getattr(cell, choice) for choice in CHOICES}, apart=apart)
+            fit, times = calibration_for(
+                start, {}, **{choice: getattr(cell, choice) for choice in CHOICES}, apart=apart
+            )
             rule = CalibrationRule(spikes_per_s=spikes_per_s)
-            calibrated[key] = fit(training, start, rule=rule, tell=tell).encoder
+            progress = counting("calibrate", times * rule.candidates)
+            calibrated[key] = fit(training, start, rule=rule, tell=tell, progress=progress).encoder
         return calibrated[key]
 
     start = cell.calibrate
@@ -190,7 +194,8 @@ def encoder_of(
 def spikes_of(cell: Cell, recordings: Recordings, encoder: EncoderSpec) -> SpikeTrains:
     """The spikes of a cell's trials and of their varied copies. encoder: of `encoder_of`."""
     copied = tables_beside.copied_part(recordings, cell)
-    return encode_recordings(recordings, encoder, augmentation=cell.augmentation, copied=copied)
+    progress = counting("encode", len(recordings))
+    return encode_recordings(recordings, encoder, progress, augmentation=cell.augmentation, copied=copied)
 
 
 def _source(dataset: DatasetSpec) -> str | None:

@@ -24,7 +24,7 @@ from neurotact.data.windows import Windows
 from neurotact.encoders.specs import t_ref_pair_ms
 from neurotact.metrics import paired
 from neurotact.networks.training import model_selection, tasks
-from neurotact.progress import track
+from neurotact.progress import counting
 from neurotact.studies import measures, store
 from neurotact.studies.cell import task_of
 from neurotact.studies.study import Cell, StudySpec, by_split, encoder_columns, reach_ms, split_columns, value_at
@@ -67,11 +67,11 @@ def _baselines(
     """
     groups = [list({cell.spikes_name: cell for cell in group}.values()) for group in by_split(cells)]
     fitted_rows = []
-    with track("baselines", sum(map(len, groups))) as advance:
-        for group in groups:
-            for cell in group:
-                fitted_rows += _fitted(folder, recordings, study, cell, cells, is_first=cell is group[0])
-                advance(1, "")
+    advance = counting("classifiers on signals and spikes", sum(map(len, groups)))
+    for group in groups:
+        for cell in group:
+            fitted_rows += _fitted(folder, recordings, study, cell, cells, is_first=cell is group[0])
+            advance(1)
     shares = [row.pop(opponents.RIGHT) for row in fitted_rows]
     trials = [
         (row, side, *pair)

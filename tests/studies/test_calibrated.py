@@ -48,7 +48,7 @@ def encoded(touches, monkeypatch, **changes):
 
     def quickly(spec, given, **choices):
         fit, times = calibration_for(spec, given, **choices)
-        return lambda recordings, spec, rule, tell: fit(recordings, spec, rule=RULE, tell=tell), times
+        return lambda recordings, spec, rule, **how: fit(recordings, spec, rule=RULE, **how), times
 
     monkeypatch.setattr(preparation, "calibration_for", quickly)
     what = loading.resolve("own-recordings", {**SMALL, **changes}, data=touches)
