@@ -1,4 +1,5 @@
-"""What a search tries next: each way alone, the ways that pay together, then TPE's points, then the best again.
+"""What a search tries next: each way alone, the ways that pay together, then points near the best and TPE's in turn,
+then the best again.
 
 Everything is decided by the trials that are done, in batches whose size belongs to the search: a search that goes on
 proposes what an uninterrupted one would, and the number of worker processes changes nothing.
@@ -6,7 +7,7 @@ proposes what an uninterrupted one would, and the number of worker processes cha
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from neurotact_parts.networks.saving.trial import WHOLE, Job, Trial
@@ -74,7 +75,7 @@ def next_batch(trials: Sequence[Trial], ways: Mapping[str, Way], asked: Asked) -
     if left > 0:
         known = {key_of(trial.point) for trial in first}
         points = next(
-            filter(None, (_new(found(first, ways, asked), known) for found in (_alone, _together, _by_tpe))), []
+            filter(None, (_new(found(first, ways, asked), known) for found in (_alone, _together, *_turn(first)))), []
         )
         points = points[: min(left, max(BATCH, len(points)))]
     jobs = [Job(len(trials) + number, point) for number, point in enumerate(points)]
@@ -100,6 +101,23 @@ def _together(first: Sequence[Trial], ways: Mapping[str, Way], asked: Asked) -> 
 
     Once with the amounts that were tried alone, and once with the least amounts.
     """
+    ranked = [(one.name, one.amount) for one in _worth(first, ways, asked)]
+    points = []
+    for n in range(len(ranked), 1, -2):
+        points += [dict(ranked[:n]), {name: 1 for name, _ in ranked[:n]}]
+    return points
+
+
+class _Worth(NamedTuple):
+    """A way that saves alone: the accuracy that it loses for each halving, its name, the amount that was tried."""
+
+    lost: float
+    name: str
+    amount: int
+
+
+def _worth(first: Sequence[Trial], ways: Mapping[str, Way], asked: Asked) -> list[_Worth]:
+    """The ways that save alone, the one that loses the least for it first."""
     base, worth = Candidate(first[0], WHOLE), []
     for trial in first:
         alone = [(name, amount) for name, amount in key_of(trial.point) if amount == ways[name].middle]
@@ -107,12 +125,8 @@ def _together(first: Sequence[Trial], ways: Mapping[str, Way], asked: Asked) -> 
             one = Candidate(trial, WHOLE)
             halvings = _halvings(one, base, asked)
             if halvings > -math.log2(1 - LEAST_SAVED):
-                worth.append(((base.accuracy - one.accuracy) / halvings, *alone[0]))
-    ranked = [(name, amount) for _, name, amount in sorted(worth)]
-    points = []
-    for n in range(len(ranked), 1, -2):
-        points += [dict(ranked[:n]), {name: 1 for name, _ in ranked[:n]}]
-    return points
+                worth.append(_Worth((base.accuracy - one.accuracy) / halvings, *alone[0]))
+    return sorted(worth)
 
 
 def _halvings(one: Candidate, base: Candidate, asked: Asked) -> float:
@@ -120,6 +134,21 @@ def _halvings(one: Candidate, base: Candidate, asked: Asked) -> float:
     sops = base.trial.decided[base.how]["sops_total"], one.trial.decided[one.how]["sops_total"]
     energy = math.log2(base.energy(asked.prices) / one.energy(asked.prices))
     return energy + 0.1 * math.log2(max(1.0, sops[0]) / max(1.0, sops[1]))
+
+
+def _turn(first: Sequence[Trial]) -> Sequence[Any]:
+    """Points near the best and those of TPE, in turn; the other kind where one has nothing new."""
+    return (_near, _by_tpe) if len(first) // BATCH % 2 else (_by_tpe, _near)
+
+
+def _near(first: Sequence[Trial], ways: Mapping[str, Way], asked: Asked) -> list[Point]:
+    """One amount more of one way than the cheapest point that kept the accuracy, the ways that pay first."""
+    base, keys = Candidate(first[0], WHOLE), [one.name for one in _worth(first, ways, asked)]
+    kept = [one for one in candidates(first) if is_within(one.accuracy, base.accuracy, asked.loss)]
+    at = min(kept, key=lambda one: one.energy(asked.prices)).trial.point
+    known = {key_of(trial.point) for trial in first}
+    points = [{**at, name: amount} for name in keys if (amount := at.get(name, 0) + 1) < len(ways[name].amounts)]
+    return [point for point in points if key_of(point) not in known][:BATCH]
 
 
 def _by_tpe(first: Sequence[Trial], ways: Mapping[str, Way], asked: Asked) -> list[Point]:
