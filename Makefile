@@ -85,10 +85,10 @@ $(VENV)/.site: $(VENV)/.installed
 	$(INSTALL) sphinx myst-parser furo sphinx-gallery sphinx-copybutton
 	touch $@
 
-# Norse and SpikingJelly ask for torchvision, which they do not need here; Brian2 needs an older numpy than ours.
+# Norse, SpikingJelly and NeuroBench ask for torchvision or torchaudio, which they do not need here; Brian2 needs an older numpy than ours.
 $(VENV)/.peers: $(VENV)/.installed
 	$(INSTALL) jax
-	$(BIN)/pip install --quiet --no-deps norse spikingjelly loguru
+	$(BIN)/pip install --quiet --no-deps norse spikingjelly loguru neurobench==2.3.0
 	$(PYTHON) -m venv $(VENV)-brian2
 	$(VENV)-brian2/bin/pip install --quiet brian2 'numpy<2' 'setuptools<82' cython
 	touch $@

@@ -1,1 +1,4 @@
-"""What becomes of a trained run beside a stream: C, NIR, snnTorch, chips, a page; found by name, as those of others."""
+"""What becomes of a trained run beside a stream: C, NIR, snnTorch, chips, NeuroBench's columns, a page.
+
+They are found by name, as those of others.
+"""

@@ -177,10 +177,10 @@ def _fixed_thresholds(network: "recurrent.RSNN", cost: str) -> Finding:
 
 
 def _shift(name: str, tau_ms: float, clock_Hz: float) -> Finding:
-    """A decay by x -> x - x / 2^k: its possible time constants are -1 / log(1 - 2^-k) steps."""
+    """A decay by x -> x - x / 2^k."""
     steps = tau_ms * 1e-3 * clock_Hz
-    possible = {k: -1 / math.log(1 - 2.0**-k) for k in range(1, 16)}
-    k, nearest_one = min(possible.items(), key=lambda shift: abs(math.log(shift[1] / steps)))
+    k = shift_of(steps)
+    nearest_one = steps_of(k)
     change = nearest_one / steps - 1
     tau = 1e3 * nearest_one / clock_Hz
     return Finding(
@@ -190,6 +190,20 @@ def _shift(name: str, tau_ms: float, clock_Hz: float) -> Finding:
         abs(change) <= 0.05,
         f"time constant changes by {100 * change:+.0f} %: train again with tau = {tau:.3g} ms",
     )
+
+
+def steps_of(shift: int) -> float:
+    """The time constant, in steps, of a decay x -> x - x / 2^shift."""
+    return -1 / math.log(1 - 2.0**-shift)
+
+
+def shift_of(steps: float) -> int:
+    """The shift, of 1 to 15 bits, with the nearest time constant.
+
+    >>> [shift_of(steps_of(k)) for k in (1, 7, 15)], shift_of(1e9)
+    ([1, 7, 15], 15)
+    """
+    return min(range(1, 16), key=lambda shift: abs(math.log(steps_of(shift) / steps)))
 
 
 def _weights(network: "recurrent.RSNN", bits: int) -> Iterator[Finding]:

@@ -603,6 +603,11 @@ WAYS = {
             OF_C,
         ),
         Way(
+            "export in/run --to xyloaudio2 -o a.json",
+            {"--prove": "--prove 1", "--spikes": "! --spikes in/slow-spikes.h5", "-o": "-o b.json", "--force": TWICE},
+            OF_NIR | {key: words for key, words in OF_C.items() if key != "--spikes"},
+        ),
+        Way(
             "export in/run --check loihi2",
             {"--check": "--check xyloaudio2"},
             OF_C | OF_NIR | {"--to": "--to c", "-o": "-o a", "--prove": "--prove 1", "--force": "--force"},

@@ -5,6 +5,7 @@ Of the network of a sensor that sends events, from an event to a decision.
 The float variant gives the same spikes as `stream`, the integer variant the same as `integer`.
 """
 
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -14,14 +15,17 @@ import jinja2
 import numpy as np
 from neurotact_parts.exporters.c import formats as whole
 from neurotact_parts.exporters.c.formats import Formats, Integrator
+from neurotact_parts.exporters.c.integer import CURVES
 from neurotact_parts.exporters.c.matrices import Matrix, matrices_of
 from neurotact_parts.streams.chain import LARGEST, Chain
 from neurotact_parts.streams.events import afferents_of
 from neurotact_parts.streams.native import columns_of, numbers_of
 
 from neurotact import __version__, files
-from neurotact.data.conditioning import HALF, Conditioner
-from neurotact.encoders.afferents import AfferentType, marks
+from neurotact.data.conditioning import HALF
+from neurotact.encoders.afferents import POPULATIONS, AfferentType, marks
+from neurotact.encoders.closed_form import AT_ONCE
+from neurotact.encoders.specs import is_exact
 from neurotact.errors import InputError, some
 from neurotact.networks.definition.executors import require
 from neurotact.progress import printable
@@ -96,7 +100,7 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
     if plan.length * sum(network.synapses.values()) > MOST_COUNT:
         raise InputError("windows: their synaptic operations may exceed a counter of 32 bits; shorten them")
     matrices = matrices_of(network, 4 if formats is None else 1)
-    n_start = Conditioner(chain.sampling_rate_Hz, conditioning).n_start
+    n_start = whole.conditioner_of(chain).n_start
     if n_start > MOST_STEPS:
         raise InputError("conditioning.start_ms: is longer than 2^31 - 1 steps; shorten it")
     heard = "(HIDDEN + AFFERENTS)" if spec.hears_afferents else "HIDDEN"
@@ -124,7 +128,9 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         "stretch_steps": 1 if network.stretches is None else network.stretches.steps,
         "weight": "float" if formats is None else "int8_t",
         "patience": chain.rule.in_bins(network.steps_per_bin).patience, "from_first_spike": chain.rule.from_first_spike,
-        "resampled": chain.sampling_rate_Hz != chain.clock_Hz, "baseline": conditioning.baseline,
+        "resampled": chain.sampling_rate_Hz != chain.signal_Hz, "finishes": chain.sampling_rate_Hz != chain.clock_Hz,
+        "exact": is_exact(encoder), "rows": int(np.ceil(chain.clock_Hz / chain.signal_Hz)) + 1,
+        "words": -(-network.n_inputs // 32), "baseline": conditioning.baseline,
         "rectify": conditioning.rectify,
         "columns": columns if len(columns) < n_taxels else [], "taxel_type": unsigned(n_taxels),
         "pruned": bool(network.synapses), "sparse": [name for name, matrix in matrices.items() if matrix.sparse],
@@ -171,8 +177,7 @@ def title_of(chain: Chain, formats: Formats | None) -> str:
 def _in_float(chain: Chain, kept: Mapping[str, Matrix]) -> dict[str, Any]:
     encoder, network = chain.lif, chain.network
     conditioning = encoder.conditioning
-    conditioner = Conditioner(chain.sampling_rate_Hz, chain.encoder.conditioning)
-    sa1, ra1 = encoder.neuron(encoder.sa1, chain.clock_Hz), encoder.neuron(encoder.ra1, chain.clock_Hz)
+    conditioner, exact = whole.conditioner_of(chain), is_exact(encoder)
     alpha, beta, threshold = (np.asarray(p.detach()) for p in (network.alpha, network.beta, network.threshold))
     matrices = {"w_in": network.w_in, "w_rec": network.w_rec, "w_out": network.readout_weights}
     tables = [
@@ -197,33 +202,62 @@ def _in_float(chain: Chain, kept: Mapping[str, Matrix]) -> dict[str, Any]:
         "count": "double" if network.bias is not None else _count(chain),
         "readout_leak": float(integration.decay).hex() if integration is not None and integration.leaks else None,
         "peak": integration is not None and integration.peak,
-        "silent_type": unsigned(max(sa1.refractory_steps, ra1.refractory_steps) + 1), "kinds": [*_float_kinds(chain)],
+        **(_closed_form(chain) if exact else _on_a_clock(chain)),
         "smoothing": smoothing, "smoothing_keep": smoothing_keep,
         "baseline_weight": baseline_weight, "baseline_keep": baseline_keep,
         "baseline_steps": f"{conditioner.n_start}u",
-        "stride": (chain.sampling_rate_Hz / chain.clock_Hz).hex(), "half": HALF.hex(),
+        "stride": (chain.sampling_rate_Hz / chain.signal_Hz).hex(), "half": HALF.hex(),
         "rate": float(chain.sampling_rate_Hz).hex(), "clock": float(chain.clock_Hz).hex(),
-        "offset": offset, "scale": scale, "sign": False, "plain": True, "leak": literal(sa1.decay),
-        "v_rest": literal(sa1.v_rest_mV),
+        "offset": offset, "scale": scale, "sign": False, "plain": True,
         "tables": tables, "layers": layers,
         "threshold_out": literal(threshold[1]),
     }  # fmt: skip
 
 
-def _float_kinds(chain: Chain) -> Iterator[dict[str, Any]]:
-    """The afferents under each taxel: what drives them, their levels and refractory steps, and words for them."""
-    encoder, clock_Hz = chain.lif, chain.clock_Hz
-    drives = ("sa1", "felt"), ("ra1", "magnitude(change)")
+def _on_a_clock(chain: Chain) -> dict[str, Any]:
+    """The afferents under each taxel, computed at each step of the clock: levels and steps."""
+    encoder = chain.lif
+    neurons = {part: encoder.neuron(getattr(encoder, part), chain.clock_Hz) for part in POPULATIONS}
+    one = neurons["sa1"]
+    own = {"threshold": literal(one.v_threshold_mV), "reset": literal(one.v_reset_mV)}
+    return {
+        "silent_type": unsigned(max(neuron.refractory_steps for neuron in neurons.values()) + 1),
+        "membrane": "float", "leak": literal(one.decay), "v_rest": literal(one.v_rest_mV),
+        "kinds": [
+            {**kind, **own, "target": f"{literal(one.v_rest_mV)} + {drive}", "silent": neurons[part].refractory_steps}
+            for part, drive, kind in _float_kinds(chain, chain.clock_Hz)
+        ],
+    }  # fmt: skip
+
+
+def _closed_form(chain: Chain) -> dict[str, Any]:
+    """The afferents under each taxel, computed once per sample, in double precision: levels, ms and steps."""
+    encoder, rate_Hz, clock_Hz = chain.lif, chain.signal_Hz, chain.clock_Hz
+    numbers = {
+        "v_rest": encoder.v_rest_mV, "v_reset": encoder.v_reset_mV, "v_threshold": encoder.v_threshold_mV,
+        "v_below": math.nextafter(encoder.v_threshold_mV, -math.inf), "tau_ms": encoder.tau_mem_ms,
+        "sample_ms": 1e3 / rate_Hz, "decay": math.exp(-1e3 / rate_Hz / encoder.tau_mem_ms),
+        "steps_per_ms": 1e-3 * clock_Hz, "steps_per_sample": clock_Hz / rate_Hz, "at_once": AT_ONCE,
+    }  # fmt: skip
+    v_rest = encoder.v_rest_mV.hex()
+    return {
+        "silent_type": "double", "membrane": "double", "v_rest": v_rest,
+        "closed": {key: float(number).hex() for key, number in numbers.items()},
+        "kinds": [
+            {**kind, "target": f"{v_rest} + (double)({drive})", "silent": float(getattr(encoder, part).t_ref_ms).hex()}
+            for part, drive, kind in _float_kinds(chain, rate_Hz)
+        ],
+    }  # fmt: skip
+
+
+def _float_kinds(chain: Chain, signal_Hz: float) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """The type of each afferent under a taxel, its drive by samples of that rate, and words for it."""
+    encoder = chain.lif
+    felt = ("sa1", "felt"), ("ra1", "magnitude(change)")
     columns = encoder.columns(chain.n_taxels)
-    for (part, drive), gains, taxels in zip(drives, encoder.gains_at(clock_Hz), columns, strict=True):
-        kind = getattr(encoder, part)
-        neuron = encoder.neuron(kind, clock_Hz)
-        for gain, about in zip(gains, _words(kind, part), strict=True) if taxels else ():
-            yield {
-                "about": about, "target": f"{literal(neuron.v_rest_mV)} + {literal(gain)} * {drive}",
-                "threshold": literal(neuron.v_threshold_mV), "reset": literal(neuron.v_reset_mV),
-                "silent": neuron.refractory_steps,
-            }  # fmt: skip
+    for (part, what), gains, taxels in zip(felt, encoder.gains_at(signal_Hz), columns, strict=True):
+        for gain, about in zip(gains, _words(getattr(encoder, part), part), strict=True) if taxels else ():
+            yield part, f"{literal(gain)} * {what}", {"about": about}
 
 
 def _words(kind: AfferentType, part: str) -> list[str]:
@@ -260,6 +294,8 @@ def _in_integers(chain: Chain, formats: Formats, kept: Mapping[str, Matrix]) -> 
     levels = {} if chain.takes_events else levels
     for what in ("threshold", "reset"):
         tables += [_integers(f"{what}_{name}", getattr(kind, what), "int32_t") for name, kind in levels.items()]
+    if front.closed:
+        tables += [_integers(name, values, "uint32_t") for name, values in zip(("logs", "powers"), CURVES, strict=True)]
     has_offset = bool(front.offset.any())
     tables += [_integers("offset", front.offset, "int32_t")] if has_offset else []
     has_sign = bool((front.sign < 0).any())
@@ -270,11 +306,13 @@ def _in_integers(chain: Chain, formats: Formats, kept: Mapping[str, Matrix]) -> 
     layers += [] if isinstance(readout, Integrator) else [_integer_layer(chain, 1, readout)]
     stride = front.stride or (0, 0)
     return {
-        "value": "int32_t", "sum": "int64_t", "wide": "int32_t",
+        "value": "int32_t", "membrane": "int32_t", "sum": "int64_t", "wide": "int32_t",
         "state": "int16_t" if formats.state_bits <= 16 else "int32_t",
         "count": "int32_t" if isinstance(readout, Integrator) else _count(chain),
         "readout_leak": None, "peak": False,
-        "silent_type": unsigned(max(kind.silent for kind in front.kinds) + 1), "kinds": _integer_kinds(chain, front),
+        "silent_type": "uint32_t" if front.closed else unsigned(max(kind.silent for kind in front.kinds) + 1),
+        "closed": front.closed, "octave": whole.OCTAVE, "tick": whole.TICK, "piece": whole.PIECE,
+        "kinds": _integer_kinds(chain, front),
         "smoothing": front.smoothing, "baseline_weight": front.baseline_weight,
         "baseline_steps": f"{front.baseline_steps}u",
         "stride_whole": stride[0], "stride_part": stride[1], "stride": stride[0] * 2**32 + stride[1],
@@ -345,6 +383,8 @@ ABOUT = {
     "threshold_sa1": "Thresholds of SA-I afferents above rest, divided by their gains.",
     "threshold_ra1": "Thresholds of RA-I afferents above rest, divided by their gains.",
     "reset_sa1": "Reset values of SA-I afferents, in the same unit.",
+    "logs": "Logarithms to the base 2 from 1 to 2, in equal pieces.",
+    "powers": "2^-x for x from 0 to 1, in equal pieces.",
     "reset_ra1": "Reset values of RA-I afferents, in the same unit.",
 }
 """What a table is, by its name; those of the second and later grades have a number after it."""

@@ -16,12 +16,13 @@ from torch import Tensor
 
 from neurotact.data.conditioning import Conditioner
 from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.specs import conditioning_of, is_exact
 from neurotact.errors import InputError
 from neurotact.networks.definition.executors import Subject, require
 from neurotact.networks.definition.readouts import Stretches
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.training.ranges import Ranges
-from neurotact.neurons import LIF
+from neurotact.neurons import decay_per_step
 
 FRACTION = 12
 """Bits after the binary point of a conditioned sample: 16 + 12 bits, and two more for differences, fit in 32."""
@@ -37,6 +38,13 @@ LARGEST = 2**31 - 1
 MOST_OFFSET = 2**28
 FINEST = 128
 """Units of the afferents' arithmetic in the least threshold, from which on rounding it moves it by less than 0.4 %."""
+
+TICK = 16
+"""Bits of a step in the times of afferents in closed form."""
+OCTAVE = 24
+"""Bits after the binary point of a logarithm to the base 2, and of a power of 2."""
+PIECE = 6
+"""Bits of the number of straight pieces of an octave of both: of 64, a logarithm is at most 4.5e-5 of an octave off."""
 
 
 class Raw(NamedTuple):
@@ -76,11 +84,26 @@ class Weight(NamedTuple):
         return Weight(min(round(value * 2.0**bits), 2**MANTISSA - 1), bits)
 
 
+class ClosedForm(NamedTuple):
+    """Times of afferents in closed form, in ticks: 2^-TICK of a step.
+
+    stride: steps from one sample to the next, as an integer and 2^-32ths, rounded up; sample: the same in ticks.
+    octave: in which the distance of a membrane from its target halves. per_tick: the octaves of a tick, times
+    2^(TICK + OCTAVE). kept: of a membrane's distance from its target after a sample, times 2^OCTAVE.
+    """
+
+    stride: tuple[int, int]
+    sample: int
+    octave: int
+    per_tick: int
+    kept: int
+
+
 class Afferents(NamedTuple):
     """One afferent under each taxel, in integers.
 
     name: of its levels: `sa1` or `ra1`, with a number from the second grade on. drive: what the afferent receives.
-    threshold, reset: `(taxel,)`, in units of 2^-FRACTION of a raw step. silent: refractory steps.
+    threshold, reset: `(taxel,)`, in units of 2^-FRACTION of a raw step. silent: refractory steps; in closed form ticks.
     taxels: those that have one, of the taxels that are used.
     """
 
@@ -96,12 +119,14 @@ class FrontEnd(NamedTuple):
     """Conditioning and afferents in integers.
 
     smoothing: weight of the newest sample; None without a moving average.
-    stride: samples from one step to the next, as an integer and 2^-32ths; None for one step per sample.
+    stride: samples from one step of the conditioned signal to the next, as an integer and 2^-32ths; None for one step
+        per sample.
     baseline: as in the encoder; baseline_steps: of `start`; baseline_weight: of `high-pass`.
     offset: `(taxel,)`, in units of 2^-FRACTION of a raw step.
     sign: of each taxel's scale, `(taxel,)`; -1 for a signal that falls on contact. Thresholds contain its magnitude.
-    leak: of all afferents. kinds: the afferents under each taxel, SA-I first.
+    leak: of all afferents at a step of their clock. kinds: the afferents under each taxel, SA-I first.
     columns: the taxels that are used, of those of a sample; all else is of these alone.
+    closed: of afferents in closed form; None on a clock.
     """
 
     smoothing: Weight | None
@@ -115,6 +140,7 @@ class FrontEnd(NamedTuple):
     leak: Weight
     kinds: tuple[Afferents, ...]
     columns: list[int]
+    closed: ClosedForm | None = None
 
 
 class Layer(NamedTuple):
@@ -297,9 +323,7 @@ def _is_fine(chain: Chain, raw: Raw) -> bool:
 def _front_end(chain: Chain, raw: Raw) -> FrontEnd:
     require("c-integer", chain.subject)
     columns, chain = chain.of_used()
-    encoder, clock_Hz = chain.lif, chain.clock_Hz
-    conditioning = encoder.conditioning
-    conditioner = Conditioner(chain.sampling_rate_Hz, chain.encoder.conditioning)
+    encoder, conditioning, conditioner = chain.lif, chain.encoder.conditioning, conditioner_of(chain)
     fine = 2.0**FRACTION / raw.lsb
     zero = raw.zero if conditioning.baseline == "none" else 0.0
     offset = np.zeros(chain.n_taxels) if conditioning.offset is None else np.array(conditioning.offset)
@@ -320,28 +344,54 @@ def _front_end(chain: Chain, raw: Raw) -> FrontEnd:
         offset=shifted.astype(np.int64),
         sign=np.sign(scale).astype(np.int64),
         rectify=conditioning.rectify,
-        leak=Weight.of(1.0 - encoder.neuron(encoder.sa1, clock_Hz).decay),
-        kinds=tuple(_kinds(encoder, clock_Hz, np.abs(scale) * fine)),
+        leak=Weight.of(1.0 - decay_per_step(encoder.tau_mem_ms, chain.clock_Hz)),
+        kinds=tuple(_kinds(encoder, chain, np.abs(scale) * fine)),
         columns=columns,
+        closed=_closed_form(encoder, chain) if is_exact(encoder) else None,
     )
 
 
-def _kinds(encoder: AfferentSpec, clock_Hz: float, fine: np.ndarray) -> Iterator[Afferents]:
+def conditioner_of(chain: Chain) -> Conditioner:
+    """What conditions the samples of a chain."""
+    return Conditioner(chain.sampling_rate_Hz, conditioning_of(chain.encoder, chain.sampling_rate_Hz))
+
+
+def _closed_form(encoder: AfferentSpec, chain: Chain) -> ClosedForm:
+    steps, octave_ms = chain.clock_Hz / chain.signal_Hz, encoder.tau_mem_ms * math.log(2)
+    octave = _ticks(octave_ms, chain, "tau_mem_ms")
+    whole, part = divmod(math.ceil(steps * 2**32), 2**32)
+    kept = math.exp(-1e3 / chain.signal_Hz / encoder.tau_mem_ms)
+    return ClosedForm(
+        (whole, part), round(steps * 2**TICK), octave, min(round(2 ** (TICK + OCTAVE) / octave), LARGEST),
+        round(kept * 2**OCTAVE),
+    )  # fmt: skip
+
+
+def _ticks(time_ms: float, chain: Chain, key: str) -> int:
+    ticks = max(1, round(time_ms * 1e-3 * chain.clock_Hz * 2**TICK))
+    if ticks > LARGEST:
+        raise InputError(f"encoder: {key} is longer than 2^15 steps, which 32 bits do not hold; export it in float32")
+    return ticks
+
+
+def _kinds(encoder: AfferentSpec, chain: Chain, fine: np.ndarray) -> Iterator[Afferents]:
     """The afferents under each taxel; fine: units of the integers in one of the standardised signal, `(taxel,)`."""
-    columns = encoder.columns(len(fine))
-    for part, gains, taxels in zip(("sa1", "ra1"), encoder.gains_at(clock_Hz), columns, strict=True):
+    columns, exact = encoder.columns(len(fine)), is_exact(encoder)
+    for part, gains, taxels in zip(("sa1", "ra1"), encoder.gains_at(chain.signal_Hz), columns, strict=True):
         kind = getattr(encoder, part)
-        neuron = encoder.neuron(kind, clock_Hz)
+        silent = (
+            _ticks(kind.t_ref_ms, chain, f"{part}.t_ref_ms")
+            if exact
+            else encoder.neuron(kind, chain.clock_Hz).refractory_steps
+        )
         for index, gain in enumerate(gains if taxels else ()):
             grade = index % len(kind.grades)
             drive = "change" if part == "ra1" else "signal" if gain > 0 else "falling"
-            levels = _levels(neuron, abs(gain), fine)
-            yield Afferents(
-                part if grade == 0 else f"{part}_{grade + 1}", drive, *levels, neuron.refractory_steps, taxels
-            )
+            levels = _levels(encoder, abs(gain), fine)
+            yield Afferents(part if grade == 0 else f"{part}_{grade + 1}", drive, *levels, silent, taxels)
 
 
-def _levels(neuron: LIF, gain: float, fine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _levels(neuron: AfferentSpec, gain: float, fine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Threshold and reset above rest, divided by the gain: in the signal's unit."""
     threshold = np.rint((neuron.v_threshold_mV - neuron.v_rest_mV) / gain * fine)
     reset = np.rint((neuron.v_reset_mV - neuron.v_rest_mV) / gain * fine)

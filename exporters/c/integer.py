@@ -12,7 +12,12 @@ import numpy as np
 import torch
 from neurotact_parts.exporters.c.formats import (
     FRACTION,
+    LARGEST,
+    OCTAVE,
+    PIECE,
+    TICK,
     Afferents,
+    ClosedForm,
     Formats,
     FrontEnd,
     Integrator,
@@ -24,6 +29,10 @@ from neurotact_parts.exporters.c.formats import (
 from neurotact.networks.definition.clock import binned
 from neurotact.networks.exit.rule import ExitRule, Leader
 from neurotact.neurons import CubaLIF
+
+_PIECES = np.arange(2**PIECE + 1) / 2**PIECE
+CURVES = tuple(np.rint(values * 2.0**OCTAVE).astype(np.int64) for values in (np.log2(1 + _PIECES), 2**-_PIECES))
+"""log2(1 + x) and 2^-x for x from 0 to 1, between which `log2` and `kept` take straight lines."""
 
 
 class Decided(NamedTuple):
@@ -65,13 +74,13 @@ def encode(raw: np.ndarray, front: FrontEnd, lengths: np.ndarray | None = None) 
     raw = np.asarray(raw, np.int64)[..., front.columns]
     n_trials, n_samples, n_taxels = raw.shape
     lengths = np.full(n_trials, n_samples) if lengths is None else lengths
+    if front.closed is not None:
+        return _encode_closed(raw, front, lengths, front.closed)
     rest = np.zeros((n_trials, n_taxels), np.int64)
     states = [[rest[:, kind.taxels]] * 2 for kind in front.kinds]
     rows, before = [], None
     for signal in _conditioned(raw, front, lengths):
-        change = np.abs(signal - (signal if before is None else before))
-        before = signal
-        drives = {"signal": signal, "falling": -signal, "change": change}
+        drives, before = _drives(signal, before), signal
         stepped = [
             _afferent(drives[kind.drive][:, kind.taxels], state, front.leak, kind)
             for state, kind in zip(states, front.kinds, strict=True)
@@ -81,6 +90,91 @@ def encode(raw: np.ndarray, front: FrontEnd, lengths: np.ndarray | None = None) 
     if not rows:
         return np.zeros((n_trials, 0, sum(len(kind.taxels) for kind in front.kinds)), np.uint8)
     return np.stack(rows, axis=1).astype(np.uint8)
+
+
+def _drives(signal: np.ndarray, before: np.ndarray | None) -> dict[str, np.ndarray]:
+    change = np.abs(signal - (signal if before is None else before))
+    return {"signal": signal, "falling": -signal, "change": change}
+
+
+def _encode_closed(raw: np.ndarray, front: FrontEnd, lengths: np.ndarray, closed: ClosedForm) -> np.ndarray:
+    """`encode` of afferents in closed form: once per sample, the spikes until the next one."""
+    n_trials, n_samples, n_taxels = raw.shape
+    ends = np.cumsum([len(kind.taxels) for kind in front.kinds])
+    rows = np.zeros((n_trials, n_steps(n_samples, front) + 1, ends[-1]), np.uint8)
+    rest, before, elapsed, first = np.zeros((n_trials, n_taxels), np.int64), None, 0, 0
+    states = [(rest[:, kind.taxels], rest[:, kind.taxels]) for kind in front.kinds]
+    for t, signal in enumerate(_conditioned(raw, front, lengths)):
+        drives, before = _drives(signal, before), signal
+        carry, after = divmod(elapsed + closed.stride[1], 2**32)
+        within = (elapsed >> (32 - TICK), first, first + closed.stride[0] + carry)
+        for k, kind in enumerate(front.kinds):
+            times, states[k] = _interval(drives[kind.drive][:, kind.taxels], states[k], closed, kind)
+            _mark(rows[:, :, ends[k] - len(kind.taxels) : ends[k]], times, within, lengths > t)
+        elapsed, first = after, within[2]
+    return rows[:, : n_steps(n_samples, front)]
+
+
+def _mark(
+    rows: np.ndarray, times: tuple[np.ndarray, np.ndarray, np.ndarray], within: tuple[int, int, int], lasts: np.ndarray
+) -> None:
+    """Mark spikes in their steps, `(trial, step, afferent)`; lasts: the trials that have this sample.
+
+    times: the first one of each afferent, the interval to the next, and their number. within: ticks of the step under
+    way that are over, this step, and that under way at the next sample.
+    """
+    time, isi, n_spikes = times
+    begun, first, last = within
+    for nth in range(int(n_spikes.max(initial=0))):
+        trial, afferent = np.nonzero((n_spikes > nth) & lasts[:, None])
+        at = np.maximum(begun + (time + nth * isi)[trial, afferent] - 1, 0)
+        rows[trial, np.minimum(first + (at >> TICK), last), afferent] = 1
+
+
+def _interval(
+    target: np.ndarray, state: tuple[np.ndarray, np.ndarray], closed: ClosedForm, kind: Afferents
+) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """`neurons.exact_lif_interval` in integers: first spikes, intervals and numbers; membranes and refractory ticks."""
+    reset, threshold = kind.reset[kind.taxels], kind.threshold[kind.taxels]
+    membrane, begin = np.minimum(state[0], threshold - 1), np.minimum(state[1], closed.sample)
+    left = np.where(begin > 0, kept(closed.sample - begin, closed), closed.kept)
+    after = target + over((membrane - target) * left, OCTAVE)
+    fires = (after >= threshold) & (target > threshold)
+    room = np.where(fires, target - threshold, 1)
+    charged = np.where(fires, target - membrane, 1)
+    first = np.minimum(begin + _charging(charged, room, closed), closed.sample)
+    isi = kind.silent + _charging(np.where(fires, target - reset, 1), room, closed)
+    since = closed.sample - first
+    later = since // isi
+    since = since - later * isi
+    awake = np.maximum(since - kind.silent, 0)
+    fallen = target + over((reset - target) * kept(awake, closed), OCTAVE)
+    rest = np.where(fires, np.maximum(kind.silent - since, 0), state[1] - begin)
+    return (first, isi, np.where(fires, later + 1, 0)), (np.where(fires, fallen, after), rest)
+
+
+def _charging(distance: np.ndarray, room: np.ndarray, closed: ClosedForm) -> np.ndarray:
+    """The ticks, at most `LARGEST`, in which a distance from the target falls to another one, both above 0."""
+    return np.minimum((log2(distance) - log2(room)) * closed.octave >> OCTAVE, LARGEST)
+
+
+def log2(value: np.ndarray) -> np.ndarray:
+    """The logarithm to the base 2 of a positive number of 31 bits, times 2^OCTAVE, by straight pieces.
+
+    >>> log2(np.array([1, 3, 2**30])) / 2**OCTAVE
+    array([ 0.       ,  1.5849625, 30.       ])
+    """
+    octave = np.frexp(value.astype(np.float64))[1].astype(np.int64) - 1
+    piece, part = np.divmod((value << (31 - octave)) - 2**31 >> 25 - 2 * PIECE, 2 ** (6 + PIECE))
+    return (octave << OCTAVE) + CURVES[0][piece] + ((CURVES[0][piece + 1] - CURVES[0][piece]) * part >> 6 + PIECE)
+
+
+def kept(ticks: np.ndarray, closed: ClosedForm) -> np.ndarray:
+    """The share of a membrane's distance from its target that is left after some ticks, times 2^OCTAVE."""
+    octave, rest = np.divmod(ticks * closed.per_tick >> TICK, 2**OCTAVE)
+    piece, part = np.divmod(rest >> OCTAVE - 8 - 2 * PIECE, 2 ** (8 + PIECE))
+    share = CURVES[1][piece] - ((CURVES[1][piece] - CURVES[1][piece + 1]) * part >> 8 + PIECE)
+    return share >> np.minimum(octave, 31)
 
 
 def _afferent(
@@ -143,7 +237,11 @@ def n_steps(n_samples: int, front: FrontEnd) -> int:
     >>> n_steps(4, SimpleNamespace(stride=(0, 2**31)))  # twice as many steps as samples
     8
     """
-    if front.stride is None or not n_samples:
+    if not n_samples:
+        return 0
+    if front.stride is None and front.closed is not None:
+        return ((n_samples * (front.closed.stride[0] * 2**32 + front.closed.stride[1])) + 2**31) >> 32
+    if front.stride is None:
         return n_samples
     stride, sample = front.stride[0] * 2**32 + front.stride[1], 2**32
     return max((n_samples - 1) * sample // stride + 1, (2 * n_samples * sample + stride) // (2 * stride))

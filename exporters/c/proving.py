@@ -10,14 +10,13 @@ import torch
 from neurotact_parts.exporters import trials as test_trials
 from neurotact_parts.exporters.c import boards, c_export, integer, proof
 from neurotact_parts.exporters.c.boards import Board
-from neurotact_parts.exporters.c.formats import Formats
+from neurotact_parts.exporters.c.formats import Formats, conditioner_of
 from neurotact_parts.exporters.c.proof import Spoken, spoken_of
 from neurotact_parts.streams.chain import Chain
 
 from neurotact import files
-from neurotact.data.conditioning import Conditioner
 from neurotact.data.recordings import Recordings
-from neurotact.encoders import afferents
+from neurotact.encoders import specs
 from neurotact.errors import InputError
 from neurotact.networks.use import fitted
 from neurotact.networks.use.fitted import Fitted
@@ -135,8 +134,8 @@ def expected_in_integers(chain: Chain, formats: Formats, trials: Sequence[np.nda
 @torch.no_grad()
 def expected_in_float(chain: Chain, trial: np.ndarray) -> Spoken:
     """The output for a whole trial of samples `(sample, taxel)` float32, in the encoder's unit."""
-    conditioner = Conditioner(chain.sampling_rate_Hz, chain.encoder.conditioning)
-    raster = afferents.encode(conditioner.whole(trial)[None], chain.clock_Hz, chain.lif)[0][0]
+    signal = conditioner_of(chain).whole(trial)
+    raster = specs.encode_whole(signal[None], chain.signal_Hz, chain.lif)[0]
     starts, windows = _windows(chain, raster)
     inputs = torch.from_numpy(windows)
     made, (hidden, readout) = chain.network.infer(inputs, chain.rule), chain.network.simulate(inputs)

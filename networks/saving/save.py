@@ -20,8 +20,10 @@ with lazily():
     from neurotact_parts.networks.saving import start as starting
     from neurotact_parts.networks.saving import trial as trying
     from neurotact_parts.networks.saving import ways as known_ways
+    from neurotact_parts.streams import chain
 
     from neurotact.figures import style
+    from neurotact.networks.definition import executors
     from neurotact.networks.training import resumable, run_folder
     from neurotact.networks.use import fitted
 
@@ -71,9 +73,7 @@ def save_energy(
     if not 0 <= at_most_points <= 100:
         raise InputError(f"at_most_points: must be from 0 to 100; got {at_most_points:g}")
     listed, source, out = price_list(prices), Path(run), Path(folder)
-    for name, moved in {"recordings": recordings, "spikes": spikes}.items():
-        if moved is not None and source.is_file():
-            raise InputError(f"`{name}`: has no effect with a file, which is read itself; leave it out")
+    _refuse_moved(source, recordings=recordings, spikes=spikes)
     chosen = listed.name
     if chosen not in names() or price_list(chosen) != listed:
         raise InputError(f"prices: a search knows the lists that are installed; name one of {', '.join(names())}")
@@ -105,6 +105,11 @@ def save_energy(
     for line in (answer["answer"], *_lines(rows, asked, out)):
         tell(line)
     return answer
+
+
+def _refuse_moved(source: Path, **moved: Any) -> None:
+    for name in (name for name, given in moved.items() if given is not None and source.is_file()):
+        raise InputError(f"`{name}`: has no effect with a file, which is read itself; leave it out")
 
 
 def _path(path: str | Path | None) -> Path | None:
@@ -159,9 +164,11 @@ def _problem(source: Path, start: "starting.Start", asked: "proposals.Asked") ->
 
 
 def _next(start: "starting.Start") -> str:
-    """The command for the best point: C, unless its membranes are in closed form or it hears events."""
-    encoder = start.bench.encoder
-    return "export" if encoder is not None and encoder.integration == "clock" else "infer"
+    """The command for the best point: C in integers, where it runs the encoder and the network of the run."""
+    table = start.base.trains.encoder
+    encoder = chain.encoder_of(table, "spikes of the run") if table else None
+    subject = executors.Subject(encoder, start.base.network)
+    return "export" if executors.lacking("c-integer", subject) is None else "infer"
 
 
 def _answer(

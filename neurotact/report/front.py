@@ -16,7 +16,6 @@ from neurotact.data.splits import SplitSpec, turns_of, validation_note
 from neurotact.data.trial_choice import values_in_words
 from neurotact.data.window_choice import on_late_onsets, timing_of
 from neurotact.encoders.cost import no_cost
-from neurotact.encoders.specs import is_exact
 from neurotact.errors import InputError
 from neurotact.metrics import paired, starts
 from neurotact.metrics.paired import Paired
@@ -452,8 +451,7 @@ class _OfRun(NamedTuple):
         file, each = self.study.dataset.file, min(self._trials_of_classes(), default=0)
         place = cell_folder(self.folder, chosen)
         may_fold = self.study.split == SplitSpec() and not split_columns(self.study) and each >= automatic.FOLDS
-        recordings, exact = Path(file) if file else None, is_exact(chosen.encoder)
-        places = period_choice.Places(self.folder, place, recordings, exact=exact, may_fold=may_fold)
+        places = period_choice.Places(self.folder, place, Path(file) if file else None, may_fold=may_fold)
         sure = period_choice.Sure(sides.trials.test, len(cells), choice.network.seeds, each)
         said = period_choice.in_words(choice, sure, periods.populations(self.study), sample_ms)
         return said, period_choice.next_step(choice, sure, places)

@@ -33,7 +33,7 @@ PROTOCOL = ("marks.js", "plotly.js", "state.js", "table.js", "protocol.js")
 
 _END = re.compile(r"(?<=[;.]) ")
 _SETTINGS = re.compile(r"`settings=(\{[^`]*\})`")
-_SPLIT = re.compile(r"`split=nt\.Split\((\w+)=(\w+)\)`")
+_SPEC = re.compile(r"\x60\w+=nt\.\w+\((\w+)=(\w+)\)\x60")
 
 
 class Table(NamedTuple):
@@ -176,14 +176,12 @@ def parted(sentences: str) -> tuple[str, str]:
 
 
 def typed(text: str, option: str) -> str:
-    """A message whose settings stand as they are typed on the command line, and whose percent signs stay with numbers.
+    """A message whose settings and specs are as they are typed in a shell, and whose percent signs stay with numbers.
 
     >>> typed("try `settings={'window.length_ms': ..., 'window.align': 'onset'}`", "with")
     'try `with window.length_ms=... with window.align=onset`'
-    >>> typed("test every trial with `split=nt.Split(folds=5)`", "with")
-    'test every trial with `--folds 5`'
     """
-    text = _SPLIT.sub(r"`--\1 \2`", text)
+    text = _SPEC.sub(lambda match: f"{match[0][0]}--{match[1]} {match[2]}{match[0][0]}", text)
     return _SETTINGS.sub(lambda match: _as_typed(match[1], option) or match[0], text).replace(" %", "\u00a0%")
 
 

@@ -71,14 +71,12 @@ class Sure(NamedTuple):
 class Places(NamedTuple):
     """Names of a run that commands need: its folder, that of the chosen network, the recordings.
 
-    exact: whether membranes are in closed form, which C does not compute. may_fold: whether the split is a random one
-    without folds, of classes that are large enough for them.
+    may_fold: whether the split is a random one without folds, of classes that are large enough for them.
     """
 
     run: Path
     cell: Path
     recordings: Path | None = None
-    exact: bool = False
     may_fold: bool = False
 
 
@@ -330,14 +328,8 @@ def next_step(choice: PeriodChoice, sure: Sure, places: Places) -> tuple[str, li
     if choice.kind != "unclear":
         recorded = [] if places.recordings is None else ["--recordings", places.recordings]
         save = _command("save", cell, *recorded, "-o", _beside(run, "saved"))
-        if not places.exact:
-            export = _command("export", cell, "--to", "c", *recorded, "-o", run / "c")
-            return "Let all ways to save be tried together, or take it along as it is, as C:", [save, export]
-        again = _command("study", "run", study, "--set", "encoder.integration=clock", "-o", _beside(run, "clock"))
-        if places.recordings is None:
-            return "For C, train it with membranes on a clock:", [again]
-        use = _command("stream", cell, "--from", places.recordings)
-        return "Use it on samples as they come; for C, train it with membranes on a clock:", [use, again]
+        export = _command("export", cell, "--to", "c", *recorded, "-o", run / "c")
+        return "Let all ways to save be tried together, or take it along as it is, as C:", [save, export]
     if places.may_fold:
         return (
             f"Test each trial once, in {FOLDS} folds, each from another start of the weights:",

@@ -464,18 +464,17 @@ def _with_seeds(
     return {**table, "split": {"folds": FOLDS}, "sweep": sweep}, note
 
 
-def clock(recorded: Recorded, clock_Hz: float | None, *, exact: bool = False, chosen: bool = False) -> list[str]:
+def clock(recorded: Recorded, clock_Hz: float | None, *, exact: bool = False) -> list[str]:
     """The effect of the encoder's clock on these recordings, in words; empty if it equals their sampling rate.
 
-    exact: whether membranes are in closed form, so that the clock is that of the spikes alone. chosen: by the study.
+    exact: whether membranes are in closed form, so that the clock is that of the spikes alone.
     """
     rate_Hz = recorded.sampling_rate_Hz
     if clock_Hz is None or clock_Hz == rate_Hz:
         return []
     note = f"Clock: {clock_Hz:g} Hz, so that refractory periods of whole ms are exact; recorded at {rate_Hz:g} Hz"
     if exact:
-        said = f"Clock of the spikes: {clock_Hz:g} Hz; afferents are computed once per sample, at {rate_Hz:.4g} Hz"
-        return [f"{said}; for a chain in C: `settings={{'{INTEGRATION}': 'clock'}}`." if chosen else f"{said}."]
+        return [f"Clock of the spikes: {clock_Hz:g} Hz; afferents are computed once per sample, at {rate_Hz:.4g} Hz."]
     if rate_Hz >= clock_Hz:
         return [f"{note}, smoothed and resampled."]
     sample_ms = 1e3 / rate_Hz

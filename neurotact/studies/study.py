@@ -417,7 +417,7 @@ def _with_auto_values(
     swept = [value for key in periods for value in sweeps.values(study.sweep, key)]
     if automatic.INTEGRATION in left and pays_exact(study.encoder, recorded.sampling_rate_Hz, swept):
         exact, table = True, {**table, "encoder": {**table["encoder"], "integration": "exact"}}
-    notes += automatic.clock(recorded, clock_Hz, exact=exact, chosen=automatic.INTEGRATION in left)
+    notes += automatic.clock(recorded, clock_Hz, exact=exact)
     is_swept = not {"encoder", automatic.MEMBRANE}.isdisjoint(sweeps.keys(study.sweep))
     is_open = automatic.MEMBRANE in left and not is_swept and not automatic.untrained_conditions(table)
     if is_open and isinstance(study.encoder, AfferentSpec):

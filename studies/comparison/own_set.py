@@ -25,7 +25,7 @@ from neurotact.encoders.calibration import CLOCK_HZ, PAST
 from neurotact.errors import InputError
 from neurotact.spec import build, load, override
 from neurotact.studies import automatic
-from neurotact.studies.automatic import AUTO, INTEGRATION, MEMBRANE, OPEN, Recorded
+from neurotact.studies.automatic import AUTO, MEMBRANE, OPEN, Recorded
 from neurotact.studies.way import Own
 
 ENCODER = "sa1-ra1-lif"
@@ -92,7 +92,7 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     built = build(SetSpec, table, source=str(path))
     if touches.unit is not None:
         is_exact = integration_of(built, touches.recorded.sampling_rate_Hz) == "exact"
-        notes += automatic.clock(touches.recorded, clock_Hz, exact=is_exact, chosen=INTEGRATION not in given)
+        notes += automatic.clock(touches.recorded, clock_Hz, exact=is_exact)
         notes += [] if MEMBRANE in given else automatic.of_membrane(built.membrane_ms, OWN_MS)
     by = {"data.split": "groups"} if group else {}
     _check(touches, built, others.get(SEED), **{key.removeprefix("data."): value for key, value in by.items()})

@@ -44,10 +44,12 @@ class Driven:
         c_export.write(chain, folder, formats, name="skin", parts=c_export.HARNESS)
         context = c_export.context_of(chain, formats, "skin")
         self.has_position = context["resampled"] and formats is None
+        self.has_felt = context["exact"] and not context["resampled"] and formats is None
         self.averages = context["baseline"] == "start"
         defines = [f"#define {key} {context[value]}" for key, value in TYPES.items()]
         defines += ["#define HEARD"] * self.averages + ["#define POSITION"] * self.has_position
-        defines += ["#define RESAMPLED"] * context["resampled"]
+        defines += ["#define FELT"] * self.has_felt
+        defines += ["#define FINISHES"] * context["finishes"]
         (folder / "harness.c").write_text("\n".join([*defines, DRIVER.read_text()]))
         if board is None:
             self.program = proof.built_here(folder, "skin", flags=flags)
@@ -88,6 +90,8 @@ class Driven:
             parts.append(np.asarray(total, np.int64 if self.formats else np.float64).tobytes())
         if self.has_position:
             parts.append(struct.pack("<2d", done.n_samples, done.n_steps))
+        if self.has_felt:
+            parts.append(struct.pack("<d", done.n_samples))
         return b"".join(parts)
 
 

@@ -52,6 +52,9 @@ static void age(void)
     get(&chain.n_samples, 8);
     get(&chain.n_steps, 8);
 #endif
+#ifdef FELT
+    get(&chain.n_felt, 8);
+#endif
 }
 
 int main(void)
@@ -68,7 +71,7 @@ int main(void)
             n = skin_push(&chain, sample, decisions);
         } else if (letter == 'M') {
             n = skin_missing(&chain, decisions);
-#ifdef RESAMPLED
+#ifdef FINISHES
         } else if (letter == 'F') {
             n = skin_finish(&chain, decisions);
 #endif

@@ -24,6 +24,7 @@ from neurotact.networks.training import run_folder
 needs_compiler = pytest.mark.skipif(proof.missing("cc") is not None, reason=str(proof.missing("cc")))
 FALLING = {"afferents": {"sa1.opposite": True, "ra1.gain": 90.0}}
 """A second SA-I under each taxel, of the falling signal."""
+CLOSED = {"afferents": {**FALLING["afferents"], "integration": "exact", "sa1.t_ref_ms": 5.0, "ra1.t_ref_ms": 5.0}}
 KINDS = {
     "paper": ({"ema_cutoff_Hz": 30.0, "baseline": "start", "scale": (2.0, 0.5)}, {"patience": 5}),
     "delayed": ({"baseline": "start"}, {"membrane": "delayed", "reset": "subtract", "recurrent_delay_steps": 1}),
@@ -66,6 +67,15 @@ KINDS = {
                 "ra1.gain": 60.0,
             }
         },
+    ),
+    "closed form": (
+        {"resample_Hz": 1000.0, "baseline": "start", "scale": (2.0, -0.5)},
+        {**CLOSED, "rate_Hz": 35.6, "readout": "integrator", "patience": 40},
+    ),
+    "closed form, resampled": ({"resample_Hz": 1000.0, "ema_cutoff_Hz": 30.0}, {**CLOSED, "rate_Hz": 1700.0}),
+    "closed form, many": (
+        {"resample_Hz": 200.0},
+        {**CLOSED, "rate_Hz": 60.0, "n_taxels": 90, "windows": {"length_ms": 200}},
     ),
     "falling, many": ({"baseline": "start"}, {**FALLING, "n_taxels": 90, "forward_weight_scale": 1.0}),
 }

@@ -19,6 +19,7 @@ from neurotact_parts.streams.stream import Stream
 from neurotact_parts.streams.stream_state import StreamState
 
 from neurotact.backend import native
+from neurotact.encoders.closed_form import ExactState
 from neurotact.errors import InputError
 
 needs_compiler = pytest.mark.skipif(proof.missing("cc") is not None, reason=str(proof.missing("cc")))
@@ -44,6 +45,10 @@ KINDS = {
     "slower": ({"resample_Hz": 1000.0, "baseline": "start"}, {"rate_Hz": 1700.0, "windows": OVERLAPPING}),
     "adapting": ({"baseline": "start"}, {**ADAPTING, "readout": "leaky", "patience": 5}),
     "falling": ({"baseline": "start"}, {"afferents": {"sa1.opposite": True}, "windows": OVERLAPPING, "patience": 5}),
+    "closed form": (
+        {"resample_Hz": 1000.0, "ema_cutoff_Hz": 30.0, "baseline": "start", "start_ms": 30.0},
+        {"rate_Hz": 400.0, "afferents": {"integration": "exact"}, "windows": OVERLAPPING, "patience": 5},
+    ),
 }
 IN_INTEGERS = [kind for kind in KINDS if kind != "adapting"]
 NOT_VALID = (np.nan, np.inf, -np.inf, 3.4e38, -3.4e38, np.nextafter(np.float32(LARGEST), np.float32(np.inf)))
@@ -194,6 +199,9 @@ def in_integers(chain: Chain, formats: Formats, records: list[Do]) -> tuple[Told
 
 def n_done(n_samples: int, formats: Formats) -> int:
     """The number of steps that samples complete, before the trial ends."""
+    if formats.front.stride is None and formats.front.closed is not None:
+        whole, part = formats.front.closed.stride
+        return n_samples * (whole * 2**32 + part) >> 32
     if formats.front.stride is None or not n_samples:
         return n_samples
     whole, part = formats.front.stride
@@ -241,10 +249,14 @@ def aged(chain: Chain, state: StreamState) -> StreamState:
     """The state of a stream that has run on until shortly before step 2^32."""
     done, ratio = state.conditioned, chain.sampling_rate_Hz / chain.clock_Hz
     unit = lcm(chain.windows.hop or 1, 10)  # whole hops, and whole samples
-    more = (BEYOND - 100 - done.n_steps) // unit * unit
+    more = (BEYOND - 100 - state.opening.step) // unit * unit
+    n_more, felt = round(more * ratio), round(more * chain.signal_Hz / chain.clock_Hz)
     opening = replace(state.opening, step=state.opening.step + more, free_at=state.opening.free_at + more)
-    done = done._replace(n_samples=done.n_samples + round(more * ratio), n_steps=done.n_steps + more)
-    return replace(state, opening=opening, conditioned=done, n_windows=BEYOND - 3)
+    done = done._replace(n_samples=done.n_samples + n_more, n_steps=done.n_steps + felt)
+    encoder = state.encoder
+    if isinstance(encoder, ExactState):
+        encoder = encoder._replace(n_samples=encoder.n_samples + felt, n_steps=encoder.n_steps + more)
+    return replace(state, opening=opening, conditioned=done, encoder=encoder, n_windows=BEYOND - 3)
 
 
 @needs_compiler
@@ -322,7 +334,17 @@ def test_windows_whose_spikes_no_counter_holds_are_refused(tmp_path):
 
 
 @pytest.mark.skipif(ABSENT is not None, reason=str(ABSENT))
-@thinned(("kind", "variant"), [("delayed", "float"), ("slower", "float"), ("delayed", "integer")], every=2)
+@thinned(
+    ("kind", "variant"),
+    [
+        ("delayed", "float"),
+        ("slower", "float"),
+        ("delayed", "integer"),
+        ("closed form", "float"),
+        ("closed form", "integer"),
+    ],
+    every=2,
+)
 def test_an_emulated_processor_does_the_same(kind, variant, driven, tmp_path):
     here = driven(kind, variant)
     chain, formats = here.chain, here.formats

@@ -138,6 +138,13 @@ def test_a_signal_under_a_negative_scale_spikes_as_its_negative_under_the_positi
     assert rasters[0].any()
 
 
+@pytest.mark.parametrize("key", ["tau_mem_ms", "ra1.t_ref_ms"])
+def test_times_in_closed_form_that_32_bits_do_not_hold_are_refused(key):
+    chain = make_chain({"resample_Hz": 1000.0}, rate_Hz=100.0, afferents={"integration": "exact", key: 1e5})
+    with pytest.raises(InputError, match=rf"encoder: {key} is longer than 2\^15 steps.* export it in float32"):
+        formats.choose(chain, Ranges(-10.0, 10.0, 5.0, 5.0))
+
+
 def test_an_lsb_that_does_not_fit_is_refused():
     chain = make_chain({"offset": (500.0, 0.0)})
     with pytest.raises(InputError, match="give a coarser one"):
@@ -147,9 +154,12 @@ def test_an_lsb_that_does_not_fit_is_refused():
 
 
 @examples(20)
-@given(rate=st.sampled_from([370.0, 700.0, 1700.0, 3333.3]), n=st.integers(1, 200))
-def test_a_trial_in_integers_has_the_steps_of_a_whole_one(rate, n):
-    chain = make_chain({"resample_Hz": 1000.0}, rate_Hz=rate)
+@given(
+    rate=st.sampled_from([370.0, 700.0, 1700.0, 3333.3, 150.0, 35.6, 1000.0]), n=st.integers(1, 200),
+    integration=st.sampled_from(["clock", "exact"]),
+)  # fmt: skip
+def test_a_trial_in_integers_has_the_steps_of_a_whole_one(rate, n, integration):
+    chain = make_chain({"resample_Hz": 1000.0}, rate_Hz=rate, afferents={"integration": integration})
     front = formats.choose(chain, Ranges(-10.0, 10.0, 5.0, 5.0)).front
     n_steps = conditioned_length(n, rate, 1000.0)
     assert integer.n_steps(n, front) == n_steps
@@ -158,13 +168,27 @@ def test_a_trial_in_integers_has_the_steps_of_a_whole_one(rate, n):
 
 @pytest.mark.parametrize("rate", [370.0, 1700.0])
 @pytest.mark.parametrize("conditioning", [{}, {"ema_cutoff_Hz": 30.0, "scale": (0.2, 0.2)}])
-def test_trials_in_integers_end_alike_alone_and_beside_longer_ones(rate, conditioning):
-    chain = make_chain({"resample_Hz": 1000.0, **conditioning}, rate_Hz=rate)
+@pytest.mark.parametrize("integration", ["clock", "exact"])
+def test_trials_in_integers_end_alike_alone_and_beside_longer_ones(rate, conditioning, integration):
+    chain = make_chain({"resample_Hz": 1000.0, **conditioning}, rate_Hz=rate, afferents={"integration": integration})
     made = formats.choose(chain, Ranges(-10.0, 10.0, 5.0, 5.0))
     trials = [made.raw.samples(make_signal(n, seed=n)) for n in (1, 40, 93, 120)]
     together = expected_in_integers(chain, made, trials)
     assert [expected_in_integers(chain, made, [trial])[0] for trial in trials] == together
     assert sum(map(len, together[-1].afferents)) > 0
+
+
+def test_a_trial_in_closed_form_has_no_spike_of_a_sample_after_its_end():
+    """A step that is half filled belongs to it, and would hold a spike of the sample that a longer trial has."""
+    afferents = {"integration": "exact", "sa1.t_ref_ms": 1.7, "ra1.t_ref_ms": 1.3}
+    chain = make_chain({"resample_Hz": 1000.0, "scale": (0.01, -0.01)}, rate_Hz=370.0, afferents=afferents)
+    made = formats.choose(chain, Ranges(-10.0, 10.0, 5.0, 5.0))
+    for n in range(1, 30):
+        raw = made.raw.samples(make_signal(n, seed=n))
+        padded = np.concatenate([raw, np.repeat(raw[-1:], 4, axis=0)])
+        alone = integer.encode(raw[None], made.front)
+        together = integer.encode(padded[None], made.front, np.array([n]))[:, : integer.n_steps(n, made.front)]
+        np.testing.assert_array_equal(together, alone)
 
 
 def test_ranges_are_the_largest_values_that_were_seen():

@@ -4,6 +4,8 @@ import json
 import math
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -13,7 +15,7 @@ from made_chains import make_encoder, make_signal
 from neurotact_parts.networks.saving import choice, save, trial, ways
 from neurotact_parts.networks.saving.choice import found, interval
 from neurotact_parts.networks.saving.proposals import WHOLE, Asked, key_of, next_batch, next_finalist
-from neurotact_parts.networks.saving.start import start_of
+from neurotact_parts.networks.saving.start import Start, start_of
 from neurotact_parts.networks.saving.trial import Job, Trial, other_validation, tried
 from neurotact_parts.networks.saving.ways import Way, setting_of, ways_of
 from neurotact_parts.studies.comparison.saving import Setting
@@ -23,6 +25,7 @@ from neurotact import files
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.encoders.encoding import encode_recordings
+from neurotact.encoders.specs import load
 from neurotact.errors import InputError
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import run_folder, trainer
@@ -92,6 +95,25 @@ def test_the_run_is_trial_0_and_what_is_left_is_beside_it(saved, run):
     assert (folder / "front.png").is_file()
     assert answer["next"] == "export"
     assert (folder / answer["points"][0]["spikes"]).is_file()
+
+
+@pytest.mark.parametrize(
+    ("encoder", "network", "command"),
+    [
+        (make_encoder(baseline="start"), {}, "export"),
+        (make_encoder({"integration": "exact"}), {}, "export"),
+        (None, {}, "export"),  # of events
+        (load("send-on-delta"), {}, "infer"),
+        (make_encoder({"ra1.change": "both"}), {}, "infer"),
+        (make_encoder(baseline="mean"), {}, "infer"),
+        (make_encoder(), {"threshold_adaptation": 0.3}, "infer"),
+    ],
+)
+def test_c_is_the_next_command_where_it_runs_the_chain(encoder, network, command):
+    table = {} if encoder is None else encoder.model_dump(mode="json", exclude_none=True)
+    trained = nt.RSNN(4, 2, hidden=3, sampling_rate_Hz=1000.0, **network)
+    base = SimpleNamespace(trains=SimpleNamespace(encoder=table), network=trained)
+    assert save._next(cast(Start, SimpleNamespace(base=base))) == command
 
 
 @pytest.mark.thorough

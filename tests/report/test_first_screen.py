@@ -67,3 +67,4 @@ def test_without_spike_trains_time_and_energy_are_not_made_up():
 @pytest.mark.parametrize("text", ["`settings={'a': }`", "`settings={1}`", "no settings, 5 of 6"])
 def test_what_is_no_table_of_settings_stays(text):
     assert page.typed(text, "-o") == text
+    assert page.typed("test every trial with `split=nt.Split(folds=5)`", "-o") == "test every trial with `--folds 5`"

@@ -227,11 +227,11 @@ def test_a_longer_period_that_loses_nothing_on_test_trials_is_not_said_not_to_pa
     assert choose(networks, EQUAL._replace(lost=Interval(0.2, 0.15, 0.25))).kind == "none"
 
 
-@given(st.text("ab c'&$", min_size=1, max_size=5), st.booleans(), st.booleans())
-def test_commands_name_their_paths_whole_and_quoted(name, exact, may_fold):
+@given(st.text("ab c'&$", min_size=1, max_size=5), st.booleans())
+def test_commands_name_their_paths_whole_and_quoted(name, may_fold):
     networks = [decided("1&1", 20, 0.95, 100), decided("10&10", 20, 0.95, 60)]
     run = Path("/runs") / name / "mine"
-    places = Places(run, run / "cells" / "x", run.with_name("a.h5"), exact, may_fold)
+    places = Places(run, run / "cells" / "x", run.with_name("a.h5"), may_fold)
     choices = [
         choose(networks),
         choose(networks, untold="none"),

@@ -200,8 +200,8 @@ def test_an_export_is_written_once(run, tmp_path, neurotact):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ([], "needs --to NAME (bill, c, nir)"),
-        (["--to", "vhdl", "-o", "x"], "exporters: there is none called 'vhdl'; known: bill, c, nir"),
+        ([], "needs --to NAME (bill, c, neurobench, nir, xyloaudio2)"),
+        (["--to", "vhdl", "-o", "x"], "there is none called 'vhdl'; known: bill, c, neurobench, nir, xyloaudio2"),
         (["--to", "c", "-o", "x", "--variant", "double"], "'double' is not one of 'integer', 'float'"),
         (["--to", "c", "-o", "x", "--weight-bits", "9"], "weight_bits: must be from 2 to 8"),
         (["--to", "c", "-o", "x", "--state-bits", "20"], "state_bits: must be from 8 to 16, or 24"),

@@ -279,7 +279,6 @@ _IN_C = {
     **dict.fromkeys(OTHER_MODELS, "C has LIF afferents alone"),
     "half-wave rate of change": "the RA-I of C are driven by rise and fall alike",
     "rise in SA-I": "the SA-I of C are driven by the signal alone",
-    "membranes in closed form": "C has no logarithm without a library",
 }
 _NOT_IN_NIR = {
     OTHER: "it has nodes for the networks of neurotact",
