@@ -106,6 +106,8 @@ def in_words(about: Mapping[str, Any], base: Mapping[str, Any], how: str) -> str
     >>> run = {"sa1": 1.0, "ra1": 1.0, "hidden": 50, "recurrent": False, "sparsity": 0.0}
     >>> in_words({**run, "sa1": 10.0, "ra1": 10.0, "hidden": 20, "sparsity": 0.75}, run, EARLY)
     't_ref 10 & 10 ms, 20 hidden, 75 % pruned, early exit'
+    >>> in_words({**run, "rate_penalty": 0.1}, {**run, "rate_penalty": 0.0}, "whole window")
+    'rate penalty 0.1'
     """
     parts = []
     if any(about.get(part) != base.get(part) for part in ("ra1", "sa1")):
@@ -119,6 +121,8 @@ def in_words(about: Mapping[str, Any], base: Mapping[str, Any], how: str) -> str
         parts.append("direct")
     if about["recurrent"] != base["recurrent"]:
         parts.append("not recurrent")
+    if about.get("rate_penalty") != base.get("rate_penalty") and about["hidden"]:
+        parts.append(f"rate penalty {about['rate_penalty']:g}")
     if about["sparsity"] != base["sparsity"]:
         parts.append(f"{100 * about['sparsity']:g} % pruned")
     return ", ".join([*parts, *([EARLY] if how == EARLY else [])]) or "nothing changed"

@@ -160,6 +160,7 @@ def _about(fitted: Fitted) -> dict[str, Any]:
         "afferents": len(trains.afferents),
         "weights": sum(int(weights.count_nonzero()) for weights in network.weights),
         "sparsity": spec.training.sparsity,
+        "rate_penalty": spec.training.rate_penalty,
         "window_ms": 1e3 * fitted.sides.test.spikes.shape[1] / trains.sampling_rate_Hz,
     }
 
