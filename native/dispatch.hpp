@@ -31,6 +31,12 @@ struct StreamKernels {
     void encode(const Encoding<T>&);                                                                 \
     template <class T>                                                                               \
     void encode_exact(const ExactEncoding<T>&);                                                      \
+    template <class T>                                                                               \
+    T izhikevich(const Izhikevich<T>&);                                                              \
+    template <class T>                                                                               \
+    void bens_spiker(const BensSpiker<T>&);                                                          \
+    template <class T>                                                                               \
+    void mechanoreceptors(const Mechanoreceptors<T>&);                                               \
     extern const StreamKernels stream_kernels;                                                       \
     }
 NT_DECLARE_KERNELS(avx512)
@@ -48,6 +54,9 @@ struct Kernels {
     bool (*infer)(const Net<T>&, const ExitRule&, const Decisions&);
     void (*encode)(const Encoding<T>&);
     void (*encode_exact)(const ExactEncoding<T>&);
+    T (*izhikevich)(const Izhikevich<T>&);  // the least current
+    void (*bens_spiker)(const BensSpiker<T>&);
+    void (*mechanoreceptors)(const Mechanoreceptors<T>&);
 };
 
 enum class Isa : int { plain, avx2, avx512 };
