@@ -26,6 +26,8 @@ struct StreamKernels {
     template <class T>                                                                               \
     void small_backward(const Net<T>&, const Layout&, const Tape<T>&, const Gradients<T>&);          \
     template <class T>                                                                               \
+    bool small_infer(const Net<T>&, const Layout&, const Decisions&);                                \
+    template <class T>                                                                               \
     bool infer(const Net<T>&, const ExitRule&, const Decisions&);                     \
     template <class T>                                                                               \
     void encode(const Encoding<T>&);                                                                 \
@@ -51,6 +53,7 @@ struct Kernels {
     void (*wide_backward)(const Net<T>&, const Layout&, const Tape<T>&, const Gradients<T>&);
     bool (*small_forward)(const Net<T>&, const Layout&, const Outputs<T>&, const Tape<T>*);
     void (*small_backward)(const Net<T>&, const Layout&, const Tape<T>&, const Gradients<T>&);
+    bool (*small_infer)(const Net<T>&, const Layout&, const Decisions&);
     bool (*infer)(const Net<T>&, const ExitRule&, const Decisions&);
     void (*encode)(const Encoding<T>&);
     void (*encode_exact)(const ExactEncoding<T>&);

@@ -83,6 +83,7 @@ struct Outputs {
     T* readout;  // (trial, class) counts, or the values of an integrator that leaks, without its bias
     T* hidden;   // (trial, hidden) counts, or of each stretch (trial, stretch, hidden)
     T* raster;   // (trial, time, hidden) of 0 and 1
+    uint64_t* spikes = nullptr;  // of the register kernel: s[t+1] of the pair of trials at hand, (trial, time)
 };
 
 // dL/d(output) in, dL/d(parameter) out; null where not given or not wanted.

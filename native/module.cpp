@@ -173,8 +173,10 @@ void add_network(nb::module_& m) {
                                  at<int64_t>(hidden_spikes), at<int64_t>(counts),    at<double>(sums)};
               return with_real(shape, [&](auto real) {
                   using T = decltype(real);
-                  return kernels<T>().infer(make_net<T>(shape, trials, steps, in, of, bias, threads),
-                                            {patience, from_first_spike, margin}, to);
+                  const Net<T> net = make_net<T>(shape, trials, steps, in, of, bias, threads);
+                  if (shape.layout.small && shape.sizes.hidden > 0 && patience < 0 && !(margin > 0))
+                      return kernels<T>().small_infer(net, shape.layout, to);
+                  return kernels<T>().infer(net, {patience, from_first_spike, margin}, to);
               });
           },
           NT_WINDOW_NAMES, NT_SPIKES_NAMES, NT_PARAMETERS_NAMES, "bias"_a, "patience"_a, "from_first_spike"_a,
