@@ -50,7 +50,8 @@ class Kernel:
         if gamma != self._gamma:
             self.forget()  # before another is computed
             self._gamma = gamma
-            self._values = [rbf_kernel(x, self.train, gamma=gamma) for x in (self.train, self.validation)]
+            train, held = (x.astype(np.float64, copy=False) for x in (self.train, self.validation))
+            self._values = [rbf_kernel(x, train, gamma=gamma) for x in (train, held)]
         return self._values
 
     def forget(self) -> None:
@@ -72,7 +73,8 @@ class RBFMachines(SVC):
         among, held = kernel.of(self.gamma)
         fitted = SVC(C=self.C, kernel="precomputed").fit(among, y)
         learned = {name: value for name, value in vars(fitted).items() if name not in fitted.get_params()}
-        self.__dict__.update(learned, support_vectors_=X[fitted.support_], _gamma=self.gamma, n_features_in_=X.shape[1])
+        vectors = np.ascontiguousarray(X[fitted.support_], np.float64)
+        self.__dict__.update(learned, support_vectors_=vectors, _gamma=self.gamma, n_features_in_=X.shape[1])
         self._seen = kernel.validation, self._dual_coef_, fitted.predict(held)
         return self
 

@@ -64,14 +64,16 @@ def test_a_choice_is_fitted_again_with_its_settings(monkeypatch, family, shape):
             np.testing.assert_array_equal(elsewhere.fitted.predict(others.test), own.fitted.predict(others.test))
 
 
+@pytest.mark.parametrize("kind", ["f8", "f4", "i8"])
 @pytest.mark.parametrize("most_shared", [5000, 23])
-def test_machines_of_a_gamma_share_a_kernel_and_are_those_of_libsvm(monkeypatch, most_shared):
+def test_machines_of_a_gamma_share_a_kernel_and_are_those_of_libsvm(monkeypatch, most_shared, kind):
     computed, rbf_kernel = [], scikit_learn.rbf_kernel
     monkeypatch.setattr(scikit_learn, "MOST_SHARED", most_shared)
     monkeypatch.setattr(
         scikit_learn, "rbf_kernel", lambda *x, gamma: computed.append(gamma) or rbf_kernel(*x, gamma=gamma)
     )
-    sides = sides_of(3)
+    made = sides_of(3)
+    sides = made._replace(**{side: (4 * getattr(made, side)).astype(kind) for side in ("train", "validation", "test")})
     found = list(scikit_learn.SVM.candidates(sides, 0))
     shares = most_shared >= len(sides.train)
     assert len(found) == len(scikit_learn.SVM_GAMMAS) * len(scikit_learn.SVM_CS)
