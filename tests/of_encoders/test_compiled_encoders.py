@@ -105,6 +105,14 @@ def test_any_layout_of_signals(name, view):
 
 
 @pytest.mark.parametrize("backend", ["native", "reference"])
+def test_a_clock_that_is_no_whole_number_has_the_spikes_of_the_one_beside_it(backend):
+    near = (1075.0, float(np.nextafter(1075.0, 0)))  # the second is a fraction of numbers of 53 bits
+    whole, other = (encoded("of pressure alone", touch(2, 900), rate_Hz, backend=backend)[0] for rate_Hz in near)
+    assert whole.any()
+    np.testing.assert_array_equal(whole, other)
+
+
+@pytest.mark.parametrize("backend", ["native", "reference"])
 def test_a_too_low_current_is_refused_by_both(backend):
     with pytest.raises(InputError, match="drives a current of -8680 mV/ms"):
         encoded("izhikevich", np.full((1, 9, 1), -4000.0), 2000.0, backend=backend)
