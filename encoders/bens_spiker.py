@@ -8,9 +8,11 @@ from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from neurotact_parts.encoders.compiled import Signals, address, padded
 from neurotact_parts.encoders.decoding import filtered, hann
 from pydantic import Field
 
+from neurotact.backend import Backend, native, use_native
 from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, both, checked, over_time
 from neurotact.metrics.flops import Cost, changed, with_weights
 
@@ -38,34 +40,60 @@ class BensSpikerState(NamedTuple):
 
 
 def encode(
-    signal: np.ndarray, sampling_rate_Hz: float, spec: BensSpikerSpec, state: BensSpikerState | None = None
+    signal: np.ndarray,
+    sampling_rate_Hz: float,
+    spec: BensSpikerSpec,
+    state: BensSpikerState | None = None,
+    *,
+    backend: Backend = "auto",
 ) -> tuple[np.ndarray, BensSpikerState]:
     """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, 2 taxel)` uint8, ON first.
 
     s is the gain times the positive part of the signal (ON), or times its negative part (OFF). With a filter h of M
     taps and sum 1, a spike is where `sum |s[j] - h[j]| <= sum |s[j]| - threshold` over the next M samples, and h is
     taken off them. It must know these samples: the spike of a step comes M - 1 steps later, so that the encoder is
-    causal.
+    causal. Both implementations give the same spikes and states.
 
     >>> spikes, _ = encode(np.full((1, 1000, 1), 2.0), 1000.0, BensSpikerSpec(gain=0.1))
     >>> round(float(spikes[0, 200:, 0].mean()), 1)  # gain times signal
     0.2
     """
     signal = checked(signal)
-    kind, (n_trials, _, n_taxels) = signal.dtype.type, signal.shape
-    taps = hann(spec.filter_ms, 1e3 / sampling_rate_Hz).astype(kind)[:, None]
+    taps = hann(spec.filter_ms, 1e3 / sampling_rate_Hz).astype(signal.dtype)
+    if state is None:
+        state = BensSpikerState(np.zeros((len(signal), len(taps), 2 * signal.shape[2]), signal.dtype))
+    compiled = use_native(backend, signal.dtype in (np.float32, np.float64), "signals in float32 or float64")
+    return (_compiled if compiled else _by_steps)(signal, taps, spec, state)
+
+
+def _by_steps(
+    signal: np.ndarray, taps: np.ndarray, spec: BensSpikerSpec, state: BensSpikerState
+) -> tuple[np.ndarray, BensSpikerState]:
+    """The definition, step by step."""
+    kind, filter_h = signal.dtype.type, taps[:, None]
     gain, threshold = kind(spec.gain), kind(spec.threshold)
 
     def step(x: np.ndarray, state: BensSpikerState) -> tuple[np.ndarray, BensSpikerState]:
         parts = gain * both(np.maximum(x, 0), np.maximum(-x, 0))
         window = np.concatenate([state.remaining[:, 1:], parts[:, None]], axis=1)
-        without = window - taps
+        without = window - filter_h
         fired = np.abs(without).sum(axis=1) <= np.abs(window).sum(axis=1) - threshold
         return fired, BensSpikerState(np.where(fired[:, None], without, window))
 
-    if state is None:
-        state = BensSpikerState(np.zeros((n_trials, len(taps), 2 * n_taxels), signal.dtype))
-    return over_time(signal, state, step, 2 * n_taxels)
+    return over_time(signal, state, step, 2 * signal.shape[2])
+
+
+def _compiled(
+    signal: np.ndarray, taps: np.ndarray, spec: BensSpikerSpec, state: BensSpikerState
+) -> tuple[np.ndarray, BensSpikerState]:
+    """With the kernel."""
+    signals, (n_trials, _, n_taxels) = Signals(signal, 2), signal.shape
+    remaining = padded(state.remaining.reshape(n_trials, len(taps), 2, n_taxels), signal.dtype)
+    native.bens_spiker(  # pyright: ignore[reportOptionalMemberAccess]
+        **signals.given, gain=spec.gain, threshold=spec.threshold, n_taps=len(taps), taps=address(taps),
+        remaining=address(remaining),
+    )  # fmt: skip
+    return signals.spikes, BensSpikerState(signals.of_taxels(remaining).reshape(state.remaining.shape))
 
 
 def cost(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> Cost:

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from neurotact_parts.encoders.compiled import Signals, address, padded
 from pydantic import Field, model_validator
 
+from neurotact.backend import Backend, native, use_native
 from neurotact.encoders.afferents import drives
 from neurotact.encoders.model import EncoderSpec, Model, checked
 from neurotact.errors import InputError
@@ -159,11 +161,17 @@ class IzhikevichEncoderState(NamedTuple):
 
 
 def encode(
-    signal: np.ndarray, sampling_rate_Hz: float, spec: IzhikevichSpec, state: IzhikevichEncoderState | None = None
+    signal: np.ndarray,
+    sampling_rate_Hz: float,
+    spec: IzhikevichSpec,
+    state: IzhikevichEncoderState | None = None,
+    *,
+    backend: Backend = "auto",
 ) -> tuple[np.ndarray, IzhikevichEncoderState]:
     """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, 2 taxel)` uint8, SA-I first.
 
-    As in `afferents.encode`: the state is an argument and a result, the arithmetic is in the signal's float type.
+    As in `afferents.encode`: the state is an argument and a result, the arithmetic is in the signal's float type; both
+    implementations give the same spikes and states.
     Raises InputError for a clock below 1 kHz, and for a current too negative for the integration step.
 
     >>> spec = IzhikevichSpec(sa1=IzhikevichType(gain_mV_per_ms=1.0), ra1=IzhikevichType(gain_mV_per_ms=5.0))
@@ -181,18 +189,50 @@ def encode(
     if state is None:
         shape = (signal.shape[0], 2 * signal.shape[2])
         state = IzhikevichEncoderState(izhikevich_start(neuron, shape, signal.dtype), None)
-    gains = ((spec.sa1.gain_mV_per_ms,), (spec.ra1.gain_mV_per_ms * sampling_rate_Hz * 1e-3,))
-    current, last = drives(signal, gains, state.last)
+    gains = spec.sa1.gain_mV_per_ms, spec.ra1.gain_mV_per_ms * sampling_rate_Hz * 1e-3
+    compiled = use_native(backend, signal.dtype in (np.float32, np.float64), "signals in float32 or float64")
+    spikes, state, lowest = (_compiled if compiled else _by_steps)(signal, neuron, gains, state)
     least = izhikevich_least_current(neuron)
-    if current.min(initial=0.0) < least:
+    if lowest < least:
         raise InputError(
-            f"sa1.gain_mV_per_ms: the signal drives a current of {current.min():.4g} mV/ms, and below {least:.4g} the "
+            f"sa1.gain_mV_per_ms: the signal drives a current of {lowest:.4g} mV/ms, and below {least:.4g} the "
             f"integration in steps of {neuron.euler_step_ms:g} ms is unstable; lower the gain or euler_step_ms"
         )
+    return spikes, state
+
+
+_Encoded = tuple[np.ndarray, IzhikevichEncoderState, float]
+"""Spikes, the next state, and the lowest current, if that is below 0."""
+
+
+def _by_steps(
+    signal: np.ndarray, neuron: Izhikevich, gains: tuple[float, float], state: IzhikevichEncoderState
+) -> _Encoded:
+    """The definition, step by step."""
+    current, last = drives(signal, ((gains[0],), (gains[1],)), state.last)
     spikes, neurons = np.empty(current.shape, np.uint8), state.neurons
-    for t in range(signal.shape[1]):
-        spikes[:, t], neurons = izhikevich_step(neuron, current[:, t], neurons)
-    return spikes, IzhikevichEncoderState(neurons, last)
+    with np.errstate(over="ignore", invalid="ignore"):  # what a too low current makes is not returned
+        for t in range(signal.shape[1]):
+            spikes[:, t], neurons = izhikevich_step(neuron, current[:, t], neurons)
+    return spikes, IzhikevichEncoderState(neurons, last), float(current.min(initial=0.0))
+
+
+def _compiled(
+    signal: np.ndarray, neuron: Izhikevich, gains: tuple[float, float], state: IzhikevichEncoderState
+) -> _Encoded:
+    """With the kernel."""
+    signals, kind, (n_trials, n_steps, n_taxels) = Signals(signal, 2), signal.dtype, signal.shape
+    membrane, recovery = (padded(values.reshape(n_trials, 2, n_taxels), kind) for values in state.neurons)
+    last = padded(np.zeros((n_trials, n_taxels)) if state.last is None else state.last, kind)
+    lowest = native.izhikevich(  # pyright: ignore[reportOptionalMemberAccess]
+        **signals.given, sa_gain=gains[0], ra_gain=gains[1], step_ms=neuron.euler_step_ms,
+        recovers=neuron.euler_step_ms * neuron.a_per_ms, b=neuron.b_per_ms, c=neuron.c_mV, d=neuron.d_mV_per_ms,
+        peak=neuron.v_peak_mV, euler_steps=neuron.euler_steps, has_last=state.last is not None,
+        last=address(last), membrane=address(membrane), recovery=address(recovery),
+    )  # fmt: skip
+    neurons = (signals.of_taxels(values).reshape(n_trials, 2 * n_taxels) for values in (membrane, recovery))
+    following = signals.of_taxels(last) if n_steps else state.last
+    return signals.spikes, IzhikevichEncoderState(IzhikevichState(*neurons), following), lowest
 
 
 def _euler_steps(step_ms: float, longest_ms: float) -> int:

@@ -16,11 +16,13 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
-from neurotact_parts.encoders.random_numbers import between, check_continued, digests, random_integers
+from neurotact_parts.encoders.compiled import Signals, address, padded
+from neurotact_parts.encoders.random_numbers import between, check_continued, digests, places, random_integers
 from pydantic import Field, model_validator
 from scipy.signal import butter, lfilter
 from scipy.special import ndtri
 
+from neurotact.backend import Backend, native, use_native
 from neurotact.encoders.model import SA_RA, DrivenSpec, Model, Population, RefractoryMs, checked
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost, changed, in_registers, with_weights
@@ -49,6 +51,10 @@ ORDER = 3
 """Of the low-pass filter."""
 MOST_VALUES = 1_000_000
 """Currents in memory at once; a longer signal is encoded in pieces, which stay in a cache."""
+LANES = 8
+"""Taxels side by side in the kernel."""
+EXACT = 2**53
+"""Whole numbers below it are exact in float64."""
 
 
 @dataclass(frozen=True)
@@ -280,18 +286,33 @@ class _Copy(NamedTuple):
     gain: float
     t_ref_ms: float
 
+    def least_steps(self, rate_Hz: float) -> int:
+        """The least distance of two spikes: a step of the signal's clock or more."""
+        return max(math.ceil(FITTED_Hz / rate_Hz - 1e-9), refractory_steps(self.t_ref_ms, FITTED_Hz))
+
+    def constants(self, rate_Hz: float, delay: int) -> list[float]:
+        """A `MechanoreceptorFit` of `native/kernels.hpp`."""
+        fit = self.fit
+        b, a = butter(ORDER, fit.lowpass_Hz / (FITTED_Hz / 2))
+        by_depth, by_rate = self.gain * STATIC[self.part], self.gain * DYNAMIC[self.part] * FITTED_Hz / 2
+        return [by_depth, by_rate, *b, *a, *fit[1:10], self.least_steps(rate_Hz), delay]
+
 
 def encode(
     signal: np.ndarray,
     sampling_rate_Hz: float,
     spec: MechanoreceptorSpec,
     state: _MechanoreceptorEncoderState | None = None,
+    *,
+    backend: Backend = "auto",
 ) -> tuple[np.ndarray, _MechanoreceptorEncoderState]:
     """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, afferent)` uint8, as `afferent_names`.
 
     The fits hold at 5 kHz. So the neurons run on that clock whatever the signal's: between its samples the signal is a
     straight line, and a spike is put into the step of the signal's clock in which it arrives. The state is an argument
     and a result, so that a recording encoded in pieces gives the spikes of the whole. All arithmetic is in float64.
+    Both implementations give the same spikes and states; where SciPy is built with fused multiply-adds, as on ARM, the
+    noise may differ in its last bits.
 
     The noise of an afferent depends on the seed, its place on the skin and the samples of its taxel so far
     (`random_numbers.py`), so that pieces, other trials and other taxels do not change it. Trials of the same samples
@@ -326,10 +347,11 @@ def encode(
     spikes = np.zeros((n_trials, n_steps, len(copies) * n_taxels), np.uint8)
     per_step = max(1, spikes.shape[0] * spikes.shape[2]) * FITTED_Hz / sampling_rate_Hz
     n_at_once = max(1, int(MOST_VALUES / per_step))
+    compiled = use_native(backend, signal.dtype in (np.float32, np.float64), "signals in float32 or float64")
+    encode_piece = _compiled_piece if compiled else _encode_piece
     for first in range(0, n_steps, n_at_once):
-        piece = signal[:, first : first + n_at_once].astype(np.float64)
-        out = spikes[:, first : first + n_at_once]
-        state = _encode_piece(piece, sampling_rate_Hz, spec, copies, delays, neuron, state, out)
+        piece, out = (array[:, first : first + n_at_once] for array in (signal, spikes))
+        state = encode_piece(piece, sampling_rate_Hz, spec, copies, delays, neuron, state, out)
     return spikes, state
 
 
@@ -344,8 +366,12 @@ def _encode_piece(
     out: np.ndarray,
 ) -> _MechanoreceptorEncoderState:
     """Write the spikes of a piece to `out`, `(trial, time, afferent)`; returns the state after it."""
-    n_taxels = signal.shape[2]
-    fine, step_of, first_fine = _at_fitted_clock(signal, rate_Hz, state)
+    signal, n_taxels = signal.astype(np.float64), signal.shape[2]
+    step_of, share, first_fine = _fitted_clock(signal.shape[1], rate_Hz, state.step)
+    earlier = signal[:, :1] if state.last is None else state.last[:, None]
+    known = np.concatenate([earlier, signal], axis=1)  # one sample later than `signal`
+    low, high = known[:, step_of], known[:, step_of + 1]
+    fine = low + share[:, None] * (high - low)
     before = state.before if state.last is not None else np.repeat(signal[:, :1], DERIVED_LATE, axis=1)
     depth = np.concatenate([before, fine], axis=1)
     current = np.empty((len(signal), len(step_of), len(copies) * n_taxels))
@@ -376,26 +402,79 @@ def _encode_piece(
     )  # fmt: skip
 
 
-def _at_fitted_clock(
-    signal: np.ndarray, rate_Hz: float, state: _MechanoreceptorEncoderState
-) -> tuple[np.ndarray, np.ndarray, int]:
-    """A piece on the clock of the fits, straight between samples; the piece's step of each value; their first number.
+def _compiled_piece(
+    signal: np.ndarray,
+    rate_Hz: float,
+    spec: MechanoreceptorSpec,
+    copies: list[_Copy],
+    delays: list[int],
+    neuron: Mechanoreceptor,
+    state: _MechanoreceptorEncoderState,
+    out: np.ndarray,
+) -> _MechanoreceptorEncoderState:
+    """`_encode_piece` with the kernel."""
+    n_trials, n_steps, n_taxels = signal.shape
+    n_copies, longest = len(copies), state.under_way.shape[1]
+    step_of, share, first_fine = _fitted_clock(n_steps, rate_Hz, state.step)
+    signals = Signals(signal, n_copies, lanes=LANES)
+    begins = state.last is None and n_steps > 0
+    before = padded(np.repeat(signal[:, :1], DERIVED_LATE, axis=1) if begins else state.before, np.float64)
+    last = before[:, 0].copy() if state.last is None else padded(state.last, np.float64)
+    digest = padded(state.digest, np.uint64)
+    kept = padded(_kept(state, n_copies), np.float64)
+    fired = np.empty((n_trials, longest + len(step_of), n_copies, signals.pitch), np.uint8)
+    fired[:, :longest] = padded(state.under_way.reshape(n_trials, longest, n_copies, n_taxels), bool, lanes=LANES)
+    fits = np.array([copy.constants(rate_Hz, delay) for copy, delay in zip(copies, delays, strict=True)])
+    of_noise = np.array([places(spec.seed, copy, signals.pitch) for copy in range(n_copies * spec.noise)], np.uint64)
+    native.mechanoreceptors(  # pyright: ignore[reportOptionalMemberAccess]
+        **signals.given, first_step=state.step, first_fine=first_fine, n_fine=len(step_of), step_of=address(step_of),
+        share=address(share), copies=n_copies, fits=address(fits), post_spike=address(neuron.post_spike),
+        post_spike_steps=POST_SPIKE_STEPS, longest_since=neuron.longest, places=address(of_noise), last=address(last),
+        before=address(before), digest=address(digest), kept=address(kept), under_way=longest, fired=address(fired),
+    )  # fmt: skip
+    out[...] = signals.spikes
+    of = signals.of_taxels
+    return _MechanoreceptorEncoderState(
+        of(digest), state.step + n_steps, of(last) if n_steps else state.last, of(before),
+        *_unpacked(of(kept)), of(fired[:, len(step_of) :]).reshape(state.under_way.shape).astype(bool),
+    )  # fmt: skip
 
-    Sample k of that clock lies at k / FITTED_Hz, and belongs to the first step of the signal's clock that is not before
-    it: both are counted in whole numbers from the trial's start, so that pieces do not move them.
+
+def _kept(state: _MechanoreceptorEncoderState, n_copies: int) -> np.ndarray:
+    """What the kernel keeps of each fit, `(trial, copy, value, taxel)`: the low passes, V, the steps since a spike."""
+    neurons = [values.reshape(len(values), n_copies, 1, state.digest.shape[1]) for values in state.neurons]
+    parts = [[f.dynamic, f.rate[:, None], f.static, f.pressed[:, None]] for f in state.filters]
+    return np.concatenate([np.stack([np.concatenate(of, axis=1) for of in parts], axis=1), *neurons], axis=2)
+
+
+def _unpacked(kept: np.ndarray) -> tuple[tuple[FilterState, ...], MechanoreceptorState]:
+    """The filters and neurons of `_kept`."""
+    static, (n_trials, n_copies, _, n_taxels) = ORDER + 1, kept.shape
+    filters = (
+        FilterState(of[:, static : static + ORDER], of[:, :ORDER], of[:, static + ORDER], of[:, ORDER])
+        for of in kept.swapaxes(0, 1)
+    )
+    membrane, since = (kept[:, :, value].reshape(n_trials, n_copies * n_taxels) for value in (-2, -1))
+    return tuple(filters), MechanoreceptorState(membrane, since.astype(np.int64))
+
+
+def _fitted_clock(n_steps: int, rate_Hz: float, first_step: int) -> tuple[np.ndarray, np.ndarray, int]:
+    """The clock of the fits in a piece: step of each value, its share of the way to it, and the first one's number.
+
+    The step is counted from the piece's first. A value lies on the straight line between the sample before that step
+    and its own. Sample k of that clock lies at k / FITTED_Hz, and belongs to the first step of the signal's clock that
+    is not before it: both are counted in whole numbers from the trial's start, so that pieces do not move them.
     """
     ratio = Fraction(FITTED_Hz) / Fraction(rate_Hz)
     up, down = ratio.numerator, ratio.denominator
     # Steps up to t contain the fine samples 0 to t * up / down.
-    before = (state.step - 1) * up // down + 1 if state.step else 0
-    number = np.arange(before, (state.step + signal.shape[1] - 1) * up // down + 1, dtype=object)
+    before = (first_step - 1) * up // down + 1 if first_step else 0
+    end = (first_step + n_steps - 1) * up // down + 1
+    fits = (first_step + n_steps) * up < EXACT and end * down < EXACT
+    number = np.arange(before, end, dtype=np.int64 if fits else object)
     step = -(-number * down // up)
     share = np.array((number * down - (step - 1) * up) / up, np.float64)
-    step = np.array(step - state.step, np.int64)
-    earlier = signal[:, :1] if state.last is None else state.last[:, None]
-    known = np.concatenate([earlier, signal], axis=1)  # one sample later than `signal`
-    low, high = known[:, step], known[:, step + 1]
-    return low + share[:, None] * (high - low), step, before
+    return np.array(step - first_step, np.int64), share, before
 
 
 def currents(fit: _Fit, static: np.ndarray, dynamic: np.ndarray, state: FilterState) -> tuple[np.ndarray, FilterState]:
@@ -443,13 +522,12 @@ def _add_noise(current: np.ndarray, seed: int, digest: np.ndarray, sizes: list[f
 
 
 def _neurons(copies: list[_Copy], n_taxels: int, rate_Hz: float) -> Mechanoreceptor:
-    """All afferents; two spikes of one are at least a step of the signal's clock apart."""
-    step = math.ceil(FITTED_Hz / rate_Hz - 1e-9)
+    """All afferents."""
     fits = [copy.fit for copy in copies]
     post_spike = post_spike_currents(
         np.array([fit.post_spike_1 for fit in fits]), np.array([fit.post_spike_2 for fit in fits])
     )
-    least = [max(step, refractory_steps(copy.t_ref_ms, FITTED_Hz)) for copy in copies]
+    least = [copy.least_steps(rate_Hz) for copy in copies]
     return Mechanoreceptor(
         tau_steps=np.repeat([fit.tau_steps for fit in fits], n_taxels),
         post_spike=post_spike,

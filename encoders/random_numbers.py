@@ -82,5 +82,10 @@ def random_integers(seed: int, digest: np.ndarray, copy: int) -> np.ndarray:
     >>> len({*random_integers(0, digest, 0).ravel().tolist(), *random_integers(1, digest, 0).ravel().tolist()})
     20
     """
-    afferents = (np.uint64(copy) << np.uint64(BITS)) + np.arange(digest.shape[-1], dtype=np.uint64)
-    return _mixed(digest + _mixed(_mixed(np.array([seed], np.uint64) + GOLDEN) + afferents))
+    return _mixed(digest + places(seed, copy, digest.shape[-1]))
+
+
+def places(seed: int, copy: int, n_taxels: int) -> np.ndarray:
+    """What `random_integers` adds to the digests of each taxel, `(taxel,)` uint64."""
+    afferents = (np.uint64(copy) << np.uint64(BITS)) + np.arange(n_taxels, dtype=np.uint64)
+    return _mixed(_mixed(np.array([seed], np.uint64) + GOLDEN) + afferents)

@@ -26,11 +26,19 @@ struct StreamKernels {
     template <class T>                                                                               \
     void small_backward(const Net<T>&, const Layout&, const Tape<T>&, const Gradients<T>&);          \
     template <class T>                                                                               \
+    bool small_infer(const Net<T>&, const Layout&, const Decisions&);                                \
+    template <class T>                                                                               \
     bool infer(const Net<T>&, const ExitRule&, const Decisions&);                     \
     template <class T>                                                                               \
     void encode(const Encoding<T>&);                                                                 \
     template <class T>                                                                               \
     void encode_exact(const ExactEncoding<T>&);                                                      \
+    template <class T>                                                                               \
+    T izhikevich(const Izhikevich<T>&);                                                              \
+    template <class T>                                                                               \
+    void bens_spiker(const BensSpiker<T>&);                                                          \
+    template <class T>                                                                               \
+    void mechanoreceptors(const Mechanoreceptors<T>&);                                               \
     extern const StreamKernels stream_kernels;                                                       \
     }
 NT_DECLARE_KERNELS(avx512)
@@ -45,9 +53,13 @@ struct Kernels {
     void (*wide_backward)(const Net<T>&, const Layout&, const Tape<T>&, const Gradients<T>&);
     bool (*small_forward)(const Net<T>&, const Layout&, const Outputs<T>&, const Tape<T>*);
     void (*small_backward)(const Net<T>&, const Layout&, const Tape<T>&, const Gradients<T>&);
+    bool (*small_infer)(const Net<T>&, const Layout&, const Decisions&);
     bool (*infer)(const Net<T>&, const ExitRule&, const Decisions&);
     void (*encode)(const Encoding<T>&);
     void (*encode_exact)(const ExactEncoding<T>&);
+    T (*izhikevich)(const Izhikevich<T>&);  // the least current
+    void (*bens_spiker)(const BensSpiker<T>&);
+    void (*mechanoreceptors)(const Mechanoreceptors<T>&);
 };
 
 enum class Isa : int { plain, avx2, avx512 };

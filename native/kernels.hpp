@@ -83,6 +83,7 @@ struct Outputs {
     T* readout;  // (trial, class) counts, or the values of an integrator that leaks, without its bias
     T* hidden;   // (trial, hidden) counts, or of each stretch (trial, stretch, hidden)
     T* raster;   // (trial, time, hidden) of 0 and 1
+    uint64_t* spikes = nullptr;  // of the register kernel: s[t+1] of the pair of trials at hand, (trial, time)
 };
 
 // dL/d(output) in, dL/d(parameter) out; null where not given or not wanted.
@@ -165,6 +166,65 @@ struct ExactEncoding {
     double *membrane, *refractory_ms;  // state in and out, (trial, afferent)
     uint8_t* spikes;                   // (trial, step, afferent), where ones are added
     int threads;
+};
+
+// Conditioned signals of the encoders beside the core: the taxels lie in rows padded to whole vectors.
+template <class T>
+struct Signals {
+    int64_t trials, steps;
+    int pitch;
+    const T* data;    // (trial, step, pitch)
+    uint8_t* spikes;  // (trial, step, population, pitch)
+    int threads;
+};
+
+// See encoders/izhikevich.py. State in and out: `last` (trial, pitch), `membrane` and `recovery` (trial, 2, pitch).
+template <class T>
+struct Izhikevich {
+    Signals<T> signals;
+    T sa_gain, ra_gain, step_ms, recovers, b, c, d, peak;  // recovers: a times the Euler step
+    int euler_steps;
+    bool has_last;
+    T *last, *membrane, *recovery;
+};
+
+// See encoders/bens_spiker.py. State in and out: `remaining` (trial, tap, 2, pitch).
+template <class T>
+struct BensSpiker {
+    Signals<T> signals;
+    T gain, threshold;
+    int n_taps;
+    const T* taps;
+    T* remaining;
+};
+
+// See encoders/mechanoreceptor.py, `_Copy.constants`.
+struct MechanoreceptorFit {
+    double by_depth, by_rate;  // a drive for each mm, and for each change in two steps
+    double b[4], a[4];         // the low pass
+    double static_up, static_down, velocity_up, velocity_down, acceleration_up, acceleration_down;
+    double saturation, noise, tau_steps, least_steps, delay;
+};
+
+// What a fit keeps between steps, (value, pitch), as in encoders/mechanoreceptor.py, `_kept`.
+constexpr int kMechanoreceptorState = 10;
+
+template <class T>
+struct Mechanoreceptors {
+    Signals<T> signals;
+    int64_t first_step, first_fine, n_fine;  // numbers of the first step and of the first on the clock of the fits
+    const int64_t* step_of;                  // (fine) from the first step on
+    const double* share;                     // (fine) of the way from the sample before to that of the step
+    int copies;
+    const MechanoreceptorFit* fits;  // (copy)
+    const double* post_spike;        // (copy, post_spike_steps + 1)
+    int64_t post_spike_steps, longest_since;
+    const uint64_t* places;  // (copy, pitch) of random numbers; null: no noise
+    double *last, *before;   // state in and out, (trial, pitch) and (trial, 2, pitch)
+    uint64_t* digest;        // (trial, pitch)
+    double* kept;            // (trial, copy, kMechanoreceptorState, pitch)
+    int64_t under_way;       // rows of `fired` before the first fine step
+    uint8_t* fired;          // (trial, under_way + fine, copy, pitch)
 };
 
 enum class Baseline : int { none, first, start, running, high_pass };

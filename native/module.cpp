@@ -173,8 +173,10 @@ void add_network(nb::module_& m) {
                                  at<int64_t>(hidden_spikes), at<int64_t>(counts),    at<double>(sums)};
               return with_real(shape, [&](auto real) {
                   using T = decltype(real);
-                  return kernels<T>().infer(make_net<T>(shape, trials, steps, in, of, bias, threads),
-                                            {patience, from_first_spike, margin}, to);
+                  const Net<T> net = make_net<T>(shape, trials, steps, in, of, bias, threads);
+                  if (shape.layout.small && shape.sizes.hidden > 0 && patience < 0 && !(margin > 0))
+                      return kernels<T>().small_infer(net, shape.layout, to);
+                  return kernels<T>().infer(net, {patience, from_first_spike, margin}, to);
               });
           },
           NT_WINDOW_NAMES, NT_SPIKES_NAMES, NT_PARAMETERS_NAMES, "bias"_a, "patience"_a, "from_first_spike"_a,
@@ -227,6 +229,58 @@ void add_exact(nb::module_& m) {
           nb::kw_only(), "is_double"_a, "trials"_a, "samples"_a, "steps"_a, "afferents"_a, "drive"_a, "t_ref_ms"_a,
           "tau_ms"_a, "v_rest"_a, "v_reset"_a, "v_threshold"_a, "sample_ms"_a, "steps_per_ms"_a, "steps_per_sample"_a,
           "samples_before"_a, "first_step"_a, "membrane"_a, "refractory_ms"_a, "spikes"_a, "threads"_a);
+}
+
+// Signals and their spikes, as each encoder beside the core takes them.
+#define NT_SIGNALS bool is_double, int64_t trials, int64_t steps, int pitch, Address signal, Address spikes, int threads
+#define NT_SIGNALS_NAMES \
+    nb::kw_only(), "is_double"_a, "trials"_a, "steps"_a, "pitch"_a, "signal"_a, "spikes"_a, "threads"_a
+
+void add_encoders(nb::module_& m) {
+    m.def("izhikevich",
+          [](NT_SIGNALS, double sa_gain, double ra_gain, double step_ms, double recovers, double b, double c, double d,
+             double peak, int euler_steps, bool has_last, Address last, Address membrane, Address recovery) {
+              nb::gil_scoped_release release;
+              const auto run = [&](auto real) -> double {
+                  using T = decltype(real);
+                  return kernels<T>().izhikevich({{trials, steps, pitch, at<const T>(signal), at<uint8_t>(spikes), threads},
+                                                  T(sa_gain), T(ra_gain), T(step_ms), T(recovers), T(b), T(c), T(d), T(peak),
+                                                  euler_steps, has_last, at<T>(last), at<T>(membrane), at<T>(recovery)});
+              };
+              return is_double ? run(double{}) : run(float{});
+          },
+          NT_SIGNALS_NAMES, "sa_gain"_a, "ra_gain"_a, "step_ms"_a, "recovers"_a, "b"_a, "c"_a, "d"_a, "peak"_a,
+          "euler_steps"_a, "has_last"_a, "last"_a, "membrane"_a, "recovery"_a);
+    m.def("bens_spiker",
+          [](NT_SIGNALS, double gain, double threshold, int n_taps, Address taps, Address remaining) {
+              nb::gil_scoped_release release;
+              const auto run = [&](auto real) {
+                  using T = decltype(real);
+                  kernels<T>().bens_spiker({{trials, steps, pitch, at<const T>(signal), at<uint8_t>(spikes), threads},
+                                            T(gain), T(threshold), n_taps, at<const T>(taps), at<T>(remaining)});
+              };
+              is_double ? run(double{}) : run(float{});
+          },
+          NT_SIGNALS_NAMES, "gain"_a, "threshold"_a, "n_taps"_a, "taps"_a, "remaining"_a);
+    m.def("mechanoreceptors",
+          [](NT_SIGNALS, int64_t first_step, int64_t first_fine, int64_t n_fine, Address step_of, Address share, int copies,
+             Address fits, Address post_spike, int64_t post_spike_steps, int64_t longest_since, Address places, Address last,
+             Address before, Address digest, Address kept, int64_t under_way, Address fired) {
+              nb::gil_scoped_release release;
+              const auto run = [&](auto real) {
+                  using T = decltype(real);
+                  kernels<T>().mechanoreceptors(
+                      {{trials, steps, pitch, at<const T>(signal), at<uint8_t>(spikes), threads}, first_step, first_fine,
+                       n_fine, at<const int64_t>(step_of), at<const double>(share), copies,
+                       at<const MechanoreceptorFit>(fits), at<const double>(post_spike), post_spike_steps, longest_since,
+                       at<const uint64_t>(places), at<double>(last), at<double>(before), at<uint64_t>(digest),
+                       at<double>(kept), under_way, at<uint8_t>(fired)});
+              };
+              is_double ? run(double{}) : run(float{});
+          },
+          NT_SIGNALS_NAMES, "first_step"_a, "first_fine"_a, "n_fine"_a, "step_of"_a, "share"_a, "copies"_a, "fits"_a,
+          "post_spike"_a, "post_spike_steps"_a, "longest_since"_a, "places"_a, "last"_a, "before"_a, "digest"_a, "kept"_a,
+          "under_way"_a, "fired"_a);
 }
 
 constexpr float kLargest = 1e20f;  // of a sample (streams/chain.py)
@@ -438,6 +492,7 @@ NB_MODULE(_native, m) {
     add_network(m);
     add_stream(m);
     add_exact(m);
+    add_encoders(m);
     m.def("encode", &encode, nb::kw_only(), "is_double"_a, "trials"_a, "steps"_a, "taxels"_a, "signal"_a, "trial_stride"_a,
           "time_stride"_a, "sa_gain"_a, "ra_gain"_a, "decay"_a, "v_rest"_a, "v_reset"_a, "v_threshold"_a, "sa_silent"_a,
           "ra_silent"_a, "sa_membrane"_a, "ra_membrane"_a, "last"_a, "sa_silent_left"_a, "ra_silent_left"_a,

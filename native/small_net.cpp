@@ -12,8 +12,10 @@
 // in the table of events, and left out where they would cost a product.
 #include "parallel.h"
 
+#include <tuple>
 #include <type_traits>
 
+#include "decide.hpp"
 #include "dispatch.hpp"
 #include "memory.hpp"
 #include "spikes.hpp"
@@ -283,6 +285,7 @@ void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, c
                 advance(neuron, readout[s], before_out[s], beta_out, threshold_out, ~0ull);
                 write_readout(s, t - lag);
             }
+            if (out.spikes) out.spikes[s * steps + t] = hidden[s].spikes;
             if (membrane) {
                 store_all(membrane + (s * steps + t) * HP, hidden[s].membrane);
                 spikes[s * steps + t] = hidden[s].spikes;
@@ -617,6 +620,19 @@ NT_INLINE void with_form(const Layout& layout, bool adapts, const Run& run_form)
 
 }  // namespace
 
+// The input spikes of a pair; how many of its trials have other values than 0 and 1.
+template <class T>
+int pack_pair(const Net<T>& net, int64_t first, uint64_t* to) {
+    const Sizes& n = net.sizes;
+    const int64_t trial_words = n.steps * words(n.inputs);
+    int others = 0;
+    for (int s = 0; s < kPair; s++, to += trial_words) {
+        if (first + s < n.trials) others += !pack_trial(net.spikes, first + s, n.steps, n.inputs, to);
+        else std::memset(to, 0, trial_words * sizeof(uint64_t));
+    }
+    return others;
+}
+
 template <class T>
 bool small_forward(const Net<T>& net, const Layout& layout, const Outputs<T>& out, const Tape<T>* tape) {
     const Sizes& n = net.sizes;
@@ -635,12 +651,89 @@ bool small_forward(const Net<T>& net, const Layout& layout, const Outputs<T>& ou
             for (int64_t pair = 0; pair < pairs; pair++) {
                 const int64_t first = pair * kPair;
                 uint64_t* inputs = tape ? tape->inputs + first * trial_words : mine;
-                for (int s = 0; s < kPair; s++) {
-                    uint64_t* to = inputs + s * trial_words;
-                    if (first + s < n.trials) others += !pack_trial(net.spikes, first + s, n.steps, n.inputs, to);
-                    else std::memset(to, 0, trial_words * sizeof(uint64_t));
-                }
+                others += pack_pair(net, first, inputs);
                 forward_trials<T, HP.value, OP.value, Adapts.value>(net, tables, first, inputs, out, tape);
+            }
+        });
+    }
+    return others == 0;
+}
+
+// What an integrator makes of a whole window, from the hidden layer's spikes s[t+1], as infer.cpp does step by step.
+template <class T>
+void integrate(const Net<T>& net, const uint64_t* inputs, const uint64_t* spikes, uint32_t* rows,
+               IntegratingReadout<T>& readout, double* sums) {
+    const Sizes& n = net.sizes;
+    readout.start(sums);
+    for (int64_t t = 0; t < n.steps; t++) {
+        const uint64_t sent = net.neuron.emits_at_once() ? spikes[t] : t ? spikes[t - 1] : 0;
+        int n_rows = 0;
+        if (net.integration.direct) n_rows = list_rows(inputs + t * words(n.inputs), words(n.inputs), n.hidden, rows, 0);
+        readout.step(rows, list_rows(&sent, 1, 0, rows, n_rows), t, sums);
+    }
+}
+
+NT_INLINE int64_t count_spikes(const uint64_t* spikes, int64_t n_words) {
+    int64_t found = 0;
+    for (int64_t k = 0; k < n_words; k++) found += __builtin_popcountll(spikes[k]);
+    return found;
+}
+
+// Inference without early exit. An integrator adds in float64: beside it, this kernel computes the hidden layer alone.
+template <class T>
+bool small_infer(const Net<T>& net, const Layout& of_net, const Decisions& to) {
+    Net<T> run = net;
+    Layout layout = of_net;
+    if (net.bias) {
+        run.sizes.classes = 0;
+        run.integration = {};
+        layout = layout_of(run.sizes, net.neuron, sizeof(T) == sizeof(double), net.adaptation.on, false);
+    }
+    const Sizes& n = net.sizes;
+    const int64_t trial_words = n.steps * words(n.inputs), pairs = (n.trials + kPair - 1) / kPair;
+    Carver measure, of_thread, nothing;
+    const ForwardTables<T> none(net, nothing);
+    forward_tables(run, layout, measure);
+    measure.take<T>(n.trials * n.classes);
+    const auto cut = [&](Carver& carver) {
+        uint64_t* inputs = carver.take<uint64_t>(kPair * trial_words);
+        uint64_t* spikes = carver.take<uint64_t>(kPair * n.steps);
+        return std::make_tuple(inputs, spikes, carver.take<uint32_t>(n.inputs + n.hidden));
+    };
+    cut(of_thread);
+    IntegratingReadout<T>(net, none, of_thread);
+    Block block(measure.bytes() + net.threads * of_thread.bytes());
+    Carver carver(block.data());
+    const Tables<T> tables = forward_tables(run, layout, carver);
+    T* counts = carver.take<T>(n.trials * n.classes);
+    int others = 0;
+#pragma omp parallel num_threads(net.threads) reduction(+ : others)
+    {
+        Carver mine(block.data() + measure.bytes() + omp_get_thread_num() * of_thread.bytes());
+        const auto [inputs, spikes, rows] = cut(mine);
+        IntegratingReadout<T> integrator(net, none, mine);
+        const Outputs<T> out{net.bias ? nullptr : counts, nullptr, nullptr, spikes};
+        with_form<T>(layout, net.adaptation.on, [&, inputs = inputs, spikes = spikes, rows = rows](auto HP, auto OP, auto Adapts) {
+#pragma omp for schedule(dynamic, 4)
+            for (int64_t pair = 0; pair < pairs; pair++) {
+                const int64_t first = pair * kPair;
+                others += pack_pair(net, first, inputs);
+                forward_trials<T, HP.value, OP.value, Adapts.value>(run, tables, first, inputs, out, nullptr);
+                for (int s = 0; s < kPair && first + s < n.trials; s++) {
+                    const int64_t trial = first + s, heard = n.steps - (n.steps && !net.neuron.emits_at_once());
+                    to.steps[trial] = n.steps;
+                    to.input_spikes[trial] = count_spikes(inputs + s * trial_words, trial_words);
+                    to.hidden_spikes[trial] = count_spikes(spikes + s * n.steps, heard);
+                    if (net.bias) {
+                        double* sums = to.sums + trial * n.classes;
+                        integrate(net, inputs + s * trial_words, spikes + s * n.steps, rows, integrator, sums);
+                        to.labels[trial] = Leader<double>{sums, n.classes}.leading();
+                    } else {
+                        int64_t* found = to.counts + trial * n.classes;
+                        for (int c = 0; c < n.classes; c++) found[c] = (int64_t)counts[trial * n.classes + c];
+                        to.labels[trial] = Leader<int64_t>{found, n.classes}.leading();
+                    }
+                }
             }
         });
     }
@@ -698,6 +791,7 @@ void small_backward(const Net<T>& net, const Layout& layout, const Tape<T>& tape
 }
 
 template bool small_forward<NT_REAL>(const Net<NT_REAL>&, const Layout&, const Outputs<NT_REAL>&, const Tape<NT_REAL>*);
+template bool small_infer<NT_REAL>(const Net<NT_REAL>&, const Layout&, const Decisions&);
 template void small_backward<NT_REAL>(const Net<NT_REAL>&, const Layout&, const Tape<NT_REAL>&, const Gradients<NT_REAL>&);
 
 }  // namespace neurotact::NT_ISA

@@ -2,11 +2,13 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from neurotact_parts.opponents import rounding
 from neurotact_parts.opponents.kernel_machines import SupportVectorMachines
 from sklearn.ensemble import ExtraTreesClassifier
+from sklearn.metrics.pairwise import rbf_kernel
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.svm import SVC
 
@@ -22,6 +24,8 @@ SVM_GAMMAS, SVM_CS = (0.0625, 0.25, 1.0, 4.0), (1.0, 10.0, 100.0)
 """Gamma, before division by the number of features."""
 MOST_MACHINES = 10_000
 """Training examples up to which support vector machines are fitted: their time grows with the square of the number."""
+MOST_SHARED = 5000
+"""Training examples up to which machines share a kernel, of 200 MB then, as much as libsvm keeps."""
 
 
 LOGISTIC_REGRESSION = Opponent(
@@ -34,9 +38,64 @@ LOGISTIC_REGRESSION = Opponent(
 )
 
 
+class Kernel:
+    """The RBF kernel of training examples `(example, feature)` with themselves and validation's, a gamma at a time."""
+
+    def __init__(self, train: np.ndarray, validation: np.ndarray) -> None:
+        self.train, self.validation = train, validation
+        self.forget()
+
+    def of(self, gamma: float) -> list[np.ndarray]:
+        """`(training, training)` and `(validation, training)`, computed where gamma is another than before."""
+        if gamma != self._gamma:
+            self.forget()  # before another is computed
+            self._gamma = gamma
+            train, held = (x.astype(np.float64, copy=False) for x in (self.train, self.validation))
+            self._values = [rbf_kernel(x, train, gamma=gamma) for x in (train, held)]
+        return self._values
+
+    def forget(self) -> None:
+        """Free its memory."""
+        self._gamma, self._values = 0.0, []
+
+
+class RBFMachines(SVC):
+    """`SVC` that may take its kernel from others of its gamma, as in a grid of C."""
+
+    shared: Kernel | None = None
+    _seen: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # validation, coefficients, what they say of it
+
+    def fit(self, X: np.ndarray, y: np.ndarray) -> "RBFMachines":
+        """As `SVC.fit`: with the shared kernel to the examples that it is of, and without it to others."""
+        kernel, self.shared, self._seen = self.shared, None, None
+        if kernel is None or kernel.train is not X:
+            return super().fit(X, y)
+        among, held = kernel.of(self.gamma)
+        fitted = SVC(C=self.C, kernel="precomputed").fit(among, y)
+        learned = {name: value for name, value in vars(fitted).items() if name not in fitted.get_params()}
+        vectors = np.ascontiguousarray(X[fitted.support_], np.float64)
+        self.__dict__.update(learned, support_vectors_=vectors, _gamma=self.gamma, n_features_in_=X.shape[1])
+        self._seen = kernel.validation, self._dual_coef_, fitted.predict(held)
+        return self
+
+    def predict(self, X: np.ndarray) -> np.ndarray:
+        """As `SVC.predict`."""
+        if self._seen is not None and self._seen[0] is X and self._seen[1] is self._dual_coef_:
+            return self._seen[2]
+        return super().predict(X)
+
+
+def _machines(shared: Kernel | None, **settings: Any) -> RBFMachines:
+    machines = RBFMachines(**settings)
+    machines.shared = shared
+    return machines
+
+
 def _svm_grid(sides: Sides, seed: int) -> Iterator[Settings]:
-    n_features = sides.train.shape[1]
-    yield from ({"C": c, "gamma": gamma / n_features} for gamma in SVM_GAMMAS for c in SVM_CS)
+    n_features, kernel = sides.train.shape[1], Kernel(sides.train, sides.validation)
+    shared = kernel if len(sides.train) <= MOST_SHARED else None
+    yield from ({"C": c, "gamma": gamma / n_features, "shared": shared} for gamma in SVM_GAMMAS for c in SVM_CS)
+    kernel.forget()
 
 
 def _svm_words(fitted: SVC) -> str:
@@ -50,7 +109,7 @@ def _svm_layers(fitted: SVC, x: np.ndarray) -> tuple[Layer, ...]:
 
 SVM = Opponent(
     "RBF support vector machines, one against one, with shared support vectors.",
-    SVC,
+    _machines,
     _svm_grid,
     layers=_svm_layers,
     words=_svm_words,

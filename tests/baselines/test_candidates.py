@@ -7,13 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from neurotact_parts.opponents import minirocket as rocket
-from neurotact_parts.opponents import pooled_gru
+from neurotact_parts.opponents import pooled_gru, rounding, scikit_learn
 from neurotact_parts.opponents.minirocket import FixedConvolutions
 from neurotact_parts.opponents.pooled_gru import GRU, PooledStates
 from neurotact_parts.opponents.scikit_learn import Trees, mean_depth
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import Pipeline
+from sklearn.svm import SVC
 
 from neurotact.baselines.features import BandPowers
 from neurotact.baselines.opponent import Opponent, Sides, best_of, first_best, joined, load
@@ -61,6 +62,33 @@ def test_a_choice_is_fitted_again_with_its_settings(monkeypatch, family, shape):
             assert elsewhere.settings == candidate.settings
         elif family != "SVM":  # whose order depends on the data
             np.testing.assert_array_equal(elsewhere.fitted.predict(others.test), own.fitted.predict(others.test))
+
+
+@pytest.mark.parametrize("kind", ["f8", "f4", "i8"])
+@pytest.mark.parametrize("most_shared", [5000, 23])
+def test_machines_of_a_gamma_share_a_kernel_and_are_those_of_libsvm(monkeypatch, most_shared, kind):
+    computed, rbf_kernel = [], scikit_learn.rbf_kernel
+    monkeypatch.setattr(scikit_learn, "MOST_SHARED", most_shared)
+    monkeypatch.setattr(
+        scikit_learn, "rbf_kernel", lambda *x, gamma: computed.append(gamma) or rbf_kernel(*x, gamma=gamma)
+    )
+    made = sides_of(3)
+    sides = made._replace(**{side: (4 * getattr(made, side)).astype(kind) for side in ("train", "validation", "test")})
+    found = list(scikit_learn.SVM.candidates(sides, 0))
+    shares = most_shared >= len(sides.train)
+    assert len(found) == len(scikit_learn.SVM_GAMMAS) * len(scikit_learn.SVM_CS)
+    assert sorted(computed) == [gamma / 3 for gamma in scikit_learn.SVM_GAMMAS for _ in range(2 * shares)]
+    for one in found:
+        machines, alone = one.fitted, SVC(C=one.fitted.C, gamma=one.fitted.gamma).fit(sides.train, sides.y_train)
+        np.testing.assert_array_equal(machines.support_vectors_, alone.support_vectors_)
+        np.testing.assert_allclose(machines.dual_coef_, alone.dual_coef_, rtol=1e-6)
+        for x in (sides.validation, sides.test, sides.train):
+            np.testing.assert_array_equal(machines.predict(x), alone.predict(x))
+            np.testing.assert_allclose(machines.decision_function(x), alone.decision_function(x), rtol=1e-6, atol=1e-6)
+        narrow = [rounding.machines(of, sides.train, 2).predict(sides.validation) for of in (machines, alone)]
+        np.testing.assert_array_equal(*narrow)
+        again = machines.fit(sides.test, sides.y_test).predict(sides.validation)
+        np.testing.assert_array_equal(again, alone.fit(sides.test, sides.y_test).predict(sides.validation))
 
 
 def test_minirocket_has_one_candidate_of_the_default_size(monkeypatch):

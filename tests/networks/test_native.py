@@ -399,6 +399,35 @@ def test_inference_is_the_reference_s(variant, sizes, window, rule, dtype, isa, 
     assert all(map(torch.equal, net.infer(x, rule), wanted))
 
 
+@pytest.mark.parametrize("readout", ["count", "integrator", "max"])
+@given(
+    variant=variants,
+    sizes=st.tuples(st.integers(1, 70), st.integers(1, 64), st.integers(1, 40)),
+    window=st.tuples(st.integers(0, 5), st.integers(0, 30)),
+    more=st.sampled_from(
+        [{}, {"model": "snn"}, {"threshold_adaptation": 0.3}, {"readout_stretches": 3, "readout_stretch_ms": 25.0}]
+    ),
+    dtype=dtypes,
+    isa=isas,
+    delay=delays,
+    seed=st.integers(0, 99),
+)
+@examples(60)
+def test_whole_windows_are_decided_as_by_the_kernel_that_stops(
+    readout, variant, sizes, window, more, dtype, isa, delay, seed
+):
+    n_in, hidden, classes = sizes
+    membrane, reset = variant
+    spec = {"membrane": membrane, "reset": reset, "recurrent_delay_steps": delay, "readout": readout, **more}
+    if readout != "integrator":
+        spec = {key: value for key, value in spec.items() if "stretch" not in key}
+    net = network(n_in, hidden, classes, seed, dtype, **spec)
+    x = spikes(*window, n_in, seed=seed)
+    native.set_isa(isa)
+    with torch.no_grad():
+        assert all(map(torch.equal, net.infer(x), net.infer(x, ExitRule(99))))
+
+
 def test_inference_of_an_empty_window():
     inference = network().infer(spikes(3, 0))
     assert inference.steps.tolist() == inference.labels.tolist() == [0, 0, 0]
