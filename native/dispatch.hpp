@@ -31,6 +31,8 @@ struct StreamKernels {
     void encode(const Encoding<T>&);                                                                 \
     template <class T>                                                                               \
     void encode_exact(const ExactEncoding<T>&);                                                      \
+    template <class T>                                                                               \
+    void tally(const TalliedPopulation<T>&);                                                         \
     extern const StreamKernels stream_kernels;                                                       \
     }
 NT_DECLARE_KERNELS(avx512)
@@ -48,6 +50,7 @@ struct Kernels {
     bool (*infer)(const Net<T>&, const ExitRule&, const Decisions&);
     void (*encode)(const Encoding<T>&);
     void (*encode_exact)(const ExactEncoding<T>&);
+    void (*tally)(const TalliedPopulation<T>&);
 };
 
 enum class Isa : int { plain, avx2, avx512 };

@@ -10,7 +10,7 @@ import contextlib
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -102,7 +102,7 @@ class Calibration(Generic[Encoder]):
     apart: np.ndarray | None = None
     order: np.ndarray | None = None
 
-    @property
+    @cached_property
     def accuracy(self) -> float:
         """The cross-validated accuracy of logistic regression on `rates` of the training trials.
 
@@ -110,7 +110,7 @@ class Calibration(Generic[Encoder]):
         """
         return cross_validated_accuracy(self.rates, self.labels, self.apart, self.order)
 
-    @property
+    @cached_property
     def accuracy_of_both(self) -> float:
         """As `accuracy`, on the rates of SA-I and RA-I."""
         return cross_validated_accuracy(np.hstack([self.rates, self.rates_ra]), self.labels, self.apart, self.order)
