@@ -21,7 +21,7 @@ from neurotact.encoders.specs import encode, is_exact
 from neurotact.metrics.spike_trains import events_of_raster, isis_ms
 
 HELD_PIECES = 32
-"""Signals of at most so many pieces stay side by side in memory for all gains; more are read anew for each."""
+"""Signals and copies of at most so many pieces stay in memory for all gains; more are read anew for each."""
 
 
 class Asked(NamedTuple):
@@ -105,7 +105,9 @@ class Groups:
 
     def __init__(self, signals: Spool, per_sample: float) -> None:
         self._signals, self._per_sample = signals, per_sample
-        n_values = sum(signals.lengths) * (signals[0].shape[1] if len(signals) else 0)
+        n_taxels = signals[0].shape[1]
+        more = -n_taxels % native.LANES
+        n_values = 2 * sum(signals.lengths) * (n_taxels if not more else 2 * n_taxels + more)  # `Group` and its copies
         self._held = [*self._anew()] if n_values <= HELD_PIECES * conditioning.PIECE_VALUES else None
 
     def __iter__(self) -> Iterator[Group]:

@@ -57,10 +57,13 @@ def test_a_tally_is_that_of_the_spikes_of_each_trial_to_its_end(how, n_trials, n
 
 def test_signals_that_do_not_fit_in_memory_are_read_anew_in_the_same_groups():
     signals = Spool(np.full((n, 2), n, np.float32) for n in (3, 30, 4, 5, 50))
-    with patch.object(conditioning, "PIECE_VALUES", 40):
-        held = [group.n_samples.tolist() for group in Groups(signals, 1.0)]
+    with patch.object(conditioning, "PIECE_VALUES", 40), patch.object(tally, "HELD_PIECES", 100):
+        groups = Groups(signals, 1.0)
+        assert all(one is other for one, other in zip(groups, groups, strict=True))
+        held = [group.n_samples.tolist() for group in groups]
         with patch.object(tally, "HELD_PIECES", 0):
             anew = Groups(signals, 1.0)
+            assert next(iter(anew)) is not next(iter(anew))
             assert [[group.n_samples.tolist() for group in anew] for _ in range(2)] == [held, held]
     assert held == [[3], [30], [4, 5], [50]]
 
