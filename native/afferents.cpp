@@ -70,7 +70,51 @@ void encode_lanes(const Encoding<T>& e, int64_t trial, int first, int count) {
     }
 }
 
+// `N` trials side by side, as above; spikes go into a tally.
+template <class T, int N>
+void tally_lanes(const TalliedPopulation<T>& e, int64_t trial, int first) {
+    using V = typename VectorOf<T, kLanes>::type;
+    const auto fill = [](T value) __attribute__((always_inline)) { return V{} + value; };
+    Constants<T> constants{fill(e.gain), fill(e.decay), fill(e.v_rest), fill(e.v_reset), fill(e.v_threshold), {}};
+    constants.silent_steps += e.silent;
+    Population<T> of[N]{};
+    const T* felt[N];
+    int64_t end = 0;
+    for (int k = 0; k < N; k++) {
+        of[k].membrane = constants.v_rest;
+        felt[k] = e.felt + (trial + k) * e.steps * e.taxels + first;
+        end = e.tally.ends[trial + k] > end ? e.tally.ends[trial + k] : end;
+    }
+    for (int64_t t = 0; t < end; t++) {
+#pragma GCC unroll 4
+        for (int k = 0; k < N; k++) {
+            V now;
+            std::memcpy(&now, felt[k] + t * e.taxels, sizeof now);
+            const uint64_t fired = lif_step(of[k], constants.gain * now, constants);
+            if (fired && t < e.tally.ends[trial + k]) e.tally.mark_byte_by_byte(trial + k, first, fired, t);
+        }
+    }
+}
+
 }  // namespace
+
+template <class T>
+void tally(const TalliedPopulation<T>& e) {
+    constexpr int kAtOnce = 4;
+#pragma omp parallel for num_threads(e.threads) schedule(dynamic, 4)
+    for (int64_t four = 0; four < (e.trials + kAtOnce - 1) / kAtOnce; four++) {
+        const int64_t first = four * kAtOnce, last = first + kAtOnce;
+        for (int taxel = 0; taxel < e.taxels; taxel += kLanes) {
+            if (last <= e.trials) {
+                tally_lanes<T, kAtOnce>(e, first, taxel);
+            } else {
+                for (int64_t trial = first; trial < e.trials; trial++) tally_lanes<T, 1>(e, trial, taxel);
+            }
+        }
+    }
+}
+
+template void tally<NT_REAL>(const TalliedPopulation<NT_REAL>&);
 
 template <class T>
 void encode(const Encoding<T>& e) {

@@ -49,9 +49,9 @@ void set_isa(Isa isa) {
 template <class T>
 const Kernels<T>& kernels() {
 #define NT_TABLE(ISA)                                                                                     \
-    {ISA::wide_forward<T>, ISA::wide_backward<T>, ISA::small_forward<T>, ISA::small_backward<T>, \
-     ISA::small_infer<T>, ISA::infer<T>,                                                                  \
-     ISA::encode<T>, ISA::encode_exact<T>, ISA::izhikevich<T>, ISA::bens_spiker<T>, ISA::mechanoreceptors<T>}
+    {ISA::wide_forward<T>, ISA::wide_backward<T>, ISA::small_forward<T>, ISA::small_backward<T>,          \
+     ISA::small_infer<T>, ISA::infer<T>, ISA::encode<T>, ISA::encode_exact<T>,                            \
+     ISA::izhikevich<T>, ISA::bens_spiker<T>, ISA::mechanoreceptors<T>, ISA::tally<T>}
     if constexpr (sizeof(T) == sizeof(double)) {  // it checks gradients: one build does for every processor
         static const Kernels<T> table = NT_TABLE(plain);
         return table;

@@ -39,6 +39,8 @@ struct StreamKernels {
     void bens_spiker(const BensSpiker<T>&);                                                          \
     template <class T>                                                                               \
     void mechanoreceptors(const Mechanoreceptors<T>&);                                               \
+    template <class T>                                                                               \
+    void tally(const TalliedPopulation<T>&);                                                         \
     extern const StreamKernels stream_kernels;                                                       \
     }
 NT_DECLARE_KERNELS(avx512)
@@ -60,6 +62,7 @@ struct Kernels {
     T (*izhikevich)(const Izhikevich<T>&);  // the least current
     void (*bens_spiker)(const BensSpiker<T>&);
     void (*mechanoreceptors)(const Mechanoreceptors<T>&);
+    void (*tally)(const TalliedPopulation<T>&);
 };
 
 enum class Isa : int { plain, avx2, avx512 };

@@ -27,12 +27,12 @@ struct Interval {
 };
 
 // Marks the spikes of one afferent in an interval and leaves its state at the end of it; `begin_ms`: awake from there on.
-template <class T>
+template <class T, class Sink>
 void fire(const ExactEncoding<T>& e, const Interval& interval, double target, double t_ref_ms, double begin_ms,
-          double& membrane, double& refractory_ms, uint8_t* spikes) {
+          double& membrane, double& refractory_ms, const Sink& sink) {
     const auto mark = [&](double time_ms) __attribute__((always_inline)) {
         const int64_t step = int64_t(std::ceil(interval.begin + time_ms * e.steps_per_ms - kAtOnce)) - 1;
-        spikes[(std::clamp(step, interval.first, interval.last) - e.first_step) * e.afferents] = 1;
+        sink(std::clamp(step, interval.first, interval.last));
     };
     const double room = target - e.v_threshold;
     const double first = std::min(begin_ms + e.tau_ms * std::log((target - membrane) / room), e.sample_ms);
@@ -49,12 +49,12 @@ void fire(const ExactEncoding<T>& e, const Interval& interval, double target, do
     refractory_ms = std::max(t_ref_ms - since, 0.0);
 }
 
-template <class T>
-void encode_trial(const ExactEncoding<T>& e, int64_t trial, double below_threshold, double decay) {
+// sink: called with an afferent and the step of each of its spikes, in order; several may be in one step.
+template <class T, class Sink>
+void encode_trial(const ExactEncoding<T>& e, int64_t trial, double below_threshold, double decay, const Sink& sink) {
     const T* drive = e.drive + trial * e.samples * e.afferents;
     double* membranes = e.membrane + trial * e.afferents;
     double* waits = e.refractory_ms + trial * e.afferents;
-    uint8_t* spikes = e.spikes + trial * e.steps * e.afferents;
     for (int64_t n = 0; n < e.samples; n++, drive += e.afferents) {
         const int64_t before = e.samples_before + n;
         const Interval interval{double(before) * e.steps_per_sample, complete(e, before), complete(e, before + 1)};
@@ -68,7 +68,8 @@ void encode_trial(const ExactEncoding<T>& e, int64_t trial, double below_thresho
             membranes[i] = after;
             if (after >= e.v_threshold && target > e.v_threshold) {
                 membranes[i] = membrane;
-                fire(e, interval, target, e.t_ref_ms[i], begin_ms, membranes[i], waits[i], spikes + i);
+                fire(e, interval, target, e.t_ref_ms[i], begin_ms, membranes[i], waits[i],
+                     [&](int64_t step) __attribute__((always_inline)) { sink(i, step); });
             }
         }
     }
@@ -82,7 +83,19 @@ void encode_exact(const ExactEncoding<T>& e) {
     const double below_threshold = std::nextafter(e.v_threshold, -HUGE_VAL);
     const double decay = std::exp(-e.sample_ms / e.tau_ms);
 #pragma omp parallel for num_threads(e.threads) schedule(dynamic, 4)
-    for (int64_t trial = 0; trial < e.trials; trial++) encode_trial(e, trial, below_threshold, decay);
+    for (int64_t trial = 0; trial < e.trials; trial++) {
+        if (e.tally) {
+            const Tally& tally = *e.tally;
+            encode_trial(e, trial, below_threshold, decay, [&](int i, int64_t step) __attribute__((always_inline)) {
+                if (step < tally.ends[trial] && step != tally.last[trial * tally.pitch + i]) tally.mark(trial, i, step);
+            });
+        } else {
+            uint8_t* spikes = e.spikes + trial * e.steps * e.afferents;
+            encode_trial(e, trial, below_threshold, decay, [&](int i, int64_t step) __attribute__((always_inline)) {
+                spikes[(step - e.first_step) * e.afferents + i] = 1;
+            });
+        }
+    }
 }
 
 template void encode_exact<NT_REAL>(const ExactEncoding<NT_REAL>&);

@@ -153,6 +153,43 @@ struct Encoding {
     int threads;
 };
 
+// What a search for gains asks of spikes in place of a raster: how many intervals between the spikes of an afferent fall
+// into each bin; see neurotact/encoders/tally.py. Rows are those of a trial, of `pitch` afferents.
+struct Tally {
+    const int32_t* bin_of;  // of an interval in steps
+    int64_t bins, floor;    // floor: the longest interval that counts as at the refractory floor
+    const int64_t* ends;    // (trial): the first step that does not count
+    int64_t pitch;
+    int32_t *last, *intervals;  // (trial, afferent): step of the last spike, -1 before; (trial, afferent, bin)
+    int64_t* at_floor;          // (trial)
+
+    // The spikes of an afferent come in order.
+    void mark(int64_t trial, int64_t afferent, int64_t step) const {
+        const int64_t row = trial * pitch + afferent;
+        const int64_t isi = step - last[row];
+        if (last[row] >= 0) {
+            intervals[row * bins + bin_of[isi]]++;
+            at_floor[trial] += isi <= floor;
+        }
+        last[row] = int32_t(step);
+    }
+    void mark_byte_by_byte(int64_t trial, int64_t first, uint64_t fired, int64_t step) const {
+        for (; fired; fired &= fired - 1) mark(trial, first + __builtin_ctzll(fired) / 8, step);
+    }
+};
+
+// A population of afferent LIF neurons whose spikes are tallied.
+template <class T>
+struct TalliedPopulation {
+    int64_t trials, steps;
+    int taxels;     // a multiple of kLanes
+    const T* felt;  // (trial, time, taxel), which times the gain is the drive in mV
+    T gain, decay, v_rest, v_reset, v_threshold;
+    int32_t silent;  // refractory steps
+    Tally tally;
+    int threads;
+};
+
 // Afferent LIF neurons in closed form, once per sample; see neurotact/encoders/closed_form.py.
 template <class T>
 struct ExactEncoding {
@@ -166,6 +203,7 @@ struct ExactEncoding {
     double *membrane, *refractory_ms;  // state in and out, (trial, afferent)
     uint8_t* spikes;                   // (trial, step, afferent), where ones are added
     int threads;
+    const Tally* tally = nullptr;      // in place of spikes
 };
 
 // Conditioned signals of the encoders beside the core: the taxels lie in rows padded to whole vectors.
@@ -226,6 +264,12 @@ struct Mechanoreceptors {
     int64_t under_way;       // rows of `fired` before the first fine step
     uint8_t* fired;          // (trial, under_way + fine, copy, pitch)
 };
+
+void tally_raster(const uint8_t* spikes, int64_t trials, int64_t trial_stride, int64_t time_stride, int64_t afferents,
+                  const Tally& tally);
+// Adds the rows (trial, n) of each class to its sum, (labelling, class, n), trial by trial.
+void class_sums(const double* rows, const int64_t* labels, int64_t labellings, int64_t trials, int64_t classes, int64_t n,
+                double* sums);
 
 enum class Baseline : int { none, first, start, running, high_pass };
 

@@ -283,6 +283,55 @@ void add_encoders(nb::module_& m) {
           "under_way"_a, "fired"_a);
 }
 
+#define NT_TALLY_ARGUMENTS                                                                                        \
+    Address bin_of, int64_t bins, int64_t floor, Address ends, int64_t pitch, Address last_spike, Address intervals, \
+        Address at_floor
+#define NT_TALLY_NAMES "bin_of"_a, "bins"_a, "floor"_a, "ends"_a, "pitch"_a, "last_spike"_a, "intervals"_a, "at_floor"_a
+#define NT_TALLY                                                                                                    \
+    {at<const int32_t>(bin_of), bins, floor, at<const int64_t>(ends), pitch, at<int32_t>(last_spike),               \
+     at<int32_t>(intervals), at<int64_t>(at_floor)}
+
+// Spikes that are tallied as they come; of signals in float32, as calibration keeps them.
+void add_tallies(nb::module_& m) {
+    m.def("tally_raster",
+          [](Address spikes, int64_t trials, int64_t trial_stride, int64_t time_stride, int64_t afferents,
+             NT_TALLY_ARGUMENTS) {
+              nb::gil_scoped_release release;
+              tally_raster(at<const uint8_t>(spikes), trials, trial_stride, time_stride, afferents, NT_TALLY);
+          },
+          nb::kw_only(), "spikes"_a, "trials"_a, "trial_stride"_a, "time_stride"_a, "afferents"_a, NT_TALLY_NAMES);
+    m.def("class_sums",
+          [](Address rows, Address labels, int64_t labellings, int64_t trials, int64_t classes, int64_t n, Address sums) {
+              nb::gil_scoped_release release;
+              class_sums(at<const double>(rows), at<const int64_t>(labels), labellings, trials, classes, n,
+                         at<double>(sums));
+          },
+          nb::kw_only(), "rows"_a, "labels"_a, "labellings"_a, "trials"_a, "classes"_a, "n"_a, "sums"_a);
+    m.def("tally_population",
+          [](int64_t trials, int64_t steps, int taxels, Address felt, double gain, double decay, double v_rest,
+             double v_reset, double v_threshold, int silent, int threads, NT_TALLY_ARGUMENTS) {
+              nb::gil_scoped_release release;
+              kernels<float>().tally({trials, steps, taxels, at<const float>(felt), float(gain), float(decay),
+                                      float(v_rest), float(v_reset), float(v_threshold), silent, NT_TALLY, threads});
+          },
+          nb::kw_only(), "trials"_a, "steps"_a, "taxels"_a, "felt"_a, "gain"_a, "decay"_a, "v_rest"_a, "v_reset"_a,
+          "v_threshold"_a, "silent"_a, "threads"_a, NT_TALLY_NAMES);
+    m.def("tally_exact",
+          [](int64_t trials, int64_t samples, int afferents, Address drive, Address t_ref_ms, double tau_ms,
+             double v_rest, double v_reset, double v_threshold, double sample_ms, double steps_per_ms,
+             double steps_per_sample, Address membrane, Address refractory_ms, int threads, NT_TALLY_ARGUMENTS) {
+              nb::gil_scoped_release release;
+              const Tally tally NT_TALLY;
+              kernels<float>().encode_exact({trials, samples, 0, afferents, at<const float>(drive),
+                                             at<const double>(t_ref_ms), tau_ms, v_rest, v_reset, v_threshold, sample_ms,
+                                             steps_per_ms, steps_per_sample, 0, 0, at<double>(membrane),
+                                             at<double>(refractory_ms), nullptr, threads, &tally});
+          },
+          nb::kw_only(), "trials"_a, "samples"_a, "afferents"_a, "drive"_a, "t_ref_ms"_a, "tau_ms"_a, "v_rest"_a,
+          "v_reset"_a, "v_threshold"_a, "sample_ms"_a, "steps_per_ms"_a, "steps_per_sample"_a, "membrane"_a,
+          "refractory_ms"_a, "threads"_a, NT_TALLY_NAMES);
+}
+
 constexpr float kLargest = 1e20f;  // of a sample (streams/chain.py)
 
 // A chain that takes samples; it copies what it is made of, and its memory does not change from then on.
@@ -493,6 +542,7 @@ NB_MODULE(_native, m) {
     add_stream(m);
     add_exact(m);
     add_encoders(m);
+    add_tallies(m);
     m.def("encode", &encode, nb::kw_only(), "is_double"_a, "trials"_a, "steps"_a, "taxels"_a, "signal"_a, "trial_stride"_a,
           "time_stride"_a, "sa_gain"_a, "ra_gain"_a, "decay"_a, "v_rest"_a, "v_reset"_a, "v_threshold"_a, "sa_silent"_a,
           "ra_silent"_a, "sa_membrane"_a, "ra_membrane"_a, "last"_a, "sa_silent_left"_a, "ra_silent_left"_a,

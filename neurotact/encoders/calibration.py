@@ -10,7 +10,7 @@ import contextlib
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -102,7 +102,7 @@ class Calibration(Generic[Encoder]):
     apart: np.ndarray | None = None
     order: np.ndarray | None = None
 
-    @property
+    @cached_property
     def accuracy(self) -> float:
         """The cross-validated accuracy of logistic regression on `rates` of the training trials.
 
@@ -110,7 +110,7 @@ class Calibration(Generic[Encoder]):
         """
         return cross_validated_accuracy(self.rates, self.labels, self.apart, self.order)
 
-    @property
+    @cached_property
     def accuracy_of_both(self) -> float:
         """As `accuracy`, on the rates of SA-I and RA-I."""
         return cross_validated_accuracy(np.hstack([self.rates, self.rates_ra]), self.labels, self.apart, self.order)
@@ -131,6 +131,7 @@ def calibrate(
     apart: tuple[str, ...] = (),
     tell: bool = True,
     steady: bool = False,
+    known: dict[str, Spool] | None = None,
 ) -> Calibration[Encoder]:
     """Fit standardisation and gains of `spec` on recorded training trials of any unit and rate.
 
@@ -150,6 +151,8 @@ def calibrate(
     apart: conditions that the test leaves out; `Calibration.accuracy` tests each of their values by the others.
     tell: log the notes, too.
     steady: trials and their excerpts are drawn by what is in them, so that one that is left out moves no other.
+    known: with `steady`, excerpts of these recordings by how they are conditioned, which are not conditioned again; new
+        ones are added.
     Raises InputError for less than two classes, for constant signals, and if every gain that gives spikes
     puts too many ISIs at the refractory floor.
 
@@ -178,7 +181,8 @@ def calibrate(
     chosen = draw(recordings.labels, rule.trials_per_class, rng, numbers if steady else None)
     drawn, numbers = recordings.select(chosen), numbers[chosen]
     how = conditioning_of(spec.model_copy(update={"conditioning": conditioning}), recordings.sampling_rate_Hz)
-    excerpts = cut(drawn, how, rule.excerpt_s, rng, numbers if steady else None)
+    fresh = partial(cut, drawn, how, rule.excerpt_s, rng, numbers if steady else None)
+    excerpts = _once(fresh, how, known) if steady and known is not None else fresh()
     # Where the signal below zero drives afferents, too, the mean is the zero.
     rest_sd = 0.0 if _is_signed(spec) else REST_SD
     scaling = fit_scaling(drawn, excerpts, conditioning.baseline, inverted=inverted, rest_sd=rest_sd)
@@ -274,8 +278,10 @@ def calibrate_causally(
     own_Hz, asked, spec = spec.conditioning.ema_cutoff_Hz, spec, with_taxels_of(spec)
     cutoffs_Hz = _cutoffs(own_Hz, recordings.sampling_rate_Hz) if choose_ema else [own_Hz]
 
+    known: dict[str, Spool] = {}
+
     def fit(tried: Encoder) -> Calibration[Encoder]:
-        return calibrate(recordings, tried, progress, rule, apart=apart, tell=False, steady=True)
+        return calibrate(recordings, tried, progress, rule, apart=apart, tell=False, steady=True, known=known)
 
     best, on_baseline = _of_baselines(fit, spec, cutoffs_Hz)
     notes: tuple[str, ...] = (on_baseline,)
@@ -300,6 +306,14 @@ def calibrate_causally(
     if tell:
         _log(notes, recordings)
     return replace(best, notes=notes, encoder=with_taxels_of(best.encoder, asked))
+
+
+def _once(cut_them: Callable[[], Spool], how: ConditioningSpec, known: dict[str, Spool]) -> Spool:
+    """The excerpts, which are cut where none are known that are conditioned in this way."""
+    key = how.model_dump_json()
+    if key not in known:
+        known[key] = cut_them()
+    return known[key]
 
 
 def _of_baselines(

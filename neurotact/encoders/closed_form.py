@@ -7,6 +7,7 @@ faster than that clock is resampled to it first, as for any encoder.
 """
 
 import warnings
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from neurotact.backend import Backend, use_native
 from neurotact.data.conditioning import conditioned_length
 from neurotact.encoders import native
-from neurotact.encoders.afferents import AfferentSpec, drives
+from neurotact.encoders.afferents import AfferentSpec, Gains, drives
 from neurotact.encoders.model import checked
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost, in_registers
@@ -76,6 +77,22 @@ def encode_whole(
     return spikes[:, : _length(sampling_rate_Hz, spec, state)]
 
 
+def tally(felt: np.ndarray, sampling_rate_Hz: float, spec: AfferentSpec, part: str, to: native.Tally) -> None:
+    """Tally the spikes of `encode` of the afferents of one type, of a plain spec whose populations have all taxels.
+
+    felt: `(trial, sample, taxel)` float32, the signal or its rectified change.
+    """
+    rate_Hz, clock_Hz = sampling_rate_Hz, spec.conditioning.clock_Hz(sampling_rate_Hz)
+    gains, neuron = _gains(spec, rate_Hz)[part == "ra1"], _neuron(spec, felt.shape[2], 1e3 / clock_Hz)
+    drive = np.concatenate([felt.dtype.type(gain) * felt for gain in gains], axis=2)
+    periods = neuron.t_ref_ms[-drive.shape[2] :] if part == "ra1" else neuron.t_ref_ms[: drive.shape[2]]
+    native.tally_exact(drive, replace(neuron, t_ref_ms=periods), to, rate_Hz=rate_Hz, clock_Hz=clock_Hz)
+
+
+def _gains(spec: AfferentSpec, rate_Hz: float) -> Gains:
+    return spec.sa1.gains, tuple(gain * rate_Hz * 1e-3 for gain in spec.ra1.gains)
+
+
 def _with_begun_step(
     signal: np.ndarray, sampling_rate_Hz: float, spec: AfferentSpec, state: ExactState | None, backend: Backend
 ) -> tuple[np.ndarray, ExactState]:
@@ -83,16 +100,15 @@ def _with_begun_step(
     signal = checked(signal)
     rate_Hz, clock_Hz = sampling_rate_Hz, spec.conditioning.clock_Hz(sampling_rate_Hz)
     n_trials, n_samples, n_taxels = signal.shape
-    sa1, ra1 = spec.sa1.gains, tuple(gain * rate_Hz * 1e-3 for gain in spec.ra1.gains)
     neuron = _neuron(spec, n_taxels, 1e3 / clock_Hz)
     n_afferents = len(neuron.t_ref_ms)
     if state is None:
         state = ExactState(*exact_lif_start(neuron, n_trials), np.zeros((n_trials, n_afferents), np.uint8), None, 0, 0)
     drive, last = drives(
-        signal, (sa1, ra1), state.last, spec.columns(n_taxels), rate_steps=spec.sa1.rate_ms * rate_Hz * 1e-3,
+        signal, _gains(spec, rate_Hz), state.last, spec.columns(n_taxels), rate_steps=spec.sa1.rate_ms * rate_Hz * 1e-3,
         half_wave=spec.ra1.change != "rectified",
     )  # fmt: skip
-    n_steps = _n_complete(state.n_samples + n_samples, rate_Hz, clock_Hz)
+    n_steps = n_complete(state.n_samples + n_samples, rate_Hz, clock_Hz)
     spikes = np.zeros((n_trials, n_steps - state.n_steps + 1, n_afferents), np.uint8)
     spikes[:, 0] = state.waiting
     compiled = use_native(backend, drive.dtype in (np.float32, np.float64), "signals in float32 or float64")
@@ -119,7 +135,7 @@ def _encode_by_samples(
     for before, now in enumerate(drive.swapaxes(0, 1), start=samples_before):
         fired, state = exact_lif_interval(neuron, now.astype(np.float64), state, 1e3 / rate_Hz)
         steps = np.ceil(before * steps_per_sample + fired.time_ms * (1e-3 * clock_Hz) - AT_ONCE).astype(np.int64) - 1
-        first, last = (_n_complete(n_samples, rate_Hz, clock_Hz) for n_samples in (before, before + 1))
+        first, last = (n_complete(n_samples, rate_Hz, clock_Hz) for n_samples in (before, before + 1))
         trial, afferent = np.divmod(fired.which, now.shape[1])
         spikes[trial, np.clip(steps, first, last) - first_step, afferent] = 1
     return state
@@ -141,7 +157,7 @@ def _length(sampling_rate_Hz: float, spec: AfferentSpec, state: ExactState) -> i
     return conditioned_length(state.n_samples, sampling_rate_Hz, spec.conditioning.clock_Hz(sampling_rate_Hz))
 
 
-def _n_complete(n_samples: int, rate_Hz: float, clock_Hz: float) -> int:
+def n_complete(n_samples: int, rate_Hz: float, clock_Hz: float) -> int:
     """The steps that end within the intervals of `n_samples`."""
     return int(n_samples * (clock_Hz / rate_Hz) + AT_ONCE)
 

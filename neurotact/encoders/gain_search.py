@@ -12,19 +12,17 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from neurotact.data.conditioning import is_long
 from neurotact.data.spikes import populations_of
 from neurotact.data.spool import Spool
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.encoding import side_by_side
 from neurotact.encoders.excerpts import Excerpts, draw, liveliest, permuted
 from neurotact.encoders.model import DrivenSpec, EncoderSpec, of_name
 from neurotact.encoders.sensitivity import Sensitivity, adjusted, sensitivities_of, value_of
-from neurotact.encoders.specs import afferent_names, encode
+from neurotact.encoders.specs import afferent_names
+from neurotact.encoders.tally import Asked, Groups
 from neurotact.errors import InputError
 from neurotact.metrics.decision import is_within
 from neurotact.metrics.isi_distributions import bin_edges, separation, shares_of
-from neurotact.metrics.spike_trains import Intervals, events_of_raster, isis_ms, spike_counts
 from neurotact.spec import Spec
 
 STRONGEST, STEPS_BELOW = 99.9, 3
@@ -123,7 +121,7 @@ def rates_of(
     values: of the sensitivities, with one grade; if absent, the encoder is as it is, with all its grades.
     """
     sensitivities = sensitivities_of(spec)
-    fired = _fire(excerpts, spec if values is None else _with(spec, values), sensitivities)
+    fired = _fire(_prepared(excerpts, spec), spec if values is None else _with(spec, values), sensitivities)
     return {
         sensitivity.name: _per_second(excerpts, spikes)
         for sensitivity, spikes in zip(sensitivities, fired, strict=True)
@@ -133,6 +131,17 @@ def rates_of(
 def _per_second(excerpts: Excerpts, fired: "Fired") -> np.ndarray:
     n_seconds = np.array(excerpts.signals.lengths) / excerpts.sampling_rate_Hz
     return (fired.counts / n_seconds[:, None]).astype(np.float32)
+
+
+class _Prepared(NamedTuple):
+    """Excerpts, and their signals in groups."""
+
+    excerpts: Excerpts
+    groups: Groups
+
+
+def _prepared(excerpts: Excerpts, spec: EncoderSpec) -> _Prepared:
+    return _Prepared(excerpts, Groups(excerpts.signals, _clock(excerpts, spec) / excerpts.sampling_rate_Hz))
 
 
 class _Searched(NamedTuple):
@@ -160,13 +169,13 @@ def search(
     labellings = [labels, *permuted(labels, rule.shuffles, rng, excerpts.numbers)]
     sensitivities = sensitivities_of(spec)
     edges = [_edges(excerpts, spec, sensitivity) for sensitivity in sensitivities]
-    rows, isi, rates = [], [], {}
+    rows, isi, rates, prepared = [], [], {}, _prepared(excerpts, spec)
 
     def tried(values: Sequence[float]) -> list[float]:
         """Spikes per second of an afferent of each sensitivity at these values, which are added to the tables."""
         encoder = _with(spec, dict(zip(sensitivities, values, strict=True)))
         for sensitivity, value, steps, fired in zip(
-            sensitivities, values, edges, _fire(excerpts, encoder, sensitivities), strict=True
+            sensitivities, values, edges, _fire(prepared, encoder, sensitivities), strict=True
         ):
             row = {
                 "afferent": sensitivity.name,
@@ -196,7 +205,7 @@ def search(
         for values in zip(*_candidates(excerpts, spec, rule).values(), strict=True):
             tried(values)
     else:
-        for values in zip(*_from_silence(excerpts, spec, rule), strict=True):
+        for values in zip(*_from_silence(prepared, spec, rule), strict=True):
             tried(values)
     places = {
         sensitivity.name: (order, -1 if sensitivity.is_threshold else 1)
@@ -248,13 +257,13 @@ def _to_rate(spec: EncoderSpec, rule: CalibrationRule, tried: Callable[[Sequence
             return
 
 
-def _from_silence(excerpts: Excerpts, spec: EncoderSpec, rule: CalibrationRule) -> list[list[float]]:
+def _from_silence(prepared: _Prepared, spec: EncoderSpec, rule: CalibrationRule) -> list[list[float]]:
     """Candidate values of each sensitivity, from the largest power of 4 times its own at which no afferent fires."""
     sensitivities, gains = sensitivities_of(spec), []
 
     def fires(sensitivity: Sensitivity, factor: float) -> bool:
         value = value_of(spec, sensitivity) * (1 / factor if sensitivity.is_threshold else factor)
-        every = _fire(excerpts, adjusted(spec, sensitivity, value), sensitivities)
+        every = _fire(prepared, adjusted(spec, sensitivity, value), sensitivities)
         return (
             next(fired for other, fired in zip(sensitivities, every, strict=True) if other == sensitivity).n_firing > 0
         )
@@ -267,8 +276,8 @@ def _from_silence(excerpts: Excerpts, spec: EncoderSpec, rule: CalibrationRule) 
             factor *= 4
             if factor > 1 / LEAST_FACTOR:
                 raise InputError(
-                    f"{excerpts.source}: the conditioned training trials never drive {sensitivity.name} afferents; "
-                    "check the encoder's baseline and the columns that were read"
+                    f"{prepared.excerpts.source}: the conditioned training trials never drive {sensitivity.name} "
+                    "afferents; check the encoder's baseline and the columns that were read"
                 )
         first, step = value_of(spec, sensitivity), rule.step
         first, step = (first / factor, 1 / step) if sensitivity.is_threshold else (first * factor, step)
@@ -290,55 +299,31 @@ class Fired(NamedTuple):
     n_intervals: int
 
 
-def _fire(excerpts: Excerpts, spec: EncoderSpec, sensitivities: Sequence[Sensitivity]) -> Iterator[Fired]:
+def _fire(prepared: _Prepared, spec: EncoderSpec, sensitivities: Sequence[Sensitivity]) -> Iterator[Fired]:
     """The afferents of each sensitivity, in the order of the encoder's output; trials are encoded in groups."""
-    parts: dict[Sensitivity, list[Fired]] = {sensitivity: [] for sensitivity in sensitivities}
-    edges = {sensitivity: _edges(excerpts, spec, sensitivity) for sensitivity in sensitivities}
+    excerpts, groups = prepared
     clock_Hz = _clock(excerpts, spec)
-    floors = {sensitivity: _floor_steps(spec, sensitivity, clock_Hz) for sensitivity in sensitivities}
     of_each = populations_of(afferent_names([""] * excerpts.n_channels, spec.model_dump()))
-    ends = {
-        sensitivity: (of_each[sensitivity.populations[0]][0], of_each[sensitivity.populations[-1]][-1] + 1)
+    asked = [
+        Asked(
+            sensitivity.part,
+            of_each[sensitivity.populations[0]][0],
+            of_each[sensitivity.populations[-1]][-1] + 1,
+            _edges(excerpts, spec, sensitivity),
+            _floor_steps(spec, sensitivity, clock_Hz),
+        )
         for sensitivity in sensitivities
-    }
-    per_sample = clock_Hz / excerpts.sampling_rate_Hz
-    for signal, n_samples in _in_groups(excerpts.signals, per_sample):
-        spikes, _ = encode(signal, excerpts.sampling_rate_Hz, spec)
-        for raster, end in zip(spikes, np.ceil(n_samples * per_sample).astype(int), strict=True):
-            raster[end:] = 0
-        events = events_of_raster(spikes)
-        counts, isi = spike_counts(events), isis_ms(events, 1e3)  # at 1 kHz an ISI in ms is its number of steps
-        for sensitivity, (first, last) in ends.items():
-            mine = (isi.afferent >= first) & (isi.afferent < last)
-            isi_steps = Intervals(isi.trial[mine], isi.afferent[mine] - first, isi.isi_ms[mine])
-            of_part = counts[:, first:last]
-            parts[sensitivity].append(
-                Fired(
-                    shares=shares_of(isi_steps, of_part.shape, edges[sensitivity]),
-                    counts=of_part,
-                    n_firing=int(of_part.any(axis=1).sum()),
-                    n_at_floor=int((isi_steps.isi_ms <= floors[sensitivity]).sum()),
-                    n_intervals=len(isi_steps.isi_ms),
-                )
-            )
-    for rows in parts.values():
-        shares, counts, *numbers = zip(*rows, strict=True)
-        yield Fired(np.concatenate(shares), np.concatenate(counts), *map(sum, numbers))
-
-
-def _in_groups(signals: Spool, per_sample: float) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Consecutive signals as `(trial, time, taxel)`, zeros after the end of the shorter ones, and their lengths.
-
-    per_sample: steps of the spikes' clock in a sample. All of a group fit in memory several times.
-    """
-    waiting: list[np.ndarray] = []
-    for signal in signals:
-        longest = max(map(len, [*waiting, signal]))
-        if waiting and is_long(round((len(waiting) + 1) * longest * per_sample), signal.shape[1]):
-            yield side_by_side(waiting)
-            waiting = []
-        waiting.append(signal)
-    yield side_by_side(waiting)
+    ]
+    of_groups = zip(*(group.tallies(spec, excerpts.sampling_rate_Hz, asked) for group in groups), strict=True)
+    for parts in of_groups:
+        intervals, counts = (np.concatenate([getattr(part, key) for part in parts]) for key in ("intervals", "counts"))
+        yield Fired(
+            shares=shares_of(intervals),
+            counts=counts,
+            n_firing=int(counts.any(axis=1).sum()),
+            n_at_floor=sum(int(part.at_floor.sum()) for part in parts),
+            n_intervals=int(intervals.sum()),
+        )
 
 
 def _edges(excerpts: Excerpts, spec: EncoderSpec, sensitivity: Sensitivity) -> np.ndarray:

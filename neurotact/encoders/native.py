@@ -1,13 +1,17 @@
 """The compiled encoders: from signals or drives to spikes; `afferents.py` and `closed_form.py` define them."""
 
 import math
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from neurotact.backend import n_threads, native
 from neurotact.errors import InputError
-from neurotact.neurons import LIF, ExactLIF, ExactLIFState, LIFState
+from neurotact.metrics.isi_distributions import bins_of
+from neurotact.neurons import LIF, ExactLIF, ExactLIFState, LIFState, exact_lif_start
 
+LANES = 8
+"""Taxels that the kernels of LIF afferents compute side by side."""
 TRIALS_OF_A_THREAD = 4
 """With fewer, waking a thread takes longer than what it computes, as in a stream, which has one trial."""
 
@@ -93,6 +97,87 @@ def encode_exact(
         threads=max(1, min(n_threads(), n_trials // TRIALS_OF_A_THREAD)),
     )  # fmt: skip
     return ExactLIFState(membrane, refractory)
+
+
+class Tally(NamedTuple):
+    """What a search for gains asks of the spikes of some afferents, in place of their raster.
+
+    bin_of: the bin of an interval of so many steps. floor: the longest interval at the refractory floor.
+    ends: the steps of each trial, `(trial,)`; later ones do not count. last: the step of the last spike, -1 if there is
+    none, `(trial, afferent)`. intervals: between spikes, `(trial, afferent, bin)`; at_floor: of these, `(trial,)`.
+    """
+
+    bin_of: np.ndarray
+    floor: int
+    ends: np.ndarray
+    last: np.ndarray
+    intervals: np.ndarray
+    at_floor: np.ndarray
+
+    @classmethod
+    def empty(cls, ends: np.ndarray, n_afferents: int, edges: np.ndarray, floor: int) -> Self:
+        """Before the first spike. edges: of the bins in steps, after which a last bin stays empty (`shares_of`)."""
+        shape = len(ends), n_afferents
+        return cls(
+            bins_of(edges, int(ends.max(initial=0))).astype(np.int32),
+            floor,
+            ends.astype(np.int64),
+            np.full(shape, -1, np.int32),
+            np.zeros((*shape, len(edges)), np.int32),
+            np.zeros(len(ends), np.int64),
+        )
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Spikes, `(trial, afferent)`."""
+        return self.intervals.sum(axis=-1) + (self.last >= 0)
+
+    def at(self, first: int) -> dict[str, int]:
+        """The arguments of a kernel whose afferents are those from `first` on."""
+        pitch = self.last.shape[1]
+        size = self.last.itemsize
+        return {
+            "bin_of": _at(self.bin_of), "bins": self.intervals.shape[2], "floor": self.floor, "ends": _at(self.ends),
+            "pitch": pitch, "last_spike": _at(self.last) + first * size,
+            "intervals": _at(self.intervals) + first * self.intervals.shape[2] * size, "at_floor": _at(self.at_floor),
+        }  # fmt: skip
+
+
+def tally_raster(raster: np.ndarray, tally: Tally) -> None:
+    """Tally the spikes of a raster `(trial, step, afferent)` uint8, whose neighbouring afferents lie side by side."""
+    native.tally_raster(  # pyright: ignore[reportOptionalMemberAccess]
+        spikes=_at(raster), trials=len(raster), trial_stride=raster.strides[0], time_stride=raster.strides[1],
+        afferents=raster.shape[2], **tally.at(0),
+    )  # fmt: skip
+
+
+def tally_population(felt: np.ndarray, gain: float, neuron: LIF, tally: Tally, first: int) -> None:
+    """Tally the spikes of LIF neurons that are driven by `gain` times `felt`; their rows begin at `first`.
+
+    felt: `(trial, step, taxel)` float32, contiguous; as many taxels as `LANES` divides, zeros in those that are added.
+    """
+    v_rest, v_reset, v_threshold = _levels(neuron)
+    native.tally_population(  # pyright: ignore[reportOptionalMemberAccess]
+        trials=len(felt), steps=felt.shape[1], taxels=felt.shape[2], felt=_at(felt), gain=gain, decay=neuron.decay,
+        v_rest=v_rest, v_reset=v_reset, v_threshold=v_threshold, silent=neuron.refractory_steps,
+        threads=torch.get_num_threads(), **tally.at(first),
+    )  # fmt: skip
+
+
+def tally_exact(drive: np.ndarray, neuron: ExactLIF, tally: Tally, *, rate_Hz: float, clock_Hz: float) -> None:
+    """Tally the spikes of LIF neurons in closed form, from rest; arguments as those of `encode_exact`.
+
+    drive: `(trial, sample, afferent)` float32, contiguous.
+    """
+    t_ref_ms = np.array(neuron.t_ref_ms, np.float64)
+    membrane, refractory = (np.ascontiguousarray(values) for values in exact_lif_start(neuron, len(drive)))
+    v_rest, v_reset, v_threshold = _levels(neuron)
+    native.tally_exact(  # pyright: ignore[reportOptionalMemberAccess]
+        trials=len(drive), samples=drive.shape[1], afferents=drive.shape[2], drive=_at(drive), t_ref_ms=_at(t_ref_ms),
+        tau_ms=neuron.tau_mem_ms, v_rest=v_rest, v_reset=v_reset, v_threshold=v_threshold, sample_ms=1e3 / rate_Hz,
+        steps_per_ms=1e-3 * clock_Hz, steps_per_sample=clock_Hz / rate_Hz, membrane=_at(membrane),
+        refractory_ms=_at(refractory), threads=torch.get_num_threads(), **tally.at(0),
+    )  # fmt: skip
 
 
 def _levels(neuron: LIF | ExactLIF) -> tuple[float, float, float]:

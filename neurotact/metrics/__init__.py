@@ -8,7 +8,7 @@ Other rooms take:
         NearestPoints, NotCounted, SIGMOID, SYNAPSES, SpikingLayer, Standardise, TANH, changed, cost, in_registers,
         index_bytes, ledger_table, passed, with_weights
     fronts: pareto_front
-    isi_distributions: bin_edges, separation, shares_of
+    isi_distributions: bin_edges, bins_of, separation, shares_of
     linear: cross_validated_accuracy, linear
     paired: Paired, by_trial, compare, compare_by_trial, compare_shares
     power: WEAK, can_beat_guessing, in_words, is_too_weak
@@ -20,7 +20,7 @@ Other rooms take:
     savings: Savings, savings, worse_than_another
     shares: standard_error, wilson_interval
     signal_flops: Averaging, BaselineRemoval, Interpolation, Rectification, ScaledSteps, StandardisedSteps
-    spike_trains: Events, Intervals, Spikes, check_rate, events_of_raster, isis_ms, rates_Hz, spike_counts
+    spike_trains: Events, Spikes, check_rate, events_of_raster, isis_ms, rates_Hz, spike_counts
     starts: FITTED, ONE, Spread, interval, spread
     synops: SIDE, SIDES, Synops, TEST, TRAINING, UNKNOWN, UNSEEN, VALIDATION, in_words, not_counted, of_network,
         summary, summary_markdown, table_of

@@ -40,9 +40,7 @@ from neurotact.encoders.gain_search import CalibrationRule
 from neurotact.errors import InputError
 from neurotact.figures.calibration import draw_calibration
 from neurotact.figures.style import save
-from neurotact.metrics.isi_distributions import shares_of
 from neurotact.metrics.linear import cross_validated_accuracy, folds_of
-from neurotact.metrics.spike_trains import events_of_raster, isis_ms
 
 DATA = Path(os.environ.get("NEUROTACT_DATA", Path(__file__).parents[3] / "shared" / "data"))
 RULE = CalibrationRule(candidates=11, step=1.6, excerpt_s=0.5, trials_per_class=8)
@@ -315,13 +313,6 @@ def test_a_short_trial_ends_where_it_ends():
     # 2 taxels of one trial spike once in 520 ms of all trials, from the gain on at which the step reaches threshold.
     assert set(rates.round(6)) <= {0.0, round(1 / 0.52, 6)}
     assert rates.max() > 0
-
-
-def test_a_silent_afferent_has_a_bin_of_its_own():
-    raster = np.zeros((2, 12, 1), np.uint8)
-    raster[1, [0, 2, 4]] = 1
-    shares = shares_of(isis_ms(events_of_raster(raster), 1e3), (2, 1), np.array([1.5, 3.5, 8.5]))
-    assert shares[:, 0].tolist() == [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]
 
 
 PARTS = st.integers(0, 300).flatmap(lambda n: hnp.arrays(np.float32, n, elements=st.floats(0, 1e3, width=32)))

@@ -1,0 +1,34 @@
+// Spikes of a raster into a tally (neurotact/encoders/tally.py), for the encoders without a kernel of their own.
+#include <cstring>
+
+#include "kernels.hpp"
+
+namespace neurotact {
+
+void tally_raster(const uint8_t* spikes, int64_t trials, int64_t trial_stride, int64_t time_stride, int64_t afferents,
+                  const Tally& tally) {
+    for (int64_t trial = 0; trial < trials; trial++)
+        for (int64_t t = 0; t < tally.ends[trial]; t++) {
+            const uint8_t* row = spikes + trial * trial_stride + t * time_stride;
+            int64_t first = 0;
+            uint64_t eight;
+            for (; first + 8 <= afferents; first += 8) {
+                std::memcpy(&eight, row + first, 8);
+                if (eight) tally.mark_byte_by_byte(trial, first, eight, t);
+            }
+            for (; first < afferents; first++)
+                if (row[first]) tally.mark(trial, first, t);
+        }
+}
+
+void class_sums(const double* rows, const int64_t* labels, int64_t labellings, int64_t trials, int64_t classes, int64_t n,
+                double* sums) {
+    for (int64_t k = 0; k < labellings; k++)
+        for (int64_t trial = 0; trial < trials; trial++) {
+            const double* row = rows + trial * n;
+            double* sum = sums + (k * classes + labels[k * trials + trial]) * n;
+            for (int64_t i = 0; i < n; i++) sum[i] += row[i];
+        }
+}
+
+}  // namespace neurotact
