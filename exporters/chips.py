@@ -59,7 +59,8 @@ def compare(
 ) -> "pd.DataFrame":
     """One row per limit of a chip: what, here, limit, fits, and the cost of making it fit; empty if it fits.
 
-    >>> found = compare(RSNN(16, 8, hidden=30, sampling_rate_Hz=2000.0), None, ExitRule(), "xyloaudio2")
+    >>> net = recurrent.RSNN(16, 8, hidden=30, sampling_rate_Hz=2000.0)
+    >>> found = compare(net, None, exit_rule.ExitRule(), "xyloaudio2")
     >>> found[~found.fits]["what"].tolist()[:4]
     ['membrane', 'reset', 'decay of the current', 'decay of the membrane']
     """

@@ -222,6 +222,7 @@ class Adaptation(NamedTuple):
     k A higher, and the raised threshold hardly slows the neuron.) Like any reset it carries no gradient, not through A
     either.
 
+    >>> import torch
     >>> Adaptation(strength=0.5, decay=0.9).lowered(torch.tensor([2.0]), torch.tensor([1.0]))
     tensor([1.5000])
     """
@@ -283,6 +284,7 @@ def cuba_lif_start(trials: int | Sequence[int], n_neurons: int, like: Tensor) ->
 def recurrent_spikes(neuron: CubaLIF, state: CubaLIFState) -> Tensor:
     """The spikes that drive `I[t+1]` through the recurrent weights: s[t-d].
 
+    >>> import torch
     >>> values = (0.0, 0.0, 1.0, 0.0, 0.0)  # s[t] = 1, s[t-1] = 0
     >>> state = CubaLIFState(*(torch.full((1, 1), value) for value in values))
     >>> [recurrent_spikes(CubaLIF(recurrent_delay_steps=d), state).item() for d in (0, 1)]
@@ -310,6 +312,7 @@ def cuba_lif_step(
     `spike` maps U - threshold to what is transmitted, with its surrogate gradient; the reset acts where
     U > threshold, whatever is transmitted. With `adaptation` U - k A takes the place of U in both.
 
+    >>> import torch
     >>> from neurotact.networks.definition.surrogate import FastSigmoid
     >>> state = cuba_lif_start(1, 1, torch.zeros(1))
     >>> sent = []

@@ -85,7 +85,7 @@ class RBFMachines(SVC):
         return super().predict(X)
 
 
-def _machines(shared: Kernel | None, **settings: Any) -> RBFMachines:
+def _machines(shared: Kernel | None = None, **settings: Any) -> RBFMachines:
     machines = RBFMachines(**settings)
     machines.shared = shared
     return machines

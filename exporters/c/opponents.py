@@ -115,9 +115,10 @@ def write(
     >>> [path.name for path in write(nearest, standard, Raw(1, 0), "ab", 2, Path("nearest"), parts=PROGRAM)]
     ['touch.h', 'touch.c']
     """
-    kind = type(fitted).__name__
-    if kind not in DECISIONS:
-        raise InputError(f"opponent: {kind} has no C here; choose among {', '.join(DECISIONS)}")
+    names = [kind.__name__ for kind in type(fitted).__mro__]
+    kind = next((name for name in names if name in DECISIONS), "")
+    if not kind:
+        raise InputError(f"opponent: {names[0]} has no C here; choose among {', '.join(DECISIONS)}")
     if len(fitted.classes_) != len(classes):
         raise InputError(
             f"opponent: knows {len(fitted.classes_)} of {len(classes)} classes; train it on windows of all"

@@ -62,7 +62,7 @@ def to_nir(
     dt_s: seconds per step; None: 1 / clock. snnTorch requires 1e-4: time constants are scaled with it.
     Raises InputError for what a graph cannot represent: decays of 1, thresholds that adapt.
 
-    >>> net = RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0)
+    >>> net = rsnn.RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0)
     >>> sorted(to_nir(net).nodes)  # doctest: +SKIP
     ['hidden', 'input', 'late', 'late_out', 'output', 'readout', 'w_in', 'w_out']
     """
@@ -123,7 +123,7 @@ def from_nir(
     reset: `subtract` for a network of another program that was trained with that reset: files can only say a value.
     Raises InputError for files that are damaged or hostile, and for nodes that neurotact's networks do not have.
 
-    >>> net = RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0)
+    >>> net = rsnn.RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0)
     >>> from_nir(to_nir(net)).network.n_inputs
     16
     """

@@ -20,9 +20,8 @@ from neurotact.networks.definition.rsnn import RSNN, rsnn_of
 from neurotact.networks.training import run_folder, tasks
 from neurotact.networks.training.ranges import evenly
 from neurotact.networks.use import fitted
-from neurotact.networks.use.exporters import Exporter
 from neurotact.networks.use.fitted import Fitted
-from neurotact.progress import Tell, untold
+from neurotact.progress import Tell
 
 TARGET = "xyloaudio2"
 WINDOWS = 64
@@ -44,25 +43,8 @@ ALWAYS = (
 ABSENT = "XyloSim is not installed; install it with: pip install xylosim (which needs a C++ compiler)"
 
 
-def export_xylo(
-    run: Fitted,
-    path: str | Path,
-    *,
-    prove: int = 0,
-    spikes: str | Path | None = None,
-    force: bool = False,
-    tell: Tell = untold,
-) -> Chip:
-    """Write the network of a run as a JSON file of the arguments of Rockpool's `XyloSim.from_specification`.
-
-    The network alone, in the chip's neurons and bits (`conversion`). What is converted is told, by name.
-    run: the folder. prove: run this many test trials in our integers and in XyloSim, where it is installed, and compare
-    every spike and state, and the decisions with those of `infer`.
-    spikes: that the run was trained on, where they moved since. force: replace a file.
-    Raises InputError for a network that does not fit, and for a file that exists.
-
-    >>> chip = export_xylo("run", "chip.json")  # doctest: +SKIP
-    """
+def export(run: Fitted, path: str | Path, prove: int, spikes: str | Path | None, *, force: bool, tell: Tell) -> Chip:
+    """`door.export_xylo`."""
     files.check_new(path, force=force)
     restored = fitted.restore(run, spikes=spikes)
     network = rsnn_of("chip", restored.network)
@@ -214,6 +196,3 @@ def _held(chip: Chip) -> _Held:
         weight_shift_out=readout.shift, name="",
     )  # fmt: skip
     return _Held(layer, [*made.values()])
-
-
-EXPORTER = Exporter("a JSON file for Rockpool: the network in the bits of the chip XyloAudio 2", export_xylo)

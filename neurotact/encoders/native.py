@@ -7,7 +7,6 @@ import numpy as np
 
 from neurotact.backend import n_threads, native
 from neurotact.errors import InputError
-from neurotact.metrics.isi_distributions import bins_of
 from neurotact.neurons import LIF, ExactLIF, ExactLIFState, LIFState, exact_lif_start
 
 LANES = 8
@@ -117,6 +116,8 @@ class Tally(NamedTuple):
     @classmethod
     def empty(cls, ends: np.ndarray, n_afferents: int, edges: np.ndarray, floor: int) -> Self:
         """Before the first spike. edges: of the bins in steps, after which a last bin stays empty (`shares_of`)."""
+        from neurotact.metrics.isi_distributions import bins_of
+
         shape = len(ends), n_afferents
         return cls(
             bins_of(edges, int(ends.max(initial=0))).astype(np.int32),
@@ -160,7 +161,7 @@ def tally_population(felt: np.ndarray, gain: float, neuron: LIF, tally: Tally, f
     native.tally_population(  # pyright: ignore[reportOptionalMemberAccess]
         trials=len(felt), steps=felt.shape[1], taxels=felt.shape[2], felt=_at(felt), gain=gain, decay=neuron.decay,
         v_rest=v_rest, v_reset=v_reset, v_threshold=v_threshold, silent=neuron.refractory_steps,
-        threads=torch.get_num_threads(), **tally.at(first),
+        threads=n_threads(), **tally.at(first),
     )  # fmt: skip
 
 
@@ -176,7 +177,7 @@ def tally_exact(drive: np.ndarray, neuron: ExactLIF, tally: Tally, *, rate_Hz: f
         trials=len(drive), samples=drive.shape[1], afferents=drive.shape[2], drive=_at(drive), t_ref_ms=_at(t_ref_ms),
         tau_ms=neuron.tau_mem_ms, v_rest=v_rest, v_reset=v_reset, v_threshold=v_threshold, sample_ms=1e3 / rate_Hz,
         steps_per_ms=1e-3 * clock_Hz, steps_per_sample=clock_Hz / rate_Hz, membrane=_at(membrane),
-        refractory_ms=_at(refractory), threads=torch.get_num_threads(), **tally.at(0),
+        refractory_ms=_at(refractory), threads=n_threads(), **tally.at(0),
     )  # fmt: skip
 
 

@@ -200,7 +200,7 @@ def test_fine_tuning_keeps_zeros_and_may_keep_its_first_epoch(n_epochs, monkeypa
     gone, share = zeros(net), net.spec.training.sparsity
     losses = iter([2.0, *range(9)])
     monkeypatch.setattr(epochs, "judge", lambda *_: (next(losses), 0.5))
-    monkeypatch.setattr(fine_tuning, "evaluate", lambda *_: (9.0, 0.5))
+    monkeypatch.setattr(epochs, "evaluate", lambda *_: (9.0, 0.5))
     grids = fine_tuning.grids_of(net, Steps(0.02, 0.02, 0.02), 8)
     how = {"generator": torch.Generator().manual_seed(2), "epochs": n_epochs}
     done = fine_tuning.train_rounded(net, TOUCHES, TOUCHES, grids, **how)

@@ -75,7 +75,7 @@ def _few_candidates(monkeypatch):
         preparation,
         "calibration_for",
         lambda spec, given, **choices: (
-            lambda recordings, spec, *, rule, tell: calibration.calibrate(recordings, spec, rule=RULE, tell=tell),
+            lambda recordings, spec, *, rule, **how: calibration.calibrate(recordings, spec, rule=RULE, **how),
             1,
         ),
     )

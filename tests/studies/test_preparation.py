@@ -176,7 +176,7 @@ def test_gains_are_fitted_on_training_trials_alone(tmp_path, monkeypatch, only_k
     cell = next(study.cells(what))
     given = []
 
-    def fitted(recordings, spec, *, rule, tell):
+    def fitted(recordings, spec, *, rule, tell, progress):
         assert rule.spikes_per_s is None
         assert tell
         given.append(sorted({int(signal[0, 0]) for signal in recordings.signals}))

@@ -102,6 +102,8 @@ OTHER_MODELS = {
     OF_ANOTHER_PACKAGE: _Feature("encoder", ("model",), _is_of_another_package, LIF_INSTEAD),
 }
 """Every encoder model but LIF."""
+COMPILED = {model.title for model in OUR_MODELS.values() if "backend" in model.encode.__annotations__}
+"""Of these, those with a kernel."""
 FEATURES: dict[str, _Feature] = {
     "moving average": _Feature(
         "conditioning", ("ema_cutoff_Hz",), lambda s: s.conditioning.ema_cutoff_Hz is not None, "leave it out"
@@ -297,7 +299,7 @@ EXECUTORS: dict[str, _Executor] = {
         "the native kernels",
         ("encoder", "network", "readout", "exit"),
         {
-            **dict.fromkeys(OTHER_MODELS, "NumPy computes them"),
+            **{title: "NumPy computes them" for title in OTHER_MODELS if title not in COMPILED},
             "another surrogate": "they have the fast sigmoid alone",
         },
     ),

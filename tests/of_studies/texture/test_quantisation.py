@@ -4,11 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from neurotact_parts.exporters.c import fine_tuning
 from neurotact_parts.studies.texture import quantisation
 from neurotact_parts.studies.texture.quantisation import FLOAT, Parameters, QuantisationData
 
-from neurotact.networks.training.epochs import Epoch
+from neurotact.networks.training.epochs import Epoch, Training
 from neurotact.spec import build
 
 
@@ -77,7 +76,7 @@ def test_float_is_trained_on_as_fine_tuning_is_and_the_trained_network_stays(mad
 
     def looking(network, training, validation, grids, **options):
         given.append((network, {name: tensor.clone() for name, tensor in network.state_dict().items()}, grids, options))
-        return fine_tuning.Training((Epoch(0, 1.0, 1.0, 1.0, 1.0),), Epoch(0, 1.0, 1.0, 1.0, 1.0))
+        return Training((Epoch(0, 1.0, 1.0, 1.0, 1.0),), Epoch(0, 1.0, 1.0, 1.0, 1.0))
 
     monkeypatch.setattr(quantisation.fine_tuning, "train_rounded", looking)
     quantisation.run(parameters, arrays)
