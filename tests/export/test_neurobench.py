@@ -17,6 +17,7 @@ from neurotact_parts.exporters.neurobench_columns import columns
 import neurotact as nt
 from neurotact.errors import InputError
 from neurotact.networks.training import run_folder, tasks
+from neurotact.networks.use import inference
 
 READOUTS = {
     "count": {},
@@ -258,8 +259,8 @@ def test_what_is_not_counted_twice_is_not_told_of(tmp_path, settings):
 
 
 def test_our_own_columns_are_of_whole_test_windows(made, tmp_path, monkeypatch):
-    asked, infer = [], neurobench.inference.infer
-    monkeypatch.setattr(neurobench.inference, "infer", lambda *given, **how: asked.append(how) or infer(*given, **how))
+    asked, infer = [], inference.infer
+    monkeypatch.setattr(inference, "infer", lambda *given, **how: asked.append(how) or infer(*given, **how))
     nt.export(made / "run", tmp_path / "scores.csv", "neurobench")
     assert asked == [{"early_exit": False, "test_only": True}]
 
