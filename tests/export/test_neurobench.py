@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from levels import examples
 from made_chains import make_event_run, make_run
-from neurotact_parts.exporters import neurobench_columns as neurobench
 from neurotact_parts.exporters.neurobench_columns import columns
 
 import neurotact as nt
