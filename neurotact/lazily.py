@@ -11,8 +11,9 @@ from typing import Any
 
 PUT_OFF = ("neurotact.", "neurotact_parts.")
 """Where the modules begin whose loading is put off, beside pandas. Another package may need its own at once."""
-KNOWN = {"__class__", "__file__", "__loader__", "__name__", "__package__", "__path__", "__spec__"}
-"""What is known of a module before it is loaded: the import system asks for it."""
+KNOWN = {"__class__", "__file__", "__loader__", "__name__", "__package__", "__spec__"}
+"""What is known of a module before it is loaded: the import system asks for it. `__path__` is not among it, so that a
+package is loaded before its modules: where parts of pandas come first, it crashes the process."""
 
 
 class _Late(ModuleType):

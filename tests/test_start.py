@@ -128,3 +128,14 @@ for each in threads: each.join()
 assert len(found) == 8
 """
     subprocess.run([sys.executable, "-c", script], cwd=tmp_path, check=True)
+
+
+def test_a_package_is_loaded_before_its_modules():
+    """Where parts of pandas were loaded first, it crashed the process."""
+    script = (
+        "import sys\nfrom neurotact.lazily import lazily\nwith lazily():\n    import pandas\n"
+        "late = type(sys.modules['pandas']).__name__\nimport pandas._libs.lib\n"
+        "print(late, type(sys.modules['pandas']).__name__, pandas.to_numeric(['1']).tolist())"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout == "_Late module [1]\n"
