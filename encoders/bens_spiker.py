@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from neurotact_parts.encoders.compiled import Signals, address, padded
+from neurotact_parts.encoders.compiled import Signals, address, is_compiled, padded
 from neurotact_parts.encoders.decoding import filtered, hann
 from pydantic import Field
 
-from neurotact.backend import Backend, native, use_native
+from neurotact.backend import Backend, native
 from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, both, checked, over_time
 from neurotact.metrics.flops import Cost, changed, with_weights
 
@@ -62,8 +62,7 @@ def encode(
     taps = hann(spec.filter_ms, 1e3 / sampling_rate_Hz).astype(signal.dtype)
     if state is None:
         state = BensSpikerState(np.zeros((len(signal), len(taps), 2 * signal.shape[2]), signal.dtype))
-    compiled = use_native(backend, signal.dtype in (np.float32, np.float64), "signals in float32 or float64")
-    return (_compiled if compiled else _by_steps)(signal, taps, spec, state)
+    return (_compiled if is_compiled(signal, backend) else _by_steps)(signal, taps, spec, state)
 
 
 def _by_steps(

@@ -3,12 +3,17 @@
 from typing import Any
 
 import numpy as np
-import torch
 
-from neurotact.encoders.native import TRIALS_OF_A_THREAD
+from neurotact.backend import Backend, use_native
+from neurotact.encoders.native import threads_of
 
 VECTOR_BYTES = 64
 """Of the widest vectors."""
+
+
+def is_compiled(signal: np.ndarray, backend: Backend) -> bool:
+    """Whether the kernel encodes this signal; InputError where it is asked for and cannot."""
+    return use_native(backend, signal.dtype in (np.float32, np.float64), "signals in float32 or float64")
 
 
 def padded(values: np.ndarray, kind: Any, *, lanes: int = 0) -> np.ndarray:
@@ -43,7 +48,7 @@ class Signals:
         return {
             "is_double": self._signal.dtype == np.float64, "trials": n_trials, "steps": n_steps, "pitch": pitch,
             "signal": address(self._signal), "spikes": address(self._spikes),
-            "threads": max(1, min(torch.get_num_threads(), n_trials // TRIALS_OF_A_THREAD)),
+            "threads": threads_of(n_trials),
         }  # fmt: skip
 
     @property

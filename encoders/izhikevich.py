@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from neurotact_parts.encoders.compiled import Signals, address, padded
+from neurotact_parts.encoders.compiled import Signals, address, is_compiled, padded
 from pydantic import Field, model_validator
 
-from neurotact.backend import Backend, native, use_native
+from neurotact.backend import Backend, native
 from neurotact.encoders.afferents import drives
 from neurotact.encoders.model import EncoderSpec, Model, checked
 from neurotact.errors import InputError
@@ -190,8 +190,7 @@ def encode(
         shape = (signal.shape[0], 2 * signal.shape[2])
         state = IzhikevichEncoderState(izhikevich_start(neuron, shape, signal.dtype), None)
     gains = spec.sa1.gain_mV_per_ms, spec.ra1.gain_mV_per_ms * sampling_rate_Hz * 1e-3
-    compiled = use_native(backend, signal.dtype in (np.float32, np.float64), "signals in float32 or float64")
-    spikes, state, lowest = (_compiled if compiled else _by_steps)(signal, neuron, gains, state)
+    spikes, state, lowest = (_compiled if is_compiled(signal, backend) else _by_steps)(signal, neuron, gains, state)
     least = izhikevich_least_current(neuron)
     if lowest < least:
         raise InputError(

@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
-from neurotact_parts.encoders.compiled import Signals, address, padded
+from neurotact_parts.encoders.compiled import Signals, address, is_compiled, padded
 from neurotact_parts.encoders.random_numbers import between, check_continued, digests, places, random_integers
 from pydantic import Field, model_validator
 from scipy.signal import butter, lfilter
 from scipy.special import ndtri
 
-from neurotact.backend import Backend, native, use_native
+from neurotact.backend import Backend, native
 from neurotact.encoders.model import SA_RA, DrivenSpec, Model, Population, RefractoryMs, checked
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost, changed, in_registers, with_weights
@@ -341,31 +341,35 @@ def encode(
     ]
     neuron = _neurons(copies, n_taxels, sampling_rate_Hz)
     delays = [_delay_steps(copy.fit, conduction=spec.conduction) for copy in copies]
+    how = _Encoder(sampling_rate_Hz, spec, copies, delays, neuron)
     if state is None:
         state = _start(n_trials, n_taxels, len(copies), neuron, max(delays))
     check_continued(state.digest, signal)
     spikes = np.zeros((n_trials, n_steps, len(copies) * n_taxels), np.uint8)
     per_step = max(1, spikes.shape[0] * spikes.shape[2]) * FITTED_Hz / sampling_rate_Hz
     n_at_once = max(1, int(MOST_VALUES / per_step))
-    compiled = use_native(backend, signal.dtype in (np.float32, np.float64), "signals in float32 or float64")
-    encode_piece = _compiled_piece if compiled else _encode_piece
+    encode_piece = _compiled_piece if is_compiled(signal, backend) else _encode_piece
     for first in range(0, n_steps, n_at_once):
         piece, out = (array[:, first : first + n_at_once] for array in (signal, spikes))
-        state = encode_piece(piece, sampling_rate_Hz, spec, copies, delays, neuron, state, out)
+        state = encode_piece(piece, how, state, out)
     return spikes, state
 
 
+class _Encoder(NamedTuple):
+    """What all pieces of an encoding share: the clock of their signal, the spec, its fits with the delay of each."""
+
+    rate_Hz: float
+    spec: MechanoreceptorSpec
+    copies: list[_Copy]
+    delays: list[int]
+    neuron: Mechanoreceptor
+
+
 def _encode_piece(
-    signal: np.ndarray,
-    rate_Hz: float,
-    spec: MechanoreceptorSpec,
-    copies: list[_Copy],
-    delays: list[int],
-    neuron: Mechanoreceptor,
-    state: _MechanoreceptorEncoderState,
-    out: np.ndarray,
+    signal: np.ndarray, how: _Encoder, state: _MechanoreceptorEncoderState, out: np.ndarray
 ) -> _MechanoreceptorEncoderState:
     """Write the spikes of a piece to `out`, `(trial, time, afferent)`; returns the state after it."""
+    rate_Hz, spec, copies, delays, neuron = how
     signal, n_taxels = signal.astype(np.float64), signal.shape[2]
     step_of, share, first_fine = _fitted_clock(signal.shape[1], rate_Hz, state.step)
     earlier = signal[:, :1] if state.last is None else state.last[:, None]
@@ -403,16 +407,10 @@ def _encode_piece(
 
 
 def _compiled_piece(
-    signal: np.ndarray,
-    rate_Hz: float,
-    spec: MechanoreceptorSpec,
-    copies: list[_Copy],
-    delays: list[int],
-    neuron: Mechanoreceptor,
-    state: _MechanoreceptorEncoderState,
-    out: np.ndarray,
+    signal: np.ndarray, how: _Encoder, state: _MechanoreceptorEncoderState, out: np.ndarray
 ) -> _MechanoreceptorEncoderState:
     """`_encode_piece` with the kernel."""
+    rate_Hz, spec, copies, delays, neuron = how
     n_trials, n_steps, n_taxels = signal.shape
     n_copies, longest = len(copies), state.under_way.shape[1]
     step_of, share, first_fine = _fitted_clock(n_steps, rate_Hz, state.step)

@@ -1,9 +1,23 @@
 """Compiled kernels of neurotact (native/module.cpp). Addresses point at dense tensors on the CPU; 0 is none."""
 
+from typing import TypedDict, Unpack
+
 from numpy import ndarray
 from torch import Tensor
 
 Decided = tuple[int, int, int, int, int, int, int, bool] | tuple[int, int, int, int, int, int, int, bool, int]
+
+class Tally(TypedDict):
+    """What spikes are tallied into (`encoders.native.Tally.at`)."""
+
+    bin_of: int
+    bins: int
+    floor: int
+    ends: int
+    pitch: int
+    last_spike: int
+    intervals: int
+    at_floor: int
 
 class Shape:
     """Sizes, neuron and layout of a network, made once and used for every call."""
@@ -182,14 +196,7 @@ def tally_raster(
     trial_stride: int,
     time_stride: int,
     afferents: int,
-    bin_of: int,
-    bins: int,
-    floor: int,
-    ends: int,
-    pitch: int,
-    last_spike: int,
-    intervals: int,
-    at_floor: int,
+    **tally: Unpack[Tally],
 ) -> None: ...
 def tally_population(
     *,
@@ -204,14 +211,7 @@ def tally_population(
     v_threshold: float,
     silent: int,
     threads: int,
-    bin_of: int,
-    bins: int,
-    floor: int,
-    ends: int,
-    pitch: int,
-    last_spike: int,
-    intervals: int,
-    at_floor: int,
+    **tally: Unpack[Tally],
 ) -> None: ...
 def tally_exact(
     *,
@@ -230,13 +230,6 @@ def tally_exact(
     membrane: int,
     refractory_ms: int,
     threads: int,
-    bin_of: int,
-    bins: int,
-    floor: int,
-    ends: int,
-    pitch: int,
-    last_spike: int,
-    intervals: int,
-    at_floor: int,
+    **tally: Unpack[Tally],
 ) -> None: ...
 def class_sums(*, rows: int, labels: int, labellings: int, trials: int, classes: int, n: int, sums: int) -> None: ...

@@ -55,6 +55,20 @@ def _small_opponents() -> Iterator[None]:
 
 
 @pytest.fixture
+def kernels_as_before() -> Iterator[None]:
+    """A test may choose the number of threads and the instruction set: the next one finds both as they were."""
+    import torch
+
+    from neurotact.networks.definition import native
+
+    threads = torch.get_num_threads()
+    yield
+    torch.set_num_threads(threads)
+    if native.native is not None:
+        native.set_isa(native.isas()[-1])
+
+
+@pytest.fixture
 def ctrl_c() -> Iterator[None]:
     """Ctrl-C is heard here and by the processes that a test starts, also where a shell ignores it (`make test &`)."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)

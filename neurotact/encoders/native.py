@@ -93,7 +93,7 @@ def encode_exact(
         v_reset=v_reset, v_threshold=v_threshold, sample_ms=1e3 / rate_Hz, steps_per_ms=1e-3 * clock_Hz,
         steps_per_sample=clock_Hz / rate_Hz, samples_before=samples_before, first_step=first_step,
         membrane=_at(membrane), refractory_ms=_at(refractory), spikes=_at(spikes),
-        threads=max(1, min(n_threads(), n_trials // TRIALS_OF_A_THREAD)),
+        threads=threads_of(n_trials),
     )  # fmt: skip
     return ExactLIFState(membrane, refractory)
 
@@ -179,6 +179,11 @@ def tally_exact(drive: np.ndarray, neuron: ExactLIF, tally: Tally, *, rate_Hz: f
         steps_per_ms=1e-3 * clock_Hz, steps_per_sample=clock_Hz / rate_Hz, membrane=_at(membrane),
         refractory_ms=_at(refractory), threads=n_threads(), **tally.at(0),
     )  # fmt: skip
+
+
+def threads_of(n_trials: int) -> int:
+    """Threads of a kernel that shares trials among them: each has `TRIALS_OF_A_THREAD` or more."""
+    return max(1, min(n_threads(), n_trials // TRIALS_OF_A_THREAD))
 
 
 def _levels(neuron: LIF | ExactLIF) -> tuple[float, float, float]:

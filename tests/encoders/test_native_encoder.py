@@ -12,15 +12,10 @@ from neurotact.encoders.afferents import AfferentSpec, AfferentType, EncoderStat
 from neurotact.errors import InputError
 from neurotact.networks.definition.native import isas, set_isa
 
-pytestmark = pytest.mark.skipif(native is None, reason="the kernels are not compiled here")
-
-
-@pytest.fixture(autouse=True)
-def _as_before():
-    threads = torch.get_num_threads()
-    yield
-    torch.set_num_threads(threads)
-    set_isa(isas()[-1])
+pytestmark = [
+    pytest.mark.skipif(native is None, reason="the kernels are not compiled here"),
+    pytest.mark.usefixtures("kernels_as_before"),
+]
 
 
 def touch(n_trials=3, n_steps=200, n_taxels=8, dtype=np.float32, seed=0) -> np.ndarray:

@@ -19,6 +19,7 @@ from neurotact.networks.definition.native import isas, set_isa
 from neurotact.neurons import ExactLIFState
 
 pytestmark = [
+    pytest.mark.usefixtures("kernels_as_before"),
     pytest.mark.skipif(native is None, reason="the kernels are not compiled here"),
     pytest.mark.filterwarnings("ignore:.*count as one"),
 ]
@@ -29,14 +30,6 @@ OPTIONS = [
     {"ra1.change": "both", "ra1.grades": [1.0, 3.0]},
     {"sa1.opposite": True, "v_reset_mV": -70.0, "tau_mem_ms": 3.0},
 ]
-
-
-@pytest.fixture(autouse=True)
-def _as_before():
-    threads = torch.get_num_threads()
-    yield
-    torch.set_num_threads(threads)
-    set_isa(isas()[-1])
 
 
 def spec_of(**settings):

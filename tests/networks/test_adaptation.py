@@ -43,20 +43,13 @@ from neurotact.networks.use import ledger
 from neurotact.neurons import Adaptation, CubaLIF, Membrane, Reset
 from neurotact.spec import build
 
+pytestmark = pytest.mark.usefixtures("kernels_as_before")
+
 needs_kernels = pytest.mark.skipif(native.native is None, reason="the kernels are not compiled here")
 ADAPTING = {"threshold_adaptation": 2.0, "tau_adaptation_ms": 25.0}
 strengths = st.sampled_from([0.1, 2.0, 20.0])
 times_ms = st.sampled_from([3.0, 25.0, 4000.0])
 VARIANTS = [(membrane, reset) for membrane in get_args(Membrane) for reset in get_args(Reset)]
-
-
-@pytest.fixture(autouse=True)
-def _as_before():
-    threads = torch.get_num_threads()
-    yield
-    torch.set_num_threads(threads)
-    if native.native is not None:
-        native.set_isa(native.isas()[-1])
 
 
 # --- laws ----------------------------------------------------------------------------------------------

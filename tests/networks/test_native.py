@@ -18,7 +18,10 @@ from neurotact.networks.definition.surrogate import FastSigmoid
 from neurotact.networks.exit.rule import FULL_WINDOW, ExitRule, Leader
 from neurotact.neurons import CubaLIF, Membrane, Reset
 
-pytestmark = pytest.mark.skipif(native.native is None, reason="the kernels are not compiled here")
+pytestmark = [
+    pytest.mark.skipif(native.native is None, reason="the kernels are not compiled here"),
+    pytest.mark.usefixtures("kernels_as_before"),
+]
 
 VARIANTS = [(membrane, reset) for membrane in get_args(Membrane) for reset in get_args(Reset)]
 TOLERANCE = {torch.float32: 1e-4, torch.float64: 1e-9}
@@ -29,14 +32,6 @@ variants = st.sampled_from(VARIANTS)
 dtypes = st.sampled_from([torch.float32, torch.float64])
 delays = st.sampled_from([0, 1])
 isas = st.sampled_from(native.isas() if native.native else ["plain"])
-
-
-@pytest.fixture(autouse=True)
-def _as_before():
-    threads = torch.get_num_threads()
-    yield
-    torch.set_num_threads(threads)
-    native.set_isa(native.isas()[-1])
 
 
 def network(n_in=5, hidden=20, classes=3, seed=0, dtype=torch.float32, backend="native", **spec) -> RSNN:

@@ -15,7 +15,10 @@ from neurotact.encoders.specs import load
 from neurotact.errors import InputError
 from neurotact.networks.definition.native import isas, set_isa
 
-pytestmark = pytest.mark.skipif(native is None, reason="the kernels are not compiled here")
+pytestmark = [
+    pytest.mark.skipif(native is None, reason="the kernels are not compiled here"),
+    pytest.mark.usefixtures("kernels_as_before"),
+]
 
 MODULES = {"izhikevich": izhikevich, "bens-spiker": bens_spiker, "mechanoreceptor": mechanoreceptor}
 SPECS = {
@@ -28,14 +31,6 @@ SPECS = {
 RATES_Hz = (1000.0, 2000.0, 8000.0, 1000.0 / 0.93)
 ROUNDING = 0.0 if platform.machine() in ("x86_64", "AMD64") else 1e-9
 """Elsewhere SciPy's normal quantiles are computed with fused multiply-adds."""
-
-
-@pytest.fixture(autouse=True)
-def _as_before():
-    threads = torch.get_num_threads()
-    yield
-    torch.set_num_threads(threads)
-    set_isa(isas()[-1])
 
 
 def touch(n_trials=5, n_steps=300, n_taxels=5, kind="f4", seed=0) -> np.ndarray:
