@@ -103,9 +103,8 @@ def _watching(shown: Callable[[str], None], every_s: float) -> Iterator[None]:
         wait_s = 2 * SECONDS_BETWEEN_PARTS
         while not ended.wait(wait_s):
             wait_s = every_s
-            shown(
-                "; ".join(filter(None, map(_content, sorted(path for one in _folders for path in one.glob("*.txt")))))
-            )
+            told = sorted(path for folder in _folders for path in folder.glob("*.txt"))
+            shown("; ".join(filter(None, map(_content, told))))
 
     watcher = Thread(target=watch, daemon=True)
     watcher.start()

@@ -23,7 +23,7 @@ from neurotact.networks.definition.rsnn import RSNN
 LARGEST_WEIGHT, HIGHEST = 127, 2 ** (BITS - 1) - 1
 MOST_SHIFT, MOST_DASH = 7, 15
 FINER = 20
-"""Bits more of weights and thresholds where the cost of the chip's bits is told, with states that have no limit."""
+"""Extra bits of weights and thresholds in a chip without limits, which shows what the bits of the real one cost."""
 IN_HALF = 1
 """Dash of currents that an integrator of ours does not have: the current halves, and in sum adds its weight."""
 

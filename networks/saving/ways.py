@@ -1,6 +1,6 @@
 """The ways to save that a search combines: each is a list of amounts, the run's own first, then ever more saved."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from neurotact_parts.networks.saving.start import Start
@@ -100,8 +100,8 @@ def _of_network(start: Start) -> Iterator[Way]:
     own_ms = start.base.network.spec.own_step_ms or encoder_ms
     slower = dict.fromkeys(_whole(own_ms * factor, encoder_ms) for factor in SLOWER_NETWORK)
     slower.pop(own_ms, None)
-    steps = _fitting(iter(slower), start.bench)
-    yield _way("network's clock", "step_ms", *steps, middle=len(steps) - 1 if len(steps) > 1 else 1)
+    steps = _fitting(slower, start.bench)
+    yield _way("network's clock", "step_ms", *steps, middle=max(1, len(steps) - 1))
     yield _way("window", "window", *WINDOWS)
     spec, fewer = start.base.network.spec, [{"hidden": share} for share in HIDDEN]
     if spec.integrates and spec.readout_tau_ms is None:  # what a readout without a hidden layer needs
@@ -115,5 +115,5 @@ def _of_network(start: Start) -> Iterator[Way]:
         yield _way("rate penalty", "rate_penalty", *(value for value in RATE_PENALTIES if value > own), middle=2)
 
 
-def _fitting(steps_ms: Iterator[float], bench: Bench) -> list[float]:
+def _fitting(steps_ms: Iterable[float], bench: Bench) -> list[float]:
     return [step for step in steps_ms if step * FEWEST_STEPS <= bench.window.length_ms]

@@ -33,6 +33,7 @@ PROTOCOL = ("marks.js", "plotly.js", "state.js", "table.js", "protocol.js")
 
 _END = re.compile(r"(?<=[;.]) ")
 _SETTINGS = re.compile(r"`settings=(\{[^`]*\})`")
+# \x60 is the backquote: in one, a pattern would be read as the name of a parameter.
 _SPEC = re.compile(r"\x60\w+=nt\.\w+\((\w+)=(\w+)\)\x60")
 
 

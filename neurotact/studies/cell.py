@@ -1,7 +1,7 @@
 """One cell of a study: train a network on spike trains, then measure the cost of its decisions."""
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -101,7 +101,7 @@ class LongTraining:
     """
 
     def __init__(self, network: Callable[[], RSNNSpec], says: bool = True) -> None:
-        self._network = lru_cache(network)
+        self._network = cache(network)
         self._says = says
         self._began: float | None = None
         self._n_epochs = 0

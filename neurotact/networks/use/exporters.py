@@ -37,16 +37,12 @@ class Exporter(NamedTuple):
     @property
     def parameters(self) -> Mapping[str, inspect.Parameter]:
         """Of `export`, after the run and the path."""
-        found, known = (
-            inspect.signature(self.export).parameters,
-            getattr(inspect.unwrap(self.export), "__globals__", {}),
+        known = getattr(inspect.unwrap(self.export), "__globals__", {})
+        given = [*inspect.signature(self.export).parameters.values()][2:]  # the first may be of a module not loaded yet
+        kinds = (
+            eval(each.annotation, known) if isinstance(each.annotation, str) else each.annotation for each in given
         )
-        return {
-            param.name: param.replace(annotation=eval(param.annotation, known))
-            if isinstance(param.annotation, str)
-            else param
-            for param in [*found.values()][2:]
-        }
+        return {each.name: each.replace(annotation=kind) for each, kind in zip(given, kinds, strict=True)}
 
     @property
     def specs(self) -> Mapping[str, type[Spec]]:
