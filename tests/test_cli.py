@@ -1102,7 +1102,7 @@ def test_a_file_of_ones_own_is_one_command_for_ways_to_save(neurotact, tmp_path,
     assert "Window: 100 ms (as given)" in caplog.text
     assert "a first look" in err
     assert "nothing saved" in out
-    assert out.endswith(f"{tmp_path / 'run' / 'report.html'}\n")
+    assert f"{tmp_path / 'run' / 'report.html'}\n" in out
     code, again, _ = neurotact("study", "report", tmp_path / "run", "--json")
     assert code == 0
     found = json.loads(again)
@@ -1210,4 +1210,18 @@ def test_an_answer_begins_with_its_data_set_if_that_has_a_name(monkeypatch, caps
     answer = {"answers": [one, one], "cautions": [], "report": "run/report.html"}
     monkeypatch.setattr(api, "study_answer", lambda folder: answer)
     _print_answer(Path("run"), as_json=False)
-    assert capsys.readouterr().out.splitlines()[:2] == [begin, begin]
+    assert capsys.readouterr().out.splitlines()[-2:] == [begin, begin]
+
+
+def test_the_verdict_stands_last_after_the_numbers_and_the_next_command(monkeypatch, capsys):
+    figure = {"what": "accuracy", "value": "9 %", "of": "few", "against": "SVM"}
+    then = {"words": "Go on:", "commands": ["neurotact list"]}
+    said = {"headline": "it is long", "short": "It is short", "untold": "Nobody knows", "period": "Use 5 ms."}
+    one = {"dataset": "", **said, "details": ["a detail"], "figures": [figure], "next": then}
+    monkeypatch.setattr(
+        api, "study_answer", lambda folder: {"answers": [one], "cautions": [], "report": "run/report.html"}
+    )
+    _print_answer(Path("run"), as_json=False)
+    *_, figures, words, command, verdict, period = capsys.readouterr().out.splitlines()
+    assert (figures, words, command) == ("accuracy: 9 % (few); SVM", "Go on:", "  neurotact list")
+    assert (verdict, period) == ("Nobody knows. It is short.", "Use 5 ms.")

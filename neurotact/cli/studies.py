@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -78,22 +78,35 @@ def _print_answer(folder: Path, as_json: bool) -> None:
     if as_json:
         print(json.dumps(answer, indent=1, ensure_ascii=False))
         return
-    if answer.get("among"):
-        print(as_typed(answer["among"]))
-    for one in [] if answer.get("among") else answer["answers"]:
-        before = f"{one['dataset']}: " if one["dataset"] and len(answer["answers"]) > 1 else ""
-        period, after = one.get("period"), one.get("next", {"words": "", "commands": []})
-        for sentence in (f"{before}{one['headline']}", *filter(None, [period, after["words"]])):
-            print(as_typed(sentence))
-        for command in after["commands"]:
-            print(f"  {command}")
-        for sentence in one["details"]:
-            print(as_typed(sentence))
+    for caution in answer["cautions"]:
+        say(caution)
     for table in answer.get("tables", []):
         print(table["caption"])
         print_table(pd.DataFrame(table["rows"], columns=table["columns"]), least_width=WIDE)
-    for caution in answer["cautions"]:
-        say(caution)
     if answer["answers"]:
-        print(f"tables and figures in {folder}; open the report in a browser:")
+        print(f"tables and figures in {folder}; the whole answer, with each number's meaning, in a browser:")
     print(answer["report"])
+    if answer.get("among"):
+        print(as_typed(answer["among"]))
+    several = len(answer["answers"]) > 1
+    for one in [] if answer.get("among") else answer["answers"]:
+        for sentence in _told(one, f"{one['dataset']}: " if one["dataset"] and several else ""):
+            print(sentence)
+
+
+def _told(one: Mapping[str, Any], before: str) -> Iterator[str]:
+    """An answer in the terminal: its numbers, what to do next, and last what it says; `before` each part."""
+    figures, then = one.get("figures", []), one.get("next", {"words": "", "commands": []})
+    for figure in figures:
+        against = f"; {figure['against']}" if figure["against"] else ""
+        yield as_typed(f"{before}{figure['what']}: {figure['value']} ({figure['of']}){against}")
+    if then["words"]:
+        yield f"{before}{as_typed(then['words'])}"
+        yield from (f"  {command}" for command in then["commands"])
+    if not one.get("short"):
+        yield from map(as_typed, (f"{before}{one['headline']}", *one["details"]))
+        return
+    untold = f"{one['untold']}. " if one.get("untold") else ""
+    yield as_typed(f"{before}{untold}{one['short']}.")
+    if one.get("period"):
+        yield as_typed(one["period"])

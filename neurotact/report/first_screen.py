@@ -37,7 +37,7 @@ def figures(outcome: Answer[Any, Any]) -> list[Figure]:
     >>> found = answer([Network("1&1", 50, 1, 0.9, used, None)], [rival], 0.25, Trials(40, 40))
     >>> for one in figures(found):
     ...     print(one.value, "|", one.of, "|", one.against)
-    90.0 % | 95 % interval 77 to 96 %, 40 test trials | SVM on signals: 95.0 % (83 to 99), p = 0.6
+    90.0 % | 95 % interval 77 to 96 %, 40 test trials | SVM on signals: 95.0 % (83 to 99)
     250 nJ | an estimate | 10 times as much as SVM on signals (25 nJ, 95.0 %)
     500 ms | the whole window | the others wait as long
     """
@@ -51,7 +51,7 @@ def _accuracy(outcome: Answer[Any, Any]) -> Figure:
     against = "" if math.isnan(outcome.guess) else f"guessing: {measure.of(outcome.guess)}"
     if rival is not None:
         against = f"{rival.name}: {_in_doubt(rival, outcome)}"
-    if outcome.verdict is not None and rival is outcome.decisive:
+    if outcome.verdict is not None and outcome.verdict.kind != "tie" and rival is outcome.decisive:
         against += f", {p_of(outcome.verdict)}"
     if isinstance(shown, Network):
         n_test, (low, high) = outcome.trials.test, outcome.interval

@@ -111,6 +111,7 @@ class Front(NamedTuple):
             "kind": self.answer.kind,
             "headline": self.headline,
             "short": sentences.verdict(self.answer),
+            "untold": self.untold,
             "period": self.period,
             "next": {"words": self.next[0], "commands": [*self.next[1]]},
             "figures": [figure._asdict() for figure in self.figures],

@@ -190,7 +190,7 @@ def _in_doubt(
         whose = " of networks with a hidden layer" if found.is_fitted else ""
         return f"a few other validation trials, or other starts of the weights{whose}, would choose {named}", fix
     if math.isnan(evidence.lost.high):
-        return "from so few test trials the error of that is not known", "trials"
+        return "the error of so few test trials is not known", "trials"
     if _length(found) > min(map(_length, outcome.rows)):
         why, fix = _against_longer(evidence, tolerance)
         return why, "trials" if fix == "seeds" and found.is_fitted else fix
@@ -205,11 +205,14 @@ def _against_longer(evidence: Evidence, tolerance: float) -> tuple[str, Literal[
     """As `_in_doubt`, for a period that validation prefers to the shortest."""
     (lost_seen, is_clear), lost = evidence.seen, evidence.lost
     if is_clear and lost_seen > tolerance:
-        return "although within the error of the best, it is clearly less accurate on validation trials", "trials"
+        return (
+            "the preferred one is clearly less accurate on validation trials, although within the error of the best",
+            "trials",
+        )
     if lost.low > 0 and lost.mean > tolerance:
-        return "test trials show a clear loss, which validation trials did not", "trials"
+        return "test trials show a clear loss by the preferred one, which validation trials did not", "trials"
     if not evidence.saves:
-        return "trainings differ by more than it saves", "seeds"
+        return "trainings differ by more than the preferred one saves", "seeds"
     if lost.high > power.WEAK:
         return "so few test trials leave open a loss of more than ten points", "trials"
     return "", ""
@@ -245,8 +248,8 @@ def in_words(choice: PeriodChoice, sure: Sure, populations: Sequence[str] = (), 
     prefers, base = ", which validation prefers,", other if longer is network else network
     leans, against = (prefers, "") if longer is network else ("", prefers.removesuffix(","))
     gain = f"{named(longer)}{leans} {_gain(choice.evidence)}"
-    said = f"{gain}, against {other_named(base)}{against}{size and f', both{size}'}"
-    return f"These recordings cannot tell which refractory period to use: {said}, but {choice.why}; {between}."
+    said = f"{gain[:1].upper()}{gain[1:]}, against {other_named(base)}{against}{size and f', both{size}'}"
+    return f"These recordings cannot tell which refractory period to use: {choice.why}. {said}; {between}."
 
 
 def _basis(sure: Sure) -> str:

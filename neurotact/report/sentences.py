@@ -51,7 +51,7 @@ def _too_few(outcome: Answer[Any, Any]) -> str:
     if not outcome.is_above_chance or outcome.verdict is None:
         return "Too few test trials: a network that is right in all of them would not be clearly better than guessing"
     said = power.in_words(outcome.verdict, outcome.least)
-    return f"{said[0].upper()}{said[1:]}"
+    return said.replace("too few test trials", "Too few test trials to tell whether spiking costs accuracy")
 
 
 def _nothing_learned(outcome: OfNetworks) -> str:

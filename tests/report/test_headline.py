@@ -285,7 +285,8 @@ def test_twelve_test_trials_are_the_headline():
     trials = np.repeat([1.0, 0.0], [7, 5])
     found = answer([network], rivals, 0.25, Trials(12, 12), lambda *_: Paired(float(trials.mean()), 0.016, 12))
     assert headline(found).startswith(
-        "Too few test trials: only differences of 67 points or more would show; the best network is right in 100.0 % of"
+        "Too few test trials to tell whether spiking costs accuracy: only differences of 67 points or more would show; "
+        "the best network is right in 100.0 % of"
     )
     assert found.kind == "too few trials"
     three = answer([network], rivals, 0.5, Trials(3, 3))
