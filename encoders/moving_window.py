@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from neurotact_parts.encoders.send_on_delta import sum_of_steps
 from pydantic import Field
 
 from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, RefractoryMs, both, checked, over_time
-from neurotact.encoders.send_on_delta import sum_of_steps
 from neurotact.metrics.flops import Cost, with_weights
 from neurotact.neurons import refractory_steps, silenced
 

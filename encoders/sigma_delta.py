@@ -8,10 +8,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from neurotact_parts.encoders.decoding import filtered, hann
+from neurotact_parts.encoders.send_on_delta import cost
 from pydantic import Field
 
 from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, RefractoryMs, both, checked, over_time
-from neurotact.encoders.send_on_delta import cost
 from neurotact.neurons import refractory_steps, silenced
 
 SMOOTHED_ms = 40.0

@@ -7,10 +7,10 @@ Kiss 2020, doi 10.1109/TNNLS.2019.2906158.
 from typing import Literal, NamedTuple
 
 import numpy as np
+from neurotact_parts.encoders.send_on_delta import cost, sum_of_steps
 from pydantic import Field
 
 from neurotact.encoders.model import ON_OFF, EncoderSpec, Model, RefractoryMs, both, checked, over_time
-from neurotact.encoders.send_on_delta import cost, sum_of_steps
 from neurotact.neurons import refractory_steps, silenced
 
 

@@ -11,7 +11,6 @@ Other rooms take:
     firing: FiringWarning, complaint_at_rest, complaints, resting_table
     gain_search: CalibrationRule
     model: AnyEncoder, DrivenSpec, EncoderSpec, name_in, names, of_name, usable
-    send_on_delta: MODEL
     sensitivity: sensitivities_of, value_of
     specs: afferent_names, conditioning_of, default_of, encode, encode_whole, finish, is_exact, known_taxels, load,
         n_afferents, of_used, pays_exact, period_keys, populations, resolve, t_ref_pair_ms, taxel_names, taxels_of,

@@ -2,15 +2,17 @@
 
 Other rooms take:
 
+    answer: Baseline, Network, Trials, interval_of
     encoding_drawings: name_classes
-    first_screen: table_of_configurations
+    first_screen: mark, table_of_configurations, with_interval, within
+    front: Front, baselines_of
     networks: Steps, write
     page: ANSWER, PAGE, Table, if_there, write
-    periods: head, in_ms
+    periods: NONE, head, in_ms, of_rows
     report: write
     tables: first_spikes, with_pair
     under_prices: times, turning
     way_answer: Configuration, WayAnswer, answers
     ways: over_rows, seen
-    wording: count, energy
+    wording: count, energy, percent
 """

@@ -20,7 +20,7 @@ from neurotact.metrics.prices import NEURONS
 from neurotact.networks.use import ledger
 from neurotact.networks.use.ledger import Afferents
 from neurotact.progress import say
-from neurotact.report import details, encoder_choice, front, page, periods, robustness
+from neurotact.report import details, front, page, periods, robustness
 from neurotact.report.encoding_drawings import encoding_drawings, name_classes, names_of
 from neurotact.report.extra_drawings import extra_drawings
 from neurotact.report.front import Front
@@ -120,23 +120,22 @@ def write(
     searches = plugins.load_function("tools", "searches_of")(study, folder, done, results) if study.search else None
     beside = tables_beside(study, folder)
     baselines, remedies = beside.get("baselines"), extra.get(robustness.REMEDIES)
-    beside |= {name: extra[name] for name in (robustness.REMEDIES, encoder_choice.RECONSTRUCTION) if name in extra}
+    beside |= {name: extra[name] for name in (robustness.REMEDIES, measures.RECONSTRUCTION) if name in extra}
     if measures.INTEGERS in extra:
         beside[measures.INTEGERS] = with_setting(extra[measures.INTEGERS], setting_columns(study))
     afferents, n_classes = afferents_of(folder, done), len(trains.classes) if trains else 0
     spent = front.costs_of(study, results, afferents, n_classes)
     fronts = list(front.fronts(study, folder, done, results.join(spent), trains, afferents, beside))
     cautions = front.beware(study, folder, done, fronts, trains)
-    every_encoder = encoder_choice.choices(study, fronts, results.join(spent), beside)
-    among, of_encoders = encoder_choice.sentence(every_encoder), encoder_choice.table(every_encoder)
-    shared = {"among": among, "tables": [of_encoders._asdict()]} if of_encoders else {}
+    among = plugins.load_function("tools", "among_encoders")(study, fronts, results.join(spent), beside)
+    shared = {"among": among.words, "tables": [among.table._asdict()]} if among and among.table else {}
     write_json(folder / ANSWER, _answers_as_json(fronts, cautions) | shared)
     shown = fronts[_first_shown(fronts)]
     of_best = shown.cells[shown.answer.rows.index(shown.answer.best)]
     best = of_best if course.best_row is None else course.best_row
     costs = _ledger(study, results, baselines, afferents, n_classes)
     left = {**course.tables}
-    left |= {"encoders": encoder_choice.as_table(every_encoder)} if every_encoder else {}
+    left |= {"encoders": among.every} if among else {}
     _write_tables(folder, study.title, results, swept, costs, left)
     if searches is not None and len(searches.trials):
         write_table(searches.trials.drop(columns=NAMES), folder / "searches.csv")
@@ -164,8 +163,8 @@ def write(
         fronts=fronts,
         first=_first_shown(fronts),
         cautions=cautions,
-        among=among,
-        of_encoders=of_encoders,
+        among=among.words if among else "",
+        of_encoders=among.table if among else None,
         chosen=front.chosen(trains, done),
         seeds=study.sweep.get("seed", [0]),
         data=page.if_there(folder / "data.json"),

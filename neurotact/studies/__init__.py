@@ -6,7 +6,7 @@ Other rooms take:
     cell: RIGHT_SEEN, SEARCH, Searched, task_of
     encoding_tables: TOUCH, periods, read_encoding
     loading: Study, choice_changes, engine_of, resolve
-    measures: INTEGERS, Measure, requested
+    measures: INTEGERS, Measure, RECONSTRUCTION, requested
     networks: ENGINE
     runner: STUDY, add_report_time, load, run, write_tables
     store: cell_folder, is_done, result_of, timed

@@ -19,6 +19,8 @@ from neurotact.spec import Spec
 
 TABLE = "measures"
 """The table of a study."""
+RECONSTRUCTION = "reconstruction"
+"""The table with the column snr_dB, of each encoder, that a measure may bring."""
 INTEGERS = "integers"
 """The table of networks with 8-bit weights, which reports show beside opponents with as many."""
 

@@ -11,6 +11,7 @@ import torch
 from compiled import chosen, given_to
 from compiled import compare as compare_in_c
 from made_chains import READOUTS, make_chain, make_encoder, make_signal, offline, told, unequal_stretches
+from neurotact_parts.encoders.send_on_delta import SendOnDeltaSpec
 from neurotact_parts.exporters.c import c_export, proof
 from neurotact_parts.exporters.nir import compare, note
 from neurotact_parts.exporters.snntorch import to_snntorch
@@ -25,7 +26,6 @@ from neurotact.encoders import afferents, closed_form
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.model import EncoderSpec, usable
-from neurotact.encoders.send_on_delta import SendOnDeltaSpec
 from neurotact.encoders.specs import is_exact, load, n_afferents
 from neurotact.errors import InputError
 from neurotact.networks.definition import module

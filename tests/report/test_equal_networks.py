@@ -5,11 +5,11 @@ import numpy as np
 from equal_learners import CLASSES, Split
 from hypothesis import settings
 from levels import QUICK, thinned
+from neurotact_parts.studies.comparison import encoder_choice
+from neurotact_parts.studies.comparison.encoder_choice import Choice
 
 from neurotact.metrics import paired
-from neurotact.report import encoder_choice
 from neurotact.report.answer import Baseline, Decision, Network, Trials, answer
-from neurotact.report.encoder_choice import Choice
 
 HOW = [
     {"n": 199, "learners": 6, "splits": 5},

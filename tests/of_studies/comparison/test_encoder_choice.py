@@ -6,13 +6,13 @@ from types import SimpleNamespace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from neurotact_parts.studies.comparison.encoder_choice import Choice, _of_each_pair, as_table, sentence, table
 
 from neurotact.metrics import starts
 from neurotact.metrics.paired import compare_shares
 from neurotact.metrics.referee import LEVEL
 from neurotact.metrics.starts import Spread
 from neurotact.report.answer import Baseline, Decision, Network, Trials
-from neurotact.report.encoder_choice import Choice, _of_each_pair, as_table, sentence, table
 
 
 def choice(name, validation, nJ, pair="1&1", spikes=20.0, n_validation=200, snr_dB=3.0, test=None):

@@ -17,11 +17,10 @@ from neurotact.report.front import Front, baselines_of
 from neurotact.report.page import Table
 from neurotact.report.wording import count, energy, percent
 from neurotact.studies import sweeps
+from neurotact.studies.measures import RECONSTRUCTION
 from neurotact.studies.study import StudySpec
 
 RATE = "spikes_per_s"
-RECONSTRUCTION = "reconstruction"
-"""The table with the column snr_dB, of each encoder, that a measure may bring."""
 
 
 class Choice(NamedTuple):
@@ -58,6 +57,22 @@ class Choice(NamedTuple):
         pair = self.network.pair
         period = "" if pair == periods.NONE else f" with t_ref {pair} ms"
         return f"{self.encoder}{period}{'' if self.rate_per_s is None else f' at {self.rate_per_s:g} spikes/s'}"
+
+
+class Among(NamedTuple):
+    """What a study that sweeps encoders answers: a sentence, its table for the page, and that for `encoders.csv`."""
+
+    words: str
+    table: Table | None
+    every: pd.DataFrame
+
+
+def among_encoders(
+    study: StudySpec, fronts: Sequence[Front], results: pd.DataFrame, tables: Mapping[str, pd.DataFrame]
+) -> Among | None:
+    """The tool `among_encoders`: the answer of a study that sweeps encoders; None of another one. As of `choices`."""
+    every = choices(study, fronts, results, tables)
+    return Among(sentence(every), table(every), as_table(every)) if every else None
 
 
 def choices(
