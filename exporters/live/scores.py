@@ -42,6 +42,11 @@ class Scored(NamedTuple):
     side: str = UNSEEN
 
     @property
+    def is_right(self) -> bool:
+        """Whether the true class was decided; a window in which the readout heard nothing decides "nothing"."""
+        return self.decision.heard and self.truth == self.decision.index
+
+    @property
     def is_seen(self) -> bool:
         """Whether the trial was used to train the network or to choose its exit, or may have been."""
         return self.side in SEEN
@@ -104,7 +109,7 @@ def summary(rows: Sequence[Scored]) -> dict[str, Any] | None:
 
 
 def _accuracy(rows: Sequence[Scored]) -> float | None:
-    return sum(row.truth == row.decision.index for row in rows) / len(rows) if rows else None
+    return sum(row.is_right for row in rows) / len(rows) if rows else None
 
 
 class Scores:
@@ -112,7 +117,8 @@ class Scores:
 
     classes: of the network. A window counts for a class only if that was the same throughout it; the same holds for
     settings. A change of either therefore contains the number of the first window with the new value.
-    of_side: for each side, windows by true and chosen class, `(class, class)`; `confusion` is their sum.
+    of_side: for each side, windows by true class and decision, `(class, class + 1)`, of which the last column is
+    "nothing"; `confusion` is their sum.
     """
 
     def __init__(self, classes: Sequence[str]) -> None:
@@ -136,8 +142,11 @@ class Scores:
 
     @property
     def confusion(self) -> np.ndarray:
-        """Windows by true and chosen class, on all sides, `(class, class)`."""
-        return sum(self.of_side.values(), np.zeros((len(self.classes), len(self.classes)), np.int64))
+        """Windows by true class and decision, on all sides, `(class, class + 1)`."""
+        return sum(self.of_side.values(), self._none())
+
+    def _none(self) -> np.ndarray:
+        return np.zeros((len(self.classes), len(self.classes) + 1), np.int64)
 
     def sides(self) -> list[dict[str, Any]]:
         """The sides with windows of known class, the least seen first: their windows, correct ones and confusion."""
@@ -180,11 +189,11 @@ class Scores:
         if version is not None:
             self._after.append(scored)
         if truth is not None:
-            n = len(self.classes)
-            self.of_side.setdefault(self._side, np.zeros((n, n), np.int64))[truth, decision.index] += 1
+            column = decision.index if decision.heard else len(self.classes)
+            self.of_side.setdefault(self._side, self._none())[truth, column] += 1
         one = {
             "decisions": 1, "ms": decision.ms, "nJ": scored.nJ, "sops": decision.sops, "hidden": decision.hidden_spikes,
-            "sent": decision.input_spikes, "labelled": truth is not None, "right": truth == decision.index,
+            "sent": decision.input_spikes, "labelled": truth is not None, "right": scored.is_right,
         }  # fmt: skip
         for name, value in one.items():
             self.sums[name] += value

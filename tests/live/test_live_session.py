@@ -119,6 +119,20 @@ def test_a_window_counts_for_settings_and_classes_that_held_all_through_it():
     assert session.scores.sums["right"] == np.trace(confusion)
 
 
+def test_windows_in_which_nothing_is_heard_are_nothing_in_the_list_and_in_the_confusion():
+    chain, signal = make_chain({}), make_signal(120)
+    still = np.zeros_like(signal)
+    feed = Given([still])
+    session = session_of(chain, feed)
+    feed.label = "0"
+    found = session.take(Arrived(still))
+    assert found
+    assert not any(scored.decision.heard or scored.is_right for scored in found)
+    (one,) = session.state()["sides"]
+    assert one["confusion"] == [[0, 0, 0, len(found)], [0] * 4, [0] * 4]
+    assert (one["right"], session.scores.sums["right"]) == (0, 0)
+
+
 SIDES = ["training", "test", "unseen", "validation", "unknown"]
 
 
