@@ -144,6 +144,14 @@ def table(outcome: OfNetworks, period: str = "t_ref", sample_ms: float = 0.0) ->
     return Table(caption, [f"{period}, neurons", *HEADS[1:]], rows, n_heads=1)
 
 
+def few(outcome: OfNetworks, whole: Table) -> Table:
+    """Of `table`, the rows that the verdict rests on: the chosen network, the best one, both rivals, and guessing."""
+    networks = outcome.best, outcome.leader, outcome.cheapest
+    kept = [row.network in networks and row.decision == row.network.used for row in _network_rows(outcome)]
+    kept += [one in (outcome.comparable, outcome.beside) for one in _baselines_shown(outcome)]
+    return whole._replace(rows=[row for row, is_kept in zip(whole.rows, [*kept, True], strict=True) if is_kept])
+
+
 def _network_rows(outcome: OfNetworks) -> Iterator[_Row]:
     """The networks that sentences name, and the best of each other pair; each with and without early exit."""
     for pair in dict.fromkeys(network.pair for network in outcome.rows):

@@ -61,13 +61,13 @@ class Sides(NamedTuple):
 class Front(NamedTuple):
     """The first screen of one answer, of a data set, task or rule.
 
-    figures: of the row that is shown. details: the answer in words, after the headline. tables: every row that a
-    sentence names. chosen: which network the figures are of. untold: what validation cannot choose. period: which
-    refractory period, what it saves and costs; next: what to do then, and commands. All are empty if there is nothing
-    to say. Of networks alone: sides; split: that of the first training, one of several where a study
-    sweeps it; cells: for each network the row of `results.csv` that stands for it; lost: the losses of accuracy;
-    classes: of `robustness.by_class`, for the best network; leader: the name of the folder of the best one on
-    validation trials, whatever it costs.
+    figures: of the row that is shown. details: the answer in words, after the headline. tables: of networks the rows
+    that the headline rests on, all that a sentence names, and the price lists; of a way the best of each kind. chosen:
+    which network the figures are of. untold: what validation cannot choose. period: which refractory period, what it
+    saves and costs; next: what to do then, and commands. All are empty if there is nothing to say. Of networks alone:
+    sides; split: that of the first training, one of several where a study sweeps it; cells: for each network the row of
+    `results.csv` that stands for it; lost: the losses of accuracy; classes: of `robustness.by_class`, for the best
+    network; leader: the name of the folder of the best one on validation trials, whatever it costs.
     """
 
     setting: str
@@ -407,6 +407,7 @@ def fronts(
             *sentences.of_width(answer, narrow, in_integers(tables, str(setting), answer.best)),
         ]
         sample_ms = next((1e3 / one.recorded_Hz for one in afferents if one and one.recorded_Hz), 0.0)
+        named = first_screen.table(answer, periods.head(study), sample_ms)
         represented = [representative(rows, network) for network in networks]
         period, then = "", ("", ())
         if found is not None:
@@ -417,7 +418,7 @@ def fronts(
             answer,
             first_screen.figures(answer),
             words,
-            [first_screen.table(answer, periods.head(study), sample_ms), *filter(None, [under_prices.table(answer)])],
+            [first_screen.few(answer, named), named, *filter(None, [under_prices.table(answer)])],
             first_screen.chosen(answer),
             unranked,
             sides,
